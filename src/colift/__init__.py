@@ -21,6 +21,7 @@ The map; each module imports only those below it:
     gp          exact Gaussian processes for control loops
     grasp       constraints, grasp matrix, what a grasp can bear
     agent       one aerial manipulator
+    urdf        an agent from a URDF file
     model       parameters and states
     so3, linalg, native, over, pytree   what they are written with
 

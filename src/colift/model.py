@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, ArrayLike, Float
 
 from colift.pytree import pytree, static
 
@@ -186,11 +186,11 @@ def check(team: Team, names: Sequence[str] = ()) -> None:
     Masses are positive, inertias symmetric, positive definite and within the triangle inequality (no principal moment
     exceeds the sum of the others), joint axes unit vectors, joint frames rotations.
     """
-    _physical("the payload", team.payload.mass, team.payload.inertia)
+    check_body("the payload", team.payload.mass, team.payload.inertia)
     agents = [(group, j) for group, size in zip(team.groups, team.sizes, strict=True) for j in range(size)]
     for name, (group, j) in zip(agent_names(team, names), agents, strict=True):
         for i in range(group.tree.joints + 1):
-            _physical(f"{name}, body {i}", group.mass[j, i], group.inertia[j, i])
+            check_body(f"{name}, body {i}", group.mass[j, i], group.inertia[j, i])
         for k in range(group.tree.joints):
             axis, R = np.asarray(group.joint_axis[j, k]), np.asarray(group.joint_rotation[j, k])
             if not abs(np.linalg.norm(axis) - 1) <= 1e-9:
@@ -199,8 +199,9 @@ def check(team: Team, names: Sequence[str] = ()) -> None:
                 raise ValueError(f"{name}, joint {k}: joint_rotation {R.tolist()} is not a rotation matrix")
 
 
-def _physical(body: str, mass: Float[Array, ""], inertia: Float[Array, "3 3"]) -> None:
-    m, J = float(mass), np.asarray(inertia)
+def check_body(body: str, mass: ArrayLike, inertia: ArrayLike) -> None:
+    """Raise `ValueError`, which begins with `body`, for a mass (kg) and an inertia (kg m^2) that no rigid body has."""
+    m, J = float(np.asarray(mass)), np.asarray(inertia)
     if not (np.isfinite(m) and m > 0):
         raise ValueError(f"{body}: mass {m:g} kg is not positive")
     if not np.allclose(J, J.T, rtol=0, atol=1e-9 * np.abs(J).max()):

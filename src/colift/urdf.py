@@ -1,0 +1,363 @@
+"""An agent from a URDF file: a tree of links and joints as base, joints and tips.
+
+The root link is the base: its frame is the agent's, thrust along its third axis. Links that fixed joints hold together
+are one body. Joints are numbered depth-first, children in the order of the file. Shapes, limits, damping, friction,
+transmissions and extensions are not part of the equations, and are not read.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import NoReturn
+from xml.parsers import expat
+
+import jax.numpy as jnp
+import numpy as np
+
+from colift import model
+from colift.model import Agent, Tree
+
+TYPES = {"revolute": False, "continuous": False, "prismatic": True}  # whether it slides
+Vector = Sequence[float] | np.ndarray
+ZERO = (0.0, 0.0, 0.0)
+
+
+@dataclasses.dataclass(frozen=True)
+class Body:
+    """A rigid body: a link and all that fixed joints hold to it, in that link's frame."""
+
+    mass: float  # kg
+    com: np.ndarray  # m
+    inertia: np.ndarray  # kg m^2, about the centre of mass
+
+
+@dataclasses.dataclass(frozen=True)
+class Joint:
+    """A joint that moves; its frame at rest is the body's that it moves."""
+
+    name: str
+    parent: int  # body
+    prismatic: bool
+    position: np.ndarray  # m, joint origin in the parent's frame
+    rotation: np.ndarray  # joint frame at rest, to the parent's frame
+    axis: np.ndarray  # unit vector, joint frame
+
+
+@dataclasses.dataclass(frozen=True)
+class Placement:
+    """Where the frame of a link is: `x_body = rotation x_link + position`."""
+
+    body: int
+    rotation: np.ndarray
+    position: np.ndarray  # m
+
+
+@dataclasses.dataclass(frozen=True)
+class Robot:
+    """What a URDF file says of the equations of motion; joint k moves body k + 1, body 0 is the base."""
+
+    file: str
+    bodies: tuple[Body, ...]
+    joints: tuple[Joint, ...]
+    links: Mapping[str, Placement]
+
+    def tip(self, link: str, offset: Vector = ZERO) -> tuple[int, np.ndarray]:
+        """The body that carries a point of a link, given in the link's frame, and the point in the body's frame, m.
+
+        Raises `ValueError` with the known names for a link that the file does not have.
+        """
+        if link not in self.links:
+            raise ValueError(f"{self.file}: tip {link!r} is not a link; links: {', '.join(self.links)}")
+        at = self.links[link]
+        return at.body, at.position + at.rotation @ np.asarray(offset, float)
+
+
+def load(path: str | Path) -> Robot:
+    """The robot of a URDF file; raises `OSError` where it cannot be read, and `ValueError` as `parse` does."""
+    return parse(Path(path).read_bytes(), str(path))
+
+
+def parse(text: str | bytes, file: str) -> Robot:
+    """The robot that a text describes; `file` names it in messages.
+
+    Raises `ValueError` as `file:line: ...` for what is not XML, has a DOCTYPE, is not one tree of links, holds a joint
+    that is not revolute, continuous, prismatic or fixed, or a body that no rigid body is (`model.check_body`).
+    """
+    robot = _xml(text, file)
+    if robot.tag != "robot":
+        _fail(robot, f"the first element must be <robot>, got <{robot.tag}>")
+    for element in robot.children:
+        if element.tag.startswith("xacro:"):
+            _fail(element, f"<{element.tag}> is a macro; expand the file with xacro first")
+    links = _named(robot, "link")
+    root, below = _tree(robot, links, _named(robot, "joint"))
+    held: list[list[tuple[_Element, Placement]]] = [[]]  # of each body: its links
+    joints: list[Joint] = []
+    places: dict[str, Placement] = {}
+    base = Placement(body=0, rotation=np.eye(3), position=np.zeros(3))
+    ahead: list[tuple[str, _Element | None, Placement]] = [(root, None, base)]
+    while ahead:
+        name, joint, place = ahead.pop()
+        if joint is not None:
+            place = _placed(joint, place)
+            if joint.given["type"] != "fixed":
+                joints.append(_joint(joint, place))
+                place = Placement(body=len(joints), rotation=np.eye(3), position=np.zeros(3))
+                held.append([])
+        places[name] = place
+        held[place.body].append((links[name], place))
+        ahead += [(child, element, place) for child, element in reversed(below[name])]
+    return Robot(file=file, bodies=tuple(_body(parts) for parts in held), joints=tuple(joints), links=places)
+
+
+def agent(
+    robot: Robot, tips: Sequence[str | tuple[str, Vector]], contact: Sequence[Vector], thrust_max: float
+) -> Agent:
+    """One agent, without the leading axis of a group (`model.stack` adds it).
+
+    `tips` are links, each with an offset in its own frame, m, where the tip is not its origin: one arm each. `contact`
+    are the attachments `c` in the payload's frame, m; `thrust_max` is in N. Raises `ValueError` for a tip that is not a
+    link, and where tips and contacts differ in number.
+    """
+    if len(tips) != len(contact) or not tips:
+        raise ValueError(f"{robot.file}: {len(tips)} tips for {len(contact)} contacts; as many as contacts, at least 1")
+    carriers, points = zip(*(robot.tip(t) if isinstance(t, str) else robot.tip(*t) for t in tips), strict=True)
+    joints = robot.joints
+    return Agent(
+        tree=Tree(
+            parents=tuple(j.parent for j in joints), prismatic=tuple(j.prismatic for j in joints), tips=tuple(carriers)
+        ),
+        mass=jnp.array([body.mass for body in robot.bodies]),
+        com=jnp.array([body.com for body in robot.bodies]),
+        inertia=jnp.array([body.inertia for body in robot.bodies]),
+        joint_position=jnp.array([j.position for j in joints], float).reshape(-1, 3),
+        joint_rotation=jnp.array([j.rotation for j in joints], float).reshape(-1, 3, 3),
+        joint_axis=jnp.array([j.axis for j in joints], float).reshape(-1, 3),
+        tip=jnp.array(points),
+        contact=jnp.array(contact, float).reshape(-1, 3),
+        thrust_max=jnp.array(thrust_max, float),
+    )
+
+
+# XML, with the line of every element ----------------------------------------------------------------------------------
+
+
+@dataclasses.dataclass
+class _Element:
+    tag: str
+    given: dict[str, str]
+    place: str  # file:line
+    children: list[_Element]
+
+    def one(self, tag: str) -> _Element | None:
+        """The child of a name, which stands at most once."""
+        found = [child for child in self.children if child.tag == tag]
+        if len(found) > 1:
+            _fail(found[1], f"<{tag}> stands twice in {self}")
+        return found[0] if found else None
+
+    def __str__(self) -> str:
+        return f"{self.tag} {self.given['name']!r}" if "name" in self.given else f"<{self.tag}>"
+
+
+def _fail(at: _Element, sentence: str) -> NoReturn:
+    raise ValueError(f"{at.place}: {sentence}")
+
+
+def _xml(text: str | bytes, file: str) -> _Element:
+    """The first element; a DOCTYPE, which could make entities expand without end, is refused."""
+    parser, top = expat.ParserCreate(), _Element("", {}, file, [])
+    open_elements = [top]
+
+    def begin(tag: str, given: dict[str, str]) -> None:
+        element = _Element(tag, given, f"{file}:{parser.CurrentLineNumber}", [])
+        open_elements[-1].children.append(element)
+        open_elements.append(element)
+
+    def refuse(*_: object) -> None:
+        raise ValueError(f"{file}:{parser.CurrentLineNumber}: a DOCTYPE is not allowed in a URDF file")
+
+    parser.StartElementHandler = begin
+    parser.EndElementHandler = lambda _: open_elements.pop()
+    parser.StartDoctypeDeclHandler = refuse
+    try:
+        parser.Parse(text, True)
+    except expat.ExpatError as error:
+        raise ValueError(f"{file}:{error.lineno}: not XML: {expat.ErrorString(error.code)}") from None
+    return top.children[0]
+
+
+def _attribute(element: _Element, name: str, of: _Element) -> str:
+    if name not in element.given:
+        _fail(element, f"{of}: <{element.tag}> has no {name!r}")
+    return element.given[name]
+
+
+def _numbers(element: _Element | None, name: str, count: int, default: Vector, of: _Element) -> np.ndarray:
+    """So many finite numbers of an attribute, or the default where element or attribute is absent."""
+    if element is None or name not in element.given:
+        return np.array(default, float)
+    given = element.given[name]
+    try:
+        values = np.array([float(word) for word in given.split()])
+    except ValueError:
+        values = np.array([])
+    if len(values) != count or not np.isfinite(values).all():
+        wanted = "a finite number" if count == 1 else f"{count} finite numbers"
+        _fail(element, f"{of}: {name!r} of <{element.tag}> must be {wanted}, got {given!r}")
+    return values
+
+
+# Links and joints -----------------------------------------------------------------------------------------------------
+
+
+def _named(robot: _Element, tag: str) -> dict[str, _Element]:
+    found: dict[str, _Element] = {}
+    for element in robot.children:
+        if element.tag == tag:
+            name = _attribute(element, "name", robot)
+            if name in found:
+                _fail(element, f"{element} stands twice, first at {found[name].place}")
+            found[name] = element
+    return found
+
+
+def _tree(
+    robot: _Element, links: dict[str, _Element], joints: dict[str, _Element]
+) -> tuple[str, dict[str, list[tuple[str, _Element]]]]:
+    """The root link, and below each link its children with the joints to them; refuses what is not one tree."""
+    below: dict[str, list[tuple[str, _Element]]] = {name: [] for name in links}
+    holder: dict[str, _Element] = {}
+    for joint in joints.values():
+        parent, child = _link_of(joint, "parent", links), _link_of(joint, "child", links)
+        if child in holder:
+            _fail(joint, f"{joint}: link {child!r} has a parent already, by {holder[child]} at {holder[child].place}")
+        _check_type(joint)
+        holder[child] = joint
+        below[parent].append((child, joint))
+    roots = [name for name in links if name not in holder]
+    if not roots:
+        _fail(robot, "no root: every link is the child of a joint" if links else "there are no links")
+    if len(roots) > 1:
+        _fail(links[roots[1]], f"one root link is allowed, found {len(roots)}: {', '.join(roots)}")
+    reached = list(_below(roots[0], below))
+    for name, element in links.items():
+        if name not in reached:
+            _fail(element, f"{element} is in a cycle of joints: it does not hang on the root {roots[0]!r}")
+    return roots[0], below
+
+
+def _below(root: str, below: dict[str, list[tuple[str, _Element]]]) -> Iterator[str]:
+    ahead = [root]
+    while ahead:
+        name = ahead.pop()
+        yield name
+        ahead += [child for child, _ in below[name]]
+
+
+def _link_of(joint: _Element, end: str, links: dict[str, _Element]) -> str:
+    element = joint.one(end)
+    if element is None:
+        _fail(joint, f"{joint} has no <{end}>")
+    name = _attribute(element, "link", joint)
+    if name not in links:
+        _fail(element, f"{joint}: {end} {name!r} is not a link; links: {', '.join(links)}")
+    return name
+
+
+def _check_type(joint: _Element) -> None:
+    kind, known = _attribute(joint, "type", joint), (*TYPES, "fixed")
+    if kind not in known:
+        _fail(joint, f"{joint}: type {kind!r} is not supported; allowed: {', '.join(known)}")
+    mimic = joint.one("mimic")
+    if mimic is not None:
+        _fail(mimic, f"{joint}: <mimic> is not supported; every joint moves on its own")
+
+
+def _origin(element: _Element, of: _Element) -> tuple[np.ndarray, np.ndarray]:
+    """Rotation `R_z(yaw) R_y(pitch) R_x(roll)` and position of an element's origin."""
+    origin = element.one("origin")
+    (c_r, c_p, c_y), (s_r, s_p, s_y) = (f(_numbers(origin, "rpy", 3, ZERO, of)) for f in (np.cos, np.sin))
+    R_x = np.array([[1, 0, 0], [0, c_r, -s_r], [0, s_r, c_r]])
+    R_y = np.array([[c_p, 0, s_p], [0, 1, 0], [-s_p, 0, c_p]])
+    R_z = np.array([[c_y, -s_y, 0], [s_y, c_y, 0], [0, 0, 1]])
+    return R_z @ R_y @ R_x, _numbers(origin, "xyz", 3, ZERO, of)
+
+
+def _placed(joint: _Element, parent: Placement) -> Placement:
+    """A joint's frame at rest in the body that carries it."""
+    R, p = _origin(joint, joint)
+    return Placement(body=parent.body, rotation=parent.rotation @ R, position=parent.position + parent.rotation @ p)
+
+
+def _joint(joint: _Element, at: Placement) -> Joint:
+    element = joint.one("axis")
+    axis = _numbers(element, "xyz", 3, (1.0, 0.0, 0.0), joint)
+    length = np.linalg.norm(axis)
+    if not length > 0:
+        _fail(element or joint, f"{joint}: the axis must not be zero")
+    return Joint(
+        name=joint.given["name"],
+        parent=at.body,
+        prismatic=TYPES[joint.given["type"]],
+        position=at.position,
+        rotation=at.rotation,
+        axis=axis / length,
+    )
+
+
+# Inertia --------------------------------------------------------------------------------------------------------------
+
+ENTRIES = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+
+
+def _inertial(link: _Element) -> Body | None:
+    """A link's own mass, in its own frame; None where there is none. A point mass (inertia 0) is allowed."""
+    inertial = link.one("inertial")
+    if inertial is None:
+        return None
+    m = _entry(inertial, "mass", "value", link)
+    xx, yy, zz, xy, xz, yz = (_entry(inertial, "inertia", name, link) for name in ENTRIES)
+    R, com = _origin(inertial, link)
+    J = _symmetric(R @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ R.T)
+    if m == 0 and not J.any():
+        return None
+    if m <= 0 or J.any():
+        model.check_body(f"{inertial.place}: {link}", m, J)
+    return Body(mass=m, com=com, inertia=J)
+
+
+def _entry(inertial: _Element, tag: str, name: str, link: _Element) -> float:
+    element = inertial.one(tag)
+    if element is None:
+        _fail(inertial, f"{link}: <inertial> has no <{tag}>")
+    _attribute(element, name, link)
+    return float(_numbers(element, name, 1, (), link)[0])
+
+
+def _body(parts: list[tuple[_Element, Placement]]) -> Body:
+    """Links held together: `m = sum m_i`, centre of mass, `J = sum J_i + m_i (d^2 I - d d^T)` about it."""
+    first, _ = parts[0]
+    own = [(_inertial(link), place) for link, place in parts]
+    massive = [(body, place) for body, place in own if body is not None]
+    if not massive:
+        also = f", nor have the links fixed to it: {', '.join(x.given['name'] for x, _ in parts[1:])}" * (
+            len(parts) > 1
+        )
+        _fail(first, f"{first} has no <inertial>{also}; a body that moves needs mass and inertia")
+    m = np.array([body.mass for body, _ in massive])
+    s = np.array([place.position + place.rotation @ body.com for body, place in massive])
+    com = m @ s / m.sum()
+    J = sum(
+        _symmetric(place.rotation @ body.inertia @ place.rotation.T) + body.mass * (d @ d * np.eye(3) - np.outer(d, d))
+        for (body, place), d in zip(massive, s - com, strict=True)
+    )
+    model.check_body(f"{first.place}: {first}", float(m.sum()), J)
+    return Body(mass=float(m.sum()), com=com, inertia=J)
+
+
+def _symmetric(J: np.ndarray) -> np.ndarray:
+    """Without the asymmetry of rounding."""
+    return (J + J.T) / 2

@@ -1,0 +1,196 @@
+"""Agents from URDF: against Pinocchio's own reader on random trees, and every refusal."""
+
+from __future__ import annotations
+
+import re
+
+import jax
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from colift import agent as ag
+from colift import urdf
+from tests import teams
+
+
+def words(values: np.ndarray) -> str:
+    return " ".join(repr(float(x)) for x in values)
+
+
+def link(rng: np.random.Generator, name: str, mass: float) -> str:
+    """A link with an inertial about a random point, turned at random; without one where the mass is zero."""
+    if mass == 0:
+        return f'<link name="{name}"/>'
+    J = teams.inertia(rng, mass, 0.1)
+    axes = [("xyz"[i] + "xyz"[k], i, k) for i in range(3) for k in range(i, 3)]
+    entries = " ".join(f'i{a}="{float(J[i, k])!r}"' for a, i, k in axes)
+    return (
+        f'<link name="{name}"><inertial><origin xyz="{words(0.1 * rng.normal(size=3))}" '
+        f'rpy="{words(rng.uniform(-3, 3, 3))}"/><mass value="{mass!r}"/>'
+        f"<inertia {entries}/></inertial>"
+        "<visual><geometry><box size='1 1 1'/></geometry></visual></link>"
+    )
+
+
+def random_urdf(rng: np.random.Generator, links: int) -> tuple[str, list[str]]:
+    """A random tree of links, joints and names in random order, and the links of its tips."""
+    names = [f"{letter}{i}" for i, letter in enumerate(rng.permutation(list("abcdefghijklmnop"))[:links])]
+    kinds = ["revolute", "continuous", "prismatic", "fixed"]
+    parts = [link(rng, names[0], 1.5)]
+    for i in range(1, links):
+        kind = kinds[rng.integers(4)]
+        massless = kind == "fixed" and rng.uniform() < 0.5
+        parts.append(link(rng, names[i], 0.0 if massless else float(rng.uniform(0.05, 0.3))))
+        limit = '<limit lower="-1" upper="1" effort="1" velocity="1"/>' if kind in ("revolute", "prismatic") else ""
+        axis = "" if rng.uniform() < 0.2 else f'<axis xyz="{words(rng.normal(size=3))}"/>'
+        parts.append(
+            f'<joint name="joint {rng.integers(10**6)}" type="{kind}"><parent link="{names[rng.integers(i)]}"/>'
+            f'<child link="{names[i]}"/><origin xyz="{words(0.2 * rng.normal(size=3))}" '
+            f'rpy="{words(rng.uniform(-3, 3, 3))}"/>{axis}{limit}</joint>'
+        )
+    tips = [names[i] for i in rng.choice(links, size=2, replace=False)]
+    return (
+        f'<?xml version="1.0"?>\n<robot name="r">{"".join(parts[k] for k in rng.permutation(len(parts)))}</robot>',
+        tips,
+    )
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_mass_matrix_and_tips_are_pinocchios(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    text, tips = random_urdf(rng, int(rng.integers(2, 11)))
+    robot = urdf.parse(text, "r.urdf")
+    offset = 0.1 * rng.normal(size=3)
+    agent = urdf.agent(robot, [tips[0], (tips[1], offset)], np.zeros((2, 3)).tolist(), 50.0)
+    state = teams.agent_state(rng, agent.tree)
+    model = pin.buildModelFromXML(text, pin.JointModelFreeFlyer())
+    data = model.createData()
+    assert {j.name for j in robot.joints} == set(model.names) - {"universe", "root_joint"}
+
+    index = np.array([model.joints[model.getJointId(j.name)].idx_v for j in robot.joints], int)
+    q, v = pin.neutral(model), np.zeros(model.nv)
+    for joint, r in zip(robot.joints, np.asarray(state.r), strict=True):
+        at = model.joints[model.getJointId(joint.name)]
+        q[at.idx_q : at.idx_q + at.nq] = [np.cos(r), np.sin(r)] if at.nq == 2 else [r]
+    full = pin.crba(model, data, q)
+    full = np.triu(full) + np.triu(full, 1).T
+    order = np.concatenate([[3, 4, 5], index]).astype(int)
+    lin, mixed = full[:3, :3], full[:3][:, order]
+    expected = full[np.ix_(order, order)] - mixed.T @ np.linalg.solve(lin, mixed)
+    reduced = jax.jit(lambda a, r: ag.reduce(a, ag.geometry(a, r)))(agent, state.r)
+    np.testing.assert_allclose(reduced.M_bar, expected, atol=1e-9 * np.abs(expected).max())
+    np.testing.assert_allclose(reduced.mass, pin.computeTotalMass(model), rtol=1e-12)
+
+    pin.framesForwardKinematics(model, data, q)
+    com = pin.centerOfMass(model, data, q, v)
+    np.testing.assert_allclose(reduced.s, com, atol=1e-9)
+    for found, name, at in zip(np.asarray(reduced.rho + reduced.s[None]), tips, (np.zeros(3), offset), strict=True):
+        frame = data.oMf[model.getFrameId(name, pin.FrameType.BODY)]
+        np.testing.assert_allclose(found, frame.act(at), atol=1e-9)
+
+
+# What is merged and refused -------------------------------------------------------------------------------------------
+
+TWO_ARMS = """<robot name="two arms">
+  <link name="base"><inertial><mass value="1.5"/>
+    <inertia ixx="0.02" iyy="0.02" izz="0.035" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <link name="arm"><inertial><origin xyz="0 0 -0.15"/><mass value="0.12"/>
+    <inertia ixx="9e-4" iyy="9e-4" izz="1e-5" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <link name="tool"/>
+  <joint name="shoulder" type="revolute">
+    <parent link="base"/><child link="arm"/><origin xyz="0 0.08 0"/><axis xyz="2 0 0"/>
+    <limit lower="-2" upper="2" effort="5" velocity="5"/></joint>
+  <joint name="wrist" type="fixed"><parent link="arm"/><child link="tool"/><origin xyz="0 0 -0.3"/></joint>
+</robot>
+"""
+
+
+def test_fixed_links_are_part_of_the_body_and_axes_are_normalized() -> None:
+    robot = urdf.parse(TWO_ARMS, "two.urdf")
+    assert (len(robot.bodies), [j.name for j in robot.joints]) == (2, ["shoulder"])
+    np.testing.assert_array_equal(robot.joints[0].axis, [1, 0, 0])
+    body, point = robot.tip("tool", [0.0, 0.0, -0.1])
+    assert body == 1
+    np.testing.assert_allclose(point, [0, 0, -0.4])
+
+
+def test_a_point_mass_may_be_fixed_to_a_body() -> None:
+    heavy = '<link name="tool"><inertial><mass value="0.1"/><inertia ixx="0" iyy="0" izz="0" ixy="0" ixz="0" iyz="0"/>'
+    robot = urdf.parse(TWO_ARMS.replace('<link name="tool"/>', heavy + "</inertial></link>"), "two.urdf")
+    arm, d = robot.bodies[1], 0.15
+    assert arm.mass == pytest.approx(0.22)
+    np.testing.assert_allclose(arm.com, [0, 0, -(0.12 * 0.15 + 0.1 * 0.3) / 0.22])
+    lift = 0.12 * 0.1 / 0.22 * d**2  # reduced mass times squared distance
+    np.testing.assert_allclose(arm.inertia, np.diag([9e-4 + lift, 9e-4 + lift, 1e-5]), atol=1e-18)
+
+
+MASS, INERTIA = '<mass value="0.12"/>', 'ixx="9e-4" iyy="9e-4" izz="1e-5"'
+LONE = '<link name="x"/>'
+EXTRA = LONE + '<joint name="j" type="fixed"><parent link="{}"/><child link="{}"/></joint></robot>'
+REFUSED = [
+    ("</robot>", "", r"two\.urdf:12: not XML: no element found"),
+    ("<robot", '<!DOCTYPE r [<!ENTITY a "aa">]>\n<robot', r"two\.urdf:1: a DOCTYPE is not allowed"),
+    ('<robot name="two arms">', '<robot name="x"><xacro:macro name="m"/>', "<xacro:macro> is a macro; expand the file"),
+    ('name="tool"', 'name="arm"', r"two\.urdf:6: link 'arm' stands twice, first at two\.urdf:4"),
+    (
+        'type="revolute"',
+        'type="floating"',
+        r"two\.urdf:7: joint 'shoulder': type 'floating' is not supported; allowed:",
+    ),
+    ('type="revolute"', 'type="planar"', "type 'planar' is not supported; allowed: revolute, continuous, prismatic"),
+    ('type="revolute"', "", r"two\.urdf:7: joint 'shoulder': <joint> has no 'type'"),
+    ("<limit", '<mimic joint="wrist"/><limit', r"two\.urdf:9: joint 'shoulder': <mimic> is not supported"),
+    ('xyz="2 0 0"', 'xyz="0 0 0"', r"two\.urdf:8: joint 'shoulder': the axis must not be zero"),
+    ('xyz="2 0 0"', 'xyz="2 0"', "'xyz' of <axis> must be 3 finite numbers, got '2 0'"),
+    ('xyz="2 0 0"', 'xyz="2 0 nan"', "'xyz' of <axis> must be 3 finite numbers, got '2 0 nan'"),
+    ('xyz="0 0.08 0"', 'rpy="0 a 0"', "'rpy' of <origin> must be 3 finite numbers, got '0 a 0'"),
+    ('<parent link="base"/>', "", "joint 'shoulder' has no <parent>"),
+    ('<parent link="base"/>', '<parent link="bas"/>', "parent 'bas' is not a link; links: base, arm, tool"),
+    (MASS, "", r"two\.urdf:4: link 'arm': <inertial> has no <mass>"),
+    (MASS, '<mass value="-0.12"/>', r"two\.urdf:4: link 'arm': mass -0\.12 kg is not positive"),
+    (MASS, '<mass value="0"/>', r"link 'arm': mass 0 kg is not positive"),
+    (MASS, MASS * 2, "<mass> stands twice in <inertial>"),
+    (INERTIA, 'ixx="9e-4" iyy="9e-4" izz="2e-3"', r"link 'arm': inertia breaks the triangle inequality.*kg m\^2"),
+    (INERTIA, 'ixx="9e-4" iyy="9e-4" izz="-1e-5"', r"link 'arm': inertia is not positive definite: .*-1e-05"),
+    (INERTIA, 'ixx="0" iyy="0" izz="0"', r"two\.urdf:4: link 'arm': inertia is not positive definite"),
+    (INERTIA, 'ixx="9e-4" iyy="9e-4"', r"link 'arm': <inertia> has no 'izz'"),
+    (
+        '<child link="tool"/>',
+        '<child link="arm"/>',
+        r"joint 'wrist': link 'arm' has a parent already, by joint 'shoulder'",
+    ),
+    ("</robot>", '<link name="alone"/></robot>', "one root link is allowed, found 2: base, alone"),
+    ("</robot>", EXTRA.format("x", "base").replace('"x"', '"tool"', 1), "'tool' stands twice"),
+    ('<parent link="base"/>', '<parent link="tool"/>', "link 'arm' is in a cycle of joints"),
+    ("</robot>", EXTRA.format("x", "x"), r"link 'x' is in a cycle of joints: it does not hang on the root 'base'"),
+    ("<inertial><origin", "<x><origin", "not XML: mismatched tag"),
+]
+
+
+@pytest.mark.parametrize(("written", "instead", "answer"), REFUSED)
+def test_what_is_refused_is_told_with_its_line(written: str, instead: str, answer: str) -> None:
+    assert written in TWO_ARMS
+    with pytest.raises(ValueError, match=r"^two\.urdf:\d+: ") as e:
+        urdf.parse(TWO_ARMS.replace(written, instead, 1), "two.urdf")
+    assert re.search(answer, str(e.value)), e.value
+    assert "\n" not in str(e.value)
+
+
+def test_a_moving_body_without_inertia_and_a_cycle_without_a_root_are_refused() -> None:
+    bare = re.sub("<link name=.arm.>.*?</link>", '<link name="arm"/>', TWO_ARMS, flags=re.DOTALL)
+    with pytest.raises(ValueError, match=r"link 'arm' has no <inertial>, nor have the links fixed to it: tool"):
+        urdf.parse(bare, "two.urdf")
+    ring = TWO_ARMS.replace("</robot>", EXTRA.format("tool", "base").replace(LONE, ""))
+    with pytest.raises(ValueError, match="no root: every link is the child of a joint"):
+        urdf.parse(ring, "two.urdf")
+    with pytest.raises(ValueError, match="there are no links"):
+        urdf.parse("<robot name='x'/>", "two.urdf")
+
+
+def test_tips_are_links_and_as_many_as_contacts() -> None:
+    robot = urdf.parse(TWO_ARMS, "two.urdf")
+    with pytest.raises(ValueError, match=r"two\.urdf: tip 'tol' is not a link; links: base, arm, tool"):
+        urdf.agent(robot, ["tol"], [[0.0, 0.0, 0.0]], 50.0)
+    with pytest.raises(ValueError, match="1 tips for 2 contacts"):
+        urdf.agent(robot, ["tool"], [[0.0, 0.0, 0.0]] * 2, 50.0)
