@@ -1,0 +1,285 @@
+"""The ultimate bound of the payload's attitude, and the set of states from which it is reached.
+
+    e_R' = E e_omega,   e_omega' = -k_R e_R - k_omega e_omega + d,   |d(t)|_2 <= rho     (Eq. err_eomega_learning)
+
+with the gains of decision 0006, `K_R = k_R J`, `K_omega = k_omega J`. Two tools, both exact algebra:
+
+- `trap`: `V = a Psi + |e_omega|^2 / 2 + c e_R . e_omega`, `a = k_R + c k_omega`, which falls wherever the state is not
+  small: the region of attraction, and a first ultimate bound.
+- `shrink`: peak gains in the rotation vector `phi` (angle `theta`) and the rate `Omega = exp(hat(phi) / 2) e_omega`,
+  seen half-way between the two attitudes, in which the equations are linear up to terms of third order.
+
+Derivations: `docs/certificate.md`, "Rotation". Angles rad, rates rad/s, k_R and rho 1/s^2, k_omega 1/s.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from scipy.linalg import expm
+from scipy.optimize import minimize_scalar
+
+ROUNDING = 1e-9  # relative; every bound here is a few dozen operations on positive numbers
+
+
+@dataclasses.dataclass(frozen=True)
+class Region:
+    """States `V <= level`, `Psi <= Psi_edge`, from which `V` falls to its ultimate level: a region of attraction.
+
+    `V = a Psi + |e_omega|^2 / 2 + c e_R . e_omega`. `angle_at_rest` is the greatest initial angle without rate,
+    `rate_aligned` the greatest initial `|e_omega|` without attitude error.
+    """
+
+    a: float
+    c: float
+    level: float
+    Psi_edge: float
+    angle_at_rest: float
+    rate_aligned: float
+
+    def contains(self, angle: float, rate: float) -> bool:
+        """Whether every start with at most that angle, rad, and `|e_omega|`, rad/s, lies in the region."""
+        Psi, sine = 1 - np.cos(angle), np.sin(min(angle, np.pi / 2))
+        return bool(Psi <= self.Psi_edge and self.a * Psi + rate * rate / 2 + self.c * sine * rate <= self.level)
+
+
+@dataclasses.dataclass(frozen=True)
+class Rotation:
+    """Ultimate bounds on the angle of `R_d^T R`, `Psi`, `|e_R|_2` and `|e_omega|_2`, valid from all of `region`.
+
+    `by_trap` is the angle that the Lyapunov function alone gives; `method` says which of the two gave `angle`.
+    `angle_from_rest` and `rate_from_rest` hold at all times from zero error (infinite where that is not shown).
+    """
+
+    angle: float
+    Psi: float
+    e_R: float
+    e_omega: float
+    method: str
+    by_trap: float
+    angle_from_rest: float
+    rate_from_rest: float
+    region: Region
+
+
+def ultimate(k_R: float, k_omega: float, rho: float) -> Rotation:
+    """Bounds on what is left of any start in the region of attraction, for every d with `|d(t)|_2 <= rho`.
+
+    Raises ValueError where no region of attraction is found, with the greatest rho for which one is.
+    """
+    _check(k_R, k_omega, rho)
+    region = attraction(k_R, k_omega, rho)
+    if region is None:
+        raise ValueError(
+            f"no certificate for rho = {rho:.6g} rad/s^2 at k_R = {k_R:.6g} and k_omega = {k_omega:.6g}: every level "
+            f"set of V has a place where V may grow; up to rho = {greatest_rho(k_R, k_omega):.4g} rad/s^2 one has none"
+        )
+    trapped = trap(k_R, k_omega, rho, region)
+    angle, rate = shrink(k_R, k_omega, rho, *trapped)
+    from_rest = transient(k_R, k_omega, rho, 0.0, 0.0)
+    return Rotation(
+        angle=angle,
+        Psi=float(1 - np.cos(angle)),
+        e_R=float(np.sin(min(angle, np.pi / 2))),
+        e_omega=rate,
+        method="small gain" if angle < trapped[0] else "Lyapunov",
+        by_trap=trapped[0],
+        angle_from_rest=from_rest[0],
+        rate_from_rest=from_rest[1],
+        region=region,
+    )
+
+
+def greatest_rho(k_R: float, k_omega: float) -> float:
+    """The greatest rho for which `attraction` finds a region, to 1e-4."""
+    low, high = 0.0, k_R  # a steady disturbance of k_R overturns the payload
+    while high - low > 1e-4 * k_R:
+        middle = (low + high) / 2
+        low, high = (middle, high) if attraction(k_R, k_omega, middle) else (low, middle)
+    return low
+
+
+# -- the Lyapunov function -------------------------------------------------------------------------------------------
+
+
+def attraction(k_R: float, k_omega: float, rho: float) -> Region | None:
+    """The region of attraction whose angle at rest is greatest, over c; None if no c gives one.
+
+    With `a = k_R + c k_omega`, `V' <= -q + sqrt(q q_star)`, `q = (k_omega - c) |e_omega|^2 + c k_R |e_R|^2`: V falls
+    wherever `q > q_star`, hence for `|e_R|^2 > q_star / (c k_R)`, and on every level set up to the edge of that.
+    """
+    found = [region for c in _shares(k_omega) if (region := _region(k_R, k_omega, rho, c))]
+    if not found:
+        return None
+    start = max(found, key=lambda region: region.angle_at_rest).c
+
+    def loss(c: float) -> float:
+        region = _region(k_R, k_omega, rho, c)
+        return -region.angle_at_rest if region else 0.0
+
+    refined = minimize_scalar(loss, bounds=(start * 0.8, min(start * 1.25, 0.999 * k_omega)), method="bounded")
+    found += [region] if (region := _region(k_R, k_omega, rho, float(refined.x))) else []
+    return max(found, key=lambda region: region.angle_at_rest)
+
+
+def trap(k_R: float, k_omega: float, rho: float, region: Region) -> tuple[float, float]:
+    """Ultimate bounds on angle and `|e_omega|` by the Lyapunov function: by the region's c, then by any that applies.
+
+    Once `Psi <= Psi_1` for good, every c with `Psi_1` inside its own edge bounds the limit; the smallest is taken.
+    """
+    angle, rate = _trapped(k_R, k_omega, rho, region.c)
+    for _ in range(2):
+        usable = [
+            c for c in _shares(k_omega) if (r := _region(k_R, k_omega, rho, c)) and 1 - np.cos(angle) < r.Psi_edge
+        ]
+        both = [_trapped(k_R, k_omega, rho, c) for c in usable]
+        angle, rate = min([angle, *(b[0] for b in both)]), min([rate, *(b[1] for b in both)])
+    return angle, rate
+
+
+def _shares(k_omega: float) -> list[float]:
+    """Candidates for c: each is a proof of its own, so that a coarse choice costs size, never truth."""
+    shares = np.concatenate([np.geomspace(1e-6, 0.02, 12, endpoint=False), np.linspace(0.02, 0.98, 49)])
+    return [float(k_omega * share) for share in shares]
+
+
+def _unsettled(k_R: float, k_omega: float, rho: float, c: float) -> float:
+    """`q_star = rho^2 (1 / (k_omega - c) + c / k_R)`: V falls wherever q exceeds it (Cauchy-Schwarz)."""
+    return rho * rho * (1 / (k_omega - c) + c / k_R) * (1 + ROUNDING)
+
+
+def _region(k_R: float, k_omega: float, rho: float, c: float) -> Region | None:
+    """The greatest region of one c, or None: `sine^2 = q_star / (c k_R)` must be below 1, and `a > c^2`."""
+    a, sine2 = k_R + c * k_omega, _unsettled(k_R, k_omega, rho, c) / (c * k_R)
+    if sine2 >= 1 or a <= c * c:
+        return None
+    edge = (1 + float(np.sqrt(1 - sine2))) * (1 - ROUNDING)  # Psi of pi - arcsin(sine)
+    level = a * edge - c * c / 2 * edge * (2 - edge)  # the least of V at that Psi, over e_omega
+    if level <= _settled_level(k_R, k_omega, rho, c):
+        return None
+    return Region(a, c, level, edge, float(np.arccos(1 - level / a)), float(np.sqrt(2 * level)))
+
+
+def _settled_level(k_R: float, k_omega: float, rho: float, c: float) -> float:
+    """The greatest V with `q <= q_star` and `Psi < 1`: `q_star` times the greatest eigenvalue of a 2 x 2 pencil."""
+    q_star = _unsettled(k_R, k_omega, rho, c)
+    convex = 1 + np.sqrt(1 - q_star / (c * k_R))  # Psi <= |e_R|^2 / (1 + cos theta)
+    x, y = (k_R + c * k_omega) / convex / (c * k_R), 0.5 / (k_omega - c)
+    z = 0.5 * c / np.sqrt(c * k_R * (k_omega - c))
+    return q_star * ((x + y) / 2 + np.hypot((x - y) / 2, z)) * (1 + ROUNDING)
+
+
+def _trapped(k_R: float, k_omega: float, rho: float, c: float) -> tuple[float, float]:
+    """The greatest angle and `|e_omega|` where V is at most its ultimate level."""
+    a, level = k_R + c * k_omega, _settled_level(k_R, k_omega, rho, c)
+    b = a - c * c  # c^2/2 Psi^2 + b Psi <= level, and (1 - c^2 / a) |e_omega|^2 / 2 <= level
+    Psi = 2 * level / (b + np.sqrt(b * b + 2 * c * c * level))
+    return float(np.arccos(1 - Psi) * (1 + ROUNDING)), float(np.sqrt(2 * level * a / b) * (1 + ROUNDING))
+
+
+# -- the small-gain iteration ----------------------------------------------------------------------------------------
+
+
+def shrink(k_R: float, k_omega: float, rho: float, angle: float, rate: float) -> tuple[float, float]:
+    """Ultimate bounds from earlier ones: `x <- min(x, F(x))` until it stays; every iterate is a bound.
+
+    phi'   = Omega + (theta / (2 sin(theta / 2)) - 1) Omega_across
+    Omega' = -k_R phi - k_omega Omega + d + k_R (theta - sin theta) n + g,  |g| <= tan(theta / 4) |Omega|^2 / 2
+
+    F is what the peak gains of the linear part make of the greatest sizes of the rest; it grows with both.
+    """
+    while True:
+        of_angle, of_rate = _push(k_R, k_omega, rho, angle, rate)
+        new = min(angle, of_angle), min(rate, of_rate)
+        if new[0] > angle * (1 - ROUNDING) and new[1] > rate * (1 - ROUNDING):
+            return angle, rate
+        angle, rate = new
+
+
+def transient(k_R: float, k_omega: float, rho: float, angle: float, rate: float) -> tuple[float, float]:
+    """Bounds at all times on angle and `|e_omega|` after a start with at most these; infinite where none is found.
+
+    A pair x with `free + F(x) < x` is never reached from below, `free` being the peak of the free linear response.
+    """
+    r = _peaks(k_R, k_omega)
+    free = r[0] * angle + r[1] * rate, k_R * r[1] * angle + r[2] * rate
+    x = free
+    for _ in range(1000):
+        push = _push(k_R, k_omega, rho, *x) if x[0] < np.pi else (np.inf, np.inf)
+        if not np.isfinite(push).all():
+            break
+        new = free[0] + push[0], free[1] + push[1]
+        if new[0] <= x[0] * (1 + ROUNDING) and new[1] <= x[1] * (1 + ROUNDING):
+            grown = x[0] * (1 + 1e-6) + 1e-12, x[1] * (1 + 1e-6) + 1e-12
+            push = _push(k_R, k_omega, rho, *grown)
+            if free[0] + push[0] < grown[0] < np.pi and free[1] + push[1] < grown[1]:
+                return grown
+        x = max(x[0], new[0]), max(x[1], new[1])
+    return np.inf, np.inf
+
+
+def _push(k_R: float, k_omega: float, rho: float, angle: float, rate: float) -> tuple[float, float]:
+    """F: what disturbance and nonlinear rest make of bounds on angle (below pi) and rate."""
+    across = (angle / 2 / np.sin(angle / 2) - 1 if angle > 1e-4 else angle * angle / 23) * rate
+    softening = angle - np.sin(angle) if angle > 1e-2 else angle**3 / 6
+    force = rho + k_R * softening + np.tan(angle / 4) * rate * rate / 2
+    phi_across, phi_force, omega_across, omega_force = gains(k_R, k_omega)
+    return float(phi_across * across + phi_force * force), float(omega_across * across + omega_force * force)
+
+
+def gains(k_R: float, k_omega: float) -> tuple[float, float, float, float]:
+    """Peak gains of `phi' = Omega + w, Omega' = -k_R phi - k_omega Omega + f`: w and f to phi, then to Omega.
+
+    Times three decoupled axes they are the gains in the 2-norm: the impulse response is a scalar times I.
+    """
+    b = _area(k_R, k_omega, 0.0, 1.0)
+    return _area(k_R, k_omega, 1.0, 0.0), b, k_R * b, _area(k_R, k_omega, 1.0, -k_omega)
+
+
+def _area(k_R: float, k_omega: float, y: float, y_dot: float) -> float:
+    """`integral |y| dt` of `y'' + k_omega y' + k_R y = 0`: exact, by the primitive `-(y' + k_omega y) / k_R`.
+
+    Between zeros the primitive changes by `|y'(t_1)| / k_R` times a geometric series of ratio `exp(-zeta pi / ...)`.
+    """
+    t, ratio = _first_zero(k_R, k_omega, y, y_dot)
+    if t is None:
+        return abs(y_dot + k_omega * y) / k_R * (1 + ROUNDING)
+    slope = (expm(np.array([[0.0, 1.0], [-k_R, -k_omega]]) * t) @ [y, y_dot])[1]
+    first = abs(slope - y_dot - k_omega * y) / k_R if t > 0 else 0.0
+    return float(first + abs(slope) / k_R * (1 + ratio) / (1 - ratio)) * (1 + ROUNDING)
+
+
+def _first_zero(k_R: float, k_omega: float, y: float, y_dot: float) -> tuple[float | None, float]:
+    """The first time with y = 0, None if there is none, and by how much |y'| falls from one zero to the next.
+
+    `y = e^{-k_omega t / 2} (y(0) C(t) + q S(t))`, `q = y'(0) + k_omega y(0) / 2`, with cos and sin / w, or cosh and
+    sinh / w, where `w^2 = |k_R - k_omega^2 / 4|`.
+    """
+    square, q = k_R - k_omega * k_omega / 4, y_dot + k_omega * y / 2
+    w = float(np.sqrt(abs(square)))
+    if square > 0:
+        return float(np.arctan2(w * y, -q) % np.pi) / w, float(np.exp(-k_omega / 2 * np.pi / w))
+    if y == 0:
+        return 0.0, 0.0
+    if q * y >= 0 or w * abs(y) >= abs(q):
+        return None, 0.0
+    return (float(np.arctanh(-w * y / q)) / w if w > 0 else -y / q), 0.0
+
+
+def _peaks(k_R: float, k_omega: float) -> tuple[float, float, float]:
+    """Greatest |entries| of e^{A t} over t >= 0: phi on phi(0), phi on Omega(0), Omega on Omega(0)."""
+    square = k_R - k_omega * k_omega / 4
+    w = float(np.sqrt(abs(square)))
+    t = 2 / k_omega
+    if w > 0:
+        t = float(np.arctan2(w, k_omega / 2) if square > 0 else np.arctanh(2 * w / k_omega)) / w
+    return 1.0, float(expm(np.array([[0.0, 1.0], [-k_R, -k_omega]]) * t)[0, 1]) * (1 + ROUNDING), 1.0
+
+
+def _check(k_R: float, k_omega: float, rho: float) -> None:
+    for name, value in (("k_R", k_R), ("k_omega", k_omega)):
+        if not (np.isfinite(value) and value > 0):
+            raise ValueError(f"{name} = {value}: must be finite and positive, or the attitude is not stable")
+    if not (np.isfinite(rho) and rho >= 0):
+        raise ValueError(f"rho = {rho} rad/s^2: must be finite and not negative")
