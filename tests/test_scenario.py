@@ -15,6 +15,7 @@ from ruamel.yaml.comments import CommentedMap, CommentedSeq
 from colift import scenario
 from colift.scenario import ScenarioError, Settings
 from colift.scenario.describe import markdown
+from colift.scenario.from_urdf import AgentTypeFromUrdf
 from colift.scenario.read import SHIPPED
 from colift.scenario.settings import Body, Revolute
 
@@ -301,6 +302,8 @@ def test_whatever_a_section_holds_the_answer_is_a_list_of_mistakes(section, valu
 def test_the_reference_page_is_what_the_models_say():
     page = (Path(__file__).parents[1] / "docs" / "scenarios.md").read_text(encoding="utf-8")
     told = page.partition("<!-- settings -->\n")[2]
-    assert told.strip() == markdown(Settings).strip(), "rebuild it: .venv/bin/python docs/settings.py"
+    assert told.strip() == markdown(Settings, AgentTypeFromUrdf).strip(), (
+        "rebuild it: .venv/bin/python docs/settings.py"
+    )
     missing = [line for line in told.splitlines() if line.startswith("| `") and line.rstrip().endswith("|  |")]
     assert not missing, "settings without a sentence"

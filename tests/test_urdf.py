@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 
 import jax
 import numpy as np
@@ -10,7 +11,8 @@ import pinocchio as pin
 import pytest
 
 from colift import agent as ag
-from colift import urdf
+from colift import scenario, urdf
+from colift.scenario import ScenarioError, build
 from tests import teams
 
 
@@ -90,7 +92,7 @@ def test_mass_matrix_and_tips_are_pinocchios(seed: int) -> None:
         np.testing.assert_allclose(found, frame.act(at), atol=1e-9)
 
 
-# What is merged and refused -------------------------------------------------------------------------------------------
+# What is merged and refused ------------------------------------------------------------------------------------------
 
 TWO_ARMS = """<robot name="two arms">
   <link name="base"><inertial><mass value="1.5"/>
@@ -194,3 +196,119 @@ def test_tips_are_links_and_as_many_as_contacts() -> None:
         urdf.agent(robot, ["tol"], [[0.0, 0.0, 0.0]], 50.0)
     with pytest.raises(ValueError, match="1 tips for 2 contacts"):
         urdf.agent(robot, ["tool"], [[0.0, 0.0, 0.0]] * 2, 50.0)
+
+
+# In scenario files ----------------------------------------------------------------------------------------------------
+
+SAMPLE = (Path(__file__).parent / "sample_scenario.yaml").read_text(encoding="utf-8")
+NUMBERS = SAMPLE[SAMPLE.index("  two_arms:") : SAMPLE.index("agents:\n")]
+FROM_URDF = """  two_arms:
+    urdf: vehicles/two.urdf
+    thrust_max_N: 50
+    tips: [left_hand, {link: right, name: right, offset_m: [0, 0, -0.3]}]
+    rest_rad: {left: 1.2, right: -1.2}
+"""
+ARM = """<link name="{0}"><inertial><origin xyz="0 0 -0.15"/><mass value="0.12"/>
+  <inertia ixx="9e-4" iyy="9e-4" izz="1e-5" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="{0}" type="continuous"><parent link="waist"/><child link="{0}"/><origin xyz="0 {1} 0"/></joint>
+"""
+SAME = f"""<robot name="two arms">
+<link name="base"><inertial><mass value="1.5"/>
+  <inertia ixx="0.02" iyy="0.02" izz="0.035" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<link name="waist"><inertial><mass value="0.1"/>
+  <inertia ixx="1e-4" iyy="1e-4" izz="1e-4" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="waist" type="continuous"><parent link="base"/><child link="waist"/><axis xyz="0 0 1"/></joint>
+{ARM.format("left", 0.08)}{ARM.format("right", -0.08)}
+<link name="left_hand"/>
+<joint name="left_wrist" type="fixed">
+  <parent link="left"/><child link="left_hand"/><origin xyz="0 0 -0.3" rpy="0.1 0.2 0.3"/></joint>
+</robot>
+"""
+
+
+@pytest.fixture
+def written(tmp_path: Path) -> Path:
+    """A scenario whose agent type is read from a URDF file beside it."""
+    (tmp_path / "vehicles").mkdir()
+    (tmp_path / "vehicles" / "two.urdf").write_text(SAME, encoding="utf-8")
+    text = SAMPLE.replace(NUMBERS, FROM_URDF + "\n").replace("/left", "/left_hand")
+    path = tmp_path / "mine.yaml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_a_scenario_from_urdf_is_the_one_in_plain_numbers(written: Path) -> None:
+    settings, plain = scenario.load(written), scenario.parse(SAMPLE, "sample.yaml")
+    for ours, expected in zip(build.team(settings), build.team(plain), strict=True):
+        assert jax.tree.structure(ours) == jax.tree.structure(expected)
+        for a, b in zip(jax.tree.leaves(ours), jax.tree.leaves(expected), strict=True):
+            np.testing.assert_allclose(a, b, atol=1e-15)
+    assert build.joint_names(settings) == build.joint_names(plain)
+    assert build.contact_names(settings)[:2] == ("front/left_hand", "front/right")
+    np.testing.assert_array_equal(build.rest(settings)[0], build.rest(plain)[0])
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_scenario_and_python_read_one_agent_alike(seed: int, written: Path) -> None:
+    rng = np.random.default_rng(seed)
+    text, tips = random_urdf(rng, 8)
+    text = re.sub("joint (\\d)", "joint-\\1", text)  # a scenario's names hold no blanks
+    (written.parent / "vehicles" / "two.urdf").write_text(text, encoding="utf-8")
+    told = written.read_text(encoding="utf-8")
+    kind = FROM_URDF.replace("left_hand, {link: right, name: right", f"{tips[0]}, {{link: {tips[1]}, name: right")
+    told = told.replace(FROM_URDF, re.sub("    rest.*\n", "", kind)).replace("/left_hand", f"/{tips[0]}")
+    truth, _ = build.team(scenario.parse(told, str(written)))
+    robot = urdf.load(written.parent / "vehicles" / "two.urdf")
+    agent = urdf.agent(robot, [tips[0], (tips[1], [0.0, 0.0, -0.3])], np.asarray(truth.groups[0].contact[1]), 50.0)
+    assert agent.tree == truth.groups[0].tree
+    for a, b in zip(jax.tree.leaves(agent), jax.tree.leaves(truth.groups[0]), strict=True):
+        np.testing.assert_allclose(a, b[1], atol=1e-14)
+
+
+WRONG_ENTRY = [
+    ("vehicles/two.urdf", "two.urdf", "agent_types.two_arms.urdf: two.urdf cannot be read: No such file"),
+    ("left_hand,", "left_hnd,", "tips[0]: 'left_hnd' is not a link of the file (base, waist, "),
+    ("left_hand,", "left_hnd,", "did you mean 'left_hand'?"),
+    ("{left: 1.2", "{lefft: 1.2", "rest_rad.lefft: 'lefft' is not a joint that turns (waist, left, right)"),
+    ("rest_rad: {left: 1.2, right: -1.2}", "rest_m: {left: 1}", "'left' is not a joint that slides (there are none)"),
+    ("thrust_max_N: 50", "thrust_max_N: 0", "two_arms.thrust_max_N [N]: must be greater than 0"),
+    ("    thrust_max_N: 50\n", "", "two_arms.thrust_max_N [N]: is required"),
+    ("thrust_max_N: 50", "thrust_mx_N: 50", "is not a setting here; did you mean 'thrust_max_N'?"),
+    ("tips: [left_hand, ", "tips: [", "agents[0].contacts_m [m]: must hold one contact for each of the 1 arms"),
+    ("offset_m: [0, 0, -0.3]", "offset_m: [0, 0]", "tips[1].offset_m[2] [m]: is missing"),
+]
+
+
+@pytest.mark.parametrize(("given", "instead", "answer"), WRONG_ENTRY)
+def test_mistakes_in_an_entry_are_told_with_their_place(given: str, instead: str, answer: str, written: Path) -> None:
+    text = written.read_text(encoding="utf-8")
+    assert given in text
+    with pytest.raises(ScenarioError) as refused:
+        scenario.parse(text.replace(given, instead, 1), str(written))
+    lines = str(refused.value).splitlines()
+    assert any(answer in line for line in lines), lines
+    assert all(re.match(rf"{written}:\d+: \S", line) for line in lines)
+    assert not any("two_arms.base" in line for line in lines), "what the file would say is not missing"
+
+
+@pytest.mark.parametrize(
+    ("given", "instead", "answer"),
+    [
+        ('value="1.5"', 'value="-1.5"', "two.urdf:2: link 'base': mass -1.5 kg is not positive"),
+        ('name="waist" type', 'name="the waist" type', "joint 'the waist': a name is a letter, then letters"),
+        ('"left_hand"', '"left/hand"', "'left/hand' cannot name an arm: give the tip a `name`"),
+    ],
+)
+def test_mistakes_in_the_urdf_file_are_told_beside_the_others(
+    given: str, instead: str, answer: str, written: Path
+) -> None:
+    (written.parent / "vehicles" / "two.urdf").write_text(SAME.replace(given, instead), encoding="utf-8")
+    text = written.read_text(encoding="utf-8").replace(
+        "left_hand,", f"{instead.strip(chr(34))}," * ("/" in instead) or "left_hand,"
+    )
+    with pytest.raises(ScenarioError) as refused:
+        scenario.parse(text.replace("K_p: 5", "K_p: -5"), str(written))
+    first, second = str(refused.value).splitlines()
+    assert "agent_types.two_arms." in first
+    assert answer in first
+    assert "control.K_p" in second

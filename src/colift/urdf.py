@@ -113,7 +113,7 @@ def parse(text: str | bytes, file: str) -> Robot:
 
 
 def agent(
-    robot: Robot, tips: Sequence[str | tuple[str, Vector]], contact: Sequence[Vector], thrust_max: float
+    robot: Robot, tips: Sequence[str | tuple[str, Vector]], contact: Sequence[Vector] | np.ndarray, thrust_max: float
 ) -> Agent:
     """One agent, without the leading axis of a group (`model.stack` adds it).
 

@@ -63,8 +63,8 @@ class Schema:
         return [name for variant in self._variants(node) for name in variant.get("properties", {})]
 
     def sections(self) -> Iterator[tuple[str, str, list[tuple[str, dict[str, Any], bool]]]]:
-        """`(name, description, [(setting, schema, required)])` of the scenario and then of its sections."""
-        for name, node in [("Settings", self._root), *self._root["$defs"].items()]:
+        """`(name, description, [(setting, schema, required)])` of the model and then of its sections."""
+        for name, node in [(self._root["title"], self._root), *self._root["$defs"].items()]:
             needed = node.get("required", [])
             rows = [(key, inner, key in needed) for key, inner in node.get("properties", {}).items()]
             yield name, node.get("description", ""), rows
@@ -121,9 +121,13 @@ class Schema:
         return {}
 
 
-def markdown(model: type[BaseModel]) -> str:
-    """The reference page of a model's settings: one table a section, the scenario itself first."""
-    schema, lines = Schema(model), []
+def markdown(*models: type[BaseModel]) -> str:
+    """The reference page of models' settings: one table a section, each model before its own sections."""
+    return "\n".join(_tables(Schema(model)) for model in models)
+
+
+def _tables(schema: Schema) -> str:
+    lines = []
     for name, about, rows in schema.sections():
         lines += [
             f"## {name}",

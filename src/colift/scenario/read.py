@@ -15,7 +15,8 @@ from ruamel.yaml.comments import CommentedMap, CommentedSeq
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
 
 from colift.scenario.describe import Schema, unit_of
-from colift.scenario.references import Place, mistakes
+from colift.scenario.from_urdf import AgentTypeFromUrdf, expand
+from colift.scenario.references import Mistake, Place, mistakes
 from colift.scenario.settings import Settings
 
 SHIPPED = resources.files("colift") / "scenarios"
@@ -58,20 +59,38 @@ def load(name_or_path: str | Path) -> Settings:
 def parse(text: str, file: str) -> Settings:
     """The settings that a text states; `file` names it in messages. Raises ScenarioError as `load` does."""
     tree = _compose(text, file)
-    data = _plain(tree)
-    wrong: dict[tuple[Place, str], str] = {}
+    data, wrong = _expanded(_plain(tree), Path(file).parent)
+    unread = {place[:2] for place, _ in wrong}
     try:
         settings = Settings.model_validate(data)
     except ValidationError as error:
         schema = Schema(Settings)
-        found = [(_place(data, e["loc"], e["type"]), _sentence(e, schema)) for e in error.errors()]
+        found = [e for e in error.errors() if e["loc"][:2] not in unread]
+        wrong += [(_place(data, e["loc"], e["type"]), _sentence(e, schema)) for e in found]
         # references are checked by the model only once all sections are valid: check them here as well
-        for place, sentence in [*found, *mistakes(data)]:
-            wrong[place, sentence] = _line(file, tree, place, sentence, schema)
+        wrong += mistakes(data) if not unread else []
     else:
         return settings
-    lines = sorted(wrong.values(), key=lambda line: int(line.removeprefix(file).split(":")[1]))
-    raise ScenarioError("\n".join(lines))
+    lines = dict.fromkeys(_line(file, tree, place, sentence, schema) for place, sentence in wrong)
+    raise ScenarioError("\n".join(sorted(lines, key=lambda line: int(line.removeprefix(file).split(":")[1]))))
+
+
+def _expanded(data: dict[str, Any], folder: Path) -> tuple[dict[str, Any], list[Mistake]]:
+    """The data with agent types from URDF in plain numbers, those without mistakes; and the mistakes."""
+    kinds, wrong = data.get("agent_types"), []
+    if not isinstance(kinds, dict):
+        return data, []
+    written = dict(kinds)
+    for name, kind in kinds.items():
+        if not isinstance(kind, dict) or "urdf" not in kind:
+            continue
+        try:
+            written[name], found = expand(kind, folder)
+        except ValidationError as error:
+            schema = Schema(AgentTypeFromUrdf)
+            found = [(_place(kind, e["loc"], e["type"]), _sentence(e, schema)) for e in error.errors()]
+        wrong += [(("agent_types", name, *place), sentence) for place, sentence in found]
+    return data | {"agent_types": written}, wrong
 
 
 def _compose(text: str, file: str) -> CommentedMap:

@@ -65,7 +65,8 @@ Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Positive = Annotated[Number, Field(gt=0)]
 NotNegative = Annotated[Number, Field(ge=0)]
 Count = Annotated[int, Field(strict=True, gt=0)]
-Name = Annotated[str, Field(strict=True, pattern=r"^[A-Za-z_][A-Za-z0-9_-]*$")]
+NAME = r"^[A-Za-z_][A-Za-z0-9_-]*$"
+Name = Annotated[str, Field(strict=True, pattern=NAME)]
 Vector = tuple[Number, Number, Number]
 Axes = Annotated[tuple[Positive, Positive, Positive], BeforeValidator(_thrice)]
 Inertia = Annotated[tuple[Vector, Vector, Vector], BeforeValidator(_inertia), AfterValidator(_physical)]
@@ -493,7 +494,7 @@ class Settings(Section):
     gravity_mps2: Vector = (0.0, 0.0, -9.81)
     """Gravitational acceleration."""
     agent_types: Annotated[dict[Name, AgentType], Field(min_length=1)]
-    """Kinds of aerial manipulator, by name."""
+    """Kinds of aerial manipulator, by name; in a file, each in plain numbers or [from URDF](#agenttypefromurdf)."""
     agents: Annotated[tuple[Agent, ...], Field(min_length=1)]
     """The team."""
     payload: Payload

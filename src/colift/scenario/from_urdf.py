@@ -1,0 +1,116 @@
+"""An agent type as a URDF file and what the file does not say, written out in plain numbers."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import BeforeValidator, Field
+
+from colift import urdf
+from colift.scenario.references import Mistake, among
+from colift.scenario.settings import NAME, ZERO, Name, Number, Positive, Section, Vector
+
+
+class Tip(Section):
+    """A point of a link that holds the payload."""
+
+    link: str
+    """A link of the file."""
+    name: Name | None = None
+    """Names the arm; the link's name if left out."""
+    offset_m: Vector = ZERO
+    """Contact point, in the link's frame."""
+
+
+def _link(given: Any) -> Any:
+    """A link alone is a tip at its origin."""
+    return {"link": given} if isinstance(given, str) else given
+
+
+class AgentTypeFromUrdf(Section):
+    """An agent type read from a URDF file, in place of `base`, `joints` and `arms`: its root link is the base."""
+
+    urdf: str
+    """Path of the file, relative to the scenario's."""
+    thrust_max_N: Positive
+    """The largest thrust; a command beyond it is cut there, and the tick is marked."""
+    tips: Annotated[tuple[Annotated[Tip, BeforeValidator(_link)], ...], Field(min_length=1)]
+    """Links that hold the payload, one arm each: a link's name, or a tip with an offset."""
+    rest_rad: dict[str, Number] = Field(default_factory=dict)
+    """Position at rest of joints that turn, by name; 0 where left out."""
+    rest_m: dict[str, Number] = Field(default_factory=dict)
+    """Position at rest of joints that slide, by name; 0 where left out."""
+
+
+def expand(kind: dict[str, Any], folder: Path) -> tuple[dict[str, Any], list[Mistake]]:
+    """The agent type in plain numbers, and what is wrong with it, as `(place, sentence)`.
+
+    Raises ValidationError for settings that `AgentTypeFromUrdf` does not allow.
+    """
+    given = AgentTypeFromUrdf.model_validate(kind)
+    try:
+        robot = urdf.load(folder / given.urdf)
+    except OSError as error:
+        return kind, [(("urdf",), f"{given.urdf} cannot be read: {error.strerror or error}")]
+    except ValueError as error:
+        return kind, [(("urdf",), str(error))]
+    wrong = list(_mistakes(given, robot))
+    return (kind, wrong) if wrong else (_numbers(given, robot), [])
+
+
+def _mistakes(given: AgentTypeFromUrdf, robot: urdf.Robot) -> Iterator[Mistake]:
+    for joint in robot.joints:
+        if not re.fullmatch(NAME, joint.name):
+            yield ("urdf",), f"joint {joint.name!r}: a name is a letter, then letters, digits, - or _"
+    for i, tip in enumerate(given.tips):
+        if tip.link not in robot.links:
+            yield ("tips", i), among(tip.link, robot.links, "a link of the file")
+        elif tip.name is None and not re.fullmatch(NAME, tip.link):
+            yield ("tips", i), f"{tip.link!r} cannot name an arm: give the tip a `name`"
+    for setting, slides, moves in (("rest_rad", False, "turns"), ("rest_m", True, "slides")):
+        known = [joint.name for joint in robot.joints if joint.prismatic == slides]
+        for name in getattr(given, setting):
+            if name not in known:
+                yield (setting, name), among(name, known, f"a joint that {moves}")
+
+
+def _numbers(given: AgentTypeFromUrdf, robot: urdf.Robot) -> dict[str, Any]:
+    """As `AgentType` has it."""
+    names = ["base", *(joint.name for joint in robot.joints)]
+    bodies = [
+        {"mass_kg": body.mass, "com_m": body.com.tolist(), "inertia_kgm2": body.inertia.tolist()}
+        for body in robot.bodies
+    ]
+    joints = []
+    for joint, body in zip(robot.joints, bodies[1:], strict=True):
+        kind, rest = ("prismatic", "rest_m") if joint.prismatic else ("revolute", "rest_rad")
+        joints.append(
+            {
+                "name": joint.name,
+                "type": kind,
+                "parent": names[joint.parent],
+                "position_m": joint.position.tolist(),
+                "rpy_deg": _rpy_deg(joint.rotation),
+                "axis": joint.axis.tolist(),
+                rest: getattr(given, rest).get(joint.name, 0.0),
+                "body": body,
+            }
+        )
+    arms = []
+    for tip in given.tips:
+        body, point = robot.tip(tip.link, tip.offset_m)
+        arms.append({"name": tip.name or tip.link, "joint": names[body], "tip_m": point.tolist()})
+    return {"base": bodies[0], "thrust_max_N": given.thrust_max_N, "joints": joints, "arms": arms}
+
+
+def _rpy_deg(R: np.ndarray) -> list[float]:
+    """Angles of `R = R_z(yaw) R_y(pitch) R_x(roll)`; yaw first, so that any yaw is right where pitch is +-90 deg."""
+    yaw = np.arctan2(R[1, 0], R[0, 0])
+    c, s = np.cos(yaw), np.sin(yaw)
+    rest = np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]) @ R
+    pitch, roll = np.arctan2(-rest[2, 0], rest[0, 0]), np.arctan2(-rest[1, 2], rest[1, 1])
+    return np.rad2deg([roll, pitch, yaw]).tolist()
