@@ -13,7 +13,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from colift import agent as ag
-from colift import so3
+from colift import estimate, learn, so3
 from colift.model import Agent, AgentForce, AgentState, PayloadState, Residual, State, Team, Wrench
 from colift.pytree import pytree, static
 
@@ -144,16 +144,17 @@ class JointFriction:
 
 @pytree
 class Disturbances:
-    """All sources of a scenario; the names are the keys of `names`, in the same order."""
+    """All sources of a scenario."""
 
     payload: tuple[Mount, ...]
     agents: tuple[tuple[AgentMount, ...], ...]  # by group
     joints: tuple[JointFriction, ...]  # by group
+    functions: tuple[learn.Oracle, ...] = ()  # residuals that are posterior means, hence of known norm in their RKHS
 
 
 def residual(sources: Disturbances, team: Team, z: State) -> Residual:
     """The truth's `f_uk`: what the sources do to every agent and to the payload in the state z."""
-    return Residual(
+    named = Residual(
         agents=tuple(
             jax.vmap(_on_agent)(group, state, mounts, friction)
             for group, state, mounts, friction in zip(
@@ -161,6 +162,18 @@ def residual(sources: Disturbances, team: Team, z: State) -> Residual:
             )
         ),
         payload=on_payload(sources.payload, z.payload),
+    )
+    for function in sources.functions:
+        named = jax.tree.map(jnp.add, named, _mean(function, z))
+    return named
+
+
+def _mean(function: learn.Oracle, z: State) -> Residual:
+    """What an oracle would predict at the true state."""
+    inputs = tuple(jax.vmap(estimate.flat_agent)(q) for q in z.agents)
+    return Residual(
+        agents=learn.agents_mean(function, inputs),
+        payload=learn.payload_mean(function, estimate.flat_payload(z.payload, jnp.zeros(6))),
     )
 
 

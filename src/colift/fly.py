@@ -9,7 +9,7 @@ from jaxtyping import Array, Bool, Float
 from colift import allocate, control, estimate, grasp, learn, reference, so3
 from colift.model import AgentInput, Residual, Team, Wrench
 from colift.pytree import pytree
-from colift.sensor import Measurement
+from colift.sensor import Measurement, Sample
 
 Scalar = Float[Array, ""]
 
@@ -33,6 +33,7 @@ class Recorder:
     end: Scalar  # s, T_end of Assumption dataset
     payload: Bool[Array, ""]
     agents: Bool[Array, ""]
+    rig: Bool[Array, ""]  # samples of the calibration rig rather than estimated ones
 
 
 @pytree
@@ -119,7 +120,7 @@ def tick(
     recorder = pilot.recorder
     q_hat, seen = estimate.observe(pilot.team, pilot.filters, memory.estimator, m, memory.applied)
     due = (t >= memory.next_sample - 1e-9) & (t <= recorder.end + 1e-9)
-    payload_data, agent_data = _record(recorder, memory, seen, t, due)
+    payload_data, agent_data = _record(recorder, memory, seen, m.rig, t, due)
     integral = _integrate(pilot, memory.integral, q_hat, reference.at(pilot.path, t))
     observed = _observe_wrench(pilot, memory, q_hat)
     inputs, decided = decide(pilot, oracle, q_hat, t, integral, observed, given)
@@ -158,17 +159,23 @@ def decide(
 
 
 def _record(
-    recorder: Recorder, memory: Memory, seen: estimate.Memory, t: Scalar, due: Bool[Array, ""]
+    recorder: Recorder, memory: Memory, seen: estimate.Memory, rig: Sample, t: Scalar, due: Bool[Array, ""]
 ) -> tuple[learn.Data, tuple[learn.Data, ...]]:
-    """Append the filtered sample and its label where the case records."""
-    y = estimate.payload_label(seen)
-    payload = learn.record(
-        memory.payload_data, seen.state.outer, jnp.concatenate([y.F, y.tau]), t, due & recorder.payload
-    )
+    """Append the filtered sample and its label, or the calibration rig's, where the case records."""
+
+    def either(of_rig: Array, estimated: Array) -> Array:
+        return jnp.where(recorder.rig, of_rig, estimated)
+
+    label, told = estimate.payload_label(seen), rig.f.payload
+    x = either(estimate.flat_payload(rig.z.payload, jnp.zeros(6)), seen.state.outer)
+    y = either(jnp.concatenate([told.F, told.tau]), jnp.concatenate([label.F, label.tau]))
+    payload = learn.record(memory.payload_data, x, y, t, due & recorder.payload)
     agents = []
-    for data, past in zip(memory.agent_data, seen.agents, strict=True):
-        each = jax.vmap(learn.record, in_axes=(0, 0, 0, None, None))
-        agents.append(each(data, past.state.outer, past.label.outer, t, due & recorder.agents))
+    each = jax.vmap(learn.record, in_axes=(0, 0, 0, None, None))
+    for data, past, z, f in zip(memory.agent_data, seen.agents, rig.z.agents, rig.f.agents, strict=True):
+        x = either(jax.vmap(estimate.flat_agent)(z), past.state.outer)
+        y = either(jnp.concatenate([f.f_x, f.f_w, f.f_r], axis=1), past.label.outer)
+        agents.append(each(data, x, y, t, due & recorder.agents))
     return payload, tuple(agents)
 
 

@@ -12,7 +12,7 @@ from jaxtyping import Array, Float
 
 from colift import agent as ag
 from colift import so3
-from colift.model import Agent, AgentState, State, Team
+from colift.model import Agent, AgentState, Residual, State, Team, no_force
 from colift.pytree import pytree
 
 Scalar = Float[Array, ""]
@@ -43,11 +43,23 @@ class PayloadReading:
 
 
 @pytree
+class Sample:
+    """What a calibration rig reports: the state it holds the team in, and the residual there with bounded noise.
+
+    No flying team has one. It is for studies whose labels must obey a stated bound.
+    """
+
+    z: State
+    f: Residual
+
+
+@pytree
 class Measurement:
     """Everything the flying software sees in one tick."""
 
     agents: tuple[AgentReading, ...]
     payload: PayloadReading
+    rig: Sample
 
 
 @pytree
@@ -63,6 +75,7 @@ class Sensors:
     tip_force: Scalar  # N
     tip_force_bias: Scalar  # N
     tip_force_bandwidth: Scalar  # Hz, first order
+    rig: Residual  # largest error of the calibration rig: each label errs by this much, one way or the other
 
 
 @pytree
@@ -95,6 +108,7 @@ class Noise:
 
     agents: tuple[AgentNoise, ...]
     payload: PayloadNoise
+    rig: Residual  # signs of the calibration rig's errors, 1 or -1 (0: none)
 
 
 def draw(team: Team, key: Array, ticks: int) -> Noise:
@@ -113,7 +127,15 @@ def draw(team: Team, key: Array, ticks: int) -> Noise:
         shapes |= {"r": (size, group.tree.joints), "lam": (size, group.tree.arms, 3)}
         agents.append(AgentNoise(**normal(k, shapes)))
     payload: dict[str, tuple[int, ...]] = dict.fromkeys(("theta", "p", "v", "omega", "a"), (3,))
-    return Noise(agents=tuple(agents), payload=PayloadNoise(**normal(keys[0], payload)))
+    none = no_force(team)
+    leaves, kind = jax.tree.flatten(none)
+    signs = [
+        jax.random.rademacher(jax.random.fold_in(key, k), (ticks, *leaf.shape), leaf.dtype)
+        for k, leaf in enumerate(leaves)
+    ]
+    return Noise(
+        agents=tuple(agents), payload=PayloadNoise(**normal(keys[0], payload)), rig=jax.tree.unflatten(kind, signs)
+    )
 
 
 def bias(team: Team, sensors: Sensors, key: Array) -> tuple[Float[Array, "agents arms 3"], ...]:
@@ -134,6 +156,7 @@ class Truth:
     xi_dot: tuple[Float[Array, "agents xi"], ...]
     a_L: Float[Array, "6"]
     lam: tuple[Float[Array, "agents arms 3"], ...]  # N, as passed by the sensors' bandwidth, world
+    f: Residual
 
 
 def sense(
@@ -158,6 +181,7 @@ def sense(
             omega=q.omega + sensors.body_rate * n.omega,
             a=q.R.T @ (truth.a_L[:3] - team.gravity) + sensors.accelerometer * n.a,
         ),
+        rig=Sample(z=truth.z, f=jax.tree.map(lambda f, e, sign: f + e * sign, truth.f, sensors.rig, noise.rig)),
     )
 
 

@@ -93,6 +93,31 @@ def condition(X: ArrayLike, Y: ArrayLike, hyper: Hyper, capacity: int | None = N
     )
 
 
+def expansion(hyper: Hyper, centers: ArrayLike, weights: ArrayLike) -> GP:
+    """The function `f_i = offset_i + sum_k weights_ik k_i(centers_k, .)` as a posterior mean: `mean` evaluates it.
+
+    It is the mean on data `K weights`, which it passes at the centres up to `noise_variance weights`.
+    Raises ValueError for what `condition` does not allow, or weights that are not `(outputs, centers)`.
+    """
+    X, weights = np.asarray(centers, dtype=float), np.asarray(weights, dtype=float)
+    if X.ndim != 2 or weights.shape != (len(hyper.signal_variance), len(X)) or not np.isfinite(weights).all():
+        raise ValueError(f"weights {weights.shape}: must be finite, ({len(hyper.signal_variance)}, {len(X)})")
+    s, ls, v, offset = (
+        np.asarray(a) for a in (hyper.signal_variance, hyper.lengthscales, hyper.noise_variance, hyper.offset)
+    )
+    K = [gram(X, s[i], ls[i], v[i]) for i in range(len(s))]
+    Y = np.stack([(offset[i] + K[i] @ weights[i]) for i in range(len(s))], axis=1)
+    return dataclasses.replace(condition(X, Y, hyper), alpha=jnp.asarray(weights))
+
+
+@jax.jit
+def norm(gp: GP) -> Float[Array, " outputs"]:
+    """Norm of `mu_i - offset_i` in the RKHS of its kernel, `sqrt(alpha^T K_f alpha)`; no unit."""
+    K = jax.vmap(lambda x: _kernel(gp, x))(gp.X)
+    square = jnp.einsum("ij,jik,ik->i", gp.alpha, K, gp.alpha)
+    return jnp.sqrt(jnp.maximum(square, 0.0))
+
+
 def _kernel(gp: GP, x: Float[Array, " dimensions"]) -> Float[Array, "outputs capacity"]:
     """`k_i(x, X)` for every output and row, rows past n included."""
     difference = gp.X - x[None, :]

@@ -6,6 +6,7 @@ counted group by group, and so are the names that this module gives.
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 from collections.abc import Callable, Iterable, Iterator
 
@@ -30,7 +31,19 @@ from colift import (
     sensor,
     so3,
 )
-from colift.model import Agent, AgentState, Payload, PayloadState, State, Team, Tree, stack
+from colift.model import (
+    Agent,
+    AgentForce,
+    AgentState,
+    Payload,
+    PayloadState,
+    Residual,
+    State,
+    Team,
+    Tree,
+    Wrench,
+    stack,
+)
 from colift.scenario import settings as s
 from colift.scenario.read import ScenarioError
 from colift.scenario.references import bodies
@@ -209,8 +222,59 @@ LAWS: dict[type, Callable[..., disturbance.Law]] = {
 }
 
 
-def sensors(settings: s.Settings) -> sensor.Sensors:
-    """Noise of the sensors, in SI."""
+def drawn(settings: s.Settings, truth: Team, z: State) -> tuple[learn.Oracle, Residual] | None:
+    """Residuals of known norm, as posterior means, and the deviation of each over the reference; None if not asked.
+
+    `f = sum_k w_k k(z_k, .)`, `|f|^2 = w^T K w`. z is any state of the team on its grasp: the centres are where the
+    team would be if it moved along the reference as it stands in z, each a little off.
+    """
+    given = settings.drawn
+    if given is None:
+        return None
+    rng = np.random.default_rng((settings.seed, 4))
+    moves = jax.vmap(functools.partial(_carried, truth, path(settings), z))
+    where = moves(jnp.asarray(rng.uniform(settings.reference.ramp_s, settings.duration_s, given.centers)))
+    along = moves(jnp.linspace(settings.reference.ramp_s, settings.duration_s, 400))
+
+    def one(hyper: gp.Hyper, X: Array, path: Array) -> tuple[gp.GP, np.ndarray]:
+        X = np.asarray(X) + given.spread * rng.normal(size=X.shape) * np.asarray(hyper.lengthscales)[0]
+        w = rng.normal(size=(len(hyper.signal_variance), len(X)))
+        model = gp.expansion(hyper, X, w)
+        model = gp.expansion(hyper, X, w * (given.norm / np.asarray(gp.norm(model)))[:, None])
+        return model, np.asarray(jax.vmap(gp.mean, (None, 0))(model, path)).std(0)
+
+    zero = prior(settings, truth)
+    x, x_along = (learn.payload_features(points[0]) for points in (where, along))
+    payload, of_payload = one(zero.payload.hyper, x, x_along)
+    agents, of_agents = [], []
+    for group, x, x_along in zip(zero.agents, where[1], along[1], strict=True):
+        each = [
+            one(jax.tree.map(lambda leaf, j=j: leaf[j], group.hyper), x[:, j], x_along[:, j]) for j in range(x.shape[1])
+        ]
+        agents.append(jax.tree.map(lambda *leaf: jnp.stack(leaf), *(model for model, _ in each)))
+        e = jnp.asarray([std for _, std in each])
+        of_agents.append(AgentForce(f_x=e[:, :3], f_w=e[:, 3:6], f_r=e[:, 6:]))
+    W = jnp.asarray(of_payload)
+    return (
+        learn.Oracle(payload=payload, agents=tuple(agents), theta=jnp.zeros(10)),
+        Residual(agents=tuple(of_agents), payload=Wrench(F=W[:3], tau=W[3:])),
+    )
+
+
+def _carried(team: Team, path: reference.Lissajous, z: State, t: Array) -> tuple[Array, tuple[Array, ...]]:
+    """Samples of payload and agents as if the team of z moved along the reference without turning."""
+    d = reference.at(path, t)
+    shift = d.p - z.payload.p
+    load = PayloadState(p=d.p, R=d.R, v=d.v, omega=jnp.zeros(3))
+    agents = tuple(
+        jax.vmap(estimate.flat_agent)(dataclasses.replace(q, x=q.x + shift[None], v=jnp.tile(d.v, (len(q.x), 1))))
+        for q in z.agents
+    )
+    return estimate.flat_payload(load, jnp.zeros(6)), agents
+
+
+def sensors(settings: s.Settings, rig: Residual) -> sensor.Sensors:
+    """Noise of the sensors, in SI; `rig` is the calibration rig's largest error."""
     given = settings.sensors
     return sensor.Sensors(
         position=_array(given.position_m),
@@ -222,6 +286,7 @@ def sensors(settings: s.Settings) -> sensor.Sensors:
         tip_force=_array(given.tip_force_N),
         tip_force_bias=_array(given.tip_force_bias_N),
         tip_force_bandwidth=_array(given.tip_force_bandwidth_Hz),
+        rig=rig,
     )
 
 
@@ -369,6 +434,7 @@ def pilot(settings: s.Settings, nominal: Team) -> fly.Pilot:
             end=_array(learning.end_s),
             payload=jnp.array(False),
             agents=jnp.array(False),
+            rig=jnp.array(learning.samples == "rig"),
         ),
         baseline=fly.Baseline(K_i=zero, k_i=zero, observer=zero),
     )

@@ -329,6 +329,21 @@ Law = Constant | Wind | Tether | Jet | RotorBias
 Source = Annotated[Law | JointFriction, Field(discriminator="kind")]
 
 
+class Drawn(Section):
+    """Residuals drawn at random from the space of functions that the learner assumes, with a norm that is known.
+
+    Each output of payload and agents is `sum_k w_k k(z_k, .)`, k its prior's kernel, the z_k states around the
+    reference, the w_k normal and scaled to the norm.
+    """
+
+    norm: Positive
+    """RKHS norm of every output: its values are at most this many signal deviations of its prior."""
+    centers: Count = 30
+    """How many kernels are added."""
+    spread: NotNegative = 0.2
+    """Deviation of the centres from the states on the reference, in length-scales."""
+
+
 class Sensors(Section):
     """Standard deviations of white noise on every tick's reading, and the tips' bias and bandwidth."""
 
@@ -455,6 +470,12 @@ class Learning(Section):
     """The agent models' prior."""
     lengthscale_bounds: tuple[Positive, Positive] = (0.1, 30.0)
     """Least and largest length-scale that a fit may give, in standard deviations of the feature."""
+    hyperparameters: Literal["fitted", "stated"] = "fitted"
+    """`fitted` to the data at each update, or `stated`: those of the prior, without a mean, as error bounds ask for."""
+    samples: Literal["estimated", "rig"] = "estimated"
+    """`estimated` on board from the sensors, or of a calibration `rig`: true states, labels with bounded errors."""
+    rig_error: NotNegative = 0.1
+    """Error of every label of the rig, one way or the other, as a share of the drawn residual's deviation."""
     restarts: Annotated[int, Field(strict=True, ge=0)] = 1
     """Further starts of the fit, beside the warm one."""
     max_iterations: Count = 60
@@ -507,6 +528,8 @@ class Settings(Section):
     """Where the payload should be."""
     disturbances: tuple[Source, ...] = ()
     """Unknown forces and torques."""
+    drawn: Drawn | None = None
+    """Unknown forces and torques drawn at random, in addition."""
     sensors: Sensors = Sensors()
     """Measurement noise."""
     control: Control
