@@ -70,12 +70,14 @@ def rows(rng: np.random.Generator, shape: Shape) -> Row:
 
 
 def sigma(rng: np.random.Generator, shape: Shape, every: int = 5) -> Sigma:
-    """Random deviations at every so many ticks."""
+    """Random deviations and radii at every so many ticks."""
     t = shape.period * np.arange(0, shape.time, every)
     return Sigma(
         t=t,
         payload=rng.uniform(0.1, 1, (len(t), 6)),
         agents=tuple(rng.uniform(0.1, 1, (len(t), n, 6 + joints)) for n, joints, _ in shape.groups),
+        payload_radius=rng.uniform(1, 9, (len(t), 6)),
+        agents_radius=tuple(rng.uniform(1, 9, (len(t), n, 6 + joints)) for n, joints, _ in shape.groups),
     )
 
 

@@ -15,6 +15,7 @@ The map; each module imports only those below it:
     control     the leader's wrench, the agents' realization
     allocate    contact forces from a wrench, internal forces
     estimate    states, contact forces and labels from measurements
+    band        confidence bands of the frozen oracles, radii of their errors
     learn       features, data sets, frozen oracles
     sensor      what is measured, and the noise
     reference   where the payload should be

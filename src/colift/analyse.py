@@ -11,7 +11,7 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from scipy.signal import butter, sosfiltfilt
 
-from colift import dynamics, estimate, fly, grasp, learn
+from colift import dynamics, estimate, fly, grasp, learn, log
 from colift.model import PayloadState, State, Team, no_force
 from colift.simulate import Flight, Row
 
@@ -65,6 +65,7 @@ def summary(flight: Flight, truth: Team, nominal: Team) -> dict[str, Any]:
         "n_data": flight.updates[-1].n if flight.updates else {"payload": 0, "agents": 0},
         "updates": [update.t for update in flight.updates],
         "correlation": correlations(flight),
+        "bound": bounded(flight),
         "residual": residual_shares(half, truth, nominal),
     }
     return out
@@ -107,32 +108,69 @@ def _sigma(flight: Flight) -> dict[str, float]:
     """
     sigma = flight.sigma
     half = sigma.t >= min(flight.rows.t[len(flight.rows.t) // 2], sigma.t[-1])
-    out = {}
-    for name, first, last in (("", 0, None), ("_force", 0, 3), ("_moment", 3, 6)):
-        out[f"sigma_L{name}_mean"] = float(np.linalg.norm(sigma.payload[half, first:last], axis=1).mean())
-        out[f"sigma_A{name}_mean"] = float(sigma_A(flight, first, last)[half].mean())
-    return out
-
-
-def sigma_A(flight: Flight, first: int = 0, last: int | None = None) -> np.ndarray:
-    """`sigma_A = sum_j |Sigma_j^(1/2)|` of outputs first to last, at the times of `flight.sigma`."""
-    each = [np.linalg.norm(group[:, :, first:last], axis=2).sum(1) for group in flight.sigma.agents]
-    return np.sum(each, axis=0)
+    return {f"{name}_mean": float(x[half].mean()) for name, x in log.norms(sigma).items() if name.startswith("sigma")}
 
 
 def correlations(flight: Flight) -> dict[str, float | None]:
     """Pearson correlation over the run of sigma_L with `|e_p|` and of sigma_A with `|delta_W|`; None for a constant."""
     rows, sigma = flight.rows, flight.sigma
-    at = np.searchsorted(rows.t, sigma.t - 1e-9)
+    at = sampled(flight)
+    norms = log.norms(sigma)
     pairs = {
-        "sigma_L_e_p": (np.linalg.norm(sigma.payload, axis=1), np.linalg.norm(rows.e_p[at], axis=1)),
-        "sigma_A_delta_W": (sigma_A(flight), np.linalg.norm(rows.delta_W[at], axis=1)),
+        "sigma_L_e_p": (norms["sigma_L"], np.linalg.norm(rows.e_p[at], axis=1)),
+        "sigma_A_delta_W": (norms["sigma_A"], np.linalg.norm(rows.delta_W[at], axis=1)),
     }
     out = {}
     for name, (a, b) in pairs.items():
         flat = np.ptp(a) <= 1e-9 * np.abs(a).max() or np.ptp(b) == 0
         out[name] = None if flat else float(np.corrcoef(a, b)[0, 1])
     return out
+
+
+def sampled(flight: Flight) -> np.ndarray:
+    """Index into the rows of each time at which deviations and radii are known."""
+    return np.searchsorted(flight.rows.t, flight.sigma.t - 1e-9)
+
+
+def bounded(flight: Flight) -> dict[str, Any]:
+    """How the radii along the run compare with the true errors `f - f_hat`: of the payload, and of each agent.
+
+    `exceeded_share`: of the run's samples, how many lie above, of the plain norm, its force part, its moment part and
+    any single output. `tightness_median`: of `rho_bar / |f - f_hat|` over the second half (infinite where data
+    contradict what the bound rests on). `beta`: of the last update, by output.
+    """
+    rows, at, sigma = flight.rows, sampled(flight), flight.sigma
+    half = sigma.t >= min(rows.t[len(rows.t) // 2], sigma.t[-1])
+    count = rows.f_x.shape[1]
+    errors = [np.asarray(rows.f_L - rows.f_L_hat)[at]]
+    joints = np.cumsum([0] + [group.shape[2] - 6 for group in sigma.agents for _ in range(group.shape[1])])
+    for j in range(count):
+        parts = ((rows.f_x - rows.f_x_hat)[at, j], (rows.f_w - rows.f_w_hat)[at, j])
+        errors.append(np.concatenate([*parts, (rows.f_r - rows.f_r_hat)[at, joints[j] : joints[j + 1]]], axis=1))
+    radii = [sigma.payload_radius, *(group[:, j] for group in sigma.agents_radius for j in range(group.shape[1]))]
+    betas = [flight.bands.payload, *(beta for group in flight.bands.agents for beta in group)]
+    found = [
+        _bounded(error, radius, half) | {"beta": np.asarray(beta).tolist()}
+        for error, radius, beta in zip(errors, radii, betas, strict=True)
+    ]
+    return {"payload": found[0], "agents": found[1:]}
+
+
+def _bounded(error: np.ndarray, radius: np.ndarray, half: np.ndarray) -> dict[str, Any]:
+    """Of one body, all its outputs by column."""
+    norm = lambda x: np.linalg.norm(x, axis=1)  # noqa: E731
+    over = {
+        "plain": norm(error) > norm(radius),
+        "force": norm(error[:, :3]) > norm(radius[:, :3]),
+        "moment": norm(error[:, 3:]) > norm(radius[:, 3:]),
+        "any_output": (np.abs(error) > radius).any(1),
+    }
+    with np.errstate(divide="ignore"):  # a residual that is known exactly has no error
+        tightness = norm(radius[half]) / norm(error[half])
+    return {
+        "exceeded_share": {part: float(where.mean()) for part, where in over.items()},
+        "tightness_median": float(np.median(tightness)),
+    }
 
 
 def residual_shares(rows: Row, truth: Team, nominal: Team) -> dict[str, Any]:

@@ -146,7 +146,7 @@ def _payload_of(x: Float[Array, "24"]) -> PayloadState:
 
 @dataclasses.dataclass(frozen=True)
 class Training:
-    """How hyperparameters are fitted at an update."""
+    """How hyperparameters are fitted at an update; where there is no `Training`, those of the prior stay."""
 
     box: gp.Box
     restarts: int
@@ -158,12 +158,13 @@ Fits = Mapping[tuple[int, int] | str, gp.Fit]
 
 
 def teach(
-    oracle: Oracle, payload: Data, agents: tuple[Data, ...], training: Training, last: Fits
+    oracle: Oracle, payload: Data, agents: tuple[Data, ...], training: Training | None, last: Fits
 ) -> tuple[Oracle, Fits]:
     """The oracle frozen on the data so far: fit from the last hyperparameters, then condition (host).
 
     A body without data keeps its predictor. The constant part of each output's prior mean is the mean of its labels
-    (the remark on mean functions); the rest is the GP's. Bodies are fitted side by side.
+    (the remark on mean functions); the rest is the GP's. Bodies are fitted side by side. Without `training` the
+    hyperparameters and the prior mean stay as they are, as error bounds ask for.
     """
     tasks = {"payload": (np.asarray(payload_features(payload.X)), np.asarray(payload.Y), int(payload.n))}
     for i, data in enumerate(agents):
@@ -171,8 +172,11 @@ def teach(
             tasks[i, j] = (np.asarray(data.X[j]), np.asarray(data.Y[j]), int(n))
     tasks = {body: task for body, task in tasks.items() if task[2] > 1}
 
-    def study(body: tuple[int, int] | str) -> tuple[gp.Fit, gp.GP]:
+    def study(body: tuple[int, int] | str) -> tuple[gp.Fit | None, gp.GP]:
         X, Y, n = tasks[body]
+        if training is None:
+            frozen = oracle.payload if isinstance(body, str) else _one(oracle.agents[body[0]], body[1])
+            return None, gp.condition(X[:n], Y[:n], frozen.hyper, len(X))
         before = last.get(body)
         fit = gp.fit(
             X[:n],
@@ -187,7 +191,7 @@ def teach(
     # one BLAS thread each: at these sizes more of them only wait for each other
     with threadpool_limits(1), ThreadPoolExecutor(os.cpu_count()) as pool:
         learned = dict(zip(tasks, pool.map(study, tasks), strict=True))
-    fits = {**last, **{body: fit for body, (fit, _) in learned.items()}}
+    fits = {**last, **{body: fit for body, (fit, _) in learned.items() if fit is not None}}
     groups = []
     for i, group in enumerate(oracle.agents):
         each = [learned[i, j][1] if (i, j) in learned else _one(group, j) for j in range(len(group.n))]

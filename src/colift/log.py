@@ -95,8 +95,19 @@ DEVIATIONS = {
     "sigma_A": Signal((), NEWTON, "none", "sigma_A = sum_j |Sigma_j^(1/2)|, Frobenius, plain norm over all outputs"),
     "sigma_A_force": Signal((), "N", "none", "sum over agents of the norm of the f_x part of sigma_A"),
     "sigma_A_moment": Signal((), TORQUE, "none", "sum over agents of the norm of the (f_omega, f_r) part of sigma_A"),
+    "rho_f_L": Signal(FORCE, NEWTON, SPLIT, "radius about the predicted payload residual f_uk,L, by output"),
+    "rho_f_x": Signal(EACH, "N", "world", "radius about the predicted agent residual f_x, by output"),
+    "rho_f_w": Signal(EACH, "N m", "base", "radius about the predicted agent residual f_omega, by output"),
+    "rho_f_r": Signal(JOINT, TORQUE, "joint", "radius about the predicted agent residual f_r, by output"),
+    "rho_bar_L": Signal((), NEWTON, "none", "rho_bar_L, bounds |f_uk,L - f_hat_L|, plain norm over forces and moments"),
+    "rho_bar_L_force": Signal((), "N", "none", "force part of rho_bar_L"),
+    "rho_bar_L_moment": Signal((), "N m", "none", "moment part of rho_bar_L"),
+    "rho_bar_j": Signal(AGENT, NEWTON, "none", "rho_bar_j, bounds |f_uk,j - f_hat_j|, plain norm over all outputs"),
+    "rho_bar_j_force": Signal(AGENT, "N", "none", "f_x part of rho_bar_j"),
+    "rho_bar_j_moment": Signal(AGENT, TORQUE, "none", "(f_omega, f_r) part of rho_bar_j"),
 }
-"""The posterior along the run, on the coarser axis `time_sigma`."""
+"""The posterior and its error bound along the run, on the coarser axis `time_sigma`; infinite where data contradict
+what the bound rests on."""
 
 
 def dataset(
@@ -132,20 +143,39 @@ def _variable(time: str, signal: Signal, values: object) -> xr.Variable:
 
 
 def _deviations(sigma: Sigma) -> dict[str, np.ndarray]:
-    """Deviations by output, and `sigma_L = |Sigma_L^(1/2)|`, `sigma_A = sum_j |Sigma_j^(1/2)|` with their parts."""
-    parts = {"": slice(None), "_force": slice(0, 3), "_moment": slice(3, None)}
-    load = {f"sigma_L{part}": np.linalg.norm(sigma.payload[:, of], axis=1) for part, of in parts.items()}
-    team = {
-        f"sigma_A{part}": sum(np.linalg.norm(group[..., of], axis=2).sum(1) for group in sigma.agents)
-        for part, of in parts.items()
-    }
-    each = {
+    """Deviations and radii by output, and their norms."""
+    return {
         "sigma_f_L": sigma.payload,
-        "sigma_f_x": np.concatenate([group[..., 0:3] for group in sigma.agents], axis=1),
-        "sigma_f_w": np.concatenate([group[..., 3:6] for group in sigma.agents], axis=1),
-        "sigma_f_r": np.concatenate([group[..., 6:].reshape(len(group), -1) for group in sigma.agents], axis=1),
+        **_by_output("sigma", sigma.agents),
+        "rho_f_L": sigma.payload_radius,
+        **_by_output("rho", sigma.agents_radius),
+        **norms(sigma),
     }
-    return each | load | team
+
+
+def _by_output(name: str, groups: Sequence[np.ndarray]) -> dict[str, np.ndarray]:
+    return {
+        f"{name}_f_x": np.concatenate([group[..., 0:3] for group in groups], axis=1),
+        f"{name}_f_w": np.concatenate([group[..., 3:6] for group in groups], axis=1),
+        f"{name}_f_r": np.concatenate([group[..., 6:].reshape(len(group), -1) for group in groups], axis=1),
+    }
+
+
+def norms(sigma: Sigma) -> dict[str, np.ndarray]:
+    """`sigma_L = |Sigma_L^(1/2)|`, `sigma_A = sum_j |Sigma_j^(1/2)|`, `rho_bar_L`, `rho_bar_j`, each with its parts.
+
+    `rho_bar = |(rho_1, ..., rho_m)|` of a body (ass:oracle_bound), agents by column. The plain norms add newtons and
+    newton metres, as the paper's; their force and moment parts are apart.
+    """
+    out = {}
+    for part, of in {"": slice(None), "_force": slice(0, 3), "_moment": slice(3, None)}.items():
+        each = [np.linalg.norm(group[..., of], axis=2) for group in sigma.agents]
+        radii = [np.linalg.norm(group[..., of], axis=2) for group in sigma.agents_radius]
+        out[f"sigma_L{part}"] = np.linalg.norm(sigma.payload[:, of], axis=1)
+        out[f"sigma_A{part}"] = np.concatenate(each, axis=1).sum(1)
+        out[f"rho_bar_L{part}"] = np.linalg.norm(sigma.payload_radius[:, of], axis=1)
+        out[f"rho_bar_j{part}"] = np.concatenate(radii, axis=1)
+    return out
 
 
 def save(ds: xr.Dataset, path: str | Path) -> None:

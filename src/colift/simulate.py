@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from colift import agent as ag
-from colift import disturbance, dynamics, estimate, fly, grasp, learn, reference, sensor, so3
+from colift import band, disturbance, dynamics, estimate, fly, grasp, learn, reference, sensor, so3
 from colift.model import AgentForce, Residual, State, Team, Wrench, no_force
 from colift.pytree import pytree
 
@@ -123,6 +123,7 @@ def start(world: World, pilot: fly.Pilot, oracle: learn.Oracle, z: State) -> Loo
         xi_dot=tuple(jnp.concatenate([jnp.zeros_like(a.omega), jnp.zeros_like(a.r)], axis=1) for a in z.agents),
         a_L=jnp.zeros(6),
         lam=tuple(jnp.zeros_like(group.contact) for group in world.team.groups),
+        f=no_force(world.team),
     )
     quiet = jax.tree.map(jnp.zeros_like, jax.tree.map(lambda x: x[0], sensor.draw(world.team, jax.random.key(0), 1)))
     m = sensor.sense(world.team, world.sensors, tuple(jnp.zeros_like(x) for x in still.lam), still, quiet)
@@ -152,6 +153,7 @@ def tick(world: World, pilot: fly.Pilot, oracle: learn.Oracle, loop: Loop, noise
         xi_dot=tuple(x.xi_dot for x in a.agents),
         a_L=a.payload,
         lam=felt,
+        f=f,
     )
     m = sensor.sense(team, world.sensors, world.lam_bias, seen, noise)
     told = jax.tree.map(lambda x: world.told * x, f)
@@ -264,8 +266,9 @@ class Plan:
     z: State  # on the manifold
     duration: float  # s
     updates: tuple[float, ...]  # t_k, s
-    training: learn.Training
+    training: learn.Training | None  # None: hyperparameters as stated by the oracle before any data
     identify: Identify | None  # parametric identification of the payload instead of GPs
+    stated: band.Stated  # what the radii along the run rest on
     seed: int
 
 
@@ -279,11 +282,13 @@ class Identify:
 
 @pytree
 class Sigma:
-    """Posterior deviations along the run, at a lower rate than the log; NumPy arrays."""
+    """Posterior deviations and certified radii along the run, at a lower rate than the log; NumPy arrays."""
 
     t: np.ndarray  # s
     payload: np.ndarray  # (time, 6)
     agents: tuple[np.ndarray, ...]  # (time, agents, outputs) by group
+    payload_radius: np.ndarray  # (time, 6), bounds each output's error: see `band.radius`
+    agents_radius: tuple[np.ndarray, ...]  # (time, agents, outputs) by group
 
 
 @dataclasses.dataclass(frozen=True)
@@ -305,6 +310,7 @@ class Flight:
     updates: tuple[Update, ...]
     stopped: str  # empty if the run is complete; else what failed, where and when
     oracle: learn.Oracle  # the last one
+    bands: band.Bands  # of that oracle
     wall: dict[str, float]  # s, by stage
 
 
@@ -323,6 +329,7 @@ def fly_plan(plan: Plan, names: Sequence[str], progress: Callable[[float], None]
     stops = sorted({round(t / dt) for t in plan.updates if t < plan.duration} | {ticks})
     key = jax.random.fold_in(jax.random.key(plan.seed), 2)
     oracle, fits, updates, flown, deviations, wall = plan.oracle, {}, [], [], [], {"simulation": 0.0, "fit": 0.0}
+    bands = band.bands(oracle, plan.stated, 0)
     loop = start(plan.world, plan.pilot, oracle, plan.z)
     done, stopped = 0, ""
     progress(0.0)
@@ -337,7 +344,7 @@ def fly_plan(plan: Plan, names: Sequence[str], progress: Callable[[float], None]
         last = int(loop.tick)
         rows = jax.tree.map(lambda x, n=last - done: np.asarray(x)[:n], rows)
         flown.append(rows)
-        deviations.append(_deviations(plan, oracle, rows, max(1, round(SIGMA_EVERY / dt)), done))
+        deviations.append(_deviations(plan, oracle, bands, rows, max(1, round(SIGMA_EVERY / dt)), done))
         if not bool(loop.sound):
             stopped = _why(plan, rows, names)
         done = last
@@ -345,6 +352,7 @@ def fly_plan(plan: Plan, names: Sequence[str], progress: Callable[[float], None]
         if done in stops and done < ticks and not stopped:
             began = time.perf_counter()
             oracle, fits = _learn(plan, oracle, loop, fits)
+            bands = band.bands(oracle, plan.stated, len(updates) + 1)
             n = {
                 "payload": int(loop.memory.payload_data.n),
                 "agents": int(sum(int(data.n.sum()) for data in loop.memory.agent_data)),
@@ -358,6 +366,7 @@ def fly_plan(plan: Plan, names: Sequence[str], progress: Callable[[float], None]
         updates=tuple(updates),
         stopped=stopped,
         oracle=oracle,
+        bands=bands,
         wall=wall,
     )
 
@@ -373,25 +382,36 @@ def _learn(plan: Plan, oracle: learn.Oracle, loop: Loop, fits: learn.Fits) -> tu
     return dataclasses.replace(oracle, theta=jnp.asarray(theta)), fits
 
 
-def _deviations(plan: Plan, oracle: learn.Oracle, rows: Row, every: int, done: int) -> Sigma:
-    """Posterior deviations at the true states of a chunk, every so many ticks of the run."""
+def _deviations(plan: Plan, oracle: learn.Oracle, bands: band.Bands, rows: Row, every: int, done: int) -> Sigma:
+    """Posterior deviations and radii at the true states of a chunk, every so many ticks of the run."""
     pick = slice((-done) % every, None, every)
     n = len(rows.t[pick])
     room = -(-round(CHUNK / float(plan.pilot.filters.dt)) // every)
     pad = lambda x: np.concatenate([x[pick], np.zeros((room - n, *x.shape[1:]))])  # noqa: E731  one shape, one program
     time_axis = (room, -1)
     x = np.concatenate([pad(rows.p), pad(rows.v), pad(rows.R_L).reshape(time_axis), pad(rows.omega_L)], axis=1)
-    agents, first, joint = [], 0, 0
-    for size, group, model in zip(plan.world.team.sizes, plan.world.team.groups, oracle.agents, strict=True):
+    agents, radii, first, joint = [], [], 0, 0
+    parts = zip(
+        plan.world.team.sizes, plan.world.team.groups, oracle.agents, bands.companion.agents, bands.agents, strict=True
+    )
+    for size, group, model, companion, beta in parts:
         one = slice(first, first + size)
         many = slice(joint, joint + size * group.tree.joints)
         r, r_dot = (pad(a)[:, many].reshape(room, size, -1) for a in (rows.r, rows.r_dot))
         R, center, omega, v = (pad(a)[:, one] for a in (rows.R, rows.x, rows.omega, rows.x_dot))
         inputs = np.concatenate([R.reshape(room, size, 9), center, r, omega, v, r_dot], axis=2)
-        agents.append(np.asarray(learn.agent_deviation(model, jnp.asarray(inputs)))[:n])
+        inputs = jnp.asarray(inputs)
+        agents.append(np.asarray(learn.agent_deviation(model, inputs))[:n])
+        radii.append(np.asarray(band.agent_radius(model, companion, beta, inputs))[:n])
         first, joint = one.stop, many.stop
-    payload = np.asarray(learn.payload_deviation(oracle, jnp.asarray(x)))[:n]
-    return Sigma(t=np.asarray(rows.t[pick]), payload=payload, agents=tuple(agents))
+    x = jnp.asarray(x)
+    return Sigma(
+        t=np.asarray(rows.t[pick]),
+        payload=np.asarray(learn.payload_deviation(oracle, x))[:n],
+        agents=tuple(agents),
+        payload_radius=np.asarray(band.payload_radius(oracle, bands, x))[:n],
+        agents_radius=tuple(radii),
+    )
 
 
 EFFECTS = ("a_L", "lam", "delta_W", "f_L", "f_x", "f_w", "f_r")  # what follows from everything else in a tick

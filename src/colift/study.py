@@ -16,7 +16,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from colift import analyse, fly, gp, learn, log, sensor, simulate
+from colift import analyse, band, fly, gp, learn, log, sensor, simulate
+from colift.model import no_force
 from colift.scenario import Settings, build
 
 CASES = {
@@ -48,12 +49,17 @@ def plans(settings: Settings, cases: Sequence[str]) -> dict[str, simulate.Plan]:
         if case not in known:
             raise KeyError(f"case {case!r}: one of {', '.join(known)}")
     truth, nominal = build.team(settings)
-    sensors = build.sensors(settings)
-    given = settings.learning
+    given, z = settings.learning, build.start(settings, truth)
+    drawn, rig, sources = build.drawn(settings, truth, z), no_force(truth), build.disturbances(settings)
+    if drawn is not None:
+        function, deviation = drawn
+        sources = dataclasses.replace(sources, functions=(function,))
+        rig = jax.tree.map(lambda f: given.rig_error * f, deviation)
+    sensors = build.sensors(settings, rig)
     c1 = simulate.Plan(
         world=simulate.World(
             team=truth,
-            sources=build.disturbances(settings),
+            sources=sources,
             sensors=sensors,
             lam_bias=sensor.bias(truth, sensors, jax.random.fold_in(jax.random.key(settings.seed), 1)),
             told=jnp.asarray(0.0),
@@ -61,15 +67,18 @@ def plans(settings: Settings, cases: Sequence[str]) -> dict[str, simulate.Plan]:
         ),
         pilot=build.pilot(settings, nominal),
         oracle=build.prior(settings, nominal),
-        z=build.start(settings, truth),
+        z=z,
         duration=settings.duration_s,
         updates=(),
         training=learn.Training(
             box=gp.Box(lengthscale=given.lengthscale_bounds),
             restarts=given.restarts,
             max_iterations=given.max_iterations,
-        ),
+        )
+        if given.hyperparameters == "fitted"
+        else None,
         identify=None,
+        stated=build.stated(settings, nominal, rig),
         seed=settings.seed,
     )
     return {case: _as(case, c1, settings) for case in cases}
@@ -137,7 +146,7 @@ def run(
     for case, flying in ready.items():
         flight = simulate.fly_plan(flying, agents, lambda t, case=case: progress(case, t))
         began = time.perf_counter()
-        data[case] = _dataset(settings, case, flight)
+        data[case] = _dataset(settings, case, flight, flying.stated)
         log.save(data[case], out / f"{case}.nc")
         found = analyse.summary(flight, flying.world.team, flying.pilot.team)
         found["wall_s"] = {**flight.wall, "output": time.perf_counter() - began}
@@ -147,6 +156,7 @@ def run(
     background.shutdown()
     found = modes.result()
     summary["slowest_mode"] = {"stable": found.stable, "says": found.slowest(), "rad_s": _complex(found.eigenvalues[0])}
+    summary["bound"] = _rests_on(first.stated)
     summary["residual"] = summary["cases"][list(ready)[-1]]["residual"]
     began = time.perf_counter()
     view.figures(data, out)
@@ -158,7 +168,7 @@ def run(
     return summary
 
 
-def _dataset(settings: Settings, case: str, flight: simulate.Flight) -> Any:
+def _dataset(settings: Settings, case: str, flight: simulate.Flight, stated: band.Stated) -> Any:
     contacts = build.contact_names(settings)
     joints = build.joint_names(settings)
     attrs = {
@@ -171,6 +181,8 @@ def _dataset(settings: Settings, case: str, flight: simulate.Flight) -> Any:
         "stopped": flight.stopped,
         "update_times_s": [update.t for update in flight.updates],
         "T_end_s": settings.learning.end_s,
+        **{f"rho_{name}": value for name, value in _rests_on(stated).items()},
+        "rho_assumed": ", ".join(stated.assumed),  # lists of words are not for every reader of NetCDF
     }
     return log.dataset(
         flight.rows,
@@ -180,6 +192,18 @@ def _dataset(settings: Settings, case: str, flight: simulate.Flight) -> Any:
         attrs=attrs,
         sigma=flight.sigma,
     )
+
+
+def _rests_on(stated: band.Stated) -> dict[str, Any]:
+    """What the radii along the run rest on; they are certified if nothing is assumed, and assumed otherwise."""
+    return {
+        "bound": stated.bound,
+        "confidence": stated.confidence,
+        "norm": stated.norm,
+        "label_error_payload": stated.payload.tolist(),
+        "label_error_agents": np.concatenate([eps.ravel() for eps in stated.agents]).tolist(),
+        "assumed": list(stated.assumed),
+    }
 
 
 def _lengthscales(settings: Settings, fits: learn.Fits) -> dict[str, Any]:

@@ -18,6 +18,7 @@ from jaxtyping import Array
 from colift import agent as ag
 from colift import (
     allocate,
+    band,
     control,
     disturbance,
     dynamics,
@@ -31,6 +32,7 @@ from colift import (
     sensor,
     so3,
 )
+from colift.gp.bounds import Assumption
 from colift.model import (
     Agent,
     AgentForce,
@@ -467,3 +469,54 @@ def _hyper(given: s.Prior, features: int, joints: int = 0) -> gp.Hyper:
         lengthscales=np.full((sum(counts), features), given.lengthscale),
         noise_variance=np.repeat(noise, counts) ** 2,
     )
+
+
+# What error bounds rest on --------------------------------------------------------------------------------------------
+
+
+def stated(settings: s.Settings, nominal: Team, rig: Residual) -> band.Stated:
+    """What the scenario states of the unknown functions and of their labels, and what of it is true by construction.
+
+    `rig` is the calibration rig's largest error. Raises ScenarioError for a label error that is not positive.
+    """
+    given, learning = settings.certificate, settings.learning
+    payload = _label_errors(given.payload, learning.payload, 0)
+    agents = [
+        np.tile(_label_errors(given.agents, learning.agents, group.tree.joints), (size, 1))
+        for size, group in zip(nominal.sizes, nominal.groups, strict=True)
+    ]
+    met = {Assumption.HORIZON}  # a data set is as large as it will ever be when it is full
+    if learning.hyperparameters == "stated":
+        met.add(Assumption.STATED)
+    if learning.samples == "rig":
+        of_payload = np.concatenate([rig.payload.F, rig.payload.tau])
+        of_agents = [np.concatenate([e.f_x, e.f_w, e.f_r], axis=1) for e in rig.agents]
+        payload = of_payload if given.payload is None else payload
+        agents = of_agents if given.agents is None else agents
+        met |= {Assumption.ZERO_MEAN, Assumption.INDEPENDENT, Assumption.PREDICTABLE}
+        if all((a >= b).all() for a, b in zip([payload, *agents], [of_payload, *of_agents], strict=True)):
+            met |= {Assumption.BOUNDED, Assumption.WITHIN_MODEL}  # `band.companion` takes v from eps
+    drawn = settings.drawn is not None and settings.drawn.norm <= given.norm
+    if drawn and learning.hyperparameters == "stated" and not settings.disturbances and settings.nominal == s.Nominal():
+        met.add(Assumption.NORM)
+    try:
+        return band.Stated(
+            bound=given.bound,
+            confidence=given.confidence,
+            norm=given.norm,
+            payload=payload,
+            agents=tuple(agents),
+            met=frozenset(met),
+        )
+    except ValueError as error:
+        raise ScenarioError(f"{settings.name}: certificate: {error}") from None
+
+
+def _label_errors(given: s.LabelError | None, prior: s.Prior, joints: int) -> np.ndarray:
+    """`(6 + joints,)` as stated, or three of the prior's deviations of label noise."""
+    source = [3 * prior.force_noise_N, 3 * prior.moment_noise_Nm] if given is None else [given.force_N, given.moment_Nm]
+    if isinstance(given, s.AgentLabelError):
+        source.append(given.joint_Nm)
+    elif isinstance(prior, s.AgentPrior):
+        source.append(3 * prior.joint_noise_Nm)
+    return np.repeat(source, [3, 3, joints][: len(source)])

@@ -499,6 +499,37 @@ class Baselines(Section):
     """Prior deviation of the payload's inertia error, baseline P."""
 
 
+class LabelError(Section):
+    """Largest errors of labels: noise, bias and delay, and all by which the residual is no function of the state."""
+
+    force_N: Positive
+    """Of a force output."""
+    moment_Nm: Positive
+    """Of a moment output."""
+
+
+class AgentLabelError(LabelError):
+    """Largest errors of an agent's labels."""
+
+    joint_Nm: Positive
+    """Of a joint output; for a sliding joint in N."""
+
+
+class Certificate(Section):
+    """What error bounds rest on; results call assumed what the scenario does not make true by construction."""
+
+    bound: Literal["energy", "srinivas", "abbasi_yadkori", "chowdhury_gopalan", "fiedler"] = "energy"
+    """Which bound of the prediction error (docs/bounds.md)."""
+    confidence: Annotated[Number, Field(gt=0, lt=1)] = 0.95
+    """With which all bounds hold at once: all bodies, outputs and updates."""
+    norm: Positive = 3.0
+    """RKHS norm of every residual output less its prior mean, at most: at most this many signal deviations anywhere."""
+    payload: LabelError | None = None
+    """Label errors of the payload; by default the calibration rig's, or three of the prior's label noise deviations."""
+    agents: AgentLabelError | None = None
+    """Label errors of the agents; by default as for the payload."""
+
+
 class Settings(Section):
     """A whole scenario."""
 
@@ -540,6 +571,8 @@ class Settings(Section):
     """Data and models."""
     baselines: Baselines = Baselines()
     """Rivals of learning."""
+    certificate: Certificate = Certificate()
+    """What error bounds rest on."""
 
     @model_validator(mode="after")
     def _consistent(self) -> Settings:
