@@ -31,8 +31,9 @@ class Gain:
     """The greatest `|y|_2` that inputs within their bounds can bring about, in the output's unit.
 
     No input exceeds `bound`. `inputs`, of shape (steps, columns) in order of time and each held for `step` (s; one
-    sample in discrete time), brings the output from rest to `reached` along the unit vector `direction` at the end
-    (in discrete time: at the output of the last sample). `shares` are what the groups add to the bound there.
+    sample in discrete time), brings the output from rest to the size `reached` at the end (in discrete time: with
+    the last sample, which acts through D alone). `shares` are what the groups add along `direction`, the unit output
+    for which the bound is greatest.
     """
 
     bound: float
@@ -132,7 +133,7 @@ def _gain(
             along = np.einsum("kmn,m->kn", g, u)
             size = np.linalg.norm(along, axis=1, keepdims=True)
             inputs[rows, columns] = limit * np.divide(along, size, out=np.zeros_like(along), where=size > 0)
-    reached = float(np.einsum("kmn,m,kn->", H[::-1], u, inputs[:-1]) + u @ D @ inputs[-1])
+    reached = float(np.linalg.norm(np.einsum("kmn,kn->m", H[::-1], inputs[:-1]) + D @ inputs[-1]))
     return Gain(bound, reached, u, upper(u[None])[0], inputs, step)
 
 

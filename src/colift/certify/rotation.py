@@ -27,13 +27,14 @@ ROUNDING = 1e-9  # relative; every bound here is a few dozen operations on posit
 class Region:
     """States `V <= level`, `Psi <= Psi_edge`, from which `V` falls to its ultimate level: a region of attraction.
 
-    `V = a Psi + |e_omega|^2 / 2 + c e_R . e_omega`. `angle_at_rest` is the greatest initial angle without rate,
-    `rate_aligned` the greatest initial `|e_omega|` without attitude error.
+    `V = a Psi + |e_omega|^2 / 2 + c e_R . e_omega`; its limit is at most `settled`. `angle_at_rest` is the
+    greatest initial angle without rate, `rate_aligned` the greatest initial `|e_omega|` without attitude error.
     """
 
     a: float
     c: float
     level: float
+    settled: float
     Psi_edge: float
     angle_at_rest: float
     rate_aligned: float
@@ -156,9 +157,10 @@ def _region(k_R: float, k_omega: float, rho: float, c: float) -> Region | None:
         return None
     edge = (1 + float(np.sqrt(1 - sine2))) * (1 - ROUNDING)  # Psi of pi - arcsin(sine)
     level = a * edge - c * c / 2 * edge * (2 - edge)  # the least of V at that Psi, over e_omega
-    if level <= _settled_level(k_R, k_omega, rho, c):
+    settled = _settled_level(k_R, k_omega, rho, c)
+    if level <= settled:
         return None
-    return Region(a, c, level, edge, float(np.arccos(1 - level / a)), float(np.sqrt(2 * level)))
+    return Region(a, c, level, settled, edge, float(np.arccos(1 - level / a)), float(np.sqrt(2 * level)))
 
 
 def _settled_level(k_R: float, k_omega: float, rho: float, c: float) -> float:
@@ -167,7 +169,7 @@ def _settled_level(k_R: float, k_omega: float, rho: float, c: float) -> float:
     convex = 1 + np.sqrt(1 - q_star / (c * k_R))  # Psi <= |e_R|^2 / (1 + cos theta)
     x, y = (k_R + c * k_omega) / convex / (c * k_R), 0.5 / (k_omega - c)
     z = 0.5 * c / np.sqrt(c * k_R * (k_omega - c))
-    return q_star * ((x + y) / 2 + np.hypot((x - y) / 2, z)) * (1 + ROUNDING)
+    return float(q_star * ((x + y) / 2 + np.hypot((x - y) / 2, z))) * (1 + ROUNDING)
 
 
 def _trapped(k_R: float, k_omega: float, rho: float, c: float) -> tuple[float, float]:

@@ -25,7 +25,7 @@ class Translation:
     e_v: Gain
 
 
-def ultimate(K_p: ArrayLike, K_v: ArrayLike, rho: float) -> Translation:
+def ultimate(K_p: ArrayLike | float, K_v: ArrayLike | float, rho: float) -> Translation:
     """`limsup |e_p|` and `limsup |e_v|` over all d with `|d(t)|_2 <= rho`, as upper bounds tight to 1e-3.
 
     `sup over unit u of integral |H(s)^T u| ds` times rho, `H` the impulse response (gain.continuous).
@@ -49,7 +49,7 @@ def _scaled(unit: Gain, rho: float) -> Gain:
     )
 
 
-def _gain_matrix(name: str, K: ArrayLike) -> Matrix:
+def _gain_matrix(name: str, K: ArrayLike | float) -> Matrix:
     K = np.asarray(K, float)
     K = K * np.eye(3) if K.ndim == 0 else K
     if K.shape != (3, 3) or not np.isfinite(K).all():
