@@ -17,6 +17,7 @@ PROMISED = {
     *("sigma_A_mean", "lam_max_N", "lam_hf_rms_N", "thrust_min_N", "thrust_max_N", "Phi_max_m", "Phi_dot_max"),
     *("wrench_consistency_max", "eta_max_N", "n_data", "updates", "wall_s"),
 }
+FIGURES = ("tracking", "mismatch", "deviation", "forces", "rho_bar")
 
 
 def invoke(*arguments: str) -> tuple[int, str]:
@@ -79,7 +80,7 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_a_study_leaves_what_it_promises_and_nothing_half_written(results: Path):
     files = {path.name for path in results.iterdir()}
-    figures = {f"figure_{i}_{name}" for i, name in enumerate(("tracking", "mismatch", "deviation", "forces"), 1)}
+    figures = {f"figure_{i}_{name}" for i, name in enumerate(FIGURES, 1)}
     assert files >= {"summary.json", *(f"{case}.nc" for case in ("C1", "C2", "C3", "I", "DOB", "P", "O"))}
     assert files >= {f"{name}.{kind}" for name in figures for kind in ("pdf", "png")}
     assert files >= {f"lengthscales_{case}.{kind}" for case in ("C2", "C3") for kind in ("md", "csv")}

@@ -20,6 +20,7 @@ FIGURES = {
     "figure_2_mismatch": view.mismatch,
     "figure_3_deviation": view.deviation,
     "figure_4_forces": view.contact_forces,
+    "figure_5_rho_bar": view.rho_bar,
 }
 
 
@@ -79,7 +80,7 @@ def test_figures_are_written_as_pdf_and_png(folder):
         if file.suffix == ".png":
             with Image.open(file) as image:
                 assert image.info["dpi"] == pytest.approx((300, 300), abs=0.1)
-                width = 7.16 if "forces" in file.name else 3.5
+                width = 7.16 if "forces" in file.name or "rho" in file.name else 3.5
                 assert image.width == pytest.approx(300 * width, abs=1)
                 assert image.convert("L").getextrema() == (0, 255)
         else:
@@ -137,7 +138,8 @@ def test_nothing_is_cut_off_and_no_legend_hides_a_panel(cases, draw, stopped):
 def test_cases_look_the_same_in_every_figure_and_are_told_apart_in_grey(cases):
     for draw in FIGURES.values():
         figure = draw(shown(draw, cases))
-        for ax, name in itertools.product(figure.axes[:2] if draw is not view.contact_forces else [], CASES):
+        single = draw not in (view.contact_forces, view.rho_bar)  # those have a column for each case
+        for ax, name in itertools.product(figure.axes[:2] if single else [], CASES):
             assert len(curves(ax, name)) == 1
     linear = [np.array(to_rgb(view.LOOKS[name].color)) ** 2.2 for name in CASES]
     lightness = sorted(116 * (x @ [0.2126, 0.7152, 0.0722]) ** (1 / 3) - 16 for x in linear)  # CIE L*
@@ -214,6 +216,65 @@ def test_figure_4_draws_estimates_and_truth_of_every_contact(cases):
     for ax in panels.flat:
         (window,) = ax.patches
         assert (window.get_x(), window.get_x() + window.get_width()) == pytest.approx((8, 14), abs=1e-9)
+
+
+def test_figure_5_draws_every_radius_over_the_true_error_of_its_body(cases):
+    panels = np.array(view.rho_bar({name: cases[name] for name in CASES}).axes).reshape(4, 3)
+    agents = cases["C1"].agent.values
+    for k, name in enumerate(CASES):
+        ds = cases[name]
+        at = np.searchsorted(ds.time, ds.time_sigma)
+        load = (ds.f_L - ds.f_L_hat)[at]
+        f_x, f_w, f_r = ((ds[f] - ds[f"{f}_hat"])[at] for f in ("f_x", "f_w", "f_r"))
+        force, moment = [np.linalg.norm(load[:, :3], axis=1)], [np.linalg.norm(load[:, 3:], axis=1)]
+        radii = [ds.rho_bar_L_force], [ds.rho_bar_L_moment]
+        for agent in agents:
+            joints = [joint for joint in ds.joint.values if joint.startswith(f"{agent}/")]
+            force.append(np.linalg.norm(f_x.sel(agent=agent), axis=1))
+            squares = (f_w.sel(agent=agent) ** 2).sum("axis") + (f_r.sel(joint=joints) ** 2).sum("joint")
+            moment.append(np.sqrt(squares.values))
+            radii[0].append(ds.rho_bar_j_force.sel(agent=agent))
+            radii[1].append(ds.rho_bar_j_moment.sel(agent=agent))
+        bodies = [slice(0, 1), slice(0, 1), slice(1, None), slice(1, None)]
+        for ax, of, part in zip(panels[:, k], bodies, (0, 1, 0, 1), strict=True):
+            lines = [line for line in ax.lines if line.get_color() != "red"]
+            bounds, errors = lines[::2], lines[1::2]
+            expected = list(zip(radii[part][of], (force, moment)[part][of], strict=True))
+            for bound, error, (radius, true) in zip(bounds, errors, expected, strict=True):
+                np.testing.assert_array_equal(bound.get_xdata(), ds.time_sigma)
+                np.testing.assert_array_equal(bound.get_ydata(), radius)
+                np.testing.assert_allclose(error.get_ydata(), true, rtol=1e-14)
+                assert bound.get_linewidth() > 2 * error.get_linewidth()
+
+
+def test_figure_5_shows_where_there_is_no_radius_and_where_the_error_exceeds_it(cases):
+    ds = cases["C3"].copy(deep=True)
+    ds.rho_bar_L_force[:] = 1e3
+    ds.rho_bar_L_force[10:20] = np.inf
+    ds.rho_bar_L_force[30:40] = 1e-9
+    ax = view.rho_bar({"C3": ds}).axes[0]
+    t = ds.time_sigma.values
+    (red,) = [line for line in ax.lines if line.get_color() == "red"]
+    np.testing.assert_array_equal(red.get_xdata(), t[30:40])
+    (hatched,) = ax.collections
+    assert hatched.get_hatch()
+    across = hatched.get_paths()[0].vertices[:, 0]
+    assert (across.min(), across.max()) == (t[10], t[19])
+    assert np.isnan(ax.lines[0].get_ydata()[10:20]).all()
+    legend = [text.get_text() for text in ax.figure.legends[0].get_texts()]
+    assert legend[2:] == ["no finite radius", "error above radius"]
+
+
+def test_figure_5_says_what_its_radii_rest_on(cases):
+    assert "assumed: norm, energy" in view.rho_bar({"C3": cases["C3"]}).get_suptitle()
+    met = cases["C3"].assign_attrs(rho_assumed="")
+    assert "all assumptions met" in view.rho_bar({"C3": met}).get_suptitle()
+
+
+def test_flights_of_one_tick_are_drawn(cases):
+    short = {name: stop(cases[name], 1) for name in CASES}
+    for draw in FIGURES.values():
+        assert draw(short).axes[-1].get_xlim() == (0, 1)
 
 
 def test_without_internal_forces_no_window_is_shaded(cases):

@@ -1,4 +1,7 @@
-"""Figures 1 to 4 of the paper, and the table of learned length-scales. No state of a user's matplotlib is touched."""
+"""Figures 1 to 4 of the paper, the radii of figure 5, and the table of learned length-scales.
+
+No state of a user's matplotlib is touched.
+"""
 
 from __future__ import annotations
 
@@ -28,6 +31,8 @@ STEP = 0.01  # s, between drawn points
 BAND = 0.3  # opacity of the range of a noisy signal
 ACTIVE = "0.92"  # grey of the span in which internal forces act
 TRUTH: dict[str, Any] = {"color": "black", "linewidth": 0.6, "dashes": (3, 2.5)}
+UNBOUNDED: dict[str, Any] = {"facecolor": "none", "edgecolor": "0.6", "hatch": "//////", "linewidth": 0}
+EXCEEDED: dict[str, Any] = {"color": "red", "marker": "|", "markersize": 4, "linestyle": "none"}
 STOPPED: dict[str, Any] = {"marker": "x", "linestyle": "none", "clip_on": False}
 
 STYLE = {
@@ -84,7 +89,7 @@ RIVALS = {
 
 
 def figures(cases: Mapping[str, xr.Dataset], folder: str | Path) -> list[Path]:
-    """Write the paper's four figures of some cases, each as PDF and as PNG (300 dpi); return the files.
+    """Write the paper's four figures of some cases and the radii, each as PDF and as PNG (300 dpi); return the files.
 
     Figure 1 shows every case, the others only those of the paper. A case that stopped early ends in a cross.
     Raises ValueError for a case that has no look, OSError where the folder cannot be written.
@@ -99,6 +104,7 @@ def figures(cases: Mapping[str, xr.Dataset], folder: str | Path) -> list[Path]:
         "figure_2_mismatch": (mismatch, own),
         "figure_3_deviation": (deviation, own),
         "figure_4_forces": (contact_forces, own),
+        "figure_5_rho_bar": (rho_bar, own),
     }
     files = []
     with matplotlib.style.context(["default", STYLE]):
@@ -186,7 +192,10 @@ def _contacts(ax: Axes, name: str, ds: xr.Dataset, contacts: Sequence[str]) -> N
         ax.plot(t, _thin(ds, truth), **TRUTH)
 
 
-def _tint(color: str, k: int, n: int) -> tuple[float, float, float]:
+Color = tuple[float, float, float]
+
+
+def _tint(color: str, k: int, n: int) -> Color:
     """The k-th of n tints of a colour, from itself towards white."""
     white = 0.9 * k / n
     red, green, blue = (white + (1 - white) * c for c in to_rgb(color))
@@ -206,6 +215,83 @@ def _explain(figure: Figure, ds: xr.Dataset) -> None:
     handles += [Patch(color=grey, alpha=BAND, linewidth=0), Line2D([], [], **TRUTH), Patch(color=ACTIVE, linewidth=0)]
     labels += [f"range in {WINDOW:g} s", "truth", r"$\eta$ active"]
     figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
+
+
+PARTS = (  # of figure 5: axis label, radius in the log, its unit
+    (r"payload force", "rho_bar_L_force", "N"),
+    (r"payload moment", "rho_bar_L_moment", "N m"),
+    (r"agents' force", "rho_bar_j_force", "N"),
+    (r"agents' moment", "rho_bar_j_moment", "N m"),
+)
+
+
+def rho_bar(cases: Mapping[str, xr.Dataset]) -> Figure:
+    """Figure 5: radii `rho_bar_L`, `rho_bar_j` over the true errors `|f - f_hat|`, cases by column; agents in tints.
+
+    Hatched where a radius is infinite: the data contradict the norm and the label errors that it rests on. A red mark
+    on the time axis where an error exceeds its radius.
+    """
+    first = next(iter(cases.values()))
+    figure = Figure(figsize=(PAGE, 5.2))
+    grid = figure.subplots(len(PARTS), len(cases), sharex=True, sharey="row", squeeze=False)
+    for column, (name, ds) in zip(grid.T, cases.items(), strict=True):
+        errors = _errors(ds)
+        for ax, (_, radius, _) in zip(column, PARTS, strict=True):
+            bodies = np.atleast_2d(ds[radius].values.T)
+            for k, (bound, error) in enumerate(zip(bodies, errors[radius], strict=True)):
+                _bound(ax, _tint(LOOKS[name].color, k, len(bodies)), ds.time_sigma.values, bound, error)
+        early = "" if ds.attrs["complete"] else f" (stopped at {float(ds.time[-1]):.1f} s)"
+        column[0].set_title(LOOKS[name].label + early, fontsize=8)
+        _time_axis(column[-1], cases)
+    for row, (label, _, unit) in zip(grid, PARTS, strict=True):
+        _log_scale(row[0])
+        row[0].set_ylabel(f"{label} [{unit}]")
+    figure.align_ylabels(grid[:, 0])
+    _explain_radii(figure, first)
+    return figure
+
+
+def _errors(ds: xr.Dataset) -> dict[str, np.ndarray]:
+    """`|f - f_hat|` of each body by the name of its radius, at the times of the radii."""
+    at = ds.sel(time=ds.time_sigma.values, method="nearest")
+    load = (at.f_L - at.f_L_hat).values
+    force, torque, joint = ((at[f] - at[f"{f}_hat"]).values for f in ("f_x", "f_w", "f_r"))
+    owner = [str(name).split("/")[0] for name in ds.joint.values]
+    own = [[name == agent for name in owner] for agent in ds.agent.values]
+    moment = [np.linalg.norm(np.hstack([torque[:, j], joint[:, mine]]), axis=1) for j, mine in enumerate(own)]
+    return {
+        "rho_bar_L_force": np.linalg.norm(load[:, :3], axis=1)[None],
+        "rho_bar_L_moment": np.linalg.norm(load[:, 3:], axis=1)[None],
+        "rho_bar_j_force": np.linalg.norm(force, axis=2).T,
+        "rho_bar_j_moment": np.stack(moment),
+    }
+
+
+def _bound(ax: Axes, color: Color, t: np.ndarray, bound: np.ndarray, error: np.ndarray) -> None:
+    """One body's radius, thick, over its error, thin; where the radius is infinite or too small is marked."""
+    finite = np.isfinite(bound)
+    ax.plot(t, np.where(finite, bound, np.nan), color=color, linewidth=1.6)
+    ax.plot(t, error, color=color, linewidth=0.6)
+    across = ax.get_xaxis_transform()
+    if not finite.all():
+        ax.fill_between(t, 0, 1, where=~finite, transform=across, **UNBOUNDED)
+    over = error > bound
+    ax.plot(t[over], np.full(over.sum(), 0.02), transform=across, **EXCEEDED)
+
+
+def _explain_radii(figure: Figure, ds: xr.Dataset) -> None:
+    """The legend of figure 5, in grey, and what the radii rest on."""
+    grey = "#444444"
+    handles: list[Artist] = [Line2D([], [], color=grey, linewidth=1.6), Line2D([], [], color=grey, linewidth=0.6)]
+    handles += [Patch(**UNBOUNDED), Line2D([], [], **EXCEEDED)]
+    labels = [r"radius $\bar\rho$", r"error $\|f - \hat f\|$", "no finite radius", "error above radius"]
+    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
+    assumed = ds.attrs["rho_assumed"]
+    status = f"assumed: {assumed.replace('_', ' ')}" if assumed else "all assumptions met"
+    figure.suptitle(
+        f"{ds.attrs['rho_bound'].replace('_', ' ')} bound, confidence {ds.attrs['rho_confidence']:g}; {status}",
+        fontsize=8,
+    )
 
 
 def _panels(rows: int, height: float) -> tuple[Figure, list[Axes]]:
@@ -250,9 +336,9 @@ def _log_scale(ax: Axes) -> None:
 
 
 def _time_axis(ax: Axes, cases: Mapping[str, xr.Dataset]) -> None:
-    """From 0 to the end of the longest flight: one period after its last tick."""
+    """From 0 to the end of the longest flight: one period after its last tick; to 1 s where none has a second tick."""
     ax.set_xlabel("time [s]")
-    ax.set_xlim(0, max(float(ds.time[-1]) + _period(ds) for ds in cases.values()))
+    ax.set_xlim(0, max(float(ds.time[-1]) + _period(ds) for ds in cases.values()) or 1.0)
     ax.xaxis.set_major_locator(MaxNLocator(8, steps=[1, 2, 5, 10]))
     ax.xaxis.set_minor_locator(AutoMinorLocator())
 
