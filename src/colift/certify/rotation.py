@@ -41,8 +41,12 @@ class Region:
 
     def contains(self, angle: float, rate: float) -> bool:
         """Whether every start with at most that angle, rad, and `|e_omega|`, rad/s, lies in the region."""
+        return bool(1 - np.cos(angle) <= self.Psi_edge and self.value(angle, rate) <= self.level)
+
+    def value(self, angle: float, rate: float) -> float:
+        """The greatest V over all states with at most that angle, rad, and `|e_omega|`, rad/s."""
         Psi, sine = 1 - np.cos(angle), np.sin(min(angle, np.pi / 2))
-        return bool(Psi <= self.Psi_edge and self.a * Psi + rate * rate / 2 + self.c * sine * rate <= self.level)
+        return float(self.a * Psi + rate * rate / 2 + self.c * sine * rate)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -77,7 +81,7 @@ def ultimate(k_R: float, k_omega: float, rho: float) -> Rotation:
             f"set of V has a place where V may grow; up to rho = {greatest_rho(k_R, k_omega):.4g} rad/s^2 one has none"
         )
     trapped = trap(k_R, k_omega, rho, region)
-    angle, rate = shrink(k_R, k_omega, rho, *trapped)
+    angle, rate = shrink(k_R, k_omega, rho, trapped)
     from_rest = transient(k_R, k_omega, rho, 0.0, 0.0)
     return Rotation(
         angle=angle,
@@ -129,12 +133,10 @@ def trap(k_R: float, k_omega: float, rho: float, region: Region) -> tuple[float,
 
     Once `Psi <= Psi_1` for good, every c with `Psi_1` inside its own edge bounds the limit; the smallest is taken.
     """
-    angle, rate = _trapped(k_R, k_omega, rho, region.c)
+    angle, rate = _within(k_R, k_omega, region.c, region.settled)
+    regions = [r for c in _shares(k_omega) if (r := _region(k_R, k_omega, rho, c))]
     for _ in range(2):
-        usable = [
-            c for c in _shares(k_omega) if (r := _region(k_R, k_omega, rho, c)) and 1 - np.cos(angle) < r.Psi_edge
-        ]
-        both = [_trapped(k_R, k_omega, rho, c) for c in usable]
+        both = [_within(k_R, k_omega, r.c, r.settled) for r in regions if 1 - np.cos(angle) < r.Psi_edge]
         angle, rate = min([angle, *(b[0] for b in both)]), min([rate, *(b[1] for b in both)])
     return angle, rate
 
@@ -172,9 +174,9 @@ def _settled_level(k_R: float, k_omega: float, rho: float, c: float) -> float:
     return float(q_star * ((x + y) / 2 + np.hypot((x - y) / 2, z))) * (1 + ROUNDING)
 
 
-def _trapped(k_R: float, k_omega: float, rho: float, c: float) -> tuple[float, float]:
-    """The greatest angle and `|e_omega|` where V is at most its ultimate level."""
-    a, level = k_R + c * k_omega, _settled_level(k_R, k_omega, rho, c)
+def _within(k_R: float, k_omega: float, c: float, level: float) -> tuple[float, float]:
+    """The greatest angle and `|e_omega|` where V is at most that level."""
+    a = k_R + c * k_omega
     b = a - c * c  # c^2/2 Psi^2 + b Psi <= level, and (1 - c^2 / a) |e_omega|^2 / 2 <= level
     Psi = 2 * level / (b + np.sqrt(b * b + 2 * c * c * level))
     return float(np.arccos(1 - Psi) * (1 + ROUNDING)), float(np.sqrt(2 * level * a / b) * (1 + ROUNDING))
@@ -183,42 +185,65 @@ def _trapped(k_R: float, k_omega: float, rho: float, c: float) -> tuple[float, f
 # -- the small-gain iteration ----------------------------------------------------------------------------------------
 
 
-def shrink(k_R: float, k_omega: float, rho: float, angle: float, rate: float) -> tuple[float, float]:
-    """Ultimate bounds from earlier ones: `x <- min(x, F(x))` until it stays; every iterate is a bound.
+def shrink(
+    k_R: float, k_omega: float, rho: float, bounds: tuple[float, float], free: tuple[float, float] = (0.0, 0.0)
+) -> tuple[float, float]:
+    """Bounds on angle and rate from earlier ones: `x <- min(x, free + F(x))` until it stays; every iterate is a bound.
 
     phi'   = Omega + (theta / (2 sin(theta / 2)) - 1) Omega_across
     Omega' = -k_R phi - k_omega Omega + d + k_R (theta - sin theta) n + g,  |g| <= tan(theta / 4) |Omega|^2 / 2
 
-    F is what the peak gains of the linear part make of the greatest sizes of the rest; it grows with both.
+    F is what the peak gains of the linear part make of the greatest sizes of the rest; it grows with both. `free` is
+    the peak of the free linear response: nothing for bounds in the limit.
     """
     while True:
-        of_angle, of_rate = _push(k_R, k_omega, rho, angle, rate)
-        new = min(angle, of_angle), min(rate, of_rate)
-        if new[0] > angle * (1 - ROUNDING) and new[1] > rate * (1 - ROUNDING):
-            return angle, rate
-        angle, rate = new
+        push = _push(k_R, k_omega, rho, *bounds)
+        new = min(bounds[0], free[0] + push[0]), min(bounds[1], free[1] + push[1])
+        if new[0] >= bounds[0] * (1 - ROUNDING) and new[1] >= bounds[1] * (1 - ROUNDING):
+            return bounds
+        bounds = new
 
 
 def transient(k_R: float, k_omega: float, rho: float, angle: float, rate: float) -> tuple[float, float]:
     """Bounds at all times on angle and `|e_omega|` after a start with at most these; infinite where none is found.
 
-    A pair x with `free + F(x) < x` is never reached from below, `free` being the peak of the free linear response.
+    The smaller of two: what `shrink` makes of the best bound by the level set that the start is on, and a pair x
+    with `free + F(x) < x`, which is never reached from below.
     """
-    r = _peaks(k_R, k_omega)
-    free = r[0] * angle + r[1] * rate, k_R * r[1] * angle + r[2] * rate
+    _check(k_R, k_omega, rho)
+    free = _free(k_R, k_omega, angle, rate)
+    found = [_never_reached(k_R, k_omega, rho, free)]
+    for c in _shares(k_omega):
+        region = _region(k_R, k_omega, rho, c)
+        if region and region.contains(angle, rate):
+            found.append(_within(k_R, k_omega, c, max(region.value(angle, rate), region.settled)))
+    best = min(x[0] for x in found), min(x[1] for x in found)
+    return shrink(k_R, k_omega, rho, best, free) if np.isfinite(best).all() else best
+
+
+def _never_reached(k_R: float, k_omega: float, rho: float, free: tuple[float, float]) -> tuple[float, float]:
+    """The least x found with `free + F(x) < x`, from below; infinite where none is."""
     x = free
-    for _ in range(1000):
-        push = _push(k_R, k_omega, rho, *x) if x[0] < np.pi else (np.inf, np.inf)
-        if not np.isfinite(push).all():
-            break
+    while x[0] < np.pi and np.isfinite(x[1]):
+        push = _push(k_R, k_omega, rho, *x)
         new = free[0] + push[0], free[1] + push[1]
-        if new[0] <= x[0] * (1 + ROUNDING) and new[1] <= x[1] * (1 + ROUNDING):
-            grown = x[0] * (1 + 1e-6) + 1e-12, x[1] * (1 + 1e-6) + 1e-12
+        grown = new[0] * (1 + 1e-6) + 1e-12, new[1] * (1 + 1e-6) + 1e-12
+        if grown[0] < np.pi:
             push = _push(k_R, k_omega, rho, *grown)
-            if free[0] + push[0] < grown[0] < np.pi and free[1] + push[1] < grown[1]:
+            if free[0] + push[0] < grown[0] and free[1] + push[1] < grown[1]:
                 return grown
-        x = max(x[0], new[0]), max(x[1], new[1])
+        x = new
     return np.inf, np.inf
+
+
+def _free(k_R: float, k_omega: float, angle: float, rate: float) -> tuple[float, float]:
+    """Peaks of `|phi|` and `|Omega|` of the free linear response: its energy `|Omega|^2 + k_R |phi|^2` never grows."""
+    w = float(np.sqrt(abs(k_R - k_omega * k_omega / 4)))
+    t = 2 / k_omega  # of the greatest phi from a rate of 1, at critical damping
+    if w > 0:
+        t = float(np.arctan2(w, k_omega / 2) if 4 * k_R > k_omega * k_omega else np.arctanh(2 * w / k_omega)) / w
+    peak = float(expm(np.array([[0.0, 1.0], [-k_R, -k_omega]]) * t)[0, 1]) * (1 + ROUNDING)
+    return angle + peak * rate, k_R * peak * angle + rate
 
 
 def _push(k_R: float, k_omega: float, rho: float, angle: float, rate: float) -> tuple[float, float]:
@@ -267,16 +292,6 @@ def _first_zero(k_R: float, k_omega: float, y: float, y_dot: float) -> tuple[flo
     if q * y >= 0 or w * abs(y) >= abs(q):
         return None, 0.0
     return (float(np.arctanh(-w * y / q)) / w if w > 0 else -y / q), 0.0
-
-
-def _peaks(k_R: float, k_omega: float) -> tuple[float, float, float]:
-    """Greatest |entries| of e^{A t} over t >= 0: phi on phi(0), phi on Omega(0), Omega on Omega(0)."""
-    square = k_R - k_omega * k_omega / 4
-    w = float(np.sqrt(abs(square)))
-    t = 2 / k_omega
-    if w > 0:
-        t = float(np.arctan2(w, k_omega / 2) if square > 0 else np.arctanh(2 * w / k_omega)) / w
-    return 1.0, float(expm(np.array([[0.0, 1.0], [-k_R, -k_omega]]) * t)[0, 1]) * (1 + ROUNDING), 1.0
 
 
 def _check(k_R: float, k_omega: float, rho: float) -> None:
