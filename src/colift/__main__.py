@@ -77,7 +77,7 @@ def study(
 ) -> None:
     """Fly a scenario under C1 (no learning), C2 (payload) and C3 (payload and agents), and compare them.
 
-    Writes one NetCDF file a case, figures 1 to 4 as PDF and PNG, the table of length-scales and summary.json.
+    Writes one NetCDF file a case, figures 1 to 5 as PDF and PNG, the table of length-scales and summary.json.
     """
     from colift import scenario
 

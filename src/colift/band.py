@@ -2,7 +2,7 @@
 
 A band is taken on a companion of the oracle: the posterior of the same data and kernel at the `noise_variance` v
 at which its bound is tight, for that is free in the bound, while the oracle's own is chosen to predict well.
-`docs/bounds.md` has the bounds, and decision 0011 why a companion.
+`docs/bounds.md` has the bounds, and decision 0012 why a companion.
 """
 
 from __future__ import annotations

@@ -1,0 +1,210 @@
+"""Confidence bands: they hold on functions of known norm, and are what their formulas say."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from colift import band, gp, learn
+from colift.gp.bounds import Assumption
+
+OUTPUTS, CAPACITY, INPUTS = 6, 24, 20
+VARIANCE, NOISE = 0.49, 1e-4
+X_TEST = np.random.default_rng(1).uniform(-2, 2, (200, INPUTS))
+along = jax.jit(jax.vmap(band.radius, in_axes=(None, None, None, 0)))
+means = jax.jit(jax.vmap(gp.mean, in_axes=(None, 0)))
+
+
+def hyper(outputs: int = OUTPUTS, dimensions: int = INPUTS) -> gp.Hyper:
+    return gp.hyperparameters(np.full(outputs, VARIANCE), np.full(dimensions, 3.0), np.full(outputs, NOISE))
+
+
+def drawn(rng: np.random.Generator, norm: float) -> gp.GP:
+    """A function of known norm, as a posterior mean."""
+    h, centers = hyper(), rng.uniform(-2, 2, (15, INPUTS))
+    weights = rng.normal(size=(OUTPUTS, 15))
+    scale = norm / np.asarray(gp.norm(gp.expansion(h, centers, weights)))
+    return gp.expansion(h, centers, weights * scale[:, None])
+
+
+def labelled(rng: np.random.Generator, norm: float, eps: np.ndarray, n: int = CAPACITY) -> tuple[gp.GP, gp.GP]:
+    """A function, and the posterior on labels that err by eps, one way or the other."""
+    f, X = drawn(rng, norm), rng.uniform(-2, 2, (n, INPUTS))
+    Y = np.asarray(means(f, jnp.asarray(X))) + eps * rng.choice([-1.0, 1.0], (n, OUTPUTS))
+    return f, gp.condition(X, Y, hyper(), CAPACITY)
+
+
+def stated(bound: str = "energy", norm: float = 2.0, eps: float = 0.1, **other: object) -> band.Stated:
+    given = {"bound": bound, "confidence": 0.95, "norm": norm, "payload": np.full(6, eps)}
+    return band.Stated(**(given | {"agents": (np.full((2, 9), eps),)} | other))
+
+
+def oracle(payload: gp.GP, seed: int = 0, n: int = 10) -> learn.Oracle:
+    """An oracle with that payload model, and a group of two agents whose labels are noise."""
+    rng = np.random.default_rng(seed)
+    agents = [gp.condition(rng.normal(size=(n, 24)), rng.normal(size=(n, 9)), hyper(9, 24), CAPACITY) for _ in range(2)]
+    return learn.Oracle(payload=payload, agents=(jax.tree.map(lambda *x: jnp.stack(x), *agents),), theta=jnp.zeros(10))
+
+
+# They hold ------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("bound", band.ALONG)
+def test_the_error_of_a_model_is_within_the_radius_wherever_it_is_asked(bound):
+    """Noise at the limit of what is assumed; the model's own noise variance is far too small."""
+    closest = 0.0
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        norm, eps = rng.uniform(0.5, 4), rng.uniform(0.02, 0.5, OUTPUTS)
+        f, model = labelled(rng, norm, eps)
+        other = band.companion(model, bound, norm, eps)
+        beta = band.factor(other, bound, norm, eps, 0.95)
+        radius = along(model, other, beta, jnp.asarray(X_TEST))
+        error = np.abs(means(f, jnp.asarray(X_TEST)) - means(model, jnp.asarray(X_TEST)))
+        assert (error <= radius).all()
+        closest = max(closest, float((error / radius).max()))
+    assert closest > {"energy": 0.3, "srinivas": 1e-4}.get(bound, 0.08)  # the errors are of the size of what they test
+
+
+def test_a_norm_or_label_error_that_is_stated_too_small_is_found_out():
+    """The check above can fail: with a third of the norm and a tenth of the error no radius holds."""
+    wrong = 0
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        eps = np.full(OUTPUTS, 0.2)
+        f, model = labelled(rng, 3.0, eps)
+        other = band.companion(model, "energy", 1.0, eps / 10)
+        beta = band.factor(other, "energy", 1.0, eps / 10, 0.95)
+        radius = along(model, other, beta, jnp.asarray(X_TEST))
+        error = np.abs(means(f, jnp.asarray(X_TEST)) - means(model, jnp.asarray(X_TEST)))
+        wrong += int((np.isinf(radius) | (error > radius)).any(0).sum())
+    assert wrong > 12
+
+
+def test_a_companion_is_tighter_than_the_model_whose_noise_is_fitted():
+    rng = np.random.default_rng(5)
+    eps = np.full(OUTPUTS, 0.2)
+    _, model = labelled(rng, 2.0, eps)
+    x = jnp.asarray(X_TEST)
+    other = band.companion(model, "energy", 2.0, eps)
+    tight = along(model, other, band.factor(other, "energy", 2.0, eps, 0.95), x)
+    plain = along(model, model, band.factor(model, "energy", 2.0, eps, 0.95), x)
+    assert np.median(tight) < 0.5 * np.median(plain)
+
+
+# They are what their formulas say -------------------------------------------------------------------------------------
+
+
+def posterior(model: gp.GP, i: int, v: float, x: np.ndarray) -> tuple[float, float, np.ndarray, np.ndarray]:
+    """Mean and deviation at x of output i with another noise variance, its Gram matrix and its labels."""
+    n = int(model.n)
+    X, y = np.asarray(model.X)[:n] / 3.0, np.asarray(model.Y)[:n, i]
+    k = lambda a, b: VARIANCE * np.exp(-0.5 * ((a[:, None] - b[None]) ** 2).sum(-1))  # noqa: E731
+    K, k_x = k(X, X), k(X, x[None] / 3.0)[:, 0]
+    solved = np.linalg.solve(K + v * np.eye(n), np.stack([y, k_x], axis=1))
+    return k_x @ solved[:, 0], math.sqrt(VARIANCE - k_x @ solved[:, 1]), K, y
+
+
+def test_the_energy_radius_is_its_equation_at_the_noise_that_evens_norm_and_noise():
+    rng = np.random.default_rng(2)
+    eps = rng.uniform(0.1, 0.4, OUTPUTS)
+    _, model = labelled(rng, 2.0, eps, n=17)
+    held = band.bands(oracle(model), stated(payload=eps), 3)
+    radius = along(model, held.companion.payload, held.payload, jnp.asarray(X_TEST[:5]))
+    for i, k in np.ndindex(OUTPUTS, 5):
+        v = 17 * eps[i] ** 2 / 2.0**2
+        mean, deviation, K, y = posterior(model, i, v, X_TEST[k])
+        beta = math.sqrt(2.0**2 + 17 * eps[i] ** 2 / v - y @ np.linalg.solve(K + v * np.eye(17), y))
+        flown, _, _, _ = posterior(model, i, NOISE, X_TEST[k])
+        assert float(held.payload[i]) == pytest.approx(beta, rel=1e-9)
+        assert beta <= math.sqrt(2) * 2.0
+        assert float(radius[k, i]) == pytest.approx(abs(flown - mean) + beta * deviation, rel=1e-8)
+
+
+@pytest.mark.parametrize("k", [1, 2, 5])
+def test_each_update_body_and_output_has_its_share_of_the_confidence(k):
+    rng = np.random.default_rng(3)
+    _, model = labelled(rng, 2.0, np.full(OUTPUTS, 0.1), n=15)
+    full = oracle(model)
+    held = band.bands(full, stated("abbasi_yadkori"), k)
+
+    def beta(K: np.ndarray, outputs: int) -> float:
+        failure = 0.05 * 6 / (math.pi * k) ** 2 / (3 * outputs)  # three bodies
+        _, log_det = np.linalg.slogdet(np.eye(len(K)) + K / 0.1**2)
+        return 2.0 + 0.1 * math.sqrt((2 * math.log(1 / failure) + log_det) / 0.1**2)
+
+    _, _, K, _ = posterior(model, 0, 0.1**2, X_TEST[0])
+    np.testing.assert_allclose(held.payload, beta(K, 6), rtol=1e-9)
+    for j in range(2):
+        one = jax.tree.map(lambda x, j=j: x[j], full.agents[0])
+        _, _, K, _ = posterior(one, 0, 0.1**2, np.zeros(24))
+        np.testing.assert_allclose(held.agents[0][j], beta(K, 9), rtol=1e-9)
+
+
+@given(norm=st.floats(0.1, 10), k=st.integers(0, 4), bound=st.sampled_from(band.ALONG))
+@settings(max_examples=15)
+def test_before_any_data_beta_is_the_norm_whatever_the_bound(norm, k, bound):
+    empty = gp.prior(hyper(), CAPACITY)
+    held = band.bands(oracle(empty), stated(bound, norm=norm), k)
+    np.testing.assert_array_equal(held.payload, norm)
+    radius = band.radius(empty, held.companion.payload, held.payload, jnp.zeros(INPUTS))
+    np.testing.assert_allclose(radius, norm * math.sqrt(VARIANCE), rtol=1e-12)
+
+
+def test_paths_of_samples_give_the_radius_of_each():
+    rng = np.random.default_rng(4)
+    _, model = labelled(rng, 2.0, np.full(OUTPUTS, 0.1))
+    full = oracle(model)
+    held = band.bands(full, stated(norm=9.0, eps=1.5), 1)
+    x = rng.normal(size=(3, 24))
+    together = band.payload_radius(full, held, jnp.asarray(x))
+    features = learn.payload_features(jnp.asarray(x))
+    each = [band.radius(model, held.companion.payload, held.payload, features[k]) for k in range(3)]
+    np.testing.assert_allclose(together, each, rtol=1e-12)
+    path = rng.normal(size=(3, 2, 24))
+    group = band.agent_radius(full.agents[0], held.companion.agents[0], held.agents[0], jnp.asarray(path))
+    for t, j in np.ndindex(3, 2):
+        one, other = (jax.tree.map(lambda x, j=j: x[j], g) for g in (full.agents[0], held.companion.agents[0]))
+        np.testing.assert_allclose(group[t, j], band.radius(one, other, held.agents[0][j], jnp.asarray(path[t, j])))
+
+
+# What they rest on ----------------------------------------------------------------------------------------------------
+
+
+def test_data_that_contradict_what_is_stated_leave_no_radius():
+    rng = np.random.default_rng(6)
+    X = rng.uniform(-2, 2, (20, INPUTS))
+    model = gp.condition(X, rng.choice([-3.0, 3.0], (20, OUTPUTS)), hyper(), CAPACITY)
+    held = band.bands(oracle(model), stated(norm=0.5, eps=0.01), 1)
+    assert np.isinf(held.payload).all()
+    at_data = band.radius(model, held.companion.payload, held.payload, jnp.asarray(X[0]))
+    assert np.isinf(at_data).all()  # and not NaN, however small the deviation is there
+
+
+def test_what_is_not_met_is_assumed_by_name():
+    assert stated().assumed == ("norm", "energy")
+    assert stated(met=frozenset({Assumption.NORM, Assumption.BOUNDED})).assumed == ()
+    rig = frozenset({Assumption.BOUNDED, Assumption.ZERO_MEAN, Assumption.PREDICTABLE, Assumption.STATED})
+    assert stated("abbasi_yadkori", met=rig).assumed == ("norm",)
+    assert stated("srinivas", met=rig).assumed == ("norm", "within_model")
+
+
+@pytest.mark.parametrize(
+    ("wrong", "says"),
+    [
+        ({"bound": "chernoff"}, "bound = 'chernoff': must be one of energy"),
+        ({"norm": 0.0}, "norm = 0.0: must be positive"),
+        ({"payload": np.array([0.1] * 5 + [0.0])}, "payload"),
+        ({"agents": (np.full((2, 9), np.nan),)}, r"agents\[0\]"),
+    ],
+)
+def test_what_nothing_can_rest_on_is_refused(wrong, says):
+    with pytest.raises(ValueError, match=says):
+        dataclasses.replace(stated(), **wrong)
