@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
@@ -109,6 +110,7 @@ def track(
             "Phi": jnp.abs(grasp.Phi(team, z)).max(),
             "Phi_dot": jnp.abs(grasp.Phi_dot(team, z)).max(),
             "grip": grasp.grip(team, z).min(),
+            "rate": jnp.stack([jnp.abs(x).max() for a in z.agents for x in (a.omega, a.r_dot) if x.size]).max(),
             "work": work,
             "rough": rough,
         }
@@ -118,11 +120,11 @@ def track(
     return z, jax.tree.map(lambda first, rest: jnp.concatenate([first[None], rest]), observe(start), seen)
 
 
-def forced(team: Team, seed: int) -> tuple[dynamics.Inputs, Residual]:
-    """Constant inputs about hover and a constant force on the payload."""
+def forced(team: Team, seed: int, hover: float = 1.0) -> tuple[dynamics.Inputs, Residual]:
+    """Constant inputs about a share of hover and a constant force on the payload."""
     rng, f = np.random.default_rng(seed), no_force(team)
     mass = float(team.payload.mass + sum(group.mass.sum() for group in team.groups))
-    hover = 9.81 * mass / sum(team.sizes)
+    hover *= 9.81 * mass / sum(team.sizes)
     inputs = tuple(
         AgentInput(
             u=hover + jnp.array(rng.normal(size=n)),
@@ -135,10 +137,9 @@ def forced(team: Team, seed: int) -> tuple[dynamics.Inputs, Residual]:
     return inputs, dataclasses.replace(f, payload=pull)
 
 
-def convergence(seed: int, projected: bool) -> dict[str, object]:
+def convergence(team: Team, z: State, seed: int, projected: bool, hover: float = 1.0) -> dict[str, object]:
     """Errors of state and contact force after 0.4 s over five step sizes, and the slopes of their logarithms."""
-    team, z = thrown_reference(seed)
-    inputs, f = forced(team, seed)
+    inputs, f = forced(team, seed, hover)
 
     def end(steps: int) -> tuple[np.ndarray, np.ndarray]:
         final = run(team, z, inputs, f, jnp.array(0.4 / steps), jnp.array(steps), jnp.array(projected))
@@ -166,33 +167,72 @@ def arrival(team: Team, z: State, inputs: dynamics.Inputs, f: Residual, *, steps
     return sum(jnp.sin((1.0 + i) * part + 0.1 * jnp.arange(float(len(part)))).sum() for i, part in enumerate(parts))
 
 
-def gradient_errors(team: Team, z: State, seed: int, steps: int) -> dict[str, float]:
-    """Forward- and reverse-mode derivatives of `arrival` along a direction against central differences, relative.
+def _varied(s: jax.Array, case: tuple) -> tuple[Team, State, dynamics.Inputs, Residual]:
+    """The case with masses, inertias, velocities, inputs and forces changed by s; positions stay on the grasp."""
+    team, z, inputs, f, turns, F = case
+    scale = lambda x, k: x * (1 + s * k)  # noqa: E731
+    groups = tuple(
+        dataclasses.replace(group, mass=scale(group.mass, 0.3), inertia=scale(group.inertia, -0.2))
+        for group in team.groups
+    )
+    load = dataclasses.replace(team.payload, mass=scale(team.payload.mass, 0.5))
+    faster = tuple(
+        dataclasses.replace(a, omega=a.omega + s * turn, r_dot=scale(a.r_dot, 0.4), v=scale(a.v, 0.2))
+        for a, (turn, _) in zip(z.agents, turns, strict=True)
+    )
+    commanded = tuple(
+        dataclasses.replace(u, u=scale(u.u, 0.1), tau=u.tau + s * tau)
+        for u, (_, tau) in zip(inputs, turns, strict=True)
+    )
+    pulled = dataclasses.replace(f, payload=dataclasses.replace(f.payload, F=f.payload.F + s * F))
+    varied = dataclasses.replace(team, groups=groups, payload=load)
+    return varied, dataclasses.replace(z, agents=faster), commanded, pulled
 
-    The direction changes masses, inertias, lengths, the velocities, inputs and forces; positions stay on the grasp.
-    """
-    inputs, f = forced(team, seed)
+
+@functools.partial(jax.jit, static_argnames="steps")
+def _value(s: jax.Array, case: tuple, *, steps: int) -> jax.Array:
+    return arrival(*_varied(s, case), steps=steps)
+
+
+@functools.partial(jax.jit, static_argnames="steps")
+def _forward(case: tuple, *, steps: int) -> jax.Array:
+    return jax.jvp(lambda s: _value(s, case, steps=steps), (jnp.zeros(()),), (jnp.ones(()),))[1]
+
+
+@functools.partial(jax.jit, static_argnames="steps")
+def _reverse(case: tuple, *, steps: int) -> jax.Array:
+    return jax.grad(lambda s: _value(s, case, steps=steps))(jnp.zeros(()))
+
+
+def gradient_errors(team: Team, z: State, seed: int, steps: int, hover: float = 1.0) -> dict[str, float]:
+    """Forward- and reverse-mode derivatives of `arrival` along a direction against central differences, relative."""
     rng = np.random.default_rng(seed + 1)
+    turns = tuple(jnp.array(0.1 * rng.normal(size=(2, *a.omega.shape))) for a in z.agents)
+    case = (team, z, *forced(team, seed, hover), turns, jnp.array(rng.normal(size=3)))
+    forward, reverse = float(_forward(case, steps=steps)), float(_reverse(case, steps=steps))
+    expected, doubt = differences(lambda s: float(_value(jnp.array(s), case, steps=steps)))
+    return {
+        "forward": abs(forward / expected - 1),
+        "reverse": abs(reverse / expected - 1),
+        "doubt": abs(doubt / expected),
+        "derivative": expected,
+    }
 
-    def varied(s: jax.Array | float) -> tuple:
-        scale = lambda x, k: x * (1 + s * k)  # noqa: E731
-        group, load = team.groups[0], team.payload
-        group = dataclasses.replace(group, mass=scale(group.mass, 0.3), inertia=scale(group.inertia, -0.2))
-        load = dataclasses.replace(load, mass=scale(load.mass, 0.5))
-        other = dataclasses.replace(team, groups=(group,), payload=load)
-        a = z.agents[0]
-        faster = dataclasses.replace(a, omega=a.omega + s * omega, r_dot=scale(a.r_dot, 0.4), v=scale(a.v, 0.2))
-        pulled = dataclasses.replace(f, payload=dataclasses.replace(f.payload, F=f.payload.F + s * F))
-        commanded = (dataclasses.replace(inputs[0], u=scale(inputs[0].u, 0.1), tau=inputs[0].tau + s * tau),)
-        return other, dataclasses.replace(z, agents=(faster,)), commanded, pulled
 
-    omega, tau = jnp.array(0.1 * rng.normal(size=(2, *z.agents[0].omega.shape)))
-    F = jnp.array(rng.normal(size=3))
-    value = lambda s: arrival(*varied(s), steps=steps)  # noqa: E731
-    forward = float(jax.jit(lambda s: jax.jvp(value, (s,), (jnp.ones(()),))[1])(jnp.zeros(())))
-    reverse = float(jax.jit(jax.grad(value))(jnp.zeros(())))
-    # Richardson's combination of two central differences: the error of one is its curvature, not the derivative's
-    central = lambda h: float(value(h) - value(-h)) / (2 * h)  # noqa: E731
-    h = 1e-4
-    expected = (4 * central(h / 2) - central(h)) / 3
-    return {"forward": abs(forward / expected - 1), "reverse": abs(reverse / expected - 1), "derivative": expected}
+def differences(value: Callable[[float], float]) -> tuple[float, float]:
+    """The slope at 0 by central differences over twelve steps, extrapolated (Ridders 1982), and its own error estimate.
+
+    One step size would be wrong by curvature where the motion is lively, by rounding where it is not.
+    """
+    table: list[list[float]] = []
+    best, doubt = 0.0, np.inf
+    for i in range(12):
+        h = 1e-3 / 2**i
+        row = [(value(h) - value(-h)) / (2 * h)]
+        for j, above in enumerate(table[-1] if table else []):
+            row.append((4 ** (j + 1) * row[j] - above) / (4 ** (j + 1) - 1))
+            error = max(abs(row[-1] - row[j]), abs(row[-1] - above))
+            if error < doubt:
+                best, doubt = row[-1], error
+        table.append(row)
+    return best, doubt

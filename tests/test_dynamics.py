@@ -213,7 +213,7 @@ def test_energy_and_momentum_are_kept(falling: float, projected: bool) -> None:
 
 def test_order_of_convergence() -> None:
     """Four in the state, at least three in the contact forces, over five step sizes."""
-    slopes = motion.convergence(seed=1, projected=True)
+    slopes = motion.convergence(*motion.thrown_reference(1), seed=1, projected=True)
     assert slopes["state"] == pytest.approx(4, abs=0.15)
     assert slopes["force"] > 3
 
