@@ -62,7 +62,7 @@ class Bands:
 
     companion: learn.Oracle
     payload: Float[Array, "6"]  # beta
-    agents: tuple[Float[Array, "agents outputs"], ...]  # beta, by group
+    agents: tuple[Float[Array, "_agents _outputs"], ...]  # beta, by group
 
 
 def bands(oracle: learn.Oracle, stated: Stated, k: int) -> Bands:

@@ -1,0 +1,261 @@
+"""Figures of merit against definitions written out another way, and the linearized loop against the flown one."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from colift import analyse, band, log, simulate
+from colift.model import Team
+from colift.scenario import build
+from tests import flights
+from tests import paper_flights as paper
+
+SHAPE = flights.PAPER._replace(time=240)
+TRUTH, NOMINAL = build.team(paper.SETTINGS)
+CONTACTS = [np.array(c) for agent in paper.SETTINGS.agents for c in agent.contacts_m]
+
+
+def with_rows(rows: simulate.Row, **signals: np.ndarray) -> simulate.Row:
+    """The log with some signals replaced, of the shapes that `Row` states."""
+    changed = dataclasses.replace(
+        jax.tree.map(jnp.asarray, rows), **{name: jnp.asarray(x) for name, x in signals.items()}
+    )
+    return jax.tree.map(np.array, changed)
+
+
+def flight(seed: int, shape: flights.Shape = SHAPE, **rows: np.ndarray) -> simulate.Flight:
+    """A random flight, with some signals of its log stated."""
+    rng = np.random.default_rng(seed)
+    attitudes = Rotation.random(shape.time, random_state=seed).as_matrix()
+    made = with_rows(flights.rows(rng, shape), **({"R_L_hat": attitudes, "R_L": attitudes} | rows))
+    beta = [rng.uniform(1, 5, (n, 6 + joints)) for n, joints, _ in shape.groups]
+    oracle = paper.plan("C1").oracle
+    bands = band.Bands(companion=oracle, payload=jnp.arange(6.0), agents=tuple(jnp.asarray(b) for b in beta))
+    return simulate.Flight(
+        rows=made, sigma=flights.sigma(rng, shape), updates=(), stopped="", oracle=oracle, bands=bands, wall={}
+    )
+
+
+def wrench(lam: np.ndarray, R: np.ndarray) -> np.ndarray:
+    """`(sum lam, sum c x R^T lam)`, contact by contact."""
+    force, moment = np.zeros(3), np.zeros(3)
+    for c, f in zip(CONTACTS, lam, strict=True):
+        force += f
+        moment += np.cross(c, R.T @ f)
+    return np.concatenate([force, moment])
+
+
+# Figures of merit -----------------------------------------------------------------------------------------------------
+
+
+def test_norm_rms_is_the_root_of_the_mean_square_of_the_norms():
+    x = np.random.default_rng(0).normal(size=(7, 2, 3))
+    squares = [sum(v * v for v in sample.flat) for sample in x]
+    assert analyse.norm_rms(x) == pytest.approx((sum(squares) / 7) ** 0.5, rel=1e-14)
+
+
+def test_the_summary_is_of_the_second_half_but_for_what_must_hold_always():
+    made = flight(1)
+    found = analyse.summary(made, TRUTH, NOMINAL)
+    late = slice(120, None)
+    rows = made.rows
+    assert found["e_p_rms_m"] == pytest.approx(np.sqrt((rows.e_p[late] ** 2).sum() / 120), rel=1e-12)
+    assert found["Psi_mean"] == pytest.approx(rows.Psi[late].mean(), rel=1e-12)
+    assert found["e_lam_rms_N"] == pytest.approx(np.sqrt(((rows.lam - rows.lam_cmd)[late] ** 2).sum() / 120), rel=1e-12)
+    force, moment = (np.sqrt((rows.delta_W[late, part] ** 2).sum() / 120) for part in (slice(3), slice(3, None)))
+    assert found["delta_W_force_rms_N"] == pytest.approx(force, rel=1e-12)
+    assert found["delta_W_moment_rms_Nm"] == pytest.approx(moment, rel=1e-12)
+    assert found["delta_W_rms"] == pytest.approx(np.hypot(force, moment), rel=1e-12)
+    assert found["lam_max_N"] == pytest.approx(max(np.sqrt((f**2).sum()) for f in rows.lam[late].reshape(-1, 3)))
+    assert (found["thrust_min_N"], found["thrust_max_N"]) == (rows.u[late].min(), rows.u[late].max())
+    assert (found["Phi_max_m"], found["singular_min"]) == (rows.Phi.max(), rows.singular.min())
+    assert found["saturated_ticks"] == sum(bool(tick.any()) for tick in rows.saturated)
+    assert found["n_data"] == {"payload": 0, "agents": 0}
+    sigma = made.sigma
+    late = sigma.t >= rows.t[120]
+    each = [np.linalg.norm(sigma.agents[0][late, j], axis=1) for j in range(2)]
+    assert found["sigma_A_mean"] == pytest.approx((each[0] + each[1]).mean(), rel=1e-12)
+    assert found["sigma_L_force_mean"] == pytest.approx(np.linalg.norm(sigma.payload[late, :3], axis=1).mean())
+
+
+@pytest.mark.parametrize(("hertz", "share"), [(60.0, 1.0), (100.0, 1.0), (20.0, 0.5), (3.0, 0.0)])
+def test_chatter_is_what_contact_forces_have_above_20_hertz(hertz, share):
+    """A tone of amplitude 2 N in one component: all of it above the corner, half at it (twice -3 dB), none below."""
+    shape = SHAPE._replace(time=3000)
+    t = shape.period * np.arange(shape.time)
+    lam = np.zeros((shape.time, 4, 3))
+    lam[:, 2, 1] = 30 + 2 * np.sin(2 * np.pi * hertz * t)
+    lam[:, 0, 0] = 5 * np.sin(2 * np.pi * 0.5 * t)
+    assert analyse.chatter(flight(2, shape, lam=lam).rows) == pytest.approx(share * 2 / 2**0.5, abs=0.02)
+
+
+def test_flights_too_short_to_filter_have_no_chatter():
+    assert np.isnan(analyse.chatter(flight(2, SHAPE._replace(time=99)).rows))
+
+
+def test_consistency_and_identity_find_the_tick_that_breaks_them():
+    made = flight(3)
+    R, lam, lam_cmd = made.rows.R_L_hat, made.rows.lam, made.rows.lam_cmd
+    W_d = np.stack([wrench(lam_cmd[k], R[k]) for k in range(SHAPE.time)])
+    delta_W = np.stack([wrench(lam[k], R[k]) for k in range(SHAPE.time)]) - W_d
+    rows = with_rows(made.rows, W_d=W_d, delta_W=delta_W)
+    assert analyse.consistency(rows, NOMINAL) < 1e-12
+    assert analyse.identity(rows, NOMINAL) < 1e-12
+    W_d[77] += [0, 0.3, 0, 0, 0, 0.4]
+    delta_W[5] += [0.6, 0, 0, 0.8, 0, 0]
+    rows = with_rows(made.rows, W_d=W_d, delta_W=delta_W)
+    assert analyse.consistency(rows, NOMINAL) == pytest.approx(0.5, rel=1e-9)
+    assert analyse.identity(rows, NOMINAL) == pytest.approx(1.0, rel=1e-9)
+
+
+def test_correlations_are_pearson_s_and_of_a_constant_there_is_none():
+    made = flight(4)
+    at = np.arange(0, SHAPE.time, 5)
+    sigma_A = np.linalg.norm(made.sigma.agents[0], axis=2).sum(1)
+    mismatch = np.linalg.norm(made.rows.delta_W[at], axis=1)
+    centred = [x - x.mean() for x in (sigma_A, mismatch)]
+    expected = (centred[0] @ centred[1]) / np.sqrt((centred[0] @ centred[0]) * (centred[1] @ centred[1]))
+    assert analyse.correlations(made)["sigma_A_delta_W"] == pytest.approx(expected, rel=1e-9)
+    e_p = np.zeros_like(made.rows.e_p)
+    e_p[at, 0] = 0.1 + 2 * np.linalg.norm(made.sigma.payload, axis=1)
+    told = dataclasses.replace(made, rows=with_rows(made.rows, e_p=e_p))
+    assert analyse.correlations(told)["sigma_L_e_p"] == pytest.approx(1.0, abs=1e-12)
+    flat = dataclasses.replace(made.sigma, payload=np.ones_like(made.sigma.payload))
+    assert analyse.correlations(dataclasses.replace(made, sigma=flat))["sigma_L_e_p"] is None
+
+
+# Error bounds ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("shape", [SHAPE, flights.MIXED._replace(time=200)])
+def test_bounded_counts_errors_above_their_radii_body_by_body(shape):
+    made = flight(5, shape)
+    found = analyse.bounded(made)
+    ds = log.dataset(made.rows, sigma=made.sigma, attrs={}, **shape.names)
+    at = np.searchsorted(ds.time, ds.time_sigma)
+
+    def parts(agent: str | None) -> tuple[list, list]:
+        if agent is None:
+            return [ds.f_L[at] - ds.f_L_hat[at]], [ds.rho_f_L]
+        own = [joint for joint in ds.joint.values if joint.startswith(f"{agent}/")]
+        pick = [{"agent": agent}, {"agent": agent}, {"joint": own}]
+        error = [(ds[f] - ds[f"{f}_hat"])[at].sel(s) for f, s in zip(("f_x", "f_w", "f_r"), pick, strict=True)]
+        return error, [ds[f].sel(s) for f, s in zip(("rho_f_x", "rho_f_w", "rho_f_r"), pick, strict=True)]
+
+    bodies = [None, *ds.agent.values]
+    for body, of in zip(bodies, [found["payload"], *found["agents"]], strict=True):
+        error, radius = (np.concatenate([x.values for x in part], axis=1) for part in parts(body))
+        samples = len(error)
+        plain = sum(np.sqrt((error[k] ** 2).sum()) > np.sqrt((radius[k] ** 2).sum()) for k in range(samples))
+        each = sum(any(abs(error[k]) > radius[k]) for k in range(samples))
+        moment = sum((error[k, 3:] ** 2).sum() > (radius[k, 3:] ** 2).sum() for k in range(samples))
+        share = of["exceeded_share"]
+        assert (share["plain"], share["any_output"]) == pytest.approx((plain / samples, each / samples))
+        assert share["moment"] == pytest.approx(moment / samples)
+        late = ds.time_sigma.values >= ds.time.values[shape.time // 2]
+        ratios = np.sqrt((radius**2).sum(1) / (error**2).sum(1))[late]
+        assert of["tightness_median"] == pytest.approx(np.median(ratios))
+    assert found["payload"]["beta"] == [0, 1, 2, 3, 4, 5]
+    assert [len(of["beta"]) for of in found["agents"]] == [
+        6 + joints for n, joints, _ in shape.groups for _ in range(n)
+    ]
+
+
+def test_where_there_is_no_radius_nothing_is_above_it_and_nothing_is_tight():
+    made = flight(6)
+    sigma = dataclasses.replace(made.sigma, payload_radius=np.full_like(made.sigma.payload_radius, np.inf))
+    found = analyse.bounded(dataclasses.replace(made, sigma=sigma))["payload"]
+    assert found["exceeded_share"] == {"plain": 0, "force": 0, "moment": 0, "any_output": 0}
+    assert found["tightness_median"] == np.inf
+
+
+# Residuals ------------------------------------------------------------------------------------------------------------
+
+
+def heavier(truth: Team, m: float, J: np.ndarray) -> Team:
+    """The team with another payload."""
+    payload = dataclasses.replace(truth.payload, mass=jnp.asarray(m), inertia=jnp.asarray(J))
+    return dataclasses.replace(truth, payload=payload)
+
+
+def test_shares_of_the_residual_tell_parameters_constants_and_what_varies_apart():
+    """A residual made of a mass and inertia mismatch, a constant and a sine whose deviation is known."""
+    rng = np.random.default_rng(7)
+    J = TRUTH.payload.inertia - np.array([[0.01, 0.002, 0], [0.002, 0.03, 0.004], [0, 0.004, 0.02]])
+    nominal = heavier(TRUTH, float(TRUTH.payload.mass) - 0.4, J)
+    n = 1000
+    a_L, omega = rng.normal(size=(n, 6)), rng.normal(size=(n, 3))
+    R = Rotation.random(n, random_state=1).as_matrix()
+    dm, dJ = -0.4, np.asarray(J - TRUTH.payload.inertia)
+    inertial = np.concatenate(
+        [
+            dm * (a_L[:, :3] - [0, 0, -9.81]),
+            np.stack([dJ @ a[3:] + np.cross(w, dJ @ w) for a, w in zip(a_L, omega, strict=True)]),
+        ],
+        axis=1,
+    )
+    phase = 2 * np.pi * np.arange(n) / 50
+    sine, constant = np.outer(np.sin(phase), [0.1, 0.2, 0.3, 0.04, 0.05, 0.06]), np.array([1, 0, -2, 0, 0.5, 0])
+    f_L = inertial + constant + sine
+    rows = flight(7, SHAPE._replace(time=n), f_L=f_L, a_L=a_L, omega_L=omega, R_L=R).rows
+    found = analyse.residual_shares(rows, TRUTH, nominal)
+    np.testing.assert_allclose(found["payload"]["varying_rms"], np.array([0.1, 0.2, 0.3, 0.04, 0.05, 0.06]) / 2**0.5)
+    np.testing.assert_allclose(found["payload"]["mean"], f_L.mean(0), atol=1e-12)
+    power = (f_L**2).mean(0)
+    np.testing.assert_allclose(found["payload"]["constant_share"], f_L.mean(0) ** 2 / power, atol=1e-12)
+    assert len(found["agents_force"]["mean"]) == 6
+
+
+def test_mismatch_is_nominal_less_true_in_the_regressor_s_order():
+    theta = analyse.mismatch(TRUTH, NOMINAL)
+    np.testing.assert_allclose(theta, [-0.3, 0, 0, 0, -0.01, -0.03, -0.03, 0, 0, 0], atol=1e-15)
+    J = np.array([[0.05, 0.001, 0.002], [0.001, 0.2, 0.003], [0.002, 0.003, 0.2]])
+    theta = analyse.mismatch(TRUTH, heavier(TRUTH, 2.0, J))
+    np.testing.assert_allclose(theta, [0.5, 0, 0, 0, 0.01, 0.05, 0.02, 0.001, 0.002, 0.003], atol=1e-15)
+
+
+# The linearized loop --------------------------------------------------------------------------------------------------
+
+
+def modes_of(y: np.ndarray, dt: float) -> np.ndarray:
+    """Continuous-time modes of a signal that is one damped oscillation: `y_{k+2} = a y_{k+1} + b y_k`."""
+    (a, b), *_ = np.linalg.lstsq(np.stack([y[1:-1], y[:-2]], axis=1), y[2:], rcond=None)
+    return np.log(np.roots([1, -a, -b]).astype(complex)) / dt
+
+
+def test_the_slowest_mode_is_how_the_flown_loop_settles():
+    """All else ideal: parameters known, residual told, sensors exact, the reference at rest."""
+    plan = paper.exact(paper.believed(paper.plan("O")))
+    still = dataclasses.replace(plan.pilot.path, amplitude=jnp.zeros(3))
+    oracle = dataclasses.replace(plan.oracle, theta=jnp.zeros(10))
+    plan = dataclasses.replace(paper.with_pilot(plan, path=still), oracle=oracle)
+    eta = dataclasses.replace(plan.pilot.internal, eta=jnp.zeros_like(plan.pilot.internal.eta))
+    plan = paper.with_pilot(plan, internal=eta)
+    rows = paper.fly(plan, 7.0).rows
+    at_rest = jax.tree.map(lambda x: x, plan.z)
+    modes = analyse.linearize(plan.pilot, oracle, at_rest)
+    assert modes.stable
+    slowest = modes.eigenvalues[0]
+    assert "theta_z" in modes.slowest()
+    late = slice(2000, None, 50)  # from 4 s, each 0.1 s
+    found = modes_of(rows.e_R[late, 2], 0.1)
+    found = found[np.argmax(found.imag)]
+    assert found.real == pytest.approx(slowest.real, rel=0.05)
+    assert found.imag == pytest.approx(abs(slowest.imag), rel=0.05)
+
+
+def test_modes_name_what_moves():
+    shape = np.zeros((2, 6))
+    shape[0, 4] = 1.0
+    modes = analyse.Modes(eigenvalues=np.array([0.3 + 2j, -1 + 0j]), payload=shape)
+    assert not modes.stable
+    assert modes.slowest() == "+0.30 +2.00i rad/s, seen most in p_y"
+    unseen = analyse.Modes(eigenvalues=np.array([-0.3 + 2j]), payload=np.full((1, 6), 0.01))
+    assert unseen.stable
+    assert "the agents' attitudes" in unseen.slowest()
