@@ -30,11 +30,15 @@ def test_solve(n: int, condition: float) -> None:
 def test_eliminate_is_cholesky() -> None:
     rng = np.random.default_rng(0)
     A, B = spd(rng, 6, 100), rng.normal(size=(20, 6, 4))
-    U, Y = jax.jit(linalg.eliminate)(jnp.array(A), jnp.array(B))
+    U, d, Y = jax.jit(linalg.eliminate)(jnp.array(A), jnp.array(B))
     L = np.linalg.cholesky(A)
-    np.testing.assert_allclose(U, np.swapaxes(L, 1, 2), atol=1e-14)
-    np.testing.assert_allclose(Y, np.linalg.solve(L, B), atol=1e-12)
-    np.testing.assert_allclose(jax.jit(linalg.backward)(U, Y), np.linalg.solve(A, B), atol=1e-11)
+    root = np.sqrt(np.asarray(d))[..., None]  # U / root = L^T
+    np.testing.assert_array_equal(U, np.triu(U))
+    np.testing.assert_array_equal(np.diagonal(U, axis1=1, axis2=2), 1)
+    np.testing.assert_allclose(U / root, np.swapaxes(L, 1, 2), atol=1e-14)
+    np.testing.assert_allclose(root * Y, np.linalg.solve(L, B), atol=1e-12)
+    np.testing.assert_allclose(jax.jit(linalg.forward)(U, jnp.array(B)), Y, atol=1e-13)
+    np.testing.assert_allclose(jax.jit(linalg.backward)(U, d[..., None] * Y), np.linalg.solve(A, B), atol=1e-11)
 
 
 def test_products_broadcast() -> None:

@@ -170,6 +170,7 @@ def test_a_run_whose_grasp_is_near_singular_stops_at_that_tick_and_names_the_age
     name = NAMES[int(np.argmin(least[first]))]
     assert least[first, agent] <= limit
     assert stopped.stopped.startswith(f"the grasp of agent {name} is near singular at t = {t:.3f} s: ")
+    assert stopped.stopped.endswith(" 1/kg; arms 1 and 2 work against each other")
     assert len(stopped.sigma.t) == first // 10 + 1
 
 

@@ -106,9 +106,9 @@ def reduce(agent: Agent, g: Geometry) -> Reduced:
     spin = jnp.concatenate([so3.identity((bodies,)), transpose(g.J_omega)], axis=2)
     inertia = mul(mul(g.rotation, agent.inertia), transpose(g.rotation))
     com = B[:bodies]
-    motion = jnp.concatenate([com, spin], axis=1)
-    momentum = jnp.concatenate([m[:, None, None] * com, mul(inertia, spin)], axis=1)
-    M_bar = mul(motion.reshape(6 * bodies, -1).T, momentum.reshape(6 * bodies, -1))
+    turning = mul(inertia, spin)
+    terms = (m[:, None, None] * com)[..., None, :] * com[..., None] + spin[..., None] * turning[..., None, :]
+    M_bar = terms.sum((0, 1))
     return Reduced(
         mass=mass,
         M_bar=M_bar,

@@ -17,7 +17,7 @@ from jaxtyping import Array, Float
 
 from colift import agent as ag
 from colift import grasp, so3
-from colift.linalg import apply, backward, eliminate, mul, solve
+from colift.linalg import apply, backward, eliminate, forward, mul, solve
 from colift.model import (
     Agent,
     AgentForce,
@@ -73,11 +73,13 @@ class Coupled:
 
 @pytree
 class Eliminated:
-    """One agent, eliminated: Cholesky factors `M_bar = U_M^T U_M` and `S = A M^-1 A^T = U_S^T U_S`."""
+    """One agent, eliminated: `M_bar = U_M^T diag(1/d_M) U_M` and `S = A M^-1 A^T = U_S^T diag(1/d_S) U_S`."""
 
     U_M: Float[Array, "*agents xi xi"]
+    d_M: Float[Array, "*agents xi"]
     W: Float[Array, "*agents xi right"]  # U_M^-T [B^T, Q]
     U_S: Float[Array, "*agents forces forces"]
+    d_S: Float[Array, "*agents forces"]
     Z: Float[Array, "*agents forces right_S"]  # U_S^-T [P, A M^-1 Q + gap]
 
 
@@ -99,11 +101,12 @@ def _couple(
 def _eliminate(s: Coupled) -> tuple[Eliminated, Float[Array, "6 right"]]:
     """Factor one agent's share; what it adds to the payload's system is `P^T S^-1 [P, A M^-1 Q + gap]`."""
     forces = s.B.shape[0]
-    U_M, W = eliminate(s.M_bar, jnp.concatenate([s.B.T, s.Q[3:]], axis=1))
+    U_M, d_M, W = eliminate(s.M_bar, jnp.concatenate([s.B.T, s.Q[3:]], axis=1))
     along = jnp.concatenate([jnp.tile(jnp.eye(3), forces // 3), s.Q[:3]], axis=1) / s.mass
-    T = mul(W[:, :forces].T, W) + jnp.tile(along, (forces // 3, 1))
-    U_S, Z = eliminate(T[:, :forces], jnp.concatenate([s.P, T[:, forces:] + s.gap], axis=1))
-    return Eliminated(U_M=U_M, W=W, U_S=U_S, Z=Z), mul(Z[:, :6].T, Z)
+    T = mul((d_M[:, None] * W[:, :forces]).T, W) + jnp.tile(along, (forces // 3, 1))
+    U_S, d_S, Z = eliminate(T[:, :forces], jnp.concatenate([s.P, T[:, forces:] + s.gap], axis=1))
+    share = mul((d_S[:, None] * Z[:, :6]).T, Z)
+    return Eliminated(U_M=U_M, d_M=d_M, W=W, U_S=U_S, d_S=d_S, Z=Z), share
 
 
 def _follow(
@@ -111,8 +114,8 @@ def _follow(
 ) -> tuple[Float[Array, "motion k"], Float[Array, "forces k"]]:
     """Back-substitution: the agent's motion and multipliers, given the payload's."""
     forces = s.B.shape[0]
-    lam = backward(e.U_S, e.Z[:, 6:] - mul(e.Z[:, :6], a_L))
-    xi = backward(e.U_M, e.W[:, forces:] - mul(e.W[:, :forces], lam))
+    lam = backward(e.U_S, e.d_S[:, None] * (e.Z[:, 6:] - mul(e.Z[:, :6], a_L)))
+    xi = backward(e.U_M, e.d_M[:, None] * (e.W[:, forces:] - mul(e.W[:, :forces], lam)))
     x = (s.Q[:3] - lam.reshape(forces // 3, 3, -1).sum(0)) / s.mass
     return jnp.concatenate([x, xi]), lam
 
@@ -126,13 +129,16 @@ def constrain(
 
     Of all motions that close the gap, a is the nearest to the free one in the mass metric (Gauss' principle).
     """
-    M_L = jnp.zeros((6, 6)).at[:3, :3].set(payload.mass * jnp.eye(3)).at[3:, 3:].set(payload.inertia)
     eliminated, added = zip(*(over(_eliminate)(s) for s in agents), strict=True)
-    total = jnp.concatenate([M_L, Q_L], axis=1) + sum(share.sum(0) for share in added)
+    total = jnp.concatenate([_mass_matrix(payload), Q_L], axis=1) + sum(share.sum(0) for share in added)
     a_L = solve(total[:, :6], total[:, 6:])
     follow = over(_follow, in_axes=(0, 0, None))
     a, lam = zip(*(follow(s, e, a_L) for s, e in zip(agents, eliminated, strict=True)), strict=True)
     return a, a_L, lam
+
+
+def _mass_matrix(payload: Payload) -> Float[Array, "6 6"]:
+    return jnp.zeros((6, 6)).at[:3, :3].set(payload.mass * jnp.eye(3)).at[3:, 3:].set(payload.inertia)
 
 
 def _forced(
@@ -256,36 +262,54 @@ def integrate(
     return move(z, total)
 
 
-def _correction(
-    team: Team, z: State, gap: grasp.Gap
-) -> tuple[list[Float[Array, "_agents _motion"]], Float[Array, "6"]]:
-    """The smallest motion, in the mass metric, that closes a gap between contacts: rows as in Shift.
+def project(team: Team, z: State) -> State:
+    """One mass-weighted Newton step onto `Phi = 0`, then the nearest velocities with `Phi_dot = 0` there.
 
-    It is `M^-1 A^T` times multipliers: it does no work to first order and excites no free motion.
+    A correction is `M^-1 A^T` times multipliers: it does no work to first order and excites no free motion. Both take
+    M and A at z, so one elimination serves them, and Phi_dot at the corrected pose: what that neglects is the product
+    of the two corrections.
     """
 
-    def strayed(agent: Agent, state: AgentState) -> Coupled:
+    def strayed(agent: Agent, state: AgentState) -> tuple[Coupled, Eliminated, Float[Array, "6 right"]]:
         q = ag.reduce(agent, ag.geometry(agent, state.r))
-        apart = gap(agent, q, state, z.payload)
-        still = jnp.zeros((3 + q.M_bar.shape[0], 1))
-        return _couple(agent, q, state.R, z.payload.R, still, apart.reshape(-1, 1))
+        apart = grasp.gap(agent, q, state, z.payload).reshape(-1, 1)
+        s = _couple(agent, q, state.R, z.payload.R, jnp.zeros((3 + q.M_bar.shape[0], 1)), apart)
+        return s, *_eliminate(s)
 
-    agents = tuple(over(strayed)(group, state) for group, state in zip(team.groups, z.agents, strict=True))
-    motion, load, _ = constrain(team.payload, agents, jnp.zeros((6, 1)))
-    by = [
-        jnp.concatenate([part[:, 3:6, 0], apply(a.R, part[:, :3, 0]), part[:, 6:, 0]], axis=1)
-        for a, part in zip(z.agents, motion, strict=True)
-    ]
-    return by, jnp.concatenate([load[3:, 0], load[:3, 0]])
+    def drifting(
+        agent: Agent, state: AgentState, load: PayloadState, e: Eliminated
+    ) -> tuple[Eliminated, Float[Array, "6 1"]]:
+        q = ag.reduce(agent, ag.geometry(agent, state.r))
+        Z = forward(e.U_S, grasp.gap_rate(agent, q, state, load).reshape(-1, 1))
+        P = e.Z[:, :6]
+        return dataclasses.replace(e, Z=jnp.concatenate([P, Z], axis=1)), mul((e.d_S[:, None] * P).T, Z)
 
-
-def project(team: Team, z: State) -> State:
-    """One mass-weighted Newton step onto `Phi = 0`, then the nearest velocities with `Phi_dot = 0`."""
-    pose, load = _correction(team, z, grasp.gap)
+    agents, eliminated, added = zip(*map(over(strayed), team.groups, z.agents), strict=True)
+    total = sum(share.sum(0) for share in added)
+    U_L, d_L, b = eliminate(_mass_matrix(team.payload) + total[:, :6], total[:, 6:])
+    pose, load = _motion(z, agents, eliminated, backward(U_L, d_L[:, None] * b))
     still = [jnp.zeros_like(by) for by in pose]
     z = move(z, _shift(pose, still, load, jnp.zeros(6)))
-    velocity, load = _correction(team, z, grasp.gap_rate)
+    eliminated, added = zip(
+        *map(over(drifting, in_axes=(0, 0, None, 0)), team.groups, z.agents, [z.payload] * len(agents), eliminated),
+        strict=True,
+    )
+    b = forward(U_L, sum(share.sum(0) for share in added))
+    velocity, load = _motion(z, agents, eliminated, backward(U_L, d_L[:, None] * b))
     return move(z, _shift(still, velocity, jnp.zeros(6), load))
+
+
+def _motion(
+    z: State, agents: tuple[Coupled, ...], eliminated: tuple[Eliminated, ...], a_L: Float[Array, "6 1"]
+) -> tuple[list[Float[Array, "_agents _motion"]], Float[Array, "6"]]:
+    """The motion that follows the payload's, rows as in Shift."""
+    follow = over(_follow, in_axes=(0, 0, None))
+    moved = [follow(s, e, a_L)[0][:, :, 0] for s, e in zip(agents, eliminated, strict=True)]
+    by = [
+        jnp.concatenate([part[:, 3:6], apply(a.R, part[:, :3]), part[:, 6:]], axis=1)
+        for a, part in zip(z.agents, moved, strict=True)
+    ]
+    return by, jnp.concatenate([a_L[3:, 0], a_L[:3, 0]])
 
 
 def _shift(pose: list, velocity: list, load_pose: Float[Array, "6"], load_velocity: Float[Array, "6"]) -> Shift:

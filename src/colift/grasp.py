@@ -132,6 +132,14 @@ def grip(team: Team, z: State) -> Float[Array, "agents"]:
     )
 
 
+def opposed(S: np.ndarray) -> str:
+    """`arms 1 and 2 work against each other`: those that share in the force to which an `admittance` S yields least."""
+    _, vectors = np.linalg.eigh(S)
+    share = np.linalg.norm(vectors[:, 0].reshape(-1, 3), axis=1)
+    arms = [str(b + 1) for b in range(len(share)) if share[b] > 0.1]
+    return f"arm {arms[0]} locks up" if len(arms) == 1 else f"arms {' and '.join(arms)} work against each other"
+
+
 def check(team: Team, z: State, names: Sequence[str] = ()) -> float:
     """Condition number of the team's `A M^-1 A^T` at z; on the host.
 
@@ -141,14 +149,12 @@ def check(team: Team, z: State, names: Sequence[str] = ()) -> float:
     faults = []
     for name, agent, r, _ in _each(team, z, names):
         S = np.asarray(_admittance(agent, r))
-        values, vectors = np.linalg.eigh(S)
+        values = np.linalg.eigvalsh(S)
         rank = int((values > values[-1] / CONDITION_MAX).sum())
         if rank < len(values):
-            share = np.linalg.norm(vectors[:, 0].reshape(-1, 3), axis=1)
-            arms = [b + 1 for b in range(len(share)) if share[b] > 0.1]
             faults.append(
                 f"{name}: rank {rank} of {len(values)}, condition {values[-1] / max(values[0], 1e-300):.3g}, singular "
-                f"values {_listed(values[::-1])} 1/kg, arms {arms} work against each other"
+                f"values {_listed(values[::-1])} 1/kg, {opposed(S)}"
                 + _too_few_joints(agent.tree.arms, agent.tree.joints)
             )
     if faults:

@@ -28,30 +28,46 @@ def transpose(A: Float[Array, "*batch n m"]) -> Float[Array, "*batch m n"]:
 
 def eliminate(
     A: Float[Array, "*batch n n"], B: Float[Array, "*batch n m"]
-) -> tuple[Float[Array, "*batch n n"], Float[Array, "*batch n m"]]:
-    """`(U, U^-T B)` with U upper triangular and `A = U^T U` (Cholesky), row by row; A's lower part is not read."""
+) -> tuple[Float[Array, "*batch n n"], Float[Array, "*batch n"], Float[Array, "*batch n m"]]:
+    """`(U, d, U^-T B)` with U unit upper triangular and `A = U^T diag(1/d) U`, row by row; A's lower part is not read.
+
+    Cholesky without roots: one division a row, which is what costs. `B^T A^-1 B = Y^T diag(d) Y` for `Y = U^-T B`.
+    """
     n = A.shape[-1]
     rest = jnp.concatenate([A, B], axis=-1)
-    rows = []
+    rows, d = [], []
     for k in range(n):
-        row = rest[..., 0, :] / jnp.sqrt(rest[..., 0, :1])
-        rows.append(jnp.concatenate([jnp.zeros((*A.shape[:-2], k)), row], axis=-1))
-        rest = rest[..., 1:, 1:] - row[..., 1 : n - k, None] * row[..., None, 1:]
+        row = rest[..., 0, :]
+        d.append(1 / jnp.where(row[..., :1] > 0, row[..., :1], jnp.nan))
+        unit = row[..., 1 : n - k] * d[-1]
+        before = [jnp.zeros((*A.shape[:-2], k)), jnp.ones((*A.shape[:-2], 1))]
+        rows.append(jnp.concatenate([*before, unit, row[..., n - k :]], axis=-1))
+        rest = rest[..., 1:, 1:] - unit[..., None] * row[..., None, 1:]
     reduced = jnp.stack(rows, axis=-2)
-    return reduced[..., :n], reduced[..., n:]
+    return reduced[..., :n], jnp.concatenate(d, axis=-1), reduced[..., n:]
+
+
+def forward(U: Float[Array, "*batch n n"], B: Float[Array, "*batch n m"]) -> Float[Array, "*batch n m"]:
+    """`U^-T B` for unit upper triangular U."""
+    rows = []
+    rest = B
+    for k in range(U.shape[-1]):
+        rows.append(rest[..., 0, :])
+        rest = rest[..., 1:, :] - U[..., k, k + 1 :, None] * rows[-1][..., None, :]
+    return jnp.stack(rows, axis=-2)
 
 
 def backward(U: Float[Array, "*batch n n"], B: Float[Array, "*batch n m"]) -> Float[Array, "*batch n m"]:
-    """`U^-1 B` by back substitution."""
+    """`U^-1 B` for unit upper triangular U."""
     rows = []
     rest = B
     for k in reversed(range(U.shape[-1])):
-        row = rest[..., k, :] / U[..., k, k, None]
-        rows.append(row)
-        rest = rest[..., :k, :] - U[..., :k, k, None] * row[..., None, :]
+        rows.append(rest[..., k, :])
+        rest = rest[..., :k, :] - U[..., :k, k, None] * rows[-1][..., None, :]
     return jnp.stack(rows[::-1], axis=-2)
 
 
 def solve(A: Float[Array, "*batch n n"], B: Float[Array, "*batch n m"]) -> Float[Array, "*batch n m"]:
     """`A^-1 B` for symmetric positive definite A."""
-    return backward(*eliminate(A, B))
+    U, d, Y = eliminate(A, B)
+    return backward(U, d[..., None] * Y)

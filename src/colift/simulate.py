@@ -388,37 +388,37 @@ def _deviations(plan: Plan, oracle: learn.Oracle, bands: band.Bands, rows: Row, 
     n = len(rows.t[pick])
     room = -(-round(CHUNK / float(plan.pilot.filters.dt)) // every)
     pad = lambda x: np.concatenate([x[pick], np.zeros((room - n, *x.shape[1:]))])  # noqa: E731  one shape, one program
-    time_axis = (room, -1)
-    x = np.concatenate([pad(rows.p), pad(rows.v), pad(rows.R_L).reshape(time_axis), pad(rows.omega_L)], axis=1)
-    agents, radii, first, joint = [], [], 0, 0
-    parts = zip(
-        plan.world.team.sizes, plan.world.team.groups, oracle.agents, bands.companion.agents, bands.agents, strict=True
-    )
-    for size, group, model, companion, beta in parts:
-        one = slice(first, first + size)
-        many = slice(joint, joint + size * group.tree.joints)
-        r, r_dot = (pad(a)[:, many].reshape(room, size, -1) for a in (rows.r, rows.r_dot))
-        R, center, omega, v = (pad(a)[:, one] for a in (rows.R, rows.x, rows.omega, rows.x_dot))
-        inputs = np.concatenate([R.reshape(room, size, 9), center, r, omega, v, r_dot], axis=2)
-        inputs = jnp.asarray(inputs)
-        agents.append(np.asarray(learn.agent_deviation(model, inputs))[:n])
-        radii.append(np.asarray(band.agent_radius(model, companion, beta, inputs))[:n])
-        first, joint = one.stop, many.stop
-    x = jnp.asarray(x)
+    x, agents = inputs(plan.world.team, jax.tree.map(pad, rows))
+    x, agents = jnp.asarray(x), [jnp.asarray(each) for each in agents]
+    groups = list(zip(oracle.agents, bands.companion.agents, bands.agents, agents, strict=True))
     return Sigma(
         t=np.asarray(rows.t[pick]),
         payload=np.asarray(learn.payload_deviation(oracle, x))[:n],
-        agents=tuple(agents),
+        agents=tuple(np.asarray(learn.agent_deviation(model, each))[:n] for model, _, _, each in groups),
         payload_radius=np.asarray(band.payload_radius(oracle, bands, x))[:n],
-        agents_radius=tuple(radii),
+        agents_radius=tuple(np.asarray(band.agent_radius(*group))[:n] for group in groups),
     )
+
+
+def inputs(team: Team, rows: Row) -> tuple[np.ndarray, tuple[np.ndarray, ...]]:
+    """The learned maps' inputs at the true states of a flight: `(time, 18)`, and `(time, agents, inputs)` by group."""
+    time = len(rows.t)
+    agents, first, joint = [], 0, 0
+    for size, group in zip(team.sizes, team.groups, strict=True):
+        one, many = slice(first, first + size), slice(joint, joint + size * group.tree.joints)
+        r, r_dot = (a[:, many].reshape(time, size, -1) for a in (rows.r, rows.r_dot))
+        R, x, omega, v = (a[:, one] for a in (rows.R, rows.x, rows.omega, rows.x_dot))
+        agents.append(np.concatenate([R.reshape(time, size, 9), x, r, omega, v, r_dot], axis=2))
+        first, joint = one.stop, many.stop
+    payload = np.concatenate([rows.p, rows.v, rows.R_L.reshape(time, 9), rows.omega_L], axis=1)
+    return payload, tuple(agents)
 
 
 EFFECTS = ("a_L", "lam", "delta_W", "f_L", "f_x", "f_w", "f_r")  # what follows from everything else in a tick
 
 
 def _why(plan: Plan, rows: Row, names: Sequence[str]) -> str:
-    """What ended a run: the agent whose grasp is near singular, or a signal that is not finite, causes first."""
+    """What ended a run: the agent and arms whose grasp is near singular, or a signal not finite, causes first."""
     t = rows.t[-1]
     weak = int(np.argmin(rows.singular[-1]))
     limit = float(plan.world.singular_limit)
@@ -427,6 +427,20 @@ def _why(plan: Plan, rows: Row, names: Sequence[str]) -> str:
         if not np.isfinite(getattr(rows, signal)[-1]).all():
             return f"signal {signal} is not finite at t = {t:.3f} s"
     if rows.singular[-1, weak] <= limit:
-        value = rows.singular[-1, weak]
-        return f"the grasp of agent {names[weak]} is near singular at t = {t:.3f} s: {value:.3g} < {limit:.3g}"
+        value, arms = rows.singular[-1, weak], grasp.opposed(_admittance(plan.world.team, rows.r[-1], weak))
+        return (
+            f"the grasp of agent {names[weak]} is near singular at t = {t:.3f} s: "
+            f"{value:.3g} < {limit:.3g} 1/kg; {arms}"
+        )
     return f"the state is not finite after t = {t:.3f} s"
+
+
+def _admittance(team: Team, r: np.ndarray, agent: int) -> np.ndarray:
+    """Of one agent, counted through the groups, as are the joints of all agents in r."""
+    for size, group in zip(team.sizes, team.groups, strict=True):
+        joints = group.tree.joints
+        if agent < size:
+            own = jnp.asarray(r[agent * joints : (agent + 1) * joints])
+            return np.asarray(grasp.admittance(jax.tree.map(lambda x, j=agent: x[j], group), own))
+        agent, r = agent - size, r[size * joints :]
+    raise IndexError(f"agent {agent} beyond the team")
