@@ -65,7 +65,7 @@ def starts(key: Key[Array, ""], count: int, k_R: float, h: float) -> Float[Array
     turn, plane, rate, noise = jax.random.split(key, 4)
     U = jnp.linalg.qr(jax.random.normal(turn, (count, 3, 3)))[0]
     w = k_R**0.5 * jax.random.uniform(rate, (count, 1), minval=0.2, maxval=2.0)
-    t = h * jnp.arange(float(STEPS))
+    t = h * jnp.arange(float(STEPS))[None]
     wave, quarter = jnp.cos(w * t), jnp.sin(w * t)
     tilt = 0.5 * jax.random.normal(plane, (count, 1))
     steady = jnp.stack([jnp.ones_like(wave), jnp.zeros_like(wave), jnp.zeros_like(wave)], -1)

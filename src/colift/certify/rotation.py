@@ -15,6 +15,7 @@ Derivations: `docs/certificate.md`, "Rotation". Angles rad, rates rad/s, k_R and
 from __future__ import annotations
 
 import dataclasses
+import math
 
 import numpy as np
 from scipy.linalg import expm
@@ -196,8 +197,9 @@ def shrink(
     F is what the peak gains of the linear part make of the greatest sizes of the rest; it grows with both. `free` is
     the peak of the free linear response: nothing for bounds in the limit.
     """
+    peaks = gains(k_R, k_omega)
     while True:
-        push = _push(k_R, k_omega, rho, *bounds)
+        push = _push(peaks, k_R, rho, *bounds)
         new = min(bounds[0], free[0] + push[0]), min(bounds[1], free[1] + push[1])
         if new[0] >= bounds[0] * (1 - ROUNDING) and new[1] >= bounds[1] * (1 - ROUNDING):
             return bounds
@@ -223,16 +225,13 @@ def transient(k_R: float, k_omega: float, rho: float, angle: float, rate: float)
 
 def _never_reached(k_R: float, k_omega: float, rho: float, free: tuple[float, float]) -> tuple[float, float]:
     """The least x found with `free + F(x) < x`, from below; infinite where none is."""
-    x = free
-    while x[0] < np.pi and np.isfinite(x[1]):
-        push = _push(k_R, k_omega, rho, *x)
+    peaks, x = gains(k_R, k_omega), free
+    while x[0] < np.pi and math.isfinite(x[1]):
+        push = _push(peaks, k_R, rho, *x)
         new = free[0] + push[0], free[1] + push[1]
-        grown = new[0] * (1 + 1e-6) + 1e-12, new[1] * (1 + 1e-6) + 1e-12
-        if grown[0] < np.pi:
-            push = _push(k_R, k_omega, rho, *grown)
-            if free[0] + push[0] < grown[0] and free[1] + push[1] < grown[1]:
-                return grown
-        x = new
+        if new[0] < x[0] and new[1] < x[1]:
+            return x
+        x = new[0] * (1 + 1e-6) + 1e-12, new[1] * (1 + 1e-6) + 1e-12  # its fixed point is just above that of F
     return np.inf, np.inf
 
 
@@ -246,13 +245,14 @@ def _free(k_R: float, k_omega: float, angle: float, rate: float) -> tuple[float,
     return angle + peak * rate, k_R * peak * angle + rate
 
 
-def _push(k_R: float, k_omega: float, rho: float, angle: float, rate: float) -> tuple[float, float]:
-    """F: what disturbance and nonlinear rest make of bounds on angle (below pi) and rate."""
-    across = (angle / 2 / np.sin(angle / 2) - 1 if angle > 1e-4 else angle * angle / 23) * rate
-    softening = angle - np.sin(angle) if angle > 1e-2 else angle**3 / 6
-    force = rho + k_R * softening + np.tan(angle / 4) * rate * rate / 2
-    phi_across, phi_force, omega_across, omega_force = gains(k_R, k_omega)
-    return float(phi_across * across + phi_force * force), float(omega_across * across + omega_force * force)
+def _push(
+    peaks: tuple[float, float, float, float], k_R: float, rho: float, angle: float, rate: float
+) -> tuple[float, float]:
+    """F: what disturbance and nonlinear rest make of bounds on angle (below pi) and rate, by the peak gains."""
+    across = (angle / 2 / math.sin(angle / 2) - 1 if angle > 1e-4 else angle * angle / 23) * rate
+    softening = angle - math.sin(angle) if angle > 1e-2 else angle**3 / 6
+    force = rho + k_R * softening + math.tan(angle / 4) * rate * rate / 2
+    return peaks[0] * across + peaks[1] * force, peaks[2] * across + peaks[3] * force
 
 
 def gains(k_R: float, k_omega: float) -> tuple[float, float, float, float]:
