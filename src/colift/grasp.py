@@ -118,8 +118,8 @@ def admittance(agent: Agent, r: Float[Array, "n_r"]) -> Float[Array, "forces for
     q = ag.reduce(agent, ag.geometry(agent, r))
     n = agent.tree.arms
     B = q.tip.reshape(3 * n, -1)
-    _, Y = eliminate(q.M_bar, B.T)
-    return mul(Y.T, Y) + jnp.tile(jnp.eye(3), (n, n)) / q.mass
+    _, d, Y = eliminate(q.M_bar, B.T)
+    return mul((d[:, None] * Y).T, Y) + jnp.tile(jnp.eye(3), (n, n)) / q.mass
 
 
 def grip(team: Team, z: State) -> Float[Array, "agents"]:
