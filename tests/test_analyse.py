@@ -229,25 +229,26 @@ def modes_of(y: np.ndarray, dt: float) -> np.ndarray:
     return np.log(np.roots([1, -a, -b]).astype(complex)) / dt
 
 
+STRENGTHS = {"linear", "quadratic", "stiffness", "force", "torque", "thrust", "viscous", "coulomb"}
+
+
 def test_the_slowest_mode_is_how_the_flown_loop_settles():
-    """All else ideal: parameters known, residual told, sensors exact, the reference at rest."""
-    plan = paper.exact(paper.believed(paper.plan("O")))
+    """Nothing unknown, exact sensors, the reference at rest: what the log shows last is the slowest mode alone."""
+    plan = paper.exact(paper.believed(paper.plan("C1")))
+    sources = jax.tree_util.tree_map_with_path(
+        lambda path, x: jnp.zeros_like(x) if path[-1].name in STRENGTHS else x, plan.world.sources
+    )
     still = dataclasses.replace(plan.pilot.path, amplitude=jnp.zeros(3))
-    oracle = dataclasses.replace(plan.oracle, theta=jnp.zeros(10))
-    plan = dataclasses.replace(paper.with_pilot(plan, path=still), oracle=oracle)
-    eta = dataclasses.replace(plan.pilot.internal, eta=jnp.zeros_like(plan.pilot.internal.eta))
-    plan = paper.with_pilot(plan, internal=eta)
-    rows = paper.fly(plan, 7.0).rows
-    at_rest = jax.tree.map(lambda x: x, plan.z)
-    modes = analyse.linearize(plan.pilot, oracle, at_rest)
+    alone = dataclasses.replace(plan.pilot.internal, eta=jnp.zeros_like(plan.pilot.internal.eta))
+    plan = paper.with_pilot(paper.with_world(plan, sources=sources), path=still, internal=alone)
+    rows = paper.fly(plan, 5.0).rows
+    states, _ = paper.states(plan.pilot.team, rows)
+    modes = analyse.linearize(plan.pilot, plan.oracle, jax.tree.map(lambda x: x[-1], states))
     assert modes.stable
-    slowest = modes.eigenvalues[0]
-    assert "theta_z" in modes.slowest()
-    late = slice(2000, None, 50)  # from 4 s, each 0.1 s
-    found = modes_of(rows.e_R[late, 2], 0.1)
-    found = found[np.argmax(found.imag)]
-    assert found.real == pytest.approx(slowest.real, rel=0.05)
-    assert found.imag == pytest.approx(abs(slowest.imag), rel=0.05)
+    assert modes.slowest().endswith("seen most in theta_z")
+    flown = modes_of(rows.e_R[1000::50, 2], 0.1)  # from 2 s
+    for value in flown:
+        assert np.abs(modes.eigenvalues[:2] - value).min() < 0.01 * abs(value)
 
 
 def test_modes_name_what_moves():

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from colift import disturbance, gp, grasp, reference, scenario, so3
+from colift import disturbance, gp, grasp, reference, scenario, so3, study
+from colift.model import no_force
 from colift.scenario import ScenarioError, Settings, build
 from tests import teams
 
@@ -80,7 +81,7 @@ def test_shipped_scenarios_start_on_the_manifold_as_far_off_as_they_say(name):
     np.testing.assert_allclose(so3.log(d.R.T @ z.payload.R), np.deg2rad(s.start.attitude_error_deg), atol=1e-3)
 
 
-@pytest.mark.parametrize("name", scenario.names())
+@pytest.mark.parametrize("name", [name for name in scenario.names() if scenario.load(name).allocation.internal])
 def test_internal_forces_of_shipped_scenarios_are_felt_and_leave_the_wrench_alone(name):
     s = scenario.load(name)
     _, nominal = build.team(s)
@@ -148,7 +149,7 @@ def test_sources_act_on_the_agents_and_bodies_that_they_name(mixed):
 
 def test_sensors_and_pilot_are_in_SI():
     s = scenario.load("paper")
-    noise = build.sensors(s)
+    noise = build.sensors(s, no_force(build.team(s)[0]))
     np.testing.assert_allclose(noise.attitude, 0.2 * np.pi / 180)
     np.testing.assert_allclose(noise.joint, 0.1 * np.pi / 180)
     pilot = build.pilot(s, build.team(s)[1])
@@ -167,3 +168,59 @@ def test_before_any_data_the_models_state_the_scenario_s_deviations():
     variance = jax.vmap(gp.variance)(oracle.agents[0], jnp.ones((2, 24)))
     np.testing.assert_allclose(variance, np.tile(expected, (2, 1)))
     assert np.abs(gp.mean(oracle.payload, jnp.ones(20))).max() == 0
+
+
+# What error bounds rest on --------------------------------------------------------------------------------------------
+
+
+def test_error_bounds_rest_on_what_the_scenario_states():
+    s = scenario.load("paper")
+    _, nominal = build.team(s)
+    stated = build.stated(s, nominal, no_force(nominal))
+    given = s.certificate
+    assert (stated.bound, stated.confidence, stated.norm) == ("energy", 0.95, 6)
+    assert given.payload is not None
+    assert given.agents is not None
+    np.testing.assert_array_equal(stated.payload, [given.payload.force_N] * 3 + [given.payload.moment_Nm] * 3)
+    row = [given.agents.force_N] * 3 + [given.agents.moment_Nm] * 3 + [given.agents.joint_Nm] * 3
+    np.testing.assert_array_equal(stated.agents[0], [row, row])
+    assert stated.assumed == ("norm", "energy")  # of a team among winds nobody knows them
+
+
+def test_label_errors_that_are_not_stated_are_three_deviations_of_the_prior_s_noise():
+    s = changed("paper", certificate={})
+    _, nominal = build.team(s)
+    stated = build.stated(s, nominal, no_force(nominal))
+    noise = s.learning.agents
+    np.testing.assert_allclose(stated.payload, [0.3] * 3 + [0.06] * 3)
+    row = 3 * np.repeat([noise.force_noise_N, noise.moment_noise_Nm, noise.joint_noise_Nm], 3)
+    np.testing.assert_allclose(stated.agents[0], [row, row])
+
+
+def test_in_the_certified_scenario_nothing_is_assumed_unless_it_is_changed():
+    def assumed(**sections: object) -> tuple[str, ...]:
+        return study.plan(changed("certified", **sections), "C1").stated.assumed
+
+    certified = scenario.load("certified")
+    assert certified.drawn is not None
+    norm, learning = certified.drawn.norm, certified.learning.model_dump()
+    bounds = ("energy", "srinivas", "abbasi_yadkori", "chowdhury_gopalan", "fiedler")
+    for bound in bounds:
+        assert assumed(certificate={"bound": bound, "norm": norm}) == ()
+    assert assumed(certificate={"norm": 0.9 * norm}) == ("norm",)
+    assert assumed(disturbances=scenario.load("paper").disturbances) == ("norm",)
+    assert assumed(nominal={"payload": scenario.load("paper").payload.model_dump() | {"mass_kg": 1.2}}) == ("norm",)
+    assert assumed(drawn=None, learning=learning | {"samples": "estimated"}) == ("norm", "energy")
+    fitted = {
+        "certificate": {"bound": "abbasi_yadkori", "norm": norm},
+        "learning": learning | {"hyperparameters": "fitted"},
+    }
+    assert assumed(**fitted) == ("norm", "stated")
+    small = {"force_N": 1e-6, "moment_Nm": 1e-6}
+    assert assumed(certificate={"norm": norm, "payload": small}) == ("energy",)
+
+
+def test_a_label_error_of_zero_is_refused():
+    learning = scenario.load("certified").learning.model_dump() | {"rig_error": 0.0}
+    with pytest.raises(ScenarioError, match=r"certificate: label error .* must be positive"):
+        study.plan(changed("certified", learning=learning), "C1")
