@@ -1,0 +1,334 @@
+"""The plant: agreement with Pinocchio, energy and momentum, order, constraint residuals, gradients; random teams.
+
+Targets: forces and accelerations within 1e-9 of Pinocchio where the condition number of
+`A M^-1 A^T` is at most 1e6, within 1e-15 times it beyond; over 10 s at 1 ms, energy within 1e-8 of the peak kinetic
+energy; order 4 in state, at least 3 in contact force; constraint residuals up to 1e-10 over 60 s; gradients within
+1e-6 of differences. Energy and momentum are claimed for motions whose rates stay below `RATE`: beyond, 1 ms is coarse.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Callable
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from colift import dynamics, grasp, scenario, simulate, so3, study
+from colift.model import AgentForce, AgentInput, Residual, State, Team, Tree, Wrench, no_force
+from colift.scenario import build
+from evidence import collect
+from tests import motion, teams
+from tests.pinocchio_team import PinocchioTeam
+
+RATE = 10.0  # rad/s or m/s of any joint, rad/s of any base
+TEAMS: dict[str, Callable[[int], tuple[Team, State]]] = {
+    "reference": motion.thrown_reference,
+    "two arms": functools.partial(motion.thrown, structure=teams.POOL[2]),
+    "one arm": functools.partial(motion.thrown, structure=((teams.CHAIN, 2),)),
+    "mixed": functools.partial(motion.thrown, structure=teams.POOL[5]),
+}
+SEEDS = {"agreement": 50, "energy": 8, "order": 3, "residual": 2, "gradient": 3}
+
+
+# Agreement with Pinocchio ---------------------------------------------------------------------------------------------
+
+
+def random_tree(rng: np.random.Generator) -> Tree:
+    """One to three arms on different bodies of a random tree of up to seven joints, a quarter of them sliding."""
+    arms = int(rng.integers(1, 4))
+    joints = int(rng.integers(max(0, 3 * arms - 3), 8))
+    tips = sorted(int(i) for i in rng.choice(joints + 1, size=min(arms, joints + 1), replace=False))
+    return Tree(
+        parents=tuple(int(rng.integers(0, k + 1)) for k in range(joints)),
+        prismatic=tuple(bool(x) for x in rng.uniform(size=joints) < 0.25),
+        tips=tuple(tips),
+    )
+
+
+def random_structure(rng: np.random.Generator, agents: int) -> tuple[tuple[Tree, int], ...]:
+    """So many agents on one or two random trees."""
+    first = int(rng.integers(1, agents + 1))
+    trees = random_tree(rng), random_tree(rng)
+    if first == agents or trees[0] == trees[1]:
+        return ((trees[0], agents),)
+    return (trees[0], first), (trees[1], agents - first)
+
+
+def random_team(seed: int) -> tuple[Team, State, int]:
+    """A team of one to five agents at a random state, and how many redundant grasps were drawn before.
+
+    Two seeds share a structure, and so a compilation.
+    """
+    refused = 0
+    while True:
+        structure = random_structure(np.random.default_rng((seed // 2, refused)), 1 + seed // 2 % 5)
+        rng = np.random.default_rng((seed, refused, 1))
+        team, z = PinocchioTeam(teams.team(rng, structure)).on_grasp(teams.free_state(rng, structure))
+        try:
+            grasp.check(team, z)
+        except ValueError:
+            refused += 1
+        else:
+            return team, z, refused
+
+
+accelerate = jax.jit(dynamics.accelerate)
+
+
+def agreement(seed: int) -> dict[str, object]:
+    """Largest relative error of payload, agents and contact forces, and what is allowed."""
+    team, z, refused = random_team(seed)
+    rng = np.random.default_rng(seed + 1000)
+    draw = lambda *shape: jnp.array(rng.normal(size=shape))  # noqa: E731
+    shapes = [(size, group.tree.joints) for size, group in zip(team.sizes, team.groups, strict=True)]
+    inputs = tuple(AgentInput(u=20 + 5 * draw(n), tau=draw(n, 3), tau_r=draw(n, k)) for n, k in shapes)
+    f = Residual(
+        agents=tuple(AgentForce(f_x=draw(n, 3), f_w=draw(n, 3), f_r=draw(n, k)) for n, k in shapes),
+        payload=Wrench(F=draw(3), tau=draw(3)),
+    )
+    expected = PinocchioTeam(team).accelerate(z, inputs, f)
+    a, lam = accelerate(team, z, inputs, f)
+    relative = lambda x, y: float(np.abs(np.asarray(x) - y).max() / np.abs(y).max())  # noqa: E731
+    xi = [x for group in a.agents for x in np.asarray(group.xi_dot)]
+    errors = {
+        "lam": relative(grasp.join(lam), expected.lam),
+        "payload": relative(a.payload, expected.payload),
+        "v_dot": relative(np.concatenate([np.asarray(g.v_dot) for g in a.agents]), np.array(expected.v_dot)),
+        "xi_dot": max(relative(x, y) for x, y in zip(xi, expected.xi_dot, strict=True)),
+    }
+    return {
+        "agents": [[n, group.tree.arms, group.tree.joints] for n, group in zip(team.sizes, team.groups, strict=True)],
+        "refused_before": refused,
+        "condition": expected.condition,
+        "allowed": 1e-9 if expected.condition <= 1e6 else 1e-15 * expected.condition,
+        "error": max(errors.values()),
+        "errors": errors,
+    }
+
+
+# Energy and momentum --------------------------------------------------------------------------------------------------
+
+
+def energy(name: str, seed: int) -> dict[str, object]:
+    """Drifts over 10 s at 1 ms: gravity on and off, projection on and off."""
+    team, z = TEAMS[name](seed)
+    mass = float(team.payload.mass + sum(group.mass.sum() for group in team.groups))
+    found: dict[str, object] = {}
+    for falling in (True, False):
+        for projected in (True, False):
+            fallen = dataclasses.replace(team, gravity=float(falling) * team.gravity)
+            _, seen = motion.track(fallen, z, jnp.array(1e-3), jnp.array(projected), samples=100, every=100)
+            s = {key: np.asarray(value) for key, value in seen.items()}
+            total, peak = s["kinetic"] + s["potential"], float(s["kinetic"].max())
+            row = {
+                "energy": float(np.abs(total - total[0]).max()) / peak,
+                "energy_over_first": float(np.abs(total - total[0]).max() / s["kinetic"][0]),
+                "work_of_projection": float(s["rough"][-1]) / peak,
+                "residual": float(max(s["Phi"].max(), s["Phi_dot"].max())),
+                "rate": float(s["rate"].max()),
+                "grip": [float(s["grip"][0]), float(s["grip"].min())],
+            }
+            if not falling:  # of sqrt(2 m E), the momentum of all mass at one speed; angular momentum per metre
+                row["momentum"] = float(np.abs(s["momentum"] - s["momentum"][0]).max() / np.sqrt(2 * mass * peak))
+            found[f"gravity {'on' if falling else 'off'}, projection {'on' if projected else 'off'}"] = row
+    return found
+
+
+# Constraint residuals -------------------------------------------------------------------------------------------------
+
+
+def flight(name: str) -> dict[str, object]:
+    """60 s of the paper's closed loop: plain, with thrust at its limit, with the payload turned through 90 degrees."""
+    settings = scenario.load("paper").model_copy(update={"duration_s": 60.0})
+    if name == "saturated":
+        kinds = {key: kind.model_copy(update={"thrust_max_N": 27.5}) for key, kind in settings.agent_types.items()}
+        settings = settings.model_copy(update={"agent_types": kinds})
+    if name == "turned":
+        start = settings.start.model_copy(update={"attitude_error_deg": (0.0, 0.0, 90.0)})
+        agents = tuple(agent.model_copy(update={"yaw_deg": 90.0}) for agent in settings.agents)
+        settings = settings.model_copy(update={"start": start, "agents": agents})
+    rows = (flown := simulate.fly_plan(study.plan(settings, "C1"), build.agent_names(settings))).rows
+    cosine = (np.einsum("tij,ij->t", rows.R_L, rows.R_L[0]) - 1) / 2
+    return {
+        "stopped": flown.stopped,
+        "duration_s": float(rows.t[-1]),
+        "saturated": float(rows.saturated.mean()),
+        "turned_deg": float(np.rad2deg(np.arccos(np.clip(cosine, -1, 1))).max()),
+        "Phi": float(rows.Phi.max()),
+        "Phi_dot": float(rows.Phi_dot.max()),
+    }
+
+
+def springs(z: State, at: State, R: Array) -> Residual:
+    """What holds a team near the pose `at`, turned by R about the origin: springs and dampers on every freedom."""
+    back = lambda R_now, R_then: -so3.e_R(R_now, R_then)  # noqa: E731
+    load, home = z.payload, at.payload
+    payload = Wrench(
+        F=200 * (R @ home.p - load.p) - 40 * load.v,
+        tau=20 * back(load.R, R @ home.R) - 4 * load.omega,
+    )
+    agents = tuple(
+        AgentForce(
+            f_x=-2 * a.v,
+            f_w=20 * jax.vmap(back)(a.R, R @ b.R) - 2 * a.omega,
+            f_r=20 * (b.r - a.r) - 2 * a.r_dot,
+        )
+        for a, b in zip(z.agents, at.agents, strict=True)
+    )
+    return Residual(agents=agents, payload=payload)
+
+
+@jax.jit
+def shaken(team: Team, home: State, key: Array) -> tuple[Array, Array, Array, Array]:
+    """60 s at 1 ms: thrust at 0 or its limit, torques at +-1, redrawn every 50 ms; springs turn the team by 90 degrees.
+
+    The largest position and velocity residuals, the largest turn of the payload, rad, and its largest speed, m/s.
+    """
+    still = no_force(team)
+
+    def hold(carry: tuple, k: Array) -> tuple[tuple, None]:
+        draw = lambda i, shape: jax.random.rademacher(jax.random.fold_in(jax.random.fold_in(key, k), i), shape, float)  # noqa: E731
+        inputs = tuple(
+            AgentInput(
+                u=group.thrust_max * (1 + draw(3 * i, (n,))) / 2,
+                tau=draw(3 * i + 1, (n, 3)),
+                tau_r=draw(3 * i + 2, (n, group.tree.joints)),
+            )
+            for i, (n, group) in enumerate(zip(team.sizes, team.groups, strict=True))
+        )
+        R = so3.exp(jnp.array([0.0, 0.0, 1.0]) * jnp.clip(k * 0.05 / 30, 0.0, 1.0) * jnp.pi / 2)
+        residual = lambda z: jax.tree.map(jnp.add, still, springs(z, home, R))  # noqa: E731
+
+        def one(_: int, carry: tuple) -> tuple:
+            z, Phi, Phi_dot, turn, speed = carry
+            z = dynamics.project(team, dynamics.integrate(team, z, inputs, residual, jnp.array(1e-3)))
+            cosine = (jnp.trace(z.payload.R.T @ home.payload.R) - 1) / 2
+            return (
+                z,
+                jnp.maximum(Phi, jnp.abs(grasp.Phi(team, z)).max()),
+                jnp.maximum(Phi_dot, jnp.abs(grasp.Phi_dot(team, z)).max()),
+                jnp.maximum(turn, jnp.arccos(jnp.clip(cosine, -1.0, 1.0))),
+                jnp.maximum(speed, jnp.linalg.norm(z.payload.v)),
+            )
+
+        return jax.lax.fori_loop(0, 50, one, carry), None
+
+    carry = (home, *jnp.zeros(4))
+    (_, *worst), _ = jax.lax.scan(hold, carry, jnp.arange(1200.0).astype(int))
+    return tuple(worst)
+
+
+def residual(name: str, seed: int) -> dict[str, object]:
+    """The largest constraint residuals of a random team over 60 s."""
+    team, z = TEAMS[name](seed)
+    Phi, Phi_dot, turn, speed = (float(x) for x in shaken(team, z, jax.random.key(seed)))
+    return {"Phi": Phi, "Phi_dot": Phi_dot, "turned_deg": float(np.rad2deg(turn)), "speed_mps": speed}
+
+
+# All ------------------------------------------------------------------------------------------------------------------
+
+
+def order(name: str, seed: int) -> dict[str, object]:
+    """Slopes over five step sizes, projection on and off."""
+    hover = 1.0 if name == "reference" else 0.0  # thrust along a random base's axis throws a team far
+    return {
+        f"projection {'on' if on else 'off'}": motion.convergence(*TEAMS[name](seed), seed, on, hover)
+        for on in (True, False)
+    }
+
+
+def gradient(name: str, seed: int) -> dict[str, object]:
+    """Errors of both modes through one step and through 1 s."""
+    hover = 1.0 if name == "reference" else 0.0
+    return {f"{steps} ms": motion.gradient_errors(*TEAMS[name](seed), seed, steps, hover) for steps in (1, 1000)}
+
+
+def compute(item: str) -> dict[str, object]:
+    """One item of the table."""
+    kind, *given = item.split(", ")
+    if kind == "agreement":
+        return agreement(int(given[0]))
+    if kind == "flight":
+        return flight(given[0])
+    return {"energy": energy, "order": order, "residual": residual, "gradient": gradient}[kind](given[0], int(given[1]))
+
+
+def spread(values: list[float]) -> dict[str, object]:
+    """How many, the median and the largest."""
+    return {"count": len(values), "median": float(np.median(values)), "worst": float(max(values))}
+
+
+def summarize(found: dict[str, dict]) -> dict[str, object]:
+    """Worst and median of everything, and what does not hold."""
+    of = lambda kind: {item: value for item, value in found.items() if item.split(", ")[0] == kind}  # noqa: E731
+    over = [v["error"] / v["allowed"] for v in of("agreement").values()]
+    runs = {f"{item}, {case}": row for item, cases in of("energy").items() for case, row in cases.items()}
+    slow = {name: row for name, row in runs.items() if row["rate"] <= RATE}
+    orders = [row for cases in of("order").values() for row in cases.values()]
+    held = [max(v["Phi"], v["Phi_dot"]) for kind in ("flight", "residual") for v in of(kind).values()]
+    held += [row["residual"] for name, row in runs.items() if name.endswith("projection on")]
+    slopes = {
+        steps: [max(v[steps][mode] for mode in ("forward", "reverse")) for v in of("gradient").values()]
+        for steps in ("1 ms", "1000 ms")
+    }
+    table = {
+        "agreement_over_allowed": spread(over),
+        "agreement_error": spread([v["error"] for v in of("agreement").values()]),
+        "condition": spread([v["condition"] for v in of("agreement").values()]),
+        **{
+            f"energy, {case}": spread([row["energy"] for name, row in slow.items() if name.endswith(case)])
+            for case in dict.fromkeys(name.split(", ", 3)[3] for name in runs)
+        },
+        "energy_over_first": spread([row["energy_over_first"] for row in slow.values()]),
+        "energy_of_faster_motions": spread([row["energy"] for name, row in runs.items() if name not in slow] or [0.0]),
+        "work_of_projection": spread(
+            [row["work_of_projection"] for name, row in slow.items() if name.endswith("projection on")]
+        ),
+        "momentum": spread([row["momentum"] for row in slow.values() if "momentum" in row]),
+        "order_of_state": {
+            "median": float(np.median([r["state"] for r in orders])),
+            "worst": min(r["state"] for r in orders),
+        },
+        "order_of_force": {
+            "median": float(np.median([r["force"] for r in orders])),
+            "worst": min(r["force"] for r in orders),
+        },
+        "residual": spread(held),
+        **{f"gradient, {steps}": spread(values) for steps, values in slopes.items()},
+    }
+    holds = {
+        "agreement": max(over) <= 1,
+        "energy": max(row["energy"] for row in slow.values()) <= 1e-8,
+        "momentum": table["momentum"]["worst"] <= 1e-8,  # ty: ignore
+        "order": min(r["state"] for r in orders) >= 3.9 and min(r["force"] for r in orders) >= 3,
+        "residual": max(held) <= 1e-10
+        and all(not v["stopped"] for v in of("flight").values())
+        and found["flight, saturated"]["saturated"] > 0.5
+        and min(v["turned_deg"] for item, v in found.items() if item.startswith(("residual", "flight, turned"))) >= 90,
+        "gradient": max(value for values in slopes.values() for value in values) <= 1e-6,
+    }
+    return {"table": table, "holds": holds}
+
+
+def main() -> bool:
+    """Whether every target is met."""
+    items = [f"agreement, {seed}" for seed in range(SEEDS["agreement"])]
+    for kind in ("energy", "order", "residual", "gradient"):
+        items += [f"{kind}, {name}, {seed}" for name in TEAMS for seed in range(SEEDS[kind])]
+    items += [f"flight, {name}" for name in ("plain", "saturated", "turned")]
+    found = {item: value for item, value in collect("plant", items, compute).items() if item in items}
+    summary = summarize(found)
+    collect("plant", ["summary"], lambda _: summary)
+    for name, row in summary["table"].items():  # ty: ignore
+        print(f"{name:44} " + ", ".join(f"{key} {value:.3g}" for key, value in row.items()))
+    for name, holds in summary["holds"].items():  # ty: ignore
+        print(f"{name}: {'holds' if holds else 'MISSED'}")
+    return all(summary["holds"].values())  # ty: ignore
+
+
+if __name__ == "__main__":
+    main()
