@@ -20,7 +20,7 @@ from colift.certify import rotation
 from evidence import collect
 
 STEPS, SETTLED = 400, 6.0  # steps of a run, and how many times its slowest time constant it lasts
-STARTS, ROUNDS = 256, 30
+STARTS, ROUNDS = 128, 25
 STIFFNESS, PAPERS_RATE_GAIN = 60.0, 14.0  # 1/s^2, 1/s
 DAMPINGS = (0.5, 0.7, PAPERS_RATE_GAIN / 2 / STIFFNESS**0.5, 1.0, 1.25, 1.5)
 SIZES = (0.01, 0.05, 0.1, 0.17, 0.3)  # rho over k_R
@@ -103,6 +103,22 @@ def search(
     return found
 
 
+def textbook(k_R: float, k_omega: float, rho: float) -> float:
+    """The usual chain for `V = k_R Psi + |e_omega|^2 / 2 + c e_R . e_omega`, `Psi < 1`, with the best c.
+
+    `z^T M_1 z <= V <= z^T M_2 z`, `V' <= -z^T W z + rho sqrt(1 + c^2) |z|`, `z = (|e_R|, |e_omega|)`: ultimately
+    `|z| <= sqrt(max eigenvalue of M_2 / min eigenvalue of M_1) rho sqrt(1 + c^2) / min eigenvalue of W`.
+    """
+    best = np.inf
+    for c in np.geomspace(1e-3, 1, 80) * k_omega:
+        M_1, M_2 = (np.array([[k, s * c], [s * c, 1.0]]) / 2 for k, s in ((k_R, -1), (2 * k_R, 1)))
+        W = np.array([[c * k_R, -c * k_omega / 2], [-c * k_omega / 2, k_omega - c]])
+        low, high, fall = np.linalg.eigvalsh(M_1)[0], np.linalg.eigvalsh(M_2)[-1], np.linalg.eigvalsh(W)[0]
+        if low > 0 and fall > 0:
+            best = min(best, float(np.sqrt(high / low) * rho * np.sqrt(1 + c * c) / fall))
+    return best
+
+
 def compare(damping: float, size: float, count: int, rounds: int) -> dict[str, float]:
     """Certified bounds over what the search found, of `e_R` and `e_omega`, for one loop and size of disturbance."""
     k_R, k_omega = STIFFNESS, 2 * damping * STIFFNESS**0.5
@@ -116,6 +132,7 @@ def compare(damping: float, size: float, count: int, rounds: int) -> dict[str, f
         "Psi": bound.Psi / (1 - float(np.cos(angle))),
         "e_omega": bound.e_omega / float(found["e_omega"]),
         "by_trap": bound.by_trap / angle,
+        "textbook": textbook(k_R, k_omega, size * k_R) / float(found["e_R"]),
     }
 
 

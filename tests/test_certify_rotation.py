@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.linalg import eigh, expm
+from scipy.linalg import expm
 
 from colift import so3
 from colift.certify import rotation
@@ -34,6 +34,34 @@ def angle_of(Q):
 
 
 # -- the equations behind it -------------------------------------------------------------------------------------------
+
+
+def papers_V(e_p, e_v, Q, w, k_R):
+    """The V of the paper's proof for `m_L = 1`, `J_L = I`, `K_p = 5`."""
+    e_R = so3.e_R(Q, jnp.eye(3))
+    return (e_v @ e_v + 5.0 * e_p @ e_p + w @ w + k_R * e_R @ e_R) / 2
+
+
+@given(seeds)
+@settings(max_examples=20)
+def test_the_paper_s_V_need_not_fall_and_may_grow_without_any_disturbance(seed):
+    """Eq. Vdot_bound_38 to the comparison lemma: `V' <= -c2 V` fails at zero rates, and the cross terms stay.
+
+    `V' = -k_omega |w|^2 + k_R e_R . (E - I) w` in rotation, positive for a slow turn back to the desired attitude.
+    """
+    rng = np.random.default_rng(seed)
+    e_p, axis = jnp.asarray(rng.normal(size=3)), rng.normal(size=3)
+    axis /= np.linalg.norm(axis)
+    Q = so3.exp(jnp.asarray(axis * rng.uniform(0.2, 1.5)))
+    k_R, k_omega, still = 60.0, 14.0, jnp.zeros(3)
+
+    def V_dot(w):
+        rates = (still, -5.0 * e_p, *evidence.error_rates(Q, w, still, k_R, k_omega))
+        return jax.jvp(lambda *x: papers_V(*x, k_R), (e_p, still, Q, w), rates)[1]
+
+    assert papers_V(e_p, still, Q, still, k_R) > 0.1
+    assert abs(V_dot(still)) < 1e-12
+    assert V_dot(jnp.asarray(-1e-3 * axis)) > 0
 
 
 @jax.jit
@@ -218,25 +246,9 @@ def test_gains_that_give_no_bound_are_refused(k_R, k_omega, rho, message):
         rotation.ultimate(k_R, k_omega, rho)
 
 
-def textbook(k_R, k_omega, rho):
-    """The usual chain for `V = k_R Psi + |e_omega|^2 / 2 + c e_R . e_omega`, `Psi < 1`, with the best c.
-
-    `z^T M_1 z <= V <= z^T M_2 z`, `V' <= -z^T W z + rho sqrt(1 + c^2) |z|`, `z = (|e_R|, |e_omega|)`: ultimately
-    `|z| <= sqrt(max eigenvalue of M_2 / min eigenvalue of M_1) rho sqrt(1 + c^2) / min eigenvalue of W`.
-    """
-    best = np.inf
-    for c in np.geomspace(1e-3, 1, 80) * k_omega:
-        M_1, M_2 = (np.array([[k, s * c], [s * c, 1.0]]) / 2 for k, s in ((k_R, -1), (2 * k_R, 1)))
-        W = np.array([[c * k_R, -c * k_omega / 2], [-c * k_omega / 2, k_omega - c]])
-        low, high, fall = eigh(M_1)[0][0], eigh(M_2)[0][-1], eigh(W)[0][0]
-        if low > 0 and fall > 0:
-            best = min(best, np.sqrt(high / low) * rho * np.sqrt(1 + c * c) / fall)
-    return best
-
-
 @given(dampings, sizes)
 @settings(max_examples=15)
 def test_textbook_constants_are_looser(damping, size):
     k_R, k_omega, rho = STIFFNESS, rate_gain(damping), size * STIFFNESS
     bound = rotation.ultimate(k_R, k_omega, rho)
-    assert textbook(k_R, k_omega, rho) > max(bound.e_R, bound.e_omega)
+    assert evidence.textbook(k_R, k_omega, rho) > max(bound.e_R, bound.e_omega)

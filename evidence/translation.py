@@ -1,0 +1,76 @@
+"""The ultimate bounds of the translation against the disturbances that reach them, and against textbook constants.
+
+Random gains of every kind: under-, critically and over-damped, isotropic, diagonal, and with other axes for each.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from colift.certify import translation
+from colift.certify.gain import Matrix
+from evidence import collect
+
+DRAWS = 40  # gains of each kind
+DAMPINGS = ("under", "critical", "over")
+MIXINGS = ("isotropic", "diagonal", "same axes", "other axes")
+TARGET = 1.01  # bound over what a disturbance reaches
+
+
+def gains(seed: int, damping: str, mixing: str) -> tuple[Matrix, Matrix]:
+    """Symmetric positive definite `K_p`, `K_v` of one kind: natural frequencies 1.5 to 4 rad/s, damping 0.2 to 1.6."""
+    rng = np.random.default_rng(seed)
+    w = np.full(3, rng.uniform(1.5, 4)) if mixing == "isotropic" else rng.uniform(1.5, 4, 3)
+    zeta = {"under": rng.uniform(0.2, 0.9), "critical": 1.0, "over": rng.uniform(1.1, 1.6)}[damping]
+    P, Q = (np.linalg.qr(rng.normal(size=(3, 3)))[0] for _ in range(2))
+    if mixing in ("isotropic", "diagonal"):
+        P = Q = np.eye(3)
+    if mixing == "same axes":
+        Q = P
+    K_p, K_v = P @ np.diag(w**2) @ P.T, Q @ np.diag(2 * zeta * w) @ Q.T
+    return (K_p + K_p.T) / 2, (K_v + K_v.T) / 2
+
+
+def textbook(K_p: Matrix, K_v: Matrix) -> float:
+    """`|(e_p, e_v)| <= sqrt(p_max / p_min) sqrt(1 + c^2) rho / q_min` for rho = 1, with the best c.
+
+    The paper's V with the cross term `c e_p . e_v` that makes it strict: `p_min |x|^2 <= V <= p_max |x|^2`,
+    `V' <= -q_min |x|^2 + sqrt(1 + c^2) rho |x|`, each constant an eigenvalue (Khalil, Nonlinear Systems, section 9.2).
+    """
+    best, eye = np.inf, np.eye(3)
+    for c in np.geomspace(1e-3, 1, 60) * np.linalg.eigvalsh(K_v)[0]:
+        p = np.linalg.eigvalsh(np.block([[K_p + c * K_v, c * eye], [c * eye, eye]]) / 2)
+        q = np.linalg.eigvalsh(np.block([[c * K_p, 0 * eye], [0 * eye, K_v - c * eye]]))
+        if p[0] > 0 and q[0] > 0:
+            best = min(best, float(np.sqrt(p[-1] / p[0]) * np.sqrt(1 + c * c) / q[0]))
+    return best
+
+
+def compare(damping: str, mixing: str) -> dict[str, float]:
+    """The greatest bound over what is reached, and how many times looser textbook constants are for `|e_p|`."""
+    reached, looser = [], []
+    for seed in range(DRAWS):
+        K_p, K_v = gains(seed, damping, mixing)
+        bound = translation.ultimate(K_p, K_v, 1.0)
+        reached.append(max(peak.bound / peak.reached for peak in (bound.e_p, bound.e_v)))
+        looser.append(textbook(K_p, K_v) / bound.e_p.bound)
+    low, middle, high = np.quantile(looser, [0.0, 0.5, 1.0])
+    return {
+        "bound_over_reached": float(max(reached)),
+        "textbook_least": float(low),
+        "textbook_median": float(middle),
+        "textbook_greatest": float(high),
+    }
+
+
+def main() -> bool:
+    """Every bound is at most TARGET times what a disturbance reaches, and textbook constants are looser."""
+    cases = {f"{damping}, {mixing}": (damping, mixing) for damping in DAMPINGS for mixing in MIXINGS}
+    table = collect("translation", cases, lambda item: compare(*cases[item]))
+    for name in cases:
+        print(f"{name:22}", "  ".join(f"{what} {ratio:.4f}" for what, ratio in table[name].items()))
+    return all(1 <= table[name]["bound_over_reached"] <= TARGET and table[name]["textbook_least"] > 1 for name in cases)
+
+
+if __name__ == "__main__":
+    main()
