@@ -80,9 +80,11 @@ def test_labels_pick_the_right_number(rng):
     assert ds.W_d.sel(wrench="tau_y")[0] == rows.W_d[0, 4]
     assert ds.sigma_f_r.sel(joint="agent3/joint1")[2] == sigma.agents[2][2, 0, 7]
     assert ds.sigma_f_w.sel(agent="agent1", axis="y")[2] == sigma.agents[0][2, 1, 4]
+    assert ds.rho_f_r.sel(joint="agent3/joint1")[2] == sigma.agents_radius[2][2, 0, 7]
+    assert ds.rho_f_L.sel(wrench="tau_x")[3] == sigma.payload_radius[3, 3]
 
 
-def test_sigma_norms_are_frobenius_norms_of_the_root_of_the_covariance(rng):
+def test_sigma_norms_are_frobenius_norms_of_the_root_of_the_covariance_and_rho_bar_is_of_each_body(rng):
     shape = flights.MIXED
     sigma = flights.sigma(rng, shape)
     ds = log.dataset(flights.rows(rng, shape), sigma=sigma, attrs={}, **shape.names)
@@ -95,6 +97,12 @@ def test_sigma_norms_are_frobenius_norms_of_the_root_of_the_covariance(rng):
         for part, of in (("", slice(None)), ("_force", slice(3)), ("_moment", slice(3, None))):
             np.testing.assert_allclose(ds[f"sigma_L{part}"][k], norm(sigma.payload[k, of]), rtol=1e-12)
             np.testing.assert_allclose(ds[f"sigma_A{part}"][k], sum(norm(x[of]) for x in each), rtol=1e-12)
+        for part, of in (("", slice(None)), ("_force", slice(3)), ("_moment", slice(3, None))):
+            radii = [group[k, j, of] for group in sigma.agents_radius for j in range(group.shape[1])]
+            np.testing.assert_allclose(
+                ds[f"rho_bar_L{part}"][k] ** 2, sum(sigma.payload_radius[k, of] ** 2), rtol=1e-12
+            )
+            np.testing.assert_allclose(ds[f"rho_bar_j{part}"][k] ** 2, [sum(x * x) for x in radii], rtol=1e-12)
     # the plain norm joins the parts of one body, so it is between the largest part and their sum
     assert (ds.sigma_A <= ds.sigma_A_force + ds.sigma_A_moment + 1e-12).all()
     assert (ds.sigma_A >= np.maximum(ds.sigma_A_force, ds.sigma_A_moment) - 1e-12).all()
@@ -194,5 +202,5 @@ def test_the_deviations_of_an_agent_are_as_many_as_its_outputs(rng):
     shape = flights.MIXED
     ds = log.dataset(flights.rows(rng, shape), sigma=flights.sigma(rng, shape), attrs={}, **shape.names)
     outputs = sum(n * (6 + joints) for n, joints, _ in shape.groups)
-    logged = sum(ds[name][0].size for name in ("sigma_f_x", "sigma_f_w", "sigma_f_r"))
-    assert logged == outputs
+    for what in ("sigma", "rho"):
+        assert sum(ds[f"{what}_{f}"][0].size for f in ("f_x", "f_w", "f_r")) == outputs
