@@ -167,9 +167,9 @@ def test_what_control_needs() -> None:
     with pytest.raises(ValueError, match="rear: grasp Jacobian is nearly singular"):
         grasp.check_control(team, down, ("rear", "front"))
     line = dataclasses.replace(team.groups[0], contact=team.groups[0].contact.at[:, :, 0].set(0.0))
-    with pytest.raises(ValueError, match=r"rear arm 1, .* has rank 5 of 6"):
+    with pytest.raises(ValueError, match=r"rear arm 1, .* has rank 5 of 6, condition .*, singular values"):
         grasp.check_control(dataclasses.replace(team, groups=(line,)), z, ("rear", "front"))
-    with pytest.raises(ValueError, match="2 joints for 2 arms; its attitude is free only with 3 or more"):
+    with pytest.raises(ValueError, match=r"2 joints for 2 arms, .* rank 5 of 6 .* free only with 3 joints or more"):
         grasp.check_control(*held(((Tree(parents=(0, 0), prismatic=(False, False), tips=(1, 2)), 2),)))
 
 

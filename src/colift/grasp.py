@@ -173,13 +173,17 @@ def check_control(team: Team, z: State, names: Sequence[str] = ()) -> None:
     rank = int((G[0] < 1e6 * G).sum())
     if rank < 6:
         raise ValueError(
-            f"the grasp matrix of {', '.join(labels(team, names))} has rank {rank} of 6, singular values {_listed(G)}: "
+            f"the grasp matrix of {', '.join(labels(team, names))} has rank {rank} of 6, condition "
+            f"{G[0] / max(G[-1], 1e-300):.3g}, singular values {_listed(G)}: "
             "no force can turn the payload about every axis; use three contacts that are not collinear"
         )
     for name, agent, r, _ in _each(team, z, names):
         n, n_r = agent.tree.arms, agent.tree.joints
         if n_r < 3 * n - 3:
-            raise ValueError(f"{name}: {n_r} joints for {n} arms; its attitude is free only with {3 * n - 3} or more")
+            raise ValueError(
+                f"{name}: {n_r} joints for {n} arms, so its grasp Jacobian has rank {3 + n_r} of {3 * n} at most; its "
+                f"attitude is free only with {3 * n - 3} joints or more"
+            )
         J = np.linalg.svd(np.asarray(_jacobian(agent, r)), compute_uv=False)
         if not J[-1] * JACOBIAN_CONDITION_MAX > J[0]:
             raise ValueError(
