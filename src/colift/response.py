@@ -7,6 +7,7 @@ coordinates for each of the team's free velocities.
 from __future__ import annotations
 
 import dataclasses
+import itertools
 
 import jax
 import jax.numpy as jnp
@@ -61,7 +62,7 @@ def bodies(team: Team) -> tuple[slice, ...]:
     ends = [0, 6]
     for size, group in zip(team.sizes, team.groups, strict=True):
         ends += [ends[-1] + (6 + group.tree.joints) * (k + 1) for k in range(size)]
-    return tuple(slice(a, b) for a, b in zip(ends, ends[1:], strict=False))
+    return tuple(slice(a, b) for a, b in itertools.pairwise(ends))
 
 
 def linearize(pilot: fly.Pilot, oracle: learn.Oracle, z: State) -> Response:

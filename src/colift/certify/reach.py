@@ -38,7 +38,7 @@ class Body:
 
 
 def impulse(response: Response, rows: Matrix, step: float, count: int) -> Matrix:
-    """`H_m`, (count, rows, inputs): what f~ at sample k, held from half a step before to half a step after, adds at k + m.
+    """`H_m`, (count, rows, inputs): what f~ at sample k, held for half a step on either side, adds at sample k + m.
 
     rows: (rows, states) and direct term behind it, `[C D]`.
     """
@@ -64,21 +64,26 @@ def weights(H: Matrix, at: Sequence[int], path: int) -> Matrix:
     return np.ascontiguousarray(np.swapaxes(L, 1, 2))
 
 
-def by_band(body: Body, H: Matrix, at: Sequence[int]) -> Matrix:
-    """`(2, times, rows, outputs)`: bounds of each output's contribution and of its negative, by the body's band.
-
-    `|l(f - mu)| <= |l(m - mu)| + beta sigma(l)` with m and sigma the companion's (see `colift.gp.bounds.energy`: the
-    bound is on `|f - m|` in the posterior's space, hence on every functional).
-    """
-    found = np.empty((2, len(at), H.shape[1], len(body.beta)))
+def by_band(body: Body, H: Matrix, at: Sequence[int]) -> tuple[Matrix, Matrix]:
+    """`(l(m - mu), sigma(l))` of each output's contribution l, both `(times, rows, outputs)`, for `bound`."""
+    moved, sigma = np.empty((2, len(at), H.shape[1], len(body.beta)))
     shift = _mean(body.companion, body.x) - _mean(body.model, body.x)
     for i in range(len(body.beta)):
         L = weights(H[:, :, body.columns.start + i], at, len(body.x))
         S = _covariance(body.companion, i, body.x)
-        width = body.beta[i] * np.sqrt(np.maximum(np.sum((L @ S) * L, axis=-1), 0.0))
-        moved = L @ shift[:, i]
-        found[0, ..., i], found[1, ..., i] = moved + width, width - moved
-    return found
+        sigma[..., i] = np.sqrt(np.maximum(np.sum((L @ S) * L, axis=-1), 0.0))
+        moved[..., i] = L @ shift[:, i]
+    return moved, sigma
+
+
+def bound(beta: Matrix, moved: Matrix, sigma: Matrix) -> Matrix:
+    """`(2, ...)`: upper bounds of `l(f - mu)` and of its negative, `|l(f - m)| <= beta sigma(l)`.
+
+    m and sigma are the companion's. A bound on `|f - m|` in the posterior's space, as all of `colift.gp.bounds` but
+    `fiedler_fixed` are, holds for every functional. Infinite where beta is.
+    """
+    width = np.where(np.isinf(beta), np.inf, beta * sigma)
+    return np.stack([width + moved, width - moved])
 
 
 def by_recovery(
@@ -86,13 +91,14 @@ def by_recovery(
 ) -> Matrix:
     """`(2, times, rows, outputs)` as `by_band`, by optimal recovery: a conic program at every so many of the times.
 
-    In between, the multipliers are interpolated: any prove a bound. Never above `band`, that of `by_band`, which stays
-    where an output contributes next to nothing. Raises as `gp.recovery.recover`.
+    In between, `l_t = (1 - w) l_a + w l_b + delta` with the programs' times a and b, and delta has a band. Never above
+    `band`, that of `by_band`, which stays where an output contributes next to nothing. Raises as `gp.recovery.recover`.
     """
     found, path = band.copy(), len(body.x)
     anchors = sorted({*range(0, len(at), every), len(at) - 1})
     n, total = int(body.model.n), band.sum(-1).max((0, 1))
-    mu = _mean(body.model, body.x)
+    mu, shift = _mean(body.model, body.x), _mean(body.companion, body.x) - _mean(body.model, body.x)
+    blend = np.stack([np.interp(np.arange(len(at)), anchors, unit) for unit in np.eye(len(anchors))], axis=1)
     for i in range(len(body.beta)):
         matters = [row for row in range(H.shape[1]) if band[..., row, i].max() > NEGLIGIBLE * total[row]]
         if not matters:
@@ -101,17 +107,25 @@ def by_recovery(
         allowed = recovery.consistent(X, Y, body.model.hyper, i, body.norm, float(body.eps[i]))
         offset = float(np.asarray(body.model.hyper.offset)[i])
         K, C = allowed.correlations(body.x), _correlation(body.model, i, body.x, body.x)
-        L = weights(H[:, :, body.columns.start + i], at, path)
+        L, S = weights(H[:, :, body.columns.start + i], at, path), _covariance(body.companion, i, body.x)
         for row in matters:
-            k, square = K @ L[:, row].T, np.sum((L[:, row] @ C) * L[:, row], axis=1)
-            centre = L[:, row] @ (mu[:, i] - offset)
+            here = L[anchors, row]
+            k, square, centre = K @ here.T, np.sum((here @ C) * here, axis=1), here @ (mu[:, i] - offset)
+            delta = L[:, row] - blend @ here
+            width = body.beta[i] * np.sqrt(np.maximum(np.sum((delta @ S) * delta, axis=1), 0.0))
             for side, sign in enumerate((1, -1)):
-                nu = np.stack([recovery.greatest(allowed, sign * k[:, a], square[a]).nu for a in anchors], axis=1)
-                nu = np.stack([np.interp(np.arange(len(at)), anchors, each) for each in nu])
-                value = recovery.above(allowed, nu, sign * k, square) - sign * centre
+                value = [recovery.greatest(allowed, sign * k[:, a], square[a]).value for a in range(len(anchors))]
+                value = blend @ (value - sign * centre) + width + sign * (delta @ shift[:, i])
                 found[side, :, row, i] = np.minimum(value, band[side, :, row, i])
         progress()
     return found
+
+
+def greatest(body: Body) -> Matrix:
+    """`|m - mu| + beta sigma` of each output along the path, (path, outputs): bounds `|f~|` there."""
+    off = np.abs(_mean(body.companion, body.x) - _mean(body.model, body.x))
+    diagonal = [np.diagonal(_covariance(body.companion, i, body.x)) for i in range(len(body.beta))]
+    return off + body.beta * np.sqrt(np.maximum(np.stack(diagonal, axis=1), 0.0))
 
 
 def _mean(model: gp.GP, x: Matrix) -> Matrix:

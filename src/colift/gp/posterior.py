@@ -93,7 +93,7 @@ def condition(X: ArrayLike, Y: ArrayLike, hyper: Hyper, capacity: int | None = N
     )
 
 
-def expansion(hyper: Hyper, centers: ArrayLike, weights: ArrayLike) -> GP:
+def expansion(hyper: Hyper, centers: ArrayLike, weights: ArrayLike, capacity: int | None = None) -> GP:
     """The function `f_i = offset_i + sum_k weights_ik k_i(centers_k, .)` as a posterior mean: `mean` evaluates it.
 
     It is the mean on data `K weights`, which it passes at the centres up to `noise_variance weights`.
@@ -107,7 +107,8 @@ def expansion(hyper: Hyper, centers: ArrayLike, weights: ArrayLike) -> GP:
     )
     K = [gram(X, s[i], ls[i], v[i]) for i in range(len(s))]
     Y = np.stack([(offset[i] + K[i] @ weights[i]) for i in range(len(s))], axis=1)
-    return dataclasses.replace(condition(X, Y, hyper), alpha=jnp.asarray(weights))
+    model = condition(X, Y, hyper, capacity)
+    return dataclasses.replace(model, alpha=jnp.asarray(np.pad(weights, ((0, 0), (0, model.capacity - len(X))))))
 
 
 @jax.jit

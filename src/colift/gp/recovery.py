@@ -4,6 +4,9 @@ The interval from the least to the greatest value that a function of norm at mos
 datum within eps. No bound from the same assumptions is smaller (Scharnhorst, Maddalena, Jiang and Jones 2023; in
 general Micchelli and Rivlin 1977). One conic program a side, so for certificates and not for a control loop; its
 solver, Clarabel, is an optional dependency.
+
+`recover` serves one functional. For many on the same data: `consistent` once, then `greatest`, or `above` with
+multipliers that a neighbour left.
 """
 
 from __future__ import annotations
@@ -38,6 +41,64 @@ class Recovery:
         return max(self.upper - estimate, estimate - self.lower)
 
 
+@dataclasses.dataclass(frozen=True)
+class Consistent:
+    """The functions of one output that norm and data allow: `||f|| <= B`, `|Y_k - offset - f(x_k)| <= eps`.
+
+    Kept in units of `unit = B sqrt(signal_variance)`, the largest value f can have, with inputs in length-scales.
+    """
+
+    U: np.ndarray  # (N, dimensions), inputs
+    K: np.ndarray  # (N, N), correlations of the data
+    r: np.ndarray  # (N,), (Y - offset) / unit
+    eps: float
+    unit: float  # unit of y
+    norm: float  # B
+    signal_variance: float  # (unit of y)^2
+    lengthscales: np.ndarray  # (dimensions,), unit of x
+
+    def correlations(self, points: np.ndarray) -> np.ndarray:
+        """`k(x_k, z_l) / signal_variance`, `(N, L)`: products with weights are the `k` of a functional."""
+        return _correlation(self.U, points / self.lengthscales)
+
+
+@dataclasses.dataclass(frozen=True)
+class Extreme:
+    """The greatest value of a functional, and what proves and what reaches it.
+
+    `value` is an upper bound whatever the solver's tolerance. `nu`: multipliers of the data. `weights`: those of the
+    data's kernels and of the functional's representer in the function that reaches the value, up to that tolerance.
+    """
+
+    value: float  # unit of y times that of the functional's weights
+    nu: np.ndarray  # (N,)
+    weights: np.ndarray  # (N + 1,), 1 / unit of y, for kernels of `signal_variance`
+
+
+def consistent(X: ArrayLike, Y: ArrayLike, hyper: Hyper, output: int, norm: float, noise_bound: float) -> Consistent:
+    """What the data of one output allow; norm: B; noise_bound: eps, unit of y.
+
+    X: `(N, dimensions)`; Y: `(N, outputs)`. Raises ValueError for shapes or numbers that are not that.
+    """
+    X, Y = checked(X, Y)
+    for name, value in (("norm", norm), ("noise_bound", noise_bound)):
+        if not 0 < value < np.inf:
+            raise ValueError(f"{name} = {value}: must be positive and finite")
+    s, offset = float(np.asarray(hyper.signal_variance)[output]), float(np.asarray(hyper.offset)[output])
+    ls = np.asarray(hyper.lengthscales)[output]
+    unit, U = norm * s**0.5, X / ls
+    return Consistent(
+        U=U,
+        K=_correlation(U, U),
+        r=(Y[:, output] - offset) / unit,
+        eps=noise_bound / unit,
+        unit=unit,
+        norm=norm,
+        signal_variance=s,
+        lengthscales=ls,
+    )
+
+
 def recover(
     X: ArrayLike,
     Y: ArrayLike,
@@ -60,58 +121,68 @@ def recover(
     Raises ValueError for shapes or numbers that are not that, or data that contradict B and eps; ImportError
     without Clarabel; RuntimeError where the solver fails.
     """
-    X, Y = checked(X, Y)
+    allowed = consistent(X, Y, hyper, output, norm, noise_bound)
     Z, a = np.asarray(points, dtype=float), np.asarray(weights, dtype=float)
-    if Z.shape != (a.size, X.shape[1]) or a.ndim != 1 or not (np.isfinite(Z).all() and np.isfinite(a).all()):
-        raise ValueError(f"points {Z.shape} and weights {a.shape}: must be finite, (L, {X.shape[1]}) and (L,)")
-    for name, value in (("norm", norm), ("noise_bound", noise_bound)):
-        if not 0 < value < np.inf:
-            raise ValueError(f"{name} = {value}: must be positive and finite")
-    s, offset = float(np.asarray(hyper.signal_variance)[output]), float(np.asarray(hyper.offset)[output])
-    ls = np.asarray(hyper.lengthscales)[output]
-    # In units of B sqrt(s): the largest value f can have.
-    unit = norm * s**0.5
-    r, eps = (Y[:, output] - offset) / unit, noise_bound / unit
-    K, k = _correlation(X / ls, X / ls), _correlation(X / ls, Z / ls) @ a
-    square = float(a @ _correlation(Z / ls, Z / ls) @ a)
-    upper, lower = (sign * _greatest(K, sign * k, square, r, eps) for sign in (1, -1))
-    centre = offset * a.sum()
-    return Recovery(lower=float(centre + unit * lower), upper=float(centre + unit * upper))
+    dimensions = allowed.U.shape[1]
+    if Z.shape != (a.size, dimensions) or a.ndim != 1 or not (np.isfinite(Z).all() and np.isfinite(a).all()):
+        raise ValueError(f"points {Z.shape} and weights {a.shape}: must be finite, (L, {dimensions}) and (L,)")
+    k, V = allowed.correlations(Z) @ a, Z / allowed.lengthscales
+    square = float(a @ _correlation(V, V) @ a)
+    upper, lower = (sign * greatest(allowed, sign * k, square).value for sign in (1, -1))
+    centre = float(np.asarray(hyper.offset)[output]) * a.sum()
+    return Recovery(lower=float(centre + lower), upper=float(centre + upper))
+
+
+def greatest(allowed: Consistent, k: np.ndarray, square: float) -> Extreme:
+    """The greatest value of a functional of f, given its representer's products with the data's and with itself.
+
+    For `sum_l a_l f(z_l)`: `k = correlations(Z) a`, `(N,)`, and `square = a^T C a` with C the correlations of Z.
+    Raises as `recover` does.
+    """
+    size = square**0.5 or 1.0  # a functional that is zero has no size to be measured in
+    nu, weights = _solution(allowed, k / size, square / size**2)
+    nu, weights = size * nu, weights * allowed.unit / allowed.signal_variance
+    weights[-1] /= size
+    return Extreme(value=float(above(allowed, nu[:, None], k[:, None], np.array([square]))[0]), nu=nu, weights=weights)
+
+
+def above(allowed: Consistent, nu: np.ndarray, k: np.ndarray, square: np.ndarray) -> np.ndarray:
+    """Upper bounds of many functionals by any multipliers, `nu^T r + eps |nu|_1 + B ||k_z - sum_k nu_k k_xk||`.
+
+    nu, k: `(N, functionals)`; square: `(functionals,)`; see `greatest`.
+    """
+    size = np.abs(nu).sum(0)
+    # Products of rounded correlations err by less than this, which would else make a residual near zero too small.
+    rounding = 4 * len(nu) * np.finfo(float).eps * (np.sqrt(square) + size) ** 2
+    residual2 = np.maximum(square + np.sum(nu * (allowed.K @ nu - 2 * k), axis=0), 0.0) + rounding
+    return allowed.unit * (allowed.r @ nu + allowed.eps * size + np.sqrt(residual2))
 
 
 def _correlation(U: np.ndarray, V: np.ndarray) -> np.ndarray:
     return np.exp(-0.5 * cdist(U, V, "sqeuclidean"))
 
 
-def _greatest(K: np.ndarray, k: np.ndarray, square: float, r: np.ndarray, eps: float) -> float:
-    """Greatest value of a functional with representer of products k with the data's and norm^2 `square`; B = 1."""
-    nu = _multipliers(K, k, square, r, eps)
-    size = np.abs(nu).sum()
-    # Products of rounded correlations err by less than this, which would else make a residual near zero too small.
-    rounding = 4 * len(r) * np.finfo(float).eps * (square**0.5 + size) ** 2
-    residual2 = max(square - 2 * nu @ k + nu @ K @ nu, 0.0) + rounding
-    return float(nu @ r + eps * size + residual2**0.5)
+def _solution(allowed: Consistent, k: np.ndarray, square: float) -> tuple[np.ndarray, np.ndarray]:
+    """The best nu, and the function that proves it best as weights of the data's representers and the functional's.
 
-
-def _multipliers(K: np.ndarray, k: np.ndarray, square: float, r: np.ndarray, eps: float) -> np.ndarray:
-    """The best nu, from the program `max F_z c` over `|c| <= 1`, `|r - F c| <= eps`, `[F; F_z] [F; F_z]^T` the Gram.
-
+    From the program `max F_z c` over `|c| <= 1`, `|r - F c| <= eps`, with `[F; F_z] [F; F_z]^T` the Gram matrix:
     c are coordinates of f in an orthonormal basis of the span of all representers.
     """
-    values, vectors = np.linalg.eigh(np.block([[K, k[:, None]], [k[None], np.full((1, 1), square)]]))
+    gram = np.block([[allowed.K, k[:, None]], [k[None], np.full((1, 1), square)]])
+    values, vectors = np.linalg.eigh(gram)
     kept = values > RANK * values[-1]
-    F, N = vectors[:, kept] * np.sqrt(values[kept]), len(r)
+    vectors, scale, N = vectors[:, kept], np.sqrt(values[kept]), len(k)
     for margin in MARGINS:
-        status, z = _solve(F, r, eps * (1 + margin), 1 + margin)
+        status, x, z = _solve(vectors * scale, allowed.r, allowed.eps * (1 + margin), 1 + margin)
         if "PrimalInfeasible" in status:
             raise ValueError("the data contradict norm and noise_bound: no function of that norm passes that closely")
         if status in ("Solved", "AlmostSolved"):
-            return z[:N] - z[N : 2 * N]
-    raise RuntimeError(f"Clarabel ended with {status} on {N} points, noise_bound / (norm sqrt(s)) = {eps:.3g}")
+            return z[:N] - z[N : 2 * N], vectors @ (x / scale)
+    raise RuntimeError(f"Clarabel ended with {status} on {N} points, noise_bound / (norm sqrt(s)) = {allowed.eps:.3g}")
 
 
-def _solve(F: np.ndarray, r: np.ndarray, eps: float, B: float) -> tuple[str, np.ndarray]:
-    """Clarabel's status, and its multipliers of `F c <= eps + r`, `-F c <= eps - r` and `|c| <= B` in this order."""
+def _solve(F: np.ndarray, r: np.ndarray, eps: float, B: float) -> tuple[str, np.ndarray, np.ndarray]:
+    """Clarabel's status, its c, and its multipliers of `F c <= eps + r`, `-F c <= eps - r`, `|c| <= B`, in order."""
     try:
         clarabel: Any = importlib.import_module("clarabel")  # not at the top: it is optional
     except ImportError as error:
@@ -123,4 +194,4 @@ def _solve(F: np.ndarray, r: np.ndarray, eps: float, B: float) -> tuple[str, np.
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     solution = clarabel.DefaultSolver(sparse.csc_matrix((rank, rank)), -F[N], rows, limits, cones, settings).solve()
-    return str(solution.status), np.asarray(solution.z)
+    return str(solution.status), np.asarray(solution.x), np.asarray(solution.z)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 
 import jax
 import jax.numpy as jnp
@@ -234,15 +234,15 @@ def drawn(settings: s.Settings, truth: Team, z: State) -> tuple[learn.Oracle, Re
     if given is None:
         return None
     rng = np.random.default_rng((settings.seed, 4))
-    moves = jax.vmap(functools.partial(_carried, truth, path(settings), z))
+    moves = jax.vmap(functools.partial(_carried, path(settings), z))
     where = moves(jnp.asarray(rng.uniform(settings.reference.ramp_s, settings.duration_s, given.centers)))
     along = moves(jnp.linspace(settings.reference.ramp_s, settings.duration_s, 400))
 
     def one(hyper: gp.Hyper, X: Array, path: Array) -> tuple[gp.GP, np.ndarray]:
         X = np.asarray(X) + given.spread * rng.normal(size=X.shape) * np.asarray(hyper.lengthscales)[0]
         w = rng.normal(size=(len(hyper.signal_variance), len(X)))
-        model = gp.expansion(hyper, X, w)
-        model = gp.expansion(hyper, X, w * (given.norm / np.asarray(gp.norm(model)))[:, None])
+        w = w * (given.norm / np.asarray(gp.norm(gp.expansion(hyper, X, w))))[:, None]
+        model = gp.expansion(hyper, X, w, max(len(X), settings.learning.capacity))
         return model, np.asarray(jax.vmap(gp.mean, (None, 0))(model, path)).std(0)
 
     zero = prior(settings, truth)
@@ -263,7 +263,7 @@ def drawn(settings: s.Settings, truth: Team, z: State) -> tuple[learn.Oracle, Re
     )
 
 
-def _carried(team: Team, path: reference.Lissajous, z: State, t: Array) -> tuple[Array, tuple[Array, ...]]:
+def _carried(path: reference.Lissajous, z: State, t: Array) -> tuple[Array, tuple[Array, ...]]:
     """Samples of payload and agents as if the team of z moved along the reference without turning."""
     d = reference.at(path, t)
     shift = d.p - z.payload.p
@@ -446,11 +446,11 @@ def prior(settings: s.Settings, nominal: Team) -> learn.Oracle:
     """The oracle before any data: it predicts zero, with the deviations that the scenario states."""
     learning = settings.learning
     return learn.Oracle(
-        payload=gp.prior(_hyper(learning.payload, len(learn.PAYLOAD_FEATURES)), learning.capacity),
+        payload=gp.prior(_hyper(learning.payload, learn.PAYLOAD_FEATURES), learning.capacity),
         agents=tuple(
             jax.tree.map(
                 lambda x, size=size: jnp.broadcast_to(x, (size, *x.shape)),
-                gp.prior(_hyper(learning.agents, 18 + 2 * group.tree.joints, group.tree.joints), learning.capacity),
+                gp.prior(_hyper(learning.agents, learn.agent_feature_names(group.tree.joints)), learning.capacity),
             )
             for size, group in zip(nominal.sizes, nominal.groups, strict=True)
         ),
@@ -458,20 +458,19 @@ def prior(settings: s.Settings, nominal: Team) -> learn.Oracle:
     )
 
 
-def _hyper(given: s.Prior, features: int, joints: int = 0) -> gp.Hyper:
-    """Forces, moments, then joints: variances from the stated deviations, one length-scale for all features."""
-    signal, noise = [given.force_N, given.moment_Nm], [given.force_noise_N, given.moment_noise_Nm]
-    counts = [3, 3]
+def _hyper(given: s.Prior, features: Sequence[str]) -> gp.Hyper:
+    """Forces, moments, then joints: variances from the stated deviations, length-scales of rates and of the rest."""
+    signal, noise, counts = [given.force_N, given.moment_Nm], [given.force_noise_N, given.moment_noise_Nm], [3, 3]
     if isinstance(given, s.AgentPrior):
+        joints = sum(name.startswith("r_dot") for name in features)
         signal, noise, counts = [*signal, given.joint_Nm], [*noise, given.joint_noise_Nm], [3, 3, joints]
+    rates = [name.startswith(("omega", "|omega|", "r_dot")) for name in features]
+    lengthscales = np.where(rates, given.rate_lengthscale, given.lengthscale)
     return gp.hyperparameters(
         signal_variance=np.repeat(signal, counts) ** 2,
-        lengthscales=np.full((sum(counts), features), given.lengthscale),
+        lengthscales=np.tile(lengthscales, (sum(counts), 1)),
         noise_variance=np.repeat(noise, counts) ** 2,
     )
-
-
-# What error bounds rest on --------------------------------------------------------------------------------------------
 
 
 def stated(settings: s.Settings, nominal: Team, rig: Residual) -> band.Stated:

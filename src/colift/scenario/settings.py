@@ -437,7 +437,9 @@ class Prior(Section):
     moment_noise_Nm: Positive
     """Label noise deviation of a moment output."""
     lengthscale: Annotated[Positive, of_unit("of each feature")] = 1.0
-    """Length-scale of every feature."""
+    """Length-scale of every feature but rates of rotation and of joints."""
+    rate_lengthscale: Annotated[Positive, of_unit("of each feature")] = 1.0
+    """Length-scale of rates of rotation and of joints."""
 
 
 class AgentPrior(Prior):

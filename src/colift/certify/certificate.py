@@ -1,0 +1,372 @@
+"""Theorem 1 computed for a flight: certified against observed ultimate errors, and where the slack comes from.
+
+The flight's oracle is frozen after its last update. Its twin is the same flight with the oracle's own mean as truth:
+what is left there is the floor, without any unknown. From the twin's path the loop's response leads to the run's,
+driven by `f~ = f - mean`. Derivations and what is assumed: `docs/certificate.md`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+from colift import band, control, learn, reference, response, simulate
+from colift.certify import reach, rotation, translation, tube
+from colift.certify.interface import Interface, interface
+from colift.certify.reach import Body
+from colift.certify.tube import Tube
+from colift.gp import bounds
+from colift.model import PayloadState, State
+
+Matrix = NDArray[np.float64]
+Progress = Callable[[str], None]
+
+ERRORS = ("e_p", "e_v", "e_R", "e_omega")
+STEP = 0.04  # s between samples of the path
+EVERY = 8  # conic programs at every so many output samples, which are two steps apart
+FIRST_ORDER = "agents' attitude loops and tilt act to first order (tested in flight, not proven)"
+
+
+@dataclasses.dataclass(frozen=True)
+class Radii:
+    """Certified ultimate radii under one bound, by error; infinite where there is none."""
+
+    run: Mapping[str, float]  # for the run's own path, known once flown
+    tube: Mapping[str, float]  # for every run in the tube, known before: the certificate of Theorem 1
+    assumed: tuple[str, ...]  # what is not true by construction; with none, certified
+
+
+@dataclasses.dataclass(frozen=True)
+class Certificate:
+    """What `certify` found; errors in m, m/s, 1 and rad/s."""
+
+    window: tuple[float, float]  # s, over which ultimate errors are taken
+    transient: float  # what is left at its start of a deviation at the last update
+    observed: Mapping[str, float]
+    floor: Mapping[str, float]  # the twin's
+    radii: Mapping[str, Radii]
+    tube: Tube | None
+    no_tube: str  # why there is none; empty if there is one
+    interface: Interface
+    attraction_deg: float  # greatest initial attitude error at rest that the rotation's certificate covers; nan: none
+    slack: Mapping[str, float]  # radii of e_p, m, from the loosest reasoning to what was observed
+    t: Matrix  # s
+    e_p: Matrix  # (time,) observed
+    bound: Matrix  # (time,) of the scenario's best bound, on the run's own path
+
+
+def twin(plan: simulate.Plan, oracle: learn.Oracle) -> simulate.Plan:
+    """The flight of a frozen oracle in a world that obeys it: nothing is recorded, nothing is unknown."""
+    return under(plan, oracle, oracle)
+
+
+def under(plan: simulate.Plan, oracle: learn.Oracle, truth: learn.Oracle) -> simulate.Plan:
+    """The flight of a frozen oracle where the unknown forces are another's means, on the nominal plant."""
+    no = jnp.asarray(False)
+    recorder = dataclasses.replace(plan.pilot.recorder, payload=no, agents=no)
+    none = tuple(() for _ in plan.world.sources.agents)
+    rest = jax.tree.map(jnp.zeros_like, plan.world.sources.joints)
+    smooth = tuple(dataclasses.replace(f, speed=jnp.ones_like(f.speed)) for f in rest)
+    sources = dataclasses.replace(plan.world.sources, payload=(), agents=none, joints=smooth, functions=(truth,))
+    return dataclasses.replace(
+        plan,
+        world=dataclasses.replace(plan.world, team=plan.pilot.team, sources=sources),
+        pilot=dataclasses.replace(plan.pilot, recorder=recorder),
+        oracle=oracle,
+        updates=(),
+    )
+
+
+def certify(
+    plan: simulate.Plan,
+    flight: simulate.Flight,
+    of_twin: simulate.Flight,
+    at_rest: State,
+    progress: Progress = lambda _what: None,
+) -> Certificate:
+    """The certificate of a flight. `of_twin`: the flight of `twin`; `at_rest`: the team on its reference, at rest.
+
+    Raises ValueError for a flight or twin that stopped early, or that never learned, or is unstable at rest.
+    """
+    for name, flown in (("flight", flight), ("twin", of_twin)):
+        if flown.stopped:
+            raise ValueError(f"no certificate: the {name} stopped: {flown.stopped}")
+    if not flight.updates:
+        raise ValueError("no certificate: the flight never learned")
+    progress("response of the loop")
+    loop = response.linearize(plan.pilot, plan.oracle, at_rest)
+    pace = float(np.linalg.eigvals(loop.A).real.max())
+    if pace >= 0:
+        raise ValueError(f"no certificate: the loop is unstable at rest, a mode has rate {pace:+.3g} 1/s")
+    grid = _grid(plan, flight)
+    H = reach.impulse(loop, _rows(loop), grid.step, len(grid.path))
+    observed, floor = (_errors(rows, grid.window) for rows in (flight.rows, of_twin.rows))
+    off = _mismatch(plan, of_twin.rows, grid.window)
+    progress("tube")
+    with threadpool_limits(1):  # the matrices are small
+        energy = {"tube": bodies(plan, flight, of_twin.rows, grid.path, "energy")}
+        energy["run"] = bodies(plan, flight, flight.rows, grid.path, "energy")
+        found, why = _tube(loop, plan, energy["tube"], grid)
+        reached = _reached(plan, flight, energy, {"tube": of_twin.rows, "run": flight.rows}, grid, H, progress)
+    extra = np.abs(H).sum(0) @ found.difference if found else np.full(H.shape[1], np.inf)
+    met = (*(() if found else ("S_X: " + why,)), FIRST_ORDER)
+    radii = {
+        name: Radii(
+            run=_radii(plan, of_twin.rows, off, grid, each["run"], np.zeros_like(extra)),
+            tube=_radii(plan, of_twin.rows, off, grid, each["tube"], extra),
+            assumed=(*band.names(bounds.unmet("recover" if name == "recovery" else name, plan.stated.met)), *met),
+        )
+        for name, each in reached.items()
+    }
+    progress("interface")
+    miss = np.linalg.norm(of_twin.rows.delta_W[grid.window].reshape(-1, 2, 3), axis=2).max(0)
+    layer = interface(loop, miss)
+    best = reached.get("recovery", reached["energy"])["run"]
+    return Certificate(
+        window=(float(flight.rows.t[grid.window][0]), float(flight.rows.t[grid.window][-1])),
+        transient=float(np.exp(pace * (flight.rows.t[grid.window][0] - flight.updates[-1].t))),
+        observed={name: float(np.linalg.norm(e, axis=1).max()) for name, e in observed.items()},
+        floor={name: float(np.linalg.norm(e, axis=1).max()) for name, e in floor.items()},
+        radii=radii,
+        tube=found,
+        no_tube=why,
+        interface=layer,
+        attraction_deg=_attraction(plan, off, reached["energy"]["tube"]),
+        slack=_slack(plan, loop, H, energy["tube"], flight, of_twin, grid, radii, layer),
+        t=flight.rows.t[grid.path][grid.at],
+        e_p=np.linalg.norm(flight.rows.e_p[grid.path][grid.at], axis=1),
+        bound=_sizes(of_twin.rows.e_p[grid.path][grid.at], best[:, :, :3]),
+    )
+
+
+# -- the path --------------------------------------------------------------------------------------------------------
+
+
+@dataclasses.dataclass(frozen=True)
+class Grid:
+    """Samples of the path since the last update, and those at which errors are bounded."""
+
+    path: Matrix  # ticks
+    at: Matrix  # indices into path
+    window: slice  # ticks
+    step: float  # s
+
+
+def _grid(plan: simulate.Plan, flight: simulate.Flight) -> Grid:
+    """Errors are ultimate in the second half of what follows the last update."""
+    dt, last = float(plan.pilot.filters.dt), flight.updates[-1].t
+    every = max(1, round(STEP / dt))
+    ticks = len(flight.rows.t)
+    path = np.arange(round(last / dt), ticks, every)
+    first = (round(last / dt) + ticks) // 2
+    return Grid(path=path, at=np.flatnonzero(path >= first)[::2], window=slice(first, None), step=every * dt)
+
+
+def bodies(
+    plan: simulate.Plan, flight: simulate.Flight, rows: simulate.Row, path: Matrix, bound: str
+) -> tuple[Body, ...]:
+    """Every body's unknown along a path, under a bound, after the flight's last update."""
+    stated = dataclasses.replace(plan.stated, bound=bound)
+    held = band.bands(flight.oracle, stated, len(flight.updates))
+    x, agents = simulate.inputs(plan.world.team, jax.tree.map(lambda a: a[path], rows))
+    columns = response.bodies(plan.pilot.team)
+    first = learn.payload_features(jnp.asarray(x))
+    oracle, eps = flight.oracle, stated
+    out = [
+        Body(columns[0], oracle.payload, held.companion.payload, _np(held.payload), eps.norm, eps.payload, _np(first))
+    ]
+    for group, other, beta, e, each in zip(
+        oracle.agents, held.companion.agents, held.agents, eps.agents, agents, strict=True
+    ):
+        for j in range(len(group.n)):
+            one, companion = (jax.tree.map(lambda leaf, j=j: leaf[j], model) for model in (group, other))
+            out.append(Body(columns[len(out)], one, companion, _np(beta[j]), eps.norm, e[j], each[:, j]))
+    return tuple(out)
+
+
+def _np(x: Any) -> Matrix:
+    return np.asarray(x, dtype=float)
+
+
+# -- what can be reached ----------------------------------------------------------------------------------------------
+
+OF_INTEREST = ("e_p", "e_v", "alpha")  # rows of H in this order, three each
+
+
+def _rows(loop: response.Response) -> Matrix:
+    return np.concatenate([np.hstack([loop.C[loop.rows(name)], loop.D[loop.rows(name)]]) for name in OF_INTEREST])
+
+
+def _reached(
+    plan: simulate.Plan,
+    flight: simulate.Flight,
+    energy: Mapping[str, Sequence[Body]],
+    paths: Mapping[str, simulate.Row],
+    grid: Grid,
+    H: Matrix,
+    progress: Progress,
+) -> dict[str, dict[str, Matrix]]:
+    """By bound and path, `(2, times, 9)`: what f~ adds to each of `OF_INTEREST` and to its negative, at most.
+
+    Optimal recovery is for e_p alone: the other rows keep the energy bound. It is left out without its solver.
+    """
+    out: dict[str, dict[str, Matrix]] = {name: {} for name in (*band.ALONG, "recovery")}
+    for key, rows in paths.items():
+        progress(f"bands along the {key}'s path")
+        spans = [reach.by_band(body, H, grid.at) for body in energy[key]]
+        out["energy"][key] = sum(
+            reach.bound(body.beta, *span).sum(-1) for body, span in zip(energy[key], spans, strict=True)
+        )
+        other = None
+        for name in band.ALONG:
+            if name == "energy":
+                continue
+            held = bodies(plan, flight, rows, grid.path, name)
+            # the bounds for random noise share their companions: only beta differs
+            other = other or [reach.by_band(body, H, grid.at) for body in held]
+            out[name][key] = sum(reach.bound(body.beta, *span).sum(-1) for body, span in zip(held, other, strict=True))
+        total = np.zeros_like(out["energy"][key])
+        for body, span in zip(energy[key], spans, strict=True):
+            each = reach.bound(body.beta, *span)
+            if np.isfinite(each).all():
+                progress(
+                    f"optimal recovery along the {key}'s path, columns {body.columns.start} to {body.columns.stop - 1}"
+                )
+                try:
+                    each[:, :, :3] = reach.by_recovery(body, H[:, :3], grid.at, EVERY, each[:, :, :3])
+                except ImportError:
+                    del out["recovery"]
+                    return out
+            total += each.sum(-1)
+        out["recovery"][key] = total
+    return out
+
+
+def _tube(loop: response.Response, plan: simulate.Plan, held: Sequence[Body], grid: Grid) -> tuple[Tube | None, str]:
+    if not all(np.isfinite(body.beta).all() for body in held):
+        return None, "the data contradict the stated norm and label errors"
+    scales = [np.asarray(body.model.hyper.lengthscales).min(0) for body in held]
+    gains = np.array(
+        [
+            np.linalg.norm(
+                reach.impulse(loop, np.pad(phi, ((0, 0), (0, loop.B.shape[1]))), grid.step, len(grid.path)), axis=1
+            ).sum(0)
+            for phi in tube.features(loop, plan.pilot.team, scales)
+        ]
+    )
+    rho = np.concatenate([reach.greatest(body).max(0) for body in held])
+    rough = np.concatenate([tube.roughness(body) for body in held])
+    try:
+        return tube.fixed_point(gains, rho, rough, loop.bodies), ""
+    except ValueError as error:
+        return None, str(error)
+
+
+# -- radii -----------------------------------------------------------------------------------------------------------
+
+
+def _sizes(center: Matrix, reached: Matrix) -> Matrix:
+    """Greatest `|center + e|` at each time, for `-reached[1] <= e <= reached[0]` componentwise; (times,)."""
+    return np.linalg.norm(np.maximum(np.abs(center + reached[0]), np.abs(center - reached[1])), axis=1)
+
+
+def _radii(
+    plan: simulate.Plan, rows: simulate.Row, off: Matrix, grid: Grid, reached: Matrix, extra: Matrix
+) -> dict[str, float]:
+    """Ultimate radii of the four errors: translation from its functionals, rotation through `rotation.ultimate`."""
+    if not np.isfinite(reached).all() or not np.isfinite(extra).all():
+        return dict.fromkeys(ERRORS, float("inf"))
+    reached = reached + extra
+    at = grid.path[grid.at]
+    turn = np.linalg.norm(off, axis=1).max() + np.linalg.norm(reached[:, :, 6:].max(0), axis=1).max()
+    gains = plan.pilot.gains
+    try:
+        attitude = rotation.ultimate(float(gains.k_R), float(gains.k_omega), float(turn))
+        e_R, e_omega = attitude.e_R, attitude.e_omega
+    except ValueError:
+        e_R = e_omega = float("inf")
+    return {
+        "e_p": float(_sizes(rows.e_p[at], reached[:, :, :3]).max()),
+        "e_v": float(_sizes(rows.e_v[at], reached[:, :, 3:6]).max()),
+        "e_R": e_R,
+        "e_omega": e_omega,
+    }
+
+
+def _errors(rows: simulate.Row, window: slice) -> dict[str, Matrix]:
+    return {name: getattr(rows, name)[window] for name in ERRORS}
+
+
+def _mismatch(plan: simulate.Plan, rows: simulate.Row, window: slice) -> Matrix:
+    """`d` of the attitude's error equation in flight: `alpha - alpha_cmd`, rad/s^2, (ticks, 3)."""
+
+    def commanded(t: Any, p: Any, v: Any, R: Any, omega: Any) -> Any:
+        q = PayloadState(p=p, v=v, R=R, omega=omega)
+        return control.command(plan.pilot.gains, q, jnp.zeros(3), reference.at(plan.pilot.path, t), jnp.zeros(6)).alpha
+
+    args = (jnp.asarray(getattr(rows, name)[window]) for name in ("t", "p", "v", "R_L", "omega_L"))
+    return np.asarray(rows.a_L)[window, 3:] - np.asarray(jax.jit(jax.vmap(commanded))(*args))
+
+
+def _attraction(plan: simulate.Plan, off: Matrix, reached: Matrix) -> float:
+    """Degrees of initial attitude error at rest from which the attitude's certificate holds; nan if from none."""
+    gains = plan.pilot.gains
+    rho = np.linalg.norm(off, axis=1).max() + np.linalg.norm(reached[:, :, 6:].max(0), axis=1).max()
+    region = rotation.attraction(float(gains.k_R), float(gains.k_omega), float(rho)) if np.isfinite(rho) else None
+    return float(np.rad2deg(region.angle_at_rest)) if region else float("nan")
+
+
+# -- where the slack is ----------------------------------------------------------------------------------------------
+
+
+def _slack(
+    plan: simulate.Plan,
+    loop: response.Response,
+    H: Matrix,
+    held: Sequence[Body],
+    flight: simulate.Flight,
+    of_twin: simulate.Flight,
+    grid: Grid,
+    radii: Mapping[str, Radii],
+    layer: Interface,
+) -> dict[str, float]:
+    """Radii of e_p under ever better reasoning; each ratio of neighbours is the slack of one cause."""
+    mass = float(plan.pilot.team.payload.mass)
+    gains, floor = plan.pilot.gains, np.linalg.norm(of_twin.rows.e_p[grid.window], axis=1).max()
+    unit = translation.ultimate(np.asarray(gains.K_p), np.asarray(gains.K_v), 1.0).e_p.bound
+
+    def pointwise(each: Sequence[Body]) -> Matrix:
+        return np.concatenate([reach.greatest(body).max(0) for body in each])
+
+    def added(rho: Matrix) -> float:
+        """`rho_L + sum kappa rho`, the paper's way, through the translation's own gain."""
+        sizes = [float(np.linalg.norm(rho[columns])) for columns in loop.bodies]
+        return unit * (np.linalg.norm(rho[:3]) + layer.kappa[0] @ sizes) / mass + floor
+
+    srinivas = bodies(plan, flight, of_twin.rows, grid.path, "srinivas")
+    rho = pointwise(held)
+    out = {
+        "the paper's sum, its beta": added(pointwise(srinivas)),
+        "the paper's sum, energy bound": added(rho),
+        "one loop for both layers": float(np.linalg.norm(np.abs(H[:, :3]).sum(0) @ rho)) + floor,
+        "one functional, energy bound, in the tube": radii["energy"].tube["e_p"],
+        "one functional, energy bound, on the run": radii["energy"].run["e_p"],
+        **(
+            {
+                f"optimal recovery, {w}": getattr(radii["recovery"], k)["e_p"]
+                for k, w in (("tube", "in the tube"), ("run", "on the run"))
+            }
+            if "recovery" in radii
+            else {}
+        ),
+        "observed": float(np.linalg.norm(flight.rows.e_p[grid.window], axis=1).max()),
+        "floor (nothing unknown)": float(floor),
+    }
+    return {name: float(value) for name, value in out.items()}
