@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from colift import analyse, study
+from colift import analyse, band, study
 from tests import paper_flights as paper
 
 
@@ -46,6 +47,35 @@ def test_figure_3_deviations_fall_where_there_is_learning_and_only_there(found: 
     assert found["C3"]["sigma_L_mean"] < found["C1"]["sigma_L_mean"]
     assert found["C2"]["sigma_A_mean"] == pytest.approx(found["C1"]["sigma_A_mean"], rel=1e-12)
     assert found["C3"]["sigma_A_mean"] < found["C1"]["sigma_A_mean"]
+
+
+def test_figure_5_radii_hold_the_true_errors_and_fall_where_there_is_learning(found: dict[str, dict]):
+    stated, learning = paper.plan("C1").stated, paper.SETTINGS.learning
+    before = stated.norm * np.repeat([learning.payload.force_N, learning.payload.moment_Nm], 3)
+    for case in ("C1", "C2", "C3"):
+        bodies = [found[case]["bound"]["payload"], *found[case]["bound"]["agents"]]
+        assert [body["exceeded_share"]["plain"] for body in bodies] == [0, 0, 0]
+        sigma = paper.flight(case).sigma
+        np.testing.assert_allclose(sigma.payload_radius[sigma.t < 2], np.tile(before, (100, 1)), rtol=1e-12)
+        learned = [case != "C1", case == "C3", case == "C3"]
+        for body, does in zip(bodies, learned, strict=True):
+            beta = np.array(body["beta"])
+            assert (beta <= 2**0.5 * stated.norm).all()
+            assert (beta == stated.norm).all() != does
+            assert not does or body["tightness_median"] < 20
+    c1, c3 = (np.linalg.norm(paper.flight(case).sigma.payload_radius[-100:, :3], axis=1) for case in ("C1", "C3"))
+    assert c3.max() < 0.6 * c1.min()
+
+
+def test_figure_5_radii_are_those_of_the_bands_at_the_true_states():
+    flight = paper.flight("C3")
+    rows, sigma = flight.rows, flight.sigma
+    late = np.flatnonzero(sigma.t > 6.0)[::40]
+    at = [int(np.argmin(np.abs(rows.t - t))) for t in sigma.t[late]]
+    x = np.concatenate([rows.p, rows.v, rows.R_L.reshape(-1, 9), rows.omega_L, np.zeros((len(rows.t), 6))], axis=1)[at]
+    radius = band.payload_radius(flight.oracle, flight.bands, jnp.asarray(x))
+    np.testing.assert_allclose(sigma.payload_radius[late], radius, rtol=1e-9)
+    assert len(late) > 3
 
 
 def test_figure_4_internal_forces_reshape_contact_forces_and_leave_the_motion(found: dict[str, dict]):
