@@ -32,17 +32,20 @@ def gains(seed: int, damping: str, mixing: str) -> tuple[Matrix, Matrix]:
 
 
 def textbook(K_p: Matrix, K_v: Matrix) -> float:
-    """`|(e_p, e_v)| <= sqrt(p_max / p_min) sqrt(1 + c^2) rho / q_min` for rho = 1, with the best c.
+    """`|e_p| <= sqrt(p_max / p_min) sqrt(1 + c^2) rho / q_min` for rho = 1, with the best c and unit of time.
 
     The paper's V with the cross term `c e_p . e_v` that makes it strict: `p_min |x|^2 <= V <= p_max |x|^2`,
-    `V' <= -q_min |x|^2 + sqrt(1 + c^2) rho |x|`, each constant an eigenvalue (Khalil, Nonlinear Systems, section 9.2).
+    `V' <= -q_min |x|^2 + sqrt(1 + c^2) rho |x|`, `x = (e_p, e_v)`, each constant an eigenvalue (Khalil, Nonlinear
+    Systems, section 9.2).
     """
-    best, eye = np.inf, np.eye(3)
-    for c in np.geomspace(1e-3, 1, 60) * np.linalg.eigvalsh(K_v)[0]:
-        p = np.linalg.eigvalsh(np.block([[K_p + c * K_v, c * eye], [c * eye, eye]]) / 2)
-        q = np.linalg.eigvalsh(np.block([[c * K_p, 0 * eye], [0 * eye, K_v - c * eye]]))
-        if p[0] > 0 and q[0] > 0:
-            best = min(best, float(np.sqrt(p[-1] / p[0]) * np.sqrt(1 + c * c) / q[0]))
+    best, eye, k = np.inf, np.eye(3), np.linalg.eigvalsh(K_p)
+    for w in np.geomspace(k[0] ** 0.5 / 2, 2 * k[-1] ** 0.5, 12):  # the unit of time is 1 / w
+        A, B = K_p / w**2, K_v / w
+        for c in np.geomspace(0.03, 0.97, 30) * np.linalg.eigvalsh(B)[0]:
+            p = np.linalg.eigvalsh(np.block([[A + c * B, c * eye], [c * eye, eye]]) / 2)
+            q = np.linalg.eigvalsh(np.block([[c * A, 0 * eye], [0 * eye, B - c * eye]]))
+            if p[0] > 0 and q[0] > 0:
+                best = min(best, float(np.sqrt(p[-1] / p[0]) * np.sqrt(1 + c * c) / q[0] / w**2))
     return best
 
 

@@ -1,7 +1,7 @@
 """Peak-to-peak gains of stable linear systems, in the 2-norm: proved upper bounds, and the input that reaches them.
 
 Inputs come in groups of columns, each with a bound of its own, `|d_g(t)|_2 <= rho_g`. The greatest `|y(t)|_2` from
-rest is
+rest is::
 
     sup over unit u of f(u),   f(u) = sum_g rho_g (|D_g^T u| + integral |H_g(s)^T u| ds),   H_g(s) = C e^{A s} B_g
 

@@ -1,7 +1,6 @@
 """The ultimate bound of the payload's attitude, and the set of states from which it is reached.
 
-    e_R' = E e_omega,   e_omega' = -k_R e_R - k_omega e_omega + d,   |d(t)|_2 <= rho     (Eq. err_eomega_learning)
-
+`e_R' = E e_omega`, `e_omega' = -k_R e_R - k_omega e_omega + d`, `|d(t)|_2 <= rho` (Eq. err_eomega_learning over J_L),
 with the gains of decision 0006, `K_R = k_R J`, `K_omega = k_omega J`. Two tools, both exact algebra:
 
 - `trap`: `V = a Psi + |e_omega|^2 / 2 + c e_R . e_omega`, `a = k_R + c k_omega`, which falls wherever the state is not
@@ -189,7 +188,7 @@ def _within(k_R: float, k_omega: float, c: float, level: float) -> tuple[float, 
 def shrink(
     k_R: float, k_omega: float, rho: float, bounds: tuple[float, float], free: tuple[float, float] = (0.0, 0.0)
 ) -> tuple[float, float]:
-    """Bounds on angle and rate from earlier ones: `x <- min(x, free + F(x))` until it stays; every iterate is a bound.
+    """Bounds on angle and rate from earlier ones: `x <- min(x, free + F(x))` until it stays; every iterate bounds::
 
     phi'   = Omega + (theta / (2 sin(theta / 2)) - 1) Omega_across
     Omega' = -k_R phi - k_omega Omega + d + k_R (theta - sin theta) n + g,  |g| <= tan(theta / 4) |Omega|^2 / 2
