@@ -8,11 +8,10 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.flatten_util import ravel_pytree
 from scipy.signal import butter, sosfiltfilt
 
-from colift import dynamics, estimate, fly, grasp, learn, log
-from colift.model import PayloadState, State, Team, no_force
+from colift import fly, grasp, learn, log, response
+from colift.model import PayloadState, State, Team
 from colift.simulate import Flight, Row
 
 HIGH_HZ = 20.0  # above it, contact forces chatter rather than act
@@ -227,52 +226,10 @@ class Modes:
 
 
 def linearize(pilot: fly.Pilot, oracle: learn.Oracle, z: State) -> Modes:
-    """Modes of the closed loop around z, nominal = truth, sensors ideal, reference held at its start (DESIGN 3).
-
-    The loop moves on the grasp: `z_dot = T^+ J T` with T a basis of the directions that keep Phi and Phi_dot, two for
-    each of the team's free velocities. The measured acceleration that the control law uses is the one it causes:
-    `a = a(z, a)` is solved to first order.
-    """
-    J, A, C = (np.asarray(x) for x in _jacobians(pilot, oracle, z))
-    n = C.shape[1]
-    J = J[:, :n] + J[:, n:] @ np.linalg.solve(np.eye(6) - A[:, n:], A[:, :n])
-    _, singular, Vt = np.linalg.svd(C)
-    T = Vt[int((singular > 1e-9 * singular[0]).sum()) :].T
-    values, vectors = np.linalg.eig(T.T @ J @ T)
+    """Modes of the closed loop around z, as `response.linearize` has it."""
+    loop = response.linearize(pilot, oracle, z)
+    values, vectors = np.linalg.eig(loop.A)
     order = np.argsort(-values.real)
-    shapes = np.abs(T @ vectors[:, order])
+    shapes = np.abs(loop.basis @ vectors[:, order])
     # a raveled Shift ends with the payload's (theta, p, omega, v)
     return Modes(eigenvalues=values[order], payload=(shapes / shapes.max(0))[-12:-6].T)
-
-
-@jax.jit
-def _jacobians(pilot: fly.Pilot, oracle: learn.Oracle, z: State) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """Of the rate and of the payload's acceleration by (z, measured a), and of (Phi, Phi_dot) by z; local coordinates.
-
-    One column at a time: a batch of directions would take three times as long to compile.
-    """
-    team = pilot.team
-    zero, unravel = ravel_pytree(dynamics.no_shift(z))
-    f, none = no_force(team), jnp.zeros(6)
-
-    def loop(y: jax.Array) -> tuple[jax.Array, jax.Array]:
-        shift = unravel(y[:-6])
-        at = dynamics.move(z, shift)
-        q_hat = estimate.Estimate(
-            agents=at.agents,
-            payload=at.payload,
-            a_L=y[-6:],
-            lam=tuple(jnp.zeros_like(group.contact) for group in team.groups),
-        )
-        inputs, _ = fly.decide(pilot, oracle, q_hat, jnp.zeros(()), none, none, f)
-        acceleration, _ = dynamics.accelerate(team, at, inputs, f)
-        return ravel_pytree(dynamics.rate(at, shift, acceleration))[0], acceleration.payload
-
-    def constraint(d: jax.Array) -> jax.Array:
-        at = dynamics.move(z, unravel(d))
-        return jnp.concatenate([grasp.Phi(team, at).reshape(-1), grasp.Phi_dot(team, at).reshape(-1)])
-
-    y = jnp.concatenate([zero, none])
-    J, A = jax.lax.map(lambda e: jax.jvp(loop, (y,), (e,))[1], jnp.eye(y.shape[0]))
-    C = jax.lax.map(lambda e: jax.jvp(constraint, (zero,), (e,))[1], jnp.eye(zero.shape[0]))
-    return J.T, A.T, C.T
