@@ -188,11 +188,10 @@ def _within(k_R: float, k_omega: float, c: float, level: float) -> tuple[float, 
 def shrink(
     k_R: float, k_omega: float, rho: float, bounds: tuple[float, float], free: tuple[float, float] = (0.0, 0.0)
 ) -> tuple[float, float]:
-    """Bounds on angle and rate from earlier ones: `x <- min(x, free + F(x))` until it stays; every iterate bounds::
+    """Bounds on angle and rate from earlier ones: `x <- min(x, free + F(x))` until it stays; every iterate is a bound.
 
-    phi'   = Omega + (theta / (2 sin(theta / 2)) - 1) Omega_across
-    Omega' = -k_R phi - k_omega Omega + d + k_R (theta - sin theta) n + g,  |g| <= tan(theta / 4) |Omega|^2 / 2
-
+    `phi' = Omega + (theta / (2 sin(theta / 2)) - 1) Omega_across` and
+    `Omega' = -k_R phi - k_omega Omega + d + k_R (theta - sin theta) n + g`, `|g| <= tan(theta / 4) |Omega|^2 / 2`.
     F is what the peak gains of the linear part make of the greatest sizes of the rest; it grows with both. `free` is
     the peak of the free linear response: nothing for bounds in the limit.
     """

@@ -1,6 +1,6 @@
-"""The ultimate bound of the payload's translation: exact peak-to-peak gains of its error equation (Eq. err_ev_learning, over m_L).
+"""The ultimate bound of the payload's translation: exact peak-to-peak gains of its error equation.
 
-`e_p' = e_v`, `e_v' = -K_p e_p - K_v e_v + d`, `|d(t)|_2 <= rho`.
+`e_p' = e_v`, `e_v' = -K_p e_p - K_v e_v + d`, `|d(t)|_2 <= rho` (Eq. err_ev_learning over m_L).
 
 The paper's step from `V' <= -k |(e_v, e_omega)|^2 + ...` to `V' <= -c2 V + ...` is false at `e_v = 0`; nothing of
 it is used. The bounds hold from rest at all times, and in the limit from any start; `docs/certificate.md`.
