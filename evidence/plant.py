@@ -3,7 +3,9 @@
 Targets: forces and accelerations within 1e-9 of Pinocchio where the condition number of
 `A M^-1 A^T` is at most 1e6, within 1e-15 times it beyond; over 10 s at 1 ms, energy within 1e-8 of the peak kinetic
 energy; order 4 in state, at least 3 in contact force; constraint residuals up to 1e-10 over 60 s; gradients within
-1e-6 of differences. Energy and momentum are claimed for motions whose rates stay below `RATE`: beyond, 1 ms is coarse.
+1e-6 of differences. Energy and momentum are claimed for speeds around 1 m/s and 1 rad/s: motions whose rates stay below
+`RATE`. Teams are thrown at about that, but a light limb whips round at up to 100 rad/s; so each is also thrown as much
+slower as it takes, and faster motions are reported beside the claim.
 """
 
 from __future__ import annotations
@@ -24,14 +26,14 @@ from evidence import collect
 from tests import motion, teams
 from tests.pinocchio_team import PinocchioTeam
 
-RATE = 10.0  # rad/s or m/s of any joint, rad/s of any base
+RATE = 5.0  # rad/s or m/s of any joint, rad/s of any base, at any time of the run
 TEAMS: dict[str, Callable[[int], tuple[Team, State]]] = {
     "reference": motion.thrown_reference,
     "two arms": functools.partial(motion.thrown, structure=teams.POOL[2]),
     "one arm": functools.partial(motion.thrown, structure=((teams.CHAIN, 2),)),
     "mixed": functools.partial(motion.thrown, structure=teams.POOL[5]),
 }
-SEEDS = {"agreement": 50, "energy": 8, "order": 3, "residual": 2, "gradient": 3}
+SEEDS = {"agreement": 50, "energy": 8, "slowed": 8, "order": 3, "residual": 2, "gradient": 3}
 
 
 # Agreement with Pinocchio ---------------------------------------------------------------------------------------------
@@ -113,9 +115,24 @@ def agreement(seed: int) -> dict[str, object]:
 # Energy and momentum --------------------------------------------------------------------------------------------------
 
 
-def energy(name: str, seed: int) -> dict[str, object]:
-    """Drifts over 10 s at 1 ms: gravity on and off, projection on and off."""
+def slowed(name: str, seed: int) -> dict[str, object]:
+    """As `energy`, of a throw slowed until its rates stay below `RATE` in free motion."""
     team, z = TEAMS[name](seed)
+    floating = dataclasses.replace(team, gravity=0 * team.gravity)
+    _, seen = motion.track(floating, z, jnp.array(1e-3), jnp.array(True), samples=100, every=100)
+    pace = min(1.0, 0.9 * RATE / float(seen["rate"].max()))
+    load = dataclasses.replace(z.payload, v=pace * z.payload.v, omega=pace * z.payload.omega)
+    agents = tuple(dataclasses.replace(a, v=pace * a.v, omega=pace * a.omega, r_dot=pace * a.r_dot) for a in z.agents)
+    return drifts(team, State(agents=agents, payload=load))
+
+
+def energy(name: str, seed: int) -> dict[str, object]:
+    """Drifts of a team thrown at about 1 m/s and 1 rad/s."""
+    return drifts(*TEAMS[name](seed))
+
+
+def drifts(team: Team, z: State) -> dict[str, object]:
+    """Drifts over 10 s at 1 ms: gravity on and off, projection on and off."""
     mass = float(team.payload.mass + sum(group.mass.sum() for group in team.groups))
     found: dict[str, object] = {}
     for falling in (True, False):
@@ -254,7 +271,9 @@ def compute(item: str) -> dict[str, object]:
         return agreement(int(given[0]))
     if kind == "flight":
         return flight(given[0])
-    return {"energy": energy, "order": order, "residual": residual, "gradient": gradient}[kind](given[0], int(given[1]))
+    return {"energy": energy, "slowed": slowed, "order": order, "residual": residual, "gradient": gradient}[kind](
+        given[0], int(given[1])
+    )
 
 
 def spread(values: list[float]) -> dict[str, object]:
@@ -266,7 +285,8 @@ def summarize(found: dict[str, dict]) -> dict[str, object]:
     """Worst and median of everything, and what does not hold."""
     of = lambda kind: {item: value for item, value in found.items() if item.split(", ")[0] == kind}  # noqa: E731
     over = [v["error"] / v["allowed"] for v in of("agreement").values()]
-    runs = {f"{item}, {case}": row for item, cases in of("energy").items() for case, row in cases.items()}
+    thrown = of("energy") | of("slowed")
+    runs = {f"{item}, {case}": row for item, cases in thrown.items() for case, row in cases.items()}
     slow = {name: row for name, row in runs.items() if row["rate"] <= RATE}
     orders = [row for cases in of("order").values() for row in cases.values()]
     held = [max(v["Phi"], v["Phi_dot"]) for kind in ("flight", "residual") for v in of(kind).values()]
@@ -276,16 +296,21 @@ def summarize(found: dict[str, dict]) -> dict[str, object]:
         for steps in ("1 ms", "1000 ms")
     }
     table = {
-        "agreement_over_allowed": spread(over),
-        "agreement_error": spread([v["error"] for v in of("agreement").values()]),
+        "agreement over allowed": spread(over),
+        "agreement": spread([v["error"] for v in of("agreement").values()]),
         "condition": spread([v["condition"] for v in of("agreement").values()]),
         **{
             f"energy, {case}": spread([row["energy"] for name, row in slow.items() if name.endswith(case)])
             for case in dict.fromkeys(name.split(", ", 3)[3] for name in runs)
         },
-        "energy_over_first": spread([row["energy_over_first"] for row in slow.values()]),
-        "energy_of_faster_motions": spread([row["energy"] for name, row in runs.items() if name not in slow] or [0.0]),
-        "work_of_projection": spread(
+        "energy over that at the start": spread([row["energy_over_first"] for row in slow.values()]),
+        **{
+            f"energy of faster motions, {case}": spread(
+                [row["energy"] for name, row in runs.items() if name not in slow and name.endswith(case)]
+            )
+            for case in ("projection on", "projection off")
+        },
+        "work of projection": spread(
             [row["work_of_projection"] for name, row in slow.items() if name.endswith("projection on")]
         ),
         "momentum": spread([row["momentum"] for row in slow.values() if "momentum" in row]),
@@ -317,7 +342,7 @@ def summarize(found: dict[str, dict]) -> dict[str, object]:
 def main() -> bool:
     """Whether every target is met."""
     items = [f"agreement, {seed}" for seed in range(SEEDS["agreement"])]
-    for kind in ("energy", "order", "residual", "gradient"):
+    for kind in ("energy", "slowed", "order", "residual", "gradient"):
         items += [f"{kind}, {name}, {seed}" for name in TEAMS for seed in range(SEEDS[kind])]
     items += [f"flight, {name}" for name in ("plain", "saturated", "turned")]
     found = {item: value for item, value in collect("plant", items, compute).items() if item in items}
