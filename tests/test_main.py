@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import json
+import os
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -102,10 +105,56 @@ def test_the_summary_holds_what_it_promises(results: Path):
         assert found["n_data"]["payload"] == (43 if case in ("C2", "C3", "P") else 0)
         assert found["n_data"]["agents"] == (86 if case == "C3" else 0)
     assert summary["cases"]["C3"]["updates"] == [1, 2]
+    assert summary["bound"]["assumed"] == ["norm", "energy"]
+    for found in summary["cases"].values():
+        bodies = [found["bound"]["payload"], *found["bound"]["agents"]]
+        assert [len(body["beta"]) for body in bodies] == [6, 9, 9]
+        assert all(0 <= share <= 1 for body in bodies for share in body["exceeded_share"].values())
 
 
 def test_signals_are_labelled_and_have_units(results: Path):
     flight = log.load(results / "C3.nc")
     assert flight.attrs["case"] == "C3"
+    assert flight.attrs["rho_assumed"] == "norm, energy"
+    assert (flight.attrs["rho_bound"], flight.attrs["rho_norm"]) == ("energy", 6)
+    assert len(flight.attrs["rho_label_error_agents"]) == 18
     assert all("units" in flight[name].attrs for name in flight.data_vars)
     assert list(flight.contact.values) == ["front/left", "front/right", "rear/left", "rear/right"]
+
+
+# Flights that do not end, and answers at once -------------------------------------------------------------------------
+
+
+def test_a_run_that_fails_is_saved_marked_incomplete_and_status_1(tmp_path: Path):
+    text = (Path(scenario.__file__).parent.parent / "scenarios" / "paper.yaml").read_text()
+    path, out = tmp_path / "wild.yaml", tmp_path / "out"
+    path.write_text(text.replace("agent_k_omega: 28", "agent_k_omega: 1.0e+6"))
+    status, said = invoke("study", str(path), "--out", str(out))
+    assert status == 1
+    summary = json.loads((out / "summary.json").read_text())
+    for case in ("C1", "C2", "C3"):
+        found = summary["cases"][case]
+        assert not found["complete"]
+        assert "not finite" in found["stopped"]
+        assert "t = 0.0" in found["stopped"]
+        assert f"{case} is incomplete: {found['stopped']}" in said
+        flight = log.load(out / f"{case}.nc")
+        assert flight.attrs["complete"] == 0
+        assert flight.attrs["stopped"] == found["stopped"]
+        assert 1 <= flight.sizes["time"] < 20
+
+
+def test_help_loads_nothing_that_it_does_not_need():
+    code = (
+        "import sys; from typer.testing import CliRunner; from colift.__main__ import app\n"
+        "done = CliRunner().invoke(app, ['study', '--help'])\n"
+        "assert done.exit_code == 0 and '--baselines' in done.output, done.output\n"
+        "heavy = ('matplotlib', 'scipy', 'xarray', 'colift.scenario', 'colift.simulate')\n"
+        "print(*(m for m in heavy if m in sys.modules))"
+    )
+    environment = os.environ | {"COLUMNS": "100"}
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=120, env=environment
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip() == ""
