@@ -148,7 +148,7 @@ def test_each_update_body_and_output_has_its_share_of_the_confidence(k):
         np.testing.assert_allclose(held.agents[0][j], beta(K, 9), rtol=1e-9)
 
 
-@given(norm=st.floats(0.1, 10), k=st.integers(0, 4), bound=st.sampled_from(band.ALONG))
+@given(norm=st.floats(0.1, 10), k=st.integers(1, 4), bound=st.sampled_from(band.ALONG))
 @settings(max_examples=15)
 def test_before_any_data_beta_is_the_norm_whatever_the_bound(norm, k, bound):
     empty = gp.prior(hyper(), CAPACITY)
@@ -156,6 +156,18 @@ def test_before_any_data_beta_is_the_norm_whatever_the_bound(norm, k, bound):
     np.testing.assert_array_equal(held.payload, norm)
     radius = band.radius(empty, held.companion.payload, held.payload, jnp.zeros(INPUTS))
     np.testing.assert_allclose(radius, norm * math.sqrt(VARIANCE), rtol=1e-12)
+
+
+def test_an_oracle_with_data_is_of_an_update_and_one_without_needs_none():
+    _, model = labelled(np.random.default_rng(0), 2.0, np.full(OUTPUTS, 0.1))
+    with pytest.raises(ValueError, match="updates count from 1"):
+        band.bands(oracle(model), stated(), 0)
+    empty = oracle(gp.prior(hyper(), CAPACITY))
+    none = gp.prior(hyper(9, 24), CAPACITY)
+    bare = dataclasses.replace(empty, agents=(jax.tree.map(lambda x: jnp.stack([x, x]), none),))
+    held = band.bands(bare, stated(), 0)
+    np.testing.assert_array_equal(held.agents[0], np.full((2, 9), 2.0))
+    assert held.companion.agents[0] is bare.agents[0]
 
 
 def test_paths_of_samples_give_the_radius_of_each():

@@ -66,18 +66,24 @@ class Bands:
 
 
 def bands(oracle: learn.Oracle, stated: Stated, k: int) -> Bands:
-    """The bands of the oracle of update k = 1, 2, ...; before any data beta = B (host).
+    """The bands of the oracle of update k = 1, 2, ...; of one without data, at any k, beta = B (host).
 
     Each body has an equal share of what `confidence` leaves, each of its outputs an equal share of that, update k the
-    share `6 / (pi k)^2` (rem1 of the paper, and rows 8 and 16 of the errata).
+    share `6 / (pi k)^2` (rem1 of the paper, and rows 8 and 16 of the errata). Raises ValueError for k < 1 with data.
     """
     bodies = 1 + sum(len(group.n) for group in oracle.agents)
     payload, beta = _band(oracle.payload, stated, stated.payload, bodies, k)
     groups, betas = [], []
     for group, eps in zip(oracle.agents, stated.agents, strict=True):
-        each = [_band(jax.tree.map(lambda x, j=j: x[j], group), stated, eps[j], bodies, k) for j in range(len(group.n))]
-        groups.append(jax.tree.map(lambda *x: jnp.stack(x), *(companion for companion, _ in each)))
-        betas.append(jnp.stack([beta for _, beta in each]))
+        if not np.asarray(group.n).any():
+            groups.append(group)
+            betas.append(jnp.full(eps.shape, stated.norm, dtype=float))
+            continue
+        # slices and stacks by NumPy: by JAX each would be a program to compile
+        one = [jax.tree.map(lambda x, j=j: jnp.asarray(np.asarray(x)[j]), group) for j in range(len(group.n))]
+        each = [_band(model, stated, eps[j], bodies, k) for j, model in enumerate(one)]
+        groups.append(jax.tree.map(lambda *x: jnp.asarray(np.stack(x)), *(other for other, _ in each)))
+        betas.append(jnp.asarray(np.stack([beta for _, beta in each])))
     companion = dataclasses.replace(oracle, payload=payload, agents=tuple(groups))
     return Bands(companion=companion, payload=beta, agents=tuple(betas))
 
@@ -86,7 +92,7 @@ def _band(model: gp.GP, stated: Stated, eps: np.ndarray, bodies: int, k: int) ->
     """The companion of one body's model, and its beta."""
     if int(model.n) == 0:
         return model, jnp.full(len(eps), stated.norm, dtype=float)
-    share = bounds.update_weight(max(k, 1)) / (bodies * len(eps))
+    share = bounds.update_weight(k) / (bodies * len(eps))
     (confidence,) = bounds.split_union(stated.confidence, [share])
     other = companion(model, stated.bound, stated.norm, eps)
     return other, factor(other, stated.bound, stated.norm, eps, float(confidence))
