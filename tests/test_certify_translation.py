@@ -195,6 +195,8 @@ def test_unstable_and_unresolvable_systems_are_refused():
         gain.discrete(1.1 * eye, eye, eye, None, [2], one)
     with pytest.raises(ValueError, match="too slow to resolve"):
         gain.discrete((1 - 1e-9) * eye, eye, eye, None, [2], one)
+    with pytest.raises(ValueError, match="C has 4 rows"):
+        gain.discrete(0.5 * eye, eye, np.ones((4, 2)), None, [2], one)
     with pytest.raises(ValueError, match="add up to the 2 columns of B"):
         gain.discrete(0.5 * eye, eye, eye, None, [1], one)
 

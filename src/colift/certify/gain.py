@@ -236,6 +236,8 @@ def _checked(
         raise ValueError(f"shapes A {A.shape}, B {B.shape}, C {C.shape} do not fit together")
     if D.shape != (len(C), B.shape[1]):
         raise ValueError(f"D has shape {D.shape}, must be {(len(C), B.shape[1])}")
+    if len(C) > 3:
+        raise ValueError(f"C has {len(C)} rows: directions are searched for outputs of at most 3 numbers")
     if sum(groups) != B.shape[1] or min(groups, default=0) < 1:
         raise ValueError(f"groups = {list(groups)}: must be positive and add up to the {B.shape[1]} columns of B")
     if rho.shape != (len(groups),) or not (np.isfinite(rho).all() and (rho >= 0).all()):
