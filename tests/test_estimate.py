@@ -150,8 +150,11 @@ def still() -> tuple[Team, State, sensor.Truth, sensor.Measurement]:
     (q,) = z.agents
     z = dataclasses.replace(z, agents=(dataclasses.replace(q, r_dot=jnp.zeros_like(q.r_dot)),))
     a, lam = jax.jit(dynamics.accelerate)(team, z, held(), no_force(team))
-    truth = sensor.Truth(z=z, v_dot=(a.agents[0].v_dot,), xi_dot=(a.agents[0].xi_dot,), a_L=a.payload, lam=lam)
-    ideal = sensor.Sensors(**{field.name: jnp.array(0.0) for field in dataclasses.fields(sensor.Sensors)})
+    truth = sensor.Truth(
+        z=z, v_dot=(a.agents[0].v_dot,), xi_dot=(a.agents[0].xi_dot,), a_L=a.payload, lam=lam, f=no_force(team)
+    )
+    names = {field.name for field in dataclasses.fields(sensor.Sensors)} - {"rig"}
+    ideal = sensor.Sensors(**dict.fromkeys(names, jnp.array(0.0)), rig=no_force(team))
     noise = jax.tree.map(lambda x: x[0] * 0, sensor.draw(team, jax.random.key(0), 1))
     m = jax.jit(sensor.sense)(team, ideal, (jnp.zeros((2, 2, 3)),), truth, noise)
     return team, z, truth, jax.tree.map(lambda x: jnp.broadcast_to(x, (TICKS, *x.shape)), m)

@@ -12,7 +12,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from colift import dynamics, sensor
-from colift.model import AgentInput, State, Team, no_force
+from colift.model import AgentInput, Residual, State, Team, no_force
 from tests import teams
 from tests.pinocchio_team import PinocchioTeam
 
@@ -29,7 +29,14 @@ DEVIATIONS = {
     "tip_force_bias": 0.05,
     "tip_force_bandwidth": 50.0,
 }
-SENSORS = sensor.Sensors(**{name: jnp.array(value) for name, value in DEVIATIONS.items()})
+
+
+@functools.cache
+def sensors() -> sensor.Sensors:
+    """Sensors with these deviations, and a calibration rig whose every label errs by an amount of its own."""
+    rng = np.random.default_rng(9)
+    rig = jax.tree.map(lambda x: jnp.array(rng.uniform(0.1, 1, x.shape)), no_force(case()[0]))
+    return sensor.Sensors(**{name: jnp.array(value) for name, value in DEVIATIONS.items()}, rig=rig)
 
 
 @functools.cache
@@ -59,7 +66,14 @@ def exposed(team: Team, z: State) -> sensor.Truth:
         xi_dot=tuple(x.xi_dot for x in a.agents),
         a_L=a.payload,
         lam=lam,
+        f=residual(team),
     )
+
+
+def residual(team: Team) -> Residual:
+    """Made-up unknown forces, for the rig to report."""
+    rng = np.random.default_rng(8)
+    return jax.tree.map(lambda x: jnp.array(rng.normal(size=x.shape)), no_force(team))
 
 
 def no_noise(team: Team) -> sensor.Noise:
@@ -76,13 +90,13 @@ def readings() -> sensor.Measurement:
     """Many readings of one instant, without bias."""
     team, _, truth = case()
     many = jax.jit(jax.vmap(sensor.sense, in_axes=(None, None, None, None, 0)))
-    return many(team, SENSORS, no_bias(team), truth, sensor.draw(team, jax.random.key(1), TICKS))
+    return many(team, sensors(), no_bias(team), truth, sensor.draw(team, jax.random.key(1), TICKS))
 
 
 def ideal() -> sensor.Measurement:
     """One reading without noise."""
     team, _, truth = case()
-    return sense(team, SENSORS, no_bias(team), truth, no_noise(team))
+    return sense(team, sensors(), no_bias(team), truth, no_noise(team))
 
 
 def test_noise_has_the_stated_deviation_and_no_mean():
@@ -122,11 +136,11 @@ def test_noise_is_white_and_no_two_channels_share_it():
 
 def test_the_tips_bias_is_constant_and_drawn_once_an_axis():
     team, _, truth = case()
-    offset = sensor.bias(team, SENSORS, jax.random.key(4))
-    biased = sense(team, SENSORS, offset, truth, no_noise(team))
+    offset = sensor.bias(team, sensors(), jax.random.key(4))
+    biased = sense(team, sensors(), offset, truth, no_noise(team))
     np.testing.assert_allclose(biased.agents[0].lam - ideal().agents[0].lam, offset[0], atol=1e-12)
-    np.testing.assert_array_equal(offset[0], sensor.bias(team, SENSORS, jax.random.key(4))[0])
-    drawn = np.concatenate([sensor.bias(team, SENSORS, jax.random.key(k))[0].ravel() for k in range(200)])
+    np.testing.assert_array_equal(offset[0], sensor.bias(team, sensors(), jax.random.key(4))[0])
+    drawn = np.concatenate([sensor.bias(team, sensors(), jax.random.key(k))[0].ravel() for k in range(200)])
     assert drawn.std() == pytest.approx(DEVIATIONS["tip_force_bias"], rel=5 / np.sqrt(2 * len(drawn)))
 
 
@@ -160,7 +174,9 @@ def test_an_accelerometer_reads_the_rate_of_its_velocity_less_gravity():
     team, z, _ = case()
     f, h, u = no_force(team), 1e-4, inputs()
     step = jax.jit(lambda z, dt: dynamics.integrate(team, z, u, lambda z: f, dt))
-    ends = [sense(team, SENSORS, no_bias(team), exposed(team, step(z, jnp.array(s))), no_noise(team)) for s in (h, -h)]
+    ends = [
+        sense(team, sensors(), no_bias(team), exposed(team, step(z, jnp.array(s))), no_noise(team)) for s in (h, -h)
+    ]
     m = ideal()
     for now, ahead, behind in zip(
         (*(jax.tree.map(lambda x, j=j: x[j], m.agents[0]) for j in (0, 1)), m.payload),
@@ -177,4 +193,33 @@ def test_noise_depends_on_the_key_and_the_structure_alone():
     a, b, c = (sensor.draw(t, jax.random.key(k), 5) for t, k in ((team, 0), (other, 0), (team, 1)))
     for x, y, z in zip(*map(jax.tree.leaves, (a, b, c)), strict=True):
         np.testing.assert_array_equal(x, y)
-        assert not np.any(np.asarray(x) == np.asarray(z))
+        same = np.asarray(x) == np.asarray(z)
+        assert not same.all() if set(np.unique(x)) == {-1, 1} else not same.any()  # signs agree now and then
+
+
+# The calibration rig --------------------------------------------------------------------------------------------------
+
+
+def test_the_rig_reports_the_true_state_and_labels_that_err_by_as_much_as_stated_either_way():
+    team, z, truth = case()
+    noise, rig = sensor.draw(team, jax.random.key(2), TICKS), sensors().rig
+    many = jax.jit(jax.vmap(sensor.sense, in_axes=(None, None, None, None, 0)))
+    sample = many(team, sensors(), no_bias(team), truth, noise).rig
+    for told, state in zip(jax.tree.leaves(sample.z), jax.tree.leaves(z), strict=True):
+        np.testing.assert_array_equal(told, np.broadcast_to(state, told.shape))
+    signs = []
+    for told, f, e in zip(*map(jax.tree.leaves, (sample.f, truth.f, rig)), strict=True):
+        error = np.asarray(told) - np.asarray(f)
+        np.testing.assert_allclose(np.abs(error), np.broadcast_to(e, error.shape), rtol=1e-12)
+        signs.append(np.sign(error).reshape(TICKS, -1))
+    signs = np.concatenate(signs, axis=1)
+    # a fair coin at every tick and for every output, each for itself: means and products within five deviations
+    assert np.abs(signs.mean(0)).max() < 5 / np.sqrt(TICKS)
+    products = signs.T @ signs / TICKS - np.eye(signs.shape[1])
+    assert np.abs(products).max() < 5 / np.sqrt(TICKS)
+    assert np.abs((signs[1:] * signs[:-1]).mean(0)).max() < 5 / np.sqrt(TICKS)
+
+
+def test_without_noise_the_rig_reports_the_residual_itself():
+    _, _, truth = case()
+    jax.tree.map(np.testing.assert_array_equal, ideal().rig.f, truth.f)

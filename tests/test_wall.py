@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from colift import sensor, simulate
+from colift.model import no_force
 from tests import paper_flights
 from tests.paper_flights import plan
 
@@ -78,6 +79,7 @@ def _still(of: simulate.Plan) -> sensor.Truth:
         xi_dot=(jnp.zeros((len(q.v), 3 + q.r.shape[1])),),
         a_L=jnp.zeros(6),
         lam=(jnp.zeros_like(of.world.team.groups[0].contact),),
+        f=no_force(of.world.team),
     )
 
 
