@@ -34,13 +34,16 @@ def rounds(
 ) -> dict[str, np.ndarray]:
     """Seconds a piece of each contender (a run, and how many pieces it does), round by round, taking turns.
 
-    Lasts about `seconds` in all, and at least 5 rounds; one run of each before that is not counted.
+    Lasts about `seconds` in all, and at least 5 rounds (3 where those would take ten times as long); one run of each
+    before that is not counted.
     """
     for run, _ in contenders.values():
         run()
     times: dict[str, list[float]] = {name: [] for name in contenders}
     begin = time.perf_counter()
-    while len(next(iter(times.values()))) < 5 or time.perf_counter() - begin < seconds:
+    while (done := len(next(iter(times.values())))) < 3 or (
+        (took := time.perf_counter() - begin) < seconds or (done < 5 and took < 10 * seconds)
+    ):
         for name, (run, pieces) in contenders.items():
             start = clock()
             run()

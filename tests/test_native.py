@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import os
 import re
 import subprocess
 
@@ -517,6 +518,22 @@ def test_compiled_code_is_kept(empty_cache, monkeypatch):
     native._target.cache_clear()
     jax.jit(native.compile(lambda x: so3.exp(x) * 3))(X[1:])
     assert sum("-o" in command for command in runs) == 1
+
+
+def test_the_cache_keeps_what_was_used_last(empty_cache, monkeypatch):
+    monkeypatch.setattr(build, "KEPT", 2)
+    run = [native.compile(lambda x, k=k: x * k) for k in (2.0, 3.0, 4.0)]
+    run[0](jnp.array(1.0))
+    (first,) = empty_cache.iterdir()
+    run[1](jnp.array(1.0))
+    (second,) = set(empty_cache.iterdir()) - {first}
+    os.utime(second, (0, 0))
+    run[2](jnp.array(1.0))
+    kept = set(empty_cache.iterdir())
+    assert len(kept) == 2
+    assert first in kept
+    assert second not in kept
+    assert run[1](jnp.array(1.0)) == 3.0  # loaded already
 
 
 def test_a_failing_compiler_is_quoted(empty_cache, monkeypatch):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import functools
 import hashlib
@@ -16,6 +17,7 @@ import jax.ffi
 
 FLAGS = ("-std=gnu11", "-O2", "-march=native", "-fno-math-errno", "-fno-trapping-math", "-fPIC", "-shared",
          "-fvisibility=hidden", "-w")  # fmt: skip
+KEPT = 64  # libraries in the cache, 0.1 to 0.5 MB each
 
 
 class CompilerError(RuntimeError):
@@ -53,6 +55,13 @@ def processor() -> tuple[str, ...]:
     return tuple(kept) or (platform.processor(),)
 
 
+def _forget(folder: Path) -> None:
+    """Remove all but the libraries used last; one that a process has loaded stays usable to it."""
+    used = {path: path.stat().st_mtime for path in folder.glob("*.so") if path.exists()}
+    for old in sorted(used, key=used.__getitem__)[:-KEPT]:
+        old.unlink(missing_ok=True)
+
+
 def lanes() -> int:
     """How many samples to put side by side: a vector register of doubles, or two short ones."""
     return 8 if any("avx512f" in line for line in processor()) else 4
@@ -81,4 +90,7 @@ def library(name: str, source: str) -> ctypes.CDLL:
             if done.returncode:
                 raise CompilerError(f"{' '.join(command)}: exit status {done.returncode}: {done.stderr[-2000:]}")
             out.replace(path)  # atomic: another process sees all of it or nothing
+        _forget(path.parent)
+    with contextlib.suppress(PermissionError):  # a cache that is only read
+        os.utime(path)  # when it was last used
     return ctypes.CDLL(str(path))
