@@ -329,7 +329,7 @@ def fly_plan(plan: Plan, names: Sequence[str], progress: Callable[[float], None]
     stops = sorted({round(t / dt) for t in plan.updates if t < plan.duration} | {ticks})
     key = jax.random.fold_in(jax.random.key(plan.seed), 2)
     oracle, fits, updates, flown, deviations, wall = plan.oracle, {}, [], [], [], {"simulation": 0.0, "fit": 0.0}
-    bands = band.bands(oracle, plan.stated, 0)
+    bands = band.bands(oracle, plan.stated, 1)
     loop = start(plan.world, plan.pilot, oracle, plan.z)
     done, stopped = 0, ""
     progress(0.0)

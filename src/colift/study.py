@@ -16,7 +16,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from colift import analyse, band, fly, gp, learn, log, sensor, simulate
+from colift import analyse, band, fly, gp, learn, log, response, sensor, simulate
+from colift.certify import adversary, certificate
 from colift.model import no_force
 from colift.scenario import Settings, build
 
@@ -109,6 +110,57 @@ def _as(case: str, c1: simulate.Plan, settings: Settings) -> simulate.Plan:
         updates=given.update_times_s if learns else (),
         identify=simulate.Identify(noise=noise, prior=prior) if identifies else None,
     )
+
+
+@dataclasses.dataclass(frozen=True)
+class Certified:
+    """A flight under C3 with its certificate, and what explains it."""
+
+    plan: simulate.Plan
+    flight: simulate.Flight
+    twin: simulate.Flight
+    loop: response.Response
+    certificate: certificate.Certificate
+
+
+def certify(
+    settings: Settings,
+    loop: response.Response | None = None,
+    names: Sequence[str] = certificate.BOUNDS,
+    progress: Callable[[str], None] = lambda _what: None,
+) -> Certified:
+    """Fly a scenario under C3 and its twin, and certify the flight under some bounds.
+
+    loop: the response of this team and these gains, where it is known from another seed.
+    Raises ScenarioError as `plans` does, ValueError where there is no certificate.
+    """
+    ready, agents = plan(settings, "C3"), build.agent_names(settings)
+    if loop is None:
+        progress("the loop's response")
+        at_rest = build.start(settings.model_copy(update={"start": type(settings.start)()}), ready.pilot.team)
+        loop = response.linearize(ready.pilot, ready.oracle, at_rest)
+    progress("flight")
+    flight = simulate.fly_plan(ready, agents)
+    progress("its twin, whose world obeys the learned means")
+    twin = simulate.fly_plan(certificate.twin(ready, flight.oracle), agents)
+    found = certificate.certify(ready, flight, twin, loop, names, progress)
+    return Certified(plan=ready, flight=flight, twin=twin, loop=loop, certificate=found)
+
+
+def challenge(made: Certified, rounds: int = 2, progress: Callable[[str], None] = lambda _what: None) -> Certified:
+    """The certificate against the worst unknown forces that norm and data allow, recomputed on the run they produce.
+
+    Each round makes them worst along the path of the round before. Raises as `certify`.
+    """
+    current = made
+    for k in range(rounds):
+        progress(f"adversary, round {k + 1}")
+        unknown = adversary.adversary(made.plan, made.flight, made.loop, current.certificate, current.flight.rows)
+        flown = simulate.fly_plan(certificate.under(made.plan, made.flight.oracle, unknown), ())
+        flight = dataclasses.replace(made.flight, rows=flown.rows, stopped=flown.stopped)
+        found = certificate.certify(made.plan, flight, made.twin, made.loop, ("energy", "recovery"))
+        current = dataclasses.replace(made, flight=flight, certificate=found)
+    return current
 
 
 def prepare(out: Path) -> None:

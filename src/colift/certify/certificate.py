@@ -19,16 +19,18 @@ from threadpoolctl import threadpool_limits
 
 from colift import band, control, learn, reference, response, simulate
 from colift.certify import reach, rotation, translation, tube
-from colift.certify.interface import Interface, interface
+from colift.certify.interface import Interface
 from colift.certify.reach import Body
 from colift.certify.tube import Tube
 from colift.gp import bounds
-from colift.model import PayloadState, State
+from colift.model import PayloadState
+from colift.response import Response
 
 Matrix = NDArray[np.float64]
 Progress = Callable[[str], None]
 
 ERRORS = ("e_p", "e_v", "e_R", "e_omega")
+BOUNDS = (*band.ALONG, "recovery")
 STEP = 0.04  # s between samples of the path
 EVERY = 8  # conic programs at every so many output samples, which are two steps apart
 FIRST_ORDER = "agents' attitude loops and tilt act to first order (tested in flight, not proven)"
@@ -51,15 +53,16 @@ class Certificate:
     transient: float  # what is left at its start of a deviation at the last update
     observed: Mapping[str, float]
     floor: Mapping[str, float]  # the twin's
-    radii: Mapping[str, Radii]
+    unknown: float  # m, the greatest |e_p| less the twin's: what the unknown forces brought about
+    radii: Mapping[str, Radii]  # by bound
     tube: Tube | None
     no_tube: str  # why there is none; empty if there is one
-    interface: Interface
     attraction_deg: float  # greatest initial attitude error at rest that the rotation's certificate covers; nan: none
-    slack: Mapping[str, float]  # radii of e_p, m, from the loosest reasoning to what was observed
     t: Matrix  # s
     e_p: Matrix  # (time,) observed
-    bound: Matrix  # (time,) of the scenario's best bound, on the run's own path
+    bound: Matrix  # (time,) of the best bound, on the run's own path
+    when: float  # s, where that bound is greatest
+    direction: Matrix  # (3,) and towards where, a unit vector
 
 
 def twin(plan: simulate.Plan, oracle: learn.Oracle) -> simulate.Plan:
@@ -88,61 +91,61 @@ def certify(
     plan: simulate.Plan,
     flight: simulate.Flight,
     of_twin: simulate.Flight,
-    at_rest: State,
+    loop: Response,
+    names: Sequence[str] = BOUNDS,
     progress: Progress = lambda _what: None,
 ) -> Certificate:
-    """The certificate of a flight. `of_twin`: the flight of `twin`; `at_rest`: the team on its reference, at rest.
+    """The certificate of a flight under some of `BOUNDS`, the energy bound always among them.
 
-    Raises ValueError for a flight or twin that stopped early, or that never learned, or is unstable at rest.
+    of_twin: the flight of `twin`; loop: the response of the plan's pilot around rest, of an oracle that predicts zero.
+    Raises ValueError for a flight or twin that stopped early, or that never learned, or a loop that is unstable.
     """
     for name, flown in (("flight", flight), ("twin", of_twin)):
         if flown.stopped:
             raise ValueError(f"no certificate: the {name} stopped: {flown.stopped}")
     if not flight.updates:
         raise ValueError("no certificate: the flight never learned")
-    progress("response of the loop")
-    loop = response.linearize(plan.pilot, plan.oracle, at_rest)
     pace = float(np.linalg.eigvals(loop.A).real.max())
     if pace >= 0:
         raise ValueError(f"no certificate: the loop is unstable at rest, a mode has rate {pace:+.3g} 1/s")
-    grid = _grid(plan, flight)
+    grid = path_of(plan, flight, STEP)
     H = reach.impulse(loop, _rows(loop), grid.step, len(grid.path))
-    observed, floor = (_errors(rows, grid.window) for rows in (flight.rows, of_twin.rows))
     off = _mismatch(plan, of_twin.rows, grid.window)
-    progress("tube")
     with threadpool_limits(1):  # the matrices are small
-        energy = {"tube": bodies(plan, flight, of_twin.rows, grid.path, "energy")}
-        energy["run"] = bodies(plan, flight, flight.rows, grid.path, "energy")
+        paths = {"tube": of_twin.rows, "run": flight.rows}
+        energy = {key: bodies(plan, flight, rows, grid.path, "energy") for key, rows in paths.items()}
         found, why = _tube(loop, plan, energy["tube"], grid)
-        reached = _reached(plan, flight, energy, {"tube": of_twin.rows, "run": flight.rows}, grid, H, progress)
+        reached = _reached(plan, flight, energy, paths, grid, H, names, progress)
     extra = np.abs(H).sum(0) @ found.difference if found else np.full(H.shape[1], np.inf)
-    met = (*(() if found else ("S_X: " + why,)), FIRST_ORDER)
+    always = (*(() if found else ("S_X: " + why,)), FIRST_ORDER)
     radii = {
         name: Radii(
             run=_radii(plan, of_twin.rows, off, grid, each["run"], np.zeros_like(extra)),
             tube=_radii(plan, of_twin.rows, off, grid, each["tube"], extra),
-            assumed=(*band.names(bounds.unmet("recover" if name == "recovery" else name, plan.stated.met)), *met),
+            assumed=(*band.names(bounds.unmet("recover" if name == "recovery" else name, plan.stated.met)), *always),
         )
         for name, each in reached.items()
     }
-    progress("interface")
-    miss = np.linalg.norm(of_twin.rows.delta_W[grid.window].reshape(-1, 2, 3), axis=2).max(0)
-    layer = interface(loop, miss)
     best = reached.get("recovery", reached["energy"])["run"]
+    corner = _corner(of_twin.rows.e_p[grid.path][grid.at], best[:, :, :3])
+    sizes = np.linalg.norm(corner, axis=1)
+    worst = int(np.argmax(sizes))
+    t = flight.rows.t
     return Certificate(
-        window=(float(flight.rows.t[grid.window][0]), float(flight.rows.t[grid.window][-1])),
-        transient=float(np.exp(pace * (flight.rows.t[grid.window][0] - flight.updates[-1].t))),
-        observed={name: float(np.linalg.norm(e, axis=1).max()) for name, e in observed.items()},
-        floor={name: float(np.linalg.norm(e, axis=1).max()) for name, e in floor.items()},
+        window=(float(t[grid.window][0]), float(t[grid.window][-1])),
+        transient=float(np.exp(pace * (t[grid.window][0] - flight.updates[-1].t))),
+        observed=_greatest(flight.rows, grid.window),
+        floor=_greatest(of_twin.rows, grid.window),
+        unknown=float(np.linalg.norm((flight.rows.e_p - of_twin.rows.e_p)[grid.window], axis=1).max()),
         radii=radii,
         tube=found,
         no_tube=why,
-        interface=layer,
         attraction_deg=_attraction(plan, off, reached["energy"]["tube"]),
-        slack=_slack(plan, loop, H, energy["tube"], flight, of_twin, grid, radii, layer),
-        t=flight.rows.t[grid.path][grid.at],
+        t=t[grid.path][grid.at],
         e_p=np.linalg.norm(flight.rows.e_p[grid.path][grid.at], axis=1),
-        bound=_sizes(of_twin.rows.e_p[grid.path][grid.at], best[:, :, :3]),
+        bound=sizes,
+        when=float(t[grid.path][grid.at][worst]),
+        direction=corner[worst] / np.linalg.norm(corner[worst]),
     )
 
 
@@ -159,10 +162,10 @@ class Grid:
     step: float  # s
 
 
-def _grid(plan: simulate.Plan, flight: simulate.Flight) -> Grid:
-    """Errors are ultimate in the second half of what follows the last update."""
+def path_of(plan: simulate.Plan, flight: simulate.Flight, step: float) -> Grid:
+    """Samples about `step` s apart. Errors are ultimate in the second half of what follows the last update."""
     dt, last = float(plan.pilot.filters.dt), flight.updates[-1].t
-    every = max(1, round(STEP / dt))
+    every = max(1, round(step / dt))
     ticks = len(flight.rows.t)
     path = np.arange(round(last / dt), ticks, every)
     first = (round(last / dt) + ticks) // 2
@@ -200,7 +203,7 @@ def _np(x: Any) -> Matrix:
 OF_INTEREST = ("e_p", "e_v", "alpha")  # rows of H in this order, three each
 
 
-def _rows(loop: response.Response) -> Matrix:
+def _rows(loop: Response) -> Matrix:
     return np.concatenate([np.hstack([loop.C[loop.rows(name)], loop.D[loop.rows(name)]]) for name in OF_INTEREST])
 
 
@@ -211,13 +214,14 @@ def _reached(
     paths: Mapping[str, simulate.Row],
     grid: Grid,
     H: Matrix,
+    names: Sequence[str],
     progress: Progress,
 ) -> dict[str, dict[str, Matrix]]:
     """By bound and path, `(2, times, 9)`: what f~ adds to each of `OF_INTEREST` and to its negative, at most.
 
     Optimal recovery is for e_p alone: the other rows keep the energy bound. It is left out without its solver.
     """
-    out: dict[str, dict[str, Matrix]] = {name: {} for name in (*band.ALONG, "recovery")}
+    out: dict[str, dict[str, Matrix]] = {name: {} for name in BOUNDS if name in names or name == "energy"}
     for key, rows in paths.items():
         progress(f"bands along the {key}'s path")
         spans = [reach.by_band(body, H, grid.at) for body in energy[key]]
@@ -225,13 +229,15 @@ def _reached(
             reach.bound(body.beta, *span).sum(-1) for body, span in zip(energy[key], spans, strict=True)
         )
         other = None
-        for name in band.ALONG:
-            if name == "energy":
+        for name in out:
+            if name in ("energy", "recovery"):
                 continue
             held = bodies(plan, flight, rows, grid.path, name)
             # the bounds for random noise share their companions: only beta differs
             other = other or [reach.by_band(body, H, grid.at) for body in held]
             out[name][key] = sum(reach.bound(body.beta, *span).sum(-1) for body, span in zip(held, other, strict=True))
+        if "recovery" not in out:
+            continue
         total = np.zeros_like(out["energy"][key])
         for body, span in zip(energy[key], spans, strict=True):
             each = reach.bound(body.beta, *span)
@@ -249,7 +255,7 @@ def _reached(
     return out
 
 
-def _tube(loop: response.Response, plan: simulate.Plan, held: Sequence[Body], grid: Grid) -> tuple[Tube | None, str]:
+def _tube(loop: Response, plan: simulate.Plan, held: Sequence[Body], grid: Grid) -> tuple[Tube | None, str]:
     if not all(np.isfinite(body.beta).all() for body in held):
         return None, "the data contradict the stated norm and label errors"
     scales = [np.asarray(body.model.hyper.lengthscales).min(0) for body in held]
@@ -272,9 +278,10 @@ def _tube(loop: response.Response, plan: simulate.Plan, held: Sequence[Body], gr
 # -- radii -----------------------------------------------------------------------------------------------------------
 
 
-def _sizes(center: Matrix, reached: Matrix) -> Matrix:
-    """Greatest `|center + e|` at each time, for `-reached[1] <= e <= reached[0]` componentwise; (times,)."""
-    return np.linalg.norm(np.maximum(np.abs(center + reached[0]), np.abs(center - reached[1])), axis=1)
+def _corner(center: Matrix, reached: Matrix) -> Matrix:
+    """The farthest `center + e` at each time, for `-reached[1] <= e <= reached[0]` componentwise; (times, 3)."""
+    up, down = center + reached[0], center - reached[1]
+    return np.where(np.abs(up) >= np.abs(down), up, down)
 
 
 def _radii(
@@ -293,15 +300,15 @@ def _radii(
     except ValueError:
         e_R = e_omega = float("inf")
     return {
-        "e_p": float(_sizes(rows.e_p[at], reached[:, :, :3]).max()),
-        "e_v": float(_sizes(rows.e_v[at], reached[:, :, 3:6]).max()),
+        "e_p": float(np.linalg.norm(_corner(rows.e_p[at], reached[:, :, :3]), axis=1).max()),
+        "e_v": float(np.linalg.norm(_corner(rows.e_v[at], reached[:, :, 3:6]), axis=1).max()),
         "e_R": e_R,
         "e_omega": e_omega,
     }
 
 
-def _errors(rows: simulate.Row, window: slice) -> dict[str, Matrix]:
-    return {name: getattr(rows, name)[window] for name in ERRORS}
+def _greatest(rows: simulate.Row, window: slice) -> dict[str, float]:
+    return {name: float(np.linalg.norm(getattr(rows, name)[window], axis=1).max()) for name in ERRORS}
 
 
 def _mismatch(plan: simulate.Plan, rows: simulate.Row, window: slice) -> Matrix:
@@ -326,47 +333,44 @@ def _attraction(plan: simulate.Plan, off: Matrix, reached: Matrix) -> float:
 # -- where the slack is ----------------------------------------------------------------------------------------------
 
 
-def _slack(
+def vartheta(plan: simulate.Plan, flight: simulate.Flight, of_twin: simulate.Flight) -> Matrix:
+    """`sup |delta_W|` of the twin, N and N m: what is left of the mismatch without unknown forces."""
+    window = path_of(plan, flight, STEP).window
+    return np.linalg.norm(of_twin.rows.delta_W[window].reshape(-1, 2, 3), axis=2).max(0)
+
+
+def slack(
     plan: simulate.Plan,
-    loop: response.Response,
-    H: Matrix,
-    held: Sequence[Body],
     flight: simulate.Flight,
     of_twin: simulate.Flight,
-    grid: Grid,
-    radii: Mapping[str, Radii],
+    loop: Response,
     layer: Interface,
+    found: Certificate,
 ) -> dict[str, float]:
-    """Radii of e_p under ever better reasoning; each ratio of neighbours is the slack of one cause."""
-    mass = float(plan.pilot.team.payload.mass)
-    gains, floor = plan.pilot.gains, np.linalg.norm(of_twin.rows.e_p[grid.window], axis=1).max()
+    """Radii of e_p, m, under ever better reasoning; each ratio of neighbours is the slack of one cause."""
+    grid = path_of(plan, flight, STEP)
+    H = reach.impulse(loop, _rows(loop)[:3], grid.step, len(grid.path))
+    gains, floor = plan.pilot.gains, found.floor["e_p"]
     unit = translation.ultimate(np.asarray(gains.K_p), np.asarray(gains.K_v), 1.0).e_p.bound
 
-    def pointwise(each: Sequence[Body]) -> Matrix:
-        return np.concatenate([reach.greatest(body).max(0) for body in each])
+    def pointwise(bound: str) -> Matrix:
+        along = bodies(plan, flight, of_twin.rows, grid.path, bound)
+        return np.concatenate([reach.greatest(body).max(0) for body in along])
 
     def added(rho: Matrix) -> float:
-        """`rho_L + sum kappa rho`, the paper's way, through the translation's own gain."""
+        """`(rho_L + sum kappa rho) / m_L`, the paper's way, through the translation's own gain."""
         sizes = [float(np.linalg.norm(rho[columns])) for columns in loop.bodies]
-        return unit * (np.linalg.norm(rho[:3]) + layer.kappa[0] @ sizes) / mass + floor
+        force = np.linalg.norm(rho[:3]) + layer.kappa[0] @ sizes
+        return float(unit * force / float(plan.pilot.team.payload.mass) + floor)
 
-    srinivas = bodies(plan, flight, of_twin.rows, grid.path, "srinivas")
-    rho = pointwise(held)
+    rho = pointwise("energy")
     out = {
-        "the paper's sum, its beta": added(pointwise(srinivas)),
-        "the paper's sum, energy bound": added(rho),
-        "one loop for both layers": float(np.linalg.norm(np.abs(H[:, :3]).sum(0) @ rho)) + floor,
-        "one functional, energy bound, in the tube": radii["energy"].tube["e_p"],
-        "one functional, energy bound, on the run": radii["energy"].run["e_p"],
-        **(
-            {
-                f"optimal recovery, {w}": getattr(radii["recovery"], k)["e_p"]
-                for k, w in (("tube", "in the tube"), ("run", "on the run"))
-            }
-            if "recovery" in radii
-            else {}
-        ),
-        "observed": float(np.linalg.norm(flight.rows.e_p[grid.window], axis=1).max()),
-        "floor (nothing unknown)": float(floor),
+        "the paper's beta, mismatch and error added": added(pointwise("srinivas")),
+        "energy bound, mismatch and error added": added(rho),
+        "energy bound, one loop for both": float(np.linalg.norm(np.abs(H).sum(0) @ rho)) + floor,
     }
-    return {name: float(value) for name, value in out.items()}
+    for name in ("energy", "recovery"):
+        for key, where in (("tube", "in the tube"), ("run", "on the run's path")):
+            if name in found.radii:
+                out[f"{name}, one functional, {where}"] = getattr(found.radii[name], key)["e_p"]
+    return out | {"observed": found.observed["e_p"], "floor: nothing unknown": floor}

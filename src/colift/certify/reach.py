@@ -20,6 +20,7 @@ from colift.gp import recovery
 from colift.response import Response
 
 Matrix = NDArray[np.float64]
+Samples = Sequence[int] | NDArray[np.integer]
 
 NEGLIGIBLE = 1e-3  # share of a row's bound below which an output keeps its band instead of a conic program
 
@@ -57,14 +58,14 @@ def impulse(response: Response, rows: Matrix, step: float, count: int) -> Matrix
     return H
 
 
-def weights(H: Matrix, at: Sequence[int], path: int) -> Matrix:
+def weights(H: Matrix, at: Samples, path: int) -> Matrix:
     """`L[t, row, k] = H[t - k, row]`, zero for later samples: weights of the path's samples at output samples `at`."""
     lag = np.asarray(at)[:, None] - np.arange(path)[None]
     L = np.where((lag >= 0)[:, :, None], H[np.clip(lag, 0, len(H) - 1)], 0.0)
     return np.ascontiguousarray(np.swapaxes(L, 1, 2))
 
 
-def by_band(body: Body, H: Matrix, at: Sequence[int]) -> tuple[Matrix, Matrix]:
+def by_band(body: Body, H: Matrix, at: Samples) -> tuple[Matrix, Matrix]:
     """`(l(m - mu), sigma(l))` of each output's contribution l, both `(times, rows, outputs)`, for `bound`."""
     moved, sigma = np.empty((2, len(at), H.shape[1], len(body.beta)))
     shift = _mean(body.companion, body.x) - _mean(body.model, body.x)
@@ -87,7 +88,7 @@ def bound(beta: Matrix, moved: Matrix, sigma: Matrix) -> Matrix:
 
 
 def by_recovery(
-    body: Body, H: Matrix, at: Sequence[int], every: int, band: Matrix, progress: Callable[[], None] = lambda: None
+    body: Body, H: Matrix, at: Samples, every: int, band: Matrix, progress: Callable[[], None] = lambda: None
 ) -> Matrix:
     """`(2, times, rows, outputs)` as `by_band`, by optimal recovery: a conic program at every so many of the times.
 
