@@ -206,7 +206,8 @@ def springs(z: State, at: State, R: Array) -> Residual:
 def shaken(team: Team, home: State, key: Array) -> tuple[Array, Array, Array, Array]:
     """60 s at 1 ms under bang-bang inputs, redrawn every 50 ms, while springs turn the team by 90 degrees.
 
-    Thrust is 0 or at its limit, torques +-1 N m on bases and +-0.1 N m on joints. The largest position and velocity residuals, the largest turn of the payload, rad, and its largest speed, m/s.
+    Thrust is 0 or at its limit, torques +-1 N m on bases and +-0.1 N m on joints. The largest position and velocity
+    residuals, the largest turn of the payload, rad, and its largest speed, m/s.
     """
     still = no_force(team)
 
