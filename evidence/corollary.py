@@ -6,6 +6,7 @@ greatest deviation and their product are kept apart (docs/errata.md, row 17).
 
 from __future__ import annotations
 
+import itertools
 from typing import Any
 
 import numpy as np
@@ -54,5 +55,5 @@ def main() -> bool:
         rows = [[found[f"{seed} {rate:g} Hz"] for seed in SEEDS] for rate in RATES]
         radius = [float(np.median([each[name]["run"] for each in row])) for row in rows]
         print(name, [f"{row[0]['n']}: {1e3 * r:.2f} mm" for row, r in zip(rows, radius, strict=True)])
-        good &= all(later <= 1.1 * earlier for earlier, later in zip(radius, radius[1:], strict=False))
+        good &= all(later <= 1.1 * earlier for earlier, later in itertools.pairwise(radius))
     return good

@@ -5,6 +5,7 @@ Heavy modules are imported by the commands that need them, so that `--help` answ
 
 from __future__ import annotations
 
+import math
 import sys
 from importlib.metadata import version
 from pathlib import Path
@@ -150,7 +151,9 @@ COLUMNS = (  # heading, unit, key in the summary, scale, format
 )
 
 
-def _cell(value: float, scale: float, spec: str) -> str:
+def _cell(value: float | None, scale: float, spec: str) -> str:
+    if value is None or not math.isfinite(value):
+        return "none"
     return format(value * scale, spec if abs(value * scale) < 1e5 else ".0e")
 
 
@@ -178,6 +181,99 @@ def _report(summary: dict[str, Any], folder: Path) -> None:
         typer.echo(f"slowest mode at the start: {mode['says']}")
     else:
         errors.print(f"warning: unstable at the start state: {mode['says']}", style="yellow", markup=False)
+    typer.echo(f"results in {folder}")
+
+
+@app.command()
+def certify(
+    name: Annotated[
+        str,
+        typer.Argument(metavar="SCENARIO", help="A shipped scenario, or a YAML file.", autocompletion=_scenario_names),
+    ],
+    out: Annotated[Path | None, typer.Option(help="Folder for the results; by default out/SCENARIO.")] = None,
+    seed: Annotated[int | None, typer.Option(min=0, help="Seed of all noise; by default the scenario's.")] = None,
+    adversary: Annotated[
+        bool, typer.Option("--adversary", help="Also fly the worst unknown forces that norm and data allow.")
+    ] = False,
+) -> None:
+    """Certify the ultimate tracking errors of a scenario under C3, beside what is observed (docs/certificate.md).
+
+    Flies the scenario and its twin, whose world obeys the learned means. Writes certificate.json and figure 6.
+    """
+    from colift import scenario
+
+    try:
+        settings = scenario.load(name)
+    except scenario.ScenarioError as error:
+        raise _fail(str(error)) from None
+    if seed is not None:
+        settings = settings.model_copy(update={"seed": seed})
+    from colift import study as flights
+
+    folder = out or Path("out") / settings.name
+    try:
+        flights.prepare(folder)
+    except OSError as error:
+        raise _fail(f"cannot write to {folder}: {error.strerror or error}") from None
+    try:
+        with errors.status(f"certifying {settings.name}") as status:
+            say = lambda what: status.update(f"certifying {settings.name}: {what}")  # noqa: E731
+            made = flights.certify(settings, progress=say)
+            against = flights.challenge(made, progress=say) if adversary else None
+            summary = flights.save_certificate(settings, made, against, folder, say)
+    except (scenario.ScenarioError, OSError, ValueError) as error:
+        raise _fail(str(error)) from None
+    except KeyboardInterrupt:
+        errors.print("interrupted; nothing was written", style="yellow", markup=False)
+        raise typer.Exit(INTERRUPTED) from None
+    _report_certificate(summary, folder)
+
+
+SCALES = {"e_p": (1e3, "mm"), "e_v": (1e3, "mm/s"), "e_R": (1e3, "1e-3"), "e_omega": (1e3, "mrad/s")}
+
+
+def _report_certificate(found: dict[str, Any], folder: Path) -> None:
+    """Radii by bound beside what was observed, then where the slack of e_p comes from."""
+    from rich.box import SIMPLE_HEAD
+    from rich.table import Table
+
+    first, last = found["window_s"]
+    table = Table(
+        title=f"{found['scenario']}, seed {found['seed']}: greatest errors from {first:.1f} to {last:.1f} s",
+        box=SIMPLE_HEAD,
+        padding=(0, 1, 0, 0),
+    )
+    table.add_column("radius by\n", no_wrap=True)
+    table.add_column("for\n", no_wrap=True)
+    for error, (_, unit) in SCALES.items():
+        table.add_column(f"{error}\n{unit}", justify="right", no_wrap=True)
+    table.add_column("e_p, over\nobserved", justify="right", no_wrap=True)
+    table.add_column("is\n", no_wrap=True)
+    for row in ("observed", "floor"):
+        table.add_row(row, "", *(_cell(found[row][e], scale, ".3g") for e, (scale, _) in SCALES.items()), "", "")
+    for bound, radii in found["radii"].items():
+        for where, label in (("tube", "any run"), ("run", "this run")):
+            cells = [_cell(radii[where][e], scale, ".3g") for e, (scale, _) in SCALES.items()]
+            ratio = _cell(radii["tightness"][where], 1.0, ".2f")
+            table.add_row(bound, label, *cells, ratio, "assumed" if radii["assumed"] else "certified")
+    Console().print(table)
+    for bound, why in found["left_out"].items():
+        typer.echo(f"{bound}: left out, {why}")
+    if found["no_tube"]:
+        typer.echo(f"no radius for any run: {found['no_tube']}")
+    typer.echo(
+        "any run: known before it is flown; this run: on the path it took; both to first order in the agents' tilt"
+    )
+    for bound, radii in found["radii"].items():
+        if radii["assumed"]:
+            typer.echo(f"{bound} assumes: {', '.join(radii['assumed'])}")
+    if found["adversary"]:
+        typer.echo(
+            f"certificate / worst unknown that fits the data: {found['adversary']['certificate_over_adversary']:.3f}"
+        )
+    typer.echo("\nradius of e_p by reasoning, mm:")
+    for cause, radius in found["slack_m"].items():
+        typer.echo(f"  {_cell(radius, 1e3, '.3g'):>8}  {cause}")
     typer.echo(f"results in {folder}")
 
 

@@ -427,7 +427,7 @@ def _why(plan: Plan, rows: Row, names: Sequence[str]) -> str:
         if not np.isfinite(getattr(rows, signal)[-1]).all():
             return f"signal {signal} is not finite at t = {t:.3f} s"
     if rows.singular[-1, weak] <= limit:
-        value, arms = rows.singular[-1, weak], grasp.opposed(_admittance(plan.world.team, rows.r[-1], weak))
+        value, arms = rows.singular[-1, weak], grasp.opposed(_admittance(plan.world.team, np.asarray(rows.r)[-1], weak))
         return (
             f"the grasp of agent {names[weak]} is near singular at t = {t:.3f} s: "
             f"{value:.3g} < {limit:.3g} 1/kg; {arms}"

@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from colift import analyse, band, fly, gp, learn, log, response, sensor, simulate
-from colift.certify import adversary, certificate
+from colift.certify import adversary, certificate, interface
 from colift.model import no_force
 from colift.scenario import Settings, build
 
@@ -161,6 +161,74 @@ def challenge(made: Certified, rounds: int = 2, progress: Callable[[str], None] 
         found = certificate.certify(made.plan, flight, made.twin, made.loop, ("energy", "recovery"))
         current = dataclasses.replace(made, flight=flight, certificate=found)
     return current
+
+
+def save_certificate(
+    settings: Settings,
+    made: Certified,
+    against: Certified | None,
+    out: Path,
+    progress: Callable[[str], None] = lambda _what: None,
+) -> dict[str, Any]:
+    """Write `certificate.json` and figure 6; return what the file holds. Radii that do not exist are null."""
+    from colift import view
+
+    found = made.certificate
+    progress("the agents' interface")
+    floor = certificate.vartheta(made.plan, made.flight, made.twin)
+    layer = interface.interface(made.loop, floor)
+    slack = certificate.slack(made.plan, made.flight, made.twin, made.loop, layer, found)
+    first_order = certificate.FIRST_ORDER
+    summary: dict[str, Any] = {
+        "scenario": settings.name,
+        "seed": settings.seed,
+        "version": version("colift"),
+        "settings": settings.digest,
+        "window_s": list(found.window),
+        "confidence": settings.certificate.confidence,
+        "first_order": first_order,
+        "observed": dict(found.observed),
+        "floor": dict(found.floor),
+        "unknown_m": found.unknown,
+        "transient": found.transient,
+        "radii": {
+            name: {
+                "run": dict(radii.run),
+                "tube": dict(radii.tube),
+                "tightness": {where: getattr(radii, where)["e_p"] / found.observed["e_p"] for where in ("run", "tube")},
+                "assumed": [what for what in radii.assumed if what != first_order],
+            }
+            for name, radii in found.radii.items()
+        },
+        "left_out": dict(found.left_out),
+        "no_tube": found.no_tube,
+        "tube": None
+        if found.tube is None
+        else {"distance": found.tube.distance.tolist(), "contraction": found.tube.contraction},
+        "attraction_deg": found.attraction_deg,
+        "interface": {
+            "alpha_N_Nm": layer.alpha.tolist(),
+            "gamma_1_s": layer.gamma,
+            "kappa_N_Nm": layer.kappa.tolist(),
+            "vartheta_N_Nm": layer.vartheta.tolist(),
+            "static_N_Nm": layer.static.tolist(),
+        },
+        "slack_m": slack,
+        "adversary": None
+        if against is None
+        else {
+            "observed": dict(against.certificate.observed),
+            "certified": dict(_best(against.certificate).run),
+            "certificate_over_adversary": _best(against.certificate).run["e_p"] / against.certificate.observed["e_p"],
+        },
+    }
+    view.certificate(found, slack, out)
+    write_json(summary, out / "certificate.json")
+    return _finite(summary)
+
+
+def _best(found: certificate.Certificate) -> certificate.Radii:
+    return found.radii.get("recovery", found.radii["energy"])
 
 
 def prepare(out: Path) -> None:

@@ -24,6 +24,7 @@ from matplotlib.ticker import AutoMinorLocator, LogLocator, MaxNLocator, NullFor
 from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 
 from colift import log
+from colift.certify.certificate import Certificate
 
 COLUMN, PAGE = 3.5, 7.16  # in, width of one column of the journal, and of two
 WINDOW = 0.2  # s, over which noisy signals are averaged for the eye; the axis label says so
@@ -398,6 +399,58 @@ def _rms(ds: xr.Dataset, x: np.ndarray) -> np.ndarray:
 
 def _thin(ds: xr.Dataset, x: xr.DataArray | np.ndarray) -> np.ndarray:
     return np.asarray(x)[:: _samples(ds, STEP)]
+
+
+def certificate(found: Certificate, slack: Mapping[str, float], folder: str | Path) -> list[Path]:
+    """Write figure 6 as PDF and PNG: the certified and the observed error of position, and where the slack comes from.
+
+    Raises OSError where the folder cannot be written.
+    """
+    with matplotlib.style.context(["default", STYLE]):
+        figure = Figure(figsize=(PAGE, 2.7))
+        left, right = figure.subplots(1, 2, width_ratios=(1, 0.9))
+        blue, red = LOOKS["C3"].color, LOOKS["C2"].color
+        left.plot(found.t, 1e3 * found.bound, color=red, label="certified for this run")
+        left.plot(found.t, 1e3 * found.e_p, color=blue, label=r"observed $\Vert e_p\Vert$")
+        left.axhline(
+            1e3 * found.floor["e_p"], color="0.5", linewidth=0.8, dashes=(4, 2), label="floor: nothing unknown"
+        )
+        before = min(radii.tube["e_p"] for radii in found.radii.values())
+        if np.isfinite(before):
+            left.axhline(1e3 * before, color=red, linewidth=0.8, dashes=(1.5, 1.5), label="certified for any run")
+        left.set(xlabel="time [s]", ylabel="position error [mm]", xlim=(found.t[0], found.t[-1]), ylim=(0, None))
+        left.set_ylim(top=1.45 * left.get_ylim()[1])  # room for the legend
+        left.legend(loc="upper left")
+        causes = [name for name, radius in slack.items() if np.isfinite(radius)]
+        sizes = [1e3 * slack[name] for name in causes]
+        place = np.arange(len(causes))[::-1]
+        color = [blue if name == "observed" else "0.6" if name.startswith("floor") else red for name in causes]
+        right.barh(place, sizes, color=color, height=0.6)
+        right.set_xscale("log")
+        right.set_yticks(place, causes)
+        right.set(xlabel=r"radius of $e_p$ [mm]", xlim=(0.5 * min(sizes), 30 * max(sizes)))
+        right.grid(axis="y", visible=False)
+        for y, size in zip(place, sizes, strict=True):
+            right.text(size * 1.2, y, f"{size:.3g}" if size < 1e4 else f"{size:.0e}", va="center", fontsize=7)
+        return [_save(figure, Path(folder) / f"figure_6_certificate.{kind}") for kind in ("pdf", "png")]
+
+
+def shrinkage(
+    n: Sequence[float], curves: Mapping[str, Sequence[float]], floor: Sequence[float], path: str | Path
+) -> list[Path]:
+    """Write Corollary 1 as PDF and PNG: ultimate errors, m, against the number of data n, and the floor beneath."""
+    with matplotlib.style.context(["default", STYLE]):
+        figure = Figure(figsize=(COLUMN, 2.6))
+        ax = figure.subplots()
+        looks = zip(curves.items(), ("#DDAA33", "#BB5566", "#004488"), ("s", "o", "^"), strict=False)
+        for (name, radius), color, marker in looks:
+            ax.plot(n, 1e3 * np.asarray(radius), color=color, marker=marker, markersize=3.5, label=name)
+        ax.plot(n, 1e3 * np.asarray(floor), color="0.5", linewidth=0.8, dashes=(4, 2), label="floor: nothing unknown")
+        ax.set(xscale="log", yscale="log", xlabel="data points of each body", ylabel=r"ultimate $\Vert e_p\Vert$ [mm]")
+        ax.set_xticks(n, [f"{each:g}" for each in n])
+        ax.minorticks_off()
+        ax.legend()
+        return [_save(figure, Path(path).with_suffix(f".{kind}")) for kind in ("pdf", "png")]
 
 
 def _save(figure: Figure, path: Path) -> Path:

@@ -32,6 +32,7 @@ Progress = Callable[[str], None]
 ERRORS = ("e_p", "e_v", "e_R", "e_omega")
 BOUNDS = (*band.ALONG, "recovery")
 STEP = 0.04  # s between samples of the path
+POINTS = 160  # data points of a body up to which optimal recovery is tried
 EVERY = 8  # conic programs at every so many output samples, which are two steps apart
 FIRST_ORDER = "agents' attitude loops and tilt act to first order (tested in flight, not proven)"
 
@@ -55,6 +56,7 @@ class Certificate:
     floor: Mapping[str, float]  # the twin's
     unknown: float  # m, the greatest |e_p| less the twin's: what the unknown forces brought about
     radii: Mapping[str, Radii]  # by bound
+    left_out: Mapping[str, str]  # bounds that were asked for and have none, and why
     tube: Tube | None
     no_tube: str  # why there is none; empty if there is one
     attraction_deg: float  # greatest initial attitude error at rest that the rotation's certificate covers; nan: none
@@ -115,7 +117,7 @@ def certify(
         paths = {"tube": of_twin.rows, "run": flight.rows}
         energy = {key: bodies(plan, flight, rows, grid.path, "energy") for key, rows in paths.items()}
         found, why = _tube(loop, plan, energy["tube"], grid)
-        reached = _reached(plan, flight, energy, paths, grid, H, names, progress)
+        reached, left_out = _reached(plan, flight, energy, paths, grid, H, names, progress)
     extra = np.abs(H).sum(0) @ found.difference if found else np.full(H.shape[1], np.inf)
     always = (*(() if found else ("S_X: " + why,)), FIRST_ORDER)
     radii = {
@@ -127,10 +129,10 @@ def certify(
         for name, each in reached.items()
     }
     best = reached.get("recovery", reached["energy"])["run"]
-    corner = _corner(of_twin.rows.e_p[grid.path][grid.at], best[:, :, :3])
+    corner = _corner(_np(of_twin.rows.e_p)[grid.path][grid.at], best[:, :, :3])
     sizes = np.linalg.norm(corner, axis=1)
     worst = int(np.argmax(sizes))
-    t = flight.rows.t
+    t = _np(flight.rows.t)
     return Certificate(
         window=(float(t[grid.window][0]), float(t[grid.window][-1])),
         transient=float(np.exp(pace * (t[grid.window][0] - flight.updates[-1].t))),
@@ -138,6 +140,7 @@ def certify(
         floor=_greatest(of_twin.rows, grid.window),
         unknown=float(np.linalg.norm((flight.rows.e_p - of_twin.rows.e_p)[grid.window], axis=1).max()),
         radii=radii,
+        left_out=left_out,
         tube=found,
         no_tube=why,
         attraction_deg=_attraction(plan, off, reached["energy"]["tube"]),
@@ -156,8 +159,8 @@ def certify(
 class Grid:
     """Samples of the path since the last update, and those at which errors are bounded."""
 
-    path: Matrix  # ticks
-    at: Matrix  # indices into path
+    path: NDArray[np.intp]  # ticks
+    at: NDArray[np.intp]  # indices into path
     window: slice  # ticks
     step: float  # s
 
@@ -173,7 +176,7 @@ def path_of(plan: simulate.Plan, flight: simulate.Flight, step: float) -> Grid:
 
 
 def bodies(
-    plan: simulate.Plan, flight: simulate.Flight, rows: simulate.Row, path: Matrix, bound: str
+    plan: simulate.Plan, flight: simulate.Flight, rows: simulate.Row, path: NDArray[np.intp], bound: str
 ) -> tuple[Body, ...]:
     """Every body's unknown along a path, under a bound, after the flight's last update."""
     stated = dataclasses.replace(plan.stated, bound=bound)
@@ -216,43 +219,52 @@ def _reached(
     H: Matrix,
     names: Sequence[str],
     progress: Progress,
-) -> dict[str, dict[str, Matrix]]:
+) -> tuple[dict[str, dict[str, Matrix]], dict[str, str]]:
     """By bound and path, `(2, times, 9)`: what f~ adds to each of `OF_INTEREST` and to its negative, at most.
 
-    Optimal recovery is for e_p alone: the other rows keep the energy bound. It is left out without its solver.
+    Optimal recovery is for e_p alone: the other rows keep the energy bound. Second, why a bound is left out.
     """
     out: dict[str, dict[str, Matrix]] = {name: {} for name in BOUNDS if name in names or name == "energy"}
+    left_out: dict[str, str] = {}
     for key, rows in paths.items():
         progress(f"bands along the {key}'s path")
         spans = [reach.by_band(body, H, grid.at) for body in energy[key]]
-        out["energy"][key] = sum(
-            reach.bound(body.beta, *span).sum(-1) for body, span in zip(energy[key], spans, strict=True)
-        )
+        each = [reach.bound(body.beta, *span) for body, span in zip(energy[key], spans, strict=True)]
+        out["energy"][key] = sum(one.sum(-1) for one in each)
         other = None
-        for name in out:
-            if name in ("energy", "recovery"):
-                continue
+        for name in [name for name in out if name not in ("energy", "recovery")]:
             held = bodies(plan, flight, rows, grid.path, name)
             # the bounds for random noise share their companions: only beta differs
             other = other or [reach.by_band(body, H, grid.at) for body in held]
             out[name][key] = sum(reach.bound(body.beta, *span).sum(-1) for body, span in zip(held, other, strict=True))
-        if "recovery" not in out:
-            continue
-        total = np.zeros_like(out["energy"][key])
-        for body, span in zip(energy[key], spans, strict=True):
-            each = reach.bound(body.beta, *span)
-            if np.isfinite(each).all():
-                progress(
-                    f"optimal recovery along the {key}'s path, columns {body.columns.start} to {body.columns.stop - 1}"
-                )
-                try:
-                    each[:, :, :3] = reach.by_recovery(body, H[:, :3], grid.at, EVERY, each[:, :, :3])
-                except ImportError:
-                    del out["recovery"]
-                    return out
-            total += each.sum(-1)
-        out["recovery"][key] = total
-    return out
+        if "recovery" in out and not left_out:
+            try:
+                out["recovery"][key] = _recovered(energy[key], each, grid, H, key, progress)
+            except (ImportError, ValueError, RuntimeError) as error:
+                left_out["recovery"] = str(error)
+    return {name: reached for name, reached in out.items() if name not in left_out}, left_out
+
+
+def _recovered(
+    held: Sequence[Body], each: Sequence[Matrix], grid: Grid, H: Matrix, key: str, progress: Progress
+) -> Matrix:
+    """`(2, times, 9)` by optimal recovery, from each body's bounds by the energy band.
+
+    Raises ValueError for more data than the programs can take in a few minutes, or data that contradict what is
+    stated; ImportError and RuntimeError as `gp.recovery.recover`.
+    """
+    n = max(int(body.model.n) for body in held)
+    if n > POINTS:
+        raise ValueError(f"a body has {n} data points; its programs would take long beyond {POINTS}")
+    if not all(np.isfinite(banded).all() for banded in each):
+        raise ValueError("the data contradict the stated norm and label errors")
+    total = np.zeros_like(each[0][..., 0])
+    for body, banded in zip(held, each, strict=True):
+        progress(f"optimal recovery along the {key}'s path, outputs {body.columns.start} to {body.columns.stop - 1}")
+        found = banded.copy()
+        found[:, :, :3] = reach.by_recovery(body, H[:, :3], grid.at, EVERY, banded[:, :, :3])
+        total += found.sum(-1)
+    return total
 
 
 def _tube(loop: Response, plan: simulate.Plan, held: Sequence[Body], grid: Grid) -> tuple[Tube | None, str]:
@@ -300,8 +312,8 @@ def _radii(
     except ValueError:
         e_R = e_omega = float("inf")
     return {
-        "e_p": float(np.linalg.norm(_corner(rows.e_p[at], reached[:, :, :3]), axis=1).max()),
-        "e_v": float(np.linalg.norm(_corner(rows.e_v[at], reached[:, :, 3:6]), axis=1).max()),
+        "e_p": float(np.linalg.norm(_corner(_np(rows.e_p)[at], reached[:, :, :3]), axis=1).max()),
+        "e_v": float(np.linalg.norm(_corner(_np(rows.e_v)[at], reached[:, :, 3:6]), axis=1).max()),
         "e_R": e_R,
         "e_omega": e_omega,
     }
@@ -370,7 +382,7 @@ def slack(
         "energy bound, one loop for both": float(np.linalg.norm(np.abs(H).sum(0) @ rho)) + floor,
     }
     for name in ("energy", "recovery"):
-        for key, where in (("tube", "in the tube"), ("run", "on the run's path")):
+        for key, where in (("tube", "any run"), ("run", "this run")):
             if name in found.radii:
                 out[f"{name}, one functional, {where}"] = getattr(found.radii[name], key)["e_p"]
     return out | {"observed": found.observed["e_p"], "floor: nothing unknown": floor}

@@ -20,6 +20,7 @@ from colift.gp import recovery
 from colift.response import Response
 
 Matrix = NDArray[np.float64]
+Ticks = NDArray[np.intp] | Sequence[int]
 Samples = Sequence[int] | NDArray[np.integer]
 
 NEGLIGIBLE = 1e-3  # share of a row's bound below which an output keeps its band instead of a conic program

@@ -100,4 +100,4 @@ def fixed_point(gains: Matrix, rho: Matrix, rough: Matrix, bodies: Sequence[slic
             f"{contraction:.3g} (must be below 1); state a smaller norm or longer length-scales, or raise the gains"
         )
     nu = np.linalg.solve(np.eye(len(loop)) - loop, gains @ rho)
-    return Tube(distance=nu, difference=rough * (owner @ nu), contraction=contraction)
+    return Tube(distance=np.asarray(nu, float), difference=rough * (owner @ nu), contraction=contraction)
