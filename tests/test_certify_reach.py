@@ -1,0 +1,248 @@
+"""What the unknown can bring about: convolution against a simulator, bounds against functions that norm and data allow.
+
+Data err by eps, one way or the other; every drawn function has the norm that is stated.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.signal import lsim
+from scipy.spatial.distance import cdist
+
+from colift import band, gp
+from colift.certify import reach
+from colift.gp import recovery
+from colift.response import Response
+
+seeds = st.integers(0, 2**31)
+DIMENSIONS, OUTPUTS, DATA, PATH, ROWS, FIRST = 3, 2, 9, 14, 2, 1  # FIRST: the body's first column of the loop's inputs
+AT = [3, 5, 7, 9, 11, 13]
+
+
+# The loop -------------------------------------------------------------------------------------------------------------
+
+
+def loop(rng: np.random.Generator, states: int = 5, inputs: int = 3, outputs: int = 2) -> Response:
+    """A random stable system."""
+    A = rng.normal(size=(states, states))
+    A -= (np.linalg.eigvals(A).real.max() + rng.uniform(0.2, 2)) * np.eye(states)
+    B, C, D = (rng.normal(size=shape) for shape in ((states, inputs), (outputs, states), (outputs, inputs)))
+    return Response(A=A, B=B, C=C, D=D, basis=np.eye(states), bodies=(slice(0, inputs),))
+
+
+@given(seeds, st.floats(0.01, 0.5))
+@settings(max_examples=12)
+def test_the_response_to_samples_is_their_convolution(seed, step):
+    """SciPy's simulator on a grid of half steps, each sample held for half a step on either side."""
+    rng, count = np.random.default_rng(seed), 20
+    system = loop(rng)
+    f = rng.normal(size=(count, 3))
+    H = reach.impulse(system, np.hstack([system.C, system.D]), step, count)
+    assert H.shape == (count, 2, 3)
+    held = np.repeat(f, 2, axis=0)
+    _, y, _ = lsim((system.A, system.B, system.C, system.D), held, step / 2 * np.arange(2 * count), interp=False)
+    expected = y[1::2]
+    found = [sum(H[m] @ f[k - m] for m in range(k + 1)) for k in range(count)]
+    np.testing.assert_allclose(found, expected, atol=1e-10 * np.abs(expected).max())
+
+
+@given(seeds)
+@settings(max_examples=12)
+def test_weights_are_those_of_the_convolution_at_the_times_asked_for(seed):
+    rng, count = np.random.default_rng(seed), 12
+    H, f = rng.normal(size=(count, 2)), rng.normal(size=count)
+    at = np.sort(rng.choice(count, 5, replace=False))
+    L = reach.weights(H, at, count)
+    assert L.shape == (5, 2, count)
+    for row in range(2):
+        np.testing.assert_allclose((L @ f)[:, row], np.convolve(H[:, row], f)[at], atol=1e-12)
+
+
+# Bounds of a functional -----------------------------------------------------------------------------------------------
+
+
+@dataclasses.dataclass(frozen=True)
+class Problem:
+    """A body's unknown, known to the test alone."""
+
+    body: reach.Body
+    f: gp.GP
+    H: np.ndarray
+    eps: np.ndarray
+
+    def left(self, along: np.ndarray) -> np.ndarray:
+        """`(times, rows, outputs)` of each output's contribution, for values `along` the path, `(path, outputs)`."""
+        return np.stack(
+            [reach.weights(self.H[:, :, FIRST + i], AT, PATH) @ along[:, i] for i in range(OUTPUTS)], axis=-1
+        )
+
+    def true(self) -> np.ndarray:
+        """What the function adds to the loop's outputs beyond what is compensated."""
+        x = jnp.asarray(self.body.x)
+        return self.left(np.asarray(means(self.f, x)) - np.asarray(means(self.body.model, x)))
+
+
+means = jax.jit(jax.vmap(gp.mean, (None, 0)))
+
+
+def problem(seed: int, bound: str = "energy", bias: float = 0.0) -> Problem:
+    """Random kernels, function, data, path and loop."""
+    rng = np.random.default_rng(seed)
+    s, offset = rng.uniform(0.2, 3, OUTPUTS), rng.normal(size=OUTPUTS)
+    hyper = gp.hyperparameters(s, rng.uniform(0.7, 2, (OUTPUTS, DIMENSIONS)), 0.01 * s, offset)
+    centers, X = rng.uniform(-2, 2, (7, DIMENSIONS)), rng.uniform(-2, 2, (DATA, DIMENSIONS))
+    x = np.cumsum(rng.normal(size=(PATH, DIMENSIONS)) * 0.3, axis=0)
+    norm, eps, w = rng.uniform(0.5, 3), rng.uniform(0.02, 0.3, OUTPUTS) * s**0.5, rng.normal(size=(OUTPUTS, 7))
+    f = gp.expansion(hyper, centers, w)
+    f = gp.expansion(hyper, centers, w * (norm / np.asarray(gp.norm(f)))[:, None], DATA + 2)
+    sign = np.where(rng.uniform(size=(DATA, OUTPUTS)) < 0.5 + 0.5 * bias, 1.0, -1.0)
+    model = gp.condition(X, np.asarray(means(f, jnp.asarray(X))) + eps * sign, hyper, DATA + 2)
+    companion = band.companion(model, bound, norm, eps)
+    beta = np.asarray(band.factor(companion, bound, norm, eps, 0.95))
+    body = reach.Body(slice(FIRST, FIRST + OUTPUTS), model, companion, beta, norm, eps, x)
+    H = np.exp(-0.2 * np.arange(PATH))[:, None, None] * rng.normal(size=(PATH, ROWS, FIRST + OUTPUTS + 1))
+    return Problem(body, f, H, eps)
+
+
+@given(seeds, st.sampled_from(["energy", "abbasi_yadkori"]), st.sampled_from([0.0, 1.0]))
+@settings(max_examples=15)
+def test_the_band_of_a_functional_holds(seed, bound, bias):
+    if bound != "energy":
+        bias = 0.0  # its noise has no mean
+    p = problem(seed, bound, bias)
+    upper, lower = reach.bound(p.body.beta, *reach.by_band(p.body, p.H, AT))
+    assert upper.shape == (len(AT), ROWS, OUTPUTS)
+    true = p.true()
+    assert (true <= upper).all()
+    assert (-true <= lower).all()
+
+
+def test_the_band_of_a_functional_is_not_idle():
+    """With a third of the norm and a tenth of the label error what is bounded lies outside now and then."""
+    outside = 0
+    for seed in range(12):
+        p = problem(seed)
+        norm, eps = p.body.norm / 3, p.eps / 10
+        companion = band.companion(p.body.model, "energy", norm, eps)
+        beta = np.asarray(band.factor(companion, "energy", norm, eps, 0.95))
+        wrong = dataclasses.replace(p.body, companion=companion, beta=np.where(np.isinf(beta), norm, beta))
+        upper, lower = reach.bound(wrong.beta, *reach.by_band(wrong, p.H, AT))
+        outside += ((p.true() > upper) | (-p.true() > lower)).any()
+    assert outside >= 4
+
+
+@given(seeds)
+@settings(max_examples=8)
+def test_the_band_of_a_functional_is_attained_by_a_function_that_spends_norm_and_noise(seed):
+    """`g = m + beta k_n(., l) / sigma(l)` has `|g|^2 + |Y - g(X)|^2 / v = B^2 + n eps^2 / v`: all it may have."""
+    p = problem(seed)
+    moved, sigma = reach.by_band(p.body, p.H, AT)
+    upper, _ = reach.bound(p.body.beta, moved, sigma)
+    X, Y, h = np.asarray(p.body.companion.X)[:DATA], np.asarray(p.body.companion.Y)[:DATA], p.body.companion.hyper
+    time, row = 2, 1
+    mu = np.asarray(means(p.body.model, jnp.asarray(p.body.x)))
+    for i in range(OUTPUTS):
+        s, v, ls, offset = (np.asarray(a)[i] for a in (h.signal_variance, h.noise_variance, h.lengthscales, h.offset))
+        both = np.vstack([X, p.body.x]) / ls
+        K = s * np.exp(-0.5 * cdist(both, both, "sqeuclidean"))
+        ell = reach.weights(p.H[:, :, FIRST + i], AT, PATH)[time, row]
+        r, k = Y[:, i] - offset, K[:DATA, DATA:] @ ell
+        c = np.linalg.solve(K[:DATA, :DATA] + v * np.eye(DATA), np.column_stack([r, k]))
+        size = p.body.beta[i] / sigma[time, row, i]
+        of_g = np.concatenate([c[:, 0] - size * c[:, 1], size * ell])
+        g = K @ of_g
+        spent = of_g @ g + np.sum((r - g[:DATA]) ** 2) / v
+        np.testing.assert_allclose(spent, p.body.norm**2 + DATA * p.eps[i] ** 2 / v, rtol=1e-7)
+        np.testing.assert_allclose(ell @ (offset + g[DATA:] - mu[:, i]), upper[time, row, i], rtol=1e-6)
+
+
+def test_data_that_contradict_what_is_stated_have_no_bound():
+    p = problem(3)
+    spans = reach.by_band(p.body, p.H, AT)
+    found = reach.bound(np.array([np.inf, p.body.beta[1]]), *spans)
+    assert np.isinf(found[..., 0]).all()
+    assert np.isfinite(found[..., 1]).all()
+
+
+# Optimal recovery -----------------------------------------------------------------------------------------------------
+
+
+def recovered(p: Problem, every: int) -> tuple[np.ndarray, np.ndarray]:
+    """The band, and what recovery makes of it."""
+    limit = reach.bound(p.body.beta, *reach.by_band(p.body, p.H, AT))
+    return limit, reach.by_recovery(p.body, p.H, AT, every, limit)
+
+
+@given(seeds, st.sampled_from([0.0, 1.0]), st.sampled_from([1, 3, 4]))
+@settings(max_examples=8)
+def test_recovery_lies_within_the_band_and_holds_also_between_its_programs(seed, bias, every):
+    p = problem(seed, bias=bias)
+    limit, found = recovered(p, every)
+    assert (found <= limit).all()
+    true = p.true()
+    assert (true <= found[0]).all()
+    assert (-true <= found[1]).all()
+    assert (found[0] + found[1] < 0.98 * (limit[0] + limit[1])).any()  # it gains on the band
+
+
+def test_at_its_programs_recovery_is_that_of_the_whole_functional():
+    """One conic program for `sum_k L_k f(x_k)` by `gp.recovery.recover`, less what is compensated."""
+    p, every = problem(5), 3
+    limit, found = recovered(p, every)
+    x = p.body.x
+    mu = np.asarray(means(p.body.model, jnp.asarray(x)))
+    X, Y, hyper = np.asarray(p.body.model.X)[:DATA], np.asarray(p.body.model.Y)[:DATA], p.body.model.hyper
+    for a in (0, 3, len(AT) - 1):
+        for row in range(ROWS):
+            for i in range(OUTPUTS):
+                ell = reach.weights(p.H[:, :, FIRST + i], AT, PATH)[a, row]
+                best = recovery.recover(X, Y, hyper, i, p.body.norm, float(p.eps[i]), x, ell)
+                expected = np.array([best.upper - ell @ mu[:, i], ell @ mu[:, i] - best.lower])
+                expected = np.minimum(expected, limit[:, a, row, i])
+                np.testing.assert_allclose(found[:, a, row, i], expected, rtol=1e-6, atol=1e-8)
+
+
+def test_an_output_that_contributes_next_to_nothing_keeps_its_band():
+    p, told = problem(7), []
+    p.H[:, :, FIRST] *= 1e-7
+    limit = reach.bound(p.body.beta, *reach.by_band(p.body, p.H, AT))
+    found = reach.by_recovery(p.body, p.H, AT, 2, limit, lambda: told.append(1))
+    np.testing.assert_array_equal(found[..., 0], limit[..., 0])
+    assert (found[..., 1] < limit[..., 1]).any()
+    assert len(told) == 1
+
+
+# Along the path -------------------------------------------------------------------------------------------------------
+
+
+@given(seeds)
+@settings(max_examples=12)
+def test_the_greatest_along_the_path_is_that_of_every_sample_alone(seed):
+    """A functional of one sample with weight one; and it holds."""
+    p = problem(seed)
+    found = reach.greatest(p.body)
+    assert found.shape == (PATH, OUTPUTS)
+    single = np.zeros((PATH, 1, FIRST + OUTPUTS))
+    single[0] = 1.0
+    moved, sigma = reach.by_band(p.body, single, range(PATH))
+    both = reach.bound(p.body.beta, moved, sigma)[:, :, 0]
+    np.testing.assert_allclose(found, both.max(0), rtol=1e-9)
+    x = jnp.asarray(p.body.x)
+    assert (np.abs(np.asarray(means(p.f, x)) - np.asarray(means(p.body.model, x))) <= found).all()
+
+
+@pytest.mark.parametrize("output", range(OUTPUTS))
+def test_deviations_of_single_samples_are_the_posterior_s(output):
+    p = problem(1)
+    x = jnp.asarray(p.body.x)
+    variance = np.asarray(jax.vmap(gp.variance, (None, 0))(p.body.companion, x))[:, output]
+    S = reach._covariance(p.body.companion, output, p.body.x)
+    np.testing.assert_allclose(np.diagonal(S), variance, atol=1e-10)
+    assert np.linalg.eigvalsh(S).min() > -1e-10
