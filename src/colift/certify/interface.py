@@ -83,10 +83,19 @@ def interface(loop: Response, vartheta: Matrix) -> Interface:
 
 
 def _peak(A: Matrix, C: Matrix, gamma: float) -> float:
-    """`sup_t e^{gamma t} |C e^{A t}|`, over samples a tenth of the fastest mode's time apart, until it has died out."""
+    """An upper bound of `sup_t |C e^{M t}|`, `M = A + gamma`, close to it.
+
+    From samples a tenth of the fastest mode's time apart, until it has died out. Between two of them the norm is at
+    most the greater one plus `h^2 / 8 sup |H''|`, where `H'' = C e^{M t} M^2 e^{M s}`, `|e^{M s}| <= e^{|M| h}`.
+    """
+    M = A + gamma * np.eye(len(A))
     values, vectors = np.linalg.eig(A)
-    step, slack = 0.1 / np.abs(values).max(), -values.real.max() - gamma
+    step, values = 0.1 / np.abs(values).max(), values + gamma
     left, right = C @ vectors, np.linalg.inv(vectors)
-    times = np.arange(0.0, 12 / slack, step)
-    sizes = [np.linalg.norm(((left * np.exp((values + gamma) * t)) @ right).real, 2) for t in times]
-    return float(max(sizes))
+    bend, greatest = step**2 / 8 * np.exp(step * np.linalg.norm(M, 2)) * M @ M, 0.0
+    times = np.arange(0.0, -12 / values.real.max(), step)
+    for some in np.array_split(times, 1 + len(times) // 1000):
+        H = ((left * np.exp(some[:, None] * values)[:, None]) @ right).real
+        sizes = np.linalg.norm(H, 2, axis=(1, 2)) + np.linalg.norm(H @ bend, 2, axis=(1, 2))
+        greatest = max(greatest, float(sizes.max()))
+    return greatest * (1 + gain.ROUNDING)
