@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from colift import disturbance
+from colift import disturbance, gp, learn
 from colift.model import PayloadState, State
 from tests import teams
 from tests.pinocchio_team import take
@@ -265,3 +265,54 @@ def test_without_sources_nothing_is_felt():
     assert not any(np.any(leaf) for leaf in jax.tree.leaves(f))
     load: PayloadState = z.payload
     assert not np.any(on_payload((), load).F)
+
+
+# Functions ------------------------------------------------------------------------------------------------------------
+
+
+def test_functions_add_their_value_at_the_true_state_to_the_named_sources():
+    """Each output a sum of kernels, term by term in NumPy; two functions, and a wind beside them."""
+    rng = np.random.default_rng(11)
+    team, z = teams.team(rng, STRUCTURE), teams.free_state(rng, STRUCTURE)
+    blow = disturbance.Mount(law=wind(rng), point=vector(rng))
+    named = dataclasses.replace(sources(), payload=(blow,))
+    joints = team.groups[0].tree.joints
+
+    def drawn() -> tuple[learn.Oracle, list[tuple]]:
+        parts = []
+
+        def one(outputs: int, dimensions: int) -> gp.GP:
+            s, ls = rng.uniform(0.5, 2, outputs), rng.uniform(2, 4, (outputs, dimensions))
+            hyper = gp.hyperparameters(s, ls, 0.01)
+            Z, w = rng.normal(size=(4, dimensions)), rng.normal(size=(outputs, 4))
+            parts.append((s, ls, Z, w))
+            return gp.expansion(hyper, Z, w)
+
+        payload, agents = one(6, 20), [one(6 + joints, 18 + 2 * joints) for _ in range(2)]
+        group = jax.tree.map(lambda *x: jnp.stack(x), *agents)
+        return learn.Oracle(payload=payload, agents=(group,), theta=jnp.zeros(10)), parts
+
+    def value(part: tuple, x: np.ndarray) -> np.ndarray:
+        s, ls, Z, w = part
+        return np.array(
+            [
+                s[i] * sum(w[i, k] * np.exp(-0.5 * (((x - Z[k]) / ls[i]) ** 2).sum()) for k in range(4))
+                for i in range(len(s))
+            ]
+        )
+
+    (first, parts), (second, others) = drawn(), drawn()
+    found = residual(dataclasses.replace(named, functions=(first, second)), team, z)
+    alone = residual(named, team, z)
+    q = jax.tree.map(np.asarray, z.payload)
+    speeds = [np.linalg.norm(q.v), np.linalg.norm(q.omega)]
+    x = np.concatenate([q.p, q.v, q.R.ravel(), q.omega, speeds])
+    added = np.concatenate([found.payload.F - alone.payload.F, found.payload.tau - alone.payload.tau])
+    np.testing.assert_allclose(added, value(parts[0], x) + value(others[0], x), atol=1e-9)
+    assert np.abs(added).max() > 0.05
+    for j in range(2):
+        q = take(z.agents[0], j)
+        x = np.concatenate([q.R.ravel(), q.x, q.r, q.omega, q.v, q.r_dot])
+        f = take(found.agents[0], j)
+        expected = value(parts[1 + j], x) + value(others[1 + j], x)
+        np.testing.assert_allclose(np.concatenate([f.f_x, f.f_w, f.f_r]), expected, atol=1e-9)

@@ -5,6 +5,7 @@ import logging
 
 import jax
 import jax.numpy as jnp
+import mpmath
 import numpy as np
 import pytest
 from gp_problems import EPS, arrays, exact, gram, problem
@@ -40,6 +41,80 @@ def assert_same_posterior(a, b, queries, cond, tol):
     assert (np.abs(va - vb) <= bound * np.asarray(a.hyper.signal_variance)).all()
     n = int(a.n)
     assert (np.abs(gp.log_likelihood(a) - gp.log_likelihood(b)) <= max(n, 1) * bound * 100).all()
+
+
+# -- functions of known norm -------------------------------------------------------------------------------------
+
+
+def combination(seed, centers=6, outputs=3):
+    """Kernels at random centres with random weights: the function as a GP, and its parts."""
+    rng = np.random.default_rng(seed)
+    _, _, hyper, queries = problem(seed, outputs=outputs)
+    Z = np.asarray(queries).mean(0) + rng.normal(size=(centers, 4)) * np.asarray(hyper.lengthscales).mean(0)
+    w = rng.normal(size=(outputs, centers)) / np.sqrt(np.asarray(hyper.signal_variance))[:, None]
+    return hyper, Z, w, queries
+
+
+@given(seeds, st.sampled_from([None, 11]))
+@settings(max_examples=10)
+def test_an_expansion_is_the_sum_of_its_kernels(seed, capacity):
+    hyper, Z, w, queries = combination(seed)
+    f = gp.expansion(hyper, Z, w, capacity)
+    assert f.capacity == (capacity or 6)
+    for i in range(3):
+        s, ls, _, offset = arrays(hyper, i)
+        for x, found in zip(np.asarray(queries), means(f, queries)[:, i], strict=True):
+            terms = [w[i, k] * s * np.exp(-0.5 * sum(((x - z) / ls) ** 2)) for k, z in enumerate(Z)]
+            np.testing.assert_allclose(found, offset + sum(terms), rtol=1e-10, atol=1e-10 * s**0.5)
+
+
+@given(seeds)
+@settings(max_examples=10)
+def test_the_norm_is_the_root_of_the_weights_energy(seed):
+    """In 50 digits; and every value is at most norm times signal deviation (reproducing property)."""
+    hyper, Z, w, queries = combination(seed)
+    f = gp.expansion(hyper, Z, w, 9)
+    found = np.asarray(gp.norm(f))
+    for i in range(3):
+        s, ls, _, offset = arrays(hyper, i)
+        with mpmath.workdps(50):
+            energy = mpmath.mpf(0)
+            for p, a in zip(Z, w[i], strict=True):
+                for q, b in zip(Z, w[i], strict=True):
+                    r2 = sum(
+                        ((mpmath.mpf(u) - mpmath.mpf(v)) / mpmath.mpf(e)) ** 2 for u, v, e in zip(p, q, ls, strict=True)
+                    )
+                    energy += mpmath.mpf(a) * mpmath.mpf(b) * s * mpmath.exp(-r2 / 2)
+            expected = float(mpmath.sqrt(energy))
+        np.testing.assert_allclose(found[i], expected, rtol=1e-9)
+        assert (np.abs(means(f, queries)[:, i] - offset) <= expected * s**0.5 * (1 + 1e-12)).all()
+    one = gp.expansion(hyper, Z[:1], w[:, :1])
+    np.testing.assert_allclose(gp.norm(one), np.abs(w[:, 0]) * np.sqrt(hyper.signal_variance), rtol=1e-12)
+
+
+def test_the_posterior_mean_on_the_data_of_an_expansion_is_the_expansion():
+    """What it says of its data: conditioning on them gives its weights back."""
+    hyper, Z, w, queries = combination(4)
+    f = gp.expansion(hyper, Z, w)
+    again = gp.condition(f.X, f.Y, hyper)
+    np.testing.assert_allclose(again.alpha, w, rtol=1e-8, atol=1e-8 * np.abs(w).max())
+    np.testing.assert_allclose(means(again, queries), means(f, queries), rtol=1e-9)
+    noise = np.asarray(hyper.noise_variance)
+    np.testing.assert_allclose(np.asarray(f.Y) - means(f, f.X), (noise[:, None] * w).T, rtol=1e-6, atol=1e-12)
+
+
+def test_without_weights_or_data_the_norm_is_zero():
+    hyper, Z, w, _ = combination(5)
+    assert (gp.norm(gp.prior(hyper, 4)) == 0).all()
+    assert (gp.norm(gp.expansion(hyper, Z, 0 * w)) == 0).all()
+
+
+@pytest.mark.parametrize("change", ["short", "nan", "flat"])
+def test_weights_that_are_none_are_refused_in_words(change):
+    hyper, Z, w, _ = combination(6)
+    bad = {"short": w[:, :-1], "nan": np.where(w == w[0, 0], np.nan, w), "flat": w[0]}[change]
+    with pytest.raises(ValueError, match=r"weights \(.*\): must be finite, \(3, 6\)"):
+        gp.expansion(hyper, Z, bad)
 
 
 # -- axioms ------------------------------------------------------------------------------------------------------

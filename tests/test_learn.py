@@ -106,6 +106,30 @@ def test_a_taught_oracle_reproduces_its_labels_and_is_surer_there(taught):
     assert (learn.payload_deviation(oracle, load.X[:30]).mean(0) < 0.7 * far.mean(0)).all()
 
 
+def test_without_training_hyperparameters_and_prior_mean_stay_as_stated():
+    """Each body is conditioned on its own data under the prior's hyperparameters; one without data keeps its prior."""
+    load, agents = samples(0, 30, 24, 6), samples(1, 30, 24, 9, (2,))
+    agents = dataclasses.replace(agents, n=jnp.array([30, 0]))
+    oracle, fits = learn.teach(prior(), load, (agents,), None, {})
+    assert fits == {}
+    for now, before in zip(jax.tree.leaves((oracle.payload.hyper, oracle.agents[0].hyper)),
+                           jax.tree.leaves((prior().payload.hyper, prior().agents[0].hyper)), strict=True):  # fmt: skip
+        np.testing.assert_array_equal(now, before)
+    x = np.random.default_rng(6).normal(size=24)
+    features = np.asarray(learn.payload_features(load.X[:30]))
+    asked = np.asarray(learn.payload_features(jnp.array(x)))
+    for model, X, Y, at in (
+        (oracle.payload, features, load.Y[:30], asked),
+        (jax.tree.map(lambda leaf: leaf[0], oracle.agents[0]), np.asarray(agents.X)[0, :30], agents.Y[0, :30], x),
+    ):
+        k = lambda P, Q: 4.0 * np.exp(-0.5 * ((P[:, None] - Q[None]) ** 2).sum(-1))  # noqa: E731
+        expected = k(at[None], X) @ np.linalg.solve(k(X, X) + 0.01 * np.eye(30), np.asarray(Y))
+        np.testing.assert_allclose(gp.mean(model, jnp.array(at)), expected[0], atol=1e-9)
+    assert not gp.mean(jax.tree.map(lambda leaf: leaf[1], oracle.agents[0]), jnp.array(x)).any()
+    again, _ = learn.teach(oracle, load, (agents,), None, {})
+    jax.tree.map(np.testing.assert_array_equal, again, oracle)
+
+
 def test_an_oracle_is_frozen_however_the_data_grow(taught):
     oracle, _ = taught
     x = jnp.array(np.random.default_rng(4).normal(size=24))
