@@ -240,7 +240,7 @@ def _reached(
         if "recovery" in out and not left_out:
             try:
                 out["recovery"][key] = _recovered(energy[key], each, grid, H, key, progress)
-            except (ImportError, ValueError, RuntimeError) as error:
+            except (ValueError, RuntimeError) as error:
                 left_out["recovery"] = str(error)
     return {name: reached for name, reached in out.items() if name not in left_out}, left_out
 
@@ -251,7 +251,7 @@ def _recovered(
     """`(2, times, 9)` by optimal recovery, from each body's bounds by the energy band.
 
     Raises ValueError for more data than the programs can take in a few minutes, or data that contradict what is
-    stated; ImportError and RuntimeError as `gp.recovery.recover`.
+    stated; RuntimeError as `gp.recovery.recover`.
     """
     n = max(int(body.model.n) for body in held)
     if n > POINTS:

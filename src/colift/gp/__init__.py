@@ -8,7 +8,7 @@ parametric  mean functions linear in shared parameters, identified (host)
 data        data policies of a fixed budget, update schedules
 store       a GP in a file
 bounds      how far the mean may be from the function, and what each bound assumes
-recovery    the tightest bound under bounded noise, by a conic program (host; needs Clarabel)
+recovery    the tightest bound under bounded noise, by a conic program (host)
 """
 
 from colift.gp.data import AtTimes, Data, OnGain, empty, first_in_first_out, informative, uniform

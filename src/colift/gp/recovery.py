@@ -2,8 +2,7 @@
 
 The interval from the least to the greatest value that a function of norm at most B can have there, if it passes every
 datum within eps. No bound from the same assumptions is smaller (Scharnhorst, Maddalena, Jiang and Jones 2023; in
-general Micchelli and Rivlin 1977). One conic program a side, so for certificates and not for a control loop; its
-solver, Clarabel, is an optional dependency.
+general Micchelli and Rivlin 1977). One conic program a side, so for certificates and not for a control loop.
 
 `recover` serves one functional. For many on the same data: `consistent` once, then `greatest`, or `above` with
 multipliers that a neighbour left.
@@ -12,8 +11,6 @@ multipliers that a neighbour left.
 from __future__ import annotations
 
 import dataclasses
-import importlib
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -118,8 +115,8 @@ def recover(
 
     X: `(N, dimensions)`; Y: `(N, outputs)`; points z: `(L, dimensions)`, weights a: `(L,)`, one point's value by
     default. norm: B; noise_bound: eps, unit of y. `noise_variance` has no part in it.
-    Raises ValueError for shapes or numbers that are not that, or data that contradict B and eps; ImportError
-    without Clarabel; RuntimeError where the solver fails.
+    Raises ValueError for shapes or numbers that are not that, or data that contradict B and eps; RuntimeError
+    where the solver fails.
     """
     allowed = consistent(X, Y, hyper, output, norm, noise_bound)
     Z, a = np.asarray(points, dtype=float), np.asarray(weights, dtype=float)
@@ -183,10 +180,8 @@ def _solution(allowed: Consistent, k: np.ndarray, square: float) -> tuple[np.nda
 
 def _solve(F: np.ndarray, r: np.ndarray, eps: float, B: float) -> tuple[str, np.ndarray, np.ndarray]:
     """Clarabel's status, its c, and its multipliers of `F c <= eps + r`, `-F c <= eps - r`, `|c| <= B`, in order."""
-    try:
-        clarabel: Any = importlib.import_module("clarabel")  # not at the top: it is optional
-    except ImportError as error:
-        raise ImportError("optimal recovery needs the solver Clarabel: install the package clarabel") from error
+    import clarabel  # not at the top: nothing in flight needs it
+
     N, rank = len(r), F.shape[1]
     rows = sparse.csc_matrix(np.vstack([F[:N], -F[:N], np.zeros((1, rank)), -np.eye(rank)]))
     limits = np.concatenate([eps + r, eps - r, [B], np.zeros(rank)])
