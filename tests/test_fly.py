@@ -59,6 +59,33 @@ def test_recording_ends_at_the_capacity():
     np.testing.assert_allclose(loop.memory.payload_data.t, DT * np.arange(256), atol=1e-12)
 
 
+def test_of_a_calibration_rig_true_states_and_bounded_labels_are_recorded():
+    """The sensors are noisy, the labels are the true residual off by the rig's error, the inputs the true states."""
+    of = recording("C3", start=number(0.06), every=number(0.05), rig=jnp.array(True))
+    of = paper_flights.believed(of)
+    rng = np.random.default_rng(0)
+    error = jax.tree.map(lambda x: jnp.array(rng.uniform(0.01, 0.1, x.shape)), of.world.sensors.rig)
+    of = paper_flights.with_world(of, sensors=dataclasses.replace(of.world.sensors, rig=error))
+    loop, rows = flown(of)
+    n = int(loop.memory.payload_data.n)
+    assert n == 9  # 0.06, 0.11, .. 0.46 s
+    rows = jax.tree.map(lambda x: x[np.round(np.asarray(loop.memory.payload_data.t)[:n] / DT).astype(int)], rows)
+    payload, (agents,) = simulate.inputs(of.world.team, rows)
+    np.testing.assert_allclose(loop.memory.payload_data.X[:n, :18], payload, atol=1e-12)
+    assert not loop.memory.payload_data.X[:n, 18:].any()  # accelerations are not an input of the learned map
+    np.testing.assert_allclose(loop.memory.agent_data[0].X[:, :n].transpose(1, 0, 2), agents, atol=1e-12)
+    z, _ = paper_flights.states(of.world.team, rows)
+    f = jax.jit(jax.vmap(disturbance.residual, in_axes=(None, None, 0)))(of.world.sources, of.world.team, z)
+    off = np.asarray(loop.memory.payload_data.Y)[:n] - np.concatenate([f.payload.F, f.payload.tau], axis=1)
+    bound = np.concatenate([error.payload.F, error.payload.tau])
+    np.testing.assert_allclose(np.abs(off), np.tile(bound, (n, 1)), rtol=1e-8)
+    (g,), (e,) = f.agents, error.agents
+    off = np.asarray(loop.memory.agent_data[0].Y)[:, :n] - np.concatenate([g.f_x, g.f_w, g.f_r], 2).transpose(1, 0, 2)
+    bound = np.concatenate([e.f_x, e.f_w, e.f_r], axis=1)
+    np.testing.assert_allclose(np.abs(off), np.tile(bound[:, None], (1, n, 1)), rtol=1e-8)
+    assert (np.ptp(np.sign(off), axis=1) > 0).any()
+
+
 # The law at an exact state --------------------------------------------------------------------------------------------
 
 
