@@ -3,11 +3,13 @@
 The map; each module imports only those below it:
 
     __main__    the command line
-    study       C1, C2, C3 and the rivals of learning; what a study writes
+    study       C1, C2, C3 and the rivals of learning, certified flights; what is written of them
     view        figures and tables
     log         a flight as labelled NetCDF
-    analyse     figures of merit, the linearized closed loop
+    analyse     figures of merit, modes of the closed loop
+    certify     ultimate bounds of the tracking errors (Theorem 1)
     scenario    YAML files to settings, settings to what a run starts from
+    response    the closed loop to first order, from unknown forces to errors
     simulate    closes the loop: truth, sensors, flight software, updates
     fly         one tick on board; sees only measurements
     dynamics    the plant: accelerations, contact forces, a step on the grasp

@@ -119,7 +119,7 @@ def certify(
         found, why = _tube(loop, plan, energy["tube"], grid)
         reached, left_out = _reached(plan, flight, energy, paths, grid, H, names, progress)
     extra = np.abs(H).sum(0) @ found.difference if found else np.full(H.shape[1], np.inf)
-    always = (*(() if found else ("S_X: " + why,)), FIRST_ORDER)
+    always = (*(() if found else ("S_X",)), FIRST_ORDER)
     radii = {
         name: Radii(
             run=_radii(plan, of_twin.rows, off, grid, each["run"], np.zeros_like(extra)),
