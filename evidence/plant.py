@@ -204,7 +204,7 @@ def springs(z: State, at: State, R: Array) -> Residual:
 
 @jax.jit
 def shaken(team: Team, home: State, key: Array) -> tuple[Array, Array, Array, Array]:
-    """60 s at 1 ms under bang-bang inputs, redrawn every 50 ms, while springs turn the team by 90 degrees.
+    """60 s at 1 ms under bang-bang inputs, redrawn every 50 ms, while springs turn the team by 2 rad in the first 30 s.
 
     Thrust is 0 or at its limit, torques +-1 N m on bases and +-0.1 N m on joints. The largest position and velocity
     residuals, the largest turn of the payload, rad, and its largest speed, m/s.
@@ -221,7 +221,7 @@ def shaken(team: Team, home: State, key: Array) -> tuple[Array, Array, Array, Ar
             )
             for i, (n, group) in enumerate(zip(team.sizes, team.groups, strict=True))
         )
-        R = so3.exp(jnp.array([0.0, 0.0, 1.0]) * jnp.clip(k * 0.05 / 30, 0.0, 1.0) * jnp.pi / 2)
+        R = so3.exp(jnp.array([0.0, 0.0, 1.0]) * 2 * jnp.clip(k * 0.05 / 30, 0.0, 1.0))
         residual = lambda z: jax.tree.map(jnp.add, still, springs(z, home, R))  # noqa: E731
 
         def one(_: int, carry: tuple) -> tuple:
