@@ -254,7 +254,7 @@ def _report_certificate(found: dict[str, Any], folder: Path) -> None:
     for bound, radii in found["radii"].items():
         for where, label in (("tube", "any run"), ("run", "this run")):
             cells = [_cell(radii[where][e], scale, ".3g") for e, (scale, _) in SCALES.items()]
-            ratio = _cell(radii["tightness"][where], 1.0, ".2f")
+            ratio = _cell(radii["tightness"][where]["e_p"], 1.0, ".2f")
             table.add_row(bound, label, *cells, ratio, "assumed" if radii["assumed"] else "certified")
     Console().print(table)
     for bound, why in found["left_out"].items():

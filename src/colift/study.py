@@ -195,7 +195,10 @@ def save_certificate(
             name: {
                 "run": dict(radii.run),
                 "tube": dict(radii.tube),
-                "tightness": {where: getattr(radii, where)["e_p"] / found.observed["e_p"] for where in ("run", "tube")},
+                "tightness": {
+                    where: {error: radius / found.observed[error] for error, radius in getattr(radii, where).items()}
+                    for where in ("run", "tube")
+                },
                 "assumed": [what for what in radii.assumed if what != first_order],
             }
             for name, radii in found.radii.items()
