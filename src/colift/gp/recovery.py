@@ -11,6 +11,8 @@ multipliers that a neighbour left.
 from __future__ import annotations
 
 import dataclasses
+import importlib
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -180,8 +182,8 @@ def _solution(allowed: Consistent, k: np.ndarray, square: float) -> tuple[np.nda
 
 def _solve(F: np.ndarray, r: np.ndarray, eps: float, B: float) -> tuple[str, np.ndarray, np.ndarray]:
     """Clarabel's status, its c, and its multipliers of `F c <= eps + r`, `-F c <= eps - r`, `|c| <= B`, in order."""
-    import clarabel  # not at the top: nothing in flight needs it
-
+    # not at the top: nothing in flight needs it; by name: it is compiled and has no stubs
+    clarabel: Any = importlib.import_module("clarabel")
     N, rank = len(r), F.shape[1]
     rows = sparse.csc_matrix(np.vstack([F[:N], -F[:N], np.zeros((1, rank)), -np.eye(rank)]))
     limits = np.concatenate([eps + r, eps - r, [B], np.zeros(rank)])
