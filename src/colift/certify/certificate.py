@@ -64,7 +64,7 @@ class Certificate:
     e_p: Matrix  # (time,) observed
     bound: Matrix  # (time,) of the best bound, on the run's own path
     when: float  # s, where that bound is greatest
-    direction: Matrix  # (3,) and towards where, a unit vector
+    direction: Matrix  # (3,) and towards where, a unit vector; nan where it is infinite
 
 
 def twin(plan: simulate.Plan, oracle: learn.Oracle) -> simulate.Plan:
@@ -132,6 +132,7 @@ def certify(
     corner = _corner(_np(of_twin.rows.e_p)[grid.path][grid.at], best[:, :, :3])
     sizes = np.linalg.norm(corner, axis=1)
     worst = int(np.argmax(sizes))
+    direction = corner[worst] / sizes[worst] if np.isfinite(sizes[worst]) else np.full(3, np.nan)
     t = _np(flight.rows.t)
     return Certificate(
         window=(float(t[grid.window][0]), float(t[grid.window][-1])),
@@ -148,7 +149,7 @@ def certify(
         e_p=np.linalg.norm(flight.rows.e_p[grid.path][grid.at], axis=1),
         bound=sizes,
         when=float(t[grid.path][grid.at][worst]),
-        direction=corner[worst] / np.linalg.norm(corner[worst]),
+        direction=direction,
     )
 
 
