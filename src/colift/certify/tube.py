@@ -65,7 +65,7 @@ def roughness(body: Body) -> Matrix:
     """`K = beta sqrt(signal_variance)`: `|f~(x) - f~(x')| <= K |x - x'|` in length-scales, for each output.
 
     `k(x, x) - 2 k(x, x') + k(x', x') <= signal_variance |x - x'|^2`, and a posterior covariance is below the prior's;
-    the companion's mean differs from the compensated one by a function that beta + |m - mu| covers.
+    the companion's mean m differs from the compensated one mu by a function whose norm is added to beta.
     """
     s = np.asarray(body.model.hyper.signal_variance)
     return (body.beta + _between(body)) * np.sqrt(s)
