@@ -13,8 +13,6 @@ from __future__ import annotations
 import dataclasses
 import importlib
 from typing import Any
-import importlib
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
