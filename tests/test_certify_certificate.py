@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import json
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from colift import gp, learn, scenario, simulate, study
+from colift import __main__, gp, learn, scenario, simulate, study
 from colift.certify import adversary, certificate, interface, reach
 from colift.gp import recovery
 from colift.gp.bounds import Assumption
@@ -261,3 +262,30 @@ def test_the_adversary_keeps_norm_and_labels_and_comes_near_the_bound_where_it_i
     assert (np.linalg.norm(e_p, axis=1) <= found.bound).all()
     k = int(np.argmax(found.bound))
     assert found.direction @ e_p[k] > 0.7 * found.bound[k]
+
+
+# What a person gets ---------------------------------------------------------------------------------------------------
+
+
+def test_a_certificate_is_saved_whole_and_told_in_a_table(tmp_path, capsys, monkeypatch):
+    layer = interface.Interface(np.ones(2), 1.0, np.ones((2, 3)), np.ones(2), np.ones((2, 3)))
+    monkeypatch.setattr(interface, "interface", lambda _loop, _floor: layer)  # its gains take long, and have tests
+    told = study.save_certificate(short(), made(), made(), tmp_path)
+    assert json.loads((tmp_path / "certificate.json").read_text()) == told
+    assert {path.name for path in tmp_path.iterdir()} == {
+        "certificate.json",
+        "figure_6_certificate.pdf",
+        "figure_6_certificate.png",
+    }
+    found = made().certificate
+    for name, radii in found.radii.items():
+        for error in certificate.ERRORS:
+            ratio = radii.run[error] / found.observed[error]
+            assert told["radii"][name]["tightness"]["run"][error] == (ratio if np.isfinite(ratio) else None)
+    assert told["adversary"]["certificate_over_adversary"] == told["radii"]["recovery"]["tightness"]["run"]["e_p"]
+    __main__._report_certificate(told, tmp_path)
+    printed = capsys.readouterr().out
+    for bound in NAMES:
+        assert bound in printed
+    assert "certified" in printed
+    assert f"{1e3 * found.observed['e_p']:.3g}" in printed

@@ -111,6 +111,9 @@ def certify(
     if pace >= 0:
         raise ValueError(f"no certificate: the loop is unstable at rest, a mode has rate {pace:+.3g} 1/s")
     grid = path_of(plan, flight, STEP)
+    if len(grid.at) < 2:
+        left = flight.rows.t[-1] - flight.updates[-1].t
+        raise ValueError(f"no certificate: only {left:.3g} s were flown after the last update; lengthen the flight")
     H = reach.impulse(loop, _rows(loop), grid.step, len(grid.path))
     off = _mismatch(plan, of_twin.rows, grid.window)
     with threadpool_limits(1):  # the matrices are small
