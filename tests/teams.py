@@ -9,7 +9,6 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from colift.model import Agent, AgentState, Payload, PayloadState, State, Team, Tree
 
@@ -40,6 +39,8 @@ def stack(values: list) -> object:
 
 def rotation(rng: np.random.Generator) -> np.ndarray:
     """A uniformly random rotation matrix."""
+    from scipy.spatial.transform import Rotation  # half a second that the start of the reference team need not pay
+
     return Rotation.random(random_state=rng).as_matrix()
 
 
