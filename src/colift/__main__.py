@@ -242,28 +242,27 @@ def _report_certificate(found: dict[str, Any], folder: Path) -> None:
         title=f"{found['scenario']}, seed {found['seed']}: greatest errors from {first:.1f} to {last:.1f} s",
         box=SIMPLE_HEAD,
         padding=(0, 1, 0, 0),
+        pad_edge=False,
     )
     table.add_column("radius by\n", no_wrap=True)
-    table.add_column("for\n", no_wrap=True)
+    table.add_column("run\n", no_wrap=True)
     for error, (_, unit) in SCALES.items():
-        table.add_column(f"{error}\n{unit}", justify="right", no_wrap=True)
-    table.add_column("e_p, over\nobserved", justify="right", no_wrap=True)
+        table.add_column(f"{error.replace('omega', 'ω')}\n{unit}", justify="right", no_wrap=True)
+    table.add_column("e_p,\nx seen", justify="right", no_wrap=True)
     table.add_column("is\n", no_wrap=True)
     for row in ("observed", "floor"):
         table.add_row(row, "", *(_cell(found[row][e], scale, ".3g") for e, (scale, _) in SCALES.items()), "", "")
     for bound, radii in found["radii"].items():
-        for where, label in (("tube", "any run"), ("run", "this run")):
+        for where, label in (("tube", "any"), ("run", "this")):
             cells = [_cell(radii[where][e], scale, ".3g") for e, (scale, _) in SCALES.items()]
-            ratio = _cell(radii["tightness"][where]["e_p"], 1.0, ".2f")
+            ratio = _cell(radii["tightness"][where]["e_p"], 1.0, ".2g")
             table.add_row(bound, label, *cells, ratio, "assumed" if radii["assumed"] else "certified")
     Console().print(table)
     for bound, why in found["left_out"].items():
         typer.echo(f"{bound}: left out, {why}")
     if found["no_tube"]:
         typer.echo(f"no radius for any run: {found['no_tube']}")
-    typer.echo(
-        "any run: known before it is flown; this run: on the path it took; both to first order in the agents' tilt"
-    )
+    typer.echo("any run: known before it is flown; this: on the path it took; both to first order in the agents' tilt")
     for bound, radii in found["radii"].items():
         if radii["assumed"]:
             typer.echo(f"{bound} assumes: {', '.join(radii['assumed'])}")
