@@ -24,7 +24,7 @@ from matplotlib.ticker import AutoMinorLocator, LogLocator, MaxNLocator, NullFor
 from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 
 from colift import log
-from colift.certify.certificate import Certificate
+from colift.certify.certificate import FIRST_ORDER, Certificate
 
 COLUMN, PAGE = 3.5, 7.16  # in, width of one column of the journal, and of two
 WINDOW = 0.2  # s, over which noisy signals are averaged for the eye; the axis label says so
@@ -409,15 +409,17 @@ def certificate(found: Certificate, slack: Mapping[str, float], folder: str | Pa
     with matplotlib.style.context(["default", STYLE]):
         figure = Figure(figsize=(PAGE, 2.7))
         left, right = figure.subplots(1, 2, width_ratios=(1, 0.9))
+        best = found.radii.get("recovery", found.radii["energy"])
+        word = "certified" if set(best.assumed) <= {FIRST_ORDER} else "assumed"
         blue, red = LOOKS["C3"].color, LOOKS["C2"].color
-        left.plot(found.t, 1e3 * found.bound, color=red, label="certified for this run")
+        left.plot(found.t, 1e3 * found.bound, color=red, label=f"{word} radius for this run")
         left.plot(found.t, 1e3 * found.e_p, color=blue, label=r"observed $\Vert e_p\Vert$")
         left.axhline(
             1e3 * found.floor["e_p"], color="0.5", linewidth=0.8, dashes=(4, 2), label="floor: nothing unknown"
         )
         before = min(radii.tube["e_p"] for radii in found.radii.values())
         if np.isfinite(before):
-            left.axhline(1e3 * before, color=red, linewidth=0.8, dashes=(1.5, 1.5), label="certified for any run")
+            left.axhline(1e3 * before, color=red, linewidth=0.8, dashes=(1.5, 1.5), label=f"{word} radius for any run")
         left.set(xlabel="time [s]", ylabel="position error [mm]", xlim=(found.t[0], found.t[-1]), ylim=(0, None))
         left.set_ylim(top=1.45 * left.get_ylim()[1])  # room for the legend
         left.legend(loc="upper left")
