@@ -7,17 +7,20 @@ greatest deviation and their product are kept apart (docs/errata.md, row 17).
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from colift import scenario, study
+from colift import scenario, study, view
 from colift.certify import certificate, reach
 from evidence import collect
 
 RATES = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)  # samples a second, over 16.5 s
 SEEDS = (100, 101)
 CAPACITY = 160
+FIGURE = Path(__file__).parents[1] / "docs" / "figures" / "corollary"
 
 
 def fly(seed: int, rate: float) -> dict[str, Any]:
@@ -47,13 +50,29 @@ def _number(x: float) -> float | None:
 
 
 def main() -> bool:
-    """Fly all; on the median over seeds, more data never certify a larger radius by more than a tenth."""
+    """Fly all and draw; on the median over seeds, more data never certify a radius larger by more than a tenth."""
     items = [f"{seed} {rate:g} Hz" for seed in SEEDS for rate in RATES]
     found = collect("corollary", items, lambda item: fly(int(item.split()[0]), float(item.split()[1])))
-    good = True
-    for name in ("energy_m", "recovery_m"):
-        rows = [[found[f"{seed} {rate:g} Hz"] for seed in SEEDS] for rate in RATES]
-        radius = [float(np.median([each[name]["run"] for each in row])) for row in rows]
-        print(name, [f"{row[0]['n']}: {1e3 * r:.2f} mm" for row, r in zip(rows, radius, strict=True)])
-        good &= all(later <= 1.1 * earlier for earlier, later in itertools.pairwise(radius))
-    return good
+
+    def over(pick: Callable[[dict[str, Any]], float]) -> list[float]:
+        return [float(np.median([pick(found[f"{seed} {rate:g} Hz"]) for seed in SEEDS])) for rate in RATES]
+
+    radii = {
+        "energy bound, this run": over(lambda run: run["energy_m"]["run"]),
+        "optimal recovery, this run": over(lambda run: run["recovery_m"]["run"]),
+        "observed": over(lambda run: run["observed_m"]),
+    }
+    parts = {
+        r"$\beta$": over(lambda run: run["payload_beta"][0]),
+        r"greatest $\sigma$": over(lambda run: run["payload_deviation"][0]),
+        r"greatest $\beta\sigma$": over(lambda run: run["payload_radius"][0]),
+    }
+    view.shrinkage(over(lambda run: run["n"]), radii, over(lambda run: run["floor_m"]), parts, FIGURE)
+    for name, radius in radii.items():
+        print(f"{name:28}" + "".join(f"{1e3 * each:8.2f}" for each in radius) + "  mm")
+    return all(
+        later <= 1.1 * earlier
+        for name, radius in radii.items()
+        if name != "observed"
+        for earlier, later in itertools.pairwise(radius)
+    )

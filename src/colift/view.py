@@ -438,20 +438,32 @@ def certificate(found: Certificate, slack: Mapping[str, float], folder: str | Pa
 
 
 def shrinkage(
-    n: Sequence[float], curves: Mapping[str, Sequence[float]], floor: Sequence[float], path: str | Path
+    n: Sequence[float],
+    radii: Mapping[str, Sequence[float]],
+    floor: Sequence[float],
+    parts: Mapping[str, Sequence[float]],
+    path: str | Path,
 ) -> list[Path]:
-    """Write Corollary 1 as PDF and PNG: ultimate errors, m, against the number of data n, and the floor beneath."""
+    """Write Corollary 1 as PDF and PNG: ultimate errors, m, against the number of data n, and the floor beneath.
+
+    `parts`, each over its first value, shows what a radius is made of: beta, the greatest deviation, their product.
+    """
+    colors, marks = ("#DDAA33", "#BB5566", "#004488"), ("s", "o", "^")
     with matplotlib.style.context(["default", STYLE]):
-        figure = Figure(figsize=(COLUMN, 2.6))
-        ax = figure.subplots()
-        looks = zip(curves.items(), ("#DDAA33", "#BB5566", "#004488"), ("s", "o", "^"), strict=False)
-        for (name, radius), color, marker in looks:
-            ax.plot(n, 1e3 * np.asarray(radius), color=color, marker=marker, markersize=3.5, label=name)
-        ax.plot(n, 1e3 * np.asarray(floor), color="0.5", linewidth=0.8, dashes=(4, 2), label="floor: nothing unknown")
-        ax.set(xscale="log", yscale="log", xlabel="data points of each body", ylabel=r"ultimate $\Vert e_p\Vert$ [mm]")
-        ax.set_xticks(n, [f"{each:g}" for each in n])
-        ax.minorticks_off()
-        ax.legend()
+        figure = Figure(figsize=(PAGE, 2.6))
+        left, right = figure.subplots(1, 2)
+        for (name, radius), color, mark in zip(radii.items(), colors, marks, strict=False):
+            left.plot(n, 1e3 * np.asarray(radius), color=color, marker=mark, markersize=3.5, label=name)
+        left.plot(n, 1e3 * np.asarray(floor), color="0.5", linewidth=0.8, dashes=(4, 2), label="floor: nothing unknown")
+        left.set(ylabel=r"ultimate $\Vert e_p\Vert$ [mm]")
+        for (name, part), color, mark in zip(parts.items(), colors, marks, strict=False):
+            right.plot(n, np.asarray(part) / part[0], color=color, marker=mark, markersize=3.5, label=name)
+        right.set(ylabel="relative to the fewest data")
+        for ax in (left, right):
+            ax.set(xscale="log", yscale="log", xlabel="data points of each body")
+            ax.set_xticks(n, [f"{each:g}" for each in n])
+            ax.minorticks_off()
+            ax.legend()
         return [_save(figure, Path(path).with_suffix(f".{kind}")) for kind in ("pdf", "png")]
 
 
