@@ -122,12 +122,13 @@ def certify(
         found, why = _tube(loop, plan, energy["tube"], grid)
         reached, left_out = _reached(plan, flight, energy, paths, grid, H, names, progress)
     extra = np.abs(H).sum(0) @ found.difference if found else np.full(H.shape[1], np.inf)
+    met, tube_needs = plan.stated.met, bounds.unmet("energy", plan.stated.met)  # the tube is the energy bound's
     always = (*(() if found else ("S_X",)), FIRST_ORDER)
     radii = {
         name: Radii(
             run=_radii(plan, of_twin.rows, off, grid, each["run"], np.zeros_like(extra)),
             tube=_radii(plan, of_twin.rows, off, grid, each["tube"], extra),
-            assumed=(*band.names(bounds.unmet("recover" if name == "recovery" else name, plan.stated.met)), *always),
+            assumed=(*band.names(bounds.unmet("recover" if name == "recovery" else name, met) | tube_needs), *always),
         )
         for name, each in reached.items()
     }
