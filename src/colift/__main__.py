@@ -43,6 +43,34 @@ def _scenario_names(incomplete: str) -> list[str]:
     return [name for name in scenario.names() if name.startswith(incomplete)]
 
 
+ScenarioName = Annotated[
+    str,
+    typer.Argument(metavar="SCENARIO", help="A shipped scenario, or a YAML file.", autocompletion=_scenario_names),
+]
+OutFolder = Annotated[Path | None, typer.Option("--out", help="Folder for the results; by default out/SCENARIO.")]
+Seed = Annotated[int | None, typer.Option("--seed", min=0, help="Seed of all noise; by default the scenario's.")]
+
+
+def _opened(name: str, out: Path | None, seed: int | None) -> tuple[Any, Path]:
+    """The settings of a scenario, under that seed if one is given, and its folder, which can be written to."""
+    from colift import scenario
+
+    try:
+        settings = scenario.load(name)
+    except scenario.ScenarioError as error:
+        raise _fail(str(error)) from None
+    if seed is not None:
+        settings = settings.model_copy(update={"seed": seed})
+    folder = out or Path("out") / settings.name
+    from colift import study as flights
+
+    try:
+        flights.prepare(folder)
+    except OSError as error:
+        raise _fail(f"cannot write to {folder}: {error.strerror or error}") from None
+    return settings, folder
+
+
 @app.callback()
 def _options(
     _version: Annotated[
@@ -63,12 +91,9 @@ def scenarios() -> None:
 
 @app.command()
 def study(
-    name: Annotated[
-        str,
-        typer.Argument(metavar="SCENARIO", help="A shipped scenario, or a YAML file.", autocompletion=_scenario_names),
-    ],
-    out: Annotated[Path | None, typer.Option(help="Folder for the results; by default out/SCENARIO.")] = None,
-    seed: Annotated[int | None, typer.Option(min=0, help="Seed of all noise; by default the scenario's.")] = None,
+    name: ScenarioName,
+    out: OutFolder = None,
+    seed: Seed = None,
     baselines: Annotated[
         bool,
         typer.Option(
@@ -80,21 +105,10 @@ def study(
 
     Writes one NetCDF file a case, figures 1 to 5 as PDF and PNG, the table of length-scales and summary.json.
     """
+    settings, folder = _opened(name, out, seed)
     from colift import scenario
-
-    try:
-        settings = scenario.load(name)
-    except scenario.ScenarioError as error:
-        raise _fail(str(error)) from None
-    if seed is not None:
-        settings = settings.model_copy(update={"seed": seed})
-    folder = out if out is not None else Path("out") / settings.name
     from colift import study as flights
 
-    try:
-        flights.prepare(folder)
-    except OSError as error:
-        raise _fail(f"cannot write to {folder}: {error.strerror or error}") from None
     cases = tuple(flights.CASES | (flights.BASELINES if baselines else {}))
     try:
         with errors.status(f"preparing {settings.name}"):
@@ -186,12 +200,9 @@ def _report(summary: dict[str, Any], folder: Path) -> None:
 
 @app.command()
 def certify(
-    name: Annotated[
-        str,
-        typer.Argument(metavar="SCENARIO", help="A shipped scenario, or a YAML file.", autocompletion=_scenario_names),
-    ],
-    out: Annotated[Path | None, typer.Option(help="Folder for the results; by default out/SCENARIO.")] = None,
-    seed: Annotated[int | None, typer.Option(min=0, help="Seed of all noise; by default the scenario's.")] = None,
+    name: ScenarioName,
+    out: OutFolder = None,
+    seed: Seed = None,
     adversary: Annotated[
         bool, typer.Option("--adversary", help="Also fly the worst unknown forces that norm and data allow.")
     ] = False,
@@ -200,21 +211,10 @@ def certify(
 
     Flies the scenario and its twin, whose world obeys the learned means. Writes certificate.json and figure 6.
     """
+    settings, folder = _opened(name, out, seed)
     from colift import scenario
-
-    try:
-        settings = scenario.load(name)
-    except scenario.ScenarioError as error:
-        raise _fail(str(error)) from None
-    if seed is not None:
-        settings = settings.model_copy(update={"seed": seed})
     from colift import study as flights
 
-    folder = out or Path("out") / settings.name
-    try:
-        flights.prepare(folder)
-    except OSError as error:
-        raise _fail(f"cannot write to {folder}: {error.strerror or error}") from None
     try:
         with errors.status(f"certifying {settings.name}") as status:
             say = lambda what: status.update(f"certifying {settings.name}: {what}")  # noqa: E731

@@ -27,7 +27,7 @@ def adversary(
     d from the certificate's bound. To be flown by `certificate.under`. Raises as `gp.recovery.recover`.
     """
     grid = path_of(plan, flight, STEP)
-    H = reach.impulse(loop, np.hstack([loop.C[:3], loop.D[:3]]), grid.step, len(grid.path))
+    H = reach.impulse(loop, loop.output("e_p"), grid.step, len(grid.path))
     H = np.einsum("mri,r->mi", H, found.direction)[:, None]
     at = [int(np.argmin(np.abs(rows.t[grid.path] - found.when)))]
     models = [_extreme(body, H, at) for body in bodies(plan, flight, rows, grid.path, "energy")]
@@ -46,7 +46,7 @@ def _extreme(body: Body, H: Matrix, at: list[int]) -> gp.GP:
     for i in range(len(body.beta)):
         allowed = recovery.consistent(X, Y, body.model.hyper, i, body.norm, float(body.eps[i]))
         w = reach.weights(H[:, :, body.columns.start + i], at, len(x))[0, 0]
-        C = np.exp(-0.5 * ((x[:, None] - x[None]) ** 2 / allowed.lengthscales**2).sum(-1))
+        C = reach.correlation(body.model, i, x, x)
         best = recovery.greatest(allowed, allowed.correlations(x) @ w, float(w @ C @ w))
         weights[i] = np.concatenate([best.weights[:-1], best.weights[-1] * w])
     hyper = dataclasses.replace(body.model.hyper, noise_variance=1e-3 * body.model.hyper.signal_variance)

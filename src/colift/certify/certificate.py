@@ -114,7 +114,7 @@ def certify(
     if len(grid.at) < 2:
         left = flight.rows.t[-1] - flight.updates[-1].t
         raise ValueError(f"no certificate: only {left:.3g} s were flown after the last update; lengthen the flight")
-    H = reach.impulse(loop, _rows(loop), grid.step, len(grid.path))
+    H = reach.impulse(loop, loop.output(*OF_INTEREST), grid.step, len(grid.path))
     off = _mismatch(plan, of_twin.rows, grid.window)
     with threadpool_limits(1):  # the matrices are small
         paths = {"tube": of_twin.rows, "run": flight.rows}
@@ -211,10 +211,6 @@ def _np(x: Any) -> Matrix:
 OF_INTEREST = ("e_p", "e_v", "alpha")  # rows of H in this order, three each
 
 
-def _rows(loop: Response) -> Matrix:
-    return np.concatenate([np.hstack([loop.C[loop.rows(name)], loop.D[loop.rows(name)]]) for name in OF_INTEREST])
-
-
 def _reached(
     plan: simulate.Plan,
     flight: simulate.Flight,
@@ -309,10 +305,9 @@ def _radii(
         return dict.fromkeys(ERRORS, float("inf"))
     reached = reached + extra
     at = grid.path[grid.at]
-    turn = np.linalg.norm(off, axis=1).max() + np.linalg.norm(reached[:, :, 6:].max(0), axis=1).max()
     gains = plan.pilot.gains
     try:
-        attitude = rotation.ultimate(float(gains.k_R), float(gains.k_omega), float(turn))
+        attitude = rotation.ultimate(float(gains.k_R), float(gains.k_omega), _turning(off, reached))
         e_R, e_omega = attitude.e_R, attitude.e_omega
     except ValueError:
         e_R = e_omega = float("inf")
@@ -339,11 +334,16 @@ def _mismatch(plan: simulate.Plan, rows: simulate.Row, window: slice) -> Matrix:
     return np.asarray(rows.a_L)[window, 3:] - np.asarray(jax.jit(jax.vmap(commanded))(*args))
 
 
+def _turning(off: Matrix, reached: Matrix) -> float:
+    """The greatest `|d|` of the attitude's error equation: the twin's, and what f~ adds to it; rad/s^2."""
+    return float(np.linalg.norm(off, axis=1).max() + np.linalg.norm(reached[:, :, 6:].max(0), axis=1).max())
+
+
 def _attraction(plan: simulate.Plan, off: Matrix, reached: Matrix) -> float:
     """Degrees of initial attitude error at rest from which the attitude's certificate holds; nan if from none."""
     gains = plan.pilot.gains
-    rho = np.linalg.norm(off, axis=1).max() + np.linalg.norm(reached[:, :, 6:].max(0), axis=1).max()
-    region = rotation.attraction(float(gains.k_R), float(gains.k_omega), float(rho)) if np.isfinite(rho) else None
+    rho = _turning(off, reached)
+    region = rotation.attraction(float(gains.k_R), float(gains.k_omega), rho) if np.isfinite(rho) else None
     return float(np.rad2deg(region.angle_at_rest)) if region else float("nan")
 
 
@@ -366,7 +366,7 @@ def slack(
 ) -> dict[str, float]:
     """Radii of e_p, m, under ever better reasoning; each ratio of neighbours is the slack of one cause."""
     grid = path_of(plan, flight, STEP)
-    H = reach.impulse(loop, _rows(loop)[:3], grid.step, len(grid.path))
+    H = reach.impulse(loop, loop.output("e_p"), grid.step, len(grid.path))
     gains, floor = plan.pilot.gains, found.floor["e_p"]
     unit = translation.ultimate(np.asarray(gains.K_p), np.asarray(gains.K_v), 1.0).e_p.bound
 

@@ -13,14 +13,12 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
-from scipy.spatial.distance import cdist
 
 from colift import gp
 from colift.gp import recovery
 from colift.response import Response
 
 Matrix = NDArray[np.float64]
-Ticks = NDArray[np.intp] | Sequence[int]
 Samples = Sequence[int] | NDArray[np.integer]
 
 NEGLIGIBLE = 1e-3  # share of a row's bound below which an output keeps its band instead of a conic program
@@ -108,7 +106,7 @@ def by_recovery(
         X, Y = np.asarray(body.model.X)[:n], np.asarray(body.model.Y)[:n]
         allowed = recovery.consistent(X, Y, body.model.hyper, i, body.norm, float(body.eps[i]))
         offset = float(np.asarray(body.model.hyper.offset)[i])
-        K, C = allowed.correlations(body.x), _correlation(body.model, i, body.x, body.x)
+        K, C = allowed.correlations(body.x), correlation(body.model, i, body.x, body.x)
         L, S = weights(H[:, :, body.columns.start + i], at, path), _covariance(body.companion, i, body.x)
         for row in matters:
             here = L[anchors, row]
@@ -134,18 +132,17 @@ def _mean(model: gp.GP, x: Matrix) -> Matrix:
     """`(path, outputs)`."""
     n, offset = int(model.n), np.asarray(model.hyper.offset)
     s, alpha, X = np.asarray(model.hyper.signal_variance), np.asarray(model.alpha), np.asarray(model.X)[:n]
-    return np.stack(
-        [offset[i] + s[i] * _correlation(model, i, x, X) @ alpha[i, :n] for i in range(len(offset))], axis=1
-    )
+    return np.stack([offset[i] + s[i] * correlation(model, i, x, X) @ alpha[i, :n] for i in range(len(offset))], axis=1)
 
 
 def _covariance(model: gp.GP, i: int, x: Matrix) -> Matrix:
     """Posterior covariance of output i along the path."""
     n, s = int(model.n), float(np.asarray(model.hyper.signal_variance)[i])
-    V = np.asarray(model.W)[i, :n, :n] @ (s * _correlation(model, i, np.asarray(model.X)[:n], x))
-    return s * _correlation(model, i, x, x) - V.T @ V
+    V = np.asarray(model.W)[i, :n, :n] @ (s * correlation(model, i, np.asarray(model.X)[:n], x))
+    return s * correlation(model, i, x, x) - V.T @ V
 
 
-def _correlation(model: gp.GP, i: int, x: Matrix, z: Matrix) -> Matrix:
+def correlation(model: gp.GP, i: int, x: Matrix, z: Matrix) -> Matrix:
+    """Correlations of output i between samples x and z, (x, z)."""
     ls = np.asarray(model.hyper.lengthscales)[i]
-    return np.exp(-0.5 * cdist(x / ls, z / ls, "sqeuclidean"))
+    return recovery.correlation(x / ls, z / ls)

@@ -58,7 +58,7 @@ class Consistent:
 
     def correlations(self, points: np.ndarray) -> np.ndarray:
         """`k(x_k, z_l) / signal_variance`, `(N, L)`: products with weights are the `k` of a functional."""
-        return _correlation(self.U, points / self.lengthscales)
+        return correlation(self.U, points / self.lengthscales)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -88,7 +88,7 @@ def consistent(X: ArrayLike, Y: ArrayLike, hyper: Hyper, output: int, norm: floa
     unit, U = norm * s**0.5, X / ls
     return Consistent(
         U=U,
-        K=_correlation(U, U),
+        K=correlation(U, U),
         r=(Y[:, output] - offset) / unit,
         eps=noise_bound / unit,
         unit=unit,
@@ -126,7 +126,7 @@ def recover(
     if Z.shape != (a.size, dimensions) or a.ndim != 1 or not (np.isfinite(Z).all() and np.isfinite(a).all()):
         raise ValueError(f"points {Z.shape} and weights {a.shape}: must be finite, (L, {dimensions}) and (L,)")
     k, V = allowed.correlations(Z) @ a, Z / allowed.lengthscales
-    square = float(a @ _correlation(V, V) @ a)
+    square = float(a @ correlation(V, V) @ a)
     upper, lower = (sign * greatest(allowed, sign * k, square).value for sign in (1, -1))
     centre = float(np.asarray(hyper.offset)[output]) * a.sum()
     return Recovery(lower=float(centre + lower), upper=float(centre + upper))
@@ -157,7 +157,8 @@ def above(allowed: Consistent, nu: np.ndarray, k: np.ndarray, square: np.ndarray
     return allowed.unit * (allowed.r @ nu + allowed.eps * size + np.sqrt(residual2))
 
 
-def _correlation(U: np.ndarray, V: np.ndarray) -> np.ndarray:
+def correlation(U: np.ndarray, V: np.ndarray) -> np.ndarray:
+    """`exp(-|u - v|^2 / 2)` of every u and v, rows, in length-scales."""
     return np.exp(-0.5 * cdist(U, V, "sqeuclidean"))
 
 
