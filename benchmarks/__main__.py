@@ -50,10 +50,11 @@ def versions() -> dict[str, str]:
 def record(name: str, outcome: Outcome, seconds: float, took: float, folder: Path) -> Path:
     """Write what a benchmark found, whole or not at all."""
     from colift.study import write_json
-    from evidence import machine, source
+    from evidence import head, machine, rests_on, uncommitted
 
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / f"{name}.json"
+    files = rests_on(HERE / f"{name}.py")
     content: dict[str, Any] = {
         "benchmark": name,
         "what": title(name),
@@ -62,7 +63,9 @@ def record(name: str, outcome: Outcome, seconds: float, took: float, folder: Pat
         "machine": machine(),
         "load_average": os.getloadavg()[0],  # what other programs took of the machine
         "versions": versions(),
-        "source": source(),
+        "commit": head(),
+        "uncommitted": uncommitted(files),
+        "files": files,
         "took_s": round(took, 1),
         "targets": outcome.targets,
         "left_out": list(outcome.left_out),

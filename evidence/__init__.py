@@ -1,32 +1,101 @@
 """Proofs that take longer than a test: each writes one dated JSON file under `evidence/results`, and can be resumed.
 
-A proof is a module here with `main()`. It keeps what it has computed in its result file, item by item, and skips
-what is there already, as long as the file was made by the same version of the package's source.
+A proof is a module here with `main()`. It keeps what it has computed in its result file, item by item. The file names
+the commit that it was computed at and the files that it rests on, each with git's digest. Once one of these files is
+another, and only then, a run computes afresh; `./dev evidence status` says which results are behind, and by what.
 """
 
 from __future__ import annotations
 
+import ast
 import datetime as dt
 import hashlib
 import json
 import os
 import platform
-from collections.abc import Callable, Iterable
+import subprocess
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-import colift
+ROOT = Path(__file__).parents[1]
+RESULTS = ROOT / "evidence" / "results"
+PACKAGES = {"colift": "src/colift", "evidence": "evidence", "tests": "tests", "benchmarks": "benchmarks"}
+SCENARIOS = "src/colift/scenarios"
 
-RESULTS = Path(__file__).parent / "results"
+
+def rests_on(proof: Path, root: Path = ROOT) -> dict[str, str]:
+    """The project's files behind a proof or a benchmark, relative to the root, and git's digest of each.
+
+    The module itself, what it imports, what that imports, and so on; data files that one of them names and that lie
+    beside it; scenarios that the proof names. An import inside a function is not followed: those are for figures.
+    """
+    found, left = set(), {proof}
+    while left:
+        path = left.pop()
+        found.add(path)
+        tree = ast.parse(path.read_text())
+        found |= {beside for word in _words(tree) if (beside := path.parent / word).is_file()}
+        left |= set(_imported(tree, root)) - found
+    named = _words(ast.parse(proof.read_text()))
+    found |= {path for path in (root / SCENARIOS).glob("*.yaml") if path.stem in named}
+    found.discard(root / "evidence" / "__init__.py")  # how results are kept changes none
+    return {path.relative_to(root).as_posix(): _digest(path) for path in sorted(found)}
 
 
-def source() -> str:
-    """Twelve digits that change with any line of the package: results of another source are computed afresh."""
-    digest = hashlib.sha256()
-    folder = Path(colift.__file__).parent
-    for path in sorted([*folder.rglob("*.py"), *folder.rglob("*.yaml")]):
-        digest.update(path.relative_to(folder).as_posix().encode() + path.read_bytes())
-    return digest.hexdigest()[:12]
+def _words(tree: ast.AST) -> set[str]:
+    """Strings of a module that may be the name of a file or of a scenario."""
+    nodes = (node.value for node in ast.walk(tree) if isinstance(node, ast.Constant))
+    return {value for value in nodes if isinstance(value, str) and value and set(value) <= NAME}
+
+
+NAME = set("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_.-")
+
+
+def _imported(tree: ast.Module, root: Path) -> Iterator[Path]:
+    """Files of the modules that a module imports at its top, and of the packages that hold them."""
+    for node in tree.body:
+        names = []
+        if isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            names = [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
+        for name in names:
+            parts = name.split(".")
+            yield from filter(None, (_file(parts[:n], root) for n in range(1, len(parts) + 1)))
+
+
+def _file(parts: list[str], root: Path) -> Path | None:
+    if parts[0] not in PACKAGES:
+        return None
+    at = root.joinpath(PACKAGES[parts[0]], *parts[1:])
+    return next(filter(Path.is_file, (at / "__init__.py", at.with_suffix(".py"))), None)
+
+
+def _digest(path: Path) -> str:
+    """What git calls the content of a file: `git hash-object`."""
+    content = path.read_bytes()
+    return hashlib.sha1(b"blob %d\0" % len(content) + content, usedforsecurity=False).hexdigest()
+
+
+def head() -> str | None:
+    """The commit that is checked out; None outside of a repository."""
+    said = _git("rev-parse", "HEAD")
+    return said.strip() if said else None
+
+
+def uncommitted(files: Iterable[str]) -> list[str]:
+    """Those of the files that differ from the last commit; none outside of a repository."""
+    said = _git("status", "--porcelain", "--untracked-files=all", "--", *files)
+    return [line[3:] for line in (said or "").splitlines()]
+
+
+def _git(*words: str) -> str | None:
+    """What git says in the project's folder, or None where there is no git or no repository."""
+    try:
+        return subprocess.run(["git", *words], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    except (subprocess.CalledProcessError, FileNotFoundError):
+        return None
 
 
 def machine() -> str:
@@ -40,23 +109,34 @@ def _cpuinfo() -> list[str]:
     return path.read_text().splitlines() if path.exists() else []
 
 
+def behind(name: str) -> list[str]:
+    """The files that are no longer those a result was computed from; empty for one that holds today."""
+    then, now = stored(name)["files"], rests_on(ROOT / "evidence" / f"{name}.py")
+    return sorted(path for path in then | now if then.get(path) != now.get(path))
+
+
+def stored(name: str) -> dict[str, Any]:
+    """What a result file holds."""
+    return json.loads((RESULTS / f"{name}.json").read_text())
+
+
 def collect(name: str, items: Iterable[str], compute: Callable[[str], Any]) -> dict[str, Any]:
     """Compute every item that `name`'s result file lacks, saving after each; the whole table.
 
-    The file says when, on which machine, with which command and from which source it was made.
+    Raises SystemExit where a file that the proof rests on is not committed: nobody could repeat the result.
     """
     path = RESULTS / f"{name}.json"
-    made = {"command": f"./dev evidence {name}", "machine": machine(), "source": source()}
-    found: dict[str, Any] = {}
-    if path.exists():
-        before = json.loads(path.read_text())
-        if before["source"] == made["source"]:
-            found = before["items"]
-    for item in items:
-        if item not in found:
-            print(f"{name}: {item}", flush=True)
-            found[item] = compute(item)
-            save(path, {**made, "date": dt.date.today().isoformat(), "items": found})
+    found = stored(name)["items"] if path.exists() and not behind(name) else {}
+    left = [item for item in items if item not in found]
+    if left:
+        files = rests_on(ROOT / "evidence" / f"{name}.py")
+        if changed := uncommitted(files):
+            raise SystemExit(f"{name}: a result names the commit it can be repeated from; commit {', '.join(changed)}")
+        made = {"command": f"./dev evidence {name}", "machine": machine(), "commit": head()}
+    for item in left:
+        print(f"{name}: {item}", flush=True)
+        found[item] = compute(item)
+        save(path, {**made, "date": dt.date.today().isoformat(), "files": files, "items": found})
     return found
 
 

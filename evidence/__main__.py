@@ -1,4 +1,4 @@
-"""`python -m evidence [NAME ...]`: run or resume all proofs, or those named."""
+"""`python -m evidence [NAME ...]`: run or resume all proofs, or those named; `status` says which results are behind."""
 
 from __future__ import annotations
 
@@ -9,14 +9,32 @@ import sys
 import evidence
 
 
+def proofs() -> list[str]:
+    """The names of all proofs."""
+    return sorted(m.name for m in pkgutil.iter_modules(evidence.__path__) if m.name != "__main__")
+
+
+def status() -> None:
+    """Print, for each proof, when its result was made, and which files have changed since."""
+    for name in proofs():
+        if not (evidence.RESULTS / f"{name}.json").exists():
+            print(f"{name:<12} no result yet")
+            continue
+        made, changed = evidence.stored(name), evidence.behind(name)
+        at = f"{made['date']} at {(made['commit'] or 'no commit')[:10]}"
+        print(f"{name:<12} {at}: " + (f"since then changed: {', '.join(changed)}" if changed else "holds"))
+
+
 def main(names: list[str]) -> int:
     """Run the proofs; the status is 1 if one of them does not hold, 2 for a name that does not exist."""
-    known = sorted(m.name for m in pkgutil.iter_modules(evidence.__path__) if m.name != "__main__")
-    unknown = [name for name in names if name not in known]
+    if names == ["status"]:
+        status()
+        return 0
+    unknown = [name for name in names if name not in proofs()]
     if unknown:
-        print(f"no proof {', '.join(unknown)}; there are {', '.join(known)}", file=sys.stderr)
+        print(f"no proof {', '.join(unknown)}; there are {', '.join(proofs())}, and status", file=sys.stderr)
         return 2
-    held = [(name, importlib.import_module(f"evidence.{name}").main()) for name in names or known]
+    held = [(name, importlib.import_module(f"evidence.{name}").main()) for name in names or proofs()]
     for name, holds in held:
         print(f"{name}: {'holds' if holds else 'DOES NOT HOLD'}")
     return 0 if all(holds for _, holds in held) else 1

@@ -39,7 +39,7 @@ def test_without_a_gpu_its_benchmark_says_so_and_writes_its_file(capsys, tmp_pat
     assert path.name == "gpu.json"
     assert "no GPU was found" in written["left_out"][0]
     assert written["figures"] == {}
-    assert {"date", "machine", "command", "versions", "source"} <= written.keys()
+    assert {"date", "machine", "command", "versions", "commit", "uncommitted", "files"} <= written.keys()
     assert written["versions"]["jax"] == jax.__version__
 
 

@@ -1,0 +1,131 @@
+"""The record of the proofs: what a result names, and when it is behind."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+from pathlib import Path
+
+import pytest
+
+import evidence
+from evidence import ROOT, __main__
+
+RESULTS = sorted((ROOT / "evidence" / "results").glob("*.json"))
+
+
+def git(*words: str) -> str:
+    return subprocess.run(["git", *words], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+
+
+@pytest.fixture(scope="module")
+def history():
+    """Skips where this checkout has no history to look into (an unpacked archive, a shallow clone)."""
+    try:
+        if git("rev-parse", "--is-shallow-repository").strip() == "true":
+            pytest.skip("a shallow clone")
+    except (subprocess.CalledProcessError, FileNotFoundError):
+        pytest.skip("no repository")
+
+
+def test_every_proof_has_its_result_and_every_result_its_proof():
+    assert [path.stem for path in RESULTS] == __main__.proofs()
+
+
+@pytest.mark.parametrize("path", RESULTS, ids=lambda path: path.stem)
+def test_a_result_names_a_commit_that_exists_and_the_files_as_they_were_there(path, history):
+    made = json.loads(path.read_text())
+    git("merge-base", "--is-ancestor", made["commit"], "HEAD")
+    listed = git("ls-tree", "-r", made["commit"], "--", *made["files"]).splitlines()
+    assert {line.split("\t")[1]: line.split()[2] for line in listed} == made["files"]
+    assert f"evidence/{path.stem}.py" in made["files"]
+
+
+def test_a_proof_rests_on_what_it_imports_and_on_the_scenarios_it_names_and_on_nothing_else():
+    files = evidence.rests_on(ROOT / "evidence" / "orderings.py")
+    for name in ("simulate.py", "gp/training.py", "scenarios/paper.yaml"):
+        assert f"src/colift/{name}" in files
+    for name in ("view.py", "native/__init__.py", "scenarios/certified.yaml", "__main__.py"):
+        assert f"src/colift/{name}" not in files
+    assert "evidence/__init__.py" not in files
+    assert all((ROOT / name).is_file() for name in files)
+
+
+@pytest.fixture
+def project(tmp_path, monkeypatch):
+    """A project of one package and one proof, which rests on `a`, which rests on `b` and on a header beside it."""
+    for name, text in {
+        "src/colift/__init__.py": "",
+        "src/colift/a.py": "from colift import b\nHEADER = 'a.h'\n",
+        "src/colift/a.h": "int x;",
+        "src/colift/b.py": "def f():\n    import colift.c\n",
+        "src/colift/c.py": "",
+        "src/colift/scenarios/sample.yaml": "",
+        "src/colift/scenarios/other.yaml": "",
+        "evidence/__init__.py": "",
+        "evidence/proof.py": "import numpy\nfrom colift.a import HEADER\nfrom evidence import collect\nNAME = 'sample'\n",
+    }.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(text)
+    monkeypatch.setattr(evidence, "ROOT", tmp_path)
+    monkeypatch.setattr(evidence, "RESULTS", tmp_path / "evidence" / "results")
+    monkeypatch.setattr(evidence.rests_on, "__defaults__", (tmp_path,))
+    return tmp_path
+
+
+def test_imports_are_followed_to_the_end(project):
+    expected = ["evidence/proof.py", "src/colift/__init__.py", "src/colift/a.h", "src/colift/a.py", "src/colift/b.py"]
+    assert list(evidence.rests_on(project / "evidence" / "proof.py")) == [*expected, "src/colift/scenarios/sample.yaml"]
+
+
+def test_items_are_kept_until_a_file_behind_them_changes(project, capsys):
+    asked: list[str] = []
+
+    def compute(item: str) -> str:
+        asked.append(item)
+        return item.upper()
+
+    assert evidence.collect("proof", ["a", "b"], compute) == {"a": "A", "b": "B"}
+    assert evidence.collect("proof", ["a", "b", "c"], compute) == {"a": "A", "b": "B", "c": "C"}
+    (project / "src/colift/c.py").write_text("another = 1")  # imported inside a function only
+    assert evidence.behind("proof") == []
+    evidence.collect("proof", ["a"], compute)
+    assert asked == ["a", "b", "c"]
+    (project / "src/colift/b.py").write_text("another = 1")
+    assert evidence.behind("proof") == ["src/colift/b.py"]
+    assert evidence.collect("proof", ["a"], compute) == {"a": "A"}
+    assert asked == ["a", "b", "c", "a"]
+    assert evidence.stored("proof")["commit"] is None  # no repository here
+
+
+def test_a_result_of_files_that_are_not_committed_is_refused(project):
+    for words in (["init", "-q"], ["add", "src"]):
+        subprocess.run(["git", *words], cwd=project, check=True)
+    with pytest.raises(SystemExit, match=r"proof: .* commit .*evidence/proof\.py"):
+        evidence.collect("proof", ["a"], str.upper)
+    author = ["-c", "user.name=a", "-c", "user.email=a@b.c"]
+    for words in (["add", "."], [*author, "commit", "-qm", "all"]):
+        subprocess.run(["git", *words], cwd=project, check=True)
+    evidence.collect("proof", ["a"], str.upper)
+    head = subprocess.run(["git", "rev-parse", "HEAD"], cwd=project, capture_output=True, text=True, check=True).stdout
+    made = evidence.stored("proof")
+    assert made["commit"] == head.strip()
+    assert Path(made["command"].split()[0]).name == "dev"
+
+
+def test_a_digest_is_gits(tmp_path):
+    path = tmp_path / "a"
+    path.write_bytes(b"what is up, doc?")  # the example of Pro Git, section 10.2
+    assert evidence._digest(path) == "bd9dbf5aae1a3862dd1526723246b20206e5fc37"
+
+
+def test_status_says_which_results_are_behind_and_by_what(project, capsys, monkeypatch):
+    monkeypatch.setattr(evidence, "__path__", [str(project / "evidence")])
+    __main__.main(["status"])
+    assert "proof        no result yet" in capsys.readouterr().out
+    evidence.collect("proof", ["a"], str.upper)
+    __main__.main(["status"])
+    assert "holds" in capsys.readouterr().out
+    (project / "src/colift/b.py").write_text("another = 1")
+    __main__.main(["status"])
+    assert "since then changed: src/colift/b.py" in capsys.readouterr().out
