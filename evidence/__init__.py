@@ -28,7 +28,8 @@ def rests_on(proof: Path, root: Path = ROOT) -> dict[str, str]:
     """The project's files behind a proof or a benchmark, relative to the root, and git's digest of each.
 
     The module itself, what it imports, what that imports, and so on; data files that one of them names and that lie
-    beside it; scenarios that the proof names. An import inside a function is not followed: those are for figures.
+    beside it; scenarios that the proof names; the folders in its `RUNS`, if it starts programs of theirs. An import
+    inside a function is not followed: those are for figures.
     """
     found, left = set(), {proof}
     while left:
@@ -37,8 +38,9 @@ def rests_on(proof: Path, root: Path = ROOT) -> dict[str, str]:
         tree = ast.parse(path.read_text())
         found |= {beside for word in _words(tree) if (beside := path.parent / word).is_file()}
         left |= set(_imported(tree, root)) - found
-    named = _words(ast.parse(proof.read_text()))
-    found |= {path for path in (root / SCENARIOS).glob("*.yaml") if path.stem in named}
+    tree = ast.parse(proof.read_text())
+    found |= {path for path in (root / SCENARIOS).glob("*.yaml") if path.stem in _words(tree)}
+    found |= {path for folder in _runs(tree) for path in (root / folder).rglob("*") if path.suffix in SOURCE}
     found.discard(root / "evidence" / "__init__.py")  # how results are kept changes none
     return {path.relative_to(root).as_posix(): _digest(path) for path in sorted(found)}
 
@@ -49,6 +51,15 @@ def _words(tree: ast.AST) -> set[str]:
     return {value for value in nodes if isinstance(value, str) and value and set(value) <= NAME}
 
 
+def _runs(tree: ast.Module) -> tuple[str, ...]:
+    """The folders in a module's `RUNS`, none if it has no such line."""
+    for node in tree.body:
+        if isinstance(node, ast.Assign) and [ast.unparse(target) for target in node.targets] == ["RUNS"]:
+            return ast.literal_eval(node.value)
+    return ()
+
+
+SOURCE = {".py", ".yaml", ".h"}
 NAME = set("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_.-")
 
 

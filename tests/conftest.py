@@ -1,11 +1,14 @@
 """Strict by default: float64, no implicit promotion of dtype or rank, shapes and types checked at run time."""
 
 import dataclasses
+import gc
 import os
+from collections.abc import Iterator
 from typing import Any
 
 import hypothesis
 import jax
+import pytest
 from jaxtyping import install_import_hook
 
 os.environ.setdefault("MPLBACKEND", "Agg")
@@ -45,3 +48,11 @@ install_import_hook("colift", "beartype.beartype")
 # Compilation makes first examples slow, so no deadline; the same examples in every run, so that a failure is one.
 hypothesis.settings.register_profile("colift", deadline=None, derandomize=True, database=None, print_blob=True)
 hypothesis.settings.load_profile("colift")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _forget_programs() -> Iterator[None]:
+    """No test module runs a program that another one traced; and a worker's memory stays that of its largest module."""
+    yield
+    jax.clear_caches()
+    gc.collect()

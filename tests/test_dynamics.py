@@ -9,12 +9,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from colift import dynamics, grasp
+from colift import dynamics, grasp, so3
 from colift.model import AgentForce, AgentInput, Residual, State, Team, Wrench
 from tests import motion, teams
 from tests.pinocchio_team import PinocchioTeam
 
 accelerate, project = jax.jit(dynamics.accelerate), jax.jit(dynamics.project)
+integrate = jax.jit(lambda team, z, inputs, f, dt: dynamics.integrate(team, z, inputs, lambda _: f, dt))
 MIXED = teams.POOL[5]  # (n, n_r) = (2, 3), (1, 3), (3, 7) together
 
 
@@ -209,6 +210,27 @@ def test_energy_and_momentum_are_kept(falling: float, projected: bool) -> None:
     limit = 1e-12 if projected else 1e-8
     assert max(seen["Phi"].max(), seen["Phi_dot"].max()) < limit
     assert seen["rough"][-1] < 1e-9 * seen["kinetic"].max()
+
+
+def test_the_state_moves_as_the_equations_say() -> None:
+    """`R_dot = R hat(omega)`, `x_dot = v`, `v_dot` and `xi_dot` of `accelerate`: a step forward less a step back."""
+    team, z = random_team(3, ((teams.SLIDING_ARM, 2),))
+    inputs, f = random_forces(np.random.default_rng(3), team)
+    a, _ = accelerate(team, z, inputs, f)
+    h = 1e-4
+    ahead, behind = (integrate(team, z, inputs, f, jnp.array(dt)) for dt in (h, -h))
+    parts = [(z.payload, ahead.payload, behind.payload, a.payload[:3], a.payload[3:])]
+    for now, after, before, b in zip(z.agents, ahead.agents, behind.agents, a.agents, strict=True):
+        parts.append((now, after, before, b.v_dot, b.xi_dot[:, :3]))
+        assert relative((after.r - before.r) / (2 * h), np.asarray(now.r_dot)) < 1e-4
+        assert relative((after.r_dot - before.r_dot) / (2 * h), np.asarray(b.xi_dot[:, 3:])) < 1e-4
+    for now, after, before, v_dot, omega_dot in parts:
+        place = lambda q: getattr(q, "x", getattr(q, "p", None))  # noqa: E731  agents have x, the payload p
+        turned = np.asarray(now.R) @ np.asarray(so3.hat(now.omega))
+        assert relative((after.R - before.R) / (2 * h), turned) < 1e-4
+        assert relative((place(after) - place(before)) / (2 * h), np.asarray(now.v)) < 1e-4
+        assert relative((after.v - before.v) / (2 * h), np.asarray(v_dot)) < 1e-4
+        assert relative((after.omega - before.omega) / (2 * h), np.asarray(omega_dot)) < 1e-4
 
 
 def test_order_of_convergence() -> None:

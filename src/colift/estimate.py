@@ -16,7 +16,7 @@ from jaxtyping import Array, Float
 
 from colift import agent as ag
 from colift import grasp, so3
-from colift.model import Agent, AgentForce, AgentInput, AgentState, PayloadState, Team, Wrench
+from colift.model import Agent, AgentInput, AgentState, PayloadState, Team, Wrench
 from colift.pytree import pytree
 from colift.sensor import AgentReading, Measurement
 
@@ -259,12 +259,6 @@ def _observe_agent(
         state=_pass(past.state, flat_agent(q), filters, warm),
     )
     return q, lam, now
-
-
-def agent_label(memory: AgentMemory) -> AgentForce:
-    """The filtered label `(y_x, y_w, y_r)` of a group."""
-    y = memory.label.outer
-    return AgentForce(f_x=y[..., :3], f_w=y[..., 3:6], f_r=y[..., 6:])
 
 
 def payload_label(memory: Memory) -> Wrench:

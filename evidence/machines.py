@@ -1,0 +1,79 @@
+"""The tests under other linear algebra, other vector instructions and in other orders: none rests on one machine's.
+
+Each run starts the whole suite, as `./dev test` does, with OpenBLAS held to the kernels of one processor and XLA to one
+instruction set, the test files in an order of their own. Kept: what passed and failed, the time, the memory of the
+largest process. Where the processor lacks AVX-512 its settings cannot run, and the result says so.
+"""
+
+from __future__ import annotations
+
+import os
+import random
+import re
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from typing import Any
+
+from evidence import ROOT, _cpuinfo, collect
+
+RUNS = ("src", "tests", "examples", "evidence", "benchmarks")  # which one run starts
+BLAS = ("Nehalem", "Haswell", "Zen", "SkylakeX")
+INSTRUCTIONS = ("SSE4_2", "AVX2")
+WORKER_MB = 2500  # a laptop has 8 to 16 GB, and two workers run
+LIMIT_S = 3600
+
+
+def settings() -> list[str]:
+    """`OpenBLAS' kernels, XLA's instructions` of every run that this processor can do."""
+    wide = any("avx512f" in line for line in _cpuinfo())
+    return [f"{blas} {isa}" for isa in INSTRUCTIONS for blas in BLAS if wide or blas != "SkylakeX"]
+
+
+def run(setting: str) -> dict[str, Any]:
+    """The suite under one setting, its files shuffled by the setting's place in the list."""
+    blas, isa = setting.split()
+    files = sorted(path.relative_to(ROOT).as_posix() for path in (ROOT / "tests").glob("test_*.py"))
+    order = settings().index(setting)
+    random.Random(order).shuffle(files)
+    flags = f"{os.environ.get('XLA_FLAGS', '')} --xla_cpu_max_isa={isa}".strip()
+    began = time.perf_counter()
+    with tempfile.TemporaryDirectory() as folder:
+        command = [sys.executable, "-m", "pytest", "-n", "2", "--dist", "loadfile", "-p", "no:cacheprovider"]
+        done = subprocess.run(
+            [*command, f"--basetemp={folder}/made", "-q", *files],
+            cwd=ROOT,
+            env=os.environ | {"OPENBLAS_CORETYPE": blas, "XLA_FLAGS": flags},
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=LIMIT_S,
+        )
+    counts = {what: int(n) for n, what in re.findall(r"(\d+) (passed|failed|errors?|skipped)", done.stdout[-500:])}
+    print(f"  {counts}, {time.perf_counter() - began:.0f} s", flush=True)
+    return {
+        "order": order,
+        "status": done.returncode,
+        **counts,
+        "failures": re.findall(r"^(?:FAILED|ERROR) (\S+)", done.stdout, re.MULTILINE),
+        "wall_s": round(time.perf_counter() - began),
+        # the largest of all processes so far: of this run, or of one before
+        "largest_process_MB": resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss // 1024,
+    }
+
+
+def main() -> bool:
+    """Run the suite under every setting; all must pass, no worker may grow beyond what a laptop has."""
+    found = collect("machines", settings(), run)
+    for setting, one in found.items():
+        print(
+            f"{setting:<16} order {one['order']}: {one.get('passed', 0)} passed, {len(one['failures'])} failed, "
+            f"{one['wall_s']} s, largest process {one['largest_process_MB']} MB"
+        )
+    return all(one["status"] == 0 and one["largest_process_MB"] <= WORKER_MB for one in found.values())
+
+
+if __name__ == "__main__":
+    main()
