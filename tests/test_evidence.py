@@ -63,7 +63,7 @@ def project(tmp_path, monkeypatch):
         "src/colift/scenarios/sample.yaml": "",
         "src/colift/scenarios/other.yaml": "",
         "evidence/__init__.py": "",
-        "evidence/proof.py": "import numpy\nfrom colift.a import HEADER\nfrom evidence import collect\nNAME = 'sample'\n",
+        "evidence/proof.py": "import numpy\nfrom colift.a import HEADER\nfrom evidence import save\nNAME = 'sample'\n",
     }.items():
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text(text)
