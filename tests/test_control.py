@@ -12,8 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from colift import agent as ag
-from colift import control, dynamics, grasp
-from colift.model import AgentForce, AgentState, Residual, State, Team, Wrench
+from colift import control, dynamics, grasp, reference, so3
+from colift.model import AgentForce, AgentState, PayloadState, Residual, State, Team, Wrench
 from tests import teams
 from tests.pinocchio_team import PinocchioTeam
 
@@ -190,6 +190,89 @@ def tip_jacobian(agent: ag.Agent, q: AgentState) -> np.ndarray:
             ends.append(np.asarray(tips(agent, to)) @ np.asarray(q.R))
         columns.append((ends[0] - ends[1]).ravel() / (2 * h))
     return np.stack(columns, axis=1)
+
+
+# The leader -----------------------------------------------------------------------------------------------------------
+
+
+@dataclasses.dataclass
+class Pursuit:
+    """A payload that moves, a setpoint that moves and turns otherwise, and how both go on."""
+
+    q: PayloadState
+    a: jax.Array  # m/s^2, of the payload
+    d: reference.Setpoint
+    integral: jax.Array
+
+    def after(self, h: float, alpha: jax.Array) -> tuple[PayloadState, reference.Setpoint]:
+        """Both, h seconds on, to second order; alpha turns the payload, rad/s^2."""
+        q, d = self.q, self.d
+        turned = so3.exp(h * q.omega + h * h / 2 * alpha)
+        return (
+            PayloadState(
+                R=q.R @ turned, p=q.p + h * q.v + h * h / 2 * self.a, omega=q.omega + h * alpha, v=q.v + h * self.a
+            ),
+            dataclasses.replace(
+                d,
+                p=d.p + h * d.v + h * h / 2 * d.a,
+                v=d.v + h * d.a + h * h / 2 * d.j,
+                a=d.a + h * d.j,
+                R=d.R @ so3.exp(h * d.omega + h * h / 2 * d.omega_dot),
+                omega=d.omega + h * d.omega_dot,
+            ),
+        )
+
+
+def pursuit(seed: int) -> Pursuit:
+    """Random numbers of order one for everything."""
+    rng = np.random.default_rng(seed)
+    v = lambda: jnp.array(rng.normal(size=3))  # noqa: E731
+    R = lambda: so3.exp(v())  # noqa: E731
+    d = reference.Setpoint(p=v(), v=v(), a=v(), j=v(), R=R(), omega=v(), omega_dot=v())
+    return Pursuit(q=PayloadState(R=R(), p=v(), omega=v(), v=v()), a=v(), d=d, integral=jnp.concatenate([v(), v()]))
+
+
+command = jax.jit(control.command)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_payload_that_obeys_has_the_error_dynamics_of_the_paper_about_a_setpoint_that_turns(seed):
+    """Eq. pl_cl_eom with omega_d and its rate: `e_w_dot = -k_R e_R - k_w e_w - k_i int`, by differences."""
+    of, h = pursuit(seed), 1e-5
+    alpha = command(GAINS, of.q, of.a, of.d, of.integral).alpha
+    ends = []
+    for s in (h, -h):
+        q, d = of.after(s, alpha)
+        ends.append(np.asarray(so3.e_omega(q.R, q.omega, d.R, d.omega)))
+    e_R, e_w = so3.e_R(of.q.R, of.d.R), so3.e_omega(of.q.R, of.q.omega, of.d.R, of.d.omega)
+    expected = -GAINS.k_R * e_R - GAINS.k_omega * e_w - of.integral[3:]
+    np.testing.assert_allclose((ends[0] - ends[1]) / (2 * h), expected, atol=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_jerk_is_the_rate_of_the_commanded_acceleration(seed):
+    of, h = pursuit(seed), 1e-4
+    to = command(GAINS, of.q, of.a, of.d, of.integral)
+    ends = [np.asarray(command(GAINS, q, of.a, d, of.integral).a) for q, d in (of.after(s, to.alpha) for s in (h, -h))]
+    np.testing.assert_allclose(to.jerk, (ends[0] - ends[1]) / (2 * h), atol=1e-6)
+    e_v, e_a = of.q.v - of.d.v, of.a - of.d.a
+    assert np.abs(GAINS.K_p @ e_v).min() > 1e-3  # each term counts
+    assert np.abs(GAINS.K_v @ e_a).min() > 1e-3
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_wrench_moves_the_payload_as_commanded(seed):
+    """Newton and Euler in plain NumPy under the wrench and the residual that it compensates."""
+    rng, of = np.random.default_rng(seed), pursuit(seed)
+    team = teams.team(rng, STRUCTURES[1])
+    f = Wrench(F=jnp.array(rng.normal(size=3)), tau=jnp.array(rng.normal(size=3)))
+    to = command(GAINS, of.q, of.a, of.d, of.integral)
+    W = control.wrench(team.payload, team.gravity, of.q, to, f)
+    J, w = np.asarray(team.payload.inertia), np.asarray(of.q.omega)
+    a = (np.asarray(W.F) + f.F) / float(team.payload.mass) + team.gravity
+    alpha = np.linalg.solve(J, np.asarray(W.tau) + f.tau - np.cross(w, J @ w))
+    np.testing.assert_allclose(a, to.a, atol=1e-9)
+    np.testing.assert_allclose(alpha, to.alpha, atol=1e-9 * np.linalg.cond(J))
 
 
 vectors = st.tuples(*[st.floats(-20, 20)] * 3).map(np.array)

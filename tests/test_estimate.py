@@ -206,6 +206,22 @@ def low_pass(x: np.ndarray, hertz: float, dt: float) -> np.ndarray:
     return np.array(out)
 
 
+def test_the_inputs_of_the_learned_maps_pass_the_labels_filter():
+    """What is paired with a label is as old as the label: payload and agents, every input, every tick."""
+    team, _, _, stream = still()
+    rng = np.random.default_rng(5)
+    shaken = jax.tree.map(lambda x: x + 0.01 * jnp.array(rng.normal(size=x.shape)), stream)
+    q_hat, memory = observed(team, FILTERS, shaken, held())
+    felt = np.asarray(q_hat.a_L) - np.concatenate([team.gravity, np.zeros(3)])
+    payload = jax.vmap(estimate.flat_payload)(q_hat.payload, jnp.asarray(felt))
+    agents = jax.vmap(jax.vmap(estimate.flat_agent))(q_hat.agents[0])
+    for inputs, found in ((payload, memory.state.outer), (agents, memory.agents[0].state.outer)):
+        expected = low_pass(low_pass(np.asarray(inputs), 8.0, DT), 8.0, DT)
+        scale = np.abs(inputs).max()
+        np.testing.assert_allclose(found, expected, atol=1e-10 * scale)
+        assert np.abs(inputs - expected).max() > 1e-3
+
+
 def labels(plan: simulate.Plan, dt: float) -> tuple[np.ndarray, np.ndarray]:
     """Recorded labels of payload and agents of 1.5 s of flight, and the filtered true residual at the same times."""
     every = dataclasses.replace(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from typing import Any
 
 import jax
@@ -10,7 +11,21 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from colift import analyse, disturbance, estimate, learn, reference, sensor, simulate, study
+from colift import (
+    allocate,
+    analyse,
+    control,
+    disturbance,
+    estimate,
+    fly,
+    grasp,
+    learn,
+    reference,
+    sensor,
+    simulate,
+    study,
+)
+from colift.model import Wrench, no_force
 from tests import paper_flights
 from tests.paper_flights import ROOM, SETTINGS, exact, number, plan, with_pilot
 
@@ -167,6 +182,55 @@ def test_predictions_are_the_frozen_oracle_s_at_the_estimated_state():
     W = jax.jit(jax.vmap(learn.payload_mean, in_axes=(None, 0)))(flight.oracle, x)
     np.testing.assert_allclose(rows.f_L_hat[after], np.concatenate([W.F, W.tau], axis=1), atol=1e-6)
     assert np.abs(W.F).max() > 0.1
+
+
+@functools.partial(jax.jit, static_argnums=0)
+def _realized(lam_dot_of: Any, pilot: fly.Pilot, q_hat: estimate.Estimate, t: jax.Array, lam: jax.Array) -> Any:
+    """What agents are asked when the rate of their forces is that of an allocation, given the forces themselves."""
+    to = control.command(pilot.gains, q_hat.payload, q_hat.a_L[:3], reference.at(pilot.path, t), jnp.zeros(6))
+    team, f = pilot.team, no_force(pilot.team)
+    lam_dot = lam_dot_of(pilot, q_hat, to)
+    inputs = []
+    realize = jax.vmap(control.realize, in_axes=(0, None, None, 0, None, None, 0, 0))
+    parts = (grasp.split(team, lam), grasp.split(team, lam_dot), pilot.heading, pilot.rest, f.agents)
+    for group, q, force, rate, heading, rest, unknown in zip(team.groups, q_hat.agents, *parts, strict=True):
+        share = control.Share(lam=force, lam_dot=rate, heading=heading, rest=rest)
+        inputs.append(realize(group, pilot.gains, team.gravity, q, q_hat.payload, to, share, unknown))
+    return tuple(inputs)
+
+
+def _rate_by_differences(pilot: fly.Pilot, q_hat: estimate.Estimate, to: control.Command) -> jax.Array:
+    """How the allocated forces change with the wrench `m jerk`, by differences of whole allocations."""
+    m, h, R = pilot.team.payload.mass, 0.5, q_hat.payload.R
+    eta = jnp.zeros_like(pilot.internal.eta)
+    ends = [
+        allocate.apply(pilot.allocation, R, Wrench(F=m * (to.a + s * to.jerk), tau=jnp.zeros(3)), eta) for s in (h, -h)
+    ]
+    return (ends[0] - ends[1]) / (2 * h)
+
+
+def test_the_attitude_s_feed_forward_takes_the_rate_of_the_allocated_forces_without_their_constant_part():
+    """Contact forces with a constant internal part lam_f0 (Eq. follower_force), at a moving state."""
+    of = exact(plan("C1"))
+    rng = np.random.default_rng(0)
+    kernel = of.pilot.allocation.kernel
+    offset = kernel @ jnp.array(rng.normal(size=kernel.shape[1]))
+    of = with_pilot(of, allocation=dataclasses.replace(of.pilot.allocation, offset=offset))
+    _, rows = flown(of)
+    z, _ = paper_flights.states(of.world.team, jax.tree.map(lambda x: x[100:101], rows))
+    z = jax.tree.map(lambda x: x[0], z)
+    lam = tuple(jnp.zeros_like(group.contact) for group in of.pilot.team.groups)
+    q_hat = estimate.Estimate(agents=z.agents, payload=z.payload, a_L=jnp.array([0.5, -1.0, 0.3, 0, 0, 0]), lam=lam)
+    t, none = number(100 * DT), jnp.zeros(6)
+    inputs, decided = jax.jit(fly.decide)(of.pilot, of.oracle, q_hat, t, none, none, no_force(of.pilot.team))
+    assert np.abs(offset).max() > 0.1
+    expected = _realized(_rate_by_differences, of.pilot, q_hat, t, decided.lam_cmd)
+    for found, told in zip(jax.tree.leaves(inputs), jax.tree.leaves(expected), strict=True):
+        np.testing.assert_allclose(found, told, atol=1e-8)
+    without = _realized(
+        lambda pilot, q_hat, to: jnp.zeros_like(lam[0]).reshape(-1, 3), of.pilot, q_hat, t, decided.lam_cmd
+    )
+    assert np.abs(inputs[0].tau - without[0].tau).max() > 1e-3  # the rate counts
 
 
 def test_thrust_is_limited_to_what_the_rotors_give_and_the_limit_is_reported():
