@@ -36,7 +36,7 @@ def fly(seed: int, rate: float) -> dict[str, Any]:
         "n": int(made.flight.oracle.payload.n),
         "observed_m": found.observed["e_p"],
         "floor_m": found.floor["e_p"],
-        "unknown_m": found.unknown,
+        "unknown_m": found.unknown["e_p"],
         "energy_m": {"run": found.radii["energy"].run["e_p"], "tube": _number(found.radii["energy"].tube["e_p"])},
         "recovery_m": {"run": found.radii["recovery"].run["e_p"], "tube": _number(found.radii["recovery"].tube["e_p"])},
         "payload_beta": payload.beta.tolist(),
