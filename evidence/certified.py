@@ -63,12 +63,12 @@ def judge(runs: Sequence[dict[str, Any]], against: Sequence[dict[str, Any]]) -> 
     for error in ERRORS:
         share = np.median(_of(runs, "floor", error) / _of(runs, "observed", error))
         print(f"{error:8} floor / observed: median {100 * share:.0f} %")
-    good = all([_tightness(runs, name, where) for name in NAMES for where in ("tube", "run")])
+    each = [_tightness(runs, name, where) for name in NAMES for where in ("tube", "run")]
     worst = np.array([_of([run["adversary"]], "radii", "recovery", "run", "e_p")[0] for run in against])
     worst /= np.array([run["adversary"]["observed"]["e_p"] for run in against])
     print(f"radius / adversary on the run it produces: {worst.min():.3f} to {worst.max():.3f}")
     tubes = all(run["contraction"] is not None for run in runs)
-    return bool(good and tubes and (worst >= 1).all() and (worst <= 1.5).all())
+    return bool(all(each) and tubes and (worst >= 1).all() and (worst <= 1.5).all())
 
 
 def _tightness(runs: Sequence[dict[str, Any]], name: str, where: str) -> bool:
@@ -82,8 +82,8 @@ def _tightness(runs: Sequence[dict[str, Any]], name: str, where: str) -> bool:
         alone = (radius - _of(runs, "floor", error)) / _of(runs, "unknown", error)
         exceeded, tightness = int((observed > radius).sum()), radius / observed
         print(
-            f"{name:9} {'any run' if where == 'tube' else 'this run':8} {error:8} exceeded in {exceeded} of {len(runs)}; "
-            f"radius / observed: {_spread(tightness)}; without the floor: {_spread(alone)}"
+            f"{name:9} {'any run' if where == 'tube' else 'this run':8} {error:8} exceeded in {exceeded} of "
+            f"{len(runs)}; radius / observed: {_spread(tightness)}; without the floor: {_spread(alone)}"
         )
         good &= exceeded == 0
         if (name, error) == ("recovery", "e_p"):

@@ -241,8 +241,8 @@ def _report_certificate(found: dict[str, Any], folder: Path) -> None:
 
     A bound without a radius, or a reasoning without one, has no row.
     """
-    for each in found["exceeded"]:
-        errors.print(_broken(each), style="red", markup=False)
+    for line in _broken(found["exceeded"]):
+        errors.print(line, style="red", markup=False)
     Console().print(_radii_table(found))
     shown = [bound for bound, radii in found["radii"].items() if any(_has_radius(radii[where]) for where in WHERE)]
     for line in (*_assumes({bound: found["radii"][bound]["assumed"] for bound in shown}), *_missing(found)):
@@ -256,13 +256,17 @@ def _report_certificate(found: dict[str, Any], folder: Path) -> None:
     typer.echo(f"results in {folder}")
 
 
-def _broken(each: dict[str, Any]) -> str:
-    scale, unit = SCALES[each["error"]]
-    run = "the adversary's run" if each["flight"] == "adversary" else "this run"
-    return (
-        f"{each['error']} of {run} exceeds its radius: observed {each['observed'] * scale:.4g} {unit}, radius "
-        f"{each['radius'] * scale:.4g} {unit} ({each['bound']}, {WHERE[each['of']]} run)"
-    )
+def _broken(exceeded: list[dict[str, Any]]) -> list[str]:
+    """A line for every error of a flight that is above a radius, with all such radii."""
+    lines: dict[tuple[str, str], str] = {}
+    for each in exceeded:
+        scale, unit = SCALES[each["error"]]
+        run = "the adversary's run" if each["flight"] == "adversary" else "this run"
+        start = f"{each['error']} of {run} is above its radius: observed {each['observed'] * scale:.4g} {unit}, radius"
+        line = lines.get((run, each["error"]), "")
+        radius = f"{each['radius'] * scale:.4g} {unit} ({each['bound']}, {WHERE[each['of']]} run)"
+        lines[run, each["error"]] = f"{line}, {radius}" if line else f"{start} {radius}"
+    return list(lines.values())
 
 
 def _has_radius(radii: dict[str, float | None]) -> bool:

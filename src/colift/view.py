@@ -26,7 +26,7 @@ from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 
 from colift import log
 from colift.certify.assumed import word
-from colift.certify.certificate import Certificate, Radii
+from colift.certify.certificate import Certificate
 
 COLUMN, PAGE = 3.5, 7.16  # in, width of one column of the journal, and of two
 TITLE = 130  # characters of a title's line on a page's width
@@ -414,22 +414,26 @@ def certificate(found: Certificate, slack: Mapping[str, float], folder: str | Pa
         figure = Figure(figsize=(PAGE, 2.9))
         left, right = figure.subplots(1, 2, width_ratios=(1, 0.9))
         best = found.radii.get("recovery", found.radii["energy"])
-        _errors_and_radii(left, found, best)
+        _errors_and_radii(left, found, "recovery" if "recovery" in found.radii else "energy")
         _reasoning(right, slack)
-        if above := ", ".join(dict.fromkeys(each.error for each in found.exceeded)):
+        if above := ", ".join(dict.fromkeys(SYMBOLS[each.error] for each in found.exceeded)):
             left.set_title(f"observed above a radius: {above}", fontsize=8, color="red")
         if best.assumed:
             figure.suptitle(textwrap.fill(f"assumed: {', '.join(best.assumed)}", TITLE), fontsize=8)
         return [_save(figure, Path(folder) / f"figure_6_certificate.{kind}") for kind in ("pdf", "png")]
 
 
-def _errors_and_radii(ax: Axes, found: Certificate, best: Radii) -> None:
-    """Position error over time under its radii, where there are any."""
-    blue, red, says = LOOKS["C3"].color, LOOKS["C2"].color, word(best.assumed)
+SYMBOLS = {"e_p": "$e_p$", "e_v": "$e_v$", "e_R": "$e_R$", "e_omega": r"$e_\omega$"}
+
+
+def _errors_and_radii(ax: Axes, found: Certificate, bound: str) -> None:
+    """Position error over time under its radii by one bound, where there are any."""
+    best = found.radii[bound]
+    blue, red, says = LOOKS["C3"].color, LOOKS["C2"].color, f"by {bound}, {word(best.assumed)}"
     if np.isfinite(found.bound).all():
-        ax.plot(found.t, 1e3 * found.bound, color=red, label=f"radius for this run, {says}")
+        ax.plot(found.t, 1e3 * found.bound, color=red, label=f"radius for this run {says}")
     if np.isfinite(best.tube["e_p"]):
-        label = f"radius for any run, {says}"
+        label = f"radius for any run {says}"
         ax.axhline(1e3 * best.tube["e_p"], color=red, linewidth=0.8, dashes=(1.5, 1.5), label=label)
     ax.plot(found.t, 1e3 * found.e_p, color=blue, label=r"observed $\Vert e_p\Vert$")
     label = "greatest with nothing unknown (floor)"
