@@ -301,6 +301,11 @@ def late() -> study.Certified:
     return study.certify(Settings.model_validate(given | {"duration_s": 9.0}), made().loop, ("energy",))
 
 
+def table_of(printed: str) -> list[list[str]]:
+    """The rows of radii in what was printed, cell by cell."""
+    return [line.split() for line in printed.splitlines() if line.split()[:1] and line.split()[0] in NAMES]
+
+
 @pytest.fixture
 def save(tmp_path, monkeypatch):
     """`study.save_certificate` under a name that is no word of a certificate, without the interface's long gains."""
@@ -355,9 +360,9 @@ def test_what_is_assumed_stands_in_table_json_and_figure_and_the_word_certified_
     __main__._report_certificate(told, tmp_path)
     printed = capsys.readouterr().out
     assert f"assumed: {text}" in printed
-    rows = [line.split() for line in printed.splitlines() if line.startswith(NAMES)]
-    assert len(rows) == 2 * len(NAMES)
-    assert {row[-1] for row in rows} == {"assumed"}
+    assert [(row[0], row[1], row[-1]) for row in table_of(printed)] == [
+        (name, run, "assumed") for name in ("energy", "srinivas", "recovery") for run in ("any", "this")
+    ]
     shown = "\n".join(drawn)
     assert f"assumed: {text}" in shown.replace("\n", " ")
     assert "radius for this run by recovery, assumed" in shown
@@ -391,7 +396,10 @@ def test_an_error_above_its_radius_is_said_first_and_the_status_is_1(tmp_path, m
     assert result.output.startswith(first)
     assert result.stderr.startswith(first)
     assert len(result.stderr.splitlines()) == len({each.error for each in found.exceeded})
-    assert re.search(r"^energy +any .* exceeded *$", result.stdout, re.MULTILINE)
+    assert [(row[0], row[1], row[-1]) for row in table_of(result.stdout)] == [
+        ("energy", "any", "exceeded"),
+        ("energy", "this", "exceeded"),
+    ]
     told = json.loads((tmp_path / "certificate.json").read_text())
     assert told["exceeded"] == [{"flight": "this", **dataclasses.asdict(each)} for each in found.exceeded]
     assert any(text.startswith("observed above a radius: $e_p$") for text in drawn)
@@ -410,7 +418,7 @@ def test_an_error_above_its_radius_is_said_in_red(tmp_path, monkeypatch, save):
 
 
 def test_an_adversary_that_exceeds_its_radius_breaks_the_certificate_too(tmp_path, capsys, save):
-    observed = {error: 10 * radius for error, radius in made().certificate.radii["srinivas"].run.items()}
+    observed = {error: 1e3 * size for error, size in made().certificate.observed.items()}
     beyond = dataclasses.replace(made().certificate, observed=observed)
     told = save(made(), dataclasses.replace(made(), certificate=beyond))
     assert {each["flight"] for each in told["exceeded"]} == {"adversary"}
@@ -430,7 +438,8 @@ def test_what_has_no_radius_has_no_row(tmp_path, capsys, save, drawn):
     lost = dataclasses.replace(all_of.certificate, radii=radii, tube=None, no_tube="it feeds itself")
     __main__._report_certificate(save(dataclasses.replace(all_of, certificate=lost)), tmp_path)
     printed = capsys.readouterr().out
-    assert not re.search(r"\bany\b(?! run:)|none", printed)
+    assert [row[1] for row in table_of(printed)] == ["this"] * len(NAMES)
+    assert not re.search(r"\bany\b(?! run: it feeds)", printed)
     assert "no radius for any run: it feeds itself" in printed
     assert "assumed: S_X, first order" in printed
     assert not [text for text in drawn if "radius for any" in text]
@@ -441,6 +450,7 @@ def test_what_has_no_radius_has_no_row(tmp_path, capsys, save, drawn):
     assert told["exceeded"] == []
     __main__._report_certificate(told, tmp_path)
     printed = capsys.readouterr().out
+    assert table_of(printed) == []
     assert not re.search("none|assumed|nan|inf", printed)
     assert "no radius: the data contradict the stated norm and label errors" in printed
     assert not [text for text in drawn if "radius for" in text]

@@ -399,10 +399,11 @@ def slack(
         return float(unit * force / float(plan.pilot.team.payload.mass) + floor)
 
     rho = pointwise("energy")
+    together = float(np.linalg.norm(np.abs(H).sum(0) @ rho)) if np.isfinite(rho).all() else float("inf")
     out = {
         "the paper's beta, mismatch and error added": added(pointwise("srinivas")),
         "energy bound, mismatch and error added": added(rho),
-        "energy bound, one loop for both": float(np.linalg.norm(np.abs(H).sum(0) @ rho)) + floor,
+        "energy bound, one loop for both": together + floor,
     }
     for name in ("energy", "recovery"):
         for key, where in (("tube", "any run"), ("run", "this run")):
