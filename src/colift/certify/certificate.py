@@ -145,8 +145,8 @@ def certify(
     met, tube_needs = plan.stated.met, bounds.unmet("energy", plan.stated.met)  # the tube is the energy bound's
     t = _np(flight.rows.t)
     transient = float(np.exp(pace * (t[grid.window][0] - flight.updates[-1].t)))
-    rests_on = assumed.of_certificate(plan, [_np(rows.u)[grid.path[0] :] for rows in paths.values()], transient)
-    always = (*(() if found else ("S_X",)), *rests_on)
+    thrusts = [_np(rows.u)[grid.path[0] :] for rows in paths.values()]
+    always = (*(() if found else ("S_X",)), *assumed.of_certificate(plan, thrusts, transient))
     radii = {
         name: Radii(
             run=_radii(plan, of_twin.rows, off, grid, each["run"], np.zeros_like(extra)),
@@ -163,9 +163,9 @@ def certify(
     return Certificate(
         window=(float(t[grid.window][0]), float(t[grid.window][-1])),
         transient=transient,
-        observed=_greatest(_errors(flight.rows), grid.window),
-        floor=_greatest(_errors(of_twin.rows), grid.window),
-        unknown=_greatest(_errors(flight.rows, of_twin.rows), grid.window),
+        observed=_greatest(flight.rows, grid.window),
+        floor=_greatest(of_twin.rows, grid.window),
+        unknown=_greatest(flight.rows, grid.window, of_twin.rows),
         radii=radii,
         left_out=left_out,
         tube=found,
@@ -340,13 +340,10 @@ def _radii(
     }
 
 
-def _errors(rows: simulate.Row, less: simulate.Row | None = None) -> dict[str, Matrix]:
-    """The four errors of a flight, (ticks, 3) each; less those of another."""
-    return {name: _np(getattr(rows, name)) - (_np(getattr(less, name)) if less else 0.0) for name in ERRORS}
-
-
-def _greatest(errors: Mapping[str, Matrix], window: slice) -> dict[str, float]:
-    return {name: float(np.linalg.norm(e[window], axis=1).max()) for name, e in errors.items()}
+def _greatest(rows: simulate.Row, window: slice, less: simulate.Row | None = None) -> dict[str, float]:
+    """The four errors at their greatest; less those of another flight."""
+    each = {name: getattr(rows, name) - (getattr(less, name) if less else 0.0) for name in ERRORS}
+    return {name: float(np.linalg.norm(e[window], axis=1).max()) for name, e in each.items()}
 
 
 def _mismatch(plan: simulate.Plan, rows: simulate.Row, window: slice) -> Matrix:
