@@ -385,7 +385,8 @@ def test_an_update_shortly_before_errors_count_breaks_the_radii_and_is_named():
 
 def test_an_error_above_its_radius_is_said_first_and_the_status_is_1(tmp_path, monkeypatch, save, drawn):
     del save  # for the interface
-    monkeypatch.setattr(study, "certify", lambda *_, **__: late())
+    known = [made(), late()]
+    monkeypatch.setattr(study, "certify", lambda *_, **__: known.pop())
     result = CliRunner().invoke(__main__.app, ["certify", "certified", "--out", str(tmp_path)], catch_exceptions=False)
     assert result.exit_code == 1
     found = late().certificate
@@ -403,7 +404,6 @@ def test_an_error_above_its_radius_is_said_first_and_the_status_is_1(tmp_path, m
     told = json.loads((tmp_path / "certificate.json").read_text())
     assert told["exceeded"] == [{"flight": "this", **dataclasses.asdict(each)} for each in found.exceeded]
     assert any(text.startswith("observed above a radius: $e_p$") for text in drawn)
-    monkeypatch.setattr(study, "certify", lambda *_, **__: made())
     result = CliRunner().invoke(__main__.app, ["certify", "certified", "--out", str(tmp_path)], catch_exceptions=False)
     assert (result.exit_code, result.stderr) == (0, "")
 
