@@ -205,7 +205,7 @@ def test_what_is_not_met_is_assumed_by_name():
     assert stated(met=frozenset({Assumption.NORM, Assumption.BOUNDED})).assumed == ()
     rig = frozenset({Assumption.BOUNDED, Assumption.ZERO_MEAN, Assumption.PREDICTABLE, Assumption.STATED})
     assert stated("abbasi_yadkori", met=rig).assumed == ("norm",)
-    assert stated("srinivas", met=rig).assumed == ("norm", "within_model")
+    assert stated("srinivas", met=rig).assumed == ("norm", "within model")
 
 
 @pytest.mark.parametrize(

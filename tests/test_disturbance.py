@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from types import SimpleNamespace
+from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -15,6 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from colift import disturbance, gp, learn
 from colift.model import PayloadState, State
+from colift.pytree import pytree
 from tests import teams
 from tests.pinocchio_team import take
 
@@ -256,6 +258,34 @@ def test_joint_friction_opposes_every_joint():
 @pytest.mark.parametrize("name", LAWS)
 def test_every_law_says_that_it_does_not_depend_on_time(name):
     assert LAWS[name](np.random.default_rng(0)).time_invariant
+
+
+@pytree
+class Turning(disturbance.Constant):
+    """A law that says it changes with time."""
+
+    time_invariant: ClassVar[bool] = False
+
+
+def test_active_sources_that_change_with_time_are_named_once():
+    rng = np.random.default_rng(15)
+    steady = disturbance.Mount(name="steady", law=wind(rng), point=vector(rng))
+    turning = Turning(force=vector(rng), torque=vector(rng))
+    on_load = [disturbance.Mount(name=name, law=turning, point=vector(rng)) for name in ("gust", "")]
+
+    def on_agents(name: str, active: list[float]) -> disturbance.AgentMount:
+        law = on_both(turning)
+        return disturbance.AgentMount(body=0, name=name, law=law, point=jnp.ones((2, 3)), active=jnp.array(active))
+
+    def varying(*payload: disturbance.Mount, agents: tuple[disturbance.AgentMount, ...] = ()) -> tuple[str, ...]:
+        return disturbance.varying(dataclasses.replace(sources(agents), payload=payload))
+
+    assert varying() == ()
+    assert varying(steady) == ()
+    assert varying(steady, *on_load) == ("gust", "Turning")
+    assert varying(agents=(on_agents("fan", [0.0, 0.0]),)) == ()  # no agent carries it
+    assert varying(agents=(on_agents("fan", [0.0, 1.0]), on_agents("fan", [1.0, 0.0]))) == ("fan",)
+    assert varying(on_load[0], agents=(on_agents("gust", [1.0, 1.0]),)) == ("gust",)
 
 
 def test_without_sources_nothing_is_felt():

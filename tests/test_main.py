@@ -105,7 +105,7 @@ def test_the_summary_holds_what_it_promises(results: Path):
         assert found["n_data"]["payload"] == (43 if case in ("C2", "C3", "P") else 0)
         assert found["n_data"]["agents"] == (86 if case == "C3" else 0)
     assert summary["cases"]["C3"]["updates"] == [1, 2]
-    assert summary["bound"]["assumed"] == ["norm", "energy"]
+    assert summary["bound"]["assumed"] == ["norm", "energy", "sensor noise", "sampled estimator"]
     for found in summary["cases"].values():
         bodies = [found["bound"]["payload"], *found["bound"]["agents"]]
         assert [len(body["beta"]) for body in bodies] == [6, 9, 9]
@@ -115,7 +115,8 @@ def test_the_summary_holds_what_it_promises(results: Path):
 def test_signals_are_labelled_and_have_units(results: Path):
     flight = log.load(results / "C3.nc")
     assert flight.attrs["case"] == "C3"
-    assert flight.attrs["rho_assumed"] == "norm, energy"
+    assert flight.attrs["rho_assumed"] == "norm, energy, sensor noise, sampled estimator"
+    assert log.load(results / "DOB.nc").attrs["rho_assumed"] == f"{flight.attrs['rho_assumed']}, posterior mean"
     assert (flight.attrs["rho_bound"], flight.attrs["rho_norm"]) == ("energy", 6)
     assert len(flight.attrs["rho_label_error_agents"]) == 18
     assert all("units" in flight[name].attrs for name in flight.data_vars)

@@ -3,7 +3,7 @@
 The map; each module imports only those below it:
 
     __main__    the command line
-    study       C1, C2, C3 and the rivals of learning, certified flights; what is written of them
+    study       C1, C2, C3 and the rivals of learning, flights with their certificates; what is written of them
     view        figures and tables
     log         a flight as labelled NetCDF
     analyse     figures of merit, modes of the closed loop

@@ -22,7 +22,7 @@ app = typer.Typer(
 )
 errors = Console(stderr=True, soft_wrap=True, highlight=False)
 
-BAD_INPUT, INCOMPLETE, INTERRUPTED = 2, 1, 130
+BAD_INPUT, INCOMPLETE, EXCEEDED, INTERRUPTED = 2, 1, 1, 130
 
 
 def _fail(message: str) -> typer.Exit:
@@ -207,9 +207,10 @@ def certify(
         bool, typer.Option("--adversary", help="Also fly the worst unknown forces that norm and data allow.")
     ] = False,
 ) -> None:
-    """Certify the ultimate tracking errors of a scenario under C3, beside what is observed (docs/certificate.md).
+    """Bound the ultimate tracking errors of a scenario under C3, beside what is observed (docs/certificate.md).
 
     Flies the scenario and its twin, whose world obeys the learned means. Writes certificate.json and figure 6.
+    Status 1 if an observed error is above its radius.
     """
     settings, folder = _opened(name, out, seed)
     from colift import scenario
@@ -227,13 +228,52 @@ def certify(
         errors.print("interrupted; nothing was written", style="yellow", markup=False)
         raise typer.Exit(INTERRUPTED) from None
     _report_certificate(summary, folder)
+    if summary["exceeded"]:
+        raise typer.Exit(EXCEEDED)
 
 
 SCALES = {"e_p": (1e3, "mm"), "e_v": (1e3, "mm/s"), "e_R": (1e3, "1e-3"), "e_omega": (1e3, "mrad/s")}
+WHERE = {"tube": "any", "run": "this"}  # of a radius: for any run in the tube, or for the one that was flown
 
 
 def _report_certificate(found: dict[str, Any], folder: Path) -> None:
-    """Radii by bound beside what was observed, then where the slack of e_p comes from."""
+    """Errors above a radius first; then radii by bound beside what was observed, and where the slack of e_p comes from.
+
+    A bound without a radius, or a reasoning without one, has no row.
+    """
+    for line in _broken(found["exceeded"]):
+        errors.print(line, style="red", markup=False)
+    Console().print(_radii_table(found))
+    shown = [bound for bound, radii in found["radii"].items() if any(_has_radius(radii[where]) for where in WHERE)]
+    for line in (*_assumes({bound: found["radii"][bound]["assumed"] for bound in shown}), *_missing(found)):
+        typer.echo(line)
+    if found["adversary"]:
+        typer.echo(f"radius / worst unknown that fits the data: {found['adversary']['radius_over_adversary']:.3f}")
+    typer.echo("\nradius of e_p by reasoning, mm:")
+    for cause, radius in found["slack_m"].items():
+        if radius is not None:
+            typer.echo(f"  {_cell(radius, 1e3, '.3g'):>8}  {cause}")
+    typer.echo(f"results in {folder}")
+
+
+def _broken(exceeded: list[dict[str, Any]]) -> list[str]:
+    """A line for every error of a flight that is above a radius, with all such radii."""
+    lines: dict[tuple[str, str], str] = {}
+    for each in exceeded:
+        scale, unit = SCALES[each["error"]]
+        run = "the adversary's run" if each["flight"] == "adversary" else "this run"
+        start = f"{each['error']} of {run} is above its radius: observed {each['observed'] * scale:.4g} {unit}, radius"
+        line = lines.get((run, each["error"]), "")
+        radius = f"{each['radius'] * scale:.4g} {unit} ({each['bound']}, {WHERE[each['of']]} run)"
+        lines[run, each["error"]] = f"{line}, {radius}" if line else f"{start} {radius}"
+    return list(lines.values())
+
+
+def _has_radius(radii: dict[str, float | None]) -> bool:
+    return any(radius is not None for radius in radii.values())
+
+
+def _radii_table(found: dict[str, Any]) -> Any:
     from rich.box import SIMPLE_HEAD
     from rich.table import Table
 
@@ -252,28 +292,34 @@ def _report_certificate(found: dict[str, Any], folder: Path) -> None:
     table.add_column("is\n", no_wrap=True)
     for row in ("observed", "floor"):
         table.add_row(row, "", *(_cell(found[row][e], scale, ".3g") for e, (scale, _) in SCALES.items()), "", "")
+    broken = {(each["bound"], each["of"]) for each in found["exceeded"] if each["flight"] == "this"}
     for bound, radii in found["radii"].items():
-        for where, label in (("tube", "any"), ("run", "this")):
-            cells = [_cell(radii[where][e], scale, ".3g") for e, (scale, _) in SCALES.items()]
-            ratio = _cell(radii["tightness"][where]["e_p"], 1.0, ".2g")
-            table.add_row(bound, label, *cells, ratio, "assumed" if radii["assumed"] else "certified")
-    Console().print(table)
-    for bound, why in found["left_out"].items():
-        typer.echo(f"{bound}: left out, {why}")
+        for where, label in WHERE.items():
+            if _has_radius(radii[where]):
+                status = "exceeded" if (bound, where) in broken else radii["status"]
+                cells = [_cell(radii[where][e], scale, ".3g") for e, (scale, _) in SCALES.items()]
+                ratio = _cell(radii["tightness"][where]["e_p"], 1.0, ".2g")
+                table.add_row(bound, label, *cells, ratio, status)
+    return table
+
+
+def _assumes(names: dict[str, list[str]]) -> list[str]:
+    """What all bounds assume, then what some assume in addition."""
+    common = [name for name in next(iter(names.values()), []) if all(name in each for each in names.values())]
+    lines = [f"assumed: {', '.join(common)}"] if common else []
+    for bound, each in names.items():
+        own = [name for name in each if name not in common]
+        lines += [f"assumed by {bound} also: {', '.join(own)}"] if own else []
+    return lines
+
+
+def _missing(found: dict[str, Any]) -> list[str]:
+    """Which radii there are not, and why; what the two kinds of run are."""
+    lines = [f"{bound}: left out, {why}" for bound, why in found["left_out"].items()]
     if found["no_tube"]:
-        typer.echo(f"no radius for any run: {found['no_tube']}")
-    typer.echo("any run: known before it is flown; this: on the path it took; both to first order in the agents' tilt")
-    for bound, radii in found["radii"].items():
-        if radii["assumed"]:
-            typer.echo(f"{bound} assumes: {', '.join(radii['assumed'])}")
-    if found["adversary"]:
-        typer.echo(
-            f"certificate / worst unknown that fits the data: {found['adversary']['certificate_over_adversary']:.3f}"
-        )
-    typer.echo("\nradius of e_p by reasoning, mm:")
-    for cause, radius in found["slack_m"].items():
-        typer.echo(f"  {_cell(radius, 1e3, '.3g'):>8}  {cause}")
-    typer.echo(f"results in {folder}")
+        some = any(_has_radius(radii["run"]) for radii in found["radii"].values())
+        return [*lines, f"no radius{' for any run' if some else ''}: {found['no_tube']}"]
+    return [*lines, "any run: known before it is flown; this: on the path it took"]
 
 
 def main() -> None:

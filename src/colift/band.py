@@ -47,13 +47,13 @@ class Stated:
 
     @property
     def assumed(self) -> tuple[str, ...]:
-        """Names of the bound's assumptions that are not met; with none the bands are certified."""
+        """Names of the bound's assumptions that are not met. What flies rests on more: `colift.certify.assumed`."""
         return names(bounds.unmet(self.bound, self.met))
 
 
 def names(assumptions: Collection[bounds.Assumption]) -> tuple[str, ...]:
-    """Assumptions by name, in the order in which they are defined."""
-    return tuple(a.name.lower() for a in bounds.Assumption if a in assumptions)
+    """Assumptions in words, in the order in which they are defined."""
+    return tuple(a.name.lower().replace("_", " ") for a in bounds.Assumption if a in assumptions)
 
 
 @pytree

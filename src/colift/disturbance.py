@@ -10,6 +10,7 @@ from typing import ClassVar, Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from colift import agent as ag
@@ -33,7 +34,10 @@ class Motion:
 
 @runtime_checkable
 class Law(Protocol):
-    """A force (N, world) and a torque (N m, body frame) as a function of a point's motion."""
+    """A force (N, world) and a torque (N m, body frame) as a function of a point's motion.
+
+    A law is time invariant if they depend on the motion alone, as Assumption 3 wants; certificates ask (`varying`).
+    """
 
     time_invariant: ClassVar[bool]
 
@@ -119,6 +123,7 @@ class RotorBias:
 class Mount:
     """A law at a point of the payload."""
 
+    name: str = static(default="")  # of the source, for results
     law: Law
     point: Vector  # m, payload frame
 
@@ -128,6 +133,7 @@ class AgentMount:
     """A law at a point of one body of every agent of a group; the group's axis leads all leaves."""
 
     body: int = static()
+    name: str = static(default="")  # of the source, for results
     law: Law
     point: Float[Array, "*agents 3"]  # m, in the body's frame
     active: Float[Array, "*agents"]  # 1 on the agents that carry it, 0 on the others
@@ -175,6 +181,16 @@ def _mean(function: learn.Oracle, z: State) -> Residual:
         agents=learn.agents_mean(function, inputs),
         payload=learn.payload_mean(function, estimate.flat_payload(z.payload, jnp.zeros(6))),
     )
+
+
+def varying(sources: Disturbances) -> tuple[str, ...]:
+    """Names of the active sources that are not time invariant, each once; of one without a name, its law's.
+
+    Friction and functions are time invariant by their equations.
+    """
+    carried = (mount for mounts in sources.agents for mount in mounts if np.any(mount.active))
+    mounts = [mount for mount in (*sources.payload, *carried) if not mount.law.time_invariant]
+    return tuple(dict.fromkeys(mount.name or type(mount.law).__name__ for mount in mounts))
 
 
 def on_payload(mounts: tuple[Mount, ...], q: PayloadState) -> Wrench:

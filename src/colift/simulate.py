@@ -282,7 +282,7 @@ class Identify:
 
 @pytree
 class Sigma:
-    """Posterior deviations and certified radii along the run, at a lower rate than the log; NumPy arrays."""
+    """Posterior deviations and radii of their errors along the run, at a lower rate than the log; NumPy arrays."""
 
     t: np.ndarray  # s
     payload: np.ndarray  # (time, 6)

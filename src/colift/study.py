@@ -16,8 +16,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from colift import analyse, band, fly, gp, learn, log, response, sensor, simulate
-from colift.certify import adversary, certificate, interface
+from colift import analyse, fly, gp, learn, log, response, sensor, simulate
+from colift.certify import adversary, assumed, certificate, interface
 from colift.model import no_force
 from colift.scenario import Settings, build
 
@@ -129,7 +129,7 @@ def certify(
     names: Sequence[str] = certificate.BOUNDS,
     progress: Callable[[str], None] = lambda _what: None,
 ) -> Certified:
-    """Fly a scenario under C3 and its twin, and certify the flight under some bounds.
+    """Fly a scenario under C3 and its twin, and bound the flight's errors under some bounds of the prediction error.
 
     loop: the response of this team and these gains, where it is known from another seed.
     Raises ScenarioError as `plans` does, ValueError where there is no certificate.
@@ -170,7 +170,11 @@ def save_certificate(
     out: Path,
     progress: Callable[[str], None] = lambda _what: None,
 ) -> dict[str, Any]:
-    """Write `certificate.json` and figure 6; return what the file holds. Radii that do not exist are null."""
+    """Write `certificate.json` and figure 6; return what the file holds. Radii that do not exist are null.
+
+    `assumed` of a bound names what its radii rest on and is not shown (`certify.assumed`), `status` is the word for
+    them. `exceeded` lists the observed errors above a radius: of this flight, then of the adversary's.
+    """
     from colift import view
 
     found = made.certificate
@@ -178,7 +182,6 @@ def save_certificate(
     floor = certificate.vartheta(made.plan, made.flight, made.twin)
     layer = interface.interface(made.loop, floor)
     slack = certificate.slack(made.plan, made.flight, made.twin, made.loop, layer, found)
-    first_order = certificate.FIRST_ORDER
     summary: dict[str, Any] = {
         "scenario": settings.name,
         "seed": settings.seed,
@@ -186,10 +189,10 @@ def save_certificate(
         "settings": settings.digest,
         "window_s": list(found.window),
         "confidence": settings.certificate.confidence,
-        "first_order": first_order,
+        "exceeded": _exceeded(found) + (_exceeded(against.certificate, "adversary") if against else []),
         "observed": dict(found.observed),
         "floor": dict(found.floor),
-        "unknown_m": found.unknown,
+        "unknown": dict(found.unknown),
         "transient": found.transient,
         "radii": {
             name: {
@@ -199,7 +202,8 @@ def save_certificate(
                     where: {error: radius / found.observed[error] for error, radius in getattr(radii, where).items()}
                     for where in ("run", "tube")
                 },
-                "assumed": [what for what in radii.assumed if what != first_order],
+                "assumed": list(radii.assumed),
+                "status": assumed.word(radii.assumed),
             }
             for name, radii in found.radii.items()
         },
@@ -208,7 +212,6 @@ def save_certificate(
         "tube": None
         if found.tube is None
         else {"distance": found.tube.distance.tolist(), "contraction": found.tube.contraction},
-        "attraction_deg": found.attraction_deg,
         "interface": {
             "alpha_N_Nm": layer.alpha.tolist(),
             "gamma_1_s": layer.gamma,
@@ -221,13 +224,17 @@ def save_certificate(
         if against is None
         else {
             "observed": dict(against.certificate.observed),
-            "certified": dict(_best(against.certificate).run),
-            "certificate_over_adversary": _best(against.certificate).run["e_p"] / against.certificate.observed["e_p"],
+            "radius": dict(_best(against.certificate).run),
+            "radius_over_adversary": _best(against.certificate).run["e_p"] / against.certificate.observed["e_p"],
         },
     }
     view.certificate(found, slack, out)
     write_json(summary, out / "certificate.json")
     return _finite(summary)
+
+
+def _exceeded(found: certificate.Certificate, flight: str = "this") -> list[dict[str, Any]]:
+    return [{"flight": flight, **dataclasses.asdict(each)} for each in found.exceeded]
 
 
 def _best(found: certificate.Certificate) -> certificate.Radii:
@@ -269,7 +276,7 @@ def run(
     for case, flying in ready.items():
         flight = simulate.fly_plan(flying, agents, lambda t, case=case: progress(case, t))
         began = time.perf_counter()
-        data[case] = _dataset(settings, case, flight, flying.stated)
+        data[case] = _dataset(settings, case, flight, flying)
         log.save(data[case], out / f"{case}.nc")
         found = analyse.summary(flight, flying.world.team, flying.pilot.team)
         found["wall_s"] = {**flight.wall, "output": time.perf_counter() - began}
@@ -279,7 +286,7 @@ def run(
     background.shutdown()
     found = modes.result()
     summary["slowest_mode"] = {"stable": found.stable, "says": found.slowest(), "rad_s": _complex(found.eigenvalues[0])}
-    summary["bound"] = _rests_on(first.stated)
+    summary["bound"] = _rests_on(first)
     summary["residual"] = summary["cases"][list(ready)[-1]]["residual"]
     began = time.perf_counter()
     view.figures(data, out)
@@ -291,9 +298,9 @@ def run(
     return summary
 
 
-def _dataset(settings: Settings, case: str, flight: simulate.Flight, stated: band.Stated) -> Any:
+def _dataset(settings: Settings, case: str, flight: simulate.Flight, flown: simulate.Plan) -> Any:
     contacts = build.contact_names(settings)
-    joints = build.joint_names(settings)
+    joints, rests_on = build.joint_names(settings), _rests_on(flown)
     attrs = {
         "scenario": settings.name,
         "case": case,
@@ -304,8 +311,8 @@ def _dataset(settings: Settings, case: str, flight: simulate.Flight, stated: ban
         "stopped": flight.stopped,
         "update_times_s": [update.t for update in flight.updates],
         "T_end_s": settings.learning.end_s,
-        **{f"rho_{name}": value for name, value in _rests_on(stated).items()},
-        "rho_assumed": ", ".join(stated.assumed),  # lists of words are not for every reader of NetCDF
+        **{f"rho_{name}": value for name, value in rests_on.items()},
+        "rho_assumed": ", ".join(rests_on["assumed"]),  # lists of words are not for every reader of NetCDF
     }
     return log.dataset(
         flight.rows,
@@ -317,15 +324,16 @@ def _dataset(settings: Settings, case: str, flight: simulate.Flight, stated: ban
     )
 
 
-def _rests_on(stated: band.Stated) -> dict[str, Any]:
-    """What the radii along the run rest on; they are certified if nothing is assumed, and assumed otherwise."""
+def _rests_on(flown: simulate.Plan) -> dict[str, Any]:
+    """What the radii along the run rest on; `assumed` names what of it is not shown."""
+    stated = flown.stated
     return {
         "bound": stated.bound,
         "confidence": stated.confidence,
         "norm": stated.norm,
         "label_error_payload": stated.payload.tolist(),
         "label_error_agents": np.concatenate([eps.ravel() for eps in stated.agents]).tolist(),
-        "assumed": list(stated.assumed),
+        "assumed": list(assumed.of_radii(flown)),
     }
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import csv
 import io
+import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -20,13 +21,15 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from matplotlib.ticker import AutoMinorLocator, LogLocator, MaxNLocator, NullFormatter
+from matplotlib.ticker import AutoMinorLocator, LogLocator, MaxNLocator, NullFormatter, NullLocator
 from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 
 from colift import log
-from colift.certify.certificate import FIRST_ORDER, Certificate
+from colift.certify.assumed import word
+from colift.certify.certificate import Certificate
 
 COLUMN, PAGE = 3.5, 7.16  # in, width of one column of the journal, and of two
+TITLE = 130  # characters of a title's line on a page's width
 WINDOW = 0.2  # s, over which noisy signals are averaged for the eye; the axis label says so
 STEP = 0.01  # s, between drawn points
 BAND = 0.3  # opacity of the range of a noisy signal
@@ -290,7 +293,7 @@ def _explain_radii(figure: Figure, ds: xr.Dataset) -> None:
     labels = [r"radius $\bar\rho$", r"error $\|f - \hat f\|$", "no finite radius", "error above radius"]
     figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
     assumed = ds.attrs["rho_assumed"]
-    status = f"assumed: {assumed.replace('_', ' ')}" if assumed else "all assumptions met"
+    status = f"assumed: {assumed}" if assumed else "all assumptions met"
     figure.suptitle(
         f"{ds.attrs['rho_bound'].replace('_', ' ')} bound, confidence {ds.attrs['rho_confidence']:g}; {status}",
         fontsize=8,
@@ -402,39 +405,58 @@ def _thin(ds: xr.Dataset, x: xr.DataArray | np.ndarray) -> np.ndarray:
 
 
 def certificate(found: Certificate, slack: Mapping[str, float], folder: str | Path) -> list[Path]:
-    """Write figure 6 as PDF and PNG: the certified and the observed error of position, and where the slack comes from.
+    """Write figure 6 as PDF and PNG: the radius and the observed error of position, and where the slack comes from.
 
-    Raises OSError where the folder cannot be written.
+    Titles say what the radii assume and, in red, which errors exceed one. Raises OSError where the folder cannot be
+    written.
     """
     with matplotlib.style.context(["default", STYLE]):
-        figure = Figure(figsize=(PAGE, 2.7))
+        figure = Figure(figsize=(PAGE, 2.9))
         left, right = figure.subplots(1, 2, width_ratios=(1, 0.9))
         best = found.radii.get("recovery", found.radii["energy"])
-        word = "certified" if set(best.assumed) <= {FIRST_ORDER} else "assumed"
-        blue, red = LOOKS["C3"].color, LOOKS["C2"].color
-        left.plot(found.t, 1e3 * found.bound, color=red, label=f"{word} radius for this run")
-        left.plot(found.t, 1e3 * found.e_p, color=blue, label=r"observed $\Vert e_p\Vert$")
-        left.axhline(
-            1e3 * found.floor["e_p"], color="0.5", linewidth=0.8, dashes=(4, 2), label="floor: nothing unknown"
-        )
-        before = min(radii.tube["e_p"] for radii in found.radii.values())
-        if np.isfinite(before):
-            left.axhline(1e3 * before, color=red, linewidth=0.8, dashes=(1.5, 1.5), label=f"{word} radius for any run")
-        left.set(xlabel="time [s]", ylabel="position error [mm]", xlim=(found.t[0], found.t[-1]), ylim=(0, None))
-        left.set_ylim(top=1.45 * left.get_ylim()[1])  # room for the legend
-        left.legend(loc="upper left")
-        causes = [name for name, radius in slack.items() if np.isfinite(radius)]
-        sizes = [1e3 * slack[name] for name in causes]
-        place = np.arange(len(causes))[::-1]
-        color = [blue if name == "observed" else "0.6" if name.startswith("floor") else red for name in causes]
-        right.barh(place, sizes, color=color, height=0.6)
-        right.set_xscale("log")
-        right.set_yticks(place, causes)
-        right.set(xlabel=r"radius of $e_p$ [mm]", xlim=(0.5 * min(sizes), 30 * max(sizes)))
-        right.grid(axis="y", visible=False)
-        for y, size in zip(place, sizes, strict=True):
-            right.text(size * 1.2, y, f"{size:.3g}" if size < 1e4 else f"{size:.0e}", va="center", fontsize=7)
+        _errors_and_radii(left, found, "recovery" if "recovery" in found.radii else "energy")
+        _reasoning(right, slack)
+        if above := ", ".join(dict.fromkeys(SYMBOLS[each.error] for each in found.exceeded)):
+            left.set_title(f"observed above a radius: {above}", fontsize=8, color="red")
+        if best.assumed:
+            figure.suptitle(textwrap.fill(f"assumed: {', '.join(best.assumed)}", TITLE), fontsize=8)
         return [_save(figure, Path(folder) / f"figure_6_certificate.{kind}") for kind in ("pdf", "png")]
+
+
+SYMBOLS = {"e_p": "$e_p$", "e_v": "$e_v$", "e_R": "$e_R$", "e_omega": r"$e_\omega$"}
+
+
+def _errors_and_radii(ax: Axes, found: Certificate, bound: str) -> None:
+    """Position error over time under its radii by one bound, where there are any."""
+    best = found.radii[bound]
+    blue, red, says = LOOKS["C3"].color, LOOKS["C2"].color, f"by {bound}, {word(best.assumed)}"
+    if np.isfinite(found.bound).all():
+        ax.plot(found.t, 1e3 * found.bound, color=red, label=f"radius for this run {says}")
+    if np.isfinite(best.tube["e_p"]):
+        label = f"radius for any run {says}"
+        ax.axhline(1e3 * best.tube["e_p"], color=red, linewidth=0.8, dashes=(1.5, 1.5), label=label)
+    ax.plot(found.t, 1e3 * found.e_p, color=blue, label=r"observed $\Vert e_p\Vert$")
+    label = "greatest with nothing unknown (floor)"
+    ax.axhline(1e3 * found.floor["e_p"], color="0.5", linewidth=0.8, dashes=(4, 2), label=label)
+    ax.set(xlabel="time [s]", ylabel="position error [mm]", xlim=(found.t[0], found.t[-1]), ylim=(0, None))
+    ax.set_ylim(top=1.45 * ax.get_ylim()[1])  # room for the legend
+    ax.legend(loc="upper left")
+
+
+def _reasoning(ax: Axes, slack: Mapping[str, float]) -> None:
+    """Radii of e_p under ever better reasoning, where there are any, down to what was observed."""
+    causes = [name for name, radius in slack.items() if np.isfinite(radius)]
+    sizes = [1e3 * slack[name] for name in causes]
+    place = np.arange(len(causes))[::-1]
+    colors = {"observed": LOOKS["C3"].color, "floor: nothing unknown": "0.6"}
+    ax.barh(place, sizes, color=[colors.get(name, LOOKS["C2"].color) for name in causes], height=0.6)
+    ax.set_xscale("log")
+    ax.xaxis.set_minor_locator(NullLocator())
+    ax.set_yticks(place, causes)
+    ax.set(xlabel=r"greatest $\Vert e_p\Vert$ [mm]", xlim=(0.5 * min(sizes), 30 * max(sizes)))
+    ax.grid(axis="y", visible=False)
+    for y, size in zip(place, sizes, strict=True):
+        ax.text(size * 1.2, y, f"{size:.3g}" if size < 1e4 else f"{size / 1e3:.3g} m", va="center", fontsize=7)
 
 
 def shrinkage(

@@ -1,4 +1,4 @@
-"""Theorem 1 computed for a flight: certified against observed ultimate errors, and where the slack comes from.
+"""Theorem 1 computed for a flight: ultimate radii beside observed errors, and where the slack comes from.
 
 The flight's oracle is frozen after its last update. Its twin is the same flight with the oracle's own mean as truth:
 what is left there is the floor, without any unknown. From the twin's path the loop's response leads to the run's,
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from colift import band, control, learn, reference, response, simulate
-from colift.certify import reach, rotation, translation, tube
+from colift.certify import assumed, reach, rotation, translation, tube
 from colift.certify.interface import Interface
 from colift.certify.reach import Body
 from colift.certify.tube import Tube
@@ -34,16 +34,26 @@ BOUNDS = (*band.ALONG, "recovery")
 STEP = 0.04  # s between samples of the path
 POINTS = 160  # data points of a body up to which optimal recovery is tried
 EVERY = 8  # conic programs at every so many output samples, which are two steps apart
-FIRST_ORDER = "agents' attitude loops and tilt act to first order (tested in flight, not proven)"
 
 
 @dataclasses.dataclass(frozen=True)
 class Radii:
-    """Certified ultimate radii under one bound, by error; infinite where there is none."""
+    """Ultimate radii under one bound, by error; infinite where there is none."""
 
     run: Mapping[str, float]  # for the run's own path, known once flown
-    tube: Mapping[str, float]  # for every run in the tube, known before: the certificate of Theorem 1
-    assumed: tuple[str, ...]  # what is not true by construction; with none, certified
+    tube: Mapping[str, float]  # for every run in the tube, known before: those of Theorem 1
+    assumed: tuple[str, ...]  # what they rest on and is not shown, by name; with none, certified
+
+
+@dataclasses.dataclass(frozen=True)
+class Exceeded:
+    """An observed error above a radius: whatever was assumed, not all of it holds."""
+
+    error: str
+    bound: str
+    of: str  # "tube" or "run"
+    observed: float
+    radius: float
 
 
 @dataclasses.dataclass(frozen=True)
@@ -51,20 +61,30 @@ class Certificate:
     """What `certify` found; errors in m, m/s, 1 and rad/s."""
 
     window: tuple[float, float]  # s, over which ultimate errors are taken
-    transient: float  # what is left at its start of a deviation at the last update
+    transient: float  # what the loop's slowest mode leaves at its start of a deviation at the last update
     observed: Mapping[str, float]
     floor: Mapping[str, float]  # the twin's
-    unknown: float  # m, the greatest |e_p| less the twin's: what the unknown forces brought about
+    unknown: Mapping[str, float]  # the greatest |e - e_twin|: what the unknown forces brought about
     radii: Mapping[str, Radii]  # by bound
     left_out: Mapping[str, str]  # bounds that were asked for and have none, and why
     tube: Tube | None
     no_tube: str  # why there is none; empty if there is one
-    attraction_deg: float  # greatest initial attitude error at rest that the rotation's certificate covers; nan: none
     t: Matrix  # s
     e_p: Matrix  # (time,) observed
     bound: Matrix  # (time,) of the best bound, on the run's own path
     when: float  # s, where that bound is greatest
     direction: Matrix  # (3,) and towards where, a unit vector; nan where it is infinite
+
+    @property
+    def exceeded(self) -> tuple[Exceeded, ...]:
+        """Every observed error that is above a radius."""
+        return tuple(
+            Exceeded(error, bound, of, self.observed[error], radius)
+            for bound, radii in self.radii.items()
+            for of, each in (("tube", radii.tube), ("run", radii.run))
+            for error, radius in each.items()
+            if self.observed[error] > radius
+        )
 
 
 def twin(plan: simulate.Plan, oracle: learn.Oracle) -> simulate.Plan:
@@ -123,7 +143,10 @@ def certify(
         reached, left_out = _reached(plan, flight, energy, paths, grid, H, names, progress)
     extra = np.abs(H).sum(0) @ found.difference if found else np.full(H.shape[1], np.inf)
     met, tube_needs = plan.stated.met, bounds.unmet("energy", plan.stated.met)  # the tube is the energy bound's
-    always = (*(() if found else ("S_X",)), FIRST_ORDER)
+    t = _np(flight.rows.t)
+    transient = float(np.exp(pace * (t[grid.window][0] - flight.updates[-1].t)))
+    thrusts = [_np(rows.u)[grid.path[0] :] for rows in paths.values()]
+    always = (*(() if found else ("S_X",)), *assumed.of_certificate(plan, thrusts, transient))
     radii = {
         name: Radii(
             run=_radii(plan, of_twin.rows, off, grid, each["run"], np.zeros_like(extra)),
@@ -137,18 +160,16 @@ def certify(
     sizes = np.linalg.norm(corner, axis=1)
     worst = int(np.argmax(sizes))
     direction = corner[worst] / sizes[worst] if np.isfinite(sizes[worst]) else np.full(3, np.nan)
-    t = _np(flight.rows.t)
     return Certificate(
         window=(float(t[grid.window][0]), float(t[grid.window][-1])),
-        transient=float(np.exp(pace * (t[grid.window][0] - flight.updates[-1].t))),
+        transient=transient,
         observed=_greatest(flight.rows, grid.window),
         floor=_greatest(of_twin.rows, grid.window),
-        unknown=float(np.linalg.norm((flight.rows.e_p - of_twin.rows.e_p)[grid.window], axis=1).max()),
+        unknown=_greatest(flight.rows, grid.window, of_twin.rows),
         radii=radii,
         left_out=left_out,
         tube=found,
         no_tube=why,
-        attraction_deg=_attraction(plan, off, reached["energy"]["tube"]),
         t=t[grid.path][grid.at],
         e_p=np.linalg.norm(flight.rows.e_p[grid.path][grid.at], axis=1),
         bound=sizes,
@@ -319,8 +340,10 @@ def _radii(
     }
 
 
-def _greatest(rows: simulate.Row, window: slice) -> dict[str, float]:
-    return {name: float(np.linalg.norm(getattr(rows, name)[window], axis=1).max()) for name in ERRORS}
+def _greatest(rows: simulate.Row, window: slice, less: simulate.Row | None = None) -> dict[str, float]:
+    """The four errors at their greatest; less those of another flight."""
+    each = {name: getattr(rows, name) - (getattr(less, name) if less else 0.0) for name in ERRORS}
+    return {name: float(np.linalg.norm(e[window], axis=1).max()) for name, e in each.items()}
 
 
 def _mismatch(plan: simulate.Plan, rows: simulate.Row, window: slice) -> Matrix:
@@ -337,14 +360,6 @@ def _mismatch(plan: simulate.Plan, rows: simulate.Row, window: slice) -> Matrix:
 def _turning(off: Matrix, reached: Matrix) -> float:
     """The greatest `|d|` of the attitude's error equation: the twin's, and what f~ adds to it; rad/s^2."""
     return float(np.linalg.norm(off, axis=1).max() + np.linalg.norm(reached[:, :, 6:].max(0), axis=1).max())
-
-
-def _attraction(plan: simulate.Plan, off: Matrix, reached: Matrix) -> float:
-    """Degrees of initial attitude error at rest from which the attitude's certificate holds; nan if from none."""
-    gains = plan.pilot.gains
-    rho = _turning(off, reached)
-    region = rotation.attraction(float(gains.k_R), float(gains.k_omega), rho) if np.isfinite(rho) else None
-    return float(np.rad2deg(region.angle_at_rest)) if region else float("nan")
 
 
 # -- where the slack is ----------------------------------------------------------------------------------------------
@@ -381,10 +396,11 @@ def slack(
         return float(unit * force / float(plan.pilot.team.payload.mass) + floor)
 
     rho = pointwise("energy")
+    together = float(np.linalg.norm(np.abs(H).sum(0) @ rho)) if np.isfinite(rho).all() else float("inf")
     out = {
         "the paper's beta, mismatch and error added": added(pointwise("srinivas")),
         "energy bound, mismatch and error added": added(rho),
-        "energy bound, one loop for both": float(np.linalg.norm(np.abs(H).sum(0) @ rho)) + floor,
+        "energy bound, one loop for both": together + floor,
     }
     for name in ("energy", "recovery"):
         for key, where in (("tube", "any run"), ("run", "this run")):

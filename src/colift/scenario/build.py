@@ -160,7 +160,7 @@ def disturbances(settings: s.Settings) -> disturbance.Disturbances:
     laws = _laws(settings)
     return disturbance.Disturbances(
         payload=tuple(
-            disturbance.Mount(law=_law(source), point=_array(source.point_m))
+            disturbance.Mount(name=source.name, law=_law(source), point=_array(source.point_m))
             for source in laws
             if source.acts_on == "payload"
         ),
@@ -183,7 +183,7 @@ def _mounts(settings: s.Settings, source: s.Law, group: list[s.Agent]) -> Iterat
     law = jax.tree.map(lambda x: jnp.broadcast_to(x, (len(group), *x.shape)), _law(source))
     for body, active in carriers.items():
         point = jnp.tile(_array(source.point_m), (len(group), 1))
-        yield disturbance.AgentMount(body=body, law=law, point=point, active=_array(active))
+        yield disturbance.AgentMount(body=body, name=source.name, law=law, point=point, active=_array(active))
 
 
 def _friction(settings: s.Settings, group: list[s.Agent]) -> disturbance.JointFriction:
@@ -484,20 +484,13 @@ def stated(settings: s.Settings, nominal: Team, rig: Residual) -> band.Stated:
         np.tile(_label_errors(given.agents, learning.agents, group.tree.joints), (size, 1))
         for size, group in zip(nominal.sizes, nominal.groups, strict=True)
     ]
-    met = {Assumption.HORIZON}  # a data set is as large as it will ever be when it is full
-    if learning.hyperparameters == "stated":
-        met.add(Assumption.STATED)
+    within = False
     if learning.samples == "rig":
         of_payload = np.concatenate([rig.payload.F, rig.payload.tau])
         of_agents = [np.concatenate([e.f_x, e.f_w, e.f_r], axis=1) for e in rig.agents]
         payload = of_payload if given.payload is None else payload
         agents = of_agents if given.agents is None else agents
-        met |= {Assumption.ZERO_MEAN, Assumption.INDEPENDENT, Assumption.PREDICTABLE}
-        if all((a >= b).all() for a, b in zip([payload, *agents], [of_payload, *of_agents], strict=True)):
-            met |= {Assumption.BOUNDED, Assumption.WITHIN_MODEL}  # `band.companion` takes v from eps
-    drawn = settings.drawn is not None and settings.drawn.norm <= given.norm
-    if drawn and learning.hyperparameters == "stated" and not settings.disturbances and settings.nominal == s.Nominal():
-        met.add(Assumption.NORM)
+        within = all((a >= b).all() for a, b in zip([payload, *agents], [of_payload, *of_agents], strict=True))
     try:
         return band.Stated(
             bound=given.bound,
@@ -505,10 +498,32 @@ def stated(settings: s.Settings, nominal: Team, rig: Residual) -> band.Stated:
             norm=given.norm,
             payload=payload,
             agents=tuple(agents),
-            met=frozenset(met),
+            met=_met(settings, within),
         )
     except ValueError as error:
         raise ScenarioError(f"{settings.name}: certificate: {error}") from None
+
+
+def _met(settings: s.Settings, within: bool) -> frozenset[Assumption]:
+    """What the scenario makes true by construction of what bounds need; what is not here is assumed.
+
+    within: whether no label errs by more than is stated, which only a calibration rig can promise.
+    """
+    given, learning = settings.certificate, settings.learning
+    rig, fixed = learning.samples == "rig", learning.hyperparameters == "stated"
+    drawn = settings.drawn is not None and settings.drawn.norm <= given.norm
+    alone = not settings.disturbances and settings.nominal == s.Nominal()
+    holds = {
+        Assumption.NORM: drawn and fixed and alone,  # nothing is unknown but functions of that norm for that kernel
+        Assumption.BOUNDED: within,
+        Assumption.WITHIN_MODEL: within,  # `band.companion` takes v from eps
+        Assumption.ZERO_MEAN: rig,
+        Assumption.INDEPENDENT: rig,
+        Assumption.PREDICTABLE: rig,
+        Assumption.STATED: fixed,
+        Assumption.HORIZON: True,  # a data set is as large as it will ever be when it is full
+    }
+    return frozenset(assumption for assumption, true in holds.items() if true)
 
 
 def _label_errors(given: s.LabelError | None, prior: s.Prior, joints: int) -> np.ndarray:
