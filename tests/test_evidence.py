@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 import evidence
-from evidence import ROOT, __main__
+from evidence import ROOT, __main__, mutants
 
 RESULTS = sorted((ROOT / "evidence" / "results").glob("*.json"))
 
@@ -129,3 +129,12 @@ def test_status_says_which_results_are_behind_and_by_what(project, capsys, monke
     (project / "src/colift/b.py").write_text("another = 1")
     __main__.main(["status"])
     assert "since then changed: src/colift/b.py" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("name", mutants.MUTANTS)
+def test_a_mutant_s_line_stands_once_in_its_file_and_its_tests_exist(name):
+    mutant = mutants.MUTANTS[name]
+    assert (ROOT / "src" / "colift" / mutant.file).read_text().count(mutant.now) == 1
+    assert mutant.then != mutant.now
+    for module in mutant.tests.split():
+        assert (ROOT / "tests" / f"test_{module}.py").is_file()

@@ -1,0 +1,215 @@
+"""Plausible mistakes, one at a time, in control, estimation, learning and certificates: the tests must see each.
+
+A mutant is one line changed in a copy of the project. First the test that should see it runs, then, if that passes,
+all tests of the modules named. Kept: which test failed, or that the mutant lived.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from evidence import ROOT, collect
+
+RUNS = ("src", "tests")  # which a mutant is made of
+
+
+class Mutant(NamedTuple):
+    """One mistake: in which file, what stands there, what is put in its place, and who should see it."""
+
+    file: str
+    now: str
+    then: str
+    tests: str  # modules of tests, by their names without `test_`
+    first: str = ""  # words of the test that should see it
+
+
+MUTANTS = {
+    # the leader
+    "jerk: sign of K_v (a - a_d)": Mutant(
+        "control.py", "- gains.K_v @ (a - d.a)", "+ gains.K_v @ (a - d.a)", "control", "jerk"
+    ),
+    "jerk: sign of K_p e_v": Mutant(
+        "control.py", "jerk=d.j - gains.K_p @ e_v", "jerk=d.j + gains.K_p @ e_v", "control", "jerk"
+    ),
+    "jerk: no j_d": Mutant("control.py", "jerk=d.j - gains", "jerk=-gains", "control", "jerk"),
+    "omega_d: sign of its rate": Mutant(
+        "control.py", "- to_body @ d.omega_dot", "+ to_body @ d.omega_dot", "control", "error_dynamics"
+    ),
+    "omega_d: sign of the feed-forward": Mutant(
+        "control.py", "integral[3:] - carried", "integral[3:] + carried", "control", "error_dynamics"
+    ),
+    "Euler: sign of w x J w": Mutant(
+        "control.py", "J @ to.alpha + so3.cross", "J @ to.alpha - so3.cross", "control", "wrench_moves"
+    ),
+    # the agents
+    "thrust direction without f_hat": Mutant(
+        "control.py",
+        "share.lam.sum(0) - f_hat.f_x\n    f_dot",
+        "share.lam.sum(0)\n    f_dot",
+        "control",
+        "attitude_law",
+    ),
+    "rate of lam not in the attitude": Mutant(
+        "control.py", "p.mass * to.jerk + share.lam_dot.sum(0)", "p.mass * to.jerk", "control", "attitude_law"
+    ),
+    "f_hat_w not compensated": Mutant("control.py", "tau=Q[:3] - f_hat.f_w", "tau=Q[:3]", "control", "aligned"),
+    "posture: half the damping": Mutant(
+        "control.py", "- 2 * gains.posture * q.r_dot", "- gains.posture * q.r_dot", "control", "redundant"
+    ),
+    "contacts: sign of w x (w x c)": Mutant(
+        "control.py", "(to.alpha[None], c) + so3.cross", "(to.alpha[None], c) - so3.cross", "control", "aligned"
+    ),
+    "rate of lam is zero": Mutant(
+        "fly.py", "payload.mass * to.jerk", "payload.mass * 0.0 * to.jerk", "fly", "feed_forward"
+    ),
+    "lam_f0 inside lam_dot": Mutant(
+        "fly.py",
+        "offset=jnp.zeros_like(pilot.allocation.offset)",
+        "offset=pilot.allocation.offset",
+        "fly",
+        "feed_forward",
+    ),
+    "integral action: sign": Mutant(
+        "fly.py", "integral + pilot.filters.dt * rate", "integral - pilot.filters.dt * rate", "fly", "integral_action"
+    ),
+    "wrench observer explains the first tick": Mutant(
+        "fly.py", "b = memory.estimator.warm * estimate.blend", "b = estimate.blend", "fly", "wrench_observer"
+    ),
+    "last sample left out": Mutant(
+        "fly.py", "(t <= recorder.end + 1e-9)", "(t < recorder.end - 1e-9)", "fly", "their_rate"
+    ),
+    # estimation
+    "agents' inputs past the labels' filter": Mutant(
+        "estimate.py",
+        "state=_pass(past.state, flat_agent(q), filters, warm)",
+        "state=settle(flat_agent(q))",
+        "estimate",
+        "inputs_of_the_learned",
+    ),
+    "payload's inputs past the labels' filter": Mutant(
+        "estimate.py",
+        "state=_pass(memory.state, flat_payload(load, jnp.concatenate([felt, omega_dot])), filters, memory.warm)",
+        "state=settle(flat_payload(load, jnp.concatenate([felt, omega_dot])))",
+        "estimate",
+        "inputs_of_the_learned",
+    ),
+    "accelerometer: no gravity": Mutant(
+        "estimate.py", "memory.load.R @ q.a + team.gravity", "memory.load.R @ q.a", "estimate", "past_readings or truth"
+    ),
+    "fusion without a dt^2 / 2": Mutant(
+        "estimate.py", "past.v * dt + a * (dt * dt / 2)", "past.v * dt", "estimate", "constant_rates"
+    ),
+    "label: sign of the momenta's drift": Mutant(
+        "estimate.py", "momenta_dot - drift", "momenta_dot + drift", "estimate", "converge"
+    ),
+    "label: base carried by the joints left out": Mutant(
+        "estimate.py", "m.a + carried_dot)", "m.a)", "estimate", "converge"
+    ),
+    "label: payload without the copy of the tips' bandwidth": Mutant(
+        "estimate.py",
+        "memory.known + _after_first(memory.warm, blend(filters.tip_force, filters.dt)) * (known - memory.known)",
+        "1.0 * known",
+        "estimate",
+        "converge",
+    ),
+    "joint rate: filter's own delay left out": Mutant(
+        "estimate.py", "* b / ((1 - b) * filters.dt)", "* b / filters.dt", "estimate", "ramp"
+    ),
+    "tip forces turned the wrong way": Mutant(
+        "estimate.py", '"bij,bj->bi", g.rotation', '"bji,bj->bi", g.rotation', "estimate", "first_estimate"
+    ),
+    # learning
+    "warm start dropped": Mutant(
+        "learn.py", "start=before.hyper if before else None", "start=None", "learn", "second_fit"
+    ),
+    "last fits forgotten": Mutant("learn.py", "fits = {**last, **{", "fits = {**{", "learn", "second_fit"),
+    "a full set takes more": Mutant(
+        "learn.py", "keep = now & (data.n < data.t.shape[0])", "keep = now", "learn", "data_grow"
+    ),
+    "identification: prior counted twice": Mutant(
+        "learn.py", "A.T @ A + np.eye(10)", "A.T @ A + 2 * np.eye(10)", "learn", "identification or excitation"
+    ),
+    "features: speeds in the wrong order": Mutant(
+        "learn.py",
+        "v, omega = x[..., 3:6], x[..., 15:18]",
+        "omega, v = x[..., 3:6], x[..., 15:18]",
+        "learn",
+        "features",
+    ),
+    "regressor: sign of the lever": Mutant(
+        "learn.py", "-so3.hat(q.R.T @ a)", "so3.hat(q.R.T @ a)", "learn", "regressor"
+    ),
+    # certificates
+    "tube: no feedback of the roughness": Mutant(
+        "certify/tube.py", "gains @ (rough[:, None] * owner)", "gains @ owner", "certify_tube"
+    ),
+    "tube: means taken as equal": Mutant(
+        "certify/tube.py", "(body.beta + _between(body)) * np.sqrt(s)", "body.beta * np.sqrt(s)", "certify_tube"
+    ),
+    "reach: sign of the mean's shift below": Mutant(
+        "certify/reach.py", "[width + moved, width - moved]", "[width + moved, width + moved]", "certify_reach"
+    ),
+    "reach: greatest residual without the shift": Mutant(
+        "certify/reach.py", "return off + body.beta", "return body.beta", "certify_reach certify_certificate"
+    ),
+    "reach: the sample itself has no weight": Mutant("certify/reach.py", "(lag >= 0)", "(lag > 0)", "certify_reach"),
+    "reach: no direct term": Mutant(
+        "certify/reach.py", "H[0] = halves[0] + D", "H[0] = halves[0]", "certify_reach response"
+    ),
+    "reach: between programs without a band": Mutant(
+        "certify/reach.py", "(value - sign * centre) + width + sign", "(value - sign * centre) + sign", "certify_reach"
+    ),
+    "gain: no remainder of the trapezoidal rule": Mutant(
+        "certify/gain.py", "h**3 / 12 * bend.sum()", "0 * bend.sum()", "certify_translation"
+    ),
+    "certificate: a deviation that lasts is called gone": Mutant(
+        "certify/assumed.py", "if transient > DECAYED", "if transient < DECAYED", "certify_assumed"
+    ),
+}
+
+
+def run(name: str) -> dict[str, Any]:
+    """Which test sees a mutant, if any."""
+    mutant = MUTANTS[name]
+    with tempfile.TemporaryDirectory() as folder:
+        copy = Path(folder) / "colift"
+        shutil.copytree(
+            ROOT, copy, ignore=shutil.ignore_patterns(".*", "out", "build", "dist", "__pycache__", "_build")
+        )
+        path = copy / "src" / "colift" / mutant.file
+        path.write_text(path.read_text().replace(mutant.now, mutant.then))
+        modules = [f"tests/test_{module}.py" for module in mutant.tests.split()]
+        for chosen in ([["-k", mutant.first]] if mutant.first else []) + [[]]:
+            done = subprocess.run(
+                [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", *modules, *chosen],
+                cwd=copy,
+                env=os.environ | {"PYTHONPATH": str(copy / "src")},
+                capture_output=True,
+                text=True,
+                check=False,
+            )
+            if done.returncode == 1:
+                (by,) = re.findall(r"^(?:FAILED|ERROR) (\S+?)(?:\[.*)?(?: - .*)?$", done.stdout, re.MULTILINE)[:1]
+                return {"lives": False, "seen_by": by}
+            if done.returncode not in (0, 5):  # 5: no test has these words
+                raise RuntimeError(f"{name}: the tests could not run:\n{done.stdout[-2000:]}{done.stderr[-2000:]}")
+    return {"lives": True, "seen_by": None}
+
+
+def main() -> bool:
+    """Every mutant must be seen."""
+    found = collect("mutants", MUTANTS, run)
+    for name in MUTANTS:
+        print(f"{name:<56} {'LIVES' if found[name]['lives'] else found[name]['seen_by']}")
+    return not any(found[name]["lives"] for name in MUTANTS)
+
+
+if __name__ == "__main__":
+    main()
