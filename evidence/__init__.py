@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import colift
+from colift import disk
 
 RESULTS = Path(__file__).parent / "results"
 
@@ -61,8 +62,6 @@ def collect(name: str, items: Iterable[str], compute: Callable[[str], Any]) -> d
 
 
 def save(path: Path, value: Any) -> None:
-    """Write JSON under a temporary name, then rename."""
+    """Write JSON, whole or not at all."""
     path.parent.mkdir(exist_ok=True)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}")
-    temporary.write_text(json.dumps(value, indent=1, allow_nan=False) + "\n")
-    temporary.replace(path)
+    disk.write(path, (json.dumps(value, indent=1, allow_nan=False) + "\n").encode())

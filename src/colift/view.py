@@ -23,7 +23,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import AutoMinorLocator, LogLocator, MaxNLocator, NullFormatter
 from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 
-from colift import log
+from colift import disk
 from colift.certify.certificate import FIRST_ORDER, Certificate
 
 COLUMN, PAGE = 3.5, 7.16  # in, width of one column of the journal, and of two
@@ -472,7 +472,7 @@ def _save(figure: Figure, path: Path) -> Path:
     memory = io.BytesIO()
     dateless = {"CreationDate": None} if path.suffix == ".pdf" else {}
     figure.savefig(memory, format=path.suffix[1:], metadata=dateless)
-    log.write(path, memory.getvalue())
+    disk.write(path, memory.getvalue())
     return path
 
 
@@ -502,7 +502,7 @@ def lengthscale_table(bodies: Mapping[str, Learned], path: str | Path) -> list[P
     csv.writer(text, lineterminator="\n").writerows(rows)
     files = [Path(f"{path}.csv"), Path(f"{path}.md")]
     for file, content in zip(files, (text.getvalue(), "\n".join(pages)), strict=True):
-        log.write(file, content.encode())
+        disk.write(file, content.encode())
     return files
 
 
