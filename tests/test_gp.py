@@ -527,10 +527,10 @@ def test_other_arguments_are_refused_in_words(unchecked):
     stacked = jax.tree.map(lambda a: jnp.stack([a, a]), p)
     for call, message in (
         (lambda: gp.mean(p, list(X[0])), r"x is a list: must be an array of shape \(4,\)"),
-        (lambda: gp.mean(p, x + 1j), "x has type complex128: must be real"),
+        (lambda: gp.mean(p, x.astype(complex)), "x has type complex128: must be real"),
         (lambda: gp.mean(stacked, x), r"batch axes \(2,\): use jax.vmap"),
         (lambda: gp.predict(stacked, x[None]), r"batch axes \(2,\): use jax.vmap"),
-        (lambda: gp.predict(p, x), r"x has shape \(4,\): must be an array of shape \(4, 4\), a row a point"),
+        (lambda: gp.predict(p, x), r"x has shape \(4,\): must be an array of shape \('points', 4\), a row"),
         (lambda: gp.predict(p, jnp.ones((7, 3))), r"x has shape \(7, 3\): must be an array of shape \(7, 4\)"),
         (lambda: gp.informative(p, x, y, jnp.ones(2)), r"gate has shape \(2,\)"),
         (lambda: gp.remove(p, jnp.asarray([1, 2])), r"i has shape \(2,\)"),
@@ -567,12 +567,11 @@ def test_outputs_beyond_float64_beside_the_noise_are_refused():
     assert (after.alpha == 0).all()
 
 
-@given(seeds, st.sampled_from([0, 1, 63, 64, 65, 200]), st.sampled_from([0, 9, 12]))
-@settings(max_examples=6)
-def test_predict_is_mean_and_variance(seed, points, N):
-    X, Y, hyper, _ = problem(seed, N=max(N, 1))
+@pytest.mark.parametrize(("points", "N"), [(0, 12), (1, 0), (130, 12), (130, 7)])
+def test_predict_is_mean_and_variance(points, N):
+    X, Y, hyper, _ = problem(N, N=12)
     p = gp.condition(X[:N], Y[:N], hyper, 12)
-    x = jnp.asarray(np.random.default_rng(seed).normal(size=(points, 4)) * X.std(0) + X[:1])
+    x = jnp.asarray(np.random.default_rng(N).normal(size=(points, 4)) * X.std(0) + X[:1])
     mu, sigma2 = gp.predict(p, x)
     assert mu.shape == sigma2.shape == (points, 3)
     if points:

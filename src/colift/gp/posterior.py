@@ -151,7 +151,7 @@ def _residual(gp: GP) -> Float[Array, "outputs capacity"]:
     return jnp.where(_in_use(gp), (gp.Y - gp.hyper.offset[None, :]).T, 0.0)
 
 
-def must_be(name: str, value: Array, shape: tuple[int, ...], meaning: str) -> None:
+def must_be(name: str, value: Array, shape: tuple[int | str, ...], meaning: str) -> None:
     """Raise ValueError where an argument is of another shape or not real; while tracing, so at no cost in a loop."""
     found = getattr(value, "shape", None)
     if found != shape:
@@ -207,7 +207,8 @@ def predict(
     """
     if gp.X.ndim != 2:
         raise ValueError(f"gp has batch axes {gp.X.shape[:-2]}: use jax.vmap over stacked GPs")
-    must_be("x", x, (*getattr(x, "shape", ())[:1], gp.X.shape[1]), "a row a point")
+    points = x.shape[0] if getattr(x, "ndim", 0) == 2 else "points"
+    must_be("x", x, (points, gp.X.shape[1]), "a row a point")
     parts = STRIPS if len(x) > MANY * BLOCK else 1
     edges = sorted({gp.capacity * i // parts for i in range(parts + 1)})
     strips = jax.lax.optimization_barrier([gp.W[:, a:b, :b] for a, b in itertools.pairwise(edges)])  # once, not a block
