@@ -21,8 +21,8 @@ from colift.gp.likelihood import LOG_2PI, gram, not_positive_definite, one_threa
 from colift.gp.training import LARGEST, checked
 from colift.pytree import pytree
 
-# Of `predict`: points in a block, strips of W, and the blocks from which strips repay their copying; measured.
-BLOCK, STRIPS, MANY = 64, 8, 16
+# Of `predict`: most points in a block, strips of W, and the blocks from which strips repay their copying; measured.
+BLOCK, STRIPS, MANY = 64, 8, 8
 
 
 @pytree
@@ -221,10 +221,13 @@ def predict(
         explained = sum((jnp.sum(u * u, axis=1) for u in v), jnp.zeros(mu.shape[::-1]))
         return h.offset[None] + mu, jnp.maximum(h.signal_variance[None] - explained.T, 0.0)
 
+    if len(x) <= BLOCK:
+        return block(x)
     blocks = -(-len(x) // BLOCK)
-    padded = jnp.pad(x, ((0, blocks * BLOCK - len(x)), (0, 0)))
-    found = jax.lax.map(block, padded.reshape(blocks, BLOCK, x.shape[1]))
-    return tuple(a.reshape(blocks * BLOCK, -1)[: len(x)] for a in found) if len(x) > BLOCK else block(x)
+    size = -(-len(x) // blocks)
+    padded = jnp.pad(x, ((0, blocks * size - len(x)), (0, 0)))
+    mu, sigma2 = jax.lax.map(block, padded.reshape(blocks, size, x.shape[1]))
+    return mu.reshape(blocks * size, -1)[: len(x)], sigma2.reshape(blocks * size, -1)[: len(x)]
 
 
 @jax.jit
