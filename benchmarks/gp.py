@@ -8,6 +8,7 @@ the same run; it counts no memory traffic, which bounds `append` and the means.
 from __future__ import annotations
 
 import contextlib
+import time
 from collections.abc import Iterator
 
 import jax
@@ -24,6 +25,7 @@ from colift.gp.likelihood import log_marginal, one_thread
 OUTPUTS, INPUTS = 6, 20
 SIZES = (200, 500, 1000, 2000)
 TICKS = 1000
+QUERIES = tuple((N, points) for N in (100, 500, 2000) for points in (1, 100, 1000, 10_000))
 SKLEARN_LARGEST = 1000  # its gradient holds N x N x 22 numbers: 0.7 GB at 2000
 
 
@@ -121,6 +123,64 @@ def tick_of_24_means(N: int, seconds: float) -> tuple[dict[str, np.ndarray], flo
     return times, N * (3 * 2 * INPUTS + 24 * (2 * INPUTS + 3))
 
 
+def queries(N: int, points: int, seconds: float) -> tuple[dict[str, np.ndarray], float]:
+    """Mean and variance of all outputs at many points; scikit-learn has one model an output, and so one kernel each."""
+    X, Y, hyper = data(N)
+    posterior = gp.condition(X, Y, hyper)
+    x = np.random.default_rng(1).normal(size=(points, INPUTS))
+    given = jnp.asarray(x)
+    models = [
+        GaussianProcessRegressor(RBF(np.asarray(hyper.lengthscales[i])), alpha=0.01, optimizer=None).fit(X, Y[:, i])
+        for i in range(OUTPUTS)
+    ]
+
+    def scikit_learn() -> list:
+        return [model.predict(x, return_std=True) for model in models]
+
+    @jax.jit
+    def apart(posterior: gp.GP, x: jax.Array) -> tuple[jax.Array, jax.Array]:
+        return jax.vmap(gp.mean, (None, 0))(posterior, x), jax.vmap(gp.variance, (None, 0))(posterior, x)
+
+    mean, variance = gp.predict(posterior, given)
+    np.testing.assert_allclose(mean.T, [m for m, _ in scikit_learn()], rtol=1e-7, atol=1e-9)
+    np.testing.assert_allclose(variance.T, [std**2 for _, std in scikit_learn()], rtol=1e-6, atol=1e-9)
+    contenders = {
+        "colift": lambda: jax.block_until_ready(gp.predict(posterior, given)),
+        "scikit-learn": scikit_learn,
+    }
+    if points * N <= 10**6:  # beyond, its differences need gigabytes
+        contenders["colift, vmap"] = lambda: jax.block_until_ready(apart(posterior, given))
+    times = rounds({name: (run, 1) for name, run in contenders.items()}, seconds, time.process_time)
+    return times, points * OUTPUTS * N * (N + 3 * INPUTS)
+
+
+def refused(N: int, seconds: float) -> tuple[dict[str, np.ndarray], float]:
+    """A point below the gate of `informative`, and one variance, in scans of 100 points; s a point."""
+    X, Y, hyper = data(N)
+    posterior = gp.condition(X, Y, hyper)
+    near, y = jnp.asarray(X[:100] + 1e-3), jnp.asarray(Y[:100])
+
+    def offered(posterior: gp.GP, xy: tuple[jax.Array, jax.Array]) -> tuple[gp.GP, jax.Array]:
+        return gp.informative(posterior, *xy, jnp.asarray(0.9))
+
+    def variance(carry: jax.Array, x: jax.Array) -> tuple[jax.Array, None]:
+        return carry + gp.variance(posterior, x + 1e-9 * carry)[0], None
+
+    # donated, as in a control loop: otherwise a copy of W is part of the call
+    stream = jax.jit(lambda posterior: jax.lax.scan(offered, posterior, (near, y)), donate_argnums=0)
+    alone = jax.jit(lambda start: jax.lax.scan(variance, start, near)[0])
+    held = [jax.tree.map(jnp.copy, posterior)]
+
+    def streaming() -> jax.Array:
+        after, kept = jax.block_until_ready(stream(held.pop()))
+        held.append(after)
+        return kept
+
+    assert not streaming().any()
+    contenders = {"colift": (streaming, 100), "variance": (lambda: alone(jnp.zeros(())).block_until_ready(), 100)}
+    return rounds(contenders, seconds, time.process_time), OUTPUTS * 2 * N**2
+
+
 def report(what: str, N: int, times: dict[str, np.ndarray], operations: float, rate: float) -> dict[str, object]:
     """Print one line a contender; milliseconds, ratios to colift and multiples of the floor."""
     floor, found = operations / rate, ratios(times, "colift")
@@ -157,20 +217,27 @@ def run(seconds: float) -> Outcome:
         for N in SIZES:
             grown[N] = report("likelihood + gradient", N, *likelihood(N, other, seconds), rate)
             appended[N] = report("append", N, *append(N, other, seconds), rate)
+        asked = {
+            f"{points} at {N}": report(f"{points} queries", N, *queries(N, points, seconds), rate)
+            for N, points in QUERIES
+        }
+        below = {N: report("refused point", N, *refused(N, seconds), rate) for N in SIZES[:3]}
         tick = report("24 means in a scan", 500, *tick_of_24_means(500, seconds), rate)
     return Outcome(
         {
             "GFLOP_a_second": rate / 1e9,
             "likelihood and gradient": {str(N): found for N, found in grown.items()},
             "append": {str(N): found for N, found in appended.items()},
+            "queries, CPU time": asked,
+            "refused point, CPU time": {str(N): found for N, found in below.items()},
             "tick with 24 means at 500": tick,
         },
-        dict(targets(grown, appended, tick)),
+        dict(targets(grown, appended, below, tick)),
         () if other else ("GPyTorch is not installed (`./dev peers` installs it): its rows and targets",),
     )
 
 
-def targets(grown: dict, appended: dict, tick: dict) -> Iterator[tuple[str, bool]]:
+def targets(grown: dict, appended: dict, below: dict, tick: dict) -> Iterator[tuple[str, bool]]:
     """What the figures are held to."""
     at_500 = grown[500]["ratio_to_colift"]
     for name, least in (("GPyTorch", 2), ("scikit-learn", 6)):
@@ -181,5 +248,8 @@ def targets(grown: dict, appended: dict, tick: dict) -> Iterator[tuple[str, bool
         if "GPyTorch anew" in found:
             best = min(found["GPyTorch fantasy"], found["GPyTorch anew"])
             yield f"append at {N}, the faster GPyTorch way: {best:.1f}x, at least 30x", best >= 30
+    for N, found in below.items():
+        times = 1 / found["ratio_to_colift"]["variance"]
+        yield f"refused point at {N}: {times:.2f} variances, at most 1.5", times <= 1.5
     ms = tick["median_ms"]["colift"]
     yield f"tick with 24 means at 500: {ms:.3f} ms, under 0.35 ms", ms < 0.35

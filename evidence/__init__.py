@@ -18,6 +18,8 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
+from colift import disk
+
 ROOT = Path(__file__).parents[1]
 RESULTS = ROOT / "evidence" / "results"
 PACKAGES = {"colift": "src/colift", "evidence": "evidence", "tests": "tests", "benchmarks": "benchmarks"}
@@ -152,8 +154,6 @@ def collect(name: str, items: Iterable[str], compute: Callable[[str], Any]) -> d
 
 
 def save(path: Path, value: Any) -> None:
-    """Write JSON under a temporary name, then rename."""
+    """Write JSON, whole or not at all."""
     path.parent.mkdir(exist_ok=True)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}")
-    temporary.write_text(json.dumps(value, indent=1, allow_nan=False) + "\n")
-    temporary.replace(path)
+    disk.write(path, (json.dumps(value, indent=1, allow_nan=False) + "\n").encode())

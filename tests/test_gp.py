@@ -2,9 +2,13 @@
 
 import dataclasses
 import logging
+import os
+import re
+import stat
 
 import jax
 import jax.numpy as jnp
+import jaxtyping
 import mpmath
 import numpy as np
 import pytest
@@ -15,6 +19,7 @@ from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel
 
 from colift import gp
+from colift.gp import posterior, store
 from colift.gp.likelihood import least_noise
 
 seeds = st.integers(0, 2**31)
@@ -495,19 +500,279 @@ def test_points_whose_pivot_rounding_has_swallowed_are_refused():
     assert (variances(p, queries) >= 0).all()
 
 
+# -- arguments ---------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def unchecked():
+    """What ships: without the hook of conftest.py that checks shapes at run time."""
+    jaxtyping.config.update("jaxtyping_disable", True)
+    jax.clear_caches()
+    yield
+    jaxtyping.config.update("jaxtyping_disable", False)
+    jax.clear_caches()
+
+
+@pytest.mark.parametrize("shape", [(), (1,), (3,), (5,), (1, 4), (4, 1), (2, 4)])
+def test_an_input_of_another_shape_is_refused_in_words(shape, unchecked):
+    X, Y, hyper, _ = problem(0, N=5)
+    p, x, y = gp.condition(X, Y, hyper, 6), jnp.ones(shape), jnp.asarray(Y[0])
+    data, key, gate = gp.empty(4, 4, 3), jax.random.key(0), jnp.asarray(0.1)
+    calls = [
+        lambda: gp.mean(p, x),
+        lambda: gp.variance(p, x),
+        lambda: gp.append(p, x, y),
+        lambda: gp.informative(p, x, y, gate),
+        lambda: gp.first_in_first_out(data, x, y),
+        lambda: gp.uniform(data, x, y, key),
+        lambda: gp.bounds.radius(p, x, jnp.ones(3)),
+    ]
+    for call in calls:
+        with pytest.raises(ValueError, match=rf"x has shape {re.escape(str(shape))}: must be an array of shape \(4,\)"):
+            call()
+
+
+@pytest.mark.parametrize("shape", [(), (1,), (4,), (1, 3), (2, 3)])
+def test_an_output_of_another_shape_is_refused_in_words(shape, unchecked):
+    X, Y, hyper, _ = problem(0, N=5)
+    p, x, y = gp.condition(X, Y, hyper, 6), jnp.asarray(X[0]), jnp.ones(shape)
+    data = gp.empty(4, 4, 3)
+    for call in (
+        lambda: gp.append(p, x, y),
+        lambda: gp.informative(p, x, y, jnp.asarray(0.1)),
+        lambda: gp.first_in_first_out(data, x, y),
+        lambda: gp.uniform(data, x, y, jax.random.key(0)),
+    ):
+        with pytest.raises(ValueError, match=rf"y has shape {re.escape(str(shape))}: must be an array of shape \(3,\)"):
+            call()
+
+
+def test_other_arguments_are_refused_in_words(unchecked):
+    X, Y, hyper, _ = problem(0, N=5)
+    p, x, y = gp.condition(X, Y, hyper, 6), jnp.asarray(X[0]), jnp.asarray(Y[0])
+    stacked = jax.tree.map(lambda a: jnp.stack([a, a]), p)
+    for call, message in (
+        (lambda: gp.mean(p, list(X[0])), r"x is a list: must be an array of shape \(4,\)"),
+        (lambda: gp.mean(p, x.astype(complex)), "x has type complex128: must be real"),
+        (lambda: gp.mean(stacked, x), r"batch axes \(2,\): use jax.vmap"),
+        (lambda: gp.predict(stacked, x[None]), r"batch axes \(2,\): use jax.vmap"),
+        (lambda: gp.predict(p, x), r"x has shape \(4,\): must be an array of shape \('points', 4\), a row"),
+        (lambda: gp.predict(p, jnp.ones((7, 3))), r"x has shape \(7, 3\): must be an array of shape \(7, 4\)"),
+        (lambda: gp.informative(p, x, y, jnp.ones(2)), r"gate has shape \(2,\)"),
+        (lambda: gp.remove(p, jnp.asarray([1, 2])), r"i has shape \(2,\)"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            call()
+    assert jax.vmap(gp.mean)(stacked, jnp.stack([x, x])).shape == (2, 3)
+
+
+@pytest.mark.parametrize("huge", [1e308, -1e308, 1.0000001e100, np.inf, np.nan])
+def test_numbers_beyond_range_are_refused_aloud_and_change_nothing(huge):
+    X, Y, hyper, queries = problem(3, N=5)
+    p, x, y = gp.condition(X, Y, hyper, 6), jnp.asarray(X[0]), jnp.asarray(Y[0])
+    for bad in ((x.at[1].set(huge), y), (x, y.at[2].set(huge))):
+        for after, accepted in (gp.append(p, *bad), gp.informative(p, *bad, jnp.asarray(1e-300))):
+            assert not bool(accepted)
+            for a, b in zip(jax.tree.leaves(after), jax.tree.leaves(p), strict=True):
+                np.testing.assert_array_equal(a, b)
+        with pytest.raises(ValueError, match=r"must be finite, at most 1e\+100"):
+            gp.condition(np.asarray(bad[0])[None], np.asarray(bad[1])[None], hyper)
+    large, accepted = gp.append(p, x, y.at[2].set(1e100))
+    assert bool(accepted)
+    assert np.isfinite(means(large, queries)).all()
+    assert np.isfinite(gp.log_likelihood(large)).all()
+
+
+def test_outputs_beyond_float64_beside_the_noise_are_refused():
+    hyper = gp.hyperparameters(1e-190, [1.0], 1e-195)
+    with pytest.raises(ValueError, match=r"output 0: Y of size 1e\+90 .* noise_variance = 1e-195"):
+        gp.condition([[0.0]], [[1e90]], hyper)
+    p = gp.prior(hyper, 2)
+    after, accepted = gp.append(p, jnp.zeros(1), jnp.asarray([1e90]))
+    assert not bool(accepted)
+    assert (after.alpha == 0).all()
+
+
+@pytest.mark.parametrize(("points", "N"), [(0, 12), (1, 0), (130, 12), (130, 7)])
+def test_predict_is_mean_and_variance(points, N):
+    X, Y, hyper, _ = problem(N, N=12)
+    p = gp.condition(X[:N], Y[:N], hyper, 12)
+    x = jnp.asarray(np.random.default_rng(N).normal(size=(points, 4)) * X.std(0) + X[:1])
+    mu, sigma2 = gp.predict(p, x)
+    assert mu.shape == sigma2.shape == (points, 3)
+    if points:
+        np.testing.assert_allclose(mu, means(p, x), rtol=1e-9, atol=1e-9 * float(jnp.abs(p.Y).max()))
+        s = np.asarray(hyper.signal_variance)
+        assert (np.abs(sigma2 - variances(p, x)) <= 1e-9 * s).all()
+
+
+def test_predict_in_strips_is_mean_and_variance(monkeypatch):
+    X, Y, hyper, _ = problem(1, N=30)
+    p, x = gp.condition(X, Y, hyper, 37), jnp.asarray(np.tile(X, (5, 1)))
+    whole = gp.predict(p, x)
+    monkeypatch.setattr(posterior, "MANY", 0)
+    jax.clear_caches()
+    for a, b in zip(gp.predict(p, x), whole, strict=True):
+        np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-9 * float(jnp.abs(b).max()))
+
+
 # -- files -------------------------------------------------------------------------------------------------------
 
 
-def test_a_saved_gp_comes_back_bit_for_bit(tmp_path):
-    X, Y, hyper, _ = problem(7, N=20)
-    p, _ = gp.append(gp.condition(X[:19], Y[:19], hyper, 30), jnp.asarray(X[19]), jnp.asarray(Y[19]))
+@pytest.mark.parametrize("N", [0, 20, 30])
+def test_a_saved_gp_comes_back_with_every_bit_of_what_it_follows_from(tmp_path, N):
+    X, Y, hyper, queries = problem(7, N=30)
+    p = gp.condition(X[:N], Y[:N], hyper, 30)
     gp.save(p, tmp_path / "a.npz")
     q = gp.load(tmp_path / "a.npz")
     assert jax.tree.structure(p) == jax.tree.structure(q)
-    for a, b in zip(jax.tree.leaves(p), jax.tree.leaves(q), strict=True):
+    for a, b in zip(jax.tree.leaves((p.hyper, p.X, p.Y, p.n)), jax.tree.leaves((q.hyper, q.X, q.Y, q.n)), strict=True):
         assert a.dtype == b.dtype
         np.testing.assert_array_equal(a, b)
+    cond = [np.linalg.cond(gram(X, hyper, i)) for i in range(3)]
+    assert_same_posterior(p, q, queries, cond, 1e-10)
     assert [f.name for f in tmp_path.iterdir()] == ["a.npz"]
+
+
+@given(seeds)
+@settings(max_examples=5)
+def test_a_gp_that_grew_and_shrank_comes_back_the_same_to_rounding(tmp_path_factory, seed):
+    X, Y, hyper, queries = problem(seed, N=20)
+    p, _ = gp.append(gp.condition(X[:19], Y[:19], hyper, 30), jnp.asarray(X[19]), jnp.asarray(Y[19]))
+    p, _ = gp.remove(p, jnp.asarray(3))
+    path = tmp_path_factory.mktemp("gp") / "a.npz"
+    gp.save(p, path)
+    cond = [np.linalg.cond(gram(X, hyper, i)) for i in range(3)]
+    assert_same_posterior(p, gp.load(path), queries, cond, 1e-10)
+
+
+@pytest.mark.parametrize("umask", [0o022, 0o077, 0o027])
+def test_a_saved_file_has_the_mode_of_the_umask(tmp_path, umask):
+    before = os.umask(umask)
+    try:
+        gp.save(gp.prior(gp.hyperparameters(1.0, [1.0], 0.1), 3), tmp_path / "a.npz")
+    finally:
+        os.umask(before)
+    assert stat.S_IMODE((tmp_path / "a.npz").stat().st_mode) == 0o666 & ~umask
+
+
+def test_a_damaged_file_is_refused_in_one_way_or_read_whole(tmp_path):
+    """Thousands of flipped, cut, inserted and zeroed bytes: ValueError with the path, or every bit as saved."""
+    X, Y, hyper, _ = problem(7, N=6)
+    p = gp.condition(X, Y, hyper, 8)
+    path = tmp_path / "a.npz"
+    gp.save(p, path)
+    whole, rng = path.read_bytes(), np.random.default_rng(0)
+
+    def damaged(k):
+        content = bytearray(whole)
+        at, end = sorted(rng.integers(0, len(whole), 2))
+        match k % 5:
+            case 0:
+                content[at] ^= 1 << int(rng.integers(8))
+            case 1:
+                del content[at:]
+            case 2:
+                for i in rng.integers(0, len(whole), 4):
+                    content[i] = int(rng.integers(256))
+            case 3:
+                content[at:end] = bytes(int(end - at))
+            case 4:
+                content[at:at] = rng.bytes(int(rng.integers(1, 9)))
+        return bytes(content)
+
+    arrays = store._arrays(whole)
+    refused = 0
+    for k in range(3000):
+        try:
+            read = store._arrays(damaged(k))
+            store._check(read)
+        except ValueError as error:
+            assert str(error)
+            refused += 1
+        else:
+            for name, array in arrays.items():
+                np.testing.assert_array_equal(read[name], array)
+    assert refused > 1500
+    for k in range(40):  # and the way in, which adds the path
+        path.write_bytes(damaged(k))
+        try:
+            gp.load(path)
+        except ValueError as error:
+            assert str(error).startswith(f"{path}: ")
+
+
+WRONG = {
+    "nan input": ({"X": lambda a: np.where(a == a[0, 0], np.nan, a)}, r"X\[0, 0\] = nan"),
+    "huge output": ({"Y": lambda a: a + 1e308}, "Y.*at most"),
+    "missing rows": ({"Y": lambda a: a[:-1]}, "one N"),
+    "missing column": ({"Y": lambda a: a[:, :-1]}, "signal_variance has shape"),
+    "flat": ({"X": lambda a: a.ravel()}, r"X \(24,\)"),
+    "no outputs": ({"Y": lambda a: a[:, :0]}, "at least one"),
+    "negative noise": ({"noise_variance": lambda a: -a}, "noise_variance"),
+    "nan noise": ({"noise_variance": lambda a: np.nan * a}, "noise_variance"),
+    "no noise": ({"noise_variance": lambda a: 1e-30 * a}, "noise_variance"),
+    "zero length": ({"lengthscales": lambda a: 0 * a}, "lengthscales"),
+    "turned lengths": ({"lengthscales": lambda a: a.T}, "lengthscales has shape"),
+    "infinite offset": ({"offset": lambda a: a + np.inf}, "offset"),
+    "scalar signal": ({"signal_variance": lambda a: a[0]}, "signal_variance has shape"),
+    "single precision": ({"X": lambda a: a.astype(np.float32)}, "X has type float32: must be float64"),
+    "complex": ({"Y": lambda a: a + 1j}, "Y has type complex128"),
+    "text": ({"offset": lambda a: np.asarray(["a", "b", "c"])}, "offset has type"),
+    "capacity of 5": ({"capacity": lambda a: a - 3}, "capacity = 5: must hold the 6 points"),
+    "negative capacity": ({"capacity": lambda a: -a}, "capacity = -8"),
+    "endless capacity": ({"capacity": lambda a: a + 2**61}, "be at most 18918 for 3 outputs"),
+    "broken capacity": ({"capacity": lambda a: a + 0.5}, "capacity has type float64"),
+    "two capacities": ({"capacity": lambda a: np.stack([a, a])}, "capacity has shape"),
+    "format 1": ({"format": lambda a: np.asarray("colift gp 1")}, "format is colift gp 1"),
+    "formats": ({"format": lambda a: np.stack([a, a])}, "format is"),
+    "no format": ({"format": None}, "format is not stated"),
+    "no X": ({"X": None}, "holds .*: must hold"),
+    "more": ({"alpha": lambda a: np.ones(3)}, "holds .*alpha.*: must hold"),
+    "objects": ({"X": lambda a: a.astype(object)}, "not a GP file"),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_wrong_values_by_hand_are_refused_in_words(tmp_path, case):
+    changes, message = WRONG[case]
+    X, Y, hyper, _ = problem(7, N=6)
+    gp.save(gp.condition(X, Y, hyper, 8), tmp_path / "a.npz")
+    with np.load(tmp_path / "a.npz") as file:
+        arrays = dict(file)
+    for name, change in changes.items():
+        before = arrays.pop(name, None)
+        if change is not None:
+            arrays[name] = change(before)
+    np.savez(tmp_path / "a.npz", **arrays)
+    with pytest.raises(ValueError, match=rf"a\.npz: .*{message}"):
+        gp.load(tmp_path / "a.npz")
+
+
+def test_files_made_in_other_ways_are_refused(tmp_path):
+    path = tmp_path / "a.npz"
+    gp.save(gp.prior(gp.hyperparameters(1.0, [1.0], 0.1), 3), path)
+    with np.load(path) as file:
+        arrays = dict(file)
+    np.savez_compressed(path, **arrays)
+    with pytest.raises(ValueError, match=r"a\.npz: not a GP file .*compressed"):
+        gp.load(path)
+    with pytest.raises(FileNotFoundError):
+        gp.load(tmp_path / "b.npz")
+    with pytest.raises(IsADirectoryError):
+        gp.load(tmp_path)
+
+
+def test_what_could_not_be_loaded_is_not_saved(tmp_path):
+    X, Y, hyper, _ = problem(7, N=6)
+    p = gp.condition(X, Y, hyper, 8)
+    for bad in (
+        dataclasses.replace(p, X=p.X.at[2, 1].set(jnp.nan)),
+        dataclasses.replace(p, hyper=dataclasses.replace(hyper, noise_variance=-hyper.noise_variance)),
+    ):
+        with pytest.raises(ValueError, match="must be finite"):
+            gp.save(bad, tmp_path / "a.npz")
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_failed_save_leaves_the_old_file_and_no_other(tmp_path, monkeypatch):
@@ -516,11 +781,10 @@ def test_a_failed_save_leaves_the_old_file_and_no_other(tmp_path, monkeypatch):
     gp.save(p, tmp_path / "a.npz")
     before = (tmp_path / "a.npz").read_bytes()
 
-    def full_disk(file, **_):
-        file.write(b"half")
-        raise OSError("no space left on device")
+    def full_disk(descriptor):
+        raise OSError(28, "no space left on device")
 
-    monkeypatch.setattr(np, "savez", full_disk)
+    monkeypatch.setattr(os, "fsync", full_disk)
     with pytest.raises(OSError, match="no space"):
         gp.save(gp.prior(hyper, 3), tmp_path / "a.npz")
     assert (tmp_path / "a.npz").read_bytes() == before

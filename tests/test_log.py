@@ -11,7 +11,7 @@ import pytest
 import xarray as xr
 from scipy.linalg import sqrtm
 
-from colift import log
+from colift import disk, log
 from tests import flights
 
 DIMENSIONS = {"time": "time", "agents": "agent", "joints": "joint", "contacts": "contact", "eta": "eta_index"}
@@ -181,7 +181,7 @@ def test_an_interrupted_write_leaves_what_was_there(tmp_path, monkeypatch):
 
     monkeypatch.setattr(os, "fsync", interrupt)
     with pytest.raises(KeyboardInterrupt):
-        log.write(path, b"after")
+        disk.write(path, b"after")
     assert path.read_bytes() == b"before"
     assert names(tmp_path) == ["summary.json"]
 

@@ -137,10 +137,9 @@ def radius(
 ) -> Float[Array, " outputs"]:
     """`rho_i(x) = |mu_i(x) - mean_i(x)| + beta_i sigma_i(x)`, unit of y: bounds `|f_i(x) - mu_i(x)|` at every x.
 
-    mu is the model's mean; mean and sigma are the companion's. Infinite where beta is.
+    mu is the model's mean; mean and sigma are the companion's, rounded outward. Infinite where beta is.
     """
-    off = jnp.abs(gp.mean(model, x) - gp.mean(other, x))
-    return jnp.where(jnp.isinf(beta), jnp.inf, off + beta * jnp.sqrt(gp.variance(other, x)))
+    return jnp.abs(gp.mean(model, x) - gp.mean(other, x)) + bounds.radius(other, x, beta)
 
 
 @jax.jit

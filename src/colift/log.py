@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import io
-import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -13,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
+from colift import disk
 from colift.simulate import Row, Sigma
 
 
@@ -187,7 +186,7 @@ def save(ds: xr.Dataset, path: str | Path) -> None:
     memory = io.BytesIO()
     packed = {name: {"zlib": True, "shuffle": True, "complevel": 1} for name, x in ds.data_vars.items() if x.size}
     ds.to_netcdf(memory, engine="h5netcdf", encoding=packed)
-    write(path, memory.getvalue())
+    disk.write(path, memory.getvalue())
 
 
 def load(path: str | Path) -> xr.Dataset:
@@ -200,25 +199,3 @@ def load(path: str | Path) -> xr.Dataset:
         return xr.load_dataset(io.BytesIO(content), engine="h5netcdf", decode_times=False)
     except (OSError, ValueError) as error:
         raise ValueError(f"{path}: not a NetCDF-4 file") from error
-
-
-def write(path: str | Path, content: bytes) -> None:
-    """Write a file whole or not at all: to a temporary name in the same folder, to the disk, then renamed.
-
-    Raises OSError, with the path and the reason in one line; then `path` is as it was before.
-    """
-    path = Path(path)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        try:
-            with temporary.open("wb") as file:
-                file.write(content)
-                file.flush()
-                os.fsync(file.fileno())
-            temporary.replace(path)
-        except BaseException:
-            with contextlib.suppress(OSError):  # the first failure is the one to tell
-                temporary.unlink()
-            raise
-    except OSError as error:
-        raise OSError(error.errno, f"cannot write {path}: {error.strerror}") from error

@@ -16,7 +16,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from colift import analyse, fly, gp, learn, log, response, sensor, simulate
+from colift import analyse, disk, fly, gp, learn, log, response, sensor, simulate
 from colift.certify import adversary, assumed, certificate, interface
 from colift.model import no_force
 from colift.scenario import Settings, build
@@ -359,7 +359,7 @@ def _complex(value: complex) -> list[float]:
 
 def write_json(value: Any, path: Path) -> None:
     """Write strict JSON, whole or not at all; what is not finite becomes null."""
-    log.write(path, (json.dumps(_finite(value), indent=2, allow_nan=False) + "\n").encode())
+    disk.write(path, (json.dumps(_finite(value), indent=2, allow_nan=False) + "\n").encode())
 
 
 def _finite(value: Any) -> Any:

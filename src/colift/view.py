@@ -24,7 +24,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import AutoMinorLocator, LogLocator, MaxNLocator, NullFormatter, NullLocator
 from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 
-from colift import log
+from colift import disk
 from colift.certify.assumed import word
 from colift.certify.certificate import Certificate
 
@@ -494,7 +494,7 @@ def _save(figure: Figure, path: Path) -> Path:
     memory = io.BytesIO()
     dateless = {"CreationDate": None} if path.suffix == ".pdf" else {}
     figure.savefig(memory, format=path.suffix[1:], metadata=dateless)
-    log.write(path, memory.getvalue())
+    disk.write(path, memory.getvalue())
     return path
 
 
@@ -524,7 +524,7 @@ def lengthscale_table(bodies: Mapping[str, Learned], path: str | Path) -> list[P
     csv.writer(text, lineterminator="\n").writerows(rows)
     files = [Path(f"{path}.csv"), Path(f"{path}.md")]
     for file, content in zip(files, (text.getvalue(), "\n".join(pages)), strict=True):
-        log.write(file, content.encode())
+        disk.write(file, content.encode())
     return files
 
 

@@ -3,7 +3,7 @@
 kernel      hyperparameters, and the box they are learned in
 likelihood  log marginal likelihood and its gradient (host)
 training    hyperparameters from data (host)
-posterior   condition, mean, variance, append, remove, and what a data set tells
+posterior   condition, mean, variance, predict, append, remove, and what a data set tells
 parametric  mean functions linear in shared parameters, identified (host)
 data        data policies of a fixed budget, update schedules
 store       a GP in a file
@@ -11,6 +11,7 @@ bounds      how far the mean may be from the function, and what each bound assum
 recovery    the tightest bound under bounded noise, by a conic program (host)
 """
 
+from colift.gp import bounds, recovery
 from colift.gp.data import AtTimes, Data, OnGain, empty, first_in_first_out, informative, uniform
 from colift.gp.kernel import Box, Hyper, hyperparameters
 from colift.gp.parametric import Identification, fit_parametric, identify
@@ -24,6 +25,7 @@ from colift.gp.posterior import (
     log_likelihood,
     mean,
     norm,
+    predict,
     prior,
     remove,
     variance,
@@ -41,6 +43,7 @@ __all__ = [
     "Identification",
     "OnGain",
     "append",
+    "bounds",
     "condition",
     "empty",
     "expansion",
@@ -57,7 +60,9 @@ __all__ = [
     "log_likelihood",
     "mean",
     "norm",
+    "predict",
     "prior",
+    "recovery",
     "remove",
     "save",
     "uniform",

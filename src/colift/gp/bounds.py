@@ -20,7 +20,7 @@ from jaxtyping import Array, Float, Int
 from numpy.typing import ArrayLike
 
 from colift.gp.kernel import Hyper
-from colift.gp.posterior import GP, _kernel_in_use, _residual, information_gain, variance
+from colift.gp.posterior import GP, _kernel, _kernel_in_use, _residual, information_gain, one_point, variance
 
 Stated = ArrayLike | float
 """A number a person states, or one for each output."""
@@ -97,13 +97,53 @@ def energy(gp: GP, norm: Stated, noise_bound: Stated) -> Float[Array, " outputs"
     covariance, where Cauchy-Schwarz gives `|g(x) - m(x)| <= sigma(x) ||g - m||_n`; J of the truth is at most
     `B^2 + E^2 / v`.
 
+    It holds for the alpha that gp holds, whatever rounding made of it: `r^T K^-1 r >= alpha^T (2 r - K alpha)` for any
+    alpha, and the mean of that alpha lies within `||q|| / sqrt(v)`, `q = r - K alpha`, of m in the posterior's space, a
+    distance that is added. Both are rounded outward, see `docs/bounds.md`.
+
     norm: B; noise_bound: eps, unit of y, of every sample or of their root mean square. Numbers, or `(outputs,)`.
     Infinite where `beta^2 < 0`: the data contradict B and eps, so that nothing is known.
     """
-    B, eps, v = _stated(gp, "norm", norm), _stated(gp, "noise_bound", noise_bound), gp.hyper.noise_variance
-    E2 = gp.n.astype(v.dtype) * eps * eps
-    beta2 = B * B + E2 / v - jnp.sum(_residual(gp) * gp.alpha, axis=-1)
-    return jnp.where(beta2 >= 0, jnp.sqrt(jnp.maximum(beta2, 0.0)), jnp.inf)
+    return _energy(gp, _stated(gp, "norm", norm), _stated(gp, "noise_bound", noise_bound))
+
+
+@jax.jit
+def _energy(gp: GP, B: Float[Array, " outputs"], eps: Float[Array, " outputs"]) -> Float[Array, " outputs"]:
+    r, a, s, v = _residual(gp), jnp.abs(gp.alpha), gp.hyper.signal_variance, gp.hyper.noise_variance
+    rounded = jnp.abs(r) + (s * jnp.sum(a, axis=-1))[:, None] + v[:, None] * a
+    off = jnp.abs(r - _times_gram(gp, gp.alpha)) + _rounding(gp) * rounded
+    off = jnp.where(jnp.arange(gp.capacity)[None] < gp.n, off, 0.0)
+    most = B * B + gp.n.astype(v.dtype) * eps * eps / v
+    beta2 = most * (1 + _rounding(gp)) - _least(gp, r, gp.alpha, jnp.abs(r))
+    beta = jnp.sqrt(jnp.maximum(beta2, 0.0)) + jnp.sqrt(jnp.sum(off * off, axis=-1) / v)
+    return jnp.where(beta2 >= 0, beta * (1 + _rounding(gp)), jnp.inf)
+
+
+def _least(gp: GP, b: Array, c: Array, size: Array) -> Float[Array, " outputs"]:
+    """At most `b^T K^-1 b`, whatever c: `c^T (2 b - K c)` is greatest at `c = K^-1 b`. All `(outputs, capacity)`.
+
+    size: at least `|b|`, of whose rounding `_rounding` is the relative bound.
+    """
+    a, s, v = jnp.abs(c), gp.hyper.signal_variance, gp.hyper.noise_variance
+    value = jnp.sum(c * (2 * b - _times_gram(gp, c)), axis=-1)
+    total = jnp.sum(a, axis=-1)
+    return value - _rounding(gp) * (2 * jnp.sum(a * size, axis=-1) + s * total * total + v * jnp.sum(a * a, axis=-1))
+
+
+def _times_gram(gp: GP, c: Float[Array, "outputs capacity"]) -> Float[Array, "outputs capacity"]:
+    """`K c`, for c that are zero past n."""
+    K = jax.vmap(lambda x: _kernel(gp, x))(gp.X)
+    return jnp.einsum("jik,ik->ij", K, c) + gp.hyper.noise_variance[:, None] * c
+
+
+def _rounding(gp: GP) -> float:
+    """Of a sum over the data of kernel values times numbers, the error over the sum of sizes, at most.
+
+    With unit roundoff u: a kernel value errs by `(D + 8) u s`, twice a sum of n terms by `2 (n + 2) u`; this is twice
+    as much, for what is of order `u^2` and for its own rounding. `docs/bounds.md` has the count.
+    """
+    capacity, D = gp.X.shape[-2:]
+    return (2 * capacity + D + 16) * float(np.finfo(float).eps)
 
 
 # -- random noise ------------------------------------------------------------------------------------------------
@@ -256,14 +296,30 @@ def update_weight(k: int) -> float:
 
 
 @jax.jit
-def rho_bar(gp: GP, x: Float[Array, " dimensions"], beta: Float[Array, " outputs"]) -> Float[Array, ""]:
-    """`rho_bar(x) = sqrt(sum_i (beta_i sigma_i(x))^2)`, unit of y: bounds `|f - mu|` at x (ass:oracle_bound).
+def radius(gp: GP, x: Float[Array, " dimensions"], beta: Float[Array, " outputs"]) -> Float[Array, " outputs"]:
+    """`rho_i(x) = beta_i sigma_i(x)`, unit of y: bounds `|f_i(x) - mu_i(x)|`, mu as `mean` computes it.
 
-    Each output by its own bound, then the 2-norm (the paper's `||beta^T Sigma^1/2||` read as this one). Infinite
-    where a beta is.
+    `sigma^2 = s - k^T K^-1 k <= s - c^T (2 k - K c)` for any c, here what W makes of k; rounded outward, and with what
+    `mean` rounds. So it is above `beta sqrt(variance)`, and about `beta sqrt(n eps s)` where rounding has eaten
+    that. Infinite where beta is.
     """
-    radius = jnp.where(jnp.isinf(beta), jnp.inf, beta * jnp.sqrt(variance(gp, x)))
-    return jnp.sqrt(jnp.sum(radius * radius))
+    one_point(gp.X, gp.Y, x)
+    s, k = gp.hyper.signal_variance, _kernel_in_use(gp, x)
+    c = jnp.einsum("ikj,ik->ij", gp.W, jnp.einsum("ijk,ik->ij", gp.W, k))
+    variance = s * (1 + _rounding(gp)) - _least(gp, k, c, jnp.broadcast_to(s[:, None], k.shape))
+    rounded = _rounding(gp) * (s * jnp.sum(jnp.abs(gp.alpha), axis=-1) + jnp.abs(gp.hyper.offset))
+    deviation = jnp.sqrt(jnp.maximum(variance, 0.0))
+    return jnp.where(jnp.isinf(beta), jnp.inf, (beta * deviation + rounded) * (1 + _rounding(gp)))
+
+
+@jax.jit
+def rho_bar(gp: GP, x: Float[Array, " dimensions"], beta: Float[Array, " outputs"]) -> Float[Array, ""]:
+    """`rho_bar(x) = sqrt(sum_i rho_i(x)^2)`, unit of y: bounds `|f - mu|` at x (ass:oracle_bound).
+
+    Each output by its own bound, `radius`, then the 2-norm (the paper's `||beta^T Sigma^1/2||` read as this one).
+    """
+    rho = radius(gp, x, beta)
+    return jnp.sqrt(jnp.sum(rho * rho))
 
 
 def _stated(gp: GP, name: str, value: Stated) -> Float[Array, " outputs"]:

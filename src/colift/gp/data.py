@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, Key
 
-from colift.gp.posterior import GP, append, leave_one_out, remove, variance
+from colift.gp.posterior import GP, append, leave_one_out, must_be, one_point, remove, variance, within
 from colift.pytree import pytree
 
 
@@ -23,7 +23,7 @@ class Data:
     X: Float[Array, "*batch capacity dimensions"]
     Y: Float[Array, "*batch capacity outputs"]
     n: Int[Array, "*batch"]  # rows in use
-    offered: Int[Array, "*batch"]  # finite points seen so far
+    offered: Int[Array, "*batch"]  # points seen so far, without those that are refused in any case
 
 
 def empty(capacity: int, dimensions: int, outputs: int) -> Data:
@@ -40,7 +40,12 @@ def empty(capacity: int, dimensions: int, outputs: int) -> Data:
 def first_in_first_out(
     data: Data, x: Float[Array, " dimensions"], y: Float[Array, " outputs"]
 ) -> tuple[Data, Bool[Array, ""]]:
-    """Keep the newest points: a new one takes the place of the oldest. A point that is not finite is refused."""
+    """Keep the newest points: a new one takes the place of the oldest.
+
+    A point that is not finite or beyond 1e100 in size is refused, here and below.
+    Raises ValueError, as all policies do, for a shape that is not one point's.
+    """
+    one_point(data.X, data.Y, x, y)
     return _put(data, x, y, data.offered % len(data.X))
 
 
@@ -50,23 +55,24 @@ def uniform(
 ) -> tuple[Data, Bool[Array, ""]]:
     """Keep a uniform random sample of all points so far (reservoir sampling: Vitter 1985, Algorithm R).
 
-    key: fixed for a stream; point t draws from `fold_in(key, t)`. A point that is not finite is refused.
+    key: fixed for a stream; point t draws from `fold_in(key, t)`.
     """
+    one_point(data.X, data.Y, x, y)
     t = data.offered
     drawn = jax.random.randint(jax.random.fold_in(key, t), (), 0, t + 1)
     return _put(data, x, y, jnp.where(t < len(data.X), t, drawn))
 
 
 def _put(data: Data, x: Array, y: Array, slot: Array) -> tuple[Data, Array]:
-    """Write to row `slot` when it is within capacity and the point is finite."""
-    finite = jnp.isfinite(x).all() & jnp.isfinite(y).all()
-    kept = finite & (slot < len(data.X))
+    """Write to row `slot` when it is within capacity and the point is one that `condition` takes."""
+    sound = within(x, y)
+    kept = sound & (slot < len(data.X))
     slot = jnp.where(kept, slot, 0)
     put = Data(
         X=data.X.at[slot].set(jnp.where(kept, x, data.X[slot])),
         Y=data.Y.at[slot].set(jnp.where(kept, y, data.Y[slot])),
         n=jnp.minimum(data.n + kept.astype(data.n.dtype), len(data.X)),
-        offered=data.offered + finite.astype(data.offered.dtype),
+        offered=data.offered + sound.astype(data.offered.dtype),
     )
     return put, kept
 
@@ -80,23 +86,37 @@ def informative(
     A point's novelty is its posterior variance over the signal variance, the largest over the outputs; that of a
     kept point is its own with itself left out. A point below `gate` (in (0, 1)) is refused; a full GP gives up its
     most redundant point, the one of least novelty, unless that is more novel than the new one. What `append`
-    refuses (a point that is not finite) is refused.
+    refuses is refused. A point below the gate costs a `variance`.
     """
+    one_point(gp.X, gp.Y, x, y)
+    must_be("gate", gate, (), "a number")
+    novelty = jnp.max(variance(gp, x) / gp.hyper.signal_variance)
+
+    def refuse(gp: GP) -> tuple[GP, Array]:
+        return gp, jnp.zeros((), dtype=bool)
+
+    def exchange(gp: GP) -> tuple[GP, Array]:
+        held = _novelty_held(gp)
+        redundant = jnp.argmin(held)
+
+        def put(gp: GP) -> tuple[GP, Array]:
+            grown, kept = append(remove(gp, redundant)[0], x, y)
+            return jax.tree.map(lambda new, old: jnp.where(kept, new, old), grown, gp), kept
+
+        return jax.lax.cond(novelty > held[redundant], put, refuse, gp)
+
+    def offer(gp: GP) -> tuple[GP, Array]:
+        return jax.lax.cond(gp.n == gp.capacity, exchange, lambda gp: append(gp, x, y), gp)
+
+    return jax.lax.cond(novelty > gate, offer, refuse, gp)
+
+
+def _novelty_held(gp: GP) -> Array:
+    """Of each point held, the novelty it would have if it came now; `(capacity,)`, infinite past n."""
     s, v = gp.hyper.signal_variance, gp.hyper.noise_variance
-    novelty = jnp.max(variance(gp, x) / s)
     _, left_out = leave_one_out(gp)
     held = jnp.max((left_out - v[:, None]) / s[:, None], axis=0)
-    held = jnp.where(jnp.arange(gp.capacity) < gp.n, held, jnp.inf)
-    redundant = jnp.argmin(held)
-    full = gp.n == gp.capacity
-    wanted = (novelty > gate) & (~full | (novelty > held[redundant]))
-
-    def put(gp: GP) -> tuple[GP, Array]:
-        room = jax.lax.cond(full, lambda gp: remove(gp, redundant)[0], lambda gp: gp, gp)
-        grown, kept = append(room, x, y)
-        return jax.tree.map(lambda new, old: jnp.where(kept, new, old), grown, gp), kept
-
-    return jax.lax.cond(wanted, put, lambda gp: (gp, jnp.zeros((), dtype=bool)), gp)
+    return jnp.where(jnp.arange(gp.capacity) < gp.n, held, jnp.inf)
 
 
 @dataclasses.dataclass(frozen=True)

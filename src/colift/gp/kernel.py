@@ -72,16 +72,25 @@ def hyperparameters(
     return stated
 
 
+# Within these no finite input or output of at most 1e100 in size makes a NaN.
+RANGE = {
+    "signal_variance": (1e-200, 1e200),
+    "lengthscales": (1e-100, 1e100),
+    "noise_variance": (1e-220, 1e200),
+    "offset": (-1e100, 1e100),
+}
+
+
 def check(hyper: Hyper, points: int = 1) -> None:
     """Raise ValueError where a variance or length-scale is not positive and finite, or an offset not finite.
 
-    So does noise too small for that many points in float64, see `least_noise`.
+    So do numbers beyond `RANGE`, and noise too small for that many points in float64, see `least_noise`.
     """
     for field in dataclasses.fields(hyper):
         value = np.asarray(getattr(hyper, field.name))
-        positive = field.name != "offset"
-        if not np.isfinite(value).all() or (positive and (value <= 0).any()):
-            raise ValueError(f"{field.name} = {value.tolist()}: must be {'positive and ' * positive}finite")
+        lower, upper = RANGE[field.name]
+        if not ((value >= lower) & (value <= upper)).all():
+            raise ValueError(f"{field.name} = {value.tolist()}: must be finite, within [{lower:g}, {upper:g}]")
     s, v = np.asarray(hyper.signal_variance), np.asarray(hyper.noise_variance)
     small = np.flatnonzero(v < least_noise(points) * s)
     if small.size:

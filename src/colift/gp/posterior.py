@@ -7,6 +7,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 
 import jax
 import jax.numpy as jnp
@@ -17,8 +18,11 @@ from scipy.linalg.lapack import dpotrf, dtrtri
 
 from colift.gp.kernel import Hyper, check
 from colift.gp.likelihood import LOG_2PI, gram, not_positive_definite, one_thread
-from colift.gp.training import checked
+from colift.gp.training import LARGEST, checked
 from colift.pytree import pytree
+
+# Of `predict`: most points in a block, strips of W, and the blocks from which strips repay their copying; measured.
+BLOCK, STRIPS, MANY = 64, 8, 8
 
 
 @pytree
@@ -58,8 +62,8 @@ def prior(hyper: Hyper, capacity: int) -> GP:
 def condition(X: ArrayLike, Y: ArrayLike, hyper: Hyper, capacity: int | None = None) -> GP:
     """The posterior on data X `(N, dimensions)`, Y `(N, outputs)` (host, O(N^3)).
 
-    Raises ValueError for data that are not finite, shapes that disagree with `hyper`, more points than
-    `capacity`, or `hyper` that `check` does not allow at this capacity.
+    Raises ValueError for data that are not finite or beyond 1e100 in size, shapes that disagree with `hyper`, more
+    points than `capacity`, or `hyper` that `check` does not allow at this capacity.
     """
     X, Y = checked(X, Y)
     N, (m, D) = len(X), hyper.lengthscales.shape
@@ -81,7 +85,15 @@ def condition(X: ArrayLike, Y: ArrayLike, hyper: Hyper, capacity: int | None = N
                 raise ValueError(f"output {i}: " + not_positive_definite(N, s[i], v[i]))
             W_i, _ = dtrtri(L, lower=1, overwrite_c=1)
             W[i, :N, :N] = W_i
-            alpha[i, :N] = W_i.T @ (W_i @ (Y[:, i] - offset[i]))
+            with np.errstate(over="ignore", invalid="ignore"):
+                w = W_i @ (Y[:, i] - offset[i])
+                alpha[i, :N] = W_i.T @ w
+                finite = np.isfinite(w @ w) and np.isfinite(alpha[i]).all()
+            if not finite:
+                raise ValueError(
+                    f"output {i}: Y of size {np.abs(Y[:, i]).max():.3g} and offset = {offset[i]:.3g} are beyond "
+                    f"float64 beside noise_variance = {v[i]:.3g}"
+                )
     pad = ((0, capacity - N), (0, 0))
     return GP(
         hyper=hyper,
@@ -139,9 +151,37 @@ def _residual(gp: GP) -> Float[Array, "outputs capacity"]:
     return jnp.where(_in_use(gp), (gp.Y - gp.hyper.offset[None, :]).T, 0.0)
 
 
+def must_be(name: str, value: Array, shape: tuple[int | str, ...], meaning: str) -> None:
+    """Raise ValueError where an argument is of another shape or not real; while tracing, so at no cost in a loop."""
+    found = getattr(value, "shape", None)
+    if found != shape:
+        has = f"is a {type(value).__name__}" if found is None else f"has shape {found}"
+        raise ValueError(f"{name} {has}: must be an array of shape {shape}, {meaning}; use jax.vmap for more than one")
+    if not (jnp.issubdtype(value.dtype, jnp.floating) or jnp.issubdtype(value.dtype, jnp.integer)):
+        raise ValueError(f"{name} has type {value.dtype}: must be real numbers")
+
+
+def one_point(X: Array, Y: Array, x: Array, y: Array | None = None) -> None:
+    """Raise ValueError where x, y are no point for inputs X and outputs Y, or X and Y those of more than one model."""
+    if X.ndim != 2:
+        raise ValueError(f"the data have batch axes {X.shape[:-2]}: use jax.vmap over stacked models")
+    must_be("x", x, X.shape[1:], "a number a dimension")
+    if y is not None:
+        must_be("y", y, Y.shape[1:], "a number an output")
+
+
+def within(x: Array, y: Array) -> Bool[Array, ""]:
+    """Whether a point is finite and within 1e100 in size, as `condition` demands."""
+    return (jnp.abs(x) <= LARGEST).all() & (jnp.abs(y) <= LARGEST).all()
+
+
 @jax.jit
 def mean(gp: GP, x: Float[Array, " dimensions"]) -> Float[Array, " outputs"]:
-    """`mu_i(x) = offset_i + k_i(x, X) alpha_i` (paper, learning section); unit of y. Vmap over x or stacked GPs."""
+    """`mu_i(x) = offset_i + k_i(x, X) alpha_i` (paper, learning section); unit of y. Vmap over x or stacked GPs.
+
+    Raises ValueError, as all here that take a point do, for a shape that is not one point's.
+    """
+    one_point(gp.X, gp.Y, x)
     return gp.hyper.offset + jnp.sum(_kernel(gp, x) * gp.alpha, axis=-1)
 
 
@@ -151,8 +191,43 @@ def variance(gp: GP, x: Float[Array, " dimensions"]) -> Float[Array, " outputs"]
 
     Exact arithmetic gives at least zero, so a rounded value below it is set to zero.
     """
+    one_point(gp.X, gp.Y, x)
     v = jnp.einsum("ijk,ik->ij", gp.W, _kernel_in_use(gp, x))
     return jnp.maximum(gp.hyper.signal_variance - jnp.sum(v * v, axis=-1), 0.0)
+
+
+@jax.jit
+def predict(
+    gp: GP, x: Float[Array, "points dimensions"]
+) -> tuple[Float[Array, "points outputs"], Float[Array, "points outputs"]]:
+    """`mean` and `variance` at many points at once, from one evaluation of the kernel.
+
+    Points go through in blocks, whose kernel values stay in the processor's cache; for many of them W goes in strips
+    of rows, each without the zeros right of it.
+    """
+    if gp.X.ndim != 2:
+        raise ValueError(f"gp has batch axes {gp.X.shape[:-2]}: use jax.vmap over stacked GPs")
+    points = x.shape[0] if getattr(x, "ndim", 0) == 2 else "points"
+    must_be("x", x, (points, gp.X.shape[1]), "a row a point")
+    parts = STRIPS if len(x) > MANY * BLOCK else 1
+    edges = sorted({gp.capacity * i // parts for i in range(parts + 1)})
+    strips = jax.lax.optimization_barrier([gp.W[:, a:b, :b] for a, b in itertools.pairwise(edges)])  # once, not a block
+    h = gp.hyper
+
+    def block(x: Float[Array, "block dimensions"]) -> tuple[Array, Array]:
+        k = jax.vmap(lambda x: _kernel_in_use(gp, x), out_axes=2)(x)
+        mu = jnp.einsum("ik,ikp->pi", gp.alpha, k)
+        v = [jnp.einsum("ijk,ikp->ijp", W, k[:, : W.shape[2]]) for W in strips]
+        explained = sum((jnp.sum(u * u, axis=1) for u in v), jnp.zeros(mu.shape[::-1]))
+        return h.offset[None] + mu, jnp.maximum(h.signal_variance[None] - explained.T, 0.0)
+
+    if len(x) <= BLOCK:
+        return block(x)
+    blocks = -(-len(x) // BLOCK)
+    size = -(-len(x) // blocks)
+    padded = jnp.pad(x, ((0, blocks * size - len(x)), (0, 0)))
+    mu, sigma2 = jax.lax.map(block, padded.reshape(blocks, size, x.shape[1]))
+    return mu.reshape(blocks * size, -1)[: len(x)], sigma2.reshape(blocks * size, -1)[: len(x)]
 
 
 @jax.jit
@@ -164,28 +239,31 @@ def append(gp: GP, x: Float[Array, " dimensions"], y: Float[Array, " outputs"]) 
 
     The result holds a copy of W, most of the time from N = 1000 on. A compiled loop writes in place, and so does
     `jax.jit(append, donate_argnums=0)`, which deletes the arrays of gp, `hyper` among them.
-    The GP is returned as it was, with False, when it is full, the point is not finite, or rounding has eaten more
-    than half of the noise variance in a lam^2 (exact arithmetic gives lam^2 >= noise_variance): then the data are
-    too close together for so little noise, and W would lose all meaning.
+    The GP is returned as it was, with False, when it is full, the point is not finite or beyond 1e100 in size, alpha
+    would be, or rounding has eaten more than half of the noise variance in a lam^2 (exact arithmetic gives
+    lam^2 >= noise_variance): then the data are too close together for so little noise, and W would lose all meaning.
     """
-    sound = (gp.n < gp.capacity) & jnp.isfinite(x).all() & jnp.isfinite(y).all()
+    one_point(gp.X, gp.Y, x, y)
+    sound = (gp.n < gp.capacity) & within(x, y)
     x, y = jnp.where(sound, x, 0.0), jnp.where(sound, y, 0.0)
     i = jnp.minimum(gp.n, gp.capacity - 1)
     h = gp.hyper
     c = jnp.einsum("ijk,ik->ij", gp.W, _kernel_in_use(gp, x))
     lam2 = h.signal_variance + h.noise_variance - jnp.sum(c * c, axis=-1)
-    accepted = sound & (lam2 >= 0.5 * h.noise_variance).all()
     lam = jnp.sqrt(jnp.maximum(lam2, h.noise_variance))
     w = (-jnp.einsum("ijk,ij->ik", gp.W, c)).at[:, i].set(1.0) / lam[:, None]
-    X, Y = gp.X.at[i].set(jnp.where(accepted, x, gp.X[i])), gp.Y.at[i].set(jnp.where(accepted, y, gp.Y[i]))
+    Y = gp.Y.at[i].set(jnp.where(sound, y, gp.Y[i]))
     gain = jnp.sum(w * (Y - h.offset[None, :]).T, axis=-1)
+    alpha = gp.alpha + w * gain[:, None]
+    finite = jnp.isfinite(gain * gain).all() & jnp.isfinite(alpha).all()
+    accepted = sound & finite & (lam2 >= 0.5 * h.noise_variance).all()
     grown = GP(
         hyper=h,
-        X=X,
-        Y=Y,
+        X=gp.X.at[i].set(jnp.where(accepted, x, gp.X[i])),
+        Y=gp.Y.at[i].set(jnp.where(accepted, y, gp.Y[i])),
         n=gp.n + accepted.astype(gp.n.dtype),
         W=gp.W.at[:, i].set(jnp.where(accepted, w, gp.W[:, i])),
-        alpha=gp.alpha + jnp.where(accepted, w * gain[:, None], 0.0),
+        alpha=jnp.where(accepted, alpha, gp.alpha),
     )
     return grown, accepted
 
@@ -199,6 +277,7 @@ def remove(gp: GP, i: Int[Array, ""]) -> tuple[GP, Bool[Array, ""]]:
     keep `W^T W = K^-1`, so what is left is the inverse factor of K without row and column i.
     An index without a point returns the GP as it was, with False.
     """
+    must_be("i", i, (), "a row")
     rows = jnp.arange(gp.capacity)
     accepted = (i >= 0) & (i < gp.n)
     i = jnp.where(accepted, i, 0)
