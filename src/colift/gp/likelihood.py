@@ -93,11 +93,19 @@ def not_positive_definite(N: int, signal_variance: float, noise_variance: float)
 
 
 def least_noise(N: int) -> float:
-    """Least noise variance over signal variance at which N points, however close, are answered right in float64.
+    """Least noise variance over signal variance at which N points, however close, keep a Cholesky factor in float64.
 
-    A factor W of `K^-1` that grows row by row loses `W K W^T = I` to rounding. Over crowds of 20 to 1000 points on a
-    line, with length-scales of a twentieth to twenty times its length, the loss in norm is at most
-    `150 N eps signal_variance / noise_variance` while it is small; it grows faster once it is not. This keeps it near
-    a fiftieth; `test_the_worst_crowd_is_kept_and_answered_right` allows a quarter.
+    Rounding moves the eigenvalues of K by about `N eps signal_variance` (Higham 2002, Theorem 10.3); ten times that.
+    """
+    return 10 * N * float(np.finfo(float).eps)
+
+
+def least_noise_to_grow(N: int) -> float:
+    """Least noise variance over signal variance at which a factor may grow to N points, however close, row by row.
+
+    An inverse factor W that grows loses `W K W^T = I` faster than one computed at once. Over crowds of 20 to 1000
+    points on a line, with length-scales of a twentieth to twenty times its length, the loss in norm is at most
+    `150 N eps signal_variance / noise_variance` while it is small, and more once it is not. This keeps it near a
+    fiftieth; `test_the_worst_crowd_is_kept_and_answered_right` allows a quarter.
     """
     return 1e4 * N * float(np.finfo(float).eps)

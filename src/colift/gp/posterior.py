@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from scipy.linalg.lapack import dpotrf, dtrtri
 
 from colift.gp.kernel import Hyper, check
-from colift.gp.likelihood import LOG_2PI, gram, not_positive_definite, one_thread
+from colift.gp.likelihood import LOG_2PI, gram, least_noise_to_grow, not_positive_definite, one_thread
 from colift.gp.training import LARGEST, checked
 from colift.pytree import pytree
 
@@ -240,8 +240,8 @@ def append(gp: GP, x: Float[Array, " dimensions"], y: Float[Array, " outputs"]) 
     The result holds a copy of W, most of the time from N = 1000 on. A compiled loop writes in place, and so does
     `jax.jit(append, donate_argnums=0)`, which deletes the arrays of gp, `hyper` among them.
     The GP is returned as it was, with False, when it is full, the point is not finite or beyond 1e100 in size, alpha
-    would be, or rounding has eaten more than half of the noise variance in a lam^2 (exact arithmetic gives
-    lam^2 >= noise_variance): then the data are too close together for so little noise, and W would lose all meaning.
+    would be, the noise is below `least_noise_to_grow`, or rounding has eaten more than half of the noise variance in a
+    lam^2 (exact arithmetic gives lam^2 >= noise_variance): there W would lose its meaning; `condition` goes further.
     """
     one_point(gp.X, gp.Y, x, y)
     sound = (gp.n < gp.capacity) & within(x, y)
@@ -256,7 +256,8 @@ def append(gp: GP, x: Float[Array, " dimensions"], y: Float[Array, " outputs"]) 
     gain = jnp.sum(w * (Y - h.offset[None, :]).T, axis=-1)
     alpha = gp.alpha + w * gain[:, None]
     finite = jnp.isfinite(gain * gain).all() & jnp.isfinite(alpha).all()
-    accepted = sound & finite & (lam2 >= 0.5 * h.noise_variance).all()
+    growing = h.noise_variance >= least_noise_to_grow(gp.capacity) * h.signal_variance
+    accepted = sound & finite & (growing & (lam2 >= 0.5 * h.noise_variance)).all()
     grown = GP(
         hyper=h,
         X=gp.X.at[i].set(jnp.where(accepted, x, gp.X[i])),
