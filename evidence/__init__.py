@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import colift
+from colift.native import build
 
 RESULTS = Path(__file__).parent / "results"
 
@@ -32,7 +33,7 @@ def source() -> str:
 def machine() -> str:
     """The processor and how many of its cores this process may use."""
     names = [line.split(":", 1)[1].strip() for line in _cpuinfo() if line.startswith("model name")]
-    return f"{names[0] if names else platform.machine()}, {len(os.sched_getaffinity(0))} cores"
+    return f"{names[0] if names else platform.machine()}, {build.cores()} cores"
 
 
 def _cpuinfo() -> list[str]:
