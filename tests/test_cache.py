@@ -11,7 +11,9 @@ import pytest
 
 from colift import cache
 
-RUN = "import colift, jax; print(jax.jit(lambda x: x * 3.0 + 1.0)(2.0), jax.config.{}); assert jax.config.jax_enable_x64"
+RUN = (
+    "import colift, jax; print(jax.jit(lambda x: x * 3.0 + 1.0)(2.0), jax.config.{}); assert jax.config.jax_enable_x64"
+)
 FOLDER, LEAST = "jax_compilation_cache_dir", "jax_persistent_cache_min_compile_time_secs"
 
 

@@ -1,4 +1,4 @@
-"""The compiler and the cache of the native back end: what is loaded is what was compiled, or there is one clear line."""
+"""The compiler and the cache of the native back end: what is loaded is what was compiled, or one line says why not."""
 
 from __future__ import annotations
 
@@ -202,7 +202,7 @@ def test_without_any_folder_jax_runs_and_one_line_says_so(file_for_a_cache, monk
     def refuse(**_):
         raise FileNotFoundError(2, "No usable temporary directory found")
 
-    monkeypatch.setattr(build.tempfile, "TemporaryDirectory", refuse)
+    monkeypatch.setattr(build.tempfile, "mkdtemp", refuse)
     assert to_jax(caplog).startswith("no temporary folder (No usable temporary directory found): native code runs on")
 
 

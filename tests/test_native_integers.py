@@ -36,8 +36,8 @@ def exactly(name: str, a: int, b: int) -> list[int]:
     return {
         "add": [a + b], "sub": [a - b], "mul": [a * b], "square": [a * a], "cube": [a**3],
         "sum": [a + b, 2 * a + b, 2 * (a + b)], "cumsum": [a + b], "dot": [a * b, 2 * a * b],
-        "quotient": quotient, "remainder": [a - b * quotient[0]] if b else [], "written": [a + b], "larger": [max(a, b)],
-        "opposite": [-a], "size": [abs(a)],
+        "quotient": quotient, "remainder": [a - b * quotient[0]] if b else [], "written": [a + b],
+        "larger": [max(a, b)], "opposite": [-a], "size": [abs(a)],
     }[name]  # fmt: skip
 
 

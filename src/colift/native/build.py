@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import ctypes
 import functools
@@ -108,7 +109,7 @@ def library(name: str, source: str) -> ctypes.CDLL:
     `name` is the source's `key`. Raises `CompilerError` with the compiler's own words, and `Unavailable` where the
     library can be loaded from neither folder.
     """
-    folders = (lambda: cache.folder("native")), (lambda: Path(_own().name))
+    folders = (lambda: cache.folder("native")), _own
     for folder in folders:
         with contextlib.suppress(cache.Unwritable):
             if (found := _load(folder(), name)) is not None:
@@ -128,12 +129,14 @@ def library(name: str, source: str) -> ctypes.CDLL:
 
 
 @functools.cache
-def _own() -> tempfile.TemporaryDirectory[str]:
+def _own() -> Path:
     """A folder that goes when the process ends; raises `Unavailable` where none can be made."""
     try:
-        return tempfile.TemporaryDirectory(prefix="colift-")
+        folder = Path(tempfile.mkdtemp(prefix="colift-"))
     except OSError as error:
         raise Unavailable(f"no temporary folder ({error.strerror})") from None
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return folder
 
 
 @functools.cache
@@ -163,7 +166,7 @@ def _load(folder: Path, name: str) -> ctypes.CDLL | None:
 
 def _compile(source: str) -> bytes:
     """What the compiler makes of C source."""
-    with tempfile.TemporaryDirectory(dir=_own().name) as folder:
+    with tempfile.TemporaryDirectory(dir=_own()) as folder:
         code, out = Path(folder) / "native.c", Path(folder) / "native.so"
         code.write_text(source)
         command = [*needed(), *FLAGS, "-I", jax.ffi.include_dir(), str(code), "-o", str(out), "-lm", "-lpthread"]

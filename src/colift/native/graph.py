@@ -1,11 +1,11 @@
 """Scalar expressions with sharing and folding, and the functions made of them.
 
 A node is an integer. Equal expressions are one node (hash consing), constants are folded on the way in:
-`0 x = 0`, `0 / x = 0`, `1 x = x`, `x + 0 = x`, `x - x = 0`, as real numbers: where x is NaN or infinite (or zero, as a
-divisor) they are zero too, unlike in JAX; and zero has no sign.
+`0 x = 0`, `0 / x = 0`, `1 x = x`, `x + 0 = x`, `x - x = 0`, as real numbers: where x is NaN or infinite (or zero, as
+a divisor) they are zero too, unlike in JAX; and zero has no sign.
 Arrays of nodes are NumPy integer arrays, so moving elements about (slices, transposes, gathers) costs nothing.
-Integers are carried as doubles, exact below 2^53: whatever computes one is followed by the operation of its type
-(`WHOLE`), which lets it pass within the type's range and below 2^53, and is an error otherwise. Booleans are lane masks.
+Integers are carried as doubles, exact below 2^53: what computes one is followed by the operation of its type (`WHOLE`),
+which lets it pass within the range of the type and below 2^53, and is an error otherwise. Booleans are lane masks.
 """
 
 from __future__ import annotations

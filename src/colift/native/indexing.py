@@ -107,7 +107,7 @@ def _gather(g: Graph, eqn: Equation, a: Nodes, indices: Nodes) -> Nodes:
     rank = eqn.outvars[0].aval.ndim
     order = [k for k in range(rank) if k not in d.offset_dims] + list(d.offset_dims)
     back = np.argsort(order)
-    outside = g.constants(np.asarray(p["fill_value"], eqn.outvars[0].aval.dtype)) if fill else None
+    outside = g.constants(np.asarray(p["fill_value"] if fill else 0, eqn.outvars[0].aval.dtype))
 
     def pick(at: list[np.ndarray]) -> Nodes:
         coordinates, fits = _windows(a.shape, at, d.start_index_map, sizes, dropped, batching)
