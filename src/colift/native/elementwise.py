@@ -63,11 +63,9 @@ def _pow(g: Graph, eqn: Equation, a: Nodes, b: Nodes) -> Nodes:
         power = g.value(y)
         if power is not None and power == round(power) and abs(power) <= 32:
             return g.integer_pow(x, round(power))
-        if is_integer(eqn.invars[0]):
-            raise UnsupportedPrimitive("native: 'pow' of an integer needs a constant exponent of at most 32")
         return g.make("pow", x, y)
 
-    return exact(g, eqn, np.asarray(np.frompyfunc(one, 2, 1)(a, b), dtype=np.int64))
+    return np.asarray(np.frompyfunc(one, 2, 1)(a, b), dtype=np.int64)
 
 
 @rule("sign")

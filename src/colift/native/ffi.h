@@ -120,10 +120,10 @@ static void *work(void *p) {
   return NULL;
 }
 
-static XLA_FFI_Error *refuse(const XLA_FFI_CallFrame *f, const char *message) {
+static XLA_FFI_Error *refuse(const XLA_FFI_CallFrame *f, XLA_FFI_Error_Code code, const char *message) {
   XLA_FFI_Error_Create_Args args = {.struct_size = XLA_FFI_Error_Create_Args_STRUCT_SIZE,
                                     .message = message,
-                                    .errc = XLA_FFI_Error_Code_INVALID_ARGUMENT};
+                                    .errc = code};
   return f->api->XLA_FFI_Error_Create(&args);
 }
 
@@ -135,7 +135,7 @@ __attribute__((visibility("default"))) XLA_FFI_Error *colift_native(XLA_FFI_Call
     return NULL;
   }
   if (f->args.size != ARGUMENTS || f->rets.size != RESULTS || f->attrs.size != 1)
-    return refuse(f, "colift native: not the arguments it was compiled for");
+    return refuse(f, XLA_FFI_Error_Code_INVALID_ARGUMENT, "colift native: not the arguments it was compiled for");
   const int64_t limit = *(const int64_t *)((const XLA_FFI_Scalar *)f->attrs.attrs[0])->value;
   const XLA_FFI_Buffer *like = f->rets.rets[0];
   int64_t samples = 1;
@@ -156,7 +156,7 @@ __attribute__((visibility("default"))) XLA_FFI_Error *colift_native(XLA_FFI_Call
   }
   for (int64_t i = 0; i < threads; i++)
     if (w[i].outside)
-      return refuse(f, "colift native: an integer left its type's range or 2^53 (or was divided by zero, or made of NaN), "
-                       "where JAX's would wrap around");
+      return refuse(f, XLA_FFI_Error_Code_OUT_OF_RANGE,
+                    "colift native: an integer left its type's range or 2^53, or was divided by zero, or made of NaN");
   return NULL;
 }
