@@ -45,9 +45,10 @@ def compile(f: Callable[..., Any], *, threads: int | None = None) -> Callable[..
     cut among `threads` threads (default: the processors this process may use); every argument may have a batch
     axis or not. Numbers `f` closes over are folded into the code; numbers that vary are to be arguments.
     Derivatives, and devices other than a CPU, use `f` itself, as does everything where no C compiler is found or no
-    library can be loaded (one warning says so). Integers are JAX's as long as they stay below 2^53 and in their type's
-    range; a call in which one does not is an error of JAX's. Raises `UnsupportedPrimitive` for what the emitter does not know,
-    `TypeError` for other types, `CompilerError` where the C compiler does not work.
+    library can be loaded (one warning says so). Integers are JAX's as long as they stay below 2^53 and in the range of
+    their type; a call in which one does not is an error of JAX's. Raises `UnsupportedPrimitive` for what the emitter
+    does not know, `OverflowError` for a known integer out of range, `TypeError` for other types, `CompilerError` where
+    the C compiler does not work.
     """
     limit = threads if threads is not None else build.cores()
     if limit < 1:
