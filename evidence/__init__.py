@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from colift import disk
+from colift.native import build
 
 ROOT = Path(__file__).parents[1]
 RESULTS = ROOT / "evidence" / "results"
@@ -114,7 +115,7 @@ def _git(*words: str) -> str | None:
 def machine() -> str:
     """The processor and how many of its cores this process may use."""
     names = [line.split(":", 1)[1].strip() for line in _cpuinfo() if line.startswith("model name")]
-    return f"{names[0] if names else platform.machine()}, {len(os.sched_getaffinity(0))} cores"
+    return f"{names[0] if names else platform.machine()}, {build.cores()} cores"
 
 
 def _cpuinfo() -> list[str]:

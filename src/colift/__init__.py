@@ -27,32 +27,53 @@ The map; each module imports only those below it:
     urdf        an agent from a URDF file
     model       parameters and states
     so3, linalg, native, over, pytree   what they are written with
+    cache       where what is compiled is kept
 
 Names that a script starts from are here as well: `colift.load("paper")`.
 """
 
 import importlib
+import logging
 import os
 import sys
-from pathlib import Path
 from typing import Any
 
-_cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "colift" / "jax"
-# Float64 always, and compiled programs outlive the process: a second run starts in seconds. Set
-# JAX_COMPILATION_CACHE_DIR to move them. JAX reads these when it is imported, which `--help` need not wait for.
-_settings = {
-    "JAX_ENABLE_X64": "True",
-    "JAX_COMPILATION_CACHE_DIR": os.environ.get("JAX_COMPILATION_CACHE_DIR", str(_cache)),
-    "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": os.environ.get("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0"),
-}
+from colift import cache
+
+
+def _programs() -> dict[str, str]:
+    """JAX's settings by which compiled programs outlive the process: a second run starts in seconds.
+
+    Where they cannot be kept one line says so, and JAX is not to try: it would warn for every program. The user's own
+    `JAX_COMPILATION_CACHE_DIR` is the user's.
+    """
+    always = {"JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0"}
+    if "JAX_COMPILATION_CACHE_DIR" in os.environ:
+        return always
+    lost, settings = None, {}
+    try:
+        folder = cache.folder("jax")
+        settings = {"JAX_COMPILATION_CACHE_DIR": str(folder)} | always
+        if not os.access(folder, os.W_OK | os.X_OK):  # what it has is read; what takes less than for ever is not kept
+            lost, settings["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = f"{folder}: only read", "inf"
+    except cache.Unwritable as error:
+        lost = str(error)
+    if lost:
+        logging.getLogger(__name__).warning("compiled programs cannot be kept (%s): each start compiles its own", lost)
+    return settings
+
+
+# Float64 always. JAX reads these when it is imported, which `--help` need not wait for.
+os.environ["JAX_ENABLE_X64"] = "True"
+for _name, _value in _programs().items():
+    os.environ.setdefault(_name, _value)
 if "jax" in sys.modules:
     _jax = sys.modules["jax"]
     _jax.config.update("jax_enable_x64", True)
-    if _jax.config.jax_compilation_cache_dir is None:
-        _jax.config.update("jax_compilation_cache_dir", _settings["JAX_COMPILATION_CACHE_DIR"])
-        _jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
-else:
-    os.environ.update(_settings)
+    if _jax.config.jax_compilation_cache_dir is None and "JAX_COMPILATION_CACHE_DIR" in os.environ:
+        _jax.config.update("jax_compilation_cache_dir", os.environ["JAX_COMPILATION_CACHE_DIR"])
+        _least = float(os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"])
+        _jax.config.update("jax_persistent_cache_min_compile_time_secs", _least)
 
 _HOME = {
     "Agent": "model",

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import functools
 import logging
-import os
 from collections.abc import Callable, Sequence
 from importlib import resources
 from typing import Any
@@ -45,10 +44,13 @@ def compile(f: Callable[..., Any], *, threads: int | None = None) -> Callable[..
     Arguments and results are PyTrees of float64, integer or boolean arrays. Under `vmap`, samples are
     cut among `threads` threads (default: the processors this process may use); every argument may have a batch
     axis or not. Numbers `f` closes over are folded into the code; numbers that vary are to be arguments.
-    Derivatives, and devices other than a CPU, use `f` itself, as does everything where no C compiler is found (one
-    warning says so). Raises `UnsupportedPrimitive` for what the emitter does not know, `TypeError` for other types.
+    Derivatives, and devices other than a CPU, use `f` itself, as does everything where no C compiler is found or no
+    library can be loaded (one warning says so). Integers are JAX's as long as they stay below 2^53 and in the range of
+    their type; a call in which one does not is an error of JAX's. Raises `UnsupportedPrimitive` for what the emitter
+    does not know, `OverflowError` for a known integer out of range, `TypeError` for other types, `CompilerError` where
+    the C compiler does not work.
     """
-    limit = threads if threads is not None else len(os.sched_getaffinity(0))
+    limit = threads if threads is not None else build.cores()
     if limit < 1:
         raise ValueError(f"threads: {limit}; at least 1 is needed")
 
@@ -134,15 +136,17 @@ def _parcels(avals: Sequence[Any], batched: bool) -> list[list[int]]:
 
 
 def _lower(ctx: mlir.LoweringRuleContext, *args: Any, **params: Any) -> Any:
-    if build.compiler() is None:
-        _say_what_is_lost()
+    try:
+        build.needed()
+        return _lower_by_native(ctx, *args, **params)
+    except build.Unavailable as error:
+        _say_what_is_lost(str(error))
         return _lower_by_jax(ctx, *args, **params)
-    return _lower_by_native(ctx, *args, **params)
 
 
 @functools.cache
-def _say_what_is_lost() -> None:
-    log.warning("no C compiler (cc, gcc, clang or $CC) found: native code runs on JAX instead, 10 to 100 times slower")
+def _say_what_is_lost(why: str) -> None:
+    log.warning("%s: native code runs on JAX instead, 10 to 100 times slower", why)
 
 
 @functools.cache

@@ -7,7 +7,7 @@ import numpy as np
 
 from colift.native.equations import Equation
 from colift.native.graph import Graph, Nodes
-from colift.native.interpret import UnsupportedPrimitive, choose, is_bool, is_integer, rule
+from colift.native.interpret import UnsupportedPrimitive, choose, exact, is_bool, is_integer, rule
 
 
 @rule("stop_gradient", "copy", "device_put", "optimization_barrier")
@@ -17,26 +17,27 @@ def _same(g: Graph, eqn: Equation, *x: Nodes) -> list[Nodes]:
 
 @rule("add_any")
 def _add_any(g: Graph, eqn: Equation, a: Nodes, b: Nodes) -> Nodes:
-    return g.map("add", a, b)
+    return exact(g, eqn, g.map("add", a, b))
 
 
 @rule("div")
 def _div(g: Graph, eqn: Equation, a: Nodes, b: Nodes) -> Nodes:
     quotient = g.map("div", a, b)
-    return g.map("trunc", quotient) if is_integer(eqn.invars[0]) else quotient
+    return exact(g, eqn, g.map("trunc", quotient)) if is_integer(eqn.invars[0]) else quotient
 
 
 @rule("rem")
 def _rem(g: Graph, eqn: Equation, a: Nodes, b: Nodes) -> Nodes:
     x, y = g.numbers(a), g.numbers(b)
     if x is not None and y is not None:
-        return g.constants(np.fmod(x, y))
-    return g.map("fmod", a, b)
+        with np.errstate(invalid="ignore"):  # by zero
+            return exact(g, eqn, g.constants(np.fmod(x, y)))
+    return exact(g, eqn, g.map("fmod", a, b))
 
 
 @rule("square")
 def _square(g: Graph, eqn: Equation, a: Nodes) -> Nodes:
-    return g.map("mul", a, a)
+    return exact(g, eqn, g.map("mul", a, a))
 
 
 @rule("rsqrt")
@@ -52,7 +53,8 @@ def _logistic(g: Graph, eqn: Equation, a: Nodes) -> Nodes:
 
 @rule("integer_pow")
 def _integer_pow(g: Graph, eqn: Equation, a: Nodes) -> Nodes:
-    return np.asarray(np.frompyfunc(lambda x: g.integer_pow(x, eqn.params["y"]), 1, 1)(a), dtype=np.int64)
+    out = np.asarray(np.frompyfunc(lambda x: g.integer_pow(x, eqn.params["y"]), 1, 1)(a), dtype=np.int64)
+    return exact(g, eqn, out)  # of integers, no step is larger than the last
 
 
 @rule("pow")
@@ -119,5 +121,7 @@ def _convert(g: Graph, eqn: Equation, a: Nodes) -> Nodes:
         return g.map("to_mask", a)
     if not is_integer(to) and to.aval.dtype != np.float64:
         raise UnsupportedPrimitive(f"native: arrays must be float64, integer or boolean, got {to.aval.dtype}")
-    a = g.map("to_number", a)
-    return g.map("trunc", a) if is_integer(to) and not is_integer(eqn.invars[0]) else a
+    a, of = g.map("to_number", a), eqn.invars[0]
+    if not is_integer(to) or is_bool(of) or of.aval.dtype == to.aval.dtype:
+        return a
+    return exact(g, eqn, a if is_integer(of) else g.map("trunc", a))

@@ -14,12 +14,17 @@ typedef struct {
   const XLA_FFI_CallFrame *frame;
   int64_t first, last; /* blocks */
   int64_t samples;
+  int outside; /* whether an integer left what doubles carry exactly */
 } Work;
 
 static double load(const XLA_FFI_Buffer *b, int64_t i) {
   switch (b->dtype) {
     case XLA_FFI_DataType_F64: return ((const double *)b->data)[i];
-    case XLA_FFI_DataType_S64: return (double)((const int64_t *)b->data)[i];
+    case XLA_FFI_DataType_S64: {
+      const int64_t x = ((const int64_t *)b->data)[i];
+      outside |= x > 9007199254740991 || x < -9007199254740991;
+      return (double)x;
+    }
     case XLA_FFI_DataType_S32: return (double)((const int32_t *)b->data)[i];
     case XLA_FFI_DataType_U32: return (double)((const uint32_t *)b->data)[i];
     case XLA_FFI_DataType_PRED:
@@ -56,6 +61,7 @@ static int64_t sample_of(const XLA_FFI_Buffer *b, const XLA_FFI_Buffer *like, in
 
 static void *work(void *p) {
   Work *w = p;
+  outside = 0;
   const XLA_FFI_CallFrame *f = w->frame;
   const XLA_FFI_Buffer *like = f->rets.rets[0];
   const int64_t axes = like->rank - RESULT_RANK;
@@ -110,13 +116,14 @@ static void *work(void *p) {
     }
   }
   free(memory);
+  w->outside = outside;
   return NULL;
 }
 
-static XLA_FFI_Error *refuse(const XLA_FFI_CallFrame *f, const char *message) {
+static XLA_FFI_Error *refuse(const XLA_FFI_CallFrame *f, XLA_FFI_Error_Code code, const char *message) {
   XLA_FFI_Error_Create_Args args = {.struct_size = XLA_FFI_Error_Create_Args_STRUCT_SIZE,
                                     .message = message,
-                                    .errc = XLA_FFI_Error_Code_INVALID_ARGUMENT};
+                                    .errc = code};
   return f->api->XLA_FFI_Error_Create(&args);
 }
 
@@ -128,7 +135,7 @@ __attribute__((visibility("default"))) XLA_FFI_Error *colift_native(XLA_FFI_Call
     return NULL;
   }
   if (f->args.size != ARGUMENTS || f->rets.size != RESULTS || f->attrs.size != 1)
-    return refuse(f, "colift native: not the arguments it was compiled for");
+    return refuse(f, XLA_FFI_Error_Code_INVALID_ARGUMENT, "colift native: not the arguments it was compiled for");
   const int64_t limit = *(const int64_t *)((const XLA_FFI_Scalar *)f->attrs.attrs[0])->value;
   const XLA_FFI_Buffer *like = f->rets.rets[0];
   int64_t samples = 1;
@@ -147,5 +154,9 @@ __attribute__((visibility("default"))) XLA_FFI_Error *colift_native(XLA_FFI_Call
     if (started[i]) pthread_join(thread[i], NULL);
     else work(&w[i]);
   }
+  for (int64_t i = 0; i < threads; i++)
+    if (w[i].outside)
+      return refuse(f, XLA_FFI_Error_Code_OUT_OF_RANGE,
+                    "colift native: an integer left its type's range or 2^53, or was divided by zero, or made of NaN");
   return NULL;
 }

@@ -1,9 +1,11 @@
 """Scalar expressions with sharing and folding, and the functions made of them.
 
 A node is an integer. Equal expressions are one node (hash consing), constants are folded on the way in:
-`0 x = 0`, `1 x = x`, `x + 0 = x`, as real numbers, so a NaN or infinity multiplied by a literal zero is zero.
+`0 x = 0`, `0 / x = 0`, `1 x = x`, `x + 0 = x`, `x - x = 0`, as real numbers: where x is NaN or infinite (or zero, as
+a divisor) they are zero too, unlike in JAX; and zero has no sign.
 Arrays of nodes are NumPy integer arrays, so moving elements about (slices, transposes, gathers) costs nothing.
-Integers are carried as doubles (exact below 2^53), booleans as lane masks.
+Integers are carried as doubles, exact below 2^53: what computes one is followed by the operation of its type (`WHOLE`),
+which lets it pass within the range of the type and below 2^53, and is an error otherwise. Booleans are lane masks.
 """
 
 from __future__ import annotations
@@ -47,6 +49,11 @@ LIBM = {  # one call a lane
     "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "asinh", "acosh", "atanh",
     "exp", "exp2", "expm1", "log", "log1p", "cbrt", "atan2", "pow", "fmod", "erf",
 }  # fmt: skip
+WHOLE = {  # what is carried exactly of an integer type
+    "int64": (1 - 2**53, 2**53 - 1),
+    "int32": (-(2**31), 2**31 - 1),
+    "uint32": (0, 2**32 - 1),
+}
 COMPARE_FOLD = {
     "lt": lambda a, b: a < b,
     "le": lambda a, b: a <= b,
@@ -130,7 +137,9 @@ class Graph:
         return () if op == "const" else tuple(args)
 
     def const(self, value: float | int) -> int:
-        """The node of a number; zeros of both signs are one."""
+        """The node of a number; zeros of both signs are one. Raises `OverflowError` for what no double is."""
+        if float(value) != value and isinstance(value, int):
+            raise OverflowError(f"native: the integer {value} is no double; integers are carried as doubles")
         value = float(value)
         return self.make("const", value if value == value and value != 0 else (0.0 if value == 0 else "nan"))
 
@@ -169,9 +178,21 @@ class Graph:
             values = [self.value(a) for a in args]
             if None not in values:
                 return self.const(fold(*values))
+        elif op in WHOLE:
+            return self._whole(op, *args)
         elif op not in LIBM and op != "flag":
             raise AssertionError(op)
         return self.make(op, *args)
+
+    def _whole(self, kind: str, a: int) -> int:
+        """An integer known to be in range, or checked where it is computed."""
+        low, high = WHOLE[kind]
+        x = self.value(a)
+        if x is None:
+            return a if self.code.get(a, ("",))[0] == kind else self.make(kind, a)
+        if not low <= x <= high:
+            raise OverflowError(f"native: an {kind} would be {x:.17g}; {low} to {high} are carried exactly")
+        return a
 
     # arithmetic, in a canonical form: negation outermost, arguments of commutative operations sorted
 

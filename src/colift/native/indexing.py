@@ -9,7 +9,7 @@ import numpy as np
 
 from colift.native.equations import Equation
 from colift.native.graph import Graph, Nodes
-from colift.native.interpret import UnsupportedPrimitive, choose, rule
+from colift.native.interpret import UnsupportedPrimitive, choose, exact, rule
 
 
 def _each(
@@ -107,8 +107,7 @@ def _gather(g: Graph, eqn: Equation, a: Nodes, indices: Nodes) -> Nodes:
     rank = eqn.outvars[0].aval.ndim
     order = [k for k in range(rank) if k not in d.offset_dims] + list(d.offset_dims)
     back = np.argsort(order)
-    empty = p["fill_value"]
-    outside = g.constants(np.asarray(np.nan if empty is None else empty, eqn.outvars[0].aval.dtype))
+    outside = g.constants(np.asarray(p["fill_value"] if fill else 0, eqn.outvars[0].aval.dtype))
 
     def pick(at: list[np.ndarray]) -> Nodes:
         coordinates, fits = _windows(a.shape, at, d.start_index_map, sizes, dropped, batching)
@@ -163,5 +162,5 @@ def _scatter(g: Graph, eqn: Equation, a: Nodes, indices: Nodes, updates: Nodes) 
         if fits[point[: at.ndim - 1]] or p["mode"].name == "CLIP":
             where = tuple(int(c[point]) for c in coordinates)
             one = updates[point]
-            out[where] = one if op is None else g.map(op, out[where], one)
+            out[where] = one if op is None else exact(g, eqn, g.map(op, out[where], one))
     return out

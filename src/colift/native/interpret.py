@@ -10,7 +10,7 @@ import numpy as np
 from jax.extend import core
 
 from colift.native.equations import Equation, Value, constant, flatten, work
-from colift.native.graph import FOLD, LIBM, Graph, Nodes
+from colift.native.graph import FOLD, LIBM, WHOLE, Graph, Nodes
 from colift.native.roll import roll
 
 Rule = Callable[..., Any]
@@ -57,9 +57,9 @@ def evaluate(
     for e in roll(equations, outputs):
         try:
             out = _apply(g, e, [read(v) for v in e.invars])
-        except UnsupportedPrimitive as error:
+        except (UnsupportedPrimitive, OverflowError) as error:
             if e.place and ", at " not in str(error):
-                raise UnsupportedPrimitive(f"{error}, at {e.place}") from None
+                raise type(error)(f"{error}, at {e.place}") from None
             raise
         for v, x in zip(e.outvars, out, strict=True):
             assert x.shape == v.aval.shape, (e, x.shape)
@@ -74,7 +74,7 @@ def _apply(g: Graph, eqn: Equation, nodes: list[Nodes]) -> list[Nodes]:
     if name in RULES:
         out = RULES[name](g, eqn, *nodes)
     elif name in LIBM or name in FOLD:
-        out = g.map(name, *nodes)
+        out = exact(g, eqn, g.map(name, *nodes))
     else:
         values = [g.numbers(x) for x in nodes]
         if any(v is None for v in values):
@@ -94,6 +94,18 @@ def is_bool(v: Any) -> bool:
 def is_integer(v: Any) -> bool:
     """Whether a jaxpr's variable holds integers, which are carried as doubles, exact below 2^53."""
     return np.issubdtype(v.aval.dtype, np.integer)
+
+
+def exact(g: Graph, eqn: Equation, a: Nodes) -> Nodes:
+    """What an equation computed: as it is, or, of integers, checked to be what JAX has. Every step is to be checked,
+    as what has once been rounded may come back into the range.
+    """
+    out = eqn.outvars[0]
+    if not is_integer(out):
+        return a
+    if out.aval.dtype.name not in WHOLE:
+        raise UnsupportedPrimitive(f"native: integers must be {', '.join(WHOLE)}; got {out.aval.dtype}")
+    return g.map(out.aval.dtype.name, a)
 
 
 def choose(g: Graph, which: Nodes, cases: Sequence[Nodes]) -> Nodes:

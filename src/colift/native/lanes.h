@@ -100,6 +100,16 @@ LANEWISE2(atan2, atan2)
 LANEWISE2(pow, pow)
 LANEWISE2(fmod, fmod)
 
+/* integers, in doubles: what is within the range of its type and below 2^53 is passed on, all else is noted */
+#define WHOLE(name, low, high)                                                                   \
+  static inline V N(name)(V a) {                                                                 \
+    outside |= N(any)(~(N(le)(N(splat)(low), a) & N(le)(a, N(splat)(high))));                    \
+    return a;                                                                                    \
+  }
+WHOLE(int64, -9007199254740991.0, 9007199254740991.0)
+WHOLE(int32, -2147483648.0, 2147483647.0)
+WHOLE(uint32, 0.0, 4294967295.0)
+
 /* Sine and cosine together: reduction by pi/2 in two parts, then the polynomials of Sun's fdlibm (k_sin.c,
  * k_cos.c), below 1 ulp; arguments where two parts do not suffice go to the C library. */
 static inline void N(sincos)(V x, V *sine, V *cosine) {
@@ -136,6 +146,7 @@ static inline void N(sincos)(V x, V *sine, V *cosine) {
 
 #undef LANEWISE
 #undef LANEWISE2
+#undef WHOLE
 #undef AT
 #undef V
 #undef M

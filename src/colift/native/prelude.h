@@ -7,6 +7,9 @@
 
 #include "xla/ffi/api/c_api.h"
 
+/* whether an integer left what doubles carry exactly, in this thread, since it was last cleared */
+static _Thread_local int outside;
+
 static void *allocate(size_t bytes) {
   void *memory = aligned_alloc(64, (bytes + 63) / 64 * 64);
   if (!memory) {

@@ -5,16 +5,17 @@ from __future__ import annotations
 import functools
 import itertools
 import math
+from collections.abc import Callable
 
 import numpy as np
 
 from colift.native.equations import Equation
 from colift.native.graph import Graph, Nodes
-from colift.native.interpret import rule
+from colift.native.interpret import exact, rule
 
 
-def _fold(g: Graph, op: str, a: Nodes, axis: int) -> Nodes:
-    return functools.reduce(lambda x, y: g.map(op, x, y), np.moveaxis(a, axis, 0))
+def _step(g: Graph, eqn: Equation, op: str) -> Callable[[Nodes, Nodes], Nodes]:
+    return lambda x, y: exact(g, eqn, g.map(op, x, y))
 
 
 REDUCE = {  # what joins two elements, and what there is of none
@@ -34,7 +35,7 @@ def _reduce(g: Graph, eqn: Equation, a: Nodes) -> Nodes:
         if a.shape[axis] == 0:
             a = np.broadcast_to(g.constants(np.asarray(empty)), a.shape[:axis] + a.shape[axis + 1 :])
         else:
-            a = _fold(g, op, a, axis)
+            a = functools.reduce(_step(g, eqn, op), np.moveaxis(a, axis, 0))
     return np.asarray(a)
 
 
@@ -45,7 +46,7 @@ CUMULATIVE = {"cumsum": "add", "cumprod": "mul", "cummax": "max", "cummin": "min
 def _cumulative(g: Graph, eqn: Equation, a: Nodes) -> Nodes:
     axis, step = eqn.params["axis"], -1 if eqn.params["reverse"] else 1
     rows = np.moveaxis(a, axis, 0)[::step]
-    out = itertools.accumulate(rows, lambda x, y: g.map(CUMULATIVE[eqn.primitive.name], x, y))
+    out = itertools.accumulate(rows, _step(g, eqn, CUMULATIVE[eqn.primitive.name]))
     return np.moveaxis(np.stack(list(out))[::step], 0, axis)
 
 
@@ -75,7 +76,6 @@ def _dot_general(g: Graph, eqn: Equation, a: Nodes, b: Nodes) -> Nodes:
     right = b.transpose([*bb, *fb, *cb]).reshape(*batch, 1, math.prod(b.shape[k] for k in fb), inner)
     if inner == 0:
         return np.broadcast_to(g.constants(np.zeros(())), out)
-    total = g.map("mul", left[..., 0], right[..., 0])
-    for k in range(1, inner):
-        total = g.map("add", total, g.map("mul", left[..., k], right[..., k]))
-    return total.reshape(out)
+    add, mul = _step(g, eqn, "add"), _step(g, eqn, "mul")
+    products = (mul(left[..., k], right[..., k]) for k in range(inner))
+    return functools.reduce(add, products).reshape(out)

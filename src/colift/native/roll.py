@@ -54,7 +54,7 @@ def by_row(e: Equation) -> Rows | None:
         return Rows(n, p, kinds)  # lax stretches axes of length one
     if name == "broadcast_in_dim":
         dims = p["broadcast_dimensions"]
-        lead = bool(dims) and dims[0] == 0
+        lead = tuple(dims[:1]) == (0,)  # dimensions may be NumPy's integers
         operand = "whole" if not lead else "row" if inputs[0][0] == n else "only"
         params = {**p, "shape": p["shape"][1:], "broadcast_dimensions": tuple(d - 1 for d in dims[lead:])}
         return Rows(n, params, (operand,))
