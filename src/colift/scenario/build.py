@@ -47,7 +47,7 @@ from colift.model import (
     stack,
 )
 from colift.scenario import settings as s
-from colift.scenario.read import ScenarioError
+from colift.scenario.mistake import ScenarioError
 from colift.scenario.references import bodies
 
 EYE = np.eye(3)
