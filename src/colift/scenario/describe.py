@@ -159,7 +159,7 @@ def span(node: dict[str, Any]) -> str:
     return f"from {_digits(node['minimum'])} to {_digits(node['maximum'])}" if "minimum" in node else ""
 
 
-def _digits(bound: float) -> str:
+def _digits(bound: float | int) -> str:
     """As a person writes it: 1e6, not 1e+06."""
     whole = isinstance(bound, int) and bound > 10**6
     return str(bound) if whole else re.sub(r"e([+-])0*", lambda m: "e" + m[1].strip("+"), f"{bound:g}")

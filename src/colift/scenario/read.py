@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from importlib import resources
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails
@@ -34,27 +35,27 @@ def load(name_or_path: str | Path) -> Settings:
     given = str(name_or_path)
     if given in names():
         return parse((SHIPPED / f"{given}.yaml").read_text(encoding="utf-8"), f"{given}.yaml")
+    file = given if len(given) <= 200 else f"{given[:200]}..."
     try:
         path = Path(given).expanduser()
-        if path.suffix not in SUFFIXES and not path.exists():
-            _unknown(given)
-        with path.open("rb") as file:
-            raw = file.read(tree.MOST_BYTES + 1)
+        if not given or (path.suffix not in SUFFIXES and not path.exists()):
+            raise _unknown(given)
+        with path.open("rb") as opened:
+            raw = opened.read(tree.MOST_BYTES + 1)
+        return parse(raw.decode("utf-8-sig"), file)
     except OSError as error:
-        raise ScenarioError(f"{given}: cannot be read: {error.strerror or error}") from None
-    except (ValueError, RuntimeError) as error:  # a NUL in the path, or ~ of nobody
-        if isinstance(error, ScenarioError):
-            raise
-        raise ScenarioError(f"{shown(given)}: cannot be read: {error}") from None
-    try:
-        return parse(raw.decode("utf-8-sig"), given)
+        raise ScenarioError(f"{file}: cannot be read: {error.strerror or error}") from None
     except UnicodeDecodeError as error:
-        line = raw.count(b"\n", 0, error.start) + 1
-        raise ScenarioError(f"{given}:{line}: cannot be read: not UTF-8 text (byte {error.start})") from None
+        line = error.object.count(b"\n", 0, error.start) + 1
+        raise ScenarioError(f"{file}:{line}: cannot be read: not UTF-8 text (byte {error.start})") from None
+    except ScenarioError:
+        raise
+    except (ValueError, RuntimeError) as error:  # a NUL in the path, the home of nobody
+        raise ScenarioError(f"{shown(given)}: cannot be read: {error}") from None
 
 
-def _unknown(given: str) -> NoReturn:
-    raise ScenarioError(
+def _unknown(given: str) -> ScenarioError:
+    return ScenarioError(
         f"there is no scenario {shown(given)} (shipped: {', '.join(names())}; or the path of a .yaml file)"
         f"{closest(given, names())}"
     )
@@ -65,29 +66,39 @@ def parse(text: str, file: str) -> Settings:
     written = tree.read(text, file)
     data, in_urdf = _expanded(written.data, Path(file).parent)
     unread = {place[:2] for place, _ in in_urdf}
-    found: list[tuple[Place, str | ErrorDetails]] = [*written.wrong, *in_urdf]
+    found: dict[Place, list[str | ErrorDetails]] = {}
+    for place, sentence in (*written.wrong, *in_urdf):
+        found.setdefault(place, []).append(sentence)
     try:
         settings = SETTINGS.validate_python(data)
     except ValidationError as error:
         wrong = [e for e in error.errors(include_url=False) if e["loc"][:2] not in unread]
-        found += [(validation.place(data, e["loc"], e["type"]), e) for e in wrong]
+        _add(found, [(validation.place(data, e["loc"], e["type"]), e) for e in wrong])
         # references are checked by the model only once all sections are valid: check them here as well
-        found += mistakes(data) if not unread else []
+        _add(found, [] if unread else mistakes(data))
     else:
         if not found:
             return settings
     raise _told(found, written)
 
 
-def _told(found: list[tuple[Place, str | ErrorDetails]], written: tree.Tree) -> ScenarioError:
+def _add(found: dict[Place, list[str | ErrorDetails]], more: Sequence[tuple[Place, str | ErrorDetails]]) -> None:
+    """Adds mistakes where none is told yet: what follows from one is not another."""
+    before = set(found)
+    for place, said in more:
+        if place not in before:
+            found.setdefault(place, []).append(said)
+
+
+def _told(found: dict[Place, list[str | ErrorDetails]], written: tree.Tree) -> ScenarioError:
     """The first mistakes in the order of the file, each once."""
     schema = validation.of(Settings)
-    told = []
-    ahead = sorted(found, key=lambda each: written.line(each[0]))
+    told, count = [], sum(len(said) for said in found.values())
+    ahead = sorted(((place, said) for place in found for said in found[place]), key=lambda it: written.line(it[0]))
     for place, said in ahead[: validation.MOST_TOLD]:
         words = said if isinstance(said, str) else validation.sentence(said, schema)
         told.append(f"{written.file}:{written.line(place)}: {validation.where(place, schema)}: {words}")
-    return ScenarioError("\n".join([*dict.fromkeys(told), *validation.more(len(found))]))
+    return ScenarioError("\n".join([*dict.fromkeys(told), *validation.more(count)]))
 
 
 def _expanded(data: dict[str, Any], folder: Path) -> tuple[dict[str, Any], list[Mistake]]:

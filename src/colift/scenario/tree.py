@@ -9,6 +9,7 @@ import dataclasses
 from typing import Any, NoReturn
 
 from ruamel.yaml import YAML
+from ruamel.yaml.composer import MaxDepthExceededError
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
 from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 from ruamel.yaml.reader import ReaderError
@@ -71,6 +72,8 @@ class _Reader:
         """The one document, with the line of every node."""
         try:
             return self.yaml.compose(text)
+        except MaxDepthExceededError as error:
+            _fail(self.file, error.problem_mark.line + 1, f"is nested more than {DEEPEST} deep")
         except ReaderError as error:
             line = text.count("\n", 0, error.position) + 1
             _fail(self.file, line, f"not valid YAML: the character {ord(text[error.position]):#06x} is not text")
@@ -78,7 +81,7 @@ class _Reader:
             mark = error.problem_mark or error.context_mark
             problem = " ".join(str(error.problem or error.context or error).split())
             _fail(self.file, mark.line + 1 if mark else 1, f"not valid YAML: {problem}")
-        except (YAMLError, ValueError, RecursionError) as error:
+        except (YAMLError, ValueError, AssertionError, RecursionError) as error:  # asserted: the version of YAML
             _fail(self.file, 1, f"not valid YAML: {' '.join(str(error).split())}")
 
     def value(self, node: Node, place: Place) -> Any:
@@ -141,7 +144,7 @@ class _Reader:
         """Whether a node is what it looks like; told where a tag says otherwise."""
         if _is(node, kind):
             return True
-        self.wrong.append((place, f"tags are not used in a scenario, got {shown(str(node.tag))}"))
+        self.wrong.append((place, f"tags are not used in a scenario, got {shown(str(node.tag).replace(TAG, '!!'))}"))
         return False
 
     def scalar(self, node: ScalarNode, place: Place) -> Any:
@@ -153,7 +156,7 @@ class _Reader:
         if not _is_text(node.value):
             self.wrong.append((place, f"holds characters that are not text, got {shown(node.value)}"))
             return None
-        if implied == "timestamp":
+        if implied not in ("null", "bool", "int", "float"):  # dates and lone merge keys too are text here
             return node.value
         try:
             return self.yaml.constructor.construct_object(node)

@@ -25,6 +25,7 @@ WORDS = {
     "model_type": "must be settings by name",
     "model_attributes_type": "must be settings by name",
     "string_pattern_mismatch": "must be a name: a letter, then letters, digits, - or _",
+    "json_invalid": "must be JSON ({error})",
     "string_too_long": "must have at most {max_length} characters",
 }
 RANGES = ("greater_than", "greater_than_equal", "less_than", "less_than_equal")
@@ -65,6 +66,8 @@ def as_validation_error(wrong: Sequence[Mistake]) -> ValidationError:
 
 def place(data: Any, loc: tuple[int | str, ...], kind: str) -> Place:
     """Where an error is in the data: pydantic names the variant of a union on the way, the data do not."""
+    if kind == "mistake":  # ours, of a setting that may have been left out
+        return loc
     found: list[int | str] = []
     for i, key in enumerate(loc):
         listed = isinstance(data, list) and isinstance(key, int) and 0 <= key < len(data)
