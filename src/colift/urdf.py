@@ -190,6 +190,10 @@ class _Element:
         return f"{self.tag} {self.given['name']!r}" if "name" in self.given else f"<{self.tag}>"
 
 
+class _Doctype(ValueError):
+    pass
+
+
 def _fail(at: _Element, sentence: str) -> NoReturn:
     raise ValueError(f"{at.place}: {sentence}")
 
@@ -205,7 +209,7 @@ def _xml(text: str | bytes, file: str) -> _Element:
         open_elements.append(element)
 
     def refuse(*_: object) -> None:
-        raise ValueError(f"{file}:{parser.CurrentLineNumber}: a DOCTYPE is not allowed in a URDF file")
+        raise _Doctype(f"{file}:{parser.CurrentLineNumber}: a DOCTYPE is not allowed in a URDF file")
 
     parser.StartElementHandler = begin
     parser.EndElementHandler = lambda _: open_elements.pop()
@@ -214,6 +218,10 @@ def _xml(text: str | bytes, file: str) -> _Element:
         parser.Parse(text, True)
     except expat.ExpatError as error:
         raise ValueError(f"{file}:{error.lineno}: not XML: {expat.ErrorString(error.code)}") from None
+    except _Doctype:
+        raise
+    except (LookupError, ValueError) as error:  # of the encoding that the file names, or of half a character
+        raise ValueError(f"{file}:{parser.CurrentLineNumber}: not XML: {error}") from None
     return top.children[0]
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import re
 from collections.abc import Generator, Sequence
 from typing import Any
 
@@ -100,7 +101,7 @@ def sentence(error: ErrorDetails, schema: Schema) -> str:
     if kind == "missing":
         return "is required" if isinstance(last, str) else f"is missing: the list must have more than {last} values"
     if kind in ("union_tag_invalid", "literal_error"):
-        allowed = [part.strip("' ") for part in str(about.get("expected_tags", about.get("expected"))).split(",")]
+        allowed = re.findall("'([^']*)'", str(about.get("expected_tags", about.get("expected"))))
         tag = about.get("tag", given)
         key = f"{about['discriminator']} ".replace("'", "") if "discriminator" in about else ""
         return f"{key}must be one of {', '.join(allowed)}, got {shown(tag)}{closest(tag, allowed)}"
