@@ -45,8 +45,8 @@ def test_a_file_that_cannot_be_read_is_one_line_and_status_2(tmp_path: Path):
 @pytest.mark.parametrize(
     ("written", "instead", "answer"),
     [
-        ("seed: 0", "seed: !!bool foo", "broken.yaml:6: seed: tags are not used in a scenario, got '!!bool'"),
-        ("seed: 0", f"seed: {2**63}", "broken.yaml:6: seed: must be from 0 to 9223372036854775807"),
+        ("seed: 0", "seed: !!bool foo", "broken.yaml:7: seed: tags are not used in a scenario, got '!!bool'"),
+        ("seed: 0", f"seed: {2**63}", "broken.yaml:7: seed: must be from 0 to 9223372036854775807"),
         ("name: paper", 'name: "\\ud800"', "broken.yaml:3: name: holds characters that are not text"),
         ("capacity: 256", "capacity: 9999", "learning.capacity: the 24 outputs of the models would take 19.2 GB"),
         ("duration_s: 20", "duration_s: 99999", "duration_s [s]: the log of this team at 500 Hz would take"),
