@@ -42,6 +42,37 @@ def test_a_file_that_cannot_be_read_is_one_line_and_status_2(tmp_path: Path):
     assert "none.yaml" in said
 
 
+@pytest.mark.parametrize(
+    ("written", "instead", "answer"),
+    [
+        ("seed: 0", "seed: !!bool foo", "broken.yaml:7: seed: tags are not used in a scenario, got '!!bool'"),
+        ("seed: 0", f"seed: {2**63}", "broken.yaml:7: seed: must be from 0 to 9223372036854775807"),
+        ("name: paper", 'name: "\\ud800"', "broken.yaml:3: name: holds characters that are not text"),
+        ("capacity: 256", "capacity: 9999", "learning.capacity: the 24 outputs of the models would take 19.2 GB"),
+        ("duration_s: 20", "duration_s: 99999", "duration_s [s]: the log of this team at 500 Hz would take"),
+        ("name: paper", "a: &a [*a]\nname: paper", "broken.yaml:3: is nested more than 20 deep"),
+    ],
+)
+def test_a_broken_file_is_one_line_and_status_2(written: str, instead: str, answer: str, tmp_path: Path):
+    text = (Path(scenario.__file__).parent.parent / "scenarios" / "paper.yaml").read_text()
+    assert written in text
+    path = tmp_path / "broken.yaml"
+    path.write_text(text.replace(written, instead, 1))
+    status, said = invoke("study", str(path), "--out", str(tmp_path / "out"))
+    assert (status, said.count("\n")) == (2, 1)
+    assert answer in said
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("command", ["study", "certify"])
+@pytest.mark.parametrize("seed", ["-1", str(2**63), "1" * 31, "x"])
+def test_a_seed_that_no_generator_takes_is_refused_with_status_2(command: str, seed: str, tmp_path: Path):
+    status, said = invoke(command, "paper", "--seed", seed, "--out", str(tmp_path / "out"))
+    assert status == 2
+    assert "--seed" in said
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_folder_that_cannot_be_written_is_one_line_and_status_2_before_any_flight(tmp_path: Path):
     (tmp_path / "file").write_text("in the way")
     status, said = invoke("study", "paper", "--out", str(tmp_path / "file" / "out"))

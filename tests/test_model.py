@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from colift import model
-from colift.model import Agent, Team
+from colift.model import Agent, Team, Tree
 from tests import teams
 
 
@@ -30,6 +30,12 @@ REFUSED = [
     (lambda a: dataclasses.replace(a, inertia=a.inertia.at[0, 0, 0, 1].set(0.01)), "left, body 0: .*not symmetric"),
     (lambda a: dataclasses.replace(a, mass=a.mass.at[1, 3].set(0.0)), "right, body 3: mass 0 kg is not positive"),
     (lambda a: dataclasses.replace(a, mass=a.mass.at[1, 3].set(jnp.nan)), "right, body 3: mass nan kg"),
+    (
+        lambda a: dataclasses.replace(a, inertia=a.inertia.at[1, 2].set(jnp.inf)),
+        "right, body 2: .*three finite numbers",
+    ),
+    (lambda a: dataclasses.replace(a, thrust_max=a.thrust_max.at[1].set(0.0)), "right: thrust_max 0 N is not positive"),
+    (lambda a: dataclasses.replace(a, tip=a.tip.at[0, 1, 2].set(jnp.nan)), "left: tip .* m is not finite"),
     (
         lambda a: dataclasses.replace(a, joint_axis=a.joint_axis.at[0, 1].mul(2.0)),
         "left, joint 1: .* not a unit vector",
@@ -88,3 +94,18 @@ def test_ancestors() -> None:
     """Body i is moved by the joints between it and the base."""
     expected = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [1, 0, 1]], bool)
     np.testing.assert_array_equal(teams.WAIST_TWO_ARMS.ancestors, expected)
+
+
+@pytest.mark.parametrize(
+    ("parents", "prismatic", "tips", "message"),
+    [
+        ((0, 2), (False, False), (1,), r"parents\[1\] = 2: the body of joint 1 hangs on one of bodies 0 to 1"),
+        ((-1,), (False,), (1,), r"parents\[0\] = -1"),
+        ((0,), (False, True), (1,), "1 parents for 2 joints"),
+        ((0,), (False,), (), "an agent holds the payload with one arm or more"),
+        ((0,), (False,), (2,), r"tips\[0\] = 2: must be one of bodies 0 to 1"),
+    ],
+)
+def test_what_is_no_tree_is_refused(parents, prismatic, tips, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        Tree(parents=parents, prismatic=prismatic, tips=tips)

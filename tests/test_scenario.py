@@ -17,7 +17,7 @@ from colift.scenario import ScenarioError, Settings
 from colift.scenario.describe import markdown
 from colift.scenario.from_urdf import AgentTypeFromUrdf
 from colift.scenario.read import SHIPPED
-from colift.scenario.settings import Body, Revolute
+from colift.scenario.settings import AgentType, Body, Revolute
 
 SAMPLE = (Path(__file__).parent / "sample_scenario.yaml").read_text(encoding="utf-8")
 BODY = {"mass_kg": 1.0}
@@ -127,14 +127,14 @@ def test_inertia_that_no_rigid_body_has_is_refused(seed, flaw):
     J = (J + J.T) / 2
     J[0, 1] += 0.01 if flaw == "asymmetric" else 0
     expected = {"negative": "positive definite", "triangle": "triangle inequality", "asymmetric": "symmetric"}[flaw]
-    with pytest.raises(ValidationError, match=expected):
+    with pytest.raises(ScenarioError, match=expected):
         Body.model_validate(BODY | {"inertia_kgm2": J.tolist()})
 
 
 @pytest.mark.parametrize("axis", [[0, 0, 0], [0.0, -0.0, 0.0]])
 def test_an_axis_has_a_direction(axis):
     body = BODY | {"inertia_kgm2": [1, 1, 1]}
-    with pytest.raises(ValidationError, match="must not be zero"):
+    with pytest.raises(ScenarioError, match="must not be zero"):
         Revolute.model_validate({"name": "j", "type": "revolute", "axis": axis, "body": body})
 
 
@@ -144,7 +144,7 @@ WRONG = [  # what is written, what instead, the line that answers
     (
         "mass_kg: 1.5, inertia_kgm2: [0.02",
         "mass_kg: -1.5, inertia_kgm2: [0.02",
-        "base.mass_kg [kg]: must be greater than 0, got -1.5",
+        "base.mass_kg [kg]: must be from 1e-6 to 100000 (from a milligram to a hundred tonnes), got -1.5",
     ),
     ("thrust_max_N", "thrust_mx_N", "two_arms.thrust_mx_N [N]: is not a setting here; did you mean 'thrust_max_N'?"),
     ("thrust_max_N", "thrust_mx_N", "two_arms.thrust_max_N [N]: is required"),
@@ -159,7 +159,7 @@ WRONG = [  # what is written, what instead, the line that answers
     ("duration_s: 20", "duration_s: true", "duration_s [s]: must be a number, got True"),
     ("duration_s: 20", "duration_s:", "duration_s [s]: must be a number, got nothing"),
     ("seed: 0", "seed: 0.5", "seed: must be a whole number, got 0.5"),
-    ("K_p: 5", "K_p: [5, 5, 0]", "control.K_p[2] [1/s²]: must be greater than 0, got 0"),
+    ("K_p: 5", "K_p: [5, 5, 0]", "control.K_p[2] [1/s²]: must be from 1e-6 to 1e8 (beyond it"),
     ("kind: jet", "kind: jett", "disturbances[2]: kind must be one of"),
     ("kind: jet", "kind: jett", "got 'jett'; did you mean 'jet'?"),
     ("kind: balanced", "kind: leader_follower", "allocation.leader_contacts: is required"),
@@ -185,6 +185,41 @@ WRONG = [  # what is written, what instead, the line that answers
     ("[2.5, 4.5", "[0.2, 4.5", "update_times_s[0] [s]: must exceed start_s = 0.5"),
     ("  end_s: 10\n", "  end_s: 30\n", "learning.end_s [s]: must not exceed duration_s = 20, got 30"),
     ("  end_s: 10\n", "  end_s: 9\n", "update_times_s[4] [s]: must not exceed end_s = 9, got 10"),
+    ("seed: 0", "seed: 9223372036854775808", "seed: must be from 0 to 9223372036854775807 (what the random generator"),
+    ("seed: 0", "seed: 1234567890123456789012345678901", "got 1234567890123456789012345678901"),
+    ("seed: 0", f"seed: {'9' * 5000}", "seed: is not a number that can be read"),
+    ("seed: 0", f"seed: 0x{'f' * 5000}", "got a whole number of 20000 bits"),
+    ("seed: 0", "seed: !!bool foo", "s.yaml:6: seed: tags are not used in a scenario, got '!!bool'"),
+    ("seed: 0", "seed: 0\nseed: 1", "s.yaml:6: seed: stands twice, in lines 6 and 7"),
+    ("seed: 0", "1: 0", "scenario: the name of a setting must be text, got '1' in line 6"),
+    ("seed: 0", "<<: 0", "scenario: `<<` takes a section, or a list of them, got '0'"),
+    ("name: sample", 'name: "\\ud800"', "name: holds characters that are not text"),
+    ("name: sample", f"name: {'x' * 101}", "name: must have at most 100 characters"),
+    ("control_Hz: 500", "control_Hz: 19", "control_Hz [Hz]: must be from 20 to 10000 (below 20 Hz no attitude loop"),
+    (
+        "control_Hz: 500",
+        "control_Hz: 20",
+        "control.joint_filter_Hz [Hz]: must not exceed half of control_Hz, 10, got 30",
+    ),
+    ("control_Hz: 500", "control_Hz: 24", "learning.sample_Hz [Hz]: must not exceed control_Hz = 24, got 25"),
+    ("filter_Hz: 4", "filter_Hz: 251", "learning.filter_Hz [Hz]: must not exceed half of control_Hz, 250, got 251"),
+    (
+        "duration_s: 20",
+        "duration_s: 3000",
+        "the log of this team at 500 Hz would take 2.93 GB; 2 GB are allowed, 2049 s",
+    ),
+    ("capacity: 256", "capacity: 2283", "the 24 outputs of the models would take 1 GB; 1 GB are allowed, 2282 points"),
+    ("capacity: 256", "capacity: 1", "learning.capacity: must be from 2 to 20000 (a fit takes two"),
+    ("seed: 0", "drawn: {norm: 1, centers: 3000}", "drawn.centers: the 24 outputs of the models would take 1.73 GB"),
+    ("ramp_s: 3\n", "ramp_s: 20\ndrawn: {norm: 1}\n", "reference.ramp_s [s]: must be less than duration_s = 20"),
+    ("[2.5, 4.5", "[2.5, 2.53", "update_times_s[1] [s]: must be a period of sample_Hz = 25 after the one before, 2.5"),
+    ("[2.5, 4.5", "[0.52, 4.5", "update_times_s[0] [s]: must be a period of sample_Hz = 25 after start_s, 0.5"),
+    ("[2.5, 0, 1]", "[25, 0, 1]", "gusts[0].wave_radpm [rad/m]: has a wavelength of 0.251 m, less than the 1.23 m"),
+    ("[2.5, 0, 1]", "[250, 0, 1]", "wave_radpm[0] [rad/m]: must be from -63 to 63 (a wavelength of 10 cm"),
+    ("[2.5, 0, 1]", "[1e-4, 0, 1e-4]", "wave_radpm [rad/m]: has a wavelength above 10 km, which is a mean wind"),
+    ("center_m: [0, 0, 2]", "center_m: [<<, 0, 2]", "reference.center_m[0] [m]: must be a number, got '<<'"),
+    ("axis: [0, 0, 1]", "axis: [0, 0, 1e-7]", "joints[0].axis: must not be zero"),
+    ("two_arms:", "two_arms: 5\n  other:", "agent_types.two_arms: must be settings by name, got 5"),
     (
         "kind: joint_friction, acts_on: agents",
         "kind: joint_friction, acts_on: payload",
@@ -198,6 +233,17 @@ def test_a_mistake_is_answered_in_words(written, instead, answer):
     assert SAMPLE.count(written) >= 1
     lines = mistakes(SAMPLE.replace(written, instead, 1))
     assert any(answer in line for line in lines), lines
+
+
+def test_what_follows_from_a_mistake_is_not_told_beside_it():
+    assert len(mistakes(SAMPLE.replace("seed: 0", "seed: !!bool foo"))) == 1
+    assert len(mistakes(SAMPLE.replace("capacity: 256", "capacity: 1e6"))) == 1
+
+
+def test_of_very_many_mistakes_the_first_are_told_and_the_others_counted():
+    lines = mistakes(SAMPLE + "\n".join(f"a{i}: 1" for i in range(500)))
+    assert len(lines) == 101
+    assert lines[-1] == "and 400 more mistakes"
 
 
 def test_all_mistakes_are_told_at_once_in_the_order_of_the_file():
@@ -248,7 +294,13 @@ def test_what_cannot_be_read_is_one_line(tmp_path):
     binary, folder = tmp_path / "binary.yaml", tmp_path / "folder"
     binary.write_bytes(b"\xff\xfe\x00")
     folder.mkdir()
-    for path, reason in [(binary, "not UTF-8"), (folder, "directory"), (tmp_path / "absent.yaml", "No such file")]:
+    for path, reason in [
+        (binary, ":1: cannot be read: not UTF-8"),
+        (folder, "directory"),
+        (tmp_path / "absent.yaml", "No such file"),
+        (Path("~nobody_of_that_name/a.yaml"), "home directory"),
+        (Path("/dev/zero"), "holds more than 100000 characters"),
+    ]:
         with pytest.raises(ScenarioError, match=reason) as e:
             scenario.load(path)
         assert "\n" not in str(e.value)
@@ -262,17 +314,42 @@ def test_what_cannot_be_read_is_one_line(tmp_path):
         "- 1",
         "just words",
         "a: [1",
-        "a: 1\na: 2",
         "a: *nowhere",
         "\tb: 1",
         "---\na: 1\n---\nb: 2",
         "\0",
+        "a: " + "[" * 5000,
+        "a: &a [*a]",
+        "a: &a {<<: *a}",
+        "a0: &a0 [1]\n" + "".join(f"a{i}: &a{i} [{f'*a{i - 1},' * 9}]\n" for i in range(1, 12)),
+        "a: " + "x" * 100_000,
+        "%YAML 1.3\n---\na: 1",
+        "ok: 1\nb: \x07",
     ],
 )
 def test_what_is_no_mapping_or_no_yaml_is_one_line_with_its_number(text):
     (line,) = mistakes(text)
-    assert line.startswith("s.yaml")
-    assert "Traceback" not in line
+    assert re.match(r"s\.yaml:\d+: \S", line)
+    assert len(line) < 300
+
+
+@pytest.mark.parametrize("given", ["", "a\0b.yaml", "a" * 5000, "a" * 5000 + ".yaml", "\ud800"])
+def test_a_name_that_no_file_can_have_is_one_line(given):
+    with pytest.raises(ScenarioError) as e:
+        scenario.load(given)
+    assert "\n" not in str(e.value)
+    assert len(str(e.value)) < 400
+
+
+def test_ways_of_writing_that_mean_the_same_are_read_alike(tmp_path):
+    plain = scenario.parse(SAMPLE, "s.yaml")
+    merged = SAMPLE.replace("payload: {mass_kg: 1.5,", "payload: {<<: {mass_kg: 9}, mass_kg: 1.5,", 1)
+    for text in ("\ufeff" + SAMPLE, SAMPLE.replace("\n", "\r\n"), "%YAML 1.1\n---\n" + SAMPLE, merged):
+        path = tmp_path / "s.yaml"
+        path.write_bytes(text.encode())
+        assert scenario.load(path) == plain
+    brought = scenario.parse(merged.replace("{mass_kg: 9}, mass_kg: 1.5,", "{mass_kg: 9},"), "s.yaml")
+    assert brought.payload.mass_kg == 9
 
 
 NESTED = st.recursive(
@@ -296,6 +373,50 @@ def test_whatever_a_section_holds_the_answer_is_a_list_of_mistakes(section, valu
         assert isinstance(parsed, Settings)
 
 
+# In Python ------------------------------------------------------------------------------------------------------------
+
+PAPER = scenario.load("paper")
+
+
+@pytest.mark.parametrize(
+    ("change", "answer"),
+    [
+        ({"agents": []}, "agents: must have at least 1 value, got 0 values"),
+        ({"seed": -1}, "seed: must be from 0 to"),
+        ({"duration_s": 5.0}, r"learning.end_s \[s\]: must not exceed duration_s = 5, got 10"),
+        ({"sed": 1}, "sed: is not a setting here; did you mean 'seed'?"),
+        ({"disturbances": [{"kind": "jett"}]}, r"disturbances\[0\]: kind must be one of .* did you mean 'jet'?"),
+        (
+            {"disturbances": [{"kind": "wind", "name": "a", "acts_on": "payload", "mean_mps": [0.0, 0.0, 999.0]}]},
+            r"disturbances\[0\].mean_mps\[2\] \[m/s\]: must be from -340 to 340 \(the speed of sound\), got 999",
+        ),
+    ],
+)
+def test_settings_made_in_python_are_refused_in_the_same_words(change, answer):
+    data = PAPER.model_dump() | change
+    for make in (
+        lambda: Settings(**data),
+        lambda: Settings.model_validate(data),
+        lambda: PAPER.model_copy(update=change),
+    ):
+        with pytest.raises(ScenarioError, match=f"^{answer}") as e:
+            make()
+        assert "pydantic" not in str(e.value)
+
+
+def test_sections_made_in_python_are_refused_in_the_same_words():
+    kind = PAPER.agent_types["two_arms"].model_dump()
+    with pytest.raises(ScenarioError, match=r"^arms: must have at least 1 value, got 0 values$"):
+        AgentType(**kind | {"arms": []})
+    with pytest.raises(ScenarioError, match=r"^agent_types.two_arms.arms: must have at least 1 value, got 0 values$"):
+        Settings(**PAPER.model_dump() | {"agent_types": {"two_arms": kind | {"arms": []}}})
+    with pytest.raises(ScenarioError, match=r"^scenario: must be JSON"):
+        Settings.model_validate_json("{")
+    with pytest.raises(ScenarioError) as e:
+        Body(mass_kg=-1.0, inertia_kgm2=(1.0, 1.0, 5.0))  # ty: ignore[invalid-argument-type]
+    assert [line.partition(":")[0] for line in str(e.value).splitlines()] == ["mass_kg [kg]", "inertia_kgm2 [kg m²]"]
+
+
 # Documentation --------------------------------------------------------------------------------------------------------
 
 
@@ -307,3 +428,5 @@ def test_the_reference_page_is_what_the_models_say():
     )
     missing = [line for line in told.splitlines() if line.startswith("| `") and line.rstrip().endswith("|  |")]
     assert not missing, "settings without a sentence"
+    cells = [line.split("|")[2] for line in told.split("## Ranges")[0].splitlines() if line.startswith("| `")]
+    assert not [cell for cell in cells if re.search(r"number(?! from | between )", cell)], "numbers without a range"

@@ -1,17 +1,18 @@
 """From settings to what a run starts from: units, frames, names and order, against the numbers written elsewhere."""
 
 import functools
+import re
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
 
-from colift import disturbance, gp, grasp, learn, reference, scenario, so3, study
+from colift import disturbance, gp, grasp, learn, reference, scenario, simulate, so3, study
 from colift.model import Residual, State, no_force
 from colift.scenario import ScenarioError, Settings, build
+from colift.scenario.references import log_numbers, model_outputs
 from tests import teams
 
 
@@ -335,7 +336,7 @@ def test_nothing_is_drawn_where_it_is_not_asked_for_and_no_norm_is_an_error():
     assert build.drawn(s, truth, start()) is None
     assert study.plan(s, "C1").world.sources.functions == ()
     for bad in ({"norm": 0}, {"norm": 1, "centers": 0}, {"norm": 1, "spread": -0.1}):
-        with pytest.raises(ValidationError):
+        with pytest.raises(ScenarioError):
             changed("certified", drawn=bad)
 
 
@@ -351,3 +352,32 @@ def test_rates_of_rotation_and_of_joints_have_a_lengthscale_of_their_own():
     ):
         expected = [15.0 if feature in rates[name] else 3.0 for feature in features]
         np.testing.assert_array_equal(hyper.lengthscales, np.tile(expected, (len(hyper.signal_variance), 1)))
+
+
+# What a run takes -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["paper", "mixed"])
+def test_the_log_is_no_larger_than_the_settings_are_told(name, mixed):
+    s = mixed if name == "mixed" else scenario.load(name)
+    agents, contacts = len(s.agents), len(build.contact_names(s))
+    joints = len(build.joint_names(s))
+    sizes = {"time": 1, "agents": agents, "joints": joints, "contacts": contacts, "eta": 3 * contacts - 6}
+    shapes = [re.findall(r"\w+", part.split(",")[1]) for part in simulate.Row.__annotations__.values()]
+    logged = sum(np.prod([sizes[word] if word in sizes else int(word) for word in shape]) for shape in shapes)
+    assert 0.8 * log_numbers(s.model_dump()) < logged <= log_numbers(s.model_dump())
+
+
+def test_the_models_have_as_many_outputs_as_the_settings_are_told(mixed):
+    s = mixed.model_copy(update={"learning": mixed.learning.model_copy(update={"capacity": 3})})
+    oracle = build.prior(s, build.team(s)[1])
+    W = [oracle.payload.W, *(model.W for model in oracle.agents)]
+    assert sum(matrices.size for matrices in W) == 3**2 * model_outputs(s.model_dump())
+
+
+def test_noise_too_small_for_the_data_is_refused_with_its_section():
+    s = scenario.load("paper")
+    quiet = s.learning.agents.model_copy(update={"joint_noise_Nm": 1e-9})
+    s = s.model_copy(update={"learning": s.learning.model_copy(update={"agents": quiet})})
+    with pytest.raises(ScenarioError, match=r"^paper: learning.agents: output 6: "):
+        build.prior(s, build.team(s)[1])

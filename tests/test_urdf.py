@@ -127,6 +127,122 @@ def test_a_point_mass_may_be_fixed_to_a_body() -> None:
     np.testing.assert_allclose(arm.inertia, np.diag([9e-4 + lift, 9e-4 + lift, 1e-5]), atol=1e-18)
 
 
+# A link and what makes it unphysical by itself: the body that it is part of is physical.
+PLACEHOLDERS = [
+    '<mass value="0"/><inertia ixx="1e-6" iyy="1e-6" izz="1e-6" ixy="0" ixz="0" iyz="0"/>',
+    '<mass value="1e-6"/><inertia ixx="0" iyy="0" izz="0" ixy="0" ixz="0" iyz="0"/>',
+    '<mass value="0.001"/><inertia ixx="1e-6" iyy="1e-6" izz="9e-6" ixy="0" ixz="0" iyz="0"/>',
+    '<mass value="0.001"/><inertia ixx="1e-6" iyy="1e-6" izz="1e-6" ixy="2e-6" ixz="0" iyz="0"/>',
+    '<mass value="0.02"/><inertia ixx="-1e-7" iyy="1e-6" izz="1e-6" ixy="0" ixz="0" iyz="0"/>',
+]
+
+
+@pytest.mark.parametrize("placeholder", PLACEHOLDERS)
+@pytest.mark.parametrize("seed", range(2))
+def test_a_body_is_checked_when_its_links_are_merged(placeholder: str, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    at = f'<origin xyz="{words(0.1 * rng.normal(size=3))}" rpy="{words(rng.uniform(-3, 3, 3))}"/>'
+    heavy = f'<link name="tool"><inertial>{at}{placeholder}</inertial></link>'
+    text = TWO_ARMS.replace('<link name="tool"/>', heavy)
+    with pytest.raises(ValueError, match="link 'tool': "):
+        urdf.parse(text.replace('name="wrist" type="fixed"', 'name="wrist" type="continuous"'), "two.urdf")
+    body = urdf.parse(text, "two.urdf").bodies[1]
+    expected = pin.buildModelFromXML(text, pin.JointModelFreeFlyer()).inertias[2]
+    np.testing.assert_allclose(body.mass, expected.mass, rtol=1e-12)
+    np.testing.assert_allclose(body.com, expected.lever, atol=1e-12)
+    np.testing.assert_allclose(body.inertia, expected.inertia, atol=1e-12 * np.abs(expected.inertia).max())
+
+
+def test_links_whose_sum_is_not_physical_are_refused_by_all_their_names() -> None:
+    flat = '<mass value="0.001"/><inertia ixx="1e-6" iyy="1e-6" izz="9" ixy="0" ixz="0" iyz="0"/>'
+    text = TWO_ARMS.replace('<link name="tool"/>', f'<link name="tool"><inertial>{flat}</inertial></link>')
+    told = r"^two\.urdf:4: link 'arm' with what is fixed to it \(tool\): inertia breaks the triangle inequality"
+    with pytest.raises(ValueError, match=told):
+        urdf.parse(text, "two.urdf")
+
+
+# Joints that follow another -------------------------------------------------------------------------------------------
+
+
+def with_followers(rng: np.random.Generator, links: int) -> tuple[str, dict[str, tuple[str, float, float]]]:
+    """A random tree in which about half of the joints follow another, without a circle."""
+    text, _ = random_urdf(rng, links)
+    moving = re.findall(r'<joint name="([^"]*)" type="(?!fixed)', text)
+    follows = {}
+    for i, name in enumerate(moving[1:], 1):
+        if rng.uniform() < 0.5:
+            follows[name] = (moving[int(rng.integers(i))], float(rng.uniform(-2, 2)), float(rng.uniform(-1, 1)))
+    for name, (followed, multiplier, offset) in follows.items():
+        mimic = f'<mimic joint="{followed}" multiplier="{multiplier!r}" offset="{offset!r}"/>'
+        text = re.sub(rf'(<joint name="{name}" .*?)(</joint>)', rf"\1{mimic}\2", text, count=1)
+    return text, follows
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_frozen_joints_are_pinocchios_reduced_model(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    text, follows = with_followers(rng, 9)
+    full = pin.buildModelFromXML(text, pin.JointModelFreeFlyer())
+    moving = [name for name in full.names if name not in ("universe", "root_joint")]
+    rest = {name: float(rng.uniform(-1, 1)) for name in moving if name not in follows}
+    robot = urdf.parse(text, "r.urdf", "frozen", rest)
+    assert {joint.name for joint in robot.joints} == set(moving) - set(follows)
+
+    held = dict(rest)
+    for name, (followed, multiplier, offset) in follows.items():  # what is followed comes first
+        held[name] = multiplier * held[followed] + offset
+    q = pin.neutral(full)
+    for name in follows:
+        at = full.joints[full.getJointId(name)]
+        q[at.idx_q : at.idx_q + at.nq] = [np.cos(held[name]), np.sin(held[name])] if at.nq == 2 else [held[name]]
+    reduced = pin.buildReducedModel(full, [full.getJointId(name) for name in follows], q)
+    names = ["root_joint", *(joint.name for joint in robot.joints)]
+    for name, body in zip(names, robot.bodies, strict=True):
+        expected = reduced.inertias[reduced.getJointId(name)]
+        np.testing.assert_allclose(body.mass, expected.mass, rtol=1e-12)
+        np.testing.assert_allclose(body.com, expected.lever, atol=1e-12)
+        np.testing.assert_allclose(body.inertia, expected.inertia, atol=1e-12)
+    for joint in robot.joints:
+        at = reduced.jointPlacements[reduced.getJointId(joint.name)]
+        np.testing.assert_allclose(joint.position, at.translation, atol=1e-12)
+        np.testing.assert_allclose(joint.rotation, at.rotation, atol=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_independent_joints_are_as_if_they_followed_none(seed: int) -> None:
+    text, follows = with_followers(np.random.default_rng(seed), 9)
+    free = urdf.parse(re.sub("<mimic [^>]*/>", "", text), "r.urdf")
+    found = urdf.parse(text, "r.urdf", "independent")
+    assert set(follows) <= {joint.name for joint in found.joints}
+    for a, b in zip(
+        jax.tree.leaves((found.bodies, found.joints)), jax.tree.leaves((free.bodies, free.joints)), strict=True
+    ):
+        assert repr(a) == repr(b)
+
+
+CIRCLES = [
+    ("shoulder", r"joint 'shoulder' follows itself, by way of shoulder"),
+    ("elbow", r"joint 'shoulder' follows 'elbow', which is not a joint"),
+]
+
+
+@pytest.mark.parametrize(("followed", "answer"), CIRCLES)
+def test_a_joint_follows_another_that_there_is(followed: str, answer: str) -> None:
+    text = TWO_ARMS.replace("<limit", f'<mimic joint="{followed}"/><limit')
+    with pytest.raises(ValueError, match=rf"^two\.urdf:9: {answer}"):
+        urdf.parse(text, "two.urdf", "frozen")
+
+
+def test_a_fixed_joint_follows_none() -> None:
+    text = TWO_ARMS.replace("<limit", '<mimic joint="wrist" multiplier="5" offset="0.5"/><limit')
+    text = text.replace(
+        '<joint name="wrist" type="fixed">', '<joint name="wrist" type="fixed"><mimic joint="shoulder"/>'
+    )
+    (base,) = urdf.parse(text, "two.urdf", "frozen", {"wrist": 3.0}).bodies
+    assert base.mass == pytest.approx(1.62)
+    assert len(urdf.parse(text, "two.urdf", "independent").joints) == 1
+
+
 MASS, INERTIA = '<mass value="0.12"/>', 'ixx="9e-4" iyy="9e-4" izz="1e-5"'
 LONE = '<link name="x"/>'
 EXTRA = LONE + '<joint name="j" type="fixed"><parent link="{}"/><child link="{}"/></joint></robot>'
@@ -142,15 +258,20 @@ REFUSED = [
     ),
     ('type="revolute"', 'type="planar"', "type 'planar' is not supported; allowed: revolute, continuous, prismatic"),
     ('type="revolute"', "", r"two\.urdf:7: joint 'shoulder': <joint> has no 'type'"),
-    ("<limit", '<mimic joint="wrist"/><limit', r"two\.urdf:9: joint 'shoulder': <mimic> is not supported"),
+    (
+        "<limit",
+        '<mimic joint="wrist"/><limit',
+        r"two\.urdf:9: joint 'shoulder' follows another \(<mimic>\).*: choose mimic 'frozen' .* or 'independent' ",
+    ),
     ('xyz="2 0 0"', 'xyz="0 0 0"', r"two\.urdf:8: joint 'shoulder': the axis must not be zero"),
     ('xyz="2 0 0"', 'xyz="2 0"', "'xyz' of <axis> must be 3 finite numbers, got '2 0'"),
     ('xyz="2 0 0"', 'xyz="2 0 nan"', "'xyz' of <axis> must be 3 finite numbers, got '2 0 nan'"),
     ('xyz="0 0.08 0"', 'rpy="0 a 0"', "'rpy' of <origin> must be 3 finite numbers, got '0 a 0'"),
     ('<parent link="base"/>', "", "joint 'shoulder' has no <parent>"),
     ('<parent link="base"/>', '<parent link="bas"/>', "parent 'bas' is not a link; links: base, arm, tool"),
+    ('xyz="0 0.08 0"', 'xyz="0 1e13 0"', "'xyz' of <origin> must be at most 1e\\+12 in size, got '0 1e13 0'"),
     (MASS, "", r"two\.urdf:4: link 'arm': <inertial> has no <mass>"),
-    (MASS, '<mass value="-0.12"/>', r"two\.urdf:4: link 'arm': mass -0\.12 kg is not positive"),
+    (MASS, '<mass value="-0.12"/>', r"two\.urdf:4: link 'arm': mass -0\.12 kg is negative"),
     (MASS, '<mass value="0"/>', r"link 'arm': mass 0 kg is not positive"),
     (MASS, MASS * 2, "<mass> stands twice in <inertial>"),
     (INERTIA, 'ixx="9e-4" iyy="9e-4" izz="2e-3"', r"link 'arm': inertia breaks the triangle inequality.*kg m\^2"),
@@ -188,6 +309,31 @@ def test_a_moving_body_without_inertia_and_a_cycle_without_a_root_are_refused() 
         urdf.parse(ring, "two.urdf")
     with pytest.raises(ValueError, match="there are no links"):
         urdf.parse("<robot name='x'/>", "two.urdf")
+
+
+@pytest.mark.parametrize(
+    ("tip", "contact", "thrust", "answer"),
+    [
+        (("tool", [0.0, 0.0]), [0.0, 0.0, 0.0], 50.0, r"the offset of tip 'tool' must be three finite numbers, m, got"),
+        ("tool", [0.0, 0.0], 50.0, r"contact 0 must be three finite numbers, m, got \[0.0, 0.0\]"),
+        ("tool", [0.0, 0.0, np.nan], 50.0, r"contact 0 must be three finite numbers, m, got \[0.0, 0.0, nan\]"),
+        ("tool", [0.0, 0.0, 0.0], -1.0, r"thrust_max -1 N is not positive and finite"),
+        ("tool", [0.0, 0.0, 0.0], np.nan, r"thrust_max nan N is not positive and finite"),
+    ],
+)
+def test_an_agent_has_tips_contacts_and_a_thrust_that_can_be(tip, contact, thrust: float, answer: str) -> None:
+    with pytest.raises(ValueError, match=rf"^two\.urdf: {answer}"):
+        urdf.agent(urdf.parse(TWO_ARMS, "two.urdf"), [tip], [contact], thrust)
+
+
+def test_a_file_without_end_or_of_no_known_encoding_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"^/dev/zero:1: is larger than 16 MiB"):
+        urdf.load("/dev/zero")
+    for encoding in ("nothing", "utf-7", "big5", "utf-16"):
+        with pytest.raises(ValueError, match=r"^r\.urdf:1: "):
+            urdf.parse(f'<?xml version="1.0" encoding="{encoding}"?><robot name="x"/>'.encode(), "r.urdf")
+    with pytest.raises(ValueError, match=r"^r\.urdf:1: "):
+        urdf.parse('<robot name="\ud800"/>', "r.urdf")
 
 
 def test_tips_are_links_and_as_many_as_contacts() -> None:
@@ -266,12 +412,12 @@ def test_a_scenario_and_python_read_one_agent_alike(seed: int, written: Path) ->
 
 
 WRONG_ENTRY = [
-    ("vehicles/two.urdf", "two.urdf", "agent_types.two_arms.urdf: two.urdf cannot be read: No such file"),
+    ("vehicles/two.urdf", "two.urdf", "agent_types.two_arms.urdf: 'two.urdf' cannot be read: No such file"),
     ("left_hand,", "left_hnd,", "tips[0]: 'left_hnd' is not a link of the file (base, waist, "),
     ("left_hand,", "left_hnd,", "did you mean 'left_hand'?"),
     ("{left: 1.2", "{lefft: 1.2", "rest_rad.lefft: 'lefft' is not a joint that turns (waist, left, right)"),
     ("rest_rad: {left: 1.2, right: -1.2}", "rest_m: {left: 1}", "'left' is not a joint that slides (there are none)"),
-    ("thrust_max_N: 50", "thrust_max_N: 0", "two_arms.thrust_max_N [N]: must be greater than 0"),
+    ("thrust_max_N: 50", "thrust_max_N: 0", "two_arms.thrust_max_N [N]: must be from 1e-5 to 1e6 (what lifts"),
     ("    thrust_max_N: 50\n", "", "two_arms.thrust_max_N [N]: is required"),
     ("thrust_max_N: 50", "thrust_mx_N: 50", "is not a setting here; did you mean 'thrust_max_N'?"),
     ("tips: [left_hand, ", "tips: [", "agents[0].contacts_m [m]: must hold one contact for each of the 1 arms"),
@@ -291,10 +437,32 @@ def test_mistakes_in_an_entry_are_told_with_their_place(given: str, instead: str
     assert not any("two_arms.base" in line for line in lines), "what the file would say is not missing"
 
 
+def test_a_scenario_chooses_what_becomes_of_joints_that_follow(written: Path) -> None:
+    text = SAME.replace('<child link="right"/>', '<child link="right"/><mimic joint="left" multiplier="-1"/>')
+    (written.parent / "vehicles" / "two.urdf").write_text(text, encoding="utf-8")
+    told = written.read_text(encoding="utf-8")
+    with pytest.raises(ScenarioError, match=r"two_arms\.urdf: .*two\.urdf:\d+: joint 'right' follows another"):
+        scenario.load(written)
+    with pytest.raises(
+        ScenarioError, match="mimic: must be one of frozen, independent, got 'forzen'; did you mean 'frozen'"
+    ):
+        scenario.parse(told.replace("    tips:", "    mimic: forzen\n    tips:"), str(written))
+    free = scenario.parse(told.replace("    tips:", "    mimic: independent\n    tips:"), str(written))
+    assert build.joint_names(free)[:3] == ("front/waist", "front/left", "front/right")
+    frozen = told.replace("    tips:", "    mimic: frozen\n    tips:").replace(", right: -1.2}", "}")
+    (kind,) = scenario.parse(frozen, str(written)).agent_types.values()
+    assert [joint.name for joint in kind.joints] == ["waist", "left"]
+    hand = next(arm for arm in kind.arms if arm.name == "right")
+    # held at -1.2 rad about x, where `left` rests at 1.2
+    np.testing.assert_allclose(hand.tip_m, [0, -0.08 - 0.3 * np.sin(1.2), -0.3 * np.cos(1.2)], atol=1e-12)
+    assert hand.joint == "waist"
+
+
 @pytest.mark.parametrize(
     ("given", "instead", "answer"),
     [
-        ('value="1.5"', 'value="-1.5"', "two.urdf:2: link 'base': mass -1.5 kg is not positive"),
+        ('value="1.5"', 'value="9e9"', "urdf: vehicles/two.urdf: base.mass_kg [kg]: must be from 1e-6 to 100000"),
+        ('value="1.5"', 'value="-1.5"', "two.urdf:2: link 'base': mass -1.5 kg is negative"),
         ('name="waist" type', 'name="the waist" type', "joint 'the waist': a name is a letter, then letters"),
         ('"left_hand"', '"left/hand"', "'left/hand' cannot name an arm: give the tip a `name`"),
     ],

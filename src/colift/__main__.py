@@ -48,7 +48,10 @@ ScenarioName = Annotated[
     typer.Argument(metavar="SCENARIO", help="A shipped scenario, or a YAML file.", autocompletion=_scenario_names),
 ]
 OutFolder = Annotated[Path | None, typer.Option("--out", help="Folder for the results; by default out/SCENARIO.")]
-Seed = Annotated[int | None, typer.Option("--seed", min=0, help="Seed of all noise; by default the scenario's.")]
+Seed = Annotated[
+    int | None,
+    typer.Option("--seed", min=0, max=2**63 - 1, help="Seed of all noise, 63 bits; by default the scenario's."),
+]
 
 
 def _opened(name: str, out: Path | None, seed: int | None) -> tuple[Any, Path]:

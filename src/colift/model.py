@@ -29,6 +29,21 @@ class Tree:
     tips: tuple[int, ...] = static()
     """Body that carries the contact point of each arm."""
 
+    def __post_init__(self) -> None:
+        """Raise `ValueError` for what is no tree: a parent that comes later, a tip on no body, no arm at all."""
+        if len(self.parents) != len(self.prismatic):
+            raise ValueError(f"Tree: {len(self.parents)} parents for {len(self.prismatic)} joints (prismatic)")
+        for k, parent in enumerate(self.parents):
+            if not 0 <= parent <= k:
+                raise ValueError(
+                    f"Tree: parents[{k}] = {parent}: the body of joint {k} hangs on one of bodies 0 to {k}"
+                )
+        if not self.tips:
+            raise ValueError("Tree: tips = (): an agent holds the payload with one arm or more")
+        for i, tip in enumerate(self.tips):
+            if not 0 <= tip <= len(self.parents):
+                raise ValueError(f"Tree: tips[{i}] = {tip}: must be one of bodies 0 to {len(self.parents)}")
+
     @property
     def joints(self) -> int:
         """Number of joints `n_r`."""
@@ -184,13 +199,20 @@ def check(team: Team, names: Sequence[str] = ()) -> None:
     """Raise `ValueError` with name and numbers unless every body is physical and every joint frame is one; on the host.
 
     Masses are positive, inertias symmetric, positive definite and within the triangle inequality (no principal moment
-    exceeds the sum of the others), joint axes unit vectors, joint frames rotations.
+    exceeds the sum of the others), joint axes unit vectors, joint frames rotations, thrusts positive, points finite.
     """
+    if not np.isfinite(team.gravity).all():
+        raise ValueError(f"gravity {np.asarray(team.gravity).tolist()} m/s^2 is not finite")
     check_body("the payload", team.payload.mass, team.payload.inertia)
     agents = [(group, j) for group, size in zip(team.groups, team.sizes, strict=True) for j in range(size)]
     for name, (group, j) in zip(agent_names(team, names), agents, strict=True):
         for i in range(group.tree.joints + 1):
             check_body(f"{name}, body {i}", group.mass[j, i], group.inertia[j, i])
+        if not 0 < group.thrust_max[j] < np.inf:
+            raise ValueError(f"{name}: thrust_max {group.thrust_max[j]:g} N is not positive and finite")
+        for what in ("com", "joint_position", "tip", "contact"):
+            if not np.isfinite(points := np.asarray(getattr(group, what)[j])).all():
+                raise ValueError(f"{name}: {what} {points.tolist()} m is not finite")
         for k in range(group.tree.joints):
             axis, R = np.asarray(group.joint_axis[j, k]), np.asarray(group.joint_rotation[j, k])
             if not abs(np.linalg.norm(axis) - 1) <= 1e-9:
@@ -199,11 +221,19 @@ def check(team: Team, names: Sequence[str] = ()) -> None:
                 raise ValueError(f"{name}, joint {k}: joint_rotation {R.tolist()} is not a rotation matrix")
 
 
+def check_mass(body: str, mass: ArrayLike) -> None:
+    """Raise `ValueError`, which begins with `body`, for a mass (kg) that is not positive and finite."""
+    m = float(np.asarray(mass))
+    if not (np.isfinite(m) and m > 0):
+        raise ValueError(f"{body}: mass {m:g} kg is not positive{'' if np.isfinite(m) else ' and finite'}")
+
+
 def check_body(body: str, mass: ArrayLike, inertia: ArrayLike) -> None:
     """Raise `ValueError`, which begins with `body`, for a mass (kg) and an inertia (kg m^2) that no rigid body has."""
-    m, J = float(np.asarray(mass)), np.asarray(inertia)
-    if not (np.isfinite(m) and m > 0):
-        raise ValueError(f"{body}: mass {m:g} kg is not positive")
+    check_mass(body, mass)
+    J = np.asarray(inertia)
+    if J.shape != (3, 3) or not np.isfinite(J).all():
+        raise ValueError(f"{body}: inertia {J.tolist()} kg m^2 is not three rows of three finite numbers")
     if not np.allclose(J, J.T, rtol=0, atol=1e-9 * np.abs(J).max()):
         raise ValueError(f"{body}: inertia {J.tolist()} kg m^2 is not symmetric")
     a, b, c = np.linalg.eigvalsh(J)

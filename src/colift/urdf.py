@@ -1,8 +1,10 @@
 """An agent from a URDF file: a tree of links and joints as base, joints and tips.
 
 The root link is the base: its frame is the agent's, thrust along its third axis. Links that fixed joints hold together
-are one body. Joints are numbered depth-first, children in the order of the file. Shapes, limits, damping, friction,
-transmissions and extensions are not part of the equations, and are not read.
+are one body, and it is the body that must be physical, not each link of it: files hold placeholders. Joints are
+numbered depth-first, children in the order of the file. The equations have no joint that follows another (`<mimic>`):
+a choice says whether such joints are frozen or independent. Shapes, limits, damping, friction, transmissions and
+extensions are not part of the equations, and are not read.
 """
 
 from __future__ import annotations
@@ -10,18 +12,23 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import NoReturn
+from types import MappingProxyType
+from typing import Literal, NoReturn
 from xml.parsers import expat
 
 import jax.numpy as jnp
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from colift import model
 from colift.model import Agent, Tree
 
 TYPES = {"revolute": False, "continuous": False, "prismatic": True}  # whether it slides
 Vector = Sequence[float] | np.ndarray
-ZERO = (0.0, 0.0, 0.0)
+Mimic = Literal["frozen", "independent"]
+ZERO, NO_REST = (0.0, 0.0, 0.0), MappingProxyType({})
+LARGEST = 1e12  # of a number, whose products must not overflow
+MOST_BYTES = 16 * 2**20  # of a file; robots of a hundred links take one
 
 
 @dataclasses.dataclass(frozen=True)
@@ -66,24 +73,39 @@ class Robot:
     def tip(self, link: str, offset: Vector = ZERO) -> tuple[int, np.ndarray]:
         """The body that carries a point of a link, given in the link's frame, and the point in the body's frame, m.
 
-        Raises `ValueError` with the known names for a link that the file does not have.
+        Raises `ValueError` for a link that the file does not have, with those it has, and an offset that is no vector.
         """
         if link not in self.links:
             raise ValueError(f"{self.file}: tip {link!r} is not a link; links: {', '.join(self.links)}")
         at = self.links[link]
-        return at.body, at.position + at.rotation @ np.asarray(offset, float)
+        return at.body, at.position + at.rotation @ _vector(f"{self.file}: the offset of tip {link!r}", offset)
 
 
-def load(path: str | Path) -> Robot:
+def _vector(what: str, given: Vector) -> np.ndarray:
+    vector = np.asarray(given, float)
+    if vector.shape != (3,) or not np.isfinite(vector).all():
+        raise ValueError(f"{what} must be three finite numbers, m, got {np.asarray(given).tolist()}")
+    return vector
+
+
+def load(path: str | Path, mimic: Mimic | None = None, rest: Mapping[str, float] = NO_REST) -> Robot:
     """The robot of a URDF file; raises `OSError` where it cannot be read, and `ValueError` as `parse` does."""
-    return parse(Path(path).read_bytes(), str(path))
+    with Path(path).open("rb") as file:
+        text = file.read(MOST_BYTES + 1)
+    if len(text) > MOST_BYTES:
+        raise ValueError(f"{path}:1: is larger than {MOST_BYTES // 2**20} MiB, which no URDF file is")
+    return parse(text, str(path), mimic, rest)
 
 
-def parse(text: str | bytes, file: str) -> Robot:
+def parse(text: str | bytes, file: str, mimic: Mimic | None = None, rest: Mapping[str, float] = NO_REST) -> Robot:
     """The robot that a text describes; `file` names it in messages.
 
+    `mimic` says what becomes of joints that follow another one: `frozen`, fixed at `multiplier rest + offset`, the
+    followed joint at its `rest` position, rad or m, 0 where left out; or `independent`, each a joint of its own.
+
     Raises `ValueError` as `file:line: ...` for what is not XML, has a DOCTYPE, is not one tree of links, holds a joint
-    that is not revolute, continuous, prismatic or fixed, or a body that no rigid body is (`model.check_body`).
+    that is not revolute, continuous, prismatic or fixed, a joint that follows another where `mimic` is None, a negative
+    mass, or a body that no rigid body is (`model.check_body`) when its links are merged.
     """
     robot = _xml(text, file)
     if robot.tag != "robot":
@@ -91,8 +113,9 @@ def parse(text: str | bytes, file: str) -> Robot:
     for element in robot.children:
         if element.tag.startswith("xacro:"):
             _fail(element, f"<{element.tag}> is a macro; expand the file with xacro first")
-    links = _named(robot, "link")
-    root, below = _tree(robot, links, _named(robot, "joint"))
+    links, all_joints = _named(robot, "link"), _named(robot, "joint")
+    root, below = _tree(robot, links, all_joints)
+    frozen = _frozen(all_joints, mimic, rest)
     held: list[list[tuple[_Element, Placement]]] = [[]]  # of each body: its links
     joints: list[Joint] = []
     places: dict[str, Placement] = {}
@@ -102,7 +125,9 @@ def parse(text: str | bytes, file: str) -> Robot:
         name, joint, place = ahead.pop()
         if joint is not None:
             place = _placed(joint, place)
-            if joint.given["type"] != "fixed":
+            if joint.given["name"] in frozen:
+                place = _moved(_joint(joint, place), place, frozen[joint.given["name"]])
+            elif joint.given["type"] != "fixed":
                 joints.append(_joint(joint, place))
                 place = Placement(body=len(joints), rotation=np.eye(3), position=np.zeros(3))
                 held.append([])
@@ -119,10 +144,13 @@ def agent(
 
     `tips` are links, each with an offset in its own frame, m, where the tip is not its origin: one arm each. `contact`
     are the attachments `c` in the payload's frame, m; `thrust_max` is in N. Raises `ValueError` for a tip that is not a
-    link, and where tips and contacts differ in number.
+    link, where tips and contacts differ in number, and for a contact or a thrust that cannot be.
     """
     if len(tips) != len(contact) or not tips:
         raise ValueError(f"{robot.file}: {len(tips)} tips for {len(contact)} contacts; as many as contacts, at least 1")
+    attached = np.array([_vector(f"{robot.file}: contact {i}", c) for i, c in enumerate(contact)])
+    if not 0 < thrust_max < np.inf:
+        raise ValueError(f"{robot.file}: thrust_max {thrust_max:g} N is not positive and finite")
     carriers, points = zip(*(robot.tip(t) if isinstance(t, str) else robot.tip(*t) for t in tips), strict=True)
     joints = robot.joints
     return Agent(
@@ -136,7 +164,7 @@ def agent(
         joint_rotation=jnp.array([j.rotation for j in joints], float).reshape(-1, 3, 3),
         joint_axis=jnp.array([j.axis for j in joints], float).reshape(-1, 3),
         tip=jnp.array(points),
-        contact=jnp.array(contact, float).reshape(-1, 3),
+        contact=jnp.array(attached),
         thrust_max=jnp.array(thrust_max, float),
     )
 
@@ -162,6 +190,10 @@ class _Element:
         return f"{self.tag} {self.given['name']!r}" if "name" in self.given else f"<{self.tag}>"
 
 
+class _Doctype(ValueError):
+    pass
+
+
 def _fail(at: _Element, sentence: str) -> NoReturn:
     raise ValueError(f"{at.place}: {sentence}")
 
@@ -177,7 +209,7 @@ def _xml(text: str | bytes, file: str) -> _Element:
         open_elements.append(element)
 
     def refuse(*_: object) -> None:
-        raise ValueError(f"{file}:{parser.CurrentLineNumber}: a DOCTYPE is not allowed in a URDF file")
+        raise _Doctype(f"{file}:{parser.CurrentLineNumber}: a DOCTYPE is not allowed in a URDF file")
 
     parser.StartElementHandler = begin
     parser.EndElementHandler = lambda _: open_elements.pop()
@@ -186,6 +218,10 @@ def _xml(text: str | bytes, file: str) -> _Element:
         parser.Parse(text, True)
     except expat.ExpatError as error:
         raise ValueError(f"{file}:{error.lineno}: not XML: {expat.ErrorString(error.code)}") from None
+    except _Doctype:
+        raise
+    except (LookupError, ValueError) as error:  # of the encoding that the file names, or of half a character
+        raise ValueError(f"{file}:{parser.CurrentLineNumber}: not XML: {error}") from None
     return top.children[0]
 
 
@@ -204,9 +240,12 @@ def _numbers(element: _Element | None, name: str, count: int, default: Vector, o
         values = np.array([float(word) for word in given.split()])
     except ValueError:
         values = np.array([])
+    cut = given if len(given) <= 60 else f"{given[:60]}..."
     if len(values) != count or not np.isfinite(values).all():
         wanted = "a finite number" if count == 1 else f"{count} finite numbers"
-        _fail(element, f"{of}: {name!r} of <{element.tag}> must be {wanted}, got {given!r}")
+        _fail(element, f"{of}: {name!r} of <{element.tag}> must be {wanted}, got {cut!r}")
+    if np.abs(values).max() > LARGEST:
+        _fail(element, f"{of}: {name!r} of <{element.tag}> must be at most {LARGEST:g} in size, got {cut!r}")
     return values
 
 
@@ -271,9 +310,6 @@ def _check_type(joint: _Element) -> None:
     kind, known = _attribute(joint, "type", joint), (*TYPES, "fixed")
     if kind not in known:
         _fail(joint, f"{joint}: type {kind!r} is not supported; allowed: {', '.join(known)}")
-    mimic = joint.one("mimic")
-    if mimic is not None:
-        _fail(mimic, f"{joint}: <mimic> is not supported; every joint moves on its own")
 
 
 def _origin(element: _Element, of: _Element) -> tuple[np.ndarray, np.ndarray]:
@@ -308,13 +344,56 @@ def _joint(joint: _Element, at: Placement) -> Joint:
     )
 
 
+# Joints that follow another -------------------------------------------------------------------------------------------
+
+
+def _frozen(joints: dict[str, _Element], mimic: Mimic | None, rest: Mapping[str, float]) -> dict[str, float]:
+    """Where each joint that follows another is held, by name, rad or m; none where they are independent."""
+    followers = {
+        name: element
+        for name, joint in joints.items()
+        if joint.given["type"] != "fixed" and (element := joint.one("mimic")) is not None
+    }
+    for name, element in followers.items():
+        if mimic is None:
+            _fail(
+                element,
+                f"{joints[name]} follows another (<mimic>), which the equations do not have: choose mimic "
+                "'frozen' (it is fixed where the joint it follows rests) or 'independent' (it moves on its own)",
+            )
+    return {name: _held_at(name, joints, rest) for name in followers if mimic == "frozen"}
+
+
+def _held_at(name: str, joints: dict[str, _Element], rest: Mapping[str, float]) -> float:
+    """`multiplier rest + offset`, along the chain of joints that follow up to one that does not."""
+    chain, gain, offset = [name], 1.0, 0.0
+    while (element := joints[chain[-1]].one("mimic")) is not None and joints[chain[-1]].given["type"] != "fixed":
+        joint = joints[chain[-1]]
+        followed = _attribute(element, "joint", joint)
+        if followed not in joints:
+            _fail(element, f"{joint} follows {followed!r}, which is not a joint")
+        if followed in chain:
+            _fail(element, f"{joint} follows itself, by way of {', '.join(chain)}")
+        offset += gain * _numbers(element, "offset", 1, (0.0,), joint)[0]
+        gain *= _numbers(element, "multiplier", 1, (1.0,), joint)[0]
+        chain.append(followed)
+    return float(gain * rest.get(chain[-1], 0.0) + offset)
+
+
+def _moved(joint: Joint, at: Placement, by: float) -> Placement:
+    """A joint's frame as it is moved by a position, rad or m; `R = exp(by axis)` where it turns."""
+    if joint.prismatic:
+        return dataclasses.replace(at, position=at.position + by * at.rotation @ joint.axis)
+    return dataclasses.replace(at, rotation=at.rotation @ Rotation.from_rotvec(by * joint.axis).as_matrix())
+
+
 # Inertia --------------------------------------------------------------------------------------------------------------
 
 ENTRIES = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 
 
 def _inertial(link: _Element) -> Body | None:
-    """A link's own mass, in its own frame; None where there is none. A point mass (inertia 0) is allowed."""
+    """A link's own mass and inertia, in its own frame, physical or not; None where there is none."""
     inertial = link.one("inertial")
     if inertial is None:
         return None
@@ -322,11 +401,9 @@ def _inertial(link: _Element) -> Body | None:
     xx, yy, zz, xy, xz, yz = (_entry(inertial, "inertia", name, link) for name in ENTRIES)
     R, com = _origin(inertial, link)
     J = _symmetric(R @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ R.T)
-    if m == 0 and not J.any():
-        return None
-    if m <= 0 or J.any():
-        model.check_body(f"{inertial.place}: {link}", m, J)
-    return Body(mass=m, com=com, inertia=J)
+    if m < 0:
+        _fail(inertial, f"{link}: mass {m:g} kg is negative")
+    return Body(mass=m, com=com, inertia=J) if m > 0 or J.any() else None
 
 
 def _entry(inertial: _Element, tag: str, name: str, link: _Element) -> float:
@@ -340,21 +417,23 @@ def _entry(inertial: _Element, tag: str, name: str, link: _Element) -> float:
 def _body(parts: list[tuple[_Element, Placement]]) -> Body:
     """Links held together: `m = sum m_i`, centre of mass, `J = sum J_i + m_i (d^2 I - d d^T)` about it."""
     first, _ = parts[0]
-    own = [(_inertial(link), place) for link, place in parts]
-    massive = [(body, place) for body, place in own if body is not None]
-    if not massive:
-        also = f", nor have the links fixed to it: {', '.join(x.given['name'] for x, _ in parts[1:])}" * (
-            len(parts) > 1
-        )
+    own = [(link, _inertial(link), place) for link, place in parts]
+    some = [(body, place) for _, body, place in own if body is not None]
+    if not some:
+        names = ", ".join(link.given["name"] for link, _ in parts[1:])
+        also = f", nor have the links fixed to it: {names}" if names else ""
         _fail(first, f"{first} has no <inertial>{also}; a body that moves needs mass and inertia")
-    m = np.array([body.mass for body, _ in massive])
-    s = np.array([place.position + place.rotation @ body.com for body, place in massive])
+    names = ", ".join(link.given["name"] for link, body, _ in own[1:] if body is not None)
+    whole = f"{first.place}: {first}" + (f" with what is fixed to it ({names})" if names else "")
+    m = np.array([body.mass for body, _ in some])
+    model.check_mass(whole, m.sum())
+    s = np.array([place.position + place.rotation @ body.com for body, place in some])
     com = m @ s / m.sum()
     J = sum(
         _symmetric(place.rotation @ body.inertia @ place.rotation.T) + body.mass * (d @ d * np.eye(3) - np.outer(d, d))
-        for (body, place), d in zip(massive, s - com, strict=True)
+        for (body, place), d in zip(some, s - com, strict=True)
     )
-    model.check_body(f"{first.place}: {first}", float(m.sum()), J)
+    model.check_body(whole, float(m.sum()), J)
     return Body(mass=float(m.sum()), com=com, inertia=J)
 
 

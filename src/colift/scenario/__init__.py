@@ -1,13 +1,19 @@
 """Scenarios: YAML files to validated, immutable settings, and settings to the values that a run starts from.
 
+quantities  its numbers, each with the range in which it can be meant
 settings    what a scenario may say
 references  what its sections say about each other
+mistake     a place in the data, and what is said of it
+validation  what pydantic finds wrong, in words
+tree        a YAML text as plain data with lines
 read        a file to settings, or to every mistake in it with its line
+from_urdf   an agent type from a URDF file, in plain numbers
 describe    the settings as a reference page
 build       settings to teams, disturbances, sensors, gains and the start
 """
 
-from colift.scenario.read import ScenarioError, load, names, parse
+from colift.scenario.mistake import ScenarioError
+from colift.scenario.read import load, names, parse
 from colift.scenario.settings import Settings
 
 __all__ = ["ScenarioError", "Settings", "load", "names", "parse"]

@@ -47,7 +47,7 @@ from colift.model import (
     stack,
 )
 from colift.scenario import settings as s
-from colift.scenario.read import ScenarioError
+from colift.scenario.mistake import ScenarioError
 from colift.scenario.references import bodies
 
 EYE = np.eye(3)
@@ -443,14 +443,24 @@ def pilot(settings: s.Settings, nominal: Team) -> fly.Pilot:
 
 
 def prior(settings: s.Settings, nominal: Team) -> learn.Oracle:
-    """The oracle before any data: it predicts zero, with the deviations that the scenario states."""
+    """The oracle before any data: it predicts zero, with the deviations that the scenario states.
+
+    Raises ScenarioError for noise that is too small beside the signal for that many points.
+    """
     learning = settings.learning
+
+    def before(name: str, features: Sequence[str]) -> gp.GP:
+        try:
+            return gp.prior(_hyper(getattr(learning, name), features), learning.capacity)
+        except ValueError as error:
+            raise ScenarioError(f"{settings.name}: learning.{name}: {error}") from None
+
     return learn.Oracle(
-        payload=gp.prior(_hyper(learning.payload, learn.PAYLOAD_FEATURES), learning.capacity),
+        payload=before("payload", learn.PAYLOAD_FEATURES),
         agents=tuple(
             jax.tree.map(
                 lambda x, size=size: jnp.broadcast_to(x, (size, *x.shape)),
-                gp.prior(_hyper(learning.agents, learn.agent_feature_names(group.tree.joints)), learning.capacity),
+                before("agents", learn.agent_feature_names(group.tree.joints)),
             )
             for size, group in zip(nominal.sizes, nominal.groups, strict=True)
         ),

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from typing import Any
 
 from pydantic import BaseModel
 
-from colift.scenario.references import Place
+from colift.scenario.mistake import Place
 
 UNITS = {
     "kg": "kg",
@@ -55,6 +56,32 @@ class Schema:
                 node = inside
         return node
 
+    def leaf(self, loc: Place) -> dict[str, Any]:
+        """What is known of the value at a location as pydantic gives it, down to an entry of a list."""
+        node = self._root
+        for key in loc:
+            node = self._inside(node, key)
+        return node
+
+    def is_variant(self, loc: Place, key: int | str) -> bool:
+        """Whether a step of a location as pydantic gives it names a variant of a union, not a setting."""
+        variants = self._variants(self.leaf(loc))
+        return any(
+            key not in variant.get("properties", {}) and self._names(variant, key)
+            for variant in variants
+            if len(variants) > 1
+        )
+
+    def ranges(self) -> dict[tuple[str, str], list[str]]:
+        """The settings of each `(range, why)`, as `Section.setting`, in the order of the page."""
+        found: dict[tuple[str, str], list[str]] = {}
+        for section, _, rows in self.sections():
+            for key, node, _ in rows:
+                for leaf in _leaves(node):
+                    if "why" in leaf:
+                        found.setdefault((span(leaf), leaf["why"]), []).append(f"{section}.{key}")
+        return found
+
     def settings_beside(self, loc: Place) -> list[str]:
         """Names of the settings of the section that holds the last part of `loc`."""
         node = self._root
@@ -88,9 +115,7 @@ class Schema:
         if "items" in node:
             return f"list: {self.kind(node['items'])}"
         word = {"number": "number", "integer": "whole number", "string": "text"}.get(node.get("type", ""), "")
-        for key, sign in (("exclusiveMinimum", "> "), ("minimum", "≥ ")):
-            word += f" {sign}{node[key]:g}" if key in node else ""
-        return word
+        return f"{word} {span(node)}".strip()
 
     def _variants(self, node: dict[str, Any]) -> list[dict[str, Any]]:
         """The models that a node may be, references resolved."""
@@ -103,15 +128,21 @@ class Schema:
             out += self._variants(target) if "oneOf" in target or "anyOf" in target else [target]
         return out
 
+    @staticmethod
+    def _names(variant: dict[str, Any], key: int | str) -> bool:
+        return any(inner.get("const") == key for inner in variant.get("properties", {}).values())
+
     def _inside(self, node: dict[str, Any], key: int | str) -> dict[str, Any]:
         """One step down: a setting, an entry of a list or of a mapping, or the variant that `kind` or `type` names."""
         variants = self._variants(node)
         for variant in variants if len(variants) > 1 else []:
-            if any(inner.get("const") == key for inner in variant.get("properties", {}).values()):
+            if self._names(variant, key):
                 return variant
         for variant in variants:
             if key in variant.get("properties", {}):
                 return variant["properties"][key]
+            if isinstance(key, int) and key < len(variant.get("prefixItems", [])):
+                return variant["prefixItems"][key]
             if isinstance(key, int) and "items" in variant:
                 return variant["items"]
             entries = [variant.get("additionalProperties"), *variant.get("patternProperties", {}).values()]
@@ -121,9 +152,46 @@ class Schema:
         return {}
 
 
+def span(node: dict[str, Any]) -> str:
+    """The range of a number: `from 0.1 to 5`; empty where it has none."""
+    if "exclusiveMinimum" in node:
+        return f"between {_digits(node['exclusiveMinimum'])} and {_digits(node['exclusiveMaximum'])}"
+    return f"from {_digits(node['minimum'])} to {_digits(node['maximum'])}" if "minimum" in node else ""
+
+
+def _digits(bound: float | int) -> str:
+    """As a person writes it: 1e6, not 1e+06."""
+    whole = isinstance(bound, int) and bound > 10**6
+    return str(bound) if whole else re.sub(r"e([+-])0*", lambda m: "e" + m[1].strip("+"), f"{bound:g}")
+
+
+def _leaves(node: dict[str, Any]) -> Iterator[dict[str, Any]]:
+    """The numbers that a setting holds, those of its lists too."""
+    yield node
+    inside = [*node.get("prefixItems", []), *node.get("anyOf", []), node.get("items"), node.get("additionalProperties")]
+    for entry in inside:
+        if isinstance(entry, dict):
+            yield from _leaves(entry)
+
+
 def markdown(*models: type[BaseModel]) -> str:
     """The reference page of models' settings: one table a section, each model before its own sections."""
-    return "\n".join(_tables(Schema(model)) for model in models)
+    schemas = [Schema(model) for model in models]
+    return "\n".join([*(_tables(schema) for schema in schemas), _ranges(schemas)])
+
+
+def _ranges(schemas: list[Schema]) -> str:
+    """Why each range ends where it does, and which settings have it."""
+    found: dict[tuple[str, str], list[str]] = {}
+    for schema in schemas:
+        for key, names in schema.ranges().items():
+            found.setdefault(key, []).extend(names)
+    lines = ["## Ranges", "", "Why a number may not be further out.", "", "| range | why | settings |", "|---|---|---|"]
+    lines += [
+        f"| {a} | {why} | {', '.join(f'`{name}`' for name in dict.fromkeys(names))} |"
+        for (a, why), names in found.items()
+    ]
+    return "\n".join([*lines, ""])
 
 
 def _tables(schema: Schema) -> str:
@@ -143,7 +211,7 @@ def _tables(schema: Schema) -> str:
                 schema.kind(node),
                 unit_of(node, (key,)),
                 "required" if needed else _default(node.get("default")),
-                node.get("description", ""),
+                " ".join(node.get("description", "").split()),
             )
             lines.append("| " + " | ".join(cells) + " |")
         lines.append("")

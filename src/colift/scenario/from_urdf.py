@@ -5,14 +5,16 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import BeforeValidator, Field
 
 from colift import urdf
-from colift.scenario.references import Mistake, among
-from colift.scenario.settings import NAME, ZERO, Name, Number, Positive, Section, Vector
+from colift.scenario import quantities as of
+from colift.scenario.mistake import Mistake, ScenarioError, among, shown
+from colift.scenario.references import MOST
+from colift.scenario.settings import NAME, ZERO, AgentType, Name, Section
 
 
 class Tip(Section):
@@ -22,7 +24,7 @@ class Tip(Section):
     """A link of the file."""
     name: Name | None = None
     """Names the arm; the link's name if left out."""
-    offset_m: Vector = ZERO
+    offset_m: of.BodyPoint = ZERO
     """Contact point, in the link's frame."""
 
 
@@ -36,41 +38,47 @@ class AgentTypeFromUrdf(Section):
 
     urdf: str
     """Path of the file, relative to the scenario's."""
-    thrust_max_N: Positive
+    thrust_max_N: of.Thrust
     """The largest thrust; a command beyond it is cut there, and the tick is marked."""
-    tips: Annotated[tuple[Annotated[Tip, BeforeValidator(_link)], ...], Field(min_length=1)]
+    tips: Annotated[tuple[Annotated[Tip, BeforeValidator(_link)], ...], Field(min_length=1, max_length=MOST)]
     """Links that hold the payload, one arm each: a link's name, or a tip with an offset."""
-    rest_rad: dict[str, Number] = Field(default_factory=dict)
+    mimic: Literal["frozen", "independent"] | None = None
+    """Joints with `<mimic>`, which the equations do not have: `frozen` where the joint they follow rests, or
+    `independent`, each moving on its own; without it a file that has such joints is refused."""
+    rest_rad: dict[str, of.JointAngle] = Field(default_factory=dict, max_length=MOST)
     """Position at rest of joints that turn, by name; 0 where left out."""
-    rest_m: dict[str, Number] = Field(default_factory=dict)
+    rest_m: dict[str, of.BodyLength] = Field(default_factory=dict, max_length=MOST)
     """Position at rest of joints that slide, by name; 0 where left out."""
 
 
-def expand(kind: dict[str, Any], folder: Path) -> tuple[dict[str, Any], list[Mistake]]:
-    """The agent type in plain numbers, and what is wrong with it, as `(place, sentence)`.
-
-    Raises ValidationError for settings that `AgentTypeFromUrdf` does not allow.
-    """
-    given = AgentTypeFromUrdf.model_validate(kind)
+def expand(given: AgentTypeFromUrdf, kind: dict[str, Any], folder: Path) -> tuple[dict[str, Any], list[Mistake]]:
+    """The agent type in plain numbers, and what is wrong with it, as `(place, sentence)`; `kind` is it as written."""
     try:
-        robot = urdf.load(folder / given.urdf)
+        robot = urdf.load(folder / given.urdf, given.mimic, given.rest_rad | given.rest_m)
     except OSError as error:
-        return kind, [(("urdf",), f"{given.urdf} cannot be read: {error.strerror or error}")]
+        return kind, [(("urdf",), f"{shown(given.urdf)} cannot be read: {error.strerror or error}")]
     except ValueError as error:
         return kind, [(("urdf",), str(error))]
     wrong = list(_mistakes(given, robot))
-    return (kind, wrong) if wrong else (_numbers(given, robot), [])
+    if wrong:
+        return kind, wrong
+    numbers = _numbers(given, robot)
+    try:
+        AgentType.model_validate(numbers)
+    except ScenarioError as error:
+        return kind, [(("urdf",), f"{given.urdf}: {line}") for line in str(error).splitlines()]
+    return numbers, []
 
 
 def _mistakes(given: AgentTypeFromUrdf, robot: urdf.Robot) -> Iterator[Mistake]:
     for joint in robot.joints:
         if not re.fullmatch(NAME, joint.name):
-            yield ("urdf",), f"joint {joint.name!r}: a name is a letter, then letters, digits, - or _"
+            yield ("urdf",), f"joint {shown(joint.name)}: a name is a letter, then letters, digits, - or _"
     for i, tip in enumerate(given.tips):
         if tip.link not in robot.links:
             yield ("tips", i), among(tip.link, robot.links, "a link of the file")
         elif tip.name is None and not re.fullmatch(NAME, tip.link):
-            yield ("tips", i), f"{tip.link!r} cannot name an arm: give the tip a `name`"
+            yield ("tips", i), f"{shown(tip.link)} cannot name an arm: give the tip a `name`"
     for setting, slides, moves in (("rest_rad", False, "turns"), ("rest_m", True, "slides")):
         known = [joint.name for joint in robot.joints if joint.prismatic == slides]
         for name in getattr(given, setting):

@@ -6,12 +6,16 @@ where a part is missing or of the wrong kind, what depends on it is left alone.
 
 from __future__ import annotations
 
-import difflib
-from collections.abc import Iterable, Iterator
+import itertools
+import math
+from collections.abc import Iterator
 from typing import Any
 
-Place = tuple[int | str, ...]
-Mistake = tuple[Place, str]
+from colift.scenario.mistake import Mistake, Place, among, shown
+
+MOST = 100  # entries of a list: agents, joints, sources, ...; what compiles in minutes is well below
+LOG_BYTES, MODEL_BYTES = 2e9, 1e9  # a run holds its log three times at its end, and a laptop has 8 GB
+LONGEST_WAVE = 1e4  # m
 
 AGENTS_ONLY = ("rotor_bias", "joint_friction")
 
@@ -25,16 +29,11 @@ def mistakes(data: dict[str, Any]) -> list[Mistake]:
         *_disturbances(data),
         *_allocation(data),
         *_times(data),
+        *_rates(data),
         *_flanks(data),
+        *_waves(data),
+        *_memory(data),
     ]
-
-
-def among(name: Any, known: Iterable[str], what: str) -> str:
-    """`is not WHAT (a, b); did you mean a?`"""
-    known = list(known)
-    close = difflib.get_close_matches(str(name), known, n=1, cutoff=0.5)
-    listed = ", ".join(known) if known else "there are none"
-    return f"{name!r} is not {what} ({listed})" + (f"; did you mean {close[0]!r}?" if close else "")
 
 
 def _part(data: Any, *place: int | str) -> Any:
@@ -48,13 +47,14 @@ def _part(data: Any, *place: int | str) -> Any:
 
 
 def _items(data: Any, *place: int | str) -> list[Any]:
+    """The entries of a list; of one that is longer than allowed, none."""
     found = _part(data, *place)
-    return list(found) if isinstance(found, list | tuple) else []
+    return list(found) if isinstance(found, list | tuple) and len(found) <= MOST else []
 
 
 def _named(data: Any, *place: int | str) -> dict[str, Any]:
     found = _part(data, *place)
-    return found if isinstance(found, dict) else {}
+    return found if isinstance(found, dict) and len(found) <= MOST else {}
 
 
 def _names(items: list[Any]) -> list[str]:
@@ -66,7 +66,7 @@ def _repeated(items: list[Any], place: Place) -> Iterator[Mistake]:
     for i, item in enumerate(items):
         name = _part(item, "name")
         if isinstance(name, str) and name in seen:
-            yield (*place, i, "name"), f"{name!r} is used twice"
+            yield (*place, i, "name"), f"{shown(name)} is used twice"
         elif isinstance(name, str):
             seen.add(name)
 
@@ -118,7 +118,7 @@ def _agents(data: dict[str, Any]) -> Iterator[Mistake]:
         if isinstance(held, list | tuple) and isinstance(arms, list | tuple) and len(held) != len(arms):
             yield (
                 ("agents", i, "contacts_m"),
-                f"must hold one contact for each of the {len(arms)} arms of {kind!r}, got {len(held)}",
+                f"must hold one contact for each of the {len(arms)} arms of {shown(kind)}, got {len(held)}",
             )
 
 
@@ -154,7 +154,7 @@ def _disturbances(data: dict[str, Any]) -> Iterator[Mistake]:
             for agent in agents:
                 here = bodies(_part(data, "agent_types", str(_part(agent, "type"))))
                 if on in ("agents", _part(agent, "name")) and body not in here:
-                    yield (*place, "body"), among(body, here, f"a body of agent {_part(agent, 'name')!r}")
+                    yield (*place, "body"), among(body, here, f"a body of agent {shown(_part(agent, 'name'))}")
     yield from _frictions(sources, _names(agents))
 
 
@@ -166,7 +166,10 @@ def _frictions(sources: list[Any], agents: list[str]) -> Iterator[Mistake]:
         for agent in agents:
             if _part(source, "acts_on") in ("agents", agent):
                 if agent in rubbed:
-                    yield ("disturbances", i, "acts_on"), f"agent {agent!r} has joint friction from {rubbed[agent]!r}"
+                    yield (
+                        ("disturbances", i, "acts_on"),
+                        f"agent {shown(agent)} has joint friction from {shown(rubbed[agent])}",
+                    )
                     break
                 rubbed[agent] = str(_part(source, "name"))
 
@@ -179,7 +182,7 @@ def _allocation(data: dict[str, Any]) -> Iterator[Mistake]:
         if isinstance(contact, str) and contact not in known:
             yield place, among(contact, known, "a contact")
         elif contact in leaders[:i]:
-            yield place, f"{contact!r} is named twice"
+            yield place, f"{shown(contact)} is named twice"
     offset = _part(data, "allocation", "lam_f0_N")
     followers = len(known) - len(leaders)
     if isinstance(offset, list | tuple) and len(offset) != followers:
@@ -196,6 +199,9 @@ def _allocation(data: dict[str, Any]) -> Iterator[Mistake]:
                 yield ("allocation", "internal", "pairs", i, k), "must be another contact than the first of the pair"
 
 
+UPDATES = ("learning", "update_times_s")
+
+
 def _times(data: dict[str, Any]) -> Iterator[Mistake]:
     duration = _number(data, "duration_s")
     start, end = _number(data, "learning", "start_s"), _number(data, "learning", "end_s")
@@ -203,19 +209,38 @@ def _times(data: dict[str, Any]) -> Iterator[Mistake]:
         yield ("learning", "end_s"), f"must not exceed duration_s = {duration:g}, got {end:g}"
     if start >= end:
         yield ("learning", "start_s"), f"must be less than end_s = {end:g}, got {start:g}"
-    times = _items(data, "learning", "update_times_s")
-    for i, t in enumerate(times):
-        if not isinstance(t, int | float):
-            continue
+    sample = _number(data, "learning", "sample_Hz")
+    times = [_number(data, "learning", "update_times_s", i) for i in range(len(_items(data, *UPDATES)))]
+    for i, (before, t) in enumerate(itertools.pairwise([start, *times])):
         if t > end:
-            yield ("learning", "update_times_s", i), f"must not exceed end_s = {end:g}, got {t:g}"
-        if t <= start:
-            yield ("learning", "update_times_s", i), f"must exceed start_s = {start:g}, or there are no data, got {t:g}"
-        if i and isinstance(times[i - 1], int | float) and t <= times[i - 1]:
-            yield ("learning", "update_times_s", i), f"must exceed the one before, {times[i - 1]:g}, got {t:g}"
+            yield (*UPDATES, i), f"must not exceed end_s = {end:g}, got {t:g}"
+        if t <= before:
+            first = f"start_s = {start:g}, or there are no data"
+            yield (*UPDATES, i), f"must exceed {f'the one before, {before:g}' if i else first}, got {t:g}"
+        elif (t - before) * sample < 1 - 1e-9:
+            since = "the one before" if i else "start_s"
+            yield (*UPDATES, i), f"must be a period of sample_Hz = {sample:g} after {since}, {before:g}, got {t:g}"
     low, high = (_number(data, "learning", "lengthscale_bounds", k) for k in (0, 1))
     if low >= high:
         yield ("learning", "lengthscale_bounds", 1), f"must exceed the least, {low:g}, got {high:g}"
+
+
+def _rates(data: dict[str, Any]) -> Iterator[Mistake]:
+    """Nothing is recorded between ticks, and no filter of the second order turns faster than every other tick."""
+    control = _number(data, "control_Hz")
+    sample = _number(data, "learning", "sample_Hz")
+    if sample > control:
+        yield ("learning", "sample_Hz"), f"must not exceed control_Hz = {control:g}, got {sample:g}"
+    for place in (("learning", "filter_Hz"), ("control", "joint_filter_Hz")):
+        corner = _number(data, *place)
+        if corner > control / 2:
+            yield place, f"must not exceed half of control_Hz, {control / 2:g}, got {corner:g}"
+    duration, ramp = _number(data, "duration_s"), _number(data, "reference", "ramp_s")
+    if _named(data, "drawn") and ramp >= duration:
+        yield (
+            ("reference", "ramp_s"),
+            f"must be less than duration_s = {duration:g}: the centres of `drawn` lie beyond, got {ramp:g}",
+        )
 
 
 def _flanks(data: dict[str, Any]) -> Iterator[Mistake]:
@@ -224,7 +249,67 @@ def _flanks(data: dict[str, Any]) -> Iterator[Mistake]:
         yield ("allocation", "internal", "ramp_s"), f"two flanks must fit between start_s and end_s, {over - begin:g} s"
 
 
+def _waves(data: dict[str, Any]) -> Iterator[Mistake]:
+    """A force at one point says nothing of waves shorter than the body; waves without end are a mean wind."""
+    size = _size(data)
+    for i, source in enumerate(_items(data, "disturbances")):
+        for k in range(len(_items(source, "gusts"))):
+            wave = [_number(source, "gusts", k, "wave_radpm", axis) for axis in range(3)]
+            k_abs = math.hypot(*wave)  # NaN where it is no vector
+            place: Place = ("disturbances", i, "gusts", k, "wave_radpm")
+            if k_abs * LONGEST_WAVE < 2 * math.pi:
+                yield (
+                    place,
+                    f"has a wavelength above {LONGEST_WAVE / 1e3:g} km, which is a mean wind: say it in mean_mps",
+                )
+            elif _part(source, "acts_on") == "payload" and k_abs * size > 2 * math.pi:
+                length = f"{2 * math.pi / k_abs:.3g} m"
+                yield place, f"has a wavelength of {length}, less than the {size:.3g} m between the payload's contacts"
+
+
+def _size(data: dict[str, Any]) -> float:
+    """Largest distance between two contacts, m; 0 where there are none."""
+    places = [
+        ("agents", i, "contacts_m", k)
+        for i, agent in enumerate(_items(data, "agents"))
+        for k in range(len(_items(agent, "contacts_m")))
+    ]
+    held = [[_number(data, *place, axis) for axis in range(3)] for place in places[:MOST]]
+    return max((math.dist(a, b) for a, b in itertools.combinations(held, 2) if math.isfinite(sum(a + b))), default=0.0)
+
+
+def _memory(data: dict[str, Any]) -> Iterator[Mistake]:
+    """The log grows with duration and rate, the models with the square of their data."""
+    duration, rate = _number(data, "duration_s"), _number(data, "control_Hz")
+    log = 8 * duration * rate * log_numbers(data)
+    if log > LOG_BYTES:
+        most = f"{LOG_BYTES / 1e9:g} GB are allowed, {LOG_BYTES / log * duration:.4g} s"
+        yield ("duration_s",), f"the log of this team at {rate:g} Hz would take {log / 1e9:.3g} GB; {most}"
+    outputs = model_outputs(data)
+    for place in (("learning", "capacity"), ("drawn", "centers")):
+        models = 8 * outputs * _number(data, *place) ** 2
+        if models > MODEL_BYTES:
+            most = f"{MODEL_BYTES / 1e9:g} GB are allowed, {math.isqrt(int(MODEL_BYTES / 8 / outputs))} points"
+            yield place, f"the {outputs} outputs of the models would take {models / 1e9:.3g} GB; {most}"
+
+
+def log_numbers(data: dict[str, Any]) -> int:
+    """Numbers that the log holds of one tick, at most: of the payload, each agent, joint and contact."""
+    return 80 + 40 * len(_items(data, "agents")) + 6 * _joints(data) + 12 * len(contacts(data))
+
+
+def model_outputs(data: dict[str, Any]) -> int:
+    """Outputs of all models: six of the payload and of each agent, one of each joint."""
+    return 6 * (1 + len(_items(data, "agents"))) + _joints(data)
+
+
+def _joints(data: dict[str, Any]) -> int:
+    kinds = _named(data, "agent_types")
+    return sum(len(_items(kinds, str(_part(agent, "type")), "joints")) for agent in _items(data, "agents"))
+
+
 def _number(data: Any, *place: int | str) -> float:
-    """The number at a place; NaN, which compares as false with everything, where there is none."""
+    """The number at a place; NaN, which compares as false with everything, where there is none to reckon with."""
     found = _part(data, *place)
-    return float(found) if isinstance(found, int | float) and not isinstance(found, bool) else float("nan")
+    fits = isinstance(found, int | float) and not isinstance(found, bool) and abs(found) <= 1e100
+    return float(found) if fits else math.nan

@@ -7,19 +7,16 @@ World frame unless a description says otherwise. The words and defaults here are
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
-from typing import Annotated, Any, Literal
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
-from pydantic_core import InitErrorDetails, PydanticCustomError
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
-from colift.scenario.references import Mistake, mistakes
-
-
-def of_unit(unit: str) -> Any:
-    """The unit of a setting that carries a letter of the paper rather than a word with a unit."""
-    return Field(json_schema_extra={"unit": unit})
+from colift.scenario import quantities as of
+from colift.scenario.quantities import of_unit
+from colift.scenario.references import MOST, mistakes
+from colift.scenario.validation import as_validation_error, told
 
 
 def _inertia(given: Any) -> Any:
@@ -34,7 +31,7 @@ def _inertia(given: Any) -> Any:
     return given
 
 
-def _physical(rows: tuple[Vector, Vector, Vector]) -> tuple[Vector, Vector, Vector]:
+def _physical(rows: Rows) -> Rows:
     """Refuses what no rigid body has: asymmetry, a principal moment that is not positive, or above the other two."""
     J = np.array(rows)
     if not np.allclose(J, J.T, rtol=1e-12, atol=0):
@@ -50,27 +47,22 @@ def _physical(rows: tuple[Vector, Vector, Vector]) -> tuple[Vector, Vector, Vect
     return rows
 
 
-def _thrice(given: Any) -> Any:
-    """One number for all three axes."""
-    return (given,) * 3 if isinstance(given, int | float) and not isinstance(given, bool) else given
-
-
-def _nonzero(axis: Vector) -> Vector:
-    if not any(axis):
-        raise ValueError("must not be zero")
+def _nonzero(axis: of.Axis) -> of.Axis:
+    if not any(abs(x) >= 1e-6 for x in axis):
+        raise ValueError(f"must not be zero: one entry must be 1e-6 or more, got {list(axis)}")
     return axis
 
 
-Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
-Positive = Annotated[Number, Field(gt=0)]
-NotNegative = Annotated[Number, Field(ge=0)]
-Count = Annotated[int, Field(strict=True, gt=0)]
 NAME = r"^[A-Za-z_][A-Za-z0-9_-]*$"
-Name = Annotated[str, Field(strict=True, pattern=NAME)]
-Vector = tuple[Number, Number, Number]
-Axes = Annotated[tuple[Positive, Positive, Positive], BeforeValidator(_thrice)]
-Inertia = Annotated[tuple[Vector, Vector, Vector], BeforeValidator(_inertia), AfterValidator(_physical)]
-ZERO = (0.0, 0.0, 0.0)
+Name = Annotated[str, Field(strict=True, pattern=NAME, max_length=100)]
+Row = tuple[of.InertiaEntry, of.InertiaEntry, of.InertiaEntry]
+Rows = tuple[Row, Row, Row]
+Inertia = Annotated[Rows, BeforeValidator(_inertia), AfterValidator(_physical)]
+Vector = tuple[float, float, float]
+ZERO: Vector = (0.0, 0.0, 0.0)
+
+
+S = TypeVar("S", bound="Section")
 
 
 class Section(BaseModel):
@@ -78,13 +70,37 @@ class Section(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
 
+    def __init__(self, **given: Any) -> None:
+        """Raises ScenarioError, one line a mistake."""
+        with told(type(self)):
+            super().__init__(**given)
+
+    # pydantic then builds the sections inside by itself, and finds all mistakes at once
+    __init__.__pydantic_base_init__ = True  # ty: ignore[missing-attribute]
+
+    @classmethod
+    def model_validate(cls: type[S], obj: Any, **how: Any) -> S:
+        """As `pydantic.BaseModel`, but raises ScenarioError, one line a mistake."""
+        with told(cls):
+            return super().model_validate(obj, **how)
+
+    @classmethod
+    def model_validate_json(cls: type[S], json_data: str | bytes | bytearray, **how: Any) -> S:
+        """As `pydantic.BaseModel`, but raises ScenarioError, one line a mistake."""
+        with told(cls):
+            return super().model_validate_json(json_data, **how)
+
+    def model_copy(self: S, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> S:
+        """As `pydantic.BaseModel`, but what is updated is checked; raises ScenarioError, one line a mistake."""
+        return type(self).model_validate({**dict(self), **update}) if update else super().model_copy(deep=deep)
+
 
 class Body(Section):
     """A rigid body."""
 
-    mass_kg: Positive
+    mass_kg: of.Mass
     """Mass."""
-    com_m: Vector = ZERO
+    com_m: of.BodyPoint = ZERO
     """Centre of mass, in the body's frame."""
     inertia_kgm2: Inertia
     """Inertia about the centre of mass, body's frame: 3 principal moments, 6 entries xx yy zz xy xz yz, or 3 rows."""
@@ -97,11 +113,11 @@ class _Joint(Section):
     """Names the joint and the body that it moves."""
     parent: Name = "base"
     """The body that carries the joint: `base`, or the name of a joint listed above it."""
-    position_m: Vector = ZERO
+    position_m: of.BodyPoint = ZERO
     """Joint origin, in the parent's frame."""
-    rpy_deg: Vector = ZERO
+    rpy_deg: of.Angles = ZERO
     """Roll, pitch, yaw of the joint's frame in the parent's, at joint position 0: R_z(yaw) R_y(pitch) R_x(roll)."""
-    axis: Annotated[Vector, AfterValidator(_nonzero)]
+    axis: Annotated[of.Axis, AfterValidator(_nonzero)]
     """Direction of the axis in the joint's frame; any length but zero, it is normalized."""
     body: Body
     """The body that the joint moves."""
@@ -112,7 +128,7 @@ class Revolute(_Joint):
 
     type: Literal["revolute"]
     """Turns about its axis."""
-    rest_rad: Number = 0.0
+    rest_rad: of.JointAngle = 0.0
     """Joint position at rest: where the start is sought, and where a redundant arm tends to."""
 
 
@@ -121,8 +137,11 @@ class Prismatic(_Joint):
 
     type: Literal["prismatic"]
     """Slides along its axis."""
-    rest_m: Number = 0.0
+    rest_m: of.BodyLength = 0.0
     """Joint position at rest: where the start is sought, and where a redundant arm tends to."""
+
+
+Joint = Annotated[Revolute | Prismatic, Field(discriminator="type")]
 
 
 class Arm(Section):
@@ -132,7 +151,7 @@ class Arm(Section):
     """Names the arm; `agent/arm` names a contact."""
     joint: Name
     """The body that carries the tip: a joint's name, or `base`."""
-    tip_m: Vector
+    tip_m: of.BodyPoint
     """Contact point, in that body's frame."""
 
 
@@ -141,11 +160,11 @@ class AgentType(Section):
 
     base: Body
     """The vehicle without its arms; its frame is the agent's, thrust along its third axis."""
-    thrust_max_N: Positive
+    thrust_max_N: of.Thrust
     """The largest thrust; a command beyond it is cut there, and the tick is marked."""
-    joints: tuple[Annotated[Revolute | Prismatic, Field(discriminator="type")], ...] = ()
+    joints: Annotated[tuple[Joint, ...], Field(max_length=MOST)] = ()
     """Joints, parents before children."""
-    arms: Annotated[tuple[Arm, ...], Field(min_length=1)]
+    arms: Annotated[tuple[Arm, ...], Field(min_length=1, max_length=MOST)]
     """Arms, one contact each."""
 
 
@@ -156,16 +175,16 @@ class Agent(Section):
     """Names the agent."""
     type: Name
     """One of `agent_types`."""
-    yaw_deg: Number = 0.0
+    yaw_deg: of.Degrees = 0.0
     """Heading that the agent starts with and keeps."""
-    contacts_m: tuple[Vector, ...]
+    contacts_m: Annotated[tuple[of.BodyPoint, ...], Field(max_length=MOST)]
     """Where each arm holds the payload, in the order of the type's arms; payload frame."""
 
 
 class Payload(Section):
     """The rigid payload; its frame sits at its centre of mass."""
 
-    mass_kg: Positive
+    mass_kg: of.Mass
     """Mass."""
     inertia_kgm2: Inertia
     """Inertia, payload frame: 3 principal moments, 6 entries xx yy zz xy xz yz, or 3 rows."""
@@ -176,7 +195,7 @@ class NominalAgentType(Section):
 
     base: Body | None = None
     """The base as believed."""
-    joints: dict[Name, Body] = {}
+    joints: Annotated[dict[Name, Body], Field(max_length=MOST)] = {}
     """Joint name to the body that it moves, as believed."""
 
 
@@ -185,20 +204,20 @@ class Nominal(Section):
 
     payload: Payload | None = None
     """The payload as believed."""
-    agent_types: dict[Name, NominalAgentType] = {}
+    agent_types: Annotated[dict[Name, NominalAgentType], Field(max_length=MOST)] = {}
     """Agent type to the bodies of it that are believed to be otherwise."""
 
 
 class Start(Section):
     """Where the run begins; the agents are placed so that all tips touch (on the manifold)."""
 
-    position_error_m: Vector = ZERO
+    position_error_m: of.Position = ZERO
     """Payload position less the reference at t = 0."""
-    attitude_error_deg: Vector = ZERO
+    attitude_error_deg: of.RotationVector = ZERO
     """Rotation vector from the reference attitude to the payload's, in the reference's frame."""
-    velocity_mps: Vector = ZERO
+    velocity_mps: of.Velocity = ZERO
     """Payload velocity."""
-    body_rate_radps: Vector = ZERO
+    body_rate_radps: of.BodyRate = ZERO
     """Payload body rate, payload frame."""
 
 
@@ -207,17 +226,17 @@ class Lissajous(Section):
 
     kind: Literal["lissajous"]
     """Which reference."""
-    center_m: Vector
+    center_m: of.Position
     """Centre of the figure."""
-    amplitude_m: tuple[NotNegative, NotNegative, NotNegative]
+    amplitude_m: of.Extents
     """Amplitude along each axis."""
-    period_s: Axes
+    period_s: of.Periods
     """Period along each axis; one number for all three."""
-    phase_deg: Vector = ZERO
+    phase_deg: of.Angles = ZERO
     """Phase along each axis."""
-    ramp_s: Positive
+    ramp_s: of.Span
     """Time in which the amplitude rises smoothly from zero."""
-    rpy_deg: Vector = ZERO
+    rpy_deg: of.Angles = ZERO
     """Roll, pitch, yaw of the desired attitude."""
 
 
@@ -230,7 +249,7 @@ class _Source(Section):
     """`payload`, `agents` (each of them), or the name of one agent."""
     body: Name = "base"
     """The agent's body: `base`, or a joint's name. Not for the payload."""
-    point_m: Vector = ZERO
+    point_m: of.BodyPoint = ZERO
     """Where it attacks, in the body's frame."""
 
 
@@ -239,20 +258,20 @@ class Constant(_Source):
 
     kind: Literal["constant"]
     """Which law."""
-    force_N: Vector = ZERO
+    force_N: of.Force = ZERO
     """Force, world frame."""
-    torque_Nm: Vector = ZERO
+    torque_Nm: of.Moment = ZERO
     """Torque, body's frame."""
 
 
 class Gust(Section):
     """One wave of a wind field."""
 
-    amplitude_mps: Vector
+    amplitude_mps: of.Velocity
     """Wind speed at the crest."""
-    wave_radpm: Vector
+    wave_radpm: of.WaveVector
     """Wave vector: its length is 2 pi over the wavelength."""
-    phase_deg: Number = 0.0
+    phase_deg: of.Degrees = 0.0
     """Phase at the origin."""
 
 
@@ -261,13 +280,13 @@ class Wind(_Source):
 
     kind: Literal["wind"]
     """Which law."""
-    linear_Nspm: NotNegative = 0.0
+    linear_Nspm: of.Drag = 0.0
     """Linear drag coefficient."""
-    quadratic_Ns2pm2: NotNegative = 0.0
+    quadratic_Ns2pm2: of.Drag = 0.0
     """Quadratic drag coefficient."""
-    mean_mps: Vector = ZERO
+    mean_mps: of.Velocity = ZERO
     """Mean wind."""
-    gusts: tuple[Gust, ...] = ()
+    gusts: Annotated[tuple[Gust, ...], Field(max_length=MOST)] = ()
     """Waves added to the mean."""
 
 
@@ -276,11 +295,11 @@ class Tether(_Source):
 
     kind: Literal["tether"]
     """Which law."""
-    anchor_m: Vector
+    anchor_m: of.Position
     """The fixed end."""
-    stiffness_Npm: Positive
+    stiffness_Npm: of.Stiffness
     """Stiffness."""
-    length_m: NotNegative = 0.0
+    length_m: of.Extent = 0.0
     """Length at rest."""
 
 
@@ -289,11 +308,11 @@ class Jet(_Source):
 
     kind: Literal["jet"]
     """Which law."""
-    force_N: Vector
+    force_N: of.Force
     """Force at the centre."""
-    center_m: Vector
+    center_m: of.Position
     """Centre of the stream."""
-    width_m: Positive
+    width_m: of.Width
     """Distance at which the force has fallen to 0.61 of that at the centre."""
 
 
@@ -302,9 +321,9 @@ class RotorBias(_Source):
 
     kind: Literal["rotor_bias"]
     """Which law."""
-    thrust_N: Number = 0.0
+    thrust_N: of.Newton = 0.0
     """Thrust that is added, along the body's third axis."""
-    torque_Nm: Vector = ZERO
+    torque_Nm: of.Moment = ZERO
     """Torque that is added, body's frame."""
 
 
@@ -317,11 +336,11 @@ class JointFriction(Section):
     """Names the source in results."""
     acts_on: Name
     """`agents` (each of them), or the name of one agent."""
-    viscous_Nms: NotNegative = 0.0
+    viscous_Nms: of.Drag = 0.0
     """Viscous coefficient; for a sliding joint in N s/m."""
-    coulomb_Nm: NotNegative = 0.0
+    coulomb_Nm: of.DryFriction = 0.0
     """Dry friction; for a sliding joint in N."""
-    speed_radps: Positive = 0.05
+    speed_radps: of.SlowSpeed = 0.05
     """Joint rate below which dry friction is smoothed; for a sliding joint in m/s."""
 
 
@@ -336,70 +355,70 @@ class Drawn(Section):
     reference, the w_k normal and scaled to the norm.
     """
 
-    norm: Positive
+    norm: of.Norm
     """RKHS norm of every output: its values are at most this many signal deviations of its prior."""
-    centers: Count = 30
+    centers: of.Centers = 30
     """How many kernels are added."""
-    spread: NotNegative = 0.2
+    spread: of.Ratio = 0.2
     """Deviation of the centres from the states on the reference, in length-scales."""
 
 
 class Sensors(Section):
     """Standard deviations of white noise on every tick's reading, and the tips' bias and bandwidth."""
 
-    position_m: NotNegative = 0.002
+    position_m: of.Noise = 0.002
     """Position."""
-    attitude_deg: NotNegative = 0.2
+    attitude_deg: of.AngularNoise = 0.2
     """Attitude, per axis of the rotation vector."""
-    velocity_mps: NotNegative = 0.01
+    velocity_mps: of.Noise = 0.01
     """Velocity."""
-    body_rate_radps: NotNegative = 0.01
+    body_rate_radps: of.Noise = 0.01
     """Body rate."""
-    accelerometer_mps2: NotNegative = 0.05
+    accelerometer_mps2: of.Noise = 0.05
     """Specific force."""
-    joint_deg: NotNegative = 0.1
+    joint_deg: of.AngularNoise = 0.1
     """Joint encoder; a sliding joint has the same number of radians as metres (0.1 deg: 1.7 mm)."""
-    tip_force_N: NotNegative = 0.1
+    tip_force_N: of.Noise = 0.1
     """Force at a tip, per axis."""
-    tip_force_bias_N: NotNegative = 0.05
+    tip_force_bias_N: of.Noise = 0.05
     """Deviation from which the constant bias of each tip axis is drawn."""
-    tip_force_bandwidth_Hz: Positive = 50.0
+    tip_force_bandwidth_Hz: of.Bandwidth = 50.0
     """First-order bandwidth of the tip force sensors."""
 
 
 class Control(Section):
     """Feedback gains. Rotational ones multiply the inertia (docs/errata.md, row 6)."""
 
-    K_p: Annotated[Axes, of_unit("1/s²")]
+    K_p: Annotated[of.Gains, of_unit("1/s²")]
     """Payload position gain, per axis; one number for all three."""
-    K_v: Annotated[Axes, of_unit("1/s")]
+    K_v: Annotated[of.Gains, of_unit("1/s")]
     """Payload velocity gain, per axis; one number for all three."""
-    k_R: Annotated[Positive, of_unit("1/s²")]
+    k_R: Annotated[of.Gain, of_unit("1/s²")]
     """Payload attitude gain: `K_R = k_R J_L`."""
-    k_omega: Annotated[Positive, of_unit("1/s")]
+    k_omega: Annotated[of.Gain, of_unit("1/s")]
     """Payload body-rate gain: `K_omega = k_omega J_L`."""
-    agent_k_R: Annotated[Positive, of_unit("1/s²")]
+    agent_k_R: Annotated[of.Gain, of_unit("1/s²")]
     """Agents' attitude gain."""
-    agent_k_omega: Annotated[Positive, of_unit("1/s")]
+    agent_k_omega: Annotated[of.Gain, of_unit("1/s")]
     """Agents' body-rate gain."""
-    posture: Annotated[NotNegative, of_unit("1/s")] = 2.0
+    posture: Annotated[of.GainOrNone, of_unit("1/s")] = 2.0
     """Rate at which redundant joints return to rest."""
-    fusion_Hz: Positive = 1.0
+    fusion_Hz: of.Bandwidth = 1.0
     """How fast measured poses and velocities pull the inertial prediction."""
-    joint_filter_Hz: Positive = 30.0
+    joint_filter_Hz: of.Rate = 30.0
     """Corner of the second-order filter of joint readings, of which the rates are the derivative."""
 
 
 class Internal(Section):
     """Internal forces, which leave the payload's wrench alone, switched on for a while."""
 
-    start_s: NotNegative
+    start_s: of.Time
     """When they begin to rise."""
-    end_s: Positive
+    end_s: of.Span
     """When they are gone again."""
-    ramp_s: Positive
+    ramp_s: of.Span
     """How long each flank lasts."""
-    pairs: Annotated[tuple[tuple[str, str, Number], ...], Field(min_length=1)]
+    pairs: Annotated[tuple[tuple[str, str, of.Newton], ...], Field(min_length=1, max_length=MOST)]
     """`[contact a, contact b, N]`: presses a and b towards each other along their line, or apart if negative."""
 
 
@@ -417,9 +436,9 @@ class LeaderFollower(Section):
 
     kind: Literal["leader_follower"]
     """Which allocation."""
-    leader_contacts: Annotated[tuple[str, ...], Field(min_length=1)]
+    leader_contacts: Annotated[tuple[str, ...], Field(min_length=1, max_length=MOST)]
     """Contacts of the leader block, as `agent/arm`; three that are not collinear, or more."""
-    lam_f0_N: tuple[Vector, ...] | None = None
+    lam_f0_N: Annotated[tuple[of.Force, ...], Field(max_length=MOST)] | None = None
     """Constant force of each follower contact, in team order; an internal force; payload frame."""
     internal: Internal | None = None
     """Internal-force input, on follower contacts only."""
@@ -428,92 +447,92 @@ class LeaderFollower(Section):
 class Prior(Section):
     """Deviations that a model states before it has data."""
 
-    force_N: Positive
+    force_N: of.Deviation
     """Signal deviation of a force output."""
-    moment_Nm: Positive
+    moment_Nm: of.Deviation
     """Signal deviation of a moment output."""
-    force_noise_N: Positive
+    force_noise_N: of.Deviation
     """Label noise deviation of a force output."""
-    moment_noise_Nm: Positive
+    moment_noise_Nm: of.Deviation
     """Label noise deviation of a moment output."""
-    lengthscale: Annotated[Positive, of_unit("of each feature")] = 1.0
+    lengthscale: Annotated[of.Lengthscale, of_unit("of each feature")] = 1.0
     """Length-scale of every feature but rates of rotation and of joints."""
-    rate_lengthscale: Annotated[Positive, of_unit("of each feature")] = 1.0
+    rate_lengthscale: Annotated[of.Lengthscale, of_unit("of each feature")] = 1.0
     """Length-scale of rates of rotation and of joints."""
 
 
 class AgentPrior(Prior):
     """Deviations that an agent's model states before it has data."""
 
-    joint_Nm: Positive
+    joint_Nm: of.Deviation
     """Signal deviation of a joint output; for a sliding joint in N."""
-    joint_noise_Nm: Positive
+    joint_noise_Nm: of.Deviation
     """Label noise deviation of a joint output; for a sliding joint in N."""
 
 
 class Learning(Section):
     """When data are recorded, when models are fitted and frozen, and how."""
 
-    update_times_s: Annotated[tuple[Positive, ...], Field(min_length=1)]
+    update_times_s: Annotated[tuple[of.Span, ...], Field(min_length=1, max_length=MOST)]
     """The t_k at which all models are fitted to the data so far and frozen, ascending."""
-    start_s: NotNegative
+    start_s: of.Time
     """When recording begins; the filters have settled by then."""
-    end_s: Positive
+    end_s: of.Span
     """T_end: no data are recorded after it."""
-    sample_Hz: Positive
+    sample_Hz: of.Rate
     """Rate at which samples are recorded; no denser than the filter's memory."""
-    filter_Hz: Positive
+    filter_Hz: of.Rate
     """Corner of the second-order filter that every term of a label goes through."""
-    capacity: Count
+    capacity: of.Capacity
     """Most samples a data set holds."""
     payload: Prior
     """The payload model's prior."""
     agents: AgentPrior
     """The agent models' prior."""
-    lengthscale_bounds: tuple[Positive, Positive] = (0.1, 30.0)
+    lengthscale_bounds: tuple[of.Lengthscale, of.Lengthscale] = (0.1, 30.0)
     """Least and largest length-scale that a fit may give, in standard deviations of the feature."""
     hyperparameters: Literal["fitted", "stated"] = "fitted"
     """`fitted` to the data at each update, or `stated`: those of the prior, without a mean, as error bounds ask for."""
     samples: Literal["estimated", "rig"] = "estimated"
     """`estimated` on board from the sensors, or of a calibration `rig`: true states, labels with bounded errors."""
-    rig_error: NotNegative = 0.1
+    rig_error: of.Ratio = 0.1
     """Error of every label of the rig, one way or the other, as a share of the drawn residual's deviation."""
-    restarts: Annotated[int, Field(strict=True, ge=0)] = 1
+    restarts: of.Restarts = 1
     """Further starts of the fit, beside the warm one."""
-    max_iterations: Count = 60
+    max_iterations: of.Iterations = 60
     """Most iterations of one start."""
 
 
 class Baselines(Section):
     """Tuning of the rivals of learning."""
 
-    K_i: Annotated[NotNegative, of_unit("1/s³")] = 2.0
+    K_i: Annotated[of.GainOrNone, of_unit("1/s³")] = 2.0
     """Integral action on the position error, baseline I."""
-    k_i: Annotated[NotNegative, of_unit("1/s³")] = 40.0
+    k_i: Annotated[of.GainOrNone, of_unit("1/s³")] = 40.0
     """Integral action on the attitude error, baseline I."""
-    observer_Hz: Positive = 0.5
+    observer_Hz: of.Rate = 0.5
     """Bandwidth of the wrench observer, baseline DOB."""
-    mass_kg: Positive = 0.5
+    mass_kg: of.Deviation = 0.5
     """Prior deviation of the payload's mass error, baseline P."""
-    first_moment_kgm: Positive = 0.05
+    first_moment_kgm: of.Deviation = 0.05
     """Prior deviation of the payload's first moments, baseline P."""
-    inertia_kgm2: Positive = 0.05
+    inertia_kgm2: of.Deviation = 0.05
     """Prior deviation of the payload's inertia error, baseline P."""
 
 
 class LabelError(Section):
     """Largest errors of labels: noise, bias and delay, and all by which the residual is no function of the state."""
 
-    force_N: Positive
+    force_N: of.Deviation
     """Of a force output."""
-    moment_Nm: Positive
+    moment_Nm: of.Deviation
     """Of a moment output."""
 
 
 class AgentLabelError(LabelError):
     """Largest errors of an agent's labels."""
 
-    joint_Nm: Positive
+    joint_Nm: of.Deviation
     """Of a joint output; for a sliding joint in N."""
 
 
@@ -522,9 +541,9 @@ class Certificate(Section):
 
     bound: Literal["energy", "srinivas", "abbasi_yadkori", "chowdhury_gopalan", "fiedler"] = "energy"
     """Which bound of the prediction error (docs/bounds.md)."""
-    confidence: Annotated[Number, Field(gt=0, lt=1)] = 0.95
+    confidence: of.Confidence = 0.95
     """With which all bounds hold at once: all bodies, outputs and updates."""
-    norm: Positive = 3.0
+    norm: of.Norm = 3.0
     """RKHS norm of every residual output less its prior mean, at most: at most this many signal deviations anywhere."""
     payload: LabelError | None = None
     """Label errors of the payload; by default the calibration rig's, or three of the prior's label noise deviations."""
@@ -539,17 +558,17 @@ class Settings(Section):
     """Names the scenario in results."""
     description: str = ""
     """What it is for, in a sentence."""
-    duration_s: Positive
+    duration_s: of.Duration
     """Length of a run."""
-    control_Hz: Positive
+    control_Hz: of.ControlRate
     """Control rate; the plant is stepped once a tick."""
-    seed: Annotated[int, Field(strict=True, ge=0)] = 0
+    seed: of.Seed = 0
     """Seed of all noise."""
-    gravity_mps2: Vector = (0.0, 0.0, -9.81)
+    gravity_mps2: of.Gravities = (0.0, 0.0, -9.81)
     """Gravitational acceleration."""
-    agent_types: Annotated[dict[Name, AgentType], Field(min_length=1)]
+    agent_types: Annotated[dict[Name, AgentType], Field(min_length=1, max_length=MOST)]
     """Kinds of aerial manipulator, by name; in a file, each in plain numbers or [from URDF](#agenttypefromurdf)."""
-    agents: Annotated[tuple[Agent, ...], Field(min_length=1)]
+    agents: Annotated[tuple[Agent, ...], Field(min_length=1, max_length=MOST)]
     """The team."""
     payload: Payload
     """The payload in truth."""
@@ -559,7 +578,7 @@ class Settings(Section):
     """Where the run begins."""
     reference: Lissajous
     """Where the payload should be."""
-    disturbances: tuple[Source, ...] = ()
+    disturbances: Annotated[tuple[Source, ...], Field(max_length=MOST)] = ()
     """Unknown forces and torques."""
     drawn: Drawn | None = None
     """Unknown forces and torques drawn at random, in addition."""
@@ -588,14 +607,3 @@ class Settings(Section):
     def digest(self) -> str:
         """Twelve hexadecimal digits that differ when any setting does: the identity of a run."""
         return hashlib.sha256(self.model_dump_json().encode()).hexdigest()[:12]
-
-
-def as_validation_error(wrong: Sequence[Mistake]) -> ValidationError:
-    """Mistakes between sections, in the form that pydantic gives those within one."""
-    return ValidationError.from_exception_data(
-        "Settings",
-        [
-            InitErrorDetails(type=PydanticCustomError("mistake", "{message}", {"message": text}), loc=loc, input=None)
-            for loc, text in wrong
-        ],
-    )

@@ -1,0 +1,174 @@
+"""A YAML text as plain data, with the line of every value; only what a scenario can use is read.
+
+Numbers, text, lists and settings by name, anchors and merge keys. No tags, so that a text makes nothing but these.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any, NoReturn
+
+from ruamel.yaml import YAML
+from ruamel.yaml.composer import MaxDepthExceededError
+from ruamel.yaml.error import MarkedYAMLError, YAMLError
+from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
+from ruamel.yaml.reader import ReaderError
+
+from colift.scenario.mistake import Mistake, Place, ScenarioError, shown
+
+MOST_BYTES = 100_000  # thirty times the paper's study; read in a second or two
+MOST_VALUES = 10_000  # an alias counts each time: a few lines of them can stand for billions
+DEEPEST = 20  # levels; a scenario has eight
+TAG = "tag:yaml.org,2002:"
+
+
+@dataclasses.dataclass(frozen=True)
+class Tree:
+    """Plain data, the line of every place in it, and what is wrong with its form."""
+
+    file: str
+    data: dict[str, Any]
+    lines: dict[Place, int]
+    wrong: list[Mistake]
+
+    def line(self, place: Place) -> int:
+        """The line of a setting, or of the section that lacks it."""
+        return next((self.lines[place[:n]] for n in range(len(place), 0, -1) if place[:n] in self.lines), 1)
+
+
+def read(text: str, file: str) -> Tree:
+    """The data of a text; `file` names it in messages.
+
+    Raises ScenarioError at once for what is no YAML, no mapping, or too much; what is wrong with single values is
+    collected.
+    """
+    if len(text) > MOST_BYTES:
+        raise ScenarioError(f"{file}:1: holds more than {MOST_BYTES} characters, which no scenario needs")
+    reader = _Reader(file)
+    node = reader.compose(text)
+    if not isinstance(node, MappingNode):
+        _fail(file, 1, "must be settings by name (`name: value`), one a line")
+    data = reader.value(node, ())
+    return Tree(file, data, reader.lines, reader.wrong)
+
+
+def _fail(file: str, line: int, sentence: str) -> NoReturn:
+    raise ScenarioError(f"{file}:{line}: {sentence}")
+
+
+class _Reader:
+    """One pass over the nodes of a text: values, their lines, and what is wrong."""
+
+    def __init__(self, file: str) -> None:
+        self.file = file
+        self.lines: dict[Place, int] = {}
+        self.wrong: list[Mistake] = []
+        self.values, self.depth = 0, 0
+        self.yaml = YAML(typ="safe", pure=True)
+        self.yaml.max_depth = DEEPEST
+        self.yaml.composer.warn_double_anchors = False  # a name may be used again
+
+    def compose(self, text: str) -> Node | None:
+        """The one document, with the line of every node."""
+        try:
+            return self.yaml.compose(text)
+        except MaxDepthExceededError as error:
+            _fail(self.file, error.problem_mark.line + 1, f"is nested more than {DEEPEST} deep")
+        except ReaderError as error:
+            line = text.count("\n", 0, error.position) + 1
+            _fail(self.file, line, f"not valid YAML: the character {ord(text[error.position]):#06x} is not text")
+        except MarkedYAMLError as error:
+            mark = error.problem_mark or error.context_mark
+            problem = " ".join(str(error.problem or error.context or error).split())
+            _fail(self.file, mark.line + 1 if mark else 1, f"not valid YAML: {problem}")
+        except (YAMLError, ValueError, AssertionError, RecursionError) as error:  # asserted: the version of YAML
+            _fail(self.file, 1, f"not valid YAML: {' '.join(str(error).split())}")
+
+    def value(self, node: Node, place: Place) -> Any:
+        """The plain value of a node, all inside it told by its place."""
+        line = node.start_mark.line + 1
+        self.values, self.depth = self.values + 1, self.depth + 1
+        if self.values > MOST_VALUES:
+            _fail(self.file, line, f"holds more than {MOST_VALUES} values, aliases counted each time")
+        if self.depth > DEEPEST:
+            _fail(self.file, line, f"is nested more than {DEEPEST} deep")
+        if isinstance(node, MappingNode):
+            value = self.mapping(node, place)
+        elif isinstance(node, SequenceNode):
+            value = self.sequence(node, place)
+        else:
+            assert isinstance(node, ScalarNode)
+            value = self.scalar(node, place)
+        self.depth -= 1
+        return value
+
+    def sequence(self, node: SequenceNode, place: Place) -> list[Any]:
+        """The entries, in order."""
+        self.no_tag(node, "seq", place)
+        for i, entry in enumerate(node.value):
+            self.lines[*place, i] = entry.start_mark.line + 1
+        return [self.value(entry, (*place, i)) for i, entry in enumerate(node.value)]
+
+    def mapping(self, node: MappingNode, place: Place) -> dict[str, Any]:
+        """The settings by name; those that a merge key brings give way to those written."""
+        self.no_tag(node, "map", place)
+        found, written = self.merged(node, place), set()
+        for key, value in node.value:
+            name, line = key.value, key.start_mark.line + 1
+            if _is(key, "merge"):
+                continue
+            if not _is(key, "str") or not _is_text(name):
+                said = shown(name) if isinstance(name, str) else "a list or section"
+                self.wrong.append((place, f"the name of a setting must be text, got {said} in line {line}"))
+            elif name in written:
+                first = self.lines[*place, name]
+                self.wrong.append(((*place, name), f"stands twice, in lines {first} and {line}"))
+            else:
+                self.lines[*place, name] = line
+                found[name] = self.value(value, (*place, name))
+                written.add(name)
+        return found
+
+    def merged(self, node: MappingNode, place: Place) -> dict[str, Any]:
+        """What merge keys (`<<: *section`, or a list of them) bring; of several the first section counts."""
+        found: dict[str, Any] = {}
+        for value in (value for key, value in node.value if _is(key, "merge")):
+            for section in reversed(value.value) if isinstance(value, SequenceNode) else [value]:
+                if isinstance(section, MappingNode):
+                    found |= self.value(section, place)
+                else:
+                    self.wrong.append((place, f"`<<` takes a section, or a list of them, got {shown(section.value)}"))
+        return found
+
+    def no_tag(self, node: Node, kind: str, place: Place) -> bool:
+        """Whether a node is what it looks like; told where a tag says otherwise."""
+        if _is(node, kind):
+            return True
+        self.wrong.append((place, f"tags are not used in a scenario, got {shown(str(node.tag).replace(TAG, '!!'))}"))
+        return False
+
+    def scalar(self, node: ScalarNode, place: Place) -> Any:
+        """A number, text, truth value or nothing."""
+        plain = node.style is None
+        implied = str(self.yaml.resolver.resolve(ScalarNode, node.value, (plain, not plain))).removeprefix(TAG)
+        if not self.no_tag(node, implied, place):
+            return None
+        if not _is_text(node.value):
+            self.wrong.append((place, f"holds characters that are not text, got {shown(node.value)}"))
+            return None
+        if implied not in ("null", "bool", "int", "float"):  # dates and lone merge keys too are text here
+            return node.value
+        try:
+            return self.yaml.constructor.construct_object(node)
+        except ValueError:
+            self.wrong.append((place, f"is not a number that can be read, got {shown(node.value)}"))
+            return None
+
+
+def _is(node: Node, kind: str) -> bool:
+    return str(node.tag) == TAG + kind
+
+
+def _is_text(value: Any) -> bool:
+    """Whether it is whole characters: half of one, a surrogate alone, no file can hold."""
+    return isinstance(value, str) and not any("\ud800" <= c <= "\udfff" for c in value)

@@ -1,0 +1,128 @@
+"""What pydantic finds wrong, in words: where, what is allowed, what was given."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import re
+from collections.abc import Generator, Sequence
+from typing import Any
+
+from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails, InitErrorDetails, PydanticCustomError
+
+from colift.scenario.describe import Schema, span, unit_of
+from colift.scenario.mistake import Mistake, Place, ScenarioError, closest, shown
+
+MOST_TOLD = 100  # mistakes that one message lists
+
+WORDS = {
+    "float_type": "must be a number",
+    "finite_number": "must be finite",
+    "int_type": "must be a whole number",
+    "string_type": "must be text",
+    "tuple_type": "must be a list",
+    "dict_type": "must be settings by name",
+    "model_type": "must be settings by name",
+    "model_attributes_type": "must be settings by name",
+    "string_pattern_mismatch": "must be a name: a letter, then letters, digits, - or _",
+    "json_invalid": "must be JSON ({error})",
+    "string_too_long": "must have at most {max_length} characters",
+}
+RANGES = ("greater_than", "greater_than_equal", "less_than", "less_than_equal")
+
+
+@contextlib.contextmanager
+def told(model: type[BaseModel]) -> Generator[None]:
+    """Raise what pydantic finds as ScenarioError, one line a mistake: `path [unit]: what is allowed`."""
+    try:
+        yield
+    except ValidationError as error:
+        schema, found = of(model), error.errors(include_url=False)
+        lines = [f"{where(_known(schema, e['loc']), schema)}: {sentence(e, schema)}" for e in found[:MOST_TOLD]]
+        raise ScenarioError("\n".join([*dict.fromkeys(lines), *more(len(found))])) from None
+
+
+def more(count: int) -> list[str]:
+    """A last line where there are more mistakes than are told."""
+    return [f"and {count - MOST_TOLD} more mistakes"] if count > MOST_TOLD else []
+
+
+@functools.cache
+def of(model: type[BaseModel]) -> Schema:
+    """The schema of a model, made once."""
+    return Schema(model)
+
+
+def as_validation_error(wrong: Sequence[Mistake]) -> ValidationError:
+    """Mistakes between sections, in the form that pydantic gives those within one."""
+    return ValidationError.from_exception_data(
+        "Settings",
+        [
+            InitErrorDetails(type=PydanticCustomError("mistake", "{message}", {"message": text}), loc=loc, input=None)
+            for loc, text in wrong
+        ],
+    )
+
+
+def place(data: Any, loc: tuple[int | str, ...], kind: str) -> Place:
+    """Where an error is in the data: pydantic names the variant of a union on the way, the data do not."""
+    if kind == "mistake":  # ours, of a setting that may have been left out
+        return loc
+    found: list[int | str] = []
+    for i, key in enumerate(loc):
+        listed = isinstance(data, list) and isinstance(key, int) and 0 <= key < len(data)
+        if listed or (isinstance(data, dict) and key in data):
+            data = data[key]
+        elif i < len(loc) - 1 or kind != "missing":
+            continue
+        found.append(key)
+    return tuple(found)
+
+
+def where(at: Place, schema: Schema) -> str:
+    """`path [unit]`."""
+    path = "".join(f".{key}" if isinstance(key, str) and _plain(key) else f"[{shown(key)}]" for key in at)
+    unit = unit_of(schema.at(at), at)
+    return f"{path.lstrip('.') or 'scenario'}{f' [{unit}]' if unit else ''}"
+
+
+def _plain(key: str) -> bool:
+    return key.replace("-", "_").replace("_", "a").isalnum() and key.isascii() and len(key) <= 60
+
+
+def sentence(error: ErrorDetails, schema: Schema) -> str:
+    """What is wrong and what is allowed, in words; pydantic's own where they serve."""
+    kind, given, about = error["type"], error["input"], error.get("ctx", {})
+    last = error["loc"][-1] if error["loc"] else ""
+    if kind == "extra_forbidden":
+        known = schema.settings_beside(error["loc"])
+        return "is not a setting here" + (closest(last, known) or f"; known: {', '.join(known)}")
+    if kind == "missing":
+        return "is required" if isinstance(last, str) else f"is missing: the list must have more than {last} values"
+    if kind in ("union_tag_invalid", "literal_error"):
+        allowed = re.findall("'([^']*)'", str(about.get("expected_tags", about.get("expected"))))
+        tag = about.get("tag", given)
+        key = f"{about['discriminator']} ".replace("'", "") if "discriminator" in about else ""
+        return f"{key}must be one of {', '.join(allowed)}, got {shown(tag)}{closest(tag, allowed)}"
+    if kind == "union_tag_not_found":
+        return f"{str(about['discriminator']).strip(chr(39))} is required: it says which of the variants this is"
+    if kind in ("mistake", "value_error"):
+        return str(about.get("message", about.get("error")))
+    return _wanted(error, schema) + f", got {shown(given)}"
+
+
+def _wanted(error: ErrorDetails, schema: Schema) -> str:
+    kind, about = error["type"], error.get("ctx", {})
+    if kind in RANGES:
+        node = schema.leaf(error["loc"])
+        return f"must be {span(node)} ({node['why']})"
+    if kind in ("too_long", "too_short"):
+        size = about.get("max_length", about.get("min_length", 0))
+        return f"must have {'at most' if kind == 'too_long' else 'at least'} {size} value{'s' * (size != 1)}"
+    return WORDS.get(kind, f"is not allowed ({kind.replace('_', ' ')})").format(**about)
+
+
+def _known(schema: Schema, loc: tuple[int | str, ...]) -> Place:
+    """A place without the variants that pydantic names on the way."""
+    return tuple(key for i, key in enumerate(loc) if not schema.is_variant(loc[:i], key))
