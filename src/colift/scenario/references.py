@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable, Iterator
+from itertools import product
 from typing import Any
 
 Place = tuple[int | str, ...]
@@ -25,6 +26,7 @@ def mistakes(data: dict[str, Any]) -> list[Mistake]:
         *_disturbances(data),
         *_allocation(data),
         *_times(data),
+        *_lengthscales(data),
         *_flanks(data),
     ]
 
@@ -213,9 +215,16 @@ def _times(data: dict[str, Any]) -> Iterator[Mistake]:
             yield ("learning", "update_times_s", i), f"must exceed start_s = {start:g}, or there are no data, got {t:g}"
         if i and isinstance(times[i - 1], int | float) and t <= times[i - 1]:
             yield ("learning", "update_times_s", i), f"must exceed the one before, {times[i - 1]:g}, got {t:g}"
+
+
+def _lengthscales(data: dict[str, Any]) -> Iterator[Mistake]:
     low, high = (_number(data, "learning", "lengthscale_bounds", k) for k in (0, 1))
     if low >= high:
         yield ("learning", "lengthscale_bounds", 1), f"must exceed the least, {low:g}, got {high:g}"
+    for body, name in product(("payload", "agents"), ("lengthscale", "rate_lengthscale")):
+        given = _number(data, "learning", body, name)
+        if given < low or given > high:
+            yield ("learning", body, name), f"must lie within lengthscale_bounds = [{low:g}, {high:g}], got {given:g}"
 
 
 def _flanks(data: dict[str, Any]) -> Iterator[Mistake]:

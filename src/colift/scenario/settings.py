@@ -471,7 +471,9 @@ class Learning(Section):
     agents: AgentPrior
     """The agent models' prior."""
     lengthscale_bounds: tuple[Positive, Positive] = (0.1, 30.0)
-    """Least and largest length-scale that a fit may give, in standard deviations of the feature."""
+    """Least and largest length-scale of any feature, in its own unit: m, m/s, rad, rad/s, none for an entry of R."""
+    prior_factor: Annotated[Number, Field(gt=1)] = 3.0
+    """Before data, two of three length-scales and deviations lie within this factor of the prior's (log-normal)."""
     hyperparameters: Literal["fitted", "stated"] = "fitted"
     """`fitted` to the data at each update, or `stated`: those of the prior, without a mean, as error bounds ask for."""
     samples: Literal["estimated", "rig"] = "estimated"
@@ -480,7 +482,7 @@ class Learning(Section):
     """Error of every label of the rig, one way or the other, as a share of the drawn residual's deviation."""
     restarts: Annotated[int, Field(strict=True, ge=0)] = 1
     """Further starts of the fit, beside the warm one."""
-    max_iterations: Count = 60
+    max_iterations: Count = 300
     """Most iterations of one start."""
 
 
