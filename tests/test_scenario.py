@@ -185,6 +185,13 @@ WRONG = [  # what is written, what instead, the line that answers
     ("[2.5, 4.5", "[0.2, 4.5", "update_times_s[0] [s]: must exceed start_s = 0.5"),
     ("  end_s: 10\n", "  end_s: 30\n", "learning.end_s [s]: must not exceed duration_s = 20, got 30"),
     ("  end_s: 10\n", "  end_s: 9\n", "update_times_s[4] [s]: must not exceed end_s = 9, got 10"),
+    ("  end_s: 10\n", "  end_s: 10\n  lengthscale_bounds: [3, 0.3]\n", "must exceed the least, 3, got 0.3"),
+    ("  end_s: 10\n", "  end_s: 10\n  prior_factor: 1\n", "learning.prior_factor: must be greater than 1"),
+    (
+        "moment_noise_Nm: 0.02}",
+        "moment_noise_Nm: 0.02, lengthscale: 40}",
+        "learning.payload.lengthscale [of each feature]: must lie within lengthscale_bounds = [0.1, 30], got 40",
+    ),
     (
         "kind: joint_friction, acts_on: agents",
         "kind: joint_friction, acts_on: payload",
