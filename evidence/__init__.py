@@ -11,7 +11,6 @@ import ast
 import datetime as dt
 import hashlib
 import json
-import os
 import platform
 import subprocess
 from collections.abc import Callable, Iterable, Iterator

@@ -11,7 +11,7 @@ from colift.scenario import build
 from evidence import collect
 
 SEEDS = range(11)  # 0 is the default
-CASES = ("C1", "C2", "C3", "I", "DOB")
+CASES = ("C1", "C2", "C3", "I", "DOB", "P", "O")
 
 
 def fly(seed: int) -> dict[str, Any]:

@@ -1,14 +1,16 @@
 """Hyperparameters and parametric means from data, against finite differences, scikit-learn and known truths."""
 
+import dataclasses
 import warnings
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from gp_problems import arrays, problem
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.stats import multivariate_normal
+from scipy.stats import multivariate_normal, norm
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
@@ -244,6 +246,145 @@ def test_bad_data_are_refused_in_words(X, Y, options, message):
 def test_bad_boxes_are_refused_in_words(bounds):
     with pytest.raises(ValueError, match="lengthscale = "):
         gp.Box(lengthscale=bounds)
+
+
+# -- beliefs -----------------------------------------------------------------------------------------------------
+
+
+def flown(seed, N=40):
+    """Data as of a flight: two inputs that move, five that hardly do and follow the others, one that stands still."""
+    rng = np.random.default_rng(seed)
+    phase = np.linspace(0, rng.uniform(2, 9), N)[:, None] + rng.uniform(0, 6, 2)
+    moving = rng.uniform(0.2, 1, 2) * np.sin(phase)
+    hardly = 10.0 ** rng.uniform(-4, -1.5, 5) * (moving @ rng.normal(size=(2, 5)) + 0.3 * rng.normal(size=(N, 5)))
+    X = np.column_stack([moving, 1 + hardly, np.full(N, 2.0)])
+    F = np.sin(moving @ rng.normal(size=(2, 3)) * 2 + rng.uniform(0, 6, 3))
+    return X, [1.0, 0.2, 0.01] * (F + 0.1 * rng.normal(size=F.shape) + rng.normal(size=3))
+
+
+BELIEF = gp.Belief(gp.hyperparameters([1.0, 0.04, 1e-4], np.ones(8), [1e-2, 4e-4, 1e-6]))
+
+
+@given(seeds)
+@settings(max_examples=12)
+def test_rounding_of_the_data_does_not_reach_the_predictions(seed):
+    """1e-12 in the data moves the mean by at most 1e-4 of the labels' deviation, half a deviation off the data too.
+
+    A search ends within GTOL = 1e-5 over the optimum's curvature, about 1, of the optimum's logarithms; the slope of
+    a mean in them is at most a few label deviations.
+    """
+    X, Y = flown(seed)
+    rng = np.random.default_rng(seed + 1)
+    queries = jnp.asarray(np.concatenate([X, X + 0.5 * X.std(0) * rng.normal(size=X.shape)]))
+
+    def predictions(X, Y):
+        found = gp.fit(X, Y, belief=BELIEF, restarts=1, max_iterations=300)
+        assert found.converged.all()
+        return np.asarray(predict(gp.condition(X, Y, found.hyper), queries))
+
+    expected = predictions(X, Y)
+    for _ in range(2):
+        other = predictions(*(A * (1 + 1e-12 * rng.uniform(-1, 1, A.shape)) for A in (X, Y)))
+        assert np.abs((other - expected) / Y.std(0)).max() <= 1e-4
+
+
+predict = jax.jit(jax.vmap(gp.mean, in_axes=(None, 0)))
+
+
+@given(seeds)
+@settings(max_examples=10)
+def test_a_fit_under_a_belief_is_the_mode_of_scikit_learns_likelihood_times_the_belief(seed):
+    """The slope of likelihood and log-normal density vanishes there, but at bounds, where it points outwards."""
+    X, Y = flown(seed)
+    found = gp.fit(X, Y, belief=BELIEF)
+    h = found.hyper
+    for i in range(3):
+        (s, ls, v, offset), (s0, ls0, v0, _) = arrays(h, i), arrays(BELIEF.median, i)
+        theta, median = (np.log([a, *b, c]) for a, b, c in ((s, ls, v), (s0, ls0, v0)))
+        kernel = ConstantKernel(s) * RBF(ls) + WhiteKernel(v)
+        oracle = GaussianProcessRegressor(kernel, alpha=0.0, optimizer=None).fit(X, Y[:, i] - offset)
+        # both in the units of the data: a change of units shifts logarithms, and no slope
+        value, slope = oracle.log_marginal_likelihood(theta, eval_gradient=True)
+        density = norm(median, np.log(3) * np.array([2, *[1] * 8, 2]))
+        step = 1e-5
+        slope += (density.logpdf(theta + step) - density.logpdf(theta - step)) / (2 * step)
+        low = np.log([1e-3 * Y[:, i].var(), *[0.1] * 8, 1e-6 * Y[:, i].var()])
+        high = np.log([1e2 * Y[:, i].var(), *[30.0] * 8, Y[:, i].var()])
+        slope[(theta < low + 1e-6) & (slope < 0)] = 0
+        slope[(theta > high - 1e-6) & (slope > 0)] = 0
+        assert np.abs(slope).max() <= 1e-3
+        np.testing.assert_allclose(found.log_likelihood[i], value, rtol=1e-7)
+
+
+@given(seeds)
+@settings(max_examples=5)
+def test_length_scales_keep_their_bounds_in_the_unit_of_the_input_however_little_it_moves(seed):
+    X, Y = flown(seed)
+    ls = np.asarray(gp.fit(X, Y, belief=dataclasses.replace(BELIEF, least=0.6, greatest=1.5)).hyper.lengthscales)
+    assert (ls >= 0.6 * (1 - 1e-12)).all()
+    assert (ls <= 1.5 * (1 + 1e-12)).all()
+
+
+def test_a_length_scale_at_a_belief_s_bound_is_marked():
+    X = np.linspace(0, 8, 60)[:, None]
+    box = gp.Box(noise_variance=(1e-6, 1e-3))
+    belief = gp.Belief(gp.hyperparameters([1.0, 1.0], [1.0], 1e-4), least=0.6, greatest=1.5)
+    found = gp.fit(X, np.column_stack([np.sin(8 * X), np.sin(0.1 * X)]), box, belief=belief)
+    np.testing.assert_allclose(found.hyper.lengthscales[:, 0], [0.6, 1.5], rtol=1e-12)
+    assert found.at_lower.ravel().tolist() == [True, False]
+    assert found.at_upper.ravel().tolist() == [False, True]
+
+
+def test_of_an_input_that_stands_still_the_belief_stays():
+    X, Y = flown(3)
+    belief = dataclasses.replace(BELIEF, median=dataclasses.replace(BELIEF.median, lengthscales=jnp.full((3, 8), 0.7)))
+    np.testing.assert_allclose(gp.fit(X, Y, belief=belief).hyper.lengthscales[:, 7], 0.7, rtol=1e-4)
+
+
+def test_a_firm_belief_is_kept_and_data_outweigh_a_loose_one():
+    X, Y = drawn(0, N=120, dimensions=6, relevant=2)
+    median = gp.hyperparameters([1.0, 1.0], np.full(6, 3.0), 0.1)
+    firm = gp.fit(X, Y, belief=gp.Belief(median, factor=1.001)).hyper
+    for name in ("signal_variance", "lengthscales", "noise_variance"):
+        np.testing.assert_allclose(getattr(firm, name), getattr(median, name), rtol=0.01)
+    loose = gp.fit(X, Y, belief=gp.Belief(median, factor=100.0))
+    np.testing.assert_allclose(loose.log_likelihood, gp.fit(X, Y).log_likelihood, atol=1.0)
+    np.testing.assert_allclose(loose.hyper.lengthscales[:, :2], 1.2, rtol=0.5)
+
+
+def test_a_belief_is_shared_once_in_standardized_units():
+    X, Y = drawn(6)
+    belief = gp.Belief(gp.hyperparameters([1.0, 4.0], np.full(5, 2.0), [0.1, 0.4]))
+    alike = gp.Belief(gp.hyperparameters(1.0, np.full((2, 5), 2.0), 0.1))
+    found, expected = gp.fit_shared(X, Y * [1.0, 2.0], belief=belief), gp.fit_shared(X, Y, belief=alike)
+    np.testing.assert_allclose(found.hyper.lengthscales, expected.hyper.lengthscales, rtol=1e-3)
+    one = gp.Belief(gp.hyperparameters(1.0, np.full((1, 5), 2.0), 0.1))
+    alone, own = gp.fit_shared(X, Y[:, :1], belief=one), gp.fit(X, Y[:, :1], belief=one)
+    np.testing.assert_array_equal(alone.hyper.lengthscales, own.hyper.lengthscales)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"factor": 1.0}, "factor = 1.0: must exceed 1"),
+        ({"factor": np.nan}, "factor = nan"),
+        ({"least": 0.0}, "least = 0.0"),
+        ({"least": 2.0, "greatest": 1.0}, "least = 2.0, greatest = 1.0: must satisfy"),
+        ({"greatest": np.inf}, "greatest = inf"),
+    ],
+)
+def test_bad_beliefs_are_refused_in_words(change, message):
+    with pytest.raises(ValueError, match=message):
+        dataclasses.replace(BELIEF, **change)
+
+
+def test_a_belief_about_other_data_is_refused_in_words():
+    X, Y = drawn(0)
+    with pytest.raises(ValueError, match=r"belief has lengthscales \(3, 8\): must be .* = \(2, 5\)"):
+        gp.fit(X, Y, belief=BELIEF)
+    broken = dataclasses.replace(BELIEF.median, noise_variance=-BELIEF.median.noise_variance)
+    with pytest.raises(ValueError, match="noise_variance = "):
+        gp.Belief(broken)
 
 
 # -- parametric means --------------------------------------------------------------------------------------------

@@ -18,7 +18,13 @@ from colift.model import PayloadState
 CAPACITY = 48
 record = jax.jit(learn.record)
 regressor = jax.jit(learn.regressor)
-TRAINING = learn.Training(box=gp.Box(), restarts=0, max_iterations=15)
+STATED = {m: gp.hyperparameters(np.full(m, 4.0), np.ones((m, d)), np.full(m, 0.01)) for m, d in ((6, 20), (9, 24))}
+TRAINING = learn.Training(
+    payload=gp.Belief(STATED[6], factor=10.0),
+    agents=(gp.Belief(STATED[9], factor=10.0),),
+    restarts=0,
+    max_iterations=15,
+)
 
 
 # Data -----------------------------------------------------------------------------------------------------------------
@@ -72,9 +78,8 @@ def samples(seed: int, n: int, inputs: int, outputs: int, agents: tuple[int, ...
 
 def prior() -> learn.Oracle:
     """Before any data: a payload and a group of two agents with three joints."""
-    hyper = {m: gp.hyperparameters(np.full(m, 4.0), np.ones((m, d)), np.full(m, 0.01)) for m, d in ((6, 20), (9, 24))}
-    agents = jax.tree.map(lambda x: jnp.stack([x, x]), gp.prior(hyper[9], CAPACITY))
-    return learn.Oracle(payload=gp.prior(hyper[6], CAPACITY), agents=(agents,), theta=jnp.zeros(10))
+    agents = jax.tree.map(lambda x: jnp.stack([x, x]), gp.prior(STATED[9], CAPACITY))
+    return learn.Oracle(payload=gp.prior(STATED[6], CAPACITY), agents=(agents,), theta=jnp.zeros(10))
 
 
 @pytest.fixture(scope="module")

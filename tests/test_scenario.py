@@ -220,6 +220,13 @@ WRONG = [  # what is written, what instead, the line that answers
     ("center_m: [0, 0, 2]", "center_m: [<<, 0, 2]", "reference.center_m[0] [m]: must be a number, got '<<'"),
     ("axis: [0, 0, 1]", "axis: [0, 0, 1e-7]", "joints[0].axis: must not be zero"),
     ("two_arms:", "two_arms: 5\n  other:", "agent_types.two_arms: must be settings by name, got 5"),
+    ("  end_s: 10\n", "  end_s: 10\n  lengthscale_bounds: [3, 0.3]\n", "must exceed the least, 3, got 0.3"),
+    ("  end_s: 10\n", "  end_s: 10\n  prior_factor: 1\n", "learning.prior_factor: must be from 1.01 to 100"),
+    (
+        "moment_noise_Nm: 0.02}",
+        "moment_noise_Nm: 0.02, lengthscale: 40}",
+        "learning.payload.lengthscale [of each feature]: must lie within lengthscale_bounds = [0.1, 30], got 40",
+    ),
     (
         "kind: joint_friction, acts_on: agents",
         "kind: joint_friction, acts_on: payload",

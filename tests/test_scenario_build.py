@@ -381,3 +381,17 @@ def test_noise_too_small_for_the_data_is_refused_with_its_section():
     s = s.model_copy(update={"learning": s.learning.model_copy(update={"agents": quiet})})
     with pytest.raises(ScenarioError, match=r"^paper: learning.agents: output 6: "):
         build.prior(s, build.team(s)[1])
+
+
+def test_fits_start_from_what_the_scenario_states_and_stay_within_its_bounds():
+    learning = {"lengthscale_bounds": (0.2, 20.0), "prior_factor": 2.0, "restarts": 4, "max_iterations": 7}
+    s = changed("paper", learning=scenario.load("paper").learning.model_dump() | learning)
+    _, nominal = build.team(s)
+    training, oracle = build.training(s, nominal), build.prior(s, nominal)
+    assert (training.restarts, training.max_iterations) == (4, 7)
+    stated = (oracle.payload.hyper, *(jax.tree.map(lambda x: x[0], group.hyper) for group in oracle.agents))
+    for belief, hyper in zip((training.payload, *training.agents), stated, strict=True):
+        assert (belief.least, belief.greatest, belief.factor) == (0.2, 20.0, 2.0)
+        jax.tree.map(np.testing.assert_array_equal, belief.median, hyper)
+    certified = scenario.load("certified")
+    assert build.training(certified, build.team(certified)[1]) is None

@@ -148,7 +148,8 @@ def _payload_of(x: Float[Array, "24"]) -> PayloadState:
 class Training:
     """How hyperparameters are fitted at an update; where there is no `Training`, those of the prior stay."""
 
-    box: gp.Box
+    payload: gp.Belief
+    agents: tuple[gp.Belief, ...]  # by group
     restarts: int
     max_iterations: int
 
@@ -181,7 +182,7 @@ def teach(
         fit = gp.fit(
             X[:n],
             Y[:n],
-            training.box,
+            belief=training.payload if isinstance(body, str) else training.agents[body[0]],
             start=before.hyper if before else None,
             restarts=0 if before else training.restarts,
             max_iterations=training.max_iterations,

@@ -16,7 +16,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from colift import analyse, disk, fly, gp, learn, log, response, sensor, simulate
+from colift import analyse, disk, fly, learn, log, response, sensor, simulate
 from colift.certify import adversary, assumed, certificate, interface
 from colift.model import no_force
 from colift.scenario import Settings, build
@@ -71,13 +71,7 @@ def plans(settings: Settings, cases: Sequence[str]) -> dict[str, simulate.Plan]:
         z=z,
         duration=settings.duration_s,
         updates=(),
-        training=learn.Training(
-            box=gp.Box(lengthscale=given.lengthscale_bounds),
-            restarts=given.restarts,
-            max_iterations=given.max_iterations,
-        )
-        if given.hyperparameters == "fitted"
-        else None,
+        training=build.training(settings, nominal),
         identify=None,
         stated=build.stated(settings, nominal, rig),
         seed=settings.seed,

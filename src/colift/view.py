@@ -511,8 +511,8 @@ def lengthscale_table(bodies: Mapping[str, Learned], path: str | Path) -> list[P
     rows = [("body", "output", "feature", "lengthscale_in_std", "at_bound")]
     pages = [
         "# Learned length-scales\n\n"
-        "In standard deviations of the feature over the data. `>` marks one at its upper bound: the output shows no\n"
-        "dependence on that feature. `<` marks one at its lower bound.\n"
+        "In standard deviations of the feature over the data: where it is far above 1, the output shows no dependence\n"
+        "on that feature. `>` marks one at its upper bound, `<` one at its lower bound.\n"
     ]
     for body, (features, outputs, lengthscales, at_lower, at_upper) in bodies.items():
         marks = np.where(at_upper, "upper", np.where(at_lower, "lower", ""))

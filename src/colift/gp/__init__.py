@@ -13,7 +13,7 @@ recovery    the tightest bound under bounded noise, by a conic program (host)
 
 from colift.gp import bounds, recovery
 from colift.gp.data import AtTimes, Data, OnGain, empty, first_in_first_out, informative, uniform
-from colift.gp.kernel import Box, Hyper, hyperparameters
+from colift.gp.kernel import Belief, Box, Hyper, hyperparameters
 from colift.gp.parametric import Identification, fit_parametric, identify
 from colift.gp.posterior import (
     GP,
@@ -36,6 +36,7 @@ from colift.gp.training import Fit, fit, fit_shared
 __all__ = [
     "GP",
     "AtTimes",
+    "Belief",
     "Box",
     "Data",
     "Fit",

@@ -46,6 +46,32 @@ class Box:
 DEFAULT_BOX = Box()
 
 
+@dataclasses.dataclass(frozen=True)
+class Belief:
+    """What is believed of hyperparameters before any data, in the units of the data.
+
+    `log l ~ N(log l_median, log(factor)^2)` for every length-scale, and so for every signal and noise deviation (a
+    variance has twice the logarithm). No length-scale lies outside `[least, greatest]`. The median's offset is unused.
+    """
+
+    median: Hyper
+    factor: float = 3.0
+    """Two of three lie within this factor of the median, up or down."""
+    least: float = 0.1
+    """Of any length-scale, in the unit of its input."""
+    greatest: float = 30.0
+    """As `least`."""
+
+    def __post_init__(self) -> None:
+        check(self.median)
+        if not 1 < self.factor < np.inf:
+            raise ValueError(f"factor = {self.factor}: must exceed 1 and be finite")
+        if not 0 < self.least <= self.greatest < np.inf:
+            raise ValueError(
+                f"least = {self.least}, greatest = {self.greatest}: must satisfy 0 < least <= greatest < inf"
+            )
+
+
 def hyperparameters(
     signal_variance: ArrayLike | float,
     lengthscales: ArrayLike,

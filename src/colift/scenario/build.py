@@ -468,6 +468,24 @@ def prior(settings: s.Settings, nominal: Team) -> learn.Oracle:
     )
 
 
+def training(settings: s.Settings, nominal: Team) -> learn.Training | None:
+    """How fits are made: about the priors of `prior`, within the scenario's bounds; None where they stay as stated."""
+    given = settings.learning
+    if given.hyperparameters == "stated":
+        return None
+    least, greatest = given.lengthscale_bounds
+
+    def belief(stated: s.Prior, features: Sequence[str]) -> gp.Belief:
+        return gp.Belief(_hyper(stated, features), factor=given.prior_factor, least=least, greatest=greatest)
+
+    return learn.Training(
+        payload=belief(given.payload, learn.PAYLOAD_FEATURES),
+        agents=tuple(belief(given.agents, learn.agent_feature_names(group.tree.joints)) for group in nominal.groups),
+        restarts=given.restarts,
+        max_iterations=given.max_iterations,
+    )
+
+
 def _hyper(given: s.Prior, features: Sequence[str]) -> gp.Hyper:
     """Forces, moments, then joints: variances from the stated deviations, length-scales of rates and of the rest."""
     signal, noise, counts = [given.force_N, given.moment_Nm], [given.force_noise_N, given.moment_noise_Nm], [3, 3]

@@ -124,6 +124,7 @@ Deviation = Annotated[Number, Field(ge=1e-9, le=1e6), because("from a thousandth
 Lengthscale = Annotated[
     Number, Field(ge=1e-3, le=1e6), because("shorter, no two samples have anything in common; longer, all are one")
 ]
+Factor = Annotated[Number, Field(ge=1.01, le=100), because("at 1 nothing is learned; a factor of 100 says nothing")]
 Norm = Annotated[Number, Field(ge=1e-6, le=1e6), because("signal deviations; beyond it the prior says nothing")]
 Ratio = Annotated[Number, Field(ge=0, le=100), because("a hundred times what it is a share of")]
 Confidence = Annotated[Number, Field(gt=0, lt=1), because("a probability")]

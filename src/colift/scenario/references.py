@@ -30,6 +30,7 @@ def mistakes(data: dict[str, Any]) -> list[Mistake]:
         *_allocation(data),
         *_times(data),
         *_rates(data),
+        *_lengthscales(data),
         *_flanks(data),
         *_waves(data),
         *_memory(data),
@@ -220,9 +221,16 @@ def _times(data: dict[str, Any]) -> Iterator[Mistake]:
         elif (t - before) * sample < 1 - 1e-9:
             since = "the one before" if i else "start_s"
             yield (*UPDATES, i), f"must be a period of sample_Hz = {sample:g} after {since}, {before:g}, got {t:g}"
+
+
+def _lengthscales(data: dict[str, Any]) -> Iterator[Mistake]:
     low, high = (_number(data, "learning", "lengthscale_bounds", k) for k in (0, 1))
     if low >= high:
         yield ("learning", "lengthscale_bounds", 1), f"must exceed the least, {low:g}, got {high:g}"
+    for body, name in itertools.product(("payload", "agents"), ("lengthscale", "rate_lengthscale")):
+        given = _number(data, "learning", body, name)
+        if given < low or given > high:
+            yield ("learning", body, name), f"must lie within lengthscale_bounds = [{low:g}, {high:g}], got {given:g}"
 
 
 def _rates(data: dict[str, Any]) -> Iterator[Mistake]:

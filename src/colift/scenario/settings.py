@@ -490,7 +490,9 @@ class Learning(Section):
     agents: AgentPrior
     """The agent models' prior."""
     lengthscale_bounds: tuple[of.Lengthscale, of.Lengthscale] = (0.1, 30.0)
-    """Least and largest length-scale that a fit may give, in standard deviations of the feature."""
+    """Least and largest length-scale of any feature, in its own unit: m, m/s, rad, rad/s, none for an entry of R."""
+    prior_factor: of.Factor = 3.0
+    """Before data, two of three length-scales and deviations lie within this factor of the prior's (log-normal)."""
     hyperparameters: Literal["fitted", "stated"] = "fitted"
     """`fitted` to the data at each update, or `stated`: those of the prior, without a mean, as error bounds ask for."""
     samples: Literal["estimated", "rig"] = "estimated"
@@ -499,7 +501,7 @@ class Learning(Section):
     """Error of every label of the rig, one way or the other, as a share of the drawn residual's deviation."""
     restarts: of.Restarts = 1
     """Further starts of the fit, beside the warm one."""
-    max_iterations: of.Iterations = 60
+    max_iterations: of.Iterations = 300
     """Most iterations of one start."""
 
 
