@@ -36,6 +36,7 @@ import importlib
 import logging
 import os
 import sys
+import warnings
 from typing import Any
 
 from colift import cache
@@ -74,6 +75,19 @@ if "jax" in sys.modules:
         _jax.config.update("jax_compilation_cache_dir", os.environ["JAX_COMPILATION_CACHE_DIR"])
         _least = float(os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"])
         _jax.config.update("jax_persistent_cache_min_compile_time_secs", _least)
+
+# XLA's YNNPACK kernels, which jaxlib turns on from 0.10.2, read memory that nobody wrote and sum wrongly in float64
+# (docs/decisions/0020). XLA reads its flags once, when the first device is asked for; a person's own word stands.
+_YNN = "--xla_cpu_experimental_ynn_fusion_type="
+if _YNN not in os.environ.get("XLA_FLAGS", ""):
+    if "jax" in sys.modules and sys.modules["jax"]._src.xla_bridge.backends_are_initialized():
+        warnings.warn(
+            "JAX was in use before colift was imported, so XLA's faulty YNNPACK kernels stay on: results may be wrong "
+            f"or NaN (docs/decisions/0020). Import colift first, or start Python with XLA_FLAGS={_YNN}",
+            RuntimeWarning,
+            stacklevel=2,
+        )
+    os.environ["XLA_FLAGS"] = f"{_YNN} {os.environ.get('XLA_FLAGS', '')}".strip()
 
 _HOME = {
     "Agent": "model",

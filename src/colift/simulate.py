@@ -27,7 +27,7 @@ class World:
     sources: disturbance.Disturbances
     sensors: sensor.Sensors
     lam_bias: tuple[Float[Array, "agents arms 3"], ...]  # N, tip frames
-    told: Scalar  # share of the exact residual that is told to the pilot: 1 for the floor of a study, else 0
+    told: Bool[Array, ""]  # whether the pilot is told the exact residual, as for the floor of a study
     singular_limit: Scalar  # smallest allowed singular value of an agent's grasp, see `dynamics.accelerate`
 
 
@@ -156,7 +156,8 @@ def tick(world: World, pilot: fly.Pilot, oracle: learn.Oracle, loop: Loop, noise
         f=f,
     )
     m = sensor.sense(team, world.sensors, world.lam_bias, seen, noise)
-    told = jax.tree.map(lambda x: world.told * x, f)
+    # chosen, not multiplied: a product with zero would let a truth that is not finite through the wall
+    told = jax.tree.map(lambda x: jnp.where(world.told, x, 0.0), f)
     inputs, memory, decided = fly.tick(pilot, oracle, loop.memory, m, t, told)
     a, lam = dynamics.accelerate(team, z, inputs, f)
     row = _row(world, pilot, t, z, inputs, a, lam, decided)

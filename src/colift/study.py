@@ -63,7 +63,7 @@ def plans(settings: Settings, cases: Sequence[str]) -> dict[str, simulate.Plan]:
             sources=sources,
             sensors=sensors,
             lam_bias=sensor.bias(truth, sensors, jax.random.fold_in(jax.random.key(settings.seed), 1)),
-            told=jnp.asarray(0.0),
+            told=jnp.asarray(False),
             singular_limit=jnp.asarray(SINGULAR_LIMIT),
         ),
         pilot=build.pilot(settings, nominal),
@@ -98,7 +98,7 @@ def _as(case: str, c1: simulate.Plan, settings: Settings) -> simulate.Plan:
     noise = np.array([given.payload.force_noise_N] * 3 + [given.payload.moment_noise_Nm] * 3)
     return dataclasses.replace(
         c1,
-        world=dataclasses.replace(c1.world, told=jnp.asarray(1.0 if exact else 0.0)),
+        world=dataclasses.replace(c1.world, told=jnp.asarray(exact)),
         pilot=pilot,
         oracle=dataclasses.replace(c1.oracle, theta=jnp.asarray(theta)),
         updates=given.update_times_s if learns else (),

@@ -1,0 +1,87 @@
+"""What ships is what is tested: without the hook of conftest values are the same, whatever memory held before."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from colift import gp
+from tests import shipped
+
+ROOT = Path(__file__).parents[1]
+FLAG = "--xla_cpu_experimental_ynn_fusion_type="
+
+
+def run(*words: str, **env: str) -> subprocess.CompletedProcess[str]:
+    """A fresh interpreter in the checkout; `XLA_FLAGS` only where given."""
+    inherited = {name: value for name, value in os.environ.items() if name != "XLA_FLAGS"}
+    command = [sys.executable, *words]
+    return subprocess.run(command, cwd=ROOT, env=inherited | env, capture_output=True, text=True, check=False)
+
+
+def test_without_the_tests_hook_a_flight_and_jax_s_transformations_give_the_same(tmp_path):
+    """One program, one machine: to rounding, 1e-9 of each signal's size, for a compiler may run afresh."""
+    there = tmp_path / "values.npz"
+    done = run("-m", "tests.shipped", str(there))
+    assert done.returncode == 0, done.stderr
+    here = shipped.values()
+    with np.load(there) as found:
+        assert [name.partition(" ")[2] for name in found.files] == list(here)
+        for (name, x), y in zip(here.items(), found.values(), strict=True):
+            assert (y.dtype, y.shape) == (x.dtype, x.shape), name
+            size = np.abs(x).max(initial=0.0, where=np.isfinite(x)) if x.dtype.kind == "f" else 0.0
+            np.testing.assert_allclose(y, x, rtol=0, atol=1e-9 * size, err_msg=name)
+
+
+def full_of_nan() -> None:
+    """Leave NaN in the memory that the process has freed, blocks of many sizes."""
+    blocks = [np.full(int(n), np.nan) for n in np.geomspace(8, 2e5, 400)]
+    del blocks
+
+
+def test_a_value_does_not_depend_on_what_memory_held_before():
+    """Docs decision 0020: two GPs with equal length-scales that a program closes over, on XLA's YNNPACK kernels NaN."""
+    model = gp.prior(gp.hyperparameters(np.ones(9), np.ones(24), 1e-4), 256)
+    group = jax.tree.map(lambda x: jnp.stack([x, x]), model)
+    f = jax.jit(lambda x: jax.vmap(gp.mean)(group, x))
+    for _ in range(50):
+        full_of_nan()
+        np.testing.assert_array_equal(f(jnp.ones((2, 24))), np.zeros((2, 9)))
+
+
+def test_a_sum_over_products_is_right_at_any_length():
+    """Docs decision 0020: the last of 16 385 rows summed wrongly by YNNPACK, in float64."""
+    n = 16_385
+    x = jnp.stack([jnp.arange(n, dtype=float), jnp.zeros(n), jnp.zeros(n)], axis=1)
+    squares = jax.jit(jax.vmap(lambda row: jnp.sum((jnp.eye(3) @ row) ** 2)))(x)
+    np.testing.assert_array_equal(squares, np.arange(n, dtype=float) ** 2)
+
+
+@pytest.mark.parametrize(
+    ("given", "expected"),
+    [
+        ({}, FLAG),
+        ({"XLA_FLAGS": "--xla_cpu_max_isa=AVX2"}, f"{FLAG} --xla_cpu_max_isa=AVX2"),
+        ({"XLA_FLAGS": f"{FLAG}dot"}, f"{FLAG}dot"),  # a person's own word stands
+    ],
+)
+def test_xla_s_faulty_kernels_are_off_unless_asked_for(given, expected):
+    done = run("-W", "error", "-c", "import os, colift; print(os.environ['XLA_FLAGS'])", **given)
+    assert (done.returncode, done.stdout.strip()) == (0, expected), done.stderr
+
+
+def test_where_jax_was_in_use_before_a_warning_says_what_may_be_wrong():
+    used = "import jax; jax.numpy.ones(3); import colift"
+    late = run("-c", used)
+    assert late.returncode == 0
+    assert "RuntimeWarning: JAX was in use before colift was imported" in late.stderr
+    assert FLAG in late.stderr
+    assert run("-W", "error", "-c", used, XLA_FLAGS=FLAG).returncode == 0
+    assert run("-W", "error", "-c", "import jax; import colift; jax.numpy.ones(3)").returncode == 0
