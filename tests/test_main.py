@@ -10,10 +10,12 @@ import sys
 from pathlib import Path
 
 import pytest
+from rich.console import Console
+from rich.table import Table
 from typer.testing import CliRunner
 
-from colift import log, scenario
-from colift.__main__ import app
+from colift import folder, log, scenario, study
+from colift.__main__ import COLUMNS, _show, app
 
 PROMISED = {
     *("e_p_rms_m", "e_v_rms", "e_R_rms", "e_omega_rms", "Psi_mean", "delta_W_rms", "e_lam_rms_N", "sigma_L_mean"),
@@ -47,6 +49,24 @@ def test_a_folder_that_cannot_be_written_is_one_line_and_status_2_before_any_fli
     status, said = invoke("study", "paper", "--out", str(tmp_path / "file" / "out"))
     assert (status, said.count("\n")) == (2, 1)
     assert "cannot write to" in said
+    status, said = invoke("study", "paper", "--out", str(tmp_path / "file"))
+    assert (status, said) == (2, f"cannot write to {tmp_path / 'file'}: it is a file, not a folder\n")
+
+
+def test_a_folder_that_another_process_writes_to_is_refused_before_any_flight(tmp_path: Path):
+    with study.claim(scenario.load("paper"), tmp_path):
+        for command in ("study", "certify"):
+            status, said = invoke(command, "paper", "--out", str(tmp_path))
+            assert (status, said.count("\n")) == (2, 1)
+            assert f"{tmp_path} is in use: process {os.getpid()} on " in said
+
+
+def test_a_folder_with_a_file_of_someone_else_in_the_way_is_refused_before_any_flight(tmp_path: Path):
+    (tmp_path / "C1.nc").write_text("mine")
+    status, said = invoke("study", "paper", "--out", str(tmp_path))
+    assert (status, said.count("\n")) == (2, 1)
+    assert "holds C1.nc, which no run of colift wrote" in said
+    assert [file.name for file in tmp_path.iterdir()] == ["C1.nc"]
 
 
 def test_internal_forces_that_do_not_exist_are_refused_with_the_reason(tmp_path: Path):
@@ -88,6 +108,17 @@ def test_a_study_leaves_what_it_promises_and_nothing_half_written(results: Path)
     assert files >= {f"{name}.{kind}" for name in figures for kind in ("pdf", "png")}
     assert files >= {f"lengthscales_{case}.{kind}" for case in ("C2", "C3") for kind in ("md", "csv")}
     assert not [name for name in files if name.startswith(".")]
+
+
+def test_every_file_names_the_run_and_is_known_to_be_a_study_s(results: Path):
+    assert set(results.iterdir()) == set(folder.files(results, study.FLOWN))
+    run = json.loads((results / "summary.json").read_text())["run"]
+    settings = scenario.load(str(results.parent / "short.yaml"))
+    with study.claim(settings.model_copy(update={"seed": 7}), results) as out:
+        assert out.run == run
+    with study.claim(settings, results) as out:
+        assert out.run != run
+    assert {folder.run_of(file) for file in results.iterdir()} == {run}
 
 
 def test_the_summary_holds_what_it_promises(results: Path):
@@ -158,3 +189,98 @@ def test_help_loads_nothing_that_it_does_not_need():
     )
     assert done.returncode == 0, done.stderr
     assert done.stdout.strip() == ""
+
+
+# What is printed ------------------------------------------------------------------------------------------------------
+
+
+def shown(columns: int, encoding: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> str:
+    """A table of long numbers, as it is printed on a terminal so wide."""
+    monkeypatch.setenv("COLUMNS", str(columns))
+    monkeypatch.setattr(Console, "encoding", encoding)
+    table = Table(title="numbers")
+    table.add_column("case\n")
+    for heading, unit, *_ in COLUMNS:
+        table.add_column(f"{heading}\n{unit}", justify="right")
+    for i in range(3):
+        table.add_row(f"C{i}", *NUMBERS[i])
+    _show(table)
+    return capsys.readouterr().out
+
+
+NUMBERS = [[f"{(i + 2) * 7919**k % 99991 / 10:.1f}" for k in range(1, len(COLUMNS) + 1)] for i in range(3)]
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "cp1252", "ascii"])
+@pytest.mark.parametrize("columns", [1, 20, 40, 60, 80, 200])
+def test_a_terminal_of_any_width_crops_no_digit(
+    columns: int, encoding: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
+    said = shown(columns, encoding, capsys, monkeypatch)
+    said.encode(encoding)
+    assert "…" not in said
+    for i, row in enumerate(NUMBERS):
+        found = [line for line in said.splitlines() if re.search(rf"\bC{i}\b", line)]
+        assert re.findall(r"\d+\.\d", " ".join(found)) == row
+    if columns >= 20:
+        assert max(map(len, said.splitlines())) <= columns
+
+
+SHOW = """
+import sys
+from pathlib import Path
+import colift.__main__ as command
+numbers = {key: 1.0 for _, _, key, *_ in command.COLUMNS} | {"complete": True, "stopped": ""}
+summary = {"scenario": "ladung \\u03bb", "seed": 1, "cases": {"C1": numbers}, "slowest_mode": {"stable": True, "says": "\\u03c9"}}
+@command.app.command()
+def show() -> None:
+    with command._printed("; the results are in out"):
+        command._report(summary, Path("out"))
+command.main()
+"""
+
+
+def show(*arguments: str, **changed: object) -> subprocess.CompletedProcess[bytes]:
+    """The command line in a process of its own, with a command that only prints the table."""
+    environment = {**os.environ, "COLUMNS": "120", **changed.pop("env", {})}  # ty: ignore
+    given = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "check": False, "timeout": 120} | changed
+    return subprocess.run([sys.executable, "-c", SHOW, *(arguments or ("show",))], env=environment, **given)
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "latin-1", "cp1252", "utf-8", "ascii:strict"])
+def test_whatever_letters_standard_output_has_the_table_is_printed(encoding: str):
+    done = show(env={"PYTHONIOENCODING": encoding, "PYTHONUTF8": "0"})
+    assert (done.returncode, done.stderr) == (0, b"")
+    said = done.stdout.decode(encoding.split(":")[0])
+    assert "results in out" in said
+    assert ("e_λ" if encoding == "utf-8" else "e_lam") in said
+
+
+def test_in_a_locale_without_unicode_the_table_is_printed():
+    done = show(env={"LC_ALL": "C", "PYTHONCOERCECLOCALE": "0", "PYTHONUTF8": "0"})
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert b"e_lam" in done.stdout
+
+
+def test_a_reader_who_has_gone_is_no_failure():
+    """As under `colift study paper | head -1`."""
+    reader, writer = os.pipe()
+    os.close(reader)
+    done = show(stdout=writer)
+    os.close(writer)
+    assert (done.returncode, done.stderr) == (0, b"")
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no device that is always full")
+@pytest.mark.parametrize("argument", ["show", "--help", "scenarios"])
+def test_standard_output_on_a_full_disk_is_one_line_and_status_1(argument: str):
+    with Path("/dev/full").open("w") as full:
+        done = show(argument, stdout=full)
+    assert done.returncode == 1
+    lost = "; the results are in out" if argument == "show" else ""
+    assert done.stderr.decode() == f"cannot print: No space left on device{lost}\n"
+
+
+def test_without_standard_output_nothing_fails():
+    done = show(preexec_fn=lambda: os.close(1), stdout=None)
+    assert (done.returncode, done.stderr) == (0, b"")

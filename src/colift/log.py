@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
+from colift import interrupt
 from colift.simulate import Row, Sigma
 
 
@@ -205,8 +206,10 @@ def load(path: str | Path) -> xr.Dataset:
 def write(path: str | Path, content: bytes) -> None:
     """Write a file whole or not at all: to a temporary name in the same folder, to the disk, then renamed.
 
-    Raises OSError, with the path and the reason in one line; then `path` is as it was before.
+    Raises OSError, with the path and the reason in one line; then `path` is as it was before. Nothing is written once
+    the process is asked to end.
     """
+    interrupt.check()
     path = Path(path)
     temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
