@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from colift import __main__, gp, learn, scenario, simulate, study
+from colift import __main__, folder, gp, learn, scenario, simulate, study
 from colift.certify import adversary, certificate, interface, reach
 from colift.gp import recovery
 from colift.gp.bounds import Assumption
@@ -270,7 +270,10 @@ def test_the_adversary_keeps_norm_and_labels_and_comes_near_the_bound_where_it_i
 def test_a_certificate_is_saved_whole_and_told_in_a_table(tmp_path, capsys, monkeypatch):
     layer = interface.Interface(np.ones(2), 1.0, np.ones((2, 3)), np.ones(2), np.ones((2, 3)))
     monkeypatch.setattr(interface, "interface", lambda _loop, _floor: layer)  # its gains take long, and have tests
-    told = study.save_certificate(short(), made(), made(), tmp_path)
+    (tmp_path / "summary.json").write_text(folder.run_name("0.1.0", "another"))
+    with study.claim(short(), tmp_path) as out:
+        told = study.save_certificate(short(), made(), made(), out)
+    assert {folder.run_of(path) for path in tmp_path.iterdir()} == {told["run"]}
     assert json.loads((tmp_path / "certificate.json").read_text()) == told
     assert {path.name for path in tmp_path.iterdir()} == {
         "certificate.json",

@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.table import Table
 from typer.testing import CliRunner
 
-from colift import folder, log, scenario, study
+from colift import __main__, folder, log, scenario, study
 from colift.__main__ import COLUMNS, _show, app
 
 PROMISED = {
@@ -66,6 +66,13 @@ def test_a_folder_with_a_file_of_someone_else_in_the_way_is_refused_before_any_f
     status, said = invoke("study", "paper", "--out", str(tmp_path))
     assert (status, said.count("\n")) == (2, 1)
     assert "holds C1.nc, which no run of colift wrote" in said
+    assert [file.name for file in tmp_path.iterdir()] == ["C1.nc"]
+
+
+def test_a_scenario_that_cannot_be_flown_leaves_the_results_that_there_were(tmp_path: Path):
+    (tmp_path / "C1.nc").write_text(folder.run_name("0.1.0", "another"))
+    status, _ = invoke("study", "papr", "--out", str(tmp_path))
+    assert status == 2
     assert [file.name for file in tmp_path.iterdir()] == ["C1.nc"]
 
 
@@ -160,8 +167,14 @@ def test_a_run_that_fails_is_saved_marked_incomplete_and_status_1(tmp_path: Path
     text = (Path(scenario.__file__).parent.parent / "scenarios" / "paper.yaml").read_text()
     path, out = tmp_path / "wild.yaml", tmp_path / "out"
     path.write_text(text.replace("agent_k_omega: 28", "agent_k_omega: 1.0e+6"))
+    out.mkdir()
+    for name in ("I.nc", "figure_6_certificate.pdf", "notes"):
+        (out / name).write_text(f"of another run: {folder.run_name('0.1.0', 'another')}")
     status, said = invoke("study", str(path), "--out", str(out))
     assert status == 1
+    assert f"{out} holds results of another run: they are replaced" in said
+    assert set(out.iterdir()) - set(folder.files(out, study.FLOWN)) == {out / "notes"}
+    assert not (out / "I.nc").exists()
     summary = json.loads((out / "summary.json").read_text())
     for case in ("C1", "C2", "C3"):
         found = summary["cases"][case]
@@ -226,12 +239,28 @@ def test_a_terminal_of_any_width_crops_no_digit(
         assert max(map(len, said.splitlines())) <= columns
 
 
+def test_where_no_bar_can_be_drawn_a_case_says_when_it_begins_how_far_it_is_and_when_it_ends(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
+    said = []
+    for every in (1e9, 0.0):
+        monkeypatch.setattr(__main__, "EVERY", every)
+        progress = __main__._lines({"C1": "no learning"}, 20.0)
+        for t in (0.0, 0.5, 1.0, 20.0):
+            progress("C1", t)
+        said.append(capsys.readouterr().err.splitlines())
+    ends = ["C1: no learning, 20 s to fly", "C1: 20.0 of 20 s"]
+    assert said[0] == ends
+    assert said[1] == [ends[0], "C1: 0.5 of 20 s", "C1: 1.0 of 20 s", ends[1]]
+
+
 SHOW = """
 import sys
 from pathlib import Path
 import colift.__main__ as command
 numbers = {key: 1.0 for _, _, key, *_ in command.COLUMNS} | {"complete": True, "stopped": ""}
-summary = {"scenario": "ladung \\u03bb", "seed": 1, "cases": {"C1": numbers}, "slowest_mode": {"stable": True, "says": "\\u03c9"}}
+mode = {"stable": True, "says": "\\u03c9"}
+summary = {"scenario": "ladung \\u03bb", "seed": 1, "cases": {"C1": numbers}, "slowest_mode": mode}
 @command.app.command()
 def show() -> None:
     with command._printed("; the results are in out"):
@@ -260,6 +289,12 @@ def test_in_a_locale_without_unicode_the_table_is_printed():
     done = show(env={"LC_ALL": "C", "PYTHONCOERCECLOCALE": "0", "PYTHONUTF8": "0"})
     assert (done.returncode, done.stderr) == (0, b"")
     assert b"e_lam" in done.stdout
+
+
+def test_ctrl_c_before_the_command_line_is_read_ends_it_without_a_traceback(tmp_path: Path):
+    (tmp_path / "typer.py").write_text("import os, signal, time\nos.kill(os.getpid(), signal.SIGINT)\ntime.sleep(60)\n")
+    done = show(env={"PYTHONPATH": os.pathsep.join([str(tmp_path), *filter(None, sys.path)])})
+    assert (done.returncode, done.stdout, done.stderr) == (130, b"", b"")
 
 
 def test_a_reader_who_has_gone_is_no_failure():

@@ -70,6 +70,7 @@ def _opened(name: str, out: Path | None, seed: int | None, kept: str) -> Generat
 
     What a person can mend, and a request to end, end the block with a line: of the latter with what is `kept`.
     """
+    from colift import folder as results
     from colift import scenario
     from colift import study as flights
 
@@ -79,6 +80,8 @@ def _opened(name: str, out: Path | None, seed: int | None, kept: str) -> Generat
         if seed is not None:
             settings = settings.model_copy(update={"seed": seed})
         with flights.claim(settings, out or Path("out") / settings.name) as folder:
+            if results.of_others(folder, flights.FLOWN + flights.CERTIFIED):
+                errors.print(f"{folder.path} holds results of another run: they are replaced", markup=False)
             try:
                 yield settings, folder
             except interrupt.Interrupted:
@@ -397,7 +400,9 @@ def main() -> None:
     try:
         with interrupt.heeded():
             app()
-    except OSError as error:  # of the help, say, on a full disk
+    except OSError as error:
+        if error.filename is not None:  # not of standard output, as the help's is on a full disk
+            raise
         _print_nowhere()
         errors.print(f"cannot print: {_one_line(error)}", style="red", markup=False)
         sys.exit(INCOMPLETE)

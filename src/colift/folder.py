@@ -70,10 +70,14 @@ def run_of(file: Path) -> str | None:
     return None if found is None else found.group().decode()
 
 
+def of_others(folder: Folder, names: Sequence[str]) -> list[Path]:
+    """The files under the names that are of another run than the folder's."""
+    return [file for file in files(folder.path, names) if run_of(file) not in (None, folder.run)]
+
+
 def clear(folder: Folder, names: Sequence[str], others: Sequence[str]) -> None:
     """Remove the files under `names`, of whatever run, and those under `others` that are of another run than this."""
-    gone = files(folder.path, names) + [f for f in files(folder.path, others) if run_of(f) not in (None, folder.run)]
-    for file in gone:
+    for file in files(folder.path, names) + of_others(folder, others):
         file.unlink(missing_ok=True)
 
 
