@@ -28,6 +28,12 @@ from evidence import collect
 
 ALLOWED = 2 * interrupt.GRACE  # s, from the signal to the end; the machine may be busy with other things
 SCENARIOS = Path(colift.__main__.__file__).parent / "scenarios"
+COLIFT = """
+import signal
+signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in a shell's background, which colift respects
+from colift.__main__ import main
+main()
+"""
 
 
 class Tries(NamedTuple):
@@ -70,7 +76,7 @@ def begin(command: str, out: Path, cached: bool) -> subprocess.Popen[str]:
     work = Path(_work().name)
     environment = dict(os.environ) if cached else os.environ | {"JAX_COMPILATION_CACHE_DIR": f"{out}-compiled"}
     run = subprocess.Popen(
-        [sys.executable, "-m", "colift", command, str(work / f"{command}.yaml"), "--out", str(out)],
+        [sys.executable, "-c", COLIFT, command, str(work / f"{command}.yaml"), "--out", str(out)],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

@@ -15,6 +15,7 @@ from colift import interrupt
 BEGIN = """
 import gc, os, signal, sys, threading, time
 from colift import interrupt
+signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored where the tests run in a shell's background
 def ask(number=signal.SIGINT):
     os.kill(os.getpid(), number)
 def work():
@@ -129,11 +130,12 @@ print("went on")
     assert (done.returncode, done.stdout, done.stderr) == (0, "went on\n", "")
 
 
-def test_handlers_are_restored_and_errors_pass():
+def test_handlers_are_restored_and_errors_pass(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(interrupt, "SIGNALS", (signal.SIGTERM, signal.SIGUSR1))  # SIGINT may be ignored
     before = [signal.getsignal(number) for number in interrupt.SIGNALS]
     threads = threading.active_count()
     with interrupt.heeded():
-        assert signal.getsignal(signal.SIGINT) is not before[0]
+        assert signal.getsignal(signal.SIGTERM) is not before[0]
     with pytest.raises(ValueError, match="as it was"), interrupt.heeded():
         raise ValueError("as it was")
     assert [signal.getsignal(number) for number in interrupt.SIGNALS] == before
@@ -143,11 +145,11 @@ def test_handlers_are_restored_and_errors_pass():
 
 
 def test_off_the_main_thread_no_signal_is_taken():
-    before, seen = signal.getsignal(signal.SIGINT), []
+    before, seen = signal.getsignal(signal.SIGTERM), []
 
     def elsewhere() -> None:
         with interrupt.heeded():
-            seen.append(signal.getsignal(signal.SIGINT))
+            seen.append(signal.getsignal(signal.SIGTERM))
 
     thread = threading.Thread(target=elsewhere)
     thread.start()

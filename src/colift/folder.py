@@ -139,7 +139,7 @@ def _take_over(lock: Path) -> None:
             who = f"process {holder['pid']} on {holder['host']} writes to it since {since}"
             gone = "" if here else f"; if that process has ended, remove {lock}"
             raise BlockingIOError(f"{lock.parent} is in use: {who}; wait, or choose another --out{gone}")
-    aside = lock.with_name(f"{lock.name}.{os.getpid()}.part")
+    aside = lock.with_name(f"{lock.name}.{os.getpid()}")
     with contextlib.suppress(FileNotFoundError):  # another process was faster
         lock.rename(aside)
         if aside.read_bytes() != content:  # between the look and the move it became another's, who lives
