@@ -44,6 +44,7 @@ class Shape(NamedTuple):
         }
 
 
+RUN = "colift-run-0123456789ab"
 PAPER = Shape(groups=((2, 3, 2),))
 MIXED = Shape(groups=((2, 3, 2), (1, 0, 1), (1, 4, 3)), eta=18)
 
@@ -84,5 +85,5 @@ def sigma(rng: np.random.Generator, shape: Shape, every: int = 5) -> Sigma:
 def dataset(rng: np.random.Generator, shape: Shape = PAPER, **attrs: object) -> xr.Dataset:
     """A random flight as the study logs it."""
     stated = {"case": "C3", "seed": 1, "complete": 1, "stopped": "", "update_times_s": [0.02, 0.05], "T_end_s": 0.05}
-    stated |= {"rho_bound": "energy", "rho_confidence": 0.95, "rho_assumed": "norm, energy"}
+    stated |= {"rho_bound": "energy", "rho_confidence": 0.95, "rho_assumed": "norm, energy", "run": RUN}
     return log.dataset(rows(rng, shape), sigma=sigma(rng, shape), attrs=stated | attrs, **shape.names)

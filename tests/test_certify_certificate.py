@@ -16,7 +16,7 @@ import pytest
 from rich.console import Console
 from typer.testing import CliRunner
 
-from colift import __main__, gp, learn, scenario, simulate, study, view
+from colift import __main__, folder, gp, learn, scenario, simulate, study, view
 from colift.certify import adversary, assumed, certificate, interface, reach
 from colift.gp import recovery
 from colift.gp.bounds import Assumption
@@ -311,7 +311,12 @@ def save(tmp_path, monkeypatch):
     """`study.save_certificate` under a name that is no word of a certificate, without the interface's long gains."""
     monkeypatch.setattr(interface, "interface", lambda _loop, _floor: LAYER)
     settings = short().model_copy(update={"name": "short"})
-    return lambda all_of, against=None: study.save_certificate(settings, all_of, against, tmp_path)
+
+    def saved(all_of: study.Certified, against: study.Certified | None = None) -> dict[str, Any]:
+        with study.claim(settings, tmp_path) as out:
+            return study.save_certificate(settings, all_of, against, out)
+
+    return saved
 
 
 @pytest.fixture
@@ -319,7 +324,7 @@ def drawn(monkeypatch) -> list[str]:
     """Every text of the figures that are saved."""
     texts: list[str] = []
 
-    def save(figure, path):
+    def save(figure, path, run):
         figure.canvas.draw()
         texts.extend(text.get_text() for text in figure.findobj(matplotlib.text.Text) if text.get_visible())
         return path
@@ -329,7 +334,9 @@ def drawn(monkeypatch) -> list[str]:
 
 
 def test_a_certificate_is_saved_whole_and_told_in_a_table(tmp_path, capsys, save):
+    (tmp_path / "summary.json").write_text(folder.run_name("0.1.0", "another"))
     told = save(made(), made())
+    assert {folder.run_of(path) for path in tmp_path.iterdir()} == {told["run"]}
     assert json.loads((tmp_path / "certificate.json").read_text()) == told
     assert {path.name for path in tmp_path.iterdir()} == {
         "certificate.json",

@@ -10,10 +10,12 @@ import sys
 from pathlib import Path
 
 import pytest
+from rich.console import Console
+from rich.table import Table
 from typer.testing import CliRunner
 
-from colift import log, scenario
-from colift.__main__ import app
+from colift import __main__, folder, log, scenario, study
+from colift.__main__ import COLUMNS, _show, app
 
 PROMISED = {
     *("e_p_rms_m", "e_v_rms", "e_R_rms", "e_omega_rms", "Psi_mean", "delta_W_rms", "e_lam_rms_N", "sigma_L_mean"),
@@ -78,6 +80,31 @@ def test_a_folder_that_cannot_be_written_is_one_line_and_status_2_before_any_fli
     status, said = invoke("study", "paper", "--out", str(tmp_path / "file" / "out"))
     assert (status, said.count("\n")) == (2, 1)
     assert "cannot write to" in said
+    status, said = invoke("study", "paper", "--out", str(tmp_path / "file"))
+    assert (status, said) == (2, f"cannot write to {tmp_path / 'file'}: it is a file, not a folder\n")
+
+
+def test_a_folder_that_another_process_writes_to_is_refused_before_any_flight(tmp_path: Path):
+    with study.claim(scenario.load("paper"), tmp_path):
+        for command in ("study", "certify"):
+            status, said = invoke(command, "paper", "--out", str(tmp_path))
+            assert (status, said.count("\n")) == (2, 1)
+            assert f"{tmp_path} is in use: process {os.getpid()} on " in said
+
+
+def test_a_folder_with_a_file_of_someone_else_in_the_way_is_refused_before_any_flight(tmp_path: Path):
+    (tmp_path / "C1.nc").write_text("mine")
+    status, said = invoke("study", "paper", "--out", str(tmp_path))
+    assert (status, said.count("\n")) == (2, 1)
+    assert "holds C1.nc, which no run of colift wrote" in said
+    assert [file.name for file in tmp_path.iterdir()] == ["C1.nc"]
+
+
+def test_a_scenario_that_cannot_be_flown_leaves_the_results_that_there_were(tmp_path: Path):
+    (tmp_path / "C1.nc").write_text(folder.run_name("0.1.0", "another"))
+    status, _ = invoke("study", "papr", "--out", str(tmp_path))
+    assert status == 2
+    assert [file.name for file in tmp_path.iterdir()] == ["C1.nc"]
 
 
 def test_internal_forces_that_do_not_exist_are_refused_with_the_reason(tmp_path: Path):
@@ -121,6 +148,17 @@ def test_a_study_leaves_what_it_promises_and_nothing_half_written(results: Path)
     assert not [name for name in files if name.startswith(".")]
 
 
+def test_every_file_names_the_run_and_is_known_to_be_a_study_s(results: Path):
+    assert set(results.iterdir()) == set(folder.files(results, study.FLOWN))
+    run = json.loads((results / "summary.json").read_text())["run"]
+    settings = scenario.load(str(results.parent / "short.yaml"))
+    with study.claim(settings.model_copy(update={"seed": 7}), results) as out:
+        assert out.run == run
+    with study.claim(settings, results) as out:
+        assert out.run != run
+    assert {folder.run_of(file) for file in results.iterdir()} == {run}
+
+
 def test_the_summary_holds_what_it_promises(results: Path):
     summary = json.loads((results / "summary.json").read_text())
     assert summary["seed"] == 7
@@ -161,8 +199,14 @@ def test_a_run_that_fails_is_saved_marked_incomplete_and_status_1(tmp_path: Path
     text = (Path(scenario.__file__).parent.parent / "scenarios" / "paper.yaml").read_text()
     path, out = tmp_path / "wild.yaml", tmp_path / "out"
     path.write_text(text.replace("agent_k_omega: 28", "agent_k_omega: 1.0e+6"))
+    out.mkdir()
+    for name in ("I.nc", "figure_6_certificate.pdf", "notes"):
+        (out / name).write_text(f"of another run: {folder.run_name('0.1.0', 'another')}")
     status, said = invoke("study", str(path), "--out", str(out))
     assert status == 1
+    assert f"{out} holds results of another run: they are replaced" in said
+    assert set(out.iterdir()) - set(folder.files(out, study.FLOWN)) == {out / "notes"}
+    assert not (out / "I.nc").exists()
     summary = json.loads((out / "summary.json").read_text())
     for case in ("C1", "C2", "C3"):
         found = summary["cases"][case]
@@ -190,3 +234,122 @@ def test_help_loads_nothing_that_it_does_not_need():
     )
     assert done.returncode == 0, done.stderr
     assert done.stdout.strip() == ""
+
+
+# What is printed ------------------------------------------------------------------------------------------------------
+
+
+def shown(columns: int, encoding: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> str:
+    """A table of long numbers, as it is printed on a terminal so wide."""
+    monkeypatch.setenv("COLUMNS", str(columns))
+    monkeypatch.setattr(Console, "encoding", encoding)
+    table = Table(title="numbers")
+    table.add_column("case\n")
+    for heading, unit, *_ in COLUMNS:
+        table.add_column(f"{heading}\n{unit}", justify="right")
+    for i in range(3):
+        table.add_row(f"C{i}", *NUMBERS[i])
+    _show(table)
+    return capsys.readouterr().out
+
+
+NUMBERS = [[f"{(i + 2) * 7919**k % 99991 / 10:.1f}" for k in range(1, len(COLUMNS) + 1)] for i in range(3)]
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "cp1252", "ascii"])
+@pytest.mark.parametrize("columns", [1, 20, 40, 60, 80, 200])
+def test_a_terminal_of_any_width_crops_no_digit(
+    columns: int, encoding: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
+    said = shown(columns, encoding, capsys, monkeypatch)
+    said.encode(encoding)
+    assert "…" not in said
+    for i, row in enumerate(NUMBERS):
+        found = [line for line in said.splitlines() if re.search(rf"\bC{i}\b", line)]
+        assert re.findall(r"\d+\.\d", " ".join(found)) == row
+    if columns >= 20:
+        assert max(map(len, said.splitlines())) <= columns
+
+
+def test_where_no_bar_can_be_drawn_a_case_says_when_it_begins_how_far_it_is_and_when_it_ends(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
+    said = []
+    for every in (1e9, 0.0):
+        monkeypatch.setattr(__main__, "EVERY", every)
+        progress = __main__._lines({"C1": "no learning"}, 20.0)
+        for t in (0.0, 0.5, 1.0, 20.0):
+            progress("C1", t)
+        said.append(capsys.readouterr().err.splitlines())
+    ends = ["C1: no learning, 20 s to fly", "C1: 20.0 of 20 s"]
+    assert said[0] == ends
+    assert said[1] == [ends[0], "C1: 0.5 of 20 s", "C1: 1.0 of 20 s", ends[1]]
+
+
+SHOW = """
+import signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored where the tests run in a shell's background
+from pathlib import Path
+import colift.__main__ as command
+numbers = {key: 1.0 for _, _, key, *_ in command.COLUMNS} | {"complete": True, "stopped": ""}
+mode = {"stable": True, "says": "\\u03c9"}
+summary = {"scenario": "ladung \\u03bb", "seed": 1, "cases": {"C1": numbers}, "slowest_mode": mode}
+@command.app.command()
+def show() -> None:
+    with command._printed("; the results are in out"):
+        command._report(summary, Path("out"))
+command.main()
+"""
+
+
+def show(*arguments: str, **changed: object) -> subprocess.CompletedProcess[bytes]:
+    """The command line in a process of its own, with a command that only prints the table."""
+    environment = {**os.environ, "COLUMNS": "120", **changed.pop("env", {})}  # ty: ignore
+    given = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "check": False, "timeout": 120} | changed
+    return subprocess.run([sys.executable, "-c", SHOW, *(arguments or ("show",))], env=environment, **given)
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "latin-1", "cp1252", "utf-8", "ascii:strict"])
+def test_whatever_letters_standard_output_has_the_table_is_printed(encoding: str):
+    done = show(env={"PYTHONIOENCODING": encoding, "PYTHONUTF8": "0"})
+    assert (done.returncode, done.stderr) == (0, b"")
+    said = done.stdout.decode(encoding.split(":")[0])
+    assert "results in out" in said
+    assert ("e_λ" if encoding == "utf-8" else "e_lam") in said
+
+
+def test_in_a_locale_without_unicode_the_table_is_printed():
+    done = show(env={"LC_ALL": "C", "PYTHONCOERCECLOCALE": "0", "PYTHONUTF8": "0"})
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert b"e_lam" in done.stdout
+
+
+def test_ctrl_c_before_the_command_line_is_read_ends_it_without_a_traceback(tmp_path: Path):
+    (tmp_path / "typer.py").write_text("import os, signal, time\nos.kill(os.getpid(), signal.SIGINT)\ntime.sleep(60)\n")
+    done = show(env={"PYTHONPATH": os.pathsep.join([str(tmp_path), *filter(None, sys.path)])})
+    assert (done.returncode, done.stdout, done.stderr) == (130, b"", b"")
+
+
+def test_a_reader_who_has_gone_is_no_failure():
+    """As under `colift study paper | head -1`."""
+    reader, writer = os.pipe()
+    os.close(reader)
+    done = show(stdout=writer)
+    os.close(writer)
+    assert (done.returncode, done.stderr) == (0, b"")
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no device that is always full")
+@pytest.mark.parametrize("argument", ["show", "--help", "scenarios"])
+def test_standard_output_on_a_full_disk_is_one_line_and_status_1(argument: str):
+    with Path("/dev/full").open("w") as full:
+        done = show(argument, stdout=full)
+    assert done.returncode == 1
+    lost = "; the results are in out" if argument == "show" else ""
+    assert done.stderr.decode() == f"cannot print: No space left on device{lost}\n"
+
+
+def test_without_standard_output_nothing_fails():
+    closed = ["sh", "-c", 'exec "$@" >&-', "sh", sys.executable, "-c", SHOW, "show"]
+    done = subprocess.run(closed, capture_output=True, check=False, timeout=120)
+    assert (done.returncode, done.stderr) == (0, b"")

@@ -79,6 +79,7 @@ def test_figures_are_written_as_pdf_and_png(folder):
     for file in folder.iterdir():
         if file.suffix == ".png":
             with Image.open(file) as image:
+                assert image.info["Keywords"] == flights.RUN
                 assert image.info["dpi"] == pytest.approx((300, 300), abs=0.1)
                 width = 7.16 if "forces" in file.name or "rho" in file.name else 3.5
                 assert image.width == pytest.approx(300 * width, abs=1)
@@ -86,6 +87,7 @@ def test_figures_are_written_as_pdf_and_png(folder):
         else:
             content = file.read_bytes()
             assert content.startswith(b"%PDF")
+            assert flights.RUN.encode() in content
             assert b"/FontFile2" in content  # TrueType
             assert b"/Type3" not in content
 
@@ -342,10 +344,11 @@ def test_the_table_of_lengthscales_holds_every_number_and_marks_the_bounds(tmp_p
         "payload": learned(rng, ("p_x", "|v|", "omega_z"), ("F_x", "tau_z")),
         "front": learned(rng, ("R_xx", "r_1"), ("F_x", "F_y", "tau_waist")),
     }
-    files = view.lengthscale_table(bodies, tmp_path / "lengthscales_C3")
+    files = view.lengthscale_table(bodies, tmp_path / "lengthscales_C3", flights.RUN)
     assert [file.name for file in files] == ["lengthscales_C3.csv", "lengthscales_C3.md"]
     with files[0].open(newline="") as file:
         rows = {(row["body"], row["output"], row["feature"]): row for row in csv.DictReader(file)}
+    assert flights.RUN in files[1].read_text()
     sections = files[1].read_text().split("## ")[1:]
     assert len(rows) == 2 * 3 + 3 * 2
     for (body, (features, outputs, scales, at_lower, at_upper)), section in zip(bodies.items(), sections, strict=True):
@@ -356,6 +359,7 @@ def test_the_table_of_lengthscales_holds_every_number_and_marks_the_bounds(tmp_p
         for (i, output), (j, feature) in itertools.product(enumerate(outputs), enumerate(features)):
             row = rows[body, output, feature]
             assert float(row["lengthscale_in_std"]) == pytest.approx(scales[i, j], rel=1e-5)
+            assert row["run"] == flights.RUN
             assert row["at_bound"] == ("lower" if at_lower[i, j] else "upper" if at_upper[i, j] else "")
             assert table[j + 1][0] == f"`{feature.replace('|', '!')}`"
             mark = "< " if at_lower[i, j] else "> " if at_upper[i, j] else ""

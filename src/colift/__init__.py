@@ -6,6 +6,7 @@ The map; each module imports only those below it:
     study       C1, C2, C3 and the rivals of learning, flights with their certificates; what is written of them
     view        figures and tables
     log         a flight as labelled NetCDF
+    folder      where one run's results lie, and who may write there
     analyse     figures of merit, modes of the closed loop
     certify     ultimate bounds of the tracking errors (Theorem 1)
     scenario    YAML files to settings, settings to what a run starts from
@@ -28,6 +29,7 @@ The map; each module imports only those below it:
     model       parameters and states
     so3, linalg, native, over, pytree   what they are written with
     cache       where what is compiled is kept
+    interrupt   a request to end, read where work may end
 
 Names that a script starts from are here as well: `colift.load("paper")`.
 """

@@ -5,14 +5,26 @@ Heavy modules are imported by the commands that need them, so that `--help` answ
 
 from __future__ import annotations
 
+import contextlib
+import io
 import math
+import os
+import signal
 import sys
+import time
+from collections.abc import Callable, Generator
 from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
-from rich.console import Console
+try:
+    import typer
+    from rich.console import Console
+    from rich.table import Column, Table
+
+    from colift import interrupt
+except KeyboardInterrupt:  # `main` does not yet take signals
+    sys.exit(130)
 
 app = typer.Typer(
     help="Cooperative transport of a rigid payload by aerial manipulators: simulate, control, learn, certify.",
@@ -22,7 +34,8 @@ app = typer.Typer(
 )
 errors = Console(stderr=True, soft_wrap=True, highlight=False)
 
-BAD_INPUT, INCOMPLETE, EXCEEDED, INTERRUPTED = 2, 1, 1, 130
+BAD_INPUT, INCOMPLETE, EXCEEDED = 2, 1, 1
+EVERY = 5.0  # s, between two lines that say how far a flight is, where no bar can
 
 
 def _fail(message: str) -> typer.Exit:
@@ -54,24 +67,73 @@ Seed = Annotated[
 ]
 
 
-def _opened(name: str, out: Path | None, seed: int | None) -> tuple[Any, Path]:
-    """The settings of a scenario, under that seed if one is given, and its folder, which can be written to."""
-    from colift import scenario
+@contextlib.contextmanager
+def _opened(name: str, out: Path | None, seed: int | None, kept: str) -> Generator[tuple[Any, Any]]:
+    """The settings of a scenario, under that seed if one is given, and its folder, this process's alone in the block.
 
-    try:
-        settings = scenario.load(name)
-    except scenario.ScenarioError as error:
-        raise _fail(str(error)) from None
-    if seed is not None:
-        settings = settings.model_copy(update={"seed": seed})
-    folder = out or Path("out") / settings.name
+    What a person can mend, and a request to end, end the block with a line: of the latter with what is `kept`.
+    """
+    from colift import folder as results
+    from colift import scenario
     from colift import study as flights
 
+    interrupt.check()
     try:
-        flights.prepare(folder)
+        settings = scenario.load(name)
+        if seed is not None:
+            settings = settings.model_copy(update={"seed": seed})
+        with flights.claim(settings, out or Path("out") / settings.name) as folder:
+            if results.of_others(folder, flights.FLOWN + flights.CERTIFIED):
+                errors.print(f"{folder.path} holds results of another run: they are replaced", markup=False)
+            try:
+                yield settings, folder
+            except interrupt.Interrupted:
+                errors.print(f"interrupted; {kept} {folder.path}", style="yellow", markup=False)
+                raise
+    except (scenario.ScenarioError, OSError) as error:
+        raise _fail(_one_line(error)) from None
+
+
+def _one_line(error: Exception) -> str:
+    """What went wrong; what colift says of a file, without the number that the system has for it."""
+    return (isinstance(error, OSError) and error.filename is None and error.strerror) or str(error)
+
+
+@contextlib.contextmanager
+def _printed(where: str) -> Generator[None]:
+    """What the block prints is read or said to be lost; a reader who has gone, as under `| head -1`, is no failure."""
+    try:
+        yield
+        if sys.stdout is not None:
+            sys.stdout.flush()
+    except BrokenPipeError:
+        _print_nowhere()
     except OSError as error:
-        raise _fail(f"cannot write to {folder}: {error.strerror or error}") from None
-    return settings, folder
+        _print_nowhere()
+        errors.print(f"cannot print: {_one_line(error)}{where}", style="red", markup=False)
+        raise typer.Exit(INCOMPLETE) from None
+
+
+def _print_nowhere() -> None:
+    """Python writes what is left in its buffer when it ends, and would fail again."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+@contextlib.contextmanager
+def _stages(doing: str) -> Generator[Callable[[str], None]]:
+    """What is being done, and at which stage: on a line that changes, or, where it cannot, on a line each."""
+    with errors.status(doing, spinner="line") as status:
+
+        def say(stage: str) -> None:
+            interrupt.check()
+            if errors.is_terminal:
+                status.update(f"{doing}: {stage}")
+            else:
+                errors.print(f"{doing}: {stage}", markup=False)
+
+        if not errors.is_terminal:
+            errors.print(doing, markup=False)
+        yield say
 
 
 @app.callback()
@@ -88,8 +150,9 @@ def scenarios() -> None:
     """List the shipped scenarios."""
     from colift import scenario
 
-    for name in scenario.names():
-        typer.echo(f"{name:16} {scenario.load(name).description}")
+    with _printed(""):
+        for name in scenario.names():
+            print(f"{name:16} {scenario.load(name).description}")
 
 
 @app.command()
@@ -108,31 +171,26 @@ def study(
 
     Writes one NetCDF file a case, figures 1 to 5 as PDF and PNG, the table of length-scales and summary.json.
     """
-    settings, folder = _opened(name, out, seed)
-    from colift import scenario
     from colift import study as flights
 
     cases = tuple(flights.CASES | (flights.BASELINES if baselines else {}))
-    try:
-        with errors.status(f"preparing {settings.name}"):
+    with _opened(name, out, seed, "the cases that had ended are in") as (settings, folder):
+        with _stages(f"preparing {settings.name}"):
             ready = flights.plans(settings, cases)
         summary = _with_progress(settings, folder, ready)
-    except scenario.ScenarioError as error:
-        raise _fail(str(error)) from None
-    except OSError as error:
-        raise _fail(str(error)) from None
-    except KeyboardInterrupt:
-        errors.print(f"interrupted; the cases that had ended are in {folder}", style="yellow", markup=False)
-        raise typer.Exit(INTERRUPTED) from None
-    _report(summary, folder)
+    with _printed(f"; the results are in {folder.path}"):
+        _report(summary, folder.path)
     if any(not case["complete"] for case in summary["cases"].values()):
         raise typer.Exit(INCOMPLETE)
 
 
-def _with_progress(settings: Any, folder: Path, ready: dict[str, Any]) -> dict[str, Any]:
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-
+def _with_progress(settings: Any, folder: Any, ready: dict[str, Any]) -> dict[str, Any]:
+    """Fly with a bar a case; where bars cannot be drawn, with a line every few seconds."""
     from colift import study as flights
+
+    if not errors.is_terminal:
+        return flights.run(settings, folder, ready, _lines(flights.CASES | flights.BASELINES, settings.duration_s))
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
     known = flights.CASES | flights.BASELINES
     columns = (
@@ -152,6 +210,24 @@ def _with_progress(settings: Any, folder: Path, ready: dict[str, Any]) -> dict[s
             bars.update(tasks[case], completed=t)
 
         return flights.run(settings, folder, ready, progress)
+
+
+def _lines(known: dict[str, str], duration: float) -> Callable[[str, float], None]:
+    """Progress in lines: one when a case begins, then at most one in `EVERY`."""
+    said = -math.inf
+
+    def progress(case: str, t: float) -> None:
+        nonlocal said
+        now = time.monotonic()
+        if t == 0.0:
+            errors.print(f"{case}: {known[case]}, {duration:g} s to fly", markup=False)
+        elif now - said >= EVERY or t >= duration:
+            errors.print(f"{case}: {t:.1f} of {duration:g} s", markup=False)
+        else:
+            return
+        said = now
+
+    return progress
 
 
 COLUMNS = (  # heading, unit, key in the summary, scale, format
@@ -174,11 +250,59 @@ def _cell(value: float | None, scale: float, spec: str) -> str:
     return format(value * scale, spec if abs(value * scale) < 1e5 else ".0e")
 
 
-def _report(summary: dict[str, Any], folder: Path) -> None:
-    """The one table at the end: second half of the run, RMS, mean or largest."""
-    from rich.box import SIMPLE_HEAD
-    from rich.table import Table
+SPELLED = str.maketrans({"Ψ": "Psi", "Δ": "d", "λ": "lam", "σ": "sigma", "ω": "omega"})
 
+
+def _spelled(text: str, encoding: str) -> str:
+    """Greek letters by name where they cannot be printed."""
+    try:
+        text.encode(encoding)
+    except UnicodeEncodeError:
+        return text.translate(SPELLED)
+    return text
+
+
+def _show(table: Table, lead: int = 1) -> None:
+    """Print a table; one wider than the terminal in parts below each other, each with the `lead` first columns."""
+    width = Console().width
+    parts: list[list[Column]] = []
+    for column in table.columns[lead:]:
+        if not parts or _width(_part(table, [*table.columns[:lead], *parts[-1], column])) > width:
+            parts.append([])
+        parts[-1].append(column)
+    for k, columns in enumerate(parts):
+        part = _part(table, [*table.columns[:lead], *columns])
+        part.title = None if k else table.title
+        console = Console(width=max(width, _width(part)))
+        with console.capture() as shown:  # rich would end the process where the reader has gone
+            console.print(part)
+        print(shown.get(), end="", flush=True)
+
+
+def _part(table: Table, columns: list[Column]) -> Table:
+    """Some columns of a table, as a table."""
+    part = Table(box=table.box, padding=table.padding, pad_edge=table.pad_edge)
+    encoding = Console().encoding
+    for column in columns:
+        part.add_column(_spelled(str(column.header), encoding), justify=column.justify, no_wrap=True)
+    for cells in zip(*(column.cells for column in columns), strict=True):
+        part.add_row(*cells)
+    return part
+
+
+def _width(table: Table) -> int:
+    """How wide a table is where there is room."""
+    console = Console(width=10_000)
+    return console.measure(table).maximum
+
+
+def _report(summary: dict[str, Any], folder: Path) -> None:
+    """What failed, then the one table at the end: second half of the run, RMS, mean or largest."""
+    from rich.box import SIMPLE_HEAD
+
+    for case, found in summary["cases"].items():
+        if not found["complete"]:
+            errors.print(f"{case} is incomplete: {found['stopped']}", style="red", markup=False)
     table = Table(
         title=f"{summary['scenario']}, seed {summary['seed']}: second half of the run",
         box=SIMPLE_HEAD,
@@ -189,16 +313,13 @@ def _report(summary: dict[str, Any], folder: Path) -> None:
         table.add_column(f"{heading}\n{unit}", justify="right", no_wrap=True)
     for case, found in summary["cases"].items():
         table.add_row(case, *(_cell(found[key], scale, spec) for _, _, key, scale, spec in COLUMNS))
-    Console().print(table)
-    for case, found in summary["cases"].items():
-        if not found["complete"]:
-            errors.print(f"{case} is incomplete: {found['stopped']}", style="red", markup=False)
+    _show(table)
     mode = summary["slowest_mode"]
     if mode["stable"]:
-        typer.echo(f"slowest mode at the start: {mode['says']}")
+        print(f"slowest mode at the start: {mode['says']}")
     else:
         errors.print(f"warning: unstable at the start state: {mode['says']}", style="yellow", markup=False)
-    typer.echo(f"results in {folder}")
+    print(f"results in {folder}")
 
 
 @app.command()
@@ -215,22 +336,18 @@ def certify(
     Flies the scenario and its twin, whose world obeys the learned means. Writes certificate.json and figure 6.
     Status 1 if an observed error is above its radius.
     """
-    settings, folder = _opened(name, out, seed)
-    from colift import scenario
     from colift import study as flights
 
-    try:
-        with errors.status(f"certifying {settings.name}") as status:
-            say = lambda what: status.update(f"certifying {settings.name}: {what}")  # noqa: E731
-            made = flights.certify(settings, progress=say)
-            against = flights.challenge(made, progress=say) if adversary else None
-            summary = flights.save_certificate(settings, made, against, folder, say)
-    except (scenario.ScenarioError, OSError, ValueError) as error:
-        raise _fail(str(error)) from None
-    except KeyboardInterrupt:
-        errors.print("interrupted; nothing was written", style="yellow", markup=False)
-        raise typer.Exit(INTERRUPTED) from None
-    _report_certificate(summary, folder)
+    with _opened(name, out, seed, "no certificate was written to") as (settings, folder):
+        try:
+            with _stages(f"certifying {settings.name}") as say:
+                made = flights.certify(settings, progress=say)
+                against = flights.challenge(made, progress=say) if adversary else None
+                summary = flights.save_certificate(settings, made, against, folder, say)
+        except ValueError as error:
+            raise _fail(str(error)) from None
+    with _printed(f"; the results are in {folder.path}"):
+        _report_certificate(summary, folder.path)
     if summary["exceeded"]:
         raise typer.Exit(EXCEEDED)
 
@@ -246,17 +363,17 @@ def _report_certificate(found: dict[str, Any], folder: Path) -> None:
     """
     for line in _broken(found["exceeded"]):
         errors.print(line, style="red", markup=False)
-    Console().print(_radii_table(found))
+    _show(_radii_table(found), lead=2)
     shown = [bound for bound, radii in found["radii"].items() if any(_has_radius(radii[where]) for where in WHERE)]
     for line in (*_assumes({bound: found["radii"][bound]["assumed"] for bound in shown}), *_missing(found)):
-        typer.echo(line)
+        print(line)
     if found["adversary"]:
-        typer.echo(f"radius / worst unknown that fits the data: {found['adversary']['radius_over_adversary']:.3f}")
-    typer.echo("\nradius of e_p by reasoning, mm:")
+        print(f"radius / worst unknown that fits the data: {found['adversary']['radius_over_adversary']:.3f}")
+    print("\nradius of e_p by reasoning, mm:")
     for cause, radius in found["slack_m"].items():
         if radius is not None:
-            typer.echo(f"  {_cell(radius, 1e3, '.3g'):>8}  {cause}")
-    typer.echo(f"results in {folder}")
+            print(f"  {_cell(radius, 1e3, '.3g'):>8}  {cause}")
+    print(f"results in {folder}")
 
 
 def _broken(exceeded: list[dict[str, Any]]) -> list[str]:
@@ -278,7 +395,6 @@ def _has_radius(radii: dict[str, float | None]) -> bool:
 
 def _radii_table(found: dict[str, Any]) -> Any:
     from rich.box import SIMPLE_HEAD
-    from rich.table import Table
 
     first, last = found["window_s"]
     table = Table(
@@ -327,10 +443,22 @@ def _missing(found: dict[str, Any]) -> list[str]:
 
 def main() -> None:
     """Entry point of the `colift` command."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")  # what a terminal has no letter for must not end a run
     try:
-        app()
-    except KeyboardInterrupt:
-        sys.exit(INTERRUPTED)
+        with interrupt.heeded():
+            app()
+    except OSError as error:
+        if error.filename is not None:  # not of standard output, as the help's is on a full disk
+            raise
+        _print_nowhere()
+        errors.print(f"cannot print: {_one_line(error)}", style="red", markup=False)
+        sys.exit(INCOMPLETE)
+    finally:
+        if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+            with contextlib.suppress(ValueError):  # not on the main thread
+                signal.signal(signal.SIGINT, signal.SIG_DFL)  # all is written: the interpreter may be cut short
 
 
 if __name__ == "__main__":

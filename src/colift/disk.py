@@ -6,13 +6,16 @@ import contextlib
 import os
 from pathlib import Path
 
+from colift import interrupt
+
 
 def write(path: str | Path, content: bytes) -> None:
     """Write a file whole or not at all: to a temporary name in the same folder, to the disk, then renamed.
 
     Its mode is what the umask gives a new file. Raises OSError, with the path and the reason in one line; then `path`
-    is as it was before.
+    is as it was before. Nothing is written once the process is asked to end.
     """
+    interrupt.check()
     path = Path(path)
     temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:

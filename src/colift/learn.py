@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 from threadpoolctl import threadpool_limits
 
-from colift import gp, so3
+from colift import gp, interrupt, so3
 from colift.model import AgentForce, PayloadState, Wrench
 from colift.pytree import pytree
 
@@ -174,6 +174,7 @@ def teach(
     tasks = {body: task for body, task in tasks.items() if task[2] > 1}
 
     def study(body: tuple[int, int] | str) -> tuple[gp.Fit | None, gp.GP]:
+        interrupt.check()
         X, Y, n = tasks[body]
         if training is None:
             frozen = oracle.payload if isinstance(body, str) else _one(oracle.agents[body[0]], body[1])

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from colift import agent as ag
-from colift import band, disturbance, dynamics, estimate, fly, grasp, learn, reference, sensor, so3
+from colift import band, disturbance, dynamics, estimate, fly, grasp, interrupt, learn, reference, sensor, so3
 from colift.model import AgentForce, Residual, State, Team, Wrench, no_force
 from colift.pytree import pytree
 
@@ -335,6 +335,7 @@ def fly_plan(plan: Plan, names: Sequence[str], progress: Callable[[float], None]
     done, stopped = 0, ""
     progress(0.0)
     while done < ticks and not stopped:
+        interrupt.check()
         first = done - done % room  # noise is drawn in whole chunks of the run, wherever an update cuts them
         until = min(first + room, next(k for k in stops if k > done))
         began = time.perf_counter()

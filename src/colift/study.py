@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import AbstractContextManager
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -16,8 +16,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from colift import analyse, disk, fly, learn, log, response, sensor, simulate
+from colift import analyse, disk, fly, folder, learn, log, response, sensor, simulate
 from colift.certify import adversary, assumed, certificate, interface
+from colift.folder import Folder
 from colift.model import no_force
 from colift.scenario import Settings, build
 
@@ -32,6 +33,11 @@ BASELINES = {
     "P": "parametric identification only",
     "O": "residuals known exactly: the floor",
 }
+FLOWN = (  # every file that a study may leave
+    *(f"{case}.nc" for case in CASES | BASELINES),
+    *("figure_[1-5]_*.pdf", "figure_[1-5]_*.png", "lengthscales_*.csv", "lengthscales_*.md", "summary.json"),
+)
+CERTIFIED = ("certificate.json", "figure_6_certificate.pdf", "figure_6_certificate.png")
 SINGULAR_LIMIT = 1e-3  # 1/kg, of `grasp.grip`; the study's team is near 0.3
 
 
@@ -161,13 +167,14 @@ def save_certificate(
     settings: Settings,
     made: Certified,
     against: Certified | None,
-    out: Path,
+    out: Folder,
     progress: Callable[[str], None] = lambda _what: None,
 ) -> dict[str, Any]:
     """Write `certificate.json` and figure 6; return what the file holds. Radii that do not exist are null.
 
     `assumed` of a bound names what its radii rest on and is not shown (`certify.assumed`), `status` is the word for
     them. `exceeded` lists the observed errors above a radius: of this flight, then of the adversary's.
+    Replaces an earlier certificate, and the study of another run. Raises OSError where `out` cannot be written.
     """
     from colift import view
 
@@ -181,6 +188,7 @@ def save_certificate(
         "seed": settings.seed,
         "version": version("colift"),
         "settings": settings.digest,
+        "run": out.run,
         "window_s": list(found.window),
         "confidence": settings.certificate.confidence,
         "exceeded": _exceeded(found) + (_exceeded(against.certificate, "adversary") if against else []),
@@ -222,8 +230,9 @@ def save_certificate(
             "radius_over_adversary": _best(against.certificate).run["e_p"] / against.certificate.observed["e_p"],
         },
     }
-    view.certificate(found, slack, out)
-    write_json(summary, out / "certificate.json")
+    folder.clear(out, CERTIFIED, FLOWN)
+    view.certificate(found, slack, out.path, out.run)
+    write_json(summary, out.path / "certificate.json")
     return _finite(summary)
 
 
@@ -235,32 +244,32 @@ def _best(found: certificate.Certificate) -> certificate.Radii:
     return found.radii.get("recovery", found.radii["energy"])
 
 
-def prepare(out: Path) -> None:
-    """Make the folder for results and see that it can be written; raises OSError now rather than after the flights."""
-    out.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryFile(dir=out):
-        pass
+def claim(settings: Settings, out: Path) -> AbstractContextManager[Folder]:
+    """The folder for the results of a scenario, this process's alone within the block; raises as `folder.claim`."""
+    return folder.claim(out, folder.run_name(version("colift"), settings.digest), FLOWN + CERTIFIED)
 
 
 def run(
     settings: Settings,
-    out: Path,
+    out: Folder,
     ready: Mapping[str, simulate.Plan],
     progress: Callable[[str, float], None] = lambda _case, _t: None,
 ) -> dict[str, Any]:
     """Fly the plans of `plans`, write a NetCDF file each, figures, tables and `summary.json`; return the summary.
 
-    Raises OSError where `out` cannot be written.
+    Replaces an earlier study, and the certificate of another run, before the first flight. Raises OSError where `out`
+    cannot be written.
     """
     from colift import view  # matplotlib takes a second to import, which the flights need not wait for
 
-    prepare(out)
+    folder.clear(out, FLOWN, CERTIFIED)
     agents = build.agent_names(settings)
     summary: dict[str, Any] = {
         "scenario": settings.name,
         "seed": settings.seed,
         "version": version("colift"),
         "settings": settings.digest,
+        "run": out.run,
         "cases": {},
     }
     data, fits = {}, {}
@@ -270,8 +279,8 @@ def run(
     for case, flying in ready.items():
         flight = simulate.fly_plan(flying, agents, lambda t, case=case: progress(case, t))
         began = time.perf_counter()
-        data[case] = _dataset(settings, case, flight, flying)
-        log.save(data[case], out / f"{case}.nc")
+        data[case] = _dataset(settings, case, flight, flying, out.run)
+        log.save(data[case], out.path / f"{case}.nc")
         found = analyse.summary(flight, flying.world.team, flying.pilot.team)
         found["wall_s"] = {**flight.wall, "output": time.perf_counter() - began}
         summary["cases"][case] = found
@@ -283,16 +292,16 @@ def run(
     summary["bound"] = _rests_on(first)
     summary["residual"] = summary["cases"][list(ready)[-1]]["residual"]
     began = time.perf_counter()
-    view.figures(data, out)
+    view.figures(data, out.path)
     for case, learned in fits.items():
         if learned:
-            view.lengthscale_table(_lengthscales(settings, learned), out / f"lengthscales_{case}")
+            view.lengthscale_table(_lengthscales(settings, learned), out.path / f"lengthscales_{case}", out.run)
     summary["wall_s"] = {"figures": time.perf_counter() - began}
-    write_json(summary, out / "summary.json")
+    write_json(summary, out.path / "summary.json")
     return summary
 
 
-def _dataset(settings: Settings, case: str, flight: simulate.Flight, flown: simulate.Plan) -> Any:
+def _dataset(settings: Settings, case: str, flight: simulate.Flight, flown: simulate.Plan, run: str) -> Any:
     contacts = build.contact_names(settings)
     joints, rests_on = build.joint_names(settings), _rests_on(flown)
     attrs = {
@@ -301,6 +310,7 @@ def _dataset(settings: Settings, case: str, flight: simulate.Flight, flown: simu
         "seed": settings.seed,
         "version": version("colift"),
         "settings": settings.digest,
+        "run": run,
         "complete": int(not flight.stopped),
         "stopped": flight.stopped,
         "update_times_s": [update.t for update in flight.updates],

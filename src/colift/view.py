@@ -95,7 +95,8 @@ RIVALS = {
 def figures(cases: Mapping[str, xr.Dataset], folder: str | Path) -> list[Path]:
     """Write the paper's four figures of some cases and the radii, each as PDF and as PNG (300 dpi); return the files.
 
-    Figure 1 shows every case, the others only those of the paper. A case that stopped early ends in a cross.
+    Figure 1 shows every case, the others only those of the paper. A case that stopped early ends in a cross. Each file
+    names the run in its metadata, as the cases do.
     Raises ValueError for a case that has no look, OSError where the folder cannot be written.
     """
     unknown = [name for name in cases if name not in LOOKS | RIVALS]
@@ -115,7 +116,7 @@ def figures(cases: Mapping[str, xr.Dataset], folder: str | Path) -> list[Path]:
         for name, (draw, shown) in drawn.items():
             figure = draw(shown)
             for suffix in ("pdf", "png"):
-                files.append(_save(figure, Path(folder) / f"{name}.{suffix}"))
+                files.append(_save(figure, Path(folder) / f"{name}.{suffix}", next(iter(cases.values())).attrs["run"]))
                 figure.set_layout_engine("none")  # the first layout holds for both
     return files
 
@@ -404,11 +405,11 @@ def _thin(ds: xr.Dataset, x: xr.DataArray | np.ndarray) -> np.ndarray:
     return np.asarray(x)[:: _samples(ds, STEP)]
 
 
-def certificate(found: Certificate, slack: Mapping[str, float], folder: str | Path) -> list[Path]:
+def certificate(found: Certificate, slack: Mapping[str, float], folder: str | Path, run: str) -> list[Path]:
     """Write figure 6 as PDF and PNG: the radius and the observed error of position, and where the slack comes from.
 
-    Titles say what the radii assume and, in red, which errors exceed one. Raises OSError where the folder cannot be
-    written.
+    Titles say what the radii assume and, in red, which errors exceed one; each file names the run in its metadata.
+    Raises OSError where the folder cannot be written.
     """
     with matplotlib.style.context(["default", STYLE]):
         figure = Figure(figsize=(PAGE, 2.9))
@@ -420,7 +421,7 @@ def certificate(found: Certificate, slack: Mapping[str, float], folder: str | Pa
             left.set_title(f"observed above a radius: {above}", fontsize=8, color="red")
         if best.assumed:
             figure.suptitle(textwrap.fill(f"assumed: {', '.join(best.assumed)}", TITLE), fontsize=8)
-        return [_save(figure, Path(folder) / f"figure_6_certificate.{kind}") for kind in ("pdf", "png")]
+        return [_save(figure, Path(folder) / f"figure_6_certificate.{kind}", run) for kind in ("pdf", "png")]
 
 
 SYMBOLS = {"e_p": "$e_p$", "e_v": "$e_v$", "e_R": "$e_R$", "e_omega": r"$e_\omega$"}
@@ -489,11 +490,12 @@ def shrinkage(
         return [_save(figure, Path(path).with_suffix(f".{kind}")) for kind in ("pdf", "png")]
 
 
-def _save(figure: Figure, path: Path) -> Path:
+def _save(figure: Figure, path: Path, run: str | None = None) -> Path:
     """Render in memory, then write whole or not at all; the same figure gives the same bytes."""
     memory = io.BytesIO()
+    told = {"Keywords": run} if run else {}
     dateless = {"CreationDate": None} if path.suffix == ".pdf" else {}
-    figure.savefig(memory, format=path.suffix[1:], metadata=dateless)
+    figure.savefig(memory, format=path.suffix[1:], metadata=told | dateless)
     disk.write(path, memory.getvalue())
     return path
 
@@ -503,22 +505,24 @@ Learned = tuple[Sequence[str], Sequence[str], np.ndarray, np.ndarray, np.ndarray
 feature; which of them are at their lower bound; which at their upper one."""
 
 
-def lengthscale_table(bodies: Mapping[str, Learned], path: str | Path) -> list[Path]:
+def lengthscale_table(bodies: Mapping[str, Learned], path: str | Path, run: str) -> list[Path]:
     """Write the learned length-scales as `<path>.csv` (a row each) and `<path>.md` (a table a body); return the files.
+
+    Both name the run: each row of the first, the head of the second.
 
     Raises OSError where they cannot be written.
     """
-    rows = [("body", "output", "feature", "lengthscale_in_std", "at_bound")]
+    rows = [("body", "output", "feature", "lengthscale_in_std", "at_bound", "run")]
     pages = [
         "# Learned length-scales\n\n"
         "In standard deviations of the feature over the data: where it is far above 1, the output shows no dependence\n"
-        "on that feature. `>` marks one at its upper bound, `<` one at its lower bound.\n"
+        f"on that feature. `>` marks one at its upper bound, `<` one at its lower bound. Of the run {run}.\n"
     ]
     for body, (features, outputs, lengthscales, at_lower, at_upper) in bodies.items():
         marks = np.where(at_upper, "upper", np.where(at_lower, "lower", ""))
         for i, output in enumerate(outputs):
             for j, feature in enumerate(features):
-                rows.append((body, output, feature, f"{lengthscales[i, j]:.6g}", marks[i, j]))
+                rows.append((body, output, feature, f"{lengthscales[i, j]:.6g}", marks[i, j], run))
         pages.append(_page(body, features, outputs, lengthscales, marks))
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows(rows)

@@ -1,0 +1,191 @@
+"""Ctrl-C and SIGTERM end a run wherever they reach it: 40 and 8 times, in processes of their own.
+
+The runs are short ones of the command line. The signal comes at times spread over a whole run, counted from when the
+process heeds signals: in imports, compilation, flights, fits, figures and writing. Before that the interpreter itself
+starts, which no program can change.
+"""
+
+from __future__ import annotations
+
+import functools
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import h5py
+import matplotlib.image
+
+import colift.__main__
+from colift import folder, interrupt
+from evidence import collect
+
+ALLOWED = 2 * interrupt.GRACE  # s, from the signal to the end; the machine may be busy with other things
+SCENARIOS = Path(colift.__main__.__file__).parent / "scenarios"
+COLIFT = """
+import signal
+signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in a shell's background, which colift respects
+from colift.__main__ import main
+main()
+"""
+
+
+class Tries(NamedTuple):
+    """Of one kind: how many, spread over that time, s, or over a whole run."""
+
+    signal: signal.Signals
+    command: str
+    cached: bool  # whether compiled programs are
+    number: int
+    over: float | None = None
+
+
+TRIES = {
+    "study": Tries(signal.SIGINT, "study", True, 28),
+    "study, nothing compiled": Tries(signal.SIGINT, "study", False, 6, 60.0),
+    "certify": Tries(signal.SIGINT, "certify", True, 6, 60.0),
+    "study, SIGTERM": Tries(signal.SIGTERM, "study", True, 8),
+}
+
+
+@functools.cache
+def _work() -> tempfile.TemporaryDirectory[str]:
+    """A folder with a scenario of 1.5 s of flight and two updates, for studies, and with the shipped certified one."""
+    work = tempfile.TemporaryDirectory()
+    text = (SCENARIOS / "paper.yaml").read_text()
+    for key, value in (
+        ("duration_s", "1.5"),
+        ("  end_s", "1"),
+        ("  update_times_s", "[0.5, 1]"),
+    ):
+        text, found = re.subn(rf"(?m)^({key}:).*", rf"\1 {value}", text)
+        assert found == 1, key
+    (Path(work.name) / "study.yaml").write_text(text)
+    (Path(work.name) / "certify.yaml").write_text((SCENARIOS / "certified.yaml").read_text())
+    return work
+
+
+def begin(command: str, out: Path, cached: bool) -> subprocess.Popen[str]:
+    """A run of the command line, when it heeds signals."""
+    work = Path(_work().name)
+    environment = dict(os.environ) if cached else os.environ | {"JAX_COMPILATION_CACHE_DIR": f"{out}-compiled"}
+    run = subprocess.Popen(
+        [sys.executable, "-c", COLIFT, command, str(work / f"{command}.yaml"), "--out", str(out)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=environment,
+    )
+    heeds = 1 << (signal.SIGTERM - 1)
+    while run.poll() is None:
+        caught = re.search(r"SigCgt:\s*(\w+)", Path(f"/proc/{run.pid}/status").read_text())
+        if caught and int(caught[1], 16) & heeds:
+            break
+        time.sleep(0.01)
+    return run
+
+
+@functools.cache
+def whole(command: str) -> float:
+    """Seconds that an undisturbed run takes once its programs are compiled and cached."""
+    for _ in range(2):
+        with tempfile.TemporaryDirectory() as out:
+            run, began = begin(command, Path(out) / "out", cached=True), time.monotonic()
+            _, said = run.communicate()
+            took = time.monotonic() - began
+        if run.returncode:
+            raise RuntimeError(f"{command}, undisturbed, ends with {run.returncode}: {said}")
+    return took
+
+
+def attempt(item: str) -> dict[str, Any]:
+    """One try: the signal, how the process ended and what it left."""
+    kind, _, k = item.rpartition(" ")
+    tries = TRIES[kind]
+    at = (int(k) + 0.5) / tries.number * (tries.over or whole(tries.command))
+    while True:
+        with tempfile.TemporaryDirectory() as place:
+            out = Path(place) / "out"
+            run, began = begin(tries.command, out, tries.cached), time.monotonic()
+            try:
+                run.wait(at)
+            except subprocess.TimeoutExpired:
+                return _interrupted(run, tries.signal, out) | {"at_s": round(time.monotonic() - began, 2)}
+        at *= 0.8  # it had ended: the machine is faster than when the whole run was timed
+
+
+def _interrupted(run: subprocess.Popen[str], number: signal.Signals, out: Path) -> dict[str, Any]:
+    run.send_signal(number)
+    asked = time.monotonic()
+    _, said = run.communicate(timeout=60)
+    took = time.monotonic() - asked
+    return {
+        "took_s": round(took, 2),
+        "said": said.splitlines()[-1:],
+        "left": sorted(path.name for path in out.iterdir()) if out.exists() else [],
+        "wrong": [*_wrong(run.returncode, 128 + number, said, took), *_broken(out)],
+    }
+
+
+def _wrong(status: int, expected: int, said: str, took: float) -> list[str]:
+    wrong = []
+    if status != expected:
+        wrong.append(f"status {status}")
+    if "Traceback" in said or "Exception" in said:
+        wrong.append(f"says {said[-2000:]}")
+    if took > ALLOWED:
+        wrong.append(f"took {took:.1f} s")
+    return wrong
+
+
+def _broken(out: Path) -> list[str]:
+    """Files that are not whole, name no run, or should have been cleared up."""
+    wrong = []
+    for path in out.iterdir() if out.exists() else ():
+        try:
+            _read(path)
+        except (OSError, ValueError) as error:
+            wrong.append(f"{path.name}: {error}")
+    return wrong
+
+
+def _read(path: Path) -> None:
+    """Raises ValueError or OSError for a file that is not whole."""
+    if path.name.startswith("."):
+        raise ValueError("should have been cleared up")
+    if folder.run_of(path) is None:
+        raise ValueError("names no run")
+    content = path.read_bytes()
+    if path.suffix == ".nc":
+        with h5py.File(path) as file:
+            file["time"][:]
+    elif path.suffix == ".json":
+        json.loads(content)
+    elif path.suffix == ".png":
+        matplotlib.image.imread(path)
+    elif not content.endswith(b"%%EOF\n" if path.suffix == ".pdf" else b"\n"):
+        raise ValueError("ends early")
+
+
+def main() -> bool:
+    """Interrupt them all; every one must end in time, with the status of its signal and nothing half-written."""
+    items = [f"{kind} {k}" for kind, tries in TRIES.items() for k in range(tries.number)]
+    found = collect("interrupts", items, attempt)
+    for kind, tries in TRIES.items():
+        each = [found[f"{kind} {k}"] for k in range(tries.number)]
+        clean, longest = sum(not one["wrong"] for one in each), max(one["took_s"] for one in each)
+        print(f"{kind}: {clean} of {tries.number} end cleanly, after {longest:.1f} s at most")
+    for item in items:
+        for wrong in found[item]["wrong"]:
+            print(f"{item}: {wrong}")
+    return not any(found[item]["wrong"] for item in items)
+
+
+if __name__ == "__main__":
+    main()
