@@ -111,6 +111,29 @@ def test_a_taught_oracle_reproduces_its_labels_and_is_surer_there(taught):
     assert (learn.payload_deviation(oracle, load.X[:30]).mean(0) < 0.7 * far.mean(0)).all()
 
 
+def test_a_second_fit_starts_where_the_first_ended_and_a_body_without_data_keeps_its_last(taught, monkeypatch):
+    """The first fit of a body has restarts and no start; later ones have a start and no restarts."""
+    oracle, fits = taught
+    training = dataclasses.replace(TRAINING, restarts=1)
+    asked, fit = [], gp.fit
+
+    def watched(X, Y, **given):
+        asked.append((given["start"], given["restarts"]))
+        return fit(X, Y, **given | {"max_iterations": 2})
+
+    monkeypatch.setattr(gp, "fit", watched)
+    agents = samples(1, 30, 24, 9, (2,))
+    agents = dataclasses.replace(agents, n=jnp.array([30, 0]))
+    _, later = learn.teach(oracle, samples(0, 40, 24, 6), (agents,), training, fits)
+    assert {id(start) for start, _ in asked} == {id(fits[body].hyper) for body in ("payload", (0, 0))}
+    assert {restarts for _, restarts in asked} == {0}
+    assert later[0, 1] is fits[0, 1]
+    assert later["payload"] is not fits["payload"]
+    asked.clear()
+    learn.teach(prior(), samples(0, 30, 24, 6), (agents,), training, {})
+    assert asked == [(None, 1)] * 2
+
+
 def test_without_training_hyperparameters_and_prior_mean_stay_as_stated():
     """Each body is conditioned on its own data under the prior's hyperparameters; one without data keeps its prior."""
     load, agents = samples(0, 30, 24, 6), samples(1, 30, 24, 9, (2,))
