@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from colift import dynamics, gp, log, simulate
-from colift.scenario import build
+from colift.model import no_force
 from tests import paper_flights
 
 
@@ -52,7 +52,7 @@ def _transformed() -> dict[str, np.ndarray]:
 
     x = jnp.array([0.3, -0.2])
     u = jax.tree.map(jnp.ones_like, simulate.start(of.world, of.pilot, of.oracle, z).memory.applied)
-    none = jax.tree.map(jnp.zeros_like, build.no_force(of.world.team))
+    none = jax.tree.map(jnp.zeros_like, no_force(of.world.team))
     moved = jax.jit(jax.jacfwd(lambda u: dynamics.accelerate(of.world.team, z, u, none)[0]))(u)
     return _named({
         "mapped": jax.tree.map(lambda a, b: a + b, group, group),
