@@ -10,7 +10,7 @@ import dataclasses
 import functools
 import itertools
 import math
-from collections.abc import Iterator
+from collections.abc import Sequence
 from typing import Any
 
 import jax
@@ -18,14 +18,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from colift import estimate, fly, interrupt, sensor, simulate, so3
+from colift import estimate, fly, sensor, simulate, so3
 from colift.linalg import mul
 from colift.model import AgentInput, State, Wrench
 from colift.pytree import pytree
 
-ITERATIONS = 12  # of Newton's method; from a team that hovers level it takes three or four
+ITERATIONS = 30  # of Newton's method with one slope; from a team that hovers level it takes a handful
 AT_REST = 1e-9  # what a tick may still change, in SI units
-STEP = 1e-5  # of differences, in SI units: what is neglected is its square
+STEP = 1e-4  # of differences, in SI units; they neglect its fourth power
 GONE = 1e-6  # a mode that leaves less than this of itself after one tick is no mode of the motion
 NEUTRAL = 1e-6  # rad/s, below which a rate is rounding: of |z|, divided by the tick
 
@@ -98,19 +98,34 @@ def monodromy(plan: simulate.Plan, z: State) -> tuple[Carried, np.ndarray]:
     plan = dataclasses.replace(plan, world=_alone(plan.world))
     noise = sensor.draw(plan.world.team, jax.random.key(0), simulate.chunk(plan))  # of sensors that have none
     loop = _ticked(plan, simulate.start(plan.world, plan.pilot, plan.oracle, z), noise)
+    slope = None
     for _ in range(ITERATIONS):
-        interrupt.check()
-        x = _take(loop)
-        after = [_take(_ticked(plan, _put(loop, y), noise)) for y in _around(x)]
-        d = np.asarray(_coordinates(x, jax.tree.map(lambda *leaf: np.stack(leaf), *after)))
-        off, M = d[0], ((d[1::2] - d[2::2]) / (2 * STEP)).T
-        if not np.isfinite(d).all():
-            break
+        off = _changed(plan, loop, noise, [_take(loop)])[0]
         if np.abs(off).max() <= AT_REST:
-            return x, M
-        step = np.linalg.lstsq(np.eye(len(off)) - M, off)[0]
-        loop = _put(loop, jax.tree.map(lambda leaf: leaf[0], _move(x, jnp.asarray(step[None]))))
+            return _take(loop), _slope(plan, loop, noise)
+        if not np.isfinite(off).all():
+            break
+        slope = _slope(plan, loop, noise) if slope is None else slope
+        step = np.linalg.lstsq(np.eye(len(off)) - slope, off)[0]
+        loop = _put(loop, jax.tree.map(lambda leaf: leaf[0], _move(_take(loop), jnp.asarray(step[None]))))
     raise ValueError("the team finds no rest near the start of its reference")
+
+
+def _slope(plan: simulate.Plan, loop: simulate.Loop, noise: sensor.Noise) -> np.ndarray:
+    """The map's derivative at a loop: `(8 (f_1 - f_-1) - (f_2 - f_-2)) / (12 h)`, f_k k steps h along a coordinate."""
+    x = _take(loop)
+    n = sum(math.prod(shape) for _, shape in _shapes(x))
+    steps = STEP * np.stack([k * np.eye(n) for k in (1, -1, 2, -2)])
+    moved = jax.tree.map(np.asarray, _move(x, jnp.asarray(steps.reshape(-1, n))))
+    around = [jax.tree.map(lambda leaf, k=k: jnp.asarray(leaf[k]), moved) for k in range(4 * n)]
+    near, back, far, farther_back = _changed(plan, loop, noise, around).reshape(4, n, n)
+    return ((8 * (near - back) - (far - farther_back)) / (12 * STEP)).T
+
+
+def _changed(plan: simulate.Plan, loop: simulate.Loop, noise: sensor.Noise, at: Sequence[Carried]) -> np.ndarray:
+    """What a loop carries one tick after each of `at`, in coordinates around what it carries now."""
+    after = [_take(_ticked(plan, _put(loop, y), noise)) for y in at]
+    return np.asarray(_coordinates(_take(loop), jax.tree.map(lambda *leaf: np.stack(leaf), *after)))
 
 
 def _ticked(plan: simulate.Plan, loop: simulate.Loop, noise: sensor.Noise) -> simulate.Loop:
@@ -119,21 +134,16 @@ def _ticked(plan: simulate.Plan, loop: simulate.Loop, noise: sensor.Noise) -> si
     return dataclasses.replace(after, tick=loop.tick, ended=loop.ended)
 
 
-def _around(x: Carried) -> Iterator[Carried]:
-    """x, then a step forth and one back along every coordinate."""
-    n = sum(math.prod(shape) for _, shape in _shapes(x))
-    steps = STEP * np.stack([np.eye(n), -np.eye(n)], axis=1).reshape(-1, n)
-    moved = jax.tree.map(np.asarray, _move(x, jnp.asarray(np.concatenate([np.zeros((1, n)), steps]))))
-    for k in range(1 + len(steps)):
-        yield jax.tree.map(lambda leaf, k=k: leaf[k], moved)
-
-
 def _moves(rivals: fly.Baseline, x: Carried) -> np.ndarray:
     """Which coordinates move: what a baseline that is switched off would integrate stands still."""
-    ones = jax.tree.unflatten(jax.tree.structure(x), [np.ones(shape, bool) for _, shape in _shapes(x)])
-    integral = np.repeat([float(rivals.K_i) != 0, float(rivals.k_i) != 0], 3)
-    moves = dataclasses.replace(ones, integral=integral, observed=np.full(6, float(rivals.observer) != 0))
-    return np.concatenate([np.ravel(part) for part in jax.tree.leaves(moves)])
+    on = {
+        "integral": np.repeat([float(rivals.K_i) != 0, float(rivals.k_i) != 0], 3),
+        "observed": np.full(6, float(rivals.observer) != 0),
+    }
+    names = [path[0].name for path, _ in jax.tree_util.tree_leaves_with_path(x)]
+    return np.concatenate(
+        [on.get(name, np.ones(math.prod(shape), bool)) for name, (_, shape) in zip(names, _shapes(x), strict=True)]
+    )
 
 
 def _alone(world: simulate.World) -> simulate.World:
