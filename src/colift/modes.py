@@ -18,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from colift import estimate, fly, sensor, simulate, so3
+from colift import estimate, fly, interrupt, sensor, simulate, so3
 from colift.linalg import mul
 from colift.model import AgentInput, State, Wrench
 from colift.pytree import pytree
@@ -92,7 +92,7 @@ def monodromy(plan: simulate.Plan, z: State) -> tuple[Carried, np.ndarray]:
 
     Bodies move by the truth's parameters and are flown by the nominal ones; sensors are exact, and nothing else acts
     that is unknown. So the rest may be off the reference, as by a payload that is heavier than believed. Newton's
-    method on `x = map(x)`, by central differences of `simulate.advance`: no program is compiled that a flight does not
+    method on `x = map(x)` with the first slope, by differences of `simulate.advance`: no program is compiled that a flight does not
     need anyway. Raises ValueError where there is no rest near z.
     """
     plan = dataclasses.replace(plan, world=_alone(plan.world))
@@ -100,12 +100,15 @@ def monodromy(plan: simulate.Plan, z: State) -> tuple[Carried, np.ndarray]:
     loop = _ticked(plan, simulate.start(plan.world, plan.pilot, plan.oracle, z), noise)
     slope = None
     for _ in range(ITERATIONS):
+        interrupt.check()
         off = _changed(plan, loop, noise, [_take(loop)])[0]
         if np.abs(off).max() <= AT_REST:
             return _take(loop), _slope(plan, loop, noise)
         if not np.isfinite(off).all():
             break
         slope = _slope(plan, loop, noise) if slope is None else slope
+        if not np.isfinite(slope).all():
+            break
         step = np.linalg.lstsq(np.eye(len(off)) - slope, off)[0]
         loop = _put(loop, jax.tree.map(lambda leaf: leaf[0], _move(_take(loop), jnp.asarray(step[None]))))
     raise ValueError("the team finds no rest near the start of its reference")
