@@ -1,4 +1,4 @@
-"""Figures of merit against definitions written out another way, and the linearized loop against the flown one."""
+"""Figures of merit against definitions written out another way."""
 
 from __future__ import annotations
 
@@ -220,43 +220,16 @@ def test_mismatch_is_nominal_less_true_in_the_regressor_s_order():
     np.testing.assert_allclose(theta, [0.5, 0, 0, 0, 0.01, 0.05, 0.02, 0.001, 0.002, 0.003], atol=1e-15)
 
 
-# The linearized loop --------------------------------------------------------------------------------------------------
+# Steps ----------------------------------------------------------------------------------------------------------------
 
 
-def modes_of(y: np.ndarray, dt: float) -> np.ndarray:
-    """Continuous-time modes of a signal that is one damped oscillation: `y_{k+2} = a y_{k+1} + b y_k`."""
-    (a, b), *_ = np.linalg.lstsq(np.stack([y[1:-1], y[:-2]], axis=1), y[2:], rcond=None)
-    return np.log(np.roots([1, -a, -b]).astype(complex)) / dt
-
-
-STRENGTHS = {"linear", "quadratic", "stiffness", "force", "torque", "thrust", "viscous", "coulomb"}
-
-
-def test_the_slowest_mode_is_how_the_flown_loop_settles():
-    """Nothing unknown, exact sensors, the reference at rest: what the log shows last is the slowest mode alone."""
-    plan = paper.exact(paper.believed(paper.plan("C1")))
-    sources = jax.tree_util.tree_map_with_path(
-        lambda path, x: jnp.zeros_like(x) if path[-1].name in STRENGTHS else x, plan.world.sources
-    )
-    still = dataclasses.replace(plan.pilot.path, amplitude=jnp.zeros(3))
-    alone = dataclasses.replace(plan.pilot.internal, eta=jnp.zeros_like(plan.pilot.internal.eta))
-    plan = paper.with_pilot(paper.with_world(plan, sources=sources), path=still, internal=alone)
-    rows = paper.fly(plan, 5.0).rows
-    states, _ = paper.states(plan.pilot.team, rows)
-    modes = analyse.linearize(plan.pilot, plan.oracle, jax.tree.map(lambda x: x[-1], states))
-    assert modes.stable
-    assert modes.slowest().endswith("seen most in theta_z")
-    flown = modes_of(rows.e_R[1000::50, 2], 0.1)  # from 2 s
-    for value in flown:
-        assert np.abs(modes.eigenvalues[:2] - value).min() < 0.01 * abs(value)
-
-
-def test_modes_name_what_moves():
-    shape = np.zeros((2, 6))
-    shape[0, 4] = 1.0
-    modes = analyse.Modes(eigenvalues=np.array([0.3 + 2j, -1 + 0j]), payload=shape)
-    assert not modes.stable
-    assert modes.slowest() == "+0.30 +2.00i rad/s, seen most in p_y"
-    unseen = analyse.Modes(eigenvalues=np.array([-0.3 + 2j]), payload=np.full((1, 6), 0.01))
-    assert unseen.stable
-    assert "the agents' attitudes" in unseen.slowest()
+def test_a_step_that_is_too_long_is_said_with_when_and_how_much():
+    rows = flight(8).rows
+    fine = np.full(SHAPE.time, 9e-10)
+    assert analyse.coarse(with_rows(rows, Phi_dot=fine)) == ""
+    fine[[100, 150, 200]] = 2e-9, 3e-7, 4e-8
+    said = analyse.coarse(with_rows(rows, Phi_dot=fine))
+    assert "from t = 0.200 s" in said
+    assert "3e-07 m/s at t = 0.300 s" in said
+    found = analyse.summary(flight(8, Phi_dot=fine), TRUTH, NOMINAL)
+    assert found["warnings"] == [said]

@@ -173,6 +173,10 @@ def test_the_summary_holds_what_it_promises(results: Path):
         assert found["wrench_consistency_max"] <= 1e-9
         assert found["n_data"]["payload"] == (43 if case in ("C2", "C3", "P") else 0)
         assert found["n_data"]["agents"] == (86 if case == "C3" else 0)
+        assert found["warnings"] == []
+    assert summary["slowest_mode"]["stable"]
+    assert set(summary["hover_thrust_N"]) == {"front", "rear"}
+    assert len(summary["limits"]["grip_1pkg"]) == 2
     assert summary["cases"]["C3"]["updates"] == [1, 2]
     assert summary["bound"]["assumed"] == ["norm", "energy", "sensor noise", "sampled estimator"]
     for found in summary["cases"].values():
@@ -188,6 +192,8 @@ def test_signals_are_labelled_and_have_units(results: Path):
     assert log.load(results / "DOB.nc").attrs["rho_assumed"] == f"{flight.attrs['rho_assumed']}, posterior mean"
     assert (flight.attrs["rho_bound"], flight.attrs["rho_norm"]) == ("energy", 6)
     assert len(flight.attrs["rho_label_error_agents"]) == 18
+    assert (flight.attrs["limit_distance_m"], flight.attrs["limit_grip"]) == (3, 0.01)
+    assert 0.001 < flight.attrs["limit_grip_1pkg"].max() < 0.01
     assert all("units" in flight[name].attrs for name in flight.data_vars)
     assert list(flight.contact.values) == ["front/left", "front/right", "rear/left", "rear/right"]
 
@@ -208,10 +214,11 @@ def test_a_run_that_fails_is_saved_marked_incomplete_and_status_1(tmp_path: Path
     assert set(out.iterdir()) - set(folder.files(out, study.FLOWN)) == {out / "notes"}
     assert not (out / "I.nc").exists()
     summary = json.loads((out / "summary.json").read_text())
+    assert "warning: unstable at rest" in said.partition("C1")[0]
     for case in ("C1", "C2", "C3"):
         found = summary["cases"][case]
         assert not found["complete"]
-        assert "not finite" in found["stopped"]
+        assert "beyond limits." in found["stopped"]
         assert "t = 0.0" in found["stopped"]
         assert f"{case} is incomplete: {found['stopped']}" in said
         flight = log.load(out / f"{case}.nc")
@@ -291,9 +298,8 @@ import signal, sys
 signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored where the tests run in a shell's background
 from pathlib import Path
 import colift.__main__ as command
-numbers = {key: 1.0 for _, _, key, *_ in command.COLUMNS} | {"complete": True, "stopped": ""}
-mode = {"stable": True, "says": "\\u03c9"}
-summary = {"scenario": "ladung \\u03bb", "seed": 1, "cases": {"C1": numbers}, "slowest_mode": mode}
+numbers = {key: 1.0 for _, _, key, *_ in command.COLUMNS} | {"complete": True, "stopped": "", "warnings": []}
+summary = {"scenario": "ladung \\u03bb", "seed": 1, "cases": {"C1": numbers}}
 @command.app.command()
 def show() -> None:
     with command._printed("; the results are in out"):

@@ -228,6 +228,11 @@ WRONG = [  # what is written, what instead, the line that answers
         "learning.payload.lengthscale [of each feature]: must lie within lengthscale_bounds = [0.1, 30], got 40",
     ),
     (
+        "position_error_m: [",
+        "position_error_m: [5, 0, 0]  # [",
+        "start.position_error_m [m]: is 5 m from the reference",
+    ),
+    (
         "kind: joint_friction, acts_on: agents",
         "kind: joint_friction, acts_on: payload",
         "joint_friction acts on agents",

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
-from colift import disturbance, simulate
+from colift import disturbance, limits, simulate
 from tests import paper_flights
 from tests.paper_flights import NAMES, believed, exact, fly, number, plan, with_pilot, with_world
 
@@ -73,7 +76,7 @@ def test_every_attitude_stays_a_rotation(flight):
 def test_the_grasp_holds(flight):
     assert flight.rows.Phi.max() <= 1e-10
     assert flight.rows.Phi_dot.max() <= 1e-10
-    assert flight.rows.singular.min() > 10 * float(plan("C1").world.singular_limit)
+    assert flight.rows.singular.min() > 10 * np.asarray(plan("C1").world.limits.grip).max()
 
 
 def test_errors_are_those_of_the_truth_not_of_the_estimate(flight):
@@ -157,21 +160,93 @@ def test_deviations_come_at_their_rate_and_are_the_prior_s_before_any_data(fligh
 # Runs that stop -------------------------------------------------------------------------------------------------------
 
 
+def limited(of: simulate.Plan, **beyond: Any) -> simulate.Plan:
+    """The plan with no limits but some."""
+    free = {
+        "grip": -1.0,
+        "distance": np.inf,
+        "height": -np.inf,
+        "attitude": np.inf,
+        "tilt": np.inf,
+        "saturation": np.inf,
+    }
+    of_agents = {"grip": jnp.full(2, float(beyond.pop("grip", free.pop("grip"))))}
+    return with_world(of, limits=limits.Limits(**of_agents, **{k: number(x) for k, x in (free | beyond).items()}))
+
+
+@functools.cache
+def falling() -> tuple[simulate.Plan, simulate.Flight]:
+    """A team whose rotors give less than its weight, without limits; and its flight."""
+    of = limited(exact(plan("C1")))
+    (group,) = of.pilot.team.groups
+    weak = dataclasses.replace(group, thrust_max=jnp.array([19.0, 24.0]))
+    of = with_pilot(of, team=dataclasses.replace(of.pilot.team, groups=(weak,)))
+    return of, fly(of, 1.0)
+
+
+def watched(rows: simulate.Row) -> dict[str, np.ndarray]:
+    """What the limits are about, `(time, bodies)`, written out another way; oriented so that more is worse."""
+    turned = Rotation.from_matrix(np.asarray(plan("C1").pilot.path.R).T @ rows.R_L).magnitude()
+    up = np.einsum("tjik,k->tji", rows.R, [0, 0, 1.0])
+    held = np.zeros(rows.saturated.shape)
+    for k, now in enumerate(rows.saturated):
+        held[k] = np.where(now, held[k - 1] + 0.002, 0.0)
+    return {
+        "distance": np.sqrt(((rows.p - rows.p_d) ** 2).sum(1, keepdims=True)),
+        "height": -np.concatenate([rows.p[:, None], rows.x], axis=1)[:, :, 2],
+        "attitude": turned[:, None],
+        "tilt": np.arctan2(np.hypot(up[..., 0], up[..., 1]), up[..., 2]),
+        "saturation": held,
+    }
+
+
+@pytest.mark.parametrize(
+    ("limit", "whose", "setting"),
+    [
+        ("distance", ["the payload is"], "distance_m"),
+        ("height", ["the payload is at", "agent front is at", "agent rear is at"], "height_m"),
+        ("attitude", ["the payload is turned"], "attitude_deg"),
+        ("tilt", ["agent front pushes", "agent rear pushes"], "tilt_deg"),
+        ("saturation", ["thrust of agent front", "thrust of agent rear"], "saturation_s"),
+    ],
+)
+def test_a_run_stops_at_the_tick_that_first_exceeds_a_limit_and_says_which(limit, whose, setting):
+    of, free = falling()
+    assert not free.stopped
+    signal = watched(free.rows)[limit]
+    worst = signal.max(1)
+    most = (worst[0] + worst.max()) / 2 + 1e-6  # between two ticks of the longest saturation as well
+    first = int(np.argmax(worst > most))
+    assert 0 < first < len(worst) - 1
+    stopped = fly(limited(of, **{limit: -most if limit == "height" else most}), 1.0)
+    same(stopped.rows, jax.tree.map(lambda x: x[: first + 1], free.rows))
+    assert whose[int(np.argmax(signal[first]))] in stopped.stopped
+    degrees = np.rad2deg(1) if setting.endswith("_deg") else 1.0
+    said = float(stopped.stopped.rpartition(" ")[2])
+    assert f"at t = {first * 0.002:.3f} s, beyond limits.{setting} = " in stopped.stopped
+    assert abs(said) == pytest.approx(abs(most) * degrees, rel=1e-5)
+
+
 def test_a_run_whose_grasp_is_near_singular_stops_at_that_tick_and_names_the_agent():
-    of = exact(plan("C1"))
-    least = fly(of, 0.5).rows.singular
+    of = limited(exact(plan("C1")))
+    free = fly(of, 0.5).rows
+    least = free.singular
     assert least[:, 1].min() < least[0].min()
     limit = (least[0].min() + least[:, 1].min()) / 2
-    stopped = fly(with_world(of, singular_limit=jnp.asarray(float(limit))), 0.5)
+    stopped = fly(limited(of, grip=limit), 0.5)
     (first, *_), (agent, *_) = np.nonzero(least <= limit)
-    assert len(stopped.rows.t) == first + 1
-    same(stopped.rows, jax.tree.map(lambda x: x[: first + 1], fly(of, 0.5).rows))
+    same(stopped.rows, jax.tree.map(lambda x: x[: first + 1], free))
     t = first * 0.002
     name = NAMES[int(np.argmin(least[first]))]
     assert least[first, agent] <= limit
     assert stopped.stopped.startswith(f"the grasp of agent {name} is near singular at t = {t:.3f} s: ")
-    assert stopped.stopped.endswith(" 1/kg; arms 1 and 2 work against each other")
+    assert stopped.stopped.endswith(" 1/kg (limits.grip); arms 1 and 2 work against each other")
     assert len(stopped.sigma.t) == first // 10 + 1
+
+
+def test_the_least_grip_is_a_share_of_the_start_s(flight):
+    share = paper_flights.SETTINGS.limits.grip
+    np.testing.assert_allclose(plan("C1").world.limits.grip, share * flight.rows.singular[0], rtol=1e-12)
 
 
 def test_a_run_with_a_signal_that_is_not_finite_stops_and_names_it():
@@ -185,7 +260,7 @@ def test_a_run_with_a_signal_that_is_not_finite_stops_and_names_it():
 
 def test_a_run_that_blows_up_stops_at_that_tick_and_keeps_what_was_flown():
     gains = dataclasses.replace(plan("C1").pilot.gains, agent_k_omega=number(1e6))
-    wild = fly(with_pilot(plan("C1"), gains=gains), 0.5)
+    wild = fly(with_pilot(limited(plan("C1")), gains=gains), 0.5)
     assert "not finite" in wild.stopped
     assert 1 < len(wild.rows.t) < 20
     assert f"t = {wild.rows.t[-1]:.3f} s" in wild.stopped

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from colift import analyse, band, study
+from colift.scenario import ScenarioError, Settings
 from tests import paper_flights as paper
 
 
@@ -31,6 +34,68 @@ def test_cases_differ_in_what_they_record_and_in_nothing_else():
 def test_an_unknown_case_is_refused_with_those_there_are():
     with pytest.raises(KeyError, match=r"C4.*C1, C2, C3, I, DOB, P, O"):
         study.plans(paper.SETTINGS, ("C4",))
+
+
+# Before the flights ---------------------------------------------------------------------------------------------------
+
+
+def lighter(newton: float) -> Settings:
+    """The study with weaker rotors."""
+    data = paper.SETTINGS.model_dump()
+    data["agent_types"]["two_arms"]["thrust_max_N"] = newton
+    return Settings.model_validate(data)
+
+
+def test_a_team_that_cannot_carry_its_weight_is_refused_before_it_flies():
+    """Agents of 1.84 kg with half of 1.5 kg each, a clamp of 1.2 N, and rotors that give 1.5 N less than asked."""
+    weight = 9.81 * (2 * 1.84 + 1.5)
+    with pytest.raises(ScenarioError, match="cannot hover") as refused:
+        study.plans(lighter(weight / 4), ("C1",))
+    said = str(refused.value)
+    assert "front needs 28.35 N of 12.7 N, rear needs 27.88 N of 12.7 N" in said
+    need = float(said.rpartition("need ")[2].split()[0])
+    assert weight + 1.2 < need < weight + 1.2 + 1.5 + 1.55 + 3
+    with pytest.raises(ScenarioError) as refused:
+        study.plans(lighter(28.0), ("C1",))
+    assert "front needs" in str(refused.value)
+    assert "rear needs" not in str(refused.value)
+
+
+def test_what_is_known_before_a_flight_is_the_slowest_mode_and_how_much_thrust_is_left():
+    plan = {"C1": paper.plan("C1")}
+    ahead = study.outlook(paper.SETTINGS, plan)
+    assert ahead.warnings == ()
+    assert ahead.summary["slowest_mode"]["stable"]
+    assert ahead.summary["slowest_mode"]["rad_s"][0] < 0
+    assert list(ahead.hover) == ["front", "rear"]
+    narrow = study.outlook(lighter(30.0), {"C1": study.plan(lighter(30.0), "C1")})
+    assert [warning.partition(" N of ")[2] for warning in narrow.warnings] == [
+        "the 30 N of front; what is left, 5.5%, is below limits.thrust_margin = 0.1",
+        "the 30 N of rear; what is left, 7.1%, is below limits.thrust_margin = 0.1",
+    ]
+
+
+def test_a_loop_that_is_unstable_at_rest_is_a_warning_before_the_flight():
+    gains = dataclasses.replace(paper.plan("C1").pilot.gains, agent_k_omega=paper.number(1e3))
+    ahead = study.outlook(paper.SETTINGS, {"C1": paper.with_pilot(paper.plan("C1"), gains=gains)})
+    (warning,) = ahead.warnings
+    assert warning.startswith("unstable at rest on the reference: slowest mode +")
+    assert ahead.summary["slowest_mode"]["stable"] is False
+
+
+def test_the_study_s_flights_stay_far_from_every_limit():
+    limits = paper.SETTINGS.limits
+    for case in ("C1", "C2", "C3"):
+        rows = paper.flight(case).rows
+        assert not paper.flight(case).stopped
+        assert np.linalg.norm(rows.e_p, axis=1).max() < limits.distance_m / 4
+        assert rows.Psi.max() < (1 - np.cos(np.deg2rad(limits.attitude_deg))) / 4
+        assert rows.R[:, :, 2, 2].min() > np.cos(np.deg2rad(limits.tilt_deg / 2))
+        assert rows.singular.min() > 10 * limits.grip * rows.singular[0].max()
+        assert rows.saturated.sum(0).max() * 0.002 < limits.saturation_s / 4
+
+
+# The paper's figures --------------------------------------------------------------------------------------------------
 
 
 def test_figure_1_errors_fall_from_c1_to_c2_to_c3(found: dict[str, dict]):

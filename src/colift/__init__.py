@@ -104,7 +104,7 @@ _HOME = {
     "accelerate": "dynamics",
     "fly_plan": "simulate",
     "integrate": "dynamics",
-    "linearize": "analyse",
+    "linearize": "response",
     "load": "scenario",
     "plan": "study",
     "project": "dynamics",

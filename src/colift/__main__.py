@@ -175,21 +175,35 @@ def study(
 
     cases = tuple(flights.CASES | (flights.BASELINES if baselines else {}))
     with _opened(name, out, seed, "the cases that had ended are in") as (settings, folder):
-        with _stages(f"preparing {settings.name}"):
+        with _stages(f"preparing {settings.name}") as say:
             ready = flights.plans(settings, cases)
-        summary = _with_progress(settings, folder, ready)
+            say("its loop at rest")
+            ahead = flights.outlook(settings, ready)
+        with _printed(""):
+            _report_outlook(ahead)
+        summary = _with_progress(settings, folder, ready, ahead)
     with _printed(f"; the results are in {folder.path}"):
         _report(summary, folder.path)
     if any(not case["complete"] for case in summary["cases"].values()):
         raise typer.Exit(INCOMPLETE)
 
 
-def _with_progress(settings: Any, folder: Any, ready: dict[str, Any]) -> dict[str, Any]:
+def _report_outlook(ahead: Any) -> None:
+    """What is known before the flights."""
+    if ahead.modes is not None and ahead.modes.stable:
+        print(f"slowest mode at rest on the reference: {ahead.modes.slowest()}", flush=True)
+    for text in ahead.warnings:
+        errors.print(f"warning: {text}", style="yellow", markup=False)
+
+
+def _with_progress(settings: Any, folder: Any, ready: dict[str, Any], ahead: Any) -> dict[str, Any]:
     """Fly with a bar a case; where bars cannot be drawn, with a line every few seconds."""
     from colift import study as flights
 
     if not errors.is_terminal:
-        return flights.run(settings, folder, ready, _lines(flights.CASES | flights.BASELINES, settings.duration_s))
+        return flights.run(
+            settings, folder, ready, ahead, _lines(flights.CASES | flights.BASELINES, settings.duration_s)
+        )
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
     known = flights.CASES | flights.BASELINES
@@ -209,7 +223,7 @@ def _with_progress(settings: Any, folder: Any, ready: dict[str, Any]) -> dict[st
                 bars.start_task(tasks[case])
             bars.update(tasks[case], completed=t)
 
-        return flights.run(settings, folder, ready, progress)
+        return flights.run(settings, folder, ready, ahead, progress)
 
 
 def _lines(known: dict[str, str], duration: float) -> Callable[[str, float], None]:
@@ -314,11 +328,9 @@ def _report(summary: dict[str, Any], folder: Path) -> None:
     for case, found in summary["cases"].items():
         table.add_row(case, *(_cell(found[key], scale, spec) for _, _, key, scale, spec in COLUMNS))
     _show(table)
-    mode = summary["slowest_mode"]
-    if mode["stable"]:
-        print(f"slowest mode at the start: {mode['says']}")
-    else:
-        errors.print(f"warning: unstable at the start state: {mode['says']}", style="yellow", markup=False)
+    for case, found in summary["cases"].items():
+        for text in found["warnings"]:
+            errors.print(f"warning: {case}: {text}", style="yellow", markup=False)
     print(f"results in {folder}")
 
 

@@ -1,8 +1,7 @@
-"""Figures of merit of a flight, and the linearized closed loop."""
+"""Figures of merit of a flight."""
 
 from __future__ import annotations
 
-import dataclasses
 from typing import Any
 
 import jax
@@ -10,11 +9,12 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
-from colift import fly, grasp, learn, log, response
-from colift.model import PayloadState, State, Team
+from colift import grasp, learn, log
+from colift.model import PayloadState, Team
 from colift.simulate import Flight, Row
 
 HIGH_HZ = 20.0  # above it, contact forces chatter rather than act
+COARSE = 1e-9  # m/s, of the grasp after a step: below it is rounding, above it the step is too long for the motion
 
 
 Samples = np.ndarray | jax.Array
@@ -63,11 +63,27 @@ def summary(flight: Flight, truth: Team, nominal: Team) -> dict[str, Any]:
         "singular_min": float(rows.singular.min()),
         "n_data": flight.updates[-1].n if flight.updates else {"payload": 0, "agents": 0},
         "updates": [update.t for update in flight.updates],
+        "warnings": [text for text in (coarse(rows),) if text],
         "correlation": correlations(flight),
         "bound": bounded(flight),
         "residual": residual_shares(half, truth, nominal),
     }
     return out
+
+
+def coarse(rows: Row) -> str:
+    """A sentence where the grasp's velocity residual `|Phi_dot|` shows that steps are too long for the motion, or none.
+
+    After a step it is of second order in what one projection had to correct.
+    """
+    over = np.flatnonzero(rows.Phi_dot > COARSE)
+    if not len(over):
+        return ""
+    worst = int(np.nanargmax(rows.Phi_dot))
+    return (
+        f"the step is too long for the motion: from t = {rows.t[over[0]]:.3f} s tips slide on the payload, by up to "
+        f"{rows.Phi_dot[worst]:.3g} m/s at t = {rows.t[worst]:.3f} s ({COARSE:g} allowed); raise control_Hz"
+    )
 
 
 def chatter(rows: Row) -> float:
@@ -203,33 +219,3 @@ def mismatch(truth: Team, nominal: Team) -> np.ndarray:
     J = np.asarray(nominal.payload.inertia - truth.payload.inertia)
     m = float(nominal.payload.mass - truth.payload.mass)
     return np.array([m, 0, 0, 0, J[0, 0], J[1, 1], J[2, 2], J[0, 1], J[0, 2], J[1, 2]])
-
-
-@dataclasses.dataclass(frozen=True)
-class Modes:
-    """The linearized closed loop's eigenvalues on the grasp, slowest first, and how each moves the payload."""
-
-    eigenvalues: np.ndarray  # (modes,) rad/s
-    payload: np.ndarray  # (modes, 6) amplitude of (theta, p) of the payload, the largest entry of the mode being 1
-    names: tuple[str, ...] = ("theta_x", "theta_y", "theta_z", "p_x", "p_y", "p_z")
-
-    @property
-    def stable(self) -> bool:
-        """Whether every mode decays."""
-        return bool(self.eigenvalues[0].real < 0)
-
-    def slowest(self) -> str:
-        """The slowest mode in words: its eigenvalue and where it is seen most."""
-        value, shape = self.eigenvalues[0], self.payload[0]
-        seen = self.names[int(np.argmax(shape))] if shape.max() > 0.05 else "the agents' attitudes"
-        return f"{value.real:+.2f} {abs(value.imag):+.2f}i rad/s, seen most in {seen}"
-
-
-def linearize(pilot: fly.Pilot, oracle: learn.Oracle, z: State) -> Modes:
-    """Modes of the closed loop around z, as `response.linearize` has it."""
-    loop = response.linearize(pilot, oracle, z)
-    values, vectors = np.linalg.eig(loop.A)
-    order = np.argsort(-values.real)
-    shapes = np.abs(loop.basis @ vectors[:, order])
-    # a raveled Shift ends with the payload's (theta, p, omega, v)
-    return Modes(eigenvalues=values[order], payload=(shapes / shapes.max(0))[-12:-6].T)

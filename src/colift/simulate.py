@@ -12,7 +12,20 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from colift import agent as ag
-from colift import band, disturbance, dynamics, estimate, fly, grasp, interrupt, learn, reference, sensor, so3
+from colift import (
+    band,
+    disturbance,
+    dynamics,
+    estimate,
+    fly,
+    grasp,
+    interrupt,
+    learn,
+    limits,
+    reference,
+    sensor,
+    so3,
+)
 from colift.model import AgentForce, Residual, State, Team, Wrench, no_force
 from colift.pytree import pytree
 
@@ -27,8 +40,9 @@ class World:
     sources: disturbance.Disturbances
     sensors: sensor.Sensors
     lam_bias: tuple[Float[Array, "agents arms 3"], ...]  # N, tip frames
+    acting: Scalar  # share of the sources that acts: 1 in flight, 0 for the loop by itself
     told: Bool[Array, ""]  # whether the pilot is told the exact residual, as for the floor of a study
-    singular_limit: Scalar  # smallest allowed singular value of an agent's grasp, see `dynamics.accelerate`
+    limits: limits.Limits
 
 
 @pytree
@@ -39,7 +53,8 @@ class Loop:
     felt: tuple[Float[Array, "agents arms 3"], ...]  # N, tip forces behind the sensors' bandwidth, world
     memory: fly.Memory
     tick: Int[Array, ""]
-    sound: Bool[Array, ""]  # everything finite and no grasp near singular so far
+    saturated: tuple[Int[Array, "agents"], ...]  # ticks that each thrust has been at its limit without a break
+    ended: Int[Array, ""]  # the `limits.Cause`, 0 while the flight goes on
 
 
 @pytree
@@ -130,8 +145,16 @@ def start(world: World, pilot: fly.Pilot, oracle: learn.Oracle, z: State) -> Loo
     memory = fly.begin(pilot, m, oracle.payload.capacity)
     inputs, _, _ = fly.tick(pilot, oracle, memory, m, jnp.zeros(()), no_force(pilot.team))
     memory = dataclasses.replace(memory, applied=inputs)
-    _, lam = dynamics.accelerate(world.team, z, inputs, disturbance.residual(world.sources, world.team, z))
-    return Loop(z=z, felt=lam, memory=memory, tick=jnp.zeros((), int), sound=jnp.ones((), bool))
+    f = jax.tree.map(lambda x: world.acting * x, disturbance.residual(world.sources, world.team, z))
+    _, lam = dynamics.accelerate(world.team, z, inputs, f)
+    return Loop(
+        z=z,
+        felt=lam,
+        memory=memory,
+        tick=jnp.zeros((), int),
+        saturated=tuple(jnp.zeros(size, int) for size in world.team.sizes),
+        ended=jnp.zeros((), int),
+    )
 
 
 def tick(world: World, pilot: fly.Pilot, oracle: learn.Oracle, loop: Loop, noise: sensor.Noise) -> tuple[Loop, Row]:
@@ -140,7 +163,7 @@ def tick(world: World, pilot: fly.Pilot, oracle: learn.Oracle, loop: Loop, noise
     z, t = loop.z, loop.tick.astype(dt.dtype) * dt
 
     def unknown(z: State) -> Residual:
-        return disturbance.residual(world.sources, team, z)
+        return jax.tree.map(lambda x: world.acting * x, disturbance.residual(world.sources, team, z))
 
     f = unknown(z)
     # sensors see the end of the last period, under the command that was applied in it
@@ -162,8 +185,30 @@ def tick(world: World, pilot: fly.Pilot, oracle: learn.Oracle, loop: Loop, noise
     a, lam = dynamics.accelerate(team, z, inputs, f)
     row = _row(world, pilot, t, z, inputs, a, lam, decided)
     z = dynamics.project(team, dynamics.integrate(team, z, inputs, unknown, dt))
-    sound = loop.sound & _finite(z) & _finite(row) & (row.singular > world.singular_limit).all()
-    return Loop(z=z, felt=felt, memory=memory, tick=loop.tick + 1, sound=sound), row
+    saturated = tuple(jnp.where(now, past + 1, 0) for past, now in zip(loop.saturated, decided.saturated, strict=True))
+    watched = _watched(row, _finite(z) & _finite(row), jnp.concatenate(saturated).astype(dt.dtype) * dt)
+    loop = Loop(
+        z=z,
+        felt=felt,
+        memory=memory,
+        tick=loop.tick + 1,
+        saturated=saturated,
+        ended=jnp.where(loop.ended > 0, loop.ended, limits.exceeded(world.limits, watched)),
+    )
+    return loop, row
+
+
+def _watched(row: Row, finite: Bool[Array, ""], saturated: Float[Array, "agents"]) -> limits.Watched:
+    """What may end the flight: the row of one tick, and for how long each thrust has been at its limit, s."""
+    return limits.Watched(
+        finite=finite,
+        grip=row.singular,
+        distance=jnp.sqrt((row.e_p * row.e_p).sum()),
+        heights=jnp.concatenate([row.p[2:], row.x[:, 2]]),
+        attitude=jnp.arccos(jnp.clip(1 - row.Psi, -1.0, 1.0)),
+        tilt=jnp.arccos(jnp.clip(row.R[:, 2, 2], -1.0, 1.0)),
+        saturated=saturated,
+    )
 
 
 def _finite(tree: object) -> Bool[Array, ""]:
@@ -237,7 +282,7 @@ def _row(
 def advance(
     world: World, pilot: fly.Pilot, oracle: learn.Oracle, loop: Loop, noise: sensor.Noise, ticks: Int[Array, ""]
 ) -> tuple[Loop, Row]:
-    """Up to `ticks` ticks, at most as many as there is noise; stops after the tick that is no longer sound.
+    """Up to `ticks` ticks, at most as many as there is noise; stops after the tick that met a limit.
 
     The number of ticks is data, not shape: intervals of any length share one compiled program.
     """
@@ -251,7 +296,7 @@ def advance(
         return loop, jax.tree.map(lambda buffer, x: buffer.at[i].set(x), rows, row), i + 1
 
     def go_on(carry: tuple[Loop, Row, Int[Array, ""]]) -> Bool[Array, ""]:
-        return (carry[2] < jnp.minimum(ticks, room)) & carry[0].sound
+        return (carry[2] < jnp.minimum(ticks, room)) & (carry[0].ended == 0)
 
     loop, rows, _ = jax.lax.while_loop(go_on, body, (loop, rows, jnp.zeros((), int)))
     return loop, rows
@@ -319,14 +364,20 @@ CHUNK = 0.5  # s of flight between two reports of progress, and between two look
 SIGMA_EVERY = 0.02  # s, at most the control period
 
 
+def chunk(plan: Plan) -> int:
+    """How many ticks are flown, and how much noise is drawn, at once."""
+    return max(1, round(CHUNK / float(plan.pilot.filters.dt)))
+
+
 def fly_plan(plan: Plan, names: Sequence[str], progress: Callable[[float], None] = lambda _t: None) -> Flight:
     """Fly a plan: chunks of ticks on the device, fits on the host at each update time.
 
-    Stops at the tick at which something is no longer finite or a grasp is near singular; what was flown until
-    then is returned, with the reason in words. `names` are the agents', for that message.
+    Stops at the tick at which something is no longer finite, a grasp is near singular or another of the world's limits
+    is exceeded; what was flown until then is returned, with the reason in words. `names` are the agents', for that
+    message.
     """
     dt = float(plan.pilot.filters.dt)
-    room, ticks = round(CHUNK / dt), round(plan.duration / dt)
+    room, ticks = chunk(plan), round(plan.duration / dt)
     stops = sorted({round(t / dt) for t in plan.updates if t < plan.duration} | {ticks})
     key = jax.random.fold_in(jax.random.key(plan.seed), 2)
     oracle, fits, updates, flown, deviations, wall = plan.oracle, {}, [], [], [], {"simulation": 0.0, "fit": 0.0}
@@ -347,8 +398,8 @@ def fly_plan(plan: Plan, names: Sequence[str], progress: Callable[[float], None]
         rows = jax.tree.map(lambda x, n=last - done: np.asarray(x)[:n], rows)
         flown.append(rows)
         deviations.append(_deviations(plan, oracle, bands, rows, max(1, round(SIGMA_EVERY / dt)), done))
-        if not bool(loop.sound):
-            stopped = _why(plan, rows, names)
+        if int(loop.ended):
+            stopped = _why(plan, rows, loop, names)
         done = last
         wall["simulation"] += time.perf_counter() - began
         if done in stops and done < ticks and not stopped:
@@ -388,7 +439,7 @@ def _deviations(plan: Plan, oracle: learn.Oracle, bands: band.Bands, rows: Row, 
     """Posterior deviations and radii at the true states of a chunk, every so many ticks of the run."""
     pick = slice((-done) % every, None, every)
     n = len(rows.t[pick])
-    room = -(-round(CHUNK / float(plan.pilot.filters.dt)) // every)
+    room = -(-chunk(plan) // every)
     pad = lambda x: np.concatenate([x[pick], np.zeros((room - n, *x.shape[1:]))])  # noqa: E731  one shape, one program
     x, agents = inputs(plan.world.team, jax.tree.map(pad, rows))
     x, agents = jnp.asarray(x), [jnp.asarray(each) for each in agents]
@@ -419,22 +470,26 @@ def inputs(team: Team, rows: Row) -> tuple[np.ndarray, tuple[np.ndarray, ...]]:
 EFFECTS = ("a_L", "lam", "delta_W", "f_L", "f_x", "f_w", "f_r")  # what follows from everything else in a tick
 
 
-def _why(plan: Plan, rows: Row, names: Sequence[str]) -> str:
-    """What ended a run: the agent and arms whose grasp is near singular, or a signal not finite, causes first."""
-    t = rows.t[-1]
-    weak = int(np.argmin(rows.singular[-1]))
-    limit = float(plan.world.singular_limit)
-    signals = [field.name for field in dataclasses.fields(rows)]
-    for signal in sorted(signals, key=EFFECTS.__contains__):
-        if not np.isfinite(getattr(rows, signal)[-1]).all():
-            return f"signal {signal} is not finite at t = {t:.3f} s"
-    if rows.singular[-1, weak] <= limit:
+def _why(plan: Plan, rows: Row, loop: Loop, names: Sequence[str]) -> str:
+    """What ended a run: a signal not finite, causes first; an agent and its arms near singular; or another limit."""
+    t, cause, allowed = rows.t[-1], limits.Cause(int(loop.ended)), plan.world.limits
+    if cause == limits.Cause.NOT_FINITE:
+        signals = [field.name for field in dataclasses.fields(rows)]
+        for signal in sorted(signals, key=EFFECTS.__contains__):
+            if not np.isfinite(getattr(rows, signal)[-1]).all():
+                return f"signal {signal} is not finite at t = {t:.3f} s"
+        return f"the state is not finite after t = {t:.3f} s"
+    if cause == limits.Cause.GRIP:
+        weak = int(np.argmin(rows.singular[-1] / np.asarray(allowed.grip)))
         value, arms = rows.singular[-1, weak], grasp.opposed(_admittance(plan.world.team, np.asarray(rows.r)[-1], weak))
         return (
             f"the grasp of agent {names[weak]} is near singular at t = {t:.3f} s: "
-            f"{value:.3g} < {limit:.3g} 1/kg; {arms}"
+            f"{value:.3g} < {float(allowed.grip[weak]):.3g} 1/kg (limits.grip); {arms}"
         )
-    return f"the state is not finite after t = {t:.3f} s"
+    dt = plan.pilot.filters.dt
+    held = jnp.concatenate(loop.saturated).astype(dt.dtype) * dt
+    now = _watched(jax.tree.map(lambda x: jnp.asarray(x[-1]), rows), jnp.asarray(True), held)
+    return limits.sentence(cause, allowed, jax.tree.map(np.asarray, now), float(t), names)
 
 
 def _admittance(team: Team, r: np.ndarray, agent: int) -> np.ndarray:

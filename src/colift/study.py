@@ -6,7 +6,6 @@ import dataclasses
 import json
 import time
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager
 from importlib.metadata import version
 from pathlib import Path
@@ -16,7 +15,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from colift import analyse, disk, fly, folder, learn, log, response, sensor, simulate
+from colift import analyse, disk, fly, folder, learn, log, modes, response, sensor, simulate
 from colift.certify import adversary, assumed, certificate, interface
 from colift.folder import Folder
 from colift.model import no_force
@@ -38,7 +37,6 @@ FLOWN = (  # every file that a study may leave
     *("figure_[1-5]_*.pdf", "figure_[1-5]_*.png", "lengthscales_*.csv", "lengthscales_*.md", "summary.json"),
 )
 CERTIFIED = ("certificate.json", "figure_6_certificate.pdf", "figure_6_certificate.png")
-SINGULAR_LIMIT = 1e-3  # 1/kg, of `grasp.grip`; the study's team is near 0.3
 
 
 def plan(settings: Settings, case: str) -> simulate.Plan:
@@ -49,7 +47,8 @@ def plan(settings: Settings, case: str) -> simulate.Plan:
 def plans(settings: Settings, cases: Sequence[str]) -> dict[str, simulate.Plan]:
     """Cases of a scenario, ready to fly from the same start under the same disturbances and noise.
 
-    Raises ScenarioError for a grasp, an allocation or a start that cannot be, KeyError for an unknown case.
+    Raises ScenarioError for a grasp, an allocation or a start that cannot be and for a team that cannot hover, KeyError
+    for an unknown case.
     """
     known = CASES | BASELINES
     for case in cases:
@@ -62,17 +61,19 @@ def plans(settings: Settings, cases: Sequence[str]) -> dict[str, simulate.Plan]:
         function, deviation = drawn
         sources = dataclasses.replace(sources, functions=(function,))
         rig = jax.tree.map(lambda f: given.rig_error * f, deviation)
-    sensors = build.sensors(settings, rig)
+    sensors, pilot = build.sensors(settings, rig), build.pilot(settings, nominal)
+    build.hover(settings, truth, pilot, sources)
     c1 = simulate.Plan(
         world=simulate.World(
             team=truth,
             sources=sources,
             sensors=sensors,
             lam_bias=sensor.bias(truth, sensors, jax.random.fold_in(jax.random.key(settings.seed), 1)),
+            acting=jnp.asarray(1.0),
             told=jnp.asarray(False),
-            singular_limit=jnp.asarray(SINGULAR_LIMIT),
+            limits=build.bounds(settings, truth, z),
         ),
-        pilot=build.pilot(settings, nominal),
+        pilot=pilot,
         oracle=build.prior(settings, nominal),
         z=z,
         duration=settings.duration_s,
@@ -113,6 +114,44 @@ def _as(case: str, c1: simulate.Plan, settings: Settings) -> simulate.Plan:
 
 
 @dataclasses.dataclass(frozen=True)
+class Outlook:
+    """What is known of a scenario before it is flown."""
+
+    modes: modes.Modes | None  # of the first case, at rest; None where it finds no rest
+    hover: Mapping[str, float]  # N, thrust that each agent needs to hover on the reference
+    warnings: tuple[str, ...]  # sentences
+
+    @property
+    def summary(self) -> dict[str, Any]:
+        """As `summary.json` has it."""
+        found = self.modes
+        mode = None if found is None else {"stable": found.stable, "says": found.slowest(), "rad_s": list(found.rate)}
+        return {"slowest_mode": mode, "hover_thrust_N": dict(self.hover), "warnings": list(self.warnings)}
+
+
+def outlook(settings: Settings, ready: Mapping[str, simulate.Plan]) -> Outlook:
+    """How the loop of the first plan behaves at rest, sampled as it flies, and how much thrust hovering leaves."""
+    first, warnings, found = next(iter(ready.values())), [], None
+    try:
+        found = modes.at_rest(first, build.at_rest(settings, first.world.team))
+        if not found.stable:
+            warnings.append(f"unstable at rest on the reference: slowest mode {found.slowest()}")
+    except ValueError as error:
+        warnings.append(str(error))
+    names, truth = build.agent_names(settings), first.world.team
+    hover = build.hover(settings, truth, first.pilot, first.world.sources)
+    have = np.concatenate([group.thrust_max for group in truth.groups])
+    margin = settings.limits.thrust_margin
+    for name, need, most in zip(names, hover, have, strict=True):
+        if most - need < margin * most:
+            warnings.append(
+                f"hovering takes {need:.4g} N of the {most:.4g} N of {name}; "
+                f"what is left, {1 - need / most:.1%}, is below limits.thrust_margin = {margin:g}"
+            )
+    return Outlook(modes=found, hover=dict(zip(names, hover.tolist(), strict=True)), warnings=tuple(warnings))
+
+
+@dataclasses.dataclass(frozen=True)
 class Certified:
     """A flight under C3 with its certificate, and what explains it."""
 
@@ -137,8 +176,7 @@ def certify(
     ready, agents = plan(settings, "C3"), build.agent_names(settings)
     if loop is None:
         progress("the loop's response")
-        at_rest = build.start(settings.model_copy(update={"start": type(settings.start)()}), ready.pilot.team)
-        loop = response.linearize(ready.pilot, ready.oracle, at_rest)
+        loop = response.linearize(ready.pilot, ready.oracle, build.at_rest(settings, ready.pilot.team))
     progress("flight")
     flight = simulate.fly_plan(ready, agents)
     progress("its twin, whose world obeys the learned means")
@@ -253,12 +291,13 @@ def run(
     settings: Settings,
     out: Folder,
     ready: Mapping[str, simulate.Plan],
+    ahead: Outlook,
     progress: Callable[[str, float], None] = lambda _case, _t: None,
 ) -> dict[str, Any]:
     """Fly the plans of `plans`, write a NetCDF file each, figures, tables and `summary.json`; return the summary.
 
-    Replaces an earlier study, and the certificate of another run, before the first flight. Raises OSError where `out`
-    cannot be written.
+    ahead: their `outlook`, which the summary repeats. Replaces an earlier study, and the certificate of another run,
+    before the first flight. Raises OSError where `out` cannot be written.
     """
     from colift import view  # matplotlib takes a second to import, which the flights need not wait for
 
@@ -270,12 +309,12 @@ def run(
         "version": version("colift"),
         "settings": settings.digest,
         "run": out.run,
+        **ahead.summary,
+        "limits": _limits(settings, next(iter(ready.values()))),
         "cases": {},
     }
     data, fits = {}, {}
     first = next(iter(ready.values()))
-    background = ThreadPoolExecutor(1)  # the linearized loop compiles beside the first flight
-    modes = background.submit(analyse.linearize, first.pilot, first.oracle, first.z)
     for case, flying in ready.items():
         flight = simulate.fly_plan(flying, agents, lambda t, case=case: progress(case, t))
         began = time.perf_counter()
@@ -286,9 +325,6 @@ def run(
         summary["cases"][case] = found
         if flight.updates:
             fits[case] = flight.updates[-1].fits
-    background.shutdown()
-    found = modes.result()
-    summary["slowest_mode"] = {"stable": found.stable, "says": found.slowest(), "rad_s": _complex(found.eigenvalues[0])}
     summary["bound"] = _rests_on(first)
     summary["residual"] = summary["cases"][list(ready)[-1]]["residual"]
     began = time.perf_counter()
@@ -315,6 +351,7 @@ def _dataset(settings: Settings, case: str, flight: simulate.Flight, flown: simu
         "stopped": flight.stopped,
         "update_times_s": [update.t for update in flight.updates],
         "T_end_s": settings.learning.end_s,
+        **{f"limit_{name}": value for name, value in _limits(settings, flown).items() if value is not None},
         **{f"rho_{name}": value for name, value in rests_on.items()},
         "rho_assumed": ", ".join(rests_on["assumed"]),  # lists of words are not for every reader of NetCDF
     }
@@ -326,6 +363,11 @@ def _dataset(settings: Settings, case: str, flight: simulate.Flight, flown: simu
         attrs=attrs,
         sigma=flight.sigma,
     )
+
+
+def _limits(settings: Settings, plan: simulate.Plan) -> dict[str, Any]:
+    """The limits as stated, and what the share of the start's grip is for every agent."""
+    return settings.limits.model_dump() | {"grip_1pkg": np.asarray(plan.world.limits.grip).tolist()}
 
 
 def _rests_on(flown: simulate.Plan) -> dict[str, Any]:
@@ -355,10 +397,6 @@ def _lengthscales(settings: Settings, fits: learn.Fits) -> dict[str, Any]:
         outputs = ["F_x", "F_y", "F_z", "tau_x", "tau_y", "tau_z", *(f"tau_{joint}" for joint in joints)]
         out[name] = (features, outputs, fit.lengthscales, fit.at_lower, fit.at_upper)
     return out
-
-
-def _complex(value: complex) -> list[float]:
-    return [float(value.real), float(value.imag)]
 
 
 def write_json(value: Any, path: Path) -> None:

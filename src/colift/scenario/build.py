@@ -27,6 +27,7 @@ from colift import (
     gp,
     grasp,
     learn,
+    limits,
     model,
     reference,
     sensor,
@@ -330,6 +331,56 @@ def _over_contacts(agent: Agent, yaw: Array, r: Array, load: PayloadState) -> Ag
     zero = jnp.zeros(3)
     x = base + R @ ag.center_of_mass(agent, r)
     return AgentState(R=R, x=x, r=r, omega=zero, v=zero, r_dot=jnp.zeros_like(r))
+
+
+def at_rest(settings: s.Settings, team: Team) -> State:
+    """The payload on its reference and everything at rest; raises as `start`."""
+    return start(settings.model_copy(update={"start": s.Start()}), team)
+
+
+def bounds(settings: s.Settings, truth: Team, z: State) -> limits.Limits:
+    """What the flight from z may not exceed."""
+    given = settings.limits
+    return limits.Limits(
+        grip=given.grip * _grip(truth, z),
+        distance=_array(given.distance_m),
+        height=_array(-np.inf if given.height_m is None else given.height_m),
+        attitude=_limit_rad(given.attitude_deg),
+        tilt=_limit_rad(given.tilt_deg),
+        saturation=_array(given.saturation_s),
+    )
+
+
+_grip = jax.jit(grasp.grip)
+
+
+def _limit_rad(deg: float) -> Array:
+    """180 deg is no limit: an angle that is computed may exceed pi by rounding."""
+    return _array(np.inf if deg == 180 else np.deg2rad(deg))
+
+
+def hover(settings: s.Settings, truth: Team, flying: fly.Pilot, sources: disturbance.Disturbances) -> np.ndarray:
+    """`(agents,)` thrust that hovering on the reference takes in truth, N, with or without internal forces, the larger.
+
+    Raises ScenarioError where it is more than the agents have.
+    """
+    z, plan = at_rest(settings, truth), flying.allocation
+    f, eta = _acting(sources, truth, z), flying.internal.eta
+    need = np.max([limits.hover(truth, plan, z.payload.R, part, f) for part in (0 * eta, eta)], axis=0)
+    have = np.concatenate([group.thrust_max for group in truth.groups])
+    names = agent_names(settings)
+    short = [
+        f"{name} needs {u:.4g} N of {most:.4g} N" for name, u, most in zip(names, need, have, strict=True) if u > most
+    ]
+    if short:
+        raise ScenarioError(
+            f"{settings.name}: the team cannot hover on its reference: {', '.join(short)} (agent_types: thrust_max_N); "
+            f"all agents together need {need.sum():.4g} N and have {have.sum():.4g} N"
+        )
+    return need
+
+
+_acting = jax.jit(disturbance.residual)
 
 
 # What flies ---------------------------------------------------------------------------------------------------------

@@ -63,6 +63,7 @@ Coordinate = Annotated[Number, Field(ge=-1e4, le=1e4), _FAR]
 Position = tuple[Coordinate, Coordinate, Coordinate]
 Extent = Annotated[Number, Field(ge=0, le=1e4), _FAR]
 Extents = tuple[Extent, Extent, Extent]
+Distance = Annotated[Number, Field(ge=1e-3, le=1e4), _FAR]
 Width = Annotated[Number, Field(ge=0.01, le=1e4), because("a stream narrower than 1 cm or wider than 10 km is none")]
 Speed = Annotated[Number, Field(ge=-340, le=340), _SOUND]
 Velocity = tuple[Speed, Speed, Speed]
@@ -73,6 +74,7 @@ Gravities = tuple[Gravity, Gravity, Gravity]
 Degrees = Annotated[Number, Field(ge=-3600, le=3600), _TURNS]
 Angles = tuple[Degrees, Degrees, Degrees]
 HalfTurn = Annotated[Number, Field(ge=-180, le=180), because("a rotation vector is half a turn long at most")]
+AnyAngle = Annotated[Number, Field(ge=1, le=180), because("half a turn allows every attitude")]
 RotationVector = tuple[HalfTurn, HalfTurn, HalfTurn]
 Wavenumber = Annotated[
     Number,
@@ -127,6 +129,7 @@ Lengthscale = Annotated[
 Factor = Annotated[Number, Field(ge=1.01, le=100), because("at 1 nothing is learned; a factor of 100 says nothing")]
 Norm = Annotated[Number, Field(ge=1e-6, le=1e6), because("signal deviations; beyond it the prior says nothing")]
 Ratio = Annotated[Number, Field(ge=0, le=100), because("a hundred times what it is a share of")]
+Share = Annotated[Number, Field(ge=0, le=0.99), because("a share of what there is")]
 Confidence = Annotated[Number, Field(gt=0, lt=1), because("a probability")]
 Capacity = Annotated[
     Count, Field(ge=2, le=20_000), because("a fit takes two; the posterior's matrices grow with the square")

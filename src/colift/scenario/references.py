@@ -34,6 +34,7 @@ def mistakes(data: dict[str, Any]) -> list[Mistake]:
         *_flanks(data),
         *_waves(data),
         *_memory(data),
+        *_limits(data),
     ]
 
 
@@ -321,3 +322,11 @@ def _number(data: Any, *place: int | str) -> float:
     found = _part(data, *place)
     fits = isinstance(found, int | float) and not isinstance(found, bool) and abs(found) <= 1e100
     return float(found) if fits else math.nan
+
+
+def _limits(data: dict[str, Any]) -> Iterator[Mistake]:
+    """A start beyond a limit would end the flight at once."""
+    for start, limit, unit in (("position_error_m", "distance_m", "m"), ("attitude_error_deg", "attitude_deg", "deg")):
+        size = math.hypot(*(_number(data, "start", start, i) for i in range(3)))
+        if size > (most := _number(data, "limits", limit)):
+            yield ("start", start), f"is {size:.4g} {unit} from the reference, beyond limits.{limit} = {most:g}"

@@ -553,6 +553,25 @@ class Certificate(Section):
     """Label errors of the agents; by default as for the payload."""
 
 
+class Limits(Section):
+    """What a flight may not exceed: beyond a limit it ends there, with time and cause, and is incomplete."""
+
+    distance_m: of.Distance = 3.0
+    """Largest distance of the payload from its reference."""
+    height_m: of.Coordinate | None = None
+    """Least height of the payload and of every agent, centres of mass along the third world axis; by default none."""
+    attitude_deg: of.AnyAngle = 90.0
+    """Largest angle between the payload's attitude and its reference; 180 allows every one."""
+    tilt_deg: of.AnyAngle = 90.0
+    """Largest angle between an agent's thrust and the third world axis; 180 allows every one."""
+    saturation_s: of.Span = 2.0
+    """Longest time that a thrust may be cut at zero or at `thrust_max_N` without a break."""
+    grip: Annotated[of.Share, of_unit("of the start's")] = 0.01
+    """Least singular value of an agent's `A M^-1 A^T`; it is zero where arms lock up or work against each other."""
+    thrust_margin: Annotated[of.Share, of_unit("of `thrust_max_N`")] = 0.1
+    """What hovering should leave of every agent's thrust; a warning before the flight says where it leaves less."""
+
+
 class Settings(Section):
     """A whole scenario."""
 
@@ -596,6 +615,8 @@ class Settings(Section):
     """Rivals of learning."""
     certificate: Certificate = Certificate()
     """What error bounds rest on."""
+    limits: Limits = Limits()
+    """What a flight may not exceed."""
 
     @model_validator(mode="after")
     def _consistent(self) -> Settings:

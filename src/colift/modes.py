@@ -1,0 +1,229 @@
+"""The sampled loop at rest, to first order: how fast a small disturbance dies out, or grows.
+
+One tick of what flies, with its filters, and one step of the plant under the held command are a map of what the one
+hands to the next. Its fixed point is the rest; its derivative there has the modes.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import itertools
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from colift import estimate, fly, interrupt, sensor, simulate, so3
+from colift.linalg import mul
+from colift.model import AgentInput, State, Wrench
+from colift.pytree import pytree
+
+ITERATIONS = 30  # of Newton's method with one slope; from a team that hovers level it takes a handful
+AT_REST = 1e-9  # what a tick may still change, in SI units
+STEP = 1e-4  # of differences, in SI units; they neglect its fourth power
+GONE = 1e-6  # a mode that leaves less than this of itself after one tick is no mode of the motion
+NEUTRAL = 1e-6  # rad/s, below which a rate is rounding: of |z|, divided by the tick
+
+
+@dataclasses.dataclass(frozen=True)
+class Modes:
+    """The sampled loop's modes at rest, slowest first, as rates `log(z) / dt`, and how each moves the payload."""
+
+    eigenvalues: np.ndarray  # (modes,) rad/s
+    payload: np.ndarray  # (modes, 6) amplitude of the payload's (theta, p), the largest pose of the mode being 1
+    names: tuple[str, ...] = ("theta_x", "theta_y", "theta_z", "p_x", "p_y", "p_z")
+
+    @property
+    def stable(self) -> bool:
+        """Whether every mode decays."""
+        return bool(self.eigenvalues[0].real < -NEUTRAL)
+
+    @property
+    def rate(self) -> tuple[float, float]:
+        """Real and imaginary part of the slowest eigenvalue, rad/s."""
+        return float(self.eigenvalues[0].real), float(self.eigenvalues[0].imag)
+
+    def slowest(self) -> str:
+        """The slowest mode in words: its eigenvalue and where it is seen most."""
+        value, shape = self.eigenvalues[0], self.payload[0]
+        seen = self.names[int(np.argmax(shape))] if shape.max() > 0.05 else "the agents' attitudes and joints"
+        return f"{value.real:+.2f} {abs(value.imag):+.2f}i rad/s, seen most in {seen}"
+
+
+@pytree
+class Carried:
+    """What one tick hands to the next, of plant and memory, as far as it comes back to the plant."""
+
+    z: State
+    agents: tuple[estimate.Pose, ...]
+    joints: tuple[estimate.LowPass, ...]
+    load: estimate.Pose
+    omega: Float[Array, "3"]  # rad/s
+    applied: tuple[AgentInput, ...]
+    W: Wrench
+    integral: Float[Array, "6"]
+    observed: Float[Array, "6"]
+
+
+def at_rest(plan: simulate.Plan, z: State) -> Modes:
+    """Modes of a plan's loop at the rest near z, as `monodromy` has it."""
+    x, M = monodromy(plan, z)
+    moves = _moves(plan.pilot.baseline, x)
+    values, vectors = np.linalg.eig(M[np.ix_(moves, moves)])
+    order = np.argsort(-np.abs(values))
+    order = order[np.abs(values[order]) > GONE]
+    shapes = np.zeros((len(M), len(order)))
+    shapes[moves] = np.abs(vectors[:, order])
+    place = _unravel(x, np.arange(len(M))).z
+    load = np.concatenate([place.payload.R, place.payload.p])
+    poses = np.concatenate([load, *(np.ravel(part) for a in place.agents for part in (a.R, a.x, a.r))])
+    payload = shapes[load] / np.maximum(shapes[poses].max(0), np.finfo(float).tiny)
+    rates = np.log(values[order].astype(complex)) / float(plan.pilot.filters.dt)
+    return Modes(eigenvalues=rates, payload=payload.T)
+
+
+def monodromy(plan: simulate.Plan, z: State) -> tuple[Carried, np.ndarray]:
+    """The rest x near z, the reference held at its start, and the map's derivative there; on the host.
+
+    Bodies move by the truth's parameters and are flown by the nominal ones; sensors are exact, and nothing else acts
+    that is unknown. So the rest may be off the reference, as by a payload that is heavier than believed. Newton's
+    method on `x = map(x)` with the first slope, by differences of `simulate.advance`: no program is compiled that a flight does not
+    need anyway. Raises ValueError where there is no rest near z.
+    """
+    plan = dataclasses.replace(plan, world=_alone(plan.world))
+    noise = sensor.draw(plan.world.team, jax.random.key(0), simulate.chunk(plan))  # of sensors that have none
+    loop = _ticked(plan, simulate.start(plan.world, plan.pilot, plan.oracle, z), noise)
+    slope = None
+    for _ in range(ITERATIONS):
+        interrupt.check()
+        off = _changed(plan, loop, noise, [_take(loop)])[0]
+        if np.abs(off).max() <= AT_REST:
+            return _take(loop), _slope(plan, loop, noise)
+        if not np.isfinite(off).all():
+            break
+        slope = _slope(plan, loop, noise) if slope is None else slope
+        if not np.isfinite(slope).all():
+            break
+        step = np.linalg.lstsq(np.eye(len(off)) - slope, off)[0]
+        loop = _put(loop, jax.tree.map(lambda leaf: leaf[0], _move(_take(loop), jnp.asarray(step[None]))))
+    raise ValueError("the team finds no rest near the start of its reference")
+
+
+def _slope(plan: simulate.Plan, loop: simulate.Loop, noise: sensor.Noise) -> np.ndarray:
+    """The map's derivative at a loop: `(8 (f_1 - f_-1) - (f_2 - f_-2)) / (12 h)`, f_k k steps h along a coordinate."""
+    x = _take(loop)
+    n = sum(math.prod(shape) for _, shape in _shapes(x))
+    steps = STEP * np.stack([k * np.eye(n) for k in (1, -1, 2, -2)])
+    moved = jax.tree.map(np.asarray, _move(x, jnp.asarray(steps.reshape(-1, n))))
+    around = [jax.tree.map(lambda leaf, k=k: jnp.asarray(leaf[k]), moved) for k in range(4 * n)]
+    near, back, far, farther_back = _changed(plan, loop, noise, around).reshape(4, n, n)
+    return ((8 * (near - back) - (far - farther_back)) / (12 * STEP)).T
+
+
+def _changed(plan: simulate.Plan, loop: simulate.Loop, noise: sensor.Noise, at: Sequence[Carried]) -> np.ndarray:
+    """What a loop carries one tick after each of `at`, in coordinates around what it carries now."""
+    after = [_take(_ticked(plan, _put(loop, y), noise)) for y in at]
+    return np.asarray(_coordinates(_take(loop), jax.tree.map(lambda *leaf: np.stack(leaf), *after)))
+
+
+def _ticked(plan: simulate.Plan, loop: simulate.Loop, noise: sensor.Noise) -> simulate.Loop:
+    """One tick later, by a clock that stands still and with no limit met."""
+    after, _ = simulate.advance(plan.world, plan.pilot, plan.oracle, loop, noise, jnp.asarray(1))
+    return dataclasses.replace(after, tick=loop.tick, ended=loop.ended)
+
+
+def _moves(rivals: fly.Baseline, x: Carried) -> np.ndarray:
+    """Which coordinates move: what a baseline that is switched off would integrate stands still."""
+    on = {
+        "integral": np.repeat([float(rivals.K_i) != 0, float(rivals.k_i) != 0], 3),
+        "observed": np.full(6, float(rivals.observer) != 0),
+    }
+    names = [path[0].name for path, _ in jax.tree_util.tree_leaves_with_path(x)]
+    return np.concatenate(
+        [on.get(name, np.ones(math.prod(shape), bool)) for name, (_, shape) in zip(names, _shapes(x), strict=True)]
+    )
+
+
+def _alone(world: simulate.World) -> simulate.World:
+    """The true bodies with nothing else unknown, and sensors without noise or bias."""
+    quiet = jax.tree.map(jnp.zeros_like, world.sensors)
+    return dataclasses.replace(
+        world,
+        acting=jnp.zeros_like(world.acting),
+        told=jnp.zeros_like(world.told),
+        sensors=dataclasses.replace(quiet, tip_force_bandwidth=world.sensors.tip_force_bandwidth),
+        lam_bias=jax.tree.map(jnp.zeros_like, world.lam_bias),
+    )
+
+
+# Local coordinates: a rotation vector, body frame, of every attitude; a difference of everything else -----------------
+
+
+def _shapes(x: Carried) -> list[tuple[bool, tuple[int, ...]]]:
+    """Of every leaf, whether it is an attitude, and the shape of its coordinates."""
+    leaves = [(path[-1].name == "R", leaf.shape) for path, leaf in jax.tree_util.tree_leaves_with_path(x)]
+    return [(attitude, shape[:-1] if attitude else shape) for attitude, shape in leaves]
+
+
+def _unravel(x: Carried, d: Any) -> Carried:
+    """A row of coordinates at the places that they move."""
+    shapes = [shape for _, shape in _shapes(x)]
+    ends = np.cumsum([0] + [math.prod(shape) for shape in shapes])
+    parts = [d[a:b].reshape(shape) for (a, b), shape in zip(itertools.pairwise(ends), shapes, strict=True)]
+    return jax.tree.unflatten(jax.tree.structure(x), parts)
+
+
+@jax.jit
+@functools.partial(jax.vmap, in_axes=(None, 0))
+def _move(x: Carried, d: Array) -> Carried:
+    turns = jax.tree.unflatten(jax.tree.structure(x), [attitude for attitude, _ in _shapes(x)])
+    return jax.tree.map(lambda attitude, a, b: mul(a, so3.exp(b)) if attitude else a + b, turns, x, _unravel(x, d))
+
+
+@jax.jit
+@functools.partial(jax.vmap, in_axes=(None, 0))
+def _coordinates(x: Carried, y: Carried) -> Array:
+    """Of y around x, to first order."""
+    pairs = zip(_shapes(x), jax.tree.leaves(x), jax.tree.leaves(y), strict=True)
+    parts = [so3.vee(mul(jnp.swapaxes(a, -1, -2), b)) if attitude else b - a for (attitude, _), a, b in pairs]
+    return jnp.concatenate([part.ravel() for part in parts])
+
+
+# What a tick hands on -------------------------------------------------------------------------------------------------
+
+
+def _take(loop: simulate.Loop) -> Carried:
+    memory, seen = loop.memory, loop.memory.estimator
+    return Carried(
+        z=loop.z,
+        agents=tuple(past.base for past in seen.agents),
+        joints=tuple(past.joint for past in seen.agents),
+        load=seen.load,
+        omega=seen.omega,
+        applied=memory.applied,
+        W=memory.W,
+        integral=memory.integral,
+        observed=memory.observed,
+    )
+
+
+def _put(loop: simulate.Loop, x: Carried) -> simulate.Loop:
+    past = loop.memory.estimator
+    agents = tuple(
+        dataclasses.replace(a, base=base, joint=joint)
+        for a, base, joint in zip(past.agents, x.agents, x.joints, strict=True)
+    )
+    memory = dataclasses.replace(
+        loop.memory,
+        estimator=dataclasses.replace(past, agents=agents, load=x.load, omega=x.omega),
+        applied=x.applied,
+        W=x.W,
+        integral=x.integral,
+        observed=x.observed,
+    )
+    return dataclasses.replace(loop, z=x.z, memory=memory)

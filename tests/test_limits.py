@@ -1,0 +1,141 @@
+"""What ends a flight, against the rules said in plain Python; and the thrust of hovering, against statics by hand."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from colift import allocate, limits
+from colift.limits import Cause, Limits, Watched
+from colift.model import AgentForce, Residual, Wrench
+from tests import teams
+
+AGENTS = 3
+NAMES = ("east", "north", "west")
+LIMITS = Limits(
+    grip=jnp.array([0.1, 0.2, 0.3]),
+    distance=jnp.array(3.0),
+    height=jnp.array(0.5),
+    attitude=jnp.array(1.5),
+    tilt=jnp.array(1.2),
+    saturation=jnp.array(2.0),
+)
+exceeded = jax.jit(limits.exceeded)
+
+
+def watched(
+    finite: bool, grip: list[float], distance: float, heights: list[float], attitude: float, tilt: list, held: list
+) -> Watched:
+    return Watched(
+        finite=jnp.asarray(finite),
+        grip=jnp.asarray(grip),
+        distance=jnp.asarray(distance),
+        heights=jnp.asarray(heights),
+        attitude=jnp.asarray(attitude),
+        tilt=jnp.asarray(tilt),
+        saturated=jnp.asarray(held),
+    )
+
+
+def around(limit: float, n: int) -> st.SearchStrategy:
+    """Numbers, mostly allowed ones: below, at and above a limit."""
+    near = [limit, limit * (1 + 1e-12), limit * (1 - 1e-12), 0.0, limit / 2, limit * 2]
+    return st.lists(st.sampled_from(near), min_size=n, max_size=n)
+
+
+@given(
+    finite=st.sampled_from([True, True, True, False]),
+    grip=around(0.2, AGENTS),
+    distance=around(3.0, 1),
+    heights=around(0.5, 1 + AGENTS),
+    attitude=around(1.5, 1),
+    tilt=around(1.2, AGENTS),
+    held=around(2.0, AGENTS),
+)
+def test_the_first_limit_that_is_exceeded_ends_a_flight(finite, grip, distance, heights, attitude, tilt, held):
+    causes = [
+        not finite,
+        any(g <= least for g, least in zip(grip, (0.1, 0.2, 0.3), strict=True)),
+        distance[0] > 3.0,
+        any(h < 0.5 for h in heights),
+        attitude[0] > 1.5,
+        any(x > 1.2 for x in tilt),
+        any(x > 2.0 for x in held),
+    ]
+    expected = next((Cause(1 + k) for k, met in enumerate(causes) if met), Cause.NONE)
+    assert (
+        Cause(int(exceeded(LIMITS, watched(finite, grip, distance[0], heights, attitude[0], tilt, held)))) == expected
+    )
+
+
+FINE = (True, [1.0] * 3, 0.1, [2.0] * 4, 0.1, [0.1] * 3, [0.0] * 3)
+
+
+def test_a_flight_within_its_limits_goes_on_and_where_there_are_none_whatever_it_does():
+    assert int(exceeded(LIMITS, watched(*FINE))) == Cause.NONE
+    none = Limits(
+        grip=jnp.full(3, -1.0),
+        distance=jnp.array(np.inf),
+        height=jnp.array(-np.inf),
+        attitude=jnp.array(np.inf),
+        tilt=jnp.array(np.inf),
+        saturation=jnp.array(np.inf),
+    )
+    wild = watched(True, [0.0] * 3, 1e300, [-1e300] * 4, np.pi, [np.pi] * 3, [1e300] * 3)
+    assert int(exceeded(none, wild)) == Cause.NONE
+
+
+@pytest.mark.parametrize(
+    ("part", "value", "said"),
+    [
+        (2, 4.0, "the payload is 4 m from its reference at t = 1.500 s, beyond limits.distance_m = 3"),
+        (3, [0.4, 2, 2, 2], "the payload is at a height of 0.4 m at t = 1.500 s, beyond limits.height_m = 0.5"),
+        (3, [0.4, 2, 0.2, 2], "agent north is at a height of 0.2 m at t = 1.500 s, beyond limits.height_m = 0.5"),
+        (
+            4,
+            np.pi,
+            "the payload is turned 180 deg from its reference at t = 1.500 s, beyond limits.attitude_deg = 85.9437",
+        ),
+        (
+            5,
+            [0, 1.3, np.pi / 2],
+            "agent west pushes 90 deg from the vertical at t = 1.500 s, beyond limits.tilt_deg = 68.7549",
+        ),
+        (
+            6,
+            [2.1, 0, 2.05],
+            "the thrust of agent east is at its limit for 2.1 s at t = 1.500 s, beyond limits.saturation_s = 2",
+        ),
+    ],
+)
+def test_the_sentence_names_who_is_worst_by_how_much_and_the_setting(part, value, said):
+    now = watched(*(value if k == part else x for k, x in enumerate(FINE)))
+    cause = Cause(int(exceeded(LIMITS, now)))
+    assert limits.sentence(cause, LIMITS, jax.tree.map(np.asarray, now), 1.5, NAMES) == said
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_hovering_thrusts_hold_up_the_team_against_all_that_pulls(seed):
+    """Forces and moments by hand: each thrust carries its agent and pushes at the contacts as the allocation says."""
+    rng = np.random.default_rng(seed)
+    team = teams.reference_team(3)
+    c = np.array([point for group in team.groups for agent in group.contact for point in np.asarray(agent)])
+    plan = allocate.balanced(c)
+    R = teams.rotation(rng)
+    eta, F, tau, f_x = rng.normal(size=12), rng.normal(size=3), 0.1 * rng.normal(size=3), rng.normal(size=(3, 3))
+    f = Residual(
+        agents=(AgentForce(f_x=jnp.asarray(f_x), f_w=jnp.zeros((3, 3)), f_r=jnp.zeros((3, 3))),),
+        payload=Wrench(F=jnp.asarray(F), tau=jnp.asarray(tau)),
+    )
+    u = np.asarray(limits.hover(team, plan, jnp.asarray(R), jnp.asarray(eta), f))
+    pull = np.array([0, 0, -9.81])
+    G = np.concatenate([np.concatenate([np.eye(3), np.cross(np.eye(3), point)]) for point in c], axis=1)
+    wanted = -np.concatenate([R.T @ (1.5 * pull + F), tau])
+    lam = np.linalg.lstsq(G, wanted)[0] + np.asarray(plan.kernel) @ eta
+    lam = (lam.reshape(3, 2, 3) @ R.T).sum(1)
+    np.testing.assert_allclose(lam.sum(0), -(1.5 * pull + F), atol=1e-12)
+    np.testing.assert_allclose(u, np.linalg.norm(lam - 1.84 * pull - f_x, axis=1), rtol=1e-12)

@@ -1,0 +1,151 @@
+"""The sampled loop to first order, against the nonlinear loop as it flies; and what is said of its slowest mode."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from colift import modes, sensor, simulate
+from colift.model import State
+from colift.scenario import build
+from tests import paper_flights as paper
+
+
+@functools.cache
+def rest() -> tuple[modes.Carried, np.ndarray]:
+    """The study's rest, and its derivative."""
+    return modes.monodromy(plan(), z())
+
+
+def plan(hertz: float = 500.0) -> simulate.Plan:
+    of = paper.plan("C1")
+    return paper.with_pilot(of, filters=dataclasses.replace(of.pilot.filters, dt=paper.number(1 / hertz)))
+
+
+@functools.cache
+def z() -> State:
+    return build.at_rest(paper.SETTINGS, paper.plan("C1").world.team)
+
+
+@functools.cache
+def at_500_hertz() -> modes.Modes:
+    return modes.at_rest(plan(), z())
+
+
+def flown(of: simulate.Plan, x: modes.Carried, d: np.ndarray, ticks: int) -> np.ndarray:
+    """Coordinates around x, so many ticks after d, of the loop as it flies with nothing unknown and no noise."""
+    of = dataclasses.replace(of, world=modes._alone(of.world))
+    noise = sensor.draw(of.world.team, jax.random.key(0), simulate.chunk(of))
+    loop = simulate.start(of.world, of.pilot, of.oracle, z())
+    loop, _ = simulate.advance(of.world, of.pilot, of.oracle, loop, noise, jnp.asarray(1))
+    at = jax.tree.map(lambda leaf: leaf[0], modes._move(x, jnp.asarray(d[None])))
+    # the clock goes on, but the reference of the first quarter of a second moves by less than 1e-6 m
+    still = dataclasses.replace(of.pilot, path=dataclasses.replace(of.pilot.path, amplitude=jnp.zeros(3)))
+    loop = dataclasses.replace(modes._put(loop, at), tick=jnp.zeros((), int))
+    loop, _ = simulate.advance(of.world, still, of.oracle, loop, noise, jnp.asarray(ticks))
+    assert int(loop.tick) == ticks
+    y = jax.tree.map(lambda leaf: leaf[None], modes._take(loop))
+    return np.asarray(modes._coordinates(x, y))[0]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_tiny_disturbance_goes_the_way_the_modes_say(seed):
+    """Every coordinate of plant and memory is disturbed; what is left over is of second order."""
+    x, M = rest()
+    ticks, d = 200, np.random.default_rng(seed).normal(size=len(M))
+    d = np.linalg.matrix_power(M, 5) @ d  # on the grasp, and with what only lasts a tick gone
+    d /= np.abs(d).max()
+    linear = np.linalg.matrix_power(M, ticks) @ d
+    off = [np.abs(flown(plan(), x, h * d, ticks) / h - linear).max() for h in (1e-3, 5e-4)]
+    assert off[0] < 0.02 * np.abs(linear).max()
+    assert off[1] == pytest.approx(off[0] / 2, rel=0.1)
+
+
+@functools.cache
+def settled() -> simulate.Row:
+    """A whole flight with nothing unknown but the bodies' parameters, the reference at rest, no noise."""
+    of = dataclasses.replace(plan(), world=modes._alone(plan().world))
+    still = dataclasses.replace(of.pilot.path, amplitude=jnp.zeros(3))
+    alone = dataclasses.replace(of.pilot.internal, eta=jnp.zeros_like(of.pilot.internal.eta))
+    return paper.fly(paper.with_pilot(of, path=still, internal=alone), 14.0).rows
+
+
+def test_the_rest_is_where_the_flown_loop_settles_off_the_reference_by_the_weight_that_is_not_known():
+    x, M = rest()
+    assert np.abs(flown(plan(), x, np.zeros(len(M)), 1)).max() < 1e-8
+    rows = settled()
+    np.testing.assert_allclose(x.z.payload.p, rows.p[-1], atol=1e-5)
+    np.testing.assert_allclose(x.z.payload.R, rows.R_L[-1], atol=1e-5)
+    np.testing.assert_allclose(x.z.agents[0].r.ravel(), rows.r[-1], atol=1e-5)
+    np.testing.assert_allclose(x.applied[0].u, rows.u[-1], atol=1e-3)
+    sag = x.z.payload.p - paper.plan("C1").pilot.path.center
+    np.testing.assert_allclose(sag[:2], 0, atol=1e-9)
+    assert -0.15 < sag[2] < -0.05
+
+
+def test_a_team_that_flies_is_not_called_unstable():
+    found = at_500_hertz()
+    assert found.stable
+    assert (np.diff(found.eigenvalues.real) <= 1e-12).all()
+    assert -3 < found.eigenvalues[0].real < -0.3
+    assert found.payload.shape == (len(found.eigenvalues), 6)
+
+
+def test_a_baseline_that_is_off_adds_no_mode_and_one_that_is_on_adds_its_own():
+    base = at_500_hertz().eigenvalues
+    rival = paper.plan("I").pilot.baseline
+    with_integral = modes.at_rest(paper.with_pilot(plan(), baseline=rival), z())
+    assert len(with_integral.eigenvalues) == len(base) + 6
+    assert with_integral.stable
+
+
+def test_too_slow_a_control_rate_is_called_unstable_and_is(monkeypatch):
+    """Twenty ticks a second: the same team and gains, sampled and held for longer than its attitudes stand."""
+    monkeypatch.setattr(simulate, "CHUNK", 12.5)  # as many ticks as half a second has at 500 Hz: one program
+    slow = plan(20.0)
+    x, M = modes.monodromy(slow, z())
+    found = modes.at_rest(slow, z())
+    assert not found.stable
+    _, vectors = np.linalg.eig(M)
+    d = np.real(vectors[:, np.argmax(np.abs(np.linalg.eigvals(M)))])
+    d *= 1e-9 / np.abs(d).max()
+    first, last = (np.abs(flown(slow, x, d, ticks)).max() for ticks in (1, 4))
+    assert last > first
+
+
+def test_no_rest_is_said():
+    nowhere = dataclasses.replace(paper.plan("C1").pilot.path, center=jnp.full(3, np.nan))
+    with pytest.raises(ValueError, match="no rest near the start of its reference"):
+        modes.at_rest(paper.with_pilot(plan(), path=nowhere), z())
+
+
+def modes_of(y: np.ndarray, dt: float) -> np.ndarray:
+    """Continuous-time modes of a signal that is one damped oscillation: `y_{k+2} = a y_{k+1} + b y_k`."""
+    (a, b), *_ = np.linalg.lstsq(np.stack([y[1:-1], y[:-2]], axis=1), y[2:], rcond=None)
+    return np.log(np.roots([1, -a, -b]).astype(complex)) / dt
+
+
+def test_the_slowest_mode_is_how_the_flown_loop_settles():
+    """What the log of a whole flight shows last is the slowest mode alone."""
+    found = at_500_hertz()
+    assert found.slowest().endswith("seen most in theta_z")
+    flown = modes_of(settled().e_R[1000:2500:50, 2], 0.1)  # from 2 s to 5 s
+    for value in flown:
+        assert np.abs(found.eigenvalues[:2] - value).min() < 0.01 * abs(value)
+
+
+def test_modes_name_what_moves():
+    shape = np.zeros((2, 6))
+    shape[0, 4] = 1.0
+    found = modes.Modes(eigenvalues=np.array([0.3 + 2j, -1 + 0j]), payload=shape)
+    assert not found.stable
+    assert found.slowest() == "+0.30 +2.00i rad/s, seen most in p_y"
+    unseen = modes.Modes(eigenvalues=np.array([-0.3 + 2j]), payload=np.full((1, 6), 0.01))
+    assert unseen.stable
+    assert "the agents' attitudes" in unseen.slowest()
+    assert not modes.Modes(eigenvalues=np.array([-1e-9 + 0j]), payload=shape).stable
