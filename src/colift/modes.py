@@ -92,8 +92,8 @@ def monodromy(plan: simulate.Plan, z: State) -> tuple[Carried, np.ndarray]:
 
     Bodies move by the truth's parameters and are flown by the nominal ones; sensors are exact, and nothing else acts
     that is unknown. So the rest may be off the reference, as by a payload that is heavier than believed. Newton's
-    method on `x = map(x)` with the first slope, by differences of `simulate.advance`: no program is compiled that a flight does not
-    need anyway. Raises ValueError where there is no rest near z.
+    method on `x = map(x)` with the first slope, by differences of `simulate.advance`: no program is compiled that a
+    flight does not need anyway. Raises ValueError where there is no rest near z.
     """
     plan = dataclasses.replace(plan, world=_alone(plan.world))
     noise = sensor.draw(plan.world.team, jax.random.key(0), simulate.chunk(plan))  # of sensors that have none
