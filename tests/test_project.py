@@ -317,3 +317,13 @@ def test_the_tests_themselves_are_strict():
     hat = importlib.import_module("colift.so3").hat
     with pytest.raises(Exception, match="Type-check error"):
         hat(jax.numpy.zeros(4))
+
+
+def test_nothing_cites_a_page_that_is_not_shipped():
+    cited = "DESIGN"  # the founders' page; this file may not cite it either
+    kinds = {".py", ".md", ".yaml", ".toml", ".h"}
+    folders = ("src", "tests", "docs", "benchmarks", "evidence", "examples")
+    files = [path for folder in folders for path in (ROOT / folder).rglob("*") if path.suffix in kinds]
+    files += [path for path in ROOT.glob("*") if path.suffix in kinds]
+    assert len(files) > 100
+    assert [path.relative_to(ROOT) for path in files if cited in path.read_text(encoding="utf-8")] == []

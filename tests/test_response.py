@@ -160,7 +160,7 @@ def test_at_rest_on_the_reference_nothing_moves_and_nothing_is_missed():
 def test_its_states_are_all_the_motions_that_the_grasp_allows():
     pilot, _, z = study()
     T = loop().basis
-    free = 6 + 3 * 2  # the payload's velocities and the agents' attitudes (DESIGN of the reference tree)
+    free = 6 + 3 * 2  # the payload's velocities and the agents' attitudes (the tree's joints follow)
     assert T.shape[1] == 2 * free
     np.testing.assert_allclose(T.T @ T, np.eye(2 * free), atol=1e-12)
     unravel, h = ravel_pytree(dynamics.no_shift(z))[1], 1e-5

@@ -95,7 +95,7 @@ def realize(
     share: Share,
     f_hat: AgentForce,
 ) -> AgentInput:
-    """Thrust and torques that put `lam` on the payload if the thrust is aligned and the payload obeys (DESIGN 3).
+    """Thrust and torques that put `lam` on the payload if the thrust is aligned and the payload obeys.
 
     1. thrust direction `f_dir = m (a_cmd - a_g) + sum lam - f_hat_x`, which with the heading is `R_d`;
     2. `omega_dot = -k_R e_R - k_w e_w` towards it, its rate from `jerk` and `lam_dot` (its acceleration is neglected);

@@ -70,7 +70,7 @@ def bodies(team: Team) -> tuple[slice, ...]:
 
 
 def linearize(pilot: fly.Pilot, oracle: learn.Oracle, z: State) -> Response:
-    """The loop's response around z, on the grasp and at rest (DESIGN 3); on the host.
+    """The loop's response around z, on the grasp and at rest; on the host.
 
     `A = T^T J T` with T a basis of the directions that keep Phi and Phi_dot. The measured acceleration that the
     control law uses is the one it causes: `a = a(z, a, f~)` is solved to first order. For forces that the oracle
