@@ -26,6 +26,7 @@ import colift.__main__
 from colift import folder, interrupt
 from evidence import collect
 
+RUNS = ("src",)  # in processes of their own
 ALLOWED = 2 * interrupt.GRACE  # s, from the signal to the end; the machine may be busy with other things
 SCENARIOS = Path(colift.__main__.__file__).parent / "scenarios"
 COLIFT = """

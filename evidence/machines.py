@@ -26,10 +26,22 @@ WORKER_MB = 2500  # a laptop has 8 to 16 GB, and two workers run
 LIMIT_S = 3600
 
 
+def wide() -> bool:
+    """Whether this processor has AVX-512."""
+    return any("avx512f" in line for line in _cpuinfo())
+
+
 def settings() -> list[str]:
-    """`OpenBLAS' kernels, XLA's instructions` of every run that this processor can do."""
-    wide = any("avx512f" in line for line in _cpuinfo())
-    return [f"{blas} {isa}" for isa in INSTRUCTIONS for blas in BLAS if wide or blas != "SkylakeX"]
+    """`OpenBLAS' kernels, XLA's instructions` of every run that this processor can do, unlike ones first."""
+    cores = [blas for blas in BLAS if wide() or blas != "SkylakeX"]
+    turns = len(INSTRUCTIONS)
+    return [f"{blas} {INSTRUCTIONS[(i + k) % turns]}" for k in range(turns) for i, blas in enumerate(cores)]
+
+
+def flags(isa: str) -> str:
+    """XLA's flags that hold it to an instruction set; none where the processor has no more, as its own are those."""
+    held = [f"--xla_cpu_max_isa={isa}"] if wide() or isa != "AVX2" else []
+    return " ".join([*os.environ.get("XLA_FLAGS", "").split(), *held])
 
 
 def run(setting: str) -> dict[str, Any]:
@@ -38,14 +50,13 @@ def run(setting: str) -> dict[str, Any]:
     files = sorted(path.relative_to(ROOT).as_posix() for path in (ROOT / "tests").glob("test_*.py"))
     order = settings().index(setting)
     random.Random(order).shuffle(files)
-    flags = f"{os.environ.get('XLA_FLAGS', '')} --xla_cpu_max_isa={isa}".strip()
     began = time.perf_counter()
     with tempfile.TemporaryDirectory() as folder:
         command = [sys.executable, "-m", "pytest", "-n", "2", "--dist", "loadfile", "-p", "no:cacheprovider"]
         done = subprocess.run(
             [*command, f"--basetemp={folder}/made", "-q", *files],
             cwd=ROOT,
-            env=os.environ | {"OPENBLAS_CORETYPE": blas, "XLA_FLAGS": flags},
+            env=os.environ | {"OPENBLAS_CORETYPE": blas, "XLA_FLAGS": flags(isa)},
             capture_output=True,
             text=True,
             check=False,
