@@ -124,7 +124,7 @@ def _cpuinfo() -> list[str]:
 
 def behind(name: str) -> list[str]:
     """The files that are no longer those a result was computed from; empty for one that holds today."""
-    then, now = stored(name)["files"], rests_on(ROOT / "evidence" / f"{name}.py")
+    then, now = stored(name).get("files", {}), rests_on(ROOT / "evidence" / f"{name}.py")
     return sorted(path for path in then | now if then.get(path) != now.get(path))
 
 

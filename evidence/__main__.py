@@ -21,7 +21,7 @@ def status() -> None:
             print(f"{name:<12} no result yet")
             continue
         made, changed = evidence.stored(name), evidence.behind(name)
-        at = f"{made['date']} at {(made['commit'] or 'no commit')[:10]}"
+        at = f"{made['date']} at {(made.get('commit') or 'no commit')[:10]}"
         print(f"{name:<12} {at}: " + (f"since then changed: {', '.join(changed)}" if changed else "holds"))
 
 
