@@ -9,8 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from colift import dynamics, gp, log, simulate
-from colift.model import no_force
+from colift import gp, grasp, log
 from tests import paper_flights
 
 
@@ -51,15 +50,13 @@ def _transformed() -> dict[str, np.ndarray]:
         return gp.mean(dataclasses.replace(model, hyper=hyper), x)
 
     x = jnp.array([0.3, -0.2])
-    u = jax.tree.map(jnp.ones_like, simulate.start(of.world, of.pilot, of.oracle, z).memory.applied)
-    none = jax.tree.map(jnp.zeros_like, no_force(of.world.team))
-    moved = jax.jit(jax.jacfwd(lambda u: dynamics.accelerate(of.world.team, z, u, none)[0]))(u)
+    slope = jax.jit(jax.jacfwd(lambda z: grasp.Phi(of.world.team, z)))(z)
     return _named({
         "mapped": jax.tree.map(lambda a, b: a + b, group, group),
         "batched": jax.jit(jax.vmap(mean, in_axes=(axes, None)))(stacked, x),
         "gradient": jax.jit(jax.grad(lambda h: mean(h, x).sum()))(hyper),
         "linear": jax.jvp(lambda h: mean(h, x), (hyper,), (hyper,)),
-        "jacobian": moved,
+        "jacobian": slope,
         "again": jax.tree.unflatten(tree, jax.tree.leaves(of.world)),
     })  # fmt: skip
 

@@ -78,7 +78,7 @@ if "jax" in sys.modules:
         _least = float(os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"])
         _jax.config.update("jax_persistent_cache_min_compile_time_secs", _least)
 
-# XLA's YNNPACK kernels, which jaxlib turns on from 0.10.2, read memory that nobody wrote and sum wrongly in float64
+# XLA's YNNPACK kernels, as of jaxlib 0.10.2, read memory that nobody wrote and sum wrongly in float64
 # (docs/decisions/0020). XLA reads its flags once, when the first device is asked for; a person's own word stands.
 _YNN = "--xla_cpu_experimental_ynn_fusion_type="
 if _YNN not in os.environ.get("XLA_FLAGS", ""):
