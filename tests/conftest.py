@@ -1,5 +1,6 @@
 """Strict by default: float64, no implicit promotion of dtype or rank, shapes and types checked at run time."""
 
+import ctypes
 import dataclasses
 import gc
 import os
@@ -56,3 +57,8 @@ def _forget_programs() -> Iterator[None]:
     yield
     jax.clear_caches()
     gc.collect()
+    if hasattr(LIBC, "malloc_trim"):  # glibc keeps what a compiler has freed
+        LIBC.malloc_trim(0)
+
+
+LIBC = ctypes.CDLL(None)
