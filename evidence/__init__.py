@@ -33,17 +33,18 @@ def rests_on(proof: Path, root: Path = ROOT) -> dict[str, str]:
     beside it; scenarios that the proof names; the folders in its `RUNS`, if it starts programs of theirs. An import
     inside a function is not followed: those are for figures.
     """
+    record = root / "evidence" / "__init__.py"  # how results are kept changes none
     found, left = set(), {proof}
     while left:
         path = left.pop()
         found.add(path)
         tree = ast.parse(path.read_text())
         found |= {beside for word in _words(tree) if (beside := path.parent / word).is_file()}
-        left |= set(_imported(tree, root)) - found
+        left |= set(_imported(tree, root)) - found - {record}
     tree = ast.parse(proof.read_text())
     found |= {path for path in (root / SCENARIOS).glob("*.yaml") if path.stem in _words(tree)}
     found |= {path for folder in _runs(tree) for path in (root / folder).rglob("*") if path.suffix in SOURCE}
-    found.discard(root / "evidence" / "__init__.py")  # how results are kept changes none
+    found.discard(record)
     return {path.relative_to(root).as_posix(): _digest(path) for path in sorted(found)}
 
 

@@ -7,6 +7,7 @@ column or a line of a table. The name is the same string in all of them, and is 
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import dataclasses
 import hashlib
 import json
@@ -127,25 +128,35 @@ def _release(lock: Path, mine: bytes) -> None:
 
 
 def _take_over(lock: Path) -> None:
-    """Remove a lock whose process has ended; OSError where it has not, or may not have."""
-    found = _read(lock)
-    if found is None:
-        return
-    content, holder = found
-    if holder is not None:
-        here = holder["host"] == socket.gethostname()
-        if not here or _lives(holder["pid"], holder["began"]):
-            since = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(holder["since"]))
-            who = f"process {holder['pid']} on {holder['host']} writes to it since {since}"
-            gone = "" if here else f"; if that process has ended, remove {lock}"
-            raise BlockingIOError(f"{lock.parent} is in use: {who}; wait, or choose another --out{gone}")
-    aside = lock.with_name(f"{lock.name}.{os.getpid()}")
-    with contextlib.suppress(FileNotFoundError):  # another process was faster
-        lock.rename(aside)
-        if aside.read_bytes() != content:  # between the look and the move it became another's, who lives
-            with contextlib.suppress(FileExistsError):
-                os.link(aside, lock)
-        aside.unlink()
+    """Remove a lock whose process has ended; OSError where it has not, or may not have.
+
+    One process at a time: a lock that is stale here cannot have become another's by the time it is removed.
+    """
+    with _alone(lock.parent):
+        found = _read(lock)
+        if found is None:
+            return
+        _, holder = found
+        if holder is not None:
+            here = holder["host"] == socket.gethostname()
+            if not here or _lives(holder["pid"], holder["began"]):
+                since = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(holder["since"]))
+                who = f"process {holder['pid']} on {holder['host']} writes to it since {since}"
+                gone = "" if here else f"; if that process has ended, remove {lock}"
+                raise BlockingIOError(f"{lock.parent} is in use: {who}; wait, or choose another --out{gone}")
+        lock.unlink(missing_ok=True)
+
+
+@contextlib.contextmanager
+def _alone(path: Path) -> Generator[None]:
+    """One process of this computer at a time is in the block, as far as the folder's file system knows such locks."""
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        with contextlib.suppress(OSError):
+            fcntl.flock(descriptor, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(descriptor)
 
 
 def _read(lock: Path) -> tuple[bytes, dict[str, Any] | None] | None:
