@@ -109,7 +109,8 @@ def monodromy(plan: simulate.Plan, z: State) -> tuple[Carried, np.ndarray]:
         slope = _slope(plan, loop, noise) if slope is None else slope
         if not np.isfinite(slope).all():
             break
-        step = np.linalg.lstsq(np.eye(len(off)) - slope, off)[0]
+        moves, step = _moves(plan.pilot.baseline, _take(loop)), np.zeros(len(off))
+        step[moves] = np.linalg.lstsq((np.eye(len(off)) - slope)[np.ix_(moves, moves)], off[moves])[0]
         loop = _put(loop, jax.tree.map(lambda leaf: leaf[0], _move(_take(loop), jnp.asarray(step[None]))))
     raise ValueError("the team finds no rest near the start of its reference")
 
