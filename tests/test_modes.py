@@ -83,9 +83,12 @@ def test_the_rest_is_where_the_flown_loop_settles_off_the_reference_by_the_weigh
     np.testing.assert_allclose(x.z.payload.R, rows.R_L[-1], atol=1e-5)
     np.testing.assert_allclose(x.z.agents[0].r.ravel(), rows.r[-1], atol=1e-5)
     np.testing.assert_allclose(x.applied[0].u, rows.u[-1], atol=1e-3)
-    sag = x.z.payload.p - paper.plan("C1").pilot.path.center
-    np.testing.assert_allclose(sag[:2], 0, atol=1e-9)
-    assert -0.15 < sag[2] < -0.05
+    of = paper.plan("C1")
+    (group,), load = of.pilot.team.groups, of.pilot.team.payload
+    more = float(of.world.team.payload.mass - load.mass) * 9.81
+    # asked to accelerate upwards, the agents push with their own mass times that as well
+    sag = more / float((load.mass + group.mass.sum()) * of.pilot.gains.K_p[2, 2])
+    np.testing.assert_allclose(x.z.payload.p - of.pilot.path.center, [0, 0, -sag], atol=1e-8)
 
 
 def test_a_team_that_flies_is_not_called_unstable():
@@ -97,10 +100,10 @@ def test_a_team_that_flies_is_not_called_unstable():
 
 
 def test_a_baseline_that_is_off_adds_no_mode_and_one_that_is_on_adds_its_own():
-    base = at_500_hertz().eigenvalues
+    slow = lambda found: int((found.eigenvalues.real > -50).sum())  # rad/s; some are gone within a tick or two
     rival = paper.plan("I").pilot.baseline
     with_integral = modes.at_rest(paper.with_pilot(plan(), baseline=rival), z())
-    assert len(with_integral.eigenvalues) == len(base) + 6
+    assert slow(with_integral) == slow(at_500_hertz()) + 6
     assert with_integral.stable
 
 

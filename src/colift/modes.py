@@ -23,10 +23,10 @@ from colift.linalg import mul
 from colift.model import AgentInput, State, Wrench
 from colift.pytree import pytree
 
-ITERATIONS = 30  # of Newton's method with one slope; from a team that hovers level it takes a handful
+ITERATIONS = 30  # of Newton's method; from a team that hovers level it takes a handful
 AT_REST = 1e-9  # what a tick may still change, in SI units
-STEP = 1e-4  # of differences, in SI units; they neglect its fourth power
-GONE = 1e-6  # a mode that leaves less than this of itself after one tick is no mode of the motion
+STEP = 1e-5  # of differences, in SI units; they neglect its fourth power
+GONE = 0.01  # a mode that leaves less than this of itself after one tick is no mode of the motion
 NEUTRAL = 1e-6  # rad/s, below which a rate is rounding: of |z|, divided by the tick
 
 
@@ -92,13 +92,14 @@ def monodromy(plan: simulate.Plan, z: State) -> tuple[Carried, np.ndarray]:
 
     Bodies move by the truth's parameters and are flown by the nominal ones; sensors are exact, and nothing else acts
     that is unknown. So the rest may be off the reference, as by a payload that is heavier than believed. Newton's
-    method on `x = map(x)` with the first slope, by differences of `simulate.advance`: no program is compiled that a
-    flight does not need anyway. Raises ValueError where there is no rest near z.
+    method on `x = map(x)`, its slope anew where the last one helps little, by differences of `simulate.advance`: no
+    program is compiled that a flight does not need anyway. Raises ValueError where there is no rest near z.
     """
     plan = dataclasses.replace(plan, world=_alone(plan.world))
     noise = sensor.draw(plan.world.team, jax.random.key(0), simulate.chunk(plan))  # of sensors that have none
     loop = _ticked(plan, simulate.start(plan.world, plan.pilot, plan.oracle, z), noise)
-    slope = None
+    moves, slope, last = _moves(plan.pilot.baseline, _take(loop)), None, np.inf
+    step = np.zeros(len(moves))
     for _ in range(ITERATIONS):
         interrupt.check()
         off = _changed(plan, loop, noise, [_take(loop)])[0]
@@ -106,10 +107,11 @@ def monodromy(plan: simulate.Plan, z: State) -> tuple[Carried, np.ndarray]:
             return _take(loop), _slope(plan, loop, noise)
         if not np.isfinite(off).all():
             break
-        slope = _slope(plan, loop, noise) if slope is None else slope
+        if slope is None or np.abs(off).max() > last / 10:
+            slope = _slope(plan, loop, noise)
         if not np.isfinite(slope).all():
             break
-        moves, step = _moves(plan.pilot.baseline, _take(loop)), np.zeros(len(off))
+        last = np.abs(off).max()
         step[moves] = np.linalg.lstsq((np.eye(len(off)) - slope)[np.ix_(moves, moves)], off[moves])[0]
         loop = _put(loop, jax.tree.map(lambda leaf: leaf[0], _move(_take(loop), jnp.asarray(step[None]))))
     raise ValueError("the team finds no rest near the start of its reference")
