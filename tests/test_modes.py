@@ -100,7 +100,9 @@ def test_a_team_that_flies_is_not_called_unstable():
 
 
 def test_a_baseline_that_is_off_adds_no_mode_and_one_that_is_on_adds_its_own():
-    slow = lambda found: int((found.eigenvalues.real > -50).sum())  # rad/s; some are gone within a tick or two
+    def slow(found: modes.Modes) -> int:
+        return int((found.eigenvalues.real > -50).sum())  # rad/s; some are gone within a tick or two
+
     rival = paper.plan("I").pilot.baseline
     with_integral = modes.at_rest(paper.with_pilot(plan(), baseline=rival), z())
     assert slow(with_integral) == slow(at_500_hertz()) + 6

@@ -7,8 +7,8 @@ column or a line of a table. The name is the same string in all of them, and is 
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import dataclasses
+import fcntl
 import hashlib
 import json
 import os
