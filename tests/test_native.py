@@ -420,6 +420,16 @@ def test_dimensions_may_be_integers_of_numpy():
     check(f, X)
 
 
+def test_a_native_function_batched_inside_a_native_function():
+    def one(x: jax.Array, y: jax.Array) -> jax.Array:
+        return jnp.sin(x).sum() * y
+
+    inner = native.compile(one)
+    outer = native.compile(lambda x, y: jax.vmap(jax.vmap(inner, in_axes=(0, None)), in_axes=(None, 0))(x, y))
+    x, y = jnp.arange(12.0).reshape(3, 4), jnp.arange(2.0)
+    assert_close(outer(x, y), jax.vmap(jax.vmap(one, in_axes=(0, None)), in_axes=(None, 0))(x, y))
+
+
 def test_over_is_vmap():
     def f(x, y):
         return {"a": jnp.sin(x) @ y, "b": x.sum()}

@@ -22,6 +22,7 @@ from jax.extend import core
 from jax.interpreters import ad, batching, mlir, partial_eval
 
 from colift.native import build, elementwise, emit, indexing, linalg, liveness, loops, reduction, shape
+from colift.native.equations import batch_axes, by_jax
 from colift.native.graph import Function, Graph
 from colift.native.interpret import UnsupportedPrimitive, interpret
 from colift.over import trace
@@ -71,32 +72,8 @@ def compile(f: Callable[..., Any], *, threads: int | None = None) -> Callable[..
     return compiled
 
 
-def _by_jax(*args: Any, jaxpr: core.ClosedJaxpr, threads: int) -> list[Any]:  # noqa: ARG001
-    """The value by JAX: leading axes beyond the function's own are batches, of length one where shared."""
-    f = core.jaxpr_as_fun(jaxpr)
-    axes = _batch_axes(args, jaxpr)
-    for axis in reversed(range(axes)):
-        f = _mapped(f, [np.shape(x)[axis] != 1 for x in args])
-    return f(*args)
-
-
-def _mapped(f: Callable[..., Any], own: Sequence[bool]) -> Callable[..., Any]:
-    def g(*args: Any) -> Any:
-        if not any(own):
-            return [x[None] for x in f(*(a[0] for a in args))]
-        return jax.vmap(f, in_axes=[0 if o else None for o in own])(
-            *(a if o else a[0] for a, o in zip(args, own, strict=True))
-        )
-
-    return g
-
-
-def _batch_axes(args: Sequence[Any], jaxpr: core.ClosedJaxpr) -> int:
-    return next((np.ndim(a) - v.ndim for a, v in zip(args, jaxpr.in_avals, strict=True)), 0)
-
-
 def _batch_shape(args: Sequence[Any], jaxpr: core.ClosedJaxpr) -> tuple[int, ...]:
-    axes = _batch_axes(args, jaxpr)
+    axes = batch_axes(args, jaxpr)
     return np.broadcast_shapes(*(np.shape(a)[:axes] for a in args)) if axes else ()
 
 
@@ -112,7 +89,7 @@ def _batch(args: Sequence[Any], dims: Sequence[int | None], **params: Any) -> tu
 
 
 def _jvp(primals: Sequence[Any], tangents: Sequence[Any], **params: Any) -> tuple[Any, Any]:
-    f = functools.partial(_by_jax, **params)
+    f = functools.partial(by_jax, **params)
     return jax.jvp(f, tuple(primals), tuple(map(ad.instantiate_zeros, tangents)))
 
 
@@ -120,7 +97,7 @@ def _by_native(*args: Any, jaxpr: core.ClosedJaxpr, threads: int) -> list[Any]:
     """The value by the compiled code. One sample's arguments travel as one array a type: called in a loop of XLA, each
     further array costs about 0.2 us a step. Joining arguments is cheap; parting joined results is not.
     """
-    batch, batched = _batch_shape(args, jaxpr), _batch_axes(args, jaxpr) > 0
+    batch, batched = _batch_shape(args, jaxpr), batch_axes(args, jaxpr) > 0
     joined = [
         args[parcel[0]] if batched else jax.numpy.concatenate([args[k].ravel() for k in parcel])
         for parcel in _parcels(jaxpr.in_avals, batched)
@@ -208,7 +185,7 @@ def _jitted(**params: Any) -> Callable[..., Any]:
     return jax.jit(functools.partial(native_p.bind, **params))
 
 
-_lower_by_jax = mlir.lower_fun(_by_jax, multiple_results=True)
+_lower_by_jax = mlir.lower_fun(by_jax, multiple_results=True)
 _lower_by_native = mlir.lower_fun(_by_native, multiple_results=True)
 native_p.def_impl(lambda *args, **params: _jitted(**params)(*args))
 native_p.def_abstract_eval(_abstract)

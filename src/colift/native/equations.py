@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,7 +13,7 @@ import jax.core
 import numpy as np
 from jax.extend import core, source_info_util
 
-CALLS = {"jit", "custom_jvp_call", "custom_vjp_call", "remat2", "native"}
+CALLS = {"jit", "custom_jvp_call", "custom_vjp_call", "remat2"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,8 +52,10 @@ def flatten(jaxpr: core.Jaxpr, args: Sequence[Value], place: str = "") -> tuple[
     for eqn in jaxpr.eqns:
         inputs = [read(v) for v in eqn.invars]
         here = source_info_util.summarize(eqn.source_info) or place  # JAX's own functions know no place of the user's
-        if eqn.primitive.name in CALLS:
+        if eqn.primitive.name in CALLS or eqn.primitive.name == "native":
             inner = eqn.params["jaxpr"] if "jaxpr" in eqn.params else eqn.params["call_jaxpr"]
+            if eqn.primitive.name == "native":
+                inner = jax.make_jaxpr(functools.partial(by_jax, jaxpr=inner))(*(v.aval for v in eqn.invars))
             if isinstance(inner, core.ClosedJaxpr):
                 inputs = [*map(constant, inner.consts), *inputs]
                 inner = inner.jaxpr
@@ -63,6 +66,30 @@ def flatten(jaxpr: core.Jaxpr, args: Sequence[Value], place: str = "") -> tuple[
             equations.append(Equation(eqn.primitive, eqn.params, inputs, outputs, here))
         env.update(zip(eqn.outvars, outputs, strict=True))
     return equations, [read(v) for v in jaxpr.outvars]
+
+
+def by_jax(*args: Any, jaxpr: core.ClosedJaxpr, threads: int = 1) -> list[Any]:  # noqa: ARG001  as the primitive's
+    """The value of a native function by JAX: leading axes beyond its own are batches, of length one where shared."""
+    f = core.jaxpr_as_fun(jaxpr)
+    for axis in reversed(range(batch_axes(args, jaxpr))):
+        f = _mapped(f, [np.shape(x)[axis] != 1 for x in args])
+    return f(*args)
+
+
+def _mapped(f: Callable[..., Any], own: Sequence[bool]) -> Callable[..., Any]:
+    def g(*args: Any) -> Any:
+        if not any(own):
+            return [x[None] for x in f(*(a[0] for a in args))]
+        return jax.vmap(f, in_axes=[0 if o else None for o in own])(
+            *(a if o else a[0] for a, o in zip(args, own, strict=True))
+        )
+
+    return g
+
+
+def batch_axes(args: Sequence[Any], jaxpr: core.ClosedJaxpr) -> int:
+    """How many leading axes the arguments have beyond the function's own."""
+    return next((np.ndim(a) - v.ndim for a, v in zip(args, jaxpr.in_avals, strict=True)), 0)
 
 
 MOVING = {  # no statement of C
