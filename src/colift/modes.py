@@ -122,8 +122,8 @@ def _slope(plan: simulate.Plan, loop: simulate.Loop, noise: sensor.Noise) -> np.
     x = _take(loop)
     n = sum(math.prod(shape) for _, shape in _shapes(x))
     steps = STEP * np.stack([k * np.eye(n) for k in (1, -1, 2, -2)])
-    moved = jax.tree.map(np.asarray, _move(x, jnp.asarray(steps.reshape(-1, n))))
-    around = [jax.tree.map(lambda leaf, k=k: jnp.asarray(leaf[k]), moved) for k in range(4 * n)]
+    moved = _move(x, jnp.asarray(steps.reshape(-1, n)))
+    around = [_row(moved, jnp.asarray(k)) for k in range(4 * n)]
     near, back, far, farther_back = _changed(plan, loop, noise, around).reshape(4, n, n)
     return ((8 * (near - back) - (far - farther_back)) / (12 * STEP)).T
 
@@ -186,6 +186,11 @@ def _unravel(x: Carried, d: Any) -> Carried:
 def _move(x: Carried, d: Array) -> Carried:
     turns = jax.tree.unflatten(jax.tree.structure(x), [attitude for attitude, _ in _shapes(x)])
     return jax.tree.map(lambda attitude, a, b: mul(a, so3.exp(b)) if attitude else a + b, turns, x, _unravel(x, d))
+
+
+@jax.jit
+def _row(moved: Carried, k: Array) -> Carried:
+    return jax.tree.map(lambda leaf: leaf[k], moved)
 
 
 @jax.jit
