@@ -26,7 +26,7 @@ from colift.model import AgentInput, no_force
 from tests import teams
 team, z = teams.reference_team(2), teams.reference_guess(2)
 u = (AgentInput(u=jnp.zeros(2), tau=jnp.zeros((2, 3)), tau_r=jnp.zeros((2, 3))),)
-step = lambda team, z, u, dt: dynamics.project(team, dynamics.integrate(team, z, u, lambda _: no_force(team), dt))
+step = lambda team, z, u, dt: dynamics.project(team, dynamics.integrate(team, z, u, lambda _z, _t: no_force(team), dt))
 by = native.compile if "{back_end}" == "native" else (lambda f: f)
 jax.block_until_ready(jax.jit(by(step))(team, z, u, jnp.array(1e-3)))
 """

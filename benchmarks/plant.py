@@ -20,7 +20,7 @@ Case = tuple[Team, State, dynamics.Inputs]
 
 def step(team: Team, z: State, inputs: dynamics.Inputs, dt: jax.Array) -> State:
     """RK4 and the projection."""
-    return dynamics.project(team, dynamics.integrate(team, z, inputs, lambda _: no_force(team), dt))
+    return dynamics.project(team, dynamics.integrate(team, z, inputs, lambda _z, _t: no_force(team), dt))
 
 
 def rollout(steps: int) -> Callable[..., State]:

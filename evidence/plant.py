@@ -222,7 +222,7 @@ def shaken(team: Team, home: State, key: Array) -> tuple[Array, Array, Array, Ar
             for i, (n, group) in enumerate(zip(team.sizes, team.groups, strict=True))
         )
         R = so3.exp(jnp.array([0.0, 0.0, 1.0]) * 2 * jnp.clip(k * 0.05 / 30, 0.0, 1.0))
-        residual = lambda z: jax.tree.map(jnp.add, still, springs(z, home, R))  # noqa: E731
+        residual = lambda z, _: jax.tree.map(jnp.add, still, springs(z, home, R))  # noqa: E731
 
         def one(_: int, carry: tuple) -> tuple:
             z, Phi, Phi_dot, turn, speed = carry

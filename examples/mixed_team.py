@@ -96,7 +96,7 @@ def inputs(team: Team) -> dynamics.Inputs:
 @jax.jit
 def step(team: Team, z: State) -> State:
     """One step of order 4, then the nearest state on the grasp. `team` is an argument: new numbers do not recompile."""
-    free = dynamics.integrate(team, z, inputs(team), lambda _: model.no_force(team), jnp.array(STEP))
+    free = dynamics.integrate(team, z, inputs(team), lambda _z, _t: model.no_force(team), jnp.array(STEP))
     return dynamics.project(team, free)
 
 

@@ -70,7 +70,7 @@ def momentum(team: Team, z: State) -> jax.Array:
 
 def step(team: Team, z: State, inputs: dynamics.Inputs, f: Residual, dt: jax.Array, projected: jax.Array) -> State:
     """One step; the projection may be left out."""
-    z = dynamics.integrate(team, z, inputs, lambda _: f, dt)
+    z = dynamics.integrate(team, z, inputs, lambda _z, _t: f, dt)
     return jax.lax.cond(projected, lambda z: dynamics.project(team, z), lambda z: z, z)
 
 
@@ -91,7 +91,7 @@ def track(
 
     def inner(_: int, carry: tuple) -> tuple:
         z, work, rough = carry
-        free = dynamics.integrate(team, z, inputs, lambda _: f, dt)
+        free = dynamics.integrate(team, z, inputs, lambda _z, _t: f, dt)
         z = jax.lax.cond(projected, lambda z: dynamics.project(team, z), lambda z: z, free)
         added = sum(energy(team, z)) - sum(energy(team, free))
         return z, work + added, rough + jnp.abs(added)
@@ -160,7 +160,7 @@ def arrival(team: Team, z: State, inputs: dynamics.Inputs, f: Residual, *, steps
     dt = jnp.array(1e-3)
 
     def body(z: State, _: None) -> tuple[State, None]:
-        return dynamics.project(team, dynamics.integrate(team, z, inputs, lambda _: f, dt)), None
+        return dynamics.project(team, dynamics.integrate(team, z, inputs, lambda _z, _t: f, dt)), None
 
     z, _ = jax.lax.scan(body, z, None, length=steps)
     parts = [x.ravel() for x in jax.tree.leaves(z)]

@@ -15,7 +15,7 @@ from tests import motion, teams
 from tests.pinocchio_team import PinocchioTeam
 
 accelerate, project = jax.jit(dynamics.accelerate), jax.jit(dynamics.project)
-integrate = jax.jit(lambda team, z, inputs, f, dt: dynamics.integrate(team, z, inputs, lambda _: f, dt))
+integrate = jax.jit(lambda team, z, inputs, f, dt: dynamics.integrate(team, z, inputs, lambda _z, _t: f, dt))
 MIXED = teams.POOL[5]  # (n, n_r) = (2, 3), (1, 3), (3, 7) together
 
 

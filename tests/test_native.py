@@ -520,7 +520,7 @@ def test_threads_must_be_positive():
 
 def plant_step(team, z, inputs, f, dt):
     """One step of the plant on the grasp."""
-    return dynamics.project(team, dynamics.integrate(team, z, inputs, lambda z: f, dt))
+    return dynamics.project(team, dynamics.integrate(team, z, inputs, lambda z, _: f, dt))
 
 
 @pytest.mark.parametrize("structure", [teams.POOL[2], teams.POOL[6]])

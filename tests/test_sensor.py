@@ -173,7 +173,7 @@ def test_a_tip_feels_its_force_in_the_frame_of_its_body():
 def test_an_accelerometer_reads_the_rate_of_its_velocity_less_gravity():
     team, z, _ = case()
     f, h, u = no_force(team), 1e-4, inputs()
-    step = jax.jit(lambda z, dt: dynamics.integrate(team, z, u, lambda z: f, dt))
+    step = jax.jit(lambda z, dt: dynamics.integrate(team, z, u, lambda z, _: f, dt))
     ends = [
         sense(team, sensors(), no_bias(team), exposed(team, step(z, jnp.array(s))), no_noise(team)) for s in (h, -h)
     ]

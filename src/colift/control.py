@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from colift import agent as ag
-from colift import linalg, so3
+from colift import balance, linalg, so3
 from colift.model import Agent, AgentForce, AgentInput, AgentState, Payload, PayloadState, Wrench
 from colift.pytree import pytree
 from colift.reference import Setpoint
@@ -35,21 +35,19 @@ class Command:
     jerk: Float[Array, "3"]  # m/s^3, rate of a
 
 
-def command(gains: Gains, q: PayloadState, a: Float[Array, "3"], d: Setpoint, integral: Float[Array, "6"]) -> Command:
+def command(gains: Gains, q: PayloadState, a: Float[Array, "3"], d: Setpoint) -> Command:
     """Geometric tracking on SE(3), as accelerations.
 
-    `a_cmd = v_d_dot - K_p e_p - K_v e_v - K_i int e_p`,
-    `alpha_cmd = -k_R e_R - k_w e_w - k_i int e_R - (w x R^T R_d w_d - R^T R_d w_d_dot)`.
+    `a_cmd = v_d_dot - K_p e_p - K_v e_v`, `alpha_cmd = -k_R e_R - k_w e_w - (w x R^T R_d w_d - R^T R_d w_d_dot)`.
     `a` is the measured payload acceleration; it shapes only `jerk = j_d - K_p e_v - K_v (a - a_d)`.
-    `integral` is `(K_i int e_p, k_i int e_R)`: zero for the paper's law.
     """
     e_v = q.v - d.v
     to_body = q.R.T @ d.R
     carried = so3.cross(q.omega, to_body @ d.omega) - to_body @ d.omega_dot
     turn = gains.k_R * so3.e_R(q.R, d.R) + gains.k_omega * so3.e_omega(q.R, q.omega, d.R, d.omega)
     return Command(
-        a=d.a - gains.K_p @ (q.p - d.p) - gains.K_v @ e_v - integral[:3],
-        alpha=-turn - integral[3:] - carried,
+        a=d.a - gains.K_p @ (q.p - d.p) - gains.K_v @ e_v,
+        alpha=-turn - carried,
         jerk=d.j - gains.K_p @ e_v - gains.K_v @ (a - d.a),
     )
 
@@ -60,11 +58,8 @@ def wrench(payload: Payload, gravity: Float[Array, "3"], q: PayloadState, to: Co
     `F = m_L a_cmd - f_g - f_hat_p`, `tau = J_L alpha_cmd + w x J_L w - f_hat_w`; with `K_R = k_R J_L`,
     `K_omega = k_w J_L` these are the paper's.
     """
-    J = payload.inertia
-    return Wrench(
-        F=payload.mass * (to.a - gravity) - f_hat.F,
-        tau=J @ to.alpha + so3.cross(q.omega, J @ q.omega) - f_hat.tau,
-    )
+    W = balance.payload(payload, to.a - gravity, to.alpha, q.omega)
+    return Wrench(F=W.F - f_hat.F, tau=W.tau - f_hat.tau)
 
 
 def attitude(f: Float[Array, "3"], heading: Float[Array, ""]) -> Float[Array, "3 3"]:
@@ -108,10 +103,9 @@ def realize(
     p = ag.reduce(agent, g)
     h, kappa = ag.bias(agent, g, p, q.omega, q.r_dot)
     xi_dot, x_dd = _motion(agent, gains, gravity, q, load, to, share, f_hat, p, kappa)
-    f_des = p.mass * (x_dd - gravity) + share.lam.sum(0) - f_hat.f_x
-    u = (f_des * q.R[:, 2]).sum()
-    lam = (share.lam @ q.R).reshape(-1)
-    Q = p.M_bar @ xi_dot + h - u * p.base[2] + lam @ p.tip.reshape(lam.shape[0], -1)
+    f_des, Q, thrust = balance.forces(p, h, q, x_dd - gravity, xi_dot, share.lam)
+    u = ((f_des - f_hat.f_x) * q.R[:, 2]).sum()
+    Q = Q - u * thrust
     return AgentInput(u=u, tau=Q[:3] - f_hat.f_w, tau_r=Q[3:] - f_hat.f_r)
 
 

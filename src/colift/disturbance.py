@@ -1,12 +1,13 @@
 """The truth's unknown forces: named sources, each a force or torque at a point of a body.
 
-A law says what force and torque act on a body that moves in a certain way; a `Mount` says where. The point's
-Jacobian maps them to `(f_x, f_w, f_r)` of an agent or to the payload's wrench. Only the plant uses this module.
+A law says what force and torque act on a body that moves in a certain way at a certain time; a `Mount` says where. The
+point's Jacobian maps them to `(f_x, f_w, f_r)` of an agent or to the payload's wrench. Only the plant uses this module.
 """
 
 from __future__ import annotations
 
-from typing import ClassVar, Protocol, runtime_checkable
+from collections.abc import Callable
+from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -14,7 +15,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from colift import agent as ag
-from colift import estimate, learn, so3
+from colift import so3
 from colift.model import Agent, AgentForce, AgentState, PayloadState, Residual, State, Team, Wrench
 from colift.pytree import pytree, static
 
@@ -32,32 +33,42 @@ class Motion:
     omega: Vector  # rad/s, body frame
 
 
-@runtime_checkable
-class Law(Protocol):
-    """A force (N, world) and a torque (N m, body frame) as a function of a point's motion.
+class Law:
+    """A force (N, world) and a torque (N m, body frame) as a function of a point's motion, time and a memory.
 
-    A law is time invariant if they depend on the motion alone, as Assumption 3 wants; certificates ask (`varying`).
+    One of your own is a `pytree` that extends this class. It is time invariant if force and torque depend on the motion
+    alone, as Assumption 3 wants; certificates ask (`varying`). A law without a memory leaves `begin` and `after` alone.
     """
 
     time_invariant: ClassVar[bool]
 
-    def __call__(self, at: Motion) -> tuple[Vector, Vector]: ...
+    def __call__(self, at: Motion, t: Scalar, memory: Any) -> tuple[Vector, Vector]:
+        """Force and torque at time t, s."""
+        raise NotImplementedError
+
+    def begin(self) -> Any:
+        """The memory before the flight, a PyTree; every agent that carries the law has its own."""
+        return ()
+
+    def after(self, at: Motion, t: Scalar, memory: Any, dt: Scalar) -> Any:  # noqa: ARG002  of laws without one
+        """The memory at t + dt, from the motion at t; a step of the plant holds it in between."""
+        return memory
 
 
 @pytree
-class Constant:
+class Constant(Law):
     """A force fixed in the world and a torque fixed in the body."""
 
     force: Vector  # N
     torque: Vector  # N m
     time_invariant: ClassVar[bool] = True
 
-    def __call__(self, at: Motion) -> tuple[Vector, Vector]:  # noqa: ARG002  a law like the others
+    def __call__(self, at: Motion, t: Scalar, memory: Any) -> tuple[Vector, Vector]:  # noqa: ARG002  as a law is called
         return self.force, self.torque
 
 
 @pytree
-class Wind:
+class Wind(Law):
     """Drag in a steady wind field: `F = -(c_1 + c_2 |w|) w`, `w = v - wind(x)` the velocity through the air.
 
     `wind(x) = mean + sum_k gust_k sin(wave_k . x + phase_k)`: it varies in space, not in time.
@@ -71,7 +82,7 @@ class Wind:
     phase: Float[Array, "waves"]  # rad
     time_invariant: ClassVar[bool] = True
 
-    def __call__(self, at: Motion) -> tuple[Vector, Vector]:
+    def __call__(self, at: Motion, t: Scalar, memory: Any) -> tuple[Vector, Vector]:  # noqa: ARG002  as a law is called
         sines = jnp.sin((self.wave * at.x[None]).sum(1) + self.phase)
         w = at.v - self.mean - (self.gust * sines[:, None]).sum(0)
         speed = jnp.sqrt((w * w).sum() + 1e-6)  # smooth where the air is at rest
@@ -79,7 +90,7 @@ class Wind:
 
 
 @pytree
-class Tether:
+class Tether(Law):
     """An elastic line to a fixed point: `F = k (|d| - l) d / |d|`, `d` from the body to the anchor; taut only."""
 
     anchor: Vector  # m, world
@@ -87,14 +98,14 @@ class Tether:
     length: Scalar  # m, unstretched
     time_invariant: ClassVar[bool] = True
 
-    def __call__(self, at: Motion) -> tuple[Vector, Vector]:
+    def __call__(self, at: Motion, t: Scalar, memory: Any) -> tuple[Vector, Vector]:  # noqa: ARG002  as a law is called
         d = self.anchor - at.x
         distance = jnp.sqrt((d * d).sum() + 1e-9)
         return self.stiffness * jnp.maximum(distance - self.length, 0.0) / distance * d, jnp.zeros(3)
 
 
 @pytree
-class Jet:
+class Jet(Law):
     """A local stream: `F = force exp(-|x - center|^2 / (2 width^2))`."""
 
     force: Vector  # N at the centre
@@ -102,20 +113,20 @@ class Jet:
     width: Scalar  # m
     time_invariant: ClassVar[bool] = True
 
-    def __call__(self, at: Motion) -> tuple[Vector, Vector]:
+    def __call__(self, at: Motion, t: Scalar, memory: Any) -> tuple[Vector, Vector]:  # noqa: ARG002  as a law is called
         d = (at.x - self.center) / self.width
         return jnp.exp(-(d * d).sum() / 2) * self.force, jnp.zeros(3)
 
 
 @pytree
-class RotorBias:
+class RotorBias(Law):
     """Rotors that do not give what is asked: a thrust along the body's third axis and a torque, both constant."""
 
     thrust: Scalar  # N
     torque: Vector  # N m, body frame
     time_invariant: ClassVar[bool] = True
 
-    def __call__(self, at: Motion) -> tuple[Vector, Vector]:
+    def __call__(self, at: Motion, t: Scalar, memory: Any) -> tuple[Vector, Vector]:  # noqa: ARG002  as a law is called
         return self.thrust * at.R[:, 2], self.torque
 
 
@@ -155,31 +166,68 @@ class Disturbances:
     payload: tuple[Mount, ...]
     agents: tuple[tuple[AgentMount, ...], ...]  # by group
     joints: tuple[JointFriction, ...]  # by group
-    functions: tuple[learn.Oracle, ...] = ()  # residuals that are posterior means, hence of known norm in their RKHS
+    functions: tuple[Callable[[State], Residual], ...] = ()  # of the state alone, PyTrees as well
 
 
-def residual(sources: Disturbances, team: Team, z: State) -> Residual:
-    """The truth's `f_uk`: what the sources do to every agent and to the payload in the state z."""
+@pytree
+class Memory:
+    """What the laws keep between ticks, by source."""
+
+    payload: tuple[Any, ...]
+    agents: tuple[tuple[Any, ...], ...]  # by group, agents lead
+
+
+def begin(sources: Disturbances, team: Team) -> Memory:
+    """The memory of all laws before the flight."""
+    return Memory(
+        payload=tuple(mount.law.begin() for mount in sources.payload),
+        agents=tuple(
+            tuple(jax.vmap(lambda law: law.begin(), axis_size=size)(mount.law) for mount in mounts)
+            for size, mounts in zip(team.sizes, sources.agents, strict=True)
+        ),
+    )
+
+
+def residual(sources: Disturbances, team: Team, z: State, t: Scalar, memory: Memory) -> Residual:
+    """The truth's `f_uk`: what the sources do to every agent and to the payload in the state z at time t, s."""
     named = Residual(
         agents=tuple(
-            jax.vmap(_on_agent)(group, state, mounts, friction)
-            for group, state, mounts, friction in zip(
-                team.groups, z.agents, sources.agents, sources.joints, strict=True
+            jax.vmap(_on_agent, in_axes=(0, 0, 0, 0, None, 0))(group, state, mounts, friction, t, kept)
+            for group, state, mounts, friction, kept in zip(
+                team.groups, z.agents, sources.agents, sources.joints, memory.agents, strict=True
             )
         ),
-        payload=on_payload(sources.payload, z.payload),
+        payload=on_payload(sources.payload, z.payload, t, memory.payload),
     )
     for function in sources.functions:
-        named = jax.tree.map(jnp.add, named, _mean(function, z))
+        named = jax.tree.map(jnp.add, named, function(z))
     return named
 
 
-def _mean(function: learn.Oracle, z: State) -> Residual:
-    """What an oracle would predict at the true state."""
-    inputs = tuple(jax.vmap(estimate.flat_agent)(q) for q in z.agents)
-    return Residual(
-        agents=learn.agents_mean(function, inputs),
-        payload=learn.payload_mean(function, estimate.flat_payload(z.payload, jnp.zeros(6))),
+def at_start(sources: Disturbances, team: Team, z: State) -> Residual:
+    """`residual` at time zero, before any law has a past."""
+    return residual(sources, team, z, jnp.zeros(()), begin(sources, team))
+
+
+def after(sources: Disturbances, team: Team, z: State, t: Scalar, memory: Memory, dt: Scalar) -> Memory:
+    """The memory of all laws at t + dt, from the state z at t."""
+
+    def of_agent(agent: Agent, q: AgentState, mounts: tuple[AgentMount, ...], kept: tuple[Any, ...]) -> tuple[Any, ...]:
+        carried = _carried(agent, q)
+        return tuple(
+            mount.law.after(_of_body(agent, q, carried, mount)[0], t, past, dt)
+            for mount, past in zip(mounts, kept, strict=True)
+        )
+
+    return Memory(
+        payload=tuple(
+            mount.law.after(_of_payload(mount, z.payload), t, past, dt)
+            for mount, past in zip(sources.payload, memory.payload, strict=True)
+        ),
+        agents=tuple(
+            jax.vmap(of_agent)(group, state, mounts, kept) if jax.tree.leaves(kept) else kept
+            for group, state, mounts, kept in zip(team.groups, z.agents, sources.agents, memory.agents, strict=True)
+        ),
     )
 
 
@@ -193,34 +241,56 @@ def varying(sources: Disturbances) -> tuple[str, ...]:
     return tuple(dict.fromkeys(mount.name or type(mount.law).__name__ for mount in mounts))
 
 
-def on_payload(mounts: tuple[Mount, ...], q: PayloadState) -> Wrench:
+def on_payload(mounts: tuple[Mount, ...], q: PayloadState, t: Scalar, memory: tuple[Any, ...]) -> Wrench:
     """The sum of the payload's sources: `F = sum F_i`, `tau = sum c_i x R^T F_i + T_i`."""
     F, tau = jnp.zeros(3), jnp.zeros(3)
-    for mount in mounts:
-        v = q.v + q.R @ so3.cross(q.omega, mount.point)
-        force, torque = mount.law(Motion(x=q.p + q.R @ mount.point, v=v, R=q.R, omega=q.omega))
+    for mount, kept in zip(mounts, memory, strict=True):
+        force, torque = mount.law(_of_payload(mount, q), t, kept)
         F, tau = F + force, tau + so3.cross(mount.point, q.R.T @ force) + torque
     return Wrench(F=F, tau=tau)
 
 
-def _on_agent(agent: Agent, q: AgentState, mounts: tuple[AgentMount, ...], friction: JointFriction) -> AgentForce:
+def _of_payload(mount: Mount, q: PayloadState) -> Motion:
+    v = q.v + q.R @ so3.cross(q.omega, mount.point)
+    return Motion(x=q.p + q.R @ mount.point, v=v, R=q.R, omega=q.omega)
+
+
+Carried = tuple[ag.Geometry, ag.Reduced, Float[Array, "xi"]]
+
+
+def _carried(agent: Agent, q: AgentState) -> Carried:
     g = ag.geometry(agent, q.r)
-    p = ag.reduce(agent, g)
-    xi = jnp.concatenate([q.omega, q.r_dot])
+    return g, ag.reduce(agent, g), jnp.concatenate([q.omega, q.r_dot])
+
+
+def _of_body(agent: Agent, q: AgentState, carried: Carried, mount: AgentMount) -> tuple[Motion, Float[Array, "3 xi"]]:
+    """How the point of a mount moves, and its Jacobian B."""
+    (g, p, xi), i = carried, mount.body
+    lever = g.rotation[i] @ (mount.point - agent.com[i])
+    B = p.com[i] - so3.hat(lever) @ p.spin[i]
+    rho = g.point[i] + lever - p.s
+    return Motion(
+        x=q.x + q.R @ rho,
+        v=q.v + q.R @ (B @ xi),
+        R=q.R @ g.rotation[i],
+        omega=g.rotation[i].T @ (p.spin[i] @ xi),
+    ), B
+
+
+def _on_agent(
+    agent: Agent,
+    q: AgentState,
+    mounts: tuple[AgentMount, ...],
+    friction: JointFriction,
+    t: Scalar,
+    memory: tuple[Any, ...],
+) -> AgentForce:
+    carried = g, p, xi = _carried(agent, q)
     f_x, Q = jnp.zeros(3), jnp.zeros_like(xi)
-    for mount in mounts:
-        i = mount.body
-        lever = g.rotation[i] @ (mount.point - agent.com[i])
-        B = p.com[i] - so3.hat(lever) @ p.spin[i]
-        rho = g.point[i] + lever - p.s
-        at = Motion(
-            x=q.x + q.R @ rho,
-            v=q.v + q.R @ (B @ xi),
-            R=q.R @ g.rotation[i],
-            omega=g.rotation[i].T @ (p.spin[i] @ xi),
-        )
-        force, torque = mount.law(at)
+    for mount, kept in zip(mounts, memory, strict=True):
+        at, B = _of_body(agent, q, carried, mount)
+        force, torque = mount.law(at, t, kept)
         f_x = f_x + mount.active * force
-        Q = Q + mount.active * (B.T @ (q.R.T @ force) + p.spin[i].T @ (g.rotation[i] @ torque))
+        Q = Q + mount.active * (B.T @ (q.R.T @ force) + p.spin[mount.body].T @ (g.rotation[mount.body] @ torque))
     rubbing = -friction.viscous * q.r_dot - friction.coulomb * jnp.tanh(q.r_dot / friction.speed)
     return AgentForce(f_x=f_x, f_w=Q[:3], f_r=Q[3:] + rubbing)

@@ -242,18 +242,23 @@ def rate(z: State, d: Shift, a: Acceleration) -> Shift:
 
 
 def integrate(
-    team: Team, z: State, inputs: Inputs, residual: Callable[[State], Residual], dt: Float[Array, ""]
+    team: Team,
+    z: State,
+    inputs: Inputs,
+    residual: Callable[[State, Float[Array, ""]], Residual],
+    dt: Float[Array, ""],
 ) -> State:
     """One classical Runge-Kutta step of order 4 in local coordinates (Munthe-Kaas), inputs held.
 
-    The stages run in a scan, so the model is compiled once and not four times.
+    residual: of a state and of the time since the step began, s. The stages run in a scan, so the model is compiled
+    once and not four times.
     """
 
     def stage(carry: tuple[Shift, Shift], node: Float[Array, "2"]) -> tuple[tuple[Shift, Shift], None]:
         slope, total = carry
         d = jax.tree.map(lambda k: (dt * node[0]) * k, slope)
         at = move(z, d)
-        a, _ = accelerate(team, at, inputs, residual(at))
+        a, _ = accelerate(team, at, inputs, residual(at, dt * node[0]))
         slope = rate(at, d, a)
         return (slope, jax.tree.map(lambda s, k: s + (dt * node[1]) * k, total, slope)), None
 

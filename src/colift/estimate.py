@@ -15,10 +15,11 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from colift import agent as ag
-from colift import grasp, so3
-from colift.model import Agent, AgentInput, AgentState, PayloadState, Team, Wrench
+from colift import balance, grasp, so3
+from colift.lowpass import LowPass, blend, settle, smooth
+from colift.measurement import AgentReading, Measurement
+from colift.model import Agent, AgentInput, AgentState, Clock, PayloadState, Team, flat_agent, flat_payload
 from colift.pytree import pytree
-from colift.sensor import AgentReading, Measurement
 
 Scalar = Float[Array, ""]
 
@@ -31,32 +32,6 @@ class Filters:
     joint: Scalar  # Hz, second order, joint positions and their rates
     label: Scalar  # Hz, second order, labels and the inputs paired with them
     tip_force: Scalar  # Hz, first order: the bandwidth the tip sensors are known to have
-    dt: Scalar  # s, tick
-
-
-@pytree
-class LowPass:
-    """Memory of a critically damped second-order low-pass: two equal first-order ones in a row."""
-
-    inner: Float[Array, "*shape"]
-    outer: Float[Array, "*shape"]
-
-
-def settle(x: Float[Array, "*shape"]) -> LowPass:
-    """The memory of a filter that has seen x for ever."""
-    return LowPass(inner=x, outer=x)
-
-
-def blend(hertz: Scalar, dt: Scalar) -> Scalar:
-    """What a first-order low-pass takes of a new sample: `1 - exp(-2 pi hertz dt)`."""
-    return -jnp.expm1(-2 * jnp.pi * hertz * dt)
-
-
-def smooth(memory: LowPass, x: Float[Array, "*shape"], hertz: Scalar, dt: Scalar) -> LowPass:
-    """One sample through the low-pass; the value is `outer`."""
-    b = blend(hertz, dt)
-    inner = memory.inner + b * (x - memory.inner)
-    return LowPass(inner=inner, outer=memory.outer + b * (inner - memory.outer))
 
 
 @pytree
@@ -107,6 +82,14 @@ class Memory:
 
 
 @pytree
+class Labelled:
+    """Inputs of the learned maps with their labels, of one tick."""
+
+    payload: tuple[Float[Array, "24"], Float[Array, "6"]]
+    agents: tuple[tuple[Float[Array, "agents inputs"], Float[Array, "agents outputs"]], ...]
+
+
+@pytree
 class Estimate:
     """What the flying software believes after one tick."""
 
@@ -114,20 +97,28 @@ class Estimate:
     payload: PayloadState
     a_L: Float[Array, "6"]  # (v_dot world, raw difference of omega), m/s^2 and rad/s^2
     lam: tuple[Float[Array, "agents arms 3"], ...]  # N, lam_hat, world
+    labelled: Labelled | None = None  # what can be learned from now; None where an estimator gives no labels
 
 
-def flat_agent(q: AgentState) -> Float[Array, "inputs"]:
-    """`vec(R), x, r, omega, v, r_dot`: the inputs of an agent's learned map (Eq. dataset_agent_online)."""
-    return jnp.concatenate([q.R.reshape(9), q.x, q.r, q.omega, q.v, q.r_dot])
+@pytree
+class Estimator:
+    """The estimator that comes with colift: a complementary filter, and labels by the nominal equations."""
+
+    team: Team  # nominal
+    filters: Filters
+
+    def begin(self, first: Measurement) -> Memory:
+        """The memory at the first measurement, as if the team had stood there for ever."""
+        return _begin(self.team, first)
+
+    def observe(
+        self, memory: Memory, m: Measurement, applied: tuple[AgentInput, ...], clock: Clock
+    ) -> tuple[Estimate, Memory]:
+        """One tick: states, `lam_hat` and the filtered labels, given the inputs applied since the last tick."""
+        return _observe(self.team, self.filters, memory, m, applied, clock.dt)
 
 
-def flat_payload(q: PayloadState, a: Float[Array, "6"]) -> Float[Array, "24"]:
-    """`p, v, vec(R), omega`, the payload's state (Eq. dataset_payload_online), then `(v_dot - a_g, w_dot)`."""
-    return jnp.concatenate([q.p, q.v, q.R.reshape(9), q.omega, a])
-
-
-def begin(team: Team, first: Measurement) -> Memory:
-    """The memory at the first measurement, as if the team had stood there for ever."""
+def _begin(team: Team, first: Measurement) -> Memory:
     agents = []
     for size, group, m in zip(team.sizes, team.groups, first.agents, strict=True):
         xi = 3 + group.tree.joints
@@ -155,38 +146,41 @@ def begin(team: Team, first: Measurement) -> Memory:
     )
 
 
-def observe(
-    team: Team, filters: Filters, memory: Memory, m: Measurement, applied: tuple[AgentInput, ...]
+def _observe(
+    team: Team, filters: Filters, memory: Memory, m: Measurement, applied: tuple[AgentInput, ...], dt: Scalar
 ) -> tuple[Estimate, Memory]:
-    """One tick: states, `lam_hat` and the filtered labels, given the inputs applied since the last tick."""
     q = m.payload
     agents, states, forces = [], [], []
-    pull = _after_first(memory.warm, blend(filters.fusion, filters.dt))
+    pull = _after_first(memory.warm, blend(filters.fusion, dt))
     at = Pose(R=q.R, x=q.p, v=q.v)
-    fused = fuse(memory.load, at, q.omega, memory.load.R @ q.a + team.gravity, pull, filters.dt)
+    fused = fuse(memory.load, at, q.omega, memory.load.R @ q.a + team.gravity, pull, dt)
     load = PayloadState(R=fused.R, p=fused.x, omega=q.omega, v=fused.v)
-    observe_agent = jax.vmap(_observe_agent, in_axes=(0, None, 0, 0, 0, None, None))
+    observe_agent = jax.vmap(_observe_agent, in_axes=(0, None, 0, 0, 0, None, None, None))
     for group, past, reading, u in zip(team.groups, memory.agents, m.agents, applied, strict=True):
-        state, lam, now = observe_agent(group, filters, past, reading, u, team.gravity, memory.warm)
+        state, lam, now = observe_agent(group, filters, past, reading, u, team.gravity, memory.warm, dt)
         agents.append(now)
         states.append(state)
         forces.append(lam)
     # nothing to difference on the first tick
-    omega_dot = memory.warm * (q.omega - memory.omega) / filters.dt
+    omega_dot = memory.warm * (q.omega - memory.omega) / dt
     felt = load.R @ q.a
     known, contact = _payload_label(team, load, felt, omega_dot, tuple(forces))
-    known = memory.known + _after_first(memory.warm, blend(filters.tip_force, filters.dt)) * (known - memory.known)
+    known = memory.known + _after_first(memory.warm, blend(filters.tip_force, dt)) * (known - memory.known)
     now = Memory(
         agents=tuple(agents),
         load=fused,
         omega=q.omega,
         known=known,
-        label=_pass(memory.label, known - contact, filters, memory.warm),
-        state=_pass(memory.state, flat_payload(load, jnp.concatenate([felt, omega_dot])), filters, memory.warm),
+        label=_pass(memory.label, known - contact, filters, memory.warm, dt),
+        state=_pass(memory.state, flat_payload(load, jnp.concatenate([felt, omega_dot])), filters, memory.warm, dt),
         warm=jnp.ones(()),
     )
     a_L = jnp.concatenate([felt + team.gravity, omega_dot])
-    return Estimate(agents=tuple(states), payload=load, a_L=a_L, lam=tuple(forces)), now
+    labelled = Labelled(
+        payload=(now.state.outer, now.label.outer),
+        agents=tuple((past.state.outer, past.label.outer) for past in now.agents),
+    )
+    return Estimate(agents=tuple(states), payload=load, a_L=a_L, lam=tuple(forces), labelled=labelled), now
 
 
 def _after_first(warm: Scalar, b: Scalar) -> Scalar:
@@ -194,9 +188,9 @@ def _after_first(warm: Scalar, b: Scalar) -> Scalar:
     return 1 + warm * (b - 1)
 
 
-def _pass(memory: LowPass, x: Float[Array, "*shape"], filters: Filters, warm: Scalar) -> LowPass:
+def _pass(memory: LowPass, x: Float[Array, "*shape"], filters: Filters, warm: Scalar, dt: Scalar) -> LowPass:
     settled = jax.tree.map(lambda past, now: now + warm * (past - now), memory, settle(x))
-    return smooth(settled, x, filters.label, filters.dt)
+    return smooth(settled, x, filters.label, dt)
 
 
 def _payload_label(
@@ -207,10 +201,9 @@ def _payload_label(
     lam: tuple[Float[Array, "agents arms 3"], ...],
 ) -> tuple[Float[Array, "6"], Float[Array, "6"]]:
     """`(m_L v_dot - f_g, J w_dot + w x J w)` and `G lam_hat`; the label is their difference (learning section)."""
-    J = team.payload.inertia
-    moment = J @ omega_dot + so3.cross(q.omega, J @ q.omega)
+    known = balance.payload(team.payload, felt, omega_dot, q.omega)
     W = grasp.wrench(grasp.contacts(team), q.R, grasp.join(lam))
-    return jnp.concatenate([team.payload.mass * felt, moment]), jnp.concatenate([W.F, W.tau])
+    return jnp.concatenate([known.F, known.tau]), jnp.concatenate([W.F, W.tau])
 
 
 def _observe_agent(
@@ -221,15 +214,16 @@ def _observe_agent(
     u: AgentInput,
     gravity: Float[Array, "3"],
     warm: Scalar,
+    dt: Scalar,
 ) -> tuple[AgentState, Float[Array, "arms 3"], AgentMemory]:
     """State, contact forces and the label of Eq. learning_output_components for one agent."""
-    pull = _after_first(warm, blend(filters.fusion, filters.dt))
+    pull = _after_first(warm, blend(filters.fusion, dt))
     at = Pose(R=m.R, x=m.x, v=m.v)
-    base = fuse(past.base, at, m.omega, past.base.R @ m.a + gravity, pull, filters.dt)
-    joint = smooth(past.joint, m.r, filters.joint, filters.dt)
-    b = blend(filters.joint, filters.dt)
+    base = fuse(past.base, at, m.omega, past.base.R @ m.a + gravity, pull, dt)
+    joint = smooth(past.joint, m.r, filters.joint, dt)
+    b = blend(filters.joint, dt)
     # the rate of `outer` that its own recursion implies: no second difference
-    r_dot = (joint.inner - joint.outer) * b / ((1 - b) * filters.dt)
+    r_dot = (joint.inner - joint.outer) * b / ((1 - b) * dt)
     r = joint.outer
     g = ag.geometry(agent, r)
     p = ag.reduce(agent, g)
@@ -240,12 +234,12 @@ def _observe_agent(
     lam = lam_base @ base.R.T
     momenta = p.M_bar @ xi
     # the same tick on both ends of each difference; nothing to difference on the first
-    momenta_dot = warm * (momenta - past.momenta) / filters.dt
-    carried_dot = warm * (carried - past.carried) / filters.dt
+    momenta_dot = warm * (momenta - past.momenta) / dt
+    carried_dot = warm * (carried - past.carried) / dt
     drift = ag.momentum_drift(agent, r, xi)
     force = p.mass * (base.R @ m.a + carried_dot) - u.u * base.R[:, 2]
     moment = momenta_dot - drift - jnp.concatenate([u.tau, u.tau_r]) - u.u * p.base[2]
-    known = past.known + _after_first(warm, blend(filters.tip_force, filters.dt)) * (
+    known = past.known + _after_first(warm, blend(filters.tip_force, dt)) * (
         jnp.concatenate([force, moment]) - past.known
     )
     contact = jnp.concatenate([lam.sum(0), (p.tip * lam_base[:, :, None]).sum((0, 1))])
@@ -255,13 +249,7 @@ def _observe_agent(
         momenta=momenta,
         carried=carried,
         known=known,
-        label=_pass(past.label, known + contact, filters, warm),
-        state=_pass(past.state, flat_agent(q), filters, warm),
+        label=_pass(past.label, known + contact, filters, warm, dt),
+        state=_pass(past.state, flat_agent(q), filters, warm, dt),
     )
     return q, lam, now
-
-
-def payload_label(memory: Memory) -> Wrench:
-    """The filtered label `(y_L_p, y_L_w)`."""
-    y = memory.label.outer
-    return Wrench(F=y[:3], tau=y[3:])

@@ -1,17 +1,231 @@
-"""One tick on board: observe, record, predict, lead, allocate, realize. Memory is explicit; nothing sees the truth."""
+"""What flies: a pilot made of parts, each of which can be replaced alone. Memory is explicit; nothing sees the truth.
+
+One tick: observe, record, predict, lead, allocate, realize. A part is a PyTree with the one or two methods of its class
+here; `docs/change_a_part.md` leads from each wish to the one to replace. `Now` is all that a part may look at.
+"""
 
 from __future__ import annotations
+
+import dataclasses
+from typing import Any, Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from colift import allocate, control, estimate, grasp, learn, reference, so3
-from colift.model import AgentInput, Residual, Team, Wrench
+from colift import allocate as al
+from colift import control, grasp, learn, reference, so3
+from colift.balance import payload as inertial
+from colift.estimate import Estimate
+from colift.lowpass import blend
+from colift.measurement import Measurement
+from colift.model import AgentInput, Clock, Residual, Team, Wrench
 from colift.pytree import pytree
-from colift.sensor import Measurement, Sample
 
 Scalar = Float[Array, ""]
+Inputs = tuple[AgentInput, ...]
+
+
+@pytree
+class Now:
+    """What is known on board when a tick is decided."""
+
+    clock: Clock
+    m: Measurement | None  # None where the law is linearized around a state that nothing measured
+    q_hat: Estimate
+    d: reference.Setpoint
+    W: Wrench  # desired wrench of the last tick, zero before the first
+    ticks: Scalar  # 0 in the first tick, 1 after: what is differenced or filtered begins with the second
+
+
+# The doors ------------------------------------------------------------------------------------------------------------
+
+
+@runtime_checkable
+class Pilot(Protocol):
+    """All that flies: what a loop asks of it."""
+
+    def begin(self, first: Measurement, clock: Clock) -> tuple[Inputs, Any]:
+        """The command that holds the team until the first tick, and the memory before it, from a reading at rest."""
+        ...
+
+    def tick(self, memory: Any, m: Measurement, clock: Clock) -> tuple[Inputs, Any, Telemetry]:
+        """The command from now on, the next memory, and what was decided."""
+        ...
+
+
+@runtime_checkable
+class Estimator(Protocol):
+    """States from measurements; ours is `estimate.Estimator`."""
+
+    def begin(self, first: Measurement) -> Any:
+        """The memory at a reading at rest."""
+        ...
+
+    def observe(self, memory: Any, m: Measurement, applied: Inputs, clock: Clock) -> tuple[Estimate, Any]:
+        """What is believed now, given the command of the last tick; with labels, if it has any."""
+        ...
+
+
+@runtime_checkable
+class Predictor(Protocol):
+    """`f_hat`, the unknown forces that commands compensate."""
+
+    def begin(self) -> Any:
+        """The memory before the first tick."""
+        ...
+
+    def predict(self, memory: Any, oracle: learn.Oracle, now: Now, to: control.Command) -> tuple[Residual, Any]:
+        """The prediction at what is known now, for a payload that is commanded to accelerate so."""
+        ...
+
+
+@runtime_checkable
+class Leader(Protocol):
+    """How the payload is to accelerate."""
+
+    def begin(self) -> Any:
+        """The memory before the first tick."""
+        ...
+
+    def lead(self, memory: Any, now: Now) -> tuple[control.Command, Any]:
+        """The commanded acceleration of the payload, and its rate."""
+        ...
+
+
+@runtime_checkable
+class Allocator(Protocol):
+    """Contact forces that give a payload wrench."""
+
+    def allocate(self, now: Now, W: Wrench, W_dot: Wrench) -> Forces:
+        """Commanded contact forces, and their rate."""
+        ...
+
+
+@runtime_checkable
+class Realizer(Protocol):
+    """Commands that put contact forces on the payload."""
+
+    def realize(self, now: Now, to: control.Command, forces: Forces, f_hat: Residual) -> tuple[Inputs, Saturated]:
+        """Every agent's command, and which thrusts were limited."""
+        ...
+
+
+Saturated = tuple[Bool[Array, "agents"], ...]
+
+
+@pytree
+class Forces:
+    """What an allocator asks of the contacts, world."""
+
+    lam: Float[Array, "contacts 3"]  # N, on the payload
+    lam_dot: Float[Array, "contacts 3"]  # N/s
+    eta: Float[Array, " eta"]  # N, internal-force input, for the log
+
+
+# The paper's parts, and those of the rivals ---------------------------------------------------------------------------
+
+
+@pytree
+class Learned:
+    """`f_hat`: the frozen oracles at the estimated state, the parametric part at the commanded acceleration."""
+
+    team: Team
+
+    def begin(self) -> Any:
+        """Nothing is remembered."""
+        return ()
+
+    def predict(self, memory: Any, oracle: learn.Oracle, now: Now, to: control.Command) -> tuple[Residual, Any]:
+        """`f_hat_L = mean_L(q_L) + Y(q_L, a, alpha) theta`, `f_hat_j = mean_j(q_j)`."""
+        q = now.q_hat.payload
+        f = learn.mean(oracle, q, now.q_hat.agents)
+        inertial = learn.regressor(q, to.a - self.team.gravity, to.alpha) @ oracle.theta
+        W = Wrench(F=f.payload.F + inertial[:3], tau=f.payload.tau + inertial[3:])
+        return dataclasses.replace(f, payload=W), memory
+
+
+@pytree
+class Observed:
+    """Another predictor with a wrench observer added: a low-pass of what the last command did not explain.
+
+    `d = m_L (v_dot - a_g) - F_d`, `J w_dot + w x J w - tau_d`: residual and realization error in one.
+    """
+
+    predictor: Predictor
+    team: Team
+    bandwidth: Scalar  # Hz
+
+    def begin(self) -> Any:
+        """What is observed, and the other's memory."""
+        return jnp.zeros(6), self.predictor.begin()
+
+    def predict(self, memory: Any, oracle: learn.Oracle, now: Now, to: control.Command) -> tuple[Residual, Any]:
+        """The other's prediction, and what is observed on the payload."""
+        past, of_other = memory
+        f, of_other = self.predictor.predict(of_other, oracle, now, to)
+        q, a = now.q_hat.payload, now.q_hat.a_L
+        W = inertial(self.team.payload, a[:3] - self.team.gravity, a[3:], q.omega)
+        left = jnp.concatenate([W.F - now.W.F, W.tau - now.W.tau])
+        # before the first tick there was no command to explain anything
+        d = past + now.ticks * blend(self.bandwidth, now.clock.dt) * (left - past)
+        W = Wrench(F=f.payload.F + d[:3], tau=f.payload.tau + d[3:])
+        return dataclasses.replace(f, payload=W), (d, of_other)
+
+
+@pytree
+class Told:
+    """Another predictor, and the residual that the world tells (`sensor.Informant`)."""
+
+    predictor: Predictor
+
+    def begin(self) -> Any:
+        """The other's memory."""
+        return self.predictor.begin()
+
+    def predict(self, memory: Any, oracle: learn.Oracle, now: Now, to: control.Command) -> tuple[Residual, Any]:
+        """The sum of both. Raises ValueError where the world has no sensor that tells."""
+        if now.m is None or now.m.residual is None:
+            raise ValueError("nothing tells the residual: the world needs `sensor.Informant`")
+        f, memory = self.predictor.predict(memory, oracle, now, to)
+        return jax.tree.map(jnp.add, f, now.m.residual), memory
+
+
+@pytree
+class Geometric:
+    """The paper's leader (Eq. payload_force_cmd_learning, payload_torque_cmd_learning), as accelerations."""
+
+    gains: control.Gains
+
+    def begin(self) -> Any:
+        """Nothing is remembered."""
+        return ()
+
+    def lead(self, memory: Any, now: Now) -> tuple[control.Command, Any]:
+        """`control.command`."""
+        return control.command(self.gains, now.q_hat.payload, now.q_hat.a_L[:3], now.d), memory
+
+
+@pytree
+class Integral:
+    """Another leader with integral action: `a - K_i int e_p`, `alpha - k_i int e_R`, summed over ticks."""
+
+    leader: Leader
+    K_i: Scalar  # 1/s^3
+    k_i: Scalar  # 1/s^3
+
+    def begin(self) -> Any:
+        """`(K_i int e_p, k_i int e_R)`, and the other's memory."""
+        return jnp.zeros(6), self.leader.begin()
+
+    def lead(self, memory: Any, now: Now) -> tuple[control.Command, Any]:
+        """The other's command less the integrals."""
+        past, of_other = memory
+        q, d = now.q_hat.payload, now.d
+        rate = jnp.concatenate([self.K_i * (q.p - d.p), self.k_i * so3.e_R(q.R, d.R)])
+        integral = past + now.clock.dt * rate
+        to, of_other = self.leader.lead(of_other, now)
+        return dataclasses.replace(to, a=to.a - integral[:3], alpha=to.alpha - integral[3:]), (integral, of_other)
 
 
 @pytree
@@ -25,234 +239,149 @@ class Internal:
 
 
 @pytree
-class Recorder:
-    """When samples are recorded, and whose."""
+class Linear:
+    """One of the linear allocations, with an internal force."""
 
-    every: Scalar  # s between samples, no less than the label filter's memory
-    start: Scalar  # s, once the filters have settled
-    end: Scalar  # s, T_end of Assumption dataset
-    payload: Bool[Array, ""]
-    agents: Bool[Array, ""]
-    rig: Bool[Array, ""]  # samples of the calibration rig rather than estimated ones
-
-
-@pytree
-class Baseline:
-    """What the rivals of learning do; all zero for the paper's cases."""
-
-    K_i: Scalar  # 1/s^3, integral action on e_p
-    k_i: Scalar  # 1/s^3, integral action on e_R
-    observer: Scalar  # Hz, bandwidth of the wrench observer
-
-
-@pytree
-class Pilot:
-    """Everything the team takes along: nominal parameters, gains, plans, settings."""
-
-    team: Team  # nominal
-    gains: control.Gains
-    allocation: allocate.Allocation
-    path: reference.Lissajous
+    allocation: al.Allocation
     internal: Internal
+
+    def allocate(self, now: Now, W: Wrench, W_dot: Wrench) -> Forces:
+        """`lam = inverse W + kernel eta + offset`; of its rate, what the wrench's is."""
+        on, R = self.internal, now.q_hat.payload.R
+        eta = reference.pulse(now.clock.t, on.start, on.end, on.ramp) * on.eta
+        rate = dataclasses.replace(self.allocation, offset=jnp.zeros_like(self.allocation.offset))
+        return Forces(
+            lam=al.apply(self.allocation, R, W, eta),
+            lam_dot=al.apply(rate, R, W_dot, jnp.zeros_like(eta)),
+            eta=eta,
+        )
+
+
+@pytree
+class Aligned:
+    """The paper's realization: thrust along a commanded direction, tips on the payload, torques by inverse dynamics."""
+
+    team: Team
+    gains: control.Gains
     heading: tuple[Float[Array, "agents"], ...]  # rad
     rest: tuple[Float[Array, "agents n_r"], ...]
-    filters: estimate.Filters
-    recorder: Recorder
-    baseline: Baseline
+
+    def realize(self, now: Now, to: control.Command, forces: Forces, f_hat: Residual) -> tuple[Inputs, Saturated]:
+        """`control.realize` of every agent, thrust limited to what its rotors give."""
+        team, inputs, saturated = self.team, [], []
+        realize = jax.vmap(control.realize, in_axes=(0, None, None, 0, None, None, 0, 0))
+        parts = zip(
+            team.groups,
+            now.q_hat.agents,
+            grasp.split(team, forces.lam),
+            grasp.split(team, forces.lam_dot),
+            self.heading,
+            self.rest,
+            f_hat.agents,
+            strict=True,
+        )
+        for group, q, lam, lam_dot, heading, rest, f in parts:
+            share = control.Share(lam=lam, lam_dot=lam_dot, heading=heading, rest=rest)
+            asked = realize(group, self.gains, team.gravity, q, now.q_hat.payload, to, share, f)
+            u = jnp.clip(asked.u, 0.0, group.thrust_max)
+            inputs.append(AgentInput(u=u, tau=asked.tau, tau_r=asked.tau_r))
+            saturated.append(u != asked.u)
+        return tuple(inputs), tuple(saturated)
+
+
+# The paper's pilot ----------------------------------------------------------------------------------------------------
 
 
 @pytree
 class Memory:
     """What the flying software keeps between ticks."""
 
-    estimator: estimate.Memory
-    applied: tuple[AgentInput, ...]  # commands of the last tick, after the thrust limit
-    payload_data: learn.Data
-    agent_data: tuple[learn.Data, ...]
-    integral: Float[Array, "6"]  # (K_i int e_p, k_i int e_R)
-    observed: Float[Array, "6"]  # wrench observer's estimate
+    estimator: Any
+    recorder: learn.Recorded
+    predictor: Any
+    leader: Any
+    applied: Inputs  # commands of the last tick, after the thrust limit
     W: Wrench  # desired wrench of the last tick
-    next_sample: Scalar  # s
+    ticks: Scalar  # 0 before the first tick, 1 after
 
 
 @pytree
 class Telemetry:
     """What one tick decided, for the log."""
 
-    q_hat: estimate.Estimate
+    q_hat: Estimate
+    d: reference.Setpoint
     W_d: Wrench
     lam_cmd: Float[Array, "contacts 3"]
     f_hat: Residual
     eta: Float[Array, " eta"]
-    saturated: tuple[Bool[Array, "agents"], ...]
+    saturated: Saturated
 
 
-def begin(pilot: Pilot, first: Measurement, capacity: int) -> Memory:
-    """The memory before the first tick: empty data sets, the hover command as the one last applied."""
-    team = pilot.team
-    agents = []
-    for size, group in zip(team.sizes, team.groups, strict=True):
-        n_r = group.tree.joints
-        agents.append(learn.empty(capacity, 18 + 2 * n_r, 6 + n_r, agents=(size,)))
-    zero = Wrench(F=jnp.zeros(3), tau=jnp.zeros(3))
-    return Memory(
-        estimator=estimate.begin(team, first),
-        applied=tuple(
+@pytree
+class LeaderFollower:
+    """The paper's pilot: its parts, what they take along, and what has been learned so far."""
+
+    team: Team  # nominal
+    path: reference.Reference
+    estimator: Estimator
+    recorder: learn.Recorder
+    oracle: learn.Oracle
+    predictor: Predictor
+    leader: Leader
+    allocator: Allocator
+    realizer: Realizer
+
+    def begin(self, first: Measurement, clock: Clock) -> tuple[Inputs, Memory]:
+        """The command at rest, and the memory before the first tick: empty data sets, that command last applied."""
+        none = tuple(
             AgentInput(u=jnp.zeros(size), tau=jnp.zeros((size, 3)), tau_r=jnp.zeros((size, group.tree.joints)))
-            for size, group in zip(team.sizes, team.groups, strict=True)
-        ),
-        payload_data=learn.empty(capacity, 24, 6),
-        agent_data=tuple(agents),
-        integral=jnp.zeros(6),
-        observed=jnp.zeros(6),
-        W=zero,
-        next_sample=pilot.recorder.start,
-    )
+            for size, group in zip(self.team.sizes, self.team.groups, strict=True)
+        )
+        memory = Memory(
+            estimator=self.estimator.begin(first),
+            recorder=self.recorder.begin(self.team, self.oracle),
+            predictor=self.predictor.begin(),
+            leader=self.leader.begin(),
+            applied=none,
+            W=Wrench(F=jnp.zeros(3), tau=jnp.zeros(3)),
+            ticks=jnp.zeros(()),
+        )
+        hover, _, _ = self.tick(memory, first, clock)
+        return hover, dataclasses.replace(memory, applied=hover)
 
+    def tick(self, memory: Memory, m: Measurement, clock: Clock) -> tuple[Inputs, Memory, Telemetry]:
+        """One control tick: the commands, the next memory, and what was decided."""
+        q_hat, seen = self.estimator.observe(memory.estimator, m, memory.applied, clock)
+        d = self.path.at(clock.t)
+        now = Now(clock=clock, m=m, q_hat=q_hat, d=d, W=memory.W, ticks=memory.ticks)
+        inputs, leader, predictor, decided = self.decide(memory.leader, memory.predictor, now)
+        memory = Memory(
+            estimator=seen,
+            recorder=self.recorder.record(memory.recorder, m, q_hat.labelled, clock.t),
+            predictor=predictor,
+            leader=leader,
+            applied=inputs,
+            W=decided.W_d,
+            ticks=jnp.ones(()),
+        )
+        return inputs, memory, decided
 
-def tick(
-    pilot: Pilot, oracle: learn.Oracle, memory: Memory, m: Measurement, t: Scalar, given: Residual
-) -> tuple[tuple[AgentInput, ...], Memory, Telemetry]:
-    """One control tick at time t, s: the commands, the next memory, and what was decided.
-
-    `given` is a residual told from outside, zero in flight: the floor of a study feeds the exact one here.
-    """
-    recorder = pilot.recorder
-    q_hat, seen = estimate.observe(pilot.team, pilot.filters, memory.estimator, m, memory.applied)
-    due = (t >= memory.next_sample - 1e-9) & (t <= recorder.end + 1e-9)
-    payload_data, agent_data = _record(recorder, memory, seen, m.rig, t, due)
-    integral = _integrate(pilot, memory.integral, q_hat, reference.at(pilot.path, t))
-    observed = _observe_wrench(pilot, memory, q_hat)
-    inputs, decided = decide(pilot, oracle, q_hat, t, integral, observed, given)
-    memory = Memory(
-        estimator=seen,
-        applied=inputs,
-        payload_data=payload_data,
-        agent_data=agent_data,
-        integral=integral,
-        observed=observed,
-        W=decided.W_d,
-        next_sample=memory.next_sample + jnp.where(due, recorder.every, 0.0),
-    )
-    return inputs, memory, decided
-
-
-def decide(
-    pilot: Pilot,
-    oracle: learn.Oracle,
-    q_hat: estimate.Estimate,
-    t: Scalar,
-    integral: Float[Array, "6"],
-    observed: Float[Array, "6"],
-    given: Residual,
-) -> tuple[tuple[AgentInput, ...], Telemetry]:
-    """The control law without memory: predict, lead, allocate, realize, at an estimated state."""
-    team = pilot.team
-    to = control.command(pilot.gains, q_hat.payload, q_hat.a_L[:3], reference.at(pilot.path, t), integral)
-    f_hat = _predict(oracle, team, q_hat, to, observed, given)
-    W = control.wrench(team.payload, team.gravity, q_hat.payload, to, f_hat.payload)
-    internal = pilot.internal
-    eta = reference.pulse(t, internal.start, internal.end, internal.ramp) * internal.eta
-    lam = allocate.apply(pilot.allocation, q_hat.payload.R, W, eta)
-    inputs, saturated = _realize(pilot, q_hat, to, lam, f_hat)
-    return inputs, Telemetry(q_hat=q_hat, W_d=W, lam_cmd=lam, f_hat=f_hat, eta=eta, saturated=saturated)
-
-
-def _record(
-    recorder: Recorder, memory: Memory, seen: estimate.Memory, rig: Sample, t: Scalar, due: Bool[Array, ""]
-) -> tuple[learn.Data, tuple[learn.Data, ...]]:
-    """Append the filtered sample and its label, or the calibration rig's, where the case records."""
-
-    def either(of_rig: Array, estimated: Array) -> Array:
-        return jnp.where(recorder.rig, of_rig, estimated)
-
-    label, told = estimate.payload_label(seen), rig.f.payload
-    x = either(estimate.flat_payload(rig.z.payload, jnp.zeros(6)), seen.state.outer)
-    y = either(jnp.concatenate([told.F, told.tau]), jnp.concatenate([label.F, label.tau]))
-    payload = learn.record(memory.payload_data, x, y, t, due & recorder.payload)
-    agents = []
-    each = jax.vmap(learn.record, in_axes=(0, 0, 0, None, None))
-    for data, past, z, f in zip(memory.agent_data, seen.agents, rig.z.agents, rig.f.agents, strict=True):
-        x = either(jax.vmap(estimate.flat_agent)(z), past.state.outer)
-        y = either(jnp.concatenate([f.f_x, f.f_w, f.f_r], axis=1), past.label.outer)
-        agents.append(each(data, x, y, t, due & recorder.agents))
-    return payload, tuple(agents)
-
-
-def _integrate(
-    pilot: Pilot, integral: Float[Array, "6"], q_hat: estimate.Estimate, d: reference.Setpoint
-) -> Float[Array, "6"]:
-    """Integral action of the baseline: `K_i e_p`, `k_i e_R` summed over ticks."""
-    q = q_hat.payload
-    rate = jnp.concatenate([pilot.baseline.K_i * (q.p - d.p), pilot.baseline.k_i * so3.e_R(q.R, d.R)])
-    return integral + pilot.filters.dt * rate
-
-
-def _observe_wrench(pilot: Pilot, memory: Memory, q_hat: estimate.Estimate) -> Float[Array, "6"]:
-    """Wrench observer of the baseline: a low-pass of what the last command did not explain.
-
-    `d = m_L (v_dot - a_g) - F_d`, `J w_dot + w x J w - tau_d`: residual and realization error in one.
-    """
-    team, q = pilot.team, q_hat.payload
-    J = team.payload.inertia
-    force = team.payload.mass * (q_hat.a_L[:3] - team.gravity) - memory.W.F
-    moment = J @ q_hat.a_L[3:] + so3.cross(q.omega, J @ q.omega) - memory.W.tau
-    # before the first tick there was no command to explain anything
-    b = memory.estimator.warm * estimate.blend(pilot.baseline.observer, pilot.filters.dt)
-    return memory.observed + b * (jnp.concatenate([force, moment]) - memory.observed)
-
-
-def _predict(
-    oracle: learn.Oracle,
-    team: Team,
-    q_hat: estimate.Estimate,
-    to: control.Command,
-    observed: Float[Array, "6"],
-    given: Residual,
-) -> Residual:
-    """`f_hat`: the frozen oracles at the estimated state, the parametric part at the commanded acceleration."""
-    q = q_hat.payload
-    still = jnp.zeros(6)
-    learned = learn.payload_mean(oracle, estimate.flat_payload(q, still))
-    inertial = learn.regressor(q, to.a - team.gravity, to.alpha) @ oracle.theta
-    agents = learn.agents_mean(oracle, tuple(jax.vmap(estimate.flat_agent)(s) for s in q_hat.agents))
-    return Residual(
-        payload=Wrench(
-            F=learned.F + inertial[:3] + observed[:3] + given.payload.F,
-            tau=learned.tau + inertial[3:] + observed[3:] + given.payload.tau,
-        ),
-        agents=jax.tree.map(jnp.add, agents, given.agents),
-    )
-
-
-def _realize(
-    pilot: Pilot, q_hat: estimate.Estimate, to: control.Command, lam: Float[Array, "contacts 3"], f_hat: Residual
-) -> tuple[tuple[AgentInput, ...], tuple[Bool[Array, "agents"], ...]]:
-    """Every agent's command, thrust limited to what its rotors give; which thrusts were limited."""
-    team = pilot.team
-    rate = Wrench(F=team.payload.mass * to.jerk, tau=jnp.zeros(3))
-    no_offset = allocate.Allocation(
-        inverse=pilot.allocation.inverse,
-        kernel=pilot.allocation.kernel,
-        offset=jnp.zeros_like(pilot.allocation.offset),
-    )
-    lam_dot = allocate.apply(no_offset, q_hat.payload.R, rate, jnp.zeros_like(pilot.internal.eta))
-    inputs, saturated = [], []
-    realize = jax.vmap(control.realize, in_axes=(0, None, None, 0, None, None, 0, 0))
-    parts = zip(
-        team.groups,
-        q_hat.agents,
-        grasp.split(team, lam),
-        grasp.split(team, lam_dot),
-        pilot.heading,
-        pilot.rest,
-        f_hat.agents,
-        strict=True,
-    )
-    for group, q, force, force_dot, heading, rest, f in parts:
-        share = control.Share(lam=force, lam_dot=force_dot, heading=heading, rest=rest)
-        asked = realize(group, pilot.gains, team.gravity, q, q_hat.payload, to, share, f)
-        u = jnp.clip(asked.u, 0.0, group.thrust_max)
-        inputs.append(AgentInput(u=u, tau=asked.tau, tau_r=asked.tau_r))
-        saturated.append(u != asked.u)
-    return tuple(inputs), tuple(saturated)
+    def decide(self, leader: Any, predictor: Any, now: Now) -> tuple[Inputs, Any, Any, Telemetry]:
+        """The control law at what is known now; next memories of leader and predictor."""
+        to, leader = self.leader.lead(leader, now)
+        f_hat, predictor = self.predictor.predict(predictor, self.oracle, now, to)
+        load = self.team.payload
+        W = control.wrench(load, self.team.gravity, now.q_hat.payload, to, f_hat.payload)
+        forces = self.allocator.allocate(now, W, Wrench(F=load.mass * to.jerk, tau=jnp.zeros(3)))
+        inputs, saturated = self.realizer.realize(now, to, forces, f_hat)
+        decided = Telemetry(
+            q_hat=now.q_hat,
+            d=now.d,
+            W_d=W,
+            lam_cmd=forces.lam,
+            f_hat=f_hat,
+            eta=forces.eta,
+            saturated=saturated,
+        )
+        return inputs, leader, predictor, decided

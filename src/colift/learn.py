@@ -18,8 +18,23 @@ from jaxtyping import Array, Bool, Float, Int
 from threadpoolctl import threadpool_limits
 
 from colift import gp, interrupt, so3
-from colift.model import AgentForce, PayloadState, Wrench
+from colift.estimate import Labelled
+from colift.measurement import Measurement
+from colift.model import (
+    AgentForce,
+    AgentState,
+    PayloadState,
+    Residual,
+    State,
+    Team,
+    Wrench,
+    flat_agent,
+    flat_payload,
+)
 from colift.pytree import pytree
+
+Scalar = Float[Array, ""]
+Sampled = tuple[Float[Array, "*agents inputs"], Float[Array, "*agents outputs"]]
 
 
 @pytree
@@ -54,6 +69,68 @@ def record(
         t=data.t.at[row].set(jnp.where(keep, t, data.t[row])),
         n=data.n + keep.astype(data.n.dtype),
     )
+
+
+@pytree
+class Recorded:
+    """What a recorder keeps between ticks."""
+
+    payload: Data
+    agents: tuple[Data, ...]  # by group, agents lead
+    due: Scalar  # s, when the next sample is taken
+
+
+@pytree
+class Recorder:
+    """When samples are recorded, and whose: of the estimator's inputs and labels."""
+
+    every: Scalar  # s between samples, no less than the label filter's memory
+    start: Scalar  # s, once the filters have settled
+    end: Scalar  # s, T_end of Assumption dataset
+    payload: Bool[Array, ""]
+    agents: Bool[Array, ""]
+
+    def begin(self, team: Team, oracle: Oracle) -> Recorded:
+        """Empty data sets, as large as the oracle's."""
+        agents = []
+        for size, group in zip(team.sizes, team.groups, strict=True):
+            n_r = group.tree.joints
+            agents.append(empty(oracle.payload.capacity, 18 + 2 * n_r, 6 + n_r, agents=(size,)))
+        return Recorded(payload=empty(oracle.payload.capacity, 24, 6), agents=tuple(agents), due=self.start)
+
+    def record(self, memory: Recorded, m: Measurement, labelled: Labelled | None, t: Scalar) -> Recorded:
+        """The data sets after time t, s: with one more sample where one is due."""
+        now = (t >= memory.due - 1e-9) & (t <= self.end + 1e-9)
+        payload, agents = self.samples(m, labelled)
+        each = jax.vmap(record, in_axes=(0, 0, 0, None, None))
+        return Recorded(
+            payload=record(memory.payload, *payload, t, now & self.payload),
+            agents=tuple(each(data, *xy, t, now & self.agents) for data, xy in zip(memory.agents, agents, strict=True)),
+            due=memory.due + jnp.where(now, self.every, 0.0),
+        )
+
+    def samples(self, m: Measurement, labelled: Labelled | None) -> tuple[Sampled, tuple[Sampled, ...]]:  # noqa: ARG002
+        """`(x, y)` of the payload and of every group's agents. Raises ValueError where nothing is labelled."""
+        if labelled is None:
+            raise ValueError("the estimator gives no labels: this pilot cannot learn")
+        return labelled.payload, labelled.agents
+
+
+@pytree
+class FromRig(Recorder):
+    """The same, of a calibration rig's true states and nearly true residuals."""
+
+    def samples(self, m: Measurement, labelled: Labelled | None) -> tuple[Sampled, tuple[Sampled, ...]]:  # noqa: ARG002
+        """`(x, y)` of the payload and of every group's agents. Raises ValueError where there is no rig."""
+        if m.rig is None:
+            raise ValueError("the world has no calibration rig (`sensor.Rig`) to learn from")
+        z, f = m.rig.z, m.rig.f
+        payload = flat_payload(z.payload, jnp.zeros(6)), jnp.concatenate([f.payload.F, f.payload.tau])
+        agents = tuple(
+            (jax.vmap(flat_agent)(q), jnp.concatenate([g.f_x, g.f_w, g.f_r], axis=1))
+            for q, g in zip(z.agents, f.agents, strict=True)
+        )
+        return payload, agents
 
 
 PAYLOAD_FEATURES = (
@@ -109,6 +186,25 @@ def _symmetric(v: Float[Array, "3"]) -> Float[Array, "3 6"]:
     x, y, z = v[0], v[1], v[2]
     o = jnp.zeros_like(x)
     return jnp.stack([x, o, o, y, z, o, o, y, o, x, o, z, o, o, z, o, x, y]).reshape(3, 6)
+
+
+def mean(oracle: Oracle, load: PayloadState, agents: tuple[AgentState, ...]) -> Residual:
+    """The oracle's `f_hat` without its parametric part, in a state of the team."""
+    return Residual(
+        payload=payload_mean(oracle, flat_payload(load, jnp.zeros(6))),
+        agents=agents_mean(oracle, tuple(jax.vmap(flat_agent)(q) for q in agents)),
+    )
+
+
+@pytree
+class Function:
+    """An oracle's mean as a function of the state: an unknown whose norm in its RKHS is known."""
+
+    oracle: Oracle
+
+    def __call__(self, z: State) -> Residual:
+        """`mean(z)`."""
+        return mean(self.oracle, z.payload, z.agents)
 
 
 def payload_mean(oracle: Oracle, x: Float[Array, "inputs"]) -> Wrench:

@@ -9,8 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from colift import allocate, grasp
-from colift.model import Residual, Team, Wrench
+from colift import grasp
+from colift.model import Residual, Team
 from colift.pytree import pytree
 
 Scalar = Float[Array, ""]
@@ -91,22 +91,14 @@ def sentence(cause: Cause, limits: Limits, now: Watched, t: float, names: Sequen
     return f"{what} at t = {t:.3f} s, beyond limits.{setting} = {float(limit):g}"
 
 
-def hover(
-    team: Team,
-    allocation: allocate.Allocation,
-    R: Float[Array, "3 3"],
-    eta: Float[Array, " eta"],
-    f: Residual,
-) -> Float[Array, "agents"]:
-    """Thrust that each agent needs at rest, N: `u_j = |sum_b lam_jb - m_j a_g - f_x,j|`, `G lam = -(m_L a_g, 0) - f_L`.
+def hover(team: Team, lam: Float[Array, "contacts 3"], f: Residual) -> Float[Array, "agents"]:
+    """Thrust that each agent needs at rest, N: `u_j = |sum_b lam_jb - m_j a_g - f_x,j|`.
 
-    R: the payload's attitude; f: what acts on payload and agents besides gravity.
+    lam: contact forces on the payload, N, world; f: what acts on the agents besides gravity.
     """
-    W = Wrench(F=-team.payload.mass * team.gravity - f.payload.F, tau=-f.payload.tau)
-    lam = grasp.split(team, allocate.apply(allocation, R, W, eta))
     return jnp.concatenate(
         [
             jnp.linalg.norm(force.sum(1) - group.mass.sum(1, keepdims=True) * team.gravity[None] - part.f_x, axis=1)
-            for group, force, part in zip(team.groups, lam, f.agents, strict=True)
+            for group, force, part in zip(team.groups, grasp.split(team, lam), f.agents, strict=True)
         ]
     )

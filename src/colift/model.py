@@ -138,6 +138,14 @@ class State:
 
 
 @pytree
+class Clock:
+    """The time of a tick, and how long one lasts: one clock for a whole flight."""
+
+    t: Float[Array, ""]  # s
+    dt: Float[Array, ""]  # s
+
+
+@pytree
 class AgentInput:
     """What an agent commands: thrust along `R e_3`, body torque, joint torques or forces."""
 
@@ -169,6 +177,16 @@ class Residual:
 
     agents: tuple[AgentForce, ...]
     payload: Wrench
+
+
+def flat_agent(q: AgentState) -> Float[Array, "inputs"]:
+    """`vec(R), x, r, omega, v, r_dot`: the inputs of an agent's learned map (Eq. dataset_agent_online)."""
+    return jnp.concatenate([q.R.reshape(9), q.x, q.r, q.omega, q.v, q.r_dot])
+
+
+def flat_payload(q: PayloadState, a: Float[Array, "6"]) -> Float[Array, "24"]:
+    """`p, v, vec(R), omega`, the payload's state (Eq. dataset_payload_online), then `(v_dot - a_g, w_dot)`."""
+    return jnp.concatenate([q.p, q.v, q.R.reshape(9), q.omega, a])
 
 
 def no_force(team: Team) -> Residual:

@@ -10,24 +10,29 @@ import dataclasses
 import functools
 import itertools
 import math
+import re
 from collections.abc import Sequence
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array
 
-from colift import estimate, fly, interrupt, sensor, simulate, so3
+from colift import interrupt, simulate, so3
 from colift.linalg import mul
-from colift.model import AgentInput, State, Wrench
-from colift.pytree import pytree
+from colift.model import State
+from colift.world import Noise, Simulated
 
 ITERATIONS = 30  # of Newton's method; from a team that hovers level it takes a handful
 AT_REST = 1e-9  # what a tick may still change, in SI units
 STEP = 1e-5  # of differences, in SI units; they neglect its fourth power
 GONE = 0.01  # a mode that leaves less than this of itself after one tick is no mode of the motion
 NEUTRAL = 1e-6  # rad/s, below which a rate is rounding: of |z|, divided by the tick
+
+
+POSE = r"\.world\.z\.(payload\.[Rp]|agents\[\d+\]\.[Rxr])"
+LEARNING = r"\.recorder\.|\.estimator\.(agents\[\d+\]\.)?(momenta|carried|known|label|state|warm)\b|\.ticks$"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -55,35 +60,22 @@ class Modes:
         return f"{value.real:+.2f} {abs(value.imag):+.2f}i rad/s, seen most in {seen}"
 
 
-@pytree
-class Carried:
-    """What one tick hands to the next, of plant and memory, as far as it comes back to the plant."""
-
-    z: State
-    agents: tuple[estimate.Pose, ...]
-    joints: tuple[estimate.LowPass, ...]
-    load: estimate.Pose
-    omega: Float[Array, "3"]  # rad/s
-    applied: tuple[AgentInput, ...]
-    W: Wrench
-    integral: Float[Array, "6"]
-    observed: Float[Array, "6"]
+Carried = dict[str, Array]
+"""What one tick hands to the next, of world and memory, by its place in the loop, as far as it may come back."""
 
 
 def at_rest(plan: simulate.Plan, z: State) -> Modes:
     """Modes of a plan's loop at the rest near z, as `monodromy` has it."""
     x, M = monodromy(plan, z)
-    moves = _moves(plan.pilot.baseline, x)
-    values, vectors = np.linalg.eig(M[np.ix_(moves, moves)])
+    values, vectors = np.linalg.eig(M)
     order = np.argsort(-np.abs(values))
     order = order[np.abs(values[order]) > GONE]
-    shapes = np.zeros((len(M), len(order)))
-    shapes[moves] = np.abs(vectors[:, order])
-    place = _unravel(x, np.arange(len(M))).z
-    load = np.concatenate([place.payload.R, place.payload.p])
-    poses = np.concatenate([load, *(np.ravel(part) for a in place.agents for part in (a.R, a.x, a.r))])
-    payload = shapes[load] / np.maximum(shapes[poses].max(0), np.finfo(float).tiny)
-    rates = np.log(values[order].astype(complex)) / float(plan.pilot.filters.dt)
+    shapes = np.abs(vectors[:, order])
+    place = _unravel(x, np.arange(len(M)))
+    load = np.concatenate([place[f".world.z.payload.{part}"] for part in "Rp"])
+    poses = [place[key].ravel() for key in place if re.fullmatch(POSE, key)]
+    payload = shapes[load] / np.maximum(shapes[np.concatenate(poses)].max(0), np.finfo(float).tiny)
+    rates = np.log(values[order].astype(complex)) / plan.dt
     return Modes(eigenvalues=rates, payload=payload.T)
 
 
@@ -96,69 +88,56 @@ def monodromy(plan: simulate.Plan, z: State) -> tuple[Carried, np.ndarray]:
     program is compiled that a flight does not need anyway. Raises ValueError where there is no rest near z.
     """
     plan = dataclasses.replace(plan, world=_alone(plan.world))
-    noise = sensor.draw(plan.world.team, jax.random.key(0), simulate.chunk(plan))  # of sensors that have none
-    loop = _ticked(plan, simulate.start(plan.world, plan.pilot, plan.oracle, z), noise)
-    moves, slope, last = _moves(plan.pilot.baseline, _take(loop)), None, np.inf
-    step = np.zeros(len(moves))
+    noise = plan.world.draw(jax.random.key(0), simulate.chunk(plan))  # of sensors that have none
+    setup = plan.setup
+    loop = _ticked(setup, simulate.start(setup, z), noise)
+    slope, last = None, np.inf
     for _ in range(ITERATIONS):
         interrupt.check()
-        off = _changed(plan, loop, noise, [_take(loop)])[0]
+        off = _changed(setup, loop, noise, [_take(loop)])[0]
         if np.abs(off).max() <= AT_REST:
-            return _take(loop), _slope(plan, loop, noise)
+            return _take(loop), _slope(setup, loop, noise)
         if not np.isfinite(off).all():
             break
         if slope is None or np.abs(off).max() > last / 10:
-            slope = _slope(plan, loop, noise)
+            slope = _slope(setup, loop, noise)
         if not np.isfinite(slope).all():
             break
         last = np.abs(off).max()
-        step[moves] = np.linalg.lstsq((np.eye(len(off)) - slope)[np.ix_(moves, moves)], off[moves])[0]
+        step = np.linalg.lstsq(np.eye(len(off)) - slope, off)[0]
         loop = _put(loop, jax.tree.map(lambda leaf: leaf[0], _move(_take(loop), jnp.asarray(step[None]))))
     raise ValueError("the team finds no rest near the start of its reference")
 
 
-def _slope(plan: simulate.Plan, loop: simulate.Loop, noise: sensor.Noise) -> np.ndarray:
+def _slope(setup: simulate.Setup, loop: simulate.Loop, noise: Noise) -> np.ndarray:
     """The map's derivative at a loop: `(8 (f_1 - f_-1) - (f_2 - f_-2)) / (12 h)`, f_k k steps h along a coordinate."""
     x = _take(loop)
     n = sum(math.prod(shape) for _, shape in _shapes(x))
     steps = STEP * np.stack([k * np.eye(n) for k in (1, -1, 2, -2)])
     moved = _move(x, jnp.asarray(steps.reshape(-1, n)))
     around = [_row(moved, jnp.asarray(k)) for k in range(4 * n)]
-    near, back, far, farther_back = _changed(plan, loop, noise, around).reshape(4, n, n)
+    near, back, far, farther_back = _changed(setup, loop, noise, around).reshape(4, n, n)
     return ((8 * (near - back) - (far - farther_back)) / (12 * STEP)).T
 
 
-def _changed(plan: simulate.Plan, loop: simulate.Loop, noise: sensor.Noise, at: Sequence[Carried]) -> np.ndarray:
+def _changed(setup: simulate.Setup, loop: simulate.Loop, noise: Noise, at: Sequence[Carried]) -> np.ndarray:
     """What a loop carries one tick after each of `at`, in coordinates around what it carries now."""
-    after = [_take(_ticked(plan, _put(loop, y), noise)) for y in at]
+    after = [_take(_ticked(setup, _put(loop, y), noise)) for y in at]
     return np.asarray(_coordinates(_take(loop), jax.tree.map(lambda *leaf: np.stack(leaf), *after)))
 
 
-def _ticked(plan: simulate.Plan, loop: simulate.Loop, noise: sensor.Noise) -> simulate.Loop:
+def _ticked(setup: simulate.Setup, loop: simulate.Loop, noise: Noise) -> simulate.Loop:
     """One tick later, by a clock that stands still and with no limit met."""
-    after, _ = simulate.advance(plan.world, plan.pilot, plan.oracle, loop, noise, jnp.asarray(1))
+    after, _ = simulate.advance(setup, loop, noise, jnp.asarray(1))
     return dataclasses.replace(after, tick=loop.tick, ended=loop.ended)
 
 
-def _moves(rivals: fly.Baseline, x: Carried) -> np.ndarray:
-    """Which coordinates move: what a baseline that is switched off would integrate stands still."""
-    on = {
-        "integral": np.repeat([float(rivals.K_i) != 0, float(rivals.k_i) != 0], 3),
-        "observed": np.full(6, float(rivals.observer) != 0),
-    }
-    names = [path[0].name for path, _ in jax.tree_util.tree_leaves_with_path(x)]
-    return np.concatenate(
-        [on.get(name, np.ones(math.prod(shape), bool)) for name, (_, shape) in zip(names, _shapes(x), strict=True)]
-    )
-
-
-def _alone(world: simulate.World) -> simulate.World:
+def _alone(world: Simulated) -> Simulated:
     """The true bodies with nothing else unknown, and sensors without noise or bias."""
     quiet = jax.tree.map(jnp.zeros_like, world.sensors)
     return dataclasses.replace(
         world,
         acting=jnp.zeros_like(world.acting),
-        told=jnp.zeros_like(world.told),
         sensors=dataclasses.replace(quiet, tip_force_bandwidth=world.sensors.tip_force_bandwidth),
         lam_bias=jax.tree.map(jnp.zeros_like, world.lam_bias),
     )
@@ -169,7 +148,7 @@ def _alone(world: simulate.World) -> simulate.World:
 
 def _shapes(x: Carried) -> list[tuple[bool, tuple[int, ...]]]:
     """Of every leaf, whether it is an attitude, and the shape of its coordinates."""
-    leaves = [(path[-1].name == "R", leaf.shape) for path, leaf in jax.tree_util.tree_leaves_with_path(x)]
+    leaves = [(key.endswith(".R"), x[key].shape) for key in sorted(x)]
     return [(attitude, shape[:-1] if attitude else shape) for attitude, shape in leaves]
 
 
@@ -206,32 +185,17 @@ def _coordinates(x: Carried, y: Carried) -> Array:
 
 
 def _take(loop: simulate.Loop) -> Carried:
-    memory, seen = loop.memory, loop.memory.estimator
-    return Carried(
-        z=loop.z,
-        agents=tuple(past.base for past in seen.agents),
-        joints=tuple(past.joint for past in seen.agents),
-        load=seen.load,
-        omega=seen.omega,
-        applied=memory.applied,
-        W=memory.W,
-        integral=memory.integral,
-        observed=memory.observed,
-    )
+    return {key: leaf for key, leaf in _leaves(loop) if _comes_back(key, leaf)}
 
 
 def _put(loop: simulate.Loop, x: Carried) -> simulate.Loop:
-    past = loop.memory.estimator
-    agents = tuple(
-        dataclasses.replace(a, base=base, joint=joint)
-        for a, base, joint in zip(past.agents, x.agents, x.joints, strict=True)
-    )
-    memory = dataclasses.replace(
-        loop.memory,
-        estimator=dataclasses.replace(past, agents=agents, load=x.load, omega=x.omega),
-        applied=x.applied,
-        W=x.W,
-        integral=x.integral,
-        observed=x.observed,
-    )
-    return dataclasses.replace(loop, z=x.z, memory=memory)
+    return jax.tree.unflatten(jax.tree.structure(loop), [x.get(key, leaf) for key, leaf in _leaves(loop)])
+
+
+def _leaves(loop: simulate.Loop) -> list[tuple[str, Array]]:
+    return [(jax.tree_util.keystr(path), leaf) for path, leaf in jax.tree_util.tree_leaves_with_path(loop)]
+
+
+def _comes_back(key: str, leaf: Array) -> bool:
+    """Data and labels are for learning: they come back to the plant through no tick."""
+    return jnp.issubdtype(leaf.dtype, jnp.floating) and not re.search(LEARNING, key)

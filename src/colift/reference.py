@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
@@ -26,6 +27,15 @@ class Setpoint:
     omega_dot: Float[Array, "3"]  # rad/s^2, desired payload frame
 
 
+@runtime_checkable
+class Reference(Protocol):
+    """A smooth pose of the payload over time."""
+
+    def at(self, t: Scalar) -> Setpoint:
+        """The setpoint at time t, s."""
+        ...
+
+
 @pytree
 class Lissajous:
     """`p_d = center + ramp(t) amplitude sin(2 pi t / period + phase)`, axis by axis, at a constant attitude.
@@ -40,17 +50,16 @@ class Lissajous:
     ramp: Float[Array, ""]  # s
     R: Float[Array, "3 3"]  # attitude, payload to world
 
+    def at(self, t: Scalar) -> Setpoint:
+        """The setpoint at time t, s; derivatives are exact (nested forward differentiation)."""
 
-def at(path: Lissajous, t: Scalar) -> Setpoint:
-    """The setpoint at time t, s; derivatives are exact (nested forward differentiation)."""
+        def position(t: Scalar) -> Float[Array, "3"]:
+            wave = jnp.sin(2 * jnp.pi * t / self.period + self.phase)
+            return self.center + smooth_step(t / self.ramp) * self.amplitude * wave
 
-    def position(t: Scalar) -> Float[Array, "3"]:
-        wave = jnp.sin(2 * jnp.pi * t / path.period + path.phase)
-        return path.center + smooth_step(t / path.ramp) * path.amplitude * wave
-
-    v, a, j = _rate(position), _rate(_rate(position)), _rate(_rate(_rate(position)))
-    zero = jnp.zeros(3)
-    return Setpoint(p=position(t), v=v(t), a=a(t), j=j(t), R=path.R, omega=zero, omega_dot=zero)
+        v, a, j = _rate(position), _rate(_rate(position)), _rate(_rate(_rate(position)))
+        zero = jnp.zeros(3)
+        return Setpoint(p=position(t), v=v(t), a=a(t), j=j(t), R=self.R, omega=zero, omega_dot=zero)
 
 
 def _rate(f: Callable[[Scalar], Float[Array, "3"]]) -> Callable[[Scalar], Float[Array, "3"]]:

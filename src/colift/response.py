@@ -15,8 +15,8 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
-from colift import control, dynamics, estimate, fly, grasp, learn, reference, so3
-from colift.model import AgentForce, Residual, State, Team, Wrench, no_force
+from colift import dynamics, estimate, fly, grasp, so3
+from colift.model import AgentForce, Clock, Residual, State, Team, Wrench, no_force
 
 OUTPUTS = {"e_p": 3, "e_v": 3, "e_R": 3, "e_omega": 3, "a": 3, "alpha": 3, "delta_W": 6}
 """Rows of `Response.C`: tracking errors, payload acceleration less the commanded one (m/s^2, rad/s^2), mismatch."""
@@ -69,14 +69,14 @@ def bodies(team: Team) -> tuple[slice, ...]:
     return tuple(slice(a, b) for a, b in itertools.pairwise(ends))
 
 
-def linearize(pilot: fly.Pilot, oracle: learn.Oracle, z: State) -> Response:
+def linearize(pilot: fly.LeaderFollower, z: State) -> Response:
     """The loop's response around z, on the grasp and at rest; on the host.
 
     `A = T^T J T` with T a basis of the directions that keep Phi and Phi_dot. The measured acceleration that the
-    control law uses is the one it causes: `a = a(z, a, f~)` is solved to first order. For forces that the oracle
-    compensates, give one that predicts zero: f~ is what is left.
+    control law uses is the one it causes: `a = a(z, a, f~)` is solved to first order. For forces that an oracle
+    compensates, give the pilot one that predicts zero: f~ is what is left.
     """
-    J, C = (np.asarray(x) for x in _jacobians(pilot, oracle, z))
+    J, C = (np.asarray(x) for x in _jacobians(pilot, z))
     n = C.shape[1]
     rates, a, y = J[:n], J[n : n + 6], J[n + 6 :]
     free = np.r_[0:n, n + 6 : J.shape[1]]  # every column but the measured acceleration's
@@ -95,7 +95,7 @@ def linearize(pilot: fly.Pilot, oracle: learn.Oracle, z: State) -> Response:
 
 
 @jax.jit
-def _jacobians(pilot: fly.Pilot, oracle: learn.Oracle, z: State) -> tuple[jax.Array, jax.Array]:
+def _jacobians(pilot: fly.LeaderFollower, z: State) -> tuple[jax.Array, jax.Array]:
     """Of (rate, payload acceleration, outputs) by (z, measured a, f~), and of (Phi, Phi_dot) by z; local coordinates.
 
     One column at a time: a batch of directions would take three times as long to compile.
@@ -103,7 +103,8 @@ def _jacobians(pilot: fly.Pilot, oracle: learn.Oracle, z: State) -> tuple[jax.Ar
     team = pilot.team
     zero, unravel = ravel_pytree(dynamics.no_shift(z))
     f, none, t = flatten(no_force(team)), jnp.zeros(6), jnp.zeros(())
-    d = reference.at(pilot.path, t)
+    d = pilot.path.at(t)
+    memories = pilot.leader.begin(), pilot.predictor.begin()
 
     def loop(y: jax.Array) -> jax.Array:
         shift, a, f = jnp.split(y, [len(zero), len(zero) + 6])
@@ -111,10 +112,18 @@ def _jacobians(pilot: fly.Pilot, oracle: learn.Oracle, z: State) -> tuple[jax.Ar
         at = dynamics.move(z, moved)
         lam = tuple(jnp.zeros_like(group.contact) for group in team.groups)
         q_hat = estimate.Estimate(agents=at.agents, payload=at.payload, a_L=a, lam=lam)
-        inputs, decided = fly.decide(pilot, oracle, q_hat, t, none, none, no_force(team))
+        now = fly.Now(
+            clock=Clock(t=t, dt=jnp.ones(())),
+            m=None,
+            q_hat=q_hat,
+            d=d,
+            W=Wrench(F=jnp.zeros(3), tau=jnp.zeros(3)),
+            ticks=t,
+        )
+        inputs, _, _, decided = pilot.decide(*memories, now)
         acceleration, lam = dynamics.accelerate(team, at, inputs, unflatten(team, f))
         q, a_L = at.payload, acceleration.payload
-        to = control.command(pilot.gains, q, a[:3], d, none)
+        to, _ = pilot.leader.lead(memories[0], now)
         W = grasp.wrench(grasp.contacts(team), q.R, grasp.join(lam))
         errors = [q.p - d.p, q.v - d.v, so3.e_R(q.R, d.R), so3.e_omega(q.R, q.omega, d.R, d.omega)]
         missed = [a_L[:3] - to.a, a_L[3:] - to.alpha, W.F - decided.W_d.F, W.tau - decided.W_d.tau]

@@ -6,60 +6,20 @@ noise is drawn beforehand, so that runs that differ in the controller alone see 
 
 from __future__ import annotations
 
+import dataclasses
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from colift import agent as ag
 from colift import so3
+from colift.measurement import AgentReading, Measurement, PayloadReading, Sample
 from colift.model import Agent, AgentState, Residual, State, Team, no_force
 from colift.pytree import pytree
 
 Scalar = Float[Array, ""]
-
-
-@pytree
-class AgentReading:
-    """One agent's sensors: pose and twist of the base, accelerometer at its origin, encoders, tip forces."""
-
-    R: Float[Array, "*agents 3 3"]  # base attitude
-    x: Float[Array, "*agents 3"]  # m, base origin, world
-    v: Float[Array, "*agents 3"]  # m/s, base origin, world
-    omega: Float[Array, "*agents 3"]  # rad/s, base frame
-    a: Float[Array, "*agents 3"]  # m/s^2, specific force at the base origin, base frame
-    r: Float[Array, "*agents n_r"]  # rad or m
-    lam: Float[Array, "*agents arms 3"]  # N, force on the payload, in the tip body's frame
-
-
-@pytree
-class PayloadReading:
-    """The payload's sensors: pose, twist, accelerometer at the centre of mass."""
-
-    R: Float[Array, "3 3"]
-    p: Float[Array, "3"]  # m
-    v: Float[Array, "3"]  # m/s
-    omega: Float[Array, "3"]  # rad/s, payload frame
-    a: Float[Array, "3"]  # m/s^2, specific force, payload frame
-
-
-@pytree
-class Sample:
-    """What a calibration rig reports: the state it holds the team in, and the residual there with bounded noise.
-
-    No flying team has one. It is for studies whose labels must obey a stated bound.
-    """
-
-    z: State
-    f: Residual
-
-
-@pytree
-class Measurement:
-    """Everything the flying software sees in one tick."""
-
-    agents: tuple[AgentReading, ...]
-    payload: PayloadReading
-    rig: Sample
 
 
 @pytree
@@ -75,7 +35,6 @@ class Sensors:
     tip_force: Scalar  # N
     tip_force_bias: Scalar  # N
     tip_force_bandwidth: Scalar  # Hz, first order
-    rig: Residual  # largest error of the calibration rig: each label errs by this much, one way or the other
 
 
 @pytree
@@ -108,7 +67,6 @@ class Noise:
 
     agents: tuple[AgentNoise, ...]
     payload: PayloadNoise
-    rig: Residual  # signs of the calibration rig's errors, 1 or -1 (0: none)
 
 
 def draw(team: Team, key: Array, ticks: int) -> Noise:
@@ -127,15 +85,7 @@ def draw(team: Team, key: Array, ticks: int) -> Noise:
         shapes |= {"r": (size, group.tree.joints), "lam": (size, group.tree.arms, 3)}
         agents.append(AgentNoise(**normal(k, shapes)))
     payload: dict[str, tuple[int, ...]] = dict.fromkeys(("theta", "p", "v", "omega", "a"), (3,))
-    none = no_force(team)
-    leaves, kind = jax.tree.flatten(none)
-    signs = [
-        jax.random.rademacher(jax.random.fold_in(key, k), (ticks, *leaf.shape), leaf.dtype)
-        for k, leaf in enumerate(leaves)
-    ]
-    return Noise(
-        agents=tuple(agents), payload=PayloadNoise(**normal(keys[0], payload)), rig=jax.tree.unflatten(kind, signs)
-    )
+    return Noise(agents=tuple(agents), payload=PayloadNoise(**normal(keys[0], payload)))
 
 
 def bias(team: Team, sensors: Sensors, key: Array) -> tuple[Float[Array, "agents arms 3"], ...]:
@@ -181,8 +131,61 @@ def sense(
             omega=q.omega + sensors.body_rate * n.omega,
             a=q.R.T @ (truth.a_L[:3] - team.gravity) + sensors.accelerometer * n.a,
         ),
-        rig=Sample(z=truth.z, f=jax.tree.map(lambda f, e, sign: f + e * sign, truth.f, sensors.rig, noise.rig)),
     )
+
+
+class Extra:
+    """A sensor beside those that every team carries: a `pytree` that adds to a measurement, or changes it.
+
+    What it says of its own goes into `Measurement.more`, a dictionary by name. One without noise or memory leaves
+    `draw`, `begin` and `after` alone.
+    """
+
+    def __call__(self, m: Measurement, truth: Truth, t: Scalar, memory: Any, noise: Any) -> Measurement:
+        """The measurement at time t, s, with this sensor's part in it."""
+        raise NotImplementedError
+
+    def draw(self, team: Team, key: Array, ticks: int) -> Any:  # noqa: ARG002  of sensors without noise
+        """The noise of `ticks` ticks from one random key, time first."""
+        return ()
+
+    def begin(self, m: Measurement, truth: Truth) -> Any:  # noqa: ARG002  of sensors without a memory
+        """The memory before the flight, where the other sensors read m at rest."""
+        return ()
+
+    def after(self, m: Measurement, truth: Truth, t: Scalar, memory: Any) -> Any:  # noqa: ARG002
+        """The memory after a reading; m is as it came."""
+        return memory
+
+
+@pytree
+class Rig(Extra):
+    """A calibration rig: the true state, and the residual there, each label off by `error` one way or the other."""
+
+    error: Residual
+
+    def __call__(self, m: Measurement, truth: Truth, t: Scalar, memory: Any, noise: Residual) -> Measurement:  # noqa: ARG002
+        """`Measurement.rig`."""
+        f = jax.tree.map(lambda f, e, sign: f + e * sign, truth.f, self.error, noise)
+        return dataclasses.replace(m, rig=Sample(z=truth.z, f=f))
+
+    def draw(self, team: Team, key: Array, ticks: int) -> Residual:
+        """Signs, 1 or -1."""
+        leaves, kind = jax.tree.flatten(no_force(team))
+        signs = [
+            jax.random.rademacher(jax.random.fold_in(key, k), (ticks, *leaf.shape), leaf.dtype)
+            for k, leaf in enumerate(leaves)
+        ]
+        return jax.tree.unflatten(kind, signs)
+
+
+@pytree
+class Informant(Extra):
+    """Tells the residual exactly, which no sensor does: for the floor of a study."""
+
+    def __call__(self, m: Measurement, truth: Truth, t: Scalar, memory: Any, noise: Any) -> Measurement:  # noqa: ARG002
+        """`Measurement.residual`."""
+        return dataclasses.replace(m, residual=truth.f)
 
 
 def _sense_agent(

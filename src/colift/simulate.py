@@ -5,56 +5,40 @@ from __future__ import annotations
 import dataclasses
 import time
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from colift import agent as ag
-from colift import (
-    band,
-    disturbance,
-    dynamics,
-    estimate,
-    fly,
-    grasp,
-    interrupt,
-    learn,
-    limits,
-    reference,
-    sensor,
-    so3,
-)
-from colift.model import AgentForce, Residual, State, Team, Wrench, no_force
+from colift import balance, band, dynamics, fly, grasp, interrupt, learn, limits, so3
+from colift.model import Agent, AgentForce, AgentInput, AgentState, Clock, Residual, State, Team, Wrench
 from colift.pytree import pytree
+from colift.world import Noise, Truth
 
 Scalar = Float[Array, ""]
 
 
 @pytree
-class World:
-    """The truth: what flies never sees any of it but through its sensors."""
-
-    team: Team
-    sources: disturbance.Disturbances
-    sensors: sensor.Sensors
-    lam_bias: tuple[Float[Array, "agents arms 3"], ...]  # N, tip frames
-    acting: Scalar  # share of the sources that acts: 1 in flight, 0 for the loop by itself
-    told: Bool[Array, ""]  # whether the pilot is told the exact residual, as for the floor of a study
-    limits: limits.Limits
-
-
-@pytree
 class Loop:
-    """The state of plant, sensors and flight software between ticks."""
+    """The state of world and pilot between ticks."""
 
-    z: State
-    felt: tuple[Float[Array, "agents arms 3"], ...]  # N, tip forces behind the sensors' bandwidth, world
-    memory: fly.Memory
+    world: Any
+    memory: Any
     tick: Int[Array, ""]
     saturated: tuple[Int[Array, "agents"], ...]  # ticks that each thrust has been at its limit without a break
     ended: Int[Array, ""]  # the `limits.Cause`, 0 while the flight goes on
+
+
+@pytree
+class Setup:
+    """Who flies where: what a tick needs beside the state of the loop."""
+
+    world: Any  # a `world.World`
+    pilot: Any  # a `fly.Pilot`
+    limits: limits.Limits
+    dt: Scalar  # s, the clock's tick
 
 
 @pytree
@@ -110,90 +94,56 @@ def residual(nominal: Team, z: State, a: dynamics.Acceleration, lam: tuple, inpu
     """
     q, g = z.payload, nominal.gravity
     W = grasp.wrench(grasp.contacts(nominal), q.R, grasp.join(lam))
-    J = nominal.payload.inertia
-    tau = J @ a.payload[3:] + so3.cross(q.omega, J @ q.omega) - W.tau
+    known = balance.payload(nominal.payload, a.payload[:3] - g, a.payload[3:], q.omega)
     agents = tuple(
         jax.vmap(_agent_residual, in_axes=(0, 0, 0, 0, 0, None))(group, state, acc, part, u, g)
         for group, state, acc, part, u in zip(nominal.groups, z.agents, a.agents, lam, inputs, strict=True)
     )
-    return Residual(agents=agents, payload=Wrench(F=nominal.payload.mass * (a.payload[:3] - g) - W.F, tau=tau))
+    return Residual(agents=agents, payload=Wrench(F=known.F - W.F, tau=known.tau - W.tau))
 
 
-def _agent_residual(agent, q, a, lam, u, gravity) -> AgentForce:
-    g = ag.geometry(agent, q.r)
-    p = ag.reduce(agent, g)
-    h, _ = ag.bias(agent, g, p, q.omega, q.r_dot)
-    f_x = p.mass * (a.v_dot - gravity) - u.u * q.R[:, 2] + lam.sum(0)
-    pull = (p.tip * (lam @ q.R)[:, :, None]).sum((0, 1))
-    Q = p.M_bar @ a.xi_dot + h - jnp.concatenate([u.tau, u.tau_r]) - u.u * p.base[2] + pull
-    return AgentForce(f_x=f_x, f_w=Q[:3], f_r=Q[3:])
+def _agent_residual(
+    agent: Agent,
+    q: AgentState,
+    a: dynamics.AgentAcceleration,
+    lam: Float[Array, "arms 3"],
+    u: AgentInput,
+    gravity: Float[Array, "3"],
+) -> AgentForce:
+    force, Q, thrust = balance.agent(agent, q, a.v_dot - gravity, a.xi_dot, lam)
+    Q = Q - jnp.concatenate([u.tau, u.tau_r]) - u.u * thrust
+    return AgentForce(f_x=force - u.u * q.R[:, 2], f_w=Q[:3], f_r=Q[3:])
 
 
 @jax.jit
-def start(world: World, pilot: fly.Pilot, oracle: learn.Oracle, z: State) -> Loop:
+def start(setup: Setup, z: State) -> Loop:
     """The loop before its first tick: the team at z, held by the command of a noise-free tick at rest."""
-    still = sensor.Truth(
-        z=z,
-        v_dot=tuple(jnp.zeros_like(a.v) for a in z.agents),
-        xi_dot=tuple(jnp.concatenate([jnp.zeros_like(a.omega), jnp.zeros_like(a.r)], axis=1) for a in z.agents),
-        a_L=jnp.zeros(6),
-        lam=tuple(jnp.zeros_like(group.contact) for group in world.team.groups),
-        f=no_force(world.team),
-    )
-    quiet = jax.tree.map(jnp.zeros_like, jax.tree.map(lambda x: x[0], sensor.draw(world.team, jax.random.key(0), 1)))
-    m = sensor.sense(world.team, world.sensors, tuple(jnp.zeros_like(x) for x in still.lam), still, quiet)
-    memory = fly.begin(pilot, m, oracle.payload.capacity)
-    inputs, _, _ = fly.tick(pilot, oracle, memory, m, jnp.zeros(()), no_force(pilot.team))
-    memory = dataclasses.replace(memory, applied=inputs)
-    f = jax.tree.map(lambda x: world.acting * x, disturbance.residual(world.sources, world.team, z))
-    _, lam = dynamics.accelerate(world.team, z, inputs, f)
+    command, memory = setup.pilot.begin(setup.world.rest(z), Clock(t=jnp.zeros(()), dt=setup.dt))
     return Loop(
-        z=z,
-        felt=lam,
+        world=setup.world.begin(z, command),
         memory=memory,
         tick=jnp.zeros((), int),
-        saturated=tuple(jnp.zeros(size, int) for size in world.team.sizes),
+        saturated=tuple(jnp.zeros(size, int) for size in setup.world.team.sizes),
         ended=jnp.zeros((), int),
     )
 
 
-def tick(world: World, pilot: fly.Pilot, oracle: learn.Oracle, loop: Loop, noise: sensor.Noise) -> tuple[Loop, Row]:
-    """Measure, fly, log, step: one control period with the commands held."""
-    team, dt = world.team, pilot.filters.dt
-    z, t = loop.z, loop.tick.astype(dt.dtype) * dt
-
-    def unknown(z: State) -> Residual:
-        return jax.tree.map(lambda x: world.acting * x, disturbance.residual(world.sources, team, z))
-
-    f = unknown(z)
-    # sensors see the end of the last period, under the command that was applied in it
-    a, lam = dynamics.accelerate(team, z, loop.memory.applied, f)
-    b = estimate.blend(world.sensors.tip_force_bandwidth, dt)
-    felt = tuple(old + b * (new - old) for old, new in zip(loop.felt, lam, strict=True))
-    seen = sensor.Truth(
-        z=z,
-        v_dot=tuple(x.v_dot for x in a.agents),
-        xi_dot=tuple(x.xi_dot for x in a.agents),
-        a_L=a.payload,
-        lam=felt,
-        f=f,
-    )
-    m = sensor.sense(team, world.sensors, world.lam_bias, seen, noise)
-    # chosen, not multiplied: a product with zero would let a truth that is not finite through the wall
-    told = jax.tree.map(lambda x: jnp.where(world.told, x, 0.0), f)
-    inputs, memory, decided = fly.tick(pilot, oracle, loop.memory, m, t, told)
-    a, lam = dynamics.accelerate(team, z, inputs, f)
-    row = _row(world, pilot, t, z, inputs, a, lam, decided)
-    z = dynamics.project(team, dynamics.integrate(team, z, inputs, unknown, dt))
+def tick(setup: Setup, loop: Loop, noise: Noise) -> tuple[Loop, Row]:
+    """Measure, fly, step, log: one control period with the commands held."""
+    world, dt = setup.world, setup.dt
+    clock = Clock(t=loop.tick.astype(dt.dtype) * dt, dt=dt)
+    m, state = world.sense(loop.world, clock, noise)
+    command, memory, decided = setup.pilot.tick(loop.memory, m, clock)
+    state, truth = world.step(state, command, clock)
+    row = _row(world.team, setup.pilot.team, clock.t, truth, decided)
     saturated = tuple(jnp.where(now, past + 1, 0) for past, now in zip(loop.saturated, decided.saturated, strict=True))
-    watched = _watched(row, _finite(z) & _finite(row), jnp.concatenate(saturated).astype(dt.dtype) * dt)
+    watched = _watched(row, _finite(state.z) & _finite(row), jnp.concatenate(saturated).astype(dt.dtype) * dt)
     loop = Loop(
-        z=z,
-        felt=felt,
+        world=state,
         memory=memory,
         tick=loop.tick + 1,
         saturated=saturated,
-        ended=jnp.where(loop.ended > 0, loop.ended, limits.exceeded(world.limits, watched)),
+        ended=jnp.where(loop.ended > 0, loop.ended, limits.exceeded(setup.limits, watched)),
     )
     return loop, row
 
@@ -215,21 +165,13 @@ def _finite(tree: object) -> Bool[Array, ""]:
     return jnp.stack([jnp.isfinite(x).all() for x in jax.tree.leaves(tree)]).all()
 
 
-def _row(
-    world: World,
-    pilot: fly.Pilot,
-    t: Scalar,
-    z: State,
-    inputs: dynamics.Inputs,
-    a: dynamics.Acceleration,
-    lam: tuple[Float[Array, "agents arms 3"], ...],
-    decided: fly.Telemetry,
-) -> Row:
-    q, d = z.payload, reference.at(pilot.path, t)
-    force = grasp.join(lam)
+def _row(team: Team, nominal: Team, t: Scalar, truth: Truth, decided: fly.Telemetry) -> Row:
+    z, a, inputs = truth.z, truth.a, truth.inputs
+    q, d = z.payload, decided.d
+    force = grasp.join(truth.lam)
     # the mismatch at the attitude the allocator used, so that delta_W = G e_lam holds exactly
-    W = grasp.wrench(grasp.contacts(pilot.team), decided.q_hat.payload.R, force)
-    f = residual(pilot.team, z, a, lam, inputs)
+    W = grasp.wrench(grasp.contacts(nominal), decided.q_hat.payload.R, force)
+    f = residual(nominal, z, a, truth.lam, inputs)
     f_hat = decided.f_hat
     vec = lambda W: jnp.concatenate([W.F, W.tau])  # noqa: E731
     agents = lambda parts: jnp.concatenate(list(parts))  # noqa: E731
@@ -272,27 +214,25 @@ def _row(
         f_x_hat=agents(x.f_x for x in f_hat.agents),
         f_w_hat=agents(x.f_w for x in f_hat.agents),
         f_r_hat=joints(x.f_r for x in f_hat.agents),
-        Phi=jnp.abs(grasp.Phi(world.team, z)).max(),
-        Phi_dot=jnp.abs(grasp.Phi_dot(world.team, z)).max(),
-        singular=dynamics.grip(world.team, z),
+        Phi=jnp.abs(grasp.Phi(team, z)).max(),
+        Phi_dot=jnp.abs(grasp.Phi_dot(team, z)).max(),
+        singular=dynamics.grip(team, z),
     )
 
 
 @jax.jit
-def advance(
-    world: World, pilot: fly.Pilot, oracle: learn.Oracle, loop: Loop, noise: sensor.Noise, ticks: Int[Array, ""]
-) -> tuple[Loop, Row]:
+def advance(setup: Setup, loop: Loop, noise: Noise, ticks: Int[Array, ""]) -> tuple[Loop, Row]:
     """Up to `ticks` ticks, at most as many as there is noise; stops after the tick that met a limit.
 
     The number of ticks is data, not shape: intervals of any length share one compiled program.
     """
-    room = noise.payload.p.shape[0]
-    shape = jax.eval_shape(lambda: tick(world, pilot, oracle, loop, jax.tree.map(lambda x: x[0], noise))[1])
+    room = jax.tree.leaves(noise)[0].shape[0]
+    shape = jax.eval_shape(lambda: tick(setup, loop, jax.tree.map(lambda x: x[0], noise))[1])
     rows = jax.tree.map(lambda s: jnp.zeros((room, *s.shape), s.dtype), shape)
 
     def body(carry: tuple[Loop, Row, Int[Array, ""]]) -> tuple[Loop, Row, Int[Array, ""]]:
         loop, rows, i = carry
-        loop, row = tick(world, pilot, oracle, loop, jax.tree.map(lambda x: x[i], noise))
+        loop, row = tick(setup, loop, jax.tree.map(lambda x: x[i], noise))
         return loop, jax.tree.map(lambda buffer, x: buffer.at[i].set(x), rows, row), i + 1
 
     def go_on(carry: tuple[Loop, Row, Int[Array, ""]]) -> Bool[Array, ""]:
@@ -306,9 +246,10 @@ def advance(
 class Plan:
     """One run: who flies where, how long, and when it learns."""
 
-    world: World
-    pilot: fly.Pilot
-    oracle: learn.Oracle  # before any data
+    world: Any  # a `world.World`
+    pilot: Any  # a `fly.Pilot`; one that learns is a `fly.LeaderFollower`
+    limits: limits.Limits
+    dt: float  # s, the clock's tick
     z: State  # on the manifold
     duration: float  # s
     updates: tuple[float, ...]  # t_k, s
@@ -316,6 +257,11 @@ class Plan:
     identify: Identify | None  # parametric identification of the payload instead of GPs
     stated: band.Stated  # what the radii along the run rest on
     seed: int
+
+    @property
+    def setup(self) -> Setup:
+        """What its ticks need, before anything is learned."""
+        return Setup(world=self.world, pilot=self.pilot, limits=self.limits, dt=jnp.asarray(self.dt))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -366,7 +312,7 @@ SIGMA_EVERY = 0.02  # s, at most the control period
 
 def chunk(plan: Plan) -> int:
     """How many ticks are flown, and how much noise is drawn, at once."""
-    return max(1, round(CHUNK / float(plan.pilot.filters.dt)))
+    return max(1, round(CHUNK / plan.dt))
 
 
 def fly_plan(plan: Plan, names: Sequence[str], progress: Callable[[float], None] = lambda _t: None) -> Flight:
@@ -376,13 +322,13 @@ def fly_plan(plan: Plan, names: Sequence[str], progress: Callable[[float], None]
     is exceeded; what was flown until then is returned, with the reason in words. `names` are the agents', for that
     message.
     """
-    dt = float(plan.pilot.filters.dt)
+    dt, setup = plan.dt, plan.setup
     room, ticks = chunk(plan), round(plan.duration / dt)
     stops = sorted({round(t / dt) for t in plan.updates if t < plan.duration} | {ticks})
     key = jax.random.fold_in(jax.random.key(plan.seed), 2)
-    oracle, fits, updates, flown, deviations, wall = plan.oracle, {}, [], [], [], {"simulation": 0.0, "fit": 0.0}
+    oracle, fits, updates, flown, deviations, wall = plan.pilot.oracle, {}, [], [], [], {"simulation": 0.0, "fit": 0.0}
     bands = band.bands(oracle, plan.stated, 1)
-    loop = start(plan.world, plan.pilot, oracle, plan.z)
+    loop = start(setup, plan.z)
     done, stopped = 0, ""
     progress(0.0)
     while done < ticks and not stopped:
@@ -390,10 +336,10 @@ def fly_plan(plan: Plan, names: Sequence[str], progress: Callable[[float], None]
         first = done - done % room  # noise is drawn in whole chunks of the run, wherever an update cuts them
         until = min(first + room, next(k for k in stops if k > done))
         began = time.perf_counter()
-        noise = sensor.draw(plan.world.team, jax.random.fold_in(key, first), room)
+        noise = plan.world.draw(jax.random.fold_in(key, first), room)
         if done > first:
             noise = jax.tree.map(lambda x, used=done - first: jnp.roll(x, -used, axis=0), noise)
-        loop, rows = advance(plan.world, plan.pilot, oracle, loop, noise, jnp.asarray(until - done))
+        loop, rows = advance(setup, loop, noise, jnp.asarray(until - done))
         last = int(loop.tick)
         rows = jax.tree.map(lambda x, n=last - done: np.asarray(x)[:n], rows)
         flown.append(rows)
@@ -404,11 +350,13 @@ def fly_plan(plan: Plan, names: Sequence[str], progress: Callable[[float], None]
         wall["simulation"] += time.perf_counter() - began
         if done in stops and done < ticks and not stopped:
             began = time.perf_counter()
-            oracle, fits = _learn(plan, oracle, loop, fits)
+            recorded = loop.memory.recorder
+            oracle, fits = _learn(plan, oracle, recorded, fits)
+            setup = dataclasses.replace(setup, pilot=dataclasses.replace(plan.pilot, oracle=oracle))
             bands = band.bands(oracle, plan.stated, len(updates) + 1)
             n = {
-                "payload": int(loop.memory.payload_data.n),
-                "agents": int(sum(int(data.n.sum()) for data in loop.memory.agent_data)),
+                "payload": int(recorded.payload.n),
+                "agents": int(sum(int(data.n.sum()) for data in recorded.agents)),
             }
             updates.append(Update(t=done * dt, n=n, fits=fits, theta=np.asarray(oracle.theta)))
             wall["fit"] += time.perf_counter() - began
@@ -424,13 +372,14 @@ def fly_plan(plan: Plan, names: Sequence[str], progress: Callable[[float], None]
     )
 
 
-def _learn(plan: Plan, oracle: learn.Oracle, loop: Loop, fits: learn.Fits) -> tuple[learn.Oracle, learn.Fits]:
+def _learn(
+    plan: Plan, oracle: learn.Oracle, recorded: learn.Recorded, fits: learn.Fits
+) -> tuple[learn.Oracle, learn.Fits]:
     """The oracle from t_k on, of what was recorded: GPs, or the identified parameters."""
-    memory = loop.memory
     if plan.identify is None:
-        return learn.teach(oracle, memory.payload_data, memory.agent_data, plan.training, fits)
-    n = int(memory.payload_data.n)
-    X, Y = np.asarray(memory.payload_data.X)[:n], np.asarray(memory.payload_data.Y)[:n]
+        return learn.teach(oracle, recorded.payload, recorded.agents, plan.training, fits)
+    n = int(recorded.payload.n)
+    X, Y = np.asarray(recorded.payload.X)[:n], np.asarray(recorded.payload.Y)[:n]
     theta, _ = learn.identify(X, Y, plan.identify.noise, plan.identify.prior)
     return dataclasses.replace(oracle, theta=jnp.asarray(theta)), fits
 
@@ -472,7 +421,7 @@ EFFECTS = ("a_L", "lam", "delta_W", "f_L", "f_x", "f_w", "f_r")  # what follows 
 
 def _why(plan: Plan, rows: Row, loop: Loop, names: Sequence[str]) -> str:
     """What ended a run: a signal not finite, causes first; an agent and its arms near singular; or another limit."""
-    t, cause, allowed = rows.t[-1], limits.Cause(int(loop.ended)), plan.world.limits
+    t, cause, allowed = rows.t[-1], limits.Cause(int(loop.ended)), plan.limits
     if cause == limits.Cause.NOT_FINITE:
         signals = [field.name for field in dataclasses.fields(rows)]
         for signal in sorted(signals, key=EFFECTS.__contains__):
@@ -486,8 +435,7 @@ def _why(plan: Plan, rows: Row, loop: Loop, names: Sequence[str]) -> str:
             f"the grasp of agent {names[weak]} is near singular at t = {t:.3f} s: "
             f"{value:.3g} < {float(allowed.grip[weak]):.3g} 1/kg (limits.grip); {arms}"
         )
-    dt = plan.pilot.filters.dt
-    held = jnp.concatenate(loop.saturated).astype(dt.dtype) * dt
+    held = jnp.concatenate(loop.saturated).astype(float) * plan.dt
     now = _watched(jax.tree.map(lambda x: jnp.asarray(x[-1]), rows), jnp.asarray(True), held)
     return limits.sentence(cause, allowed, jax.tree.map(np.asarray, now), float(t), names)
 

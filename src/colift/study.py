@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from colift import analyse, disk, fly, folder, learn, log, modes, response, sensor, simulate
+from colift import actuator, analyse, disk, fly, folder, learn, log, modes, response, sensor, simulate, world
 from colift.certify import adversary, assumed, certificate, interface
 from colift.folder import Folder
 from colift.model import no_force
@@ -56,58 +56,64 @@ def plans(settings: Settings, cases: Sequence[str]) -> dict[str, simulate.Plan]:
             raise KeyError(f"case {case!r}: one of {', '.join(known)}")
     truth, nominal = build.team(settings)
     given, z = settings.learning, build.start(settings, truth)
-    drawn, rig, sources = build.drawn(settings, truth, z), no_force(truth), build.disturbances(settings)
+    drawn, error, sources = build.drawn(settings, truth, z), no_force(truth), build.disturbances(settings)
     if drawn is not None:
         function, deviation = drawn
-        sources = dataclasses.replace(sources, functions=(function,))
-        rig = jax.tree.map(lambda f: given.rig_error * f, deviation)
-    sensors, pilot = build.sensors(settings, rig), build.pilot(settings, nominal)
-    build.hover(settings, truth, pilot, sources)
+        sources = dataclasses.replace(sources, functions=(learn.Function(oracle=function),))
+        error = jax.tree.map(lambda f: given.rig_error * f, deviation)
+    sensors, pilot = build.sensors(settings), build.pilot(settings, nominal)
+    build.hover(settings, truth, pilot.allocator, sources)
     c1 = simulate.Plan(
-        world=simulate.World(
+        world=world.Simulated(
             team=truth,
             sources=sources,
+            acting=jnp.asarray(1.0),
+            actuators=actuator.Ideal(),
             sensors=sensors,
             lam_bias=sensor.bias(truth, sensors, jax.random.fold_in(jax.random.key(settings.seed), 1)),
-            acting=jnp.asarray(1.0),
-            told=jnp.asarray(False),
-            limits=build.bounds(settings, truth, z),
+            extra=(sensor.Rig(error=error),) if given.samples == "rig" else (),
         ),
         pilot=pilot,
-        oracle=build.prior(settings, nominal),
+        limits=build.bounds(settings, truth, z),
+        dt=1 / settings.control_Hz,
         z=z,
         duration=settings.duration_s,
         updates=(),
         training=build.training(settings, nominal),
         identify=None,
-        stated=build.stated(settings, nominal, rig),
+        stated=build.stated(settings, nominal, error),
         seed=settings.seed,
     )
     return {case: _as(case, c1, settings) for case in cases}
 
 
 def _as(case: str, c1: simulate.Plan, settings: Settings) -> simulate.Plan:
-    """C1 with what another case has in addition."""
+    """C1 with what another case has in its place or in addition."""
     rival, given = settings.baselines, settings.learning
     learns, agents, identifies = case in ("C2", "C3", "P"), case == "C3", case == "P"
-    exact = case == "O"
-    pilot = dataclasses.replace(
-        c1.pilot,
-        recorder=dataclasses.replace(c1.pilot.recorder, payload=jnp.asarray(learns), agents=jnp.asarray(agents)),
-        baseline=fly.Baseline(
-            K_i=jnp.asarray(rival.K_i if case == "I" else 0.0),
-            k_i=jnp.asarray(rival.k_i if case == "I" else 0.0),
-            observer=jnp.asarray(rival.observer_Hz if case == "DOB" else 0.0),
-        ),
-    )
-    theta = analyse.mismatch(c1.world.team, c1.pilot.team) if exact else np.zeros(10)
+    pilot, world = c1.pilot, c1.world
+    recorder = dataclasses.replace(pilot.recorder, payload=jnp.asarray(learns), agents=jnp.asarray(agents))
+    pilot = dataclasses.replace(pilot, recorder=recorder)
+    match case:
+        case "I":
+            K_i, k_i = jnp.asarray(rival.K_i), jnp.asarray(rival.k_i)
+            pilot = dataclasses.replace(pilot, leader=fly.Integral(leader=pilot.leader, K_i=K_i, k_i=k_i))
+        case "DOB":
+            observer = fly.Observed(
+                predictor=pilot.predictor, team=pilot.team, bandwidth=jnp.asarray(rival.observer_Hz)
+            )
+            pilot = dataclasses.replace(pilot, predictor=observer)
+        case "O":
+            theta = jnp.asarray(analyse.mismatch(world.team, pilot.team))
+            oracle = dataclasses.replace(pilot.oracle, theta=theta)
+            pilot = dataclasses.replace(pilot, oracle=oracle, predictor=fly.Told(predictor=pilot.predictor))
+            world = dataclasses.replace(world, extra=(*world.extra, sensor.Informant()))
     prior = np.array([rival.mass_kg, *[rival.first_moment_kgm] * 3, *[rival.inertia_kgm2] * 6])
     noise = np.array([given.payload.force_noise_N] * 3 + [given.payload.moment_noise_Nm] * 3)
     return dataclasses.replace(
         c1,
-        world=dataclasses.replace(c1.world, told=jnp.asarray(exact)),
+        world=world,
         pilot=pilot,
-        oracle=dataclasses.replace(c1.oracle, theta=jnp.asarray(theta)),
         updates=given.update_times_s if learns else (),
         identify=simulate.Identify(noise=noise, prior=prior) if identifies else None,
     )
@@ -139,7 +145,7 @@ def outlook(settings: Settings, ready: Mapping[str, simulate.Plan]) -> Outlook:
     except ValueError as error:
         warnings.append(str(error))
     names, truth = build.agent_names(settings), first.world.team
-    hover = build.hover(settings, truth, first.pilot, first.world.sources)
+    hover = build.hover(settings, truth, first.pilot.allocator, first.world.sources)
     have = np.concatenate([group.thrust_max for group in truth.groups])
     margin = settings.limits.thrust_margin
     for name, need, most in zip(names, hover, have, strict=True):
@@ -176,7 +182,7 @@ def certify(
     ready, agents = plan(settings, "C3"), build.agent_names(settings)
     if loop is None:
         progress("the loop's response")
-        loop = response.linearize(ready.pilot, ready.oracle, build.at_rest(settings, ready.pilot.team))
+        loop = response.linearize(ready.pilot, build.at_rest(settings, ready.pilot.team))
     progress("flight")
     flight = simulate.fly_plan(ready, agents)
     progress("its twin, whose world obeys the learned means")
@@ -367,7 +373,7 @@ def _dataset(settings: Settings, case: str, flight: simulate.Flight, flown: simu
 
 def _limits(settings: Settings, plan: simulate.Plan) -> dict[str, Any]:
     """The limits as stated, and what the share of the start's grip is for every agent."""
-    return settings.limits.model_dump() | {"grip_1pkg": np.asarray(plan.world.limits.grip).tolist()}
+    return settings.limits.model_dump() | {"grip_1pkg": np.asarray(plan.limits.grip).tolist()}
 
 
 def _rests_on(flown: simulate.Plan) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from collections.abc import Collection, Sequence
 import numpy as np
 from jaxtyping import Float
 
-from colift import disturbance, sensor, simulate
+from colift import disturbance, fly, sensor, simulate
 from colift.model import Team
 
 FIRST_ORDER = "first order"
@@ -59,7 +59,7 @@ def of_radii(plan: simulate.Plan) -> tuple[str, ...]:
     A band is about the posterior mean at the true state. What flies is the mean at the estimated one, and of some
     rivals (an observer, identified parameters, a residual that is told) no posterior mean at all.
     """
-    rival = plan.identify is not None or float(plan.pilot.baseline.observer) != 0 or float(plan.world.told) != 0
+    rival = plan.identify is not None or not isinstance(plan.pilot.predictor, fly.Learned)
     return (
         *plan.stated.assumed,
         *([NOISE] if noisy(plan.world.sensors) else []),
@@ -71,7 +71,7 @@ def of_radii(plan: simulate.Plan) -> tuple[str, ...]:
 
 def noisy(sensors: sensor.Sensors) -> bool:
     """Whether any reading of a flying team is off the truth; the calibration rig's errors are the labels' own."""
-    other = {"tip_force_bandwidth", "rig"}
+    other = {"tip_force_bandwidth"}
     return any(float(getattr(sensors, x.name)) != 0 for x in dataclasses.fields(sensors) if x.name not in other)
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from colift import band, control, learn, reference, response, simulate
+from colift import band, control, learn, response, simulate
 from colift.certify import assumed, reach, rotation, translation, tube
 from colift.certify.interface import Interface
 from colift.certify.reach import Body
@@ -99,12 +99,13 @@ def under(plan: simulate.Plan, oracle: learn.Oracle, truth: learn.Oracle) -> sim
     none = tuple(() for _ in plan.world.sources.agents)
     rest = jax.tree.map(jnp.zeros_like, plan.world.sources.joints)
     smooth = tuple(dataclasses.replace(f, speed=jnp.ones_like(f.speed)) for f in rest)
-    sources = dataclasses.replace(plan.world.sources, payload=(), agents=none, joints=smooth, functions=(truth,))
+    sources = dataclasses.replace(
+        plan.world.sources, payload=(), agents=none, joints=smooth, functions=(learn.Function(oracle=truth),)
+    )
     return dataclasses.replace(
         plan,
         world=dataclasses.replace(plan.world, team=plan.pilot.team, sources=sources),
-        pilot=dataclasses.replace(plan.pilot, recorder=recorder),
-        oracle=oracle,
+        pilot=dataclasses.replace(plan.pilot, recorder=recorder, oracle=oracle),
         updates=(),
     )
 
@@ -193,7 +194,7 @@ class Grid:
 
 def path_of(plan: simulate.Plan, flight: simulate.Flight, step: float) -> Grid:
     """Samples about `step` s apart. Errors are ultimate in the second half of what follows the last update."""
-    dt, last = float(plan.pilot.filters.dt), flight.updates[-1].t
+    dt, last = plan.dt, flight.updates[-1].t
     every = max(1, round(step / dt))
     ticks = len(flight.rows.t)
     path = np.arange(round(last / dt), ticks, every)
@@ -326,7 +327,7 @@ def _radii(
         return dict.fromkeys(ERRORS, float("inf"))
     reached = reached + extra
     at = grid.path[grid.at]
-    gains = plan.pilot.gains
+    gains = plan.pilot.leader.gains
     try:
         attitude = rotation.ultimate(float(gains.k_R), float(gains.k_omega), _turning(off, reached))
         e_R, e_omega = attitude.e_R, attitude.e_omega
@@ -351,7 +352,7 @@ def _mismatch(plan: simulate.Plan, rows: simulate.Row, window: slice) -> Matrix:
 
     def commanded(t: Any, p: Any, v: Any, R: Any, omega: Any) -> Any:
         q = PayloadState(p=p, v=v, R=R, omega=omega)
-        return control.command(plan.pilot.gains, q, jnp.zeros(3), reference.at(plan.pilot.path, t), jnp.zeros(6)).alpha
+        return control.command(plan.pilot.leader.gains, q, jnp.zeros(3), plan.pilot.path.at(t)).alpha
 
     args = (jnp.asarray(getattr(rows, name)[window]) for name in ("t", "p", "v", "R_L", "omega_L"))
     return np.asarray(rows.a_L)[window, 3:] - np.asarray(jax.jit(jax.vmap(commanded))(*args))
@@ -382,7 +383,7 @@ def slack(
     """Radii of e_p, m, under ever better reasoning; each ratio of neighbours is the slack of one cause."""
     grid = path_of(plan, flight, STEP)
     H = reach.impulse(loop, loop.output("e_p"), grid.step, len(grid.path))
-    gains, floor = plan.pilot.gains, found.floor["e_p"]
+    gains, floor = plan.pilot.leader.gains, found.floor["e_p"]
     unit = translation.ultimate(np.asarray(gains.K_p), np.asarray(gains.K_v), 1.0).e_p.bound
 
     def pointwise(bound: str) -> Matrix:

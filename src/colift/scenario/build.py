@@ -266,18 +266,18 @@ def drawn(settings: s.Settings, truth: Team, z: State) -> tuple[learn.Oracle, Re
 
 def _carried(path: reference.Lissajous, z: State, t: Array) -> tuple[Array, tuple[Array, ...]]:
     """Samples of payload and agents as if the team of z moved along the reference without turning."""
-    d = reference.at(path, t)
+    d = path.at(t)
     shift = d.p - z.payload.p
     load = PayloadState(p=d.p, R=d.R, v=d.v, omega=jnp.zeros(3))
     agents = tuple(
-        jax.vmap(estimate.flat_agent)(dataclasses.replace(q, x=q.x + shift[None], v=jnp.tile(d.v, (len(q.x), 1))))
+        jax.vmap(model.flat_agent)(dataclasses.replace(q, x=q.x + shift[None], v=jnp.tile(d.v, (len(q.x), 1))))
         for q in z.agents
     )
-    return estimate.flat_payload(load, jnp.zeros(6)), agents
+    return model.flat_payload(load, jnp.zeros(6)), agents
 
 
-def sensors(settings: s.Settings, rig: Residual) -> sensor.Sensors:
-    """Noise of the sensors, in SI; `rig` is the calibration rig's largest error."""
+def sensors(settings: s.Settings) -> sensor.Sensors:
+    """Noise of the sensors, in SI."""
     given = settings.sensors
     return sensor.Sensors(
         position=_array(given.position_m),
@@ -289,7 +289,6 @@ def sensors(settings: s.Settings, rig: Residual) -> sensor.Sensors:
         tip_force=_array(given.tip_force_N),
         tip_force_bias=_array(given.tip_force_bias_N),
         tip_force_bandwidth=_array(given.tip_force_bandwidth_Hz),
-        rig=rig,
     )
 
 
@@ -299,7 +298,7 @@ def start(settings: s.Settings, truth: Team) -> State:
     Raises ScenarioError where no such state is near, with what remains, and for a body that is not physical or a grasp
     that is redundant, singular or beyond control there.
     """
-    given, d = settings.start, reference.at(path(settings), jnp.zeros(()))
+    given, d = settings.start, path(settings).at(jnp.zeros(()))
     load = PayloadState(
         p=d.p + _array(given.position_error_m),
         R=d.R @ so3.exp(jnp.deg2rad(_array(given.attitude_error_deg))),
@@ -359,14 +358,14 @@ def _limit_rad(deg: float) -> Array:
     return _array(np.inf if deg == 180 else np.deg2rad(deg))
 
 
-def hover(settings: s.Settings, truth: Team, flying: fly.Pilot, sources: disturbance.Disturbances) -> np.ndarray:
+def hover(settings: s.Settings, truth: Team, flying: fly.Allocator, sources: disturbance.Disturbances) -> np.ndarray:
     """`(agents,)` thrust that hovering on the reference takes in truth, N, with or without internal forces, the larger.
 
     Raises ScenarioError where it is more than the agents have.
     """
-    z, plan = at_rest(settings, truth), flying.allocation
-    f, eta = _acting(sources, truth, z), flying.internal.eta
-    need = np.max([limits.hover(truth, plan, z.payload.R, part, f) for part in (0 * eta, eta)], axis=0)
+    z, given = at_rest(settings, truth), settings.allocation.internal
+    f, moments = _acting(sources, truth, z), [0.0] if given is None else [0.0, (given.start_s + given.end_s) / 2]
+    need = np.max([_hovering(truth, flying, z, path(settings), f, _array(t)) for t in moments], axis=0)
     have = np.concatenate([group.thrust_max for group in truth.groups])
     names = agent_names(settings)
     short = [
@@ -380,7 +379,18 @@ def hover(settings: s.Settings, truth: Team, flying: fly.Pilot, sources: disturb
     return need
 
 
-_acting = jax.jit(disturbance.residual)
+_acting = jax.jit(disturbance.at_start)
+
+
+@jax.jit
+def _hovering(truth: Team, flying: fly.Allocator, z: State, path: reference.Reference, f: Residual, t: Array) -> Array:
+    """`(agents,)` thrust at rest, N, with the internal forces of time t, s."""
+    none = Wrench(F=jnp.zeros(3), tau=jnp.zeros(3))
+    lam = tuple(jnp.zeros_like(group.contact) for group in truth.groups)
+    q = estimate.Estimate(agents=z.agents, payload=z.payload, a_L=jnp.zeros(6), lam=lam)
+    now = fly.Now(clock=model.Clock(t=t, dt=jnp.ones(())), m=None, q_hat=q, d=path.at(t), W=none, ticks=jnp.zeros(()))
+    W = Wrench(F=-truth.payload.mass * truth.gravity - f.payload.F, tau=-f.payload.tau)
+    return limits.hover(truth, flying.allocate(now, W, none).lam, f)
 
 
 # What flies ---------------------------------------------------------------------------------------------------------
@@ -462,34 +472,35 @@ def _internal(
     return fly.Internal(eta=jnp.asarray(eta), start=start, end=end, ramp=ramp)
 
 
-def pilot(settings: s.Settings, nominal: Team) -> fly.Pilot:
-    """Everything the team takes along in case C1: no data are recorded, no baseline acts."""
+def pilot(settings: s.Settings, nominal: Team) -> fly.LeaderFollower:
+    """Everything the team takes along in case C1: no data are recorded, nothing is known."""
     plan, internal = allocation(settings, nominal)
-    learning, zero = settings.learning, jnp.zeros(())
-    return fly.Pilot(
+    learning, gain = settings.learning, gains(settings)
+    recorder = learn.FromRig if learning.samples == "rig" else learn.Recorder
+    return fly.LeaderFollower(
         team=nominal,
-        gains=gains(settings),
-        allocation=plan,
         path=path(settings),
-        internal=internal,
-        heading=heading(settings),
-        rest=rest(settings),
-        filters=estimate.Filters(
-            fusion=_array(settings.control.fusion_Hz),
-            joint=_array(settings.control.joint_filter_Hz),
-            label=_array(learning.filter_Hz),
-            tip_force=_array(settings.sensors.tip_force_bandwidth_Hz),
-            dt=_array(1 / settings.control_Hz),
+        estimator=estimate.Estimator(
+            team=nominal,
+            filters=estimate.Filters(
+                fusion=_array(settings.control.fusion_Hz),
+                joint=_array(settings.control.joint_filter_Hz),
+                label=_array(learning.filter_Hz),
+                tip_force=_array(settings.sensors.tip_force_bandwidth_Hz),
+            ),
         ),
-        recorder=fly.Recorder(
+        recorder=recorder(
             every=_array(1 / learning.sample_Hz),
             start=_array(learning.start_s),
             end=_array(learning.end_s),
             payload=jnp.array(False),
             agents=jnp.array(False),
-            rig=jnp.array(learning.samples == "rig"),
         ),
-        baseline=fly.Baseline(K_i=zero, k_i=zero, observer=zero),
+        oracle=prior(settings, nominal),
+        predictor=fly.Learned(team=nominal),
+        leader=fly.Geometric(gains=gain),
+        allocator=fly.Linear(allocation=plan, internal=internal),
+        realizer=fly.Aligned(team=nominal, gains=gain, heading=heading(settings), rest=rest(settings)),
     )
 
 

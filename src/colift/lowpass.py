@@ -1,0 +1,35 @@
+"""First- and second-order low-pass filters, sample by sample."""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from colift.pytree import pytree
+
+Scalar = Float[Array, ""]
+
+
+@pytree
+class LowPass:
+    """Memory of a critically damped second-order low-pass: two equal first-order ones in a row."""
+
+    inner: Float[Array, "*shape"]
+    outer: Float[Array, "*shape"]
+
+
+def settle(x: Float[Array, "*shape"]) -> LowPass:
+    """The memory of a filter that has seen x for ever."""
+    return LowPass(inner=x, outer=x)
+
+
+def blend(hertz: Scalar, dt: Scalar) -> Scalar:
+    """What a first-order low-pass takes of a new sample: `1 - exp(-2 pi hertz dt)`."""
+    return -jnp.expm1(-2 * jnp.pi * hertz * dt)
+
+
+def smooth(memory: LowPass, x: Float[Array, "*shape"], hertz: Scalar, dt: Scalar) -> LowPass:
+    """One sample through the low-pass; the value is `outer`."""
+    b = blend(hertz, dt)
+    inner = memory.inner + b * (x - memory.inner)
+    return LowPass(inner=inner, outer=memory.outer + b * (inner - memory.outer))
