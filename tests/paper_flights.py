@@ -13,6 +13,7 @@ import numpy as np
 from colift import disturbance, dynamics, scenario, simulate, study
 from colift.model import AgentInput, AgentState, PayloadState, Residual, State, Team
 from colift.scenario import Settings, build
+from colift.world import Simulated
 
 SETTINGS: Settings = scenario.load("paper")
 NAMES = build.agent_names(SETTINGS)
@@ -28,12 +29,10 @@ def plan(case: str) -> simulate.Plan:
 def shortened(case: str, eta: bool = True) -> simulate.Plan:
     """A case with the updates and the internal forces moved into nine seconds; without the latter where asked."""
     full = plan(case)
-    internal = dataclasses.replace(
-        full.pilot.internal, start=jnp.array(4.0), end=jnp.array(7.0), eta=float(eta) * full.pilot.internal.eta
-    )
-    pilot = dataclasses.replace(full.pilot, internal=internal)
+    eta_on = float(eta) * full.pilot.allocator.internal.eta
+    full = with_internal(full, start=jnp.array(4.0), end=jnp.array(7.0), eta=eta_on)
     updates = SHORT["updates"] if full.updates else ()
-    return dataclasses.replace(full, pilot=pilot, duration=SHORT["duration"], updates=updates)
+    return dataclasses.replace(full, duration=SHORT["duration"], updates=updates)
 
 
 def flight(case: str, eta: bool = True) -> simulate.Flight:
@@ -56,6 +55,25 @@ def with_pilot(plan: simulate.Plan, **parts: Any) -> simulate.Plan:
     return dataclasses.replace(plan, pilot=dataclasses.replace(plan.pilot, **parts))
 
 
+def with_gains(plan: simulate.Plan, **gains: Any) -> simulate.Plan:
+    """The plan with other gains of leader and agents."""
+    new = dataclasses.replace(plan.pilot.leader.gains, **gains)
+    leader, realizer = (dataclasses.replace(part, gains=new) for part in (plan.pilot.leader, plan.pilot.realizer))
+    return with_pilot(plan, leader=leader, realizer=realizer)
+
+
+def with_filters(plan: simulate.Plan, **filters: Any) -> simulate.Plan:
+    """The plan with other filters on board."""
+    of = plan.pilot.estimator
+    return with_pilot(plan, estimator=dataclasses.replace(of, filters=dataclasses.replace(of.filters, **filters)))
+
+
+def with_internal(plan: simulate.Plan, **parts: Any) -> simulate.Plan:
+    """The plan with another internal force."""
+    of = plan.pilot.allocator
+    return with_pilot(plan, allocator=dataclasses.replace(of, internal=dataclasses.replace(of.internal, **parts)))
+
+
 def with_world(plan: simulate.Plan, **parts: Any) -> simulate.Plan:
     """The plan with some of the truth replaced."""
     return dataclasses.replace(plan, world=dataclasses.replace(plan.world, **parts))
@@ -70,8 +88,7 @@ def quiet(plan: simulate.Plan) -> simulate.Plan:
 
 def exact(plan: simulate.Plan) -> simulate.Plan:
     """The plan with nothing to estimate: no noise, measured poses and velocities taken as they are."""
-    filters = dataclasses.replace(plan.pilot.filters, fusion=number(1e6), joint=number(200.0))
-    return with_pilot(quiet(plan), filters=filters)
+    return with_filters(quiet(plan), fusion=number(1e6), joint=number(200.0))
 
 
 def believed(plan: simulate.Plan) -> simulate.Plan:
@@ -110,10 +127,8 @@ ROOM = 250
 
 @jax.jit
 @functools.partial(jax.vmap, in_axes=(None, None, 0, 0))
-def _answer(
-    world: simulate.World, nominal: Team, z: State, inputs: tuple[AgentInput, ...]
-) -> tuple[jax.Array, Residual]:
-    f = disturbance.residual(world.sources, world.team, z)
+def _answer(world: Simulated, nominal: Team, z: State, inputs: tuple[AgentInput, ...]) -> tuple[jax.Array, Residual]:
+    f = disturbance.at_start(world.sources, world.team, z)
     a, lam = dynamics.accelerate(world.team, z, inputs, f)
     return a.payload, simulate.residual(nominal, z, a, lam, inputs)
 

@@ -35,7 +35,7 @@ def flight(seed: int, shape: flights.Shape = SHAPE, **rows: np.ndarray) -> simul
     attitudes = Rotation.random(shape.time, random_state=seed).as_matrix()
     made = with_rows(flights.rows(rng, shape), **({"R_L_hat": attitudes, "R_L": attitudes} | rows))
     beta = [rng.uniform(1, 5, (n, 6 + joints)) for n, joints, _ in shape.groups]
-    oracle = paper.plan("C1").oracle
+    oracle = paper.plan("C1").pilot.oracle
     bands = band.Bands(companion=oracle, payload=jnp.arange(6.0), agents=tuple(jnp.asarray(b) for b in beta))
     return simulate.Flight(
         rows=made, sigma=flights.sigma(rng, shape), updates=(), stopped="", oracle=oracle, bands=bands, wall={}

@@ -14,7 +14,7 @@ from colift.scenario import build
 from tests import paper_flights as paper
 
 ALWAYS = (assumed.FIRST_ORDER, assumed.SAMPLED)
-OTHER = ("tip_force_bandwidth", "rig")
+OTHER = ("tip_force_bandwidth",)
 READINGS = [x.name for x in dataclasses.fields(sensor.Sensors) if x.name not in OTHER]
 MID = np.full((5, 2), 25.0)  # N, of at most 50
 

@@ -21,13 +21,13 @@ def flown() -> tuple[simulate.Plan, simulate.Row]:
 
 
 def setpoints(plan: simulate.Plan, rows: simulate.Row) -> reference.Setpoint:
-    return jax.vmap(reference.at, in_axes=(None, 0))(plan.pilot.path, jnp.asarray(rows.t))
+    return jax.vmap(plan.pilot.path.at)(jnp.asarray(rows.t))
 
 
 def test_translational_error_equation():
     """Eq. err_ev_learning: `m e_v_dot = -m K_p e_p - m K_v e_v + dF + f~_p`, with both unknowns from the plant."""
     plan, rows = flown()
-    m, gains = float(plan.pilot.team.payload.mass), plan.pilot.gains
+    m, gains = float(plan.pilot.team.payload.mass), plan.pilot.leader.gains
     left = m * (rows.a_L[:, :3] - np.asarray(setpoints(plan, rows).a))
     feedback = -m * (rows.e_p @ np.asarray(gains.K_p) + rows.e_v @ np.asarray(gains.K_v))
     right = feedback + rows.delta_W[:, :3] + (rows.f_L - rows.f_L_hat)[:, :3]
@@ -38,7 +38,7 @@ def test_translational_error_equation():
 def test_rotational_error_equation():
     """Eq. err_eomega_learning: `J e_w_dot = -K_R e_R - K_w e_w + dtau + f~_w`; the desired attitude is constant."""
     plan, rows = flown()
-    J, gains = np.asarray(plan.pilot.team.payload.inertia), plan.pilot.gains
+    J, gains = np.asarray(plan.pilot.team.payload.inertia), plan.pilot.leader.gains
     left = rows.a_L[:, 3:] @ J
     feedback = -(float(gains.k_R) * rows.e_R + float(gains.k_omega) * rows.e_omega) @ J
     right = feedback + rows.delta_W[:, 3:] + (rows.f_L - rows.f_L_hat)[:, 3:]
@@ -61,7 +61,7 @@ def test_attitude_error_kinematics():
 @pytest.mark.parametrize("signal", ["e_p", "Psi"])
 def test_without_unknowns_or_noise_errors_decay_to_what_the_attitude_loop_leaves(signal: str):
     """Eq. pl_cl_ep, pl_cl_eom: under exact knowledge the errors go down from their start by a factor of five in 4 s."""
-    plan = paper.with_world(paper.exact(paper.plan("O")), told=jnp.asarray(True))
+    plan = paper.exact(paper.plan("O"))
     rows = paper.fly(plan, 4.0).rows
     size = np.abs(getattr(rows, signal).reshape(len(rows.t), -1)).max(1)
     assert size[-500:].max() < 0.2 * size[0]

@@ -202,7 +202,6 @@ class Pursuit:
     q: PayloadState
     a: jax.Array  # m/s^2, of the payload
     d: reference.Setpoint
-    integral: jax.Array
 
     def after(self, h: float, alpha: jax.Array) -> tuple[PayloadState, reference.Setpoint]:
         """Both, h seconds on, to second order; alpha turns the payload, rad/s^2."""
@@ -229,7 +228,7 @@ def pursuit(seed: int) -> Pursuit:
     v = lambda: jnp.array(rng.normal(size=3))  # noqa: E731
     R = lambda: so3.exp(v())  # noqa: E731
     d = reference.Setpoint(p=v(), v=v(), a=v(), j=v(), R=R(), omega=v(), omega_dot=v())
-    return Pursuit(q=PayloadState(R=R(), p=v(), omega=v(), v=v()), a=v(), d=d, integral=jnp.concatenate([v(), v()]))
+    return Pursuit(q=PayloadState(R=R(), p=v(), omega=v(), v=v()), a=v(), d=d)
 
 
 command = jax.jit(control.command)
@@ -237,23 +236,23 @@ command = jax.jit(control.command)
 
 @pytest.mark.parametrize("seed", range(5))
 def test_a_payload_that_obeys_has_the_error_dynamics_of_the_paper_about_a_setpoint_that_turns(seed):
-    """Eq. pl_cl_eom with omega_d and its rate: `e_w_dot = -k_R e_R - k_w e_w - k_i int`, by differences."""
+    """Eq. pl_cl_eom with omega_d and its rate: `e_w_dot = -k_R e_R - k_w e_w`, by differences."""
     of, h = pursuit(seed), 1e-5
-    alpha = command(GAINS, of.q, of.a, of.d, of.integral).alpha
+    alpha = command(GAINS, of.q, of.a, of.d).alpha
     ends = []
     for s in (h, -h):
         q, d = of.after(s, alpha)
         ends.append(np.asarray(so3.e_omega(q.R, q.omega, d.R, d.omega)))
     e_R, e_w = so3.e_R(of.q.R, of.d.R), so3.e_omega(of.q.R, of.q.omega, of.d.R, of.d.omega)
-    expected = -GAINS.k_R * e_R - GAINS.k_omega * e_w - of.integral[3:]
+    expected = -GAINS.k_R * e_R - GAINS.k_omega * e_w
     np.testing.assert_allclose((ends[0] - ends[1]) / (2 * h), expected, atol=1e-6)
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_the_jerk_is_the_rate_of_the_commanded_acceleration(seed):
     of, h = pursuit(seed), 1e-4
-    to = command(GAINS, of.q, of.a, of.d, of.integral)
-    ends = [np.asarray(command(GAINS, q, of.a, d, of.integral).a) for q, d in (of.after(s, to.alpha) for s in (h, -h))]
+    to = command(GAINS, of.q, of.a, of.d)
+    ends = [np.asarray(command(GAINS, q, of.a, d).a) for q, d in (of.after(s, to.alpha) for s in (h, -h))]
     np.testing.assert_allclose(to.jerk, (ends[0] - ends[1]) / (2 * h), atol=1e-6)
     e_v, e_a = of.q.v - of.d.v, of.a - of.d.a
     assert np.abs(GAINS.K_p @ e_v).min() > 1e-3  # each term counts
@@ -266,7 +265,7 @@ def test_the_wrench_moves_the_payload_as_commanded(seed):
     rng, of = np.random.default_rng(seed), pursuit(seed)
     team = teams.team(rng, STRUCTURES[1])
     f = Wrench(F=jnp.array(rng.normal(size=3)), tau=jnp.array(rng.normal(size=3)))
-    to = command(GAINS, of.q, of.a, of.d, of.integral)
+    to = command(GAINS, of.q, of.a, of.d)
     W = control.wrench(team.payload, team.gravity, of.q, to, f)
     J, w = np.asarray(team.payload.inertia), np.asarray(of.q.omega)
     a = (np.asarray(W.F) + f.F) / float(team.payload.mass) + team.gravity

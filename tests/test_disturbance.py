@@ -22,8 +22,9 @@ from tests.pinocchio_team import take
 
 STRUCTURE = ((teams.SEVEN, 2),)
 seeds = st.integers(0, 10**6)
-residual = jax.jit(disturbance.residual)
-on_payload = jax.jit(disturbance.on_payload)
+residual = jax.jit(disturbance.at_start)
+on_payload = jax.jit(lambda mounts, q: disturbance.on_payload(mounts, q, NOW, tuple(m.law.begin() for m in mounts)))
+NOW = jnp.zeros(())
 
 
 def vector(rng: np.random.Generator, size: float = 1.0) -> jax.Array:
@@ -153,7 +154,7 @@ def test_on_the_payload_force_and_moment_do_the_work_of_the_law(name):
     W = on_payload((disturbance.Mount(law=law, point=jnp.array(point)),), q)
     R = np.asarray(q.R)
     v = q.v + R @ np.cross(q.omega, point)
-    force, torque = law(disturbance.Motion(x=q.p + q.R @ point, v=v, R=q.R, omega=q.omega))
+    force, torque = law(disturbance.Motion(x=q.p + q.R @ point, v=v, R=q.R, omega=q.omega), NOW, ())
     np.testing.assert_allclose(W.F, force, atol=1e-12)
     for e, of_ours in zip(np.eye(3), W.tau, strict=True):
         ahead, behind = (R @ Rotation.from_rotvec(s * e).as_matrix() @ point for s in (h, -h))
@@ -179,12 +180,12 @@ def test_drag_dissipates_relative_to_the_air(seed):
     law, at = wind(rng), motion(rng)
     air = np.asarray(law.mean) + np.asarray(law.gust).T @ np.sin(np.asarray(law.wave) @ np.asarray(at.x) + law.phase)
     relative = at.v - air
-    force, torque = jax.jit(lambda law, at: law(at))(law, at)
+    force, torque = jax.jit(lambda law, at: law(at, NOW, ()))(law, at)
     assert not np.any(torque)
     assert force @ relative < 0
     speed = np.linalg.norm(relative)
     np.testing.assert_allclose(force, -(law.linear + law.quadratic * speed) * relative, atol=1e-5)
-    carried, _ = law(dataclasses.replace(at, v=jnp.array(air)))
+    carried, _ = law(dataclasses.replace(at, v=jnp.array(air)), NOW, ())
     np.testing.assert_allclose(carried, 0, atol=1e-12)
 
 
@@ -192,7 +193,7 @@ def test_the_tether_is_conservative():
     """Its force is the gradient of `-k (d - l)^2 / 2`, so its work around any loop is zero."""
     rng = np.random.default_rng(9)
     law = disturbance.Tether(anchor=jnp.zeros(3), stiffness=jnp.array(2.0), length=jnp.array(0.8))
-    force = jax.jit(jax.vmap(lambda x: law(motion(rng, x=x))[0]))
+    force = jax.jit(jax.vmap(lambda x: law(motion(rng, x=x), NOW, ())[0]))
     s = 2 * np.pi * np.arange(2000) / 2000
     loop = np.stack([np.cos(s) + 0.3, 0.7 * np.sin(2 * s), 0.4 * np.sin(s + 1)], axis=1)  # slack and taut
     step = np.stack([-np.sin(s), 1.4 * np.cos(2 * s), 0.4 * np.cos(s + 1)], axis=1) * (s[1] - s[0])
@@ -214,29 +215,32 @@ def test_a_jet_is_smooth_strongest_at_its_center_and_at_0_61_a_width_away(seed):
     law = LAWS["jet"](rng)
     away = rng.normal(size=3)
     away *= float(law.width) / np.linalg.norm(away)
-    np.testing.assert_allclose(law(motion(rng, x=law.center))[0], law.force, atol=1e-12)
-    np.testing.assert_allclose(law(motion(rng, x=law.center + jnp.array(away)))[0], np.exp(-0.5) * law.force)
+    np.testing.assert_allclose(law(motion(rng, x=law.center), NOW, ())[0], law.force, atol=1e-12)
+    np.testing.assert_allclose(law(motion(rng, x=law.center + jnp.array(away)), NOW, ())[0], np.exp(-0.5) * law.force)
 
 
 @pytest.mark.parametrize("name", LAWS)
 def test_laws_are_smooth_where_they_act(name):
     rng = np.random.default_rng(11)
     law, at, h = LAWS[name](rng), motion(rng), 1e-6
-    of_v = jax.jacfwd(lambda v: law(dataclasses.replace(at, v=v))[0])(at.v)
-    of_x = jax.jacfwd(lambda x: law(dataclasses.replace(at, x=x))[0])(at.x)
+    of_v = jax.jacfwd(lambda v: law(dataclasses.replace(at, v=v), NOW, ())[0])(at.v)
+    of_x = jax.jacfwd(lambda x: law(dataclasses.replace(at, x=x), NOW, ())[0])(at.x)
     for jacobian, field in ((of_v, "v"), (of_x, "x")):
         for e, column in zip(np.eye(3), jacobian.T, strict=True):
-            ends = [law(dataclasses.replace(at, **{field: getattr(at, field) + jnp.array(s * e)}))[0] for s in (h, -h)]
+            ends = [
+                law(dataclasses.replace(at, **{field: getattr(at, field) + jnp.array(s * e)}), NOW, ())[0]
+                for s in (h, -h)
+            ]
             np.testing.assert_allclose(column, (ends[0] - ends[1]) / (2 * h), atol=1e-6)
     still = dataclasses.replace(at, v=jnp.zeros(3), x=jnp.zeros(3))
-    assert np.isfinite(jax.jacfwd(lambda v: law(dataclasses.replace(still, v=v))[0])(still.v)).all()
+    assert np.isfinite(jax.jacfwd(lambda v: law(dataclasses.replace(still, v=v), NOW, ())[0])(still.v)).all()
 
 
 def test_rotors_push_along_the_body_s_third_axis():
     rng = np.random.default_rng(12)
     at = motion(rng)
     law = disturbance.RotorBias(thrust=jnp.array(-1.5), torque=jnp.array([0.1, 0.2, 0.3]))
-    force, torque = law(at)
+    force, torque = law(at, NOW, ())
     np.testing.assert_allclose(at.R.T @ force, [0, 0, -1.5], atol=1e-12)
     np.testing.assert_allclose(torque, [0.1, 0.2, 0.3])
 
@@ -332,7 +336,9 @@ def test_functions_add_their_value_at_the_true_state_to_the_named_sources():
         )
 
     (first, parts), (second, others) = drawn(), drawn()
-    found = residual(dataclasses.replace(named, functions=(first, second)), team, z)
+    found = residual(
+        dataclasses.replace(named, functions=(learn.Function(oracle=first), learn.Function(oracle=second))), team, z
+    )
     alone = residual(named, team, z)
     q = jax.tree.map(np.asarray, z.payload)
     speeds = [np.linalg.norm(q.v), np.linalg.norm(q.omega)]

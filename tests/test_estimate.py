@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from colift import dynamics, estimate, sensor, simulate
-from colift.model import AgentInput, State, Team, no_force
+from colift import dynamics, estimate, lowpass, measurement, sensor, simulate
+from colift.model import AgentInput, Clock, State, Team, flat_agent, flat_payload, no_force
 from tests import paper_flights, teams
 from tests.paper_flights import number
 from tests.pinocchio_team import PinocchioTeam
@@ -29,11 +29,11 @@ TICKS = 200
 def passed(x: jax.Array, hertz: jax.Array, dt: jax.Array) -> jax.Array:
     """A signal through the low-pass, which has seen its first sample for ever."""
 
-    def step(memory: estimate.LowPass, sample: jax.Array) -> tuple[estimate.LowPass, jax.Array]:
-        memory = estimate.smooth(memory, sample, hertz, dt)
+    def step(memory: lowpass.LowPass, sample: jax.Array) -> tuple[lowpass.LowPass, jax.Array]:
+        memory = lowpass.smooth(memory, sample, hertz, dt)
         return memory, memory.outer
 
-    return jax.lax.scan(step, estimate.settle(x[0]), x)[1]
+    return jax.lax.scan(step, lowpass.settle(x[0]), x)[1]
 
 
 def test_the_low_pass_is_critically_damped():
@@ -53,16 +53,16 @@ def test_the_low_pass_halves_a_sine_at_its_corner():
 
 
 def test_what_a_filter_takes_of_a_sample_is_that_of_its_time_constant():
-    b = estimate.blend(jnp.array(5.0), jnp.array(DT))
+    b = lowpass.blend(jnp.array(5.0), jnp.array(DT))
     assert float(b) == pytest.approx(1 - np.exp(-2 * np.pi * 5 * DT), rel=1e-12)
     # n ticks at once or one by one: the same decay
-    assert (1 - float(b)) ** 7 == pytest.approx(1 - float(estimate.blend(jnp.array(5.0), jnp.array(7 * DT))), rel=1e-12)
+    assert (1 - float(b)) ** 7 == pytest.approx(1 - float(lowpass.blend(jnp.array(5.0), jnp.array(7 * DT))), rel=1e-12)
 
 
 def flown(noise: float, runs: int, seed: int = 0) -> tuple[estimate.Pose, estimate.Pose, estimate.Pose]:
     """Bodies at constant rate and acceleration: truth, readings, and what the complementary filter makes of them."""
     rng = np.random.default_rng(seed)
-    time, b = 400, float(estimate.blend(jnp.array(5.0), jnp.array(DT)))
+    time, b = 400, float(lowpass.blend(jnp.array(5.0), jnp.array(DT)))
     omega, a = np.array([0.3, -0.5, 0.8]), np.array([0.5, 1.0, -0.4])
     t = DT * np.arange(time)
     R = Rotation.from_rotvec(t[:, None] * omega).as_matrix()
@@ -118,21 +118,22 @@ def test_the_complementary_filter_is_unbiased_and_quieter_than_its_readings():
 
 
 FILTERS = estimate.Filters(
-    fusion=jnp.array(5.0), joint=jnp.array(20.0), label=jnp.array(8.0), tip_force=jnp.array(50.0), dt=jnp.array(DT)
+    fusion=jnp.array(5.0), joint=jnp.array(20.0), label=jnp.array(8.0), tip_force=jnp.array(50.0)
 )
 
 
 @jax.jit
 def observed(
-    team: Team, filters: estimate.Filters, stream: sensor.Measurement, applied: tuple[AgentInput, ...]
+    team: Team, filters: estimate.Filters, stream: measurement.Measurement, applied: tuple[AgentInput, ...]
 ) -> tuple[estimate.Estimate, estimate.Memory]:
     """Estimates and memories of all ticks of a stream of measurements."""
+    of = estimate.Estimator(filters=filters)
 
-    def step(memory: estimate.Memory, m: sensor.Measurement) -> tuple:
-        q_hat, memory = estimate.observe(team, filters, memory, m, applied)
+    def step(memory: estimate.Memory, m: measurement.Measurement) -> tuple:
+        q_hat, memory = of.observe(team, memory, m, applied, Clock(t=jnp.zeros(()), dt=jnp.array(DT)))
         return memory, (q_hat, memory)
 
-    first = estimate.begin(team, jax.tree.map(lambda leaf: leaf[0], stream))
+    first = of.begin(team, jax.tree.map(lambda leaf: leaf[0], stream))
     return jax.lax.scan(step, first, stream)[1]
 
 
@@ -142,7 +143,7 @@ def held() -> tuple[AgentInput, ...]:
 
 
 @functools.cache
-def still() -> tuple[Team, State, sensor.Truth, sensor.Measurement]:
+def still() -> tuple[Team, State, sensor.Truth, measurement.Measurement]:
     """A team that moves with its joints at rest, what its sensors feel, and their reading, over and over."""
     rng = np.random.default_rng(2)
     team = teams.team(rng, STRUCTURE)
@@ -153,8 +154,8 @@ def still() -> tuple[Team, State, sensor.Truth, sensor.Measurement]:
     truth = sensor.Truth(
         z=z, v_dot=(a.agents[0].v_dot,), xi_dot=(a.agents[0].xi_dot,), a_L=a.payload, lam=lam, f=no_force(team)
     )
-    names = {field.name for field in dataclasses.fields(sensor.Sensors)} - {"rig"}
-    ideal = sensor.Sensors(**dict.fromkeys(names, jnp.array(0.0)), rig=no_force(team))
+    names = {field.name for field in dataclasses.fields(sensor.Sensors)}
+    ideal = sensor.Sensors(**dict.fromkeys(names, jnp.array(0.0)))
     noise = jax.tree.map(lambda x: x[0] * 0, sensor.draw(team, jax.random.key(0), 1))
     m = jax.jit(sensor.sense)(team, ideal, (jnp.zeros((2, 2, 3)),), truth, noise)
     return team, z, truth, jax.tree.map(lambda x: jnp.broadcast_to(x, (TICKS, *x.shape)), m)
@@ -213,8 +214,8 @@ def test_the_inputs_of_the_learned_maps_pass_the_labels_filter():
     shaken = jax.tree.map(lambda x: x + 0.01 * jnp.array(rng.normal(size=x.shape)), stream)
     q_hat, memory = observed(team, FILTERS, shaken, held())
     felt = np.asarray(q_hat.a_L) - np.concatenate([team.gravity, np.zeros(3)])
-    payload = jax.vmap(estimate.flat_payload)(q_hat.payload, jnp.asarray(felt))
-    agents = jax.vmap(jax.vmap(estimate.flat_agent))(q_hat.agents[0])
+    payload = jax.vmap(flat_payload)(q_hat.payload, jnp.asarray(felt))
+    agents = jax.vmap(jax.vmap(flat_agent))(q_hat.agents[0])
     for inputs, found in ((payload, memory.state.outer), (agents, memory.agents[0].state.outer)):
         expected = low_pass(low_pass(np.asarray(inputs), 8.0, DT), 8.0, DT)
         scale = np.abs(inputs).max()
@@ -228,19 +229,18 @@ def labels(plan: simulate.Plan, dt: float) -> tuple[np.ndarray, np.ndarray]:
         plan.pilot.recorder,
         every=number(0.01), start=number(0.3), payload=jnp.array(True), agents=jnp.array(True),
     )  # fmt: skip
-    filters = dataclasses.replace(plan.pilot.filters, dt=number(dt))
-    plan = paper_flights.with_pilot(plan, recorder=every, filters=filters)
-    world, pilot = plan.world, plan.pilot
-    loop, flown, room = simulate.start(world, pilot, plan.oracle, plan.z), [], 250
-    noise = sensor.draw(world.team, jax.random.key(0), room)
+    plan = dataclasses.replace(paper_flights.with_pilot(plan, recorder=every), dt=dt)
+    world, filters = plan.world, plan.pilot.estimator.filters
+    loop, flown, room = simulate.start(plan.setup, plan.z), [], 250
+    noise = world.draw(jax.random.key(0), room)
     for _ in range(round(1.5 / dt) // room):
-        loop, rows = simulate.advance(world, pilot, plan.oracle, loop, noise, jnp.array(room))
+        loop, rows = simulate.advance(plan.setup, loop, noise, jnp.array(room))
         flown.append(rows)
     z, inputs = paper_flights.states(world.team, jax.tree.map(lambda *x: np.concatenate(x), *flown))
     # a tick's readings are taken under the command of the tick before
     z, inputs = jax.tree.map(lambda x: x[1:], z), jax.tree.map(lambda x: x[:-1], inputs)
     _, f = paper_flights.answer(plan, z, inputs)
-    (g,), load, data = f.agents, loop.memory.payload_data, loop.memory.agent_data[0]
+    (g,), load, data = f.agents, loop.memory.recorder.payload, loop.memory.recorder.agents[0]
     y = np.concatenate([f.payload.F, f.payload.tau, *(x.reshape(len(x), -1) for x in (g.f_x, g.f_w, g.f_r))], axis=1)
     for hertz in (float(filters.tip_force), float(filters.label), float(filters.label)):
         y = low_pass(y, hertz, dt)
@@ -259,9 +259,7 @@ def test_without_noise_labels_converge_to_the_filtered_true_residual():
     for dt in (0.002, 0.001):
         plan = paper_flights.exact(paper_flights.plan("C1"))
         quick = number(0.4 / dt)
-        plan = paper_flights.with_pilot(
-            plan, filters=dataclasses.replace(plan.pilot.filters, joint=quick, tip_force=quick)
-        )
+        plan = paper_flights.with_filters(plan, joint=quick, tip_force=quick)
         sensors = dataclasses.replace(plan.world.sensors, tip_force_bandwidth=quick)
         y, expected = labels(paper_flights.with_world(plan, sensors=sensors), dt)
         errors.append(np.sqrt(((y - expected) ** 2).mean(0)))

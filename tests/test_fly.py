@@ -18,14 +18,13 @@ from colift import (
     disturbance,
     estimate,
     fly,
-    grasp,
     learn,
     reference,
     sensor,
     simulate,
     study,
 )
-from colift.model import Wrench, no_force
+from colift.model import Clock, Wrench, flat_payload, no_force
 from tests import paper_flights
 from tests.paper_flights import ROOM, SETTINGS, exact, number, plan, with_pilot
 
@@ -34,10 +33,10 @@ DT = 1 / SETTINGS.control_Hz
 
 def flown(plan: simulate.Plan, chunks: int = 1) -> tuple[simulate.Loop, simulate.Row]:
     """The loop after some half seconds, and its log."""
-    loop, rows = simulate.start(plan.world, plan.pilot, plan.oracle, plan.z), []
-    noise = sensor.draw(plan.world.team, jax.random.key(0), ROOM)
+    loop, rows = simulate.start(plan.setup, plan.z), []
+    noise = plan.world.draw(jax.random.key(0), ROOM)
     for _ in range(chunks):
-        loop, some = simulate.advance(plan.world, plan.pilot, plan.oracle, loop, noise, jnp.asarray(ROOM))
+        loop, some = simulate.advance(plan.setup, loop, noise, jnp.asarray(ROOM))
         rows.append(jax.tree.map(np.asarray, some))
     return loop, jax.tree.map(lambda *x: np.concatenate(x), *rows)
 
@@ -52,16 +51,16 @@ def recording(case: str, **parts: Any) -> simulate.Plan:
 def test_each_case_records_what_it_learns_from_and_nothing_else(case, payload, agents):
     loop, _ = flown(recording(case, start=number(0.1), every=number(0.04)))
     n = 10  # 0.1, 0.14, .. 0.46 s
-    assert int(loop.memory.payload_data.n) == payload * n
-    assert list(loop.memory.agent_data[0].n) == [agents * n] * 2
+    assert int(loop.memory.recorder.payload.n) == payload * n
+    assert list(loop.memory.recorder.agents[0].n) == [agents * n] * 2
 
 
 def test_samples_are_taken_at_their_rate_between_start_and_end():
     loop, rows = flown(recording("C3", start=number(0.06), every=number(0.05), end=number(0.31)))
-    data = loop.memory.payload_data
+    data = loop.memory.recorder.payload
     expected = [0.06, 0.11, 0.16, 0.21, 0.26, 0.31]
     np.testing.assert_allclose(data.t[: int(data.n)], expected, atol=1e-9)
-    np.testing.assert_array_equal(loop.memory.agent_data[0].t[:, :6], np.tile(data.t[:6], (2, 1)))
+    np.testing.assert_array_equal(loop.memory.recorder.agents[0].t[:, :6], np.tile(data.t[:6], (2, 1)))
     # the label filter delays by some ticks what it pairs with the label: positions are near, not equal
     at = np.searchsorted(rows.t, np.array(expected) - 1e-9)
     np.testing.assert_allclose(data.X[:6, :3], rows.p[at], atol=0.05)
@@ -70,32 +69,34 @@ def test_samples_are_taken_at_their_rate_between_start_and_end():
 def test_recording_ends_at_the_capacity():
     of = recording("C3", start=number(0.0), every=number(DT))
     loop, _ = flown(of, chunks=2)
-    assert int(loop.memory.payload_data.n) == of.oracle.payload.capacity == 256
-    np.testing.assert_allclose(loop.memory.payload_data.t, DT * np.arange(256), atol=1e-12)
+    assert int(loop.memory.recorder.payload.n) == of.pilot.oracle.payload.capacity == 256
+    np.testing.assert_allclose(loop.memory.recorder.payload.t, DT * np.arange(256), atol=1e-12)
 
 
 def test_of_a_calibration_rig_true_states_and_bounded_labels_are_recorded():
     """The sensors are noisy, the labels are the true residual off by the rig's error, the inputs the true states."""
-    of = recording("C3", start=number(0.06), every=number(0.05), rig=jnp.array(True))
-    of = paper_flights.believed(of)
+    of = recording("C3", start=number(0.06), every=number(0.05))
+    of = with_pilot(paper_flights.believed(of), recorder=learn.FromRig(**vars(of.pilot.recorder)))
     rng = np.random.default_rng(0)
-    error = jax.tree.map(lambda x: jnp.array(rng.uniform(0.01, 0.1, x.shape)), of.world.sensors.rig)
-    of = paper_flights.with_world(of, sensors=dataclasses.replace(of.world.sensors, rig=error))
+    error = jax.tree.map(lambda x: jnp.array(rng.uniform(0.01, 0.1, x.shape)), no_force(of.world.team))
+    of = paper_flights.with_world(of, extra=(sensor.Rig(error=error),))
     loop, rows = flown(of)
-    n = int(loop.memory.payload_data.n)
+    n = int(loop.memory.recorder.payload.n)
     assert n == 9  # 0.06, 0.11, .. 0.46 s
-    rows = jax.tree.map(lambda x: x[np.round(np.asarray(loop.memory.payload_data.t)[:n] / DT).astype(int)], rows)
+    rows = jax.tree.map(lambda x: x[np.round(np.asarray(loop.memory.recorder.payload.t)[:n] / DT).astype(int)], rows)
     payload, (agents,) = simulate.inputs(of.world.team, rows)
-    np.testing.assert_allclose(loop.memory.payload_data.X[:n, :18], payload, atol=1e-12)
-    assert not loop.memory.payload_data.X[:n, 18:].any()  # accelerations are not an input of the learned map
-    np.testing.assert_allclose(loop.memory.agent_data[0].X[:, :n].transpose(1, 0, 2), agents, atol=1e-12)
+    np.testing.assert_allclose(loop.memory.recorder.payload.X[:n, :18], payload, atol=1e-12)
+    assert not loop.memory.recorder.payload.X[:n, 18:].any()  # accelerations are not an input of the learned map
+    np.testing.assert_allclose(loop.memory.recorder.agents[0].X[:, :n].transpose(1, 0, 2), agents, atol=1e-12)
     z, _ = paper_flights.states(of.world.team, rows)
-    f = jax.jit(jax.vmap(disturbance.residual, in_axes=(None, None, 0)))(of.world.sources, of.world.team, z)
-    off = np.asarray(loop.memory.payload_data.Y)[:n] - np.concatenate([f.payload.F, f.payload.tau], axis=1)
+    f = jax.jit(jax.vmap(disturbance.at_start, in_axes=(None, None, 0)))(of.world.sources, of.world.team, z)
+    off = np.asarray(loop.memory.recorder.payload.Y)[:n] - np.concatenate([f.payload.F, f.payload.tau], axis=1)
     bound = np.concatenate([error.payload.F, error.payload.tau])
     np.testing.assert_allclose(np.abs(off), np.tile(bound, (n, 1)), rtol=1e-8)
     (g,), (e,) = f.agents, error.agents
-    off = np.asarray(loop.memory.agent_data[0].Y)[:, :n] - np.concatenate([g.f_x, g.f_w, g.f_r], 2).transpose(1, 0, 2)
+    off = np.asarray(loop.memory.recorder.agents[0].Y)[:, :n] - np.concatenate([g.f_x, g.f_w, g.f_r], 2).transpose(
+        1, 0, 2
+    )
     bound = np.concatenate([e.f_x, e.f_w, e.f_r], axis=1)
     np.testing.assert_allclose(np.abs(off), np.tile(bound[:, None], (1, n, 1)), rtol=1e-8)
     assert (np.ptp(np.sign(off), axis=1) > 0).any()
@@ -104,26 +105,26 @@ def test_of_a_calibration_rig_true_states_and_bounded_labels_are_recorded():
 # The law at an exact state --------------------------------------------------------------------------------------------
 
 
-setpoints = jax.jit(jax.vmap(reference.at, in_axes=(None, 0)))
+setpoints = jax.jit(jax.vmap(lambda path, t: path.at(t), in_axes=(None, 0)))
 
 
-def commanded(rows: simulate.Row, pilot: Any) -> np.ndarray:
+def commanded(rows: simulate.Row, leader: fly.Geometric, path: reference.Reference) -> np.ndarray:
     """`a_cmd` of the paper's law, with the true errors."""
-    a_d = np.array(setpoints(pilot.path, jnp.asarray(rows.t)).a)
-    return a_d - rows.e_p @ np.asarray(pilot.gains.K_p) - rows.e_v @ np.asarray(pilot.gains.K_v)
+    a_d = np.array(setpoints(path, jnp.asarray(rows.t)).a)
+    return a_d - rows.e_p @ np.asarray(leader.gains.K_p) - rows.e_v @ np.asarray(leader.gains.K_v)
 
 
 def test_integral_action_sums_the_errors_tick_by_tick():
     of = exact(plan("I"))
     _, rows = flown(of)
-    nominal, gains = of.pilot.team, of.pilot.baseline
-    a = commanded(rows, of.pilot) - float(gains.K_i) * DT * np.cumsum(rows.e_p, axis=0)
+    nominal, gains = of.pilot.team, of.pilot.leader
+    a = commanded(rows, gains.leader, of.pilot.path) - float(gains.K_i) * DT * np.cumsum(rows.e_p, axis=0)
     np.testing.assert_allclose(
         rows.W_d[:, :3], float(nominal.payload.mass) * (a - np.asarray(nominal.gravity)), atol=1e-6
     )
-    assert np.abs(a - commanded(rows, of.pilot)).max() > 0.01
+    assert np.abs(a - commanded(rows, gains.leader, of.pilot.path)).max() > 0.01
     J, w = np.asarray(nominal.payload.inertia), rows.omega_L
-    turn = float(of.pilot.gains.k_R) * rows.e_R + float(of.pilot.gains.k_omega) * rows.e_omega
+    turn = float(gains.leader.gains.k_R) * rows.e_R + float(gains.leader.gains.k_omega) * rows.e_omega
     alpha = -turn - float(gains.k_i) * DT * np.cumsum(rows.e_R, axis=0)
     np.testing.assert_allclose(rows.W_d[:, 3:], alpha @ J + np.cross(w, w @ J), atol=1e-6)
 
@@ -143,7 +144,7 @@ def test_the_wrench_observer_filters_what_the_last_command_did_not_explain():
         [float(of.pilot.team.payload.mass) * (a[:, :3] - gravity), w_dot @ J + np.cross(w, w @ J)], axis=1
     )
     missed -= rows.W_d[:-1]
-    b, d = 1 - np.exp(-2 * np.pi * float(of.pilot.baseline.observer) * DT), np.zeros(6)
+    b, d = 1 - np.exp(-2 * np.pi * float(of.pilot.predictor.bandwidth) * DT), np.zeros(6)
     np.testing.assert_array_equal(rows.f_L_hat[0], 0)
     for k, sample in enumerate(missed):
         d = d + b * (sample - d)
@@ -155,18 +156,19 @@ def test_the_parametric_part_is_evaluated_at_the_commanded_acceleration():
     of = exact(plan("O"))
     _, rows = flown(of)
     z, _ = paper_flights.states(of.world.team, rows)
-    told = jax.jit(jax.vmap(disturbance.on_payload, in_axes=(None, 0)))(of.world.sources.payload, z.payload)
+    told = jax.jit(jax.vmap(disturbance.at_start, in_axes=(None, None, 0)))(of.world.sources, of.world.team, z).payload
     nominal = of.pilot.team
     dm = float(nominal.payload.mass - of.world.team.payload.mass)
-    expected = told.F + dm * (commanded(rows, of.pilot) - np.asarray(nominal.gravity))
+    expected = told.F + dm * (commanded(rows, of.pilot.leader, of.pilot.path) - np.asarray(nominal.gravity))
     np.testing.assert_allclose(rows.f_L_hat[:, :3], expected, atol=1e-6)
 
 
 def test_residuals_known_exactly_are_told_to_case_O_alone():
     for case in study.CASES | study.BASELINES:
-        assert bool(plan(case).world.told) == (case == "O")
+        assert any(isinstance(one, sensor.Informant) for one in plan(case).world.extra) == (case == "O")
+        assert isinstance(plan(case).pilot.predictor, fly.Told) == (case == "O")
         mismatch = analyse.mismatch(plan(case).world.team, plan(case).pilot.team)
-        np.testing.assert_allclose(plan(case).oracle.theta, mismatch if case == "O" else np.zeros(10))
+        np.testing.assert_allclose(plan(case).pilot.oracle.theta, mismatch if case == "O" else np.zeros(10))
 
 
 def test_predictions_are_the_frozen_oracle_s_at_the_estimated_state():
@@ -178,34 +180,25 @@ def test_predictions_are_the_frozen_oracle_s_at_the_estimated_state():
     assert not rows.f_L_hat[~after].any()
     assert not rows.f_x_hat[~after].any()
     z, _ = paper_flights.states(of.world.team, jax.tree.map(lambda x: x[after], rows))
-    x = jax.vmap(estimate.flat_payload, in_axes=(0, None))(z.payload, jnp.zeros(6))
+    x = jax.vmap(flat_payload, in_axes=(0, None))(z.payload, jnp.zeros(6))
     W = jax.jit(jax.vmap(learn.payload_mean, in_axes=(None, 0)))(flight.oracle, x)
     np.testing.assert_allclose(rows.f_L_hat[after], np.concatenate([W.F, W.tau], axis=1), atol=1e-6)
     assert np.abs(W.F).max() > 0.1
 
 
 @functools.partial(jax.jit, static_argnums=0)
-def _realized(lam_dot_of: Any, pilot: fly.Pilot, q_hat: estimate.Estimate, t: jax.Array, lam: jax.Array) -> Any:
+def _realized(lam_dot_of: Any, pilot: fly.LeaderFollower, now: fly.Now, lam: jax.Array) -> Any:
     """What agents are asked when the rate of their forces is that of an allocation, given the forces themselves."""
-    to = control.command(pilot.gains, q_hat.payload, q_hat.a_L[:3], reference.at(pilot.path, t), jnp.zeros(6))
-    team, f = pilot.team, no_force(pilot.team)
-    lam_dot = lam_dot_of(pilot, q_hat, to)
-    inputs = []
-    realize = jax.vmap(control.realize, in_axes=(0, None, None, 0, None, None, 0, 0))
-    parts = (grasp.split(team, lam), grasp.split(team, lam_dot), pilot.heading, pilot.rest, f.agents)
-    for group, q, force, rate, heading, rest, unknown in zip(team.groups, q_hat.agents, *parts, strict=True):
-        share = control.Share(lam=force, lam_dot=rate, heading=heading, rest=rest)
-        inputs.append(realize(group, pilot.gains, team.gravity, q, q_hat.payload, to, share, unknown))
-    return tuple(inputs)
+    to = control.command(pilot.leader.gains, now.q_hat.payload, now.q_hat.a_L[:3], now.d)
+    forces = fly.Forces(lam=lam, lam_dot=lam_dot_of(pilot, now.q_hat, to), eta=pilot.allocator.internal.eta)
+    return pilot.realizer.realize(now, to, forces, no_force(pilot.team))[0]
 
 
-def _rate_by_differences(pilot: fly.Pilot, q_hat: estimate.Estimate, to: control.Command) -> jax.Array:
+def _rate_by_differences(pilot: fly.LeaderFollower, q_hat: estimate.Estimate, to: control.Command) -> jax.Array:
     """How the allocated forces change with the wrench `m jerk`, by differences of whole allocations."""
     m, h, R = pilot.team.payload.mass, 0.5, q_hat.payload.R
-    eta = jnp.zeros_like(pilot.internal.eta)
-    ends = [
-        allocate.apply(pilot.allocation, R, Wrench(F=m * (to.a + s * to.jerk), tau=jnp.zeros(3)), eta) for s in (h, -h)
-    ]
+    eta, plan = jnp.zeros_like(pilot.allocator.internal.eta), pilot.allocator.allocation
+    ends = [allocate.apply(plan, R, Wrench(F=m * (to.a + s * to.jerk), tau=jnp.zeros(3)), eta) for s in (h, -h)]
     return (ends[0] - ends[1]) / (2 * h)
 
 
@@ -213,23 +206,26 @@ def test_the_attitude_s_feed_forward_takes_the_rate_of_the_allocated_forces_with
     """Contact forces with a constant internal part lam_f0 (Eq. follower_force), at a moving state."""
     of = exact(plan("C1"))
     rng = np.random.default_rng(0)
-    kernel = of.pilot.allocation.kernel
+    allocator = of.pilot.allocator
+    kernel = allocator.allocation.kernel
     offset = kernel @ jnp.array(rng.normal(size=kernel.shape[1]))
-    of = with_pilot(of, allocation=dataclasses.replace(of.pilot.allocation, offset=offset))
+    allocation = dataclasses.replace(allocator.allocation, offset=offset)
+    of = with_pilot(of, allocator=dataclasses.replace(allocator, allocation=allocation))
     _, rows = flown(of)
     z, _ = paper_flights.states(of.world.team, jax.tree.map(lambda x: x[100:101], rows))
     z = jax.tree.map(lambda x: x[0], z)
     lam = tuple(jnp.zeros_like(group.contact) for group in of.pilot.team.groups)
     q_hat = estimate.Estimate(agents=z.agents, payload=z.payload, a_L=jnp.array([0.5, -1.0, 0.3, 0, 0, 0]), lam=lam)
-    t, none = number(100 * DT), jnp.zeros(6)
-    inputs, decided = jax.jit(fly.decide)(of.pilot, of.oracle, q_hat, t, none, none, no_force(of.pilot.team))
+    clock, still = Clock(t=number(100 * DT), dt=number(DT)), Wrench(F=jnp.zeros(3), tau=jnp.zeros(3))
+    now = fly.Now(
+        team=of.pilot.team, clock=clock, m=None, q_hat=q_hat, d=of.pilot.path.at(clock.t), W=still, ticks=number(1)
+    )
+    inputs, _, _, decided = jax.jit(lambda pilot, now: pilot.decide((), (), now))(of.pilot, now)
     assert np.abs(offset).max() > 0.1
-    expected = _realized(_rate_by_differences, of.pilot, q_hat, t, decided.lam_cmd)
+    expected = _realized(_rate_by_differences, of.pilot, now, decided.lam_cmd)
     for found, told in zip(jax.tree.leaves(inputs), jax.tree.leaves(expected), strict=True):
         np.testing.assert_allclose(found, told, atol=1e-8)
-    without = _realized(
-        lambda pilot, q_hat, to: jnp.zeros_like(lam[0]).reshape(-1, 3), of.pilot, q_hat, t, decided.lam_cmd
-    )
+    without = _realized(lambda *_: jnp.zeros_like(decided.lam_cmd), of.pilot, now, decided.lam_cmd)
     assert np.abs(inputs[0].tau - without[0].tau).max() > 1e-3  # the rate counts
 
 
@@ -248,8 +244,9 @@ def test_thrust_is_limited_to_what_the_rotors_give_and_the_limit_is_reported():
 
 def test_internal_forces_follow_their_pulse():
     of = plan("C1")
-    internal = dataclasses.replace(of.pilot.internal, start=number(0.1), end=number(0.4), ramp=number(0.1))
-    _, rows = flown(with_pilot(of, internal=internal))
+    of = paper_flights.with_internal(of, start=number(0.1), end=number(0.4), ramp=number(0.1))
+    internal = of.pilot.allocator.internal
+    _, rows = flown(of)
     height = reference.pulse(jnp.asarray(rows.t), internal.start, internal.end, internal.ramp)
     np.testing.assert_allclose(rows.eta, np.outer(height, internal.eta), atol=1e-12)
     assert np.linalg.norm(rows.eta, axis=1).max() >= 1

@@ -131,7 +131,9 @@ def test_hovering_thrusts_hold_up_the_team_against_all_that_pulls(seed):
         agents=(AgentForce(f_x=jnp.asarray(f_x), f_w=jnp.zeros((3, 3)), f_r=jnp.zeros((3, 3))),),
         payload=Wrench(F=jnp.asarray(F), tau=jnp.asarray(tau)),
     )
-    u = np.asarray(limits.hover(team, plan, jnp.asarray(R), jnp.asarray(eta), f))
+    W = Wrench(F=-team.payload.mass * team.gravity - f.payload.F, tau=-f.payload.tau)
+    asked = allocate.apply(plan, jnp.asarray(R), W, jnp.asarray(eta))
+    u = np.asarray(limits.hover(team, asked, f))
     pull = np.array([0, 0, -9.81])
     G = np.concatenate([np.concatenate([np.eye(3), np.cross(np.eye(3), point)]) for point in c], axis=1)
     wanted = -np.concatenate([R.T @ (1.5 * pull + F), tau])

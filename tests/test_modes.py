@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from colift import modes, sensor, simulate
+from colift import modes, simulate
 from colift.model import State
 from colift.scenario import build
 from tests import paper_flights as paper
@@ -23,8 +23,7 @@ def rest() -> tuple[modes.Carried, np.ndarray]:
 
 
 def plan(hertz: float = 500.0) -> simulate.Plan:
-    of = paper.plan("C1")
-    return paper.with_pilot(of, filters=dataclasses.replace(of.pilot.filters, dt=paper.number(1 / hertz)))
+    return dataclasses.replace(paper.plan("C1"), dt=1 / hertz)
 
 
 @functools.cache
@@ -40,14 +39,14 @@ def at_500_hertz() -> modes.Modes:
 def flown(of: simulate.Plan, x: modes.Carried, d: np.ndarray, ticks: int) -> np.ndarray:
     """Coordinates around x, so many ticks after d, of the loop as it flies with nothing unknown and no noise."""
     of = dataclasses.replace(of, world=modes._alone(of.world))
-    noise = sensor.draw(of.world.team, jax.random.key(0), simulate.chunk(of))
-    loop = simulate.start(of.world, of.pilot, of.oracle, z())
-    loop, _ = simulate.advance(of.world, of.pilot, of.oracle, loop, noise, jnp.asarray(1))
+    noise = of.world.draw(jax.random.key(0), simulate.chunk(of))
+    loop = simulate.start(of.setup, z())
+    loop, _ = simulate.advance(of.setup, loop, noise, jnp.asarray(1))
     at = jax.tree.map(lambda leaf: leaf[0], modes._move(x, jnp.asarray(d[None])))
     # the clock goes on, but the reference of the first quarter of a second moves by less than 1e-6 m
-    still = dataclasses.replace(of.pilot, path=dataclasses.replace(of.pilot.path, amplitude=jnp.zeros(3)))
+    still = paper.with_pilot(of, path=dataclasses.replace(of.pilot.path, amplitude=jnp.zeros(3)))
     loop = dataclasses.replace(modes._put(loop, at), tick=jnp.zeros((), int))
-    loop, _ = simulate.advance(of.world, still, of.oracle, loop, noise, jnp.asarray(ticks))
+    loop, _ = simulate.advance(still.setup, loop, noise, jnp.asarray(ticks))
     assert int(loop.tick) == ticks
     y = jax.tree.map(lambda leaf: leaf[None], modes._take(loop))
     return np.asarray(modes._coordinates(x, y))[0]
@@ -72,24 +71,24 @@ def settled() -> simulate.Row:
     """A whole flight with nothing unknown but the bodies' parameters, the reference at rest, no noise."""
     of = dataclasses.replace(plan(), world=modes._alone(plan().world))
     still = dataclasses.replace(of.pilot.path, amplitude=jnp.zeros(3))
-    alone = dataclasses.replace(of.pilot.internal, eta=jnp.zeros_like(of.pilot.internal.eta))
-    return paper.fly(paper.with_pilot(of, path=still, internal=alone), 14.0).rows
+    alone = paper.with_internal(of, eta=jnp.zeros_like(of.pilot.allocator.internal.eta))
+    return paper.fly(paper.with_pilot(alone, path=still), 14.0).rows
 
 
 def test_the_rest_is_where_the_flown_loop_settles_off_the_reference_by_the_weight_that_is_not_known():
     x, M = rest()
     assert np.abs(flown(plan(), x, np.zeros(len(M)), 1)).max() < 1e-8
     rows = settled()
-    np.testing.assert_allclose(x.z.payload.p, rows.p[-1], atol=1e-5)
-    np.testing.assert_allclose(x.z.payload.R, rows.R_L[-1], atol=1e-5)
-    np.testing.assert_allclose(x.z.agents[0].r.ravel(), rows.r[-1], atol=1e-5)
-    np.testing.assert_allclose(x.applied[0].u, rows.u[-1], atol=1e-3)
+    np.testing.assert_allclose(x[".world.z.payload.p"], rows.p[-1], atol=1e-5)
+    np.testing.assert_allclose(x[".world.z.payload.R"], rows.R_L[-1], atol=1e-5)
+    np.testing.assert_allclose(x[".world.z.agents[0].r"].ravel(), rows.r[-1], atol=1e-5)
+    np.testing.assert_allclose(x[".world.applied[0].u"], rows.u[-1], atol=1e-3)
     of = paper.plan("C1")
     (group,), load = of.pilot.team.groups, of.pilot.team.payload
     more = float(of.world.team.payload.mass - load.mass) * 9.81
     # asked to accelerate upwards, the agents push with their own mass times that as well
-    sag = more / float((load.mass + group.mass.sum()) * of.pilot.gains.K_p[2, 2])
-    np.testing.assert_allclose(x.z.payload.p - of.pilot.path.center, [0, 0, -sag], atol=1e-8)
+    sag = more / float((load.mass + group.mass.sum()) * of.pilot.leader.gains.K_p[2, 2])
+    np.testing.assert_allclose(x[".world.z.payload.p"] - of.pilot.path.center, [0, 0, -sag], atol=1e-8)
 
 
 def test_a_team_that_flies_is_not_called_unstable():
@@ -100,12 +99,11 @@ def test_a_team_that_flies_is_not_called_unstable():
     assert found.payload.shape == (len(found.eigenvalues), 6)
 
 
-def test_a_baseline_that_is_off_adds_no_mode_and_one_that_is_on_adds_its_own():
+def test_a_leader_with_a_memory_adds_its_own_modes():
     def slow(found: modes.Modes) -> int:
         return int((found.eigenvalues.real > -50).sum())  # rad/s; some are gone within a tick or two
 
-    rival = paper.plan("I").pilot.baseline
-    with_integral = modes.at_rest(paper.with_pilot(plan(), baseline=rival), z())
+    with_integral = modes.at_rest(paper.with_pilot(plan(), leader=paper.plan("I").pilot.leader), z())
     assert slow(with_integral) == slow(at_500_hertz()) + 6
     assert with_integral.stable
 

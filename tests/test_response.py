@@ -13,8 +13,8 @@ import pytest
 from jax.flatten_util import ravel_pytree
 from scipy.linalg import expm
 
-from colift import dynamics, estimate, fly, gp, grasp, learn, response, scenario
-from colift.model import Residual, State, no_force
+from colift import dynamics, estimate, fly, gp, grasp, learn, model, response, scenario
+from colift.model import Clock, Residual, State, Wrench, no_force
 from colift.response import OUTPUTS
 from colift.scenario import build, settings
 from tests import teams
@@ -23,20 +23,21 @@ SIZES = np.repeat([0.5, 0.05, 0.5, 0.05, 0.02, 0.5, 0.05, 0.02], 3)  # N and N m
 
 
 @functools.cache
-def study() -> tuple[fly.Pilot, learn.Oracle, State]:
-    """The study's pilot, an oracle without data, and the nominal team at rest on the reference."""
+def study() -> tuple[fly.LeaderFollower, State]:
+    """The study's pilot with an oracle without data, and the nominal team at rest on the reference."""
     given = scenario.load("paper")
     small = given.learning.model_copy(update={"capacity": 2})
     given = given.model_copy(update={"start": settings.Start(), "learning": small})
     _, nominal = build.team(given)
-    return build.pilot(given, nominal), build.prior(given, nominal), build.start(given, nominal)
+    return build.pilot(given, nominal), build.start(given, nominal)
 
 
 @functools.cache
 def learned() -> learn.Oracle:
     """An oracle that predicts nothing at rest, but a spring and a damper on the payload off it."""
-    _, oracle, z = study()
-    hyper, x = oracle.payload.hyper, np.asarray(learn.payload_features(estimate.flat_payload(z.payload, jnp.zeros(6))))
+    pilot, z = study()
+    oracle = pilot.oracle
+    hyper, x = oracle.payload.hyper, np.asarray(learn.payload_features(model.flat_payload(z.payload, jnp.zeros(6))))
     apart = 0.3 * np.asarray(hyper.lengthscales)[0] * np.eye(20)[[0, 3]].sum(0)
     w = np.array([8.0, 3.0, -5.0, 6.0, 2.0, -7.0])[:, None] * np.array([1.0, -1.0])
     return dataclasses.replace(oracle, payload=gp.expansion(hyper, np.stack([x + apart, x - apart]), w))
@@ -45,21 +46,23 @@ def learned() -> learn.Oracle:
 @functools.cache
 def loop(knows: bool = False) -> response.Response:
     """The response of `study`, or of the loop that knows more."""
-    pilot, oracle, z = study()
-    return response.linearize(pilot, learned() if knows else oracle, z)
+    pilot, z = study()
+    return response.linearize(dataclasses.replace(pilot, oracle=learned()) if knows else pilot, z)
 
 
-def closed(pilot: fly.Pilot, oracle: learn.Oracle, z: State, f: Residual) -> tuple[Any, Any, Any]:
+def closed(pilot: fly.LeaderFollower, z: State, f: Residual) -> tuple[Any, Any, Any]:
     """Acceleration, contact forces and desired wrench, the measured acceleration being the one that is caused.
 
     The law is affine in it, and only its first three components enter.
     """
-    team, none = pilot.team, jnp.zeros(6)
+    team, clock = pilot.team, Clock(t=jnp.zeros(()), dt=jnp.ones(()))
+    none = Wrench(F=jnp.zeros(3), tau=jnp.zeros(3))
 
     def under(a: jax.Array) -> tuple[Any, Any, Any]:
         lam = tuple(jnp.zeros_like(group.contact) for group in team.groups)
         q_hat = estimate.Estimate(agents=z.agents, payload=z.payload, a_L=a, lam=lam)
-        inputs, decided = fly.decide(pilot, oracle, q_hat, jnp.zeros(()), none, none, no_force(team))
+        now = fly.Now(team=team, clock=clock, m=None, q_hat=q_hat, d=pilot.path.at(clock.t), W=none, ticks=clock.t)
+        inputs, _, _, decided = pilot.decide((), (), now)
         return *dynamics.accelerate(team, z, inputs, f), decided.W_d
 
     found = jax.lax.map(lambda a: under(a)[0].payload[:3], jnp.concatenate([jnp.zeros((1, 6)), jnp.eye(3, 6)]))
@@ -68,16 +71,16 @@ def closed(pilot: fly.Pilot, oracle: learn.Oracle, z: State, f: Residual) -> tup
 
 
 @jax.jit
-def rates(pilot: fly.Pilot, oracle: learn.Oracle, z: State, shift: jax.Array, f: jax.Array) -> tuple[Any, ...]:
+def rates(pilot: fly.LeaderFollower, z: State, shift: jax.Array, f: jax.Array) -> tuple[Any, ...]:
     """How the local coordinates around z change at a shift, and what the outputs are made of."""
     d = ravel_pytree(dynamics.no_shift(z))[1](shift)
     at = dynamics.move(z, d)
-    a, lam, W_d = closed(pilot, oracle, at, response.unflatten(pilot.team, f))
+    a, lam, W_d = closed(pilot, at, response.unflatten(pilot.team, f))
     return ravel_pytree(dynamics.rate(at, d, a))[0], a.payload, lam, W_d, at
 
 
 @jax.jit
-def step(pilot: fly.Pilot, oracle: learn.Oracle, z: State, f: jax.Array, dt: jax.Array) -> State:
+def step(pilot: fly.LeaderFollower, z: State, f: jax.Array, dt: jax.Array) -> State:
     """One step of order 4 of the closed loop, the control acting at every stage."""
     zero, unravel = ravel_pytree(dynamics.no_shift(z))
 
@@ -85,7 +88,7 @@ def step(pilot: fly.Pilot, oracle: learn.Oracle, z: State, f: jax.Array, dt: jax
         slope, total = carry
         d = unravel(dt * node[0] * slope)
         at = dynamics.move(z, d)
-        a, _, _ = closed(pilot, oracle, at, response.unflatten(pilot.team, f))
+        a, _, _ = closed(pilot, at, response.unflatten(pilot.team, f))
         slope = ravel_pytree(dynamics.rate(at, d, a))[0]
         return (slope, total + dt * node[1] * slope), None
 
@@ -96,7 +99,7 @@ def step(pilot: fly.Pilot, oracle: learn.Oracle, z: State, f: jax.Array, dt: jax
 
 def errors(z: State) -> np.ndarray:
     """Tracking errors against the state of `study`, in NumPy."""
-    q, d = (jax.tree.map(np.asarray, x.payload) for x in (z, study()[2]))
+    q, d = (jax.tree.map(np.asarray, x.payload) for x in (z, study()[1]))
     Q = d.R.T @ q.R
     e_R = np.array([Q[2, 1] - Q[1, 2], Q[0, 2] - Q[2, 0], Q[1, 0] - Q[0, 1]]) / 2
     return np.concatenate([q.p - d.p, q.v, e_R, q.omega])  # the reference is at rest
@@ -104,10 +107,10 @@ def errors(z: State) -> np.ndarray:
 
 def outputs(shift: np.ndarray, f: np.ndarray, knows: bool = False) -> tuple[np.ndarray, np.ndarray]:
     """Rate and outputs of the closed loop at a shift, the outputs by the paper's law and Newton's sum in NumPy."""
-    pilot, oracle, z = study()
-    oracle = learned() if knows else oracle
-    rate, a, lam, W_d, at = rates(pilot, oracle, z, jnp.asarray(shift), jnp.asarray(f))
-    e, gains, q = errors(at), pilot.gains, at.payload
+    pilot, z = study()
+    pilot = dataclasses.replace(pilot, oracle=learned()) if knows else pilot
+    rate, a, lam, W_d, at = rates(pilot, z, jnp.asarray(shift), jnp.asarray(f))
+    e, gains, q = errors(at), pilot.leader.gains, at.payload
     to = np.concatenate(
         [
             -np.asarray(gains.K_p) @ e[:3] - np.asarray(gains.K_v) @ e[3:6],
@@ -158,7 +161,7 @@ def test_at_rest_on_the_reference_nothing_moves_and_nothing_is_missed():
 
 
 def test_its_states_are_all_the_motions_that_the_grasp_allows():
-    pilot, _, z = study()
+    pilot, z = study()
     T = loop().basis
     free = 6 + 3 * 2  # the payload's velocities and the agents' attitudes (the tree's joints follow)
     assert T.shape[1] == 2 * free
@@ -220,9 +223,9 @@ def test_modes_are_those_of_the_loop_by_differences():
 
 def test_a_steady_force_on_the_payload_is_shared_as_the_design_measured():
     """`delta_W = -M_A (M_L + M_A)^-1 f~_L` with thrusts aligned: -0.71 upwards, -0.83 along the team, at 1.5 kg."""
-    pilot, oracle, z = study()
+    pilot, z = study()
     truth, _ = build.team(scenario.load("paper"))
-    found = response.linearize(dataclasses.replace(pilot, team=truth), oracle, z)
+    found = response.linearize(dataclasses.replace(pilot, team=truth), z)
     rows = found.rows("delta_W")
     steady = found.D[rows] - found.C[rows] @ np.linalg.solve(found.A, found.B)
     np.testing.assert_allclose(np.diag(steady)[[2, 0]], [-0.71, -0.83], atol=0.005)
@@ -230,7 +233,7 @@ def test_a_steady_force_on_the_payload_is_shared_as_the_design_measured():
 
 def test_a_small_constant_residual_brings_about_what_the_response_says():
     """Half a second of the nonlinear loop: what differs is of second order in the residual."""
-    pilot, oracle, start = study()
+    pilot, start = study()
     rng, found = np.random.default_rng(3), loop()
     f, seconds, steps = SIZES * rng.choice([-1.0, 1.0], 24), 0.5, 100
     n = len(found.A)
@@ -241,7 +244,7 @@ def test_a_small_constant_residual_brings_about_what_the_response_says():
     def off(size: float) -> np.ndarray:
         z = start
         for _ in range(steps):
-            z = step(pilot, oracle, z, jnp.asarray(size * f), jnp.asarray(seconds / steps))
+            z = step(pilot, z, jnp.asarray(size * f), jnp.asarray(seconds / steps))
         return errors(z) - size * linear
 
     whole, half = off(0.2), off(0.1)

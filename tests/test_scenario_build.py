@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from colift import disturbance, gp, grasp, learn, reference, scenario, simulate, so3, study
+from colift import disturbance, gp, grasp, learn, scenario, simulate, so3, study
 from colift.model import Residual, State, no_force
 from colift.scenario import ScenarioError, Settings, build
 from colift.scenario.references import log_numbers, model_outputs
@@ -80,7 +80,7 @@ def test_shipped_scenarios_start_on_the_manifold_as_far_off_as_they_say(name):
     z = build.start(s, truth)
     assert np.abs(grasp.Phi(truth, z)).max() <= 1e-10
     assert np.abs(grasp.Phi_dot(truth, z)).max() <= 1e-10
-    d = reference.at(build.path(s), jnp.zeros(()))
+    d = build.path(s).at(jnp.zeros(()))
     np.testing.assert_allclose(z.payload.p - d.p, s.start.position_error_m, atol=1e-3)
     np.testing.assert_allclose(so3.log(d.R.T @ z.payload.R), np.deg2rad(s.start.attitude_error_deg), atol=1e-3)
 
@@ -140,7 +140,7 @@ def test_sources_act_on_the_agents_and_bodies_that_they_name(mixed):
     z = teams.free_state(
         np.random.default_rng(0), tuple((g.tree, n) for g, n in zip(truth.groups, truth.sizes, strict=True))
     )
-    felt = disturbance.residual(build.disturbances(mixed), truth, z)
+    felt = disturbance.at_start(build.disturbances(mixed), truth, z)
     up = [np.asarray(q.R[:, :, 2]) for q in z.agents]
     np.testing.assert_allclose(felt.agents[0].f_x, 0.5 * up[0] + np.array([[0, 0, 0], [1, 2, 3]]))
     np.testing.assert_allclose(felt.agents[1].f_x, 0.5 * up[1])
@@ -157,9 +157,8 @@ def test_sensors_and_pilot_are_in_SI():
     np.testing.assert_allclose(noise.attitude, 0.2 * np.pi / 180)
     np.testing.assert_allclose(noise.joint, 0.1 * np.pi / 180)
     pilot = build.pilot(s, build.team(s)[1])
-    np.testing.assert_allclose(pilot.filters.dt, 0.002)
     np.testing.assert_allclose(pilot.recorder.every, 1 / s.learning.sample_Hz)
-    np.testing.assert_array_equal(pilot.gains.K_p, np.diag(s.control.K_p))
+    np.testing.assert_array_equal(pilot.leader.gains.K_p, np.diag(s.control.K_p))
     assert not bool(pilot.recorder.payload)
     assert all(leaf.dtype in (jnp.float64, bool) and not leaf.weak_type for leaf in jax.tree.leaves(pilot))
 

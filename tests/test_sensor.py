@@ -12,6 +12,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from colift import dynamics, sensor
+from colift.measurement import Measurement
 from colift.model import AgentInput, Residual, State, Team, no_force
 from tests import teams
 from tests.pinocchio_team import PinocchioTeam
@@ -33,10 +34,8 @@ DEVIATIONS = {
 
 @functools.cache
 def sensors() -> sensor.Sensors:
-    """Sensors with these deviations, and a calibration rig whose every label errs by an amount of its own."""
-    rng = np.random.default_rng(9)
-    rig = jax.tree.map(lambda x: jnp.array(rng.uniform(0.1, 1, x.shape)), no_force(case()[0]))
-    return sensor.Sensors(**{name: jnp.array(value) for name, value in DEVIATIONS.items()}, rig=rig)
+    """Sensors with these deviations."""
+    return sensor.Sensors(**{name: jnp.array(value) for name, value in DEVIATIONS.items()})
 
 
 @functools.cache
@@ -86,14 +85,14 @@ def no_bias(team: Team) -> tuple[jax.Array, ...]:
     return tuple(jnp.zeros_like(group.contact) for group in team.groups)
 
 
-def readings() -> sensor.Measurement:
+def readings() -> Measurement:
     """Many readings of one instant, without bias."""
     team, _, truth = case()
     many = jax.jit(jax.vmap(sensor.sense, in_axes=(None, None, None, None, 0)))
     return many(team, sensors(), no_bias(team), truth, sensor.draw(team, jax.random.key(1), TICKS))
 
 
-def ideal() -> sensor.Measurement:
+def ideal() -> Measurement:
     """One reading without noise."""
     team, _, truth = case()
     return sense(team, sensors(), no_bias(team), truth, no_noise(team))
@@ -202,9 +201,11 @@ def test_noise_depends_on_the_key_and_the_structure_alone():
 
 def test_the_rig_reports_the_true_state_and_labels_that_err_by_as_much_as_stated_either_way():
     team, z, truth = case()
-    noise, rig = sensor.draw(team, jax.random.key(2), TICKS), sensors().rig
-    many = jax.jit(jax.vmap(sensor.sense, in_axes=(None, None, None, None, 0)))
-    sample = many(team, sensors(), no_bias(team), truth, noise).rig
+    rng = np.random.default_rng(9)
+    rig = jax.tree.map(lambda x: jnp.array(rng.uniform(0.1, 1, x.shape)), no_force(team))
+    held = sensor.Rig(error=rig)
+    noise, m = held.draw(team, jax.random.key(2), TICKS), ideal()
+    sample = jax.vmap(lambda drawn: held(m, truth, jnp.zeros(()), (), drawn))(noise).rig
     for told, state in zip(jax.tree.leaves(sample.z), jax.tree.leaves(z), strict=True):
         np.testing.assert_array_equal(told, np.broadcast_to(state, told.shape))
     signs = []
@@ -221,5 +222,14 @@ def test_the_rig_reports_the_true_state_and_labels_that_err_by_as_much_as_stated
 
 
 def test_without_noise_the_rig_reports_the_residual_itself():
+    team, _, truth = case()
+    held, none = sensor.Rig(error=no_force(team)), no_force(team)
+    m = held(ideal(), truth, jnp.zeros(()), (), none)
+    jax.tree.map(np.testing.assert_array_equal, m.rig.f, truth.f)
+
+
+def test_an_informant_tells_the_residual_and_leaves_the_rest_alone():
     _, _, truth = case()
-    jax.tree.map(np.testing.assert_array_equal, ideal().rig.f, truth.f)
+    m = sensor.Informant()(ideal(), truth, jnp.zeros(()), (), ())
+    jax.tree.map(np.testing.assert_array_equal, m.residual, truth.f)
+    jax.tree.map(np.testing.assert_array_equal, dataclasses.replace(m, residual=None), ideal())

@@ -30,7 +30,7 @@ def test_with_the_right_parameters_the_residual_is_what_the_sources_do():
     of = believed(plan("C1"))
     rows = fly(of, 0.5).rows
     z, _ = paper_flights.states(of.world.team, rows)
-    f = jax.jit(jax.vmap(disturbance.residual, in_axes=(None, None, 0)))(of.world.sources, of.world.team, z)
+    f = jax.jit(jax.vmap(disturbance.at_start, in_axes=(None, None, 0)))(of.world.sources, of.world.team, z)
     np.testing.assert_allclose(rows.f_L, np.concatenate([f.payload.F, f.payload.tau], axis=1), atol=1e-9)
     (g,) = f.agents
     np.testing.assert_allclose(rows.f_x, g.f_x, atol=1e-9)
@@ -42,7 +42,7 @@ def test_with_the_right_parameters_the_residual_is_what_the_sources_do():
 def test_mass_and_inertia_mismatch_add_to_the_residual_what_they_take_from_inertia(flight):
     of, rows = plan("C1"), flight.rows
     z, _ = paper_flights.states(of.world.team, rows)
-    F = jax.jit(jax.vmap(disturbance.on_payload, in_axes=(None, 0)))(of.world.sources.payload, z.payload)
+    F = jax.jit(jax.vmap(disturbance.at_start, in_axes=(None, None, 0)))(of.world.sources, of.world.team, z).payload
     nominal, truth = of.pilot.team.payload, of.world.team.payload
     dm, dJ = float(nominal.mass - truth.mass), np.asarray(nominal.inertia - truth.inertia)
     w = rows.omega_L
@@ -76,7 +76,7 @@ def test_every_attitude_stays_a_rotation(flight):
 def test_the_grasp_holds(flight):
     assert flight.rows.Phi.max() <= 1e-10
     assert flight.rows.Phi_dot.max() <= 1e-10
-    assert flight.rows.singular.min() > 10 * np.asarray(plan("C1").world.limits.grip).max()
+    assert flight.rows.singular.min() > 10 * np.asarray(plan("C1").limits.grip).max()
 
 
 def test_errors_are_those_of_the_truth_not_of_the_estimate(flight):
@@ -171,7 +171,8 @@ def limited(of: simulate.Plan, **beyond: Any) -> simulate.Plan:
         "saturation": np.inf,
     }
     of_agents = {"grip": jnp.full(2, float(beyond.pop("grip", free.pop("grip"))))}
-    return with_world(of, limits=limits.Limits(**of_agents, **{k: number(x) for k, x in (free | beyond).items()}))
+    numbers = {k: number(x) for k, x in (free | beyond).items()}
+    return dataclasses.replace(of, limits=limits.Limits(**of_agents, **numbers))
 
 
 @functools.cache
@@ -246,7 +247,7 @@ def test_a_run_whose_grasp_is_near_singular_stops_at_that_tick_and_names_the_age
 
 def test_the_least_grip_is_a_share_of_the_start_s(flight):
     share = paper_flights.SETTINGS.limits.grip
-    np.testing.assert_allclose(plan("C1").world.limits.grip, share * flight.rows.singular[0], rtol=1e-12)
+    np.testing.assert_allclose(plan("C1").limits.grip, share * flight.rows.singular[0], rtol=1e-12)
 
 
 def test_a_run_with_a_signal_that_is_not_finite_stops_and_names_it():
@@ -259,8 +260,7 @@ def test_a_run_with_a_signal_that_is_not_finite_stops_and_names_it():
 
 
 def test_a_run_that_blows_up_stops_at_that_tick_and_keeps_what_was_flown():
-    gains = dataclasses.replace(plan("C1").pilot.gains, agent_k_omega=number(1e6))
-    wild = fly(with_pilot(limited(plan("C1")), gains=gains), 0.5)
+    wild = fly(paper_flights.with_gains(limited(plan("C1")), agent_k_omega=number(1e6)), 0.5)
     assert "not finite" in wild.stopped
     assert 1 < len(wild.rows.t) < 20
     assert f"t = {wild.rows.t[-1]:.3f} s" in wild.stopped

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -23,7 +21,7 @@ def found() -> dict[str, dict]:
 
 def test_cases_differ_in_what_they_record_and_in_nothing_else():
     c1, c3 = paper.plan("C1"), paper.plan("C3")
-    same = jax.tree.map(np.array_equal, (c1.world, c1.oracle, c1.z), (c3.world, c3.oracle, c3.z))
+    same = jax.tree.map(np.array_equal, (c1.world, c1.pilot.oracle, c1.z), (c3.world, c3.pilot.oracle, c3.z))
     assert all(jax.tree.leaves(same))
     a, b = (jax.tree.leaves_with_path(plan.pilot) for plan in (c1, c3))
     different = [jax.tree_util.keystr(path) for (path, x), (_, y) in zip(a, b, strict=True) if not np.array_equal(x, y)]
@@ -76,8 +74,7 @@ def test_what_is_known_before_a_flight_is_the_slowest_mode_and_how_much_thrust_i
 
 
 def test_a_loop_that_is_unstable_at_rest_is_a_warning_before_the_flight():
-    gains = dataclasses.replace(paper.plan("C1").pilot.gains, agent_k_omega=paper.number(1e3))
-    ahead = study.outlook(paper.SETTINGS, {"C1": paper.with_pilot(paper.plan("C1"), gains=gains)})
+    ahead = study.outlook(paper.SETTINGS, {"C1": paper.with_gains(paper.plan("C1"), agent_k_omega=paper.number(1e3))})
     (warning,) = ahead.warnings
     assert warning.startswith("unstable at rest on the reference: slowest mode +")
     assert ahead.summary["slowest_mode"]["stable"] is False

@@ -104,18 +104,17 @@ class Estimate:
 class Estimator:
     """The estimator that comes with colift: a complementary filter, and labels by the nominal equations."""
 
-    team: Team  # nominal
     filters: Filters
 
-    def begin(self, first: Measurement) -> Memory:
+    def begin(self, team: Team, first: Measurement) -> Memory:
         """The memory at the first measurement, as if the team had stood there for ever."""
-        return _begin(self.team, first)
+        return _begin(team, first)
 
     def observe(
-        self, memory: Memory, m: Measurement, applied: tuple[AgentInput, ...], clock: Clock
+        self, team: Team, memory: Memory, m: Measurement, applied: tuple[AgentInput, ...], clock: Clock
     ) -> tuple[Estimate, Memory]:
         """One tick: states, `lam_hat` and the filtered labels, given the inputs applied since the last tick."""
-        return _observe(self.team, self.filters, memory, m, applied, clock.dt)
+        return _observe(team, self.filters, memory, m, applied, clock.dt)
 
 
 def _begin(team: Team, first: Measurement) -> Memory:

@@ -30,6 +30,7 @@ Inputs = tuple[AgentInput, ...]
 class Now:
     """What is known on board when a tick is decided."""
 
+    team: Team  # nominal
     clock: Clock
     m: Measurement | None  # None where the law is linearized around a state that nothing measured
     q_hat: Estimate
@@ -58,11 +59,11 @@ class Pilot(Protocol):
 class Estimator(Protocol):
     """States from measurements; ours is `estimate.Estimator`."""
 
-    def begin(self, first: Measurement) -> Any:
-        """The memory at a reading at rest."""
+    def begin(self, team: Team, first: Measurement) -> Any:
+        """The memory at a reading at rest; team: nominal."""
         ...
 
-    def observe(self, memory: Any, m: Measurement, applied: Inputs, clock: Clock) -> tuple[Estimate, Any]:
+    def observe(self, team: Team, memory: Any, m: Measurement, applied: Inputs, clock: Clock) -> tuple[Estimate, Any]:
         """What is believed now, given the command of the last tick; with labels, if it has any."""
         ...
 
@@ -130,8 +131,6 @@ class Forces:
 class Learned:
     """`f_hat`: the frozen oracles at the estimated state, the parametric part at the commanded acceleration."""
 
-    team: Team
-
     def begin(self) -> Any:
         """Nothing is remembered."""
         return ()
@@ -140,7 +139,7 @@ class Learned:
         """`f_hat_L = mean_L(q_L) + Y(q_L, a, alpha) theta`, `f_hat_j = mean_j(q_j)`."""
         q = now.q_hat.payload
         f = learn.mean(oracle, q, now.q_hat.agents)
-        inertial = learn.regressor(q, to.a - self.team.gravity, to.alpha) @ oracle.theta
+        inertial = learn.regressor(q, to.a - now.team.gravity, to.alpha) @ oracle.theta
         W = Wrench(F=f.payload.F + inertial[:3], tau=f.payload.tau + inertial[3:])
         return dataclasses.replace(f, payload=W), memory
 
@@ -153,7 +152,6 @@ class Observed:
     """
 
     predictor: Predictor
-    team: Team
     bandwidth: Scalar  # Hz
 
     def begin(self) -> Any:
@@ -165,7 +163,7 @@ class Observed:
         past, of_other = memory
         f, of_other = self.predictor.predict(of_other, oracle, now, to)
         q, a = now.q_hat.payload, now.q_hat.a_L
-        W = inertial(self.team.payload, a[:3] - self.team.gravity, a[3:], q.omega)
+        W = inertial(now.team.payload, a[:3] - now.team.gravity, a[3:], q.omega)
         left = jnp.concatenate([W.F - now.W.F, W.tau - now.W.tau])
         # before the first tick there was no command to explain anything
         d = past + now.ticks * blend(self.bandwidth, now.clock.dt) * (left - past)
@@ -261,14 +259,13 @@ class Linear:
 class Aligned:
     """The paper's realization: thrust along a commanded direction, tips on the payload, torques by inverse dynamics."""
 
-    team: Team
     gains: control.Gains
     heading: tuple[Float[Array, "agents"], ...]  # rad
     rest: tuple[Float[Array, "agents n_r"], ...]
 
     def realize(self, now: Now, to: control.Command, forces: Forces, f_hat: Residual) -> tuple[Inputs, Saturated]:
         """`control.realize` of every agent, thrust limited to what its rotors give."""
-        team, inputs, saturated = self.team, [], []
+        team, inputs, saturated = now.team, [], []
         realize = jax.vmap(control.realize, in_axes=(0, None, None, 0, None, None, 0, 0))
         parts = zip(
             team.groups,
@@ -339,7 +336,7 @@ class LeaderFollower:
             for size, group in zip(self.team.sizes, self.team.groups, strict=True)
         )
         memory = Memory(
-            estimator=self.estimator.begin(first),
+            estimator=self.estimator.begin(self.team, first),
             recorder=self.recorder.begin(self.team, self.oracle),
             predictor=self.predictor.begin(),
             leader=self.leader.begin(),
@@ -352,9 +349,9 @@ class LeaderFollower:
 
     def tick(self, memory: Memory, m: Measurement, clock: Clock) -> tuple[Inputs, Memory, Telemetry]:
         """One control tick: the commands, the next memory, and what was decided."""
-        q_hat, seen = self.estimator.observe(memory.estimator, m, memory.applied, clock)
+        q_hat, seen = self.estimator.observe(self.team, memory.estimator, m, memory.applied, clock)
         d = self.path.at(clock.t)
-        now = Now(clock=clock, m=m, q_hat=q_hat, d=d, W=memory.W, ticks=memory.ticks)
+        now = Now(team=self.team, clock=clock, m=m, q_hat=q_hat, d=d, W=memory.W, ticks=memory.ticks)
         inputs, leader, predictor, decided = self.decide(memory.leader, memory.predictor, now)
         memory = Memory(
             estimator=seen,

@@ -104,6 +104,7 @@ def _jacobians(pilot: fly.LeaderFollower, z: State) -> tuple[jax.Array, jax.Arra
     zero, unravel = ravel_pytree(dynamics.no_shift(z))
     f, none, t = flatten(no_force(team)), jnp.zeros(6), jnp.zeros(())
     d = pilot.path.at(t)
+    still = Wrench(F=jnp.zeros(3), tau=jnp.zeros(3))
     memories = pilot.leader.begin(), pilot.predictor.begin()
 
     def loop(y: jax.Array) -> jax.Array:
@@ -113,11 +114,12 @@ def _jacobians(pilot: fly.LeaderFollower, z: State) -> tuple[jax.Array, jax.Arra
         lam = tuple(jnp.zeros_like(group.contact) for group in team.groups)
         q_hat = estimate.Estimate(agents=at.agents, payload=at.payload, a_L=a, lam=lam)
         now = fly.Now(
+            team=team,
             clock=Clock(t=t, dt=jnp.ones(())),
             m=None,
             q_hat=q_hat,
             d=d,
-            W=Wrench(F=jnp.zeros(3), tau=jnp.zeros(3)),
+            W=still,
             ticks=t,
         )
         inputs, _, _, decided = pilot.decide(*memories, now)

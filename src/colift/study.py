@@ -99,9 +99,7 @@ def _as(case: str, c1: simulate.Plan, settings: Settings) -> simulate.Plan:
             K_i, k_i = jnp.asarray(rival.K_i), jnp.asarray(rival.k_i)
             pilot = dataclasses.replace(pilot, leader=fly.Integral(leader=pilot.leader, K_i=K_i, k_i=k_i))
         case "DOB":
-            observer = fly.Observed(
-                predictor=pilot.predictor, team=pilot.team, bandwidth=jnp.asarray(rival.observer_Hz)
-            )
+            observer = fly.Observed(predictor=pilot.predictor, bandwidth=jnp.asarray(rival.observer_Hz))
             pilot = dataclasses.replace(pilot, predictor=observer)
         case "O":
             theta = jnp.asarray(analyse.mismatch(world.team, pilot.team))

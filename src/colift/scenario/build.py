@@ -388,7 +388,9 @@ def _hovering(truth: Team, flying: fly.Allocator, z: State, path: reference.Refe
     none = Wrench(F=jnp.zeros(3), tau=jnp.zeros(3))
     lam = tuple(jnp.zeros_like(group.contact) for group in truth.groups)
     q = estimate.Estimate(agents=z.agents, payload=z.payload, a_L=jnp.zeros(6), lam=lam)
-    now = fly.Now(clock=model.Clock(t=t, dt=jnp.ones(())), m=None, q_hat=q, d=path.at(t), W=none, ticks=jnp.zeros(()))
+    now = fly.Now(
+        team=truth, clock=model.Clock(t=t, dt=jnp.ones(())), m=None, q_hat=q, d=path.at(t), W=none, ticks=jnp.zeros(())
+    )
     W = Wrench(F=-truth.payload.mass * truth.gravity - f.payload.F, tau=-f.payload.tau)
     return limits.hover(truth, flying.allocate(now, W, none).lam, f)
 
@@ -481,7 +483,6 @@ def pilot(settings: s.Settings, nominal: Team) -> fly.LeaderFollower:
         team=nominal,
         path=path(settings),
         estimator=estimate.Estimator(
-            team=nominal,
             filters=estimate.Filters(
                 fusion=_array(settings.control.fusion_Hz),
                 joint=_array(settings.control.joint_filter_Hz),
@@ -497,10 +498,10 @@ def pilot(settings: s.Settings, nominal: Team) -> fly.LeaderFollower:
             agents=jnp.array(False),
         ),
         oracle=prior(settings, nominal),
-        predictor=fly.Learned(team=nominal),
+        predictor=fly.Learned(),
         leader=fly.Geometric(gains=gain),
         allocator=fly.Linear(allocation=plan, internal=internal),
-        realizer=fly.Aligned(team=nominal, gains=gain, heading=heading(settings), rest=rest(settings)),
+        realizer=fly.Aligned(gains=gain, heading=heading(settings), rest=rest(settings)),
     )
 
 
