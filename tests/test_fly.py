@@ -24,7 +24,7 @@ from colift import (
     simulate,
     study,
 )
-from colift.model import Clock, Wrench, flat_payload, no_force
+from colift.model import Wrench, flat_payload, no_force
 from tests import paper_flights
 from tests.paper_flights import ROOM, SETTINGS, exact, number, plan, with_pilot
 
@@ -214,10 +214,7 @@ def test_the_attitude_s_feed_forward_takes_the_rate_of_the_allocated_forces_with
     _, rows = flown(of)
     z, _ = paper_flights.states(of.world.team, jax.tree.map(lambda x: x[100:101], rows))
     z = jax.tree.map(lambda x: x[0], z)
-    lam = tuple(jnp.zeros_like(group.contact) for group in of.pilot.team.groups)
-    q_hat = estimate.Estimate(agents=z.agents, payload=z.payload, a_L=jnp.array([0.5, -1.0, 0.3, 0, 0, 0]), lam=lam)
-    clock, still = Clock(t=number(100 * DT), dt=number(DT)), Wrench(F=jnp.zeros(3), tau=jnp.zeros(3))
-    now = fly.Now(
+    now = fly.known(of.pilot, z, jnp.array([0.5, -1.0, 0.3, 0, 0, 0]), number(100 * DT))
         team=of.pilot.team, clock=clock, m=None, q_hat=q_hat, d=of.pilot.path.at(clock.t), W=still, ticks=number(1)
     )
     inputs, _, _, decided = jax.jit(lambda pilot, now: pilot.decide((), (), now))(of.pilot, now)

@@ -13,8 +13,8 @@ import pytest
 from jax.flatten_util import ravel_pytree
 from scipy.linalg import expm
 
-from colift import dynamics, estimate, fly, gp, grasp, learn, model, response, scenario
-from colift.model import Clock, Residual, State, Wrench, no_force
+from colift import dynamics, fly, gp, grasp, learn, model, response, scenario
+from colift.model import Residual, State, no_force
 from colift.response import OUTPUTS
 from colift.scenario import build, settings
 from tests import teams
@@ -55,13 +55,10 @@ def closed(pilot: fly.LeaderFollower, z: State, f: Residual) -> tuple[Any, Any, 
 
     The law is affine in it, and only its first three components enter.
     """
-    team, clock = pilot.team, Clock(t=jnp.zeros(()), dt=jnp.ones(()))
-    none = Wrench(F=jnp.zeros(3), tau=jnp.zeros(3))
+    team = pilot.team
 
     def under(a: jax.Array) -> tuple[Any, Any, Any]:
-        lam = tuple(jnp.zeros_like(group.contact) for group in team.groups)
-        q_hat = estimate.Estimate(agents=z.agents, payload=z.payload, a_L=a, lam=lam)
-        now = fly.Now(team=team, clock=clock, m=None, q_hat=q_hat, d=pilot.path.at(clock.t), W=none, ticks=clock.t)
+        now = fly.known(pilot, z, a, jnp.zeros(()))
         inputs, _, _, decided = pilot.decide((), (), now)
         return *dynamics.accelerate(team, z, inputs, f), decided.W_d
 

@@ -19,7 +19,7 @@ from colift.balance import payload as inertial
 from colift.estimate import Estimate
 from colift.lowpass import blend
 from colift.measurement import Measurement
-from colift.model import AgentInput, Clock, Residual, Team, Wrench
+from colift.model import AgentInput, Clock, Residual, State, Team, Wrench
 from colift.pytree import pytree
 
 Scalar = Float[Array, ""]
@@ -37,6 +37,20 @@ class Now:
     d: reference.Setpoint
     W: Wrench  # desired wrench of the last tick, zero before the first
     ticks: Scalar  # 0 in the first tick, 1 after: what is differenced or filtered begins with the second
+
+
+def known(pilot: LeaderFollower, z: State, a_L: Float[Array, "6"], t: Scalar) -> Now:
+    """What a pilot would know that believed in the state z, without a measurement: to ask its law about a state."""
+    lam = tuple(jnp.zeros_like(group.contact) for group in pilot.team.groups)
+    return Now(
+        team=pilot.team,
+        clock=Clock(t=t, dt=jnp.ones(())),
+        m=None,
+        q_hat=Estimate(agents=z.agents, payload=z.payload, a_L=a_L, lam=lam),
+        d=pilot.path.at(t),
+        W=Wrench(F=jnp.zeros(3), tau=jnp.zeros(3)),
+        ticks=jnp.zeros(()),
+    )
 
 
 # The doors ------------------------------------------------------------------------------------------------------------

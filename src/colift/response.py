@@ -15,8 +15,8 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
-from colift import dynamics, estimate, fly, grasp, so3
-from colift.model import AgentForce, Clock, Residual, State, Team, Wrench, no_force
+from colift import dynamics, fly, grasp, so3
+from colift.model import AgentForce, Residual, State, Team, Wrench, no_force
 
 OUTPUTS = {"e_p": 3, "e_v": 3, "e_R": 3, "e_omega": 3, "a": 3, "alpha": 3, "delta_W": 6}
 """Rows of `Response.C`: tracking errors, payload acceleration less the commanded one (m/s^2, rad/s^2), mismatch."""
@@ -104,24 +104,13 @@ def _jacobians(pilot: fly.LeaderFollower, z: State) -> tuple[jax.Array, jax.Arra
     zero, unravel = ravel_pytree(dynamics.no_shift(z))
     f, none, t = flatten(no_force(team)), jnp.zeros(6), jnp.zeros(())
     d = pilot.path.at(t)
-    still = Wrench(F=jnp.zeros(3), tau=jnp.zeros(3))
     memories = pilot.leader.begin(), pilot.predictor.begin()
 
     def loop(y: jax.Array) -> jax.Array:
         shift, a, f = jnp.split(y, [len(zero), len(zero) + 6])
         moved = unravel(shift)
         at = dynamics.move(z, moved)
-        lam = tuple(jnp.zeros_like(group.contact) for group in team.groups)
-        q_hat = estimate.Estimate(agents=at.agents, payload=at.payload, a_L=a, lam=lam)
-        now = fly.Now(
-            team=team,
-            clock=Clock(t=t, dt=jnp.ones(())),
-            m=None,
-            q_hat=q_hat,
-            d=d,
-            W=still,
-            ticks=t,
-        )
+        now = fly.known(pilot, at, a, t)
         inputs, _, _, decided = pilot.decide(*memories, now)
         acceleration, lam = dynamics.accelerate(team, at, inputs, unflatten(team, f))
         q, a_L = at.payload, acceleration.payload

@@ -62,7 +62,7 @@ def plans(settings: Settings, cases: Sequence[str]) -> dict[str, simulate.Plan]:
         sources = dataclasses.replace(sources, functions=(learn.Function(oracle=function),))
         error = jax.tree.map(lambda f: given.rig_error * f, deviation)
     sensors, pilot = build.sensors(settings), build.pilot(settings, nominal)
-    build.hover(settings, truth, pilot.allocator, sources)
+    build.hover(settings, truth, pilot, sources)
     c1 = simulate.Plan(
         world=world.Simulated(
             team=truth,
@@ -143,7 +143,7 @@ def outlook(settings: Settings, ready: Mapping[str, simulate.Plan]) -> Outlook:
     except ValueError as error:
         warnings.append(str(error))
     names, truth = build.agent_names(settings), first.world.team
-    hover = build.hover(settings, truth, first.pilot.allocator, first.world.sources)
+    hover = build.hover(settings, truth, first.pilot, first.world.sources)
     have = np.concatenate([group.thrust_max for group in truth.groups])
     margin = settings.limits.thrust_margin
     for name, need, most in zip(names, hover, have, strict=True):

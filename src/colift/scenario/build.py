@@ -358,14 +358,16 @@ def _limit_rad(deg: float) -> Array:
     return _array(np.inf if deg == 180 else np.deg2rad(deg))
 
 
-def hover(settings: s.Settings, truth: Team, flying: fly.Allocator, sources: disturbance.Disturbances) -> np.ndarray:
+def hover(
+    settings: s.Settings, truth: Team, flying: fly.LeaderFollower, sources: disturbance.Disturbances
+) -> np.ndarray:
     """`(agents,)` thrust that hovering on the reference takes in truth, N, with or without internal forces, the larger.
 
     Raises ScenarioError where it is more than the agents have.
     """
     z, given = at_rest(settings, truth), settings.allocation.internal
     f, moments = _acting(sources, truth, z), [0.0] if given is None else [0.0, (given.start_s + given.end_s) / 2]
-    need = np.max([_hovering(truth, flying, z, path(settings), f, _array(t)) for t in moments], axis=0)
+    need = np.max([_hovering(truth, flying, z, f, _array(t)) for t in moments], axis=0)
     have = np.concatenate([group.thrust_max for group in truth.groups])
     names = agent_names(settings)
     short = [
@@ -383,16 +385,12 @@ _acting = jax.jit(disturbance.at_start)
 
 
 @jax.jit
-def _hovering(truth: Team, flying: fly.Allocator, z: State, path: reference.Reference, f: Residual, t: Array) -> Array:
+def _hovering(truth: Team, flying: fly.LeaderFollower, z: State, f: Residual, t: Array) -> Array:
     """`(agents,)` thrust at rest, N, with the internal forces of time t, s."""
-    none = Wrench(F=jnp.zeros(3), tau=jnp.zeros(3))
-    lam = tuple(jnp.zeros_like(group.contact) for group in truth.groups)
-    q = estimate.Estimate(agents=z.agents, payload=z.payload, a_L=jnp.zeros(6), lam=lam)
-    now = fly.Now(
-        team=truth, clock=model.Clock(t=t, dt=jnp.ones(())), m=None, q_hat=q, d=path.at(t), W=none, ticks=jnp.zeros(())
-    )
     W = Wrench(F=-truth.payload.mass * truth.gravity - f.payload.F, tau=-f.payload.tau)
-    return limits.hover(truth, flying.allocate(now, W, none).lam, f)
+    steady = Wrench(F=jnp.zeros(3), tau=jnp.zeros(3))
+    forces = flying.allocator.allocate(fly.known(flying, z, jnp.zeros(6), t), W, steady)
+    return limits.hover(truth, forces.lam, f)
 
 
 # What flies ---------------------------------------------------------------------------------------------------------
