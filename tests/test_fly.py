@@ -215,8 +215,6 @@ def test_the_attitude_s_feed_forward_takes_the_rate_of_the_allocated_forces_with
     z, _ = paper_flights.states(of.world.team, jax.tree.map(lambda x: x[100:101], rows))
     z = jax.tree.map(lambda x: x[0], z)
     now = fly.known(of.pilot, z, jnp.array([0.5, -1.0, 0.3, 0, 0, 0]), number(100 * DT))
-        team=of.pilot.team, clock=clock, m=None, q_hat=q_hat, d=of.pilot.path.at(clock.t), W=still, ticks=number(1)
-    )
     inputs, _, _, decided = jax.jit(lambda pilot, now: pilot.decide((), (), now))(of.pilot, now)
     assert np.abs(offset).max() > 0.1
     expected = _realized(_rate_by_differences, of.pilot, now, decided.lam_cmd)
