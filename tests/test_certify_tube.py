@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from jax.flatten_util import ravel_pytree
 from scipy.linalg import expm
 
-from colift import band, dynamics, estimate, gp, learn
+from colift import band, dynamics, gp, learn, model
 from colift.certify import reach, tube
 from colift.response import Response
 from tests import teams
@@ -71,8 +71,8 @@ moved = jax.jit(dynamics.move)
 
 def seen(z: object) -> list[np.ndarray]:
     """What the learned maps see of a state, body by body."""
-    agents = [np.asarray(jax.vmap(estimate.flat_agent)(q)) for q in z.agents]
-    payload = learn.payload_features(estimate.flat_payload(z.payload, jnp.zeros(6)))
+    agents = [np.asarray(jax.vmap(model.flat_agent)(q)) for q in z.agents]
+    payload = learn.payload_features(model.flat_payload(z.payload, jnp.zeros(6)))
     return [np.asarray(payload), *(row for group in agents for row in group)]
 
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from colift import reference
 
-at = jax.jit(reference.at)
+at = jax.jit(lambda path, t: path.at(t))
 pulse = jax.jit(reference.pulse)
 
 
