@@ -43,10 +43,10 @@ MUTANTS = {
         "control.py", "- to_body @ d.omega_dot", "+ to_body @ d.omega_dot", "control", "error_dynamics"
     ),
     "omega_d: sign of the feed-forward": Mutant(
-        "control.py", "integral[3:] - carried", "integral[3:] + carried", "control", "error_dynamics"
+        "control.py", "alpha=-turn - carried", "alpha=-turn + carried", "control", "error_dynamics"
     ),
     "Euler: sign of w x J w": Mutant(
-        "control.py", "J @ to.alpha + so3.cross", "J @ to.alpha - so3.cross", "control", "wrench_moves"
+        "balance.py", "apply(J, alpha) + so3.cross", "apply(J, alpha) - so3.cross", "control", "wrench_moves"
     ),
     # the agents
     "thrust direction without f_hat": Mutant(
@@ -66,36 +66,32 @@ MUTANTS = {
     "contacts: sign of w x (w x c)": Mutant(
         "control.py", "(to.alpha[None], c) + so3.cross", "(to.alpha[None], c) - so3.cross", "control", "aligned"
     ),
-    "rate of lam is zero": Mutant(
-        "fly.py", "payload.mass * to.jerk", "payload.mass * 0.0 * to.jerk", "fly", "feed_forward"
-    ),
+    "rate of lam is zero": Mutant("fly.py", "load.mass * to.jerk", "load.mass * 0.0 * to.jerk", "fly", "feed_forward"),
     "lam_f0 inside lam_dot": Mutant(
         "fly.py",
-        "offset=jnp.zeros_like(pilot.allocation.offset)",
-        "offset=pilot.allocation.offset",
+        "offset=jnp.zeros_like(self.allocation.offset)",
+        "offset=self.allocation.offset",
         "fly",
         "feed_forward",
     ),
     "integral action: sign": Mutant(
-        "fly.py", "integral + pilot.filters.dt * rate", "integral - pilot.filters.dt * rate", "fly", "integral_action"
+        "fly.py", "past + now.clock.dt * rate", "past - now.clock.dt * rate", "fly", "integral_action"
     ),
     "wrench observer explains the first tick": Mutant(
-        "fly.py", "b = memory.estimator.warm * estimate.blend", "b = estimate.blend", "fly", "wrench_observer"
+        "fly.py", "now.ticks * blend(", "blend(", "fly", "wrench_observer"
     ),
-    "last sample left out": Mutant(
-        "fly.py", "(t <= recorder.end + 1e-9)", "(t < recorder.end - 1e-9)", "fly", "their_rate"
-    ),
+    "last sample left out": Mutant("learn.py", "(t <= self.end + 1e-9)", "(t < self.end - 1e-9)", "fly", "their_rate"),
     # estimation
     "agents' inputs past the labels' filter": Mutant(
         "estimate.py",
-        "state=_pass(past.state, flat_agent(q), filters, warm)",
+        "state=_pass(past.state, flat_agent(q), filters, warm, dt)",
         "state=settle(flat_agent(q))",
         "estimate",
         "inputs_of_the_learned",
     ),
     "payload's inputs past the labels' filter": Mutant(
         "estimate.py",
-        "state=_pass(memory.state, flat_payload(load, jnp.concatenate([felt, omega_dot])), filters, memory.warm)",
+        "state=_pass(memory.state, flat_payload(load, jnp.concatenate([felt, omega_dot])), filters, memory.warm, dt)",
         "state=settle(flat_payload(load, jnp.concatenate([felt, omega_dot])))",
         "estimate",
         "inputs_of_the_learned",
@@ -114,13 +110,13 @@ MUTANTS = {
     ),
     "label: payload without the copy of the tips' bandwidth": Mutant(
         "estimate.py",
-        "memory.known + _after_first(memory.warm, blend(filters.tip_force, filters.dt)) * (known - memory.known)",
+        "memory.known + _after_first(memory.warm, blend(filters.tip_force, dt)) * (known - memory.known)",
         "1.0 * known",
         "estimate",
         "converge",
     ),
     "joint rate: filter's own delay left out": Mutant(
-        "estimate.py", "* b / ((1 - b) * filters.dt)", "* b / filters.dt", "estimate", "ramp"
+        "estimate.py", "* b / ((1 - b) * dt)", "* b / dt", "estimate", "ramp"
     ),
     "tip forces turned the wrong way": Mutant(
         "estimate.py", '"bij,bj->bi", g.rotation', '"bji,bj->bi", g.rotation', "estimate", "first_estimate"

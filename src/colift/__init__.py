@@ -11,23 +11,27 @@ The map; each module imports only those below it:
     certify     ultimate bounds of the tracking errors (Theorem 1)
     scenario    YAML files to settings, settings to what a run starts from
     response    the closed loop to first order, from unknown forces to errors
-    simulate    closes the loop: truth, sensors, flight software, updates
-    fly         one tick on board; sees only measurements
+    simulate    closes the loop of a world and a pilot: ticks, updates, deviations
+    world       the truth that a flight meets: plant, unknown forces, actuators, sensors
+    fly         the pilot and its parts; sees only measurements
     dynamics    the plant: accelerations, contact forces, a step on the grasp
     disturbance the truth's unknown forces
+    sensor      what sensors make of the truth, and the noise
+    actuator    what vehicles make of commands
     control     the leader's wrench, the agents' realization
     allocate    contact forces from a wrench, internal forces
     estimate    states, contact forces and labels from measurements
     band        confidence bands of the frozen oracles, radii of their errors
-    learn       features, data sets, frozen oracles
-    sensor      what is measured, and the noise
+    learn       features, data sets, recorders, frozen oracles
+    balance     the equations of motion, backwards
+    measurement what sensors say: all that flies ever sees
     reference   where the payload should be
     gp          exact Gaussian processes for control loops
     grasp       constraints, grasp matrix, what a grasp can bear
     agent       one aerial manipulator
     urdf        an agent from a URDF file
     model       parameters and states
-    so3, linalg, native, over, pytree   what they are written with
+    so3, linalg, lowpass, native, over, pytree   what they are written with
     cache       where what is compiled is kept
     interrupt   a request to end, read where work may end
 

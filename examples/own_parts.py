@@ -1,0 +1,156 @@
+"""Parts of your own in a flight of the paper's team: a leader, an allocator, an estimator, a disturbance, a sensor.
+
+Each is a `colift.pytree.pytree` with the methods of a class in `colift.fly`, `colift.disturbance` or `colift.sensor`;
+the rest of the flight stays as the scenario says. Run it with `python examples/own_parts.py`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any, ClassVar
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+import colift
+from colift import allocate, control, disturbance, estimate, fly, grasp, sensor, simulate
+from colift.measurement import Measurement
+from colift.model import AgentInput, Clock, Team, Wrench
+from colift.pytree import pytree
+
+Scalar = Float[Array, ""]
+
+
+@pytree
+class Gentle:
+    """A leader that asks for no more than so much acceleration: `a = a_0 limit / max(limit, |a_0|)`."""
+
+    leader: fly.Leader
+    limit: Scalar  # m/s^2
+
+    def begin(self) -> Any:
+        return self.leader.begin()
+
+    def lead(self, memory: Any, now: fly.Now) -> tuple[control.Command, Any]:
+        to, memory = self.leader.lead(memory, now)
+        size = jnp.sqrt((to.a * to.a).sum() + 1e-12)
+        return dataclasses.replace(to, a=to.a * self.limit / jnp.maximum(size, self.limit)), memory
+
+
+@pytree
+class Weighted:
+    """An allocator that spares some contacts: least squares with a weight for each, in the payload's frame."""
+
+    inverse: Float[Array, "rows 6"]
+
+    def allocate(self, now: fly.Now, W: Wrench, W_dot: Wrench) -> fly.Forces:
+        none = jnp.zeros(0)
+        plan = allocate.Allocation(
+            inverse=self.inverse, kernel=jnp.zeros((len(self.inverse), 0)), offset=jnp.zeros(len(self.inverse))
+        )
+        lam, lam_dot = (allocate.apply(plan, now.q_hat.payload.R, wrench, none) for wrench in (W, W_dot))
+        return fly.Forces(lam=lam, lam_dot=lam_dot, eta=none)
+
+
+def weighted(team: Team, weights: np.ndarray) -> Weighted:
+    """`W^-1 G^T (G W^-1 G^T)^-1`: a contact of weight 4 gives half of what one of weight 1 does, where it can."""
+    G = np.asarray(grasp.matrix(grasp.contacts(team), jnp.eye(3)))
+    spared = np.repeat(1 / weights, 3)
+    return Weighted(inverse=jnp.asarray(spared[:, None] * G.T @ np.linalg.inv(G * spared @ G.T)))
+
+
+@pytree
+class Trusting:
+    """An estimator that takes pose and velocity of the payload as they are measured, and the rest as colift's."""
+
+    estimator: fly.Estimator
+
+    def begin(self, team: Team, first: Measurement) -> Any:
+        return self.estimator.begin(team, first)
+
+    def observe(
+        self, team: Team, memory: Any, m: Measurement, applied: tuple[AgentInput, ...], clock: Clock
+    ) -> tuple[estimate.Estimate, Any]:
+        q_hat, memory = self.estimator.observe(team, memory, m, applied, clock)
+        read = m.payload
+        load = dataclasses.replace(q_hat.payload, p=read.p, v=read.v, R=read.R)
+        return dataclasses.replace(q_hat, payload=load), memory
+
+
+@pytree
+class Squall(disturbance.Law):
+    """A wind that swells and sinks, and air that follows it with a lag: `F = c w`, `w' = (gust sin(t) - w) / lag`."""
+
+    gust: Float[Array, "3"]  # m/s
+    lag: Scalar  # s
+    drag: Scalar  # N s/m
+    time_invariant: ClassVar[bool] = False
+
+    def __call__(self, at: disturbance.Motion, t: Scalar, memory: Any) -> tuple[Any, Any]:
+        return self.drag * (memory - at.v), jnp.zeros(3)
+
+    def begin(self) -> Any:
+        return jnp.zeros(3)
+
+    def after(self, at: disturbance.Motion, t: Scalar, memory: Any, dt: Scalar) -> Any:
+        return memory + dt / self.lag * (self.gust * jnp.sin(t) - memory)
+
+
+@pytree
+class Slow(sensor.Extra):
+    """A positioning system that reports the payload at every so many ticks, and holds its last report in between."""
+
+    every: Scalar  # s
+
+    def __call__(self, m: Measurement, truth: sensor.Truth, t: Scalar, memory: Any, noise: Any) -> Measurement:
+        _, p = self._report(m, t, memory)
+        load = dataclasses.replace(m.payload, p=p)
+        return dataclasses.replace(m, payload=load, more=m.more | {"age_s": t - self._report(m, t, memory)[0]})
+
+    def begin(self, m: Measurement, truth: sensor.Truth) -> Any:
+        return jnp.zeros(()), m.payload.p
+
+    def after(self, m: Measurement, truth: sensor.Truth, t: Scalar, memory: Any) -> Any:
+        return self._report(m, t, memory)
+
+    def _report(self, m: Measurement, t: Scalar, memory: Any) -> Any:
+        last, p = memory
+        due = t - last >= self.every - 1e-9
+        return jnp.where(due, t, last), jnp.where(due, m.payload.p, p)
+
+
+def changed(plan: simulate.Plan) -> simulate.Plan:
+    """The plan with every part above in its place."""
+    pilot, world = plan.pilot, plan.world
+    squall = Squall(gust=jnp.array([2.0, 1.0, 0.0]), lag=jnp.array(0.5), drag=jnp.array(0.4))
+    mount = disturbance.Mount(name="squall", law=squall, point=jnp.zeros(3))
+    return dataclasses.replace(
+        plan,
+        world=dataclasses.replace(
+            world,
+            sources=dataclasses.replace(world.sources, payload=(*world.sources.payload, mount)),
+            extra=(*world.extra, Slow(every=jnp.array(0.02))),
+        ),
+        pilot=dataclasses.replace(
+            pilot,
+            leader=Gentle(leader=pilot.leader, limit=jnp.array(3.0)),
+            allocator=weighted(pilot.team, np.array([1.0, 1.0, 4.0, 4.0])),
+            estimator=Trusting(estimator=pilot.estimator),
+        ),
+    )
+
+
+def main() -> None:
+    """Fly a second with the paper's parts and with these, and say how far apart they end."""
+    settings = colift.load("paper")
+    plan = dataclasses.replace(colift.plan(settings, "C1"), duration=1.0)
+    names = [agent.name for agent in settings.agents]
+    for of, what in ((plan, "the paper's parts"), (changed(plan), "parts of one's own")):
+        rows = simulate.fly_plan(of, names).rows
+        print(f"{what:>20}: |e_p| {np.linalg.norm(rows.e_p[-1]):.3f} m after {rows.t[-1]:.2f} s, ", end="")
+        print(f"rear contacts carry {np.linalg.norm(rows.lam[-1, 2:], axis=1).sum():.2f} N")
+
+
+if __name__ == "__main__":
+    main()
