@@ -20,11 +20,11 @@ Inputs = tuple[AgentInput, ...]
 class Ideal:
     """Commands act at once and in full."""
 
-    def begin(self, command: Inputs) -> Any:  # noqa: ARG002  as others are called
+    def begin(self, command: Inputs) -> Any:
         """The memory before the flight, after the command has acted for ever."""
         return ()
 
-    def __call__(self, command: Inputs, memory: Any, dt: Scalar) -> tuple[Inputs, Any]:  # noqa: ARG002
+    def __call__(self, command: Inputs, memory: Any, dt: Scalar) -> tuple[Inputs, Any]:
         """What acts during the next tick, and the next memory."""
         return command, memory
 

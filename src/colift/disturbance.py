@@ -50,7 +50,7 @@ class Law:
         """The memory before the flight, a PyTree; every agent that carries the law has its own."""
         return ()
 
-    def after(self, at: Motion, t: Scalar, memory: Any, dt: Scalar) -> Any:  # noqa: ARG002  of laws without one
+    def after(self, at: Motion, t: Scalar, memory: Any, dt: Scalar) -> Any:
         """The memory at t + dt, from the motion at t; a step of the plant holds it in between."""
         return memory
 
@@ -63,7 +63,7 @@ class Constant(Law):
     torque: Vector  # N m
     time_invariant: ClassVar[bool] = True
 
-    def __call__(self, at: Motion, t: Scalar, memory: Any) -> tuple[Vector, Vector]:  # noqa: ARG002  as a law is called
+    def __call__(self, at: Motion, t: Scalar, memory: Any) -> tuple[Vector, Vector]:
         return self.force, self.torque
 
 
@@ -82,7 +82,7 @@ class Wind(Law):
     phase: Float[Array, "waves"]  # rad
     time_invariant: ClassVar[bool] = True
 
-    def __call__(self, at: Motion, t: Scalar, memory: Any) -> tuple[Vector, Vector]:  # noqa: ARG002  as a law is called
+    def __call__(self, at: Motion, t: Scalar, memory: Any) -> tuple[Vector, Vector]:
         sines = jnp.sin((self.wave * at.x[None]).sum(1) + self.phase)
         w = at.v - self.mean - (self.gust * sines[:, None]).sum(0)
         speed = jnp.sqrt((w * w).sum() + 1e-6)  # smooth where the air is at rest
@@ -98,7 +98,7 @@ class Tether(Law):
     length: Scalar  # m, unstretched
     time_invariant: ClassVar[bool] = True
 
-    def __call__(self, at: Motion, t: Scalar, memory: Any) -> tuple[Vector, Vector]:  # noqa: ARG002  as a law is called
+    def __call__(self, at: Motion, t: Scalar, memory: Any) -> tuple[Vector, Vector]:
         d = self.anchor - at.x
         distance = jnp.sqrt((d * d).sum() + 1e-9)
         return self.stiffness * jnp.maximum(distance - self.length, 0.0) / distance * d, jnp.zeros(3)
@@ -113,7 +113,7 @@ class Jet(Law):
     width: Scalar  # m
     time_invariant: ClassVar[bool] = True
 
-    def __call__(self, at: Motion, t: Scalar, memory: Any) -> tuple[Vector, Vector]:  # noqa: ARG002  as a law is called
+    def __call__(self, at: Motion, t: Scalar, memory: Any) -> tuple[Vector, Vector]:
         d = (at.x - self.center) / self.width
         return jnp.exp(-(d * d).sum() / 2) * self.force, jnp.zeros(3)
 
@@ -126,7 +126,7 @@ class RotorBias(Law):
     torque: Vector  # N m, body frame
     time_invariant: ClassVar[bool] = True
 
-    def __call__(self, at: Motion, t: Scalar, memory: Any) -> tuple[Vector, Vector]:  # noqa: ARG002  as a law is called
+    def __call__(self, at: Motion, t: Scalar, memory: Any) -> tuple[Vector, Vector]:
         return self.thrust * at.R[:, 2], self.torque
 
 

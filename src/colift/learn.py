@@ -109,7 +109,7 @@ class Recorder:
             due=memory.due + jnp.where(now, self.every, 0.0),
         )
 
-    def samples(self, m: Measurement, labelled: Labelled | None) -> tuple[Sampled, tuple[Sampled, ...]]:  # noqa: ARG002
+    def samples(self, m: Measurement, labelled: Labelled | None) -> tuple[Sampled, tuple[Sampled, ...]]:
         """`(x, y)` of the payload and of every group's agents. Raises ValueError where nothing is labelled."""
         if labelled is None:
             raise ValueError("the estimator gives no labels: this pilot cannot learn")
@@ -120,7 +120,7 @@ class Recorder:
 class FromRig(Recorder):
     """The same, of a calibration rig's true states and nearly true residuals."""
 
-    def samples(self, m: Measurement, labelled: Labelled | None) -> tuple[Sampled, tuple[Sampled, ...]]:  # noqa: ARG002
+    def samples(self, m: Measurement, labelled: Labelled | None) -> tuple[Sampled, tuple[Sampled, ...]]:
         """`(x, y)` of the payload and of every group's agents. Raises ValueError where there is no rig."""
         if m.rig is None:
             raise ValueError("the world has no calibration rig (`sensor.Rig`) to learn from")

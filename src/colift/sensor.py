@@ -145,15 +145,15 @@ class Extra:
         """The measurement at time t, s, with this sensor's part in it."""
         raise NotImplementedError
 
-    def draw(self, team: Team, key: Array, ticks: int) -> Any:  # noqa: ARG002  of sensors without noise
+    def draw(self, team: Team, key: Array, ticks: int) -> Any:
         """The noise of `ticks` ticks from one random key, time first."""
         return ()
 
-    def begin(self, m: Measurement, truth: Truth) -> Any:  # noqa: ARG002  of sensors without a memory
+    def begin(self, m: Measurement, truth: Truth) -> Any:
         """The memory before the flight, where the other sensors read m at rest."""
         return ()
 
-    def after(self, m: Measurement, truth: Truth, t: Scalar, memory: Any) -> Any:  # noqa: ARG002
+    def after(self, m: Measurement, truth: Truth, t: Scalar, memory: Any) -> Any:
         """The memory after a reading; m is as it came."""
         return memory
 
@@ -164,7 +164,7 @@ class Rig(Extra):
 
     error: Residual
 
-    def __call__(self, m: Measurement, truth: Truth, t: Scalar, memory: Any, noise: Residual) -> Measurement:  # noqa: ARG002
+    def __call__(self, m: Measurement, truth: Truth, t: Scalar, memory: Any, noise: Residual) -> Measurement:
         """`Measurement.rig`."""
         f = jax.tree.map(lambda f, e, sign: f + e * sign, truth.f, self.error, noise)
         return dataclasses.replace(m, rig=Sample(z=truth.z, f=f))
@@ -183,7 +183,7 @@ class Rig(Extra):
 class Informant(Extra):
     """Tells the residual exactly, which no sensor does: for the floor of a study."""
 
-    def __call__(self, m: Measurement, truth: Truth, t: Scalar, memory: Any, noise: Any) -> Measurement:  # noqa: ARG002
+    def __call__(self, m: Measurement, truth: Truth, t: Scalar, memory: Any, noise: Any) -> Measurement:
         """`Measurement.residual`."""
         return dataclasses.replace(m, residual=truth.f)
 
