@@ -153,14 +153,14 @@ def test_sources_act_on_the_agents_and_bodies_that_they_name(mixed):
 
 def test_sensors_and_pilot_are_in_SI():
     s = scenario.load("paper")
-    noise = build.sensors(s, no_force(build.team(s)[0]))
+    noise = build.sensors(s)
     np.testing.assert_allclose(noise.attitude, 0.2 * np.pi / 180)
     np.testing.assert_allclose(noise.joint, 0.1 * np.pi / 180)
     pilot = build.pilot(s, build.team(s)[1])
     np.testing.assert_allclose(pilot.recorder.every, 1 / s.learning.sample_Hz)
     np.testing.assert_array_equal(pilot.leader.gains.K_p, np.diag(s.control.K_p))
     assert not bool(pilot.recorder.payload)
-    assert all(leaf.dtype in (jnp.float64, bool) and not leaf.weak_type for leaf in jax.tree.leaves(pilot))
+    assert all(leaf.dtype in (jnp.float64, int, bool) and not leaf.weak_type for leaf in jax.tree.leaves(pilot))
 
 
 def test_before_any_data_the_models_state_the_scenario_s_deviations():
@@ -325,8 +325,9 @@ def test_deviations_are_those_along_the_reference_and_the_rig_errs_by_its_share_
         values = float(f.hyper.signal_variance[i]) * correlations(x, X, ls[i]) @ np.asarray(f.alpha)[i, :6]
         np.testing.assert_allclose(stated[i], values.std(), rtol=1e-9)
     plan = study.plan(s, "C3")
-    jax.tree.map(lambda e, of: np.testing.assert_allclose(e, 0.1 * of), plan.world.sensors.rig, deviation)
-    jax.tree.map(np.testing.assert_array_equal, plan.world.sources.functions, (oracle,))
+    (rig,) = plan.world.extra
+    jax.tree.map(lambda e, of: np.testing.assert_allclose(e, 0.1 * of), rig.error, deviation)
+    jax.tree.map(np.testing.assert_array_equal, plan.world.sources.functions, (learn.Function(oracle=oracle),))
 
 
 def test_nothing_is_drawn_where_it_is_not_asked_for_and_no_norm_is_an_error():

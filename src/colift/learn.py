@@ -34,7 +34,7 @@ from colift.model import (
 from colift.pytree import pytree
 
 Scalar = Float[Array, ""]
-Sampled = tuple[Float[Array, "*agents inputs"], Float[Array, "*agents outputs"]]
+Sampled = tuple[Float[Array, "..."], Float[Array, "..."]]
 
 
 @pytree
