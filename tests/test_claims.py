@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 
 import jax
@@ -44,6 +45,22 @@ def test_rotational_error_equation():
     right = feedback + rows.delta_W[:, 3:] + (rows.f_L - rows.f_L_hat)[:, 3:]
     np.testing.assert_allclose(left, right, rtol=0, atol=1e-9)
     assert np.abs(rows.f_L[:, 3:]).max() > 0.1
+
+
+def test_rotational_error_equation_about_an_attitude_that_swings():
+    """Eq. pl_cl_eom with omega_d: `J e_w_dot` is the same, `e_w_dot = w_dot + w x R^T R_d w_d - R^T R_d w_d_dot`."""
+    of = paper.exact(paper.plan("C1"))
+    path = dataclasses.replace(of.pilot.path, swing=jnp.array([0.15, -0.1, 0.2]), swing_period=jnp.full(3, 4.0))
+    plan = paper.with_pilot(of, path=path)
+    rows = paper.fly(plan, 2.0).rows
+    J, gains, d = np.asarray(plan.pilot.team.payload.inertia), plan.pilot.leader.gains, setpoints(plan, rows)
+    Q = np.einsum("tji,tjk->tik", rows.R_L, np.asarray(d.R))
+    turned, changing = (np.einsum("tij,tj->ti", Q, np.asarray(x)) for x in (d.omega, d.omega_dot))
+    assert np.abs(turned).max() > 0.1
+    left = (rows.a_L[:, 3:] + np.cross(rows.omega_L, turned) - changing) @ J
+    feedback = -(float(gains.k_R) * rows.e_R + float(gains.k_omega) * rows.e_omega) @ J
+    right = feedback + rows.delta_W[:, 3:] + (rows.f_L - rows.f_L_hat)[:, 3:]
+    np.testing.assert_allclose(left, right, rtol=0, atol=1e-9)
 
 
 def test_attitude_error_kinematics():

@@ -1,13 +1,16 @@
 """The reference: exact derivatives, a start at rest, smooth flanks."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
-from colift import reference
+from colift import reference, so3
 
 at = jax.jit(lambda path, t: path.at(t))
 pulse = jax.jit(reference.pulse)
@@ -23,7 +26,25 @@ def random_path(seed: int) -> reference.Lissajous:
         phase=jnp.array(rng.uniform(-3, 3, 3)),
         ramp=jnp.array(rng.uniform(1, 4)),
         R=jnp.eye(3),
+        swing=jnp.zeros(3),
+        swing_period=jnp.array(rng.uniform(3, 8, 3)),
+        swing_phase=jnp.array(rng.uniform(-3, 3, 3)),
     )
+
+
+def swinging(seed: int) -> reference.Lissajous:
+    """The same, and the attitude swings."""
+    rng = np.random.default_rng(seed)
+    turned = so3.exp(jnp.array(rng.normal(size=3)))
+    return dataclasses.replace(random_path(seed), R=turned, swing=jnp.array(rng.uniform(-1, 1, 3)))
+
+
+def legs(seed: int) -> tuple[reference.Waypoints, np.ndarray, np.ndarray]:
+    """A path through random poses, the times and the poses."""
+    rng = np.random.default_rng(seed)
+    t = np.cumsum(rng.uniform(0.3, 2, rng.integers(2, 6)))
+    p, theta = rng.normal(size=(len(t), 3)), 0.5 * rng.normal(size=(len(t), 3))
+    return reference.waypoints(t, p, theta), t, np.concatenate([p, theta], axis=1)
 
 
 def values(path: reference.Lissajous, t: float) -> np.ndarray:
@@ -41,6 +62,66 @@ def test_each_derivative_is_the_rate_of_the_one_before(seed, t):
     kinks = [abs(t - float(path.ramp)), t]  # at both ends of the ramp the jerk is continuous, its rate is not
     if min(kinks) > 3 * h:
         np.testing.assert_allclose(values(path, t)[1:], rate[:-1], atol=1e-7)
+
+
+@pytest.mark.parametrize("path", [swinging(1), swinging(2), legs(3)[0], legs(4)[0]])
+def test_the_attitude_turns_at_the_body_rate_that_is_said(path):
+    """`R' = R hat(omega)`, `omega' = omega_dot`, by differences of order 4; rotations in SciPy."""
+    h = 1e-3
+    for t in np.linspace(0.6, 1.4, 5):
+        near = {k: at(path, jnp.array(t + k * h)) for k in (-2, -1, 0, 1, 2)}
+        turns = {k: Rotation.from_matrix(near[0].R.T @ d.R).as_rotvec() for k, d in near.items()}
+        now = near[0]
+        rate = (turns[-2] - 8 * turns[-1] + 8 * turns[1] - turns[2]) / (12 * h)
+        np.testing.assert_allclose(now.omega, rate, atol=1e-7)
+        omega = {k: np.asarray(d.omega) for k, d in near.items()}
+        np.testing.assert_allclose(
+            now.omega_dot, (omega[-2] - 8 * omega[-1] + 8 * omega[1] - omega[2]) / (12 * h), atol=1e-6
+        )
+        np.testing.assert_allclose(now.R.T @ now.R, np.eye(3), atol=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_waypoints_are_met_at_their_times_from_rest_to_rest(seed):
+    path, t, poses = legs(seed)
+    for k, (when, pose) in enumerate(zip(t, poses, strict=True)):
+        d = at(path, jnp.array(when))
+        np.testing.assert_allclose(d.p, pose[:3], atol=1e-9)
+        np.testing.assert_allclose(d.R, Rotation.from_rotvec(pose[3:]).as_matrix(), atol=1e-9)
+        if k in (0, len(t) - 1):
+            for still in (d.v, d.a, d.j, d.omega, d.omega_dot):
+                np.testing.assert_allclose(still, 0, atol=1e-6)
+    for outside, pose in ((t[0] - 1, poses[0]), (t[-1] + 1, poses[-1])):
+        d = at(path, jnp.array(outside))
+        np.testing.assert_allclose(d.p, pose[:3], atol=1e-9)
+        np.testing.assert_allclose(d.v, 0, atol=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_no_other_curve_through_the_poses_has_less_snap(seed):
+    """The snap is orthogonal to that of every curve that is zero at the poses and at rest at both ends: Gauss' rule."""
+    path, t, _ = legs(seed)
+    rng = np.random.default_rng(seed)
+    knots, c = np.asarray(path.knots), np.asarray(path.coefficients)
+    nodes, weights = np.polynomial.legendre.leggauss(12)
+    roots = np.repeat(t, np.where(np.isin(t, t[[0, -1]]), 4, 1))  # four times at the ends: three derivatives vanish
+    bump = np.polynomial.Polynomial.fromroots(roots) * np.polynomial.Polynomial(rng.normal(size=3))
+    product, sizes = np.zeros(6), np.zeros(6)
+    for i in range(len(c)):
+        s = (nodes + 1) / 2 * (knots[i + 1] - knots[i])
+        snap = np.stack([np.polynomial.Polynomial(column).deriv(4)(s) for column in c[i].T])
+        other = bump.deriv(4)(knots[i] + s)
+        each = (snap * other) * weights * (knots[i + 1] - knots[i]) / 2
+        product, sizes = product + each.sum(1), sizes + np.abs(each).sum(1)
+    np.testing.assert_allclose(product / sizes, 0, atol=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("t", "said"), [([1.0], "at least two"), ([0.0, 2.0, 1.0], "must ascend"), ([0.0, 1.0, 1.0], "must ascend")]
+)
+def test_times_that_no_path_can_have_are_refused(t, said):
+    with pytest.raises(ValueError, match=said):
+        reference.waypoints(np.array(t), np.zeros((len(t), 3)), np.zeros((len(t), 3)))
 
 
 @given(seed=st.integers(0, 10**6))

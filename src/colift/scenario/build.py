@@ -236,8 +236,11 @@ def drawn(settings: s.Settings, truth: Team, z: State) -> tuple[learn.Oracle, Re
         return None
     rng = np.random.default_rng((settings.seed, 4))
     moves = jax.vmap(functools.partial(_carried, path(settings), z))
-    where = moves(jnp.asarray(rng.uniform(settings.reference.ramp_s, settings.duration_s, given.centers)))
-    along = moves(jnp.linspace(settings.reference.ramp_s, settings.duration_s, 400))
+    moving = (
+        settings.reference.ramp_s if isinstance(settings.reference, s.Lissajous) else settings.reference.poses[0].t_s
+    )
+    where = moves(jnp.asarray(rng.uniform(moving, settings.duration_s, given.centers)))
+    along = moves(jnp.linspace(moving, settings.duration_s, 400))
 
     def one(hyper: gp.Hyper, X: Array, path: Array) -> tuple[gp.GP, np.ndarray]:
         X = np.asarray(X) + given.spread * rng.normal(size=X.shape) * np.asarray(hyper.lengthscales)[0]
@@ -264,7 +267,7 @@ def drawn(settings: s.Settings, truth: Team, z: State) -> tuple[learn.Oracle, Re
     )
 
 
-def _carried(path: reference.Lissajous, z: State, t: Array) -> tuple[Array, tuple[Array, ...]]:
+def _carried(path: reference.Reference, z: State, t: Array) -> tuple[Array, tuple[Array, ...]]:
     """Samples of payload and agents as if the team of z moved along the reference without turning."""
     d = path.at(t)
     shift = d.p - z.payload.p
@@ -412,9 +415,14 @@ def rest(settings: s.Settings) -> tuple[Array, ...]:
     )
 
 
-def path(settings: s.Settings) -> reference.Lissajous:
+def path(settings: s.Settings) -> reference.Reference:
     """The payload's reference."""
     given = settings.reference
+    if isinstance(given, s.Waypoints):
+        turns = _unwound([np.asarray(so3.log(_rpy(pose.rpy_deg))) for pose in given.poses])
+        return reference.waypoints(
+            np.array([pose.t_s for pose in given.poses]), np.array([pose.p_m for pose in given.poses]), turns
+        )
     return reference.Lissajous(
         center=_array(given.center_m),
         amplitude=_array(given.amplitude_m),
@@ -422,7 +430,20 @@ def path(settings: s.Settings) -> reference.Lissajous:
         phase=jnp.deg2rad(_array(given.phase_deg)),
         ramp=_array(given.ramp_s),
         R=_rpy(given.rpy_deg),
+        swing=jnp.deg2rad(_array(given.swing_deg)),
+        swing_period=_array(given.swing_period_s),
+        swing_phase=jnp.deg2rad(_array(given.swing_phase_deg)),
     )
+
+
+def _unwound(theta: list[np.ndarray]) -> np.ndarray:
+    """Rotation vectors of the same rotations, each the nearest to the one before, up to one turn away."""
+    out = [theta[0]]
+    for now in theta[1:]:
+        angle = np.linalg.norm(now)
+        axis = now / angle if angle > 0 else np.zeros(3)
+        out.append(min((now + 2 * np.pi * k * axis for k in (-1, 0, 1)), key=lambda x: np.linalg.norm(x - out[-1])))
+    return np.array(out)
 
 
 def gains(settings: s.Settings) -> control.Gains:

@@ -16,6 +16,7 @@ from colift.scenario.mistake import Mistake, Place, among, shown
 MOST = 100  # entries of a list: agents, joints, sources, ...; what compiles in minutes is well below
 LOG_BYTES, MODEL_BYTES = 2e9, 1e9  # a run holds its log three times at its end, and a laptop has 8 GB
 LONGEST_WAVE = 1e4  # m
+LEAST_LEG = 0.01  # s between two poses
 
 AGENTS_ONLY = ("rotor_bias", "joint_friction")
 
@@ -35,6 +36,7 @@ def mistakes(data: dict[str, Any]) -> list[Mistake]:
         *_waves(data),
         *_memory(data),
         *_limits(data),
+        *_poses(data),
     ]
 
 
@@ -322,6 +324,17 @@ def _number(data: Any, *place: int | str) -> float:
     found = _part(data, *place)
     fits = isinstance(found, int | float) and not isinstance(found, bool) and abs(found) <= 1e100
     return float(found) if fits else math.nan
+
+
+def _poses(data: dict[str, Any]) -> Iterator[Mistake]:
+    """A payload is in one place at a time, and takes some time to the next."""
+    times = [_number(data, "reference", "poses", i, "t_s") for i in range(len(_items(data, "reference", "poses")))]
+    for i, (before, now) in enumerate(itertools.pairwise(times), start=1):
+        if now < before + LEAST_LEG:
+            yield (
+                ("reference", "poses", i, "t_s"),
+                f"must be {LEAST_LEG:g} s or more after the pose before, {before:g}, got {now:g}",
+            )
 
 
 def _limits(data: dict[str, Any]) -> Iterator[Mistake]:

@@ -222,7 +222,7 @@ class Start(Section):
 
 
 class Lissajous(Section):
-    """`p_d = center + ramp(t) amplitude sin(2 pi t / period + phase)`, axis by axis, at a constant attitude."""
+    """`p_d = center + ramp(t) amplitude sin(2 pi t / period + phase)`, axis by axis; the attitude swings likewise."""
 
     kind: Literal["lissajous"]
     """Which reference."""
@@ -237,7 +237,33 @@ class Lissajous(Section):
     ramp_s: of.Span
     """Time in which the amplitude rises smoothly from zero."""
     rpy_deg: of.Angles = ZERO
-    """Roll, pitch, yaw of the desired attitude."""
+    """Roll, pitch, yaw of the desired attitude, or of the one about which it swings."""
+    swing_deg: of.RotationVector = ZERO
+    """Amplitude of the attitude's swing, a rotation vector in the frame of that attitude; zero: it is constant."""
+    swing_period_s: of.Periods = (10.0, 10.0, 10.0)
+    """Period of the swing about each axis; one number for all three."""
+    swing_phase_deg: of.Angles = ZERO
+    """Phase of the swing about each axis."""
+
+
+class Pose(Section):
+    """Where the payload should be at one time."""
+
+    t_s: of.Time
+    """When."""
+    p_m: of.Position
+    """Position."""
+    rpy_deg: of.Angles = ZERO
+    """Roll, pitch, yaw of the attitude."""
+
+
+class Waypoints(Section):
+    """Through poses at given times by polynomials of least snap, from rest to rest."""
+
+    kind: Literal["waypoints"]
+    """Which reference."""
+    poses: Annotated[tuple[Pose, ...], Field(min_length=2, max_length=MOST)]
+    """The poses, times ascending; before the first and after the last the payload should stand still."""
 
 
 class _Source(Section):
@@ -597,7 +623,7 @@ class Settings(Section):
     """What the controller believes where it differs."""
     start: Start = Start()
     """Where the run begins."""
-    reference: Lissajous
+    reference: Annotated[Lissajous | Waypoints, Field(discriminator="kind")]
     """Where the payload should be."""
     disturbances: Annotated[tuple[Source, ...], Field(max_length=MOST)] = ()
     """Unknown forces and torques."""
