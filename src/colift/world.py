@@ -169,7 +169,7 @@ class Simulated:
     def step(self, state: Moving, command: Inputs, clock: Clock) -> tuple[Moving, Truth]:
         """The state after the tick, under a command that is held; and the truth at its start."""
         t, dt = clock.t, clock.dt
-        inputs, actuators = self.actuators(command, state.actuators, dt)
+        inputs, actuators = self.actuators(command, state.actuators, clock)
         f = self.unknown(state.z, t, state.laws)
         a, lam = dynamics.accelerate(self.team, state.z, inputs, f)
         z = dynamics.integrate(self.team, state.z, inputs, lambda z, s: self.unknown(z, t + s, state.laws), dt)
