@@ -103,21 +103,17 @@ class Slow(sensor.Extra):
 
     every: Scalar  # s
 
-    def __call__(self, m: Measurement, truth: sensor.Truth, t: Scalar, memory: Any, noise: Any) -> Measurement:
-        _, p = self._report(m, t, memory)
-        load = dataclasses.replace(m.payload, p=p)
-        return dataclasses.replace(m, payload=load, more=m.more | {"age_s": t - self._report(m, t, memory)[0]})
-
-    def begin(self, m: Measurement, truth: sensor.Truth) -> Any:
+    def begin(self, m: Measurement) -> Any:
         return jnp.zeros(()), m.payload.p
 
-    def after(self, m: Measurement, truth: sensor.Truth, t: Scalar, memory: Any) -> Any:
-        return self._report(m, t, memory)
-
-    def _report(self, m: Measurement, t: Scalar, memory: Any) -> Any:
+    def read(
+        self, m: Measurement, truth: sensor.Truth, clock: Clock, memory: Any, noise: Any
+    ) -> tuple[Measurement, Any]:
         last, p = memory
-        due = t - last >= self.every - 1e-9
-        return jnp.where(due, t, last), jnp.where(due, m.payload.p, p)
+        due = clock.t - last >= self.every - 1e-9
+        last, p = jnp.where(due, clock.t, last), jnp.where(due, m.payload.p, p)
+        m = dataclasses.replace(m, payload=dataclasses.replace(m.payload, p=p), more=m.more | {"last_report_s": last})
+        return m, (last, p)
 
 
 def changed(plan: simulate.Plan) -> simulate.Plan:

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from colift import dynamics, sensor
 from colift.measurement import Measurement
-from colift.model import AgentInput, Residual, State, Team, no_force
+from colift.model import AgentInput, Clock, Residual, State, Team, no_force
 from tests import teams
 from tests.pinocchio_team import PinocchioTeam
 
@@ -73,6 +73,9 @@ def residual(team: Team) -> Residual:
     """Made-up unknown forces, for the rig to report."""
     rng = np.random.default_rng(8)
     return jax.tree.map(lambda x: jnp.array(rng.normal(size=x.shape)), no_force(team))
+
+
+CLOCK = Clock(t=jnp.array(0.0), dt=jnp.array(0.002))
 
 
 def no_noise(team: Team) -> sensor.Noise:
@@ -205,7 +208,7 @@ def test_the_rig_reports_the_true_state_and_labels_that_err_by_as_much_as_stated
     rig = jax.tree.map(lambda x: jnp.array(rng.uniform(0.1, 1, x.shape)), no_force(team))
     held = sensor.Rig(error=rig)
     noise, m = held.draw(team, jax.random.key(2), TICKS), ideal()
-    sample = jax.vmap(lambda drawn: held(m, truth, jnp.zeros(()), (), drawn))(noise).rig
+    sample = jax.vmap(lambda drawn: held.read(m, truth, CLOCK, (), drawn)[0])(noise).rig
     for told, state in zip(jax.tree.leaves(sample.z), jax.tree.leaves(z), strict=True):
         np.testing.assert_array_equal(told, np.broadcast_to(state, told.shape))
     signs = []
@@ -224,12 +227,75 @@ def test_the_rig_reports_the_true_state_and_labels_that_err_by_as_much_as_stated
 def test_without_noise_the_rig_reports_the_residual_itself():
     team, _, truth = case()
     held, none = sensor.Rig(error=no_force(team)), no_force(team)
-    m = held(ideal(), truth, jnp.zeros(()), (), none)
+    m, _ = held.read(ideal(), truth, CLOCK, (), none)
     jax.tree.map(np.testing.assert_array_equal, m.rig.f, truth.f)
 
 
 def test_an_informant_tells_the_residual_and_leaves_the_rest_alone():
     _, _, truth = case()
-    m = sensor.Informant()(ideal(), truth, jnp.zeros(()), (), ())
+    m, _ = sensor.Informant().read(ideal(), truth, CLOCK, (), ())
     jax.tree.map(np.testing.assert_array_equal, m.residual, truth.f)
     jax.tree.map(np.testing.assert_array_equal, dataclasses.replace(m, residual=None), ideal())
+
+
+# Readings that come seldom, late or not at all, and biases that walk --------------------------------------------------
+
+
+def streamed(of: sensor.Extra, ticks: int = 400, seed: int = 0) -> Measurement:
+    """What a sensor makes of a payload that moves by a metre a second along x, tick by tick."""
+    team, _, truth = case()
+    first = ideal()
+
+    def at(k: jax.Array) -> Measurement:
+        p = first.payload.p + jnp.array([1.0, 0, 0]) * k * CLOCK.dt
+        return dataclasses.replace(first, payload=dataclasses.replace(first.payload, p=p))
+
+    def tick(memory: object, now: tuple) -> tuple:
+        k, noise = now
+        m, memory = of.read(at(k), truth, Clock(t=k * CLOCK.dt, dt=CLOCK.dt), memory, noise)
+        return memory, m
+
+    steps = jnp.arange(ticks, dtype=float)
+    noise = of.draw(team, jax.random.key(seed), ticks)
+    return jax.jit(lambda: jax.lax.scan(tick, of.begin(at(jnp.array(0.0))), (steps, noise))[1])()
+
+
+@pytest.mark.parametrize("delay", [0, 3])
+def test_a_slow_sensor_holds_its_last_reading_and_says_how_old_it_is(delay):
+    of = sensor.Intermittent(of=("payload.p",), every=jnp.array(0.02), loss=jnp.array(0.0), delay=delay)
+    m = streamed(of)
+    x = np.asarray(m.payload.p[:, 0] - ideal().payload.p[0])
+    k = np.arange(len(x))
+    last = np.maximum((k - delay) // 10, 0) * 10
+    np.testing.assert_allclose(x, 0.002 * last, atol=1e-12)
+    seen = k >= delay
+    np.testing.assert_allclose(np.asarray(m.more["age_s"])[seen], 0.002 * (k - last)[seen], atol=1e-12)
+    np.testing.assert_array_equal(m.payload.v, np.broadcast_to(ideal().payload.v, m.payload.v.shape))
+
+
+def test_readings_are_lost_as_often_as_stated():
+    of = sensor.Intermittent(of=("payload.p",), every=jnp.array(0.002), loss=jnp.array(0.3))
+    x = np.asarray(streamed(of, TICKS).payload.p[:, 0])
+    came = (np.diff(x) > 0).mean()
+    assert abs(came - 0.7) < 5 * np.sqrt(0.21 / TICKS)
+
+
+def test_with_every_reading_lost_the_first_is_held_for_ever():
+    of = sensor.Intermittent(of=("payload.p", "agents.x"), every=jnp.array(0.002), loss=jnp.array(1.0))
+    m = streamed(of)
+    np.testing.assert_array_equal(m.payload.p, np.broadcast_to(ideal().payload.p, m.payload.p.shape))
+
+
+def test_a_bias_walks_as_the_root_of_time_and_turns_attitudes_about_themselves():
+    rate, ticks = 0.01, 100
+    of = sensor.Drifting(of=("payload.v", "agents.lam", "payload.R"), rate=jnp.array(rate))
+    runs = [streamed(of, ticks, seed) for seed in range(40)]
+    ends = np.array([np.asarray(m.payload.v[-1] - ideal().payload.v) for m in runs])
+    ends = np.concatenate([ends.ravel(), *(np.ravel(m.agents[0].lam[-1] - ideal().agents[0].lam) for m in runs)])
+    expected = rate * np.sqrt(ticks * 0.002)
+    assert abs(ends.std() / expected - 1) < 5 / np.sqrt(2 * len(ends))
+    R, R_0 = np.asarray(runs[0].payload.R[-1]), np.asarray(ideal().payload.R)
+    np.testing.assert_allclose(R.T @ R, np.eye(3), atol=1e-12)
+    assert 0 < np.linalg.norm(Rotation.from_matrix(R_0.T @ R).as_rotvec()) < 8 * expected
+    steps = np.diff(np.asarray(runs[0].payload.v), axis=0)
+    assert abs((steps[1:] * steps[:-1]).mean()) < 5 * steps.var() / np.sqrt(steps.size)  # each step for itself

@@ -7,6 +7,7 @@ noise is drawn beforehand, so that runs that differ in the controller alone see 
 from __future__ import annotations
 
 import dataclasses
+import functools
 from typing import Any
 
 import jax
@@ -16,8 +17,8 @@ from jaxtyping import Array, Float
 from colift import agent as ag
 from colift import so3
 from colift.measurement import AgentReading, Measurement, PayloadReading, Sample
-from colift.model import Agent, AgentState, Residual, State, Team, no_force
-from colift.pytree import pytree
+from colift.model import Agent, AgentState, Clock, Residual, State, Team, no_force
+from colift.pytree import pytree, static
 
 Scalar = Float[Array, ""]
 
@@ -138,24 +139,20 @@ class Extra:
     """A sensor beside those that every team carries: a `pytree` that adds to a measurement, or changes it.
 
     What it says of its own goes into `Measurement.more`, a dictionary by name. One without noise or memory leaves
-    `draw`, `begin` and `after` alone.
+    `draw` and `begin` alone.
     """
 
-    def __call__(self, m: Measurement, truth: Truth, t: Scalar, memory: Any, noise: Any) -> Measurement:
-        """The measurement at time t, s, with this sensor's part in it."""
+    def read(self, m: Measurement, truth: Truth, clock: Clock, memory: Any, noise: Any) -> tuple[Measurement, Any]:
+        """The measurement with this sensor's part in it, and the next memory."""
         raise NotImplementedError
 
     def draw(self, team: Team, key: Array, ticks: int) -> Any:
         """The noise of `ticks` ticks from one random key, time first."""
         return ()
 
-    def begin(self, m: Measurement, truth: Truth) -> Any:
+    def begin(self, m: Measurement) -> Any:
         """The memory before the flight, where the other sensors read m at rest."""
         return ()
-
-    def after(self, m: Measurement, truth: Truth, t: Scalar, memory: Any) -> Any:
-        """The memory after a reading; m is as it came."""
-        return memory
 
 
 @pytree
@@ -164,10 +161,10 @@ class Rig(Extra):
 
     error: Residual
 
-    def __call__(self, m: Measurement, truth: Truth, t: Scalar, memory: Any, noise: Residual) -> Measurement:
+    def read(self, m: Measurement, truth: Truth, clock: Clock, memory: Any, noise: Residual) -> tuple[Measurement, Any]:
         """`Measurement.rig`."""
         f = jax.tree.map(lambda f, e, sign: f + e * sign, truth.f, self.error, noise)
-        return dataclasses.replace(m, rig=Sample(z=truth.z, f=f))
+        return dataclasses.replace(m, rig=Sample(z=truth.z, f=f)), memory
 
     def draw(self, team: Team, key: Array, ticks: int) -> Residual:
         """Signs, 1 or -1."""
@@ -183,9 +180,112 @@ class Rig(Extra):
 class Informant(Extra):
     """Tells the residual exactly, which no sensor does: for the floor of a study."""
 
-    def __call__(self, m: Measurement, truth: Truth, t: Scalar, memory: Any, noise: Any) -> Measurement:
+    def read(self, m: Measurement, truth: Truth, clock: Clock, memory: Any, noise: Any) -> tuple[Measurement, Any]:
         """`Measurement.residual`."""
-        return dataclasses.replace(m, residual=truth.f)
+        return dataclasses.replace(m, residual=truth.f), memory
+
+
+@pytree
+class Intermittent(Extra):
+    """Readings at a rate of their own, late, and lost now and then; in between the last one that came is held.
+
+    The reading of tick k is taken where `every` has passed since the last, is lost with probability `loss`, and comes
+    `delay` ticks later. `Measurement.more["age_s"]` is for how long nothing new has come.
+    """
+
+    of: tuple[str, ...] = static()  # fields of the payload's and of the agents' readings, as `payload.p`, `agents.x`
+    every: Scalar  # s
+    loss: Scalar  # probability
+    delay: int = static(default=0)  # ticks
+
+    def draw(self, team: Team, key: Array, ticks: int) -> Float[Array, "time"]:
+        """Uniform numbers; below `loss` a reading is lost."""
+        return jax.random.uniform(key, (ticks,))
+
+    def begin(self, m: Measurement) -> Any:
+        """What is held and for how long, when the next reading is due, and those under way, oldest first."""
+        none = _chosen(m, self.of), jnp.array(False)
+        return _chosen(m, self.of), jnp.zeros(()), jnp.zeros(()), (none,) * self.delay
+
+    def read(self, m: Measurement, truth: Truth, clock: Clock, memory: Any, noise: Any) -> tuple[Measurement, Any]:
+        """The measurement with what is held in place of what is read."""
+        held, age, due, coming = memory
+        taken = clock.t >= due - 1e-9
+        (now, came), *coming = (*coming, (_chosen(m, self.of), taken & (noise >= self.loss)))
+        held = jax.tree.map(lambda new, old: jnp.where(came, new, old), now, held)
+        age = jnp.where(came, self.delay * clock.dt, age + clock.dt)
+        due = jnp.where(taken, due + self.every, due)
+        more = m.more | {"age_s": age}
+        return dataclasses.replace(_put(m, self.of, held), more=more), (held, age, due, tuple(coming))
+
+
+@pytree
+class Drifting(Extra):
+    """A bias that walks at random: `b+ = b + rate sqrt(dt) n`, n standard normal, added to every component."""
+
+    of: tuple[str, ...] = static()  # as for `Intermittent`; of an attitude the walk is a rotation in the body's frame
+    rate: Scalar  # unit of the reading, or rad, per square root of a second
+
+    def draw(self, team: Team, key: Array, ticks: int) -> Any:
+        """Standard normal numbers in the shapes of the readings."""
+        sizes, payload = _shapes(team), {"R": 3, "p": 3, "v": 3, "omega": 3, "a": 3}
+        out = {}
+        for k, name in enumerate(self.of):
+            body, _, field = name.partition(".")
+            keys = jax.random.split(jax.random.fold_in(key, k), len(sizes))
+            shapes = [(payload[field],)] if body == "payload" else [size[field] for size in sizes]
+            drawn = [jax.random.normal(one, (ticks, *shape)) for one, shape in zip(keys, shapes, strict=False)]
+            out[name] = drawn[0] if body == "payload" else tuple(drawn)
+        return out
+
+    def begin(self, m: Measurement) -> Any:
+        """No bias yet."""
+        return {name: jax.tree.map(functools.partial(_none, name), x) for name, x in _chosen(m, self.of).items()}
+
+    def read(self, m: Measurement, truth: Truth, clock: Clock, memory: Any, noise: Any) -> tuple[Measurement, Any]:
+        """The measurement with the bias added."""
+        bias = jax.tree.map(lambda b, n: b + self.rate * jnp.sqrt(clock.dt) * n, memory, noise)
+        read = _chosen(m, self.of)
+        off = {name: jax.tree.map(functools.partial(_added, name), read[name], bias[name]) for name in self.of}
+        return _put(m, self.of, off), bias
+
+
+def _none(name: str, x: Array) -> Array:
+    """No bias of a reading; of an attitude, no rotation vector."""
+    return jnp.zeros(x.shape[:-1] if name.endswith(".R") else x.shape)
+
+
+def _added(name: str, x: Array, b: Array) -> Array:
+    return x @ so3.exp(b) if name.endswith(".R") else x + b
+
+
+def _shapes(team: Team) -> list[dict[str, tuple[int, ...]]]:
+    """What noise of each field of the agents' readings is like, by group; attitudes by rotation vector."""
+    return [
+        dict.fromkeys(("R", "x", "v", "omega", "a"), (size, 3))
+        | {"r": (size, group.tree.joints), "lam": (size, group.tree.arms, 3)}
+        for size, group in zip(team.sizes, team.groups, strict=True)
+    ]
+
+
+def _chosen(m: Measurement, names: tuple[str, ...]) -> dict[str, Any]:
+    """Readings by name: an array of the payload, one a group of agents."""
+    out = {}
+    for name in names:
+        body, _, field = name.partition(".")
+        out[name] = getattr(m.payload, field) if body == "payload" else tuple(getattr(a, field) for a in m.agents)
+    return out
+
+
+def _put(m: Measurement, names: tuple[str, ...], values: dict[str, Any]) -> Measurement:
+    for name in names:
+        body, _, field = name.partition(".")
+        if body == "payload":
+            m = dataclasses.replace(m, payload=dataclasses.replace(m.payload, **{field: values[name]}))
+        else:
+            agents = [dataclasses.replace(a, **{field: x}) for a, x in zip(m.agents, values[name], strict=True)]
+            m = dataclasses.replace(m, agents=tuple(agents))
+    return m
 
 
 def _sense_agent(

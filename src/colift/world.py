@@ -103,7 +103,8 @@ class Simulated:
         """What sensors without noise or bias read of the team held still at z: what a pilot begins with."""
         return self._still(z)[0]
 
-    def _still(self, z: State) -> tuple[Measurement, sensor.Truth]:
+    def _still(self, z: State) -> tuple[Measurement, tuple[Any, ...]]:
+        """The reading at rest, and the memories of the extra sensors before it."""
         still = sensor.Truth(
             z=z,
             v_dot=tuple(jnp.zeros_like(a.v) for a in z.agents),
@@ -114,13 +115,15 @@ class Simulated:
         )
         quiet = jax.tree.map(lambda x: jnp.zeros(x.shape[1:], x.dtype), self.draw(jax.random.key(0), 1))
         m = sensor.sense(self.team, self.sensors, jax.tree.map(jnp.zeros_like, self.lam_bias), still, quiet.sensors)
-        for one, kept in zip(self.extra, quiet.extra, strict=True):
-            m = one(m, still, jnp.zeros(()), one.begin(m, still), kept)
-        return m, still
+        kept, clock = [], Clock(t=jnp.zeros(()), dt=jnp.zeros(()))
+        for one, none in zip(self.extra, quiet.extra, strict=True):
+            kept.append(one.begin(m))
+            m, _ = one.read(m, still, clock, kept[-1], none)
+        return m, tuple(kept)
 
     def begin(self, z: State, command: Inputs) -> Moving:
         """The state at z, held until now by a command."""
-        m, still = self._still(z)
+        _, kept = self._still(z)
         laws = disturbance.begin(self.sources, self.team)
         _, lam = dynamics.accelerate(self.team, z, command, self.unknown(z, jnp.zeros(()), laws))
         return Moving(
@@ -129,7 +132,7 @@ class Simulated:
             felt=lam,
             laws=laws,
             actuators=self.actuators.begin(command),
-            extra=tuple(one.begin(m, still) for one in self.extra),
+            extra=kept,
         )
 
     def unknown(self, z: State, t: Scalar, laws: disturbance.Memory) -> Residual:
@@ -155,8 +158,8 @@ class Simulated:
         m = sensor.sense(self.team, self.sensors, self.lam_bias, seen, noise.sensors)
         kept = []
         for one, past, drawn in zip(self.extra, state.extra, noise.extra, strict=True):
-            kept.append(one.after(m, seen, t, past))
-            m = one(m, seen, t, past, drawn)
+            m, now = one.read(m, seen, clock, past, drawn)
+            kept.append(now)
         return m, Moving(
             z=state.z,
             applied=state.applied,
