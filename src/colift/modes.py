@@ -109,7 +109,7 @@ def monodromy(plan: simulate.Plan, z: State) -> tuple[Carried, np.ndarray]:
     raise ValueError("the team finds no rest near the start of its reference")
 
 
-def _slope(setup: simulate.Setup, loop: simulate.Loop, noise: Noise) -> np.ndarray:
+def _slope(setup: simulate.Setup, loop: simulate.Loop, noise: Any) -> np.ndarray:
     """The map's derivative at a loop: `(8 (f_1 - f_-1) - (f_2 - f_-2)) / (12 h)`, f_k k steps h along a coordinate."""
     x = _take(loop)
     n = sum(math.prod(shape) for _, shape in _shapes(x))
@@ -126,7 +126,7 @@ def _changed(setup: simulate.Setup, loop: simulate.Loop, noise: Noise, at: Seque
     return np.asarray(_coordinates(_take(loop), jax.tree.map(lambda *leaf: np.stack(leaf), *after)))
 
 
-def _ticked(setup: simulate.Setup, loop: simulate.Loop, noise: Noise) -> simulate.Loop:
+def _ticked(setup: simulate.Setup, loop: simulate.Loop, noise: Any) -> simulate.Loop:
     """One tick later, by a clock that stands still and with no limit met."""
     after, _ = simulate.advance(setup, loop, noise, jnp.asarray(1))
     return dataclasses.replace(after, tick=loop.tick, ended=loop.ended)

@@ -15,7 +15,7 @@ from jaxtyping import Array, Bool, Float, Int
 from colift import balance, band, dynamics, fly, grasp, interrupt, learn, limits, so3
 from colift.model import Agent, AgentForce, AgentInput, AgentState, Clock, Residual, State, Team, Wrench
 from colift.pytree import pytree
-from colift.world import Noise, Truth
+from colift.world import Truth
 
 Scalar = Float[Array, ""]
 
@@ -128,7 +128,7 @@ def start(setup: Setup, z: State) -> Loop:
     )
 
 
-def tick(setup: Setup, loop: Loop, noise: Noise) -> tuple[Loop, Row]:
+def tick(setup: Setup, loop: Loop, noise: Any) -> tuple[Loop, Row]:
     """Measure, fly, step, log: one control period with the commands held."""
     world, dt = setup.world, setup.dt
     clock = Clock(t=loop.tick.astype(dt.dtype) * dt, dt=dt)
@@ -221,7 +221,7 @@ def _row(team: Team, nominal: Team, t: Scalar, truth: Truth, decided: fly.Teleme
 
 
 @jax.jit
-def advance(setup: Setup, loop: Loop, noise: Noise, ticks: Int[Array, ""]) -> tuple[Loop, Row]:
+def advance(setup: Setup, loop: Loop, noise: Any, ticks: Int[Array, ""]) -> tuple[Loop, Row]:
     """Up to `ticks` ticks, at most as many as there is noise; stops after the tick that met a limit.
 
     The number of ticks is data, not shape: intervals of any length share one compiled program.
