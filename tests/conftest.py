@@ -54,25 +54,35 @@ hypothesis.settings.load_profile("colift")
 
 
 @pytest.fixture(scope="module", autouse=True)
-def _forget_programs() -> Iterator[None]:
+def _forget_a_module() -> Iterator[None]:
     """A worker that has grown forgets the programs of the modules behind it: a laptop runs two of them."""
     yield
-    if _resident_GB() < GROWN_GB:
-        return
-    jax.clear_caches()
-    gc.collect()
-    if hasattr(LIBC, "malloc_trim"):  # glibc keeps what a compiler has freed
-        LIBC.malloc_trim(0)
+    _forget_beyond(GROWN_GB)
+
+
+@pytest.fixture(autouse=True)
+def _forget_a_test() -> Iterator[None]:
+    """And those of the tests behind it, where a module's add up."""
+    yield
+    _forget_beyond(2 * GROWN_GB)
+
+
+def _forget_beyond(gigabytes: float) -> None:
+    if _resident_GB() > gigabytes:
+        jax.clear_caches()
+        gc.collect()
+        if hasattr(LIBC, "malloc_trim"):  # glibc keeps what a compiler has freed
+            LIBC.malloc_trim(0)
 
 
 def _resident_GB() -> float:
     try:
         return int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize() / 2**30
-    except OSError:  # no Linux: as grown
-        return GROWN_GB
+    except OSError:  # no Linux: as grown beyond a module's
+        return 1.5 * GROWN_GB
 
 
 LIBC = ctypes.CDLL(None)
-GROWN_GB = 0.7  # the largest module adds 1.7 where nothing is compiled yet, and a worker is to stay below 2.5
+GROWN_GB = 0.6  # the largest test adds 1.2 where nothing is compiled yet, and a worker is to stay below 2.5
 if hasattr(LIBC, "mallopt"):
     LIBC.mallopt(-8, 2)  # M_ARENA_MAX: threads share two heaps, so that what one frees another can use
