@@ -12,9 +12,11 @@ The map; each module imports only those below it:
     scenario    YAML files to settings, settings to what a run starts from
     response    the closed loop to first order, from unknown forces to errors
     simulate    closes the loop: truth, sensors, flight software, updates
+    engine      MuJoCo as the plant
     fly         one tick on board; sees only measurements
     dynamics    the plant: accelerations, contact forces, a step on the grasp
     disturbance the truth's unknown forces
+    mjcf        a team as a MuJoCo model
     control     the leader's wrench, the agents' realization
     allocate    contact forces from a wrench, internal forces
     estimate    states, contact forces and labels from measurements
