@@ -192,7 +192,7 @@ def test_a_swing_with_drag_is_ours_to_first_order_in_the_substep_over_which_the_
         assert 1.8 < coarse / fine < 2.2
 
 
-# As a part of a program -------------------------------------------------------------------------------------------------
+# As a part of a program ---------------------------------------------------------------------------------------------
 
 
 def test_an_answer_depends_on_no_call_before_and_batches_are_single_answers() -> None:

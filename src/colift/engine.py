@@ -90,20 +90,15 @@ def _ask(
     *more: Array,
 ) -> list[Array]:
     """What the host answers, `results` being arrays like its own; all in one row, as a call costs by the array."""
-    rows = [
-        *_join(z.agents),
-        *jax.tree.leaves(z.payload),
-        *_join(inputs),
-        *_join(f.agents),
-        *jax.tree.leaves(f.payload),
-    ]
-    asked = [*rows, *more]
-    ends = np.cumsum([x.size for x in asked])[:-1]
+    asked = [*_rows(z, inputs, f), *more]
+    ends, size = np.cumsum([x.size for x in asked])[:-1], sum(x.size for x in results)
 
     def flat(row: Array | np.ndarray) -> np.ndarray:
+        if not np.isfinite(row).all():  # MuJoCo would write a log file
+            return np.full(size, np.nan)
         return np.concatenate([x.ravel() for x in answer(*np.split(np.asarray(row), ends))])
 
-    shape = jax.ShapeDtypeStruct((sum(x.size for x in results),), float)
+    shape = jax.ShapeDtypeStruct((size,), float)
     row = jnp.concatenate([x.reshape(-1) for x in asked])
     return _cut(jax.pure_callback(flat, shape, row, vmap_method="sequential"), results)
 

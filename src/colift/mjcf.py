@@ -30,6 +30,10 @@ SHORTEST = 1e-3  # m, arm that is shown
 ROTORS = ((1, 1), (1, -1), (-1, 1), (-1, -1))  # corners of a base that carry one, for the eye
 
 
+Numbers = np.ndarray | jax.Array
+Scalar = float | jax.Array
+
+
 class Softness(NamedTuple):
     """How far a contact is from rigid."""
 
@@ -160,8 +164,8 @@ def _fill(body: Element, part: _Part, i: int) -> None:
     for b in tips:
         SubElement(body, "site", name=part.contacts[b], pos=_text(agent.tip[b]))
     for k in carried:
-        at = {"pos": _text(agent.joint_position[k]), "quat": _quaternion(agent.joint_rotation[k])}
-        child = SubElement(body, "body", name=part.joints[k], **at)
+        at, turned = _text(agent.joint_position[k]), _quaternion(agent.joint_rotation[k])
+        child = SubElement(body, "body", name=part.joints[k], pos=at, quat=turned)
         kind = "slide" if tree.prismatic[k] else "hinge"
         SubElement(child, "joint", name=part.joints[k], type=kind, axis=_text(agent.joint_axis[k]))
         _fill(child, part, k + 1)
@@ -179,12 +183,12 @@ def _depth_first(tree: Tree) -> list[int]:
     return list(below(0))
 
 
-def _add_inertia(body: Element, mass: float, com: np.ndarray, J: np.ndarray) -> None:
+def _add_inertia(body: Element, mass: Scalar, com: Numbers, J: Numbers) -> None:
     full = [J[0, 0], J[1, 1], J[2, 2], J[0, 1], J[0, 2], J[1, 2]]
     SubElement(body, "inertial", pos=_text(com), mass=_text(mass), fullinertia=_text(full))
 
 
-def _add_box(body: Element, mass: float, com: np.ndarray, inertia: np.ndarray) -> np.ndarray:
+def _add_box(body: Element, mass: Scalar, com: Numbers, inertia: Numbers) -> np.ndarray:
     """A box with the body's inertia, half its edges `a^2 = 3 (J_b + J_c - J_a) / 2 m`; half of what it spans, m."""
     J, axes = np.linalg.eigh(inertia)
     axes[:, 0] *= np.linalg.det(axes)
@@ -198,8 +202,8 @@ def _add_box(body: Element, mass: float, com: np.ndarray, inertia: np.ndarray) -
 
 def _add_actuators(actuator: Element, parts: tuple[_Part, ...]) -> None:
     for part in parts:
-        limits = {"ctrllimited": "true", "ctrlrange": _text([0, part.agent.thrust_max])}
-        SubElement(actuator, "motor", name=f"{part.name} thrust", site=part.name, gear="0 0 1 0 0 0", **limits)
+        thrust = SubElement(actuator, "motor", name=f"{part.name} thrust", site=part.name, gear="0 0 1 0 0 0")
+        thrust.attrib |= {"ctrllimited": "true", "ctrlrange": _text([0, part.agent.thrust_max])}
         for axis, gear in zip("xyz", np.eye(6, dtype=int)[3:], strict=True):
             turn = " ".join(map(str, gear))
             SubElement(actuator, "motor", name=f"{part.name} torque {axis}", site=part.name, gear=turn)
@@ -231,11 +235,11 @@ def _origin(agent: Agent, q: AgentState) -> tuple[jax.Array, jax.Array]:
     return q.x - q.R @ p.s, q.v + q.R @ (p.base @ jnp.concatenate([q.omega, q.r_dot]))
 
 
-def _wxyz(R: jax.Array | np.ndarray) -> np.ndarray:
+def _wxyz(R: Numbers) -> np.ndarray:
     return Rotation.from_matrix(np.asarray(R)).as_quat(scalar_first=True)
 
 
-def _quaternion(R: jax.Array | np.ndarray) -> str:
+def _quaternion(R: Numbers) -> str:
     return _text(_wxyz(R))
 
 
