@@ -117,7 +117,7 @@ def compare_settings() -> dict[str, Any]:
 def main() -> bool:
     """C1 within the targets, and the order of the cases in MuJoCo."""
     found = collect(
-        "engines", ("settings", *CASES), lambda item: compare_settings() if item == "settings" else case(item)
+        "engines", (*CASES, "settings"), lambda item: compare_settings() if item == "settings" else case(item)
     )
     for name, row in found["settings"].items():
         print(f"{name:42}", "  ".join(f"{what} {value:.3g}" for what, value in row.items()))
