@@ -228,6 +228,6 @@ def test_what_no_plant_can_be_is_refused() -> None:
 
 def test_without_mujoco_the_engine_says_what_to_install() -> None:
     code = "import sys; sys.modules['mujoco'] = None; import colift.engine"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=False)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=300, check=False)
     assert done.returncode == 1
     assert "ModuleNotFoundError: MuJoCo is not installed: pip install 'colift[mujoco]'" in done.stderr
