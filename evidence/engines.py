@@ -96,7 +96,13 @@ def case(name: str) -> dict[str, Any]:
     theirs, theirs_s = fly(plan, engine.plant(plan.world.team, plan.z, float(plan.pilot.filters.dt)), names)
     team = plan.world.team, plan.pilot.team
     found = {who: analyse.summary(flight, *team)["e_p_rms_m"] for who, flight in (("ours", ours), ("mujoco", theirs))}
-    return {"e_p_rms_m": found, "apart": apart(theirs.rows, ours.rows), "cpu_s": {"ours": ours_s, "mujoco": theirs_s}}
+    stopped = ours.stopped or theirs.stopped
+    return {
+        "e_p_rms_m": found,
+        "apart": None if stopped else apart(theirs.rows, ours.rows),
+        "stopped": stopped,
+        "cpu_s": {"ours": ours_s, "mujoco": theirs_s},
+    }
 
 
 def compare_settings() -> dict[str, Any]:
@@ -122,6 +128,9 @@ def main() -> bool:
     for name, row in found["settings"].items():
         print(f"{name:42}", "  ".join(f"{what} {value:.3g}" for what, value in row.items()))
     for name in CASES:
+        if found[name]["stopped"]:
+            print(name, found[name]["stopped"])
+            return False
         print(name, "  ".join(f"{what} {value:.3g}" for what, value in found[name]["apart"].items()), end="   ")
         print("  ".join(f"e_p {who} {1e3 * value:.2f} mm" for who, value in found[name]["e_p_rms_m"].items()))
     c1, c2, c3 = (found[name]["e_p_rms_m"]["mujoco"] for name in CASES)
