@@ -13,8 +13,10 @@ The map; each module imports only those below it:
     response    the closed loop to first order, from unknown forces to errors
     simulate    closes the loop of a world and a pilot: ticks, updates, deviations
     world       the truth that a flight meets: plant, unknown forces, actuators, sensors
+    engine      MuJoCo as the plant
     fly         the pilot and its parts; sees only measurements
-    dynamics    the plant: accelerations, contact forces, a step on the grasp
+    dynamics    our plant: accelerations, contact forces, a step on the grasp
+    mjcf        a team as a MuJoCo model
     disturbance the truth's unknown forces
     sensor      what sensors make of the truth, and the noise
     actuator    what vehicles make of commands

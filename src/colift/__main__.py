@@ -32,6 +32,8 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
+export = typer.Typer(help="Write a scenario in the format of another program.", no_args_is_help=True)
+app.add_typer(export, name="export")
 errors = Console(stderr=True, soft_wrap=True, highlight=False)
 
 BAD_INPUT, INCOMPLETE, EXCEEDED = 2, 1, 1
@@ -362,6 +364,30 @@ def certify(
         _report_certificate(summary, folder.path)
     if summary["exceeded"]:
         raise typer.Exit(EXCEEDED)
+
+
+@export.command("mjcf")
+def _export_mjcf(
+    name: ScenarioName,
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="FILE", help="File to write; by default standard output.")
+    ] = None,
+) -> None:
+    """The true team at its start as an MJCF model, which MuJoCo opens and simulates (docs/plant.md)."""
+    from colift import disk, mjcf, scenario
+    from colift.scenario import build
+
+    try:
+        settings = scenario.load(name)
+        truth, _ = build.team(settings)
+        names = (build.agent_names(settings), build.joint_names(settings), build.contact_names(settings))
+        text = mjcf.document(truth, build.start(settings, truth), *names)
+        if out is not None:
+            disk.write(out, text.encode())
+    except (scenario.ScenarioError, OSError) as error:
+        raise _fail(_one_line(error)) from None
+    with _printed(""):
+        print(text if out is None else f"{settings.name} is in {out}", end="" if out is None else "\n")
 
 
 SCALES = {"e_p": (1e3, "mm"), "e_v": (1e3, "mm/s"), "e_R": (1e3, "1e-3"), "e_omega": (1e3, "mrad/s")}

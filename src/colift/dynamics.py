@@ -304,6 +304,28 @@ def project(team: Team, z: State) -> State:
     return move(z, _shift(still, velocity, jnp.zeros(6), load))
 
 
+@pytree
+class Rigid:
+    """Our plant: contacts that do not give, one step of order 4 and back onto the grasp."""
+
+    def accelerate(
+        self, team: Team, z: State, inputs: Inputs, f: Residual
+    ) -> tuple[Acceleration, tuple[Float[Array, "_agents _arms 3"], ...]]:
+        """`accelerate`."""
+        return accelerate(team, z, inputs, f)
+
+    def step(
+        self,
+        team: Team,
+        z: State,
+        inputs: Inputs,
+        residual: Callable[[State, Float[Array, ""]], Residual],
+        dt: Float[Array, ""],
+    ) -> State:
+        """`integrate`, then `project`."""
+        return project(team, integrate(team, z, inputs, residual, dt))
+
+
 def _motion(
     z: State, agents: tuple[Coupled, ...], eliminated: tuple[Eliminated, ...], a_L: Float[Array, "6 1"]
 ) -> tuple[list[Float[Array, "_agents _motion"]], Float[Array, "6"]]:

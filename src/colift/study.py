@@ -66,6 +66,7 @@ def plans(settings: Settings, cases: Sequence[str]) -> dict[str, simulate.Plan]:
     c1 = simulate.Plan(
         world=world.Simulated(
             team=truth,
+            plant=dynamics.Rigid(),
             sources=sources,
             acting=jnp.asarray(1.0),
             actuators=actuator.Ideal(),

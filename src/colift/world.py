@@ -6,6 +6,7 @@ compiles. What flies gets `sense`'s measurement and nothing else; `Truth` goes t
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, Protocol, runtime_checkable
 
 import jax
@@ -53,6 +54,23 @@ class Noise:
 
 
 @runtime_checkable
+class Plant(Protocol):
+    """The grasped team's motion under known forces."""
+
+    def accelerate(
+        self, team: Team, z: State, inputs: Inputs, f: Residual
+    ) -> tuple[dynamics.Acceleration, tuple[Float[Array, "_agents _arms 3"], ...]]:
+        """Accelerations, and contact forces on the payload, N, world."""
+        ...
+
+    def step(
+        self, team: Team, z: State, inputs: Inputs, residual: Callable[[State, Scalar], Residual], dt: Scalar
+    ) -> State:
+        """The state after dt, s, inputs held; residual: of a state and of the time since the step began."""
+        ...
+
+
+@runtime_checkable
 class World(Protocol):
     """What a flight meets."""
 
@@ -87,6 +105,7 @@ class Simulated:
     """Our world: the grasped team under its sources, flown through actuators and seen by sensors."""
 
     team: Team
+    plant: Plant
     sources: disturbance.Disturbances
     acting: Scalar  # share of the sources that acts: 1 in flight, 0 for the loop by itself
     actuators: actuator.Ideal
@@ -125,7 +144,7 @@ class Simulated:
         """The state at z, held until now by a command."""
         _, kept = self._still(z)
         laws = disturbance.begin(self.sources, self.team)
-        _, lam = dynamics.accelerate(self.team, z, command, self.unknown(z, jnp.zeros(()), laws))
+        _, lam = self.plant.accelerate(self.team, z, command, self.unknown(z, jnp.zeros(()), laws))
         return Moving(
             z=z,
             applied=command,
@@ -144,7 +163,7 @@ class Simulated:
         """The measurement now: the end of the last tick, under what acted in it."""
         t = clock.t
         f = self.unknown(state.z, t, state.laws)
-        a, lam = dynamics.accelerate(self.team, state.z, state.applied, f)
+        a, lam = self.plant.accelerate(self.team, state.z, state.applied, f)
         b = blend(self.sensors.tip_force_bandwidth, clock.dt)
         felt = tuple(old + b * (new - old) for old, new in zip(state.felt, lam, strict=True))
         seen = sensor.Truth(
@@ -174,10 +193,10 @@ class Simulated:
         t, dt = clock.t, clock.dt
         inputs, actuators = self.actuators(command, state.actuators, clock)
         f = self.unknown(state.z, t, state.laws)
-        a, lam = dynamics.accelerate(self.team, state.z, inputs, f)
-        z = dynamics.integrate(self.team, state.z, inputs, lambda z, s: self.unknown(z, t + s, state.laws), dt)
+        a, lam = self.plant.accelerate(self.team, state.z, inputs, f)
+        z = self.plant.step(self.team, state.z, inputs, lambda z, s: self.unknown(z, t + s, state.laws), dt)
         now = Moving(
-            z=dynamics.project(self.team, z),
+            z=z,
             applied=inputs,
             felt=state.felt,
             laws=disturbance.after(self.sources, self.team, state.z, t, state.laws, dt),

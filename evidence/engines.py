@@ -1,0 +1,118 @@
+"""The study's flights with MuJoCo as the plant beside those with ours: same pilot, start, noise and unknown forces.
+
+Over 20 s of C1, positions of payload and agents are to agree within 5 mm and attitudes within 0.5 deg at every time,
+contact forces below 10 Hz within 5 %; and C1 > C2 > C3 holds in MuJoCo as well. Settings of MuJoCo's step and contacts
+are compared on the first seconds of C1.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from typing import Any
+
+import mujoco
+import numpy as np
+from scipy.signal import butter, sosfiltfilt
+
+from colift import analyse, engine, mjcf, scenario, simulate, study
+from colift.scenario import build
+from evidence import collect
+
+CASES = ("C1", "C2", "C3")
+TARGETS = {"position_m": 5e-3, "attitude_deg": 0.5, "force_rms": 0.05, "force_peak": 0.05}
+LOW_HZ = 10.0
+SHORT_S = 4.0
+SETTINGS = {  # substeps, integrator, time constant in substeps (MuJoCo takes no less than 2), impedance
+    "RK4, 2 ms": (1, "RK4", 2, 0.9999),
+    "RK4, 1 ms": (2, "RK4", 2, 0.9999),
+    "RK4, 0.5 ms": (4, "RK4", 2, 0.9999),
+    "RK4, 0.25 ms": (8, "RK4", 2, 0.9999),
+    "implicitfast, 2 ms": (1, "IMPLICITFAST", 2, 0.9999),
+    "implicitfast, 0.5 ms": (4, "IMPLICITFAST", 2, 0.9999),
+    "RK4, 0.5 ms, 10 times the time constant": (4, "RK4", 20, 0.9999),
+    "RK4, 0.5 ms, 100 times the softness": (4, "RK4", 2, 0.99),
+    "RK4, 0.5 ms, both as MuJoCo ships": (4, "RK4", 40, 0.95),
+}
+
+
+def fly(plan: simulate.Plan, plant: engine.Plant | None, names: tuple[str, ...]) -> tuple[simulate.Flight, float]:
+    """A flight, and the processor time of its ticks, s: compiled by a first flight of one tick."""
+    if plant:
+        plan = dataclasses.replace(plan, world=dataclasses.replace(plan.world, plant=engine.Mujoco(of=plant)))
+    simulate.fly_plan(dataclasses.replace(plan, duration=plan.dt), names)
+    began = time.process_time()
+    return simulate.fly_plan(plan, names), time.process_time() - began
+
+
+def apart(a: simulate.Row, b: simulate.Row) -> dict[str, float]:
+    """Largest distance of positions and angle of attitudes at any time; contact forces below 10 Hz, of the force.
+
+    Forces: the RMS over contacts and time, and each contact's largest difference over its largest force.
+    """
+    position = max(np.linalg.norm(a.p - b.p, axis=-1).max(), np.linalg.norm(a.x - b.x, axis=-1).max())
+    angle = max(np.linalg.norm(x - y, axis=(-2, -1)).max() for x, y in ((a.R_L, b.R_L), (a.R, b.R)))
+    low = butter(2, LOW_HZ, fs=1 / (a.t[1] - a.t[0]), output="sos")
+    of_a, of_b = (
+        np.linalg.norm(x, axis=2) for x in (sosfiltfilt(low, a.lam - b.lam, axis=0), sosfiltfilt(low, b.lam, axis=0))
+    )
+    return {
+        "position_m": float(position),
+        "attitude_deg": float(np.degrees(2 * np.arcsin(angle / 8**0.5))),
+        "force_rms": float(np.sqrt((of_a**2).mean() / (of_b**2).mean())),
+        "force_peak": float((of_a.max(0) / of_b.max(0)).max()),
+        "gap_m": float(a.Phi.max()),
+    }
+
+
+def case(name: str) -> dict[str, Any]:
+    """One case of the study in both engines: figures of merit, and how far they are apart."""
+    settings = scenario.load("paper")
+    plan, names = study.plan(settings, name), build.agent_names(settings)
+    ours, ours_s = fly(plan, None, names)
+    theirs, theirs_s = fly(plan, engine.plant(plan.world.team, plan.z, plan.dt), names)
+    team = plan.world.team, plan.pilot.team
+    found = {who: analyse.summary(flight, *team)["e_p_rms_m"] for who, flight in (("ours", ours), ("mujoco", theirs))}
+    stopped = ours.stopped or theirs.stopped
+    return {
+        "e_p_rms_m": found,
+        "apart": None if stopped else apart(theirs.rows, ours.rows),
+        "stopped": stopped,
+        "cpu_s": {"ours": ours_s, "mujoco": theirs_s},
+    }
+
+
+def compare_settings() -> dict[str, Any]:
+    """The first seconds of C1 under every setting, against ours."""
+    settings = scenario.load("paper")
+    plan, names = dataclasses.replace(study.plan(settings, "C1"), duration=SHORT_S), build.agent_names(settings)
+    ours, ours_s = fly(plan, None, names)
+    dt, found = plan.dt, {}
+    for name, (substeps, integrator, constant, impedance) in SETTINGS.items():
+        softness = mjcf.Softness(time_constant=constant * dt / substeps, impedance=impedance)
+        plant = engine.plant(plan.world.team, plan.z, dt, substeps, softness)
+        plant.host.model.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{integrator}")
+        theirs, seconds = fly(plan, plant, names)
+        found[name] = apart(theirs.rows, ours.rows) | {"cpu_over_ours": seconds / ours_s}
+    return found
+
+
+def main() -> bool:
+    """C1 within the targets, and the order of the cases in MuJoCo."""
+    found = collect(
+        "engines", (*CASES, "settings"), lambda item: compare_settings() if item == "settings" else case(item)
+    )
+    for name, row in found["settings"].items():
+        print(f"{name:42}", "  ".join(f"{what} {value:.3g}" for what, value in row.items()))
+    for name in CASES:
+        if found[name]["stopped"]:
+            print(name, found[name]["stopped"])
+            return False
+        print(name, "  ".join(f"{what} {value:.3g}" for what, value in found[name]["apart"].items()), end="   ")
+        print("  ".join(f"e_p {who} {1e3 * value:.2f} mm" for who, value in found[name]["e_p_rms_m"].items()))
+    c1, c2, c3 = (found[name]["e_p_rms_m"]["mujoco"] for name in CASES)
+    return c1 > c2 > c3 and all(found["C1"]["apart"][what] <= most for what, most in TARGETS.items())
+
+
+if __name__ == "__main__":
+    main()
