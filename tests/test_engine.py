@@ -145,7 +145,7 @@ def ours(team: Team, z: State, inputs: dynamics.Inputs, c: jax.Array) -> State:
     """The state after half a second, by our plant."""
 
     def step(_: int, z: State) -> State:
-        unknown = functools.partial(drag, c)
+        unknown = lambda z, _: drag(c, z)  # noqa: E731
         return dynamics.project(team, dynamics.integrate(team, z, inputs, unknown, jnp.array(DT)))
 
     return jax.lax.fori_loop(0, STEPS, step, z)
@@ -154,7 +154,7 @@ def ours(team: Team, z: State, inputs: dynamics.Inputs, c: jax.Array) -> State:
 @functools.partial(jax.jit, static_argnums=0)
 def mujocos(plant: engine.Plant, z: State, inputs: dynamics.Inputs, c: jax.Array) -> State:
     """The state after half a second, by MuJoCo."""
-    unknown = functools.partial(drag, c)
+    unknown = lambda z, _: drag(c, z)  # noqa: E731
     return jax.lax.fori_loop(0, STEPS, lambda _, z: plant.step(z, inputs, unknown, jnp.array(DT)), z)
 
 
@@ -216,7 +216,7 @@ def test_commands_are_not_limited_and_what_is_not_finite_stays_so() -> None:
     a, lam = in_mujoco(plant, z, strong, f)
     near(left(team, z, a, lam, strong), f, 1e-9)
     lost = dataclasses.replace(z, payload=dataclasses.replace(z.payload, v=z.payload.v * jnp.nan))
-    after = plant.step(lost, inputs, lambda _: f, jnp.array(DT))
+    after = plant.step(lost, inputs, lambda _z, _t: f, jnp.array(DT))
     assert not np.isfinite(after.payload.p).all()
 
 

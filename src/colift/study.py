@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from colift import actuator, analyse, disk, fly, folder, learn, log, modes, response, sensor, simulate, world
+from colift import actuator, analyse, disk, dynamics, fly, folder, learn, log, modes, response, sensor, simulate, world
 from colift.certify import adversary, assumed, certificate, interface
 from colift.folder import Folder
 from colift.model import no_force
