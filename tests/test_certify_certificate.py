@@ -136,15 +136,16 @@ def test_every_body_s_unknown_is_within_its_band_along_the_path(key):
     grid = certificate.path_of(all_of.plan, all_of.flight, certificate.STEP)
     rows = all_of.flight.rows if key == "run" else all_of.twin.rows
     held = certificate.bodies(all_of.plan, all_of.flight, rows, grid.path, "energy")
-    (function,), oracle = all_of.plan.world.sources.functions, all_of.flight.oracle
+    (unknown,), oracle = all_of.plan.world.sources.functions, all_of.flight.oracle
+    function = unknown.oracle
     pairs = [(function.payload, oracle.payload)]
     pairs += [jax.tree.map(lambda x, j=j: x[j], (function.agents[0], oracle.agents[0])) for j in range(2)]
     means = jax.vmap(gp.mean, (None, 0))
     for body, x, (f, model) in zip(held, seen(all_of.plan, rows), pairs, strict=True):
         np.testing.assert_allclose(body.x, x[grid.path], atol=1e-12)
         points = jnp.asarray(x[grid.path])
-        unknown = np.abs(np.asarray(means(f, points)) - np.asarray(means(model, points)))
-        assert (unknown <= reach.greatest(body)).all()
+        apart = np.abs(np.asarray(means(f, points)) - np.asarray(means(model, points)))
+        assert (apart <= reach.greatest(body)).all()
 
 
 def test_the_run_stays_in_the_tube_and_its_unknown_near_the_path_s():

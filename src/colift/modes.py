@@ -152,7 +152,7 @@ def _shapes(x: Carried) -> list[tuple[bool, tuple[int, ...]]]:
     return [(attitude, shape[:-1] if attitude else shape) for attitude, shape in leaves]
 
 
-def _unravel(x: Carried, d: Any) -> Carried:
+def _unravel(x: Carried, d: Any) -> dict[str, Any]:
     """A row of coordinates at the places that they move."""
     shapes = [shape for _, shape in _shapes(x)]
     ends = np.cumsum([0] + [math.prod(shape) for shape in shapes])
