@@ -16,6 +16,7 @@ from jaxtyping import Array, Float
 
 from colift import agent as ag
 from colift import so3
+from colift.linalg import apply, mul, transpose
 from colift.model import Agent, AgentForce, AgentState, PayloadState, Residual, State, Team, Wrench
 from colift.pytree import pytree, static
 
@@ -246,13 +247,13 @@ def on_payload(mounts: tuple[Mount, ...], q: PayloadState, t: Scalar, memory: tu
     F, tau = jnp.zeros(3), jnp.zeros(3)
     for mount, kept in zip(mounts, memory, strict=True):
         force, torque = mount.law(_of_payload(mount, q), t, kept)
-        F, tau = F + force, tau + so3.cross(mount.point, q.R.T @ force) + torque
+        F, tau = F + force, tau + so3.cross(mount.point, apply(transpose(q.R), force)) + torque
     return Wrench(F=F, tau=tau)
 
 
 def _of_payload(mount: Mount, q: PayloadState) -> Motion:
-    v = q.v + q.R @ so3.cross(q.omega, mount.point)
-    return Motion(x=q.p + q.R @ mount.point, v=v, R=q.R, omega=q.omega)
+    v = q.v + apply(q.R, so3.cross(q.omega, mount.point))
+    return Motion(x=q.p + apply(q.R, mount.point), v=v, R=q.R, omega=q.omega)
 
 
 Carried = tuple[ag.Geometry, ag.Reduced, Float[Array, "xi"]]
@@ -266,14 +267,14 @@ def _carried(agent: Agent, q: AgentState) -> Carried:
 def _of_body(agent: Agent, q: AgentState, carried: Carried, mount: AgentMount) -> tuple[Motion, Float[Array, "3 xi"]]:
     """How the point of a mount moves, and its Jacobian B."""
     (g, p, xi), i = carried, mount.body
-    lever = g.rotation[i] @ (mount.point - agent.com[i])
-    B = p.com[i] - so3.hat(lever) @ p.spin[i]
+    lever = apply(g.rotation[i], mount.point - agent.com[i])
+    B = p.com[i] - mul(so3.hat(lever), p.spin[i])
     rho = g.point[i] + lever - p.s
     return Motion(
-        x=q.x + q.R @ rho,
-        v=q.v + q.R @ (B @ xi),
-        R=q.R @ g.rotation[i],
-        omega=g.rotation[i].T @ (p.spin[i] @ xi),
+        x=q.x + apply(q.R, rho),
+        v=q.v + apply(q.R, apply(B, xi)),
+        R=mul(q.R, g.rotation[i]),
+        omega=apply(transpose(g.rotation[i]), apply(p.spin[i], xi)),
     ), B
 
 
@@ -291,6 +292,8 @@ def _on_agent(
         at, B = _of_body(agent, q, carried, mount)
         force, torque = mount.law(at, t, kept)
         f_x = f_x + mount.active * force
-        Q = Q + mount.active * (B.T @ (q.R.T @ force) + p.spin[mount.body].T @ (g.rotation[mount.body] @ torque))
+        by_force = apply(transpose(B), apply(transpose(q.R), force))
+        by_torque = apply(transpose(p.spin[mount.body]), apply(g.rotation[mount.body], torque))
+        Q = Q + mount.active * (by_force + by_torque)
     rubbing = -friction.viscous * q.r_dot - friction.coulomb * jnp.tanh(q.r_dot / friction.speed)
     return AgentForce(f_x=f_x, f_w=Q[:3], f_r=Q[3:] + rubbing)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from colift import so3
+from colift.linalg import mul, transpose
 from colift.pytree import pytree
 
 Scalar = Float[Array, ""]
@@ -144,22 +145,18 @@ def along(pose: Callable[[Scalar], Float[Array, "6"]], R: Float[Array, "3 3"], t
     `omega_d = (R_d^T R_d_dot)^vee`, payload frame, and its rate.
     """
 
-    def attitude(t: Scalar) -> Float[Array, "3 3"]:
-        return R @ so3.exp(pose(t)[3:])
+    def turning(t: Scalar) -> tuple[Float[Array, "3 3"], Float[Array, "3"]]:
+        R_d, R_d_dot = _and_rate(lambda t: mul(R, so3.exp(pose(t)[3:])))(t)
+        return R_d, so3.vee(mul(transpose(R_d), R_d_dot))
 
-    def omega(t: Scalar) -> Float[Array, "3"]:
-        R_d, R_d_dot = jax.jvp(attitude, (t,), (jnp.ones_like(t),))
-        return so3.vee(R_d.T @ R_d_dot)
-
-    def position(t: Scalar) -> Float[Array, "3"]:
-        return pose(t)[:3]
-
-    v, a, j = _rate(position), _rate(_rate(position)), _rate(_rate(_rate(position)))
-    return Setpoint(p=position(t), v=v(t), a=a(t), j=j(t), R=attitude(t), omega=omega(t), omega_dot=_rate(omega)(t))
+    (R_d, omega), (_, omega_dot) = _and_rate(turning)(t)
+    ((p, v), (_, a)), (_, (_, j)) = _and_rate(_and_rate(_and_rate(lambda t: pose(t)[:3])))(t)
+    return Setpoint(p=p, v=v, a=a, j=j, R=R_d, omega=omega, omega_dot=omega_dot)
 
 
-def _rate(f: Callable[[Scalar], Float[Array, "3"]]) -> Callable[[Scalar], Float[Array, "3"]]:
-    return lambda t: jax.jvp(f, (t,), (jnp.ones_like(t),))[1]
+def _and_rate(f: Callable[[Scalar], Any]) -> Callable[[Scalar], tuple[Any, Any]]:
+    """A function and its derivative in time, both from one evaluation."""
+    return lambda t: jax.jvp(f, (t,), (jnp.ones_like(t),))
 
 
 def smooth_step(s: Float[Array, "*batch"]) -> Float[Array, "*batch"]:

@@ -226,13 +226,14 @@ def advance(setup: Setup, loop: Loop, noise: Any, ticks: Int[Array, ""]) -> tupl
 
     The number of ticks is data, not shape: intervals of any length share one compiled program.
     """
-    room = jax.tree.leaves(noise)[0].shape[0]
-    shape = jax.eval_shape(lambda: tick(setup, loop, jax.tree.map(lambda x: x[0], noise))[1])
+    room, now = jax.tree.leaves(noise)[0].shape[0], lambda i: jax.tree.map(lambda x: x[i], noise)
+    one = jax.jit(tick)  # traced once, for its row's shapes and for the loop
+    shape = jax.eval_shape(one, setup, loop, jax.eval_shape(now, 0))[1]
     rows = jax.tree.map(lambda s: jnp.zeros((room, *s.shape), s.dtype), shape)
 
     def body(carry: tuple[Loop, Row, Int[Array, ""]]) -> tuple[Loop, Row, Int[Array, ""]]:
         loop, rows, i = carry
-        loop, row = tick(setup, loop, jax.tree.map(lambda x: x[i], noise))
+        loop, row = one(setup, loop, now(i))
         return loop, jax.tree.map(lambda buffer, x: buffer.at[i].set(x), rows, row), i + 1
 
     def go_on(carry: tuple[Loop, Row, Int[Array, ""]]) -> Bool[Array, ""]:
