@@ -100,12 +100,11 @@ def test_large_branches_are_branches():
         many = [lambda A, s=s: jnp.sin(A @ A * s) @ jnp.cos(A) + s for s in (1.0, 2.0, 3.0)]
         return jax.lax.switch(k, many, A), jax.lax.cond(k > 0, many[0], lambda A: A, A)
 
-    A = jnp.asarray(np.random.default_rng(0).normal(size=(8, 8)))
-    assert "else" in emitted(f, jnp.array(1), A, batched=False).split("f0(")[0] + emitted(
-        f, jnp.array(1), A, batched=False
-    )
+    A = jnp.asarray(np.random.default_rng(0).normal(size=(6, 6)))
+    assert "else if (which <= 1.0)" in emitted(f, jnp.array(1), A, batched=False)
+    natively, by_jax = jax.jit(native.compile(f)), jax.jit(f)
     for k in (-1, 0, 1, 2, 5):
-        both(f, jnp.array(k), A)
+        assert_close(natively(jnp.array(k), A), by_jax(jnp.array(k), A))
     ks = jnp.arange(-1, 6)
     many = jax.jit(jax.vmap(native.compile(f), in_axes=(0, None)))(ks, A)
     assert_close(many, jax.jit(jax.vmap(f, in_axes=(0, None)))(ks, A))
@@ -174,7 +173,7 @@ def test_exponentials_are_exact_to_rounding():
     f = native.compile(jnp.exp)
     for got in (jax.vmap(f)(jnp.asarray(x)), jnp.stack([f(jnp.asarray(v)) for v in x[::97]])):
         want = np.array([math.inf if v > 709.79 else math.exp(v) for v in (x if got.size == x.size else x[::97])])
-        np.testing.assert_allclose(got, want, rtol=4e-16, atol=1e-323)
+        np.testing.assert_allclose(got, want, rtol=4e-16, atol=2.3e-308)  # XLA runs with denormals flushed to zero
 
 
 def test_long_functions_are_cut(monkeypatch):
