@@ -22,9 +22,11 @@ from colift import agent as ag
 from colift import dynamics, native
 from colift.model import Agent, AgentState, State, Team, no_force
 from colift.native import liveness
-from colift.native.graph import Function, Graph
+from colift.native.blocks import Function, Over, Scan
+from colift.native.graph import Graph
 from colift.native.interpret import interpret
-from colift.over import over, trace
+from colift.native.mapped import trace
+from colift.over import over
 
 ARITHMETIC = ("add", "sub", "mul", "div", "sqrt")
 BATCH = 1024
@@ -46,10 +48,12 @@ def _count(function: Function, need: liveness.Live) -> Counter[str]:
     live = [g.code[node] for node in np.flatnonzero(need.nodes).tolist() if node in g.code]
     found = Counter(op for op, *_ in live if op in ARITHMETIC)
     found["sincos"] = len({argument for op, argument, *_ in live if op in ("sin", "cos")})
-    for block, inner in need.inner.items():
+    for block, call in need.calls.items():
         b = g.blocks[block]
-        for op, times in _count(b.function, inner).items():
-            found[op] += times * b.length
+        length = b.length if isinstance(b, Over | Scan) else 1
+        for f, inner in zip(b.functions, call.functions, strict=True):
+            for op, times in _count(f, inner).items():
+                found[op] += times * length
     return found
 
 

@@ -1,8 +1,7 @@
-"""One function over the agents of a group: `jax.vmap` to JAX, a loop to the native back end.
+"""One function over the agents of a group: `jax.vmap`, but for a back end that writes code.
 
-A back end that emits code wants the body once, however many agents a group has; `vmap` leaves no trace of
-it. So the map is a primitive of its own that keeps the body. Its value, its derivatives and its batching are
-those of `vmap`, by construction.
+Such a back end wants the body once, however many agents a group has, and `vmap` leaves no trace of it. So while it
+traces, it says how the map is to be kept; at any other time the map is `vmap`, and nothing of JAX's internals is here.
 """
 
 from __future__ import annotations
@@ -12,12 +11,9 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax
-import jax.core
-from jax.extend import core
-from jax.interpreters import ad, batching, mlir
 
-over_p = core.Primitive("over")
-over_p.multiple_results = True
+kept_by = jax.make_user_context(None)
+"""While `kept_by(keep)` holds, `over(f)` is `keep(f, axes, args)`; what `jax.jit` traced before is not reused."""
 
 
 def over(f: Callable[..., Any], in_axes: int | Sequence[int | None] | None = 0) -> Callable[..., Any]:
@@ -26,63 +22,11 @@ def over(f: Callable[..., Any], in_axes: int | Sequence[int | None] | None = 0) 
     @functools.wraps(f)
     def mapped(*args: Any) -> Any:
         axes = (in_axes,) * len(args) if in_axes is None or isinstance(in_axes, int) else tuple(in_axes)
-        leaves, tree = jax.tree.flatten(args)
-        maps = tuple(axis == 0 for axis, arg in zip(axes, args, strict=True) for _ in jax.tree.leaves(arg))
-        sizes = {leaf.shape[0] for leaf, m in zip(leaves, maps, strict=True) if m}
+        own = (leaf for axis, arg in zip(axes, args, strict=True) if axis == 0 for leaf in jax.tree.leaves(arg))
+        sizes = {leaf.shape[0] for leaf in own}
         if len(sizes) != 1:
             raise ValueError(f"over: mapped arguments must share one leading axis, got lengths {sorted(sizes)}")
-        one = [
-            jax.ShapeDtypeStruct(leaf.shape[1:] if m else leaf.shape, leaf.dtype)
-            for leaf, m in zip(leaves, maps, strict=True)
-        ]
-        body, out = trace(f, tree, one)
-        # what the body closes over becomes a shared argument, since it may be traced itself
-        shared = (False,) * len(body.consts)
-        results = over_p.bind(*body.consts, *leaves, jaxpr=body.jaxpr, mapped=shared + maps)
-        return jax.tree.unflatten(out, results)
+        keep = kept_by.value
+        return jax.vmap(f, in_axes=axes)(*args) if keep is None else keep(f, axes, args)
 
     return mapped
-
-
-def trace(f: Callable[..., Any], tree: Any, leaves: Sequence[Any]) -> tuple[core.ClosedJaxpr, Any]:
-    """The jaxpr of `f` on the leaves of its arguments, and the structure of its result."""
-    out = None
-
-    def flat(*x: Any) -> list[Any]:
-        nonlocal out
-        values, out = jax.tree.flatten(f(*jax.tree.unflatten(tree, x)))
-        return values
-
-    return jax.make_jaxpr(flat)(*leaves), out
-
-
-def _vmapped(*args: Any, jaxpr: core.Jaxpr, mapped: tuple[bool, ...]) -> list[Any]:
-    def body(*args: Any) -> list[Any]:
-        consts = len(jaxpr.constvars)
-        return jax.core.eval_jaxpr(jaxpr, args[:consts], *args[consts:])
-
-    return jax.vmap(body, in_axes=tuple(0 if m else None for m in mapped))(*args)
-
-
-def _jvp(primals: Sequence[Any], tangents: Sequence[Any], **params: Any) -> tuple[Any, Any]:
-    return jax.jvp(functools.partial(_vmapped, **params), tuple(primals), tuple(map(ad.instantiate_zeros, tangents)))
-
-
-def _batch(args: Sequence[Any], dims: Sequence[int | None], **params: Any) -> tuple[Any, Sequence[int]]:
-    out = jax.vmap(functools.partial(_vmapped, **params), in_axes=tuple(dims))(*args)
-    return out, [0] * len(out)
-
-
-over_p.def_impl(_vmapped)
-over_p.def_abstract_eval(
-    lambda *args, jaxpr, mapped: [
-        jax.core.ShapedArray((_size(args, mapped), *v.aval.shape), v.aval.dtype) for v in jaxpr.outvars
-    ]
-)
-mlir.register_lowering(over_p, mlir.lower_fun(_vmapped, multiple_results=True))
-ad.primitive_jvps[over_p] = _jvp
-batching.primitive_batchers[over_p] = _batch
-
-
-def _size(args: Sequence[Any], mapped: Sequence[bool]) -> int:
-    return next(a.shape[0] for a, m in zip(args, mapped, strict=True) if m)

@@ -22,10 +22,12 @@ from jax.extend import core
 from jax.interpreters import ad, batching, mlir, partial_eval
 
 from colift.native import build, elementwise, emit, indexing, linalg, liveness, loops, reduction, shape
+from colift.native.blocks import Function
 from colift.native.equations import batch_axes, by_jax
-from colift.native.graph import Function, Graph
+from colift.native.frame import Shape
+from colift.native.graph import Graph
 from colift.native.interpret import UnsupportedPrimitive, interpret
-from colift.over import trace
+from colift.native.mapped import trace
 
 __all__ = ["UnsupportedPrimitive", "compile", "source"]
 
@@ -36,6 +38,7 @@ log = logging.getLogger(__name__)
 native_p = core.Primitive("native")
 native_p.multiple_results = True
 
+LARGE = 1024  # elements: an argument of more travels alone, and is not copied
 TYPES = ("float64", "int64", "int32", "uint32", "bool")
 
 
@@ -98,18 +101,18 @@ def _by_native(*args: Any, jaxpr: core.ClosedJaxpr, threads: int) -> list[Any]:
     further array costs about 0.2 us a step. Joining arguments is cheap; parting joined results is not.
     """
     batch, batched = _batch_shape(args, jaxpr), batch_axes(args, jaxpr) > 0
+    name, parcels = _target(jaxpr, batched)
     joined = [
-        args[parcel[0]] if batched else jax.numpy.concatenate([args[k].ravel() for k in parcel])
-        for parcel in _parcels(jaxpr.in_avals, batched)
+        args[parcel[0]] if batched else jax.numpy.concatenate([args[k].ravel() for k in parcel]) for parcel in parcels
     ]
     results = [jax.ShapeDtypeStruct((*batch, *v.shape), v.dtype) for v in jaxpr.out_avals]
-    return list(jax.ffi.ffi_call(_target(jaxpr, batched), results)(*joined, threads=np.int64(threads)))
+    return list(jax.ffi.ffi_call(name, results)(*joined, threads=np.int64(threads)))
 
 
-def _parcels(avals: Sequence[Any], batched: bool) -> list[list[int]]:
-    """Which arguments travel together: those of one type; of a batch, none."""
-    kinds = [k if batched else v.dtype.name for k, v in enumerate(avals)]
-    return [[k for k, kind in enumerate(kinds) if kind == one] for one in dict.fromkeys(kinds)]
+def _parcels(avals: Sequence[Any], used: Sequence[bool], batched: bool) -> list[list[int]]:
+    """Which of the arguments that are used travel together: small ones of one type; of a batch, none."""
+    kinds = {k: k if batched or v.size > LARGE else v.dtype.name for k, v in enumerate(avals) if used[k]}
+    return [[k for k, kind in kinds.items() if kind == one] for one in dict.fromkeys(kinds.values())]
 
 
 def _lower(ctx: mlir.LoweringRuleContext, *args: Any, **params: Any) -> Any:
@@ -127,17 +130,22 @@ def _say_what_is_lost(why: str) -> None:
 
 
 @functools.cache
-def _target(jaxpr: core.ClosedJaxpr, batched: bool) -> str:
-    """Emit, compile and register a function; the name XLA knows it by."""
-    text = source(jaxpr, batched)
+def _target(jaxpr: core.ClosedJaxpr, batched: bool) -> tuple[str, list[list[int]]]:
+    """Emit, compile and register a function; the name XLA knows it by, and what arguments travel together."""
+    text, parcels = _emitted(jaxpr, batched)
     name = build.key(text)
     shared = build.library(name, text)
     jax.ffi.register_ffi_target(f"colift_{name}", jax.ffi.pycapsule(shared.colift_native), platform="cpu")
-    return f"colift_{name}"
+    return f"colift_{name}", parcels
 
 
 def source(jaxpr: core.ClosedJaxpr, batched: bool) -> str:
     """The C source of a function, for one sample or for as many as fit a vector."""
+    return _emitted(jaxpr, batched)[0]
+
+
+def _emitted(jaxpr: core.ClosedJaxpr, batched: bool) -> tuple[str, list[list[int]]]:
+    """The C source, and what arguments travel together."""
     for v in (*jaxpr.in_avals, *jaxpr.out_avals):
         if v.dtype.name not in TYPES:
             raise TypeError(f"native: arrays must be of type {', '.join(TYPES)}; got {v.dtype.name}")
@@ -152,12 +160,12 @@ def source(jaxpr: core.ClosedJaxpr, batched: bool) -> str:
     function = Function(
         inputs=tuple(v.size for v in jaxpr.in_avals),
         graph=g,
-        outputs=[g.map("to_number", x.ravel()) for x in outputs],
+        outputs=[g.numeric(x) for x in outputs],
     )
     need = liveness.live(function, liveness.all_of(function.outputs))
     unit = emit.Source(agent_lanes=1 if batched else build.lanes())
-    top = unit.add(function, need, width)
-    parcels = _parcels(jaxpr.in_avals, batched)
+    top = unit.add(function, need, Shape(width))
+    parcels = _parcels(jaxpr.in_avals, [bool(used.any()) for used in need.used], batched)
     sizes = [[jaxpr.in_avals[k].size for k in parcel] for parcel in parcels]
     starts = [np.cumsum([0, *size]) for size in sizes]
     place = {k: f"in[{i}] + {at}" for i, p in enumerate(parcels) for k, at in zip(p, starts[i], strict=False)}
@@ -166,7 +174,7 @@ def source(jaxpr: core.ClosedJaxpr, batched: bool) -> str:
     files = resources.files("colift.native")
     lanes = files.joinpath("lanes.h").read_text()
     numbers = lambda x: ", ".join(map(str, x)) or "0"  # noqa: E731
-    return "\n".join([
+    text = "\n".join([
         files.joinpath("prelude.h").read_text(),
         *(f"#define LANES {w}\n{lanes}" for w in sorted(unit.widths)),
         unit.functions(),
@@ -178,6 +186,7 @@ def source(jaxpr: core.ClosedJaxpr, batched: bool) -> str:
         f"static void KERNEL(V **in, V **out) {{ {top}({', '.join(args)}); }}",
         files.joinpath("ffi.h").read_text(),
     ])  # fmt: skip
+    return text, parcels
 
 
 @functools.cache

@@ -94,7 +94,8 @@ def batch_axes(args: Sequence[Any], jaxpr: core.ClosedJaxpr) -> int:
 
 MOVING = {  # no statement of C
     "reshape", "squeeze", "transpose", "rev", "broadcast_in_dim", "iota", "slice", "split", "concatenate", "stack",
-    "unstack", "tile", "pad", "convert_element_type", "gather", "dynamic_slice", "copy", "stop_gradient",
+    "unstack", "tile", "pad", "convert_element_type", "gather", "dynamic_slice", "dynamic_update_slice", "scatter",
+    "copy", "stop_gradient",
 }  # fmt: skip
 
 

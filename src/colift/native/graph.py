@@ -13,11 +13,11 @@ from __future__ import annotations
 import bisect
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
-Nodes = np.ndarray  # of int64
+from colift.native.blocks import Block, Nodes
 
 COMPARE = {"lt": "<", "le": "<=", "eq": "==", "ne": "!="}
 MASKS = {*COMPARE, "and", "or", "not", "true", "false", "nonzero", "flag"}
@@ -62,34 +62,6 @@ COMPARE_FOLD = {
 }
 
 
-@dataclass(frozen=True)
-class Block:
-    """A call whose inputs and outputs are arrays: a function once, over agents, or over time.
-
-    `kind` is `call`, `over` (inputs and outputs step from agent to agent where `mapped`) or `scan`
-    (inputs are `consts`, then the carry, then what is scanned; outputs the last carry, then the stacks).
-    """
-
-    kind: str
-    function: Function
-    inputs: tuple[tuple[int, ...], ...]
-    outputs: tuple[int, ...]  # sizes
-    length: int = 1
-    mapped: tuple[bool, ...] = ()
-    consts: int = 0
-    carry: int = 0
-    reverse: bool = False
-
-
-@dataclass
-class Function:
-    """A C function to be: input sizes, a graph, and the nodes of each output."""
-
-    inputs: tuple[int, ...]
-    graph: Graph
-    outputs: list[Nodes] = field(default_factory=list)
-
-
 class Graph:
     """The nodes of one function."""
 
@@ -100,6 +72,7 @@ class Graph:
         self.starts: list[int] = []  # first node of each block's outputs
         self.ranges: list[tuple[int, int, str, int, int]] = []  # start, size, "in" or "out", array, block
         self._range_starts: list[int] = []
+        self._bounds: np.ndarray | None = None  # starts and ends of `ranges`
         self.count = 0
         self.ufuncs: dict[str, np.ufunc] = {}
 
@@ -111,6 +84,7 @@ class Graph:
         if size:
             self._range_starts.append(start)
             self.ranges.append((start, size, kind, array, block))
+            self._bounds = None
         self.count += size
         return np.arange(start, start + size)
 
@@ -120,6 +94,21 @@ class Graph:
             return None
         start, _, kind, array, block = self.ranges[bisect.bisect_right(self._range_starts, node) - 1]
         return kind, array, block, node - start
+
+    def places(self, nodes: Nodes) -> np.ndarray:
+        """For each node the number of its range, -1 for those not made by `array`."""
+        if not self.ranges:
+            return np.full(nodes.shape, -1)
+        if self._bounds is None:
+            self._bounds = np.array([(start, start + size) for start, size, *_ in self.ranges]).T
+        at = np.searchsorted(self._bounds[0], nodes, side="right") - 1
+        return np.where(nodes < self._bounds[1][at], at, -1) if len(self.ranges) else at
+
+    def known(self, nodes: Nodes) -> np.ndarray:
+        """Which nodes are numbers or truth values known now."""
+        found = self.places(nodes) < 0
+        found[found] = [self.is_constant(n) for n in nodes[found].tolist()]
+        return found
 
     def make(self, *code: object) -> int:
         """The node of an expression."""
@@ -163,6 +152,13 @@ class Graph:
             code = self.code[node]
             values.append(float(code[1]) if code[0] == "const" else code[0] == "true")
         return np.array(values).reshape(nodes.shape)
+
+    def numeric(self, nodes: Nodes) -> Nodes:
+        """`to_number` of many nodes, flat."""
+        nodes = np.array(nodes, dtype=np.int64).ravel()
+        made = self.places(nodes) < 0
+        nodes[made] = self.map("to_number", nodes[made])
+        return nodes
 
     def map(self, op: str, *arrays: Nodes | np.integer | int) -> Nodes:
         """An operation elementwise, broadcasting."""
@@ -382,9 +378,8 @@ class Graph:
 
     # blocks
 
-    def block(self, kind: str, function: Function, inputs: Sequence[Nodes], sizes: Sequence[int], **how) -> list[Nodes]:
-        """Add a call; its outputs, flat."""
-        nodes = tuple(tuple(self.map("to_number", x.ravel()).tolist()) if x.size else () for x in inputs)
-        self.blocks.append(Block(kind=kind, function=function, inputs=nodes, outputs=tuple(sizes), **how))
+    def block(self, kind: type[Block], inputs: Sequence[Nodes], sizes: Sequence[int], **how: Any) -> list[Nodes]:
+        """Add a block; its outputs, flat."""
+        self.blocks.append(kind(inputs=tuple(map(self.numeric, inputs)), outputs=tuple(sizes), **how))
         self.starts.append(self.count)
         return [self.array(size, "out", k, len(self.blocks) - 1) for k, size in enumerate(sizes)]

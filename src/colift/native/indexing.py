@@ -1,67 +1,93 @@
-# ruff: noqa: ARG001  every rule takes the graph and the equation
-"""Rules of indexing: the positions are numbers, or a choice among all that are possible."""
+"""Rules of indexing: elements at known positions are moved about, others are read and written when the code runs."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
+from colift.native.blocks import Read, Window, Write
 from colift.native.equations import Equation
-from colift.native.graph import Graph, Nodes
-from colift.native.interpret import UnsupportedPrimitive, choose, exact, rule
+from colift.native.graph import WHOLE, Graph, Nodes
+from colift.native.interpret import exact, is_integer, rule
 
 
-def _each(
-    g: Graph, columns: Sequence[Nodes], ranges: Sequence[int], pick: Callable[[list[np.ndarray]], Nodes]
-) -> Callable[[Sequence[Callable[[Nodes], Nodes]]], Nodes]:
-    """`pick(indices)` for index columns of nodes; `spread[k]` brings column k to the shape of the result.
+def _flat(shape: Sequence[int], coordinates: Sequence[np.ndarray]) -> np.ndarray:
+    """Positions in the flat array."""
+    strides = [math.prod(shape[k + 1 :]) for k in range(len(shape))]
+    return np.asarray(sum((c * s for c, s in zip(coordinates, strides, strict=True)), np.zeros((), dtype=np.int64)))
 
-    A column that is not constant is tried at every value in its range, out of range being the nearest.
-    """
-    numbers = [g.numbers(column) for column in columns]
-    free = [k for k, value in enumerate(numbers) if value is None]
 
-    def build(spread: Sequence[Callable[[Nodes], Nodes]]) -> Nodes:
-        def level(fixed: list[np.ndarray | None], rest: list[int]) -> Nodes:
-            if not rest:
-                return pick([np.asarray(v, dtype=np.int64) for v in fixed])
-            k, *others = rest
-            cases = []
-            for value in range(ranges[k]):
-                at = list(fixed)
-                at[k] = np.full(columns[k].shape, value)
-                cases.append(level(at, others))
-            return choose(g, spread[k](columns[k]), cases)
+def _window(
+    shape: Sequence[int],
+    points: tuple[int, ...],
+    index_map: Sequence[int | np.integer],
+    window: Sequence[int],
+    dropped: Sequence[int | np.integer],
+    batching: Sequence[tuple[int | np.integer, int | np.integer]],
+    *,
+    drops: bool,
+) -> Window:
+    """`_windows` where the indices are not known: a window at index zero, and how an index moves it."""
+    zero = [np.zeros(points, dtype=np.int64) for _ in index_map]
+    coordinates, _ = _windows(shape, zero, index_map, window, dropped, batching, points)
+    at = np.broadcast_to(_flat(shape, coordinates), (*points, *coordinates[0].shape[len(points) :])) if shape else 0
+    at = np.asarray(at).reshape(math.prod(points), -1)
+    return Window(
+        base=at[:, 0],
+        offset=at[0] - at[0, 0],
+        stride=tuple(math.prod(shape[int(k) + 1 :]) for k in index_map),
+        last=tuple(shape[k] - window[k] for k in index_map),
+        drops=drops,
+    )
 
-        return level(list(numbers), free)
 
-    return build
+def _read(g: Graph, a: Nodes, indices: Nodes, window: Window, outside: float) -> Nodes:
+    """Windows of an array, (points, window)."""
+    if not window.base.size * window.offset.size:
+        return np.zeros((window.base.size, window.offset.size), dtype=np.int64)
+    (out,) = g.block(Read, [a, indices], [window.base.size * window.offset.size], window=window, outside=outside)
+    return out.reshape(window.base.size, window.offset.size)
 
 
 @rule("dynamic_slice")
 def _dynamic_slice(g: Graph, eqn: Equation, a: Nodes, *start: Nodes) -> Nodes:
     sizes = eqn.params["slice_sizes"]
-    room = [n - size for n, size in zip(a.shape, sizes, strict=True)]
-
-    def pick(at: list[np.ndarray]) -> Nodes:
-        low = [int(np.clip(i, 0, r)) for i, r in zip(at, room, strict=True)]
+    at = np.array([int(i) for i in start], dtype=np.int64)
+    numbers = g.numbers(at)
+    if numbers is not None:
+        low = np.clip(numbers, 0, np.subtract(a.shape, sizes)).astype(int)
         return a[tuple(slice(i, i + size) for i, size in zip(low, sizes, strict=True))]
-
-    return _each(g, start, [r + 1 for r in room], pick)([lambda i: i] * len(start))
+    window = _window(a.shape, (1,), range(a.ndim), sizes, (), (), drops=False)
+    out = _read(g, a, at, window, 0.0).reshape(sizes)
+    return g.map("to_flag", out) if eqn.outvars[0].aval.dtype == bool else out
 
 
 @rule("dynamic_update_slice")
 def _dynamic_update_slice(g: Graph, eqn: Equation, a: Nodes, update: Nodes, *start: Nodes) -> Nodes:
-    room = [n - size for n, size in zip(a.shape, update.shape, strict=True)]
-
-    def pick(at: list[np.ndarray]) -> Nodes:
-        low = [int(np.clip(i, 0, r)) for i, r in zip(at, room, strict=True)]
+    at = np.array([int(i) for i in start], dtype=np.int64)
+    numbers = g.numbers(at)
+    if numbers is not None:
+        low = np.clip(numbers, 0, np.subtract(a.shape, update.shape)).astype(int)
         out = a.copy()
         out[tuple(slice(i, i + size) for i, size in zip(low, update.shape, strict=True))] = update
         return out
+    window = _window(a.shape, (1,), range(a.ndim), update.shape, (), (), drops=False)
+    return _write(g, eqn, a, at, update, window, "")
 
-    return _each(g, start, [r + 1 for r in room], pick)([lambda i: i] * len(start))
+
+def _write(g: Graph, eqn: Equation, a: Nodes, at: Nodes, updates: Nodes, window: Window, join: str) -> Nodes:
+    """The array with windows (points, window) written."""
+    if not window.base.size * window.offset.size:
+        return a
+    out = eqn.outvars[0]
+    check = out.aval.dtype.name if join in ("add", "mul") and is_integer(out) else ""
+    assert not check or check in WHOLE
+    inputs = [a, at, updates]
+    (new,) = g.block(Write, inputs, [a.size], window=window, join=join, check=check)
+    return (g.map("to_flag", new) if out.aval.dtype == bool else new).reshape(a.shape)
 
 
 def _windows(
@@ -71,12 +97,12 @@ def _windows(
     window: Sequence[int],
     dropped: Sequence[int | np.integer],
     batching: Sequence[tuple[int | np.integer, int | np.integer]],
+    points: tuple[int, ...],
 ) -> tuple[list[np.ndarray], np.ndarray]:
     """Operand coordinates `(points..., window...)` of all windows of a gather or scatter, and which fit inside.
 
     `window` has one size an operand axis, `dropped` are the axes that the result does not have.
     """
-    points = index[0].shape if index else ()
     start = [np.zeros(points, dtype=np.int64) for _ in shape]
     for axis, column in zip(index_map, index, strict=True):
         start[axis] = column
@@ -100,67 +126,64 @@ def _windows(
 def _gather(g: Graph, eqn: Equation, a: Nodes, indices: Nodes) -> Nodes:
     p = eqn.params
     d, sizes, fill = p["dimension_numbers"], p["slice_sizes"], p["mode"].name == "FILL_OR_DROP"
-    columns = [indices[..., k] for k in range(indices.shape[-1])]
-    points = indices.ndim - 1
+    points = indices.shape[:-1]
     batching = [*zip(d.operand_batching_dims, d.start_indices_batching_dims, strict=True)]
     dropped = (*d.collapsed_slice_dims, *d.operand_batching_dims)
-    rank = eqn.outvars[0].aval.ndim
-    order = [k for k in range(rank) if k not in d.offset_dims] + list(d.offset_dims)
-    back = np.argsort(order)
-    outside = g.constants(np.asarray(p["fill_value"] if fill else 0, eqn.outvars[0].aval.dtype))
-
-    def pick(at: list[np.ndarray]) -> Nodes:
-        coordinates, fits = _windows(a.shape, at, d.start_index_map, sizes, dropped, batching)
+    order = [k for k in range(eqn.outvars[0].aval.ndim) if k not in d.offset_dims] + list(d.offset_dims)
+    kept = [sizes[k] for k in range(a.ndim) if k not in dropped]
+    numbers = g.numbers(indices)
+    outside = _outside(eqn) if fill else 0.0
+    if numbers is None:
+        window = _window(a.shape, points, d.start_index_map, sizes, dropped, batching, drops=fill)
+        out = _read(g, a, indices, window, float(outside)).reshape((*points, *kept))
+        out = g.map("to_flag", out) if eqn.outvars[0].aval.dtype == bool else out
+    else:
+        columns = [numbers[..., k].astype(np.int64) for k in range(indices.shape[-1])]
+        coordinates, fits = _windows(a.shape, columns, d.start_index_map, sizes, dropped, batching, points)
         out = np.asarray(a[tuple(coordinates)])
         if fill and not fits.all():
-            out = np.where(fits.reshape(*fits.shape, *[1] * (out.ndim - points)), out, outside)
-        return out.transpose(back)
-
-    def spread(column: Nodes) -> Nodes:
-        return np.broadcast_to(
-            column.reshape((*column.shape, *[1] * (rank - points))),
-            [eqn.outvars[0].aval.shape[k] for k in order],
-        ).transpose(back)
-
-    ranges = [a.shape[axis] - sizes[axis] + 1 for axis in d.start_index_map]
-    out = _each(g, columns, ranges, pick)([spread] * len(columns))
-    if fill:
-        for column, count in zip(columns, ranges, strict=True):
-            if g.numbers(column) is None:
-                low, high = g.constants(np.array(0.0)), g.constants(np.array(count - 1.0))
-                inside = g.map("logical_and", g.map("le", low, column), g.map("le", column, high))
-                out = g.map("select", spread(inside), out, outside)
-    return out
+            fits = fits.reshape((*points, *[1] * len(kept)))
+            out = np.where(fits, out, g.constants(np.asarray(outside, eqn.outvars[0].aval.dtype)))
+    return out.transpose(np.argsort(order))
 
 
-SCATTER = {"scatter": None, "scatter-add": "add", "scatter-mul": "mul", "scatter-min": "min", "scatter-max": "max"}
+def _outside(eqn: Equation) -> Any:
+    """What a gather gives where a window does not fit."""
+    given, dtype = eqn.params["fill_value"], eqn.outvars[0].aval.dtype
+    if given is not None:
+        return given
+    if not np.issubdtype(dtype, np.integer):
+        return np.nan if np.issubdtype(dtype, np.floating) else True
+    info = np.iinfo(dtype)
+    return int(info.max if info.min == 0 else info.min)
+
+
+SCATTER = {"scatter": "", "scatter-add": "add", "scatter-mul": "mul", "scatter-min": "min", "scatter-max": "max"}
 
 
 @rule(*SCATTER)
 def _scatter(g: Graph, eqn: Equation, a: Nodes, indices: Nodes, updates: Nodes) -> Nodes:
     p = eqn.params
     d, op = p["dimension_numbers"], SCATTER[eqn.primitive.name]
+    points, drops = indices.shape[:-1], p["mode"].name != "CLIP"
+    updates = updates.transpose(
+        [k for k in range(updates.ndim) if k not in d.update_window_dims] + list(d.update_window_dims)
+    )
+    dropped = (*d.inserted_window_dims, *d.operand_batching_dims)
+    batching = [*zip(d.operand_batching_dims, d.scatter_indices_batching_dims, strict=True)]
+    widths = iter(updates.shape[len(points) :])
+    sizes = [1 if axis in dropped else next(widths) for axis in range(a.ndim)]
     numbers = g.numbers(indices)
     if numbers is None:
-        raise UnsupportedPrimitive("native: a scatter needs constant indices")
-    at = np.asarray(numbers, dtype=np.int64)
-    order = [k for k in range(updates.ndim) if k not in d.update_window_dims] + list(d.update_window_dims)
-    updates = updates.transpose(order)
-    dropped = (*d.inserted_window_dims, *d.operand_batching_dims)
-    widths = iter(updates.shape[at.ndim - 1 :])
-    window = [1 if axis in dropped else next(widths) for axis in range(a.ndim)]
-    coordinates, fits = _windows(
-        a.shape,
-        [at[..., k] for k in range(at.shape[-1])],
-        d.scatter_dims_to_operand_dims,
-        window,
-        dropped,
-        [*zip(d.operand_batching_dims, d.scatter_indices_batching_dims, strict=True)],
-    )
+        where = d.scatter_dims_to_operand_dims
+        window = _window(a.shape, points, where, sizes, dropped, batching, drops=drops)
+        return _write(g, eqn, a, indices, updates, window, op)
+    columns = [numbers[..., k].astype(np.int64) for k in range(indices.shape[-1])]
+    coordinates, fits = _windows(a.shape, columns, d.scatter_dims_to_operand_dims, sizes, dropped, batching, points)
     out = a.copy()
     for point in np.ndindex(updates.shape):
-        if fits[point[: at.ndim - 1]] or p["mode"].name == "CLIP":
+        if fits[point[: len(points)]] or not drops:
             where = tuple(int(c[point]) for c in coordinates)
             one = updates[point]
-            out[where] = one if op is None else exact(g, eqn, g.map(op, out[where], one))
+            out[where] = exact(g, eqn, g.map(op, out[where], one)) if op else one
     return out

@@ -69,7 +69,7 @@ def evaluate(
 
 def _apply(g: Graph, eqn: Equation, nodes: list[Nodes]) -> list[Nodes]:
     name = eqn.primitive.name
-    if name != "loop" and (size := work([eqn])) > LARGEST and name not in ("scan", "cond"):
+    if name not in ("loop", "scan", "while", "cond") and (size := work([eqn])) > LARGEST:
         raise UnsupportedPrimitive(f"native: '{name}' would be {size} statements of C, {LARGEST} are allowed")
     if name in RULES:
         out = RULES[name](g, eqn, *nodes)

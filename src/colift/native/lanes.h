@@ -89,7 +89,6 @@ LANEWISE(tanh, tanh)
 LANEWISE(asinh, asinh)
 LANEWISE(acosh, acosh)
 LANEWISE(atanh, atanh)
-LANEWISE(exp, exp)
 LANEWISE(exp2, exp2)
 LANEWISE(expm1, expm1)
 LANEWISE(log, log)
@@ -142,6 +141,30 @@ static inline void N(sincos)(V x, V *sine, V *cosine) {
   M odd = -(quadrant & 1);
   *sine = N(real)(N(bits)(N(sel)(odd, c, s)) ^ ((quadrant & 2) << 62));
   *cosine = N(real)(N(bits)(N(sel)(odd, s, c)) ^ (((quadrant + 1) & 2) << 62));
+}
+
+/* e^x = 2^k e^r with |r| at most ln 2 / 2, e^r by Taylor's polynomial of order 13: below 1 ulp */
+static inline V N(exp)(V x) {
+  const double round = 6755399441055744.0; /* as in sincos */
+  x = N(min)(N(max)(x, N(splat)(-750.0)), N(splat)(710.0)); /* beyond, zero and infinity; a NaN stays */
+  V shifted = x * 1.44269504088896338700 + round;
+  V k = shifted - round;
+  V r = (x - k * 6.93147180369123816490e-01) - k * 1.90821492927058770002e-10;
+  V q = N(splat)(1.6059043836821613e-10);
+  q = 2.08767569878681e-09 + r * q;
+  q = 2.505210838544172e-08 + r * q;
+  q = 2.755731922398589e-07 + r * q;
+  q = 2.7557319223985893e-06 + r * q;
+  q = 2.48015873015873e-05 + r * q;
+  q = 0.0001984126984126984 + r * q;
+  q = 0.001388888888888889 + r * q;
+  q = 0.008333333333333333 + r * q;
+  q = 0.041666666666666664 + r * q;
+  q = 0.16666666666666666 + r * q;
+  q = 0.5 + r * q;
+  M n = N(bits)(shifted) - N(bits)(N(splat)(round));
+  M half = n >> 1; /* in two steps, as 2^k may be out of range where the product is not */
+  return (1.0 + (r + r * r * q)) * N(real)((half + 1023) << 52) * N(real)((n - half + 1023) << 52);
 }
 
 #undef LANEWISE

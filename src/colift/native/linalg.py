@@ -3,14 +3,18 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from typing import Any
 
+import jax.core
 import numpy as np
 
+from colift.native.blocks import While
 from colift.native.equations import Equation
 from colift.native.graph import Graph, Nodes
-from colift.native.interpret import closed, rule
+from colift.native.interpret import UnsupportedPrimitive, closed, rule
+from colift.native.loops import function
 
 
 def cholesky(g: Graph, A: Nodes) -> Nodes:
@@ -98,3 +102,83 @@ def _custom_linear_solve(g: Graph, eqn: Equation, *x: Nodes) -> list[Nodes]:
     before = lengths.matvec + lengths.vecmat
     consts = x[before : before + lengths.solve]
     return closed(g, jaxprs.solve, [*consts, *x[sum(lengths) :]])
+
+
+SWEEPS = 30  # of Jacobi's method, more than it ever needs: it converges quadratically
+CONVERGED = 1e-34  # of the sum of squares, which is off the diagonal: rounding
+
+
+@rule("eigh")
+def _eigh(g: Graph, eqn: Equation, a: Nodes) -> list[Nodes]:
+    """Eigenvectors (their sign is no more defined than LAPACK's) and eigenvalues in ascending order."""
+    n = a.shape[-1]
+    if not eqn.params["lower"] or eqn.outvars[1].aval.shape[-1] != n:
+        raise UnsupportedPrimitive("native: 'eigh' is supported of the lower triangle, and for all eigenvalues")
+    return _matrices(lambda A: jacobi(g, np.where(np.tri(n, dtype=bool), A, A.T)), a)
+
+
+def jacobi(g: Graph, A: Nodes) -> list[Nodes]:
+    """`A = V diag(w) V^T` of a symmetric matrix by cyclic rotations (Golub and Van Loan 2013, section 8.5)."""
+    n = A.shape[0]
+    one, zero = (g.constants(np.full((), x)) for x in (1.0, 0.0))
+    V = np.where(np.eye(n, dtype=bool), one, zero)
+    avals = [jax.core.ShapedArray(shape, np.dtype(float)) for shape in (A.shape, A.shape, ())]
+    test = function(g, avals, lambda inner, x: [_rotates_on(inner, x[0], x[2])], [None] * 3)
+    sweep = function(
+        g, avals, lambda inner, x: [*_sweep(inner, x[0], x[1]), inner.map("add", x[2], _const(inner, 1.0))], [None] * 3
+    )
+    out = g.block(While, [A, V, zero], [n * n, n * n, 1], test=test, function=sweep, tests=0, consts=0)
+    A, V = (x.reshape(n, n) for x in out[:2])
+    total = _squares(g, A)
+    sound = g.map("eq", total, total)
+    w = [g.map("select", sound, A[i, i], _const(g, np.nan)) for i in range(n)]
+    for last in range(n - 1, 0, -1):
+        for i in range(last):
+            swap = g.map("lt", w[i + 1], w[i])
+            w[i], w[i + 1] = g.map("select", swap, w[i + 1], w[i]), g.map("select", swap, w[i], w[i + 1])
+            V[:, i], V[:, i + 1] = (
+                g.map("select", swap, V[:, i + 1], V[:, i]),
+                g.map("select", swap, V[:, i], V[:, i + 1]),
+            )
+    return [V, np.array(w, dtype=np.int64)]
+
+
+def _const(g: Graph, x: float) -> Nodes:
+    return g.constants(np.array(x))
+
+
+def _squares(g: Graph, A: Nodes) -> Nodes:
+    """The sum of squares of all elements."""
+    return functools.reduce(lambda x, y: g.map("add", x, y), g.map("mul", A, A).ravel())
+
+
+def _rotates_on(g: Graph, A: Nodes, sweeps: Nodes) -> Nodes:
+    off = functools.reduce(
+        lambda x, y: g.map("add", x, y), (g.map("mul", x, x) for x in A[np.tril_indices(len(A), -1)])
+    )
+    large = g.map("lt", g.map("mul", _const(g, CONVERGED), _squares(g, A)), off)
+    return g.map("logical_and", large, g.map("lt", sweeps, _const(g, float(SWEEPS))))
+
+
+def _sweep(g: Graph, A: Nodes, V: Nodes) -> list[Nodes]:
+    """Rotate every element off the diagonal to zero, once."""
+    A, V, one = A.copy(), V.copy(), _const(g, 1.0)
+    add, sub, mul, div = (lambda x, y, op=op: g.map(op, x, y) for op in ("add", "sub", "mul", "div"))
+    for p in range(len(A)):
+        for q in range(p + 1, len(A)):
+            # t = tan of the angle: the smaller root of t^2 + 2 theta t - 1
+            theta = div(sub(A[q, q], A[p, p]), mul(_const(g, 2.0), A[q, p]))
+            t = div(one, add(g.map("abs", theta), g.map("sqrt", add(mul(theta, theta), one))))
+            t = g.map("select", g.map("lt", theta, _const(g, 0.0)), g.map("neg", t), t)
+            t = g.map("select", g.map("eq", A[q, p], _const(g, 0.0)), _const(g, 0.0), t)
+            c = div(one, g.map("sqrt", add(mul(t, t), one)))
+            s = mul(t, c)
+            shift = mul(t, A[q, p])
+            A[p, p], A[q, q] = sub(A[p, p], shift), add(A[q, q], shift)
+            A[p, q] = A[q, p] = _const(g, 0.0)
+            for k in set(range(len(A))) - {p, q}:
+                x, y = A[k, p], A[k, q]
+                A[k, p] = A[p, k] = sub(mul(c, x), mul(s, y))
+                A[k, q] = A[q, k] = add(mul(s, x), mul(c, y))
+            V[:, p], V[:, q] = sub(mul(c, V[:, p]), mul(s, V[:, q])), add(mul(s, V[:, p]), mul(c, V[:, q]))
+    return [A, V]
