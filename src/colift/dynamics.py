@@ -381,6 +381,7 @@ def consistent(team: Team, guess: State, names: Sequence[str] = ()) -> State:
     )
 
 
+@jax.jit
 def _held(team: Team) -> Team:
     """The team with its payload and the rotation of its bases too heavy to be moved by a correction."""
     load = dataclasses.replace(team.payload, mass=HELD * team.payload.mass, inertia=HELD * team.payload.inertia)

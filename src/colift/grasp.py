@@ -168,7 +168,7 @@ def check_control(team: Team, z: State, names: Sequence[str] = ()) -> None:
     grasp Jacobian `[I, d rho / d r]` of rank 3 n, better conditioned than `JACOBIAN_CONDITION_MAX`, so that the
     payload's motion and its attitude fix position and joints.
     """
-    G = np.linalg.svd(np.asarray(matrix(contacts(team), jnp.eye(3))), compute_uv=False)
+    G = np.linalg.svd(np.asarray(_matrix(team, np.eye(3))), compute_uv=False)
     rank = int((G[0] < 1e6 * G).sum())
     if rank < 6:
         raise ValueError(
@@ -198,7 +198,8 @@ def _each(
     name = iter(agent_names(team, names))
     for group, state in zip(team.groups, z.agents, strict=True):
         for j in range(state.r.shape[0]):
-            yield next(name), jax.tree.map(lambda leaf, j=j: leaf[j], group), state.r[j], state.R[j]
+            own, q = jax.tree.map(lambda leaf, j=j: np.asarray(leaf)[j], (group, state))
+            yield next(name), own, q.r, q.R
 
 
 def _too_few_joints(arms: int, joints: int) -> str:
@@ -221,13 +222,14 @@ def _jacobian(agent: Agent, r: Float[Array, "n_r"]) -> Float[Array, "forces free
 
 
 _admittance = jax.jit(admittance)
+_matrix = jax.jit(lambda team, R: matrix(contacts(team), R))
 
 
 def _team_admittance(team: Team, z: State) -> np.ndarray:
     """`A M^-1 A^T` of the whole team, 1/kg, in the frame of each contact's base."""
     blocks = [(np.asarray(_admittance(agent, r)), np.asarray(R)) for _, agent, r, R in _each(team, z, ())]
     arms = [len(S) // 3 for S, _ in blocks]
-    G = np.asarray(matrix(contacts(team), z.payload.R)).reshape(6, -1, 3)
+    G = np.asarray(_matrix(team, z.payload.R)).reshape(6, -1, 3)
     turn = np.repeat(np.array([R for _, R in blocks]), arms, axis=0)
     P = np.einsum("gci,cik->gck", G, turn).reshape(6, -1).T
     M_L = _block_diagonal([float(team.payload.mass) * np.eye(3), np.asarray(team.payload.inertia)])

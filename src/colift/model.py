@@ -202,7 +202,7 @@ def no_force(team: Team) -> Residual:
 
 def stack(agents: list[Agent]) -> Agent:
     """Agents with one `Tree` as a group on a leading axis."""
-    return jax.tree.map(lambda *leaves: jnp.stack(leaves), *agents)
+    return jax.tree.map(lambda *leaves: jnp.asarray(np.stack(leaves)), *agents)
 
 
 def agent_names(team: Team, names: Sequence[str] = ()) -> tuple[str, ...]:
@@ -222,7 +222,8 @@ def check(team: Team, names: Sequence[str] = ()) -> None:
     if not np.isfinite(team.gravity).all():
         raise ValueError(f"gravity {np.asarray(team.gravity).tolist()} m/s^2 is not finite")
     check_body("the payload", team.payload.mass, team.payload.inertia)
-    agents = [(group, j) for group, size in zip(team.groups, team.sizes, strict=True) for j in range(size)]
+    groups = [jax.tree.map(np.asarray, group) for group in team.groups]
+    agents = [(group, j) for group, size in zip(groups, team.sizes, strict=True) for j in range(size)]
     for name, (group, j) in zip(agent_names(team, names), agents, strict=True):
         for i in range(group.tree.joints + 1):
             check_body(f"{name}, body {i}", group.mass[j, i], group.inertia[j, i])

@@ -337,7 +337,7 @@ def fly_plan(plan: Plan, names: Sequence[str], progress: Callable[[float], None]
         first = done - done % room  # noise is drawn in whole chunks of the run, wherever an update cuts them
         until = min(first + room, next(k for k in stops if k > done))
         began = time.perf_counter()
-        noise = plan.world.draw(jax.random.fold_in(key, first), room)
+        noise = _draw(plan.world, jax.random.fold_in(key, first), room)
         if done > first:
             noise = jax.tree.map(lambda x, used=done - first: jnp.roll(x, -used, axis=0), noise)
         loop, rows = advance(setup, loop, noise, jnp.asarray(until - done))
@@ -371,6 +371,9 @@ def fly_plan(plan: Plan, names: Sequence[str], progress: Callable[[float], None]
         bands=bands,
         wall=wall,
     )
+
+
+_draw = jax.jit(lambda world, key, ticks: world.draw(key, ticks), static_argnums=2)
 
 
 def _learn(

@@ -54,7 +54,7 @@ def prior(hyper: Hyper, capacity: int) -> GP:
         X=jnp.zeros((capacity, D)),
         Y=jnp.zeros((capacity, m)),
         n=jnp.zeros((), dtype=int),
-        W=jnp.tile(jnp.eye(capacity), (m, 1, 1)),
+        W=jnp.asarray(np.tile(np.eye(capacity), (m, 1, 1))),
         alpha=jnp.zeros((m, capacity)),
     )
 

@@ -34,6 +34,7 @@ from colift import (
     so3,
 )
 from colift.gp.bounds import Assumption
+from colift.linalg import mul
 from colift.model import (
     Agent,
     AgentForce,
@@ -138,8 +139,8 @@ def _agent(kind: s.AgentType, agent: s.Agent) -> Agent:
 
 
 def _array(given: object) -> Array:
-    """Numbers as float64; `jnp.array` alone would make a weakly typed value of a Python float."""
-    return jnp.array(given, dtype=float)
+    """Numbers as float64; `jnp.asarray` alone would make a weakly typed value of a Python float."""
+    return jnp.asarray(np.array(given, dtype=float))
 
 
 def _rows(vectors: Iterable[s.Vector]) -> Array:
@@ -148,8 +149,13 @@ def _rows(vectors: Iterable[s.Vector]) -> Array:
 
 def _rpy(deg: s.Vector) -> Array:
     """`R_z(yaw) R_y(pitch) R_x(roll)`."""
-    roll, pitch, yaw = (so3.exp(jnp.asarray(EYE[i] * np.deg2rad(deg[i]))) for i in range(3))
-    return yaw @ pitch @ roll
+    return _turned(jnp.deg2rad(_array(deg)))
+
+
+@jax.jit
+def _turned(angles: Array) -> Array:
+    roll, pitch, yaw = jax.vmap(so3.exp)(jnp.diag(angles))
+    return mul(yaw, mul(pitch, roll))
 
 
 # The truth ----------------------------------------------------------------------------------------------------------
@@ -181,9 +187,9 @@ def _mounts(settings: s.Settings, source: s.Law, group: list[s.Agent]) -> Iterat
         if source.acts_on in ("agents", agent.name):
             body = bodies(settings.agent_types[agent.type].model_dump()).index(source.body)
             carriers.setdefault(body, [0.0] * len(group))[k] = 1.0
-    law = jax.tree.map(lambda x: jnp.broadcast_to(x, (len(group), *x.shape)), _law(source))
+    law = jax.tree.map(lambda x: jnp.asarray(np.broadcast_to(x, (len(group), *x.shape))), _law(source))
     for body, active in carriers.items():
-        point = jnp.tile(_array(source.point_m), (len(group), 1))
+        point = _array([source.point_m] * len(group))
         yield disturbance.AgentMount(body=body, name=source.name, law=law, point=point, active=_array(active))
 
 
@@ -195,7 +201,7 @@ def _friction(settings: s.Settings, group: list[s.Agent]) -> disturbance.JointFr
         for source in rubbing:
             if source.acts_on in ("agents", agent.name):
                 table[k] = source.viscous_Nms, source.coulomb_Nm, source.speed_radps
-    viscous, coulomb, speed = (jnp.tile(jnp.asarray(column)[:, None], (1, joints)) for column in table.T)
+    viscous, coulomb, speed = (jnp.asarray(np.tile(column[:, None], (1, joints))) for column in table.T)
     return disturbance.JointFriction(viscous=viscous, coulomb=coulomb, speed=speed)
 
 
@@ -235,23 +241,26 @@ def drawn(settings: s.Settings, truth: Team, z: State) -> tuple[learn.Oracle, Re
     if given is None:
         return None
     rng = np.random.default_rng((settings.seed, 4))
-    moves = jax.vmap(functools.partial(_carried, path(settings), z))
     moving = (
         settings.reference.ramp_s if isinstance(settings.reference, s.Lissajous) else settings.reference.poses[0].t_s
     )
-    where = moves(jnp.asarray(rng.uniform(moving, settings.duration_s, given.centers)))
-    along = moves(jnp.linspace(moving, settings.duration_s, 400))
+    where, along = (
+        _carried(path(settings), z, jnp.asarray(t))
+        for t in (
+            rng.uniform(moving, settings.duration_s, given.centers),
+            np.linspace(moving, settings.duration_s, 400),
+        )
+    )
 
     def one(hyper: gp.Hyper, X: Array, path: Array) -> tuple[gp.GP, np.ndarray]:
         X = np.asarray(X) + given.spread * rng.normal(size=X.shape) * np.asarray(hyper.lengthscales)[0]
         w = rng.normal(size=(len(hyper.signal_variance), len(X)))
         w = w * (given.norm / np.asarray(gp.norm(gp.expansion(hyper, X, w))))[:, None]
         model = gp.expansion(hyper, X, w, max(len(X), settings.learning.capacity))
-        return model, np.asarray(jax.vmap(gp.mean, (None, 0))(model, path)).std(0)
+        return model, np.asarray(_means(model, path)).std(0)
 
     zero = prior(settings, truth)
-    x, x_along = (learn.payload_features(points[0]) for points in (where, along))
-    payload, of_payload = one(zero.payload.hyper, x, x_along)
+    payload, of_payload = one(zero.payload.hyper, where[0], along[0])
     agents, of_agents = [], []
     for group, x, x_along in zip(zero.agents, where[1], along[1], strict=True):
         each = [
@@ -267,8 +276,13 @@ def drawn(settings: s.Settings, truth: Team, z: State) -> tuple[learn.Oracle, Re
     )
 
 
+_means = jax.jit(jax.vmap(gp.mean, (None, 0)))
+
+
+@jax.jit
+@functools.partial(jax.vmap, in_axes=(None, None, 0))
 def _carried(path: reference.Reference, z: State, t: Array) -> tuple[Array, tuple[Array, ...]]:
-    """Samples of payload and agents as if the team of z moved along the reference without turning."""
+    """Features of the payload and samples of agents as if the team of z moved along the reference without turning."""
     d = path.at(t)
     shift = d.p - z.payload.p
     load = PayloadState(p=d.p, R=d.R, v=d.v, omega=jnp.zeros(3))
@@ -276,7 +290,7 @@ def _carried(path: reference.Reference, z: State, t: Array) -> tuple[Array, tupl
         jax.vmap(model.flat_agent)(dataclasses.replace(q, x=q.x + shift[None], v=jnp.tile(d.v, (len(q.x), 1))))
         for q in z.agents
     )
-    return model.flat_payload(load, jnp.zeros(6)), agents
+    return learn.payload_features(model.flat_payload(load, jnp.zeros(6))), agents
 
 
 def sensors(settings: s.Settings) -> sensor.Sensors:
@@ -301,10 +315,10 @@ def start(settings: s.Settings, truth: Team) -> State:
     Raises ScenarioError where no such state is near, with what remains, and for a body that is not physical or a grasp
     that is redundant, singular or beyond control there.
     """
-    given, d = settings.start, path(settings).at(jnp.zeros(()))
+    given, d = settings.start, _setpoint(path(settings), jnp.zeros(()))
     load = PayloadState(
         p=d.p + _array(given.position_error_m),
-        R=d.R @ so3.exp(jnp.deg2rad(_array(given.attitude_error_deg))),
+        R=_off(d.R, jnp.deg2rad(_array(given.attitude_error_deg))),
         v=_array(given.velocity_mps),
         omega=_array(given.body_rate_radps),
     )
@@ -321,6 +335,10 @@ def start(settings: s.Settings, truth: Team) -> State:
     except ValueError as error:
         raise ScenarioError(f"{settings.name}: {error}") from None
     return z
+
+
+_setpoint = jax.jit(lambda path, t: path.at(t))
+_off = jax.jit(lambda R, theta: mul(R, so3.exp(theta)))
 
 
 @jax.jit
@@ -541,7 +559,7 @@ def prior(settings: s.Settings, nominal: Team) -> learn.Oracle:
         payload=before("payload", learn.PAYLOAD_FEATURES),
         agents=tuple(
             jax.tree.map(
-                lambda x, size=size: jnp.broadcast_to(x, (size, *x.shape)),
+                lambda x, size=size: jnp.asarray(np.broadcast_to(x, (size, *x.shape))),
                 before("agents", learn.agent_feature_names(group.tree.joints)),
             )
             for size, group in zip(nominal.sizes, nominal.groups, strict=True)
