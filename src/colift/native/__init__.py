@@ -178,13 +178,14 @@ def _emitted(jaxpr: core.ClosedJaxpr, batched: bool) -> tuple[str, list[list[int
         files.joinpath("prelude.h").read_text(),
         *(f"#define LANES {w}\n{lanes}" for w in sorted(unit.widths)),
         unit.functions(),
-        f"#define WIDTH {width}\n#define V V_{width}\n#define SPLAT splat_{width}",
+        f"#if IN(0)\n#define WIDTH {width}\n#define V V_{width}\n#define SPLAT splat_{width}",
         f"#define ARGUMENTS {len(parcels)}\n#define RESULTS {len(jaxpr.out_avals)}",
         f"#define RESULT_RANK {len(jaxpr.out_avals[0].shape)}",
         f"static const int64_t ARGUMENT_SIZE[] = {{{numbers(map(sum, sizes))}}};",
         f"static const int64_t RESULT_SIZE[] = {{{numbers(v.size for v in jaxpr.out_avals)}}};",
         f"static void KERNEL(V **in, V **out) {{ {top}({', '.join(args)}); }}",
         files.joinpath("ffi.h").read_text(),
+        "#endif",
     ])  # fmt: skip
     return text, parcels
 

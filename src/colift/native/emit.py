@@ -32,7 +32,7 @@ class Source:
 
     def functions(self) -> str:
         """All functions, callees first."""
-        return "\n".join(text.replace("@name", name) for text, name in self.names.items())
+        return split.pieces([text.replace("@name", name) for text, name in self.names.items()])
 
 
 class Body:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 LONGEST = 1000  # lines of one part
+PIECE = 8000  # lines of what is compiled at once
 NAME = re.compile(r"\bx\d+\b")
 PARAMETER = re.compile(r"\b(?:[ao]\d+|m|go)\b")
 
@@ -45,7 +46,20 @@ def assemble(lines: Sequence[Line], parameters: dict[str, str], lanes: int, room
 
 def _function(name: str, parameters: Sequence[str], body: Sequence[str]) -> str:
     text = "\n".join("  " + line for line in body)
-    return f"static __attribute__((noinline)) void {name}({', '.join(parameters) or 'void'}) {{\n{text}\n}}\n"
+    return f"OWN __attribute__((noinline)) void {name}({', '.join(parameters) or 'void'}) {{\n{text}\n}}\n"
+
+
+def pieces(functions: Sequence[str]) -> str:
+    """The text of functions, in their order, in as many pieces as it takes for none to be long; ends in piece 0."""
+    single = [text for many in functions for text in re.split(r"^(?=OWN )", many, flags=re.MULTILINE) if text]
+    heads = [text.split(" {\n", 1)[0] + ";" for text in single]
+    found: list[list[str]] = [[]]
+    for text in single:
+        if sum(part.count("\n") for part in found[-1]) > PIECE:
+            found.append([])
+        found[-1].append(text)
+    guarded = [f"#if IN({k})\n{''.join(piece)}#endif\n" for k, piece in enumerate(found)]
+    return "\n".join([f"#define PIECES {len(found)}", *heads, *guarded])
 
 
 def _parts(lines: Sequence[Line], lanes: int, room: int) -> tuple[list[list[str]], int]:
