@@ -6,6 +6,7 @@ import logging
 import os
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import jax
@@ -53,10 +54,10 @@ def file_for_a_cache(tmp_path):
     (tmp_path / "cache").write_text("")
 
 
-def answer(number: int) -> tuple[str, str]:
+def answer(number: int) -> tuple[str, Callable[[], str]]:
     """The key and source of a library whose function returns a number."""
     source = f'#include <math.h>\n__attribute__((visibility("default"))) int colift_native(void) {{ return {number}; }}'
-    return build.key(source), source
+    return build.key(source), lambda: source
 
 
 def ask(number: int) -> int:
@@ -79,18 +80,18 @@ def test_compiled_code_is_kept(folder, compilations):
 def damages() -> list[bytes]:
     """The library of 1 as it may be found: cut, empty, other bytes, one bit turned, another function's."""
     rng = np.random.default_rng(0)
-    whole = build._compile(answer(1)[1])
+    whole = build._compile(answer(1)[1]())
     cut = [whole[:n] for n in (0, 100, 4096, len(whole) - 1, *rng.integers(len(whole), size=4).tolist())]
     turned = [bytearray(whole) for _ in range(4)]
     for library in turned:
         library[rng.integers(len(whole))] ^= 1 << rng.integers(8).item()
-    return [*cut, *map(bytes, turned), rng.bytes(len(whole)), whole + b"x", build._compile(answer(2)[1])]
+    return [*cut, *map(bytes, turned), rng.bytes(len(whole)), whole + b"x", build._compile(answer(2)[1]())]
 
 
 def test_what_is_not_what_its_name_says_is_not_loaded_but_made_anew(tmp_path, monkeypatch, compilations):
     """Each in a cache of its own, as a process loads a file of one name once."""
     key, source = answer(1)
-    name = build._file(key, build._compile(source))
+    name = build._file(key, build._compile(source()))
     for k, damage in enumerate(damages()):
         monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / str(k)))
         cache = tmp_path / str(k) / "colift" / "native"
@@ -136,7 +137,7 @@ from colift.native import build
 build.KEPT = 1
 for k in [0, 1, 2] * 8:
     source = f'__attribute__((visibility("default"))) int colift_native(void) {{ return {k}; }}'
-    assert build.library(build.key(source), source).colift_native() == k
+    assert build.library(build.key(source), lambda: source).colift_native() == k
 """
 
 

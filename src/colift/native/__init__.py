@@ -8,7 +8,9 @@ derivatives are JAX's. Code is made for one sample, and for as many side by side
 
 from __future__ import annotations
 
+import ctypes
 import functools
+import json
 import logging
 from collections.abc import Callable, Sequence
 from importlib import resources
@@ -23,6 +25,7 @@ from jax.interpreters import ad, batching, mlir, partial_eval
 
 from colift.native import build, elementwise, emit, indexing, linalg, liveness, loops, reduction, shape
 from colift.native.blocks import Function
+from colift.native.digest import digest
 from colift.native.equations import batch_axes, by_jax
 from colift.native.frame import Shape
 from colift.native.graph import Graph
@@ -131,21 +134,19 @@ def _say_what_is_lost(why: str) -> None:
 
 @functools.cache
 def _target(jaxpr: core.ClosedJaxpr, batched: bool) -> tuple[str, list[list[int]]]:
-    """Emit, compile and register a function; the name XLA knows it by, and what arguments travel together."""
-    text, parcels = _emitted(jaxpr, batched)
-    name = build.key(text)
-    shared = build.library(name, text)
+    """Emit, compile and register a function; the name XLA knows it by, and what arguments travel together.
+
+    A library says itself what travels together, so that one from the cache is not emitted again.
+    """
+    name = build.key(digest(jaxpr), str(batched))
+    shared = build.library(name, lambda: source(jaxpr, batched))
+    parcels = json.loads(ctypes.string_at(ctypes.addressof(ctypes.c_char.in_dll(shared, "colift_parcels"))))
     jax.ffi.register_ffi_target(f"colift_{name}", jax.ffi.pycapsule(shared.colift_native), platform="cpu")
     return f"colift_{name}", parcels
 
 
 def source(jaxpr: core.ClosedJaxpr, batched: bool) -> str:
     """The C source of a function, for one sample or for as many as fit a vector."""
-    return _emitted(jaxpr, batched)[0]
-
-
-def _emitted(jaxpr: core.ClosedJaxpr, batched: bool) -> tuple[str, list[list[int]]]:
-    """The C source, and what arguments travel together."""
     for v in (*jaxpr.in_avals, *jaxpr.out_avals):
         if v.dtype.name not in TYPES:
             raise TypeError(f"native: arrays must be of type {', '.join(TYPES)}; got {v.dtype.name}")
@@ -174,7 +175,7 @@ def _emitted(jaxpr: core.ClosedJaxpr, batched: bool) -> tuple[str, list[list[int
     files = resources.files("colift.native")
     lanes = files.joinpath("lanes.h").read_text()
     numbers = lambda x: ", ".join(map(str, x)) or "0"  # noqa: E731
-    text = "\n".join([
+    return "\n".join([
         files.joinpath("prelude.h").read_text(),
         *(f"#define LANES {w}\n{lanes}" for w in sorted(unit.widths)),
         unit.functions(),
@@ -185,9 +186,9 @@ def _emitted(jaxpr: core.ClosedJaxpr, batched: bool) -> tuple[str, list[list[int
         f"static const int64_t RESULT_SIZE[] = {{{numbers(v.size for v in jaxpr.out_avals)}}};",
         f"static void KERNEL(V **in, V **out) {{ {top}({', '.join(args)}); }}",
         files.joinpath("ffi.h").read_text(),
+        f'__attribute__((visibility("default"))) const char colift_parcels[] = "{json.dumps(parcels)}";',
         "#endif",
     ])  # fmt: skip
-    return text, parcels
 
 
 @functools.cache

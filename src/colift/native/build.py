@@ -17,6 +17,7 @@ import shlex
 import shutil
 import subprocess
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 
 import jax.ffi
@@ -107,10 +108,10 @@ def key(*parts: str) -> str:
     return hashlib.sha256("\0".join([*parts, machine()]).encode()).hexdigest()[:32]
 
 
-def library(name: str, source: str) -> ctypes.CDLL:
-    """Compile C source, or take it from the cache; where that cannot be written, from this process's own folder.
+def library(name: str, source: Callable[[], str]) -> ctypes.CDLL:
+    """What C source compiles to, or the cache has; where that cannot be written, from this process's own folder.
 
-    `name` is the source's `key`. Raises `CompilerError` with the compiler's own words, and `Unavailable` where the
+    `name` is the `key` of what the source is made of; it is made only where it is needed. Raises `CompilerError` with the compiler's own words, and `Unavailable` where the
     library can be loaded from neither folder.
     """
     folders = (lambda: cache.folder("native")), _own
@@ -118,7 +119,7 @@ def library(name: str, source: str) -> ctypes.CDLL:
         with contextlib.suppress(cache.Unwritable):
             if (found := _load(folder(), name)) is not None:
                 return found
-    made = _compile(source)
+    made = _compile(source())
     lost = []
     for folder in folders:
         try:
