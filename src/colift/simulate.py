@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
+import logging
 import time
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -12,12 +14,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from colift import balance, band, dynamics, fly, grasp, interrupt, learn, limits, so3
+from colift import balance, band, dynamics, fly, grasp, interrupt, learn, limits, native, so3
 from colift.model import Agent, AgentForce, AgentInput, AgentState, Clock, Residual, State, Team, Wrench
 from colift.pytree import pytree
 from colift.world import Truth
 
 Scalar = Float[Array, ""]
+
+log = logging.getLogger(__name__)
 
 
 @pytree
@@ -220,12 +224,30 @@ def _row(team: Team, nominal: Team, t: Scalar, truth: Truth, decided: fly.Teleme
     )
 
 
-@jax.jit
 def advance(setup: Setup, loop: Loop, noise: Any, ticks: Int[Array, ""]) -> tuple[Loop, Row]:
     """Up to `ticks` ticks, at most as many as there is noise; stops after the tick that met a limit.
 
+    In native code where there is a C compiler, by JAX where there is none or a part calls what has no native code.
     The number of ticks is data, not shape: intervals of any length share one compiled program.
     """
+    leaves, structure = jax.tree.flatten((setup, loop, noise, ticks))
+    like = tuple(jax.ShapeDtypeStruct(jnp.shape(x), jnp.result_type(x)) for x in leaves)
+    return _compiled(structure, like)(setup, loop, noise, ticks)
+
+
+@functools.cache
+def _compiled(structure: Any, like: tuple[jax.ShapeDtypeStruct, ...]) -> Callable[..., tuple[Loop, Row]]:
+    """`_advance` for arguments like these."""
+    compiled = jax.jit(native.compile(_advance))
+    try:
+        compiled.lower(*jax.tree.unflatten(structure, like))
+    except native.UnsupportedPrimitive as error:
+        log.info("flown by JAX, a few times slower: %s", error)
+        return jax.jit(_advance)
+    return compiled
+
+
+def _advance(setup: Setup, loop: Loop, noise: Any, ticks: Int[Array, ""]) -> tuple[Loop, Row]:
     room, now = jax.tree.leaves(noise)[0].shape[0], lambda i: jax.tree.map(lambda x: x[i], noise)
     one = jax.jit(tick)  # traced once, for its row's shapes and for the loop
     shape = jax.eval_shape(one, setup, loop, jax.eval_shape(now, 0))[1]

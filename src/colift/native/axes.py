@@ -40,10 +40,10 @@ class Rows:
 
 def _less(axes: Iterable[int | np.integer], axis: int) -> tuple[int, ...]:
     """Axes as they are called without one of them."""
-    return tuple(int(a) - (a > axis) for a in axes if a != axis)
+    return tuple(int(a) - int(a > axis) for a in axes if a != axis)
 
 
-def _cut(shape: Sequence[int], axis: int) -> tuple[int, ...]:
+def _cut(shape: Sequence[Any], axis: int) -> tuple[Any, ...]:
     return (*shape[:axis], *shape[axis + 1 :])
 
 
