@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-NAMES = ("one_team", "batch", "growth", "cold_start", "gpu", "floor", "gp", "study")
+NAMES = ("one_team", "batch", "growth", "cold_start", "gpu", "floor", "gp", "flight", "study")
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from colift import disturbance, limits, simulate
+from colift.pytree import pytree
 from tests import paper_flights
 from tests.paper_flights import NAMES, believed, exact, fly, number, plan, with_pilot, with_world
 
@@ -265,3 +266,45 @@ def test_a_run_that_blows_up_stops_at_that_tick_and_keeps_what_was_flown():
     assert 1 < len(wild.rows.t) < 20
     assert f"t = {wild.rows.t[-1]:.3f} s" in wild.stopped
     assert all(np.isfinite(getattr(wild.rows, field.name)[:-1]).all() for field in dataclasses.fields(wild.rows))
+
+
+# Native code ----------------------------------------------------------------------------------------------------------
+
+
+def test_a_flight_with_frozen_oracles_in_native_code_is_jax_s():
+    """A second of C3 after an update, with noise: two compilers' rounding, and nothing more."""
+    of = dataclasses.replace(plan("C3"), duration=4.0, updates=(3.5,))
+    oracle = fly(of, 4.0).oracle
+    assert int(oracle.payload.n) > 10
+    setup = with_pilot(of, oracle=oracle).setup
+    by_native = by_jax = simulate.start(setup, of.z)
+    jax_s = jax.jit(simulate._advance)
+    for k in range(2):
+        noise = of.world.draw(jax.random.key(k), paper_flights.ROOM)
+        by_native, rows = simulate.advance(setup, by_native, noise, jnp.asarray(paper_flights.ROOM))
+        by_jax, same = jax_s(setup, by_jax, noise, jnp.asarray(paper_flights.ROOM))
+        assert jax.tree.structure(rows) == jax.tree.structure(same)
+        for field in dataclasses.fields(rows):
+            got, want = np.asarray(getattr(rows, field.name)), np.asarray(getattr(same, field.name))
+            np.testing.assert_allclose(got.astype(float), want.astype(float), atol=1e-9, err_msg=field.name)
+    assert np.abs(rows.f_L_hat).max() > 0.1
+
+
+@pytree
+class Asking(disturbance.Law):
+    """A force that a Python function says, which no C code can call."""
+
+    def __call__(self, at: disturbance.Motion, t: Any, memory: Any) -> tuple[Any, Any]:
+        force = jax.pure_callback(lambda v: -0.1 * np.asarray(v), jax.ShapeDtypeStruct((3,), float), at.v)
+        return force, jnp.zeros(3)
+
+
+def test_a_part_that_native_code_cannot_call_is_flown_by_jax(caplog):
+    of = plan("C1")
+    mount = disturbance.Mount(name="asked", law=Asking(), point=jnp.zeros(3))
+    sources = dataclasses.replace(of.world.sources, payload=(*of.world.sources.payload, mount))
+    with caplog.at_level("INFO", logger="colift.simulate"):
+        flown = fly(with_world(of, sources=sources), 0.02)
+    assert flown.stopped == ""
+    assert "flown by JAX" in caplog.text
+    assert "pure_callback" in caplog.text

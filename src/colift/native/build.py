@@ -27,8 +27,12 @@ from colift import cache
 FLAGS = ("-std=gnu11", "-march=native", "-fno-math-errno", "-fno-trapping-math", "-fPIC",
          "-fvisibility=hidden", "-w")  # fmt: skip
 FAST = ("-O2",)
-QUICK = ("-O1", "-fno-tree-dse", "-fno-dse")  # of a source in pieces: a third of the time to compile, a fifth more to run
-KEPT = 64  # libraries in the cache, 0.1 to 0.5 MB each
+QUICK = (
+    "-O1",
+    "-fno-tree-dse",
+    "-fno-dse",
+)  # of a source in pieces: a third of the time to compile, a fifth more to run
+KEPT = 256  # libraries in the cache: of a flight some 3 MB, of most functions 0.1
 
 log = logging.getLogger(__name__)
 
@@ -81,7 +85,9 @@ def machine() -> str:
     if not version.strip():
         raise CompilerError(f"{shlex.join(command)}: says nothing, so that its libraries have no name to be kept under")
     header = (Path(jax.ffi.include_dir()) / "xla/ffi/api/c_api.h").read_text()
-    return "\n".join([shlex.join(needed()), version, " ".join([*FLAGS, *FAST, *QUICK]), platform.machine(), *processor(), header])
+    return "\n".join(
+        [shlex.join(needed()), version, " ".join([*FLAGS, *FAST, *QUICK]), platform.machine(), *processor(), header]
+    )
 
 
 @functools.cache

@@ -46,5 +46,7 @@ def _constants(jaxpr: core.Jaxpr) -> Iterator[Any]:
 @functools.cache
 def _package() -> str:
     """A digest of the files that write the code."""
-    files = sorted((file for file in resources.files("colift.native").iterdir() if file.is_file()), key=lambda f: f.name)
+    files = sorted(
+        (file for file in resources.files("colift.native").iterdir() if file.is_file()), key=lambda f: f.name
+    )
     return hashlib.sha256(b"\0".join(file.name.encode() + file.read_bytes() for file in files)).hexdigest()

@@ -1,0 +1,92 @@
+"""A flight's tick with frozen oracles: native code beside JAX's loop, many flights at once, more agents.
+
+C3 of the paper's study: 24 posterior means at 256 points, sensors, filters, labels, control, plant, log. The oracles hold
+256 random points, since what a tick costs does not depend on where they are.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+import colift
+from benchmarks import Outcome, ratios, rounds
+from colift import gp, native, simulate
+
+TICKS = 250  # half a second
+FLIGHTS = 256
+
+
+def full(model: gp.GP, rng: np.random.Generator) -> gp.GP:
+    """A posterior with as many points as it can hold."""
+    n = model.X.shape[-2]
+    alpha = rng.normal(size=model.alpha.shape) * 1e-3
+    return dataclasses.replace(
+        model,
+        X=jnp.asarray(rng.normal(size=model.X.shape)),
+        alpha=jnp.asarray(alpha),
+        n=jnp.full(model.n.shape, n),
+    )
+
+
+def ready() -> tuple[simulate.Setup, simulate.Loop, Any]:
+    """C3 with full oracles, at its start, and the noise of half a second."""
+    plan = colift.plan(colift.load("paper"), "C3")
+    rng, oracle = np.random.default_rng(0), plan.pilot.oracle
+    oracle = dataclasses.replace(
+        oracle, payload=full(oracle.payload, rng), agents=tuple(full(group, rng) for group in oracle.agents)
+    )
+    setup = dataclasses.replace(plan, pilot=dataclasses.replace(plan.pilot, oracle=oracle)).setup
+    return setup, simulate.start(setup, plan.z), plan.world.draw(jax.random.key(0), TICKS)
+
+
+def many(setup: simulate.Setup, loop: simulate.Loop, noise: Any) -> Callable[[], object]:
+    """Half a second of flights that differ in noise and unknown forces."""
+    ticks, rng = jnp.asarray(TICKS), np.random.default_rng(1)
+    shares = jnp.asarray(rng.uniform(0.5, 1.0, FLIGHTS))
+    drawn = jax.tree.map(
+        lambda x: jnp.asarray(np.asarray(x)[None] * rng.choice([-1.0, 1.0], (FLIGHTS,) + (1,) * x.ndim)), noise
+    )
+
+    def one(share: jax.Array, noise: Any) -> Any:
+        world = dataclasses.replace(setup.world, acting=share)
+        return simulate._advance(dataclasses.replace(setup, world=world), loop, noise, ticks)[0]
+
+    run = jax.jit(jax.vmap(native.compile(one, threads=1)))
+    return lambda: jax.block_until_ready(run(shares, drawn))
+
+
+def run(seconds: float) -> Outcome:
+    """Ratios to JAX's loop in the same run; times real time."""
+    setup, loop, noise = ready()
+    ticks, by_jax = jnp.asarray(TICKS), jax.jit(simulate._advance)
+    contenders = {
+        "native": (lambda: jax.block_until_ready(simulate.advance(setup, loop, noise, ticks)), TICKS),
+        "JAX": (lambda: jax.block_until_ready(by_jax(setup, loop, noise, ticks)), TICKS),
+        f"{FLIGHTS} at once, native, one core": (many(setup, loop, noise), TICKS * FLIGHTS),
+    }
+    times = rounds(contenders, seconds)
+    to, dt = ratios(times, "native"), float(setup.dt)
+    figures = {
+        name: {
+            "us_a_tick": float(np.median(t)) * 1e6,
+            "over_native": to[name],
+            "times_real_time": dt / float(np.median(t)),
+        }
+        for name, t in times.items()
+    }
+    for name, one in figures.items():
+        print(f"  {name:<34} {one['us_a_tick']:>8.4g} us a tick, {one['times_real_time']:>6.3g} times real time")
+    flight, batch = figures["native"]["us_a_tick"] * 1e-6 * 20 / dt, list(figures.values())[-1]["times_real_time"]
+    return Outcome(
+        figures,
+        {
+            f"a flight of 20 s takes {flight:.2f} s, within 1.5 s": flight <= 1.5,
+            f"{FLIGHTS} flights fly {batch:.1f} times real time on a core, at least 25": batch >= 25,
+        },
+    )
