@@ -1,7 +1,7 @@
 """A flight's tick with frozen oracles: native code beside JAX's loop, many flights at once, more agents.
 
-C3 of the paper's study: 24 posterior means at 256 points, sensors, filters, labels, control, plant, log. The oracles hold
-256 random points, since what a tick costs does not depend on where they are.
+C3 of the paper's study: 24 posterior means at 256 points, sensors, filters, labels, control, plant, log. The points are
+random, since what a tick costs does not depend on where they are.
 """
 
 from __future__ import annotations

@@ -124,7 +124,7 @@ OPERATIONS = {
         jnp.linalg.inv(A),
         jnp.linalg.det(A),
         jnp.linalg.eigvalsh(A @ A.T),
-        jnp.linalg.eigvalsh(jnp.stack([A + A.T, jnp.zeros((4, 4)), jnp.eye(4), jnp.diag(jnp.array([1.0, 1, -2, 1e-9]))])),
+        jnp.linalg.eigvalsh(jnp.stack([A + A.T, 0 * A, jnp.eye(4), jnp.diag(jnp.array([1.0, 1, -2, 1e-9]))])),
         (lambda e: e[1] @ jnp.diag(e[0]) @ e[1].T)(jnp.linalg.eigh(A + A.T)),
     ),
     "triangular": lambda x, A: tuple(

@@ -117,8 +117,8 @@ def key(*parts: str) -> str:
 def library(name: str, source: Callable[[], str]) -> ctypes.CDLL:
     """What C source compiles to, or the cache has; where that cannot be written, from this process's own folder.
 
-    `name` is the `key` of what the source is made of; it is made only where it is needed. Raises `CompilerError` with the compiler's own words, and `Unavailable` where the
-    library can be loaded from neither folder.
+    `name` is the `key` of what the source is made of; it is made only where it is needed. Raises `CompilerError` with
+    the compiler's own words, and `Unavailable` where the library can be loaded from neither folder.
     """
     folders = (lambda: cache.folder("native")), _own
     for folder in folders:

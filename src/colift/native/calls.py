@@ -173,8 +173,8 @@ def _rows(body: Body, nodes: np.ndarray, mask: np.ndarray) -> tuple[Place, np.nd
     at = body.g.places(some)
     stride = int(some[1, 0] - some[0, 0]) if len(some) > 1 else 0
     if at[0, 0] >= 0 and (at == at[0, 0]).all() and (np.diff(some, axis=0) == stride).all() and stride >= 0:
-        start, _, *where = body.g.ranges[int(at[0, 0])]
-        place = body.place(*where)
+        start, _, kind, array, block = body.g.ranges[int(at[0, 0])]
+        place = body.place(kind, array, block)
         if not place.thin:
             return place, elements, some[0] - start, stride
     whole = body.pack(nodes.ravel(), np.tile(mask, len(nodes)))

@@ -245,8 +245,8 @@ class Body:
         for kind, first, n, step in runs(self.g.places(nodes[at]), nodes[at], at, self.g.known(nodes[at])):
             k, value = int(at[first]), self.expression(int(nodes[at[first]]))
             if kind == "row" and n > 3:
-                start, _, *where = self.g.ranges[int(self.g.places(nodes[at[first : first + 1]])[0])]
-                source = self.place(*where) + (int(nodes[k]) - start)
+                start, _, of, array, block = self.g.ranges[int(self.g.places(nodes[at[first : first + 1]])[0])]
+                source = self.place(of, array, block) + (int(nodes[k]) - start)
                 if step == 1 and not source.thin:
                     self.say(f"memcpy({to + k}, {source}, {n} * sizeof(V_{w}));")
                 else:

@@ -39,7 +39,7 @@ def _window(
         base=at[:, 0],
         offset=at[0] - at[0, 0],
         stride=tuple(math.prod(shape[int(k) + 1 :]) for k in index_map),
-        last=tuple(shape[k] - window[k] for k in index_map),
+        last=tuple(shape[int(k)] - window[int(k)] for k in index_map),
         drops=drops,
     )
 

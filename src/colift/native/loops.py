@@ -85,20 +85,22 @@ def _loop(g: Graph, eqn: Equation, *x: Nodes) -> list[Nodes]:
     p = eqn.params
     length, ways = p["length"], p["ways"]
     mapped = tuple(axis is not None for axis in p["axes"])
-    x = [a if axis is None else np.moveaxis(a, axis, 0) for a, axis in zip(x, p["axes"], strict=True)]
+    along = [a if axis is None else np.moveaxis(a, axis, 0) for a, axis in zip(x, p["axes"], strict=True)]
 
     def run(inner: Graph, nodes: Sequence[Nodes]) -> list[Nodes]:
         return evaluate(inner, p["body"], p["results"], dict(zip(p["arguments"], nodes, strict=True)))
 
     if length == 1 or length * work(p["body"]) <= INLINE:
-        rows = [run(g, [np.asarray(a[i]) if m else a for a, m in zip(x, mapped, strict=True)]) for i in range(length)]
+        rows = [
+            run(g, [np.asarray(a[i]) if m else a for a, m in zip(along, mapped, strict=True)]) for i in range(length)
+        ]
         return [_together(g, column, way) for column, way in zip(zip(*rows, strict=True), ways, strict=True)]
     avals = [v.aval for v in p["arguments"]]
-    body = function(g, avals, run, [_alike(a) if m else a for a, m in zip(x, mapped, strict=True)])
+    body = function(g, avals, run, [_alike(a) if m else a for a, m in zip(along, mapped, strict=True)])
     joins = tuple(way if isinstance(way, str) else "" for way in ways)
     sizes = [out.size * (1 if join else length) for out, join in zip(body.outputs, joins, strict=True)]
-    out = g.block(Over, x, sizes, function=body, length=length, mapped=mapped, joins=joins)
-    rows = {k: a.reshape(length, -1) for k, (a, m) in enumerate(zip(x, mapped, strict=True)) if m}
+    out = g.block(Over, along, sizes, function=body, length=length, mapped=mapped, joins=joins)
+    rows = {k: a.reshape(length, -1) for k, (a, m) in enumerate(zip(along, mapped, strict=True)) if m}
     stacks = [k for k, join in enumerate(joins) if not join]
     some = Function(inputs=(), graph=body.graph, outputs=[body.outputs[k] for k in stacks])
     for k, result in zip(stacks, _results(g, some, rows, [out[k].reshape(length, -1) for k in stacks]), strict=True):

@@ -54,8 +54,8 @@ def rolled(equations: Sequence[Equation]) -> dict[Equation, Rows]:
                     take(e, form)
 
     for e in equations:
-        if e.primitive.name == "over":
-            take(e, along(e, 0))
+        if e.primitive.name == "over" and (form := along(e, 0)) is not None:
+            take(e, form)
     spread()
     for e in sorted(equations, key=lambda e: -work([e])):
         if e not in found and work([e]) > LARGE and (form := _longest(e)) is not None:
@@ -152,11 +152,13 @@ def _loop(group: Sequence[tuple[Equation, Rows]], used: set[Value]) -> Equation:
             more, results = flatten(e.params["jaxpr"], operands, e.place)
             body += more
         else:
-            results = [Value(v.aval) if form.join else less(v, a) for v, a in zip(e.outvars, ways, strict=True)]
+            results = [
+                Value(v.aval) if isinstance(a, str) else less(v, a) for v, a in zip(e.outvars, ways, strict=True)
+            ]
             body.append(replace(e, params=form.params, invars=operands, outvars=results))
         for v, mine, way in zip(e.outvars, results, ways, strict=True):
             made[v] = mine, way
-            if not form.join:
+            if not isinstance(way, str):
                 inner[v, way] = mine
     outputs = [v for e, _ in group for v in e.outvars if v in used]
     params = {
