@@ -27,11 +27,8 @@ from colift import cache
 FLAGS = ("-std=gnu11", "-march=native", "-fno-math-errno", "-fno-trapping-math", "-fPIC",
          "-fvisibility=hidden", "-w")  # fmt: skip
 FAST = ("-O2",)
-QUICK = (
-    "-O1",
-    "-fno-tree-dse",
-    "-fno-dse",
-)  # of a source in pieces: a third of the time to compile, a fifth more to run
+# of parts of long functions: a third of the time to compile; all that they store is needed
+QUICK = ("-O1", "-fno-tree-dse", "-fno-dse")
 KEPT = 256  # libraries in the cache: of a flight some 3 MB, of most functions 0.1
 
 log = logging.getLogger(__name__)
@@ -180,17 +177,18 @@ def _compile(source: str) -> bytes:
     with tempfile.TemporaryDirectory(dir=_own()) as folder:
         code, out = Path(folder) / "native.c", Path(folder) / "native.so"
         code.write_text(source)
-        files, level, pieces = [str(code)], FAST, re.search(r"^#define PIECES (\d+)$", source, re.MULTILINE)
+        files, pieces = [str(code)], re.search(r"^#define PIECES (\d+)\n#define WHOLE (\d+)$", source, re.MULTILINE)
         include = ["-I", jax.ffi.include_dir()]
         if pieces and int(pieces[1]) > 1:
-            level, files = QUICK, [str(Path(folder) / f"{k}.o") for k in range(int(pieces[1]))]
+            files = [str(Path(folder) / f"{k}.o") for k in range(int(pieces[1]))]
+            levels = [FAST if k < int(pieces[2]) else QUICK for k in range(len(files))]
             commands = [
-                [*needed(), *FLAGS, *level, *include, "-c", f"-DPIECE={k}", str(code), "-o", file]
+                [*needed(), *FLAGS, *levels[k], *include, "-c", f"-DPIECE={k}", str(code), "-o", file]
                 for k, file in enumerate(files)
             ]
             with concurrent.futures.ThreadPoolExecutor(cores()) as pool:
                 list(pool.map(_run, commands))
-        command = [*needed(), *FLAGS, "-shared", *level, *include, *files, "-o", str(out), "-lm", "-lpthread"]
+        command = [*needed(), *FLAGS, *FAST, "-shared", *include, *files, "-o", str(out), "-lm", "-lpthread"]
         _run(command)
         made = out.read_bytes() if out.exists() else b""
     if not made:

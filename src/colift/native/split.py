@@ -13,6 +13,7 @@ import numpy as np
 
 LONGEST = 1000  # lines of one part
 PIECE = 8000  # lines of what is compiled at once
+PART = re.compile(r"OWN .*? f\d+_\d+\(")
 NAME = re.compile(r"\bx\d+\b")
 PARAMETER = re.compile(r"\b(?:[ao]\d+|m|go)\b")
 
@@ -50,16 +51,30 @@ def _function(name: str, parameters: Sequence[str], body: Sequence[str]) -> str:
 
 
 def pieces(functions: Sequence[str]) -> str:
-    """The text of functions, in their order, in as many pieces as it takes for none to be long; ends in piece 0."""
+    """The text of functions in as many pieces as it takes for none to be long; those of parts of functions come last.
+
+    Parts lie behind so that they can be compiled otherwise: what is not cut is short, and what runs most.
+    """
     single = [text for many in functions for text in re.split(r"^(?=OWN )", many, flags=re.MULTILINE) if text]
     heads = [text.split(" {\n", 1)[0] + ";" for text in single]
+    whole, parts = ([text for text in single if (PART.match(text) is not None) == cut] for cut in (False, True))
+    if sum(text.count("\n") for text in single) <= PIECE:
+        found, apart = [single], 1
+    else:
+        found = _filled(whole)
+        apart = len(found)
+        found += _filled(parts)
+    guarded = [f"#if IN({k})\n{''.join(piece)}#endif\n" for k, piece in enumerate(found)]
+    return "\n".join([f"#define PIECES {len(found)}\n#define WHOLE {apart}", *heads, *guarded])
+
+
+def _filled(texts: Sequence[str]) -> list[list[str]]:
     found: list[list[str]] = [[]]
-    for text in single:
+    for text in texts:
         if sum(part.count("\n") for part in found[-1]) > PIECE:
             found.append([])
         found[-1].append(text)
-    guarded = [f"#if IN({k})\n{''.join(piece)}#endif\n" for k, piece in enumerate(found)]
-    return "\n".join([f"#define PIECES {len(found)}", *heads, *guarded])
+    return found
 
 
 def _parts(lines: Sequence[Line], lanes: int, room: int) -> tuple[list[list[str]], int]:
