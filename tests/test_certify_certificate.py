@@ -16,11 +16,12 @@ import pytest
 from rich.console import Console
 from typer.testing import CliRunner
 
-from colift import __main__, folder, gp, learn, scenario, simulate, study, view
+from colift import __main__, actuator, fly, folder, gp, learn, scenario, sensor, simulate, study, view
 from colift.certify import adversary, assumed, certificate, interface, reach
 from colift.gp import recovery
 from colift.gp.bounds import Assumption
 from colift.scenario import Settings
+from tests.paper_flights import number, plan, with_pilot, with_world
 
 NAMES = ("energy", "srinivas", "recovery")
 LAYER = interface.Interface(np.ones(2), 1.0, np.ones((2, 3)), np.ones(2), np.ones((2, 3)))
@@ -465,3 +466,19 @@ def test_what_has_no_radius_has_no_row(tmp_path, capsys, save, drawn):
     assert not re.search("none|assumed|nan|inf", printed)
     assert "no radius: the data contradict the stated norm and label errors" in printed
     assert not [text for text in drawn if "radius for" in text]
+
+
+@pytest.mark.parametrize(
+    ("change", "named"),
+    [
+        (lambda p: with_pilot(p, leader=fly.Integral(leader=p.pilot.leader, K_i=number(0.1), k_i=number(0.1))), "leader Integral"),
+        (lambda p: with_pilot(p, predictor=fly.Observed(predictor=p.pilot.predictor, bandwidth=number(2.0))), "predictor Observed"),
+        (lambda p: with_world(p, actuators=actuator.Motors(bandwidth=number(8.0), limits=())), "actuators Motors"),
+        (lambda p: with_world(p, extra=(sensor.Drifting(of=("payload.p",), rate=number(0.1)),)), "sensor 0 Drifting"),
+    ],
+)
+def test_a_part_that_the_equations_do_not_hold_for_is_refused_by_name(change, named):
+    of = plan("C3")
+    certificate.refuse(of)
+    with pytest.raises(ValueError, match=f"do not hold for {named}$"):
+        certificate.refuse(change(of))

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from colift import band, control, learn, response, simulate
+from colift import actuator, band, control, dynamics, estimate, fly, learn, response, sensor, simulate
 from colift.certify import assumed, reach, rotation, translation, tube
 from colift.certify.interface import Interface
 from colift.certify.reach import Body
@@ -25,6 +25,7 @@ from colift.certify.tube import Tube
 from colift.gp import bounds
 from colift.model import PayloadState
 from colift.response import Response
+from colift.world import Simulated
 
 Matrix = NDArray[np.float64]
 Progress = Callable[[str], None]
@@ -121,8 +122,10 @@ def certify(
     """The certificate of a flight under some of `BOUNDS`, the energy bound always among them.
 
     of_twin: the flight of `twin`; loop: the response of the plan's pilot around rest, of an oracle that predicts zero.
-    Raises ValueError for a flight or twin that stopped early, or that never learned, or a loop that is unstable.
+    Raises ValueError for parts it knows nothing of (`refuse`), a flight or twin that stopped early, or that never
+    learned, or a loop that is unstable.
     """
+    refuse(plan)
     for name, flown in (("flight", flight), ("twin", of_twin)):
         if flown.stopped:
             raise ValueError(f"no certificate: the {name} stopped: {flown.stopped}")
@@ -190,6 +193,30 @@ class Grid:
     at: NDArray[np.intp]  # indices into path
     window: slice  # ticks
     step: float  # s
+
+
+def refuse(plan: simulate.Plan) -> None:
+    """Raise ValueError for parts of a plan that a certificate does not hold for, all by name.
+
+    Its equations are those of the paper's leader, the frozen oracles, our allocations, realization and plant; actuators
+    and sensors with a memory are not in them.
+    """
+    pilot, world = plan.pilot, plan.world
+    known = {
+        "pilot": (pilot, (fly.LeaderFollower,)),
+        "leader": (getattr(pilot, "leader", None), (fly.Geometric,)),
+        "predictor": (getattr(pilot, "predictor", None), (fly.Learned,)),
+        "allocator": (getattr(pilot, "allocator", None), (fly.Linear,)),
+        "realizer": (getattr(pilot, "realizer", None), (fly.Aligned,)),
+        "estimator": (getattr(pilot, "estimator", None), (estimate.Estimator,)),
+        "world": (world, (Simulated,)),
+        "plant": (getattr(world, "plant", None), (dynamics.Rigid,)),
+        "actuators": (getattr(world, "actuators", None), (actuator.Ideal,)),
+        **{f"sensor {k}": (one, (sensor.Rig, sensor.Informant)) for k, one in enumerate(getattr(world, "extra", ()))},
+    }
+    other = [f"{name} {type(part).__name__}" for name, (part, ours) in known.items() if type(part) not in ours]
+    if other:
+        raise ValueError(f"no certificate: its equations do not hold for {', '.join(other)}")
 
 
 def path_of(plan: simulate.Plan, flight: simulate.Flight, step: float) -> Grid:
