@@ -471,8 +471,14 @@ def test_what_has_no_radius_has_no_row(tmp_path, capsys, save, drawn):
 @pytest.mark.parametrize(
     ("change", "named"),
     [
-        (lambda p: with_pilot(p, leader=fly.Integral(leader=p.pilot.leader, K_i=number(0.1), k_i=number(0.1))), "leader Integral"),
-        (lambda p: with_pilot(p, predictor=fly.Observed(predictor=p.pilot.predictor, bandwidth=number(2.0))), "predictor Observed"),
+        (
+            lambda p: with_pilot(p, leader=fly.Integral(leader=p.pilot.leader, K_i=number(0.1), k_i=number(0.1))),
+            "leader Integral",
+        ),
+        (
+            lambda p: with_pilot(p, predictor=fly.Observed(predictor=p.pilot.predictor, bandwidth=number(2.0))),
+            "predictor Observed",
+        ),
         (lambda p: with_world(p, actuators=actuator.Motors(bandwidth=number(8.0), limits=())), "actuators Motors"),
         (lambda p: with_world(p, extra=(sensor.Drifting(of=("payload.p",), rate=number(0.1)),)), "sensor 0 Drifting"),
     ],
