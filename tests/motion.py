@@ -12,12 +12,12 @@ import numpy as np
 
 from colift import agent as ag
 from colift import dynamics, grasp
-from colift.model import AgentInput, Residual, State, Team, no_force
+from colift.model import AgentInput, Inputs, Residual, State, Team, no_force
 from tests import teams
 from tests.pinocchio_team import PinocchioTeam
 
 
-def idle(team: Team) -> dynamics.Inputs:
+def idle(team: Team) -> Inputs:
     """No thrust, no torques."""
     return tuple(
         AgentInput(u=jnp.zeros(n), tau=jnp.zeros((n, 3)), tau_r=jnp.zeros((n, group.tree.joints)))
@@ -68,7 +68,7 @@ def momentum(team: Team, z: State) -> jax.Array:
     return jnp.concatenate([P, L])
 
 
-def step(team: Team, z: State, inputs: dynamics.Inputs, f: Residual, dt: jax.Array, projected: jax.Array) -> State:
+def step(team: Team, z: State, inputs: Inputs, f: Residual, dt: jax.Array, projected: jax.Array) -> State:
     """One step; the projection may be left out."""
     z = dynamics.integrate(team, z, inputs, lambda _z, _t: f, dt)
     return jax.lax.cond(projected, lambda z: dynamics.project(team, z), lambda z: z, z)
@@ -76,7 +76,7 @@ def step(team: Team, z: State, inputs: dynamics.Inputs, f: Residual, dt: jax.Arr
 
 @jax.jit
 def run(
-    team: Team, z: State, inputs: dynamics.Inputs, f: Residual, dt: jax.Array, steps: jax.Array, projected: jax.Array
+    team: Team, z: State, inputs: Inputs, f: Residual, dt: jax.Array, steps: jax.Array, projected: jax.Array
 ) -> State:
     """The state after a number of steps under constant inputs."""
     return jax.lax.fori_loop(0, steps, lambda _, z: step(team, z, inputs, f, dt, projected), z)
@@ -120,7 +120,7 @@ def track(
     return z, jax.tree.map(lambda first, rest: jnp.concatenate([first[None], rest]), observe(start), seen)
 
 
-def forced(team: Team, seed: int, hover: float = 1.0) -> tuple[dynamics.Inputs, Residual]:
+def forced(team: Team, seed: int, hover: float = 1.0) -> tuple[Inputs, Residual]:
     """Constant inputs about a share of hover and a constant force on the payload."""
     rng, f = np.random.default_rng(seed), no_force(team)
     mass = float(team.payload.mass + sum(group.mass.sum() for group in team.groups))
@@ -155,7 +155,7 @@ def convergence(team: Team, z: State, seed: int, projected: bool, hover: float =
 
 
 @functools.partial(jax.jit, static_argnames="steps")
-def arrival(team: Team, z: State, inputs: dynamics.Inputs, f: Residual, *, steps: int) -> jax.Array:
+def arrival(team: Team, z: State, inputs: Inputs, f: Residual, *, steps: int) -> jax.Array:
     """A smooth number that depends on everything: where payload and agents are, and how fast, after some steps."""
     dt = jnp.array(1e-3)
 
@@ -167,7 +167,7 @@ def arrival(team: Team, z: State, inputs: dynamics.Inputs, f: Residual, *, steps
     return sum(jnp.sin((1.0 + i) * part + 0.1 * jnp.arange(float(len(part)))).sum() for i, part in enumerate(parts))
 
 
-def _varied(s: jax.Array, case: tuple) -> tuple[Team, State, dynamics.Inputs, Residual]:
+def _varied(s: jax.Array, case: tuple) -> tuple[Team, State, Inputs, Residual]:
     """The case with masses, inertias, velocities, inputs and forces changed by s; positions stay on the grasp."""
     team, z, inputs, f, turns, F = case
     scale = lambda x, k: x * (1 + s * k)  # noqa: E731

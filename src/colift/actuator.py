@@ -10,11 +10,10 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from colift.lowpass import blend
-from colift.model import AgentInput, Clock
+from colift.model import AgentInput, Clock, Inputs
 from colift.pytree import pytree, static
 
 Scalar = Float[Array, ""]
-Inputs = tuple[AgentInput, ...]
 
 
 @pytree

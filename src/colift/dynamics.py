@@ -8,7 +8,7 @@ acceleration, and back-substitution gives every contact force. Cost O(N), never 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 
 import jax
 import jax.numpy as jnp
@@ -23,17 +23,17 @@ from colift.model import (
     AgentForce,
     AgentInput,
     AgentState,
+    Inputs,
     Payload,
     PayloadState,
     Residual,
     State,
     Team,
+    Unknown,
     agent_names,
 )
 from colift.over import over
 from colift.pytree import pytree
-
-Inputs = tuple[AgentInput, ...]
 
 CONSISTENT = 1e-12  # m and m/s, what a consistent start state may still be off: rounding, for a team of metres
 NEWTON_ITERATIONS = 50
@@ -241,13 +241,7 @@ def rate(z: State, d: Shift, a: Acceleration) -> Shift:
     return Shift(agents=agents, payload=jnp.concatenate([turn, q.v, a.payload[3:], a.payload[:3]]))
 
 
-def integrate(
-    team: Team,
-    z: State,
-    inputs: Inputs,
-    residual: Callable[[State, Float[Array, ""]], Residual],
-    dt: Float[Array, ""],
-) -> State:
+def integrate(team: Team, z: State, inputs: Inputs, residual: Unknown, dt: Float[Array, ""]) -> State:
     """One classical Runge-Kutta step of order 4 in local coordinates (Munthe-Kaas), inputs held.
 
     residual: of a state and of the time since the step began, s. The stages run in a scan, so the model is compiled
@@ -314,14 +308,7 @@ class Rigid:
         """`accelerate`."""
         return accelerate(team, z, inputs, f)
 
-    def step(
-        self,
-        team: Team,
-        z: State,
-        inputs: Inputs,
-        residual: Callable[[State, Float[Array, ""]], Residual],
-        dt: Float[Array, ""],
-    ) -> State:
+    def step(self, team: Team, z: State, inputs: Inputs, residual: Unknown, dt: Float[Array, ""]) -> State:
         """`integrate`, then `project`."""
         return project(team, integrate(team, z, inputs, residual, dt))
 

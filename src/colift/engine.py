@@ -19,8 +19,8 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from colift import mjcf
-from colift.dynamics import Acceleration, AgentAcceleration, Inputs
-from colift.model import Residual, State, Team, agent_names
+from colift.dynamics import Acceleration, AgentAcceleration
+from colift.model import Inputs, Residual, State, Team, Unknown, agent_names
 from colift.pytree import pytree, static
 
 try:
@@ -34,9 +34,6 @@ OFF = (  # inputs are as given, a result depends on no call before, and what is 
     mujoco.mjtDisableBit.mjDSBL_WARMSTART,
     mujoco.mjtDisableBit.mjDSBL_AUTORESET,
 )
-
-
-Unknown = Callable[[State, Float[Array, ""]], Residual]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -14,16 +14,14 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from colift import allocate as al
-from colift import control, grasp, learn, reference, so3
-from colift.balance import payload as inertial
+from colift import balance, control, grasp, learn, reference, so3
 from colift.estimate import Estimate
 from colift.lowpass import blend
 from colift.measurement import Measurement
-from colift.model import AgentInput, Clock, Residual, State, Team, Wrench
+from colift.model import AgentInput, Clock, Inputs, Residual, State, Team, Wrench
 from colift.pytree import pytree
 
 Scalar = Float[Array, ""]
-Inputs = tuple[AgentInput, ...]
 
 
 @pytree
@@ -177,7 +175,7 @@ class Observed:
         past, of_other = memory
         f, of_other = self.predictor.predict(of_other, oracle, now, to)
         q, a = now.q_hat.payload, now.q_hat.a_L
-        W = inertial(now.team.payload, a[:3] - now.team.gravity, a[3:], q.omega)
+        W = balance.payload(now.team.payload, a[:3] - now.team.gravity, a[3:], q.omega)
         left = jnp.concatenate([W.F - now.W.F, W.tau - now.W.tau])
         # before the first tick there was no command to explain anything
         d = past + now.ticks * blend(self.bandwidth, now.clock.dt) * (left - past)

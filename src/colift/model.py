@@ -8,7 +8,7 @@ which the plant integrates, and the nominal one, which flies.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import jax
 import jax.numpy as jnp
@@ -177,6 +177,12 @@ class Residual:
 
     agents: tuple[AgentForce, ...]
     payload: Wrench
+
+
+Inputs = tuple[AgentInput, ...]
+"""What acts on the agents or is asked of them, by group."""
+Unknown = Callable[[State, Float[Array, ""]], Residual]
+"""The residual of a state and of the time since a step began, s."""
 
 
 def flat_agent(q: AgentState) -> Float[Array, "inputs"]:

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from colift import balance, band, dynamics, fly, grasp, interrupt, learn, limits, native, so3
-from colift.model import Agent, AgentForce, AgentInput, AgentState, Clock, Residual, State, Team, Wrench
+from colift.model import Agent, AgentForce, AgentInput, AgentState, Clock, Inputs, Residual, State, Team, Wrench
 from colift.pytree import pytree
 from colift.world import Truth
 
@@ -91,7 +91,7 @@ class Row:
     singular: Float[Array, "*time agents"]
 
 
-def residual(nominal: Team, z: State, a: dynamics.Acceleration, lam: tuple, inputs: dynamics.Inputs) -> Residual:
+def residual(nominal: Team, z: State, a: dynamics.Acceleration, lam: tuple, inputs: Inputs) -> Residual:
     """What the nominal equations leave over when the truth accelerates by `a`: the labels without any error.
 
     It is `f_uk` itself where the parameters are right, and holds the mass and inertia mismatch where they are not.
@@ -231,12 +231,11 @@ def advance(setup: Setup, loop: Loop, noise: Any, ticks: Int[Array, ""]) -> tupl
     The number of ticks is data, not shape: intervals of any length share one compiled program.
     """
     leaves, structure = jax.tree.flatten((setup, loop, noise, ticks))
-    like = tuple(jax.ShapeDtypeStruct(jnp.shape(x), jnp.result_type(x)) for x in leaves)
-    return _compiled(structure, like)(setup, loop, noise, ticks)
+    return _compiled(structure, tuple(map(jax.typeof, leaves)))(setup, loop, noise, ticks)
 
 
 @functools.cache
-def _compiled(structure: Any, like: tuple[jax.ShapeDtypeStruct, ...]) -> Callable[..., tuple[Loop, Row]]:
+def _compiled(structure: Any, like: tuple[Any, ...]) -> Callable[..., tuple[Loop, Row]]:
     """`_advance` for arguments like these."""
     compiled = jax.jit(native.compile(_advance))
     try:

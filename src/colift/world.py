@@ -6,7 +6,6 @@ compiles. What flies gets `sense`'s measurement and nothing else; `Truth` goes t
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any, Protocol, runtime_checkable
 
 import jax
@@ -16,11 +15,10 @@ from jaxtyping import Array, Float
 from colift import actuator, disturbance, dynamics, sensor
 from colift.lowpass import blend
 from colift.measurement import Measurement
-from colift.model import AgentInput, Clock, Residual, State, Team, no_force
+from colift.model import Clock, Inputs, Residual, State, Team, Unknown, no_force
 from colift.pytree import pytree
 
 Scalar = Float[Array, ""]
-Inputs = tuple[AgentInput, ...]
 
 
 @pytree
@@ -63,9 +61,7 @@ class Plant(Protocol):
         """Accelerations, and contact forces on the payload, N, world."""
         ...
 
-    def step(
-        self, team: Team, z: State, inputs: Inputs, residual: Callable[[State, Scalar], Residual], dt: Scalar
-    ) -> State:
+    def step(self, team: Team, z: State, inputs: Inputs, residual: Unknown, dt: Scalar) -> State:
         """The state after dt, s, inputs held; residual: of a state and of the time since the step began."""
         ...
 
