@@ -15,6 +15,7 @@ from ruamel.yaml.comments import CommentedMap, CommentedSeq
 from colift import scenario
 from colift.scenario import ScenarioError, Settings
 from colift.scenario.describe import markdown
+from colift.scenario.from_csv import WaypointsFromFile
 from colift.scenario.from_urdf import AgentTypeFromUrdf
 from colift.scenario.read import SHIPPED
 from colift.scenario.settings import AgentType, Body, Revolute
@@ -435,7 +436,7 @@ def test_sections_made_in_python_are_refused_in_the_same_words():
 def test_the_reference_page_is_what_the_models_say():
     page = (Path(__file__).parents[1] / "docs" / "scenarios.md").read_text(encoding="utf-8")
     told = page.partition("<!-- settings -->\n")[2]
-    assert told.strip() == markdown(Settings, AgentTypeFromUrdf).strip(), (
+    assert told.strip() == markdown(Settings, AgentTypeFromUrdf, WaypointsFromFile).strip(), (
         "rebuild it: .venv/bin/python docs/settings.py"
     )
     missing = [line for line in told.splitlines() if line.startswith("| `") and line.rstrip().endswith("|  |")]

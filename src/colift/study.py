@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from colift import actuator, analyse, disk, dynamics, fly, folder, learn, log, modes, response, sensor, simulate, world
+from colift import analyse, disk, fly, folder, learn, log, modes, response, sensor, simulate
 from colift.certify import adversary, assumed, certificate, interface
 from colift.folder import Folder
 from colift.model import no_force
@@ -61,19 +61,10 @@ def plans(settings: Settings, cases: Sequence[str]) -> dict[str, simulate.Plan]:
         function, deviation = drawn
         sources = dataclasses.replace(sources, functions=(learn.Function(oracle=function),))
         error = jax.tree.map(lambda f: given.rig_error * f, deviation)
-    sensors, pilot = build.sensors(settings), build.pilot(settings, nominal)
+    pilot = build.pilot(settings, nominal)
     build.hover(settings, truth, pilot, sources)
     c1 = simulate.Plan(
-        world=world.Simulated(
-            team=truth,
-            plant=dynamics.Rigid(),
-            sources=sources,
-            acting=jnp.asarray(1.0),
-            actuators=actuator.Ideal(),
-            sensors=sensors,
-            lam_bias=sensor.bias(truth, sensors, jax.random.fold_in(jax.random.key(settings.seed), 1)),
-            extra=(sensor.Rig(error=error),) if given.samples == "rig" else (),
-        ),
+        world=build.world(settings, truth, sources, error),
         pilot=pilot,
         limits=build.bounds(settings, truth, z),
         dt=1 / settings.control_Hz,

@@ -3,6 +3,7 @@
 quantities  its numbers, each with the range in which it can be meant
 settings    what a scenario may say
 references  what its sections say about each other
+own         a part that a scenario names as `module:Name`
 mistake     a place in the data, and what is said of it
 validation  what pydantic finds wrong, in words
 tree        a YAML text as plain data with lines
@@ -14,6 +15,6 @@ build       settings to teams, disturbances, sensors, gains and the start
 
 from colift.scenario.mistake import ScenarioError
 from colift.scenario.read import load, names, parse
-from colift.scenario.settings import Settings
+from colift.scenario.settings import Section, Settings
 
-__all__ = ["ScenarioError", "Settings", "load", "names", "parse"]
+__all__ = ["ScenarioError", "Section", "Settings", "load", "names", "parse"]

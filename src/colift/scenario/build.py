@@ -9,14 +9,15 @@ from __future__ import annotations
 import dataclasses
 import functools
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from colift import agent as ag
 from colift import (
+    actuator,
     allocate,
     band,
     control,
@@ -33,6 +34,7 @@ from colift import (
     sensor,
     so3,
 )
+from colift import agent as ag
 from colift.gp.bounds import Assumption
 from colift.linalg import mul
 from colift.model import (
@@ -51,6 +53,7 @@ from colift.model import (
 from colift.scenario import settings as s
 from colift.scenario.mistake import ScenarioError
 from colift.scenario.references import bodies
+from colift.world import Plant, Simulated
 
 EYE = np.eye(3)
 
@@ -228,6 +231,7 @@ LAWS: dict[type, Callable[..., disturbance.Law]] = {
     ),
     s.Jet: lambda x: disturbance.Jet(force=_array(x.force_N), center=_array(x.center_m), width=_array(x.width_m)),
     s.RotorBias: lambda x: disturbance.RotorBias(thrust=_array(x.thrust_N), torque=_array(x.torque_Nm)),
+    s.OwnLaw: lambda x: _own(x, f"disturbances: {x.name}", disturbance.Law),
 }
 
 
@@ -241,9 +245,9 @@ def drawn(settings: s.Settings, truth: Team, z: State) -> tuple[learn.Oracle, Re
     if given is None:
         return None
     rng = np.random.default_rng((settings.seed, 4))
-    moving = (
-        settings.reference.ramp_s if isinstance(settings.reference, s.Lissajous) else settings.reference.poses[0].t_s
-    )
+    moves = settings.reference
+    assert not isinstance(moves, s.Own), "scenario.references refuses it"
+    moving = moves.ramp_s if isinstance(moves, s.Lissajous) else moves.poses[0].t_s
     where, along = (
         _carried(path(settings), z, jnp.asarray(t))
         for t in (
@@ -291,6 +295,82 @@ def _carried(path: reference.Reference, z: State, t: Array) -> tuple[Array, tupl
         for q in z.agents
     )
     return learn.payload_features(model.flat_payload(load, jnp.zeros(6))), agents
+
+
+def world(settings: s.Settings, truth: Team, sources: disturbance.Disturbances, rig: Residual) -> Simulated:
+    """The truth that the team meets; rig: largest error of the calibration rig's labels, which flies where it is asked.
+
+    Raises ScenarioError for a part of one's own that is none.
+    """
+    seen = sensors(settings)
+    then = tuple(_reading(x, f"sensors.then.{i}", settings) for i, x in enumerate(settings.sensors.then))
+    ours = Simulated(
+        team=truth,
+        plant=dynamics.Rigid(),
+        sources=sources,
+        acting=jnp.asarray(1.0),
+        actuators=actuator.Ideal(),
+        sensors=seen,
+        lam_bias=sensor.bias(truth, seen, jax.random.fold_in(jax.random.key(settings.seed), 1)),
+        extra=(*then, sensor.Rig(error=rig)) if settings.learning.samples == "rig" else then,
+    )
+    actuators = _actuators(settings, ours)
+    plant = settings.parts.plant
+    return dataclasses.replace(
+        ours,
+        actuators=actuators,
+        plant=ours.plant if plant is None else _own(plant, "parts.plant", Plant, ours),
+    )
+
+
+def _reading(given: s.Intermittent | s.Drifting | s.Own, where: str, settings: s.Settings) -> sensor.Extra:
+    match given:
+        case s.Intermittent():
+            return sensor.Intermittent(
+                of=given.of,
+                every=_array(1 / given.rate_Hz),
+                loss=_array(given.loss),
+                delay=round(given.delay_s * settings.control_Hz),
+            )
+        case s.Drifting():
+            return sensor.Drifting(of=given.of, rate=_array(given.rate))
+    return _own(given, where, sensor.Extra)
+
+
+def _actuators(settings: s.Settings, ours: Simulated) -> actuator.Ideal:
+    given = settings.actuators
+    if isinstance(given, s.Own):
+        return _own(given, "actuators", actuator.Ideal, ours)
+    if isinstance(given, s.Ideal):
+        return actuator.Ideal()
+    return actuator.Motors(
+        bandwidth=_array(given.bandwidth_Hz),
+        limits=tuple(_limit(given, group.thrust_max) for group in ours.team.groups),
+        delay=round(given.delay_s * settings.control_Hz),
+    )
+
+
+def _limit(given: s.Motors, thrust_max: Array) -> actuator.Limit:
+    if given.rotors is not None:
+        ring = given.rotors
+        return actuator.rotors(ring.count, ring.arm_m, ring.yaw_m, thrust_max / ring.count)
+    most = np.inf if given.torque_max_Nm is None else given.torque_max_Nm
+    return actuator.Box(thrust_max=thrust_max, torque_max=_array([most] * len(thrust_max)))
+
+
+def _own(given: s.Part, where: str, kind: type[P], *joins: Any) -> P:
+    """What a part of one's own builds, its numbers as arrays. Raises ScenarioError where it is not of that kind."""
+    build = getattr(given.settings, "build")  # noqa: B009  `own.settings` has seen that it is there
+    made = jax.tree.map(lambda x: x if isinstance(x, jax.Array) else jnp.asarray(np.asarray(x)), build(*joins))
+    if not isinstance(made, kind):
+        raise ScenarioError(
+            f"{where}: {given.part} built a value of type {type(made).__name__}, "
+            f"which is no {kind.__module__}.{kind.__name__} (docs/change_a_part.md)"
+        )
+    return made
+
+
+P = TypeVar("P")
 
 
 def sensors(settings: s.Settings) -> sensor.Sensors:
@@ -436,6 +516,8 @@ def rest(settings: s.Settings) -> tuple[Array, ...]:
 def path(settings: s.Settings) -> reference.Reference:
     """The payload's reference."""
     given = settings.reference
+    if isinstance(given, s.Own):
+        return _own(given, "reference", reference.Reference)
     if isinstance(given, s.Waypoints):
         turns = _unwound([np.asarray(so3.log(_rpy(pose.rpy_deg))) for pose in given.poses])
         return reference.waypoints(
@@ -512,11 +594,14 @@ def _internal(
 
 
 def pilot(settings: s.Settings, nominal: Team) -> fly.LeaderFollower:
-    """Everything the team takes along in case C1: no data are recorded, nothing is known."""
+    """Everything the team takes along in case C1: no data are recorded, nothing is known.
+
+    Raises ScenarioError as `allocation`, and for a part of one's own that is none.
+    """
     plan, internal = allocation(settings, nominal)
     learning, gain = settings.learning, gains(settings)
     recorder = learn.FromRig if learning.samples == "rig" else learn.Recorder
-    return fly.LeaderFollower(
+    ours = fly.LeaderFollower(
         team=nominal,
         path=path(settings),
         estimator=estimate.Estimator(
@@ -540,6 +625,21 @@ def pilot(settings: s.Settings, nominal: Team) -> fly.LeaderFollower:
         allocator=fly.Linear(allocation=plan, internal=internal),
         realizer=fly.Aligned(gains=gain, heading=heading(settings), rest=rest(settings)),
     )
+    theirs = {
+        name: _own(part, f"parts.{name}", kind, ours)
+        for name, kind in PILOT_PARTS.items()
+        if (part := getattr(settings.parts, name)) is not None
+    }
+    return dataclasses.replace(ours, **theirs)
+
+
+PILOT_PARTS: dict[str, type] = {
+    "leader": fly.Leader,
+    "allocator": fly.Allocator,
+    "realizer": fly.Realizer,
+    "estimator": fly.Estimator,
+    "predictor": fly.Predictor,
+}
 
 
 def prior(settings: s.Settings, nominal: Team) -> learn.Oracle:

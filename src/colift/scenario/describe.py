@@ -91,7 +91,7 @@ class Schema:
 
     def sections(self) -> Iterator[tuple[str, str, list[tuple[str, dict[str, Any], bool]]]]:
         """`(name, description, [(setting, schema, required)])` of the model and then of its sections."""
-        for name, node in [(self._root["title"], self._root), *self._root["$defs"].items()]:
+        for name, node in [(self._root["title"], self._root), *self._root.get("$defs", {}).items()]:
             needed = node.get("required", [])
             rows = [(key, inner, key in needed) for key, inner in node.get("properties", {}).items()]
             yield name, node.get("description", ""), rows
@@ -106,6 +106,8 @@ class Schema:
             return " or ".join(self.kind(option) for option in options if option.get("type") != "null")
         if "const" in node:
             return f"`{node['const']}`"
+        if "enum" in node:
+            return " or ".join(f"`{value}`" for value in node["enum"])
         entries = next(iter(node.get("patternProperties", {}).values()), node.get("additionalProperties"))
         if node.get("type") == "object" and isinstance(entries, dict):
             return f"by name: {self.kind(entries)}"
@@ -154,9 +156,11 @@ class Schema:
 
 def span(node: dict[str, Any]) -> str:
     """The range of a number: `from 0.1 to 5`; empty where it has none."""
-    if "exclusiveMinimum" in node:
+    if "exclusiveMinimum" in node and "exclusiveMaximum" in node:
         return f"between {_digits(node['exclusiveMinimum'])} and {_digits(node['exclusiveMaximum'])}"
-    return f"from {_digits(node['minimum'])} to {_digits(node['maximum'])}" if "minimum" in node else ""
+    if "minimum" in node and "maximum" in node:
+        return f"from {_digits(node['minimum'])} to {_digits(node['maximum'])}"
+    return ""
 
 
 def _digits(bound: float | int) -> str:

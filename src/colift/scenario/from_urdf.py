@@ -51,22 +51,22 @@ class AgentTypeFromUrdf(Section):
     """Position at rest of joints that slide, by name; 0 where left out."""
 
 
-def expand(given: AgentTypeFromUrdf, kind: dict[str, Any], folder: Path) -> tuple[dict[str, Any], list[Mistake]]:
-    """The agent type in plain numbers, and what is wrong with it, as `(place, sentence)`; `kind` is it as written."""
+def expand(given: AgentTypeFromUrdf, folder: Path) -> tuple[dict[str, Any], list[Mistake]]:
+    """The agent type in plain numbers, and what is wrong with it, as `(place, sentence)`."""
     try:
         robot = urdf.load(folder / given.urdf, given.mimic, given.rest_rad | given.rest_m)
     except OSError as error:
-        return kind, [(("urdf",), f"{shown(given.urdf)} cannot be read: {error.strerror or error}")]
+        return {}, [(("urdf",), f"{shown(given.urdf)} cannot be read: {error.strerror or error}")]
     except ValueError as error:
-        return kind, [(("urdf",), str(error))]
+        return {}, [(("urdf",), str(error))]
     wrong = list(_mistakes(given, robot))
     if wrong:
-        return kind, wrong
+        return {}, wrong
     numbers = _numbers(given, robot)
     try:
         AgentType.model_validate(numbers)
     except ScenarioError as error:
-        return kind, [(("urdf",), f"{given.urdf}: {line}") for line in str(error).splitlines()]
+        return {}, [(("urdf",), f"{given.urdf}: {line}") for line in str(error).splitlines()]
     return numbers, []
 
 

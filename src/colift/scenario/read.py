@@ -2,23 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from pydantic import TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails
 
-from colift.scenario import tree, validation
-from colift.scenario.from_urdf import AgentTypeFromUrdf, expand
+from colift.scenario import from_csv, from_urdf, own, tree, validation
+from colift.scenario.from_csv import WaypointsFromFile
+from colift.scenario.from_urdf import AgentTypeFromUrdf
 from colift.scenario.mistake import Mistake, Place, ScenarioError, closest, shown
 from colift.scenario.references import mistakes
-from colift.scenario.settings import Settings
+from colift.scenario.settings import Section, Settings
 
 SHIPPED = resources.files("colift") / "scenarios"
 SUFFIXES = (".yaml", ".yml")
-SETTINGS, FROM_URDF = TypeAdapter(Settings), TypeAdapter(AgentTypeFromUrdf)
+SETTINGS = TypeAdapter(Settings)
 
 
 def names() -> list[str]:
@@ -64,15 +65,16 @@ def _unknown(given: str) -> ScenarioError:
 def parse(text: str, file: str) -> Settings:
     """The settings that a text states; `file` names it in messages. Raises ScenarioError as `load` does."""
     written = tree.read(text, file)
-    data, in_urdf = _expanded(written.data, Path(file).parent)
-    unread = {place[:2] for place, _ in in_urdf}
+    data, elsewhere = _expanded(written.data, Path(file).parent)
+    unread = {place[: 2 if place[0] == "agent_types" else 1] for place, _ in elsewhere}
     found: dict[Place, list[str | ErrorDetails]] = {}
-    for place, sentence in (*written.wrong, *in_urdf):
+    for place, sentence in (*written.wrong, *elsewhere):
         found.setdefault(place, []).append(sentence)
     try:
-        settings = SETTINGS.validate_python(data)
+        with own.beside(Path(file).parent):
+            settings = SETTINGS.validate_python(data)
     except ValidationError as error:
-        wrong = [e for e in error.errors(include_url=False) if e["loc"][:2] not in unread]
+        wrong = [e for e in validation.errors(error) if not {e["loc"][:1], e["loc"][:2]} & unread]
         _add(found, [(validation.place(data, e["loc"], e["type"]), e) for e in wrong])
         # references are checked by the model only once all sections are valid: check them here as well
         _add(found, [] if unread else mistakes(data))
@@ -102,21 +104,37 @@ def _told(found: dict[Place, list[str | ErrorDetails]], written: tree.Tree) -> S
 
 
 def _expanded(data: dict[str, Any], folder: Path) -> tuple[dict[str, Any], list[Mistake]]:
-    """The data with agent types from URDF in plain numbers, those without mistakes; and the mistakes."""
-    kinds, wrong = data.get("agent_types"), []
-    if not isinstance(kinds, dict):
-        return data, []
-    written = dict(kinds)
-    for name, kind in kinds.items():
-        if not isinstance(kind, dict) or "urdf" not in kind:
-            continue
-        try:
-            written[name], found = expand(FROM_URDF.validate_python(kind), kind, folder)
-        except ValidationError as error:
-            schema = validation.of(AgentTypeFromUrdf)
-            found = [
-                (validation.place(kind, e["loc"], e["type"]), validation.sentence(e, schema))
-                for e in error.errors(include_url=False)[: validation.MOST_TOLD]
-            ]
-        wrong += [(("agent_types", name, *place), sentence) for place, sentence in found]
-    return data | {"agent_types": written}, wrong
+    """The data with what stands in other files in plain numbers, where without mistakes; and the mistakes."""
+    kinds, path, wrong = data.get("agent_types"), data.get("reference"), []
+    if isinstance(kinds, dict):
+        written = dict(kinds)
+        for name, kind in kinds.items():
+            if isinstance(kind, dict) and "urdf" in kind:
+                written[name], found = _read(AgentTypeFromUrdf, from_urdf.expand, kind, folder)
+                wrong += [(("agent_types", name, *place), sentence) for place, sentence in found]
+        data = data | {"agent_types": written}
+    if isinstance(path, dict) and path.get("kind") == "waypoints" and "file" in path:
+        expanded, found = _read(WaypointsFromFile, from_csv.expand, path, folder)
+        wrong += [(("reference", *place), sentence) for place, sentence in found]
+        data = data | {"reference": expanded}
+    return data, wrong
+
+
+G = TypeVar("G", bound=Section)
+
+
+def _read(
+    section: type[G],
+    expand: Callable[[G, Path], tuple[dict[str, Any], list[Mistake]]],
+    written: dict[str, Any],
+    folder: Path,
+) -> tuple[dict[str, Any], list[Mistake]]:
+    """A section that names a file, in plain numbers, and its mistakes; what it then holds is not looked at."""
+    try:
+        return expand(TypeAdapter(section).validate_python(written), folder)
+    except ValidationError as error:
+        schema = validation.of(section)
+        found = validation.errors(error)[: validation.MOST_TOLD]
+        return written, [
+            (validation.place(written, e["loc"], e["type"]), validation.sentence(e, schema)) for e in found
+        ]

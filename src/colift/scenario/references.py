@@ -37,6 +37,7 @@ def mistakes(data: dict[str, Any]) -> list[Mistake]:
         *_memory(data),
         *_limits(data),
         *_poses(data),
+        *_delays(data),
     ]
 
 
@@ -247,6 +248,8 @@ def _rates(data: dict[str, Any]) -> Iterator[Mistake]:
         if corner > control / 2:
             yield place, f"must not exceed half of control_Hz, {control / 2:g}, got {corner:g}"
     duration, ramp = _number(data, "duration_s"), _number(data, "reference", "ramp_s")
+    if _named(data, "drawn") and _part(data, "reference", "kind") == "own":
+        yield ("drawn",), "must be left out: its centres lie along a reference that colift knows"
     if _named(data, "drawn") and ramp >= duration:
         yield (
             ("reference", "ramp_s"),
@@ -335,6 +338,22 @@ def _poses(data: dict[str, Any]) -> Iterator[Mistake]:
                 ("reference", "poses", i, "t_s"),
                 f"must be {LEAST_LEG:g} s or more after the pose before, {before:g}, got {now:g}",
             )
+
+
+def _delays(data: dict[str, Any]) -> Iterator[Mistake]:
+    """What is late waits for whole ticks, of which not too many are kept; nothing is read between ticks."""
+    rate = _number(data, "control_Hz")
+    readings = [("sensors", "then", i) for i in range(len(_items(data, "sensors", "then")))]
+    for place in (("actuators",), *readings):
+        delay, taken = _number(data, *place, "delay_s"), _number(data, *place, "rate_Hz")
+        ticks = delay * rate
+        if ticks > MOST:
+            yield (*place, "delay_s"), f"must be at most {MOST} ticks of {1 / rate:g} s, got {delay:g}"
+        elif abs(ticks - round(ticks if math.isfinite(ticks) else 0)) > 1e-6:
+            near = [f"{k / rate:g}" for k in (math.floor(ticks), math.ceil(ticks))]
+            yield (*place, "delay_s"), f"must be whole ticks of {1 / rate:g} s: {' or '.join(near)}, got {delay:g}"
+        if taken > rate:
+            yield (*place, "rate_Hz"), f"must not exceed control_Hz = {rate:g}, got {taken:g}"
 
 
 def _limits(data: dict[str, Any]) -> Iterator[Mistake]:

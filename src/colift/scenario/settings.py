@@ -7,13 +7,25 @@ World frame unless a description says otherwise. The words and defaults here are
 from __future__ import annotations
 
 import hashlib
+import re
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    SerializeAsAny,
+    WithJsonSchema,
+    model_validator,
+)
 
+from colift.scenario import own
 from colift.scenario import quantities as of
+from colift.scenario.mistake import shown
 from colift.scenario.quantities import of_unit
 from colift.scenario.references import MOST, mistakes
 from colift.scenario.validation import as_validation_error, told
@@ -47,6 +59,18 @@ def _physical(rows: Rows) -> Rows:
     return rows
 
 
+def _module_and_name(part: str) -> str:
+    if not re.fullmatch(PART, part):
+        raise ValueError(f"must be `module:Name`, got {shown(part)}")
+    return part
+
+
+def _even(count: int) -> int:
+    if count % 2:
+        raise ValueError(f"must be even: rotors turn in turns, got {count}")
+    return count
+
+
 def _nonzero(axis: of.Axis) -> of.Axis:
     if not any(abs(x) >= 1e-6 for x in axis):
         raise ValueError(f"must not be zero: one entry must be 1e-6 or more, got {list(axis)}")
@@ -54,6 +78,7 @@ def _nonzero(axis: of.Axis) -> of.Axis:
 
 
 NAME = r"^[A-Za-z_][A-Za-z0-9_-]*$"
+PART = r"[A-Za-z_][A-Za-z0-9_]*(\.[A-Za-z_][A-Za-z0-9_]*)*:[A-Za-z_][A-Za-z0-9_]*"
 Name = Annotated[str, Field(strict=True, pattern=NAME, max_length=100)]
 Row = tuple[of.InertiaEntry, of.InertiaEntry, of.InertiaEntry]
 Rows = tuple[Row, Row, Row]
@@ -93,6 +118,31 @@ class Section(BaseModel):
     def model_copy(self: S, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> S:
         """As `pydantic.BaseModel`, but what is updated is checked; raises ScenarioError, one line a mistake."""
         return type(self).model_validate({**dict(self), **update}) if update else super().model_copy(deep=deep)
+
+
+class Part(Section):
+    """A part of one's own. Reading the scenario imports the module, which runs it (docs/change_a_part.md)."""
+
+    part: Annotated[str, Field(strict=True, max_length=200), AfterValidator(_module_and_name)]
+    """`module:Name`: a class that extends `colift.scenario.Section` and has a `build`, in a module beside the file."""
+    settings: Annotated[SerializeAsAny[Section], WithJsonSchema({"type": "object"}), Field(default_factory=Section)]
+    """Settings of the part; its class says which there are."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _with_settings(cls, given: Any) -> Any:
+        """The settings as the part's class has them."""
+        named = given.get("part") if isinstance(given, Mapping) else None
+        if not isinstance(named, str) or not re.fullmatch(PART, named):
+            return given  # which is told by the fields
+        return {**given, "settings": own.settings(named, given.get("settings", {}), Section)}
+
+
+class Own(Part):
+    """A part of one's own, as a variant beside ours. Reading the scenario imports its module, which runs it."""
+
+    kind: Literal["own"]
+    """Which variant."""
 
 
 class Body(Section):
@@ -370,7 +420,11 @@ class JointFriction(Section):
     """Joint rate below which dry friction is smoothed; for a sliding joint in m/s."""
 
 
-Law = Constant | Wind | Tether | Jet | RotorBias
+class OwnLaw(_Source, Own):
+    """A law of one's own: `build()` gives a `colift.disturbance.Law`."""
+
+
+Law = Constant | Wind | Tether | Jet | RotorBias | OwnLaw
 Source = Annotated[Law | JointFriction, Field(discriminator="kind")]
 
 
@@ -387,6 +441,49 @@ class Drawn(Section):
     """How many kernels are added."""
     spread: of.Ratio = 0.2
     """Deviation of the centres from the states on the reference, in length-scales."""
+
+
+Reading = Literal[
+    "payload.p",
+    "payload.R",
+    "payload.v",
+    "payload.omega",
+    "payload.a",
+    "agents.x",
+    "agents.R",
+    "agents.v",
+    "agents.omega",
+    "agents.a",
+    "agents.r",
+    "agents.lam",
+]
+Readings = Annotated[tuple[Reading, ...], Field(min_length=1, max_length=12)]
+
+
+class Intermittent(Section):
+    """Readings at a rate of their own, late, and lost now and then; in between the last one that came is held."""
+
+    kind: Literal["intermittent"]
+    """Which."""
+    of: Readings
+    """Which readings: of the payload or of all agents, position p or x, attitude R, and so on."""
+    rate_Hz: of.Rate
+    """How often they are taken, at most once a tick."""
+    delay_s: of.Time = 0.0
+    """How late they come; whole ticks."""
+    loss: of.Share = 0.0
+    """Probability that one is lost."""
+
+
+class Drifting(Section):
+    """A bias that walks at random and is added to every component."""
+
+    kind: Literal["drifting"]
+    """Which."""
+    of: Readings
+    """Which readings, as for [Intermittent](#intermittent); an attitude is turned about its body's axes."""
+    rate: Annotated[of.Noise, of_unit("of the reading, or rad, per √s")]
+    """Standard deviation of the walk after one second."""
 
 
 class Sensors(Section):
@@ -410,6 +507,69 @@ class Sensors(Section):
     """Deviation from which the constant bias of each tip axis is drawn."""
     tip_force_bandwidth_Hz: of.Bandwidth = 50.0
     """First-order bandwidth of the tip force sensors."""
+    then: Annotated[
+        tuple[Annotated[Intermittent | Drifting | Own, Field(discriminator="kind")], ...], Field(max_length=MOST)
+    ] = ()
+    """What readings go through after that, in this order; `build()` of one's own gives a `colift.sensor.Extra`."""
+
+
+class Ideal(Section):
+    """Commands act at once and in full."""
+
+    kind: Literal["ideal"]
+    """Which."""
+
+
+class Rotors(Section):
+    """Rotors evenly around a ring, which turn in turns; they push between nothing and `thrust_max_N` over their number.
+
+    What they cannot give is taken from yaw first, then from tilt, then from thrust.
+    """
+
+    count: Annotated[of.RotorCount, AfterValidator(_even)]
+    """How many: an even number."""
+    arm_m: of.Lever
+    """Radius of the ring."""
+    yaw_m: of.Lever
+    """Torque about the third axis over force, of each rotor."""
+
+
+class Motors(Section):
+    """A delay and a first-order lag of thrust and body torque, then their limits; joints act at once."""
+
+    kind: Literal["motors"]
+    """Which."""
+    bandwidth_Hz: of.Bandwidth
+    """Of the lag."""
+    delay_s: of.Time = 0.0
+    """Of commands; whole ticks."""
+    rotors: Rotors | None = None
+    """Of every vehicle; without them thrust and torque are limited each alone."""
+    torque_max_Nm: of.Torque | None = None
+    """Largest torque about each axis of every vehicle's body; not beside `rotors`. By default there is no limit."""
+
+    @model_validator(mode="after")
+    def _one_limit(self) -> Motors:
+        if self.rotors is not None and self.torque_max_Nm is not None:
+            raise as_validation_error([(("torque_max_Nm",), "must be left out where there are rotors")], "worded")
+        return self
+
+
+class Parts(Section):
+    """Parts of one's own in the place of the paper's: `build(pilot)` or `build(world)`, with ours in it, gives each."""
+
+    leader: Part | None = None
+    """A `colift.fly.Leader`, from the pilot."""
+    allocator: Part | None = None
+    """A `colift.fly.Allocator`, from the pilot; [allocation](#settings) says what ours is."""
+    realizer: Part | None = None
+    """A `colift.fly.Realizer`, from the pilot."""
+    estimator: Part | None = None
+    """A `colift.fly.Estimator`, from the pilot."""
+    predictor: Part | None = None
+    """A `colift.fly.Predictor`, from the pilot."""
+    plant: Part | None = None
+    """A `colift.world.Plant`, from the world."""
 
 
 class Control(Section):
@@ -623,14 +783,16 @@ class Settings(Section):
     """What the controller believes where it differs."""
     start: Start = Start()
     """Where the run begins."""
-    reference: Annotated[Lissajous | Waypoints, Field(discriminator="kind")]
-    """Where the payload should be."""
+    reference: Annotated[Lissajous | Waypoints | Own, Field(discriminator="kind")]
+    """Where the payload should be; `build()` of one's own gives a `colift.reference.Reference`."""
     disturbances: Annotated[tuple[Source, ...], Field(max_length=MOST)] = ()
     """Unknown forces and torques."""
     drawn: Drawn | None = None
     """Unknown forces and torques drawn at random, in addition."""
     sensors: Sensors = Sensors()
     """Measurement noise."""
+    actuators: Annotated[Ideal | Motors | Own, Field(discriminator="kind")] = Ideal(kind="ideal")
+    """What vehicles make of commands; `build(world)` of one's own gives a `colift.actuator.Ideal`."""
     control: Control
     """Gains."""
     allocation: Annotated[Balanced | LeaderFollower, Field(discriminator="kind")]
@@ -643,6 +805,8 @@ class Settings(Section):
     """What error bounds rest on."""
     limits: Limits = Limits()
     """What a flight may not exceed."""
+    parts: Parts = Parts()
+    """Parts of one's own in the place of the paper's."""
 
     @model_validator(mode="after")
     def _consistent(self) -> Settings:

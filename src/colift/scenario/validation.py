@@ -6,7 +6,7 @@ import contextlib
 import functools
 import re
 from collections.abc import Generator, Sequence
-from typing import Any
+from typing import Any, Literal
 
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails, InitErrorDetails, PydanticCustomError
@@ -18,6 +18,10 @@ MOST_TOLD = 100  # mistakes that one message lists
 
 WORDS = {
     "float_type": "must be a number",
+    "float_parsing": "must be a number",
+    "int_parsing": "must be a whole number",
+    "bool_parsing": "must be true or false",
+    "bool_type": "must be true or false",
     "finite_number": "must be finite",
     "int_type": "must be a whole number",
     "string_type": "must be text",
@@ -28,8 +32,11 @@ WORDS = {
     "string_pattern_mismatch": "must be a name: a letter, then letters, digits, - or _",
     "json_invalid": "must be JSON ({error})",
     "string_too_long": "must have at most {max_length} characters",
+    "greater_than": "must exceed {gt:g}",  # of a part of one's own; ours say their whole range, and why
+    "greater_than_equal": "must be at least {ge:g}",
+    "less_than": "must be less than {lt:g}",
+    "less_than_equal": "must be at most {le:g}",
 }
-RANGES = ("greater_than", "greater_than_equal", "less_than", "less_than_equal")
 
 
 @contextlib.contextmanager
@@ -38,9 +45,18 @@ def told(model: type[BaseModel]) -> Generator[None]:
     try:
         yield
     except ValidationError as error:
-        schema, found = of(model), error.errors(include_url=False)
+        schema, found = of(model), errors(error)
         lines = [f"{where(_known(schema, e['loc']), schema)}: {sentence(e, schema)}" for e in found[:MOST_TOLD]]
         raise ScenarioError("\n".join([*dict.fromkeys(lines), *more(len(found))])) from None
+
+
+def errors(error: ValidationError) -> list[ErrorDetails]:
+    """All that pydantic found, but lists that it calls too short because it left out their bad entries."""
+    return [
+        e
+        for e in error.errors(include_url=False)
+        if e["type"] != "too_short" or len(e["input"]) < e.get("ctx", {})["min_length"]
+    ]
 
 
 def more(count: int) -> list[str]:
@@ -54,12 +70,12 @@ def of(model: type[BaseModel]) -> Schema:
     return Schema(model)
 
 
-def as_validation_error(wrong: Sequence[Mistake]) -> ValidationError:
-    """Mistakes between sections, in the form that pydantic gives those within one."""
+def as_validation_error(wrong: Sequence[Mistake], kind: Literal["mistake", "worded"] = "mistake") -> ValidationError:
+    """Mistakes in the form that pydantic gives its own: between sections, or `worded` already within one."""
     return ValidationError.from_exception_data(
         "Settings",
         [
-            InitErrorDetails(type=PydanticCustomError("mistake", "{message}", {"message": text}), loc=loc, input=None)
+            InitErrorDetails(type=PydanticCustomError(kind, "{message}", {"message": text}), loc=loc, input=None)
             for loc, text in wrong
         ],
     )
@@ -74,7 +90,7 @@ def place(data: Any, loc: tuple[int | str, ...], kind: str) -> Place:
         listed = isinstance(data, list) and isinstance(key, int) and 0 <= key < len(data)
         if listed or (isinstance(data, dict) and key in data):
             data = data[key]
-        elif i < len(loc) - 1 or kind != "missing":
+        elif i < len(loc) - 1 or kind not in ("missing", "worded"):
             continue
         found.append(key)
     return tuple(found)
@@ -107,15 +123,15 @@ def sentence(error: ErrorDetails, schema: Schema) -> str:
         return f"{key}must be one of {', '.join(allowed)}, got {shown(tag)}{closest(tag, allowed)}"
     if kind == "union_tag_not_found":
         return f"{str(about['discriminator']).strip(chr(39))} is required: it says which of the variants this is"
-    if kind in ("mistake", "value_error"):
+    if kind in ("mistake", "worded", "value_error"):
         return str(about.get("message", about.get("error")))
     return _wanted(error, schema) + f", got {shown(given)}"
 
 
 def _wanted(error: ErrorDetails, schema: Schema) -> str:
     kind, about = error["type"], error.get("ctx", {})
-    if kind in RANGES:
-        node = schema.leaf(error["loc"])
+    node = schema.leaf(error["loc"])
+    if "why" in node and kind.startswith(("greater_than", "less_than")):
         return f"must be {span(node)} ({node['why']})"
     if kind in ("too_long", "too_short"):
         size = about.get("max_length", about.get("min_length", 0))

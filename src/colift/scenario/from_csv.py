@@ -1,0 +1,80 @@
+"""Waypoints from a table of comma-separated values, written out in plain numbers."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Literal
+
+from colift.scenario.mistake import Mistake, ScenarioError, among, shown
+from colift.scenario.references import MOST
+from colift.scenario.settings import Pose, Section
+
+PLACE, TURN = ("t_s", "x_m", "y_m", "z_m"), ("roll_deg", "pitch_deg", "yaw_deg")
+
+
+class WaypointsFromFile(Section):
+    """Waypoints read from a table: a line with the names of the columns, then one a pose, times ascending."""
+
+    kind: Literal["waypoints"]
+    """Which reference."""
+    file: str
+    """Path of the table, relative to the scenario's. Columns t_s, x_m, y_m, z_m and, where it turns, roll_deg,
+    pitch_deg, yaw_deg, in any order."""
+
+
+def expand(given: WaypointsFromFile, folder: Path) -> tuple[dict[str, Any], list[Mistake]]:
+    """The reference in plain numbers, and what is wrong with it, as `(place, sentence)`."""
+    try:
+        with (folder / given.file).open(encoding="utf-8-sig", newline="") as opened:
+            rows = csv.reader(opened, strict=True)
+            names = [name.strip() for name in next(rows, [])]
+            poses, wrong = [], list(_columns(names))
+            for row in [] if wrong else rows:
+                if row:
+                    pose, found = _pose(names, row)
+                    poses.append(pose)
+                    wrong += [f"line {rows.line_num}: {sentence}" for sentence in found]
+                if len(poses) > MOST:
+                    wrong.append(f"line {rows.line_num}: at most {MOST} poses are allowed")
+                    break
+    except OSError as error:
+        wrong, poses = [f"cannot be read: {error.strerror or error}"], []
+    except (csv.Error, ValueError) as error:  # ValueError: no UTF-8, a NUL in the path
+        wrong, poses = [f"cannot be read: {error}"], []
+    if not wrong and len(poses) < 2:
+        wrong = [f"must hold two poses or more, got {len(poses)}"]
+    return {"kind": "waypoints", "poses": poses}, [(("file",), f"{shown(given.file)}: {line}") for line in wrong]
+
+
+def _columns(names: list[str]) -> Iterator[str]:
+    yield from (f"line 1: column {name} is required" for name in PLACE if name not in names)
+    if 0 < sum(name in names for name in TURN) < len(TURN):
+        yield f"line 1: {', '.join(TURN)} come together"
+    for i, name in enumerate(names):
+        if name not in PLACE + TURN:
+            yield f"line 1: {among(name, PLACE + TURN, 'a column')}"
+        elif name in names[:i]:
+            yield f"line 1: column {name} stands twice"
+
+
+def _pose(names: list[str], row: list[str]) -> tuple[dict[str, Any], list[str]]:
+    """One line as a pose, and what is wrong with it."""
+    if len(row) != len(names):
+        return {}, [f"must have {len(names)} values, got {len(row)}"]
+    numbers, wrong = {}, []
+    for name, said in zip(names, row, strict=True):
+        try:
+            numbers[name] = float(said)
+        except ValueError:
+            wrong.append(f"{name}: must be a number, got {shown(said)}")
+    if wrong:
+        return {}, wrong
+    pose: dict[str, Any] = {"t_s": numbers["t_s"], "p_m": [numbers[name] for name in PLACE[1:]]}
+    pose |= {"rpy_deg": [numbers[name] for name in TURN]} if TURN[0] in names else {}
+    try:
+        Pose.model_validate(pose)
+    except ScenarioError as error:
+        wrong = str(error).splitlines()
+    return pose, wrong

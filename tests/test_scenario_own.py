@@ -1,0 +1,290 @@
+"""Parts of one's own in a scenario file: found, checked, built; and every mistake told with its place."""
+
+import dataclasses
+import re
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import colift
+from colift import scenario
+from colift.scenario import ScenarioError, Settings
+
+SAMPLE = (Path(__file__).parent / "sample_scenario.yaml").read_text(encoding="utf-8")
+MODULE = '''
+from typing import Annotated, Any, ClassVar
+
+import dataclasses
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+from pydantic import Field
+
+from colift import actuator, disturbance, dynamics, reference, sensor
+from colift.pytree import pytree
+from colift.scenario import Section, quantities as of
+
+
+@pytree
+class Shy:
+    leader: Any
+    share: Float[Array, ""]
+
+    def begin(self):
+        return self.leader.begin()
+
+    def lead(self, memory, now):
+        to, memory = self.leader.lead(memory, now)
+        return dataclasses.replace(to, a=self.share * to.a), memory
+
+
+class ShyLeader(Section):
+    share: Annotated[float, Field(gt=0, le=1)] = 1.0
+
+    def build(self, pilot):
+        return Shy(leader=pilot.leader, share=self.share)
+
+
+@pytree
+class Hovering:
+    path: reference.Lissajous
+
+    def at(self, t):
+        return self.path.at(jnp.zeros(()))
+
+
+class Hover(Section):
+    """Stands where it says."""
+
+    point_m: of.Position
+
+    def build(self):
+        zero, one = jnp.zeros(3), jnp.ones(3)
+        return Hovering(
+            path=reference.Lissajous(
+                center=jnp.array(self.point_m), amplitude=zero, period=one, phase=zero, ramp=jnp.ones(()),
+                R=jnp.eye(3), swing=zero, swing_period=one, swing_phase=zero,
+            )
+        )
+
+
+@pytree
+class Sway(disturbance.Law):
+    force: Float[Array, "3"]
+    time_invariant: ClassVar[bool] = False
+
+    def __call__(self, at, t, memory):
+        return self.force * jnp.sin(t), jnp.zeros(3)
+
+
+class SwayLaw(Section):
+    force_N: of.Force
+
+    def build(self):
+        return Sway(force=jnp.array(self.force_N))
+
+
+@pytree
+class Offset(sensor.Extra):
+    by: Float[Array, "3"]
+
+    def read(self, m, truth, clock, memory, noise):
+        return dataclasses.replace(m, payload=dataclasses.replace(m.payload, p=m.payload.p + self.by)), memory
+
+
+class OffsetSensor(Section):
+    by_m: of.Position
+
+    def build(self):
+        return Offset(by=jnp.array(self.by_m))
+
+
+@pytree
+class Weak(actuator.Ideal):
+    share: Float[Array, ""]
+
+    def __call__(self, command, memory, clock):
+        return tuple(dataclasses.replace(c, u=self.share * c.u) for c in command), memory
+
+
+class WeakActuators(Section):
+    share: of.Share = 0.9
+
+    def build(self, world):
+        assert world.team.groups
+        return Weak(share=self.share)
+
+
+class SamePlant(Section):
+    def build(self, world):
+        return world.plant
+
+
+class Nothing(Section):
+    def build(self, *_):
+        return {"a": 1.0}
+
+
+class Bare(Section):
+    pass
+
+
+class Plain:
+    def build(self):
+        pass
+'''
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A folder with a module of parts, of a name that no other test has."""
+    path = tmp_path_factory.mktemp("own")
+    (path / "parts_of_test_own.py").write_text(MODULE)
+    yield path
+    sys.path.remove(str(path))
+    del sys.modules["parts_of_test_own"]
+
+
+def read(folder: Path, more: str, text: str = SAMPLE) -> Settings:
+    (folder / "mine.yaml").write_text(text + more)
+    return scenario.load(folder / "mine.yaml")
+
+
+def own(name: str, settings: str = "{}") -> str:
+    return f"{{kind: own, part: 'parts_of_test_own:{name}', settings: {settings}}}"
+
+
+def part(name: str, settings: str = "{}") -> str:
+    return own(name, settings).replace("kind: own, ", "")
+
+
+def refused(folder: Path, more: str) -> str:
+    """What is said of a text, without `file:line`, one mistake."""
+    with pytest.raises(ScenarioError) as error:
+        read(folder, more)
+    place, _, words = str(error.value).partition(": ")
+    assert place == f"{folder}/mine.yaml:{SAMPLE.count(chr(10)) + 2}", str(error.value)
+    return words
+
+
+def test_parts_of_every_kind_are_built_from_their_settings_and_fly(folder):
+    text = SAMPLE.replace(
+        "disturbances:\n",
+        "disturbances:\n  - {name: sway, acts_on: payload, %s\n  - {name: sways, acts_on: agents, %s\n"
+        % ((own("SwayLaw", "{force_N: [1, 0, 0]}")[1:],) * 2),
+    )
+    settings = read(
+        folder,
+        f"\nparts: {{leader: {part('ShyLeader', '{share: 0.5}')}, plant: {part('SamePlant')}}}"
+        f"\nactuators: {own('WeakActuators')}\n",
+        text,
+    )
+    then = [{"kind": "own", "part": "parts_of_test_own:OffsetSensor", "settings": {"by_m": [0, 0, 0.1]}}]
+    sensors = settings.sensors.model_copy(update={"then": then})
+    hover = {"kind": "own", "part": "parts_of_test_own:Hover", "settings": {"point_m": [1, 2, 3]}}
+    settings = settings.model_copy(update={"sensors": sensors, "reference": hover})
+    plan = colift.plan(settings, "C1")
+    assert type(plan.pilot.leader).__name__ == "Shy"
+    assert plan.pilot.leader.share == 0.5
+    assert plan.pilot.leader.share.dtype == float
+    assert type(plan.world.actuators).__name__ == "Weak"
+    assert type(plan.world.extra[0]).__name__ == "Offset"
+    assert [m.name for m in plan.world.sources.payload if not m.law.time_invariant] == ["sway"]
+    names = [agent.name for agent in settings.agents]
+    flight = colift.fly_plan(dataclasses.replace(plan, duration=0.1), names)
+    assert not flight.stopped
+    assert np.allclose(flight.rows.p_d, [1.0, 2.0, 3.0])
+
+
+def test_settings_are_part_of_what_identifies_a_run_and_survive_a_copy(folder):
+    one, two = (read(folder, f"\nparts: {{leader: {part('ShyLeader', f'{{share: {x}}}')}}}") for x in (0.5, 0.6))
+    assert one.digest != two.digest
+    again = Settings.model_validate_json(one.model_dump_json())
+    assert again == one
+    assert again.digest == one.digest
+    assert one.model_copy(update={"seed": 5}).parts == one.parts
+
+
+@pytest.mark.parametrize(
+    ("more", "says"),
+    [
+        ("part: 3", "parts.leader.part: must be text, got 3"),
+        ("part: 'parts:'", "parts.leader.part: must be `module:Name`, got 'parts:'"),
+        ("part: 'no_such_module:A'", "there is no module 'no_such_module' in "),
+        ("part: 'parts_of_test_own:ShyLeade'", "parts_of_test_own has no 'ShyLeade'; did you mean 'ShyLeader'?"),
+        ("part: 'parts_of_test_own:Bare'", "must be a class that extends colift.scenario.Section and has a method"),
+        ("part: 'parts_of_test_own:Plain'", "must be a class that extends colift.scenario.Section and has a method"),
+        ("part: 'parts_of_test_own:MODULE'", "parts_of_test_own has no 'MODULE'"),
+        ("part: 'parts_of_test_own:jnp'", "must be a class"),
+        ("part: 'parts_of_test_own:ShyLeader', settings: 3", "parts.leader.settings: must be settings by name, got 3"),
+        (
+            "part: 'parts_of_test_own:ShyLeader', settings: {share: 2}",
+            "parts.leader.settings.share: must be at most 1, got 2",
+        ),
+        (
+            "part: 'parts_of_test_own:ShyLeader', settings: {share: 0}",
+            "parts.leader.settings.share: must exceed 0, got 0",
+        ),
+        ("part: 'parts_of_test_own:ShyLeader', settings: {shar: 1}", "is not a setting here; did you mean 'share'?"),
+        ("part: 'parts_of_test_own:ShyLeader', setting: {}", "is not a setting here; did you mean 'settings'?"),
+        ("settings: {}", "parts.leader.part: is required"),
+    ],
+)
+def test_mistakes_in_a_part_are_told_with_their_place(folder, more, says):
+    assert says in refused(folder, f"\nparts: {{leader: {{{more}}}}}")
+
+
+def test_a_range_of_a_part_s_quantity_says_why(folder):
+    assert refused(folder, f"\nactuators: {own('WeakActuators', '{share: 3}')}") == (
+        "actuators.settings.share: must be from 0 to 0.99 (a share of what there is), got 3"
+    )
+
+
+@pytest.mark.parametrize(
+    ("module", "code", "says"),
+    [
+        ("own_raises", "x = 1\nraise RuntimeError('so it is')\n", "own_raises.py:2: RuntimeError: so it is"),
+        ("own_syntax", "x = 1\ny = = 2\n", "own_syntax.py:2: SyntaxError: invalid syntax"),
+        ("own_import", "import no_such_thing\n", "own_import.py:1: ModuleNotFoundError: No module named 'no_such"),
+    ],
+)
+def test_a_module_that_cannot_be_imported_says_where_and_why(folder, module, code, says):
+    (folder / f"{module}.py").write_text(code)
+    assert f"{module} cannot be imported: {says}" in refused(folder, f"\nparts: {{leader: {{part: '{module}:A'}}}}")
+
+
+def test_of_two_modules_of_one_name_the_other_is_refused(folder, tmp_path):
+    read(folder, f"\nparts: {{leader: {part('ShyLeader')}}}")
+    (tmp_path / "parts_of_test_own.py").write_text(MODULE)
+    assert "give it another name" in refused(tmp_path, f"\nparts: {{leader: {part('ShyLeader')}}}")
+    sys.path.remove(str(tmp_path))
+
+
+@pytest.mark.parametrize(
+    ("more", "says"),
+    [
+        (f"parts: {{leader: {part('Nothing')}}}", "parts.leader: parts_of_test_own:Nothing built a value of type dict"),
+        (f"parts: {{plant: {part('Nothing')}}}", "which is no colift.world.Plant"),
+        (f"actuators: {own('Nothing')}", "which is no colift.actuator.Ideal"),
+    ],
+)
+def test_what_is_built_must_be_a_part(folder, more, says):
+    settings = read(folder, "\n" + more)
+    with pytest.raises(ScenarioError, match="no colift") as error:
+        colift.plan(settings, "C1")
+    assert says in str(error.value)
+
+
+def test_a_scenario_without_parts_of_one_s_own_leaves_the_import_path_alone(tmp_path):
+    before = list(sys.path)
+    read(tmp_path, "")
+    assert sys.path == before
+
+
+def test_drawn_residuals_need_a_reference_that_colift_knows(folder):
+    path = f"reference: {own('Hover', '{point_m: [0, 0, 1]}')}\n"
+    text = re.sub(r"^reference:\n(  .*\n)*", path, SAMPLE, flags=re.MULTILINE)
+    read(folder, "", text)
+    with pytest.raises(ScenarioError, match="drawn: must be left out: its centres lie along a reference"):
+        read(folder, "\ndrawn: {norm: 2}\n", text)
