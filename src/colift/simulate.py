@@ -348,8 +348,9 @@ def fly_plan(plan: Plan, names: Sequence[str], progress: Callable[[float], None]
     room, ticks = chunk(plan), round(plan.duration / dt)
     stops = sorted({round(t / dt) for t in plan.updates if t < plan.duration} | {ticks})
     key = jax.random.fold_in(jax.random.key(plan.seed), 2)
-    oracle, fits, updates, flown, deviations, wall = plan.pilot.oracle, {}, [], [], [], {"simulation": 0.0, "fit": 0.0}
-    bands = band.bands(oracle, plan.stated, 1)
+    oracle, fits, updates, flown = plan.pilot.oracle, {}, [], []
+    wall = {"simulation": 0.0, "fit": 0.0}
+    held = [Held(first=0, oracle=oracle, bands=band.bands(oracle, plan.stated, 1))]
     loop = start(setup, plan.z)
     done, stopped = 0, ""
     progress(0.0)
@@ -365,7 +366,6 @@ def fly_plan(plan: Plan, names: Sequence[str], progress: Callable[[float], None]
         last = int(loop.tick)
         rows = jax.tree.map(lambda x, n=last - done: np.asarray(x)[:n], rows)
         flown.append(rows)
-        deviations.append(_deviations(plan, oracle, bands, rows, max(1, round(SIGMA_EVERY / dt)), done))
         if int(loop.ended):
             stopped = _why(plan, rows, loop, names)
         done = last
@@ -375,7 +375,7 @@ def fly_plan(plan: Plan, names: Sequence[str], progress: Callable[[float], None]
             recorded = loop.memory.recorder
             oracle, fits = _learn(plan, oracle, recorded, fits)
             setup = dataclasses.replace(setup, pilot=dataclasses.replace(plan.pilot, oracle=oracle))
-            bands = band.bands(oracle, plan.stated, len(updates) + 1)
+            held.append(Held(first=done, oracle=oracle, bands=band.bands(oracle, plan.stated, len(updates) + 1)))
             n = {
                 "payload": int(recorded.payload.n),
                 "agents": int(sum(int(data.n.sum()) for data in recorded.agents)),
@@ -383,14 +383,16 @@ def fly_plan(plan: Plan, names: Sequence[str], progress: Callable[[float], None]
             updates.append(Update(t=done * dt, n=n, fits=fits, theta=np.asarray(oracle.theta)))
             wall["fit"] += time.perf_counter() - began
         progress(done * dt)
+    rows, began = jax.tree.map(lambda *x: np.concatenate(x), *flown), time.perf_counter()
+    sigma = _deviations(plan, held, rows)
     return Flight(
-        rows=jax.tree.map(lambda *x: np.concatenate(x), *flown),
-        sigma=jax.tree.map(lambda *x: np.concatenate(x), *deviations),
+        rows=rows,
+        sigma=sigma,
         updates=tuple(updates),
         stopped=stopped,
         oracle=oracle,
-        bands=bands,
-        wall=wall,
+        bands=held[-1].bands,
+        wall=wall | {"radii": time.perf_counter() - began},
     )
 
 
@@ -409,21 +411,50 @@ def _learn(
     return dataclasses.replace(oracle, theta=jnp.asarray(theta)), fits
 
 
-def _deviations(plan: Plan, oracle: learn.Oracle, bands: band.Bands, rows: Row, every: int, done: int) -> Sigma:
-    """Posterior deviations and radii at the true states of a chunk, every so many ticks of the run."""
-    pick = slice((-done) % every, None, every)
-    n = len(rows.t[pick])
-    room = -(-chunk(plan) // every)
-    pad = lambda x: np.concatenate([x[pick], np.zeros((room - n, *x.shape[1:]))])  # noqa: E731  one shape, one program
-    x, agents = inputs(plan.world.team, jax.tree.map(pad, rows))
-    x, agents = jnp.asarray(x), [jnp.asarray(each) for each in agents]
-    groups = list(zip(oracle.agents, bands.companion.agents, bands.agents, agents, strict=True))
+@dataclasses.dataclass(frozen=True)
+class Held:
+    """An oracle and its bands, which hold from a tick on."""
+
+    first: int
+    oracle: learn.Oracle
+    bands: band.Bands
+
+
+def _deviations(plan: Plan, held: Sequence[Held], rows: Row) -> Sigma:
+    """Posterior deviations and radii at the true states of a flight, every so many ticks."""
+    every = max(1, round(SIGMA_EVERY / plan.dt))
+    x, agents = inputs(plan.world.team, jax.tree.map(lambda x: x[::every], rows))
+    first = [-(-each.first // every) for each in held] + [len(x)]
+    found = []
+    for each, start, end in zip(held, first, first[1:], strict=False):
+        for one in range(start, end, BLOCK):
+            here = slice(one, min(one + BLOCK, end))
+            found.append(_block(each, x[here], [part[here] for part in agents]))
+    payload, of_agents, radius, radius_of_agents = jax.tree.map(lambda *parts: np.concatenate(parts), *found)
     return Sigma(
-        t=np.asarray(rows.t[pick]),
-        payload=np.asarray(learn.payload_deviation(oracle, x))[:n],
-        agents=tuple(np.asarray(learn.agent_deviation(model, each))[:n] for model, _, _, each in groups),
-        payload_radius=np.asarray(band.payload_radius(oracle, bands, x))[:n],
-        agents_radius=tuple(np.asarray(band.agent_radius(*group))[:n] for group in groups),
+        t=np.asarray(rows.t[::every]),
+        payload=payload,
+        agents=of_agents,
+        payload_radius=radius,
+        agents_radius=radius_of_agents,
+    )
+
+
+BLOCK = 128  # states whose deviations are computed at once: one shape, one program
+
+
+def _block(held: Held, x: np.ndarray, agents: Sequence[np.ndarray]) -> tuple[Any, ...]:
+    """Deviations and radii of payload and agents at a block of states, or at fewer."""
+    n, oracle, bands = len(x), held.oracle, held.bands
+    full, *of_agents = (
+        jnp.asarray(np.pad(each, ((0, BLOCK - n), *[(0, 0)] * (each.ndim - 1)))) for each in (x, *agents)
+    )
+    groups = list(zip(oracle.agents, bands.companion.agents, bands.agents, of_agents, strict=True))
+    return (
+        np.asarray(learn.payload_deviation(oracle, full))[:n],
+        tuple(np.asarray(learn.agent_deviation(model, each))[:n] for model, _, _, each in groups),
+        np.asarray(band.payload_radius(oracle, bands, full))[:n],
+        tuple(np.asarray(band.agent_radius(*group))[:n] for group in groups),
     )
 
 
