@@ -16,6 +16,7 @@ from typer.testing import CliRunner
 
 from colift import __main__, folder, log, scenario, study
 from colift.__main__ import COLUMNS, _show, app
+from tests import light
 
 PROMISED = {
     *("e_p_rms_m", "e_v_rms", "e_R_rms", "e_omega_rms", "Psi_mean", "delta_W_rms", "e_lam_rms_N", "sigma_L_mean"),
@@ -202,9 +203,8 @@ def test_signals_are_labelled_and_have_units(results: Path):
 
 
 def test_a_run_that_fails_is_saved_marked_incomplete_and_status_1(tmp_path: Path):
-    text = (Path(scenario.__file__).parent.parent / "scenarios" / "paper.yaml").read_text()
-    path, out = tmp_path / "wild.yaml", tmp_path / "out"
-    path.write_text(text.replace("agent_k_omega: 28", "agent_k_omega: 2.0e+3"))
+    wild = light.SAMPLE.control.model_copy(update={"agent_k_omega": 2e3})
+    path, out = light.write(tmp_path / "wild.yaml", control=wild), tmp_path / "out"
     out.mkdir()
     for name in ("I.nc", "figure_6_certificate.pdf", "notes"):
         (out / name).write_text(f"of another run: {folder.run_name('0.1.0', 'another')}")

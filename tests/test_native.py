@@ -418,6 +418,18 @@ def test_code_does_not_grow_with_the_agents():
     assert lines(64) == lines(16)
 
 
+def test_arrays_without_elements_are_read_and_written_at_computed_places():
+    """Of a vehicle without joints, say."""
+
+    def f(none, log, i, x):
+        none = jax.lax.fori_loop(0, i, lambda k, y: y.at[k].set(y[k] + x.sum()), none)
+        log = log.at[i].set(jax.lax.dynamic_index_in_dim(none, i, keepdims=False).sum() + x[i])
+        log = jax.lax.dynamic_update_slice(log, x[:0], (i,))
+        return none, log.at[jnp.zeros((0,), int) + i].add(x[:0]), jnp.take(x, jnp.zeros((0,), int) + i)
+
+    check(f, jnp.zeros((4, 2, 0)), jnp.zeros(4), jnp.asarray(2), jnp.arange(4.0))
+
+
 def test_large_teams_do_not_overflow_the_stack():
     rng = np.random.default_rng(0)
     args = {"p": jnp.asarray(rng.normal(size=(300, 3, 3)))}, jnp.asarray(rng.normal(size=(300, 3))), jnp.ones(3)

@@ -11,6 +11,8 @@ import pytest
 import colift
 from colift import scenario
 from colift.scenario import ScenarioError, Settings
+from colift.scenario.own import beside
+from tests import light
 
 SAMPLE = (Path(__file__).parent / "sample_scenario.yaml").read_text(encoding="utf-8")
 MODULE = '''
@@ -169,21 +171,23 @@ def refused(folder: Path, more: str) -> str:
 
 
 def test_parts_of_every_kind_are_built_from_their_settings_and_fly(folder):
-    text = SAMPLE.replace(
-        "disturbances:\n",
-        "disturbances:\n  - {name: sway, acts_on: payload, %s\n  - {name: sways, acts_on: agents, %s\n"
-        % ((own("SwayLaw", "{force_N: [1, 0, 0]}")[1:],) * 2),
-    )
-    settings = read(
-        folder,
-        f"\nparts: {{leader: {part('ShyLeader', '{share: 0.5}')}, plant: {part('SamePlant')}}}"
-        f"\nactuators: {own('WeakActuators')}\n",
-        text,
-    )
-    then = [{"kind": "own", "part": "parts_of_test_own:OffsetSensor", "settings": {"by_m": [0, 0, 0.1]}}]
-    sensors = settings.sensors.model_copy(update={"then": then})
-    hover = {"kind": "own", "part": "parts_of_test_own:Hover", "settings": {"point_m": [1, 2, 3]}}
-    settings = settings.model_copy(update={"sensors": sensors, "reference": hover})
+    def named(name: str, **settings: object) -> dict[str, object]:
+        return {"kind": "own", "part": f"parts_of_test_own:{name}", "settings": settings}
+
+    sway = named("SwayLaw", force_N=[1, 0, 0])
+    with beside(folder):
+        path = light.write(
+            folder / "all.yaml",
+            disturbances=[sway | {"name": "sway", "acts_on": "payload"}, sway | {"name": "sways", "acts_on": "agents"}],
+            sensors={"then": [named("OffsetSensor", by_m=[0, 0, 0.1])]},
+            reference=named("Hover", point_m=[1, 2, 3]),
+            actuators=named("WeakActuators"),
+            parts={
+                "leader": {"part": "parts_of_test_own:ShyLeader", "settings": {"share": 0.5}},
+                "plant": {"part": "parts_of_test_own:SamePlant"},
+            },
+        )
+    settings = scenario.load(path)
     plan = colift.plan(settings, "C1")
     assert type(plan.pilot.leader).__name__ == "Shy"
     assert plan.pilot.leader.share == 0.5
@@ -191,8 +195,7 @@ def test_parts_of_every_kind_are_built_from_their_settings_and_fly(folder):
     assert type(plan.world.actuators).__name__ == "Weak"
     assert type(plan.world.extra[0]).__name__ == "Offset"
     assert [m.name for m in plan.world.sources.payload if not m.law.time_invariant] == ["sway"]
-    names = [agent.name for agent in settings.agents]
-    flight = colift.fly_plan(dataclasses.replace(plan, duration=0.1), names)
+    flight = colift.fly_plan(dataclasses.replace(plan, duration=0.1), light.NAMES)
     assert not flight.stopped
     assert np.allclose(flight.rows.p_d, [1.0, 2.0, 3.0])
 

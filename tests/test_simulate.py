@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from colift import disturbance, limits, simulate
+from colift import disturbance, limits, simulate, study
 from colift.pytree import pytree
-from tests import paper_flights
+from tests import light, paper_flights
 from tests.paper_flights import NAMES, believed, exact, fly, number, plan, with_pilot, with_world
 
 
@@ -300,11 +300,11 @@ class Asking(disturbance.Law):
 
 
 def test_a_part_that_native_code_cannot_call_is_flown_by_jax(caplog):
-    of = plan("C1")
+    of = study.plan(light.settings(), "C1")
     mount = disturbance.Mount(name="asked", law=Asking(), point=jnp.zeros(3))
     sources = dataclasses.replace(of.world.sources, payload=(*of.world.sources.payload, mount))
     with caplog.at_level("INFO", logger="colift.simulate"):
-        flown = fly(with_world(of, sources=sources), 0.02)
+        flown = simulate.fly_plan(dataclasses.replace(with_world(of, sources=sources), duration=0.02), light.NAMES)
     assert flown.stopped == ""
     assert "flown by JAX" in caplog.text
     assert "pure_callback" in caplog.text

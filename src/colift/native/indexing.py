@@ -46,8 +46,6 @@ def _window(
 
 def _read(g: Graph, a: Nodes, indices: Nodes, window: Window, outside: float) -> Nodes:
     """Windows of an array, (points, window)."""
-    if not window.base.size * window.offset.size:
-        return np.zeros((window.base.size, window.offset.size), dtype=np.int64)
     (out,) = g.block(Read, [a, indices], [window.base.size * window.offset.size], window=window, outside=outside)
     return out.reshape(window.base.size, window.offset.size)
 
@@ -67,6 +65,8 @@ def _dynamic_slice(g: Graph, eqn: Equation, a: Nodes, *start: Nodes) -> Nodes:
 
 @rule("dynamic_update_slice")
 def _dynamic_update_slice(g: Graph, eqn: Equation, a: Nodes, update: Nodes, *start: Nodes) -> Nodes:
+    if not update.size:
+        return a
     at = np.array([int(i) for i in start], dtype=np.int64)
     numbers = g.numbers(at)
     if numbers is not None:
@@ -80,8 +80,6 @@ def _dynamic_update_slice(g: Graph, eqn: Equation, a: Nodes, update: Nodes, *sta
 
 def _write(g: Graph, eqn: Equation, a: Nodes, at: Nodes, updates: Nodes, window: Window, join: str) -> Nodes:
     """The array with windows (points, window) written."""
-    if not window.base.size * window.offset.size:
-        return a
     out = eqn.outvars[0]
     check = out.aval.dtype.name if join in ("add", "mul") and is_integer(out) else ""
     assert not check or check in WHOLE
@@ -163,6 +161,8 @@ SCATTER = {"scatter": "", "scatter-add": "add", "scatter-mul": "mul", "scatter-m
 
 @rule(*SCATTER)
 def _scatter(g: Graph, eqn: Equation, a: Nodes, indices: Nodes, updates: Nodes) -> Nodes:
+    if not updates.size:
+        return a
     p = eqn.params
     d, op = p["dimension_numbers"], SCATTER[eqn.primitive.name]
     points, drops = indices.shape[:-1], p["mode"].name != "CLIP"

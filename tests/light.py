@@ -1,0 +1,34 @@
+"""The smallest team that carries a payload, three single bodies that hold a plate: its flights compile in seconds."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from colift import scenario
+from colift.scenario import Settings
+
+SAMPLE = scenario.load(Path(__file__).parent / "sample_scenario.yaml")
+CONTACTS = ((0.4, 0.0, 0.03), (-0.2, 0.35, 0.03), (-0.2, -0.35, 0.03))
+
+
+def settings(**changes: Any) -> Settings:
+    """The sample scenario, flown by that team, with some settings changed."""
+    base = {"mass_kg": 1.5, "inertia_kgm2": [0.02, 0.02, 0.035]}
+    arms = [{"name": "hook", "joint": "base", "tip_m": [0.0, 0.0, -0.1]}]
+    team = {
+        "agent_types": {"body": {"base": base, "thrust_max_N": 40.0, "arms": arms}},
+        "agents": [{"name": f"n{i}", "type": "body", "contacts_m": [c]} for i, c in enumerate(CONTACTS)],
+        "allocation": {"kind": "balanced"},
+        "disturbances": [source for source in SAMPLE.disturbances if source.acts_on == "payload"],
+    }
+    return SAMPLE.model_copy(update=team | changes)
+
+
+NAMES = tuple(agent.name for agent in settings().agents)
+
+
+def write(path: Path, **changes: Any) -> Path:
+    """The same as a scenario file: JSON is YAML."""
+    path.write_text(settings(**changes).model_dump_json(exclude_none=True))
+    return path
