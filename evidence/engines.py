@@ -36,10 +36,10 @@ SETTINGS = {  # substeps, integrator, time constant in substeps (MuJoCo takes no
 }
 
 
-def fly(plan: simulate.Plan, plant: engine.Plant | None, names: tuple[str, ...]) -> tuple[simulate.Flight, float]:
+def fly(plan: simulate.Plan, plant: engine.Mujoco | None, names: tuple[str, ...]) -> tuple[simulate.Flight, float]:
     """A flight, and the processor time of its ticks, s: compiled by a first flight of one tick."""
     if plant:
-        plan = dataclasses.replace(plan, world=dataclasses.replace(plan.world, plant=engine.Mujoco(of=plant)))
+        plan = dataclasses.replace(plan, world=dataclasses.replace(plan.world, plant=plant))
     simulate.fly_plan(dataclasses.replace(plan, duration=plan.dt), names)
     began = time.process_time()
     return simulate.fly_plan(plan, names), time.process_time() - began

@@ -13,9 +13,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from colift import dynamics, engine, grasp, mjcf, simulate
+from colift import dynamics, engine, grasp, mjcf, simulate, study
 from colift.model import AgentForce, AgentInput, Residual, State, Team, Wrench
-from tests import motion, teams
+from tests import light, motion, teams
 from tests.pinocchio_team import PinocchioTeam
 
 STRUCTURES = (teams.POOL[2], teams.POOL[3])
@@ -57,7 +57,7 @@ def near(found: object, expected: object, tolerance: float) -> None:
 def test_every_balance_holds_with_mujocos_accelerations_and_forces(structure: tuple, seed: int) -> None:
     """What our equations leave over is the residual that acts: exact, however soft the contacts are."""
     team, z, inputs, f = pushed(structure, seed)
-    a, lam = in_mujoco(engine.plant(team, z), z, inputs, f)
+    a, lam = in_mujoco(engine.plant(team, z), team, z, inputs, f)
     near(left(team, z, a, lam, inputs), f, SOLVED)
 
 
@@ -66,7 +66,7 @@ def test_contact_forces_are_those_of_rigid_contacts_but_for_the_softness(structu
     """`(A + S) lam = A lam_rigid`, with A and the rigid forces from Pinocchio and S as MuJoCo states it."""
     team, z, inputs, f = pushed(structure, seed)
     plant, oracle = engine.plant(team, z), PinocchioTeam(team)
-    lam = grasp.join(in_mujoco(plant, z, inputs, f)[1])
+    lam = grasp.join(in_mujoco(plant, team, z, inputs, f)[1])
     q, _ = oracle.coordinates(z)
     J = oracle.jacobian(q)
     A, S = J @ np.linalg.solve(oracle.mass_matrix(q), J.T), np.diag(plant.host.data.efc_R)
@@ -83,7 +83,7 @@ def test_what_differs_from_rigid_contacts_vanishes_with_the_softness() -> None:
     errors = []
     for d in (0.99, 0.999, 0.9999):
         softness = mjcf.Softness(time_constant=1e-3, impedance=d)
-        found = in_mujoco(engine.plant(team, z, softness=softness), z, inputs, f)
+        found = in_mujoco(engine.plant(team, z, softness=softness), team, z, inputs, f)
         errors.append(
             [np.abs(a - b).max() for a, b in zip(jax.tree.leaves(found), jax.tree.leaves(exact), strict=True)]
         )
@@ -153,10 +153,10 @@ def ours(team: Team, z: State, inputs: dynamics.Inputs, c: jax.Array) -> State:
 
 
 @functools.partial(jax.jit, static_argnums=0)
-def mujocos(plant: engine.Plant, z: State, inputs: dynamics.Inputs, c: jax.Array) -> State:
+def mujocos(plant: engine.Mujoco, team: Team, z: State, inputs: dynamics.Inputs, c: jax.Array) -> State:
     """The state after half a second, by MuJoCo."""
     unknown = lambda z, _: drag(c, z)  # noqa: E731
-    return jax.lax.fori_loop(0, STEPS, lambda _, z: plant.step(z, inputs, unknown, jnp.array(DT)), z)
+    return jax.lax.fori_loop(0, STEPS, lambda _, z: plant.step(team, z, inputs, unknown, jnp.array(DT)), z)
 
 
 def apart(a: State, b: State) -> float:
@@ -166,7 +166,7 @@ def apart(a: State, b: State) -> float:
 
 
 @pytest.fixture(scope="module")
-def swing() -> tuple[Team, State, dynamics.Inputs, list[engine.Plant]]:
+def swing() -> tuple[Team, State, dynamics.Inputs, list[engine.Mujoco]]:
     """The reference team, thrown at 1 m/s and 1 rad/s under constant thrusts; plants of 1, 2 and 4 substeps."""
     team, z = motion.thrown_reference(2)
     inputs = tuple(dataclasses.replace(u, u=12.0 + u.u) for u in motion.idle(team))
@@ -177,7 +177,7 @@ def test_a_swing_is_ours_to_second_order_in_the_substep(swing: tuple) -> None:
     """Without a residual the gaps of the soft contacts are left, which go with the square of the time constant."""
     team, z, inputs, plants = swing
     expected = ours(team, z, inputs, jnp.array(0.0))
-    errors = [apart(mujocos(plant, z, inputs, jnp.array(0.0)), expected) for plant in plants]
+    errors = [apart(mujocos(plant, team, z, inputs, jnp.array(0.0)), expected) for plant in plants]
     assert errors[0] < 1e-5
     for coarse, fine in itertools.pairwise(errors):
         assert 3.5 < coarse / fine < 4.5
@@ -187,7 +187,7 @@ def test_a_swing_with_drag_is_ours_to_first_order_in_the_substep_over_which_the_
     team, z, inputs, plants = swing
     c = jnp.array(0.5)
     expected, free = ours(team, z, inputs, c), ours(team, z, inputs, 0 * c)
-    errors = [apart(mujocos(plant, z, inputs, c), expected) for plant in plants]
+    errors = [apart(mujocos(plant, team, z, inputs, c), expected) for plant in plants]
     assert errors[0] < 1e-2 * apart(expected, free)
     for coarse, fine in itertools.pairwise(errors):
         assert 1.8 < coarse / fine < 2.2
@@ -199,10 +199,10 @@ def test_a_swing_with_drag_is_ours_to_first_order_in_the_substep_over_which_the_
 def test_an_answer_depends_on_no_call_before_and_batches_are_single_answers() -> None:
     team, z, inputs, f = pushed(teams.POOL[2], 0)
     plant = engine.plant(team, z)
-    first = in_mujoco(plant, z, inputs, f)
+    first = in_mujoco(plant, team, z, inputs, f)
     other = jax.tree.map(lambda x: 2 * x, f)
-    both = jax.vmap(plant.accelerate, in_axes=(None, None, 0))(
-        z, inputs, jax.tree.map(lambda *x: jnp.stack(x), other, f)
+    both = jax.vmap(plant.accelerate, in_axes=(None, None, None, 0))(
+        team, z, inputs, jax.tree.map(lambda *x: jnp.stack(x), other, f)
     )
     for a, b in zip(jax.tree.leaves(first), jax.tree.leaves(both), strict=True):
         np.testing.assert_array_equal(a, b[1])
@@ -214,11 +214,21 @@ def test_commands_are_not_limited_and_what_is_not_finite_stays_so() -> None:
     plant = engine.plant(team, z)
     strong = tuple(dataclasses.replace(u, u=10 * u.u) for u in inputs)
     assert float(strong[0].u.max()) > float(team.groups[0].thrust_max.max())
-    a, lam = in_mujoco(plant, z, strong, f)
+    a, lam = in_mujoco(plant, team, z, strong, f)
     near(left(team, z, a, lam, strong), f, SOLVED)
     lost = dataclasses.replace(z, payload=dataclasses.replace(z.payload, v=z.payload.v * jnp.nan))
-    after = plant.step(lost, inputs, lambda _z, _t: f, jnp.array(DT))
+    after = plant.step(team, lost, inputs, lambda _z, _t: f, jnp.array(DT))
     assert not np.isfinite(after.payload.p).all()
+
+
+def test_a_scenario_that_asks_for_mujoco_has_it_as_its_plant_as_stiff_as_its_substeps_allow() -> None:
+    settings = light.settings(plant={"kind": "mujoco", "substeps": 2}, control_Hz=400.0)
+    plant = study.plan(settings, "C1").world.plant
+    assert isinstance(plant, engine.Mujoco)
+    assert plant.substeps == 2
+    option = plant.host.model.opt
+    assert option.timestep == pytest.approx(1 / 800)
+    assert mjcf.rigid(1 / 800).time_constant == pytest.approx(plant.host.model.eq_solref[0, 0])
 
 
 def test_what_no_plant_can_be_is_refused() -> None:

@@ -118,6 +118,15 @@ def test_internal_forces_that_do_not_exist_are_refused_with_the_reason(tmp_path:
     assert "no eta exists" in said
 
 
+@pytest.mark.parametrize(("given", "flown"), [((), "rigid"), (("--engine", "mujoco"), "mujoco")])
+def test_an_engine_takes_the_place_of_the_scenario_s(given, flown, tmp_path, monkeypatch: pytest.MonkeyPatch):
+    def plans(settings: scenario.Settings, cases: object) -> None:
+        raise scenario.ScenarioError(f"by {settings.plant.kind}")
+
+    monkeypatch.setattr(study, "plans", plans)
+    assert invoke("study", "paper", *given, "--out", str(tmp_path)) == (2, f"by {flown}\n")
+
+
 def test_scenarios_are_listed():
     result = CliRunner().invoke(app, ["scenarios"])
     assert result.exit_code == 0

@@ -182,10 +182,8 @@ def test_parts_of_every_kind_are_built_from_their_settings_and_fly(folder):
             sensors={"then": [named("OffsetSensor", by_m=[0, 0, 0.1])]},
             reference=named("Hover", point_m=[1, 2, 3]),
             actuators=named("WeakActuators"),
-            parts={
-                "leader": {"part": "parts_of_test_own:ShyLeader", "settings": {"share": 0.5}},
-                "plant": {"part": "parts_of_test_own:SamePlant"},
-            },
+            plant=named("SamePlant"),
+            parts={"leader": {"part": "parts_of_test_own:ShyLeader", "settings": {"share": 0.5}}},
         )
     settings = scenario.load(path)
     plan = colift.plan(settings, "C1")
@@ -268,7 +266,7 @@ def test_of_two_modules_of_one_name_the_other_is_refused(folder, tmp_path):
     ("more", "says"),
     [
         (f"parts: {{leader: {part('Nothing')}}}", "parts.leader: parts_of_test_own:Nothing built a value of type dict"),
-        (f"parts: {{plant: {part('Nothing')}}}", "which is no colift.world.Plant"),
+        (f"plant: {own('Nothing')}", "which is no colift.world.Plant"),
         (f"actuators: {own('Nothing')}", "which is no colift.actuator.Ideal"),
     ],
 )

@@ -6,6 +6,7 @@ Heavy modules are imported by the commands that need them, so that `--help` answ
 from __future__ import annotations
 
 import contextlib
+import enum
 import io
 import math
 import os
@@ -69,9 +70,18 @@ Seed = Annotated[
 ]
 
 
+class Engine(enum.StrEnum):
+    """What moves the team in truth."""
+
+    RIGID = "rigid"
+    MUJOCO = "mujoco"
+
+
 @contextlib.contextmanager
-def _opened(name: str, out: Path | None, seed: int | None, kept: str) -> Generator[tuple[Any, Any]]:
-    """The settings of a scenario, under that seed if one is given, and its folder, this process's alone in the block.
+def _opened(
+    name: str, out: Path | None, seed: int | None, kept: str, engine: Engine | None = None
+) -> Generator[tuple[Any, Any]]:
+    """The settings of a scenario, with what is given changed, and its folder, this process's alone in the block.
 
     What a person can mend, and a request to end, end the block with a line: of the latter with what is `kept`.
     """
@@ -84,6 +94,8 @@ def _opened(name: str, out: Path | None, seed: int | None, kept: str) -> Generat
         settings = scenario.load(name)
         if seed is not None:
             settings = settings.model_copy(update={"seed": seed})
+        if engine is not None and settings.plant.kind != engine:
+            settings = settings.model_copy(update={"plant": {"kind": engine.value}})
         with flights.claim(settings, out or Path("out") / settings.name) as folder:
             if results.of_others(folder, flights.FLOWN + flights.CERTIFIED):
                 errors.print(f"{folder.path} holds results of another run: they are replaced", markup=False)
@@ -168,6 +180,10 @@ def study(
             "--baselines", help="Also fly the rivals: I (integral), DOB (observer), P (parametric), O (floor)."
         ),
     ] = False,
+    engine: Annotated[
+        Engine | None,
+        typer.Option("--engine", help="Our rigid contacts, or MuJoCo (extra mujoco); by default the scenario's."),
+    ] = None,
 ) -> None:
     """Fly a scenario under C1 (no learning), C2 (payload) and C3 (payload and agents), and compare them.
 
@@ -176,7 +192,7 @@ def study(
     from colift import study as flights
 
     cases = tuple(flights.CASES | (flights.BASELINES if baselines else {}))
-    with _opened(name, out, seed, "the cases that had ended are in") as (settings, folder):
+    with _opened(name, out, seed, "the cases that had ended are in", engine) as (settings, folder):
         with _stages(f"preparing {settings.name}") as say:
             ready = flights.plans(settings, cases)
             say("its loop at rest")

@@ -8,7 +8,6 @@ and `(f_w, f_r)` act on the base's turning and the joints.
 
 from __future__ import annotations
 
-import dataclasses
 import threading
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -36,34 +35,37 @@ OFF = (  # inputs are as given, a result depends on no call before, and what is 
 )
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class Plant:
-    """A team in MuJoCo. Its methods are pure and may be traced; MuJoCo runs on the host, one call at a time."""
+@pytree
+class Mujoco:
+    """A team in MuJoCo as the plant of a world, in the place of `dynamics.Rigid`; made by `plant`.
 
-    team: Team
-    substeps: int
-    host: Host
+    Its methods are pure and may be traced; MuJoCo runs on the host, one call at a time. The team that they are given
+    says how parts stand in a state; its numbers are those that MuJoCo was told when the plant was made.
+    """
+
+    substeps: int = static()
+    host: Host = static()
 
     def accelerate(
-        self, z: State, inputs: Inputs, f: Residual
+        self, team: Team, z: State, inputs: Inputs, f: Residual
     ) -> tuple[Acceleration, tuple[Float[Array, "_agents _arms 3"], ...]]:
         """Accelerations and contact forces, as `dynamics.accelerate` but for the softness of the contacts."""
         like = tuple(AgentAcceleration(v_dot=q.v, xi_dot=jnp.concatenate([q.omega, q.r_dot], axis=1)) for q in z.agents)
-        contacts = tuple(group.contact for group in self.team.groups)
+        contacts = tuple(group.contact for group in team.groups)
         results = [jnp.zeros(6), *_join(like), *_join(contacts)]
         a_L, v_dot, xi_dot, lam = _ask(self.host.accelerate, results, z, inputs, f)
         return Acceleration(agents=_part(like, [v_dot, xi_dot]), payload=a_L), _part(contacts, [lam])
 
-    def step(self, z: State, inputs: Inputs, unknown: Unknown, dt: Float[Array, ""]) -> State:
+    def step(self, team: Team, z: State, inputs: Inputs, residual: Unknown, dt: Float[Array, ""]) -> State:
         """The state after dt, s; inputs are held over it, the residual over each of the substeps.
 
-        unknown: the residual of a state and of the time since the step began, s.
+        residual: of a state and of the time since the step began, s.
         """
         h = dt / self.substeps
 
         def one(k: Int[Array, ""], z: State) -> State:
             load, kind = jax.tree.flatten(z.payload)
-            after = _ask(self.host.step, _state_rows(z), z, inputs, unknown(z, k.astype(h.dtype) * h), h)
+            after = _ask(self.host.step, _state_rows(z), z, inputs, residual(z, k.astype(h.dtype) * h), h)
             return State(agents=_part(z.agents, after[: -len(load)]), payload=kind.unflatten(after[-len(load) :]))
 
         return jax.lax.fori_loop(0, self.substeps, one, z)
@@ -71,7 +73,7 @@ class Plant:
 
 def plant(
     team: Team, z: State, dt: float = 2e-3, substeps: int = SUBSTEPS, softness: mjcf.Softness | None = None
-) -> Plant:
+) -> Mujoco:
     """A team in MuJoCo, to be stepped by dt, s; z is any of its states. By default as rigid as the substep allows.
 
     Raises ValueError for less than one substep, and as MuJoCo does for a team that it refuses.
@@ -80,24 +82,7 @@ def plant(
         raise ValueError(f"substeps = {substeps}: must be at least 1")
     h = dt / substeps
     text = mjcf.document(team, z, timestep=h, softness=softness or mjcf.rigid(h))
-    return Plant(team=team, substeps=substeps, host=Host(team, text))
-
-
-@pytree
-class Mujoco:
-    """A `Plant` as the plant of a world (`world.Simulated.plant`), in the place of `dynamics.Rigid`."""
-
-    of: Plant = static()
-
-    def accelerate(
-        self, team: Team, z: State, inputs: Inputs, f: Residual
-    ) -> tuple[Acceleration, tuple[Float[Array, "_agents _arms 3"], ...]]:
-        """`Plant.accelerate`; the team is the one that MuJoCo was told."""
-        return self.of.accelerate(z, inputs, f)
-
-    def step(self, team: Team, z: State, inputs: Inputs, residual: Unknown, dt: Float[Array, ""]) -> State:
-        """`Plant.step`."""
-        return self.of.step(z, inputs, residual, dt)
+    return Mujoco(substeps=substeps, host=Host(team, text))
 
 
 # Between PyTrees and rows of numbers --------------------------------------------------------------------------------

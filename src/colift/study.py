@@ -64,7 +64,7 @@ def plans(settings: Settings, cases: Sequence[str]) -> dict[str, simulate.Plan]:
     pilot = build.pilot(settings, nominal)
     build.hover(settings, truth, pilot, sources)
     c1 = simulate.Plan(
-        world=build.world(settings, truth, sources, error),
+        world=build.world(settings, truth, z, sources, error),
         pilot=pilot,
         limits=build.bounds(settings, truth, z),
         dt=1 / settings.control_Hz,
@@ -304,6 +304,7 @@ def run(
         "seed": settings.seed,
         "version": version("colift"),
         "settings": settings.digest,
+        "plant": settings.plant.kind,
         "run": out.run,
         **ahead.summary,
         "limits": _limits(settings, next(iter(ready.values()))),

@@ -297,10 +297,10 @@ def _carried(path: reference.Reference, z: State, t: Array) -> tuple[Array, tupl
     return learn.payload_features(model.flat_payload(load, jnp.zeros(6))), agents
 
 
-def world(settings: s.Settings, truth: Team, sources: disturbance.Disturbances, rig: Residual) -> Simulated:
-    """The truth that the team meets; rig: largest error of the calibration rig's labels, which flies where it is asked.
+def world(settings: s.Settings, truth: Team, z: State, sources: disturbance.Disturbances, rig: Residual) -> Simulated:
+    """The truth that the team meets from z on; rig: largest error of the calibration rig's labels, where it is asked.
 
-    Raises ScenarioError for a part of one's own that is none.
+    Raises ScenarioError for a part of one's own that is none, and where MuJoCo is asked for and not installed.
     """
     seen = sensors(settings)
     then = tuple(_reading(x, f"sensors.then.{i}", settings) for i, x in enumerate(settings.sensors.then))
@@ -314,13 +314,20 @@ def world(settings: s.Settings, truth: Team, sources: disturbance.Disturbances, 
         lam_bias=sensor.bias(truth, seen, jax.random.fold_in(jax.random.key(settings.seed), 1)),
         extra=(*then, sensor.Rig(error=rig)) if settings.learning.samples == "rig" else then,
     )
-    actuators = _actuators(settings, ours)
-    plant = settings.parts.plant
-    return dataclasses.replace(
-        ours,
-        actuators=actuators,
-        plant=ours.plant if plant is None else _own(plant, "parts.plant", Plant, ours),
-    )
+    return dataclasses.replace(ours, actuators=_actuators(settings, ours), plant=_plant(settings, ours, z))
+
+
+def _plant(settings: s.Settings, ours: Simulated, z: State) -> Plant:
+    given = settings.plant
+    if isinstance(given, s.Own):
+        return _own(given, "plant", Plant, ours)
+    if isinstance(given, s.Rigid):
+        return dynamics.Rigid()
+    try:
+        from colift import engine  # MuJoCo is an extra
+    except ModuleNotFoundError as error:
+        raise ScenarioError(f"{settings.name}: plant: {error}") from None
+    return engine.plant(ours.team, z, 1 / settings.control_Hz, given.substeps)
 
 
 def _reading(given: s.Intermittent | s.Drifting | s.Own, where: str, settings: s.Settings) -> sensor.Extra:

@@ -138,6 +138,7 @@ Capacity = Annotated[
     Count, Field(ge=2, le=20_000), because("a fit takes two; the posterior's matrices grow with the square")
 ]
 Centers = Annotated[Count, Field(ge=1, le=20_000), because("kernels' matrices grow with the square")]
+Substeps = Annotated[Count, Field(ge=1, le=1000), because("a step cannot be less than one; more than a thousand crawl")]
 Restarts = Annotated[Count, Field(ge=0, le=100), because("each is a whole fit, at every update")]
 Iterations = Annotated[Count, Field(ge=1, le=10_000), because("a fit ends or is lost long before")]
 Seed = Annotated[Count, Field(ge=0, le=2**63 - 1), because("what the random generator takes: 63 bits")]

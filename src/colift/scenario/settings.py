@@ -555,21 +555,35 @@ class Motors(Section):
         return self
 
 
+class Rigid(Section):
+    """Our equations of motion, with rigid contacts."""
+
+    kind: Literal["rigid"]
+    """Which."""
+
+
+class Mujoco(Section):
+    """MuJoCo on the model of `colift export mjcf` (the extra `mujoco`), contacts as stiff as its steps allow."""
+
+    kind: Literal["mujoco"]
+    """Which."""
+    substeps: of.Substeps = 4
+    """Steps of MuJoCo in a control period."""
+
+
 class Parts(Section):
-    """Parts of one's own in the place of the paper's: `build(pilot)` or `build(world)`, with ours in it, gives each."""
+    """Parts of one's own in the place of the paper's: `build(pilot)`, with ours in it, gives each."""
 
     leader: Part | None = None
-    """A `colift.fly.Leader`, from the pilot."""
+    """A `colift.fly.Leader`."""
     allocator: Part | None = None
-    """A `colift.fly.Allocator`, from the pilot; [allocation](#settings) says what ours is."""
+    """A `colift.fly.Allocator`; [allocation](#settings) says what ours is."""
     realizer: Part | None = None
-    """A `colift.fly.Realizer`, from the pilot."""
+    """A `colift.fly.Realizer`."""
     estimator: Part | None = None
-    """A `colift.fly.Estimator`, from the pilot."""
+    """A `colift.fly.Estimator`."""
     predictor: Part | None = None
-    """A `colift.fly.Predictor`, from the pilot."""
-    plant: Part | None = None
-    """A `colift.world.Plant`, from the world."""
+    """A `colift.fly.Predictor`."""
 
 
 class Control(Section):
@@ -805,6 +819,8 @@ class Settings(Section):
     """What error bounds rest on."""
     limits: Limits = Limits()
     """What a flight may not exceed."""
+    plant: Annotated[Rigid | Mujoco | Own, Field(discriminator="kind")] = Rigid(kind="rigid")
+    """What moves the team in truth; `build(world)` of one's own gives a `colift.world.Plant`."""
     parts: Parts = Parts()
     """Parts of one's own in the place of the paper's."""
 
