@@ -14,7 +14,7 @@ import json
 import logging
 from collections.abc import Callable, Sequence
 from importlib import resources
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.core
@@ -145,12 +145,24 @@ def _target(jaxpr: core.ClosedJaxpr, batched: bool) -> tuple[str, list[list[int]
     return f"colift_{name}", parcels
 
 
-def source(jaxpr: core.ClosedJaxpr, batched: bool) -> str:
-    """The C source of a function, for one sample or for as many as fit a vector."""
+class Kernel(NamedTuple):
+    """A function as C: its text, its name, and which arguments and results are its parameters, in that order."""
+
+    text: str
+    name: str
+    arguments: list[int]
+    results: list[int]
+    widths: list[int]
+
+
+def kernel(jaxpr: core.ClosedJaxpr, lanes: int = 1, agent_lanes: int = 1, stack: int = emit.STACK) -> Kernel:
+    """A function for `lanes` samples side by side, or for one and its agents; arrays beyond `stack` bytes allocated.
+
+    Raises `UnsupportedPrimitive`, `OverflowError` and `TypeError` as `compile` does.
+    """
     for v in (*jaxpr.in_avals, *jaxpr.out_avals):
         if v.dtype.name not in TYPES:
             raise TypeError(f"native: arrays must be of type {', '.join(TYPES)}; got {v.dtype.name}")
-    width = build.lanes() if batched else 1
     g = Graph()
     nodes = []
     for k, v in enumerate(jaxpr.in_avals):
@@ -164,27 +176,44 @@ def source(jaxpr: core.ClosedJaxpr, batched: bool) -> str:
         outputs=[g.numeric(x) for x in outputs],
     )
     need = liveness.live(function, liveness.all_of(function.outputs))
-    unit = emit.Source(agent_lanes=1 if batched else build.lanes())
-    top = unit.add(function, need, Shape(width))
-    parcels = _parcels(jaxpr.in_avals, [bool(used.any()) for used in need.used], batched)
+    unit = emit.Source(agent_lanes, stack)
+    name = unit.add(function, need, Shape(lanes))
+    return Kernel(
+        text=unit.functions(),
+        name=name,
+        arguments=[k for k, used in enumerate(need.used) if used.any()],
+        results=[k for k, needed in enumerate(need.needed) if needed.any()],
+        widths=sorted(unit.widths),
+    )
+
+
+def lanes_h(widths: Sequence[int]) -> str:
+    """What kernels of some widths are made of."""
+    text = resources.files("colift.native").joinpath("lanes.h").read_text()
+    return "\n".join(f"#define LANES {w}\n{text}" for w in widths)
+
+
+def source(jaxpr: core.ClosedJaxpr, batched: bool) -> str:
+    """The C source of a function as XLA calls it, for one sample or for as many as fit a vector."""
+    width = build.lanes() if batched else 1
+    made = kernel(jaxpr, width, 1 if batched else build.lanes())
+    parcels = _parcels(jaxpr.in_avals, [k in made.arguments for k in range(len(jaxpr.in_avals))], batched)
     sizes = [[jaxpr.in_avals[k].size for k in parcel] for parcel in parcels]
     starts = [np.cumsum([0, *size]) for size in sizes]
     place = {k: f"in[{i}] + {at}" for i, p in enumerate(parcels) for k, at in zip(p, starts[i], strict=False)}
-    args = [place[k] for k, used in enumerate(need.used) if used.any()]
-    args += [f"out[{k}]" for k, needed in enumerate(need.needed) if needed.any()]
+    args = [place[k] for k in made.arguments] + [f"out[{k}]" for k in made.results]
     files = resources.files("colift.native")
-    lanes = files.joinpath("lanes.h").read_text()
     numbers = lambda x: ", ".join(map(str, x)) or "0"  # noqa: E731
     return "\n".join([
         files.joinpath("prelude.h").read_text(),
-        *(f"#define LANES {w}\n{lanes}" for w in sorted(unit.widths)),
-        unit.functions(),
+        lanes_h(made.widths),
+        made.text,
         f"#if IN(0)\n#define WIDTH {width}\n#define V V_{width}\n#define SPLAT splat_{width}",
         f"#define ARGUMENTS {len(parcels)}\n#define RESULTS {len(jaxpr.out_avals)}",
         f"#define RESULT_RANK {len(jaxpr.out_avals[0].shape)}",
         f"static const int64_t ARGUMENT_SIZE[] = {{{numbers(map(sum, sizes))}}};",
         f"static const int64_t RESULT_SIZE[] = {{{numbers(v.size for v in jaxpr.out_avals)}}};",
-        f"static void KERNEL(V **in, V **out) {{ {top}({', '.join(args)}); }}",
+        f"static void KERNEL(V **in, V **out) {{ {made.name}({', '.join(args)}); }}",
         files.joinpath("ffi.h").read_text(),
         f'__attribute__((visibility("default"))) const char colift_parcels[] = "{json.dumps(parcels)}";',
         "#endif",

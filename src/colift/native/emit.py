@@ -19,8 +19,9 @@ STACK = 1 << 18  # bytes of arrays in one function; more are allocated
 class Source:
     """A C translation unit in the making: each distinct function once."""
 
-    def __init__(self, agent_lanes: int = 1) -> None:
+    def __init__(self, agent_lanes: int = 1, stack: int = STACK) -> None:
         self.agent_lanes = agent_lanes  # agents or points beside each other, where samples are not
+        self.stack = stack
         self.widths: set[int] = {1}
         self.names: dict[str, str] = {}
 
@@ -71,7 +72,7 @@ class Body:
         parameters |= {f"o{k}": f"V_{w} *restrict o{k}" for k in own}
         if shape.guard:
             parameters["go"] = f"const M_{w} *restrict go"
-        return split.assemble(self.lines, parameters, w, self.room, STACK)
+        return split.assemble(self.lines, parameters, w, self.room, self.source.stack)
 
     def _block_of(self, nodes: Nodes) -> int:
         """The block whose output some nodes are."""

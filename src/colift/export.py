@@ -1,0 +1,304 @@
+"""What flies as C: the pilot's tick in C99 without allocation, threads or libraries but the math library.
+
+The code is made from the same JAX functions as native flights, for one sample. What was learned is a block of constants
+of its own, behind a pointer, so that an update on board is an assignment. A program replays a flight that was flown
+here and compares the commands. Not flown on hardware.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import re
+from collections.abc import Callable, Sequence
+from importlib import resources
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from colift import disk, learn, native, simulate
+from colift.measurement import Measurement
+from colift.model import Clock, Inputs
+
+STACK = 1 << 40  # bytes: no array is allocated
+UNITS = {  # of the fields of readings and commands; an attitude has none
+    "R": "",
+    "p": "m",
+    "x": "m",
+    "v": "m/s",
+    "omega": "rad/s, body frame",
+    "a": "m/s^2, specific force, body frame",
+    "r": "rad or m",
+    "lam": "N, frame of the tip",
+    "u": "N",
+    "tau": "N m, body frame",
+    "tau_r": "N m or N",
+}
+
+
+class Replay(NamedTuple):
+    """Ticks of a flight as the pilot met them, time first."""
+
+    t: Array  # s
+    m: Measurement
+    command: Inputs
+
+
+def replay(plan: simulate.Plan, oracle: learn.Oracle, ticks: int) -> tuple[Measurement, Replay]:
+    """The reading at rest before a flight with a frozen oracle, and the flight's first ticks."""
+    setup = dataclasses.replace(plan.setup, pilot=dataclasses.replace(plan.pilot, oracle=oracle))
+    noise = plan.world.draw(jax.random.key(plan.seed), ticks)
+    return plan.world.rest(plan.z), _flown(setup, simulate.start(setup, plan.z), noise)
+
+
+@jax.jit
+def _flown(setup: simulate.Setup, loop: simulate.Loop, noise: Any) -> Replay:
+    def one(state: tuple[Any, Any], now: tuple[Array, Any]) -> tuple[tuple[Any, Any], Replay]:
+        (world, memory), (t, drawn) = state, now
+        clock = Clock(t=t, dt=setup.dt)
+        m, world = setup.world.sense(world, clock, drawn)
+        command, memory, _ = setup.pilot.tick(memory, m, clock)
+        world, _ = setup.world.step(world, command, clock)
+        return (world, memory), Replay(t=t, m=m, command=command)
+
+    ticks = jax.tree.leaves(noise)[0].shape[0]
+    t = jnp.arange(ticks) * setup.dt
+    return jax.lax.scan(one, (loop.world, loop.memory), (t, noise))[1]
+
+
+def c(plan: simulate.Plan, oracle: learn.Oracle, ticks: int, folder: Path, name: str) -> None:
+    """Write the pilot with what it has learned, a replay of `ticks` ticks, and what builds and runs both.
+
+    Raises OSError where the folder cannot be written, `native.UnsupportedPrimitive` for a part that calls what has no
+    C, with its place.
+    """
+    pilot, dt = plan.pilot, jnp.asarray(plan.dt)
+    rest, flown = replay(plan, oracle, ticks)
+
+    def begin(oracle: learn.Oracle, first: Measurement) -> tuple[Inputs, Any]:
+        return dataclasses.replace(pilot, oracle=oracle).begin(first, Clock(t=jnp.zeros(()), dt=dt))
+
+    def step(oracle: learn.Oracle, t: Array, m: Measurement, memory: Any) -> tuple[Inputs, Any]:
+        return dataclasses.replace(pilot, oracle=oracle).tick(memory, m, Clock(t=t, dt=dt))[:2]
+
+    _, memory = jax.eval_shape(begin, oracle, rest)
+    init, tick = _traced(begin, oracle, rest), _traced(step, oracle, jnp.zeros(()), rest, memory)
+    structs = {
+        "oracle": Struct(oracle, "what was learned"),
+        "measurement": Struct(rest, "what is measured at one time"),
+        "memory": Struct(memory, "what the pilot remembers from tick to tick"),
+        "command": Struct({"agents": init.results[0]}, "what vehicles are to do until the next tick"),
+    }
+    for made, given in ((init, ("oracle", "measurement")), (tick, ("oracle", None, "measurement", "memory"))):
+        for of, used in zip(given, made.used, strict=True):
+            if of is not None:
+                structs[of].used |= used
+    for of in ("memory", "command"):
+        structs[of].used |= {k for k, (_, shape) in enumerate(structs[of].leaves) if 0 not in shape}
+    head = _header(name, structs, plan.dt)
+    about = f"/* {name}, by colift {version('colift')}. This file belongs to its user. */\n"
+    oracle_of = structs["oracle"].filled(oracle)
+    files = {
+        "colift.h": about + head,
+        "colift.c": about + _code(structs, init, tick),
+        "learned.c": f'{about}#include "colift.h"\n\nconst colift_oracle colift_learned = {oracle_of};\n',
+        "replay.c": about + resources.files("colift.native").joinpath("replay.c").read_text(),
+        "CMakeLists.txt": CMAKE,
+    }
+    folder.mkdir(parents=True, exist_ok=True)
+    for file, text in files.items():
+        disk.write(folder / file, text.encode())
+    rows = np.concatenate(
+        [
+            np.asarray(flown.t)[:, None],
+            structs["measurement"].rows(flown.m, ticks),
+            structs["command"].rows(flown.command, ticks),
+        ],
+        axis=1,
+    )
+    first = np.concatenate([[0.0], structs["measurement"].rows(jax.tree.map(lambda x: x[None], rest), 1)[0]])
+    first = np.pad(first, (0, rows.shape[1] - len(first)))
+    disk.write(folder / "flight.bin", np.concatenate([first[None], rows]).astype("<f8").tobytes())
+
+
+class Traced(NamedTuple):
+    """A function as C, with which leaves of its arguments it uses."""
+
+    kernel: native.Kernel
+    sizes: list[int]  # leaves of each argument
+    used: list[set[int]]  # by argument
+    results: Any  # their shapes
+
+
+def _traced(f: Callable[..., Any], *args: Any) -> Traced:
+    jaxpr, results = jax.make_jaxpr(f, return_shape=True)(*args)
+    made = native.kernel(jaxpr, stack=STACK)
+    sizes = [len(jax.tree.leaves(arg)) for arg in args]
+    starts = np.cumsum([0, *sizes])
+    used = [{k - a for k in made.arguments if a <= k < b} for a, b in itertools.pairwise(starts)]
+    return Traced(kernel=made, sizes=sizes, used=used, results=results)
+
+
+class Struct:
+    """A PyTree as a C struct: a member a leaf, named by its path; a number is a `colift_real`, whatever its type."""
+
+    def __init__(self, tree: Any, about: str) -> None:
+        self.about = about
+        self.leaves = [(_name(path), leaf.shape) for path, leaf in jax.tree_util.tree_leaves_with_path(tree)]
+        self.used: set[int] = set()
+
+    def declared(self, name: str) -> str:
+        """The declaration, of the members that are used."""
+        members = []
+        for k in sorted(self.used):
+            member, shape = self.leaves[k]
+            unit = UNITS.get(re.split(r"_\d+_|payload_", member)[-1], "")
+            said = ", ".join([unit] * bool(unit) + [" x ".join(map(str, shape))] * (len(shape) > 1))
+            size = f"[{int(np.prod(shape))}]" if shape else ""
+            members.append(f"  colift_real {member}{size};" + (f" /* {said} */" if said else ""))
+        return f"/* {self.about} */\ntypedef struct {{\n" + "\n".join(members) + f"\n}} colift_{name};\n"
+
+    def pointer(self, of: str, k: int) -> str:
+        """To the first number of a leaf."""
+        member, shape = self.leaves[k]
+        return f"{of}->{member}" if shape else f"&{of}->{member}"
+
+    def filled(self, tree: Any) -> str:
+        """A constant of this struct."""
+        values = jax.tree.leaves(tree)
+        parts = []
+        for k in sorted(self.used):
+            numbers = ", ".join(repr(float(x)) for x in np.asarray(values[k], float).ravel())
+            parts.append(f"  .{self.leaves[k][0]} = " + (f"{{{numbers}}}" if self.leaves[k][1] else numbers))
+        return "{\n" + ",\n".join(parts) + "\n}"
+
+    def rows(self, tree: Any, time: int) -> np.ndarray:
+        """`(time, numbers)`: its members in their order, of a PyTree with time first."""
+        values = jax.tree.leaves(tree)
+        return np.concatenate([np.asarray(values[k], float).reshape(time, -1) for k in sorted(self.used)], axis=1)
+
+
+def _name(path: Sequence[Any]) -> str:
+    """The path of a leaf as a name of C."""
+    return re.sub(r"\W+", "_", jax.tree_util.keystr(tuple(path))).strip("_") or "value"
+
+
+def _header(name: str, structs: dict[str, Struct], dt: float) -> str:
+    kinds = "\n".join(struct.declared(of) for of, struct in structs.items())
+    return f"""/*
+ * The pilot of {name}. Made by colift from the functions that it flies; not flown on hardware.
+ * SI units, z up; matrices by rows, agents in the order of the team. One call of colift_step every
+ * {dt:g} s, with the time since the first. No function allocates, keeps a state of its own or calls
+ * anything but the math library.
+ */
+#ifndef COLIFT_H
+#define COLIFT_H
+
+#ifdef __cplusplus
+extern "C" {{
+#endif
+
+#ifdef COLIFT_FLOAT32
+typedef float colift_real;
+#else
+typedef double colift_real;
+#endif
+
+{kinds}
+#define COLIFT_PERIOD {dt!r} /* s */
+
+extern const colift_oracle colift_learned; /* of the flight that this was made from */
+
+/* The memory before the first tick and the command that holds the team until then, from a reading at rest. */
+void colift_init(const colift_oracle *oracle, const colift_measurement *m, colift_memory *memory,
+                 colift_command *command);
+
+/* One tick: the command from now on. `next` is the memory for the next tick and must not be `memory`.
+ * Returns 0, or 1 where a counter left the integers that are exact. */
+int colift_step(const colift_oracle *oracle, colift_real t, const colift_measurement *m, const colift_memory *memory,
+                colift_memory *next, colift_command *command);
+
+#ifdef __cplusplus
+}}
+#endif
+#endif
+"""
+
+
+def _code(structs: dict[str, Struct], init: Traced, tick: Traced) -> str:
+    def call(made: Traced, given: Sequence[str | None], commanded: str, remembered: str) -> str:
+        starts = np.cumsum([0, *made.sizes])
+
+        def argument(k: int) -> str:
+            part = int(np.searchsorted(starts, k, side="right")) - 1
+            of = given[part]
+            return "&t" if of is None else structs[of].pointer(short(of), k - int(starts[part]))
+
+        commands = len(structs["command"].leaves)
+        results = [
+            structs["command"].pointer(commanded, k)
+            if k < commands
+            else structs["memory"].pointer(remembered, k - commands)
+            for k in made.kernel.results
+        ]
+        return f"{made.kernel.name}({', '.join([*map(argument, made.kernel.arguments), *results])});"
+
+    def short(of: str) -> str:
+        return "m" if of == "measurement" else of
+
+    first = re.sub(r"\bf(\d)", r"g\1", init.kernel.text)  # two kernels in one file
+    begin = init._replace(kernel=init.kernel._replace(name=init.kernel.name.replace("f", "g", 1)))
+    read = lambda name: resources.files("colift.native").joinpath(name).read_text()  # noqa: E731
+    return f"""#include "colift.h"
+
+{read("onboard.h")}
+#ifdef COLIFT_FLOAT32
+{read("single.h")}
+#define double float /* of tables */
+#else
+{native.lanes_h([1])}
+#endif
+{first}
+#undef PIECES
+#undef WHOLE
+{tick.kernel.text}
+void colift_init(const colift_oracle *oracle, const colift_measurement *m, colift_memory *memory,
+                 colift_command *command) {{
+  (void)oracle;
+  {call(begin, ("oracle", "measurement"), "command", "memory")}
+}}
+
+int colift_step(const colift_oracle *oracle, colift_real t, const colift_measurement *m, const colift_memory *memory,
+                colift_memory *next, colift_command *command) {{
+  outside = 0;
+  {call(tick, ("oracle", None, "measurement", "memory"), "command", "next")}
+  return outside;
+}}
+"""
+
+
+CMAKE = """cmake_minimum_required(VERSION 3.16)
+project(colift_onboard C)
+
+set(CMAKE_C_STANDARD 99)
+if(NOT CMAKE_BUILD_TYPE)
+  set(CMAKE_BUILD_TYPE Release)
+endif()
+option(COLIFT_FLOAT32 "single precision" OFF)
+
+add_library(colift colift.c learned.c)
+target_include_directories(colift PUBLIC ${CMAKE_CURRENT_SOURCE_DIR})
+target_link_libraries(colift PUBLIC m)
+if(COLIFT_FLOAT32)
+  target_compile_definitions(colift PUBLIC COLIFT_FLOAT32)
+  target_compile_options(colift PRIVATE -fsingle-precision-constant)
+endif()
+
+add_executable(replay replay.c)
+target_link_libraries(replay colift)
+"""
