@@ -406,6 +406,49 @@ def _export_mjcf(
         print(text if out is None else f"{settings.name} is in {out}", end="" if out is None else "\n")
 
 
+@export.command("c")
+def _export_c(
+    name: ScenarioName,
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="FOLDER", help="Folder to write; by default out/SCENARIO-c.")
+    ] = None,
+    case: Annotated[str, typer.Option("--case", help="Which pilot: C1, C2, C3 or a rival.")] = "C3",
+    seed: Seed = None,
+    ticks: Annotated[int, typer.Option("--ticks", min=1, help="Ticks of the flight to replay.")] = 2000,
+) -> None:
+    """The pilot's tick as C99, with what it learns in a flight that is flown first, and a replay to check it by.
+
+    No allocation, no threads, nothing but the math library; cmake builds it. Not flown on hardware. The code is yours.
+    """
+    from colift import export as files
+    from colift import native, scenario, simulate
+    from colift import study as flights
+    from colift.scenario import build
+
+    interrupt.check()
+    try:
+        settings = scenario.load(name)
+        if seed is not None:
+            settings = settings.model_copy(update={"seed": seed})
+        known = flights.CASES | flights.BASELINES
+        if case not in known:
+            raise _fail(f"--case {case}: must be one of {', '.join(known)}")
+        folder = out or Path("out") / f"{settings.name}-c"
+        with _stages(f"{settings.name}, {case}, as C") as say:
+            plan = flights.plan(settings, case)
+            say("the flight that it learns in")
+            flight = simulate.fly_plan(plan, build.agent_names(settings))
+            if flight.stopped:
+                raise _fail(f"{case} is incomplete, so there is nothing to take along: {flight.stopped}")
+            say("the code")
+            files.c(plan, flight.oracle, ticks, folder, f"{settings.name}, {case}, seed {settings.seed}")
+    except (scenario.ScenarioError, native.UnsupportedPrimitive, OSError) as error:
+        raise _fail(_one_line(error)) from None
+    with _printed(""):
+        print(f"{case} of {settings.name} is in {folder}: cmake -S {folder} -B build && cmake --build build &&")
+        print(f"build/replay {folder}/flight.bin")
+
+
 SCALES = {"e_p": (1e3, "mm"), "e_v": (1e3, "mm/s"), "e_R": (1e3, "1e-3"), "e_omega": (1e3, "mrad/s")}
 WHERE = {"tube": "any", "run": "this"}  # of a radius: for any run in the tube, or for the one that was flown
 

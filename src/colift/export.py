@@ -86,13 +86,15 @@ def c(plan: simulate.Plan, oracle: learn.Oracle, ticks: int, folder: Path, name:
     def step(oracle: learn.Oracle, t: Array, m: Measurement, memory: Any) -> tuple[Inputs, Any]:
         return dataclasses.replace(pilot, oracle=oracle).tick(memory, m, Clock(t=t, dt=dt))[:2]
 
-    _, memory = jax.eval_shape(begin, oracle, rest)
-    init, tick = _traced(begin, oracle, rest), _traced(step, oracle, jnp.zeros(()), rest, memory)
+    command, memory = jax.eval_shape(begin, oracle, rest)
+    commands, before, own = (len(jax.tree.leaves(x)) for x in (command, (oracle, 0.0, rest), memory))
+    carried = [(commands + k, before + k) for k in range(own)]
+    init, tick = _traced(begin, (), oracle, rest), _traced(step, carried, oracle, jnp.zeros(()), rest, memory)
     structs = {
         "oracle": Struct(oracle, "what was learned"),
         "measurement": Struct(rest, "what is measured at one time"),
         "memory": Struct(memory, "what the pilot remembers from tick to tick"),
-        "command": Struct({"agents": init.results[0]}, "what vehicles are to do until the next tick"),
+        "command": Struct({"agents": command}, "what vehicles are to do until the next tick"),
     }
     for made, given in ((init, ("oracle", "measurement")), (tick, ("oracle", None, "measurement", "memory"))):
         for of, used in zip(given, made.used, strict=True):
@@ -132,16 +134,14 @@ class Traced(NamedTuple):
     kernel: native.Kernel
     sizes: list[int]  # leaves of each argument
     used: list[set[int]]  # by argument
-    results: Any  # their shapes
 
 
-def _traced(f: Callable[..., Any], *args: Any) -> Traced:
-    jaxpr, results = jax.make_jaxpr(f, return_shape=True)(*args)
-    made = native.kernel(jaxpr, stack=STACK)
+def _traced(f: Callable[..., Any], onto: Sequence[tuple[int, int]], *args: Any) -> Traced:
+    made = native.kernel(jax.make_jaxpr(f)(*args), stack=STACK, onto=onto)
     sizes = [len(jax.tree.leaves(arg)) for arg in args]
     starts = np.cumsum([0, *sizes])
     used = [{k - a for k in made.arguments if a <= k < b} for a, b in itertools.pairwise(starts)]
-    return Traced(kernel=made, sizes=sizes, used=used, results=results)
+    return Traced(kernel=made, sizes=sizes, used=used)
 
 
 class Struct:
@@ -159,9 +159,13 @@ class Struct:
             member, shape = self.leaves[k]
             unit = UNITS.get(re.split(r"_\d+_|payload_", member)[-1], "")
             said = ", ".join([unit] * bool(unit) + [" x ".join(map(str, shape))] * (len(shape) > 1))
-            size = f"[{int(np.prod(shape))}]" if shape else ""
+            size = f"[{self.size(k)}]" if shape else ""
             members.append(f"  colift_real {member}{size};" + (f" /* {said} */" if said else ""))
         return f"/* {self.about} */\ntypedef struct {{\n" + "\n".join(members) + f"\n}} colift_{name};\n"
+
+    def size(self, k: int) -> int:
+        """Numbers of a leaf."""
+        return int(np.prod(self.leaves[k][1]))
 
     def pointer(self, of: str, k: int) -> str:
         """To the first number of a leaf."""
@@ -218,10 +222,9 @@ extern const colift_oracle colift_learned; /* of the flight that this was made f
 void colift_init(const colift_oracle *oracle, const colift_measurement *m, colift_memory *memory,
                  colift_command *command);
 
-/* One tick: the command from now on. `next` is the memory for the next tick and must not be `memory`.
- * Returns 0, or 1 where a counter left the integers that are exact. */
-int colift_step(const colift_oracle *oracle, colift_real t, const colift_measurement *m, const colift_memory *memory,
-                colift_memory *next, colift_command *command);
+/* One tick: the command from now on. Returns 0, or 1 where a counter left the integers that are exact. */
+int colift_step(const colift_oracle *oracle, colift_real t, const colift_measurement *m, colift_memory *memory,
+                colift_command *command);
 
 #ifdef __cplusplus
 }}
@@ -231,55 +234,52 @@ int colift_step(const colift_oracle *oracle, colift_real t, const colift_measure
 
 
 def _code(structs: dict[str, Struct], init: Traced, tick: Traced) -> str:
-    def call(made: Traced, given: Sequence[str | None], commanded: str, remembered: str) -> str:
-        starts = np.cumsum([0, *made.sizes])
-
-        def argument(k: int) -> str:
-            part = int(np.searchsorted(starts, k, side="right")) - 1
-            of = given[part]
-            return "&t" if of is None else structs[of].pointer(short(of), k - int(starts[part]))
-
-        commands = len(structs["command"].leaves)
-        results = [
-            structs["command"].pointer(commanded, k)
-            if k < commands
-            else structs["memory"].pointer(remembered, k - commands)
-            for k in made.kernel.results
-        ]
-        return f"{made.kernel.name}({', '.join([*map(argument, made.kernel.arguments), *results])});"
-
-    def short(of: str) -> str:
-        return "m" if of == "measurement" else of
-
-    first = re.sub(r"\bf(\d)", r"g\1", init.kernel.text)  # two kernels in one file
-    begin = init._replace(kernel=init.kernel._replace(name=init.kernel.name.replace("f", "g", 1)))
     read = lambda name: resources.files("colift.native").joinpath(name).read_text()  # noqa: E731
-    return f"""#include "colift.h"
+    commands, memory = len(structs["command"].leaves), structs["memory"]
+    begun = [memory.pointer("memory", k - commands) for k in init.kernel.results if k >= commands]
+    moved = [k - commands for k in tick.kernel.results if k >= commands]  # what is not written to in place
+    rooms = [f"colift_real next_{memory.leaves[k][0]}[{memory.size(k)}];" for k in moved]
+    moves = [
+        f"memcpy({memory.pointer('memory', k)}, next_{memory.leaves[k][0]}, sizeof next_{memory.leaves[k][0]});"
+        for k in moved
+    ]
+    start = _call(structs, init, ("oracle", "measurement"), begun)
+    step = _call(
+        structs, tick, ("oracle", None, "measurement", "memory"), [f"next_{memory.leaves[k][0]}" for k in moved]
+    )
+    return "\n".join([
+        '#include "colift.h"\n',
+        read("onboard.h"),
+        "#ifdef COLIFT_FLOAT32",
+        read("single.h"),
+        "#define double float /* of tables */\n#else",
+        native.lanes_h([1]),
+        "#endif",
+        re.sub(r"\bf(\d)", r"g\1", init.kernel.text),  # two kernels in one file
+        "#undef PIECES\n#undef WHOLE",
+        tick.kernel.text,
+        "void colift_init(const colift_oracle *oracle, const colift_measurement *m, colift_memory *memory,",
+        "                 colift_command *command) {",
+        f"  (void)oracle;\n  {start.replace('f', 'g', 1)}\n}}\n",
+        "int colift_step(const colift_oracle *oracle, colift_real t, const colift_measurement *m,",
+        "                colift_memory *memory, colift_command *command) {",
+        *(f"  {line}" for line in ["outside = 0;", *rooms, step, *moves, "return outside;"]),
+        "}\n",
+    ])  # fmt: skip
 
-{read("onboard.h")}
-#ifdef COLIFT_FLOAT32
-{read("single.h")}
-#define double float /* of tables */
-#else
-{native.lanes_h([1])}
-#endif
-{first}
-#undef PIECES
-#undef WHOLE
-{tick.kernel.text}
-void colift_init(const colift_oracle *oracle, const colift_measurement *m, colift_memory *memory,
-                 colift_command *command) {{
-  (void)oracle;
-  {call(begin, ("oracle", "measurement"), "command", "memory")}
-}}
 
-int colift_step(const colift_oracle *oracle, colift_real t, const colift_measurement *m, const colift_memory *memory,
-                colift_memory *next, colift_command *command) {{
-  outside = 0;
-  {call(tick, ("oracle", None, "measurement", "memory"), "command", "next")}
-  return outside;
-}}
-"""
+def _call(structs: dict[str, Struct], made: Traced, given: Sequence[str | None], remembered: Sequence[str]) -> str:
+    """The call of a kernel: its arguments by struct, None for the time; where commands and what is remembered go."""
+    starts = np.cumsum([0, *made.sizes])
+
+    def argument(k: int) -> str:
+        part = int(np.searchsorted(starts, k, side="right")) - 1
+        of = given[part]
+        return "&t" if of is None else structs[of].pointer("m" if of == "measurement" else of, k - int(starts[part]))
+
+    command = structs["command"]
+    commanded = [command.pointer("command", k) for k in made.kernel.results if k < len(command.leaves)]
+    return f"{made.kernel.name}({', '.join([*map(argument, made.kernel.arguments), *commanded, *remembered])});"
 
 
 CMAKE = """cmake_minimum_required(VERSION 3.16)

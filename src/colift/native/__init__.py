@@ -12,7 +12,7 @@ import ctypes
 import functools
 import json
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from importlib import resources
 from typing import Any, NamedTuple
 
@@ -153,11 +153,19 @@ class Kernel(NamedTuple):
     arguments: list[int]
     results: list[int]
     widths: list[int]
+    written: tuple[tuple[int, int], ...]  # results that are an argument written to, and which
 
 
-def kernel(jaxpr: core.ClosedJaxpr, lanes: int = 1, agent_lanes: int = 1, stack: int = emit.STACK) -> Kernel:
+def kernel(
+    jaxpr: core.ClosedJaxpr,
+    lanes: int = 1,
+    agent_lanes: int = 1,
+    stack: int = emit.STACK,
+    onto: Collection[tuple[int, int]] = (),
+) -> Kernel:
     """A function for `lanes` samples side by side, or for one and its agents; arrays beyond `stack` bytes allocated.
 
+    onto: results, each with the argument that it may be written onto where only a few of its elements change.
     Raises `UnsupportedPrimitive`, `OverflowError` and `TypeError` as `compile` does.
     """
     for v in (*jaxpr.in_avals, *jaxpr.out_avals):
@@ -177,13 +185,15 @@ def kernel(jaxpr: core.ClosedJaxpr, lanes: int = 1, agent_lanes: int = 1, stack:
     )
     need = liveness.live(function, liveness.all_of(function.outputs))
     unit = emit.Source(agent_lanes, stack)
-    name = unit.add(function, need, Shape(lanes))
+    written = tuple((k, j) for k, j in onto if liveness.in_place(function, need, k, j))
+    name = unit.add(function, need, Shape(lanes, written=written))
     return Kernel(
         text=unit.functions(),
         name=name,
-        arguments=[k for k, used in enumerate(need.used) if used.any()],
-        results=[k for k, needed in enumerate(need.needed) if needed.any()],
+        arguments=[k for k, used in enumerate(need.used) if used.any() or k in {j for _, j in written}],
+        results=[k for k, needed in enumerate(need.needed) if needed.any() and k not in {k for k, _ in written}],
         widths=sorted(unit.widths),
+        written=written,
     )
 
 

@@ -4,7 +4,6 @@
  * Rows of doubles, little endian: time, measurement, command; the first is the reading at rest, without a command.
  * Prints the largest difference, absolute and as a share of each member's largest command, and the times of the steps.
  */
-#define _POSIX_C_SOURCE 199309L
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -16,7 +15,7 @@
 #define REAL(kind) (sizeof(kind) / sizeof(colift_real))
 enum { MEASURED = REAL(colift_measurement), COMMANDED = REAL(colift_command), ROW = 1 + MEASURED + COMMANDED };
 
-static colift_memory memory[2];
+static colift_memory memory;
 
 static void take(const double *row, void *into, int n) {
   for (int i = 0; i < n; i++) ((colift_real *)into)[i] = (colift_real)row[i];
@@ -27,11 +26,7 @@ static int ascending(const void *a, const void *b) {
   return (x > y) - (x < y);
 }
 
-static double now(void) {
-  struct timespec t;
-  clock_gettime(CLOCK_MONOTONIC, &t);
-  return t.tv_sec * 1e6 + t.tv_nsec * 1e-3;
-}
+static double now(void) { return clock() * (1e6 / CLOCKS_PER_SEC); } /* us of the processor */
 
 int main(int argc, char **argv) {
   FILE *file = argc > 1 ? fopen(argv[1], "rb") : NULL;
@@ -55,13 +50,13 @@ int main(int argc, char **argv) {
     colift_measurement m;
     colift_command command;
     take(flight + 1, &m, MEASURED);
-    memset(memory, 0, sizeof memory);
-    colift_init(&colift_learned, &m, &memory[0], &command);
+    memset(&memory, 0, sizeof memory);
+    colift_init(&colift_learned, &m, &memory, &command);
     for (long i = 1; i < rows; i++, steps++) {
       const double *row = flight + i * ROW;
       take(row + 1, &m, MEASURED);
       const double began = now();
-      lost |= colift_step(&colift_learned, (colift_real)row[0], &m, &memory[(i - 1) % 2], &memory[i % 2], &command);
+      lost |= colift_step(&colift_learned, (colift_real)row[0], &m, &memory, &command);
       took[steps] = now() - began;
       for (int j = 0; j < COMMANDED; j++) {
         const double want = row[1 + MEASURED + j], off = fabs((double)((colift_real *)&command)[j] - want);

@@ -1,0 +1,131 @@
+"""The pilot's tick as C on other processors: commands of a flown C3 on x86-64, aarch64 and a bare Cortex-M7.
+
+2000 ticks of the paper's C3, with what it learned in 20 s, replayed by the program that `colift export c` writes. Times
+of a step, median and 99.9th percentile over 60 s, are of this machine's own code on one core; an emulator's say nothing.
+Needs, beside a C compiler: aarch64-linux-gnu-gcc, qemu-aarch64, arm-none-eabi-gcc with newlib, qemu-system-arm (Debian:
+gcc-aarch64-linux-gnu, qemu-user, gcc-arm-none-eabi, libnewlib-arm-none-eabi, qemu-system-arm).
+"""
+
+from __future__ import annotations
+
+import functools
+import shutil
+import subprocess
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from colift import export, scenario, simulate, study
+from colift.native import build
+from colift.scenario import build as of
+from evidence import collect
+
+TICKS, REPEATS = 2000, 15  # 30000 ticks of 2 ms are 60 s
+EXACT, SINGLE = 1e-12, 1e-2
+MEDIAN_US, P999_US = 100.0, 250.0
+PLAIN = ("-std=c99", "-O2", "-ffp-contract=off")
+START = """
+#include <stdint.h>
+extern uint32_t stack_top;
+extern void _start(void);
+void reset(void) {
+  *(volatile uint32_t *)0xE000ED88 |= 0xFu << 20; /* the floating-point unit */
+  __asm volatile("dsb\\n isb");
+  _start();
+}
+void fault(void) { for (;;) *(volatile int *)0xFFFFFFF0 = 0; }
+__attribute__((section(".vectors"), used)) void *vectors[] = {&stack_top, reset, fault, fault};
+"""
+LAYOUT = """
+ENTRY(reset)
+MEMORY { code (rx) : ORIGIN = 0, LENGTH = 4M
+         data (rw) : ORIGIN = 0x21000000, LENGTH = 16M }
+SECTIONS {
+  .vectors : { KEEP(*(.vectors)) } > code
+  .text : { *(.text*) *(.init) *(.fini) *(.rodata*) } > code
+  .exidx : { *(.ARM.exidx*) } > code
+  .init_array : { __init_array_start = .; KEEP(*(.init_array*)) __init_array_end = .; } > code
+  .data : { *(.data*) } > data
+  .bss : { __bss_start__ = .; *(.bss*) *(COMMON) __bss_end__ = .; } > data
+  end = .;
+  __end__ = .;
+  stack_top = ORIGIN(data) + LENGTH(data);
+}
+"""
+
+
+@functools.cache
+def exported() -> Path:
+    """The folder of the paper's C3, once."""
+    folder = Path(tempfile.mkdtemp())
+    settings = scenario.load("paper")
+    plan = study.plan(settings, "C3")
+    flight = simulate.fly_plan(plan, of.agent_names(settings))
+    assert not flight.stopped
+    export.c(plan, flight.oracle, TICKS, folder, "paper, C3")
+    return folder
+
+
+def replayed(run: list[str], command: str, flags: list[str], repeats: int, sources: tuple[str, ...] = ()) -> Any:
+    """Build with a compiler, run, and read what the replay says."""
+    needed = [command, *run[:1]]
+    if missing := [name for name in needed if shutil.which(name) is None]:
+        raise SystemExit(f"onboard: {', '.join(missing)} not found; see the head of evidence/onboard.py")
+    folder = exported()
+    with tempfile.TemporaryDirectory() as made:
+        program = Path(made) / "replay"
+        parts = [str(folder / f"{name}.c") for name in ("colift", "learned", "replay")]
+        subprocess.run([command, *flags, *parts, *sources, "-o", str(program), "-lm"], check=True)
+        size = subprocess.run(["size", str(program)], capture_output=True, text=True, check=True).stdout.split()
+        words = [part.format(program=program, flight=folder / "flight.bin", repeats=repeats) for part in run]
+        said = subprocess.run(words, capture_output=True, text=True, check=True).stdout
+    found = {name: float(value) for name, value in (line.split() for line in said.splitlines())}
+    return found | {"text_bytes": int(size[6]), "compiler": version(command), "flags": " ".join(flags[:6])}
+
+
+def version(command: str) -> str:
+    return subprocess.run([command, "--version"], capture_output=True, text=True, check=True).stdout.splitlines()[0]
+
+
+def on(target: str) -> dict[str, Any]:
+    """What the replay says on one target."""
+    here, program = build.needed()[0], ["{program}", "{flight}", "{repeats}"]
+    with tempfile.TemporaryDirectory() as made:
+        match target:
+            case "x86-64":
+                return replayed(program, here, [*PLAIN], REPEATS)
+            case "x86-64, contracted":
+                return replayed(program, here, ["-std=c99", "-O3", "-march=native", "-ffp-contract=fast"], REPEATS)
+            case "x86-64, single precision":
+                return replayed(program, here, [*PLAIN, "-DCOLIFT_FLOAT32"], REPEATS)
+            case "aarch64":
+                return replayed(["qemu-aarch64", *program], "aarch64-linux-gnu-gcc", [*PLAIN, "-static"], 1)
+        start, layout = Path(made) / "start.c", Path(made) / "layout.ld"
+        start.write_text(START)
+        layout.write_text(LAYOUT)
+        run = ["qemu-system-arm", "-M", "mps2-an500", "-nographic", "-semihosting-config"]
+        run += ["enable=on,target=native,arg=replay,arg={flight},arg={repeats}", "-kernel", "{program}"]
+        core = ["-mcpu=cortex-m7", "-mthumb", "-mfpu=fpv5-d16", "-mfloat-abi=hard", "--specs=rdimon.specs"]
+        return replayed(run, "arm-none-eabi-gcc", [*PLAIN, *core, "-T", str(layout)], 1, (str(start),))
+
+
+TARGETS = ("x86-64", "x86-64, contracted", "x86-64, single precision", "aarch64", "Cortex-M7")
+
+
+def main() -> bool:
+    """Every target's commands within 1e-12 of Python's, single precision's within 1e-2; steps in time on this machine."""
+    found = collect("onboard", TARGETS, on)
+    for target, row in found.items():
+        print(
+            f"{target:<26} largest difference {row['largest_difference']:.2g} (relative "
+            f"{row['largest_relative_difference']:.2g}), step {row['median_us']:.0f} us, 99.9 % {row['p999_us']:.0f} us, "
+            f"code {row['text_bytes'] / 1e3:.0f} kB, memory {row['memory_bytes'] / 1e3:.0f} kB, "
+            f"learned {row['learned_bytes'] / 1e3:.0f} kB"
+        )
+    exact = [found[target]["largest_relative_difference"] <= EXACT for target in ("x86-64", "aarch64", "Cortex-M7")]
+    fast = found["x86-64"]["median_us"] <= MEDIAN_US and found["x86-64"]["p999_us"] <= P999_US
+    return all(exact) and fast and found["x86-64, single precision"]["largest_relative_difference"] <= SINGLE
+
+
+if __name__ == "__main__":
+    main()
