@@ -1,7 +1,7 @@
 """The pilot's tick as C on other processors: commands of a flown C3 on x86-64, aarch64 and a bare Cortex-M7.
 
 2000 ticks of the paper's C3, with what it learned in 20 s, replayed by the program that `colift export c` writes. Times
-of a step, median and 99.9th percentile over 60 s, are of this machine's own code on one core; an emulator's say nothing.
+of a step, median and 99.9th percentile over 60 s, are of this machine on one core; an emulator's say nothing.
 Needs, beside a C compiler: aarch64-linux-gnu-gcc, qemu-aarch64, arm-none-eabi-gcc with newlib, qemu-system-arm (Debian:
 gcc-aarch64-linux-gnu, qemu-user, gcc-arm-none-eabi, libnewlib-arm-none-eabi, qemu-system-arm).
 """
@@ -39,7 +39,7 @@ __attribute__((section(".vectors"), used)) void *vectors[] = {&stack_top, reset,
 LAYOUT = """
 ENTRY(reset)
 MEMORY { code (rx) : ORIGIN = 0, LENGTH = 4M
-         data (rw) : ORIGIN = 0x21000000, LENGTH = 16M }
+         data (rw) : ORIGIN = 0x60000000, LENGTH = 16M }
 SECTIONS {
   .vectors : { KEEP(*(.vectors)) } > code
   .text : { *(.text*) *(.init) *(.fini) *(.rodata*) } > code
@@ -113,13 +113,13 @@ TARGETS = ("x86-64", "x86-64, contracted", "x86-64, single precision", "aarch64"
 
 
 def main() -> bool:
-    """Every target's commands within 1e-12 of Python's, single precision's within 1e-2; steps in time on this machine."""
+    """Every target's commands within 1e-12 of Python's, single precision's within 1e-2; steps in time here."""
     found = collect("onboard", TARGETS, on)
     for target, row in found.items():
         print(
             f"{target:<26} largest difference {row['largest_difference']:.2g} (relative "
-            f"{row['largest_relative_difference']:.2g}), step {row['median_us']:.0f} us, 99.9 % {row['p999_us']:.0f} us, "
-            f"code {row['text_bytes'] / 1e3:.0f} kB, memory {row['memory_bytes'] / 1e3:.0f} kB, "
+            f"{row['largest_relative_difference']:.2g}), step {row['median_us']:.0f} us, "
+            f"99.9 % {row['p999_us']:.0f} us, code {row['text_bytes'] / 1e3:.0f} kB, memory {row['memory_bytes'] / 1e3:.0f} kB, "
             f"learned {row['learned_bytes'] / 1e3:.0f} kB"
         )
     exact = [found[target]["largest_relative_difference"] <= EXACT for target in ("x86-64", "aarch64", "Cortex-M7")]
