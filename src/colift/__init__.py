@@ -5,6 +5,7 @@ The map; each module imports only those below it:
     __main__    the command line
     study       C1, C2, C3 and the rivals of learning, flights with their certificates; what is written of them
     view        figures and tables
+    export      the pilot's tick as C
     log         a flight as labelled NetCDF
     folder      where one run's results lie, and who may write there
     analyse     figures of merit, modes of the closed loop
