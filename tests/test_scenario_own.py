@@ -5,6 +5,7 @@ import re
 import sys
 from pathlib import Path
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -123,6 +124,28 @@ class SamePlant(Section):
         return world.plant
 
 
+@pytree
+class Where:
+    """The payload's position alone; of an agent, its centre of mass."""
+
+    def payload(self, x):
+        return x[..., :3]
+
+    def agent(self, x):
+        return x[..., 9:12]
+
+    def payload_names(self):
+        return ("p_x", "p_y", "p_z")
+
+    def agent_names(self, joints):
+        return ("x_x", "x_y", "x_z")
+
+
+class WhereFeatures(Section):
+    def build(self):
+        return Where()
+
+
 class Nothing(Section):
     def build(self, *_):
         return {"a": 1.0}
@@ -183,18 +206,26 @@ def test_parts_of_every_kind_are_built_from_their_settings_and_fly(folder):
             reference=named("Hover", point_m=[1, 2, 3]),
             actuators=named("WeakActuators"),
             plant=named("SamePlant"),
-            parts={"leader": {"part": "parts_of_test_own:ShyLeader", "settings": {"share": 0.5}}},
+            parts={
+                "leader": {"part": "parts_of_test_own:ShyLeader", "settings": {"share": 0.5}},
+                "features": {"part": "parts_of_test_own:WhereFeatures"},
+            },
         )
     settings = scenario.load(path)
-    plan = colift.plan(settings, "C1")
+    plan = colift.plan(settings, "C2")
+    assert plan.pilot.oracle.payload.X.shape[-1] == plan.pilot.oracle.agents[0].X.shape[-1] == 3
     assert type(plan.pilot.leader).__name__ == "Shy"
     assert plan.pilot.leader.share == 0.5
     assert plan.pilot.leader.share.dtype == float
     assert type(plan.world.actuators).__name__ == "Weak"
     assert type(plan.world.extra[0]).__name__ == "Offset"
     assert [m.name for m in plan.world.sources.payload if not m.law.time_invariant] == ["sway"]
-    flight = colift.fly_plan(dataclasses.replace(plan, duration=0.1), light.NAMES)
+    recorder = dataclasses.replace(plan.pilot.recorder, start=jnp.asarray(0.0))
+    pilot = dataclasses.replace(plan.pilot, recorder=recorder)
+    flight = colift.fly_plan(dataclasses.replace(plan, pilot=pilot, updates=(0.2,), duration=0.3), light.NAMES)
     assert not flight.stopped
+    assert flight.updates[0].fits["payload"].lengthscales.shape == (6, 3)
+    assert (flight.sigma.payload[-1] < flight.sigma.payload[0]).all(), "what was learned is seen where it was learned"
     assert np.allclose(flight.rows.p_d, [1.0, 2.0, 3.0])
 
 

@@ -146,12 +146,12 @@ def radius(
 def payload_radius(oracle: learn.Oracle, held: Bands, x: Float[Array, "time inputs"]) -> Float[Array, "time 6"]:
     """`rho_i` of each payload output along a path of samples, N and N m."""
     along = jax.vmap(radius, in_axes=(None, None, None, 0))
-    return along(oracle.payload, held.companion.payload, held.payload, learn.payload_features(x))
+    return along(oracle.payload, held.companion.payload, held.payload, oracle.features.payload(x))
 
 
 @jax.jit
 def agent_radius(
-    group: gp.GP, other: gp.GP, beta: Float[Array, "agents outputs"], x: Float[Array, "time agents inputs"]
+    group: gp.GP, other: gp.GP, beta: Float[Array, "agents outputs"], x: Float[Array, "time agents features"]
 ) -> Float[Array, "time agents outputs"]:
-    """`rho_i` of each agent output of a group along a path of samples."""
+    """`rho_i` of each agent output of a group along a path of features."""
     return jax.vmap(jax.vmap(radius), in_axes=(None, None, None, 0))(group, other, beta, x)

@@ -10,6 +10,7 @@ import dataclasses
 import os
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
+from typing import Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
@@ -158,10 +159,53 @@ def payload_features(x: Float[Array, "*batch inputs"]) -> Float[Array, "*batch 2
     return jnp.concatenate([x[..., :18], *speeds], axis=-1)
 
 
+@runtime_checkable
+class Features(Protocol):
+    """What GPs see of a sample; a kernel of them is a kernel of the sample."""
+
+    def payload(self, x: Float[Array, "*batch inputs"]) -> Float[Array, "*batch features"]:
+        """Of a payload sample `p, v, vec(R), omega, ...`."""
+        ...
+
+    def agent(self, x: Float[Array, "*batch inputs"]) -> Float[Array, "*batch features"]:
+        """Of an agent's sample `vec(R), x, r, omega, v, r_dot`."""
+        ...
+
+    def payload_names(self) -> tuple[str, ...]:
+        """Of the payload's, in order; one that begins with `omega`, `|omega|` or `r_dot` is a rate."""
+        ...
+
+    def agent_names(self, joints: int) -> tuple[str, ...]:
+        """Of an agent's with so many joints."""
+        ...
+
+
+@pytree
+class Plain:
+    """The paper's features: the payload's sample with its speeds, an agent's sample as it is."""
+
+    def payload(self, x: Float[Array, "*batch inputs"]) -> Float[Array, "*batch 20"]:
+        """`payload_features`."""
+        return payload_features(x)
+
+    def agent(self, x: Float[Array, "*batch inputs"]) -> Float[Array, "*batch inputs"]:
+        """The sample."""
+        return x
+
+    def payload_names(self) -> tuple[str, ...]:
+        """`PAYLOAD_FEATURES`."""
+        return PAYLOAD_FEATURES
+
+    def agent_names(self, joints: int) -> tuple[str, ...]:
+        """`agent_feature_names`."""
+        return agent_feature_names(joints)
+
+
 @pytree
 class Oracle:
     """The frozen predictors of one interval; those that have no data predict zero with their prior's deviation."""
 
+    features: Features = Plain()
     payload: gp.GP
     agents: tuple[gp.GP, ...]  # by group, agents lead
     theta: Float[Array, "10"]  # nominal less true rigid-body parameters of the payload, or zero: see `regressor`
@@ -209,7 +253,7 @@ class Function:
 
 def payload_mean(oracle: Oracle, x: Float[Array, "inputs"]) -> Wrench:
     """The GP's share of `f_hat_L` at a payload sample."""
-    f = gp.mean(oracle.payload, payload_features(x))
+    f = gp.mean(oracle.payload, oracle.features.payload(x))
     return Wrench(F=f[:3], tau=f[3:])
 
 
@@ -217,7 +261,7 @@ def agents_mean(oracle: Oracle, x: tuple[Float[Array, "agents inputs"], ...]) ->
     """`f_hat_j` of every agent."""
     out = []
     for group, inputs in zip(oracle.agents, x, strict=True):
-        f = jax.vmap(gp.mean)(group, inputs)
+        f = jax.vmap(gp.mean)(group, oracle.features.agent(inputs))
         out.append(AgentForce(f_x=f[:, :3], f_w=f[:, 3:6], f_r=f[:, 6:]))
     return tuple(out)
 
@@ -263,10 +307,12 @@ def teach(
     (the remark on mean functions); the rest is the GP's. Bodies are fitted side by side. Without `training` the
     hyperparameters and the prior mean stay as they are, as error bounds ask for.
     """
-    tasks = {"payload": (np.asarray(payload_features(payload.X)), np.asarray(payload.Y), int(payload.n))}
+    seen = oracle.features
+    tasks = {"payload": (np.asarray(seen.payload(payload.X)), np.asarray(payload.Y), int(payload.n))}
     for i, data in enumerate(agents):
+        X = np.asarray(seen.agent(data.X))
         for j, n in enumerate(np.asarray(data.n)):
-            tasks[i, j] = (np.asarray(data.X[j]), np.asarray(data.Y[j]), int(n))
+            tasks[i, j] = (X[j], np.asarray(data.Y[j]), int(n))
     tasks = {body: task for body, task in tasks.items() if task[2] > 1}
 
     def study(body: tuple[int, int] | str) -> tuple[gp.Fit | None, gp.GP]:
@@ -295,6 +341,7 @@ def teach(
         each = [learned[i, j][1] if (i, j) in learned else _one(group, j) for j in range(len(group.n))]
         groups.append(jax.tree.map(lambda *x: jnp.stack(x), *each))
     return Oracle(
+        features=seen,
         payload=learned["payload"][1] if "payload" in learned else oracle.payload,
         agents=tuple(groups),
         theta=oracle.theta,
@@ -308,11 +355,11 @@ def _one(group: gp.GP, j: int) -> gp.GP:
 @jax.jit
 def payload_deviation(oracle: Oracle, x: Float[Array, "time inputs"]) -> Float[Array, "time 6"]:
     """Posterior deviation of each payload output along a path of samples, N and N m."""
-    return jnp.sqrt(jax.vmap(gp.variance, in_axes=(None, 0))(oracle.payload, payload_features(x)))
+    return jnp.sqrt(jax.vmap(gp.variance, in_axes=(None, 0))(oracle.payload, oracle.features.payload(x)))
 
 
 @jax.jit
-def agent_deviation(group: gp.GP, x: Float[Array, "time agents inputs"]) -> Float[Array, "time agents outputs"]:
-    """Posterior deviation of each agent output of a group along a path of samples."""
+def agent_deviation(group: gp.GP, x: Float[Array, "time agents features"]) -> Float[Array, "time agents outputs"]:
+    """Posterior deviation of each agent output of a group along a path of features."""
     each = jax.vmap(gp.variance)
     return jnp.sqrt(jax.vmap(each, in_axes=(None, 0))(group, x))

@@ -449,7 +449,8 @@ def _block(held: Held, x: np.ndarray, agents: Sequence[np.ndarray]) -> tuple[Any
     full, *of_agents = (
         jnp.asarray(np.pad(each, ((0, BLOCK - n), *[(0, 0)] * (each.ndim - 1)))) for each in (x, *agents)
     )
-    groups = list(zip(oracle.agents, bands.companion.agents, bands.agents, of_agents, strict=True))
+    seen = [oracle.features.agent(each) for each in of_agents]
+    groups = list(zip(oracle.agents, bands.companion.agents, bands.agents, seen, strict=True))
     return (
         np.asarray(learn.payload_deviation(oracle, full))[:n],
         tuple(np.asarray(learn.agent_deviation(model, each))[:n] for model, _, _, each in groups),

@@ -382,15 +382,15 @@ def _rests_on(flown: simulate.Plan) -> dict[str, Any]:
 
 def _lengthscales(settings: Settings, fits: learn.Fits) -> dict[str, Any]:
     """The last fits by body name, with the names of their features and outputs."""
-    out = {}
+    out, seen = {}, build.features(settings)
     for body, fit in fits.items():
         if isinstance(body, str):
-            name, features, joints = body, learn.PAYLOAD_FEATURES, []
+            name, features, joints = body, seen.payload_names(), []
         else:
             group, j = body
             agent = build.groups(settings)[group][j]
             moved = settings.agent_types[agent.type].joints
-            name, features, joints = agent.name, learn.agent_feature_names(len(moved)), [m.name for m in moved]
+            name, features, joints = agent.name, seen.agent_names(len(moved)), [m.name for m in moved]
         outputs = ["F_x", "F_y", "F_z", "tau_x", "tau_y", "tau_z", *(f"tau_{joint}" for joint in joints)]
         out[name] = (features, outputs, fit.lengthscales, fit.at_lower, fit.at_upper)
     return out

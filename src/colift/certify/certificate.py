@@ -205,6 +205,7 @@ def refuse(plan: simulate.Plan) -> None:
     known = {
         "pilot": (pilot, (fly.LeaderFollower,)),
         "leader": (getattr(pilot, "leader", None), (fly.Geometric,)),
+        "features": (getattr(getattr(pilot, "oracle", None), "features", None), (learn.Plain,)),
         "predictor": (getattr(pilot, "predictor", None), (fly.Learned,)),
         "allocator": (getattr(pilot, "allocator", None), (fly.Linear,)),
         "realizer": (getattr(pilot, "realizer", None), (fly.Aligned,)),
@@ -237,8 +238,8 @@ def bodies(
     held = band.bands(flight.oracle, stated, len(flight.updates))
     x, agents = simulate.inputs(plan.world.team, jax.tree.map(lambda a: a[path], rows))
     columns = response.bodies(plan.pilot.team)
-    first = learn.payload_features(jnp.asarray(x))
     oracle, eps = flight.oracle, stated
+    first = oracle.features.payload(jnp.asarray(x))
     out = [
         Body(columns[0], oracle.payload, held.companion.payload, _np(held.payload), eps.norm, eps.payload, _np(first))
     ]

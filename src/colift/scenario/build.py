@@ -248,8 +248,9 @@ def drawn(settings: s.Settings, truth: Team, z: State) -> tuple[learn.Oracle, Re
     moves = settings.reference
     assert not isinstance(moves, s.Own), "scenario.references refuses it"
     moving = moves.ramp_s if isinstance(moves, s.Lissajous) else moves.poses[0].t_s
+    zero = prior(settings, truth)
     where, along = (
-        _carried(path(settings), z, jnp.asarray(t))
+        _carried(path(settings), zero.features, z, jnp.asarray(t))
         for t in (
             rng.uniform(moving, settings.duration_s, given.centers),
             np.linspace(moving, settings.duration_s, 400),
@@ -263,7 +264,6 @@ def drawn(settings: s.Settings, truth: Team, z: State) -> tuple[learn.Oracle, Re
         model = gp.expansion(hyper, X, w, max(len(X), settings.learning.capacity))
         return model, np.asarray(_means(model, path)).std(0)
 
-    zero = prior(settings, truth)
     payload, of_payload = one(zero.payload.hyper, where[0], along[0])
     agents, of_agents = [], []
     for group, x, x_along in zip(zero.agents, where[1], along[1], strict=True):
@@ -275,7 +275,7 @@ def drawn(settings: s.Settings, truth: Team, z: State) -> tuple[learn.Oracle, Re
         of_agents.append(AgentForce(f_x=e[:, :3], f_w=e[:, 3:6], f_r=e[:, 6:]))
     W = jnp.asarray(of_payload)
     return (
-        learn.Oracle(payload=payload, agents=tuple(agents), theta=jnp.zeros(10)),
+        dataclasses.replace(zero, payload=payload, agents=tuple(agents)),
         Residual(agents=tuple(of_agents), payload=Wrench(F=W[:3], tau=W[3:])),
     )
 
@@ -284,17 +284,21 @@ _means = jax.jit(jax.vmap(gp.mean, (None, 0)))
 
 
 @jax.jit
-@functools.partial(jax.vmap, in_axes=(None, None, 0))
-def _carried(path: reference.Reference, z: State, t: Array) -> tuple[Array, tuple[Array, ...]]:
-    """Features of the payload and samples of agents as if the team of z moved along the reference without turning."""
+@functools.partial(jax.vmap, in_axes=(None, None, None, 0))
+def _carried(
+    path: reference.Reference, features: learn.Features, z: State, t: Array
+) -> tuple[Array, tuple[Array, ...]]:
+    """Features of the payload and of agents as if the team of z moved along the reference without turning."""
     d = path.at(t)
     shift = d.p - z.payload.p
     load = PayloadState(p=d.p, R=d.R, v=d.v, omega=jnp.zeros(3))
     agents = tuple(
-        jax.vmap(model.flat_agent)(dataclasses.replace(q, x=q.x + shift[None], v=jnp.tile(d.v, (len(q.x), 1))))
+        features.agent(
+            jax.vmap(model.flat_agent)(dataclasses.replace(q, x=q.x + shift[None], v=jnp.tile(d.v, (len(q.x), 1))))
+        )
         for q in z.agents
     )
-    return learn.payload_features(model.flat_payload(load, jnp.zeros(6))), agents
+    return features.payload(model.flat_payload(load, jnp.zeros(6))), agents
 
 
 def world(settings: s.Settings, truth: Team, z: State, sources: disturbance.Disturbances, rig: Residual) -> Simulated:
@@ -649,12 +653,18 @@ PILOT_PARTS: dict[str, type] = {
 }
 
 
+def features(settings: s.Settings) -> learn.Features:
+    """What GPs see of a sample. Raises ScenarioError for features of one's own that are none."""
+    given = settings.parts.features
+    return learn.Plain() if given is None else _own(given, "parts.features", learn.Features)
+
+
 def prior(settings: s.Settings, nominal: Team) -> learn.Oracle:
     """The oracle before any data: it predicts zero, with the deviations that the scenario states.
 
     Raises ScenarioError for noise that is too small beside the signal for that many points.
     """
-    learning = settings.learning
+    learning, seen = settings.learning, features(settings)
 
     def before(name: str, features: Sequence[str]) -> gp.GP:
         try:
@@ -663,11 +673,12 @@ def prior(settings: s.Settings, nominal: Team) -> learn.Oracle:
             raise ScenarioError(f"{settings.name}: learning.{name}: {error}") from None
 
     return learn.Oracle(
-        payload=before("payload", learn.PAYLOAD_FEATURES),
+        features=seen,
+        payload=before("payload", seen.payload_names()),
         agents=tuple(
             jax.tree.map(
                 lambda x, size=size: jnp.asarray(np.broadcast_to(x, (size, *x.shape))),
-                before("agents", learn.agent_feature_names(group.tree.joints)),
+                before("agents", seen.agent_names(group.tree.joints)),
             )
             for size, group in zip(nominal.sizes, nominal.groups, strict=True)
         ),
@@ -680,14 +691,14 @@ def training(settings: s.Settings, nominal: Team) -> learn.Training | None:
     given = settings.learning
     if given.hyperparameters == "stated":
         return None
-    least, greatest = given.lengthscale_bounds
+    (least, greatest), seen = given.lengthscale_bounds, features(settings)
 
     def belief(stated: s.Prior, features: Sequence[str]) -> gp.Belief:
         return gp.Belief(_hyper(stated, features), factor=given.prior_factor, least=least, greatest=greatest)
 
     return learn.Training(
-        payload=belief(given.payload, learn.PAYLOAD_FEATURES),
-        agents=tuple(belief(given.agents, learn.agent_feature_names(group.tree.joints)) for group in nominal.groups),
+        payload=belief(given.payload, seen.payload_names()),
+        agents=tuple(belief(given.agents, seen.agent_names(group.tree.joints)) for group in nominal.groups),
         restarts=given.restarts,
         max_iterations=given.max_iterations,
     )

@@ -584,6 +584,8 @@ class Parts(Section):
     """A `colift.fly.Estimator`."""
     predictor: Part | None = None
     """A `colift.fly.Predictor`."""
+    features: Part | None = None
+    """A `colift.learn.Features`, by `build()`: what GPs see of a sample."""
 
 
 class Control(Section):
