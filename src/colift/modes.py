@@ -90,7 +90,9 @@ def monodromy(plan: simulate.Plan, z: State) -> tuple[Carried, np.ndarray]:
     plan = dataclasses.replace(plan, world=_alone(plan.world))
     noise = plan.world.draw(jax.random.key(0), simulate.chunk(plan))  # of sensors that have none
     setup = plan.setup
-    loop = _ticked(setup, simulate.start(setup, z), noise)
+    begun = simulate.start(setup, z)
+    after, _ = simulate.advance(setup, begun, noise, jnp.asarray(1))
+    loop = dataclasses.replace(after, tick=begun.tick, ended=begun.ended)  # a clock that stands still, no limit met
     slope, last = None, np.inf
     for _ in range(ITERATIONS):
         interrupt.check()
@@ -122,14 +124,17 @@ def _slope(setup: simulate.Setup, loop: simulate.Loop, noise: Any) -> np.ndarray
 
 def _changed(setup: simulate.Setup, loop: simulate.Loop, noise: Noise, at: Sequence[Carried]) -> np.ndarray:
     """What a loop carries one tick after each of `at`, in coordinates around what it carries now."""
-    after = [_take(_ticked(setup, _put(loop, y), noise)) for y in at]
+    leaves, kind = jax.tree.flatten(loop)
+    place = {key: k for k, (key, leaf) in enumerate(_leaves(loop)) if _comes_back(key, leaf)}
+    one = jnp.asarray(1)
+    run, after = simulate.program(setup, loop, noise, one), []
+    for y in at:
+        here = list(leaves)
+        for key, k in place.items():
+            here[k] = y[key]
+        there = jax.tree.leaves(run(setup, kind.unflatten(here), noise, one)[0])
+        after.append({key: there[k] for key, k in place.items()})
     return np.asarray(_coordinates(_take(loop), jax.tree.map(lambda *leaf: np.stack(leaf), *after)))
-
-
-def _ticked(setup: simulate.Setup, loop: simulate.Loop, noise: Any) -> simulate.Loop:
-    """One tick later, by a clock that stands still and with no limit met."""
-    after, _ = simulate.advance(setup, loop, noise, jnp.asarray(1))
-    return dataclasses.replace(after, tick=loop.tick, ended=loop.ended)
 
 
 def _alone(world: Simulated) -> Simulated:

@@ -230,13 +230,17 @@ def advance(setup: Setup, loop: Loop, noise: Any, ticks: Int[Array, ""]) -> tupl
     In native code where there is a C compiler, by JAX where there is none or a part calls what has no native code.
     The number of ticks is data, not shape: intervals of any length share one compiled program.
     """
-    leaves, structure = jax.tree.flatten((setup, loop, noise, ticks))
-    return _compiled(structure, tuple(map(jax.typeof, leaves)))(setup, loop, noise, ticks)
+    return program(setup, loop, noise, ticks)(setup, loop, noise, ticks)
+
+
+def program(*like: Any) -> Callable[..., tuple[Loop, Row]]:
+    """What `advance` runs for arguments like these: many short calls need not look it up each time."""
+    leaves, structure = jax.tree.flatten(like)
+    return _compiled(structure, tuple(map(jax.typeof, leaves)))
 
 
 @functools.cache
 def _compiled(structure: Any, like: tuple[Any, ...]) -> Callable[..., tuple[Loop, Row]]:
-    """`_advance` for arguments like these."""
     compiled = jax.jit(native.compile(_advance))
     try:
         compiled.lower(*jax.tree.unflatten(structure, like))

@@ -71,8 +71,8 @@ int main(int argc, char **argv) {
   printf("largest_relative_difference %.3g\n", share);
   printf("median_us %.2f\n", took[steps / 2]);
   printf("p999_us %.2f\n", took[(long)(0.999 * steps)]);
-  printf("memory_bytes %zu\n", sizeof(colift_memory));
-  printf("learned_bytes %zu\n", sizeof(colift_oracle));
+  printf("memory_bytes %lu\n", (unsigned long)sizeof(colift_memory));
+  printf("learned_bytes %lu\n", (unsigned long)sizeof(colift_oracle));
   if (lost) fprintf(stderr, "a counter left the integers that are exact\n");
   free(flight);
   free(took);
