@@ -8,9 +8,11 @@ import shutil
 import subprocess
 import sys
 import tomllib
+import zipfile
 from pathlib import Path
 
 import pytest
+from ruamel.yaml import YAML
 
 ROOT = Path(__file__).parents[1]
 SOURCES = sorted((ROOT / "src" / "colift").rglob("*.py"))
@@ -327,3 +329,35 @@ def test_nothing_cites_a_page_that_is_not_shipped():
     files += [path for path in ROOT.glob("*") if path.suffix in kinds]
     assert len(files) > 100
     assert [path.relative_to(ROOT) for path in files if cited in path.read_text(encoding="utf-8")] == []
+
+
+def test_a_wheel_holds_all_that_a_run_needs_and_the_licence(tmp_path):
+    build = [sys.executable, "-m", "hatchling", "build", "--target", "wheel", "--directory", str(tmp_path)]
+    subprocess.run(build, cwd=ROOT, check=True, capture_output=True)
+    (wheel,) = tmp_path.glob("*.whl")
+    with zipfile.ZipFile(wheel) as packed:
+        names = set(packed.namelist())
+        packed.extractall(tmp_path / "installed")
+        (metadata,) = (packed.read(name).decode() for name in names if name.endswith("METADATA"))
+    shipped = subprocess.run(["git", "ls-files", "src"], cwd=ROOT, capture_output=True, text=True, check=False)
+    files = shipped.stdout.split() or [str(path.relative_to(ROOT)) for path in SOURCES]
+    assert {name.removeprefix("src/") for name in files} <= names
+    for name in ("LICENSE", "THIRD_PARTY.md"):
+        assert any(each.endswith(f"licenses/{name}") for each in names)
+    assert "License-Expression: BSD-3-Clause" in metadata
+    listed = subprocess.run(
+        [sys.executable, "-m", "colift", "scenarios"],
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": str(tmp_path / "installed")},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert listed.stdout.startswith("certified ")
+
+
+def test_the_citation_names_this_version_and_licence():
+    cited = YAML(typ="safe").load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    assert cited["version"] == PROJECT["project"]["version"]
+    assert cited["license"] == PROJECT["project"]["license"]
+    assert [author["name"] for author in cited["authors"]] == [x["name"] for x in PROJECT["project"]["authors"]]

@@ -109,8 +109,12 @@ WHOLE(int64, -9007199254740991.0, 9007199254740991.0)
 WHOLE(int32, -2147483648.0, 2147483647.0)
 WHOLE(uint32, 0.0, 4294967295.0)
 
-/* Sine and cosine together: reduction by pi/2 in two parts, then the polynomials of Sun's fdlibm (k_sin.c,
- * k_cos.c), below 1 ulp; arguments where two parts do not suffice go to the C library. */
+/* Sine and cosine together: reduction by pi/2 in two parts, then the polynomials of fdlibm (k_sin.c, k_cos.c), below
+ * 1 ulp; arguments where two parts do not suffice go to the C library.
+ *
+ * Of the polynomials: Copyright (C) 1993 by Sun Microsystems, Inc. All rights reserved. Developed at SunSoft, a Sun
+ * Microsystems, Inc. business. Permission to use, copy, modify, and distribute this software is freely granted,
+ * provided that this notice is preserved. */
 static inline void N(sincos)(V x, V *sine, V *cosine) {
   if (__builtin_expect(N(any)(~N(lt)(N(abs)(x), N(splat)(1e5))), 0)) {
     for (int i = 0; i < LANES; i++) AT(*sine, i) = sin(AT(x, i));
