@@ -53,10 +53,10 @@ def replay(plan: simulate.Plan, oracle: learn.Oracle, ticks: int) -> tuple[Measu
     """The reading at rest before a flight with a frozen oracle, and the flight's first ticks."""
     setup = dataclasses.replace(plan.setup, pilot=dataclasses.replace(plan.pilot, oracle=oracle))
     noise = plan.world.draw(jax.random.key(plan.seed), ticks)
-    return plan.world.rest(plan.z), _flown(setup, simulate.start(setup, plan.z), noise)
+    flown = jax.jit(native.compile(_flown))(setup, simulate.start(setup, plan.z), noise)
+    return plan.world.rest(plan.z), flown
 
 
-@jax.jit
 def _flown(setup: simulate.Setup, loop: simulate.Loop, noise: Any) -> Replay:
     def one(state: tuple[Any, Any], now: tuple[Array, Any]) -> tuple[tuple[Any, Any], Replay]:
         (world, memory), (t, drawn) = state, now
@@ -67,7 +67,7 @@ def _flown(setup: simulate.Setup, loop: simulate.Loop, noise: Any) -> Replay:
         return (world, memory), Replay(t=t, m=m, command=command)
 
     ticks = jax.tree.leaves(noise)[0].shape[0]
-    t = jnp.arange(ticks) * setup.dt
+    t = jnp.arange(ticks, dtype=float) * setup.dt
     return jax.lax.scan(one, (loop.world, loop.memory), (t, noise))[1]
 
 
@@ -139,7 +139,7 @@ class Traced(NamedTuple):
 def _traced(f: Callable[..., Any], onto: Sequence[tuple[int, int]], *args: Any) -> Traced:
     made = native.kernel(jax.make_jaxpr(f)(*args), stack=STACK, onto=onto)
     sizes = [len(jax.tree.leaves(arg)) for arg in args]
-    starts = np.cumsum([0, *sizes])
+    starts = np.cumsum([0, *sizes]).tolist()
     used = [{k - a for k in made.arguments if a <= k < b} for a, b in itertools.pairwise(starts)]
     return Traced(kernel=made, sizes=sizes, used=used)
 
@@ -270,12 +270,12 @@ def _code(structs: dict[str, Struct], init: Traced, tick: Traced) -> str:
 
 def _call(structs: dict[str, Struct], made: Traced, given: Sequence[str | None], remembered: Sequence[str]) -> str:
     """The call of a kernel: its arguments by struct, None for the time; where commands and what is remembered go."""
-    starts = np.cumsum([0, *made.sizes])
+    starts = np.cumsum([0, *made.sizes]).tolist()
 
     def argument(k: int) -> str:
         part = int(np.searchsorted(starts, k, side="right")) - 1
         of = given[part]
-        return "&t" if of is None else structs[of].pointer("m" if of == "measurement" else of, k - int(starts[part]))
+        return "&t" if of is None else structs[of].pointer("m" if of == "measurement" else of, k - starts[part])
 
     command = structs["command"]
     commanded = [command.pointer("command", k) for k in made.kernel.results if k < len(command.leaves)]
