@@ -116,11 +116,11 @@ def main() -> bool:
     """Every target's commands within 1e-12 of Python's, single precision's within 1e-2; steps in time here."""
     found = collect("onboard", TARGETS, on)
     for target, row in found.items():
+        sizes = [row[f"{what}_bytes"] / 1e3 for what in ("text", "memory", "learned")]
         print(
             f"{target:<26} largest difference {row['largest_difference']:.2g} (relative "
             f"{row['largest_relative_difference']:.2g}), step {row['median_us']:.0f} us, "
-            f"99.9 % {row['p999_us']:.0f} us, code {row['text_bytes'] / 1e3:.0f} kB, memory {row['memory_bytes'] / 1e3:.0f} kB, "
-            f"learned {row['learned_bytes'] / 1e3:.0f} kB"
+            f"99.9 % {row['p999_us']:.0f} us; kB of code, memory, learned: {', '.join(f'{x:.0f}' for x in sizes)}"
         )
     exact = [found[target]["largest_relative_difference"] <= EXACT for target in ("x86-64", "aarch64", "Cortex-M7")]
     fast = found["x86-64"]["median_us"] <= MEDIAN_US and found["x86-64"]["p999_us"] <= P999_US
