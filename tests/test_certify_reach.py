@@ -209,6 +209,23 @@ def test_at_its_programs_recovery_is_that_of_the_whole_functional():
                 np.testing.assert_allclose(found[:, a, row, i], expected, rtol=1e-6, atol=1e-8)
 
 
+def test_between_its_programs_recovery_is_not_below_that_of_the_whole_functional():
+    """The program of any time is attained, so no bound that holds at that time is below it."""
+    p, above = problem(5), 0.0
+    _, found = recovered(p, 4)
+    x = p.body.x
+    mu = np.asarray(means(p.body.model, jnp.asarray(x)))
+    X, Y, hyper = np.asarray(p.body.model.X)[:DATA], np.asarray(p.body.model.Y)[:DATA], p.body.model.hyper
+    for a in (1, 2, 3):
+        for row in range(ROWS):
+            ell = reach.weights(p.H[:, :, FIRST], AT, PATH)[a, row]
+            best = recovery.recover(X, Y, hyper, 0, p.body.norm, float(p.eps[0]), x, ell)
+            attained = np.array([best.upper - ell @ mu[:, 0], ell @ mu[:, 0] - best.lower])
+            assert (found[:, a, row, 0] >= attained - 1e-6 * np.abs(attained)).all()
+            above = max(above, (found[:, a, row, 0] / attained).max())
+    assert above < 3, "and not far above"
+
+
 def test_an_output_that_contributes_next_to_nothing_keeps_its_band():
     p, told = problem(7), []
     p.H[:, :, FIRST] *= 1e-7

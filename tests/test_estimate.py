@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from colift import dynamics, estimate, lowpass, measurement, sensor, simulate
+from colift import balance, dynamics, estimate, lowpass, measurement, sensor, simulate
 from colift.model import AgentInput, Clock, State, Team, flat_agent, flat_payload, no_force
 from tests import paper_flights, teams
 from tests.paper_flights import number
@@ -184,6 +184,34 @@ def test_the_joint_filter_gives_the_rate_of_a_ramp_and_lags_it_by_its_delay():
     np.testing.assert_allclose(ramp[-1] - np.asarray(q_hat.agents[0].r[-1]), 2 * (1 - b) / b * DT * rate, rtol=1e-9)
 
 
+def test_poses_are_moved_by_what_accelerometers_feel_and_by_gravity():
+    """Payload and agents at constant acceleration: what is carried from reading to reading is the next reading."""
+    team, _, _, stream = still()
+    a = jnp.array([0.5, -1.0, 2.0])
+    felt = a - team.gravity
+
+    def falling(t: jax.Array, m: measurement.Measurement) -> measurement.Measurement:
+        load, (agents,) = m.payload, m.agents
+        shift, speed = t**2 / 2 * a, t * a
+        load = dataclasses.replace(load, p=load.p + shift, v=speed, omega=0 * load.omega, a=load.R.T @ felt)
+        agents = dataclasses.replace(
+            agents,
+            x=agents.x + shift[None],
+            v=jnp.tile(speed, (2, 1)),
+            omega=0 * agents.omega,
+            a=jnp.einsum("aji,j->ai", agents.R, felt),
+        )
+        return dataclasses.replace(m, payload=load, agents=(agents,))
+
+    moving = jax.vmap(falling)(DT * jnp.arange(TICKS, dtype=float), stream)
+    slow = dataclasses.replace(FILTERS, fusion=jnp.array(0.01))  # so that readings pull next to nothing
+    q_hat, memory = observed(team, slow, moving, held())
+    np.testing.assert_allclose(q_hat.payload.v, moving.payload.v, atol=1e-10)
+    np.testing.assert_allclose(q_hat.payload.p, moving.payload.p, atol=1e-10)
+    np.testing.assert_allclose(memory.agents[0].base.v, moving.agents[0].v, atol=1e-10)
+    np.testing.assert_allclose(memory.agents[0].base.x, moving.agents[0].x, atol=1e-10)
+
+
 def test_estimates_and_labels_use_past_readings_only():
     team, _, _, stream = still()
     rng = np.random.default_rng(4)
@@ -221,6 +249,19 @@ def test_the_inputs_of_the_learned_maps_pass_the_labels_filter():
         scale = np.abs(inputs).max()
         np.testing.assert_allclose(found, expected, atol=1e-10 * scale)
         assert np.abs(inputs - expected).max() > 1e-3
+
+
+def test_what_the_payload_needs_passes_a_copy_of_the_tips_bandwidth():
+    """So that it is as late as the forces that it is compared with."""
+    team, _, _, stream = still()
+    rng = np.random.default_rng(6)
+    shaken = jax.tree.map(lambda x: x + 0.01 * jnp.array(rng.normal(size=x.shape)), stream)
+    q_hat, memory = observed(team, FILTERS, shaken, held())
+    needed = jax.vmap(balance.payload, in_axes=(None, 0, 0, 0))(
+        team.payload, q_hat.a_L[:, :3] - team.gravity[None], q_hat.a_L[:, 3:], q_hat.payload.omega
+    )
+    expected = low_pass(np.concatenate([needed.F, needed.tau], axis=1), 50.0, DT)
+    np.testing.assert_allclose(memory.known, expected, atol=1e-10 * np.abs(expected).max())
 
 
 def labels(plan: simulate.Plan, dt: float) -> tuple[np.ndarray, np.ndarray]:
