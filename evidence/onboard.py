@@ -68,7 +68,7 @@ def exported() -> Path:
 
 def replayed(run: list[str], command: str, flags: list[str], repeats: int, sources: tuple[str, ...] = ()) -> Any:
     """Build with a compiler, run, and read what the replay says."""
-    needed = [command, *run[:1]]
+    needed = [name for name in (command, run[0]) if name != "{program}"]
     if missing := [name for name in needed if shutil.which(name) is None]:
         raise SystemExit(f"onboard: {', '.join(missing)} not found; see the head of evidence/onboard.py")
     folder = exported()
