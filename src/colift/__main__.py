@@ -77,6 +77,18 @@ class Engine(enum.StrEnum):
     MUJOCO = "mujoco"
 
 
+def _settings(name: str, seed: int | None, engine: Engine | None = None) -> Any:
+    """The settings of a scenario with what is given changed; raises ScenarioError as `scenario.load`."""
+    from colift import scenario
+
+    settings = scenario.load(name)
+    if seed is not None:
+        settings = settings.model_copy(update={"seed": seed})
+    if engine is not None and settings.plant.kind != engine:
+        settings = settings.model_copy(update={"plant": {"kind": engine.value}})
+    return settings
+
+
 @contextlib.contextmanager
 def _opened(
     name: str, out: Path | None, seed: int | None, kept: str, engine: Engine | None = None
@@ -91,11 +103,7 @@ def _opened(
 
     interrupt.check()
     try:
-        settings = scenario.load(name)
-        if seed is not None:
-            settings = settings.model_copy(update={"seed": seed})
-        if engine is not None and settings.plant.kind != engine:
-            settings = settings.model_copy(update={"plant": {"kind": engine.value}})
+        settings = _settings(name, seed, engine)
         with flights.claim(settings, out or Path("out") / settings.name) as folder:
             if results.of_others(folder, flights.FLOWN + flights.CERTIFIED):
                 errors.print(f"{folder.path} holds results of another run: they are replaced", markup=False)
@@ -427,9 +435,7 @@ def _export_c(
 
     interrupt.check()
     try:
-        settings = scenario.load(name)
-        if seed is not None:
-            settings = settings.model_copy(update={"seed": seed})
+        settings = _settings(name, seed)
         known = flights.CASES | flights.BASELINES
         if case not in known:
             raise _fail(f"--case {case}: must be one of {', '.join(known)}")

@@ -8,7 +8,6 @@ here and compares the commands. Not flown on hardware.
 from __future__ import annotations
 
 import dataclasses
-import itertools
 import re
 from collections.abc import Callable, Sequence
 from importlib import resources
@@ -89,17 +88,17 @@ def c(plan: simulate.Plan, oracle: learn.Oracle, ticks: int, folder: Path, name:
     command, memory = jax.eval_shape(begin, oracle, rest)
     commands, before, own = (len(jax.tree.leaves(x)) for x in (command, (oracle, 0.0, rest), memory))
     carried = [(commands + k, before + k) for k in range(own)]
-    init, tick = _traced(begin, (), oracle, rest), _traced(step, carried, oracle, jnp.zeros(()), rest, memory)
+    init = _traced(begin, (), oracle=oracle, measurement=rest)
+    tick = _traced(step, carried, oracle=oracle, t=jnp.zeros(()), measurement=rest, memory=memory)
     structs = {
         "oracle": Struct(oracle, "what was learned"),
         "measurement": Struct(rest, "what is measured at one time"),
         "memory": Struct(memory, "what the pilot remembers from tick to tick"),
         "command": Struct({"agents": command}, "what vehicles are to do until the next tick"),
     }
-    for made, given in ((init, ("oracle", "measurement")), (tick, ("oracle", None, "measurement", "memory"))):
-        for of, used in zip(given, made.used, strict=True):
-            if of is not None:
-                structs[of].used |= used
+    for of, k in (*init.arguments, *tick.arguments):
+        if of in structs:
+            structs[of].used.add(k)
     for of in ("memory", "command"):
         structs[of].used |= {k for k, (_, shape) in enumerate(structs[of].leaves) if 0 not in shape}
     head = _header(name, structs, plan.dt)
@@ -129,19 +128,16 @@ def c(plan: simulate.Plan, oracle: learn.Oracle, ticks: int, folder: Path, name:
 
 
 class Traced(NamedTuple):
-    """A function as C, with which leaves of its arguments it uses."""
+    """A function as C, and its parameters: of which argument, and which leaf of it."""
 
     kernel: native.Kernel
-    sizes: list[int]  # leaves of each argument
-    used: list[set[int]]  # by argument
+    arguments: list[tuple[str, int]]
 
 
-def _traced(f: Callable[..., Any], onto: Sequence[tuple[int, int]], *args: Any) -> Traced:
-    made = native.kernel(jax.make_jaxpr(f)(*args), stack=STACK, onto=onto)
-    sizes = [len(jax.tree.leaves(arg)) for arg in args]
-    starts = np.cumsum([0, *sizes]).tolist()
-    used = [{k - a for k in made.arguments if a <= k < b} for a, b in itertools.pairwise(starts)]
-    return Traced(kernel=made, sizes=sizes, used=used)
+def _traced(f: Callable[..., Any], onto: Sequence[tuple[int, int]], **args: Any) -> Traced:
+    made = native.kernel(jax.make_jaxpr(f)(*args.values()), stack=STACK, onto=onto)
+    leaves = [(of, k) for of, tree in args.items() for k in range(len(jax.tree.leaves(tree)))]
+    return Traced(kernel=made, arguments=[leaves[k] for k in made.arguments])
 
 
 class Struct:
@@ -238,15 +234,10 @@ def _code(structs: dict[str, Struct], init: Traced, tick: Traced) -> str:
     commands, memory = len(structs["command"].leaves), structs["memory"]
     begun = [memory.pointer("memory", k - commands) for k in init.kernel.results if k >= commands]
     moved = [k - commands for k in tick.kernel.results if k >= commands]  # what is not written to in place
-    rooms = [f"colift_real next_{memory.leaves[k][0]}[{memory.size(k)}];" for k in moved]
-    moves = [
-        f"memcpy({memory.pointer('memory', k)}, next_{memory.leaves[k][0]}, sizeof next_{memory.leaves[k][0]});"
-        for k in moved
-    ]
-    start = _call(structs, init, ("oracle", "measurement"), begun)
-    step = _call(
-        structs, tick, ("oracle", None, "measurement", "memory"), [f"next_{memory.leaves[k][0]}" for k in moved]
-    )
+    after = {k: f"next_{memory.leaves[k][0]}" for k in moved}
+    rooms = [f"colift_real {room}[{memory.size(k)}];" for k, room in after.items()]
+    moves = [f"memcpy({memory.pointer('memory', k)}, {room}, sizeof {room});" for k, room in after.items()]
+    start, step = _call(structs, init, begun), _call(structs, tick, list(after.values()))
     return "\n".join([
         '#include "colift.h"\n',
         read("onboard.h"),
@@ -268,18 +259,15 @@ def _code(structs: dict[str, Struct], init: Traced, tick: Traced) -> str:
     ])  # fmt: skip
 
 
-def _call(structs: dict[str, Struct], made: Traced, given: Sequence[str | None], remembered: Sequence[str]) -> str:
-    """The call of a kernel: its arguments by struct, None for the time; where commands and what is remembered go."""
-    starts = np.cumsum([0, *made.sizes]).tolist()
-
-    def argument(k: int) -> str:
-        part = int(np.searchsorted(starts, k, side="right")) - 1
-        of = given[part]
-        return "&t" if of is None else structs[of].pointer("m" if of == "measurement" else of, k - starts[part])
-
+def _call(structs: dict[str, Struct], made: Traced, remembered: Sequence[str]) -> str:
+    """The call of a kernel; `remembered`: where the next memory goes."""
+    arguments = [
+        structs[of].pointer("m" if of == "measurement" else of, k) if of in structs else f"&{of}"
+        for of, k in made.arguments
+    ]
     command = structs["command"]
     commanded = [command.pointer("command", k) for k in made.kernel.results if k < len(command.leaves)]
-    return f"{made.kernel.name}({', '.join([*map(argument, made.kernel.arguments), *commanded, *remembered])});"
+    return f"{made.kernel.name}({', '.join([*arguments, *commanded, *remembered])});"
 
 
 CMAKE = """cmake_minimum_required(VERSION 3.16)

@@ -153,7 +153,6 @@ class Kernel(NamedTuple):
     arguments: list[int]
     results: list[int]
     widths: list[int]
-    written: tuple[tuple[int, int], ...]  # results that are an argument written to, and which
 
 
 def kernel(
@@ -193,7 +192,6 @@ def kernel(
         arguments=[k for k, used in enumerate(need.used) if used.any() or k in {j for _, j in written}],
         results=[k for k, needed in enumerate(need.needed) if needed.any() and k not in {k for k, _ in written}],
         widths=sorted(unit.widths),
-        written=written,
     )
 
 

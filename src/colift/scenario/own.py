@@ -44,12 +44,8 @@ def settings(name: str, given: Any, base: type[BaseModel]) -> BaseModel:
     try:
         return TypeAdapter(kind).validate_python(given)
     except ValidationError as error:
-        schema = validation.of(kind)
-        wrong = [
-            (("settings", *validation.place(given, e["loc"], e["type"])), validation.sentence(e, schema))
-            for e in validation.errors(error)
-        ]
-        raise validation.as_validation_error(wrong, "worded") from None
+        wrong = validation.mistakes(error, kind, given)
+        raise validation.as_validation_error([(("settings", *at), said) for at, said in wrong], "worded") from None
 
 
 def _kind(name: str, base: type[BaseModel]) -> type[BaseModel]:

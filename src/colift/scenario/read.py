@@ -133,8 +133,4 @@ def _read(
     try:
         return expand(TypeAdapter(section).validate_python(written), folder)
     except ValidationError as error:
-        schema = validation.of(section)
-        found = validation.errors(error)[: validation.MOST_TOLD]
-        return written, [
-            (validation.place(written, e["loc"], e["type"]), validation.sentence(e, schema)) for e in found
-        ]
+        return written, validation.mistakes(error, section, written)[: validation.MOST_TOLD]

@@ -59,6 +59,12 @@ def errors(error: ValidationError) -> list[ErrorDetails]:
     ]
 
 
+def mistakes(error: ValidationError, model: type[BaseModel], data: Any) -> list[Mistake]:
+    """What pydantic found wrong in the data of a model, in words, by place in the data."""
+    schema = of(model)
+    return [(place(data, e["loc"], e["type"]), sentence(e, schema)) for e in errors(error)]
+
+
 def more(count: int) -> list[str]:
     """A last line where there are more mistakes than are told."""
     return [f"and {count - MOST_TOLD} more mistakes"] if count > MOST_TOLD else []
