@@ -8,10 +8,12 @@ from evidence import collect
 
 SEEDS = (100, 101, 102)
 GRID = {
-    "I": [{"K_i": K, "k_i": k} for K in (1.0, 1.5, 2.0) for k in (20.0, 40.0, 80.0)],
+    "I": [{"K_i": K, "k_i": k} for K in (1.0, 1.5, 2.0) for k in (10.0, 20.0, 40.0)],
     "DOB": [{"observer_Hz": f} for f in (0.15, 0.2, 0.25, 0.3, 0.35, 0.4)],
     "P": [
-        {"first_moment_kgm": m, "inertia_kgm2": J} for m, J in ((1e-2, 3e-3), (5e-3, 3e-3), (2e-3, 1e-3), (1e-4, 1e-4))
+        {"mass_kg": m, "first_moment_kgm": c, "inertia_kgm2": J}
+        for m in (0.5, 0.1, 0.02)
+        for c, J in ((5e-3, 3e-3), (1e-4, 1e-4), (1e-6, 1e-6))
     ],
 }
 

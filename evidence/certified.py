@@ -20,14 +20,14 @@ RUNS, FIRST = 200, 100  # seeds 100 to 299: the scenario was made with others
 ADVERSARIES = range(FIRST, FIRST + 8)
 NAMES = ("energy", "recovery")
 
-_loop: list[Any] = []  # the team's response, the same for all seeds
+_linear: list[Any] = []  # the team's response, the same for all seeds
 
 
 def fly(seed: int, rounds: int) -> dict[str, Any]:
     """One flight with its radii; with rounds, its adversary's as well."""
     settings = scenario.load("certified").model_copy(update={"seed": seed})
-    made = study.certify(settings, _loop[0] if _loop else None, NAMES)
-    _loop[:] = [made.loop]
+    made = study.certify(settings, _linear[0] if _linear else None, NAMES)
+    _linear[:] = [made.linear]
     out = figures(made)
     if rounds:
         out["adversary"] = figures(study.challenge(made, rounds))

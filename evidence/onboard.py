@@ -23,7 +23,8 @@ from evidence import collect
 TICKS, REPEATS = 2000, 15  # 30000 ticks of 2 ms are 60 s
 EXACT, SINGLE = 1e-12, 1e-2
 MEDIAN_US, P999_US = 100.0, 250.0
-PLAIN = ("-std=c99", "-O2", "-ffp-contract=off")
+WORK = tempfile.TemporaryDirectory()
+PLAIN = ("-std=c99", "-O2", "-ffp-contract=off", "-Wno-psabi")
 START = """
 #include <stdint.h>
 extern uint32_t stack_top;
@@ -57,7 +58,7 @@ SECTIONS {
 @functools.cache
 def exported() -> Path:
     """The folder of the paper's C3, once."""
-    folder = Path(tempfile.mkdtemp())
+    folder = Path(WORK.name)
     settings = scenario.load("paper")
     plan = study.plan(settings, "C3")
     flight = simulate.fly_plan(plan, of.agent_names(settings))
@@ -94,6 +95,10 @@ def on(target: str) -> dict[str, Any]:
         match target:
             case "x86-64":
                 return replayed(program, here, [*PLAIN], REPEATS)
+            case "x86-64, AVX2":
+                return replayed(program, here, [*PLAIN, "-mavx2"], REPEATS)
+            case "x86-64, one lane":
+                return replayed(program, here, [*PLAIN, "-DONE_LANE"], REPEATS)
             case "x86-64, contracted":
                 return replayed(program, here, ["-std=c99", "-O3", "-march=native", "-ffp-contract=fast"], REPEATS)
             case "x86-64, single precision":
@@ -109,7 +114,7 @@ def on(target: str) -> dict[str, Any]:
         return replayed(run, "arm-none-eabi-gcc", [*PLAIN, *core, "-T", str(layout)], 1, (str(start),))
 
 
-TARGETS = ("x86-64", "x86-64, contracted", "x86-64, single precision", "aarch64", "Cortex-M7")
+TARGETS = ("x86-64", "x86-64, AVX2", "x86-64, one lane", "x86-64, contracted", "x86-64, single precision", "aarch64", "Cortex-M7")
 
 
 def main() -> bool:
@@ -122,8 +127,9 @@ def main() -> bool:
             f"{row['largest_relative_difference']:.2g}), step {row['median_us']:.0f} us, "
             f"99.9 % {row['p999_us']:.0f} us; kB of code, memory, learned: {', '.join(f'{x:.0f}' for x in sizes)}"
         )
-    exact = [found[target]["largest_relative_difference"] <= EXACT for target in ("x86-64", "aarch64", "Cortex-M7")]
-    fast = found["x86-64"]["median_us"] <= MEDIAN_US and found["x86-64"]["p999_us"] <= P999_US
+    alike = [target for target in TARGETS if target not in ("x86-64, contracted", "x86-64, single precision")]
+    exact = [found[target]["largest_relative_difference"] <= EXACT for target in alike]
+    fast = found["x86-64, AVX2"]["median_us"] <= MEDIAN_US and found["x86-64, AVX2"]["p999_us"] <= P999_US
     return all(exact) and fast and found["x86-64, single precision"]["largest_relative_difference"] <= SINGLE
 
 

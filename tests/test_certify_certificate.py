@@ -89,7 +89,7 @@ def test_observed_errors_and_floor_are_the_greatest_of_their_flights_late_enough
     for name in certificate.ERRORS:
         apart = (getattr(all_of.flight.rows, name) - getattr(all_of.twin.rows, name))[late]
         assert found.unknown[name] == pytest.approx(np.sqrt((apart**2).sum(1)).max(), rel=1e-12)
-    slowest = np.linalg.eigvals(all_of.loop.A).real.max()
+    slowest = np.linalg.eigvals(all_of.linear.A).real.max()
     assert found.transient == pytest.approx(np.exp(slowest * 4.5), rel=0.01)
 
 
@@ -120,7 +120,7 @@ def test_what_the_unknown_forces_bring_about_is_their_convolution_with_the_loop_
     """The certificate's first-order statement, on the run: `e - e_twin = sum H f~`, f~ read off the log."""
     all_of = made()
     grid = certificate.path_of(all_of.plan, all_of.flight, certificate.STEP)
-    H = reach.impulse(all_of.loop, np.hstack([all_of.loop.C[:6], all_of.loop.D[:6]]), grid.step, len(grid.path))
+    H = reach.impulse(all_of.linear, np.hstack([all_of.linear.C[:6], all_of.linear.D[:6]]), grid.step, len(grid.path))
     f = left(all_of.flight.rows)[grid.path]
     told = np.array([sum(H[k - m] @ f[m] for m in range(k + 1)) for k in grid.at])
     at = grid.path[grid.at]
@@ -175,19 +175,19 @@ def test_what_is_assumed_is_what_the_flight_does_not_cover_and_what_the_bound_ne
         assert radii.assumed == flown
     doubted = dataclasses.replace(all_of.plan.stated, met=all_of.plan.stated.met - {Assumption.NORM})
     plan = dataclasses.replace(all_of.plan, stated=doubted)
-    found = certificate.certify(plan, all_of.flight, all_of.twin, all_of.loop, ("energy",))
+    found = certificate.certify(plan, all_of.flight, all_of.twin, all_of.linear, ("energy",))
     assert found.radii["energy"].assumed == ("norm", *flown)
     noisy = dataclasses.replace(all_of.plan.world.sensors, position=jnp.asarray(0.002))
     plan = dataclasses.replace(all_of.plan, world=dataclasses.replace(all_of.plan.world, sensors=noisy))
-    found = certificate.certify(plan, all_of.flight, all_of.twin, all_of.loop, ("energy",))
+    found = certificate.certify(plan, all_of.flight, all_of.twin, all_of.linear, ("energy",))
     assert found.radii["energy"].assumed == (assumed.FIRST_ORDER, assumed.TRANSIENT, assumed.NOISE, assumed.SAMPLED)
     team = all_of.plan.pilot.team
     weak = dataclasses.replace(team.groups[0], thrust_max=jnp.array([50.0, 27.0]))
     pilot = dataclasses.replace(all_of.plan.pilot, team=dataclasses.replace(team, groups=(weak,)))
     pressed = dataclasses.replace(all_of.plan, pilot=pilot)
-    found = certificate.certify(pressed, all_of.flight, all_of.twin, all_of.loop, ("energy",))
+    found = certificate.certify(pressed, all_of.flight, all_of.twin, all_of.linear, ("energy",))
     assert found.radii["energy"].assumed == (*flown, assumed.SATURATION)
-    whole = dataclasses.replace(all_of.loop, A=2 * all_of.loop.A)  # a loop twice as fast
+    whole = dataclasses.replace(all_of.linear, A=2 * all_of.linear.A)  # a loop twice as fast
     found = certificate.certify(all_of.plan, all_of.flight, all_of.twin, whole, ("energy",))
     assert found.transient < assumed.DECAYED
     assert assumed.TRANSIENT not in found.radii["energy"].assumed
@@ -199,7 +199,7 @@ def test_where_its_programs_fail_optimal_recovery_is_left_out_with_the_reason(mo
 
     monkeypatch.setattr(recovery, "greatest", failed)
     all_of = made()
-    found = certificate.certify(all_of.plan, all_of.flight, all_of.twin, all_of.loop, ("recovery",))
+    found = certificate.certify(all_of.plan, all_of.flight, all_of.twin, all_of.linear, ("recovery",))
     assert set(found.radii) == {"energy"}
     assert "InsufficientProgress" in found.left_out["recovery"]
     assert found.radii["energy"].run == all_of.certificate.radii["energy"].run
@@ -209,7 +209,7 @@ def test_data_that_contradict_what_is_stated_certify_nothing():
     all_of = made()
     small = dataclasses.replace(all_of.plan.stated, norm=0.05)
     plan = dataclasses.replace(all_of.plan, stated=small)
-    found = certificate.certify(plan, all_of.flight, all_of.twin, all_of.loop, ("recovery",))
+    found = certificate.certify(plan, all_of.flight, all_of.twin, all_of.linear, ("recovery",))
     assert found.tube is None
     assert "contradict" in found.no_tube
     assert "contradict" in found.left_out["recovery"]
@@ -219,15 +219,15 @@ def test_data_that_contradict_what_is_stated_certify_nothing():
 
 def test_flights_that_allow_no_certificate_are_refused_in_words():
     all_of = made()
-    plan, flight, twin, loop = all_of.plan, all_of.flight, all_of.twin, all_of.loop
+    plan, flight, twin, linear = all_of.plan, all_of.flight, all_of.twin, all_of.linear
     stopped = dataclasses.replace(flight, stopped="signal p is not finite")
     with pytest.raises(ValueError, match="no certificate: the flight stopped: signal p"):
-        certificate.certify(plan, stopped, twin, loop)
+        certificate.certify(plan, stopped, twin, linear)
     with pytest.raises(ValueError, match="no certificate: the twin stopped"):
-        certificate.certify(plan, flight, dataclasses.replace(twin, stopped="a grasp"), loop)
+        certificate.certify(plan, flight, dataclasses.replace(twin, stopped="a grasp"), linear)
     with pytest.raises(ValueError, match="no certificate: the flight never learned"):
-        certificate.certify(plan, dataclasses.replace(flight, updates=()), twin, loop)
-    unstable = dataclasses.replace(loop, A=loop.A + 3 * np.eye(len(loop.A)))
+        certificate.certify(plan, dataclasses.replace(flight, updates=()), twin, linear)
+    unstable = dataclasses.replace(linear, A=linear.A + 3 * np.eye(len(linear.A)))
     with pytest.raises(ValueError, match=r"unstable at rest, a mode has rate \+"):
         certificate.certify(plan, flight, twin, unstable)
 
@@ -241,11 +241,11 @@ def test_slack_goes_from_the_paper_s_reasoning_down_to_what_was_observed():
         np.linalg.norm(all_of.twin.rows.delta_W[late][:, half], axis=1).max() for half in (slice(3), slice(3, 6))
     ]
     np.testing.assert_allclose(vartheta, expected, rtol=1e-12)
-    rows = all_of.loop.rows("delta_W")
-    steady = all_of.loop.D[rows] - all_of.loop.C[rows] @ np.linalg.solve(all_of.loop.A, all_of.loop.B)
-    kappa = np.array([[np.linalg.norm(steady[h, c], 2) for c in all_of.loop.bodies] for h in (slice(3), slice(3, 6))])
+    rows = all_of.linear.rows("delta_W")
+    steady = all_of.linear.D[rows] - all_of.linear.C[rows] @ np.linalg.solve(all_of.linear.A, all_of.linear.B)
+    kappa = np.array([[np.linalg.norm(steady[h, c], 2) for c in all_of.linear.bodies] for h in (slice(3), slice(3, 6))])
     layer = interface.Interface(alpha=np.ones(2), gamma=1.0, kappa=kappa, vartheta=vartheta, static=kappa)
-    slack = certificate.slack(all_of.plan, all_of.flight, all_of.twin, all_of.loop, layer, found)
+    slack = certificate.slack(all_of.plan, all_of.flight, all_of.twin, all_of.linear, layer, found)
     paper, energy, both, *_ = slack.values()
     e_p = {
         (name, key): getattr(found.radii[name], key)["e_p"]
@@ -270,7 +270,7 @@ def test_slack_goes_from_the_paper_s_reasoning_down_to_what_was_observed():
 def test_the_adversary_keeps_norm_and_labels_and_comes_near_the_bound_where_it_is_greatest():
     """Its contribution along the run's path, by the loop's response; the bound holds for it at all times."""
     all_of, found = made(), made().certificate
-    unknown = adversary.adversary(all_of.plan, all_of.flight, all_of.loop, found, all_of.flight.rows)
+    unknown = adversary.adversary(all_of.plan, all_of.flight, all_of.linear, found, all_of.flight.rows)
     grid = certificate.path_of(all_of.plan, all_of.flight, certificate.STEP)
     held = certificate.bodies(all_of.plan, all_of.flight, all_of.flight.rows, grid.path, "energy")
     functions = [unknown.payload, *(jax.tree.map(lambda x, j=j: x[j], unknown.agents[0]) for j in range(2))]
@@ -282,7 +282,7 @@ def test_the_adversary_keeps_norm_and_labels_and_comes_near_the_bound_where_it_i
         assert (off <= body.eps * (1 + 1e-3)).all()
         x = jnp.asarray(body.x)
         left_over.append(np.asarray(means(f, x)) - np.asarray(means(body.model, x)))
-    H = reach.impulse(all_of.loop, np.hstack([all_of.loop.C[:3], all_of.loop.D[:3]]), grid.step, len(grid.path))
+    H = reach.impulse(all_of.linear, np.hstack([all_of.linear.C[:3], all_of.linear.D[:3]]), grid.step, len(grid.path))
     f = np.concatenate(left_over, axis=1)
     told = np.array([sum(H[k - m] @ f[m] for m in range(k + 1)) for k in grid.at])
     e_p = all_of.twin.rows.e_p[grid.path][grid.at] + told
@@ -300,7 +300,7 @@ def late() -> study.Certified:
     given = scenario.load("certified").model_dump()
     given["learning"] |= {"update_times_s": (8.0,), "end_s": 8.0, "capacity": 12}
     given["drawn"] |= {"centers": 12}
-    return study.certify(Settings.model_validate(given | {"duration_s": 9.0}), made().loop, ("energy",))
+    return study.certify(Settings.model_validate(given | {"duration_s": 9.0}), made().linear, ("energy",))
 
 
 def table_of(printed: str) -> list[list[str]]:
@@ -457,7 +457,7 @@ def test_what_has_no_radius_has_no_row(tmp_path, capsys, save, drawn):
     assert not [text for text in drawn if "radius for any" in text]
     drawn.clear()
     small = dataclasses.replace(all_of.plan, stated=dataclasses.replace(all_of.plan.stated, norm=0.05))
-    nothing = certificate.certify(small, all_of.flight, all_of.twin, all_of.loop, ("energy", "recovery"))
+    nothing = certificate.certify(small, all_of.flight, all_of.twin, all_of.linear, ("energy", "recovery"))
     told = save(dataclasses.replace(all_of, plan=small, certificate=nothing))
     assert told["exceeded"] == []
     __main__._report_certificate(told, tmp_path)

@@ -22,7 +22,7 @@ from tests.pinocchio_team import take
 
 STRUCTURE = ((teams.SEVEN, 2),)
 seeds = st.integers(0, 10**6)
-residual = jax.jit(disturbance.at_start)
+forces = jax.jit(disturbance.at_start)
 on_payload = jax.jit(lambda mounts, q: disturbance.on_payload(mounts, q, NOW, tuple(m.law.begin() for m in mounts)))
 NOW = jnp.zeros(())
 
@@ -92,7 +92,7 @@ def test_the_generalized_force_does_the_work_of_its_force_and_torque():
             point=jnp.tile(jnp.array(point), (2, 1)),
             active=jnp.array([1.0, 0.0]),
         )
-        f = residual(sources((mount,)), team, z).agents[0]
+        f = forces(sources((mount,)), team, z).agents[0]
         assert not any(np.any(leaf[1]) for leaf in jax.tree.leaves(f))  # the second agent does not carry it
         agent, q = take(team.groups[0], 0), take(z.agents[0], 0)
 
@@ -132,7 +132,7 @@ def test_a_law_is_told_how_its_point_moves():
     )
     point, h = rng.normal(size=(2, 3)), 1e-6
     mount = disturbance.AgentMount(body=5, law=on_both(drag), point=jnp.array(point), active=jnp.ones(2))
-    f = residual(sources((mount,)), team, z).agents[0]
+    f = forces(sources((mount,)), team, z).agents[0]
     for j in range(2):
         agent, q = take(team.groups[0], j), take(z.agents[0], j)
         ends = []
@@ -250,7 +250,7 @@ def test_joint_friction_opposes_every_joint():
     team, z = teams.team(rng, STRUCTURE), teams.free_state(rng, STRUCTURE)
     viscous, coulomb = (jnp.array(rng.uniform(0.1, 1, (2, 7))) for _ in range(2))
     friction = disturbance.JointFriction(viscous=viscous, coulomb=coulomb, speed=jnp.full((2, 7), 1e-3))
-    f = residual(dataclasses.replace(sources(), joints=(friction,)), team, z).agents[0]
+    f = forces(dataclasses.replace(sources(), joints=(friction,)), team, z).agents[0]
     r_dot = z.agents[0].r_dot
     assert np.all(f.f_r * r_dot < 0)
     fast = np.abs(r_dot) > 0.01  # there dry friction has its full size
@@ -295,7 +295,7 @@ def test_active_sources_that_change_with_time_are_named_once():
 def test_without_sources_nothing_is_felt():
     rng = np.random.default_rng(14)
     z: State = teams.free_state(rng, STRUCTURE)
-    f = residual(sources(), teams.team(rng, STRUCTURE), z)
+    f = forces(sources(), teams.team(rng, STRUCTURE), z)
     assert not any(np.any(leaf) for leaf in jax.tree.leaves(f))
     load: PayloadState = z.payload
     assert not np.any(on_payload((), load).F)
@@ -336,10 +336,10 @@ def test_functions_add_their_value_at_the_true_state_to_the_named_sources():
         )
 
     (first, parts), (second, others) = drawn(), drawn()
-    found = residual(
+    found = forces(
         dataclasses.replace(named, functions=(learn.Function(oracle=first), learn.Function(oracle=second))), team, z
     )
-    alone = residual(named, team, z)
+    alone = forces(named, team, z)
     q = jax.tree.map(np.asarray, z.payload)
     speeds = [np.linalg.norm(q.v), np.linalg.norm(q.omega)]
     x = np.concatenate([q.p, q.v, q.R.ravel(), q.omega, speeds])

@@ -19,7 +19,7 @@ from colift.native import build
 from tests import light
 
 TICKS = 500
-STRICT = ("-std=c99", "-O1", "-ffp-contract=off", "-Wall", "-Wextra", "-Wvla", "-Werror")
+STRICT = ("-std=c99", "-pedantic", "-O1", "-ffp-contract=off", "-Wall", "-Wextra", "-Wvla", "-Wno-psabi", "-Werror")
 
 if build.compiler() is None:
     pytest.skip("no C compiler", allow_module_level=True)
@@ -40,7 +40,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def built(folder: Path, *flags: str) -> Path:
     """The replay, compiled with the least that a compiler is asked for."""
     (command, *_) = build.needed()
-    program = folder / f"replay{len(flags)}"
+    program = folder / "-".join(["replay", *flags])
     sources = [folder / name for name in ("colift.c", "learned.c", "replay.c")]
     done = subprocess.run(
         [command, *STRICT, *flags, "-o", program, *sources, "-lm"], capture_output=True, text=True, check=False
@@ -66,8 +66,14 @@ def test_commands_of_a_replayed_flight_are_python_s(folder: Path, program: Path)
     assert found["largest_relative_difference"] < 1e-12
 
 
-def test_in_single_precision_they_are_so_to_its_rounding(folder: Path):
-    found = replayed(built(folder, "-DCOLIFT_FLOAT32"), folder / "flight.bin")
+def test_a_compiler_without_vectors_takes_one_number_at_a_time(folder: Path):
+    found = replayed(built(folder, "-DONE_LANE"), folder / "flight.bin")
+    assert found["largest_relative_difference"] < 1e-12
+
+
+@pytest.mark.parametrize("lanes", [(), ("-DONE_LANE",)])
+def test_in_single_precision_they_are_so_to_its_rounding(lanes: tuple[str, ...], folder: Path):
+    found = replayed(built(folder, "-DCOLIFT_FLOAT32", *lanes), folder / "flight.bin")
     assert 1e-9 < found["largest_relative_difference"] < 1e-3
 
 

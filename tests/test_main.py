@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.table import Table
 from typer.testing import CliRunner
 
-from colift import __main__, folder, log, scenario, study
+from colift import __main__, folder, log, native, scenario, study
 from colift.__main__ import COLUMNS, _show, app
 from tests import light
 
@@ -116,6 +116,15 @@ def test_internal_forces_that_do_not_exist_are_refused_with_the_reason(tmp_path:
     status, said = invoke("study", str(path), "--out", str(tmp_path / "out"))
     assert status == 2
     assert "no eta exists" in said
+
+
+def test_what_a_compiler_that_fails_says_comes_without_a_traceback_and_status_2(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    def plans(settings: scenario.Settings, cases: object) -> None:
+        raise native.CompilerError("cc --version:\nexit status 1")
+
+    monkeypatch.setattr(study, "plans", plans)
+    status, said = invoke("study", "paper", "--out", str(tmp_path))
+    assert (status, said.splitlines()[1:]) == (2, ["cc --version:", "exit status 1"])
 
 
 @pytest.mark.parametrize(("given", "flown"), [((), "rigid"), (("--engine", "mujoco"), "mujoco")])

@@ -98,7 +98,7 @@ def _opened(
     What a person can mend, and a request to end, end the block with a line: of the latter with what is `kept`.
     """
     from colift import folder as results
-    from colift import scenario
+    from colift import native, scenario
     from colift import study as flights
 
     interrupt.check()
@@ -112,7 +112,7 @@ def _opened(
             except interrupt.Interrupted:
                 errors.print(f"interrupted; {kept} {folder.path}", style="yellow", markup=False)
                 raise
-    except (scenario.ScenarioError, OSError) as error:
+    except (scenario.ScenarioError, native.CompilerError, OSError) as error:
         raise _fail(_one_line(error)) from None
 
 
@@ -448,7 +448,7 @@ def _export_c(
                 raise _fail(f"{case} is incomplete, so there is nothing to take along: {flight.stopped}")
             say("the code")
             files.c(plan, flight.oracle, ticks, folder, f"{settings.name}, {case}, seed {settings.seed}")
-    except (scenario.ScenarioError, native.UnsupportedPrimitive, OSError) as error:
+    except (scenario.ScenarioError, native.CompilerError, native.UnsupportedPrimitive, OSError) as error:
         raise _fail(_one_line(error)) from None
     with _printed(""):
         print(f"{case} of {settings.name} is in {folder}: cmake -S {folder} -B build && cmake --build build &&")

@@ -189,7 +189,7 @@ def begin(sources: Disturbances, team: Team) -> Memory:
     )
 
 
-def residual(sources: Disturbances, team: Team, z: State, t: Scalar, memory: Memory) -> Residual:
+def forces(sources: Disturbances, team: Team, z: State, t: Scalar, memory: Memory) -> Residual:
     """The truth's `f_uk`: what the sources do to every agent and to the payload in the state z at time t, s."""
     named = Residual(
         agents=tuple(
@@ -206,8 +206,8 @@ def residual(sources: Disturbances, team: Team, z: State, t: Scalar, memory: Mem
 
 
 def at_start(sources: Disturbances, team: Team, z: State) -> Residual:
-    """`residual` at time zero, before any law has a past."""
-    return residual(sources, team, z, jnp.zeros(()), begin(sources, team))
+    """`forces` at time zero, before any law has a past."""
+    return forces(sources, team, z, jnp.zeros(()), begin(sources, team))
 
 
 def after(sources: Disturbances, team: Team, z: State, t: Scalar, memory: Memory, dt: Scalar) -> Memory:

@@ -25,6 +25,7 @@ from colift.measurement import Measurement
 from colift.model import Clock, Inputs
 
 STACK = 1 << 40  # bytes: no array is allocated
+LANES = 4  # agents, or points of a mean, side by side where a compiler has vectors: two doubles at once, or four
 UNITS = {  # of the fields of readings and commands; an attitude has none
     "R": "",
     "p": "m",
@@ -135,7 +136,7 @@ class Traced(NamedTuple):
 
 
 def _traced(f: Callable[..., Any], onto: Sequence[tuple[int, int]], **args: Any) -> Traced:
-    made = native.kernel(jax.make_jaxpr(f)(*args.values()), stack=STACK, onto=onto)
+    made = native.kernel(jax.make_jaxpr(f)(*args.values()), agent_lanes=LANES, stack=STACK, onto=onto)
     leaves = [(of, k) for of, tree in args.items() for k in range(len(jax.tree.leaves(tree)))]
     return Traced(kernel=made, arguments=[leaves[k] for k in made.arguments])
 
@@ -241,11 +242,7 @@ def _code(structs: dict[str, Struct], init: Traced, tick: Traced) -> str:
     return "\n".join([
         '#include "colift.h"\n',
         read("onboard.h"),
-        "#ifdef COLIFT_FLOAT32",
-        read("single.h"),
-        "#define double float /* of tables */\n#else",
-        native.lanes_h([1]),
-        "#endif",
+        native.lanes_h(sorted({*init.kernel.widths, *tick.kernel.widths})),
         re.sub(r"\bf(\d)", r"g\1", init.kernel.text),  # two kernels in one file
         "#undef PIECES\n#undef WHOLE",
         tick.kernel.text,
@@ -278,6 +275,7 @@ if(NOT CMAKE_BUILD_TYPE)
   set(CMAKE_BUILD_TYPE Release)
 endif()
 option(COLIFT_FLOAT32 "single precision" OFF)
+option(COLIFT_NATIVE "for the processor that compiles, with all its vectors" OFF)
 
 add_library(colift colift.c learned.c)
 target_include_directories(colift PUBLIC ${CMAKE_CURRENT_SOURCE_DIR})
@@ -285,6 +283,12 @@ target_link_libraries(colift PUBLIC m)
 if(COLIFT_FLOAT32)
   target_compile_definitions(colift PUBLIC COLIFT_FLOAT32)
   target_compile_options(colift PRIVATE -fsingle-precision-constant)
+endif()
+if(COLIFT_NATIVE)
+  target_compile_options(colift PRIVATE -march=native)
+endif()
+if(CMAKE_C_COMPILER_ID STREQUAL "GNU")
+  target_compile_options(colift PRIVATE -Wno-psabi) # no vector leaves colift.c
 endif()
 
 add_executable(replay replay.c)

@@ -154,31 +154,31 @@ class Certified:
     plan: simulate.Plan
     flight: simulate.Flight
     twin: simulate.Flight
-    loop: response.Response
+    linear: response.Response
     certificate: certificate.Certificate
 
 
 def certify(
     settings: Settings,
-    loop: response.Response | None = None,
+    linear: response.Response | None = None,
     names: Sequence[str] = certificate.BOUNDS,
     progress: Callable[[str], None] = lambda _what: None,
 ) -> Certified:
     """Fly a scenario under C3 and its twin, and bound the flight's errors under some bounds of the prediction error.
 
-    loop: the response of this team and these gains, where it is known from another seed.
+    linear: the response of this team and these gains, where it is known from another seed.
     Raises ScenarioError as `plans` does, ValueError where there is no certificate.
     """
     ready, agents = plan(settings, "C3"), build.agent_names(settings)
-    if loop is None:
+    if linear is None:
         progress("the loop's response")
-        loop = response.linearize(ready.pilot, build.at_rest(settings, ready.pilot.team))
+        linear = response.linearize(ready.pilot, build.at_rest(settings, ready.pilot.team))
     progress("flight")
     flight = simulate.fly_plan(ready, agents)
     progress("its twin, whose world obeys the learned means")
     twin = simulate.fly_plan(certificate.twin(ready, flight.oracle), agents)
-    found = certificate.certify(ready, flight, twin, loop, names, progress)
-    return Certified(plan=ready, flight=flight, twin=twin, loop=loop, certificate=found)
+    found = certificate.certify(ready, flight, twin, linear, names, progress)
+    return Certified(plan=ready, flight=flight, twin=twin, linear=linear, certificate=found)
 
 
 def challenge(made: Certified, rounds: int = 2, progress: Callable[[str], None] = lambda _what: None) -> Certified:
@@ -189,10 +189,10 @@ def challenge(made: Certified, rounds: int = 2, progress: Callable[[str], None] 
     current = made
     for k in range(rounds):
         progress(f"adversary, round {k + 1}")
-        unknown = adversary.adversary(made.plan, made.flight, made.loop, current.certificate, current.flight.rows)
+        unknown = adversary.adversary(made.plan, made.flight, made.linear, current.certificate, current.flight.rows)
         flown = simulate.fly_plan(certificate.under(made.plan, made.flight.oracle, unknown), ())
         flight = dataclasses.replace(made.flight, rows=flown.rows, stopped=flown.stopped)
-        found = certificate.certify(made.plan, flight, made.twin, made.loop, ("energy", "recovery"))
+        found = certificate.certify(made.plan, flight, made.twin, made.linear, ("energy", "recovery"))
         current = dataclasses.replace(made, flight=flight, certificate=found)
     return current
 
@@ -215,8 +215,8 @@ def save_certificate(
     found = made.certificate
     progress("the agents' interface")
     floor = certificate.vartheta(made.plan, made.flight, made.twin)
-    layer = interface.interface(made.loop, floor)
-    slack = certificate.slack(made.plan, made.flight, made.twin, made.loop, layer, found)
+    layer = interface.interface(made.linear, floor)
+    slack = certificate.slack(made.plan, made.flight, made.twin, made.linear, layer, found)
     summary: dict[str, Any] = {
         "scenario": settings.name,
         "seed": settings.seed,

@@ -152,7 +152,7 @@ class Simulated:
 
     def unknown(self, z: State, t: Scalar, laws: disturbance.Memory) -> Residual:
         """The unknown forces in the state z at time t, s."""
-        f = disturbance.residual(self.sources, self.team, z, t, laws)
+        f = disturbance.forces(self.sources, self.team, z, t, laws)
         return jax.tree.map(lambda x: self.acting * x, f)
 
     def sense(self, state: Moving, clock: Clock, noise: Noise) -> tuple[Measurement, Moving]:

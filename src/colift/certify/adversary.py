@@ -19,7 +19,7 @@ STEP = 0.16  # s between samples of the path in the functional that the adversar
 
 
 def adversary(
-    plan: simulate.Plan, flight: simulate.Flight, loop: Response, found: Certificate, rows: simulate.Row
+    plan: simulate.Plan, flight: simulate.Flight, linear: Response, found: Certificate, rows: simulate.Row
 ) -> learn.Oracle:
     """Unknown forces that keep norm and data, and make e_p great when and where its bound is greatest.
 
@@ -27,7 +27,7 @@ def adversary(
     d from the certificate's bound. To be flown by `certificate.under`. Raises as `gp.recovery.recover`.
     """
     grid = path_of(plan, flight, STEP)
-    H = reach.impulse(loop, loop.output("e_p"), grid.step, len(grid.path))
+    H = reach.impulse(linear, linear.output("e_p"), grid.step, len(grid.path))
     H = np.einsum("mri,r->mi", H, found.direction)[:, None]
     at = [int(np.argmin(np.abs(rows.t[grid.path] - found.when)))]
     models = [_extreme(body, H, at) for body in bodies(plan, flight, rows, grid.path, "energy")]

@@ -115,13 +115,13 @@ def certify(
     plan: simulate.Plan,
     flight: simulate.Flight,
     of_twin: simulate.Flight,
-    loop: Response,
+    linear: Response,
     names: Sequence[str] = BOUNDS,
     progress: Progress = lambda _what: None,
 ) -> Certificate:
     """The certificate of a flight under some of `BOUNDS`, the energy bound always among them.
 
-    of_twin: the flight of `twin`; loop: the response of the plan's pilot around rest, of an oracle that predicts zero.
+    of_twin: the flight of `twin`; linear: the response of the plan's pilot around rest, of an oracle that predicts zero.
     Raises ValueError for parts it knows nothing of (`refuse`), a flight or twin that stopped early, or that never
     learned, or a loop that is unstable.
     """
@@ -131,19 +131,19 @@ def certify(
             raise ValueError(f"no certificate: the {name} stopped: {flown.stopped}")
     if not flight.updates:
         raise ValueError("no certificate: the flight never learned")
-    pace = float(np.linalg.eigvals(loop.A).real.max())
+    pace = float(np.linalg.eigvals(linear.A).real.max())
     if pace >= 0:
         raise ValueError(f"no certificate: the loop is unstable at rest, a mode has rate {pace:+.3g} 1/s")
     grid = path_of(plan, flight, STEP)
     if len(grid.at) < 2:
         left = flight.rows.t[-1] - flight.updates[-1].t
         raise ValueError(f"no certificate: only {left:.3g} s were flown after the last update; lengthen the flight")
-    H = reach.impulse(loop, loop.output(*OF_INTEREST), grid.step, len(grid.path))
+    H = reach.impulse(linear, linear.output(*OF_INTEREST), grid.step, len(grid.path))
     off = _mismatch(plan, of_twin.rows, grid.window)
     with threadpool_limits(1):  # the matrices are small
         paths = {"tube": of_twin.rows, "run": flight.rows}
         energy = {key: bodies(plan, flight, rows, grid.path, "energy") for key, rows in paths.items()}
-        found, why = _tube(loop, plan, energy["tube"], grid)
+        found, why = _tube(linear, plan, energy["tube"], grid)
         reached, left_out = _reached(plan, flight, energy, paths, grid, H, names, progress)
     extra = np.abs(H).sum(0) @ found.difference if found else np.full(H.shape[1], np.inf)
     met, tube_needs = plan.stated.met, bounds.unmet("energy", plan.stated.met)  # the tube is the energy bound's
@@ -318,22 +318,22 @@ def _recovered(
     return total
 
 
-def _tube(loop: Response, plan: simulate.Plan, held: Sequence[Body], grid: Grid) -> tuple[Tube | None, str]:
+def _tube(linear: Response, plan: simulate.Plan, held: Sequence[Body], grid: Grid) -> tuple[Tube | None, str]:
     if not all(np.isfinite(body.beta).all() for body in held):
         return None, "the data contradict the stated norm and label errors"
     scales = [np.asarray(body.model.hyper.lengthscales).min(0) for body in held]
     gains = np.array(
         [
             np.linalg.norm(
-                reach.impulse(loop, np.pad(phi, ((0, 0), (0, loop.B.shape[1]))), grid.step, len(grid.path)), axis=1
+                reach.impulse(linear, np.pad(phi, ((0, 0), (0, linear.B.shape[1]))), grid.step, len(grid.path)), axis=1
             ).sum(0)
-            for phi in tube.features(loop, plan.pilot.team, scales)
+            for phi in tube.features(linear, plan.pilot.team, scales)
         ]
     )
     rho = np.concatenate([reach.greatest(body).max(0) for body in held])
     rough = np.concatenate([tube.roughness(body) for body in held])
     try:
-        return tube.fixed_point(gains, rho, rough, loop.bodies), ""
+        return tube.fixed_point(gains, rho, rough, linear.bodies), ""
     except ValueError as error:
         return None, str(error)
 
@@ -404,13 +404,13 @@ def slack(
     plan: simulate.Plan,
     flight: simulate.Flight,
     of_twin: simulate.Flight,
-    loop: Response,
+    linear: Response,
     layer: Interface,
     found: Certificate,
 ) -> dict[str, float]:
     """Radii of e_p, m, under ever better reasoning; each ratio of neighbours is the slack of one cause."""
     grid = path_of(plan, flight, STEP)
-    H = reach.impulse(loop, loop.output("e_p"), grid.step, len(grid.path))
+    H = reach.impulse(linear, linear.output("e_p"), grid.step, len(grid.path))
     gains, floor = plan.pilot.leader.gains, found.floor["e_p"]
     unit = translation.ultimate(np.asarray(gains.K_p), np.asarray(gains.K_v), 1.0).e_p.bound
 
@@ -420,7 +420,7 @@ def slack(
 
     def added(rho: Matrix) -> float:
         """`(rho_L + sum kappa rho) / m_L`, the paper's way, through the translation's own gain."""
-        sizes = [float(np.linalg.norm(rho[columns])) for columns in loop.bodies]
+        sizes = [float(np.linalg.norm(rho[columns])) for columns in linear.bodies]
         force = np.linalg.norm(rho[:3]) + layer.kappa[0] @ sizes
         return float(unit * force / float(plan.pilot.team.payload.mass) + floor)
 

@@ -60,21 +60,21 @@ def static(team: Team, z: State) -> tuple[Float[Array, "6 inputs"], Float[Array,
     return J[:6], J[6:]
 
 
-def interface(loop: Response, vartheta: Matrix) -> Interface:
+def interface(linear: Response, vartheta: Matrix) -> Interface:
     """The constants from the linearized loop; `vartheta` (N, N m) is measured, see `colift.certify.certificate`."""
-    rows = loop.rows("delta_W")
-    C, D = loop.C[rows], loop.D[rows]
+    rows = linear.rows("delta_W")
+    C, D = linear.C[rows], linear.D[rows]
     halves = [slice(0, 3), slice(3, 6)]
-    gamma = -0.9 * float(np.linalg.eigvals(loop.A).real.max())
-    kappa = np.zeros((2, len(loop.bodies)))
+    gamma = -0.9 * float(np.linalg.eigvals(linear.A).real.max())
+    kappa = np.zeros((2, len(linear.bodies)))
     fixed = np.zeros_like(kappa)
     for h, half in enumerate(halves):
-        for b, columns in enumerate(loop.bodies):
+        for b, columns in enumerate(linear.bodies):
             n = columns.stop - columns.start
-            kappa[h, b] = gain.continuous(loop.A, loop.B[:, columns], C[half], D[half, columns], [n], [1.0]).bound
+            kappa[h, b] = gain.continuous(linear.A, linear.B[:, columns], C[half], D[half, columns], [n], [1.0]).bound
             fixed[h, b] = np.linalg.norm(D[half, columns], 2)
     return Interface(
-        alpha=np.array([_peak(loop.A, C[half], gamma) for half in halves]),
+        alpha=np.array([_peak(linear.A, C[half], gamma) for half in halves]),
         gamma=gamma,
         kappa=kappa,
         vartheta=np.asarray(vartheta),

@@ -25,6 +25,7 @@ from jax.interpreters import ad, batching, mlir, partial_eval
 
 from colift.native import build, elementwise, emit, indexing, linalg, liveness, loops, reduction, shape
 from colift.native.blocks import Function
+from colift.native.build import CompilerError
 from colift.native.digest import digest
 from colift.native.equations import batch_axes, by_jax
 from colift.native.frame import Shape
@@ -32,7 +33,7 @@ from colift.native.graph import Graph
 from colift.native.interpret import UnsupportedPrimitive, interpret
 from colift.native.mapped import trace
 
-__all__ = ["UnsupportedPrimitive", "compile", "source"]
+__all__ = ["CompilerError", "UnsupportedPrimitive", "compile", "source"]
 
 RULES = (elementwise, shape, indexing, reduction, linalg, loops)  # each registers its own
 
@@ -198,7 +199,10 @@ def kernel(
 def lanes_h(widths: Sequence[int]) -> str:
     """What kernels of some widths are made of."""
     text = resources.files("colift.native").joinpath("lanes.h").read_text()
-    return "\n".join(f"#define LANES {w}\n{text}" for w in widths)
+    one = "#define WIDTH_{w} 1\n#define AT_{w}(x, l) (x)"
+    many = "#define WIDTH_{w} {w}\n#define AT_{w}(x, l) (x)[l]"
+    lanes = f"#if LANES == 1 || defined ONE_LANE\n{one}\n#else\n{many}\n#endif"
+    return "\n".join(f"#define LANES {w}\n{lanes.format(w=w)}\n{text}" for w in widths)
 
 
 def source(jaxpr: core.ClosedJaxpr, batched: bool) -> str:

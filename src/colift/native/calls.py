@@ -91,11 +91,11 @@ def _over(body: Body, b: Over, call: Call, outputs: dict[int, Place]) -> None:
             first, after, end = [*first, *start], [*after, inside], [*end, *last]
         else:
             after += [
-                f"for (long e = {low}; e < {high}; e++) for (int l = 0; l < {lanes} && i + l < {b.length}; l++) "
-                f"({to})[(i + l) * {needed.size} + e] = {name}[e][l];"
+                f"for (long e = {low}; e < {high}; e++) for (int l = 0; l < WIDTH_{lanes} && i + l < {b.length}; l++) "
+                f"({to})[(i + l) * {needed.size} + e] = {_lane(f'{name}[e]', lanes)};"
                 for low, high in _intervals(needed)
             ]
-    loop = f"for (long i = 0; i < {b.length}; i += {lanes if across else 1}) {{"
+    loop = f"for (long i = 0; i < {b.length}; i += {f'WIDTH_{lanes}' if across else 1}) {{"
     _say(body, "{", *first, loop, *before, f"{function}({', '.join(args)});", *after, "}", *end, "}")
 
 
@@ -121,8 +121,10 @@ def _given(body: Body, b: Over, call: Call, lanes: int) -> tuple[list[str], list
         args.append(name)
         row = "i" if not lanes else f"(i + l < {b.length} ? i + l : {b.length - 1})" if b.length % lanes else "(i + l)"
         for e, n, offset, step in _steps(elements, offsets):
-            each = f"for (int l = 0; l < {lanes}; l++) ({name} + {e})[e][l]" if lanes else f"({name} + {e})[e]"
-            before.append(f"for (long e = 0; e < {n}; e++) {each} = ({place + offset})[e * {step} + {row} * {stride}];")
+            each = f"for (int l = 0; l < WIDTH_{lanes}; l++) " if lanes else ""
+            one = _lane(f"({name} + {e})[e]", lanes or 1)
+            value = f"({place + offset})[e * {step} + {row} * {stride}]"
+            before.append(f"for (long e = 0; e < {n}; e++) {each}{one} = {value};")
     return first, before, args
 
 
@@ -136,13 +138,20 @@ def _join(to: Place, join: str, row: str, size: int, lanes: int, length: int) ->
         return [start], f"{each} ({to})[e] = {_joined(join, lanes, f'({to})[e]', f'{row}[e]')};", []
     total = f"sum_{row}"
     start = [f"V_{lanes} {total}[{size}];", f"{each} {total}[e] = splat_{lanes}({EMPTY[join]});"]
-    inside = f"if (i + {lanes} <= {length}) {each} {total}[e] = {_joined(join, lanes, f'{total}[e]', f'{row}[e]')};"
+    inside = f"if (i + WIDTH_{lanes} <= {length}) {each} {total}[e] = {_joined(join, lanes, f'{total}[e]', f'{row}[e]')};"
     if length % lanes:
-        one = _joined(join, 1, f"{total}[e][l]", f"{row}[e][l]")
-        inside += f" else {each} for (int l = 0; i + l < {length}; l++) {total}[e][l] = {one};"
-    one = _joined(join, 1, f"({to})[e]", f"{total}[e][l]")
-    end = f"{each} {{ ({to})[e] = {total}[e][0]; for (int l = 1; l < {lanes}; l++) ({to})[e] = {one}; }}"
+        mine = _lane(f"{total}[e]", lanes)
+        one = _joined(join, 1, mine, _lane(f"{row}[e]", lanes))
+        inside += f" else {each} for (int l = 0; i + l < {length}; l++) {mine} = {one};"
+    one = _joined(join, 1, f"({to})[e]", _lane(f"{total}[e]", lanes))
+    first = _lane(f"{total}[e]", lanes, "0")
+    end = f"{each} {{ ({to})[e] = {first}; for (int l = 1; l < WIDTH_{lanes}; l++) ({to})[e] = {one}; }}"
     return start, inside, [end]
+
+
+def _lane(vector: str, lanes: int, lane: str = "l") -> str:
+    """The C of one number of a vector, which may be one number: a compiler without vectors has one lane for any."""
+    return vector if lanes == 1 else f"AT_{lanes}({vector}, {lane})"
 
 
 def _joined(join: str, lanes: int, a: str, b: str) -> str:
@@ -357,13 +366,13 @@ def _sizes(b: Branch, outputs: dict[int, Place]) -> list[tuple[int, int]]:
 
 def _at(window: Window, w: int, at: Place) -> tuple[list[str], str]:
     """Statements that find where window q begins, `at`, and whether it is `in`; and the offset of its element e."""
-    lane, kinds = "" if w == 1 else "[l]", len(window.stride)
+    kinds = len(window.stride)
     table = len(window.base) > 1
     lines = ["long at = base[q]; int in = 1;" if table else f"long at = {int(window.base[0])}; int in = 1;"]
     for d, (stride, last) in enumerate(zip(window.stride, window.last, strict=True)):
-        index = f"({at})[q * {kinds} + {d}]{lane}"
+        index = _lane(f"({at})[q * {kinds} + {d}]", w)
         lines.append(
-            f"{{ const double k = {index}; in &= k >= 0 && k <= {last}; "
+            f"{{ const real k = {index}; in &= k >= 0 && k <= {last}; "
             f"at += {stride} * (long)(k > 0 ? (k < {last} ? k : {last}) : 0); }}"
         )
     if not window.drops:
@@ -383,29 +392,27 @@ def _tables(window: Window) -> list[str]:
 
 
 def _each(window: Window, w: int) -> str:
-    lanes = f" for (int l = 0; l < {w}; l++)" if w > 1 else ""
+    lanes = f" for (int l = 0; l < WIDTH_{w}; l++)" if w > 1 else ""
     return f"for (long q = 0; q < {len(window.base)}; q++){lanes} {{"
 
 
 def _read(body: Body, b: Read, call: Call, to: Place) -> None:
     window, w, n = b.window, body.lanes, b.window.offset.size
     source, at = (body.pack(x, mask) for x, mask in zip(b.inputs, call.used, strict=True))
-    lane = "" if w == 1 else "[l]"
     where, element = _at(window, w, at)
-    one = f"({source})[at + {element}]{lane}"
+    one = _lane(f"({source})[at + {element}]", w)
     if window.drops:
         one = f"in ? {one} : {number(b.outside)}"
-    copy = f"for (long e = 0; e < {n}; e++) ({to})[q * {n} + e]{lane} = {one};"
+    copy = f"for (long e = 0; e < {n}; e++) {_lane(f'({to})[q * {n} + e]', w)} = {one};"
     _say(body, "{", *_tables(window), _each(window, w), *where, copy, "}", "}")
 
 
 def _store(body: Body, b: Write, to: Place, at: Place, new: Place, *, guard: bool) -> None:
     window, w, n = b.window, body.lanes, b.window.offset.size
-    lane = "" if w == 1 else "[l]"
     where, element = _at(window, w, at)
-    there, come = f"({to})[at + {element}]{lane}", f"({new})[q * {n} + e]{lane}"
+    there, come = _lane(f"({to})[at + {element}]", w), _lane(f"({new})[q * {n} + e]", w)
     value = _joined(b.join, 1, there, come) if b.join else come
     value = f"{b.check}_1({value})" if b.check else value
-    skip = [f"if (!(*go){lane}) continue;"] if guard else []
+    skip = [f"if (!{_lane('(*go)', w)}) continue;"] if guard else []
     copy = f"if (in) for (long e = 0; e < {n}; e++) {there} = {value};"
     _say(body, "{", *_tables(window), _each(window, w), *skip, *where, copy, "}", "}")

@@ -261,7 +261,7 @@ class Body:
                 assert numbers is not None
                 table = ", ".join(map(number, numbers.tolist()))
                 each = "t[e]" if w == 1 else f"splat_{w}(t[e])"
-                self.say(f"{{ static const double t[] = {{{table}}}; "
+                self.say(f"{{ static const real t[] = {{{table}}}; "
                          f"for (long e = 0; e < {n}; e++) ({to + k})[e] = {each}; }}")  # fmt: skip
             else:
                 for i in range(first, first + n):

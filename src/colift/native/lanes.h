@@ -1,27 +1,35 @@
-/* Vectors of doubles in the compiler's own vector types, and the functions C lacks for them.
+/* Vectors in the compiler's own vector types, and the functions C lacks for them.
  *
- * Included once for every number of lanes, LANES. V is the vector, M its mask (all ones or all zeros a lane);
- * N(name) is the name of a function for this width. One lane is a plain double.
+ * Included once for every number of lanes, LANES, with AT_LANES and WIDTH_LANES: lane l of a vector, and how many there
+ * are, one where the compiler has none. V is the vector, M its mask (all ones or all zeros a lane), N(name) the name of
+ * a function for this width. One lane is a plain number. `real` and `whole` are float and int32_t where SINGLE is
+ * defined, else double and int64_t.
  */
 #define JOIN_(a, b) a##_##b
 #define JOIN(a, b) JOIN_(a, b)
 #define N(name) JOIN(name, LANES)
 #define V N(V)
 #define M N(M)
+#define AT N(AT)
+#define WIDTH N(WIDTH)
 
-#if LANES == 1
-typedef double V;
-typedef int64_t M;
-#define AT(x, i) (x)
+#if LANES == 1 || defined ONE_LANE
+typedef real V;
+typedef whole M;
 #else
-typedef double V __attribute__((vector_size(8 * LANES)));
-typedef int64_t M __attribute__((vector_size(8 * LANES)));
-#define AT(x, i) ((x)[i])
+typedef real V __attribute__((vector_size(sizeof(real) * LANES)));
+typedef whole M __attribute__((vector_size(sizeof(real) * LANES)));
 #endif
 
-static inline V N(splat)(double c) {
+#ifdef SINGLE
+#define F(name) name##f
+#else
+#define F(name) name
+#endif
+
+static inline V N(splat)(real c) {
   V r;
-  for (int i = 0; i < LANES; i++) AT(r, i) = c;
+  for (int i = 0; i < WIDTH; i++) AT(r, i) = c;
   return r;
 }
 
@@ -37,7 +45,7 @@ static inline V N(real)(M x) {
   return r;
 }
 
-#if LANES == 1
+#if LANES == 1 || defined ONE_LANE
 static inline M N(lt)(V a, V b) { return -(M)(a < b); }
 static inline M N(le)(V a, V b) { return -(M)(a <= b); }
 static inline M N(eq)(V a, V b) { return -(M)(a == b); }
@@ -51,8 +59,8 @@ static inline M N(eq)(V a, V b) { return (M)(a == b); }
 static inline M N(ne)(V a, V b) { return (M)(a != b); }
 static inline V N(sel)(M m, V a, V b) { return (V)(((M)a & m) | ((M)b & ~m)); }
 static inline int N(any)(M m) {
-  int64_t r = 0;
-  for (int i = 0; i < LANES; i++) r |= m[i];
+  whole r = 0;
+  for (int i = 0; i < WIDTH; i++) r |= AT(m, i);
   return r != 0;
 }
 #endif
@@ -64,50 +72,64 @@ static inline V N(min)(V a, V b) { return N(sel)(N(lt)(a, b) | N(ne)(a, a), a, b
 #define LANEWISE(name, f)                                     \
   static inline V N(name)(V a) {                              \
     V r;                                                      \
-    for (int i = 0; i < LANES; i++) AT(r, i) = f(AT(a, i));   \
+    for (int i = 0; i < WIDTH; i++) AT(r, i) = f(AT(a, i));   \
     return r;                                                 \
   }
 #define LANEWISE2(name, f)                                              \
   static inline V N(name)(V a, V b) {                                   \
     V r;                                                                \
-    for (int i = 0; i < LANES; i++) AT(r, i) = f(AT(a, i), AT(b, i));   \
+    for (int i = 0; i < WIDTH; i++) AT(r, i) = f(AT(a, i), AT(b, i));   \
     return r;                                                           \
   }
-LANEWISE(sqrt, __builtin_sqrt)
-LANEWISE(abs, __builtin_fabs)
-LANEWISE(floor, __builtin_floor)
-LANEWISE(ceil, __builtin_ceil)
-LANEWISE(rint, __builtin_rint)
-LANEWISE(trunc, __builtin_trunc)
-LANEWISE(tan, tan)
-LANEWISE(asin, asin)
-LANEWISE(acos, acos)
-LANEWISE(atan, atan)
-LANEWISE(sinh, sinh)
-LANEWISE(cosh, cosh)
-LANEWISE(tanh, tanh)
-LANEWISE(asinh, asinh)
-LANEWISE(acosh, acosh)
-LANEWISE(atanh, atanh)
-LANEWISE(exp2, exp2)
-LANEWISE(expm1, expm1)
-LANEWISE(log, log)
-LANEWISE(log1p, log1p)
-LANEWISE(cbrt, cbrt)
-LANEWISE(erf, erf)
-LANEWISE2(atan2, atan2)
-LANEWISE2(pow, pow)
-LANEWISE2(fmod, fmod)
+LANEWISE(sqrt, F(__builtin_sqrt))
+LANEWISE(abs, F(__builtin_fabs))
+LANEWISE(floor, F(__builtin_floor))
+LANEWISE(ceil, F(__builtin_ceil))
+LANEWISE(rint, F(__builtin_rint))
+LANEWISE(trunc, F(__builtin_trunc))
+LANEWISE(tan, F(tan))
+LANEWISE(asin, F(asin))
+LANEWISE(acos, F(acos))
+LANEWISE(atan, F(atan))
+LANEWISE(sinh, F(sinh))
+LANEWISE(cosh, F(cosh))
+LANEWISE(tanh, F(tanh))
+LANEWISE(asinh, F(asinh))
+LANEWISE(acosh, F(acosh))
+LANEWISE(atanh, F(atanh))
+LANEWISE(exp2, F(exp2))
+LANEWISE(expm1, F(expm1))
+LANEWISE(log, F(log))
+LANEWISE(log1p, F(log1p))
+LANEWISE(cbrt, F(cbrt))
+LANEWISE(erf, F(erf))
+LANEWISE2(atan2, F(atan2))
+LANEWISE2(pow, F(pow))
+LANEWISE2(fmod, F(fmod))
 
-/* integers, in doubles: what is within the range of its type and below 2^53 is passed on, all else is noted */
+/* integers, in numbers: what is within the range of its type and exact (below 2^53, in single precision 2^24) is passed
+ * on, all else is noted */
+#ifdef SINGLE
+#define EXACT(bound) 16777216.0f
+#else
+#define EXACT(bound) bound
+#endif
 #define WHOLE(name, low, high)                                                                   \
   static inline V N(name)(V a) {                                                                 \
     outside |= N(any)(~(N(le)(N(splat)(low), a) & N(le)(a, N(splat)(high))));                    \
     return a;                                                                                    \
   }
-WHOLE(int64, -9007199254740991.0, 9007199254740991.0)
-WHOLE(int32, -2147483648.0, 2147483647.0)
-WHOLE(uint32, 0.0, 4294967295.0)
+WHOLE(int64, -EXACT(9007199254740991.0), EXACT(9007199254740991.0))
+WHOLE(int32, -EXACT(2147483648.0), EXACT(2147483647.0))
+WHOLE(uint32, 0.0, EXACT(4294967295.0))
+
+#ifdef SINGLE
+LANEWISE(exp, expf)
+static inline void N(sincos)(V x, V *sine, V *cosine) {
+  for (int i = 0; i < WIDTH; i++) AT(*sine, i) = sinf(AT(x, i));
+  for (int i = 0; i < WIDTH; i++) AT(*cosine, i) = cosf(AT(x, i));
+}
+#else
 
 /* Sine and cosine together: reduction by pi/2 in two parts, then the polynomials of fdlibm (k_sin.c, k_cos.c), below
  * 1 ulp; arguments where two parts do not suffice go to the C library.
@@ -117,8 +139,8 @@ WHOLE(uint32, 0.0, 4294967295.0)
  * provided that this notice is preserved. */
 static inline void N(sincos)(V x, V *sine, V *cosine) {
   if (__builtin_expect(N(any)(~N(lt)(N(abs)(x), N(splat)(1e5))), 0)) {
-    for (int i = 0; i < LANES; i++) AT(*sine, i) = sin(AT(x, i));
-    for (int i = 0; i < LANES; i++) AT(*cosine, i) = cos(AT(x, i));
+    for (int i = 0; i < WIDTH; i++) AT(*sine, i) = sin(AT(x, i));
+    for (int i = 0; i < WIDTH; i++) AT(*cosine, i) = cos(AT(x, i));
     return;
   }
   const double round = 6755399441055744.0; /* 1.5 * 2^52: adding it leaves the nearest integer in the low bits */
@@ -164,9 +186,14 @@ static inline V N(exp)(V x) {
   return (1.0 + (r + r2 * q)) * N(real)((half + 1023) << 52) * N(real)((n - half + 1023) << 52);
 }
 
+#endif
+
 #undef LANEWISE
 #undef LANEWISE2
 #undef WHOLE
+#undef EXACT
+#undef F
+#undef WIDTH
 #undef AT
 #undef V
 #undef M

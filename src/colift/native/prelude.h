@@ -7,6 +7,9 @@
 
 #include "xla/ffi/api/c_api.h"
 
+typedef double real;
+typedef int64_t whole;
+
 /* A long source is compiled in pieces, with PIECE defined; IN says what belongs to one. */
 #ifdef PIECE
 #define IN(piece) (PIECE == (piece))
