@@ -32,13 +32,7 @@ def test_every_result_has_its_proof():
     assert {path.stem for path in RESULTS} <= set(__main__.proofs())
 
 
-OF_BEFORE = pytest.mark.xfail(reason="made before results named their commit; to be run again", strict=True)
-
-
-@pytest.mark.parametrize(
-    "path",
-    [pytest.param(path, id=path.stem, marks=[OF_BEFORE] if path.stem == "coverage" else []) for path in RESULTS],
-)
+@pytest.mark.parametrize("path", RESULTS, ids=[path.stem for path in RESULTS])
 def test_a_result_names_a_commit_that_exists_and_the_files_as_they_were_there(path, history):
     made = json.loads(path.read_text())
     git("merge-base", "--is-ancestor", made["commit"], "HEAD")
