@@ -12,8 +12,7 @@ GRID = {
     "DOB": [{"observer_Hz": f} for f in (0.15, 0.2, 0.25, 0.3, 0.35, 0.4)],
     "P": [
         {"mass_kg": m, "first_moment_kgm": c, "inertia_kgm2": J}
-        for m in (0.5, 0.1, 0.02)
-        for c, J in ((5e-3, 3e-3), (1e-4, 1e-4), (1e-6, 1e-6))
+        for m, c, J in ((0.5, 5e-3, 3e-3), (0.5, 1e-4, 1e-4), (0.5, 1e-6, 1e-6), (0.5, 1e-8, 1e-8), (0.1, 1e-6, 1e-6))
     ],
 }
 

@@ -114,7 +114,15 @@ def on(target: str) -> dict[str, Any]:
         return replayed(run, "arm-none-eabi-gcc", [*PLAIN, *core, "-T", str(layout)], 1, (str(start),))
 
 
-TARGETS = ("x86-64", "x86-64, AVX2", "x86-64, one lane", "x86-64, contracted", "x86-64, single precision", "aarch64", "Cortex-M7")
+TARGETS = (
+    "x86-64",
+    "x86-64, AVX2",
+    "x86-64, one lane",
+    "x86-64, contracted",
+    "x86-64, single precision",
+    "aarch64",
+    "Cortex-M7",
+)
 
 
 def main() -> bool:

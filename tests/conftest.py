@@ -76,8 +76,9 @@ def _forget_a_test() -> Iterator[None]:
 def _forget_beyond(gigabytes: float) -> None:
     if _resident_GB() > gigabytes:
         jax.clear_caches()
-        sys.modules["colift.simulate"]._compiled.cache_clear()
-        sys.modules["colift.native"]._target.cache_clear()
+        for name, kept in (("colift.simulate", "_compiled"), ("colift.native", "_target")):
+            if name in sys.modules:
+                getattr(sys.modules[name], kept).cache_clear()
         gc.collect()
         if hasattr(LIBC, "malloc_trim"):  # glibc keeps what a compiler has freed
             LIBC.malloc_trim(0)

@@ -468,6 +468,11 @@ def test_what_has_no_radius_has_no_row(tmp_path, capsys, save, drawn):
     assert not [text for text in drawn if "radius for" in text]
 
 
+def of_another_kernel(oracle: learn.Oracle) -> learn.Oracle:
+    hyper = dataclasses.replace(oracle.payload.hyper, kernel=gp.Kernel())
+    return dataclasses.replace(oracle, payload=dataclasses.replace(oracle.payload, hyper=hyper))
+
+
 @pytest.mark.parametrize(
     ("change", "named"),
     [
@@ -479,6 +484,7 @@ def test_what_has_no_radius_has_no_row(tmp_path, capsys, save, drawn):
             lambda p: with_pilot(p, predictor=fly.Observed(predictor=p.pilot.predictor, bandwidth=number(2.0))),
             "predictor Observed",
         ),
+        (lambda p: with_pilot(p, oracle=of_another_kernel(p.pilot.oracle)), "kernel Kernel"),
         (lambda p: with_world(p, actuators=actuator.Motors(bandwidth=number(8.0), limits=())), "actuators Motors"),
         (lambda p: with_world(p, extra=(sensor.Drifting(of=("payload.p",), rate=number(0.1)),)), "sensor 0 Drifting"),
     ],

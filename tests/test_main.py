@@ -118,7 +118,9 @@ def test_internal_forces_that_do_not_exist_are_refused_with_the_reason(tmp_path:
     assert "no eta exists" in said
 
 
-def test_what_a_compiler_that_fails_says_comes_without_a_traceback_and_status_2(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_what_a_compiler_that_fails_says_comes_without_a_traceback_and_status_2(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
     def plans(settings: scenario.Settings, cases: object) -> None:
         raise native.CompilerError("cc --version:\nexit status 1")
 

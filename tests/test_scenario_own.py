@@ -24,7 +24,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 from pydantic import Field
 
-from colift import actuator, disturbance, dynamics, reference, sensor
+from colift import actuator, disturbance, dynamics, gp, reference, sensor
 from colift.pytree import pytree
 from colift.scenario import Section, quantities as of
 
@@ -146,6 +146,21 @@ class WhereFeatures(Section):
         return Where()
 
 
+@pytree
+class Heavy(gp.Kernel):
+    a: jnp.ndarray
+
+    def __call__(self, r2):
+        return (1 + r2 / (2 * self.a)) ** -self.a
+
+
+class HeavyKernel(Section):
+    a: float
+
+    def build(self):
+        return Heavy(a=jnp.asarray(self.a))
+
+
 class Nothing(Section):
     def build(self, *_):
         return {"a": 1.0}
@@ -209,6 +224,7 @@ def test_parts_of_every_kind_are_built_from_their_settings_and_fly(folder):
             parts={
                 "leader": {"part": "parts_of_test_own:ShyLeader", "settings": {"share": 0.5}},
                 "features": {"part": "parts_of_test_own:WhereFeatures"},
+                "kernel": {"part": "parts_of_test_own:HeavyKernel", "settings": {"a": 0.7}},
             },
         )
     settings = scenario.load(path)
@@ -225,6 +241,7 @@ def test_parts_of_every_kind_are_built_from_their_settings_and_fly(folder):
     flight = colift.fly_plan(dataclasses.replace(plan, pilot=pilot, updates=(0.2,), duration=0.3), light.NAMES)
     assert not flight.stopped
     assert flight.updates[0].fits["payload"].lengthscales.shape == (6, 3)
+    assert {type(fit.hyper.kernel).__name__ for fit in flight.updates[0].fits.values()} == {"Heavy"}
     assert (flight.sigma.payload[-1] < flight.sigma.payload[0]).all(), "what was learned is seen where it was learned"
     assert np.allclose(flight.rows.p_d, [1.0, 2.0, 3.0])
 

@@ -22,7 +22,7 @@ from colift.certify import assumed, reach, rotation, translation, tube
 from colift.certify.interface import Interface
 from colift.certify.reach import Body
 from colift.certify.tube import Tube
-from colift.gp import bounds
+from colift.gp import SquaredExponential, bounds
 from colift.model import PayloadState
 from colift.response import Response
 from colift.world import Simulated
@@ -121,7 +121,8 @@ def certify(
 ) -> Certificate:
     """The certificate of a flight under some of `BOUNDS`, the energy bound always among them.
 
-    of_twin: the flight of `twin`; linear: the response of the plan's pilot around rest, of an oracle that predicts zero.
+    of_twin: the flight of `twin`; linear: the response of the plan's pilot around rest, for an oracle that predicts
+    zero.
     Raises ValueError for parts it knows nothing of (`refuse`), a flight or twin that stopped early, or that never
     learned, or a loop that is unstable.
     """
@@ -202,10 +203,12 @@ def refuse(plan: simulate.Plan) -> None:
     and sensors with a memory are not in them.
     """
     pilot, world = plan.pilot, plan.world
+    oracle = getattr(pilot, "oracle", None)
     known = {
         "pilot": (pilot, (fly.LeaderFollower,)),
         "leader": (getattr(pilot, "leader", None), (fly.Geometric,)),
-        "features": (getattr(getattr(pilot, "oracle", None), "features", None), (learn.Plain,)),
+        "features": (getattr(oracle, "features", None), (learn.Plain,)),
+        "kernel": (oracle and oracle.payload.hyper.kernel, (SquaredExponential,)),
         "predictor": (getattr(pilot, "predictor", None), (fly.Learned,)),
         "allocator": (getattr(pilot, "allocator", None), (fly.Linear,)),
         "realizer": (getattr(pilot, "realizer", None), (fly.Aligned,)),

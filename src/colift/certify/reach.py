@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from colift import gp
-from colift.gp import recovery
+from colift.gp import likelihood, recovery
 from colift.response import Response
 
 Matrix = NDArray[np.float64]
@@ -145,4 +145,4 @@ def _covariance(model: gp.GP, i: int, x: Matrix) -> Matrix:
 def correlation(model: gp.GP, i: int, x: Matrix, z: Matrix) -> Matrix:
     """Correlations of output i between samples x and z, (x, z)."""
     ls = np.asarray(model.hyper.lengthscales)[i]
-    return recovery.correlation(x / ls, z / ls)
+    return likelihood.correlation(model.hyper.kernel, x / ls, z / ls)

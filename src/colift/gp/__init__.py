@@ -1,6 +1,7 @@
 """Exact batched GPs for control loops: many small posteriors, fixed capacity, no recompilation. Knows no robot.
 
-kernel      hyperparameters, and the box they are learned in
+kernel      how alike a function's values at two points are
+hyper       hyperparameters, and the box they are learned in
 likelihood  log marginal likelihood and its gradient (host)
 training    hyperparameters from data (host)
 posterior   condition, mean, variance, predict, append, remove, and what a data set tells
@@ -13,7 +14,8 @@ recovery    the tightest bound under bounded noise, by a conic program (host)
 
 from colift.gp import bounds, recovery
 from colift.gp.data import AtTimes, Data, OnGain, empty, first_in_first_out, informative, uniform
-from colift.gp.kernel import Belief, Box, Hyper, hyperparameters
+from colift.gp.hyper import Belief, Box, Hyper, hyperparameters
+from colift.gp.kernel import Kernel, SquaredExponential
 from colift.gp.parametric import Identification, fit_parametric, identify
 from colift.gp.posterior import (
     GP,
@@ -42,7 +44,9 @@ __all__ = [
     "Fit",
     "Hyper",
     "Identification",
+    "Kernel",
     "OnGain",
+    "SquaredExponential",
     "append",
     "bounds",
     "condition",

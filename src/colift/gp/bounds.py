@@ -19,7 +19,9 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 from numpy.typing import ArrayLike
 
-from colift.gp.kernel import Hyper
+from colift.gp.hyper import Hyper
+from colift.gp.kernel import Kernel
+from colift.gp.likelihood import correlation
 from colift.gp.posterior import GP, _kernel, _kernel_in_use, _residual, information_gain, one_point, variance
 
 Stated = ArrayLike | float
@@ -242,19 +244,19 @@ def greatest_gain_on_pool(hyper: Hyper, pool: ArrayLike, points: int) -> Float[A
             f"pool {pool.shape}: must be finite, (points, dimensions) with {hyper.lengthscales.shape[1]} dimensions"
         )
     greedy = [
-        _greedy_gain(pool / np.asarray(ls), float(s), float(v), points)
+        _greedy_gain(hyper.kernel, pool / np.asarray(ls), float(s), float(v), points)
         for s, ls, v in zip(hyper.signal_variance, hyper.lengthscales, hyper.noise_variance, strict=True)
     ]
     return jnp.minimum(np.e / (np.e - 1) * jnp.asarray(greedy), greatest_gain(hyper, points))
 
 
-def _greedy_gain(U: np.ndarray, s: float, v: float, points: int) -> float:
+def _greedy_gain(kernel: Kernel, U: np.ndarray, s: float, v: float, points: int) -> float:
     """Sum of `1/2 ln(1 + sigma_t^2(x_t) / v)`, x_t the point of largest posterior variance so far."""
     deviation2, columns, gain = np.full(len(U), s), np.empty((points, len(U))), 0.0
     for t in range(points):
         j = int(np.argmax(deviation2))
         gain += 0.5 * np.log1p(deviation2[j] / v)
-        covariance = s * np.exp(-0.5 * ((U - U[j]) ** 2).sum(1)) - columns[:t, j] @ columns[:t]
+        covariance = s * correlation(kernel, U, U[j : j + 1])[:, 0] - columns[:t, j] @ columns[:t]
         columns[t] = covariance / np.sqrt(deviation2[j] + v)
         deviation2 = np.maximum(deviation2 - columns[t] ** 2, 0.0)  # exact arithmetic leaves it at or above zero
     return gain

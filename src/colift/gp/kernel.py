@@ -1,123 +1,50 @@
-"""Hyperparameters of the RBF-ARD kernel plus white noise, and the box in which they are learned."""
+"""Kernels of scaled distances: how alike a function's values at two points are."""
 
 from __future__ import annotations
 
-import dataclasses
-
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
-from numpy.typing import ArrayLike
 
-from colift.gp.likelihood import least_noise, not_positive_definite
 from colift.pytree import pytree
 
 
+class Kernel:
+    """The correlation of a function's values at two points by `r2`, the square of their distance in length-scales.
+
+    It must be 1 at zero and positive definite in every dimension: completely monotone in `r2` (Schoenberg 1938). A
+    kernel of one's own is a `pytree` with a `__call__` of its own, and may have parameters, which are not learned.
+    """
+
+    def __call__(self, r2: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
+        """Of squares of any shape, elementwise; not below zero."""
+        raise NotImplementedError
+
+    def on_host(self, r2: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Its values, and `-2` times its slope, which a fit needs, on the host; r2 may be overwritten."""
+        values, slopes = _with_slope(self, jnp.asarray(r2.ravel()))
+        return np.asarray(values).reshape(r2.shape), np.asarray(slopes).reshape(r2.shape)
+
+
+@jax.jit
+def _with_slope(kernel: Kernel, r2: Float[Array, " squares"]) -> tuple[Array, Array]:
+    values, slopes = jax.vmap(jax.value_and_grad(kernel))(r2)
+    return values, -2 * slopes
+
+
 @pytree
-class Hyper:
-    """Hyperparameters of independent outputs over shared inputs, in the units of the data.
+class SquaredExponential(Kernel):
+    """`exp(-r2 / 2)`, the kernel of the paper and the default."""
 
-    Output i has `y = offset_i + f_i(x) + noise`, with
-    `cov(f_i(x), f_i(z)) = signal_variance_i exp(-1/2 sum_d ((x_d - z_d) / lengthscales_id)^2)`.
-    """
+    def __call__(self, r2: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
+        """Of squares of any shape."""
+        return jnp.exp(-0.5 * r2)
 
-    signal_variance: Float[Array, "*batch outputs"]  # (unit of y)^2
-    lengthscales: Float[Array, "*batch outputs dimensions"]  # unit of x
-    noise_variance: Float[Array, "*batch outputs"]  # (unit of y)^2
-    offset: Float[Array, "*batch outputs"]  # unit of y, constant prior mean
-
-
-@dataclasses.dataclass(frozen=True)
-class Box:
-    """Bounds (lower, upper) on the hyperparameters of standardized data: every input and output has unit deviation."""
-
-    signal_variance: tuple[float, float] = (1e-3, 1e2)
-    lengthscale: tuple[float, float] = (0.1, 30.0)
-    noise_variance: tuple[float, float] = (1e-6, 1.0)
-    """The lower bound is the floor on noise: 1e-3 of the output's standard deviation."""
-
-    def __post_init__(self) -> None:
-        for field in dataclasses.fields(self):
-            lower, upper = getattr(self, field.name)
-            if not 0 < lower <= upper < np.inf:
-                raise ValueError(f"{field.name} = ({lower}, {upper}): must satisfy 0 < lower <= upper < inf")
+    def on_host(self, r2: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Both are the same; written over r2."""
+        np.multiply(r2, -0.5, out=r2)
+        return np.exp(r2, out=r2), r2
 
 
-DEFAULT_BOX = Box()
-
-
-@dataclasses.dataclass(frozen=True)
-class Belief:
-    """What is believed of hyperparameters before any data, in the units of the data.
-
-    `log l ~ N(log l_median, log(factor)^2)` for every length-scale, and so for every signal and noise deviation (a
-    variance has twice the logarithm). No length-scale lies outside `[least, greatest]`. The median's offset is unused.
-    """
-
-    median: Hyper
-    factor: float = 3.0
-    """Two of three lie within this factor of the median, up or down."""
-    least: float = 0.1
-    """Of any length-scale, in the unit of its input."""
-    greatest: float = 30.0
-    """As `least`."""
-
-    def __post_init__(self) -> None:
-        check(self.median)
-        if not 1 < self.factor < np.inf:
-            raise ValueError(f"factor = {self.factor}: must exceed 1 and be finite")
-        if not 0 < self.least <= self.greatest < np.inf:
-            raise ValueError(
-                f"least = {self.least}, greatest = {self.greatest}: must satisfy 0 < least <= greatest < inf"
-            )
-
-
-def hyperparameters(
-    signal_variance: ArrayLike | float,
-    lengthscales: ArrayLike,
-    noise_variance: ArrayLike | float,
-    offset: ArrayLike | float = 0.0,
-) -> Hyper:
-    """Stated hyperparameters, scalars or one for each output, broadcast to `(outputs,)` and `(outputs, dimensions)`.
-
-    lengthscales: `(dimensions,)` or `(outputs, dimensions)`.
-    Raises ValueError where shapes disagree, or a variance or length-scale is not positive and finite.
-    """
-    ls = np.atleast_2d(np.asarray(lengthscales, dtype=float))
-    given = {"signal_variance": signal_variance, "noise_variance": noise_variance, "offset": offset}
-    given = {name: np.asarray(value, dtype=float) for name, value in given.items()}
-    outputs = max(len(ls), *(value.size for value in given.values()))
-    for name, value in given.items():
-        if value.ndim > 1 or value.size not in (1, outputs):
-            raise ValueError(f"{name} has shape {value.shape}: must be a scalar or ({outputs},), one for each output")
-    if ls.ndim != 2 or len(ls) not in (1, outputs):
-        raise ValueError(f"lengthscales has shape {ls.shape}: must be (dimensions,) or ({outputs}, dimensions)")
-    full = {name: jnp.asarray(np.broadcast_to(value, (outputs,))) for name, value in given.items()}
-    stated = Hyper(lengthscales=jnp.asarray(np.broadcast_to(ls, (outputs, ls.shape[1]))), **full)
-    check(stated)
-    return stated
-
-
-# Within these no finite input or output of at most 1e100 in size makes a NaN.
-RANGE = {
-    "signal_variance": (1e-200, 1e200),
-    "lengthscales": (1e-100, 1e100),
-    "noise_variance": (1e-220, 1e200),
-    "offset": (-1e100, 1e100),
-}
-
-
-def check(hyper: Hyper, points: int = 1) -> None:
-    """Raise ValueError where a variance or length-scale is not positive and finite, or an offset not finite.
-
-    So do numbers beyond `RANGE`, and noise too small for that many points in float64, see `least_noise`.
-    """
-    for field in dataclasses.fields(hyper):
-        value = np.asarray(getattr(hyper, field.name))
-        lower, upper = RANGE[field.name]
-        if not ((value >= lower) & (value <= upper)).all():
-            raise ValueError(f"{field.name} = {value.tolist()}: must be finite, within [{lower:g}, {upper:g}]")
-    s, v = np.asarray(hyper.signal_variance), np.asarray(hyper.noise_variance)
-    small = np.flatnonzero(v < least_noise(points) * s)
-    if small.size:
-        raise ValueError(f"output {small[0]}: " + not_positive_definite(points, s[small[0]], v[small[0]]))
+DEFAULT_KERNEL = SquaredExponential()

@@ -1,4 +1,4 @@
-"""The log marginal likelihood of an RBF-ARD GP and its gradient in closed form (host, LAPACK)."""
+"""The log marginal likelihood of a GP and its gradient in closed form (host, LAPACK)."""
 
 from __future__ import annotations
 
@@ -11,17 +11,23 @@ from scipy.linalg.lapack import dpotrf, dpotri
 from scipy.spatial.distance import cdist
 from threadpoolctl import ThreadpoolController
 
+from colift.gp.kernel import DEFAULT_KERNEL, Kernel
+
 LOG_2PI = float(np.log(2 * np.pi))
 BLAS = ThreadpoolController()  # of the libraries loaded by now: NumPy's and SciPy's
 
 
 def log_marginal(
-    theta: np.ndarray, X: np.ndarray, R: np.ndarray, scratch: np.ndarray | None = None
+    theta: np.ndarray,
+    X: np.ndarray,
+    R: np.ndarray,
+    scratch: np.ndarray | None = None,
+    kernel: Kernel = DEFAULT_KERNEL,
 ) -> tuple[float, np.ndarray]:
     """Log marginal likelihood of residuals `R = Y - offset` that share one kernel, and its gradient.
 
     `sum_q -1/2 R_q^T K^-1 R_q - 1/2 log|K| - N/2 log 2 pi`, with `K = s E + v I`,
-    `E_ij = exp(-1/2 |(X_i - X_j) / l|^2)`, and gradient `1/2 tr((A A^T - q K^-1) dK/dtheta)`, `A = K^-1 R`
+    `E_ij = kernel(|(X_i - X_j) / l|^2)`, and gradient `1/2 tr((A A^T - q K^-1) dK/dtheta)`, `A = K^-1 R`
     (Rasmussen and Williams 2006, Eqs. 2.30 and 5.9).
 
     theta: logarithms of `(s, l_1 .. l_D, v)`; X: `(N, D)`; R: `(N, q)`; scratch: `(2, N, N)`, overwritten, which
@@ -32,7 +38,8 @@ def log_marginal(
     E, K = np.empty((2, N, N)) if scratch is None else scratch
     s, ls, v = np.exp(theta[0]), np.exp(theta[1:-1]), np.exp(theta[-1])
     U = X / ls
-    correlation(U, E)
+    squares(U, E)
+    E, slope = kernel.on_host(E)
     np.multiply(s, E, out=K)
     K.flat[:: N + 1] += v
     # Only lower triangles are read and written from here on, in the memory of K.
@@ -46,25 +53,25 @@ def log_marginal(
 
     M = dsyrk(1.0, A, beta=-q, c=P, lower=1, overwrite_c=1)  # A A^T - q K^-1
     trace = np.trace(M)
-    K *= E  # M is a view of K
-    # tr(M dK/dlog l_d) = s/2 sum_ij M_ij E_ij (U_id - U_jd)^2, as products with M: no N x N x D array.
+    gradient = np.empty_like(theta)
+    gradient[0] = 0.5 * (np.vdot(A, R) - q * N - v * trace)  # tr(M s E) = tr(M K) - v tr(M)
+    K *= slope  # M is a view of K
+    # tr(M dK/dlog l_d) = s/2 sum_ij M_ij slope_ij (U_id - U_jd)^2, as products with M: no N x N x D array.
     MU = dsymm(s, M, np.column_stack([U, np.ones(N)]), lower=1)
     rows = MU[:, -1]
-    gradient = np.empty_like(theta)
-    gradient[0] = 0.5 * rows.sum()
     gradient[1:-1] = rows @ (U * U) - np.einsum("nd,nd->d", U, MU[:, :-1])
     gradient[-1] = 0.5 * v * trace
     return float(value), gradient
 
 
-def correlation(U: np.ndarray, E: np.ndarray) -> None:
-    """Write `exp(-1/2 |U_i - U_j|^2)` to E through one product: exact on the diagonal, elsewhere to `eps |U|^2`."""
-    half = 0.5 * np.einsum("nd,nd->n", U, U)
-    np.matmul(U, U.T, out=E)
-    E -= half[:, None]
-    E -= half
-    np.exp(E, out=E)
-    E.flat[:: len(U) + 1] = 1.0
+def squares(U: np.ndarray, out: np.ndarray) -> None:
+    """Write `|U_i - U_j|^2` through one product: exact on the diagonal, elsewhere to `eps |U|^2`, none below zero."""
+    square = np.einsum("nd,nd->n", U, U)
+    np.matmul(-2 * U, U.T, out=out)
+    out += square[:, None]
+    out += square
+    np.maximum(out, 0.0, out=out)
+    out.flat[:: len(U) + 1] = 0.0
 
 
 def one_thread(N: int) -> AbstractContextManager:
@@ -75,10 +82,17 @@ def one_thread(N: int) -> AbstractContextManager:
     return BLAS.limit(limits=1, user_api="blas") if N < 1000 else contextlib.nullcontext()
 
 
-def gram(X: np.ndarray, signal_variance: float, lengthscales: np.ndarray, noise_variance: float) -> np.ndarray:
-    """`K = signal_variance E + noise_variance I` from differences, exact to rounding (unlike `correlation`)."""
+def correlation(kernel: Kernel, U: np.ndarray, V: np.ndarray) -> np.ndarray:
+    """`kernel(|u - v|^2)` of every u and v, rows, in length-scales, from differences: exact to rounding."""
+    return kernel.on_host(cdist(U, V, "sqeuclidean"))[0]
+
+
+def gram(
+    X: np.ndarray, signal_variance: float, lengthscales: np.ndarray, noise_variance: float, kernel: Kernel
+) -> np.ndarray:
+    """`K = signal_variance E + noise_variance I`, E by `correlation`."""
     U = X / lengthscales
-    K = signal_variance * np.exp(-0.5 * cdist(U, U, "sqeuclidean"))
+    K = signal_variance * correlation(kernel, U, U)
     K.flat[:: len(K) + 1] += noise_variance
     return K
 

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from scipy.linalg import solve_triangular
 from scipy.linalg.lapack import dpotrf
 
-from colift.gp.kernel import DEFAULT_BOX, Box, Hyper, check
+from colift.gp.hyper import DEFAULT_BOX, Box, Hyper, check
 from colift.gp.likelihood import gram, not_positive_definite
 from colift.gp.training import Fit, checked, fit
 
@@ -49,7 +49,7 @@ def identify(
     blocks = []
     for i in range(Y.shape[1]):
         s, ls, v = (np.asarray(a)[i] for a in (hyper.signal_variance, hyper.lengthscales, hyper.noise_variance))
-        L, info = dpotrf(gram(X, s, ls, v).T, lower=1)
+        L, info = dpotrf(gram(X, s, ls, v, hyper.kernel).T, lower=1)
         if info:
             raise ValueError(f"output {i}: " + not_positive_definite(len(X), s, v))
         right = np.column_stack([Phi[:, i], Y[:, i] - np.asarray(hyper.offset)[i]])

@@ -16,7 +16,7 @@ from jaxtyping import Array, Bool, Float, Int
 from numpy.typing import ArrayLike
 from scipy.linalg.lapack import dpotrf, dtrtri
 
-from colift.gp.kernel import Hyper, check
+from colift.gp.hyper import Hyper, check
 from colift.gp.likelihood import LOG_2PI, gram, least_noise_to_grow, not_positive_definite, one_thread
 from colift.gp.training import LARGEST, checked
 from colift.pytree import pytree
@@ -80,7 +80,7 @@ def condition(X: ArrayLike, Y: ArrayLike, hyper: Hyper, capacity: int | None = N
     alpha = np.zeros((m, capacity))
     with one_thread(N):
         for i in range(m):
-            L, info = dpotrf(gram(X, s[i], ls[i], v[i]).T, lower=1, overwrite_a=1)
+            L, info = dpotrf(gram(X, s[i], ls[i], v[i], hyper.kernel).T, lower=1, overwrite_a=1)
             if info:
                 raise ValueError(f"output {i}: " + not_positive_definite(N, s[i], v[i]))
             W_i, _ = dtrtri(L, lower=1, overwrite_c=1)
@@ -117,7 +117,7 @@ def expansion(hyper: Hyper, centers: ArrayLike, weights: ArrayLike, capacity: in
     s, ls, v, offset = (
         np.asarray(a) for a in (hyper.signal_variance, hyper.lengthscales, hyper.noise_variance, hyper.offset)
     )
-    K = [gram(X, s[i], ls[i], v[i]) for i in range(len(s))]
+    K = [gram(X, s[i], ls[i], v[i], hyper.kernel) for i in range(len(s))]
     Y = np.stack([(offset[i] + K[i] @ weights[i]) for i in range(len(s))], axis=1)
     model = condition(X, Y, hyper, capacity)
     return dataclasses.replace(model, alpha=jnp.asarray(np.pad(weights, ((0, 0), (0, model.capacity - len(X))))))
@@ -135,7 +135,7 @@ def _kernel(gp: GP, x: Float[Array, " dimensions"]) -> Float[Array, "outputs cap
     """`k_i(x, X)` for every output and row, rows past n included."""
     difference = gp.X - x[None, :]
     r2 = (1 / gp.hyper.lengthscales**2) @ (difference * difference).T
-    return gp.hyper.signal_variance[:, None] * jnp.exp(-0.5 * r2)
+    return gp.hyper.signal_variance[:, None] * gp.hyper.kernel(r2)
 
 
 def _in_use(gp: GP) -> Bool[Array, "1 capacity"]:

@@ -17,9 +17,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy import sparse
-from scipy.spatial.distance import cdist
 
-from colift.gp.kernel import Hyper
+from colift.gp.hyper import Hyper
+from colift.gp.kernel import Kernel
+from colift.gp.likelihood import correlation
 from colift.gp.training import checked
 
 # By how much the program's eps and B exceed the stated, tried in turn: room inside, without which the solver stalls.
@@ -55,10 +56,11 @@ class Consistent:
     norm: float  # B
     signal_variance: float  # (unit of y)^2
     lengthscales: np.ndarray  # (dimensions,), unit of x
+    kernel: Kernel
 
     def correlations(self, points: np.ndarray) -> np.ndarray:
         """`k(x_k, z_l) / signal_variance`, `(N, L)`: products with weights are the `k` of a functional."""
-        return correlation(self.U, points / self.lengthscales)
+        return correlation(self.kernel, self.U, points / self.lengthscales)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -88,13 +90,14 @@ def consistent(X: ArrayLike, Y: ArrayLike, hyper: Hyper, output: int, norm: floa
     unit, U = norm * s**0.5, X / ls
     return Consistent(
         U=U,
-        K=correlation(U, U),
+        K=correlation(hyper.kernel, U, U),
         r=(Y[:, output] - offset) / unit,
         eps=noise_bound / unit,
         unit=unit,
         norm=norm,
         signal_variance=s,
         lengthscales=ls,
+        kernel=hyper.kernel,
     )
 
 
@@ -126,7 +129,7 @@ def recover(
     if Z.shape != (a.size, dimensions) or a.ndim != 1 or not (np.isfinite(Z).all() and np.isfinite(a).all()):
         raise ValueError(f"points {Z.shape} and weights {a.shape}: must be finite, (L, {dimensions}) and (L,)")
     k, V = allowed.correlations(Z) @ a, Z / allowed.lengthscales
-    square = float(a @ correlation(V, V) @ a)
+    square = float(a @ correlation(hyper.kernel, V, V) @ a)
     upper, lower = (sign * greatest(allowed, sign * k, square).value for sign in (1, -1))
     centre = float(np.asarray(hyper.offset)[output]) * a.sum()
     return Recovery(lower=float(centre + lower), upper=float(centre + upper))
@@ -155,11 +158,6 @@ def above(allowed: Consistent, nu: np.ndarray, k: np.ndarray, square: np.ndarray
     rounding = 4 * len(nu) * np.finfo(float).eps * (np.sqrt(square) + size) ** 2
     residual2 = np.maximum(square + np.sum(nu * (allowed.K @ nu - 2 * k), axis=0), 0.0) + rounding
     return allowed.unit * (allowed.r @ nu + allowed.eps * size + np.sqrt(residual2))
-
-
-def correlation(U: np.ndarray, V: np.ndarray) -> np.ndarray:
-    """`exp(-|u - v|^2 / 2)` of every u and v, rows, in length-scales."""
-    return np.exp(-0.5 * cdist(U, V, "sqeuclidean"))
 
 
 def _solution(allowed: Consistent, k: np.ndarray, square: float) -> tuple[np.ndarray, np.ndarray]:

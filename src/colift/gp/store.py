@@ -6,31 +6,33 @@ that a file cannot contradict itself; decision 0022 says why.
 
 from __future__ import annotations
 
-import dataclasses
 import io
 import zipfile
 from pathlib import Path
 
-import jax.numpy as jnp
 import numpy as np
 
 from colift import disk
-from colift.gp.kernel import Hyper, check
+from colift.gp.hyper import RANGE, Hyper, check, hyperparameters
+from colift.gp.kernel import SquaredExponential
 from colift.gp.posterior import GP, condition
 from colift.gp.training import checked
 
 FORMAT = "colift gp 2"
-HYPER = tuple(field.name for field in dataclasses.fields(Hyper))
+HYPER = tuple(RANGE)
 LARGEST_W = 2**30  # numbers, 8 GiB: 13 000 points of 6 outputs
 
 
 def save(gp: GP, path: str | Path) -> None:
     """Write one GP (no batch axes) to `path`, through a temporary name in the same folder.
 
-    Raises ValueError for a batch of GPs or what `load` would refuse, OSError where the folder cannot be written.
+    Raises ValueError for a batch of GPs, a kernel of one's own or what `load` would refuse, OSError where the folder
+    cannot be written.
     """
     if gp.X.ndim != 2:
         raise ValueError(f"gp has batch axes {gp.X.shape[:-2]}: save one GP a file")
+    if type(gp.hyper.kernel) is not SquaredExponential:
+        raise ValueError(f"the kernel is {type(gp.hyper.kernel).__name__}: a file holds SquaredExponential alone")
     n = int(gp.n)
     arrays = {name: np.asarray(getattr(gp.hyper, name)) for name in HYPER}
     arrays |= {"X": np.asarray(gp.X[:n]), "Y": np.asarray(gp.Y[:n]), "capacity": np.asarray(gp.capacity, np.int64)}
@@ -51,10 +53,14 @@ def load(path: str | Path) -> GP:
     try:
         arrays = _arrays(content)
         _check(arrays)
-        hyper = Hyper(**{name: jnp.asarray(arrays[name]) for name in HYPER})
-        return condition(arrays["X"], arrays["Y"], hyper, int(arrays["capacity"]))
+        return condition(arrays["X"], arrays["Y"], _hyper(arrays), int(arrays["capacity"]))
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
+
+
+def _hyper(arrays: dict[str, np.ndarray]) -> Hyper:
+    signal_variance, lengthscales, noise_variance, offset = (arrays[name] for name in HYPER)
+    return hyperparameters(signal_variance, lengthscales, noise_variance, offset)
 
 
 def _arrays(content: bytes) -> dict[str, np.ndarray]:
@@ -97,4 +103,4 @@ def _check(arrays: dict[str, np.ndarray]) -> None:
     if not n <= int(capacity) or m * int(capacity) ** 2 > LARGEST_W:
         most = int((LARGEST_W / max(m, 1)) ** 0.5)
         raise ValueError(f"capacity = {capacity}: must hold the {n} points, and be at most {most} for {m} outputs")
-    check(Hyper(**{name: jnp.asarray(arrays[name]) for name in HYPER}), int(capacity))
+    check(_hyper(arrays), int(capacity))

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import OptimizeResult, minimize
 
-from colift.gp.kernel import DEFAULT_BOX, Belief, Box, Hyper, check
+from colift.gp.hyper import DEFAULT_BOX, Belief, Box, Hyper, check
+from colift.gp.kernel import DEFAULT_KERNEL, Kernel
 from colift.gp.likelihood import log_marginal, one_thread
 
 LARGEST, SMALLEST = 1e100, 1e-100  # magnitudes whose squares neither overflow nor vanish
@@ -94,6 +95,16 @@ class _Standardized:
     offset: np.ndarray
 
 
+def _kernel(belief: Belief | None, start: Hyper | None) -> Kernel:
+    """That of the belief and the start; the default where there is neither."""
+    given = [hyper.kernel for hyper in (None if belief is None else belief.median, start) if hyper is not None]
+    if len(given) == 2 and type(given[0]) is not type(given[1]):
+        raise ValueError(
+            f"belief is of {type(given[0]).__name__}, start of {type(given[1]).__name__}: must be one kernel"
+        )
+    return given[0] if given else DEFAULT_KERNEL
+
+
 def checked(X: ArrayLike, Y: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
     """Inputs `(N, dimensions)` and outputs `(N, outputs)` as float64, or a ValueError that names what is wrong."""
     X, Y = np.asarray(X, dtype=float), np.asarray(Y, dtype=float)
@@ -138,7 +149,7 @@ def _fit_groups(
     """Fit one set of hyperparameters to each group of outputs and return to the units of the data."""
     N, D = problem.Z.shape
     m = problem.T.shape[1]
-    bounds = _bounds(problem, box, belief)
+    bounds, kernel = _bounds(problem, box, belief), _kernel(belief, start)
     rng = np.random.default_rng(seed)
     theta, value, converged, evaluations = np.empty((m, D + 2)), np.empty(m), np.empty(m, dtype=bool), 0
     scratch = np.empty((2, N, N))
@@ -149,7 +160,8 @@ def _fit_groups(
         T = np.asfortranarray(problem.T[:, group])
         with one_thread(N):
             results = [
-                _maximize(np.clip(t, *bounds.T), problem.Z, T, density, bounds, max_iterations, scratch) for t in starts
+                _maximize(np.clip(t, *bounds.T), problem.Z, T, kernel, density, bounds, max_iterations, scratch)
+                for t in starts
             ]
         best = min(results, key=lambda r: r.fun)
         theta[group], converged[group] = best.x, best.success
@@ -157,6 +169,7 @@ def _fit_groups(
         evaluations += sum(r.nfev for r in results)
     ls = np.exp(theta[:, 1:-1])
     fitted = Hyper(
+        kernel=kernel,
         signal_variance=jnp.asarray(np.exp(theta[:, 0]) * problem.y_scale**2),
         lengthscales=jnp.asarray(ls * problem.x_scale),
         noise_variance=jnp.asarray(np.exp(theta[:, -1]) * problem.y_scale**2),
@@ -238,13 +251,14 @@ def _maximize(
     theta: np.ndarray,
     Z: np.ndarray,
     T: np.ndarray,
+    kernel: Kernel,
     density: _Density,
     bounds: np.ndarray,
     max_iterations: int,
     scratch: np.ndarray,
 ) -> OptimizeResult:
     def negative(t: np.ndarray) -> tuple[float, np.ndarray]:
-        value, gradient = log_marginal(t, Z, T, scratch)
+        value, gradient = log_marginal(t, Z, T, scratch, kernel)
         more, slope = density(t)
         return -value - more, -gradient - slope
 

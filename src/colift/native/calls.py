@@ -138,7 +138,9 @@ def _join(to: Place, join: str, row: str, size: int, lanes: int, length: int) ->
         return [start], f"{each} ({to})[e] = {_joined(join, lanes, f'({to})[e]', f'{row}[e]')};", []
     total = f"sum_{row}"
     start = [f"V_{lanes} {total}[{size}];", f"{each} {total}[e] = splat_{lanes}({EMPTY[join]});"]
-    inside = f"if (i + WIDTH_{lanes} <= {length}) {each} {total}[e] = {_joined(join, lanes, f'{total}[e]', f'{row}[e]')};"
+    inside = (
+        f"if (i + WIDTH_{lanes} <= {length}) {each} {total}[e] = {_joined(join, lanes, f'{total}[e]', f'{row}[e]')};"
+    )
     if length % lanes:
         mine = _lane(f"{total}[e]", lanes)
         one = _joined(join, 1, mine, _lane(f"{row}[e]", lanes))

@@ -659,16 +659,22 @@ def features(settings: s.Settings) -> learn.Features:
     return learn.Plain() if given is None else _own(given, "parts.features", learn.Features)
 
 
+def kernel(settings: s.Settings) -> gp.Kernel:
+    """Of all models, the payload's and the agents'. Raises ScenarioError for one of one's own that is none."""
+    given = settings.parts.kernel
+    return gp.SquaredExponential() if given is None else _own(given, "parts.kernel", gp.Kernel)
+
+
 def prior(settings: s.Settings, nominal: Team) -> learn.Oracle:
     """The oracle before any data: it predicts zero, with the deviations that the scenario states.
 
     Raises ScenarioError for noise that is too small beside the signal for that many points.
     """
-    learning, seen = settings.learning, features(settings)
+    learning, seen, of = settings.learning, features(settings), kernel(settings)
 
     def before(name: str, features: Sequence[str]) -> gp.GP:
         try:
-            return gp.prior(_hyper(getattr(learning, name), features), learning.capacity)
+            return gp.prior(_hyper(getattr(learning, name), features, of), learning.capacity)
         except ValueError as error:
             raise ScenarioError(f"{settings.name}: learning.{name}: {error}") from None
 
@@ -691,10 +697,10 @@ def training(settings: s.Settings, nominal: Team) -> learn.Training | None:
     given = settings.learning
     if given.hyperparameters == "stated":
         return None
-    (least, greatest), seen = given.lengthscale_bounds, features(settings)
+    (least, greatest), seen, of = given.lengthscale_bounds, features(settings), kernel(settings)
 
     def belief(stated: s.Prior, features: Sequence[str]) -> gp.Belief:
-        return gp.Belief(_hyper(stated, features), factor=given.prior_factor, least=least, greatest=greatest)
+        return gp.Belief(_hyper(stated, features, of), factor=given.prior_factor, least=least, greatest=greatest)
 
     return learn.Training(
         payload=belief(given.payload, seen.payload_names()),
@@ -704,7 +710,7 @@ def training(settings: s.Settings, nominal: Team) -> learn.Training | None:
     )
 
 
-def _hyper(given: s.Prior, features: Sequence[str]) -> gp.Hyper:
+def _hyper(given: s.Prior, features: Sequence[str], kernel: gp.Kernel) -> gp.Hyper:
     """Forces, moments, then joints: variances from the stated deviations, length-scales of rates and of the rest."""
     signal, noise, counts = [given.force_N, given.moment_Nm], [given.force_noise_N, given.moment_noise_Nm], [3, 3]
     if isinstance(given, s.AgentPrior):
@@ -716,6 +722,7 @@ def _hyper(given: s.Prior, features: Sequence[str]) -> gp.Hyper:
         signal_variance=np.repeat(signal, counts) ** 2,
         lengthscales=np.tile(lengthscales, (sum(counts), 1)),
         noise_variance=np.repeat(noise, counts) ** 2,
+        kernel=kernel,
     )
 
 

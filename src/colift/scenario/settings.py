@@ -586,6 +586,8 @@ class Parts(Section):
     """A `colift.fly.Predictor`."""
     features: Part | None = None
     """A `colift.learn.Features`, by `build()`: what GPs see of a sample."""
+    kernel: Part | None = None
+    """A `colift.gp.Kernel`, by `build()`: of the distance of two samples in length-scales, for all outputs."""
 
 
 class Control(Section):
