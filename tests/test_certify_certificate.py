@@ -485,6 +485,7 @@ def of_another_kernel(oracle: learn.Oracle) -> learn.Oracle:
             "predictor Observed",
         ),
         (lambda p: with_pilot(p, oracle=of_another_kernel(p.pilot.oracle)), "kernel Kernel"),
+        (lambda p: with_pilot(p, realizer=fly.Anticipating(**vars(p.pilot.realizer))), "realizer Anticipating"),
         (lambda p: with_world(p, actuators=actuator.Motors(bandwidth=number(8.0), limits=())), "actuators Motors"),
         (lambda p: with_world(p, extra=(sensor.Drifting(of=("payload.p",), rate=number(0.1)),)), "sensor 0 Drifting"),
     ],

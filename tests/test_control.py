@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 
 import jax
 import jax.numpy as jnp
@@ -10,10 +11,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from colift import agent as ag
 from colift import control, dynamics, grasp, reference, so3
-from colift.model import AgentForce, AgentState, PayloadState, Residual, State, Team, Wrench
+from colift.model import AgentForce, AgentState, PayloadState, Residual, State, Team, Tree, Wrench
 from tests import teams
 from tests.pinocchio_team import PinocchioTeam
 
@@ -35,7 +37,14 @@ GAINS = control.Gains(
 )
 accelerate = jax.jit(dynamics.accelerate)
 attitude = jax.jit(control.attitude)
-realize = jax.jit(jax.vmap(control.realize, in_axes=(0, None, None, 0, None, None, 0, 0)))
+
+
+@jax.jit
+@functools.partial(jax.vmap, in_axes=(0, None, None, 0, None, None, 0, 0))
+def realize(agent, gains, gravity, q, load, to, share, f):
+    """As the paper has it, its attitude included."""
+    turn = control.aligned(agent, gravity, to, share, f)
+    return control.realize(agent, gains, gravity, q, load, to, share, f, turn)
 
 
 @dataclasses.dataclass
@@ -299,3 +308,49 @@ def test_the_attitude_has_finite_gradients(f, heading):
 
 
 gradient = jax.jit(jax.jacfwd(control.attitude))
+
+
+# Looking ahead --------------------------------------------------------------------------------------------------------
+
+
+@given(st.integers(0, 10**6))
+def test_a_turn_has_the_rates_of_the_attitude_along_the_force(seed):
+    rng = np.random.default_rng(seed)
+    f = np.array([0.0, 0.0, 20.0]) + rng.normal(size=3), 5 * rng.normal(size=3), 20 * rng.normal(size=3)
+    heading, h = jnp.array(rng.normal()), 1e-3
+    turn = control.turning(jnp.stack([jnp.asarray(x) for x in f]), heading)
+    R = [np.asarray(control.attitude(jnp.asarray(f[0] + s * f[1] + s**2 * f[2] / 2), heading)) for s in (-h, 0, h)]
+    np.testing.assert_allclose(turn.R, R[1], atol=1e-14)
+    turned = [np.asarray(so3.vee(jnp.asarray(b.T @ a))) for a, b in zip(R, R[::-1], strict=True)]
+    np.testing.assert_allclose(turn.omega, -turned[0] / (2 * h), atol=1e-4)
+    ahead, behind = (Rotation.from_matrix(R[1].T @ x).as_rotvec() for x in (R[2], R[0]))
+    np.testing.assert_allclose(turn.omega_dot, (ahead + behind) / h**2, atol=1e-3)
+
+
+@given(st.integers(0, 10**6))
+def test_without_a_swing_the_rates_are_those_of_what_is_asked_ahead(seed):
+    """A single body that bears the payload at its centre of mass: its own turning moves that nowhere."""
+    rng = np.random.default_rng(seed)
+    structure = ((Tree(parents=(), prismatic=(), tips=(0,)), 1),)
+    team, z = teams.team(rng, structure), teams.free_state(rng, structure)
+    body = jax.tree.map(lambda x: x[0], team.groups[0])
+    body = dataclasses.replace(body, tip=body.com[:1], contact=jnp.zeros((1, 3)))
+    q = jax.tree.map(lambda x: x[0], z.agents[0])
+    step, c = 0.03, rng.normal(size=(5, 3)) * np.array([1, 1, 1, 2, 6])[:, None] + [[0, 0, 20], *[[0, 0, 0]] * 4]
+    at = step * control.NODES
+    f = sum(c[k] * at[:, None] ** k for k in range(5))  # what is asked ahead, N
+    asked = np.asarray(body.mass).sum() * (rng.normal(size=(5, 3)) - np.asarray(team.gravity))
+    still = dataclasses.replace(z.payload, omega=jnp.zeros(3))
+    load = jax.tree.map(lambda x: jnp.broadcast_to(x, (5, *x.shape)), still)
+    a = asked / float(body.mass.sum()) + np.asarray(team.gravity)
+    to = jax.vmap(lambda a: control.Command(a=a, alpha=jnp.zeros(3), jerk=jnp.zeros(3)))(jnp.asarray(a))
+    none = AgentForce(f_x=jnp.zeros(3), f_w=jnp.zeros(3), f_r=jnp.zeros(0))
+    share = control.Share(
+        lam=jnp.asarray((f - asked)[2:3]), lam_dot=jnp.zeros((1, 3)), heading=jnp.array(0.3), rest=jnp.zeros(0)
+    )
+    ahead = control.Ahead(step=jnp.array(step), load=load, to=to, f=jnp.asarray(f))
+    now = jax.tree.map(lambda x: x[2], to)
+    turn = control.anticipated(body, GAINS, team.gravity, q, now, share, none, ahead)
+    expected = control.turning(jnp.asarray(np.stack([c[0], c[1], 2 * c[2]])), share.heading)
+    for name in ("R", "omega", "omega_dot"):
+        np.testing.assert_allclose(getattr(turn, name), getattr(expected, name), atol=1e-7, err_msg=name)

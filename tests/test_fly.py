@@ -245,3 +245,29 @@ def test_internal_forces_follow_their_pulse():
     height = reference.pulse(jnp.asarray(rows.t), internal.start, internal.end, internal.ramp)
     np.testing.assert_allclose(rows.eta, np.outer(height, internal.eta), atol=1e-12)
     assert np.linalg.norm(rows.eta, axis=1).max() >= 1
+
+
+# Looking ahead --------------------------------------------------------------------------------------------------------
+
+
+def test_looking_ahead_a_team_without_unknowns_keeps_to_its_path():
+    """What the paper's attitude neglects, and the swing, is all that is left once nothing is unknown or noisy."""
+    of = exact(plan("C1"))
+    of = dataclasses.replace(of, world=dataclasses.replace(of.world, team=of.pilot.team, acting=number(0.0)))
+    ours, gains = of.pilot.realizer, of.pilot.leader.gains
+    far = fly.Anticipating(gains=gains, heading=ours.heading, rest=ours.rest)
+    flights = [
+        simulate.fly_plan(dataclasses.replace(x, duration=6.0), paper_flights.NAMES)
+        for x in (of, with_pilot(of, realizer=far, look_ahead=number(0.03)))
+    ]
+    late = [np.linalg.norm(flight.rows.e_p[-1000:], axis=1).max() for flight in flights]
+    assert late[1] < late[0] / 5, late
+    assert not flights[1].rows.saturated[500:].any()
+
+
+def test_a_realizer_that_needs_to_look_ahead_says_so():
+    of = plan("C1")
+    ours = of.pilot.realizer
+    far = fly.Anticipating(gains=ours.gains, heading=ours.heading, rest=ours.rest)
+    with pytest.raises(ValueError, match="needs a pilot that looks ahead"):
+        simulate.fly_plan(dataclasses.replace(with_pilot(of, realizer=far), duration=0.01), paper_flights.NAMES)

@@ -395,3 +395,12 @@ def test_fits_start_from_what_the_scenario_states_and_stay_within_its_bounds():
         jax.tree.map(np.testing.assert_array_equal, belief.median, hyper)
     certified = scenario.load("certified")
     assert build.training(certified, build.team(certified)[1]) is None
+
+
+def test_a_look_ahead_is_the_realizer_s_and_the_pilot_s():
+    settings = load("paper")
+    far = settings.model_copy(update={"control": settings.control.model_copy(update={"look_ahead_s": 0.03})})
+    _, nominal = build.team(settings)
+    ours, theirs = build.pilot(settings, nominal), build.pilot(far, nominal)
+    assert (type(ours.realizer).__name__, ours.look_ahead) == ("Aligned", None)
+    assert (type(theirs.realizer).__name__, float(theirs.look_ahead)) == ("Anticipating", 0.03)

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import dataclasses
+import math
+
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from colift import agent as ag
@@ -80,6 +84,96 @@ class Share:
     rest: Float[Array, "*agents n_r"]  # joints of the posture task
 
 
+@pytree
+class Turn:
+    """The attitude that an agent is to have, and how it turns."""
+
+    R: Float[Array, "*agents 3 3"]  # its third axis along the thrust
+    omega: Float[Array, "*agents 3"]  # rad/s, in its own frame
+    omega_dot: Float[Array, "*agents 3"] | None = None  # rad/s^2, in its own frame; None where it is neglected
+
+
+def aligned(agent: Agent, gravity: Float[Array, "3"], to: Command, share: Share, f_hat: AgentForce) -> Turn:
+    """The paper's: thrust along `f_dir = m (a_cmd - a_g) + sum lam - f_hat_x`, over the heading.
+
+    Its rate is that of `jerk` and `lam_dot`; its acceleration is neglected, and so is the rate of f_hat.
+    """
+    m = agent.mass.sum()
+    f, f_dot = m * (to.a - gravity) + share.lam.sum(0) - f_hat.f_x, m * to.jerk + share.lam_dot.sum(0)
+    R, R_dot = jax.jvp(lambda f: attitude(f, share.heading), (f,), (f_dot,))
+    return Turn(R=R, omega=so3.vee(R.T @ R_dot))
+
+
+def turning(f: Float[Array, "3 3"], heading: Float[Array, ""]) -> Turn:
+    """Along `f_0 + f_1 s + f_2 s^2 / 2` at s = 0: `omega = vee(R^T R')`, `omega_dot = vee(R'^T R' + R^T R'')`."""
+    one = jnp.ones(())
+
+    def rate(s: Float[Array, ""]) -> tuple[Float[Array, "3 3"], Float[Array, "3 3"]]:
+        return jax.jvp(lambda s: attitude(f[0] + s * (f[1] + s * f[2] / 2), heading), (s,), (one,))
+
+    (R, R_1), (_, R_2) = jax.jvp(rate, (jnp.zeros(()),), (one,))
+    return Turn(R=R, omega=so3.vee(R.T @ R_1), omega_dot=so3.vee(R_1.T @ R_1 + R.T @ R_2))
+
+
+NODES = np.arange(-2.0, 3.0)  # of times around now, in steps
+POLYNOMIAL = np.linalg.inv(np.vander(NODES, increasing=True))  # coefficients of the quartic through values there
+
+
+@pytree
+class Ahead:
+    """What one agent is asked for where the law is evaluated on the reference, at `NODES` times the step."""
+
+    step: Float[Array, ""]  # s
+    load: PayloadState  # times lead
+    to: Command
+    f: Float[Array, "times 3"]  # N, `m (a - a_g) + sum lam - f_hat_x`
+
+
+def anticipated(
+    agent: Agent,
+    gains: Gains,
+    gravity: Float[Array, "3"],
+    q: AgentState,
+    to: Command,
+    share: Share,
+    f_hat: AgentForce,
+    ahead: Ahead,
+) -> Turn:
+    """Thrust along `f_dir` with the swing of the agent about its tips, its rates from the reference ahead.
+
+    `f_dir = m (x_dd - a_g) + sum lam - f_hat_x`: where an agent turns, its centre of mass does not accelerate as the
+    payload does. f_dir is a quartic through five times around now, as the law asks on the reference, so its rates hold
+    that of f_hat and no noise. From the turn without the swing follows the swing, and from that the turn.
+    """
+    m = agent.mass.sum()
+    still = dataclasses.replace(q, r=share.rest, r_dot=jnp.zeros_like(q.r_dot))
+    g = ag.geometry(agent, still.r)
+    reduced, c = ag.reduce(agent, g), _coefficients(ahead.f)
+
+    def swing(s: Float[Array, ""], load: PayloadState, to: Command) -> Float[Array, "3"]:
+        here = jnp.stack([_derivative(c, s, k) / ahead.step**k for k in range(3)])
+        turn = turning(here, share.heading)
+        assert turn.omega_dot is not None
+        _, kappa = ag.bias(agent, g, reduced, turn.omega, still.r_dot)
+        y = _with_tips(agent, gains, still, load, to, share.rest, reduced, kappa, turn.R, turn.omega_dot)
+        return turn.R @ y[:3] - to.a
+
+    swings = m * jax.vmap(swing)(jnp.asarray(NODES), ahead.load, ahead.to)
+    c = _coefficients(ahead.f + swings)
+    f = m * (to.a - gravity) + share.lam.sum(0) - f_hat.f_x + swings[len(NODES) // 2]
+    return turning(jnp.stack([f, c[1] / ahead.step, 2 * c[2] / ahead.step**2]), share.heading)
+
+
+def _coefficients(values: Float[Array, "times 3"]) -> Float[Array, "times 3"]:
+    return jnp.asarray(POLYNOMIAL) @ values
+
+
+def _derivative(c: Float[Array, "times 3"], s: Float[Array, ""], order: int) -> Float[Array, "3"]:
+    """Of `sum_k c_k s^k`."""
+    terms = [math.perm(k, order) * c[k] * s ** (k - order) for k in range(order, len(NODES))]
+    return sum(terms[1:], terms[0])
+
+
 def realize(
     agent: Agent,
     gains: Gains,
@@ -89,11 +183,12 @@ def realize(
     to: Command,
     share: Share,
     f_hat: AgentForce,
+    turn: Turn,
 ) -> AgentInput:
     """Thrust and torques that put `lam` on the payload if the thrust is aligned and the payload obeys.
 
-    1. thrust direction `f_dir = m (a_cmd - a_g) + sum lam - f_hat_x`, which with the heading is `R_d`;
-    2. `omega_dot = -k_R e_R - k_w e_w` towards it, its rate from `jerk` and `lam_dot` (its acceleration is neglected);
+    1. the thrust's direction and the heading are the attitude of `turn`;
+    2. `omega_dot = -k_R e_R - k_w e_w` towards it, and its own `R^T R_d omega_d_dot - w x R^T R_d omega_d` if known;
     3. `(x_dd, r_dd)` that keep the tips on the payload commanded to accelerate by `(a, alpha)`;
     4. `u = f_des . R e_3` with `f_des = m (x_dd - a_g) + sum lam - f_hat_x`, torques by inverse dynamics.
 
@@ -102,38 +197,39 @@ def realize(
     g = ag.geometry(agent, q.r)
     p = ag.reduce(agent, g)
     h, kappa = ag.bias(agent, g, p, q.omega, q.r_dot)
-    xi_dot, x_dd = _motion(agent, gains, gravity, q, load, to, share, f_hat, p, kappa)
-    f_des, Q, thrust = balance.forces(p, h, q, x_dd - gravity, xi_dot, share.lam)
+    omega_dot = -gains.agent_k_R * so3.e_R(q.R, turn.R)
+    omega_dot = omega_dot - gains.agent_k_omega * so3.e_omega(q.R, q.omega, turn.R, turn.omega)
+    if turn.omega_dot is not None:
+        to_body = q.R.T @ turn.R
+        omega_dot = omega_dot + to_body @ turn.omega_dot - so3.cross(q.omega, to_body @ turn.omega)
+    y = _with_tips(agent, gains, q, load, to, share.rest, p, kappa, q.R, omega_dot)
+    f_des, Q, thrust = balance.forces(p, h, q, q.R @ y[:3] - gravity, jnp.concatenate([omega_dot, y[3:]]), share.lam)
     u = ((f_des - f_hat.f_x) * q.R[:, 2]).sum()
     Q = Q - u * thrust
     return AgentInput(u=u, tau=Q[:3] - f_hat.f_w, tau_r=Q[3:] - f_hat.f_r)
 
 
-def _motion(
+def _with_tips(
     agent: Agent,
     gains: Gains,
-    gravity: Float[Array, "3"],
     q: AgentState,
     load: PayloadState,
     to: Command,
-    share: Share,
-    f_hat: AgentForce,
+    rest: Float[Array, "n_r"],
     p: ag.Reduced,
     kappa: Float[Array, "arms 3"],
-) -> tuple[Float[Array, "xi"], Float[Array, "3"]]:
-    """Steps 1 to 3 of `realize`: `(xi_dot, x_dd)`."""
-    f_dir = p.mass * (to.a - gravity) + share.lam.sum(0) - f_hat.f_x
-    f_dot = p.mass * to.jerk + share.lam_dot.sum(0)
-    R_d, R_d_dot = jax.jvp(lambda f: attitude(f, share.heading), (f_dir,), (f_dot,))
-    omega_d = so3.vee(R_d.T @ R_d_dot)
-    omega_dot = -gains.agent_k_R * so3.e_R(q.R, R_d) - gains.agent_k_omega * so3.e_omega(q.R, q.omega, R_d, omega_d)
-    # tips follow the payload: R^T x_dd + B xi_dot + kappa = R^T (a + R_L (alpha x c + w x (w x c)))
+    R: Float[Array, "3 3"],
+    omega_dot: Float[Array, "3"],
+) -> Float[Array, "motion"]:
+    """`(R^T x_dd, r_dd)` of an agent at attitude R that turns by `omega_dot` while its tips follow the payload.
+
+    `R^T x_dd + B xi_dot + kappa = R^T (a + R_L (alpha x c + w x (w x c)))`; what that leaves open goes to the posture.
+    """
     c = agent.contact
     carried = so3.cross(to.alpha[None], c) + so3.cross(load.omega[None], so3.cross(load.omega[None], c))
-    target = (to.a[None] + carried @ load.R.T) @ q.R - kappa - (p.tip[:, :, :3] * omega_dot[None, None]).sum(2)
+    target = (to.a[None] + carried @ load.R.T) @ R - kappa - (p.tip[:, :, :3] * omega_dot[None, None]).sum(2)
     n = c.shape[0]
     J = jnp.concatenate([jnp.tile(jnp.eye(3), (n, 1)), p.tip[:, :, 3:].reshape(3 * n, -1)], axis=1)
-    posture = -(gains.posture**2) * (q.r - share.rest) - 2 * gains.posture * q.r_dot
+    posture = -(gains.posture**2) * (q.r - rest) - 2 * gains.posture * q.r_dot
     y = jnp.concatenate([jnp.zeros(3), posture])
-    y = y + J.T @ linalg.solve(J @ J.T, (target.reshape(-1) - J @ y)[:, None])[:, 0]
-    return jnp.concatenate([omega_dot, y[3:]]), q.R @ y[:3]
+    return y + J.T @ linalg.solve(J @ J.T, (target.reshape(-1) - J @ y)[:, None])[:, 0]

@@ -16,9 +16,22 @@ from jaxtyping import Array, Bool, Float
 from colift import allocate as al
 from colift import balance, control, grasp, learn, reference, so3
 from colift.estimate import Estimate
+from colift.linalg import mul
 from colift.lowpass import blend
 from colift.measurement import Measurement
-from colift.model import AgentInput, Clock, Inputs, Residual, State, Team, Wrench
+from colift.model import (
+    Agent,
+    AgentForce,
+    AgentInput,
+    AgentState,
+    Clock,
+    Inputs,
+    PayloadState,
+    Residual,
+    State,
+    Team,
+    Wrench,
+)
 from colift.pytree import pytree
 
 Scalar = Float[Array, ""]
@@ -35,6 +48,18 @@ class Now:
     d: reference.Setpoint
     W: Wrench  # desired wrench of the last tick, zero before the first
     ticks: Scalar  # 0 in the first tick, 1 after: what is differenced or filtered begins with the second
+    ahead: Ahead | None = None  # for a realizer that looks ahead
+
+
+@pytree
+class Ahead:
+    """What the law asks for on the reference, at `control.NODES` times the step around now; times lead."""
+
+    step: Scalar  # s
+    load: PayloadState
+    to: control.Command
+    lam: Float[Array, "times contacts 3"]  # N
+    f_hat: Residual
 
 
 def known(pilot: LeaderFollower, z: State, a_L: Float[Array, "6"], t: Scalar) -> Now:
@@ -278,24 +303,68 @@ class Aligned:
     def realize(self, now: Now, to: control.Command, forces: Forces, f_hat: Residual) -> tuple[Inputs, Saturated]:
         """`control.realize` of every agent, thrust limited to what its rotors give."""
         team, inputs, saturated = now.team, [], []
-        realize = jax.vmap(control.realize, in_axes=(0, None, None, 0, None, None, 0, 0))
-        parts = zip(
-            team.groups,
-            now.q_hat.agents,
-            grasp.split(team, forces.lam),
-            grasp.split(team, forces.lam_dot),
-            self.heading,
-            self.rest,
-            f_hat.agents,
-            strict=True,
+        realize = jax.vmap(control.realize, in_axes=(0, None, None, 0, None, None, 0, 0, 0))
+        shares = tuple(
+            control.Share(lam=lam, lam_dot=lam_dot, heading=heading, rest=rest)
+            for lam, lam_dot, heading, rest in zip(
+                grasp.split(team, forces.lam), grasp.split(team, forces.lam_dot), self.heading, self.rest, strict=True
+            )
         )
-        for group, q, lam, lam_dot, heading, rest, f in parts:
-            share = control.Share(lam=lam, lam_dot=lam_dot, heading=heading, rest=rest)
-            asked = realize(group, self.gains, team.gravity, q, now.q_hat.payload, to, share, f)
+        turns = self.turns(now, to, shares, f_hat)
+        for group, q, share, f, turn in zip(team.groups, now.q_hat.agents, shares, f_hat.agents, turns, strict=True):
+            asked = realize(group, self.gains, team.gravity, q, now.q_hat.payload, to, share, f, turn)
             u = jnp.clip(asked.u, 0.0, group.thrust_max)
             inputs.append(AgentInput(u=u, tau=asked.tau, tau_r=asked.tau_r))
             saturated.append(u != asked.u)
         return tuple(inputs), tuple(saturated)
+
+    def turns(
+        self, now: Now, to: control.Command, shares: tuple[control.Share, ...], f_hat: Residual
+    ) -> tuple[control.Turn, ...]:
+        """`control.aligned`, by group."""
+        turn = jax.vmap(control.aligned, in_axes=(0, None, None, 0, 0))
+        each = zip(now.team.groups, shares, f_hat.agents, strict=True)
+        return tuple(turn(group, now.team.gravity, to, share, f) for group, share, f in each)
+
+
+@pytree
+class Anticipating(Aligned):
+    """The same with the attitude's rates from the reference ahead, for a pilot with a `look_ahead`."""
+
+    def turns(
+        self, now: Now, to: control.Command, shares: tuple[control.Share, ...], f_hat: Residual
+    ) -> tuple[control.Turn, ...]:
+        """`control.anticipated`, by group. Raises ValueError where the pilot does not look ahead."""
+        if now.ahead is None:
+            raise ValueError("this realizer needs a pilot that looks ahead: `LeaderFollower.look_ahead`")
+        far, team, out = now.ahead, now.team, []
+        lam = jax.vmap(lambda x: grasp.split(team, x))(far.lam)
+        for group, q, share, f, lam_far, f_far in zip(
+            team.groups, now.q_hat.agents, shares, f_hat.agents, lam, far.f_hat.agents, strict=True
+        ):
+            out.append(
+                jax.vmap(self._turn, in_axes=(None, None, 0, 0, 0, 0, 1, 1))(
+                    now, to, group, q, share, f, lam_far, f_far.f_x
+                )
+            )
+        return tuple(out)
+
+    def _turn(
+        self,
+        now: Now,
+        to: control.Command,
+        agent: Agent,
+        q: AgentState,
+        share: control.Share,
+        f_hat: AgentForce,
+        lam: Float[Array, "times arms 3"],
+        f_x: Float[Array, "times 3"],
+    ) -> control.Turn:
+        far, gravity = now.ahead, now.team.gravity
+        assert far is not None
+        f = agent.mass.sum() * (far.to.a - gravity[None]) + lam.sum(1) - f_x
+        ahead = control.Ahead(step=far.step, load=far.load, to=far.to, f=f)
+        return control.anticipated(agent, self.gains, gravity, q, to, share, f_hat, ahead)
 
 
 # The paper's pilot ----------------------------------------------------------------------------------------------------
@@ -328,6 +397,16 @@ class Telemetry:
 
 
 @pytree
+class Asked:
+    """What the law asks of the team."""
+
+    to: control.Command
+    f_hat: Residual
+    W: Wrench
+    forces: Forces
+
+
+@pytree
 class LeaderFollower:
     """The paper's pilot: its parts, what they take along, and what has been learned so far."""
 
@@ -340,6 +419,7 @@ class LeaderFollower:
     leader: Leader
     allocator: Allocator
     realizer: Realizer
+    look_ahead: Scalar | None = None  # s between the times around now at which the law is evaluated on the reference
 
     def begin(self, first: Measurement, clock: Clock) -> tuple[Inputs, Memory]:
         """The command at rest, and the memory before the first tick: empty data sets, that command last applied."""
@@ -378,19 +458,45 @@ class LeaderFollower:
 
     def decide(self, leader: Any, predictor: Any, now: Now) -> tuple[Inputs, Any, Any, Telemetry]:
         """The control law at what is known now; next memories of leader and predictor."""
+        asked, then_leader, then_predictor = self._asked(leader, predictor, now)
+        if self.look_ahead is not None:
+            now = dataclasses.replace(now, ahead=self._ahead(leader, predictor, now, self.look_ahead))
+        inputs, saturated = self.realizer.realize(now, asked.to, asked.forces, asked.f_hat)
+        decided = Telemetry(
+            q_hat=now.q_hat,
+            d=now.d,
+            W_d=asked.W,
+            lam_cmd=asked.forces.lam,
+            f_hat=asked.f_hat,
+            eta=asked.forces.eta,
+            saturated=saturated,
+        )
+        return inputs, then_leader, then_predictor, decided
+
+    def _asked(self, leader: Any, predictor: Any, now: Now) -> tuple[Asked, Any, Any]:
         to, leader = self.leader.lead(leader, now)
         f_hat, predictor = self.predictor.predict(predictor, self.oracle, now, to)
         load = self.team.payload
         W = control.wrench(load, self.team.gravity, now.q_hat.payload, to, f_hat.payload)
         forces = self.allocator.allocate(now, W, Wrench(F=load.mass * to.jerk, tau=jnp.zeros(3)))
-        inputs, saturated = self.realizer.realize(now, to, forces, f_hat)
-        decided = Telemetry(
-            q_hat=now.q_hat,
-            d=now.d,
-            W_d=W,
-            lam_cmd=forces.lam,
-            f_hat=f_hat,
-            eta=forces.eta,
-            saturated=saturated,
-        )
-        return inputs, leader, predictor, decided
+        return Asked(to=to, f_hat=f_hat, W=W, forces=forces), leader, predictor
+
+    def _ahead(self, leader: Any, predictor: Any, now: Now, step: Scalar) -> Ahead:
+        """The law on the reference around now: the payload on it, agents carried along as they turn now."""
+
+        def at(s: Scalar) -> tuple[PayloadState, Asked]:
+            clock = dataclasses.replace(now.clock, t=now.clock.t + s)
+            d = self.path.at(clock.t)
+            load = PayloadState(R=d.R, p=d.p, v=d.v, omega=d.omega)
+
+            def carried(q: AgentState) -> AgentState:
+                R, x = mul(q.R, so3.exp(s * q.omega)), q.x + d.p - now.d.p
+                return dataclasses.replace(q, R=R, x=x, v=d.v, r_dot=jnp.zeros_like(q.r_dot))
+
+            agents, a_L = tuple(jax.vmap(carried)(q) for q in now.q_hat.agents), jnp.concatenate([d.a, d.omega_dot])
+            q_hat = dataclasses.replace(now.q_hat, payload=load, agents=agents, a_L=a_L)
+            then = dataclasses.replace(now, clock=clock, d=d, q_hat=q_hat)
+            return load, self._asked(leader, predictor, then)[0]
+
+        load, asked = jax.vmap(at)(step * jnp.asarray(control.NODES))
+        return Ahead(step=step, load=load, to=asked.to, lam=asked.forces.lam, f_hat=asked.f_hat)

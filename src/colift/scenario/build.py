@@ -612,6 +612,8 @@ def pilot(settings: s.Settings, nominal: Team) -> fly.LeaderFollower:
     plan, internal = allocation(settings, nominal)
     learning, gain = settings.learning, gains(settings)
     recorder = learn.FromRig if learning.samples == "rig" else learn.Recorder
+    ahead = settings.control.look_ahead_s
+    realizer = fly.Aligned if ahead is None else fly.Anticipating
     ours = fly.LeaderFollower(
         team=nominal,
         path=path(settings),
@@ -634,7 +636,8 @@ def pilot(settings: s.Settings, nominal: Team) -> fly.LeaderFollower:
         predictor=fly.Learned(),
         leader=fly.Geometric(gains=gain),
         allocator=fly.Linear(allocation=plan, internal=internal),
-        realizer=fly.Aligned(gains=gain, heading=heading(settings), rest=rest(settings)),
+        realizer=realizer(gains=gain, heading=heading(settings), rest=rest(settings)),
+        look_ahead=None if ahead is None else _array(ahead),
     )
     theirs = {
         name: _own(part, f"parts.{name}", kind, ours)

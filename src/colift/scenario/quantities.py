@@ -88,6 +88,11 @@ WaveVector = tuple[Wavenumber, Wavenumber, Wavenumber]
 Duration = Annotated[Number, Field(ge=0.1, le=1e5), because("from a few ticks to a day")]
 Time = Annotated[Number, Field(ge=0, le=1e5), because("a day")]
 Span = Annotated[Number, Field(ge=1e-3, le=1e5), because("from a millisecond to a day")]
+LookAhead = Annotated[
+    Number,
+    Field(ge=1e-3, le=0.2),
+    because("a quartic through times closer than a tick is rounding, or 0.8 s long is none"),
+]
 Period = Annotated[Number, Field(ge=0.1, le=1e5), because("no payload swings faster than 10 Hz, no run lasts a day")]
 Periods = Annotated[tuple[Period, Period, Period], BeforeValidator(_thrice)]
 ControlRate = Annotated[

@@ -611,6 +611,9 @@ class Control(Section):
     """How fast measured poses and velocities pull the inertial prediction."""
     joint_filter_Hz: of.Rate = 30.0
     """Corner of the second-order filter of joint readings, of which the rates are the derivative."""
+    look_ahead_s: of.LookAhead | None = None
+    """Step between five times around now at which the law is evaluated on the reference: agents' attitudes are then fed
+    forward with their rates and their swing about the tips. By default as the paper has it, without."""
 
 
 class Internal(Section):
