@@ -398,7 +398,7 @@ def test_fits_start_from_what_the_scenario_states_and_stay_within_its_bounds():
 
 
 def test_a_look_ahead_is_the_realizer_s_and_the_pilot_s():
-    settings = load("paper")
+    settings = scenario.load("paper")
     far = settings.model_copy(update={"control": settings.control.model_copy(update={"look_ahead_s": 0.03})})
     _, nominal = build.team(settings)
     ours, theirs = build.pilot(settings, nominal), build.pilot(far, nominal)
