@@ -10,12 +10,12 @@ const CASES = {
   O: ["#777777", "#aaaaaa"],
 };
 const AGENTS = [
-  ["#4477aa", "#77aadd"],
-  ["#ee6677", "#ee8866"],
-  ["#228833", "#44bb99"],
-  ["#997700", "#eedd88"],
-  ["#aa3377", "#ffaabb"],
-  ["#0077bb", "#99ddff"],
+  ["#228833", "#66cc77"],
+  ["#aa3377", "#ee88cc"],
+  ["#997700", "#cccc66"],
+  ["#0099bb", "#88ddee"],
+  ["#774411", "#cc9966"],
+  ["#555555", "#bbbbbb"],
 ];
 const dark = matchMedia("(prefers-color-scheme: dark)");
 const shade = () => (dark.matches ? 1 : 0);

@@ -44,7 +44,7 @@ const ground = make("p");
 const legend = make(
   "details",
   { id: "legend", open: innerWidth > 700 },
-  make("summary", { textContent: "arrows" }),
+  make("summary", { textContent: "legend" }),
   ...swatches,
   make("p", {}, make("i", { className: "line reference" }), "reference path, and pose now"),
   make("p", {}, make("i", { className: "line flown" }), "path flown"),

@@ -27,8 +27,10 @@ import {
 } from "three";
 import { OrbitControls } from "three/examples/jsm/controls/OrbitControls.js";
 import { moment, number, rotation, vector } from "./flight.js";
-import { caseColor, ink } from "./look.js";
+import { agentColor, caseColor, ink } from "./look.js";
 
+const CLOSE = 2; // sizes of the team, edge of the box about the payload that a camera which follows it sees
+const MARGIN = 0.92; // of the window, what is filled
 const GHOST = 0.2; // opacity of a case that is not chosen
 const UP = new Vector3(0, 1, 0); // along which three.js builds cylinders and cones
 const ROD = new CylinderGeometry(1, 1, 1, 12);
@@ -51,6 +53,7 @@ function lay(rod, from, to, thickness) {
 function arrow(thickness, perMetre, paint) {
   const shaft = new Mesh(ROD, paint);
   const head = new Mesh(HEAD, paint);
+  shaft.renderOrder = head.renderOrder = 1;
   const group = new Group().add(shaft, head);
   const foot = new Vector3();
   const neck = new Vector3();
@@ -99,9 +102,10 @@ function team(shape, flight) {
   }
   group.add(load);
 
-  const bases = shape.agents.map((agent) => {
+  const hubs = shape.agents.map(() => new MeshStandardMaterial({ roughness: 0.65 }));
+  const bases = shape.agents.map((agent, j) => {
     const base = new Group();
-    const hub = new Mesh(new BoxGeometry(1, 1, 1), paints.frame);
+    const hub = new Mesh(new BoxGeometry(1, 1, 1), hubs[j]);
     hub.scale.set(0.5 * agent.span_m, 0.5 * agent.span_m, 0.3 * agent.span_m);
     base.add(hub);
     const middle = new Vector3();
@@ -144,14 +148,21 @@ function team(shape, flight) {
       nodes.forEach((node, k) => balls[k].position.copy(vector(track, now, 3 * k, node)));
       shape.links.forEach(([from, to], k) => lay(rods[k], nodes[from], nodes[to], thick));
     },
+    /** Makes a ghost as faint as it is close to the chosen case, which it would veil. */
+    fade(distance) {
+      const opacity = GHOST * Math.min(1, distance / (0.1 * shape.size_m));
+      for (const paint of [...Object.values(paints), ...hubs]) paint.opacity = opacity;
+      group.visible = opacity > 0.01;
+    },
     paint(ghost) {
       const color = caseColor(flight.name);
       paints.load.color.set(color);
       paints.frame.color.set(ghost ? color : ink("frame"));
       paints.arm.color.set(ghost ? color : ink("arm"));
-      for (const paint of Object.values(paints)) {
+      hubs.forEach((hub, j) => hub.color.set(ghost ? color : agentColor(j)));
+      for (const paint of [...Object.values(paints), ...hubs]) {
         paint.transparent = ghost;
-        paint.opacity = ghost ? GHOST : 1;
+        paint.opacity = 1;
         paint.depthWrite = !ghost;
         paint.needsUpdate = true;
       }
@@ -180,6 +191,11 @@ function grid(center, half, step, height, paint) {
   return new LineSegments(geometry, paint);
 }
 
+/** The corners of a box. */
+function corners({ min, max }) {
+  return [min.x, max.x].flatMap((x) => [min.y, max.y].flatMap((y) => [min.z, max.z].map((z) => new Vector3(x, y, z))));
+}
+
 /** The scene in an element; throws where the browser has no WebGL. `changed` is called when the reader moves it. */
 export function build(element, { shape, cases, arrows, ground_m }, changed) {
   const renderer = new WebGLRenderer({ antialias: true });
@@ -198,6 +214,7 @@ export function build(element, { shape, cases, arrows, ground_m }, changed) {
   const teams = cases.map((flight) => team(shape, flight));
   scene.add(...teams.map(({ group }) => group));
   const paints = Object.fromEntries(Object.keys(arrows).map((kind) => [kind, new MeshBasicMaterial()]));
+  paints.disturbance.depthTest = false; // it begins inside of the payload
   const grow = (kind) => arrow(0.011 * shape.size_m, arrows[kind].N_per_m, paints[kind]);
   const forces = {
     thrust: shape.agents.map(() => grow("thrust")),
@@ -228,22 +245,25 @@ export function build(element, { shape, cases, arrows, ground_m }, changed) {
       for (let k = 0; k < values.length; k += 3) around.expandByPoint(a.set(values[k], values[k + 1], values[k + 2]));
     }
   }
+  around.expandByScalar(0.3 * shape.size_m);
+  const path_m = around.getSize(a).length();
   const center = around.getCenter(new Vector3());
-  const radius = around.getSize(a).length() / 2 + 0.35 * shape.size_m;
-  const step = 10 ** Math.round(Math.log10(radius / 3));
-  scene.add(grid(center, 2.2 * radius, step, ground_m, lines.grid));
+  const whole = corners(around).concat(new Vector3(center.x, center.y, around.max.z + 0.3 * shape.size_m));
+  if (around.min.z - ground_m < path_m) whole.push(new Vector3(center.x, center.y, ground_m));
+  const step = 10 ** Math.round(Math.log10(path_m / 6));
+  scene.add(grid(center, 2.5 * path_m, step, ground_m, lines.grid));
+  const origin = new Vector3(Math.round(center.x / step) * step, Math.round(center.y / step) * step, ground_m);
   const triad = ["x", "y", "z"].map((_, k) => {
     const each = arrow(0.009 * shape.size_m, 1, new MeshBasicMaterial({ color: ["#cc3311", "#228833", "#4477cc"][k] }));
-    each.point(a.set(0, 0, ground_m), b.clone().set(k === 0, k === 1, k === 2).multiplyScalar(0.5 * step));
+    each.point(origin, new Vector3().setComponent(k, 0.5 * step));
     return each.group;
   });
   scene.add(...triad);
 
   const labels = [
-    ...["x", "y", "z"].map((text, k) => ({ text, at: new Vector3().setComponent(k, 0.58 * step) })),
+    ...["x", "y", "z"].map((text, k) => ({ text, at: new Vector3().setComponent(k, 0.58 * step).add(origin) })),
     ...shape.agents.map(({ name }) => ({ text: name, at: new Vector3() })),
   ];
-  for (const each of labels.slice(0, 3)) each.at.z += ground_m;
   for (const each of labels) {
     each.element = Object.assign(document.createElement("span"), { className: "label", textContent: each.text });
     element.append(each.element);
@@ -261,11 +281,23 @@ export function build(element, { shape, cases, arrows, ground_m }, changed) {
     camera.updateProjectionMatrix();
   }
 
-  function fit(around, radius) {
-    const half = ((camera.fov / 2) * Math.PI) / 180;
-    const narrow = Math.min(half, Math.atan(Math.tan(half) * camera.aspect));
-    controls.target.copy(around);
-    camera.position.set(0.75, -1.5, 0.62).normalize().multiplyScalar(radius / Math.sin(narrow)).add(around);
+  /** Looks at points from where all of them are just seen, as many px from one edge as from the other. */
+  function fit(points) {
+    const back = new Vector3(0.75, -1.5, 0.62).normalize();
+    const right = new Vector3().crossVectors(camera.up, back).normalize();
+    const upward = new Vector3().crossVectors(back, right);
+    const tall = MARGIN * Math.tan(((camera.fov / 2) * Math.PI) / 180);
+    const middle = new Box3().setFromPoints(points).getCenter(controls.target);
+    let away = 0;
+    for (let round = 0; round < 8; round += 1) {
+      const all = points.map((point) => a.copy(point).sub(middle) && [a.dot(right), a.dot(upward), a.dot(back)]);
+      away = Math.max(...all.map(([x, y, z]) => z + Math.max(Math.abs(x) / camera.aspect, Math.abs(y)) / tall));
+      for (const [n, along] of [right, upward].entries()) {
+        const at = all.map((each) => each[n] / (away - each[2]));
+        middle.addScaledVector(along, (0.5 * away * (Math.max(...at) + Math.min(...at))) / 1.2);
+      }
+    }
+    camera.position.copy(back).multiplyScalar(away).add(middle);
     controls.update();
   }
 
@@ -278,10 +310,10 @@ export function build(element, { shape, cases, arrows, ground_m }, changed) {
   }
 
   size();
-  fit(center, radius);
+  fit(whole);
   return {
     size,
-    far: radius > 4 * shape.size_m,
+    far: path_m > 12 * shape.size_m,
     show(kind, visible) {
       shown[kind].visible = visible;
     },
@@ -299,20 +331,15 @@ export function build(element, { shape, cases, arrows, ground_m }, changed) {
     },
     follow(on) {
       follows = on;
-      if (on) {
-        const from = controls.target.clone();
-        fit(teams[chosen].load.position, 1.5 * shape.size_m);
-        last.copy(teams[chosen].load.position);
-        camera.position.sub(controls.target);
-        camera.position.add(controls.target);
-        from.copy(controls.target);
-      } else fit(center, radius);
+      last.copy(teams[chosen].load.position);
+      fit(on ? corners(new Box3().setFromCenterAndSize(last, a.setScalar(CLOSE * shape.size_m))) : whole);
     },
     /** Everything as it is at a time; returns where the payload of the chosen case is shown, m. */
     pose(t) {
+      teams.forEach((each, k) => each.pose(moment(cases[k].t, t)));
       teams.forEach((each, k) => {
-        each.group.visible = k === chosen || ghosts;
-        each.pose(moment(cases[k].t, t));
+        each.group.visible = k === chosen;
+        if (k !== chosen && ghosts) each.fade(each.load.position.distanceTo(teams[chosen].load.position));
       });
       const { tracks, t: times } = cases[chosen];
       const now = moment(times, t);
@@ -322,7 +349,8 @@ export function build(element, { shape, cases, arrows, ground_m }, changed) {
       bases.forEach((base, j) => {
         const force = new Vector3(0, 0, number(tracks.u, now, j)).applyQuaternion(base.quaternion);
         forces.thrust[j].point(base.position, force);
-        labels[3 + j].at.set(0, 0, 0.16 * shape.size_m).applyQuaternion(base.quaternion).add(base.position);
+        labels[3 + j].at.copy(force).divideScalar(arrows.thrust.N_per_m).add(base.position);
+        labels[3 + j].at.z += 0.08 * shape.size_m;
       });
       shape.contacts.forEach(({ node }, k) => {
         forces.contact[k].point(nodes[node], vector(tracks.lam, now, 3 * k, new Vector3()));

@@ -31,7 +31,7 @@ from colift.scenario import Settings, build
 PAGE = "view.html"
 FRAMES = 30.0  # 1/s, at most, of what is drawn
 SEEN = 1e-3  # m, the shortest link that is drawn
-LONGEST = 0.6  # length of the longest arrow of its kind, in sizes of the team
+LONGEST = 0.9  # length of the longest arrow of its kind, in sizes of the team
 
 ARROWS = {
     "thrust": "thrust",
