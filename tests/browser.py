@@ -83,7 +83,9 @@ class Page:
     def _call(self, method: str, **parameters: Any) -> dict[str, Any]:
         number = next(self._numbers)
         session = {"sessionId": self._session} if self._session else {}
-        os.write(self._write, json.dumps({"id": number, "method": method, "params": parameters} | session).encode() + b"\0")
+        os.write(
+            self._write, json.dumps({"id": number, "method": method, "params": parameters} | session).encode() + b"\0"
+        )
         while (said := self._hear()).get("id") != number:
             self._note(said.get("method", ""), said.get("params", {}))
         assert "error" not in said, f"{method}: {said['error']}"
@@ -110,14 +112,14 @@ class Page:
 
 
 @contextlib.contextmanager
-def page(profile: Path) -> Iterator[Page]:
+def page(profile: Path, *flags: str) -> Iterator[Page]:
     """A page of a browser of its own, which keeps what it keeps in a folder and ends with the block."""
     assert FOUND
     to_browser, from_us = os.pipe()
     to_us, from_browser = os.pipe()
     # it listens on descriptor 3 and answers on 4
     start = f'exec "$0" "$@" 3<&{to_browser} 4>&{from_browser}'
-    command = ["/bin/bash", "-c", start, FOUND, *FLAGS, f"--user-data-dir={profile}"]
+    command = ["/bin/bash", "-c", start, FOUND, *FLAGS, *flags, f"--user-data-dir={profile}"]
     browser = subprocess.Popen(
         command, pass_fds=(to_browser, from_browser), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
     )

@@ -20,13 +20,12 @@ import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 from jaxtyping import Array, Float
-from pydantic import ValidationError
 
 from colift import agent as ag
 from colift import disk, folder, log, mjcf, so3
 from colift.linalg import apply, transpose
 from colift.model import Agent, Team
-from colift.scenario import Settings, build
+from colift.scenario import ScenarioError, Settings, build
 
 PAGE = "view.html"
 FRAMES = 30.0  # 1/s, at most, of what is drawn
@@ -110,10 +109,10 @@ def settings(ds: xr.Dataset) -> Settings:
             f"{ds.attrs.get('case', 'the log')} of {ds.attrs.get('run', 'no run')} does not hold its scenario, as "
             "logs of an earlier colift do not: run colift study again"
         ) from None
-    except ValidationError as error:
-        where = ".".join(str(part) for part in error.errors()[0]["loc"])
+    except ScenarioError as error:
+        first = str(error).splitlines()[0]
         raise ValueError(
-            f"the scenario in the log is not one of this colift ({where}): run colift study again"
+            f"the scenario in the log is not one of this colift ({first}): run colift study again"
         ) from None
 
 
@@ -146,8 +145,9 @@ def frames(ds: xr.Dataset, team: Team) -> dict[str, np.ndarray]:
     for size, group in zip(team.sizes, team.groups, strict=True):
         own = slice(agents, agents + size)
         n = size * group.tree.joints
-        r = at.r.values[:, joints : joints + n].reshape(-1, size, group.tree.joints)
-        points = np.asarray(_points(group, jnp.asarray(at.R.values[:, own]), jnp.asarray(at.x.values[:, own]), r))
+        r = at.r.values[:, joints : joints + n].reshape(at.sizes["time"], size, group.tree.joints)
+        R, x, r = (jnp.asarray(each) for each in (at.R.values[:, own], at.x.values[:, own], r))
+        points = np.asarray(_points(group, R, x, r))
         base.append(points[:, :, 0])
         nodes.append(points.reshape(len(points), -1, 3))
         agents, joints = agents + size, joints + n
