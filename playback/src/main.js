@@ -46,7 +46,8 @@ const legend = make(
   { id: "legend", open: innerWidth > 700 },
   make("summary", { textContent: "legend" }),
   ...swatches,
-  make("p", {}, make("i", { className: "line reference" }), "reference path, and pose now"),
+  make("p", {}, make("i", { className: "line reference" }), "reference path"),
+  make("p", {}, make("i", { className: "line wanted" }), "reference pose now"),
   make("p", {}, make("i", { className: "line flown" }), "path flown"),
   ground,
 );
@@ -177,13 +178,14 @@ try {
   stage.prepend(make("p", { id: "blind", textContent: `no scene: ${error.message}` }));
 }
 const plots = buildPlots(plotted, written, seek);
-const chip = () => chips.forEach((each, k) => each.style.setProperty("--own", caseColor(cases[k].name)));
-chip();
-choose(cases.length - 1);
+const tint = () => chips.forEach((chip, k) => chip.style.setProperty("--own", caseColor(cases[k].name)));
+tint();
+const learned = cases.findIndex(({ name }) => name === "C3");
+choose(learned < 0 ? cases.length - 1 : learned);
 run(false);
 track(Boolean(scene?.far));
 onTheme(() => {
-  chip();
+  tint();
   choose(state.case);
 });
 new ResizeObserver(() => {

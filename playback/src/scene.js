@@ -13,6 +13,7 @@ import {
   Group,
   Line,
   LineBasicMaterial,
+  LineDashedMaterial,
   LineSegments,
   Mesh,
   MeshBasicMaterial,
@@ -226,15 +227,22 @@ export function build(element, { shape, cases, arrows, ground_m }, changed) {
   );
   scene.add(...Object.values(shown));
 
-  const lines = Object.fromEntries(["reference", "grid", "drop"].map((name) => [name, new LineBasicMaterial()]));
-  const reference = path(cases[0].tracks.p_d, lines.reference);
+  const dashes = 0.04 * shape.size_m;
+  const lines = {
+    reference: new LineBasicMaterial(),
+    wanted: new LineDashedMaterial({ dashSize: dashes, gapSize: 0.6 * dashes }),
+    grid: new LineBasicMaterial(),
+    drop: new LineBasicMaterial(),
+  };
+  const longest = cases.reduce((one, other) => (other.t.length > one.t.length ? other : one));
+  const reference = path(longest.tracks.p_d, lines.reference);
   const wanted = new LineSegments(
     new EdgesGeometry(new BoxGeometry(...shape.payload.half_m.map((half) => 2 * half))),
-    lines.reference,
+    lines.wanted,
   );
   const [w, x, y, z] = shape.payload.axes_wxyz;
   wanted.quaternion.set(x, y, z, w);
-  const desired = new Group().add(wanted);
+  const desired = new Group().add(wanted.computeLineDistances());
   const flown = cases.map((flight) => path(flight.tracks.p, new LineBasicMaterial()));
   const drop = path({ values: new Float32Array(6) }, lines.drop);
   scene.add(reference, desired, ...flown, drop);
@@ -320,7 +328,7 @@ export function build(element, { shape, cases, arrows, ground_m }, changed) {
     paint() {
       scene.background.set(ink("ground"));
       for (const [kind, paint] of Object.entries(paints)) paint.color.set(ink(kind));
-      for (const [name, paint] of Object.entries(lines)) paint.color.set(ink(name));
+      for (const [name, paint] of Object.entries(lines)) paint.color.set(ink(name === "wanted" ? "reference" : name));
       teams.forEach((each, k) => each.paint(k !== chosen));
       flown.forEach((line, k) => line.material.color.set(caseColor(cases[k].name)));
     },
