@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -221,6 +222,15 @@ def test_signals_are_labelled_and_have_units(results: Path):
 
 
 # Flights that do not end, and answers at once -------------------------------------------------------------------------
+
+
+def test_a_study_can_be_played(results: Path, tmp_path: Path):
+    for case in ("C1", "O"):
+        shutil.copy(results / f"{case}.nc", tmp_path)
+    status, said = invoke("view", str(tmp_path))
+    assert (status, said) == (0, "")
+    assert folder.run_of(tmp_path / "view.html") == folder.run_of(results / "C1.nc")
+    assert log.load(results / "C1.nc").attrs["scenario_json"].startswith('{"name":"paper"')
 
 
 def test_a_run_that_fails_is_saved_marked_incomplete_and_status_1(tmp_path: Path):

@@ -390,6 +390,27 @@ def certify(
         raise typer.Exit(EXCEEDED)
 
 
+@app.command()
+def view(
+    out: Annotated[Path, typer.Argument(metavar="OUT", help="A folder that `colift study` wrote.")],
+    show: Annotated[bool, typer.Option("--open", help="Open it in a browser.")] = False,
+) -> None:
+    """Play the flights of a study: one page, OUT/view.html, which needs no network (docs/playback.md)."""
+    import webbrowser
+
+    from colift import playback
+    from colift import study as flights
+
+    try:
+        page = playback.write(out, flights.CASES | flights.BASELINES)
+    except (ValueError, OSError) as error:
+        raise _fail(_one_line(error)) from None
+    with _printed(""):
+        print(f"the flights are in {page}")
+    if show and not webbrowser.open(page.resolve().as_uri()):
+        raise _fail("there is no browser to open it in")
+
+
 @export.command("mjcf")
 def _export_mjcf(
     name: ScenarioName,

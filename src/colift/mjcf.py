@@ -189,12 +189,20 @@ def _add_inertia(body: Element, mass: Scalar, com: Numbers, J: Numbers) -> None:
 
 
 def _add_box(body: Element, mass: Scalar, com: Numbers, inertia: Numbers) -> np.ndarray:
-    """A box with the body's inertia, half its edges `a^2 = 3 (J_b + J_c - J_a) / 2 m`; half of what it spans, m."""
-    J, axes = np.linalg.eigh(inertia)
-    axes[:, 0] *= np.linalg.det(axes)
-    half = np.sqrt(np.maximum(1.5 * (J.sum() - 2 * J) / mass, 1e-6))
+    """A box with the body's inertia; half of what it spans, m."""
+    half, axes = box(mass, inertia)
     SubElement(body, "geom", type="box", pos=_text(com), quat=_quaternion(axes), size=_text(half))
     return np.abs(axes @ half)
+
+
+def box(mass: Scalar, inertia: Numbers) -> tuple[np.ndarray, np.ndarray]:
+    """The box with a body's mass, kg, and inertia, kg m^2: half its edges, m, and its axes by column, body's frame.
+
+    `a^2 = 3 (J_b + J_c - J_a) / 2 m`; no edge is shorter than 2 mm.
+    """
+    J, axes = np.linalg.eigh(inertia)
+    axes[:, 0] *= np.linalg.det(axes)
+    return np.sqrt(np.maximum(1.5 * (J.sum() - 2 * J) / mass, 1e-6)), axes
 
 
 # The rest -------------------------------------------------------------------------------------------------------------

@@ -32,9 +32,16 @@ BASELINES = {
     "P": "parametric identification only",
     "O": "residuals known exactly: the floor",
 }
-FLOWN = (  # every file that a study may leave
+FLOWN = (  # every file that a study may leave, and the page that `colift view` makes of them
     *(f"{case}.nc" for case in CASES | BASELINES),
-    *("figure_[1-5]_*.pdf", "figure_[1-5]_*.png", "lengthscales_*.csv", "lengthscales_*.md", "summary.json"),
+    *(
+        "figure_[1-5]_*.pdf",
+        "figure_[1-5]_*.png",
+        "lengthscales_*.csv",
+        "lengthscales_*.md",
+        "summary.json",
+        "view.html",
+    ),
 )
 CERTIFIED = ("certificate.json", "figure_6_certificate.pdf", "figure_6_certificate.png")
 
@@ -343,6 +350,7 @@ def _dataset(settings: Settings, case: str, flight: simulate.Flight, flown: simu
         "seed": settings.seed,
         "version": version("colift"),
         "settings": settings.digest,
+        "scenario_json": settings.model_dump_json(exclude_none=True),  # a log is shown by the team that it is of
         "run": run,
         "complete": int(not flight.stopped),
         "stopped": flight.stopped,

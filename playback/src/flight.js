@@ -1,0 +1,66 @@
+// The flights as colift/playback.py packs them, and where things are between two of their frames.
+
+const decoded = ({ shape, float32 }) => {
+  const bytes = Uint8Array.from(atob(float32), (letter) => letter.charCodeAt(0));
+  return { width: shape.slice(1).reduce((n, each) => n * each, 1), values: new Float32Array(bytes.buffer) };
+};
+
+/** What Python wrote into the page: the team's shape and every case with its tracks as arrays. */
+export function flights(text) {
+  const written = JSON.parse(text);
+  for (const flight of written.cases) {
+    for (const [name, packed] of Object.entries(flight.tracks)) flight.tracks[name] = decoded(packed);
+  }
+  return written;
+}
+
+/** The frame before a time and how far it is to the next, 0 to 1; the first or last frame outside of the flight. */
+export function moment(times, t) {
+  let low = 0;
+  let high = times.length - 1;
+  if (t >= times[high]) return { i: high, s: 0 };
+  while (high - low > 1) {
+    const middle = (low + high) >> 1;
+    if (times[middle] <= t) low = middle;
+    else high = middle;
+  }
+  return { i: low, s: Math.max(0, (t - times[low]) / (times[high] - times[low])) };
+}
+
+/** Three numbers of a track at a moment, from column `k` on, into a vector of three.js. */
+export function vector(track, { i, s }, k, into) {
+  const { width, values } = track;
+  const a = i * width + k;
+  if (s === 0) return into.set(values[a], values[a + 1], values[a + 2]);
+  const b = a + width;
+  const between = (n) => values[a + n] + s * (values[b + n] - values[a + n]);
+  return into.set(between(0), between(1), between(2));
+}
+
+/** A rotation of a track (w, x, y, z) at a moment, into a quaternion of three.js. */
+export function rotation(track, { i, s }, k, into, spare) {
+  const read = (at, q) => q.set(track.values[at + 1], track.values[at + 2], track.values[at + 3], track.values[at]);
+  read(i * track.width + k, into);
+  return s === 0 ? into : into.slerp(read((i + 1) * track.width + k, spare), s);
+}
+
+/** One number of a track at a moment. */
+export function number(track, { i, s }, k) {
+  const a = i * track.width + k;
+  return s === 0 ? track.values[a] : track.values[a] + s * (track.values[a + track.width] - track.values[a]);
+}
+
+/** A column of a track as a list that a plot takes: null where it is not finite. */
+export function column(track, k) {
+  const out = [];
+  for (let at = k; at < track.values.length; at += track.width) {
+    out.push(Number.isFinite(track.values[at]) ? track.values[at] : null);
+  }
+  return out;
+}
+
+/** Norms of the three columns of a track from `k` on, as a list that a plot takes. */
+export function norms(track, k) {
+  const [x, y, z] = [0, 1, 2].map((n) => column(track, k + n));
+  return x.map((each, i) => (each === null || y[i] === null || z[i] === null ? null : Math.hypot(each, y[i], z[i])));
+}

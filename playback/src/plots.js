@@ -1,0 +1,215 @@
+// The plots: errors, contact forces and deviations over time, under one cursor.
+import uPlot from "uplot";
+import { column, norms } from "./flight.js";
+import { agentColor, caseColor, ink } from "./look.js";
+
+const DASHES = [[], [7, 4], [2, 3], [9, 3, 2, 3]];
+const GUTTER = 58; // px, left of every plot: their time axes lie below each other
+const HEIGHT = 132; // px, of a plot without a time axis, in a page that scrolls
+const [LEAST, MOST] = [84, 240]; // px, where plots fill their column
+const AXIS = 40; // px, for the time axis of the last
+const shorter = (value) => (value == null ? "–" : Math.abs(value) >= 100 ? value.toFixed(0) : value.toPrecision(3));
+
+/** From a power of ten to a power of ten, so that there are two to read. */
+const wholeDecades = (_, low, high) => [10 ** Math.floor(Math.log10(low || 0.1)), 10 ** Math.ceil(Math.log10(high || 1))];
+
+const powers = (_, at) => at.map((value) => (value === null ? "" : String(Number(value.toPrecision(3)))));
+
+/** Curves of one plot: each with its label, colour, dashes, times and values; those not chosen are faint. */
+function curves(kind, { shape, cases }, chosen, others) {
+  const seen = cases.map((flight, k) => ({ flight, faint: k !== chosen })).filter(({ faint }) => others || !faint);
+  const each = (name, tracks, k, dash, at = "t") =>
+    seen.map(({ flight, faint }) => ({
+      label: name || flight.name,
+      told: !name || !faint, // where a case has several curves, colours tell the others
+      color: caseColor(flight.name),
+      dash,
+      faint,
+      t: flight[at],
+      y: column(flight.tracks[tracks], k),
+    }));
+  if (kind === "position") return each("", "e_p", 0, DASHES[0]);
+  if (kind === "attitude") return each("", "angle", 0, DASHES[0]);
+  if (kind === "deviation") {
+    return [...each("payload", "sigma", 0, DASHES[0], "t_sigma"), ...each("agents", "sigma", 1, DASHES[1], "t_sigma")];
+  }
+  const { tracks, t } = cases[chosen];
+  return shape.contacts.map(({ name, agent, arm }, k) => ({
+    label: name,
+    color: agentColor(agent),
+    dash: DASHES[arm % DASHES.length],
+    faint: false,
+    told: true,
+    t,
+    y: norms(tracks.lam, 3 * k),
+  }));
+}
+
+const PLOTS = [
+  { kind: "position", title: "Position error", unit: "|e| [m]", log: true },
+  { kind: "attitude", title: "Attitude error", unit: "angle [deg]", log: true },
+  { kind: "contact", title: "Contact forces on the payload", unit: "|λ| [N]", log: false },
+  { kind: "deviation", title: "Predictive deviation of learned forces", unit: "σ [N]", log: true },
+];
+
+/** Vertical lines where models were updated, dashed where learning ends, grey where internal forces act. */
+function marks({ marks: { updates, learning_end: end, internal, at_limit: limits } }) {
+  return (u) => {
+    const { ctx, bbox } = u;
+    const at = (t) => Math.round(u.valToPos(t, "x", true)) + 0.5;
+    ctx.save();
+    ctx.beginPath();
+    ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height);
+    ctx.clip();
+    ctx.fillStyle = ink("active");
+    for (const [from, to] of internal) ctx.fillRect(at(from), bbox.top, at(to) - at(from), bbox.height);
+    ctx.fillStyle = ink("limit");
+    for (const spans of Object.values(limits)) {
+      for (const [from, to] of spans) {
+        ctx.fillRect(at(from), bbox.top, Math.max(at(to) - at(from), 2), 3 * devicePixelRatio);
+      }
+    }
+    ctx.lineWidth = devicePixelRatio;
+    ctx.strokeStyle = ink("mark");
+    const rule = (t) => {
+      ctx.beginPath();
+      ctx.moveTo(at(t), bbox.top);
+      ctx.lineTo(at(t), bbox.top + bbox.height);
+      ctx.stroke();
+    };
+    for (const t of updates) if (t !== end) rule(t);
+    ctx.setLineDash([5 * devicePixelRatio, 4 * devicePixelRatio]);
+    if (updates.length) rule(end);
+    ctx.restore();
+  };
+}
+
+/** What the marks of the chosen case mean, of those that it has. */
+function key({ marks: { updates, internal, at_limit: limits } }) {
+  const entries = [
+    ["update", "models updated", updates.length],
+    ["end", "learning ends", updates.length],
+    ["active", "internal forces act", internal.length],
+    ["limit", "an agent at its thrust limit", Object.keys(limits).length],
+  ];
+  const line = Object.assign(document.createElement("p"), { id: "key" });
+  for (const [kind, text] of entries.filter(([, , any]) => any)) {
+    const entry = document.createElement("span");
+    entry.append(Object.assign(document.createElement("i"), { className: kind }), text);
+    line.append(entry);
+  }
+  return line;
+}
+
+/** The plots in an element; `seek(t)` is called where the reader points. */
+export function build(element, written, seek) {
+  let drawn = [];
+  let explained = null;
+  let now = 0;
+  const end = Math.max(...written.cases.map(({ t }) => t[t.length - 1]));
+  const span = Math.ceil(10 * end - 1e-6) / 10; // so that the last of its ticks is seen
+  const last = (k) => k === PLOTS.length - 1;
+
+  function one({ kind, title, unit, log }, k, chosen, others) {
+    const section = document.createElement("section");
+    const heading = Object.assign(document.createElement("h2"), { textContent: title });
+    const legend = Object.assign(document.createElement("p"), { className: "curves" });
+    section.append(heading, legend);
+    element.append(section);
+    const all = curves(kind, written, chosen, others);
+    const data = uPlot.join(all.map(({ t, y }) => [t, log ? y.map((value) => (value > 0 ? value : null)) : y]));
+    const decades = (_, at) => at.map((value) => (!log || Math.abs(Math.log10(value) % 1) < 1e-9 ? value : null));
+    const axis = { stroke: () => ink("text"), ticks: { show: false }, font: "12px system-ui, sans-serif" };
+    axis.labelFont = axis.font;
+    const lines = { stroke: () => ink("line"), width: 1 };
+    const plot = new uPlot(
+      {
+        width: section.clientWidth,
+        height: HEIGHT,
+        padding: [6, 12, last(k) ? 0 : 6, 0],
+        cursor: { show: false },
+        legend: { show: false },
+        scales: {
+          x: { time: false, range: [0, span] },
+          y: log ? { distr: 3, range: wholeDecades } : { range: (_, __, high) => [0, 1.08 * (high || 1)] },
+        },
+        axes: [
+          last(k)
+            ? { ...axis, grid: lines, label: "time [s]", labelSize: 18, size: AXIS - 18 }
+            : { ...axis, grid: lines, size: 0, values: (_, at) => at.map(() => "") },
+          { ...axis, ...(log && { filter: decades, values: powers }), grid: { ...lines, filter: decades }, size: GUTTER - 18, label: unit, labelSize: 18 },
+        ],
+        series: [
+          {},
+          ...all.map(({ color, dash, faint }) => ({
+            stroke: color,
+            dash,
+            alpha: faint ? 0.5 : 1,
+            width: faint ? 1 : 2,
+            spanGaps: true,
+            points: { show: false },
+          })),
+        ],
+        hooks: { drawAxes: [marks(written.cases[chosen])] },
+      },
+      data,
+      section,
+    );
+    section.append(legend);
+    const cursor = Object.assign(document.createElement("div"), { className: "cursor" });
+    plot.over.append(cursor);
+    const told = all.map(({ label, color, dash, faint, told }, n) => {
+      const line = ["solid", "dashed", "dotted", "double"][DASHES.indexOf(dash)];
+      const marker = document.createElement("i");
+      marker.style.borderTop = `3px ${line} ${color}`;
+      const value = document.createElement("b");
+      const entry = Object.assign(document.createElement("span"), { className: faint ? "faint" : "" });
+      entry.append(marker, label, value);
+      if (told) legend.append(entry);
+      return (at) => (value.textContent = shorter(data[n + 1][at]));
+    });
+    const point = (event) => {
+      if (event.buttons & 1) seek(plot.posToVal(event.clientX - plot.over.getBoundingClientRect().left, "x"));
+    };
+    plot.over.addEventListener("pointerdown", (event) => {
+      plot.over.setPointerCapture(event.pointerId);
+      point(event);
+    });
+    plot.over.addEventListener("pointermove", point);
+    return { plot, section, cursor, told };
+  }
+
+  function move(t) {
+    now = t;
+    for (const { plot, cursor, told } of drawn) {
+      cursor.style.left = `${(100 * t) / span}%`;
+      const at = plot.valToIdx(t);
+      for (const tell of told) tell(at);
+    }
+  }
+
+  /** Plots fill their column where that ends with the window, and scroll where they would be too low. */
+  function size() {
+    if (!drawn.length) return;
+    const used = drawn.reduce((sum, { section, plot }) => sum + section.offsetHeight - plot.root.offsetHeight, explained.offsetHeight);
+    const fills = getComputedStyle(element).overflowY === "auto";
+    const room = (element.clientHeight - used - AXIS - 10 * PLOTS.length) / PLOTS.length;
+    const height = fills ? Math.floor(Math.min(Math.max(room, LEAST), MOST)) : HEIGHT;
+    drawn.forEach(({ plot, section }, k) => {
+      plot.setSize({ width: section.clientWidth, height: height + (last(k) ? AXIS : 0) });
+    });
+  }
+
+  return {
+    move,
+    size,
+    show(chosen, others) {
+      for (const { plot } of drawn) plot.destroy();
+      explained = key(written.cases[chosen]);
+      element.replaceChildren(explained);
+      drawn = PLOTS.map((spec, k) => one(spec, k, chosen, others));
+      size();
+      move(now);
+    },
+  };
+}

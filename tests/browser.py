@@ -1,0 +1,137 @@
+"""A headless Chromium for tests of pages, spoken to over two pipes (its DevTools protocol): no package is needed."""
+
+from __future__ import annotations
+
+import base64
+import contextlib
+import itertools
+import json
+import os
+import selectors
+import shutil
+import subprocess
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+FOUND = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
+FLAGS = (
+    *("--headless=new", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"),
+    *("--remote-debugging-pipe", "--no-first-run", "--disable-extensions", "--disable-background-networking"),
+)
+PATIENCE = 120.0  # s, for one answer: a shared computer draws slowly
+
+
+class Page:
+    """One page, and what it asked for, said and threw since it was opened."""
+
+    def __init__(self, write: int, read: int) -> None:
+        self._write, self._read, self._rest = write, read, b""
+        self._ready = selectors.DefaultSelector()
+        self._ready.register(read, selectors.EVENT_READ)
+        self._numbers, self._session = itertools.count(1), ""
+        self.requests: list[str] = []
+        self.complaints: list[str] = []
+        target = self._call("Target.createTarget", url="about:blank")["targetId"]
+        self._session = self._call("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
+        for domain in ("Page", "Runtime", "Network", "Log"):
+            self._call(f"{domain}.enable")
+
+    def open(self, path: Path, width: int = 1280, height: int = 800, dark: bool = False) -> None:
+        """Open a file in a window of some size, px, and wait until it is there."""
+        phone = {"mobile": width < 500, "deviceScaleFactor": 1}
+        self._call("Emulation.setDeviceMetricsOverride", width=width, height=height, **phone)
+        look = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
+        self._call("Emulation.setEmulatedMedia", features=[look])
+        self._call("Page.navigate", url=path.as_uri())
+        self.wait("document.readyState === 'complete' && Boolean(window.state)")
+        self.settle()
+
+    def evaluate(self, script: str) -> Any:
+        """The value of an expression, a promise's when it is kept; raises AssertionError where it throws."""
+        done = self._call("Runtime.evaluate", expression=script, returnByValue=True, awaitPromise=True)
+        assert "exceptionDetails" not in done, done["exceptionDetails"]
+        return done["result"].get("value")
+
+    def wait(self, script: str) -> None:
+        """Wait until an expression is true."""
+        end = time.monotonic() + PATIENCE
+        while not self.evaluate(script):
+            assert time.monotonic() < end, f"never: {script}; {self.complaints}"
+            time.sleep(0.05)
+
+    def settle(self) -> None:
+        """Wait for two frames: what was asked for is then drawn."""
+        self.evaluate("new Promise((drawn) => requestAnimationFrame(() => requestAnimationFrame(() => drawn(1))))")
+
+    def press(self, key: str) -> None:
+        """Press and release a key, by its name in the DOM."""
+        code = {" ": 32, "ArrowLeft": 37, "ArrowRight": 39}.get(key) or ord(key.upper())
+        for kind in ("keyDown", "keyUp"):
+            self._call("Input.dispatchKeyEvent", type=kind, key=key, windowsVirtualKeyCode=code)
+
+    def click(self, x: float, y: float) -> None:
+        """Press and release the left button at a place of the window, px."""
+        for kind, held in (("mousePressed", 1), ("mouseReleased", 0)):
+            self._call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", buttons=held, clickCount=1)
+
+    def picture(self, whole: bool = False) -> bytes:
+        """What is seen, or the whole page, as PNG."""
+        return base64.b64decode(self._call("Page.captureScreenshot", captureBeyondViewport=whole)["data"])
+
+    def _call(self, method: str, **parameters: Any) -> dict[str, Any]:
+        number = next(self._numbers)
+        session = {"sessionId": self._session} if self._session else {}
+        os.write(
+            self._write, json.dumps({"id": number, "method": method, "params": parameters} | session).encode() + b"\0"
+        )
+        while (said := self._hear()).get("id") != number:
+            self._note(said.get("method", ""), said.get("params", {}))
+        assert "error" not in said, f"{method}: {said['error']}"
+        return said["result"]
+
+    def _hear(self) -> dict[str, Any]:
+        while b"\0" not in self._rest:
+            assert self._ready.select(PATIENCE), "the browser does not answer"
+            got = os.read(self._read, 1 << 20)
+            assert got, "the browser has ended"
+            self._rest += got
+        message, _, self._rest = self._rest.partition(b"\0")
+        return json.loads(message)
+
+    def _note(self, event: str, of: dict[str, Any]) -> None:
+        if event == "Network.requestWillBeSent":
+            self.requests.append(of["request"]["url"])
+        elif event == "Runtime.exceptionThrown":
+            self.complaints.append(str(of["exceptionDetails"]))
+        elif event == "Runtime.consoleAPICalled" and of["type"] in ("error", "warning", "assert"):
+            self.complaints.append(str(of["args"]))
+        elif event == "Log.entryAdded" and of["entry"]["level"] in ("error", "warning"):
+            self.complaints.append(of["entry"]["text"])
+
+
+@contextlib.contextmanager
+def page(profile: Path, *flags: str) -> Iterator[Page]:
+    """A page of a browser of its own, which keeps what it keeps in a folder and ends with the block."""
+    assert FOUND
+    to_browser, from_us = os.pipe()
+    to_us, from_browser = os.pipe()
+    # it listens on descriptor 3 and answers on 4
+    start = f'exec "$0" "$@" 3<&{to_browser} 4>&{from_browser}'
+    command = ["/bin/bash", "-c", start, FOUND, *FLAGS, *flags, f"--user-data-dir={profile}"]
+    browser = subprocess.Popen(
+        command, pass_fds=(to_browser, from_browser), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )
+    os.close(to_browser)
+    os.close(from_browser)
+    try:
+        yield Page(from_us, to_us)
+    finally:
+        os.close(from_us)  # it ends when nobody can speak to it
+        try:
+            browser.wait(20)
+        except subprocess.TimeoutExpired:
+            browser.kill()
+            browser.wait()
+        os.close(to_us)
