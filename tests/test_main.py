@@ -128,6 +128,20 @@ def test_an_engine_takes_the_place_of_the_scenario_s(given, flown, tmp_path, mon
     assert (status, said.splitlines()[-1]) == (2, f"by {flown}")
 
 
+@pytest.mark.parametrize("command", [("study",), ("certify",), ("export", "c"), ("export", "mjcf")])
+def test_what_is_set_is_checked_as_if_it_were_written(command: tuple[str, ...], tmp_path: Path):
+    status, said = invoke(*command, "paper", "--set", "payload.mass_kg=x", "--out", str(tmp_path / "out"))
+    assert (status, said) == (2, "--set payload.mass_kg [kg]: must be a number, got 'x'\n")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("command", [("study",), ("certify",), ("export", "c")])
+def test_a_duration_that_ends_before_learning_does_is_said(command: tuple[str, ...], tmp_path: Path):
+    status, said = invoke(*command, "paper", "--duration", "5", "--out", str(tmp_path / "out"))
+    assert (status, said.count("\n")) == (2, 1)
+    assert "learning.end_s [s]: must not exceed duration_s = 5, got 10" in said
+
+
 def test_scenarios_are_listed():
     result = CliRunner().invoke(app, ["scenarios"])
     assert result.exit_code == 0

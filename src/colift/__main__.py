@@ -7,13 +7,14 @@ from __future__ import annotations
 
 import contextlib
 import enum
+import functools
 import io
 import math
 import os
 import signal
 import sys
 import time
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any
@@ -68,6 +69,15 @@ Seed = Annotated[
     int | None,
     typer.Option("--seed", min=0, max=2**63 - 1, help="Seed of all noise, 63 bits; by default the scenario's."),
 ]
+Changes = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set", metavar="PATH=VALUE", help="Another value than the scenario's, as payload.mass_kg=2; may be repeated."
+    ),
+]
+Duration = Annotated[
+    float | None, typer.Option("--duration", metavar="SECONDS", help="Length of a run; by default the scenario's.")
+]
 
 
 class Engine(enum.StrEnum):
@@ -77,23 +87,27 @@ class Engine(enum.StrEnum):
     MUJOCO = "mujoco"
 
 
-def _settings(name: str, seed: int | None, engine: Engine | None = None) -> Any:
+def _settings(
+    name: str,
+    changes: Sequence[str] | None,
+    duration: float | None = None,
+    seed: int | None = None,
+    engine: Engine | None = None,
+) -> Any:
     """The settings of a scenario with what is given changed; raises ScenarioError as `scenario.load`."""
     from colift import scenario
 
-    settings = scenario.load(name)
-    if seed is not None:
-        settings = settings.model_copy(update={"seed": seed})
+    given = {"duration_s": duration, "seed": seed}
+    options = [f"{setting}={value}" for setting, value in given.items() if value is not None]
+    settings = scenario.load(name, [*(changes or ()), *options])
     if engine is not None and settings.plant.kind != engine:
         settings = settings.model_copy(update={"plant": {"kind": engine.value}})
     return settings
 
 
 @contextlib.contextmanager
-def _opened(
-    name: str, out: Path | None, seed: int | None, kept: str, engine: Engine | None = None
-) -> Generator[tuple[Any, Any]]:
-    """The settings of a scenario, with what is given changed, and its folder, this process's alone in the block.
+def _opened(read: Callable[[], Any], out: Path | None, kept: str) -> Generator[tuple[Any, Any]]:
+    """The settings that are read, and their folder, this process's alone in the block.
 
     What a person can mend, and a request to end, end the block with a line: of the latter with what is `kept`.
     """
@@ -103,7 +117,7 @@ def _opened(
 
     interrupt.check()
     try:
-        settings = _settings(name, seed, engine)
+        settings = read()
         with flights.claim(settings, out or Path("out") / settings.name) as folder:
             if results.of_others(folder, flights.FLOWN + flights.CERTIFIED):
                 errors.print(f"{folder.path} holds results of another run: they are replaced", markup=False)
@@ -181,6 +195,8 @@ def scenarios() -> None:
 def study(
     name: ScenarioName,
     out: OutFolder = None,
+    changes: Changes = None,
+    duration: Duration = None,
     seed: Seed = None,
     baselines: Annotated[
         bool,
@@ -200,7 +216,8 @@ def study(
     from colift import study as flights
 
     cases = tuple(flights.CASES | (flights.BASELINES if baselines else {}))
-    with _opened(name, out, seed, "the cases that had ended are in", engine) as (settings, folder):
+    read = functools.partial(_settings, name, changes, duration, seed, engine)
+    with _opened(read, out, "the cases that had ended are in") as (settings, folder):
         with _stages(f"preparing {settings.name}") as say:
             ready = flights.plans(settings, cases)
             say("its loop at rest")
@@ -364,6 +381,8 @@ def _report(summary: dict[str, Any], folder: Path) -> None:
 def certify(
     name: ScenarioName,
     out: OutFolder = None,
+    changes: Changes = None,
+    duration: Duration = None,
     seed: Seed = None,
     adversary: Annotated[
         bool, typer.Option("--adversary", help="Also fly the worst unknown forces that norm and data allow.")
@@ -376,7 +395,8 @@ def certify(
     """
     from colift import study as flights
 
-    with _opened(name, out, seed, "no certificate was written to") as (settings, folder):
+    read = functools.partial(_settings, name, changes, duration, seed)
+    with _opened(read, out, "no certificate was written to") as (settings, folder):
         try:
             with _stages(f"certifying {settings.name}") as say:
                 made = flights.certify(settings, progress=say)
@@ -396,13 +416,14 @@ def _export_mjcf(
     out: Annotated[
         Path | None, typer.Option("--out", metavar="FILE", help="File to write; by default standard output.")
     ] = None,
+    changes: Changes = None,
 ) -> None:
     """The true team at its start as an MJCF model, which MuJoCo opens and simulates (docs/plant.md)."""
     from colift import disk, mjcf, scenario
     from colift.scenario import build
 
     try:
-        settings = scenario.load(name)
+        settings = _settings(name, changes)
         truth, _ = build.team(settings)
         names = (build.agent_names(settings), build.joint_names(settings), build.contact_names(settings))
         text = mjcf.document(truth, build.start(settings, truth), *names)
@@ -421,6 +442,8 @@ def _export_c(
         Path | None, typer.Option("--out", metavar="FOLDER", help="Folder to write; by default out/SCENARIO-c.")
     ] = None,
     case: Annotated[str, typer.Option("--case", help="Which pilot: C1, C2, C3 or a rival.")] = "C3",
+    changes: Changes = None,
+    duration: Duration = None,
     seed: Seed = None,
     ticks: Annotated[int, typer.Option("--ticks", min=1, help="Ticks of the flight to replay.")] = 2000,
 ) -> None:
@@ -435,7 +458,7 @@ def _export_c(
 
     interrupt.check()
     try:
-        settings = _settings(name, seed)
+        settings = _settings(name, changes, duration, seed)
         known = flights.CASES | flights.BASELINES
         if case not in known:
             raise _fail(f"--case {case}: must be one of {', '.join(known)}")
