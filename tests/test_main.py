@@ -143,9 +143,25 @@ def test_a_duration_that_ends_before_learning_does_is_said(command: tuple[str, .
 
 
 def test_scenarios_are_listed():
-    result = CliRunner().invoke(app, ["scenarios"])
+    result = CliRunner().invoke(app, ["list"])
     assert result.exit_code == 0
     assert [line.split()[0] for line in result.output.splitlines()] == scenario.names()
+
+
+def test_a_shipped_scenario_is_shown_as_it_is_written():
+    result = CliRunner().invoke(app, ["show", "paper"])
+    assert result.exit_code == 0
+    assert result.output == scenario.shipped("paper")
+
+
+def test_a_scenario_that_is_changed_or_of_a_file_is_shown_with_every_setting(tmp_path: Path):
+    result = CliRunner().invoke(app, ["show", "paper", "--set", "payload.mass_kg=2"])
+    assert result.exit_code == 0
+    assert scenario.parse(result.output, "shown") == scenario.load("paper", ("payload.mass_kg=2",))
+    of_file = CliRunner().invoke(app, ["show", str(light.write(tmp_path / "light.yaml"))])
+    assert scenario.parse(of_file.output, "shown") == light.settings()
+    assert "tip_force_bandwidth_Hz: 50.0" in of_file.output
+    assert invoke("show", "papr")[0] == 2
 
 
 @pytest.fixture(scope="module")
@@ -325,7 +341,7 @@ import colift.__main__ as command
 numbers = {key: 1.0 for _, _, key, *_ in command.COLUMNS} | {"complete": True, "stopped": "", "warnings": []}
 summary = {"scenario": "ladung \\u03bb", "seed": 1, "cases": {"C1": numbers}}
 @command.app.command()
-def show() -> None:
+def table() -> None:
     with command._printed("; the results are in out"):
         command._report(summary, Path("out"))
 command.main()
@@ -336,7 +352,7 @@ def show(*arguments: str, **changed: object) -> subprocess.CompletedProcess[byte
     """The command line in a process of its own, with a command that only prints the table."""
     environment = {**os.environ, "COLUMNS": "120", **changed.pop("env", {})}  # ty: ignore
     given = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "check": False, "timeout": 120} | changed
-    return subprocess.run([sys.executable, "-c", SHOW, *(arguments or ("show",))], env=environment, **given)
+    return subprocess.run([sys.executable, "-c", SHOW, *(arguments or ("table",))], env=environment, **given)
 
 
 @pytest.mark.parametrize("encoding", ["ascii", "latin-1", "cp1252", "utf-8", "ascii:strict"])
@@ -370,16 +386,16 @@ def test_a_reader_who_has_gone_is_no_failure():
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no device that is always full")
-@pytest.mark.parametrize("argument", ["show", "--help", "scenarios"])
+@pytest.mark.parametrize("argument", ["table", "--help", "list"])
 def test_standard_output_on_a_full_disk_is_one_line_and_status_1(argument: str):
     with Path("/dev/full").open("w") as full:
         done = show(argument, stdout=full)
     assert done.returncode == 1
-    lost = "; the results are in out" if argument == "show" else ""
+    lost = "; the results are in out" if argument == "table" else ""
     assert done.stderr.decode() == f"cannot print: No space left on device{lost}\n"
 
 
 def test_without_standard_output_nothing_fails():
-    closed = ["sh", "-c", 'exec "$@" >&-', "sh", sys.executable, "-c", SHOW, "show"]
+    closed = ["sh", "-c", 'exec "$@" >&-', "sh", sys.executable, "-c", SHOW, "table"]
     done = subprocess.run(closed, capture_output=True, check=False, timeout=120)
     assert (done.returncode, done.stderr) == (0, b"")

@@ -352,6 +352,12 @@ def test_a_mistake_in_what_is_set_says_so_in_one_line(change, answer):
     assert answer in line
 
 
+@pytest.mark.parametrize("name", scenario.names())
+def test_what_is_written_out_reads_back_the_same(name):
+    settings = scenario.load(name, ("gravity_mps2=[0, 0, -1.62e-5]", "description='a: b # c'"))
+    assert scenario.parse(scenario.text(settings), "s.yaml") == settings
+
+
 # Files ----------------------------------------------------------------------------------------------------------------
 
 

@@ -181,14 +181,28 @@ def _options(
     pass
 
 
-@app.command()
-def scenarios() -> None:
+@app.command("list")
+def list_() -> None:
     """List the shipped scenarios."""
     from colift import scenario
 
     with _printed(""):
         for name in scenario.names():
             print(f"{name:16} {scenario.load(name).description}")
+
+
+@app.command()
+def show(name: ScenarioName, changes: Changes = None) -> None:
+    """Print a scenario: a shipped one as it is written, another, or one that is changed, with every setting."""
+    from colift import scenario
+
+    try:
+        as_written = name in scenario.names() and not changes
+        text = scenario.shipped(name) if as_written else scenario.text(_settings(name, changes))
+    except scenario.ScenarioError as error:
+        raise _fail(str(error)) from None
+    with _printed(""):
+        print(text, end="")
 
 
 @app.command()

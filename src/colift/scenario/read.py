@@ -28,6 +28,11 @@ def names() -> list[str]:
     return sorted(Path(file.name).stem for file in SHIPPED.iterdir() if file.name.endswith(SUFFIXES))
 
 
+def shipped(name: str) -> str:
+    """The text of a shipped scenario, with its comments; `name` as `names` has it."""
+    return (SHIPPED / f"{name}.yaml").read_text(encoding="utf-8")
+
+
 def load(name_or_path: str | Path, changes: Sequence[str] = ()) -> Settings:
     """The settings of a shipped scenario, by name, or of a YAML file, by path.
 
@@ -37,7 +42,7 @@ def load(name_or_path: str | Path, changes: Sequence[str] = ()) -> Settings:
     """
     given = str(name_or_path)
     if given in names():
-        return parse((SHIPPED / f"{given}.yaml").read_text(encoding="utf-8"), f"{given}.yaml", changes)
+        return parse(shipped(given), f"{given}.yaml", changes)
     file = given if len(given) <= 200 else f"{given[:200]}..."
     try:
         path = Path(given).expanduser()
