@@ -9,6 +9,7 @@ import contextlib
 import enum
 import functools
 import io
+import json
 import math
 import os
 import signal
@@ -38,7 +39,7 @@ export = typer.Typer(help="Write a scenario in the format of another program.", 
 app.add_typer(export, name="export")
 errors = Console(stderr=True, soft_wrap=True, highlight=False)
 
-BAD_INPUT, INCOMPLETE, EXCEEDED = 2, 1, 1
+BAD_INPUT, INCOMPLETE, EXCEEDED, UNSOUND = 2, 1, 1, 1
 EVERY = 5.0  # s, between two lines that say how far a flight is, where no bar can
 
 
@@ -78,6 +79,7 @@ Changes = Annotated[
 Duration = Annotated[
     float | None, typer.Option("--duration", metavar="SECONDS", help="Length of a run; by default the scenario's.")
 ]
+Json = Annotated[bool, typer.Option("--json", help="Print the same as JSON, for programs.")]
 
 
 class Engine(enum.StrEnum):
@@ -203,6 +205,31 @@ def show(name: ScenarioName, changes: Changes = None) -> None:
         raise _fail(str(error)) from None
     with _printed(""):
         print(text, end="")
+
+
+@app.command()
+def check(name: ScenarioName, changes: Changes = None, as_json: Json = False) -> None:
+    """Build a scenario, linearize its loop, and say whether it is sound and what to change where it is not.
+
+    Mass, contacts, thrust, joints, slowest mode, delay margin. Status 0: sound; 1: something is bad; 2: not read.
+    """
+    from colift import checkup, scenario
+
+    interrupt.check()
+    try:
+        settings = _settings(name, changes)
+        with _stages(f"checking {settings.name}") as say:
+            found = checkup.check(settings, say)
+    except (scenario.ScenarioError, OSError) as error:
+        raise _fail(_one_line(error)) from None
+    with _printed(""):
+        if as_json:
+            print(json.dumps(found.summary, indent=2))
+        else:
+            for line in found.lines():
+                print(line)
+    if not found.sound:
+        raise typer.Exit(UNSOUND)
 
 
 @app.command()
