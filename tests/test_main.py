@@ -10,12 +10,10 @@ import sys
 from pathlib import Path
 
 import pytest
-from rich.console import Console
-from rich.table import Table
 from typer.testing import CliRunner
 
 from colift import __main__, folder, log, scenario, study
-from colift.__main__ import COLUMNS, _show, app
+from colift.__main__ import app
 from tests import light
 
 PROMISED = {
@@ -267,6 +265,20 @@ def test_a_run_that_fails_is_saved_marked_incomplete_and_status_1(tmp_path: Path
         assert 1 <= flight.sizes["time"] < 20
 
 
+def test_one_case_is_flown_alone_and_quietly_and_its_summary_is_printed_as_json(tmp_path: Path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    learning = light.SAMPLE.learning.model_copy(update={"update_times_s": (0.5,), "end_s": 0.6, "start_s": 0.1})
+    light.write(tmp_path / "short.yaml", duration_s=1.0, learning=learning)
+    done = CliRunner().invoke(app, ["run", "short.yaml", "--case", "C1", "--quiet", "--json"], catch_exceptions=False)
+    assert (done.exit_code, done.stderr) == (0, "")
+    summary = json.loads(done.stdout)
+    assert list(summary["cases"]) == ["C1"]
+    assert summary == json.loads((tmp_path / "out" / "sample-C1" / "summary.json").read_text())
+    assert log.load(tmp_path / "out" / "sample-C1" / "C1.nc").attrs["complete"] == 1
+    status, said = invoke("run", "short.yaml", "--case", "C9")
+    assert (status, said) == (2, "--case C9: must be one of C1, C2, C3, I, DOB, P, O\n")
+
+
 def test_help_loads_nothing_that_it_does_not_need():
     code = (
         "import sys; from typer.testing import CliRunner; from colift.__main__ import app\n"
@@ -284,38 +296,6 @@ def test_help_loads_nothing_that_it_does_not_need():
 
 
 # What is printed ------------------------------------------------------------------------------------------------------
-
-
-def shown(columns: int, encoding: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> str:
-    """A table of long numbers, as it is printed on a terminal so wide."""
-    monkeypatch.setenv("COLUMNS", str(columns))
-    monkeypatch.setattr(Console, "encoding", encoding)
-    table = Table(title="numbers")
-    table.add_column("case\n")
-    for heading, unit, *_ in COLUMNS:
-        table.add_column(f"{heading}\n{unit}", justify="right")
-    for i in range(3):
-        table.add_row(f"C{i}", *NUMBERS[i])
-    _show(table)
-    return capsys.readouterr().out
-
-
-NUMBERS = [[f"{(i + 2) * 7919**k % 99991 / 10:.1f}" for k in range(1, len(COLUMNS) + 1)] for i in range(3)]
-
-
-@pytest.mark.parametrize("encoding", ["utf-8", "cp1252", "ascii"])
-@pytest.mark.parametrize("columns", [1, 20, 40, 60, 80, 200])
-def test_a_terminal_of_any_width_crops_no_digit(
-    columns: int, encoding: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-):
-    said = shown(columns, encoding, capsys, monkeypatch)
-    said.encode(encoding)
-    assert "…" not in said
-    for i, row in enumerate(NUMBERS):
-        found = [line for line in said.splitlines() if re.search(rf"\bC{i}\b", line)]
-        assert re.findall(r"\d+\.\d", " ".join(found)) == row
-    if columns >= 20:
-        assert max(map(len, said.splitlines())) <= columns
 
 
 def test_where_no_bar_can_be_drawn_a_case_says_when_it_begins_how_far_it_is_and_when_it_ends(
