@@ -67,6 +67,16 @@ def test_too_little_delay_margin_is_bad_with_the_gain_that_gives_more(monkeypatc
     assert float(margin[1]) > late.numbers["margin_s"]
 
 
+def test_a_delay_margin_that_is_not_known_is_said_and_not_called_bad(monkeypatch: pytest.MonkeyPatch):
+    def unknown(*_: object) -> None:
+        raise ValueError("what the pilot remembers does not move every command by itself")
+
+    monkeypatch.setattr(modes, "delay_margin", unknown)
+    said = checkup._delay(light.settings(), {}, np.eye(1), print)
+    assert said.says.endswith("is not known: what the pilot remembers does not move every command by itself")
+    assert (said.advice, said.numbers) == ((), {"margin_s": None})
+
+
 def test_the_thrust_along_a_reference_that_stands_still_is_that_of_hovering():
     still = light.settings(
         reference=light.SAMPLE.reference.model_copy(update={"amplitude_m": (0.0, 0.0, 0.0)}), **NO_WIND

@@ -263,7 +263,10 @@ def moves(settings: Settings, found: modes.Modes, most: int = 3) -> str:
 
 def _delay(settings: Settings, x: modes.Carried, M: np.ndarray, progress: Callable[[str], None]) -> Finding:
     """How much later commands may come; bad below `DELAY_LEAST`."""
-    margin = _margin(settings, x, M)
+    try:
+        margin = _margin(settings, x, M)
+    except ValueError as error:
+        return Finding("delay", f"how much later commands may come is not known: {error}", {"margin_s": None})
     said = f"commands may come {margin:.3g} s later" + (
         " or more" if margin > DELAY_MOST - 1 / settings.control_Hz else ""
     )
@@ -295,7 +298,8 @@ def _steadier(settings: Settings, x: modes.Carried, M: np.ndarray, progress: Cal
         plan = study.plan(changed, "C1")
         return modes.at_rest(plan, build.at_rest(changed, plan.world.team)).rate[0]
 
-    gains = sorted((guess(changed), typed, changed) for typed, changed in _gains(settings))[:TRIED]
+    guesses = [(guess(changed), typed, changed) for typed, changed in _gains(settings)]
+    gains = sorted((each for each in guesses if np.isfinite(each[0])), key=lambda each: each[0])[:TRIED]
     for candidates in ([each[1:] for each in gains], [*_rests(settings), *_heights(settings)]):
         tried = []
         for typed, changed in candidates:

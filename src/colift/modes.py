@@ -95,10 +95,11 @@ def delay_margin(x: Carried, M: np.ndarray, most: int) -> int:
     """
     command, world = _rows_of(x, r"\.memory\.applied\[\d+\]\..*"), _rows_of(x, r"\.world\..*")
     memory, K = np.setdiff1d(np.arange(len(M)), world), M[command]
-    if np.linalg.matrix_rank(K[:, memory]) < len(command):
+    # M is known to some 1e-10; what no state commands, as a force that only squeezes, needs no column of B
+    if np.linalg.matrix_rank(K[:, memory], rtol=1e-7) < np.linalg.matrix_rank(K, rtol=1e-7):
         raise ValueError("what the pilot remembers does not move every command by itself")
     B = np.zeros((len(M), len(command)))
-    B[world] = M[np.ix_(world, memory)] @ np.linalg.pinv(K[:, memory])
+    B[world] = M[np.ix_(world, memory)] @ np.linalg.pinv(K[:, memory], rcond=1e-7)
     for ticks in range(most + 1):
         if np.abs(np.linalg.eigvals(_delayed(M, B, K, ticks))).max() >= 1:
             return ticks - 1

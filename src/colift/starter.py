@@ -166,6 +166,7 @@ def _scenario(name: str, vehicle: Vehicle, agents: int) -> str:
     width = 2 * max(abs(y) for _, y in vehicle.held) + 0.5  # m, with the rotors
     radius = max(0.5, 0.5 * width / math.sin(math.pi / agents)) if agents > 1 else 0.0
     members = "".join(_member(f"agent_{i + 1}", vehicle, 360 * i / agents, radius) for i in range(agents))
+    wave = 2 * math.pi / (4 * radius + 2 * width)  # rad/m; longer than the payload, on which it attacks at one point
     mass = round(0.3 * vehicle.mass * agents, 2)
     inertia = mass * (radius + 0.1) ** 2 / 4  # of a round plate; a body needs some thickness, so less about the axis
     return f"""\
@@ -206,7 +207,7 @@ disturbances:  # unknown to the controller
     linear_Nspm: 0.3
     mean_mps: [1.5, 0.8, 0]
     gusts:
-      - {{amplitude_mps: [1, 0.4, 0.5], wave_radpm: [2.5, 1, 0.8], phase_deg: -75}}
+      - {{amplitude_mps: [1, 0.4, 0.5], wave_radpm: [{wave:.3g}, 0, 0], phase_deg: -75}}
   - {{name: rotors, kind: rotor_bias, acts_on: agents, thrust_N: -1, torque_Nm: [0.02, -0.02, 0.01]}}
 
 control:  # a slow mode: K_p, K_v; a fast one that grows: agent_k_omega, K_v lower
