@@ -54,9 +54,9 @@ VEHICLES = {  # by arms
         type: revolute
         parent: roll
         axis: [0, 1, 0]
-        body: {mass_kg: 0.1, com_m: [0, 0, -0.075], inertia_kgm2: [2.0e-4, 2.0e-4, 1.0e-5]}
-    arms:
-      - {name: tip, joint: pitch, tip_m: [0, 0, -0.15]}
+        body: {mass_kg: 0.1, com_m: [0, 0, -0.05], inertia_kgm2: [1.0e-4, 1.0e-4, 1.0e-5]}
+    arms:  # the vehicles swing over their tips, a turn in some 3 s, gone after some 20; with longer arms, longer
+      - {name: tip, joint: pitch, tip_m: [0, 0, -0.1]}
 """,
     ),
     2: Vehicle(
@@ -217,6 +217,7 @@ control:  # a slow mode: K_p, K_v; a fast one that grows: agent_k_omega, K_v low
   k_omega: 14
   agent_k_R: 250
   agent_k_omega: 28
+  posture: 5  # of joints that contacts leave free
   fusion_Hz: 5
   joint_filter_Hz: 20
 
