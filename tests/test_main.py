@@ -11,12 +11,10 @@ import sys
 from pathlib import Path
 
 import pytest
-from rich.console import Console
-from rich.table import Table
 from typer.testing import CliRunner
 
 from colift import __main__, folder, log, native, scenario, study
-from colift.__main__ import COLUMNS, _show, app
+from colift.__main__ import app
 from tests import light
 
 PROMISED = {
@@ -140,10 +138,40 @@ def test_an_engine_takes_the_place_of_the_scenario_s(given, flown, tmp_path, mon
     assert (status, said.splitlines()[-1]) == (2, f"by {flown}")
 
 
+@pytest.mark.parametrize("command", [("study",), ("certify",), ("export", "c"), ("export", "mjcf")])
+def test_what_is_set_is_checked_as_if_it_were_written(command: tuple[str, ...], tmp_path: Path):
+    status, said = invoke(*command, "paper", "--set", "payload.mass_kg=x", "--out", str(tmp_path / "out"))
+    assert (status, said) == (2, "--set payload.mass_kg [kg]: must be a number, got 'x'\n")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("command", [("study",), ("certify",), ("export", "c")])
+def test_a_duration_that_ends_before_learning_does_is_said(command: tuple[str, ...], tmp_path: Path):
+    status, said = invoke(*command, "paper", "--duration", "5", "--out", str(tmp_path / "out"))
+    assert (status, said.count("\n")) == (2, 1)
+    assert "learning.end_s [s]: must not exceed duration_s = 5, got 10" in said
+
+
 def test_scenarios_are_listed():
-    result = CliRunner().invoke(app, ["scenarios"])
+    result = CliRunner().invoke(app, ["list"])
     assert result.exit_code == 0
     assert [line.split()[0] for line in result.output.splitlines()] == scenario.names()
+
+
+def test_a_shipped_scenario_is_shown_as_it_is_written():
+    result = CliRunner().invoke(app, ["show", "paper"])
+    assert result.exit_code == 0
+    assert result.output == scenario.shipped("paper")
+
+
+def test_a_scenario_that_is_changed_or_of_a_file_is_shown_with_every_setting(tmp_path: Path):
+    result = CliRunner().invoke(app, ["show", "paper", "--set", "payload.mass_kg=2"])
+    assert result.exit_code == 0
+    assert scenario.parse(result.output, "shown") == scenario.load("paper", ("payload.mass_kg=2",))
+    of_file = CliRunner().invoke(app, ["show", str(light.write(tmp_path / "light.yaml"))])
+    assert scenario.parse(of_file.output, "shown") == light.settings()
+    assert "tip_force_bandwidth_Hz: 50.0" in of_file.output
+    assert invoke("show", "papr")[0] == 2
 
 
 @pytest.fixture(scope="module")
@@ -258,6 +286,20 @@ def test_a_run_that_fails_is_saved_marked_incomplete_and_status_1(tmp_path: Path
         assert 1 <= flight.sizes["time"] < 20
 
 
+def test_one_case_is_flown_alone_and_quietly_and_its_summary_is_printed_as_json(tmp_path: Path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    learning = light.SAMPLE.learning.model_copy(update={"update_times_s": (0.5,), "end_s": 0.6, "start_s": 0.1})
+    light.write(tmp_path / "short.yaml", duration_s=1.0, learning=learning)
+    done = CliRunner().invoke(app, ["run", "short.yaml", "--case", "C1", "--quiet", "--json"], catch_exceptions=False)
+    assert (done.exit_code, done.stderr) == (0, "")
+    summary = json.loads(done.stdout)
+    assert list(summary["cases"]) == ["C1"]
+    assert summary == json.loads((tmp_path / "out" / "sample-C1" / "summary.json").read_text())
+    assert log.load(tmp_path / "out" / "sample-C1" / "C1.nc").attrs["complete"] == 1
+    status, said = invoke("run", "short.yaml", "--case", "C9")
+    assert (status, said) == (2, "--case C9: must be one of C1, C2, C3, I, DOB, P, O\n")
+
+
 def test_help_loads_nothing_that_it_does_not_need():
     code = (
         "import sys; from typer.testing import CliRunner; from colift.__main__ import app\n"
@@ -275,38 +317,6 @@ def test_help_loads_nothing_that_it_does_not_need():
 
 
 # What is printed ------------------------------------------------------------------------------------------------------
-
-
-def shown(columns: int, encoding: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> str:
-    """A table of long numbers, as it is printed on a terminal so wide."""
-    monkeypatch.setenv("COLUMNS", str(columns))
-    monkeypatch.setattr(Console, "encoding", encoding)
-    table = Table(title="numbers")
-    table.add_column("case\n")
-    for heading, unit, *_ in COLUMNS:
-        table.add_column(f"{heading}\n{unit}", justify="right")
-    for i in range(3):
-        table.add_row(f"C{i}", *NUMBERS[i])
-    _show(table)
-    return capsys.readouterr().out
-
-
-NUMBERS = [[f"{(i + 2) * 7919**k % 99991 / 10:.1f}" for k in range(1, len(COLUMNS) + 1)] for i in range(3)]
-
-
-@pytest.mark.parametrize("encoding", ["utf-8", "cp1252", "ascii"])
-@pytest.mark.parametrize("columns", [1, 20, 40, 60, 80, 200])
-def test_a_terminal_of_any_width_crops_no_digit(
-    columns: int, encoding: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-):
-    said = shown(columns, encoding, capsys, monkeypatch)
-    said.encode(encoding)
-    assert "…" not in said
-    for i, row in enumerate(NUMBERS):
-        found = [line for line in said.splitlines() if re.search(rf"\bC{i}\b", line)]
-        assert re.findall(r"\d+\.\d", " ".join(found)) == row
-    if columns >= 20:
-        assert max(map(len, said.splitlines())) <= columns
 
 
 def test_where_no_bar_can_be_drawn_a_case_says_when_it_begins_how_far_it_is_and_when_it_ends(
@@ -332,7 +342,7 @@ import colift.__main__ as command
 numbers = {key: 1.0 for _, _, key, *_ in command.COLUMNS} | {"complete": True, "stopped": "", "warnings": []}
 summary = {"scenario": "ladung \\u03bb", "seed": 1, "cases": {"C1": numbers}}
 @command.app.command()
-def show() -> None:
+def table() -> None:
     with command._printed("; the results are in out"):
         command._report(summary, Path("out"))
 command.main()
@@ -343,7 +353,7 @@ def show(*arguments: str, **changed: object) -> subprocess.CompletedProcess[byte
     """The command line in a process of its own, with a command that only prints the table."""
     environment = {**os.environ, "COLUMNS": "120", **changed.pop("env", {})}  # ty: ignore
     given = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "check": False, "timeout": 120} | changed
-    return subprocess.run([sys.executable, "-c", SHOW, *(arguments or ("show",))], env=environment, **given)
+    return subprocess.run([sys.executable, "-c", SHOW, *(arguments or ("table",))], env=environment, **given)
 
 
 @pytest.mark.parametrize("encoding", ["ascii", "latin-1", "cp1252", "utf-8", "ascii:strict"])
@@ -377,16 +387,16 @@ def test_a_reader_who_has_gone_is_no_failure():
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no device that is always full")
-@pytest.mark.parametrize("argument", ["show", "--help", "scenarios"])
+@pytest.mark.parametrize("argument", ["table", "--help", "list"])
 def test_standard_output_on_a_full_disk_is_one_line_and_status_1(argument: str):
     with Path("/dev/full").open("w") as full:
         done = show(argument, stdout=full)
     assert done.returncode == 1
-    lost = "; the results are in out" if argument == "show" else ""
+    lost = "; the results are in out" if argument == "table" else ""
     assert done.stderr.decode() == f"cannot print: No space left on device{lost}\n"
 
 
 def test_without_standard_output_nothing_fails():
-    closed = ["sh", "-c", 'exec "$@" >&-', "sh", sys.executable, "-c", SHOW, "show"]
+    closed = ["sh", "-c", 'exec "$@" >&-', "sh", sys.executable, "-c", SHOW, "table"]
     done = subprocess.run(closed, capture_output=True, check=False, timeout=120)
     assert (done.returncode, done.stderr) == (0, b"")

@@ -10,9 +10,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from colift import modes, simulate
+from colift import modes, simulate, study
 from colift.model import State
 from colift.scenario import build
+from tests import light
 from tests import paper_flights as paper
 
 
@@ -152,10 +153,66 @@ def test_the_slowest_mode_is_how_the_flown_loop_settles():
 def test_modes_name_what_moves():
     shape = np.zeros((2, 6))
     shape[0, 4] = 1.0
-    found = modes.Modes(eigenvalues=np.array([0.3 + 2j, -1 + 0j]), payload=shape)
+    none = {"attitude": np.zeros((2, 0, 3)), "joints": np.zeros((2, 0))}
+    found = modes.Modes(eigenvalues=np.array([0.3 + 2j, -1 + 0j]), payload=shape, **none)
     assert not found.stable
     assert found.slowest() == "+0.30 +2.00i rad/s, seen most in p_y"
-    unseen = modes.Modes(eigenvalues=np.array([-0.3 + 2j]), payload=np.full((1, 6), 0.01))
+    unseen = modes.Modes(eigenvalues=np.array([-0.3 + 2j]), payload=np.full((1, 6), 0.01), **none)
     assert unseen.stable
     assert "the agents' attitudes" in unseen.slowest()
-    assert not modes.Modes(eigenvalues=np.array([-1e-9 + 0j]), payload=shape).stable
+    assert not modes.Modes(eigenvalues=np.array([-1e-9 + 0j]), payload=shape, **none).stable
+
+
+# Delay ----------------------------------------------------------------------------------------------------------------
+
+
+@functools.cache
+def three_bodies(delay_s: float = 0.0) -> tuple[modes.Carried, np.ndarray]:
+    """Rest and derivative of the smallest team, whose commands are all the later by a delay."""
+    motors = {"kind": "motors", "bandwidth_Hz": 1e6, "delay_s": delay_s}
+    settings = light.settings(actuators=motors)
+    plan = study.plan(settings, "C1")
+    return modes.monodromy(plan, build.at_rest(settings, plan.world.team))
+
+
+def test_the_delay_margin_ends_where_the_loop_that_has_a_delay_is_unstable():
+    """The delay that actuators can have, of all that they move: the team has no joints."""
+    x, M = three_bodies()
+    ticks = modes.delay_margin(x, M, 25)
+    assert 1 <= ticks < 25
+    command, world = modes._rows_of(x, r"\.memory\.applied.*"), modes._rows_of(x, r"\.world.*")
+    memory = np.setdiff1d(np.arange(len(M)), world)
+    B = np.zeros((len(M), len(command)))
+    B[world] = M[np.ix_(world, memory)] @ np.linalg.pinv(M[np.ix_(command, memory)])
+    appended = [np.linalg.eigvals(modes._delayed(M, B, M[command], k)) for k in (ticks, ticks + 1)]
+    within = np.linalg.eigvals(three_bodies((ticks + 1) / 500)[1])
+    slow = [values[np.abs(values) > 0.5] for values in (appended[1], within)]
+    assert len(slow[0]) == len(slow[1]) > 20
+    apart = np.abs(slow[0][:, None] - slow[1])
+    assert max(apart.min(0).max(), apart.min(1).max()) < 1e-4
+    assert np.abs(appended[0]).max() < 1 < np.abs(within).max()
+    assert modes.delay_margin(x, M, ticks - 1) == ticks - 1
+    assert modes.delay_margin(x, 1.1 * M, 25) == -1
+
+
+def test_a_memory_that_moves_no_command_has_no_delay_margin():
+    x, M = three_bodies()
+    M = M.copy()
+    M[np.ix_(modes._rows_of(x, r"\.memory\.applied.*"), modes._rows_of(x, r"\.memory.*"))] = 0
+    with pytest.raises(ValueError, match="does not move every command"):
+        modes.delay_margin(x, M, 5)
+
+
+def test_the_slowest_mode_of_a_loop_that_is_a_little_different_is_known_to_first_order():
+    x, M = three_bodies()
+    now = modes.of(x, M, 1 / 500).rate[0]
+    for factor in (1.0, 1.1):
+        settings = light.settings(
+            actuators={"kind": "motors", "bandwidth_Hz": 1e6, "delay_s": 0.0},
+            control=light.SAMPLE.control.model_copy(update={"k_omega": 14.0 * factor, "agent_k_omega": 28.0 * factor}),
+        )
+        plan = study.plan(settings, "C1")
+        z = build.at_rest(settings, plan.world.team)
+        true = modes.at_rest(plan, z).rate[0]
+        assert abs(modes.estimate(plan, z, x, M) - true) < 0.3 * abs(true - now) + 1e-3 * abs(now)
+    assert abs(true - now) > 0.02 * abs(now)

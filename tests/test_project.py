@@ -346,7 +346,7 @@ def test_a_wheel_holds_all_that_a_run_needs_and_the_licence(tmp_path):
         assert any(each.endswith(f"licenses/{name}") for each in names)
     assert "License-Expression: BSD-3-Clause" in metadata
     listed = subprocess.run(
-        [sys.executable, "-m", "colift", "scenarios"],
+        [sys.executable, "-m", "colift", "list"],
         cwd=tmp_path,
         env=os.environ | {"PYTHONPATH": str(tmp_path / "installed")},
         capture_output=True,

@@ -292,6 +292,72 @@ def test_a_misspelt_setting_is_recognized(key, at, double):
     assert any(f"{wrong}" in line and f"did you mean '{key}'?" in line for line in told), told
 
 
+# What is set instead --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("change", "instead"),
+    [
+        ("payload.mass_kg=2", ("mass_kg: 1.5, inertia_kgm2: [0.04", "mass_kg: 2, inertia_kgm2: [0.04")),
+        ("agents.1.yaw_deg=30", ("name: rear,", "name: rear, yaw_deg: 30,")),
+        ("agents.0.contacts_m.1.2=0.04", ("[0.5, -0.36, 0.05]", "[0.5, -0.36, 0.04]")),
+        ("sensors.tip_force_N=0.2", ("\ncontrol:", "\nsensors: {tip_force_N: 0.2}\ncontrol:")),
+        ("allocation={kind: balanced}", (SAMPLE[SAMPLE.index("  internal:") : SAMPLE.index("\nlearning:")], "")),
+        ("description= a = b", ("A scenario for tests.\n", "a = b\n")),
+    ],
+)
+def test_what_is_set_reads_as_if_it_were_written(change, instead):
+    written = SAMPLE.replace("# A scenario for tests:", "#").replace(*instead, 1)
+    assert written != SAMPLE
+    assert scenario.parse(SAMPLE, "s.yaml", (change,)) == scenario.parse(written, "s.yaml")
+
+
+def test_of_what_is_set_twice_the_last_counts():
+    assert scenario.load("paper", ("payload.mass_kg=2", "payload.mass_kg=3")).payload.mass_kg == 3
+    assert scenario.load("paper", ("payload={mass_kg: 2, inertia_kgm2: [1, 1, 1]}", "payload.mass_kg=3")).payload == (
+        scenario.load("paper", ("payload.mass_kg=3", "payload.inertia_kgm2=[1, 1, 1]")).payload
+    )
+
+
+def test_what_is_set_mends_what_the_file_says_wrong():
+    assert scenario.parse(SAMPLE.replace("duration_s: 20", "duration_s: x"), "s.yaml", ("duration_s=20",)) == (
+        scenario.parse(SAMPLE, "s.yaml")
+    )
+
+
+@pytest.mark.parametrize(
+    ("change", "answer"),
+    [
+        ("payload.mass_kg=two", "--set payload.mass_kg [kg]: must be a number, got 'two'"),
+        ("payload.mass_kg=-1", "--set payload.mass_kg [kg]: must be from 1e-6 to 100000"),
+        ("payload.mass_kg=", "--set payload.mass_kg [kg]: must be a number, got nothing"),
+        ("payload.mass_kg=!!float 2", "--set payload.mass_kg [kg]: tags are not used"),
+        ("payload.mass=2", "--set payload.mass: is not a setting here; did you mean 'mass_kg'?"),
+        ("payloda.mass_kg=2", "--set payloda: is not a setting here; did you mean 'payload'?"),
+        ("payload={mass_kg: 2}", "--set payload.inertia_kgm2 [kg m²]: is required"),
+        ("payload=[2", "--set payload: not valid YAML"),
+        ("payload.mass_kg", "--set 'payload.mass_kg': must be `path=value`, as payload.mass_kg=2"),
+        ("=2", "--set '=2': must be `path=value`"),
+        ("agents.2.name=a", "--set agents.2.name: '2' is none of the list's entries 0 to 1"),
+        ("agents.rear.name=a", "--set agents.rear.name: 'rear' is none of the list's entries 0 to 1"),
+        ("duration_s.x=1", "--set duration_s.x: duration_s is 20, which holds no settings"),
+        ("a" + ".a" * 2000 + "=1", "is nested more than 20 deep"),
+        ("duration_s=5", "s.yaml:95: learning.end_s [s]: must not exceed duration_s = 5, got 10"),
+    ],
+)
+def test_a_mistake_in_what_is_set_says_so_in_one_line(change, answer):
+    with pytest.raises(ScenarioError) as refused:
+        scenario.parse(SAMPLE, "s.yaml", (change,))
+    (line,) = str(refused.value).splitlines()
+    assert answer in line
+
+
+@pytest.mark.parametrize("name", scenario.names())
+def test_what_is_written_out_reads_back_the_same(name):
+    settings = scenario.load(name, ("gravity_mps2=[0, 0, -1.62e-5]", "description='a: b # c'"))
+    assert scenario.parse(scenario.text(settings), "s.yaml") == settings
+
+
 # Files ----------------------------------------------------------------------------------------------------------------
 
 

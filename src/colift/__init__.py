@@ -3,9 +3,12 @@
 The map; each module imports only those below it:
 
     __main__    the command line
+    checkup     whether a scenario is sound before it is flown, and what to change where it is not
+    doctor      what colift runs on
     study       C1, C2, C3 and the rivals of learning, flights with their certificates; what is written of them
     view        figures and tables
     export      the pilot's tick as C
+    starter     a scenario to begin with
     log         a flight as labelled NetCDF
     folder      where one run's results lie, and who may write there
     analyse     figures of merit, modes of the closed loop
@@ -34,7 +37,7 @@ The map; each module imports only those below it:
     agent       one aerial manipulator
     urdf        an agent from a URDF file
     model       parameters and states
-    so3, linalg, lowpass, native, over, pytree   what they are written with
+    so3, linalg, lowpass, native, over, pytree, disk, tables   what they are written with
     cache       where what is compiled is kept
     interrupt   a request to end, read where work may end
 

@@ -7,13 +7,15 @@ from __future__ import annotations
 
 import contextlib
 import enum
+import functools
 import io
+import json
 import math
 import os
 import signal
 import sys
 import time
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any
@@ -21,9 +23,9 @@ from typing import Annotated, Any
 try:
     import typer
     from rich.console import Console
-    from rich.table import Column, Table
+    from rich.table import Table
 
-    from colift import interrupt
+    from colift import interrupt, tables
 except KeyboardInterrupt:  # `main` does not yet take signals
     sys.exit(130)
 
@@ -37,7 +39,7 @@ export = typer.Typer(help="Write a scenario in the format of another program.", 
 app.add_typer(export, name="export")
 errors = Console(stderr=True, soft_wrap=True, highlight=False)
 
-BAD_INPUT, INCOMPLETE, EXCEEDED = 2, 1, 1
+BAD_INPUT, INCOMPLETE, EXCEEDED, UNSOUND = 2, 1, 1, 1
 EVERY = 5.0  # s, between two lines that say how far a flight is, where no bar can
 
 
@@ -68,6 +70,17 @@ Seed = Annotated[
     int | None,
     typer.Option("--seed", min=0, max=2**63 - 1, help="Seed of all noise, 63 bits; by default the scenario's."),
 ]
+Changes = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set", metavar="PATH=VALUE", help="Another value than the scenario's, as payload.mass_kg=2; may be repeated."
+    ),
+]
+Duration = Annotated[
+    float | None, typer.Option("--duration", metavar="SECONDS", help="Length of a run; by default the scenario's.")
+]
+Case = Annotated[str, typer.Option("--case", help="Which pilot: C1, C2, C3 or a rival.")]
+Json = Annotated[bool, typer.Option("--json", help="Print the same as JSON, for programs.")]
 
 
 class Engine(enum.StrEnum):
@@ -77,23 +90,27 @@ class Engine(enum.StrEnum):
     MUJOCO = "mujoco"
 
 
-def _settings(name: str, seed: int | None, engine: Engine | None = None) -> Any:
+def _settings(
+    name: str,
+    changes: Sequence[str] | None,
+    duration: float | None = None,
+    seed: int | None = None,
+    engine: Engine | None = None,
+) -> Any:
     """The settings of a scenario with what is given changed; raises ScenarioError as `scenario.load`."""
     from colift import scenario
 
-    settings = scenario.load(name)
-    if seed is not None:
-        settings = settings.model_copy(update={"seed": seed})
+    given = {"duration_s": duration, "seed": seed}
+    options = [f"{setting}={value}" for setting, value in given.items() if value is not None]
+    settings = scenario.load(name, [*(changes or ()), *options])
     if engine is not None and settings.plant.kind != engine:
         settings = settings.model_copy(update={"plant": {"kind": engine.value}})
     return settings
 
 
 @contextlib.contextmanager
-def _opened(
-    name: str, out: Path | None, seed: int | None, kept: str, engine: Engine | None = None
-) -> Generator[tuple[Any, Any]]:
-    """The settings of a scenario, with what is given changed, and its folder, this process's alone in the block.
+def _opened(read: Callable[[], Any], out: Path | None, kept: str, suffix: str = "") -> Generator[tuple[Any, Any]]:
+    """The settings that are read, and their folder, this process's alone in the block; by default out/NAME + suffix.
 
     What a person can mend, and a request to end, end the block with a line: of the latter with what is `kept`.
     """
@@ -103,8 +120,8 @@ def _opened(
 
     interrupt.check()
     try:
-        settings = _settings(name, seed, engine)
-        with flights.claim(settings, out or Path("out") / settings.name) as folder:
+        settings = read()
+        with flights.claim(settings, out or Path("out") / f"{settings.name}{suffix}") as folder:
             if results.of_others(folder, flights.FLOWN + flights.CERTIFIED):
                 errors.print(f"{folder.path} holds results of another run: they are replaced", markup=False)
             try:
@@ -142,8 +159,11 @@ def _print_nowhere() -> None:
 
 
 @contextlib.contextmanager
-def _stages(doing: str) -> Generator[Callable[[str], None]]:
+def _stages(doing: str, quiet: bool = False) -> Generator[Callable[[str], None]]:
     """What is being done, and at which stage: on a line that changes, or, where it cannot, on a line each."""
+    if quiet:
+        yield lambda _stage: interrupt.check()
+        return
     with errors.status(doing, spinner="line") as status:
 
         def say(stage: str) -> None:
@@ -167,8 +187,8 @@ def _options(
     pass
 
 
-@app.command()
-def scenarios() -> None:
+@app.command("list")
+def list_() -> None:
     """List the shipped scenarios."""
     from colift import scenario
 
@@ -178,9 +198,102 @@ def scenarios() -> None:
 
 
 @app.command()
+def show(name: ScenarioName, changes: Changes = None) -> None:
+    """Print a scenario: a shipped one as it is written, another, or one that is changed, with every setting."""
+    from colift import scenario
+
+    try:
+        as_written = name in scenario.names() and not changes
+        text = scenario.shipped(name) if as_written else scenario.text(_settings(name, changes))
+    except scenario.ScenarioError as error:
+        raise _fail(str(error)) from None
+    with _printed(""):
+        print(text, end="")
+
+
+@app.command()
+def doctor(as_json: Json = False) -> None:
+    """Say what colift runs on: versions, compiler, caches, GPU; and whether native code computes what JAX does."""
+    from colift import doctor as examination
+
+    found = examination.examine()
+    with _printed(""):
+        for line in [json.dumps(found, indent=2)] if as_json else examination.lines(found):
+            print(line)
+    if found["problems"]:
+        raise typer.Exit(UNSOUND)
+
+
+@app.command()
+def new(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="The file to write, as my_team.yaml.")],
+    agents: Annotated[int, typer.Option("--agents", help="How many.")] = 2,
+    arms: Annotated[
+        int | None, typer.Option("--arms", help="Of each: 0 (it holds the payload itself), 1 or 2; by default 2.")
+    ] = None,
+    urdf: Annotated[
+        Path | None, typer.Option("--urdf", metavar="FILE", help="Read the vehicle from a URDF file instead.")
+    ] = None,
+) -> None:
+    """Write a commented scenario to begin with; `colift check` says whether it, or what becomes of it, is sound."""
+    from colift import scenario, starter
+
+    try:
+        if file.suffix not in scenario.SUFFIXES:
+            raise _fail(f"{file}: must end in {' or '.join(scenario.SUFFIXES)}")
+        if urdf is not None and arms is not None:
+            raise _fail(f"--arms {arms}: must be left out with --urdf, whose file says which arms there are")
+        name = starter.name_of(file)
+        if urdf is None:
+            text = starter.text(name, agents, 2 if arms is None else arms)
+        else:
+            text = starter.from_urdf(name, agents, urdf, file.parent)
+        with file.open("x", encoding="utf-8") as opened:
+            opened.write(text)
+    except (ValueError, OSError) as error:
+        raise _fail(str(error)) from None
+    with _printed(""):
+        print(f"{file}: {agents} agents; next: colift check {file}")
+
+
+@app.command()
+def check(name: ScenarioName, changes: Changes = None, as_json: Json = False) -> None:
+    """Build a scenario, linearize its loop, and say whether it is sound and what to change where it is not.
+
+    Mass, contacts, thrust, joints, slowest mode, delay margin. Status 0: sound; 1: something is bad; 2: not read.
+    """
+    from colift import checkup, scenario
+
+    interrupt.check()
+    try:
+        settings = _settings(name, changes)
+        with _stages(f"checking {settings.name}") as say:
+            found = checkup.check(settings, say)
+    except (scenario.ScenarioError, OSError) as error:
+        raise _fail(_one_line(error)) from None
+    with _printed(""):
+        if as_json:
+            print(json.dumps(found.summary, indent=2))
+        else:
+            for line in found.lines():
+                print(line)
+    if not found.sound:
+        raise typer.Exit(UNSOUND)
+
+
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Say nothing but warnings and results.")]
+ByEngine = Annotated[
+    Engine | None,
+    typer.Option("--engine", help="Our rigid contacts, or MuJoCo (extra mujoco); by default the scenario's."),
+]
+
+
+@app.command()
 def study(
     name: ScenarioName,
     out: OutFolder = None,
+    changes: Changes = None,
+    duration: Duration = None,
     seed: Seed = None,
     baselines: Annotated[
         bool,
@@ -188,10 +301,9 @@ def study(
             "--baselines", help="Also fly the rivals: I (integral), DOB (observer), P (parametric), O (floor)."
         ),
     ] = False,
-    engine: Annotated[
-        Engine | None,
-        typer.Option("--engine", help="Our rigid contacts, or MuJoCo (extra mujoco); by default the scenario's."),
-    ] = None,
+    engine: ByEngine = None,
+    quiet: Quiet = False,
+    as_json: Json = False,
 ) -> None:
     """Fly a scenario under C1 (no learning), C2 (payload) and C3 (payload and agents), and compare them.
 
@@ -200,32 +312,68 @@ def study(
     from colift import study as flights
 
     cases = tuple(flights.CASES | (flights.BASELINES if baselines else {}))
-    with _opened(name, out, seed, "the cases that had ended are in", engine) as (settings, folder):
-        with _stages(f"preparing {settings.name}") as say:
+    _fly(functools.partial(_settings, name, changes, duration, seed, engine), cases, out, quiet, as_json)
+
+
+@app.command()
+def run(
+    name: ScenarioName,
+    case: Case = "C3",
+    out: Annotated[Path | None, typer.Option("--out", help="Folder for results; by default out/SCENARIO-CASE.")] = None,
+    changes: Changes = None,
+    duration: Duration = None,
+    seed: Seed = None,
+    engine: ByEngine = None,
+    quiet: Quiet = False,
+    as_json: Json = False,
+) -> None:
+    """Fly a scenario under one case, and save it as `study` does."""
+    from colift import study as flights
+
+    known = flights.CASES | flights.BASELINES
+    if case not in known:
+        raise _fail(f"--case {case}: must be one of {', '.join(known)}")
+    read = functools.partial(_settings, name, changes, duration, seed, engine)
+    _fly(read, (case,), out, quiet, as_json, f"-{case}")
+
+
+def _fly(
+    read: Callable[[], Any], cases: tuple[str, ...], out: Path | None, quiet: bool, as_json: bool, suffix: str = ""
+) -> None:
+    """Fly the cases of the settings that are read, save and print them; the folder is named after them and `suffix`."""
+    from colift import study as flights
+
+    with _opened(read, out, "the cases that had ended are in", suffix) as (settings, folder):
+        with _stages(f"preparing {settings.name}", quiet) as say:
             ready = flights.plans(settings, cases)
             say("its loop at rest")
             ahead = flights.outlook(settings, ready)
         with _printed(""):
-            _report_outlook(ahead)
-        summary = _with_progress(settings, folder, ready, ahead)
+            _report_outlook(ahead, quiet or as_json)
+        summary = _with_progress(settings, folder, ready, ahead, quiet)
     with _printed(f"; the results are in {folder.path}"):
-        _report(summary, folder.path)
-    if any(not case["complete"] for case in summary["cases"].values()):
+        if as_json:
+            print(json.dumps(summary, indent=2))
+        else:
+            _report(summary, folder.path)
+    if any(not found["complete"] for found in summary["cases"].values()):
         raise typer.Exit(INCOMPLETE)
 
 
-def _report_outlook(ahead: Any) -> None:
+def _report_outlook(ahead: Any, warnings_only: bool) -> None:
     """What is known before the flights."""
-    if ahead.modes is not None and ahead.modes.stable:
+    if not warnings_only and ahead.modes is not None and ahead.modes.stable:
         print(f"slowest mode at rest on the reference: {ahead.modes.slowest()}", flush=True)
     for text in ahead.warnings:
         errors.print(f"warning: {text}", style="yellow", markup=False)
 
 
-def _with_progress(settings: Any, folder: Any, ready: dict[str, Any], ahead: Any) -> dict[str, Any]:
-    """Fly with a bar a case; where bars cannot be drawn, with a line every few seconds."""
+def _with_progress(settings: Any, folder: Any, ready: dict[str, Any], ahead: Any, quiet: bool) -> dict[str, Any]:
+    """Fly with a bar a case; where bars cannot be drawn, with a line every few seconds; where it is quiet, neither."""
     from colift import study as flights
 
+    if quiet:
+        return flights.run(settings, folder, ready, ahead)
     if not errors.is_terminal:
         return flights.run(
             settings, folder, ready, ahead, _lines(flights.CASES | flights.BASELINES, settings.duration_s)
@@ -284,58 +432,6 @@ COLUMNS = (  # heading, unit, key in the summary, scale, format
 )
 
 
-def _cell(value: float | None, scale: float, spec: str) -> str:
-    if value is None or not math.isfinite(value):
-        return "none"
-    return format(value * scale, spec if abs(value * scale) < 1e5 else ".0e")
-
-
-SPELLED = str.maketrans({"Ψ": "Psi", "Δ": "d", "λ": "lam", "σ": "sigma", "ω": "omega"})
-
-
-def _spelled(text: str, encoding: str) -> str:
-    """Greek letters by name where they cannot be printed."""
-    try:
-        text.encode(encoding)
-    except UnicodeEncodeError:
-        return text.translate(SPELLED)
-    return text
-
-
-def _show(table: Table, lead: int = 1) -> None:
-    """Print a table; one wider than the terminal in parts below each other, each with the `lead` first columns."""
-    width = Console().width
-    parts: list[list[Column]] = []
-    for column in table.columns[lead:]:
-        if not parts or _width(_part(table, [*table.columns[:lead], *parts[-1], column])) > width:
-            parts.append([])
-        parts[-1].append(column)
-    for k, columns in enumerate(parts):
-        part = _part(table, [*table.columns[:lead], *columns])
-        part.title = None if k else table.title
-        console = Console(width=max(width, _width(part)))
-        with console.capture() as shown:  # rich would end the process where the reader has gone
-            console.print(part)
-        print(shown.get(), end="", flush=True)
-
-
-def _part(table: Table, columns: list[Column]) -> Table:
-    """Some columns of a table, as a table."""
-    part = Table(box=table.box, padding=table.padding, pad_edge=table.pad_edge)
-    encoding = Console().encoding
-    for column in columns:
-        part.add_column(_spelled(str(column.header), encoding), justify=column.justify, no_wrap=True)
-    for cells in zip(*(column.cells for column in columns), strict=True):
-        part.add_row(*cells)
-    return part
-
-
-def _width(table: Table) -> int:
-    """How wide a table is where there is room."""
-    console = Console(width=10_000)
-    return console.measure(table).maximum
-
-
 def _report(summary: dict[str, Any], folder: Path) -> None:
     """What failed, then the one table at the end: second half of the run, RMS, mean or largest."""
     from rich.box import SIMPLE_HEAD
@@ -352,8 +448,8 @@ def _report(summary: dict[str, Any], folder: Path) -> None:
     for heading, unit, *_ in COLUMNS:
         table.add_column(f"{heading}\n{unit}", justify="right", no_wrap=True)
     for case, found in summary["cases"].items():
-        table.add_row(case, *(_cell(found[key], scale, spec) for _, _, key, scale, spec in COLUMNS))
-    _show(table)
+        table.add_row(case, *(tables.cell(found[key], scale, spec) for _, _, key, scale, spec in COLUMNS))
+    tables.show(table)
     for case, found in summary["cases"].items():
         for text in found["warnings"]:
             errors.print(f"warning: {case}: {text}", style="yellow", markup=False)
@@ -364,6 +460,8 @@ def _report(summary: dict[str, Any], folder: Path) -> None:
 def certify(
     name: ScenarioName,
     out: OutFolder = None,
+    changes: Changes = None,
+    duration: Duration = None,
     seed: Seed = None,
     adversary: Annotated[
         bool, typer.Option("--adversary", help="Also fly the worst unknown forces that norm and data allow.")
@@ -376,7 +474,8 @@ def certify(
     """
     from colift import study as flights
 
-    with _opened(name, out, seed, "no certificate was written to") as (settings, folder):
+    read = functools.partial(_settings, name, changes, duration, seed)
+    with _opened(read, out, "no certificate was written to") as (settings, folder):
         try:
             with _stages(f"certifying {settings.name}") as say:
                 made = flights.certify(settings, progress=say)
@@ -417,13 +516,14 @@ def _export_mjcf(
     out: Annotated[
         Path | None, typer.Option("--out", metavar="FILE", help="File to write; by default standard output.")
     ] = None,
+    changes: Changes = None,
 ) -> None:
     """The true team at its start as an MJCF model, which MuJoCo opens and simulates (docs/plant.md)."""
     from colift import disk, mjcf, scenario
     from colift.scenario import build
 
     try:
-        settings = scenario.load(name)
+        settings = _settings(name, changes)
         truth, _ = build.team(settings)
         names = (build.agent_names(settings), build.joint_names(settings), build.contact_names(settings))
         text = mjcf.document(truth, build.start(settings, truth), *names)
@@ -441,7 +541,9 @@ def _export_c(
     out: Annotated[
         Path | None, typer.Option("--out", metavar="FOLDER", help="Folder to write; by default out/SCENARIO-c.")
     ] = None,
-    case: Annotated[str, typer.Option("--case", help="Which pilot: C1, C2, C3 or a rival.")] = "C3",
+    case: Case = "C3",
+    changes: Changes = None,
+    duration: Duration = None,
     seed: Seed = None,
     ticks: Annotated[int, typer.Option("--ticks", min=1, help="Ticks of the flight to replay.")] = 2000,
 ) -> None:
@@ -456,7 +558,7 @@ def _export_c(
 
     interrupt.check()
     try:
-        settings = _settings(name, seed)
+        settings = _settings(name, changes, duration, seed)
         known = flights.CASES | flights.BASELINES
         if case not in known:
             raise _fail(f"--case {case}: must be one of {', '.join(known)}")
@@ -487,7 +589,7 @@ def _report_certificate(found: dict[str, Any], folder: Path) -> None:
     """
     for line in _broken(found["exceeded"]):
         errors.print(line, style="red", markup=False)
-    _show(_radii_table(found), lead=2)
+    tables.show(_radii_table(found), lead=2)
     shown = [bound for bound, radii in found["radii"].items() if any(_has_radius(radii[where]) for where in WHERE)]
     for line in (*_assumes({bound: found["radii"][bound]["assumed"] for bound in shown}), *_missing(found)):
         print(line)
@@ -496,7 +598,7 @@ def _report_certificate(found: dict[str, Any], folder: Path) -> None:
     print("\nradius of e_p by reasoning, mm:")
     for cause, radius in found["slack_m"].items():
         if radius is not None:
-            print(f"  {_cell(radius, 1e3, '.3g'):>8}  {cause}")
+            print(f"  {tables.cell(radius, 1e3, '.3g'):>8}  {cause}")
     print(f"results in {folder}")
 
 
@@ -534,14 +636,14 @@ def _radii_table(found: dict[str, Any]) -> Any:
     table.add_column("e_p,\nx seen", justify="right", no_wrap=True)
     table.add_column("is\n", no_wrap=True)
     for row in ("observed", "floor"):
-        table.add_row(row, "", *(_cell(found[row][e], scale, ".3g") for e, (scale, _) in SCALES.items()), "", "")
+        table.add_row(row, "", *(tables.cell(found[row][e], scale, ".3g") for e, (scale, _) in SCALES.items()), "", "")
     broken = {(each["bound"], each["of"]) for each in found["exceeded"] if each["flight"] == "this"}
     for bound, radii in found["radii"].items():
         for where, label in WHERE.items():
             if _has_radius(radii[where]):
                 status = "exceeded" if (bound, where) in broken else radii["status"]
-                cells = [_cell(radii[where][e], scale, ".3g") for e, (scale, _) in SCALES.items()]
-                ratio = _cell(radii["tightness"][where]["e_p"], 1.0, ".2g")
+                cells = [tables.cell(radii[where][e], scale, ".3g") for e, (scale, _) in SCALES.items()]
+                ratio = tables.cell(radii["tightness"][where]["e_p"], 1.0, ".2g")
                 table.add_row(bound, label, *cells, ratio, status)
     return table
 

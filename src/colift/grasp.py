@@ -146,7 +146,7 @@ def check(team: Team, z: State, names: Sequence[str] = ()) -> float:
     number and singular values, the agents at fault and the arms that work against each other.
     """
     faults = []
-    for name, agent, r, _ in _each(team, z, names):
+    for name, agent, r, _ in each(team, z, names):
         S = np.asarray(_admittance(agent, r))
         values = np.linalg.eigvalsh(S)
         rank = int((values > values[-1] / CONDITION_MAX).sum())
@@ -168,7 +168,7 @@ def check_control(team: Team, z: State, names: Sequence[str] = ()) -> None:
     grasp Jacobian `[I, d rho / d r]` of rank 3 n, better conditioned than `JACOBIAN_CONDITION_MAX`, so that the
     payload's motion and its attitude fix position and joints.
     """
-    G = np.linalg.svd(np.asarray(_matrix(team, np.eye(3))), compute_uv=False)
+    G = singular_values(team)
     rank = int((G[0] < 1e6 * G).sum())
     if rank < 6:
         raise ValueError(
@@ -176,14 +176,14 @@ def check_control(team: Team, z: State, names: Sequence[str] = ()) -> None:
             f"{G[0] / max(G[-1], 1e-300):.3g}, singular values {_listed(G)}: "
             "no force can turn the payload about every axis; use three contacts that are not collinear"
         )
-    for name, agent, r, _ in _each(team, z, names):
+    for name, agent, r, _ in each(team, z, names):
         n, n_r = agent.tree.arms, agent.tree.joints
         if n_r < 3 * n - 3:
             raise ValueError(
                 f"{name}: {n_r} joints for {n} arms, so its grasp Jacobian has rank {3 + n_r} of {3 * n} at most; its "
                 f"attitude is free only with {3 * n - 3} joints or more"
             )
-        J = np.linalg.svd(np.asarray(_jacobian(agent, r)), compute_uv=False)
+        J, _ = weakest(agent, r)
         if not J[-1] * JACOBIAN_CONDITION_MAX > J[0]:
             raise ValueError(
                 f"{name}: grasp Jacobian is nearly singular at joints {_listed(np.asarray(r))}: singular values "
@@ -191,10 +191,23 @@ def check_control(team: Team, z: State, names: Sequence[str] = ()) -> None:
             )
 
 
-def _each(
-    team: Team, z: State, names: Sequence[str]
-) -> Iterator[tuple[str, Agent, Float[Array, "n_r"], Float[Array, "3 3"]]]:
-    """Name, parameters, joints and attitude of every agent."""
+def singular_values(team: Team, length: float = 1.0) -> np.ndarray:
+    """`(6,)` of the grasp matrix at `R = I`, largest first; moments in units of `length`, m, times 1 N; on the host."""
+    scale = np.repeat([1.0, 1 / length], 3)[:, None]
+    return np.linalg.svd(scale * np.asarray(_matrix(team, np.eye(3))), compute_uv=False)
+
+
+def weakest(agent: Agent, r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Singular values of the grasp Jacobian `[I, d rho / d r]`, largest first, and the `(n_r,)` share of every joint.
+
+    The share is of the motion that moves the contacts least; on the host.
+    """
+    _, singular, Vt = np.linalg.svd(np.asarray(_jacobian(agent, r)))
+    return singular, np.abs(Vt[len(singular) - 1, 3:])
+
+
+def each(team: Team, z: State, names: Sequence[str]) -> Iterator[tuple[str, Agent, np.ndarray, np.ndarray]]:
+    """Name, parameters, joints and attitude of every agent, in team order."""
     name = iter(agent_names(team, names))
     for group, state in zip(team.groups, z.agents, strict=True):
         for j in range(state.r.shape[0]):
@@ -227,7 +240,7 @@ _matrix = jax.jit(lambda team, R: matrix(contacts(team), R))
 
 def _team_admittance(team: Team, z: State) -> np.ndarray:
     """`A M^-1 A^T` of the whole team, 1/kg, in the frame of each contact's base."""
-    blocks = [(np.asarray(_admittance(agent, r)), np.asarray(R)) for _, agent, r, R in _each(team, z, ())]
+    blocks = [(np.asarray(_admittance(agent, r)), np.asarray(R)) for _, agent, r, R in each(team, z, ())]
     arms = [len(S) // 3 for S, _ in blocks]
     G = np.asarray(_matrix(team, z.payload.R)).reshape(6, -1, 3)
     turn = np.repeat(np.array([R for _, R in blocks]), arms, axis=0)

@@ -41,6 +41,8 @@ class Modes:
 
     eigenvalues: np.ndarray  # (modes,) rad/s
     payload: np.ndarray  # (modes, 6) amplitude of the payload's (theta, p), the largest pose of the mode being 1
+    attitude: np.ndarray  # (modes, agents, 3) that of every agent's rotation vector, body frame
+    joints: np.ndarray  # (modes, joints) that of every joint, in team order
     names: tuple[str, ...] = ("theta_x", "theta_y", "theta_z", "p_x", "p_y", "p_z")
 
     @property
@@ -66,17 +68,59 @@ Carried = dict[str, Array]
 
 def at_rest(plan: simulate.Plan, z: State) -> Modes:
     """Modes of a plan's loop at the rest near z, as `monodromy` has it."""
-    x, M = monodromy(plan, z)
+    return of(*monodromy(plan, z), plan.dt)
+
+
+def of(x: Carried, M: np.ndarray, dt: float) -> Modes:
+    """Modes of a loop with the rest x and the derivative M of its tick of dt, s."""
     values, vectors = np.linalg.eig(M)
     order = np.argsort(-np.abs(values))
     order = order[np.abs(values[order]) > GONE]
     shapes = np.abs(vectors[:, order])
-    place = _unravel(x, np.arange(len(M)))
-    load = np.concatenate([place[f".world.z.payload.{part}"] for part in "Rp"])
-    poses = [place[key].ravel() for key in place if re.fullmatch(POSE, key)]
-    payload = shapes[load] / np.maximum(shapes[np.concatenate(poses)].max(0), np.finfo(float).tiny)
-    rates = np.log(values[order].astype(complex)) / plan.dt
-    return Modes(eigenvalues=rates, payload=payload.T)
+    shapes = shapes / np.maximum(shapes[_rows_of(x, POSE)].max(0), np.finfo(float).tiny)
+    return Modes(
+        eigenvalues=np.log(values[order].astype(complex)) / dt,
+        payload=shapes[np.concatenate([_rows_of(x, rf"\.world\.z\.payload\.{part}") for part in "Rp"])].T,
+        attitude=shapes[_rows_of(x, r"\.world\.z\.agents\[\d+\]\.R")].T.reshape(len(order), -1, 3),
+        joints=shapes[_rows_of(x, r"\.world\.z\.agents\[\d+\]\.r")].T,
+    )
+
+
+def delay_margin(x: Carried, M: np.ndarray, most: int) -> int:
+    """How many whole ticks, at most `most`, every command may come later until the loop is unstable; -1 if it is.
+
+    M as `monodromy` has it. What the pilot remembers moves the world through commands alone, so M tells how they act:
+    `world_memory = B K_memory`, K the rows of the command that was applied. Raises ValueError where what is remembered
+    does not move every command by itself.
+    """
+    command, world = _rows_of(x, r"\.memory\.applied\[\d+\]\..*"), _rows_of(x, r"\.world\..*")
+    memory, K = np.setdiff1d(np.arange(len(M)), world), M[command]
+    # M is known to some 1e-10; what no state commands, as a force that only squeezes, needs no column of B
+    if np.linalg.matrix_rank(K[:, memory], rtol=1e-7) < np.linalg.matrix_rank(K, rtol=1e-7):
+        raise ValueError("what the pilot remembers does not move every command by itself")
+    B = np.zeros((len(M), len(command)))
+    B[world] = M[np.ix_(world, memory)] @ np.linalg.pinv(K[:, memory], rcond=1e-7)
+    for ticks in range(most + 1):
+        if np.abs(np.linalg.eigvals(_delayed(M, B, K, ticks))).max() >= 1:
+            return ticks - 1
+    return most
+
+
+def _delayed(M: np.ndarray, B: np.ndarray, K: np.ndarray, ticks: int) -> np.ndarray:
+    """`x+ = (M - B K) x + B u_1`, `u_k+ = u_(k+1)`, the last one `K x`: a queue between command and world."""
+    if ticks == 0:
+        return M
+    n, m = B.shape
+    whole = np.eye(n + m * ticks, k=m)
+    whole[:n] = 0.0
+    whole[:n, :n], whole[:n, n : n + m], whole[-m:, :n] = M - B @ K, B, K
+    return whole
+
+
+def _rows_of(x: Carried, where: str) -> np.ndarray:
+    """The rows of the coordinates at the places whose names are of a form."""
+    place = _unravel(x, np.arange(sum(math.prod(shape) for _, shape in _shapes(x))))
+    return np.concatenate([place[key].ravel() for key in sorted(place) if re.fullmatch(where, key)])
 
 
 def monodromy(plan: simulate.Plan, z: State) -> tuple[Carried, np.ndarray]:
@@ -87,12 +131,7 @@ def monodromy(plan: simulate.Plan, z: State) -> tuple[Carried, np.ndarray]:
     method on `x = map(x)`, its slope anew where the last one helps little, by differences of `simulate.advance`: no
     program is compiled that a flight does not need anyway. Raises ValueError where there is no rest near z.
     """
-    plan = dataclasses.replace(plan, world=_alone(plan.world))
-    noise = plan.world.draw(jax.random.key(0), simulate.chunk(plan))  # of sensors that have none
-    setup = plan.setup
-    begun = simulate.start(setup, z)
-    after, _ = simulate.advance(setup, begun, noise, jnp.asarray(1))
-    loop = dataclasses.replace(after, tick=begun.tick, ended=begun.ended)  # a clock that stands still, no limit met
+    setup, loop, noise = _begun(plan, z)
     slope, last = None, np.inf
     for _ in range(ITERATIONS):
         interrupt.check()
@@ -109,6 +148,33 @@ def monodromy(plan: simulate.Plan, z: State) -> tuple[Carried, np.ndarray]:
         step = np.linalg.lstsq(np.eye(len(off)) - slope, off)[0]
         loop = _put(loop, jax.tree.map(lambda leaf: leaf[0], _move(_take(loop), jnp.asarray(step[None]))))
     raise ValueError("the team finds no rest near the start of its reference")
+
+
+def _begun(plan: simulate.Plan, z: State) -> tuple[simulate.Setup, simulate.Loop, Noise]:
+    """The loop by itself one tick after z, its clock held and no limit met, and the noise of sensors that have none."""
+    plan = dataclasses.replace(plan, world=_alone(plan.world))
+    noise = plan.world.draw(jax.random.key(0), simulate.chunk(plan))
+    begun = simulate.start(plan.setup, z)
+    after, _ = simulate.advance(plan.setup, begun, noise, jnp.asarray(1))
+    return plan.setup, dataclasses.replace(after, tick=begun.tick, ended=begun.ended), noise
+
+
+def estimate(plan: simulate.Plan, z: State, x: Carried, M: np.ndarray) -> float:
+    """Growth rate, 1/s, of the slowest mode of a plan near the one of rest x and derivative M, to first order.
+
+    `z' = w^H M' v`, v and w the mode's right and left vectors with `w^H v = 1`: M' along one mode is four ticks where
+    all of M' is hundreds.
+    """
+    setup, loop, noise = _begun(plan, z)
+    loop = _put(loop, x)
+    values, vectors = np.linalg.eig(M)
+    k = int(np.argmax(np.abs(values)))
+    v, w = vectors[:, k], np.linalg.inv(vectors)[k]  # w^H v = 1
+    parts = np.stack([v.real, v.imag])
+    moved = _move(x, jnp.asarray(STEP * np.concatenate([parts, -parts])))
+    ahead = _changed(setup, loop, noise, [_row(moved, jnp.asarray(i)) for i in range(4)])
+    along = (ahead[:2] - ahead[2:]) / (2 * STEP)
+    return float(np.log(np.abs(w @ (along[0] + 1j * along[1]))) / plan.dt)
 
 
 def _slope(setup: simulate.Setup, loop: simulate.Loop, noise: Any) -> np.ndarray:

@@ -9,12 +9,14 @@ validation  what pydantic finds wrong, in words
 tree        a YAML text as plain data with lines
 read        a file to settings, or to every mistake in it with its line
 from_urdf   an agent type from a URDF file, in plain numbers
+write       settings to a file's text
 describe    the settings as a reference page
 build       settings to teams, disturbances, sensors, gains and the start
 """
 
 from colift.scenario.mistake import ScenarioError
-from colift.scenario.read import load, names, parse
+from colift.scenario.read import SUFFIXES, load, names, parse, shipped
 from colift.scenario.settings import Section, Settings
+from colift.scenario.write import text
 
-__all__ = ["ScenarioError", "Section", "Settings", "load", "names", "parse"]
+__all__ = ["SUFFIXES", "ScenarioError", "Section", "Settings", "load", "names", "parse", "shipped", "text"]

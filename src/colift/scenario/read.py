@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Sequence
 from importlib import resources
 from pathlib import Path
@@ -27,15 +28,21 @@ def names() -> list[str]:
     return sorted(Path(file.name).stem for file in SHIPPED.iterdir() if file.name.endswith(SUFFIXES))
 
 
-def load(name_or_path: str | Path) -> Settings:
+def shipped(name: str) -> str:
+    """The text of a shipped scenario, with its comments; `name` as `names` has it."""
+    return (SHIPPED / f"{name}.yaml").read_text(encoding="utf-8")
+
+
+def load(name_or_path: str | Path, changes: Sequence[str] = ()) -> Settings:
     """The settings of a shipped scenario, by name, or of a YAML file, by path.
 
+    changes: what takes the place of what the file says, before anything is checked: `payload.mass_kg=2`.
     Raises ScenarioError: an unknown name, a file that cannot be read, or every mistake in it, one a line, as
-    `file:line: path [unit]: what is allowed`.
+    `file:line: path [unit]: what is allowed`, or `--set path ...` of what was changed.
     """
     given = str(name_or_path)
     if given in names():
-        return parse((SHIPPED / f"{given}.yaml").read_text(encoding="utf-8"), f"{given}.yaml")
+        return parse(shipped(given), f"{given}.yaml", changes)
     file = given if len(given) <= 200 else f"{given[:200]}..."
     try:
         path = Path(given).expanduser()
@@ -43,7 +50,7 @@ def load(name_or_path: str | Path) -> Settings:
             raise _unknown(given)
         with path.open("rb") as opened:
             raw = opened.read(tree.MOST_BYTES + 1)
-        return parse(raw.decode("utf-8-sig"), file)
+        return parse(raw.decode("utf-8-sig"), file, changes)
     except OSError as error:
         raise ScenarioError(f"{file}: cannot be read: {error.strerror or error}") from None
     except UnicodeDecodeError as error:
@@ -62,9 +69,9 @@ def _unknown(given: str) -> ScenarioError:
     )
 
 
-def parse(text: str, file: str) -> Settings:
+def parse(text: str, file: str, changes: Sequence[str] = ()) -> Settings:
     """The settings that a text states; `file` names it in messages. Raises ScenarioError as `load` does."""
-    written = tree.read(text, file)
+    written = functools.reduce(tree.changed, changes, tree.read(text, file))
     data, elsewhere = _expanded(written.data, Path(file).parent)
     unread = {place[: 2 if place[0] == "agent_types" else 1] for place, _ in elsewhere}
     found: dict[Place, list[str | ErrorDetails]] = {}
@@ -99,7 +106,7 @@ def _told(found: dict[Place, list[str | ErrorDetails]], written: tree.Tree) -> S
     ahead = sorted(((place, said) for place in found for said in found[place]), key=lambda it: written.line(it[0]))
     for place, said in ahead[: validation.MOST_TOLD]:
         words = said if isinstance(said, str) else validation.sentence(said, schema)
-        told.append(f"{written.file}:{written.line(place)}: {validation.where(place, schema)}: {words}")
+        told.append(f"{written.at(place)} {validation.where(place, schema)}: {words}")
     return ScenarioError("\n".join([*dict.fromkeys(told), *validation.more(count)]))
 
 

@@ -6,6 +6,7 @@ Numbers, text, lists and settings by name, anchors and merge keys. No tags, so t
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from typing import Any, NoReturn
 
 from ruamel.yaml import YAML
@@ -24,7 +25,7 @@ TAG = "tag:yaml.org,2002:"
 
 @dataclasses.dataclass(frozen=True)
 class Tree:
-    """Plain data, the line of every place in it, and what is wrong with its form."""
+    """Plain data, the line of every place in it, 0 where it was set and not read, and what is wrong with its form."""
 
     file: str
     data: dict[str, Any]
@@ -32,8 +33,13 @@ class Tree:
     wrong: list[Mistake]
 
     def line(self, place: Place) -> int:
-        """The line of a setting, or of the section that lacks it."""
+        """The line of a setting, or of the section that lacks it; 0 where that was set."""
         return next((self.lines[place[:n]] for n in range(len(place), 0, -1) if place[:n] in self.lines), 1)
+
+    def at(self, place: Place) -> str:
+        """Where a person finds a setting: `file:line:`, or `--set`."""
+        line = self.line(place)
+        return f"{self.file}:{line}:" if line else "--set"
 
 
 def read(text: str, file: str) -> Tree:
@@ -42,25 +48,73 @@ def read(text: str, file: str) -> Tree:
     Raises ScenarioError at once for what is no YAML, no mapping, or too much; what is wrong with single values is
     collected.
     """
-    if len(text) > MOST_BYTES:
-        raise ScenarioError(f"{file}:1: holds more than {MOST_BYTES} characters, which no scenario needs")
-    reader = _Reader(file)
+    reader = _Reader(lambda line: f"{file}:{line}")
     node = reader.compose(text)
     if not isinstance(node, MappingNode):
-        _fail(file, 1, "must be settings by name (`name: value`), one a line")
+        reader.fail(1, "must be settings by name (`name: value`), one a line")
     data = reader.value(node, ())
     return Tree(file, data, reader.lines, reader.wrong)
 
 
-def _fail(file: str, line: int, sentence: str) -> NoReturn:
-    raise ScenarioError(f"{file}:{line}: {sentence}")
+def changed(tree: Tree, change: str) -> Tree:
+    """A tree in which one setting is another: `payload.mass_kg=2`; sections that are not there are made.
+
+    The value is YAML. A section replaces a section as a whole; an entry of a list is named by its number, 0 the first.
+    Raises ScenarioError as `read`, and for a path that leads nowhere.
+    """
+    path, equals, text = change.partition("=")
+    reader = _Reader(lambda _line: f"--set {path}")
+    if not (equals and path):
+        raise ScenarioError(f"--set {shown(change)}: must be `path=value`, as payload.mass_kg=2")
+    if path.count(".") >= DEEPEST:
+        raise ScenarioError(f"--set {shown(path)}: is nested more than {DEEPEST} deep")
+    node = reader.compose(text)
+    value = None if node is None else reader.value(node, ())
+    lines, data, place = dict(tree.lines), tree.data, ()
+    for name in path.split("."):
+        if isinstance(data, list):
+            key = _index(name, len(data), path)
+            data = data[key]
+        elif isinstance(data, dict):
+            key = name
+            if name not in data:
+                lines[*place, name] = 0
+            data = data.get(name, {})
+        else:
+            raise ScenarioError(f"--set {path}: {'.'.join(map(str, place))} is {shown(data)}, which holds no settings")
+        place = (*place, key)
+    inside = lambda at: at[: len(place)] == place  # noqa: E731
+    return Tree(
+        tree.file,
+        _put(tree.data, place, value),
+        {at: line for at, line in lines.items() if not inside(at)} | {place: 0},
+        [mistake for mistake in tree.wrong if not inside(mistake[0])]
+        + [((*place, *at), sentence) for at, sentence in reader.wrong],
+    )
+
+
+def _index(name: str, size: int, path: str) -> int:
+    if not (name.isdecimal() and name.isascii() and len(name) < 10 and int(name) < size):
+        there = f"entries 0 to {size - 1}" if size else "no entries"
+        raise ScenarioError(f"--set {path}: {shown(name)} is none of the list's {there}")
+    return int(name)
+
+
+def _put(data: Any, place: Place, value: Any) -> Any:
+    """Data with another value at a place."""
+    if not place:
+        return value
+    key, *below = place
+    if isinstance(data, list):
+        return [_put(entry, tuple(below), value) if i == key else entry for i, entry in enumerate(data)]
+    return data | {key: _put(data.get(key, {}), tuple(below), value)}
 
 
 class _Reader:
     """One pass over the nodes of a text: values, their lines, and what is wrong."""
 
-    def __init__(self, file: str) -> None:
-        self.file = file
+    def __init__(self, at: Callable[[int], str]) -> None:
+        self.at = at  # where a line of the text is, for a person
         self.lines: dict[Place, int] = {}
         self.wrong: list[Mistake] = []
         self.values, self.depth = 0, 0
@@ -68,30 +122,36 @@ class _Reader:
         self.yaml.max_depth = DEEPEST
         self.yaml.composer.warn_double_anchors = False  # a name may be used again
 
+    def fail(self, line: int, sentence: str) -> NoReturn:
+        """Raise ScenarioError."""
+        raise ScenarioError(f"{self.at(line)}: {sentence}")
+
     def compose(self, text: str) -> Node | None:
         """The one document, with the line of every node."""
+        if len(text) > MOST_BYTES:
+            self.fail(1, f"holds more than {MOST_BYTES} characters, which no scenario needs")
         try:
             return self.yaml.compose(text)
         except MaxDepthExceededError as error:
-            _fail(self.file, error.problem_mark.line + 1, f"is nested more than {DEEPEST} deep")
+            self.fail(error.problem_mark.line + 1, f"is nested more than {DEEPEST} deep")
         except ReaderError as error:
             line = text.count("\n", 0, error.position) + 1
-            _fail(self.file, line, f"not valid YAML: the character {ord(text[error.position]):#06x} is not text")
+            self.fail(line, f"not valid YAML: the character {ord(text[error.position]):#06x} is not text")
         except MarkedYAMLError as error:
             mark = error.problem_mark or error.context_mark
             problem = " ".join(str(error.problem or error.context or error).split())
-            _fail(self.file, mark.line + 1 if mark else 1, f"not valid YAML: {problem}")
+            self.fail(mark.line + 1 if mark else 1, f"not valid YAML: {problem}")
         except (YAMLError, ValueError, AssertionError, RecursionError) as error:  # asserted: the version of YAML
-            _fail(self.file, 1, f"not valid YAML: {' '.join(str(error).split())}")
+            self.fail(1, f"not valid YAML: {' '.join(str(error).split())}")
 
     def value(self, node: Node, place: Place) -> Any:
         """The plain value of a node, all inside it told by its place."""
         line = node.start_mark.line + 1
         self.values, self.depth = self.values + 1, self.depth + 1
         if self.values > MOST_VALUES:
-            _fail(self.file, line, f"holds more than {MOST_VALUES} values, aliases counted each time")
+            self.fail(line, f"holds more than {MOST_VALUES} values, aliases counted each time")
         if self.depth > DEEPEST:
-            _fail(self.file, line, f"is nested more than {DEEPEST} deep")
+            self.fail(line, f"is nested more than {DEEPEST} deep")
         if isinstance(node, MappingNode):
             value = self.mapping(node, place)
         elif isinstance(node, SequenceNode):

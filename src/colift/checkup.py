@@ -1,0 +1,369 @@
+"""Whether a scenario is sound before it is flown, and what to change where it is not.
+
+Mass, thrust, grasp, slowest mode and delay margin: each a `Finding` with its numbers, a sentence, and advice where it
+is bad.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import functools
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from colift import disturbance, fly, grasp, modes, simulate, so3, study
+from colift.linalg import mul, transpose
+from colift.model import PayloadState, State, Team, Wrench
+from colift.scenario import ScenarioError, Settings, build
+
+CONDITION_MOST = 30.0  # of the grasp matrix, moments over the contacts' distance: a lever of a thirtieth of that
+JACOBIAN_MOST = 100.0  # of an agent's grasp Jacobian, a tenth of what is refused: 0.05 rad from straight down
+DELAY_LEAST = 0.002  # s; a bus and a flight controller take that much
+DELAY_MOST = 0.05  # s, beyond which a delay margin is not sought
+TRIED = 2  # changes of gains that are tried in full, of those that are best to first order
+MOMENTS = 400  # of the reference at which thrust is asked for
+
+
+@dataclasses.dataclass(frozen=True)
+class Finding:
+    """One thing that was looked at."""
+
+    subject: str  # a word
+    says: str  # a sentence, with units
+    numbers: dict[str, Any]  # the same, for programs; units in the names
+    advice: tuple[str, ...] = ()  # what to change; there is some exactly where it is bad
+
+
+@dataclasses.dataclass(frozen=True)
+class Checkup:
+    """All that was found; `findings` is short where the team cannot be built or held still."""
+
+    scenario: str
+    findings: tuple[Finding, ...]
+
+    @property
+    def sound(self) -> bool:
+        """Whether nothing is bad."""
+        return not any(found.advice for found in self.findings)
+
+    @property
+    def summary(self) -> dict[str, Any]:
+        """As `--json` prints it."""
+        found = {
+            each.subject: {"bad": bool(each.advice), "says": each.says, "advice": list(each.advice), **each.numbers}
+            for each in self.findings
+        }
+        return {"scenario": self.scenario, "sound": self.sound, **found}
+
+    def lines(self) -> list[str]:
+        """As a person reads it: a line a finding, what to change below those that are bad, the verdict last."""
+        lines = []
+        for found in self.findings:
+            lines.append(f"{found.subject:9} {found.says}")
+            lines += [f"{'':9} change: {change}" for change in found.advice]
+        bad = [found.subject for found in self.findings if found.advice]
+        return [*lines, f"{self.scenario}: {'bad: ' + ', '.join(bad) if bad else 'sound'}"]
+
+
+def check(settings: Settings, progress: Callable[[str], None] = lambda _what: None) -> Checkup:
+    """Build a scenario, linearize its sampled loop at rest, and judge both; what cannot be built is a finding too."""
+    truth, nominal = build.team(settings)
+    found = [_mass(settings, truth, nominal)]
+    try:
+        found.append(_contacts(settings, truth))
+        progress("the team")
+        plan = study.plan(settings, "C1")
+        z = build.at_rest(settings, truth)
+        found += [_thrust(settings, plan, z), *_joints(settings, truth, z)]
+    except ScenarioError as error:
+        # of a refusal the sentence is its own advice: it names what is at fault, and what is needed
+        return Checkup(settings.name, (*found, Finding("refused", str(error), {}, (_mend(str(error)),))))
+    progress("its loop at rest")
+    try:
+        x, M = modes.monodromy(plan, z)
+    except ValueError as error:
+        unknown = Finding("rest", str(error), {}, ("lower control.K_p and control.agent_k_R by half and check again",))
+        return Checkup(settings.name, (*found, unknown))
+    at_rest = modes.of(x, M, plan.dt)
+    mode = Finding(
+        "mode",
+        f"slowest {_rate(at_rest)}, {'' if at_rest.stable else 'unstable, '}moves {moves(settings, at_rest)}",
+        {"stable": at_rest.stable, "rad_s": list(at_rest.rate)},
+        () if at_rest.stable else _steadier(settings, x, M, progress),
+    )
+    late = (_delay(settings, x, M, progress),) if at_rest.stable else ()
+    return Checkup(settings.name, (*found, mode, *late))
+
+
+def _mend(refusal: str) -> str:
+    """What helps against a refusal."""
+    for words, change in (
+        ("cannot hover", "raise agent_types: thrust_max_N, lower payload.mass_kg, or add an agent"),
+        ("rank", "move a contact (agents: contacts_m) away from the line through the others"),
+        ("grasp Jacobian", "turn the rest of a joint (agent_types: joints: rest_rad) away from straight or folded"),
+        ("joints for", "give the agent more joints (agent_types: joints), or fewer arms"),
+    ):
+        if words in refusal:
+            return change
+    return "see the sentence before"
+
+
+def _mass(settings: Settings, truth: Team, nominal: Team) -> Finding:
+    names = build.agent_names(settings)
+    agents = dict(zip(names, np.concatenate([group.mass.sum(1) for group in truth.groups]).tolist(), strict=True))
+    load, believed = float(truth.payload.mass), float(nominal.payload.mass)
+    total, thrust = load + sum(agents.values()), float(sum(group.thrust_max.sum() for group in truth.groups))
+    weight = total * float(np.linalg.norm(truth.gravity))
+    said = f"payload {load:.4g} kg{f' (believed {believed:.4g} kg)' if believed != load else ''}, "
+    said += ", ".join(f"{name} {mass:.4g} kg" for name, mass in agents.items())
+    lift = f"; all thrust is {thrust / weight:.3g} times the weight" if weight else ""
+    return Finding(
+        "mass",
+        f"{total:.4g} kg: {said}{lift}",
+        {"total_kg": total, "payload_kg": load, "believed_kg": believed, "agents_kg": agents, "thrust_max_N": thrust},
+    )
+
+
+def _contacts(settings: Settings, truth: Team) -> Finding:
+    """The grasp matrix: whether every wrench can be given, and how much worse the worst than the best."""
+    c, names = np.asarray(grasp.contacts(truth)), build.contact_names(settings)
+    length = max(float(np.sqrt((c**2).sum(1).mean())), 1e-9)
+    values = grasp.singular_values(truth, length)
+    rank, condition = int((values[0] < 1e6 * values).sum()), float(values[0] / max(values[-1], 1e-300))
+    advice: tuple[str, ...] = ()
+    if rank < 6 or condition > CONDITION_MOST:
+        line = np.linalg.svd(c - c.mean(0))[2][0]
+        far = int(np.argmax(np.linalg.norm(np.cross(c - c.mean(0), line), axis=1)))
+        advice = (
+            f"contacts lie almost on one line along ({', '.join(f'{x:.2f}' for x in line)}): "
+            f"move {names[far]} away from it (agents: contacts_m), or add an agent beside it",
+        )
+    return Finding(
+        "contacts",
+        f"grasp matrix of {len(c)} contacts has rank {rank} of 6, condition {condition:.3g}",
+        {"rank": rank, "condition": condition},
+        advice,
+    )
+
+
+def _joints(settings: Settings, truth: Team, z: State) -> Iterator[Finding]:
+    """Every agent's grasp Jacobian at rest: whether its joints can follow the payload; nothing for single bodies."""
+    conditions, advice = {}, []
+    kinds = {agent.name: agent.type for agent in settings.agents}
+    for name, agent, r, _ in grasp.each(truth, z, build.agent_names(settings)):
+        values, share = grasp.weakest(agent, r)
+        conditions[name] = float(values[0] / values[-1])
+        if conditions[name] > JACOBIAN_MOST and len(share):
+            k = int(np.argmax(share))
+            joint = settings.agent_types[kinds[name]].joints[k].name
+            advice.append(
+                f"{name}: turn the rest of joint {joint} away from {float(r[k]):.3g} "
+                f"(agent_types.{kinds[name]}.joints.{k}.rest_rad), or move the contact that it holds"
+            )
+    if any(len(settings.agent_types[kind].joints) for kind in kinds.values()):
+        worst = max(conditions, key=lambda name: conditions[name])
+        said = f"grasp Jacobians at rest have condition {conditions[worst]:.3g} at most ({worst})"
+        yield Finding("joints", said, {"condition": conditions}, tuple(advice))
+
+
+def _thrust(settings: Settings, plan: simulate.Plan, z: State) -> Finding:
+    """What hovering and the reference take of every agent's thrust; bad where `limits.thrust_margin` is not left."""
+    names, margin = build.agent_names(settings), settings.limits.thrust_margin
+    have = np.concatenate([group.thrust_max for group in plan.world.team.groups])
+    t = np.linspace(0.0, plan.duration, MOMENTS)
+    hover = build.hover(settings, plan.world.team, plan.pilot, plan.world.sources)
+    path = thrust_along(plan, z, t)
+    left = [1 - hover / have, 1 - path.max(0) / have]
+    least = [int(np.argmin(each)) for each in left]
+    when = float(t[int(np.argmax(path[:, least[1]]))])
+    advice = []
+    for k, where in enumerate(("hover", "reference")):
+        if left[k][least[k]] < margin:
+            name = names[least[k]]
+            kind = next(agent.type for agent in settings.agents if agent.name == name)
+            need = float((hover if k == 0 else path.max(0))[least[k]] / (1 - margin))
+            slower = "" if k == 0 else ", or fly a slower or smaller reference (reference.period_s, amplitude_m)"
+            advice.append(
+                f"{where}: raise agent_types.{kind}.thrust_max_N to {need:.3g} or more, or move the contacts of {name} "
+                f"away from the payload's centre of mass, so that others carry more{slower}"
+            )
+    return Finding(
+        "thrust",
+        f"hover leaves {left[0][least[0]]:.1%} of {names[least[0]]}'s {have[least[0]]:.4g} N, the reference "
+        f"{left[1][least[1]]:.1%} of {names[least[1]]}'s at {when:.3g} s",
+        {
+            "hover_N": dict(zip(names, hover.tolist(), strict=True)),
+            "reference_N": dict(zip(names, path.max(0).tolist(), strict=True)),
+            "thrust_max_N": dict(zip(names, have.tolist(), strict=True)),
+        },
+        tuple(advice),
+    )
+
+
+def thrust_along(plan: simulate.Plan, z: State, t: np.ndarray) -> np.ndarray:
+    """`(times, agents)` thrust that the reference takes in truth at times t, s, N.
+
+    As if the team at rest in z were carried along: the payload on its reference, every agent moving with its contacts,
+    without what joints, attitudes and errors add.
+    """
+    return np.asarray(_along(plan.world.team, plan.pilot, plan.world.sources, z, jnp.asarray(t)))
+
+
+@jax.jit
+@functools.partial(jax.vmap, in_axes=(None, None, None, None, 0))
+def _along(
+    team: Team, flying: fly.LeaderFollower, sources: disturbance.Disturbances, z: State, t: Array
+) -> Float[Array, "agents"]:
+    d, g, load = flying.path.at(t), team.gravity, team.payload
+    spin = so3.hat(d.omega)
+    swing = mul(d.R, so3.hat(d.omega_dot) + mul(spin, spin))
+    agents, accelerations = [], []
+    for group, q in zip(team.groups, z.agents, strict=True):
+        c = group.contact.mean(1)
+        shift = (d.p - z.payload.p)[None] + c @ transpose(d.R - z.payload.R)
+        agents.append(dataclasses.replace(q, x=q.x + shift, v=d.v[None] + c @ transpose(mul(d.R, spin))))
+        accelerations.append(d.a[None] + c @ transpose(swing))
+    moved = State(agents=tuple(agents), payload=PayloadState(p=d.p, R=d.R, v=d.v, omega=d.omega))
+    f = disturbance.at_start(sources, team, moved)
+    spun = load.inertia @ d.omega_dot + so3.cross(d.omega, load.inertia @ d.omega)
+    W = Wrench(F=load.mass * (d.a - g) - f.payload.F, tau=spun - f.payload.tau)
+    steady = Wrench(F=jnp.zeros(3), tau=jnp.zeros(3))
+    lam = flying.allocator.allocate(fly.known(flying, moved, jnp.zeros(6), t), W, steady).lam
+    parts = zip(team.groups, grasp.split(team, lam), accelerations, f.agents, strict=True)
+    need = [
+        force.sum(1) + group.mass.sum(1, keepdims=True) * (a - g[None]) - part.f_x for group, force, a, part in parts
+    ]
+    return jnp.linalg.norm(jnp.concatenate(need), axis=1)
+
+
+def _rate(found: modes.Modes) -> str:
+    real, imaginary = found.rate
+    swings = f", a turn in {2 * np.pi / abs(imaginary):.3g} s" if abs(imaginary) > 1e-3 else ""
+    return f"{real:+.3g} rad/s{swings}"
+
+
+TURNS = ("roll", "pitch", "yaw")
+
+
+def moves(settings: Settings, found: modes.Modes, most: int = 3) -> str:
+    """What the slowest mode moves, largest first: the payload, agents' attitudes, joints, each with its share."""
+    load = [*(f"the payload in {turn}" for turn in TURNS), *(f"the payload along {axis}" for axis in "xyz")]
+    agents = [f"{name} in {turn}" for name in build.agent_names(settings) for turn in TURNS]
+    names = [*load, *agents, *(f"joint {name}" for name in build.joint_names(settings))]
+    shape = np.concatenate([found.payload[0], found.attitude[0].ravel(), found.joints[0]])
+    order = [k for k in np.argsort(-shape)[:most] if shape[k] > 0.3 * shape.max()]
+    return ", ".join(f"{names[k]} ({shape[k]:.2g})" for k in order)
+
+
+def _delay(settings: Settings, x: modes.Carried, M: np.ndarray, progress: Callable[[str], None]) -> Finding:
+    """How much later commands may come; bad below `DELAY_LEAST`."""
+    try:
+        margin = _margin(settings, x, M)
+    except ValueError as error:
+        return Finding("delay", f"how much later commands may come is not known: {error}", {"margin_s": None})
+    said = f"commands may come {margin:.3g} s later" + (
+        " or more" if margin > DELAY_MOST - 1 / settings.control_Hz else ""
+    )
+    return Finding(
+        "delay", said, {"margin_s": margin}, _patient(settings, margin, progress) if margin < DELAY_LEAST else ()
+    )
+
+
+def _margin(settings: Settings, x: modes.Carried, M: np.ndarray) -> float:
+    """The delay margin, s, sought up to `DELAY_MOST`."""
+    return modes.delay_margin(x, M, round(DELAY_MOST * settings.control_Hz)) / settings.control_Hz
+
+
+# What to change -------------------------------------------------------------------------------------------------------
+
+Change = tuple[str, Settings]
+"""What to type (`--set control.K_v=3`), and what becomes of the settings."""
+
+
+def _steadier(settings: Settings, x: modes.Carried, M: np.ndarray, progress: Callable[[str], None]) -> tuple[str, ...]:
+    """The single changes that steady the slowest mode most: gains, and where none does, joints and contacts."""
+    now = float(np.log(np.abs(np.linalg.eigvals(M)).max()) * settings.control_Hz)
+
+    def guess(changed: Settings) -> float:
+        plan = study.plan(changed, "C1")
+        return modes.estimate(plan, build.at_rest(changed, plan.world.team), x, M)
+
+    def rate(changed: Settings) -> float:
+        plan = study.plan(changed, "C1")
+        return modes.at_rest(plan, build.at_rest(changed, plan.world.team)).rate[0]
+
+    guesses = [(guess(changed), typed, changed) for typed, changed in _gains(settings)]
+    gains = sorted((each for each in guesses if np.isfinite(each[0])), key=lambda each: each[0])[:TRIED]
+    for candidates in ([each[1:] for each in gains], [*_rests(settings), *_heights(settings)]):
+        tried = []
+        for typed, changed in candidates:
+            progress(f"its loop with {typed}")
+            with contextlib.suppress(ValueError):  # no such team, or no rest
+                tried.append((rate(changed), typed))
+        better = sorted(each for each in tried if each[0] < now - 0.02 * abs(now))[:TRIED]
+        if better:
+            return tuple(f"{typed} makes it {rate:+.3g} rad/s" for rate, typed in better)
+    return ("no single gain, joint or height of contacts that was tried steadies it: begin from `colift new`",)
+
+
+def _patient(settings: Settings, now: float, progress: Callable[[str], None]) -> tuple[str, ...]:
+    """The gains which, lowered, let commands come later."""
+    tried = []
+    for typed, changed in list(_gains(settings))[::2]:
+        progress(f"its loop with {typed}")
+        plan = study.plan(changed, "C1")
+        with contextlib.suppress(ValueError):
+            x, M = modes.monodromy(plan, build.at_rest(changed, plan.world.team))
+            tried.append((_margin(changed, x, M), typed))
+    better = sorted((each for each in tried if each[0] > now), reverse=True)[:TRIED]
+    said = tuple(f"{typed} makes it {margin:.3g} s" for margin, typed in better)
+    return said or (f"no single gain that was lowered helps; raise control_Hz above {settings.control_Hz:g}",)
+
+
+def _gains(settings: Settings) -> Iterator[Change]:
+    """Every gain lower and higher."""
+    for name in ("K_p", "K_v", "k_R", "k_omega", "agent_k_R", "agent_k_omega"):
+        now = np.array(getattr(settings.control, name))
+        for factor in (0.7, 1.4):
+            new = [float(f"{x:.3g}") for x in np.atleast_1d(factor * now)]
+            value = new if now.shape else new[0]
+            control = settings.control.model_copy(update={name: value})
+            yield f"--set control.{name}={value}", settings.model_copy(update={"control": control})
+
+
+def _rests(settings: Settings) -> Iterator[Change]:
+    """Every joint that turns at rest 0.2 rad either way."""
+    for kind, given in settings.agent_types.items():
+        for k, joint in enumerate(given.joints):
+            if joint.type != "revolute":
+                continue
+            for step in (-0.2, 0.2):
+                value = round(joint.rest_rad + step, 3)
+                turned = joint.model_copy(update={"rest_rad": value})
+                other = given.model_copy(update={"joints": (*given.joints[:k], turned, *given.joints[k + 1 :])})
+                types = settings.agent_types | {kind: other}
+                yield (
+                    f"--set agent_types.{kind}.joints.{k}.rest_rad={value}",
+                    settings.model_copy(update={"agent_types": types}),
+                )
+
+
+def _heights(settings: Settings) -> Iterator[Change]:
+    """All contacts 5 cm lower and higher: where agents turn about points above or below their centres of mass."""
+    for step in (-0.05, 0.05):
+        agents = tuple(
+            agent.model_copy(update={"contacts_m": tuple((x, y, round(h + step, 4)) for x, y, h in agent.contacts_m)})
+            for agent in settings.agents
+        )
+        typed = " ".join(
+            f"--set agents.{i}.contacts_m.{b}.2={c[2]}"
+            for i, agent in enumerate(agents)
+            for b, c in enumerate(agent.contacts_m)
+        )
+        yield typed, settings.model_copy(update={"agents": agents})

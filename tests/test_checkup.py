@@ -1,0 +1,155 @@
+"""What is said of a scenario before it is flown: the numbers, and what to change where one is bad."""
+
+from __future__ import annotations
+
+import functools
+import json
+import re
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from colift import checkup, modes, scenario, study
+from colift.__main__ import app
+from colift.scenario import Settings, build
+from tests import light
+
+NO_WIND = {"disturbances": ()}
+
+
+@functools.cache
+def found(name: str) -> checkup.Checkup:
+    """Of the smallest team; with one gain that its sampled loop does not bear."""
+    control = light.SAMPLE.control.model_copy(update={"agent_k_omega": 40.0} if name == "wild" else {})
+    return checkup.check(light.settings(control=control))
+
+
+def finding(of: checkup.Checkup, subject: str) -> checkup.Finding:
+    (one,) = [each for each in of.findings if each.subject == subject]
+    return one
+
+
+def test_a_team_that_flies_is_sound():
+    good = found("good")
+    assert good.sound
+    assert [each.subject for each in good.findings] == ["mass", "contacts", "thrust", "mode", "delay"]
+    assert good.lines()[-1] == "sample: sound"
+    assert finding(good, "mass").numbers["total_kg"] == 6
+    assert "payload 1.5 kg (believed 1.2 kg), n0 1.5 kg" in finding(good, "mass").says
+    assert finding(good, "contacts").numbers["rank"] == 6
+    assert 0.002 <= finding(good, "delay").numbers["margin_s"] <= 0.05
+    assert json.loads(json.dumps(good.summary))["mode"]["rad_s"][0] < 0
+
+
+def test_a_mode_that_grows_is_bad_and_the_change_that_is_said_steadies_it():
+    wild = found("wild")
+    assert not wild.sound
+    (bad,) = [each for each in wild.findings if each.advice]
+    assert bad.subject == "mode"
+    assert "unstable" in bad.says
+    assert re.search(r"moves n\d in (roll|pitch|yaw)", bad.says)
+    assert not any(each.subject == "delay" for each in wild.findings)
+    (rate,) = re.fullmatch(r"--set control\.agent_k_omega=28\.0 makes it ([+-]\S+) rad/s", bad.advice[0]).groups()
+    assert float(rate) == pytest.approx(finding(found("good"), "mode").numbers["rad_s"][0], abs=1e-2)
+    assert float(rate) < 0 < finding(wild, "mode").numbers["rad_s"][0]
+    assert wild.lines()[-1] == "sample: bad: mode"
+
+
+def test_too_little_delay_margin_is_bad_with_the_gain_that_gives_more(monkeypatch: pytest.MonkeyPatch):
+    every = list(checkup._gains(light.settings()))
+    monkeypatch.setattr(checkup, "DELAY_LEAST", 0.02)
+    monkeypatch.setattr(checkup, "_gains", lambda _: [each for each in every if "agent_k_omega" in each[0]])
+    late = finding(checkup.check(light.settings()), "delay")
+    margin = re.fullmatch(r"--set control\.agent_k_omega=19\.6 makes it (\S+) s", late.advice[0])
+    assert margin
+    assert float(margin[1]) > late.numbers["margin_s"]
+
+
+def test_a_delay_margin_that_is_not_known_is_said_and_not_called_bad(monkeypatch: pytest.MonkeyPatch):
+    def unknown(*_: object) -> None:
+        raise ValueError("what the pilot remembers does not move every command by itself")
+
+    monkeypatch.setattr(modes, "delay_margin", unknown)
+    said = checkup._delay(light.settings(), {}, np.eye(1), print)
+    assert said.says.endswith("is not known: what the pilot remembers does not move every command by itself")
+    assert (said.advice, said.numbers) == ((), {"margin_s": None})
+
+
+def test_the_thrust_along_a_reference_that_stands_still_is_that_of_hovering():
+    still = light.settings(
+        reference=light.SAMPLE.reference.model_copy(update={"amplitude_m": (0.0, 0.0, 0.0)}), **NO_WIND
+    )
+    plan = study.plan(still, "C1")
+    truth = plan.world.team
+    path = checkup.thrust_along(plan, build.at_rest(still, truth), np.array([0.0, 7.0]))
+    hover = build.hover(still, truth, plan.pilot, plan.world.sources)
+    np.testing.assert_allclose(path, [hover, hover], rtol=1e-12)
+
+
+def test_the_thrust_along_a_reference_lifts_all_masses_as_the_payload_moves():
+    up = light.SAMPLE.reference.model_copy(update={"amplitude_m": (0.0, 0.0, 0.3), "swing_deg": (0.0, 0.0, 0.0)})
+    settings = light.settings(reference=up, **NO_WIND)
+    plan = study.plan(settings, "C1")
+    t = np.linspace(0, 10, 7)
+    need = checkup.thrust_along(plan, build.at_rest(settings, plan.world.team), t).sum(1)
+    a = np.array([plan.pilot.path.at(jnp.asarray(x)).a[2] for x in t])
+    np.testing.assert_allclose(need, 6.0 * (9.81 + a), rtol=1e-9)
+    assert np.ptp(a) > 0.1
+
+
+def heavier(kg: float) -> Settings:
+    load = light.SAMPLE.payload.model_copy(update={"mass_kg": kg})
+    return light.settings(payload=load, **NO_WIND)
+
+
+def test_little_thrust_is_bad_with_how_much_it_should_be(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(modes, "monodromy", no_rest)
+    seen = checkup.check(heavier(7.0))
+    thrust = finding(seen, "thrust")
+    assert [line.split(":")[0] for line in thrust.advice] == ["hover", "reference"]
+    need = max(thrust.numbers["hover_N"].values())
+    assert f"agent_types.body.thrust_max_N to {need / 0.9:.3g} or more" in thrust.advice[0]
+    assert "no rest" in finding(seen, "rest").says
+
+
+def no_rest(*_: object) -> None:
+    raise ValueError("the team finds no rest near the start of its reference")
+
+
+def test_what_cannot_be_built_is_said_with_what_to_change():
+    refused = checkup.check(heavier(20.0))
+    assert "cannot hover" in finding(refused, "refused").says
+    assert "thrust_max_N" in finding(refused, "refused").advice[0]
+    agents = [
+        agent.model_copy(update={"contacts_m": ((x, 0.02 * (x == 0.0), 0.03),)})
+        for agent, x in zip(light.settings().agents, (0.4, 0.0, -0.4), strict=True)
+    ]
+    line = finding(checkup.check(light.settings(agents=agents)), "contacts")
+    assert line.numbers["condition"] > checkup.CONDITION_MOST
+    assert "move n1/hook away from it" in line.advice[0]
+
+
+def test_joints_near_a_singular_grasp_are_named(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(modes, "monodromy", no_rest)
+    change = "agent_types.two_arms.joints.1.rest_rad=0.03", "agent_types.two_arms.joints.2.rest_rad=-0.03"
+    contacts = [f"agents.{i}.contacts_m=[[{x}, 0.089, 0.05], [{x}, -0.089, 0.05]]" for i, x in ((0, 0.5), (1, -0.5))]
+    settings = scenario.load("paper", (*change, *contacts))
+    joints = finding(checkup.check(settings), "joints")
+    assert joints.numbers["condition"]["front"] > checkup.JACOBIAN_MOST
+    assert re.match(r"front: turn the rest of joint \w+ away from \S+ \(agent_types.two_arms.joints", joints.advice[0])
+
+
+def test_the_command_prints_the_findings_and_its_status_says_whether_all_is_sound(monkeypatch: pytest.MonkeyPatch):
+    for name, status in (("good", 0), ("wild", 1)):
+        here = found(name)
+        monkeypatch.setattr(checkup, "check", lambda _settings, _say, here=here: here)
+        said = CliRunner().invoke(app, ["check", "paper"])
+        assert said.exit_code == status
+        assert said.stdout.splitlines() == here.lines()
+        data = CliRunner().invoke(app, ["check", "paper", "--json"])
+        assert data.exit_code == status
+        assert json.loads(data.stdout) == json.loads(json.dumps(here.summary))
+    assert CliRunner().invoke(app, ["check", "papr"]).exit_code == 2
+    assert CliRunner().invoke(app, ["check", "paper", "--set", "payload.mass_kg=x"]).exit_code == 2

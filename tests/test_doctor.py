@@ -1,0 +1,47 @@
+"""What colift says of the machine that it runs on."""
+
+from __future__ import annotations
+
+import json
+
+import jax
+import pytest
+from typer.testing import CliRunner
+
+from colift import cache, doctor
+from colift.__main__ import app
+from colift.native import build
+
+
+def test_a_machine_on_which_all_works_has_no_problem():
+    found = doctor.examine()
+    assert found["problems"] == []
+    assert found["packages"]["jax"] == jax.__version__
+    assert found["self_test"].startswith("native code agrees with JAX within")
+    assert found["caches"]["native"]["files"] >= 0
+    said = CliRunner().invoke(app, ["doctor"])
+    assert said.exit_code == 0
+    assert [line.split()[0] for line in said.stdout.splitlines()] == [
+        *("python", "packages", "compiler", "jax", "native", "gpu", "self-test")
+    ]
+    assert json.loads(CliRunner().invoke(app, ["doctor", "--json"]).stdout)["packages"] == found["packages"]
+
+
+def test_no_compiler_and_no_cache_are_problems_with_status_1(monkeypatch: pytest.MonkeyPatch):
+    def unwritable(name: str) -> None:
+        raise cache.Unwritable(f"{name}: Permission denied")
+
+    monkeypatch.setattr(build, "compiler", lambda: None)
+    monkeypatch.setattr(cache, "folder", unwritable)
+    said = CliRunner().invoke(app, ["doctor"])
+    assert said.exit_code == 1
+    assert "problem: no C compiler" in said.stdout
+    assert "problem: what is compiled cannot be kept: jax: Permission denied" in said.stdout
+    assert "compiler   none" in said.stdout
+
+
+def test_native_code_that_computes_something_else_is_a_problem(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(doctor.native, "compile", lambda f: lambda A: f(A) * 1.001)
+    found = doctor.examine()
+    assert found["self_test"] == "failed"
+    assert "native code differs from JAX by 0.001" in found["problems"][0]

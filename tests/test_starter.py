@@ -1,0 +1,126 @@
+"""Scenarios to begin with: that they are read, and that `check` finds them sound."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from colift import checkup, grasp, scenario, starter
+from colift.__main__ import app
+from colift.scenario import build
+
+VEHICLE = """<robot name="two hands">
+  <link name="base"><inertial><mass value="1.5"/>
+    <inertia ixx="0.02" iyy="0.02" izz="0.035" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  {arms}
+</robot>
+"""
+ARM = """<link name="{name}"><inertial><origin xyz="0 0 -0.05"/><mass value="0.1"/>
+    <inertia ixx="1e-4" iyy="1e-4" izz="1e-5" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <link name="{name} hand"/>
+  <joint name="{name}" type="revolute"><parent link="{parent}"/><child link="{name}"/><origin xyz="{x} 0 0"/>
+    <axis xyz="0 1 0"/><limit lower="-2" upper="2" effort="5" velocity="5"/></joint>
+  <joint name="{name} wrist" type="fixed"><parent link="{name}"/><child link="{name} hand"/>
+    <origin xyz="0 0 -0.1"/></joint>
+"""
+
+
+@pytest.mark.parametrize(("agents", "arms"), [(2, 2), (3, 1), (3, 2), (4, 1), (6, 0)])
+def test_what_is_written_is_sound(agents: int, arms: int, tmp_path: Path):
+    file = tmp_path / "my_team.yaml"
+    written = CliRunner().invoke(app, ["new", str(file), "--agents", str(agents), "--arms", str(arms)])
+    assert written.exit_code == 0, written.stderr
+    assert written.stdout == f"{file}: {agents} agents; next: colift check {file}\n"
+    settings = scenario.load(file)
+    assert (settings.name, len(settings.agents)) == ("my_team", agents)
+    found = checkup.check(settings)
+    assert found.sound, "\n".join(found.lines())
+
+
+@pytest.mark.parametrize("arms", [0, 1, 2])
+@pytest.mark.parametrize("agents", [2, 3, 5, 12])
+def test_vehicles_stand_apart_around_the_plate_on_their_contacts(agents: int, arms: int):
+    if arms < 2 and agents < 3:
+        with pytest.raises(ValueError, match=rf"--agents 2: must be from 3 to 100 with --arms {arms}"):
+            starter.text("t", agents, arms)
+        return
+    settings = scenario.parse(starter.text("t", agents, arms), "t.yaml")
+    places = np.array([np.mean(agent.contacts_m, axis=0) for agent in settings.agents])
+    apart = np.linalg.norm(places[:, None] - places, axis=2) + 10 * np.eye(agents)
+    assert apart.min() > (1.0 if arms == 2 else 0.49)
+    values = grasp.singular_values(build.team(settings)[0], length=0.5)
+    assert values[0] < 6 * values[-1]
+
+
+@pytest.mark.parametrize(("agents", "arms"), [(1, 2), (0, 2), (101, 1), (3, 3), (3, -1)])
+def test_a_team_that_cannot_be_is_refused_in_one_line(agents: int, arms: int, tmp_path: Path):
+    file = tmp_path / "t.yaml"
+    done = CliRunner().invoke(app, ["new", str(file), "--agents", str(agents), "--arms", str(arms)])
+    assert (done.exit_code, done.stderr.count("\n")) == (2, 1)
+    assert "must be" in done.stderr
+    assert not file.exists()
+
+
+def test_nothing_is_overwritten_and_the_ending_is_yaml(tmp_path: Path):
+    file = tmp_path / "mine.yaml"
+    file.write_text("mine")
+    done = CliRunner().invoke(app, ["new", str(file)])
+    assert (done.exit_code, done.stderr.count("\n")) == (2, 1)
+    assert "exists" in done.stderr
+    assert file.read_text() == "mine"
+    assert CliRunner().invoke(app, ["new", str(tmp_path / "mine")]).exit_code == 2
+    assert CliRunner().invoke(app, ["new", str(tmp_path / "none" / "mine.yaml")]).exit_code == 2
+
+
+@pytest.mark.parametrize(("stem", "name"), [("team", "team"), ("my team", "my_team"), ("2nd", "_2nd"), ("Ä", "_")])
+def test_any_file_s_name_gives_a_scenario_s(stem: str, name: str):
+    assert starter.name_of(Path("there") / f"{stem}.yaml") == name
+    assert scenario.parse(starter.text(name, 2, 2), "t.yaml").name == name
+
+
+def urdf(folder: Path, *arms: str) -> Path:
+    file = folder / "vehicle.urdf"
+    file.write_text(VEHICLE.format(arms="".join(arms)))
+    return file
+
+
+def test_a_vehicle_from_urdf_stands_with_its_hands_on_the_plate(tmp_path: Path):
+    upper = ARM.format(name="upper", parent="base", x=0.1)
+    file = urdf(tmp_path, upper, ARM.format(name="lower", parent="upper", x=0.05))
+    made = tmp_path / "teams" / "mine.yaml"
+    made.parent.mkdir()
+    done = CliRunner().invoke(app, ["new", str(made), "--agents", "3", "--urdf", str(file)])
+    assert done.exit_code == 0, done.stderr
+    assert 'urdf: "../vehicle.urdf"' in made.read_text()
+    settings = scenario.load(made)
+    assert [arm.name for arm in settings.agent_types["vehicle"].arms] == ["hand_1"]
+    truth, _ = build.team(settings)
+    z = build.at_rest(settings, truth)
+    assert np.abs(np.asarray(z.agents[0].r)).max() < 1e-6
+
+
+@pytest.mark.parametrize(
+    ("given", "answer"),
+    [
+        (["--agents", "2"], "--agents 2: each holds the payload at 1, and three contacts are needed"),
+        (["--agents", "3", "--arms", "1"], "--arms 1: must be left out with --urdf"),
+        (["--agents", "101"], "--agents 101: must be at most 100"),
+    ],
+)
+def test_what_a_urdf_file_does_not_go_with_is_refused(given: list[str], answer: str, tmp_path: Path):
+    made = tmp_path / "mine.yaml"
+    done = CliRunner().invoke(app, ["new", str(made), "--urdf", str(urdf(tmp_path)), *given])
+    assert (done.exit_code, done.stderr.count("\n")) == (2, 1)
+    assert answer in done.stderr
+
+
+def test_a_urdf_file_that_is_none_is_told_with_its_place(tmp_path: Path):
+    bad = tmp_path / "bad.urdf"
+    bad.write_text("<robot>")
+    for file, answer in ((bad, "bad.urdf:1"), (tmp_path / "none.urdf", "none.urdf")):
+        done = CliRunner().invoke(app, ["new", str(tmp_path / "mine.yaml"), "--urdf", str(file)])
+        assert (done.exit_code, done.stderr.count("\n")) == (2, 1)
+        assert answer in done.stderr
