@@ -28,8 +28,9 @@ ARM = """<link name="{name}"><inertial><origin xyz="0 0 -0.05"/><mass value="0.1
 """
 
 
-@pytest.mark.parametrize(("agents", "arms"), [(2, 2), (3, 1), (3, 2), (4, 1), (6, 0)])
-def test_what_is_written_is_sound(agents: int, arms: int, tmp_path: Path):
+def test_what_is_written_is_sound(tmp_path: Path):
+    """The smallest team; `./dev evidence starts` has larger ones, and flies them."""
+    agents, arms = 3, 0
     file = tmp_path / "my_team.yaml"
     written = CliRunner().invoke(app, ["new", str(file), "--agents", str(agents), "--arms", str(arms)])
     assert written.exit_code == 0, written.stderr

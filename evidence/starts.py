@@ -1,0 +1,44 @@
+"""Teams that `colift new` writes, as they come: what `check` says of them, and whether C1 > C2 > C3 holds."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from colift import analyse, checkup, scenario, simulate, starter, study
+from colift.scenario import build
+from evidence import collect
+
+TEAMS = ((2, 2), (3, 2), (3, 1), (4, 1), (6, 0), (3, 0))  # agents, arms of each
+
+
+def fly(item: str) -> dict[str, Any]:
+    """The checkup's verdict and the RMS position error of each case over the second half, m."""
+    agents, arms = map(int, item.split(" x "))
+    settings = scenario.parse(starter.text("team", agents, arms), "team.yaml")
+    found = checkup.check(settings)
+    errors = {}
+    for case in ("C1", "C2", "C3"):
+        plan = study.plan(settings, case)
+        flight = simulate.fly_plan(plan, build.agent_names(settings))
+        errors[case] = (
+            None if flight.stopped else analyse.summary(flight, plan.world.team, plan.pilot.team)["e_p_rms_m"]
+        )
+    return {"sound": found.sound, "says": found.lines(), "e_p_rms_m": errors}
+
+
+def main() -> bool:
+    """Every team is sound, ends its flights, and tracks better with each thing it learns."""
+    items = [f"{agents} x {arms}" for agents, arms in TEAMS]
+    found, good = collect("starts", items, fly), True
+    for item in items:
+        errors = found[item]["e_p_rms_m"]
+        ended = [errors[case] for case in ("C1", "C2", "C3") if errors[case] is not None]
+        falls = len(ended) == 3 and ended[0] > ended[1] > ended[2]
+        good &= falls and found[item]["sound"]
+        said = ", ".join(f"{case} {'stopped' if e is None else f'{1e3 * e:.1f} mm'}" for case, e in errors.items())
+        print(f"{item:6} {'sound' if found[item]['sound'] else 'NOT sound'}, {said}{'' if falls else ': NOT in order'}")
+    return good
+
+
+if __name__ == "__main__":
+    main()
