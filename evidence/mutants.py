@@ -51,13 +51,13 @@ MUTANTS = {
     # the agents
     "thrust direction without f_hat": Mutant(
         "control.py",
-        "share.lam.sum(0) - f_hat.f_x\n    f_dot",
-        "share.lam.sum(0)\n    f_dot",
+        "share.lam.sum(0) - f_hat.f_x, m *",
+        "share.lam.sum(0), m *",
         "control",
         "attitude_law",
     ),
     "rate of lam not in the attitude": Mutant(
-        "control.py", "p.mass * to.jerk + share.lam_dot.sum(0)", "p.mass * to.jerk", "control", "attitude_law"
+        "control.py", "m * to.jerk + share.lam_dot.sum(0)", "m * to.jerk", "control", "attitude_law"
     ),
     "f_hat_w not compensated": Mutant("control.py", "tau=Q[:3] - f_hat.f_w", "tau=Q[:3]", "control", "aligned"),
     "posture: half the damping": Mutant(

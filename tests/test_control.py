@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -327,6 +327,7 @@ def test_a_turn_has_the_rates_of_the_attitude_along_the_force(seed):
     np.testing.assert_allclose(turn.omega_dot, (ahead + behind) / h**2, atol=1e-3)
 
 
+@settings(max_examples=8)
 @given(st.integers(0, 10**6))
 def test_without_a_swing_the_rates_are_those_of_what_is_asked_ahead(seed):
     """A single body that bears the payload at its centre of mass: its own turning moves that nowhere."""

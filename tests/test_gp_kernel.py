@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 
 import jax.numpy as jnp
 import numpy as np
@@ -18,10 +19,10 @@ from colift.pytree import pytree
 
 @pytree
 class Rough(gp.Kernel):
-    """Matern's with 5/2: `(1 + d + d^2 / 3) exp(-d)`, `d = sqrt(5 r2)`."""
+    """Matern's with 5/2: `(1 + d + d^2 / 3) exp(-d)`, `d = sqrt(5 r2)`; a root has no slope at zero."""
 
     def __call__(self, r2):
-        d = jnp.sqrt(5 * jnp.maximum(r2, 1e-14))  # a root has no slope at zero
+        d = jnp.sqrt(5 * r2)
         return (1 + d + d * d / 3) * jnp.exp(-d)
 
 
@@ -36,11 +37,13 @@ class Heavy(gp.Kernel):
 
 
 @pytree
-class Twice(gp.Kernel):
-    """No correlation: 2 at zero."""
+class Times(gp.Kernel):
+    """No correlation but for 1: so much at zero."""
+
+    by: float
 
     def __call__(self, r2):
-        return 2 * jnp.exp(-r2)
+        return self.by * jnp.exp(-r2)
 
 
 OWN = {
@@ -112,6 +115,9 @@ def test_kernels_of_belief_and_start_must_agree():
     X, Y, hyper, _ = problem(5, outputs=1)
     with pytest.raises(ValueError, match="belief is of Rough, start of SquaredExponential: must be one kernel"):
         gp.fit(X, Y, belief=gp.Belief(dataclasses.replace(hyper, kernel=Rough())), start=hyper)
+    one, other = (dataclasses.replace(hyper, kernel=Heavy(a=jnp.array(a))) for a in (1.0, 30.0))
+    with pytest.raises(ValueError, match=re.escape("belief is of Heavy [1.0], start of Heavy [30.0]: must be one")):
+        gp.fit(X, Y, belief=gp.Belief(one), start=other)
 
 
 def test_optimal_recovery_holds_for_a_function_of_the_kernel_s_space():
@@ -127,9 +133,10 @@ def test_optimal_recovery_holds_for_a_function_of_the_kernel_s_space():
         assert found.lower - 1e-9 <= at(point[None])[0, 0] <= found.upper + 1e-9
 
 
-def test_what_is_no_correlation_is_refused():
-    with pytest.raises(ValueError, match="the kernel Twice is 2 at distance zero: must be 1"):
-        gp.hyperparameters(1.0, [1.0], 0.1, kernel=Twice())
+@pytest.mark.parametrize("by", [2.0, np.nan])
+def test_what_is_no_correlation_is_refused(by):
+    with pytest.raises(ValueError, match=f"the kernel Times is {by:g} at distance zero: must be 1"):
+        gp.hyperparameters(1.0, [1.0], 0.1, kernel=Times(by=by))
 
 
 def test_a_file_holds_no_kernel_of_one_s_own(tmp_path):

@@ -12,6 +12,7 @@ import io
 import json
 import math
 import os
+import shlex
 import signal
 import sys
 import time
@@ -253,7 +254,7 @@ def new(
     except (ValueError, OSError) as error:
         raise _fail(str(error)) from None
     with _printed(""):
-        print(f"{file}: {agents} agents; next: colift check {file}")
+        print(f"{file}: {agents} agents; next: colift check {shlex.quote(str(file))}")
 
 
 @app.command()

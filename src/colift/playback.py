@@ -103,13 +103,15 @@ def page(flights: Mapping[str, xr.Dataset], cases: Mapping[str, str]) -> str:
 def settings(ds: xr.Dataset) -> Settings:
     """The scenario that a log holds; raises ValueError where it holds none that this version reads."""
     try:
-        return Settings.model_validate_json(ds.attrs["scenario_json"])
+        told = json.loads(ds.attrs["scenario_json"])
+        told.pop("parts", None)  # code beside the scenario, of which nothing is drawn
+        return Settings.model_validate_json(json.dumps(told))
     except KeyError:
         raise ValueError(
             f"{ds.attrs.get('case', 'the log')} of {ds.attrs.get('run', 'no run')} does not hold its scenario, as "
             "logs of an earlier colift do not: run colift study again"
         ) from None
-    except ScenarioError as error:
+    except (ScenarioError, json.JSONDecodeError, AttributeError) as error:
         first = str(error).splitlines()[0]
         raise ValueError(
             f"the scenario in the log is not one of this colift ({first}): run colift study again"

@@ -130,8 +130,10 @@ def from_urdf(name: str, agents: int, file: Path, folder: Path) -> str:
         raise ValueError(f"--agents {agents}: each holds the payload at {len(tips)}, and three contacts are needed")
     mass = sum(body.mass for body in robot.bodies)
     points = [_at_zero(robot, link) for link in tips]
-    path = json.dumps(os.path.relpath(file, folder))
-    hands = "\n".join(f"      - {{link: {json.dumps(link)}, name: hand_{k + 1}}}" for k, link in enumerate(tips))
+    path = json.dumps(os.path.relpath(file, folder), ensure_ascii=False)
+    hands = "\n".join(
+        f"      - {{link: {json.dumps(link, ensure_ascii=False)}, name: hand_{k + 1}}}" for k, link in enumerate(tips)
+    )
     kind = f"""\
   vehicle:
     urdf: {path}

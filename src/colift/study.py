@@ -177,6 +177,7 @@ def certify(
     Raises ScenarioError as `plans` does, ValueError where there is no certificate.
     """
     ready, agents = plan(settings, "C3"), build.agent_names(settings)
+    certificate.refuse(ready)
     if linear is None:
         progress("the loop's response")
         linear = response.linearize(ready.pilot, build.at_rest(settings, ready.pilot.team))
@@ -338,7 +339,7 @@ def run(
             view.lengthscale_table(_lengthscales(settings, learned), out.path / f"lengthscales_{case}", out.run)
     summary["wall_s"] = {"figures": time.perf_counter() - began}
     write_json(summary, out.path / "summary.json")
-    return summary
+    return _finite(summary)
 
 
 def _dataset(settings: Settings, case: str, flight: simulate.Flight, flown: simulate.Plan, run: str) -> Any:

@@ -122,7 +122,7 @@ def check(hyper: Hyper, points: int = 1) -> None:
             raise ValueError(f"{name} = {value.tolist()}: must be finite, within [{lower:g}, {upper:g}]")
     with jax.ensure_compile_time_eval():  # a prior may be made where something is traced
         at_zero = float(hyper.kernel(jnp.zeros(())))
-    if abs(at_zero - 1) > 1e-12:
+    if not abs(at_zero - 1) <= 1e-12:
         raise ValueError(f"the kernel {type(hyper.kernel).__name__} is {at_zero:.6g} at distance zero: must be 1")
     s, v = np.asarray(hyper.signal_variance), np.asarray(hyper.noise_variance)
     small = np.flatnonzero(v < least_noise(points) * s)

@@ -24,7 +24,9 @@ class Kernel:
     def on_host(self, r2: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Its values, and `-2` times its slope, which a fit needs, on the host; r2 may be overwritten."""
         values, slopes = _with_slope(self, jnp.asarray(r2.ravel()))
-        return np.asarray(values).reshape(r2.shape), np.asarray(slopes).reshape(r2.shape)
+        # a root has no slope at zero, where a fit multiplies it by zero
+        slopes = np.where(r2.ravel() == 0, 0.0, np.asarray(slopes))
+        return np.asarray(values).reshape(r2.shape), slopes.reshape(r2.shape)
 
 
 @jax.jit

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from numpy.typing import ArrayLike
@@ -95,13 +96,21 @@ class _Standardized:
     offset: np.ndarray
 
 
+def _same(one: Kernel, other: Kernel) -> bool:
+    leaves = zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=False)
+    return type(one) is type(other) and all(np.array_equal(a, b) for a, b in leaves)
+
+
+def _named(kernel: Kernel) -> str:
+    parameters = [np.asarray(leaf).tolist() for leaf in jax.tree.leaves(kernel)]
+    return type(kernel).__name__ + (f" {parameters}" if parameters else "")
+
+
 def _kernel(belief: Belief | None, start: Hyper | None) -> Kernel:
     """That of the belief and the start; the default where there is neither."""
     given = [hyper.kernel for hyper in (None if belief is None else belief.median, start) if hyper is not None]
-    if len(given) == 2 and type(given[0]) is not type(given[1]):
-        raise ValueError(
-            f"belief is of {type(given[0]).__name__}, start of {type(given[1]).__name__}: must be one kernel"
-        )
+    if len(given) == 2 and not _same(*given):
+        raise ValueError(f"belief is of {_named(given[0])}, start of {_named(given[1])}: must be one kernel")
     return given[0] if given else DEFAULT_KERNEL
 
 
