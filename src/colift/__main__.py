@@ -329,13 +329,17 @@ def run(
     as_json: Json = False,
 ) -> None:
     """Fly a scenario under one case, and save it as `study` does."""
+    _require_known(case)
+    read = functools.partial(_settings, name, changes, duration, seed, engine)
+    _fly(read, (case,), out, quiet, as_json, f"-{case}")
+
+
+def _require_known(case: str) -> None:
     from colift import study as flights
 
     known = flights.CASES | flights.BASELINES
     if case not in known:
         raise _fail(f"--case {case}: must be one of {', '.join(known)}")
-    read = functools.partial(_settings, name, changes, duration, seed, engine)
-    _fly(read, (case,), out, quiet, as_json, f"-{case}")
 
 
 def _fly(
@@ -560,9 +564,7 @@ def _export_c(
     interrupt.check()
     try:
         settings = _settings(name, changes, duration, seed)
-        known = flights.CASES | flights.BASELINES
-        if case not in known:
-            raise _fail(f"--case {case}: must be one of {', '.join(known)}")
+        _require_known(case)
         folder = out or Path("out") / f"{settings.name}-c"
         with _stages(f"{settings.name}, {case}, as C") as say:
             plan = flights.plan(settings, case)

@@ -116,7 +116,9 @@ def turning(f: Float[Array, "3 3"], heading: Float[Array, ""]) -> Turn:
 
 
 NODES = np.arange(-2.0, 3.0)  # of times around now, in steps
-POLYNOMIAL = np.linalg.inv(np.vander(NODES, increasing=True))  # coefficients of the quartic through values there
+# At the nodes, of the quartic through values there: itself, its rate and its second rate, in steps.
+QUARTIC = [[[math.perm(k, order) * s ** max(k - order, 0) for k in range(5)] for s in NODES] for order in range(3)]
+RATES = np.array(QUARTIC) @ np.linalg.inv(np.vander(NODES, increasing=True))
 
 
 @pytree
@@ -148,30 +150,23 @@ def anticipated(
     m = agent.mass.sum()
     still = dataclasses.replace(q, r=share.rest, r_dot=jnp.zeros_like(q.r_dot))
     g = ag.geometry(agent, still.r)
-    reduced, c = ag.reduce(agent, g), _coefficients(ahead.f)
+    reduced, now = ag.reduce(agent, g), len(NODES) // 2
 
-    def swing(s: Float[Array, ""], load: PayloadState, to: Command) -> Float[Array, "3"]:
-        here = jnp.stack([_derivative(c, s, k) / ahead.step**k for k in range(3)])
-        turn = turning(here, share.heading)
+    def swing(f: Float[Array, "3 3"], load: PayloadState, to: Command) -> Float[Array, "3"]:
+        turn = turning(f, share.heading)
         assert turn.omega_dot is not None
         _, kappa = ag.bias(agent, g, reduced, turn.omega, still.r_dot)
         y = _with_tips(agent, gains, still, load, to, share.rest, reduced, kappa, turn.R, turn.omega_dot)
         return turn.R @ y[:3] - to.a
 
-    swings = m * jax.vmap(swing)(jnp.asarray(NODES), ahead.load, ahead.to)
-    c = _coefficients(ahead.f + swings)
-    f = m * (to.a - gravity) + share.lam.sum(0) - f_hat.f_x + swings[len(NODES) // 2]
-    return turning(jnp.stack([f, c[1] / ahead.step, 2 * c[2] / ahead.step**2]), share.heading)
+    swings = m * jax.vmap(swing)(_rates(ahead.f, ahead.step), ahead.load, ahead.to)
+    f = m * (to.a - gravity) + share.lam.sum(0) - f_hat.f_x + swings[now]
+    return turning(_rates(ahead.f + swings, ahead.step)[now].at[0].set(f), share.heading)
 
 
-def _coefficients(values: Float[Array, "times 3"]) -> Float[Array, "times 3"]:
-    return jnp.asarray(POLYNOMIAL) @ values
-
-
-def _derivative(c: Float[Array, "times 3"], s: Float[Array, ""], order: int) -> Float[Array, "3"]:
-    """Of `sum_k c_k s^k`."""
-    terms = [math.perm(k, order) * c[k] * s ** (k - order) for k in range(order, len(NODES))]
-    return sum(terms[1:], terms[0])
+def _rates(values: Float[Array, "times 3"], step: Float[Array, ""]) -> Float[Array, "times 3 3"]:
+    """Of the quartic through values at the nodes: there, its value, rate and second rate; step: s."""
+    return jnp.stack([jnp.asarray(rate) @ values / step**k for k, rate in enumerate(RATES)], axis=1)
 
 
 def realize(
