@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any, Protocol, runtime_checkable
 
 import jax
@@ -9,9 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from colift.lowpass import blend
+from colift.lag import Lag, Lagging
 from colift.model import AgentInput, Clock, Inputs
-from colift.pytree import pytree, static
+from colift.pytree import pytree
 
 Scalar = Float[Array, ""]
 
@@ -101,26 +102,20 @@ def rotors(count: int, arm: float, yaw: float, force_max: Float[Array, "agents"]
 
 @pytree
 class Motors(Ideal):
-    """A delay and a first-order lag of thrust and body torque, then a limit; joints act at once.
+    """A delay and a first-order lag of thrust and body torque, then a limit; joints act at once."""
 
-    `u+ = u + (1 - exp(-2 pi f dt)) (u_cmd(t - delay) - u)`, and tau likewise.
-    """
-
-    bandwidth: Scalar  # Hz
+    lag: Lag
     limits: tuple[Limit, ...]  # by group
-    delay: int = static(default=0)  # ticks
 
-    def begin(self, command: Inputs) -> Any:
-        """What acts, and the commands that are under way, oldest first."""
-        return command, tuple(command for _ in range(self.delay))
+    def begin(self, command: Inputs) -> Lagging:
+        """What acts, and the commands that are under way."""
+        return self.lag.begin(command)
 
-    def __call__(self, command: Inputs, memory: Any, clock: Clock) -> tuple[Inputs, Any]:
+    def __call__(self, command: Inputs, memory: Lagging, clock: Clock) -> tuple[Inputs, Lagging]:
         """What acts during the next tick, and the next memory."""
-        past, waiting = memory
-        due, *waiting = (*waiting, command)
-        b = blend(self.bandwidth, clock.dt)
+        now = self.lag.follow(memory, command, clock.dt)
         acting = []
-        for old, new, now, limit in zip(past, due, command, self.limits, strict=True):
-            u, tau = limit(old.u + b * (new.u - old.u), old.tau + b * (new.tau - old.tau))
-            acting.append(AgentInput(u=u, tau=tau, tau_r=now.tau_r))
-        return tuple(acting), (tuple(acting), tuple(waiting))
+        for one, limit in zip(now.acts, self.limits, strict=True):
+            u, tau = limit(one.u, one.tau)
+            acting.append(AgentInput(u=u, tau=tau, tau_r=one.tau_r))
+        return tuple(acting), dataclasses.replace(now, acts=tuple(acting))

@@ -6,6 +6,7 @@ point's Jacobian maps them to `(f_x, f_w, f_r)` of an agent or to the payload's 
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from typing import Any, ClassVar
 
@@ -88,6 +89,33 @@ class Wind(Law):
         w = at.v - self.mean - (self.gust * sines[:, None]).sum(0)
         speed = jnp.sqrt((w * w).sum() + 1e-6)  # smooth where the air is at rest
         return -(self.linear + self.quadratic * speed) * w, jnp.zeros(3)
+
+
+@pytree
+class Weather(Law):
+    """A wind that turns about the vertical and whose gusts travel: at time t the wind of phases `phase - rate t`.
+
+    Its mean turns by `angle` within `over` from `start` on, smoothly.
+    """
+
+    wind: Wind
+    rate: Float[Array, "waves"]  # rad/s
+    angle: Scalar  # rad
+    start: Scalar  # s
+    over: Scalar  # s
+    time_invariant: ClassVar[bool] = False
+
+    def __call__(self, at: Motion, t: Scalar, memory: Any) -> tuple[Vector, Vector]:
+        angle = self.angle * risen((t - self.start) / self.over)
+        turned = so3.exp(angle * jnp.array([0.0, 0.0, 1.0]))
+        now = dataclasses.replace(self.wind, mean=apply(turned, self.wind.mean), phase=self.wind.phase - self.rate * t)
+        return now(at, t, memory)
+
+
+def risen(s: Scalar) -> Scalar:
+    """`s^2 (3 - 2 s)`, from 0 at s = 0 to 1 at s = 1, level before and after."""
+    s = jnp.clip(s, 0.0, 1.0)
+    return s * s * (3 - 2 * s)
 
 
 @pytree

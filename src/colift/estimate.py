@@ -87,6 +87,7 @@ class Labelled:
 
     payload: tuple[Float[Array, "24"], Float[Array, "6"]]
     agents: tuple[tuple[Float[Array, "agents inputs"], Float[Array, "agents outputs"]], ...]
+    fresh: Float[Array, ""]  # 1 where the tips have spoken lately, 0 where they are silent and labels stand still
 
 
 @pytree
@@ -105,6 +106,7 @@ class Estimator:
     """The estimator that comes with colift: a complementary filter, and labels by the nominal equations."""
 
     filters: Filters
+    patience: Scalar  # s, how old a reading of the tips may be for a label
 
     def begin(self, team: Team, first: Measurement) -> Memory:
         """The memory at the first measurement, as if the team had stood there for ever."""
@@ -114,7 +116,9 @@ class Estimator:
         self, team: Team, memory: Memory, m: Measurement, applied: tuple[AgentInput, ...], clock: Clock
     ) -> tuple[Estimate, Memory]:
         """One tick: states, `lam_hat` and the filtered labels, given the inputs applied since the last tick."""
-        return _observe(team, self.filters, memory, m, applied, clock.dt)
+        age = m.age_s.get("agents.lam", jnp.zeros(()))
+        fresh = (age <= self.patience + 1e-9).astype(float)
+        return _observe(team, self.filters, memory, m, applied, fresh, clock.dt)
 
 
 def _begin(team: Team, first: Measurement) -> Memory:
@@ -146,7 +150,13 @@ def _begin(team: Team, first: Measurement) -> Memory:
 
 
 def _observe(
-    team: Team, filters: Filters, memory: Memory, m: Measurement, applied: tuple[AgentInput, ...], dt: Scalar
+    team: Team,
+    filters: Filters,
+    memory: Memory,
+    m: Measurement,
+    applied: tuple[AgentInput, ...],
+    fresh: Scalar,
+    dt: Scalar,
 ) -> tuple[Estimate, Memory]:
     q = m.payload
     agents, states, forces = [], [], []
@@ -154,9 +164,9 @@ def _observe(
     at = Pose(R=q.R, x=q.p, v=q.v)
     fused = fuse(memory.load, at, q.omega, memory.load.R @ q.a + team.gravity, pull, dt)
     load = PayloadState(R=fused.R, p=fused.x, omega=q.omega, v=fused.v)
-    observe_agent = jax.vmap(_observe_agent, in_axes=(0, None, 0, 0, 0, None, None, None))
+    observe_agent = jax.vmap(_observe_agent, in_axes=(0, None, 0, 0, 0, None, None, None, None))
     for group, past, reading, u in zip(team.groups, memory.agents, m.agents, applied, strict=True):
-        state, lam, now = observe_agent(group, filters, past, reading, u, team.gravity, memory.warm, dt)
+        state, lam, now = observe_agent(group, filters, past, reading, u, team.gravity, memory.warm, fresh, dt)
         agents.append(now)
         states.append(state)
         forces.append(lam)
@@ -170,14 +180,17 @@ def _observe(
         load=fused,
         omega=q.omega,
         known=known,
-        label=_pass(memory.label, known - contact, filters, memory.warm, dt),
-        state=_pass(memory.state, flat_payload(load, jnp.concatenate([felt, omega_dot])), filters, memory.warm, dt),
+        label=_pass(memory.label, known - contact, filters, memory.warm, fresh, dt),
+        state=_pass(
+            memory.state, flat_payload(load, jnp.concatenate([felt, omega_dot])), filters, memory.warm, fresh, dt
+        ),
         warm=jnp.ones(()),
     )
     a_L = jnp.concatenate([felt + team.gravity, omega_dot])
     labelled = Labelled(
         payload=(now.state.outer, now.label.outer),
         agents=tuple((past.state.outer, past.label.outer) for past in now.agents),
+        fresh=fresh,
     )
     return Estimate(agents=tuple(states), payload=load, a_L=a_L, lam=tuple(forces), labelled=labelled), now
 
@@ -187,9 +200,13 @@ def _after_first(warm: Scalar, b: Scalar) -> Scalar:
     return 1 + warm * (b - 1)
 
 
-def _pass(memory: LowPass, x: Float[Array, "*shape"], filters: Filters, warm: Scalar, dt: Scalar) -> LowPass:
+def _pass(
+    memory: LowPass, x: Float[Array, "*shape"], filters: Filters, warm: Scalar, fresh: Scalar, dt: Scalar
+) -> LowPass:
+    """Through the labels' filter, which begins at its first sample and stands still where nothing is fresh."""
     settled = jax.tree.map(lambda past, now: now + warm * (past - now), memory, settle(x))
-    return smooth(settled, x, filters.label, dt)
+    passed = smooth(settled, x, filters.label, dt)
+    return jax.tree.map(lambda past, now: jnp.where((fresh > 0) | (warm < 1), now, past), memory, passed)
 
 
 def _payload_label(
@@ -213,6 +230,7 @@ def _observe_agent(
     u: AgentInput,
     gravity: Float[Array, "3"],
     warm: Scalar,
+    fresh: Scalar,
     dt: Scalar,
 ) -> tuple[AgentState, Float[Array, "arms 3"], AgentMemory]:
     """State, contact forces and the label of Eq. learning_output_components for one agent."""
@@ -248,7 +266,7 @@ def _observe_agent(
         momenta=momenta,
         carried=carried,
         known=known,
-        label=_pass(past.label, known + contact, filters, warm, dt),
-        state=_pass(past.state, flat_agent(q), filters, warm, dt),
+        label=_pass(past.label, known + contact, filters, warm, fresh, dt),
+        state=_pass(past.state, flat_agent(q), filters, warm, fresh, dt),
     )
     return q, lam, now

@@ -7,6 +7,7 @@ here; `docs/change_a_part.md` leads from each wish to the one to replace. `Now` 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from typing import Any, Protocol, runtime_checkable
 
 import jax
@@ -14,8 +15,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from colift import allocate as al
-from colift import balance, control, grasp, learn, reference, so3
+from colift import balance, control, grasp, innovation, learn, reference, so3
 from colift.estimate import Estimate
+from colift.lag import Lag, Lagging
 from colift.linalg import mul
 from colift.lowpass import blend
 from colift.measurement import Measurement
@@ -49,6 +51,7 @@ class Now:
     W: Wrench  # desired wrench of the last tick, zero before the first
     ticks: Scalar  # 0 in the first tick, 1 after: what is differenced or filtered begins with the second
     ahead: Ahead | None = None  # for a realizer that looks ahead
+    news: innovation.News | None = None  # what labels say beyond what is learned, where a pilot listens
 
 
 @pytree
@@ -109,12 +112,33 @@ class Estimator(Protocol):
 class Predictor(Protocol):
     """`f_hat`, the unknown forces that commands compensate."""
 
-    def begin(self) -> Any:
-        """The memory before the first tick."""
+    def begin(self, team: Team) -> Any:
+        """The memory before the first tick; team: nominal."""
         ...
 
-    def predict(self, memory: Any, oracle: learn.Oracle, now: Now, to: control.Command) -> tuple[Residual, Any]:
-        """The prediction at what is known now, for a payload that is commanded to accelerate so."""
+    def observe(self, memory: Any, oracle: learn.Oracle, now: Now) -> Any:
+        """The memory of this tick, once a tick."""
+        ...
+
+    def predict(self, memory: Any, oracle: learn.Oracle, now: Now, to: control.Command) -> Residual:
+        """The prediction for a payload that is commanded to accelerate so: now, or where a pilot looks ahead."""
+        ...
+
+
+@runtime_checkable
+class Drive(Protocol):
+    """Commands under which vehicles give what is asked of them."""
+
+    def begin(self, command: Inputs) -> Any:
+        """The memory after a command has acted for ever."""
+        ...
+
+    def command(self, team: Team, memory: Any, asked: Inputs, dt: Scalar) -> tuple[Inputs, Any]:
+        """The command for what is asked, and the memory one tick of dt, s, later."""
+        ...
+
+    def acts(self, memory: Any, sent: Inputs) -> Inputs:
+        """What is believed to have acted in the last tick, in which `sent` was commanded."""
         ...
 
 
@@ -168,17 +192,26 @@ class Forces:
 class Learned:
     """`f_hat`: the frozen oracles at the estimated state, the parametric part at the commanded acceleration."""
 
-    def begin(self) -> Any:
+    def begin(self, team: Team) -> Any:
         """Nothing is remembered."""
         return ()
 
-    def predict(self, memory: Any, oracle: learn.Oracle, now: Now, to: control.Command) -> tuple[Residual, Any]:
+    def observe(self, memory: Any, oracle: learn.Oracle, now: Now) -> Any:
+        """Nothing is remembered."""
+        return memory
+
+    def predict(self, memory: Any, oracle: learn.Oracle, now: Now, to: control.Command) -> Residual:
         """`f_hat_L = mean_L(q_L) + Y(q_L, a, alpha) theta`, `f_hat_j = mean_j(q_j)`."""
         q = now.q_hat.payload
-        f = learn.mean(oracle, q, now.q_hat.agents)
-        inertial = learn.regressor(q, to.a - now.team.gravity, to.alpha) @ oracle.theta
-        W = Wrench(F=f.payload.F + inertial[:3], tau=f.payload.tau + inertial[3:])
-        return dataclasses.replace(f, payload=W), memory
+        return _with_wrench(
+            learn.mean(oracle, q, now.q_hat.agents),
+            learn.regressor(q, to.a - now.team.gravity, to.alpha) @ oracle.theta,
+        )
+
+
+def _with_wrench(f: Residual, W: Float[Array, "6"]) -> Residual:
+    """The residual and a wrench on the payload, N and N m."""
+    return dataclasses.replace(f, payload=Wrench(F=f.payload.F + W[:3], tau=f.payload.tau + W[3:]))
 
 
 @pytree
@@ -191,39 +224,68 @@ class Observed:
     predictor: Predictor
     bandwidth: Scalar  # Hz
 
-    def begin(self) -> Any:
+    def begin(self, team: Team) -> Any:
         """What is observed, and the other's memory."""
-        return jnp.zeros(6), self.predictor.begin()
+        return jnp.zeros(6), self.predictor.begin(team)
 
-    def predict(self, memory: Any, oracle: learn.Oracle, now: Now, to: control.Command) -> tuple[Residual, Any]:
-        """The other's prediction, and what is observed on the payload."""
-        past, of_other = memory
-        f, of_other = self.predictor.predict(of_other, oracle, now, to)
+    def observe(self, memory: Any, oracle: learn.Oracle, now: Now) -> Any:
+        """`d+ = d + b (d_now - d)`."""
+        d, of_other = memory
         q, a = now.q_hat.payload, now.q_hat.a_L
         W = balance.payload(now.team.payload, a[:3] - now.team.gravity, a[3:], q.omega)
         left = jnp.concatenate([W.F - now.W.F, W.tau - now.W.tau])
         # before the first tick there was no command to explain anything
-        d = past + now.ticks * blend(self.bandwidth, now.clock.dt) * (left - past)
-        W = Wrench(F=f.payload.F + d[:3], tau=f.payload.tau + d[3:])
-        return dataclasses.replace(f, payload=W), (d, of_other)
+        d = d + now.ticks * blend(self.bandwidth, now.clock.dt) * (left - d)
+        return d, self.predictor.observe(of_other, oracle, now)
+
+    def predict(self, memory: Any, oracle: learn.Oracle, now: Now, to: control.Command) -> Residual:
+        """The other's prediction, and what is observed on the payload."""
+        d, of_other = memory
+        return _with_wrench(self.predictor.predict(of_other, oracle, now, to), d)
 
 
 @pytree
-class Told:
-    """Another predictor, and the residual that the world tells (`sensor.Informant`)."""
+class Corrected:
+    """Another predictor and what labels say beyond what is learned: `f_hat + r + (lead + s) r'`, s ahead of now."""
 
     predictor: Predictor
+    lead: Scalar  # s, for the delay of labels
 
-    def begin(self) -> Any:
+    def begin(self, team: Team) -> Any:
         """The other's memory."""
-        return self.predictor.begin()
+        return self.predictor.begin(team)
 
-    def predict(self, memory: Any, oracle: learn.Oracle, now: Now, to: control.Command) -> tuple[Residual, Any]:
-        """The sum of both. Raises ValueError where the world has no sensor that tells."""
-        if now.m is None or now.m.residual is None:
-            raise ValueError("nothing tells the residual: the world needs `sensor.Informant`")
-        f, memory = self.predictor.predict(memory, oracle, now, to)
-        return jax.tree.map(jnp.add, f, now.m.residual), memory
+    def observe(self, memory: Any, oracle: learn.Oracle, now: Now) -> Any:
+        """The other's memory."""
+        return self.predictor.observe(memory, oracle, now)
+
+    def predict(self, memory: Any, oracle: learn.Oracle, now: Now, to: control.Command) -> Residual:
+        """The sum of both. Raises ValueError where the pilot does not listen."""
+        if now.news is None:
+            raise ValueError("this predictor needs a pilot that listens: `LeaderFollower.listener`")
+        f = self.predictor.predict(memory, oracle, now, to)
+        ahead = self.lead + now.clock.t - now.news.t
+        return jax.tree.map(lambda f, r, rate: f + r + ahead * rate, f, now.news.r, now.news.rate)
+
+
+@pytree
+class Known:
+    """The residual as a function that is known exactly, which no team has: what a study measures learners by."""
+
+    function: Callable[[State, control.Command, Scalar], Residual]  # of state, acceleration and time, s; a PyTree
+
+    def begin(self, team: Team) -> Any:
+        """Nothing is remembered."""
+        return ()
+
+    def observe(self, memory: Any, oracle: learn.Oracle, now: Now) -> Any:
+        """Nothing is remembered."""
+        return memory
+
+    def predict(self, memory: Any, oracle: learn.Oracle, now: Now, to: control.Command) -> Residual:
+        """The function at the estimated state and the commanded acceleration."""
+        z = State(agents=now.q_hat.agents, payload=now.q_hat.payload)
+        return self.function(z, to, now.clock.t)
 
 
 @pytree
@@ -367,6 +429,48 @@ class Anticipating(Aligned):
         return control.anticipated(agent, self.gains, gravity, q, to, share, f_hat, ahead)
 
 
+@pytree
+class Direct:
+    """Commands are what is asked, and act at once."""
+
+    def begin(self, command: Inputs) -> Any:
+        """Nothing is remembered."""
+        return ()
+
+    def command(self, team: Team, memory: Any, asked: Inputs, dt: Scalar) -> tuple[Inputs, Any]:
+        """What is asked."""
+        return asked, memory
+
+    def acts(self, memory: Any, sent: Inputs) -> Inputs:
+        """The last command."""
+        return sent
+
+
+@pytree
+class Hastened:
+    """Vehicles with a lag that is known, driven so that they follow `haste` times as fast."""
+
+    lag: Lag
+    haste: Scalar
+
+    def begin(self, command: Inputs) -> Lagging:
+        """The lag's memory."""
+        return self.lag.begin(command)
+
+    def command(self, team: Team, memory: Lagging, asked: Inputs, dt: Scalar) -> tuple[Inputs, Lagging]:
+        """`lag.hastened`, thrust within what rotors give."""
+        commands = self.lag.hastened(memory, asked, self.haste, dt)
+        commands = tuple(
+            dataclasses.replace(one, u=jnp.clip(one.u, 0.0, group.thrust_max))
+            for one, group in zip(commands, team.groups, strict=True)
+        )
+        return commands, self.lag.follow(memory, commands, dt)
+
+    def acts(self, memory: Lagging, sent: Inputs) -> Inputs:
+        """What the lag has made of the commands so far."""
+        return memory.acts
+
+
 # The paper's pilot ----------------------------------------------------------------------------------------------------
 
 
@@ -378,7 +482,9 @@ class Memory:
     recorder: learn.Recorded
     predictor: Any
     leader: Any
-    applied: Inputs  # commands of the last tick, after the thrust limit
+    sent: Inputs  # commands of the last tick, after the thrust limit
+    drive: Any
+    listener: Any
     W: Wrench  # desired wrench of the last tick
     ticks: Scalar  # 0 before the first tick, 1 after
 
@@ -394,6 +500,7 @@ class Telemetry:
     f_hat: Residual
     eta: Float[Array, " eta"]
     saturated: Saturated
+    news: innovation.News | None = None
 
 
 @pytree
@@ -419,6 +526,8 @@ class LeaderFollower:
     leader: Leader
     allocator: Allocator
     realizer: Realizer
+    drive: Drive = Direct()
+    listener: innovation.Listener | None = None
     look_ahead: Scalar | None = None  # s between the times around now at which the law is evaluated on the reference
 
     def begin(self, first: Measurement, clock: Clock) -> tuple[Inputs, Memory]:
@@ -430,35 +539,57 @@ class LeaderFollower:
         memory = Memory(
             estimator=self.estimator.begin(self.team, first),
             recorder=self.recorder.begin(self.team, self.oracle),
-            predictor=self.predictor.begin(),
+            predictor=self.predictor.begin(self.team),
             leader=self.leader.begin(),
-            applied=none,
+            sent=none,
+            drive=self.drive.begin(none),
+            listener=None if self.listener is None else self.listener.begin(self.team),
             W=Wrench(F=jnp.zeros(3), tau=jnp.zeros(3)),
             ticks=jnp.zeros(()),
         )
-        hover, _, _ = self.tick(memory, first, clock)
-        return hover, dataclasses.replace(memory, applied=hover)
+        q_hat, _ = self.estimator.observe(self.team, memory.estimator, first, none, clock)
+        now = Now(
+            team=self.team,
+            clock=clock,
+            m=first,
+            q_hat=q_hat,
+            d=self.path.at(clock.t),
+            W=memory.W,
+            ticks=memory.ticks,
+            news=None if self.listener is None else innovation.no_news(self.team, clock.t),
+        )
+        hover, _, _ = self.decide(memory.leader, memory.predictor, now)
+        return hover, dataclasses.replace(memory, sent=hover, drive=self.drive.begin(hover))
 
     def tick(self, memory: Memory, m: Measurement, clock: Clock) -> tuple[Inputs, Memory, Telemetry]:
         """One control tick: the commands, the next memory, and what was decided."""
-        q_hat, seen = self.estimator.observe(self.team, memory.estimator, m, memory.applied, clock)
+        applied = self.drive.acts(memory.drive, memory.sent)
+        q_hat, seen = self.estimator.observe(self.team, memory.estimator, m, applied, clock)
         d = self.path.at(clock.t)
         now = Now(team=self.team, clock=clock, m=m, q_hat=q_hat, d=d, W=memory.W, ticks=memory.ticks)
-        inputs, leader, predictor, decided = self.decide(memory.leader, memory.predictor, now)
+        heard = memory.listener
+        if self.listener is not None:
+            heard, news = self.listener.listen(heard, self.team, self.oracle, q_hat, clock)
+            now = dataclasses.replace(now, news=news)
+        predictor = self.predictor.observe(memory.predictor, self.oracle, now)
+        asked, leader, decided = self.decide(memory.leader, predictor, now)
+        command, drive = self.drive.command(self.team, memory.drive, asked, clock.dt)
         memory = Memory(
             estimator=seen,
             recorder=self.recorder.record(memory.recorder, m, q_hat.labelled, clock.t),
+            listener=heard,
             predictor=predictor,
             leader=leader,
-            applied=inputs,
+            sent=command,
+            drive=drive,
             W=decided.W_d,
             ticks=jnp.ones(()),
         )
-        return inputs, memory, decided
+        return command, memory, decided
 
-    def decide(self, leader: Any, predictor: Any, now: Now) -> tuple[Inputs, Any, Any, Telemetry]:
-        """The control law at what is known now; next memories of leader and predictor."""
-        asked, then_leader, then_predictor = self._asked(leader, predictor, now)
+    def decide(self, leader: Any, predictor: Any, now: Now) -> tuple[Inputs, Any, Telemetry]:
+        """The control law at what is known now: what it asks of the vehicles, and the leader's next memory."""
+        asked, then_leader = self._asked(leader, predictor, now)
         if self.look_ahead is not None:
             now = dataclasses.replace(now, ahead=self._ahead(leader, predictor, now, self.look_ahead))
         inputs, saturated = self.realizer.realize(now, asked.to, asked.forces, asked.f_hat)
@@ -470,16 +601,17 @@ class LeaderFollower:
             f_hat=asked.f_hat,
             eta=asked.forces.eta,
             saturated=saturated,
+            news=now.news,
         )
-        return inputs, then_leader, then_predictor, decided
+        return inputs, then_leader, decided
 
-    def _asked(self, leader: Any, predictor: Any, now: Now) -> tuple[Asked, Any, Any]:
+    def _asked(self, leader: Any, predictor: Any, now: Now) -> tuple[Asked, Any]:
         to, leader = self.leader.lead(leader, now)
-        f_hat, predictor = self.predictor.predict(predictor, self.oracle, now, to)
+        f_hat = self.predictor.predict(predictor, self.oracle, now, to)
         load = self.team.payload
         W = control.wrench(load, self.team.gravity, now.q_hat.payload, to, f_hat.payload)
         forces = self.allocator.allocate(now, W, Wrench(F=load.mass * to.jerk, tau=jnp.zeros(3)))
-        return Asked(to=to, f_hat=f_hat, W=W, forces=forces), leader, predictor
+        return Asked(to=to, f_hat=f_hat, W=W, forces=forces), leader
 
     def _ahead(self, leader: Any, predictor: Any, now: Now, step: Scalar) -> Ahead:
         """The law on the reference around now: the payload on it, agents carried along as they turn now."""

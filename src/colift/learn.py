@@ -1,4 +1,4 @@
-"""What is learned: features, data sets that grow in flight, frozen oracles.
+"""What is learned: features, samples that are recorded in flight, frozen oracles.
 
 On `[t_k, t_{k+1})` the oracle is an immutable value. Data sets keep the raw, filtered inputs; a feature map turns
 them into what a GP sees, so another map needs no new data.
@@ -10,6 +10,7 @@ import dataclasses
 import os
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
+from types import MappingProxyType
 from typing import Protocol, runtime_checkable
 
 import jax
@@ -32,52 +33,18 @@ from colift.model import (
     flat_agent,
     flat_payload,
 )
-from colift.pytree import pytree
+from colift.pytree import pytree, static
 
 Scalar = Float[Array, ""]
 Sampled = tuple[Float[Array, "..."], Float[Array, "..."]]
 
 
 @pytree
-class Data:
-    """Labelled samples at a fixed capacity; the first n rows are in use (Eq. dataset_*_online)."""
-
-    X: Float[Array, "*agents capacity inputs"]
-    Y: Float[Array, "*agents capacity outputs"]
-    t: Float[Array, "*agents capacity"]  # s, when recorded
-    n: Int[Array, "*agents"]
-
-
-def empty(capacity: int, inputs: int, outputs: int, agents: tuple[int, ...] = ()) -> Data:
-    """A data set without samples; `agents` leads every leaf for a group."""
-    return Data(
-        X=jnp.zeros((*agents, capacity, inputs)),
-        Y=jnp.zeros((*agents, capacity, outputs)),
-        t=jnp.zeros((*agents, capacity)),
-        n=jnp.zeros(agents, dtype=int),
-    )
-
-
-def record(
-    data: Data, x: Float[Array, "inputs"], y: Float[Array, "outputs"], t: Float[Array, ""], now: Bool[Array, ""]
-) -> Data:
-    """The data set with one more sample if `now` and there is room; a full set stays as it is."""
-    row = jnp.minimum(data.n, data.t.shape[0] - 1)
-    keep = now & (data.n < data.t.shape[0])
-    return Data(
-        X=data.X.at[row].set(jnp.where(keep, x, data.X[row])),
-        Y=data.Y.at[row].set(jnp.where(keep, y, data.Y[row])),
-        t=data.t.at[row].set(jnp.where(keep, t, data.t[row])),
-        n=data.n + keep.astype(data.n.dtype),
-    )
-
-
-@pytree
 class Recorded:
     """What a recorder keeps between ticks."""
 
-    payload: Data
-    agents: tuple[Data, ...]  # by group, agents lead
+    payload: gp.Data
+    agents: tuple[gp.Data, ...]  # by group, agents lead
     due: Scalar  # s, when the next sample is taken
 
 
@@ -90,23 +57,27 @@ class Recorder:
     end: Scalar  # s, T_end of Assumption dataset
     payload: Bool[Array, ""]
     agents: Bool[Array, ""]
+    policy: gp.Policy = static(default=gp.first_come)  # which of them are kept
 
     def begin(self, team: Team, oracle: Oracle) -> Recorded:
         """Empty data sets, as large as the oracle's."""
         agents = []
         for size, group in zip(team.sizes, team.groups, strict=True):
             n_r = group.tree.joints
-            agents.append(empty(oracle.payload.capacity, 18 + 2 * n_r, 6 + n_r, agents=(size,)))
-        return Recorded(payload=empty(oracle.payload.capacity, 24, 6), agents=tuple(agents), due=self.start)
+            agents.append(gp.empty(oracle.payload.capacity, 18 + 2 * n_r, 6 + n_r, batch=(size,)))
+        return Recorded(payload=gp.empty(oracle.payload.capacity, 24, 6), agents=tuple(agents), due=self.start)
 
     def record(self, memory: Recorded, m: Measurement, labelled: Labelled | None, t: Scalar) -> Recorded:
         """The data sets after time t, s: with one more sample where one is due."""
         now = (t >= memory.due - 1e-9) & (t <= self.end + 1e-9)
         payload, agents = self.samples(m, labelled)
-        each = jax.vmap(record, in_axes=(0, 0, 0, None, None))
+        fresh = now if labelled is None else now & (labelled.fresh > 0)
+        each = jax.vmap(self.policy, in_axes=(0, 0, 0, None, None))
         return Recorded(
-            payload=record(memory.payload, *payload, t, now & self.payload),
-            agents=tuple(each(data, *xy, t, now & self.agents) for data, xy in zip(memory.agents, agents, strict=True)),
+            payload=self.policy(memory.payload, *payload, t, fresh & self.payload)[0],
+            agents=tuple(
+                each(data, *xy, t, fresh & self.agents)[0] for data, xy in zip(memory.agents, agents, strict=True)
+            ),
             due=memory.due + jnp.where(now, self.every, 0.0),
         )
 
@@ -209,6 +180,7 @@ class Oracle:
     payload: gp.GP
     agents: tuple[gp.GP, ...]  # by group, agents lead
     theta: Float[Array, "10"]  # nominal less true rigid-body parameters of the payload, or zero: see `regressor`
+    k: Int[Array, ""] = dataclasses.field(default_factory=lambda: jnp.zeros((), int))  # of the update t_k, 0 before any
 
 
 def regressor(q: PayloadState, a: Float[Array, "3"], alpha: Float[Array, "3"]) -> Float[Array, "6 10"]:
@@ -294,58 +266,106 @@ class Training:
     max_iterations: int
 
 
-Fits = Mapping[tuple[int, int] | str, gp.Fit]
-"""The last fit of each body that has one: "payload", or (group, agent)."""
+Body = tuple[int, int] | str
+"""The payload, as "payload", or (group, agent)."""
+
+Fits = Mapping[Body, gp.Fit]
+"""The last fit of each body that has one."""
+
+
+def samples(seen: Features, recorded: Recorded, since: Mapping[Body, float]) -> dict[Body, tuple[np.ndarray, ...]]:
+    """`(X, Y, t)` of every body, X features; without what is older than `since`, s, of a body that is named there."""
+    found: dict[Body, tuple[Array, gp.Data]] = {"payload": (seen.payload(recorded.payload.X), recorded.payload)}
+    for i, data in enumerate(recorded.agents):
+        X = seen.agent(data.X)
+        found |= {(i, j): (X[j], jax.tree.map(lambda x, j=j: x[j], data)) for j in range(len(data.n))}
+    out = {}
+    for body, (X, data) in found.items():
+        n, t = int(data.n), np.asarray(data.t)
+        keep = np.flatnonzero(t[:n] >= since.get(body, -np.inf))
+        out[body] = np.asarray(X)[keep], np.asarray(data.Y)[keep], t[keep]
+    return out
 
 
 def teach(
-    oracle: Oracle, payload: Data, agents: tuple[Data, ...], training: Training | None, last: Fits
+    oracle: Oracle,
+    recorded: Recorded,
+    training: Training | None,
+    last: Fits,
+    since: Mapping[Body, float] = MappingProxyType({}),
 ) -> tuple[Oracle, Fits]:
     """The oracle frozen on the data so far: fit from the last hyperparameters, then condition (host).
 
     A body without data keeps its predictor. The constant part of each output's prior mean is the mean of its labels
     (the remark on mean functions); the rest is the GP's. Bodies are fitted side by side. Without `training` the
-    hyperparameters and the prior mean stay as they are, as error bounds ask for.
+    hyperparameters and the prior mean stay as they are, as error bounds ask for. Of bodies that `since` names samples
+    count from that time on, s.
     """
-    seen = oracle.features
-    tasks = {"payload": (np.asarray(seen.payload(payload.X)), np.asarray(payload.Y), int(payload.n))}
-    for i, data in enumerate(agents):
-        X = np.asarray(seen.agent(data.X))
-        for j, n in enumerate(np.asarray(data.n)):
-            tasks[i, j] = (X[j], np.asarray(data.Y[j]), int(n))
-    tasks = {body: task for body, task in tasks.items() if task[2] > 1}
+    tasks = {body: (X, Y) for body, (X, Y, _) in samples(oracle.features, recorded, since).items() if len(X) > 1}
 
-    def study(body: tuple[int, int] | str) -> tuple[gp.Fit | None, gp.GP]:
+    def study(body: Body) -> tuple[gp.Fit | None, gp.GP]:
         interrupt.check()
-        X, Y, n = tasks[body]
+        (X, Y), frozen = tasks[body], _of_body(oracle, body)
         if training is None:
-            frozen = oracle.payload if isinstance(body, str) else _one(oracle.agents[body[0]], body[1])
-            return None, gp.condition(X[:n], Y[:n], frozen.hyper, len(X))
+            return None, gp.condition(X, Y, frozen.hyper, frozen.capacity)
         before = last.get(body)
         fit = gp.fit(
-            X[:n],
-            Y[:n],
+            X,
+            Y,
             belief=training.payload if isinstance(body, str) else training.agents[body[0]],
             start=before.hyper if before else None,
             restarts=0 if before else training.restarts,
             max_iterations=training.max_iterations,
         )
-        return fit, gp.condition(X[:n], Y[:n], fit.hyper, len(X))
+        return fit, gp.condition(X, Y, fit.hyper, frozen.capacity)
 
     # one BLAS thread each: at these sizes more of them only wait for each other
     with threadpool_limits(1), ThreadPoolExecutor(os.cpu_count()) as pool:
         learned = dict(zip(tasks, pool.map(study, tasks), strict=True))
     fits = {**last, **{body: fit for body, (fit, _) in learned.items() if fit is not None}}
+    return _with_bodies(oracle, {body: model for body, (_, model) in learned.items()}), fits
+
+
+def renew(oracle: Oracle, recorded: Recorded, since: Mapping[Body, float]) -> Oracle:
+    """The oracle on the data so far with the hyperparameters that it has, prior means anew as in `teach` (host)."""
+    models = {}
+    for body, (X, Y, _) in samples(oracle.features, recorded, since).items():
+        if len(X) > 1:
+            frozen = _of_body(oracle, body)
+            hyper = dataclasses.replace(frozen.hyper, offset=jnp.asarray(Y.mean(0)))
+            models[body] = gp.condition(X, Y, hyper, frozen.capacity)
+    return _with_bodies(oracle, models)
+
+
+def surprise(oracle: Oracle, recorded: Recorded, after: float) -> dict[Body, float]:
+    """Of every body that has been taught, how far its samples since `after`, s, lie off what was predicted (host).
+
+    The mean over samples and outputs of `(y - mean)^2 / (variance + noise_variance)`: about 1 where the model holds.
+    Where no data were near, the variance is large, and nothing surprises.
+    """
+    found = {}
+    for body, (X, Y, t) in samples(oracle.features, recorded, {}).items():
+        model, new = _of_body(oracle, body), t > after + 1e-9
+        if int(model.n) and new.any():
+            X = np.concatenate([X[new], np.repeat(X[new][:1], model.capacity - new.sum(), 0)])  # one shape, one program
+            mean, variance = (np.asarray(x)[: new.sum()] for x in gp.predict(model, jnp.asarray(X)))
+            off = (Y[new] - mean) ** 2 / (variance + np.asarray(model.hyper.noise_variance))
+            found[body] = float(off.mean())
+    return found
+
+
+def _of_body(oracle: Oracle, body: Body) -> gp.GP:
+    return oracle.payload if isinstance(body, str) else _one(oracle.agents[body[0]], body[1])
+
+
+def _with_bodies(oracle: Oracle, models: Mapping[Body, gp.GP]) -> Oracle:
+    """The oracle with some bodies' models in place of what they had."""
     groups = []
     for i, group in enumerate(oracle.agents):
-        each = [learned[i, j][1] if (i, j) in learned else _one(group, j) for j in range(len(group.n))]
+        each = [models[i, j] if (i, j) in models else _one(group, j) for j in range(len(group.n))]
         groups.append(jax.tree.map(lambda *x: jnp.stack(x), *each))
-    return Oracle(
-        features=seen,
-        payload=learned["payload"][1] if "payload" in learned else oracle.payload,
-        agents=tuple(groups),
-        theta=oracle.theta,
-    ), fits
+    payload = models.get("payload", oracle.payload)
+    return dataclasses.replace(oracle, payload=payload, agents=tuple(groups), k=oracle.k + 1)
 
 
 def _one(group: gp.GP, j: int) -> gp.GP:

@@ -80,8 +80,11 @@ SIGNALS = {
     "Phi": Signal((), "m", "none", "largest grasp constraint violation |Phi|"),
     "Phi_dot": Signal((), "m/s", "none", "largest rate of the grasp constraints |dPhi/dt|"),
     "singular": Signal(AGENT, "1/kg", "none", "smallest singular value of A_j M_j^-1 A_j^T"),
+    "r_L": Signal(FORCE, NEWTON, SPLIT, "what labels say of the payload beyond what is learned, as used"),
+    "r_x": Signal(EACH, "N", "world", "what labels say of an agent's f_x beyond what is learned, as used"),
+    "fresh": Signal((), "1", "none", "1 where labels correct, 0 where they have stopped and their mean does"),
 }
-"""Every field of `simulate.Row` but its time."""
+"""Every field of `simulate.Row` but its time; the last three are those of pilots that listen to labels."""
 
 DEVIATIONS = {
     "sigma_f_L": Signal(FORCE, NEWTON, SPLIT, "predictive deviation of the payload residual f_uk,L"),
@@ -126,7 +129,8 @@ def dataset(
     """
     names = {"agent": agents, "joint": joints, "contact": contacts, "axis": AXES, "body_axis": AXES}
     names |= {"wrench": WRENCH, "acceleration": ACCELERATION}
-    fields = [field.name for field in dataclasses.fields(rows) if field.name != "t"]
+    named = [field.name for field in dataclasses.fields(rows) if field.name != "t"]
+    fields = [name for name in named if getattr(rows, name) is not None]
     variables = {name: _variable("time", SIGNALS[name], getattr(rows, name)) for name in fields}
     variables |= {name: _variable("time_sigma", DEVIATIONS[name], x) for name, x in _deviations(sigma).items()}
     coordinates = {name: (name, np.asarray(labels, dtype=object)) for name, labels in names.items()}

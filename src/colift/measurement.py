@@ -53,5 +53,5 @@ class Measurement:
     agents: tuple[AgentReading, ...]
     payload: PayloadReading
     rig: Sample | None = None
-    residual: Residual | None = None  # told exactly: the floor of a study
+    age_s: dict[str, Float[Array, ""]] = dataclasses.field(default_factory=dict)  # of readings that are held, by name
     more: dict[str, Any] = dataclasses.field(default_factory=dict)  # what sensors of your own say, by name

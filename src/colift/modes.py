@@ -93,7 +93,7 @@ def delay_margin(x: Carried, M: np.ndarray, most: int) -> int:
     `world_memory = B K_memory`, K the rows of the command that was applied. Raises ValueError where what is remembered
     does not move every command by itself.
     """
-    command, world = _rows_of(x, r"\.memory\.applied\[\d+\]\..*"), _rows_of(x, r"\.world\..*")
+    command, world = _rows_of(x, r"\.memory\.sent\[\d+\]\..*"), _rows_of(x, r"\.world\..*")
     memory, K = np.setdiff1d(np.arange(len(M)), world), M[command]
     # M is known to some 1e-10; what no state commands, as a force that only squeezes, needs no column of B
     if np.linalg.matrix_rank(K[:, memory], rtol=1e-7) < np.linalg.matrix_rank(K, rtol=1e-7):

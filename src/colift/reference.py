@@ -60,14 +60,41 @@ class Lissajous:
 
     def at(self, t: Scalar) -> Setpoint:
         """The setpoint at time t, s; derivatives are exact (nested forward differentiation)."""
+        return along(self.pose, self.R, t)
+
+    def pose(self, t: Scalar) -> Float[Array, "6"]:
+        """Position, m, and rotation vector off R, rad, at time t, s."""
+        on = smooth_step(t / self.ramp)
+        wave = jnp.sin(2 * jnp.pi * t / self.period + self.phase)
+        turn = jnp.sin(2 * jnp.pi * t / self.swing_period + self.swing_phase)
+        return jnp.concatenate([self.center + on * self.amplitude * wave, on * self.swing * turn])
+
+
+@pytree
+class Leaving:
+    """Another path that moves off by `shift` from `start` on, and turns as it had not: `swing sin(2 pi s / period)`.
+
+    s is the time since `swing_start`; both rise within `over`.
+    """
+
+    path: Lissajous
+    shift: Float[Array, "3"]  # m
+    start: Float[Array, ""]  # s
+    over: Float[Array, ""]  # s
+    swing: Float[Array, "3"]  # rad, rotation vector in the frame of the path's R
+    swing_start: Float[Array, ""]  # s
+    swing_period: Float[Array, ""]  # s
+
+    def at(self, t: Scalar) -> Setpoint:
+        """The setpoint at time t, s; derivatives are exact (nested forward differentiation)."""
 
         def pose(t: Scalar) -> Float[Array, "6"]:
-            on = smooth_step(t / self.ramp)
-            wave = jnp.sin(2 * jnp.pi * t / self.period + self.phase)
-            turn = jnp.sin(2 * jnp.pi * t / self.swing_period + self.swing_phase)
-            return jnp.concatenate([self.center + on * self.amplitude * wave, on * self.swing * turn])
+            s = t - self.swing_start
+            turn = smooth_step(s / self.over) * jnp.sin(2 * jnp.pi * s / self.swing_period)
+            off = smooth_step((t - self.start) / self.over)
+            return self.path.pose(t) + jnp.concatenate([off * self.shift, turn * self.swing])
 
-        return along(pose, self.R, t)
+        return along(pose, self.path.R, t)
 
 
 @pytree

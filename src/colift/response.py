@@ -104,14 +104,14 @@ def _jacobians(pilot: fly.LeaderFollower, z: State) -> tuple[jax.Array, jax.Arra
     zero, unravel = ravel_pytree(dynamics.no_shift(z))
     f, none, t = flatten(no_force(team)), jnp.zeros(6), jnp.zeros(())
     d = pilot.path.at(t)
-    memories = pilot.leader.begin(), pilot.predictor.begin()
+    memories = pilot.leader.begin(), pilot.predictor.begin(team)
 
     def loop(y: jax.Array) -> jax.Array:
         shift, a, f = jnp.split(y, [len(zero), len(zero) + 6])
         moved = unravel(shift)
         at = dynamics.move(z, moved)
         now = fly.known(pilot, at, a, t)
-        inputs, _, _, decided = pilot.decide(*memories, now)
+        inputs, _, decided = pilot.decide(*memories, now)
         acceleration, lam = dynamics.accelerate(team, at, inputs, unflatten(team, f))
         q, a_L = at.payload, acceleration.payload
         to, _ = pilot.leader.lead(memories[0], now)

@@ -177,25 +177,18 @@ class Rig(Extra):
 
 
 @pytree
-class Informant(Extra):
-    """Tells the residual exactly, which no sensor does: for the floor of a study."""
-
-    def read(self, m: Measurement, truth: Truth, clock: Clock, memory: Any, noise: Any) -> tuple[Measurement, Any]:
-        """`Measurement.residual`."""
-        return dataclasses.replace(m, residual=truth.f), memory
-
-
-@pytree
 class Intermittent(Extra):
     """Readings at a rate of their own, late, and lost now and then; in between the last one that came is held.
 
     The reading of tick k is taken where `every` has passed since the last, is lost with probability `loss`, and comes
-    `delay` ticks later. `Measurement.more["age_s"]` is for how long nothing new has come.
+    `delay` ticks later; from `until` on none is taken. `Measurement.age_s` says for how long
+    nothing new has come.
     """
 
     of: tuple[str, ...] = static()  # fields of the payload's and of the agents' readings, as `payload.p`, `agents.x`
     every: Scalar  # s
     loss: Scalar  # probability
+    until: Scalar  # s
     delay: int = static(default=0)  # ticks
 
     def draw(self, team: Team, key: Array, ticks: int) -> Float[Array, "time"]:
@@ -210,21 +203,25 @@ class Intermittent(Extra):
     def read(self, m: Measurement, truth: Truth, clock: Clock, memory: Any, noise: Any) -> tuple[Measurement, Any]:
         """The measurement with what is held in place of what is read."""
         held, age, due, coming = memory
-        taken = clock.t >= due - 1e-9
+        taken = (clock.t >= due - 1e-9) & (clock.t < self.until - 1e-9)
         (now, came), *coming = (*coming, (_chosen(m, self.of), taken & (noise >= self.loss)))
         held = jax.tree.map(lambda new, old: jnp.where(came, new, old), now, held)
         age = jnp.where(came, self.delay * clock.dt, age + clock.dt)
         due = jnp.where(taken, due + self.every, due)
-        more = m.more | {"age_s": age}
-        return dataclasses.replace(_put(m, self.of, held), more=more), (held, age, due, tuple(coming))
+        ages = m.age_s | dict.fromkeys(self.of, age)
+        return dataclasses.replace(_put(m, self.of, held), age_s=ages), (held, age, due, tuple(coming))
 
 
 @pytree
 class Drifting(Extra):
-    """A bias that walks at random: `b+ = b + rate sqrt(dt) n`, n standard normal, added to every component."""
+    """A bias that walks at random: `b_0 = start n_0`, `b+ = b + rate sqrt(dt) n`, added to every component.
+
+    n is standard normal, and n_0 the noise of the first tick.
+    """
 
     of: tuple[str, ...] = static()  # as for `Intermittent`; of an attitude the walk is a rotation in the body's frame
     rate: Scalar  # unit of the reading, or rad, per square root of a second
+    start: Scalar  # unit of the reading, or rad
 
     def draw(self, team: Team, key: Array, ticks: int) -> Any:
         """Standard normal numbers in the shapes of the readings."""
@@ -244,7 +241,8 @@ class Drifting(Extra):
 
     def read(self, m: Measurement, truth: Truth, clock: Clock, memory: Any, noise: Any) -> tuple[Measurement, Any]:
         """The measurement with the bias added."""
-        bias = jax.tree.map(lambda b, n: b + self.rate * jnp.sqrt(clock.dt) * n, memory, noise)
+        step = jnp.where(clock.t > 0, self.rate * jnp.sqrt(clock.dt), self.start)
+        bias = jax.tree.map(lambda b, n: b + step * n, memory, noise)
         read = _chosen(m, self.of)
         off = {name: jax.tree.map(functools.partial(_added, name), read[name], bias[name]) for name in self.of}
         return _put(m, self.of, off), bias

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from colift import balance, band, dynamics, fly, grasp, interrupt, learn, limits, native, so3
+from colift import balance, band, dynamics, fly, grasp, innovation, interrupt, learn, limits, native, so3
 from colift.model import Agent, AgentForce, AgentInput, AgentState, Clock, Inputs, Residual, State, Team, Wrench
 from colift.pytree import pytree
 from colift.world import Truth
@@ -89,6 +89,10 @@ class Row:
     Phi: Float[Array, "*time"]
     Phi_dot: Float[Array, "*time"]
     singular: Float[Array, "*time agents"]
+    # of pilots that listen to labels
+    r_L: Float[Array, "*time 6"] | None = None
+    r_x: Float[Array, "*time agents 3"] | None = None
+    fresh: Float[Array, "*time"] | None = None
 
 
 def residual(nominal: Team, z: State, a: dynamics.Acceleration, lam: tuple, inputs: Inputs) -> Residual:
@@ -221,7 +225,17 @@ def _row(team: Team, nominal: Team, t: Scalar, truth: Truth, decided: fly.Teleme
         Phi=jnp.abs(grasp.Phi(team, z)).max(),
         Phi_dot=jnp.abs(grasp.Phi_dot(team, z)).max(),
         singular=dynamics.grip(team, z),
+        **({} if (news := decided.news) is None else _news(news)),
     )
+
+
+def _news(news: innovation.News) -> dict[str, Array]:
+    payload = news.r.payload
+    return {
+        "r_L": jnp.concatenate([payload.F, payload.tau]),
+        "r_x": jnp.concatenate([agent.f_x for agent in news.r.agents]),
+        "fresh": news.fresh,
+    }
 
 
 def advance(setup: Setup, loop: Loop, noise: Any, ticks: Int[Array, ""]) -> tuple[Loop, Row]:
@@ -278,16 +292,26 @@ class Plan:
     dt: float  # s, the clock's tick
     z: State  # on the manifold
     duration: float  # s
-    updates: tuple[float, ...]  # t_k, s
+    updates: tuple[float, ...]  # t_k, s, at which hyperparameters are fitted
     training: learn.Training | None  # None: hyperparameters as stated by the oracle before any data
     identify: Identify | None  # parametric identification of the payload instead of GPs
     stated: band.Stated  # what the radii along the run rest on
     seed: int
+    renewals: Renewals | None = None  # between and after those
+    latency: float | None = 0.0  # s that a fit takes until what it learned flies; None: as long as it takes here
 
     @property
     def setup(self) -> Setup:
         """What its ticks need, before anything is learned."""
         return Setup(world=self.world, pilot=self.pilot, limits=self.limits, dt=jnp.asarray(self.dt))
+
+
+@dataclasses.dataclass(frozen=True)
+class Renewals:
+    """Oracles that go on: the newest samples every so often, and what contradicts them forgotten."""
+
+    times: tuple[float, ...]  # s
+    surprise: float  # `learn.surprise` of a body above which its older samples are forgotten
 
 
 @dataclasses.dataclass(frozen=True)
@@ -313,10 +337,13 @@ class Sigma:
 class Update:
     """What one update learned."""
 
-    t: float  # s
+    t: float  # s, when its samples were taken
+    ready: float  # s, from when on it flew
     n: dict[str, int]  # samples: of the payload, of all agents together
     fits: learn.Fits
     theta: np.ndarray  # (10,)
+    forgot: tuple[learn.Body, ...] = ()  # whose older samples no longer count
+    failed: str = ""  # why the oracle before it stays
 
 
 @dataclasses.dataclass(frozen=True)
@@ -350,9 +377,9 @@ def fly_plan(plan: Plan, names: Sequence[str], progress: Callable[[float], None]
     """
     dt, setup = plan.dt, plan.setup
     room, ticks = chunk(plan), round(plan.duration / dt)
-    stops = sorted({round(t / dt) for t in plan.updates if t < plan.duration} | {ticks})
+    school, due = School(plan), _times(plan)
     key = jax.random.fold_in(jax.random.key(plan.seed), 2)
-    oracle, fits, updates, flown = plan.pilot.oracle, {}, [], []
+    oracle, updates, flown, coming = plan.pilot.oracle, [], [], None
     wall = {"simulation": 0.0, "fit": 0.0}
     held = [Held(first=0, oracle=oracle, bands=band.bands(oracle, plan.stated, 1))]
     loop = start(setup, plan.z)
@@ -361,7 +388,8 @@ def fly_plan(plan: Plan, names: Sequence[str], progress: Callable[[float], None]
     while done < ticks and not stopped:
         interrupt.check()
         first = done - done % room  # noise is drawn in whole chunks of the run, wherever an update cuts them
-        until = min(first + room, next(k for k in stops if k > done))
+        stops = [k for k in (*due, ticks, *([coming[0]] if coming else [])) if k > done]
+        until = min(first + room, *stops)
         began = time.perf_counter()
         noise = _draw(plan.world, jax.random.fold_in(key, first), room)
         if done > first:
@@ -374,18 +402,18 @@ def fly_plan(plan: Plan, names: Sequence[str], progress: Callable[[float], None]
             stopped = _why(plan, rows, loop, names)
         done = last
         wall["simulation"] += time.perf_counter() - began
-        if done in stops and done < ticks and not stopped:
-            began = time.perf_counter()
-            recorded = loop.memory.recorder
-            oracle, fits = _learn(plan, oracle, recorded, fits)
+        began = time.perf_counter()
+        if done in due and coming is None and done < ticks and not stopped:
+            learned, update = school.teach(oracle, loop.memory.recorder, done * dt, fit=due[done])
+            taken = time.perf_counter() - began if plan.latency is None else plan.latency
+            coming = done + round(taken / dt), learned, update
+        if coming and coming[0] <= done and not stopped:
+            _, oracle, update = coming
+            coming = None
             setup = dataclasses.replace(setup, pilot=dataclasses.replace(plan.pilot, oracle=oracle))
             held.append(Held(first=done, oracle=oracle, bands=band.bands(oracle, plan.stated, len(updates) + 1)))
-            n = {
-                "payload": int(recorded.payload.n),
-                "agents": int(sum(int(data.n.sum()) for data in recorded.agents)),
-            }
-            updates.append(Update(t=done * dt, n=n, fits=fits, theta=np.asarray(oracle.theta)))
-            wall["fit"] += time.perf_counter() - began
+            updates.append(dataclasses.replace(update, ready=done * dt))
+        wall["fit"] += time.perf_counter() - began
         progress(done * dt)
     rows, began = jax.tree.map(lambda *x: np.concatenate(x), *flown), time.perf_counter()
     sigma = _deviations(plan, held, rows)
@@ -403,16 +431,52 @@ def fly_plan(plan: Plan, names: Sequence[str], progress: Callable[[float], None]
 _draw = jax.jit(lambda world, key, ticks: world.draw(key, ticks), static_argnums=2)
 
 
-def _learn(
-    plan: Plan, oracle: learn.Oracle, recorded: learn.Recorded, fits: learn.Fits
-) -> tuple[learn.Oracle, learn.Fits]:
-    """The oracle from t_k on, of what was recorded: GPs, or the identified parameters."""
-    if plan.identify is None:
-        return learn.teach(oracle, recorded.payload, recorded.agents, plan.training, fits)
-    n = int(recorded.payload.n)
-    X, Y = np.asarray(recorded.payload.X)[:n], np.asarray(recorded.payload.Y)[:n]
-    theta, _ = learn.identify(X, Y, plan.identify.noise, plan.identify.prior)
-    return dataclasses.replace(oracle, theta=jnp.asarray(theta)), fits
+def _times(plan: Plan) -> dict[int, bool]:
+    """The ticks at which something is learned, in order, and whether hyperparameters are fitted there."""
+    fits = {round(t / plan.dt) for t in plan.updates if t < plan.duration}
+    renewals = () if plan.renewals is None else plan.renewals.times
+    others = {round(t / plan.dt) for t in renewals if t < plan.duration}
+    return {tick: tick in fits for tick in sorted(fits | others)}
+
+
+class School:
+    """What is learned on the ground in one flight: the last fits, and from when on samples of a body still count."""
+
+    def __init__(self, plan: Plan) -> None:
+        self.plan = plan
+        self.fits: learn.Fits = {}
+        self.since: dict[learn.Body, float] = {}
+        self.last = 0.0  # s, of the newest samples that an oracle has seen
+
+    def teach(self, oracle: learn.Oracle, recorded: learn.Recorded, t: float, fit: bool) -> tuple[learn.Oracle, Update]:
+        """The oracle of what was recorded until t, s: GPs, with hyperparameters fitted or kept, or parameters.
+
+        Where a fit fails the oracle stays as it was, and the update says why.
+        """
+        plan, forgot = self.plan, ()
+        if plan.renewals is not None:
+            surprised = learn.surprise(oracle, recorded, self.last)
+            forgot = tuple(body for body, x in surprised.items() if x > plan.renewals.surprise)
+            self.since |= dict.fromkeys(forgot, self.last)
+        counts = {body: len(X) for body, (X, _, _) in learn.samples(oracle.features, recorded, self.since).items()}
+        n = {"payload": counts["payload"], "agents": sum(k for body, k in counts.items() if body != "payload")}
+        failed = ""
+        try:
+            if plan.identify is not None:
+                n_L, given = int(recorded.payload.n), plan.identify
+                X, Y = np.asarray(recorded.payload.X)[:n_L], np.asarray(recorded.payload.Y)[:n_L]
+                theta, _ = learn.identify(X, Y, given.noise, given.prior)
+                oracle = dataclasses.replace(oracle, theta=jnp.asarray(theta))
+            elif fit:
+                oracle, self.fits = learn.teach(oracle, recorded, plan.training, self.fits, self.since)
+            else:
+                oracle = learn.renew(oracle, recorded, self.since)
+        except (ValueError, np.linalg.LinAlgError) as error:
+            failed = f"what was learned at t = {t:.3f} s is not used: {error}"
+            log.warning("%s", failed)
+        self.last = t
+        update = Update(t=t, ready=t, n=n, fits=self.fits, theta=np.asarray(oracle.theta), forgot=forgot, failed=failed)
+        return oracle, update
 
 
 @dataclasses.dataclass(frozen=True)

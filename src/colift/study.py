@@ -14,23 +14,32 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 
-from colift import analyse, disk, fly, folder, learn, log, modes, response, sensor, simulate
+from colift import analyse, balance, disk, disturbance, fly, folder, gp, learn, log, modes, response, simulate
 from colift.certify import adversary, assumed, certificate, interface
+from colift.control import Command
 from colift.folder import Folder
-from colift.model import no_force
+from colift.model import Residual, State, Team, Wrench, no_force
+from colift.pytree import pytree
 from colift.scenario import Settings, build
+from colift.world import Simulated
+
+Scalar = Float[Array, ""]
 
 CASES = {
     "C1": "no learning",
     "C2": "payload learning",
     "C3": "payload and agent learning",
+    "C4": "C3 that goes on learning, and reacts",
 }
 BASELINES = {
     "I": "C1 with integral action",
     "DOB": "C1 with a wrench observer",
     "P": "parametric identification only",
-    "O": "residuals known exactly: the floor",
+    "O": "residuals known exactly",
+    "F": "filtered labels, no memory",
+    "H": "C3 and filtered labels",
 }
 FLOWN = (  # every file that a study may leave, and the page that `colift view` makes of them
     *(f"{case}.nc" for case in CASES | BASELINES),
@@ -82,14 +91,19 @@ def plans(settings: Settings, cases: Sequence[str]) -> dict[str, simulate.Plan]:
         identify=None,
         stated=build.stated(settings, nominal, error),
         seed=settings.seed,
+        latency=_latency(given.fit_latency),
     )
     return {case: _as(case, c1, settings) for case in cases}
+
+
+def _latency(given: str | float) -> float | None:
+    return None if isinstance(given, str) else given
 
 
 def _as(case: str, c1: simulate.Plan, settings: Settings) -> simulate.Plan:
     """C1 with what another case has in its place or in addition."""
     rival, given = settings.baselines, settings.learning
-    learns, agents, identifies = case in ("C2", "C3", "P"), case == "C3", case == "P"
+    learns, agents, identifies = case in ("C2", "C3", "P", "H", "C4"), case in ("C3", "H", "C4"), case == "P"
     pilot, world = c1.pilot, c1.world
     recorder = dataclasses.replace(pilot.recorder, payload=jnp.asarray(learns), agents=jnp.asarray(agents))
     pilot = dataclasses.replace(pilot, recorder=recorder)
@@ -101,19 +115,55 @@ def _as(case: str, c1: simulate.Plan, settings: Settings) -> simulate.Plan:
             observer = fly.Observed(predictor=pilot.predictor, bandwidth=jnp.asarray(rival.observer_Hz))
             pilot = dataclasses.replace(pilot, predictor=observer)
         case "O":
-            theta = jnp.asarray(analyse.mismatch(world.team, pilot.team))
-            oracle = dataclasses.replace(pilot.oracle, theta=theta)
-            pilot = dataclasses.replace(pilot, oracle=oracle, predictor=fly.Told(predictor=pilot.predictor))
-            world = dataclasses.replace(world, extra=(*world.extra, sensor.Informant()))
+            pilot = build.ahead(settings, pilot)
+            truly = Truly(world=world, nominal=pilot.team)
+            pilot = dataclasses.replace(pilot, predictor=fly.Known(function=truly))
+        case "F" | "H" | "C4":
+            pilot = build.listening(settings, build.ahead(settings, pilot), held=case != "C4")
     prior = np.array([rival.mass_kg, *[rival.first_moment_kgm] * 3, *[rival.inertia_kgm2] * 6])
     noise = np.array([given.payload.force_noise_N] * 3 + [given.payload.moment_noise_Nm] * 3)
-    return dataclasses.replace(
+    made = dataclasses.replace(
         c1,
         world=world,
         pilot=pilot,
         updates=given.update_times_s if learns else (),
         identify=simulate.Identify(noise=noise, prior=prior) if identifies else None,
     )
+    return _going_on(made, settings) if case == "C4" else made
+
+
+def _going_on(plan: simulate.Plan, settings: Settings) -> simulate.Plan:
+    """The plan with learning that does not end: the newest samples, renewed every so often, what is wrong forgotten."""
+    given = settings.innovation
+    first, last = settings.learning.update_times_s[0], settings.learning.update_times_s[-1]
+    fits = np.arange(last, settings.duration_s, given.refit_s)[1:]
+    times = np.arange(first, settings.duration_s, given.renew_s)[1:]
+    recorder = dataclasses.replace(plan.pilot.recorder, end=jnp.asarray(np.inf), policy=gp.first_in_first_out)
+    return dataclasses.replace(
+        plan,
+        pilot=dataclasses.replace(plan.pilot, recorder=recorder),
+        updates=(*plan.updates, *fits.tolist()),
+        renewals=simulate.Renewals(times=tuple(times.tolist()), surprise=given.surprise),
+    )
+
+
+@pytree
+class Truly:
+    """The unknown forces of a world as a function: its sources, which remember nothing, and its payload's mass."""
+
+    world: Simulated
+    nominal: Team
+
+    def __call__(self, z: State, to: Command, t: Scalar) -> Residual:
+        """What the nominal equations leave over at the state z, for a payload that accelerates so, at time t, s."""
+        f = self.world.unknown(z, t, disturbance.begin(self.world.sources, self.world.team))
+        g = self.nominal.gravity
+        W, N = (
+            balance.payload(team.payload, to.a - g, to.alpha, z.payload.omega)
+            for team in (self.world.at(t), self.nominal)
+        )
+        W = Wrench(F=f.payload.F + N.F - W.F, tau=f.payload.tau + N.tau - W.tau)
+        return dataclasses.replace(f, payload=W)
 
 
 @dataclasses.dataclass(frozen=True)

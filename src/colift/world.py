@@ -6,6 +6,7 @@ compiles. What flies gets `sense`'s measurement and nothing else; `Truth` goes t
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any, Protocol, runtime_checkable
 
 import jax
@@ -97,6 +98,20 @@ class World(Protocol):
 
 
 @pytree
+class Added:
+    """Mass that is put on the payload's centre of mass in flight, or taken off it."""
+
+    mass: Scalar  # kg
+    start: Scalar  # s
+    over: Scalar  # s
+
+    def at(self, team: Team, t: Scalar) -> Team:
+        """The team at time t, s."""
+        mass = team.payload.mass + self.mass * disturbance.risen((t - self.start) / self.over)
+        return dataclasses.replace(team, payload=dataclasses.replace(team.payload, mass=mass))
+
+
+@pytree
 class Simulated:
     """Our world: the grasped team under its sources, flown through actuators and seen by sensors."""
 
@@ -108,6 +123,11 @@ class Simulated:
     sensors: sensor.Sensors
     lam_bias: tuple[Float[Array, "agents arms 3"], ...]  # N, tip frames
     extra: tuple[sensor.Extra, ...]
+    added: Added | None = None
+
+    def at(self, t: Scalar) -> Team:
+        """The true parameters at time t, s."""
+        return self.team if self.added is None else self.added.at(self.team, t)
 
     def draw(self, key: Array, ticks: int) -> Noise:
         """The noise of `ticks` ticks from one random key."""
@@ -140,7 +160,7 @@ class Simulated:
         """The state at z, held until now by a command."""
         _, kept = self._still(z)
         laws = disturbance.begin(self.sources, self.team)
-        _, lam = self.plant.accelerate(self.team, z, command, self.unknown(z, jnp.zeros(()), laws))
+        _, lam = self.plant.accelerate(self.at(jnp.zeros(())), z, command, self.unknown(z, jnp.zeros(()), laws))
         return Moving(
             z=z,
             applied=command,
@@ -159,7 +179,7 @@ class Simulated:
         """The measurement now: the end of the last tick, under what acted in it."""
         t = clock.t
         f = self.unknown(state.z, t, state.laws)
-        a, lam = self.plant.accelerate(self.team, state.z, state.applied, f)
+        a, lam = self.plant.accelerate(self.at(t), state.z, state.applied, f)
         b = blend(self.sensors.tip_force_bandwidth, clock.dt)
         felt = tuple(old + b * (new - old) for old, new in zip(state.felt, lam, strict=True))
         seen = sensor.Truth(
@@ -189,8 +209,9 @@ class Simulated:
         t, dt = clock.t, clock.dt
         inputs, actuators = self.actuators(command, state.actuators, clock)
         f = self.unknown(state.z, t, state.laws)
-        a, lam = self.plant.accelerate(self.team, state.z, inputs, f)
-        z = self.plant.step(self.team, state.z, inputs, lambda z, s: self.unknown(z, t + s, state.laws), dt)
+        team = self.at(t)
+        a, lam = self.plant.accelerate(team, state.z, inputs, f)
+        z = self.plant.step(team, state.z, inputs, lambda z, s: self.unknown(z, t + s, state.laws), dt)
         now = Moving(
             z=z,
             applied=inputs,

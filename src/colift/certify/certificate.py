@@ -216,7 +216,7 @@ def refuse(plan: simulate.Plan) -> None:
         "world": (world, (Simulated,)),
         "plant": (getattr(world, "plant", None), (dynamics.Rigid,)),
         "actuators": (getattr(world, "actuators", None), (actuator.Ideal,)),
-        **{f"sensor {k}": (one, (sensor.Rig, sensor.Informant)) for k, one in enumerate(getattr(world, "extra", ()))},
+        **{f"sensor {k}": (one, (sensor.Rig,)) for k, one in enumerate(getattr(world, "extra", ()))},
     }
     other = [f"{name} {type(part).__name__}" for name, (part, ours) in known.items() if type(part) not in ours]
     if other:

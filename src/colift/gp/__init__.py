@@ -13,7 +13,7 @@ recovery    the tightest bound under bounded noise, by a conic program (host)
 """
 
 from colift.gp import bounds, recovery
-from colift.gp.data import AtTimes, Data, OnGain, empty, first_in_first_out, informative, uniform
+from colift.gp.data import AtTimes, Data, OnGain, Policy, Uniform, empty, first_come, first_in_first_out, informative
 from colift.gp.hyper import Belief, Box, Hyper, hyperparameters
 from colift.gp.kernel import Kernel, SquaredExponential
 from colift.gp.parametric import Identification, fit_parametric, identify
@@ -46,12 +46,15 @@ __all__ = [
     "Identification",
     "Kernel",
     "OnGain",
+    "Policy",
     "SquaredExponential",
+    "Uniform",
     "append",
     "bounds",
     "condition",
     "empty",
     "expansion",
+    "first_come",
     "first_in_first_out",
     "fit",
     "fit_parametric",
@@ -70,6 +73,5 @@ __all__ = [
     "recovery",
     "remove",
     "save",
-    "uniform",
     "variance",
 ]

@@ -1,12 +1,13 @@
 """Data of a fixed budget: which points of a stream to keep, and when to learn from them.
 
-`first_in_first_out` and `uniform` keep a buffer of pairs and cost O(1); `informative` keeps a GP, whose posterior
-tells which point is worth keeping, and costs O(N^2).
+`first_come`, `first_in_first_out` and `Uniform` keep a buffer of pairs and cost O(1); `informative` keeps a GP, whose
+posterior tells which point is worth keeping, and costs O(N^2).
 """
 
 from __future__ import annotations
 
 import dataclasses
+from typing import Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
@@ -18,59 +19,98 @@ from colift.pytree import pytree
 
 @pytree
 class Data:
-    """Pairs kept of a stream; the first n rows are in use."""
+    """Pairs kept of a stream; the first n rows are in use (Eq. dataset_*_online)."""
 
     X: Float[Array, "*batch capacity dimensions"]
     Y: Float[Array, "*batch capacity outputs"]
+    t: Float[Array, "*batch capacity"]  # s, when each came
     n: Int[Array, "*batch"]  # rows in use
     offered: Int[Array, "*batch"]  # points seen so far, without those that are refused in any case
 
 
-def empty(capacity: int, dimensions: int, outputs: int) -> Data:
-    """No data yet, in a budget of `capacity` points."""
+def empty(capacity: int, dimensions: int, outputs: int, batch: tuple[int, ...] = ()) -> Data:
+    """No data yet, in a budget of `capacity` points; `batch` leads every leaf."""
     return Data(
-        X=jnp.zeros((capacity, dimensions)),
-        Y=jnp.zeros((capacity, outputs)),
-        n=jnp.zeros((), dtype=int),
-        offered=jnp.zeros((), dtype=int),
+        X=jnp.zeros((*batch, capacity, dimensions)),
+        Y=jnp.zeros((*batch, capacity, outputs)),
+        t=jnp.zeros((*batch, capacity)),
+        n=jnp.zeros(batch, dtype=int),
+        offered=jnp.zeros(batch, dtype=int),
     )
+
+
+@runtime_checkable
+class Policy(Protocol):
+    """What becomes of a point `(x, y)` that came at time t, s, if it is offered: the data after, and if it was kept."""
+
+    def __call__(
+        self,
+        data: Data,
+        x: Float[Array, " dimensions"],
+        y: Float[Array, " outputs"],
+        t: Float[Array, ""],
+        offered: Bool[Array, ""],
+    ) -> tuple[Data, Bool[Array, ""]]:
+        """A point that is not finite or beyond 1e100 in size is refused. Raises ValueError for a shape of no point."""
+        ...
+
+
+@jax.jit
+def first_come(
+    data: Data,
+    x: Float[Array, " dimensions"],
+    y: Float[Array, " outputs"],
+    t: Float[Array, ""],
+    offered: Bool[Array, ""],
+) -> tuple[Data, Bool[Array, ""]]:
+    """Keep the first points: full data stay as they are."""
+    one_point(data.X, data.Y, x, y)
+    return _put(data, x, y, t, offered, data.offered)
 
 
 @jax.jit
 def first_in_first_out(
-    data: Data, x: Float[Array, " dimensions"], y: Float[Array, " outputs"]
+    data: Data,
+    x: Float[Array, " dimensions"],
+    y: Float[Array, " outputs"],
+    t: Float[Array, ""],
+    offered: Bool[Array, ""],
 ) -> tuple[Data, Bool[Array, ""]]:
-    """Keep the newest points: a new one takes the place of the oldest.
-
-    A point that is not finite or beyond 1e100 in size is refused, here and below.
-    Raises ValueError, as all policies do, for a shape that is not one point's.
-    """
+    """Keep the newest points: a new one takes the place of the oldest."""
     one_point(data.X, data.Y, x, y)
-    return _put(data, x, y, data.offered % len(data.X))
+    return _put(data, x, y, t, offered, data.offered % len(data.X))
 
 
-@jax.jit
-def uniform(
-    data: Data, x: Float[Array, " dimensions"], y: Float[Array, " outputs"], key: Key[Array, ""]
-) -> tuple[Data, Bool[Array, ""]]:
-    """Keep a uniform random sample of all points so far (reservoir sampling: Vitter 1985, Algorithm R).
+@pytree
+class Uniform:
+    """Keep a uniform random sample of all points so far (reservoir sampling: Vitter 1985, Algorithm R)."""
 
-    key: fixed for a stream; point t draws from `fold_in(key, t)`.
-    """
-    one_point(data.X, data.Y, x, y)
-    t = data.offered
-    drawn = jax.random.randint(jax.random.fold_in(key, t), (), 0, t + 1)
-    return _put(data, x, y, jnp.where(t < len(data.X), t, drawn))
+    key: Key[Array, ""]  # fixed for a stream; point k draws from `fold_in(key, k)`
+
+    def __call__(
+        self,
+        data: Data,
+        x: Float[Array, " dimensions"],
+        y: Float[Array, " outputs"],
+        t: Float[Array, ""],
+        offered: Bool[Array, ""],
+    ) -> tuple[Data, Bool[Array, ""]]:
+        """The data after a point, and whether it was kept."""
+        one_point(data.X, data.Y, x, y)
+        k = data.offered
+        drawn = jax.random.randint(jax.random.fold_in(self.key, k), (), 0, k + 1)
+        return _put(data, x, y, t, offered, jnp.where(k < len(data.X), k, drawn))
 
 
-def _put(data: Data, x: Array, y: Array, slot: Array) -> tuple[Data, Array]:
+def _put(data: Data, x: Array, y: Array, t: Array, offered: Array, slot: Array) -> tuple[Data, Array]:
     """Write to row `slot` when it is within capacity and the point is one that `condition` takes."""
-    sound = within(x, y)
+    sound = offered & within(x, y)
     kept = sound & (slot < len(data.X))
     slot = jnp.where(kept, slot, 0)
     put = Data(
         X=data.X.at[slot].set(jnp.where(kept, x, data.X[slot])),
         Y=data.Y.at[slot].set(jnp.where(kept, y, data.Y[slot])),
+        t=data.t.at[slot].set(jnp.where(kept, t, data.t[slot])),
         n=jnp.minimum(data.n + kept.astype(data.n.dtype), len(data.X)),
         offered=data.offered + sound.astype(data.offered.dtype),
     )

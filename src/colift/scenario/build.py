@@ -27,6 +27,8 @@ from colift import (
     fly,
     gp,
     grasp,
+    innovation,
+    lag,
     learn,
     limits,
     model,
@@ -53,7 +55,7 @@ from colift.model import (
 from colift.scenario import settings as s
 from colift.scenario.mistake import ScenarioError
 from colift.scenario.references import bodies
-from colift.world import Plant, Simulated
+from colift.world import Added, Plant, Simulated
 
 EYE = np.eye(3)
 
@@ -212,14 +214,24 @@ def _law(source: s.Law) -> disturbance.Law:
     return LAWS[type(source)](source)
 
 
-def _wind(source: s.Wind) -> disturbance.Wind:
-    return disturbance.Wind(
+def _wind(source: s.Wind) -> disturbance.Wind | disturbance.Weather:
+    wind = disturbance.Wind(
         linear=_array(source.linear_Nspm),
         quadratic=_array(source.quadratic_Ns2pm2),
         mean=_array(source.mean_mps),
         gust=_rows(gust.amplitude_mps for gust in source.gusts),
         wave=_rows(gust.wave_radpm for gust in source.gusts),
         phase=jnp.deg2rad(_array([gust.phase_deg for gust in source.gusts])),
+    )
+    if source.turn is None and all(gust.period_s is None for gust in source.gusts):
+        return wind
+    turn = s.Turn(angle_deg=0.0, start_s=0.0) if source.turn is None else source.turn
+    return disturbance.Weather(
+        wind=wind,
+        rate=_array([0.0 if gust.period_s is None else 2 * np.pi / gust.period_s for gust in source.gusts]),
+        angle=jnp.deg2rad(_array(turn.angle_deg)),
+        start=_array(turn.start_s),
+        over=_array(turn.over_s),
     )
 
 
@@ -317,8 +329,13 @@ def world(settings: s.Settings, truth: Team, z: State, sources: disturbance.Dist
         sensors=seen,
         lam_bias=sensor.bias(truth, seen, jax.random.fold_in(jax.random.key(settings.seed), 1)),
         extra=(*then, sensor.Rig(error=rig)) if settings.learning.samples == "rig" else then,
+        added=None if settings.added is None else _added(settings.added),
     )
     return dataclasses.replace(ours, actuators=_actuators(settings, ours), plant=_plant(settings, ours, z))
+
+
+def _added(given: s.Added) -> Added:
+    return Added(mass=_array(given.mass_kg), start=_array(given.start_s), over=_array(given.over_s))
 
 
 def _plant(settings: s.Settings, ours: Simulated, z: State) -> Plant:
@@ -341,10 +358,11 @@ def _reading(given: s.Intermittent | s.Drifting | s.Own, where: str, settings: s
                 of=given.of,
                 every=_array(1 / given.rate_Hz),
                 loss=_array(given.loss),
+                until=_array(np.inf if given.until_s is None else given.until_s),
                 delay=round(given.delay_s * settings.control_Hz),
             )
         case s.Drifting():
-            return sensor.Drifting(of=given.of, rate=_array(given.rate))
+            return sensor.Drifting(of=given.of, rate=_array(given.rate), start=_array(given.start))
     return _own(given, where, sensor.Extra)
 
 
@@ -355,10 +373,12 @@ def _actuators(settings: s.Settings, ours: Simulated) -> actuator.Ideal:
     if isinstance(given, s.Ideal):
         return actuator.Ideal()
     return actuator.Motors(
-        bandwidth=_array(given.bandwidth_Hz),
-        limits=tuple(_limit(given, group.thrust_max) for group in ours.team.groups),
-        delay=round(given.delay_s * settings.control_Hz),
+        lag=_lag(given, settings), limits=tuple(_limit(given, group.thrust_max) for group in ours.team.groups)
     )
+
+
+def _lag(given: s.Lag, settings: s.Settings) -> lag.Lag:
+    return lag.Lag(bandwidth=_array(given.bandwidth_Hz), delay=round(given.delay_s * settings.control_Hz))
 
 
 def _limit(given: s.Motors, thrust_max: Array) -> actuator.Limit:
@@ -534,7 +554,7 @@ def path(settings: s.Settings) -> reference.Reference:
         return reference.waypoints(
             np.array([pose.t_s for pose in given.poses]), np.array([pose.p_m for pose in given.poses]), turns
         )
-    return reference.Lissajous(
+    loop = reference.Lissajous(
         center=_array(given.center_m),
         amplitude=_array(given.amplitude_m),
         period=_array(given.period_s),
@@ -544,6 +564,17 @@ def path(settings: s.Settings) -> reference.Reference:
         swing=jnp.deg2rad(_array(given.swing_deg)),
         swing_period=_array(given.swing_period_s),
         swing_phase=jnp.deg2rad(_array(given.swing_phase_deg)),
+    )
+    if (off := given.leaves) is None:
+        return loop
+    return reference.Leaving(
+        path=loop,
+        shift=_array(off.shift_m),
+        start=_array(off.start_s),
+        over=_array(off.over_s),
+        swing=jnp.deg2rad(_array(off.swing_deg)),
+        swing_start=_array(off.swing_start_s),
+        swing_period=_array(off.swing_period_s),
     )
 
 
@@ -618,12 +649,8 @@ def pilot(settings: s.Settings, nominal: Team) -> fly.LeaderFollower:
         team=nominal,
         path=path(settings),
         estimator=estimate.Estimator(
-            filters=estimate.Filters(
-                fusion=_array(settings.control.fusion_Hz),
-                joint=_array(settings.control.joint_filter_Hz),
-                label=_array(learning.filter_Hz),
-                tip_force=_array(settings.sensors.tip_force_bandwidth_Hz),
-            ),
+            filters=_filters(settings),
+            patience=_array(settings.innovation.patience_s),
         ),
         recorder=recorder(
             every=_array(1 / learning.sample_Hz),
@@ -637,6 +664,7 @@ def pilot(settings: s.Settings, nominal: Team) -> fly.LeaderFollower:
         leader=fly.Geometric(gains=gain),
         allocator=fly.Linear(allocation=plan, internal=internal),
         realizer=realizer(gains=gain, heading=heading(settings), rest=rest(settings)),
+        drive=_drive(settings),
         look_ahead=None if ahead is None else _array(ahead),
     )
     theirs = {
@@ -645,6 +673,41 @@ def pilot(settings: s.Settings, nominal: Team) -> fly.LeaderFollower:
         if (part := getattr(settings.parts, name)) is not None
     }
     return dataclasses.replace(ours, **theirs)
+
+
+def ahead(settings: s.Settings, flying: fly.LeaderFollower) -> fly.LeaderFollower:
+    """The same, looking ahead where it did not."""
+    if flying.look_ahead is not None or type(flying.realizer) is not fly.Aligned:
+        return flying
+    mine = {field.name: getattr(flying.realizer, field.name) for field in dataclasses.fields(flying.realizer)}
+    step = _array(settings.innovation.look_ahead_s)
+    return dataclasses.replace(flying, realizer=fly.Anticipating(**mine), look_ahead=step)
+
+
+def listening(settings: s.Settings, flying: fly.LeaderFollower, held: bool) -> fly.LeaderFollower:
+    """The same with its predictions corrected by labels; when labels stop, the correction is held, or fades."""
+    given = settings.innovation
+    listener = innovation.Listener(
+        filters=_filters(settings), fade=_array(np.inf if held else given.fade_s), span=_array(given.span_s)
+    )
+    predictor = fly.Corrected(predictor=flying.predictor, lead=_array(given.lead_s))
+    return dataclasses.replace(flying, listener=listener, predictor=predictor)
+
+
+def _filters(settings: s.Settings) -> estimate.Filters:
+    return estimate.Filters(
+        fusion=_array(settings.control.fusion_Hz),
+        joint=_array(settings.control.joint_filter_Hz),
+        label=_array(settings.learning.filter_Hz),
+        tip_force=_array(settings.sensors.tip_force_bandwidth_Hz),
+    )
+
+
+def _drive(settings: s.Settings) -> fly.Drive:
+    believed = settings.nominal.actuators
+    if believed is None:
+        return fly.Direct()
+    return fly.Hastened(lag=_lag(believed, settings), haste=_array(settings.control.haste))
 
 
 PILOT_PARTS: dict[str, type] = {

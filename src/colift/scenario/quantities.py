@@ -46,6 +46,7 @@ Count = Annotated[int, Field(strict=True)]
 
 _BODY = because("nothing that is carried by air is larger than 100 m")
 Mass = Annotated[Number, Field(ge=1e-6, le=1e5), because("from a milligram to a hundred tonnes")]
+MassChange = Annotated[Number, Field(ge=-1e5, le=1e5), because("a hundred tonnes")]
 InertiaEntry = Annotated[Number, Field(ge=-1e9, le=1e9), because("a hundred tonnes, 100 m out")]
 BodyLength = Annotated[Number, Field(ge=-100, le=100), _BODY]
 BodyPoint = tuple[BodyLength, BodyLength, BodyLength]
@@ -130,6 +131,11 @@ AngularNoise = Annotated[Number, Field(ge=0, le=90), because("a right angle: an 
 Gain = Annotated[Number, Field(ge=1e-6, le=1e8), because("beyond it no control rate that is allowed is stable")]
 GainOrNone = Annotated[Number, Field(ge=0, le=1e8), because("beyond it no control rate that is allowed is stable")]
 Gains = Annotated[tuple[Gain, Gain, Gain], BeforeValidator(_thrice)]
+Haste = Annotated[
+    Number,
+    Field(ge=1, le=10),
+    because("below 1 vehicles are slowed down; beyond 10 noise is all that they are driven by"),
+]
 Deviation = Annotated[Number, Field(ge=1e-9, le=1e6), because("from a thousandth of an insect's weight to 100 tonnes")]
 Lengthscale = Annotated[
     Number, Field(ge=1e-3, le=1e6), because("shorter, no two samples have anything in common; longer, all are one")

@@ -71,7 +71,7 @@ def _unknown(given: str) -> ScenarioError:
 
 def parse(text: str, file: str, changes: Sequence[str] = ()) -> Settings:
     """The settings that a text states; `file` names it in messages. Raises ScenarioError as `load` does."""
-    written = functools.reduce(tree.changed, changes, tree.read(text, file))
+    written = functools.reduce(tree.changed, changes, _whole(text, file))
     data, elsewhere = _expanded(written.data, Path(file).parent)
     unread = {place[: 2 if place[0] == "agent_types" else 1] for place, _ in elsewhere}
     found: dict[Place, list[str | ErrorDetails]] = {}
@@ -89,6 +89,32 @@ def parse(text: str, file: str, changes: Sequence[str] = ()) -> Settings:
         if not found:
             return settings
     raise _told(found, written)
+
+
+DEEPEST = 4  # files that each say only where they differ from the next
+
+
+def _whole(text: str, file: str, depth: int = 0) -> tree.Tree:
+    """What a text states, with what it takes from the scenario that it says it is `like`."""
+    written = tree.read(text, file)
+    base = written.data.get("like")
+    if base is None:
+        return written
+    at = written.at(("like",))
+    if not isinstance(base, str):
+        raise ScenarioError(f"{at} like: must be the name of a shipped scenario or the path of a .yaml file")
+    if depth == DEEPEST:
+        raise ScenarioError(f"{at} like: {DEEPEST} files that are like one another are enough")
+    if base in names():
+        return tree.like(_whole(shipped(base), f"{base}.yaml", depth + 1), written)
+    path = Path(file).parent / base
+    try:
+        theirs = path.read_bytes().decode("utf-8-sig") if path.suffix in SUFFIXES else None
+    except (OSError, ValueError) as error:
+        raise ScenarioError(f"{at} like: {shown(base)} cannot be read: {error}") from None
+    if theirs is None:
+        raise ScenarioError(f"{at} like: {_unknown(base)}")
+    return tree.like(_whole(theirs, str(path), depth + 1), written)
 
 
 def _add(found: dict[Place, list[str | ErrorDetails]], more: Sequence[tuple[Place, str | ErrorDetails]]) -> None:

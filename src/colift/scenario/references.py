@@ -38,6 +38,7 @@ def mistakes(data: dict[str, Any]) -> list[Mistake]:
         *_limits(data),
         *_poses(data),
         *_delays(data),
+        *_added(data),
     ]
 
 
@@ -344,7 +345,7 @@ def _delays(data: dict[str, Any]) -> Iterator[Mistake]:
     """What is late waits for whole ticks, of which not too many are kept; nothing is read between ticks."""
     rate = _number(data, "control_Hz")
     readings = [("sensors", "then", i) for i in range(len(_items(data, "sensors", "then")))]
-    for place in (("actuators",), *readings):
+    for place in (("actuators",), ("nominal", "actuators"), *readings):
         delay, taken = _number(data, *place, "delay_s"), _number(data, *place, "rate_Hz")
         ticks = delay * rate
         if ticks > MOST:
@@ -354,6 +355,15 @@ def _delays(data: dict[str, Any]) -> Iterator[Mistake]:
             yield (*place, "delay_s"), f"must be whole ticks of {1 / rate:g} s: {' or '.join(near)}, got {delay:g}"
         if taken > rate:
             yield (*place, "rate_Hz"), f"must not exceed control_Hz = {rate:g}, got {taken:g}"
+
+
+def _added(data: dict[str, Any]) -> Iterator[Mistake]:
+    """What is taken off a payload leaves some of it, and MuJoCo's model is made once."""
+    added, mass = _number(data, "added", "mass_kg"), _number(data, "payload", "mass_kg")
+    if mass + added <= 0:
+        yield ("added", "mass_kg"), f"must leave some of payload.mass_kg = {mass:g}, got {added:g}"
+    if not math.isnan(added) and _part(data, "plant", "kind") == "mujoco":
+        yield ("added",), "the plant mujoco has a payload that does not change; take kind: rigid"
 
 
 def _limits(data: dict[str, Any]) -> Iterator[Mistake]:

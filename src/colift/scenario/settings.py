@@ -249,6 +249,15 @@ class NominalAgentType(Section):
     """Joint name to the body that it moves, as believed."""
 
 
+class Lag(Section):
+    """A delay and a first-order lag of thrust and body torque; joints act at once."""
+
+    bandwidth_Hz: of.Bandwidth
+    """Of the lag."""
+    delay_s: of.Time = 0.0
+    """Of commands; whole ticks."""
+
+
 class Nominal(Section):
     """What the controller believes where it differs from the truth."""
 
@@ -256,6 +265,19 @@ class Nominal(Section):
     """The payload as believed."""
     agent_types: Annotated[dict[Name, NominalAgentType], Field(max_length=MOST)] = {}
     """Agent type to the bodies of it that are believed to be otherwise."""
+    actuators: Lag | None = None
+    """How thrusts and torques are believed to follow commands: used for labels, and inverted. By default, at once."""
+
+
+class Added(Section):
+    """Mass that is put on the payload's centre of mass in flight, or taken off it."""
+
+    mass_kg: of.MassChange
+    """How much; negative: taken off."""
+    start_s: of.Time
+    """When it begins to act."""
+    over_s: of.Span = 0.1
+    """How long that takes."""
 
 
 class Start(Section):
@@ -269,6 +291,23 @@ class Start(Section):
     """Payload velocity."""
     body_rate_radps: of.BodyRate = ZERO
     """Payload body rate, payload frame."""
+
+
+class Leaving(Section):
+    """The path moves off, and later turns as it had not."""
+
+    shift_m: of.Position
+    """By how much it moves."""
+    start_s: of.Time
+    """When it begins to."""
+    over_s: of.Span = 2.0
+    """How long that takes, and the swing to rise."""
+    swing_deg: of.RotationVector = ZERO
+    """Greatest rotation vector of the swing about `rpy_deg`, in its frame."""
+    swing_start_s: of.Time = 0.0
+    """When the swing begins."""
+    swing_period_s: of.Period = 4.0
+    """Of the swing."""
 
 
 class Lissajous(Section):
@@ -294,6 +333,8 @@ class Lissajous(Section):
     """Period of the swing about each axis; one number for all three."""
     swing_phase_deg: of.Angles = ZERO
     """Phase of the swing about each axis."""
+    leaves: Leaving | None = None
+    """Where it leaves for."""
 
 
 class Pose(Section):
@@ -349,10 +390,23 @@ class Gust(Section):
     """Wave vector: its length is 2 pi over the wavelength."""
     phase_deg: of.Degrees = 0.0
     """Phase at the origin."""
+    period_s: of.Period | None = None
+    """Time in which the wave travels one wavelength, along its vector; by default it stands."""
+
+
+class Turn(Section):
+    """The mean wind turns about the vertical, once."""
+
+    angle_deg: of.Degrees
+    """By how much."""
+    start_s: of.Time
+    """When it begins to."""
+    over_s: of.Span = 0.3
+    """How long it takes."""
 
 
 class Wind(_Source):
-    """Drag in a steady wind field that varies in space; with no wind, plain drag."""
+    """Drag in a wind field that varies in space, and in time where gusts travel or the mean turns."""
 
     kind: Literal["wind"]
     """Which law."""
@@ -364,6 +418,8 @@ class Wind(_Source):
     """Mean wind."""
     gusts: Annotated[tuple[Gust, ...], Field(max_length=MOST)] = ()
     """Waves added to the mean."""
+    turn: Turn | None = None
+    """Of the mean."""
 
 
 class Tether(_Source):
@@ -473,6 +529,8 @@ class Intermittent(Section):
     """How late they come; whole ticks."""
     loss: of.Share = 0.0
     """Probability that one is lost."""
+    until_s: of.Time | None = None
+    """When the sensor dies; by default never."""
 
 
 class Drifting(Section):
@@ -484,6 +542,8 @@ class Drifting(Section):
     """Which readings, as for [Intermittent](#intermittent); an attitude is turned about its body's axes."""
     rate: Annotated[of.Noise, of_unit("of the reading, or rad, per √s")]
     """Standard deviation of the walk after one second."""
+    start: Annotated[of.Noise, of_unit("of the reading, or rad")] = 0.0
+    """Standard deviation of the bias that it begins with."""
 
 
 class Sensors(Section):
@@ -534,15 +594,11 @@ class Rotors(Section):
     """Torque about the third axis over force, of each rotor."""
 
 
-class Motors(Section):
+class Motors(Lag):
     """A delay and a first-order lag of thrust and body torque, then their limits; joints act at once."""
 
     kind: Literal["motors"]
     """Which."""
-    bandwidth_Hz: of.Bandwidth
-    """Of the lag."""
-    delay_s: of.Time = 0.0
-    """Of commands; whole ticks."""
     rotors: Rotors | None = None
     """Of every vehicle; without them thrust and torque are limited each alone."""
     torque_max_Nm: of.Torque | None = None
@@ -611,6 +667,8 @@ class Control(Section):
     """How fast measured poses and velocities pull the inertial prediction."""
     joint_filter_Hz: of.Rate = 30.0
     """Corner of the second-order filter of joint readings, of which the rates are the derivative."""
+    haste: Annotated[of.Haste, of_unit("times")] = 2.0
+    """How many times as fast as `nominal.actuators` by themselves thrusts and torques are driven."""
     look_ahead_s: of.LookAhead | None = None
     """Step between five times around now at which the law is evaluated on the reference: agents' attitudes are then fed
     forward with their rates and their swing about the tips. By default as the paper has it, without."""
@@ -702,6 +760,9 @@ class Learning(Section):
     """Before data, two of three length-scales and deviations lie within this factor of the prior's (log-normal)."""
     hyperparameters: Literal["fitted", "stated"] = "fitted"
     """`fitted` to the data at each update, or `stated`: those of the prior, without a mean, as error bounds ask for."""
+    fit_latency: of.Time | Literal["measured"] = 0.0
+    """How long a fit takes until what it learned flies, s; `measured`: as long as it takes on this machine, which makes
+    a run unlike the next."""
     samples: Literal["estimated", "rig"] = "estimated"
     """`estimated` on board from the sensors, or of a calibration `rig`: true states, labels with bounded errors."""
     rig_error: of.Ratio = 0.1
@@ -727,6 +788,28 @@ class Baselines(Section):
     """Prior deviation of the payload's first moments, baseline P."""
     inertia_kgm2: of.Deviation = 0.05
     """Prior deviation of the payload's inertia error, baseline P."""
+
+
+class Innovation(Section):
+    """How labels correct what is learned, in the cases F, H and C4."""
+
+    lead_s: of.Time = 0.02
+    """By how much the correction is carried ahead along its rate, for the delay of labels."""
+    patience_s: of.Span = 0.02
+    """How old a reading of the tips may be for a label; older, labels count as stopped."""
+    fade_s: of.Span = 0.3
+    """Once labels stop, how soon C4's correction is its mean over the last `span_s`."""
+    span_s: of.Span = 0.5
+    """Of that mean."""
+    renew_s: of.Span = 1.0
+    """How often C4's models take in their newest samples, hyperparameters kept."""
+    refit_s: of.Span = 5.0
+    """How often C4 fits hyperparameters after the last of `learning.update_times_s`."""
+    surprise: of.Factor = 25.0
+    """Mean square of new labels off what was predicted, in predictive variances, above which C4 forgets a body's older
+    samples: the world has changed."""
+    look_ahead_s: of.LookAhead = 0.03
+    """`control.look_ahead_s` of these cases and of O, where it says nothing."""
 
 
 class LabelError(Section):
@@ -800,6 +883,8 @@ class Settings(Section):
     """The team."""
     payload: Payload
     """The payload in truth."""
+    added: Added | None = None
+    """What is put on the payload in flight, of which nobody tells the controller."""
     nominal: Nominal = Nominal()
     """What the controller believes where it differs."""
     start: Start = Start()
@@ -820,6 +905,8 @@ class Settings(Section):
     """From the payload's wrench to contact forces."""
     learning: Learning
     """Data and models."""
+    innovation: Innovation = Innovation()
+    """How labels correct what is learned."""
     baselines: Baselines = Baselines()
     """Rivals of learning."""
     certificate: Certificate = Certificate()

@@ -93,6 +93,59 @@ def changed(tree: Tree, change: str) -> Tree:
     )
 
 
+def like(base: Tree, tree: Tree) -> Tree:
+    """A tree that says only where it differs from another: settings beside settings, entries of lists by their `name`.
+
+    Any other value takes the place of the other's, and so does a section of another `kind`. What is wrong with what is
+    taken over is told where the tree says `like`.
+    """
+    merged = _Merged(tree.lines, dict.fromkeys(base.lines, tree.line(("like",))))
+    mine = {key: value for key, value in tree.data.items() if key != "like"}
+    data = merged.value(base.data, mine, (), ())
+    return Tree(tree.file, data, merged.lines, [(merged.place(at), sentence) for at, sentence in tree.wrong])
+
+
+class _Merged:
+    """One pass over two trees: the lines of what results, and where in it each place of the second is."""
+
+    def __init__(self, theirs: dict[Place, int], lines: dict[Place, int]) -> None:
+        self.theirs, self.lines = theirs, lines
+        self.moved: dict[Place, Place] = {(): ()}
+
+    def value(self, base: Any, new: Any, at: Place, was: Place) -> Any:
+        """What results at a place, where the second tree has `new` at `was`."""
+        self.moved[was] = at
+        if isinstance(base, dict) and isinstance(new, dict) and new.get("kind", base.get("kind")) == base.get("kind"):
+            return base | {key: self.value(base.get(key), x, (*at, key), (*was, key)) for key, x in new.items()}
+        names = _names(base)
+        if names and _names(new):
+            out = list(base)
+            for i, entry in enumerate(new):
+                j = names.index(entry["name"]) if entry["name"] in names else len(out)
+                value = self.value(out[j] if j < len(out) else None, entry, (*at, j), (*was, i))
+                out[j : j + 1] = [value]
+            return out
+        self.lines = {place: line for place, line in self.lines.items() if place[: len(at)] != at}
+        inside = {place: line for place, line in self.theirs.items() if place[: len(was)] == was}
+        self.lines |= {(*at, *place[len(was) :]): line for place, line in inside.items()}
+        return new
+
+    def place(self, at: Place) -> Place:
+        """Where a place of the second tree is in what results."""
+        known = next(at[:n] for n in range(len(at), -1, -1) if at[:n] in self.moved)
+        return (*self.moved[known], *at[len(known) :])
+
+
+def _names(entries: Any) -> list[str]:
+    """Of a list whose entries all have one, each once; else none."""
+    if not isinstance(entries, list) or not all(
+        isinstance(x, dict) and isinstance(x.get("name"), str) for x in entries
+    ):
+        return []
+    names = [entry["name"] for entry in entries]
+    return names if len(set(names)) == len(names) else []
+
+
 def _index(name: str, size: int, path: str) -> int:
     if not (name.isdecimal() and name.isascii() and len(name) < 10 and int(name) < size):
         there = f"entries 0 to {size - 1}" if size else "no entries"

@@ -1,0 +1,138 @@
+"""What labels say beyond what is learned: the innovation, label less mean, and what is left of it when labels stop.
+
+A memory, as a frozen Gaussian process is one, fails where the world has changed, and its deviation does not see that.
+The innovation does: `r = F y - F f_hat`, F the filter that labels go through, so that both are equally late.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from colift import learn
+from colift.estimate import Estimate, Filters
+from colift.lowpass import blend
+from colift.model import AgentForce, Clock, Residual, Team, Wrench, no_force
+from colift.pytree import pytree
+
+Scalar = Float[Array, ""]
+
+
+@pytree
+class News:
+    """What labels say beyond the oracle, as it is to be used."""
+
+    t: Scalar  # s, when it was so
+    r: Residual  # N and N m
+    rate: Residual  # N/s and N m/s
+    fresh: Scalar  # 1 while labels come; falls to 0 when they stop, and r to its running mean
+
+
+def no_news(team: Team, t: Scalar) -> News:
+    """Before any label."""
+    none = no_force(team)
+    return News(t=t, r=none, rate=none, fresh=jnp.ones(()))
+
+
+@pytree
+class Heard:
+    """What a listener keeps between ticks."""
+
+    k: Int[Array, ""]  # of the oracle
+    f: Residual  # the mean
+    copy: Residual  # behind a copy of the tips' bandwidth
+    inner: Residual  # and behind the labels' filter
+    outer: Residual
+    r: Residual
+    average: Residual
+    fresh: Scalar
+    warm: Scalar  # 0 before the first tick, 1 after
+
+
+@pytree
+class Listener:
+    """Compares labels with the oracle, tick by tick.
+
+    While labels come, `r` is label less mean. When they stop, `r` falls within `fade` to its mean over the last
+    `span`: what has changed for good stays, what went with the motion does not. Where another oracle takes over, what
+    it says more is taken from r at once, and not only when the filter has seen it.
+    """
+
+    filters: Filters
+    fade: Scalar  # s; inf: r is held
+    span: Scalar  # s
+
+    def begin(self, team: Team) -> Heard:
+        """Nothing heard yet."""
+        none = no_force(team)
+        return Heard(
+            k=jnp.zeros((), int),
+            f=none,
+            copy=none,
+            inner=none,
+            outer=none,
+            r=none,
+            average=none,
+            fresh=jnp.ones(()),
+            warm=jnp.zeros(()),
+        )
+
+    def listen(
+        self, past: Heard, team: Team, oracle: learn.Oracle, q_hat: Estimate, clock: Clock
+    ) -> tuple[Heard, News]:
+        """The innovation of this tick. Raises ValueError where nothing is labelled."""
+        labelled, dt = q_hat.labelled, clock.dt
+        if labelled is None:
+            raise ValueError("the estimator gives no labels: this pilot cannot listen")
+        on = labelled.fresh
+        f = learn.mean(oracle, q_hat.payload, q_hat.agents)
+        inertial = learn.regressor(q_hat.payload, q_hat.a_L[:3] - team.gravity, q_hat.a_L[3:]) @ oracle.theta
+        W = Wrench(F=f.payload.F + inertial[:3], tau=f.payload.tau + inertial[3:])
+        f = dataclasses.replace(f, payload=W)
+        past = _taken_over(past, f, oracle.k)
+        copy = _low(past.copy, f, _from_the_first(past.warm, blend(self.filters.tip_force, dt)))
+        b = _from_the_first(past.warm, on * blend(self.filters.label, dt))  # stands still where the labels do
+        inner = _low(past.inner, copy, b)
+        outer = _low(past.outer, inner, b)
+        r = jax.tree.map(jnp.subtract, _label(labelled), outer)
+        average = _low(past.average, r, _from_the_first(past.warm, on * -jnp.expm1(-dt / self.span)))
+        fresh = past.fresh + -jnp.expm1(-dt / self.fade) * (on - past.fresh)
+        rate = jax.tree.map(lambda now, old: past.warm * fresh * (now - old) / dt, r, past.r)
+        used = jax.tree.map(lambda r, average: average + fresh * (r - average), r, average)
+        heard = Heard(
+            k=oracle.k, f=f, copy=copy, inner=inner, outer=outer, r=r, average=average, fresh=fresh, warm=jnp.ones(())
+        )
+        return heard, News(t=clock.t, r=used, rate=rate, fresh=fresh)
+
+
+def _taken_over(past: Heard, f: Residual, k: Int[Array, ""]) -> Heard:
+    """The memory as if the oracle k, whose mean now is f, had been there before, but for a constant."""
+    more = jax.tree.map(lambda new, old: jnp.where((k != past.k) & (past.warm > 0), new - old, 0.0), f, past.f)
+    plus, less = (lambda x: jax.tree.map(jnp.add, x, more)), (lambda x: jax.tree.map(jnp.subtract, x, more))
+    return dataclasses.replace(
+        past,
+        copy=plus(past.copy),
+        inner=plus(past.inner),
+        outer=plus(past.outer),
+        r=less(past.r),
+        average=less(past.average),
+    )
+
+
+def _from_the_first(warm: Scalar, b: Scalar) -> Scalar:
+    """The blend b, or 1 on the first tick: a filter starts at its first sample."""
+    return 1 + warm * (b - 1)
+
+
+def _low(past: Residual, now: Residual, b: Scalar) -> Residual:
+    return jax.tree.map(lambda old, new: old + b * (new - old), past, now)
+
+
+def _label(labelled: Any) -> Residual:
+    y = labelled.payload[1]
+    agents = tuple(AgentForce(f_x=y[:, :3], f_w=y[:, 3:6], f_r=y[:, 6:]) for _, y in labelled.agents)
+    return Residual(payload=Wrench(F=y[:3], tau=y[3:]), agents=agents)
