@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from scipy.optimize import linprog
 
 from colift import actuator
+from colift.lag import Lag
 from colift.model import AgentInput, Clock
 
 DT = 0.002
@@ -46,7 +47,7 @@ def test_ideal_actuators_do_what_they_are_told():
 @pytest.mark.parametrize("delay", [0, 1, 4])
 def test_a_step_arrives_after_the_delay_and_rises_as_a_first_order_lag(delay):
     hertz, ticks = 8.0, 40
-    motors = actuator.Motors(bandwidth=jnp.array(hertz), limits=(free(),), delay=delay)
+    motors = actuator.Motors(lag=Lag(bandwidth=jnp.array(hertz), delay=delay), limits=(free(),))
     step = [command(10), *[command(20, (1.0, -2.0, 0.5))] * ticks]
     for k, acting in enumerate(played(motors, step)):
         risen = 1 - np.exp(-2 * np.pi * hertz * DT * max(0, k - delay))

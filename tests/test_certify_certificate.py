@@ -16,7 +16,7 @@ import pytest
 from rich.console import Console
 from typer.testing import CliRunner
 
-from colift import __main__, actuator, fly, folder, gp, learn, scenario, sensor, simulate, study, view
+from colift import __main__, actuator, fly, folder, gp, lag, learn, scenario, sensor, simulate, study, view
 from colift.certify import adversary, assumed, certificate, interface, reach
 from colift.gp import recovery
 from colift.gp.bounds import Assumption
@@ -486,8 +486,14 @@ def of_another_kernel(oracle: learn.Oracle) -> learn.Oracle:
         ),
         (lambda p: with_pilot(p, oracle=of_another_kernel(p.pilot.oracle)), "kernel Kernel"),
         (lambda p: with_pilot(p, realizer=fly.Anticipating(**vars(p.pilot.realizer))), "realizer Anticipating"),
-        (lambda p: with_world(p, actuators=actuator.Motors(bandwidth=number(8.0), limits=())), "actuators Motors"),
-        (lambda p: with_world(p, extra=(sensor.Drifting(of=("payload.p",), rate=number(0.1)),)), "sensor 0 Drifting"),
+        (
+            lambda p: with_world(p, actuators=actuator.Motors(lag=lag.Lag(bandwidth=number(8.0)), limits=())),
+            "actuators Motors",
+        ),
+        (
+            lambda p: with_world(p, extra=(sensor.Drifting(of=("payload.p",), rate=number(0.1), start=number(0.0)),)),
+            "sensor 0 Drifting",
+        ),
     ],
 )
 def test_a_part_that_the_equations_do_not_hold_for_is_refused_by_name(change, named):

@@ -127,7 +127,7 @@ def observed(
     team: Team, filters: estimate.Filters, stream: measurement.Measurement, applied: tuple[AgentInput, ...]
 ) -> tuple[estimate.Estimate, estimate.Memory]:
     """Estimates and memories of all ticks of a stream of measurements."""
-    of = estimate.Estimator(filters=filters)
+    of = estimate.Estimator(filters=filters, patience=jnp.array(0.02))
 
     def step(memory: estimate.Memory, m: measurement.Measurement) -> tuple:
         q_hat, memory = of.observe(team, memory, m, applied, Clock(t=jnp.zeros(()), dt=jnp.array(DT)))

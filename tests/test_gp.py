@@ -513,6 +513,9 @@ def unchecked():
     jax.clear_caches()
 
 
+T, NOW = jnp.zeros(()), jnp.array(True)
+
+
 @pytest.mark.parametrize("shape", [(), (1,), (3,), (5,), (1, 4), (4, 1), (2, 4)])
 def test_an_input_of_another_shape_is_refused_in_words(shape, unchecked):
     X, Y, hyper, _ = problem(0, N=5)
@@ -523,8 +526,8 @@ def test_an_input_of_another_shape_is_refused_in_words(shape, unchecked):
         lambda: gp.variance(p, x),
         lambda: gp.append(p, x, y),
         lambda: gp.informative(p, x, y, gate),
-        lambda: gp.first_in_first_out(data, x, y),
-        lambda: gp.uniform(data, x, y, key),
+        lambda: gp.first_in_first_out(data, x, y, T, NOW),
+        lambda: gp.Uniform(key=key)(data, x, y, T, NOW),
         lambda: gp.bounds.radius(p, x, jnp.ones(3)),
     ]
     for call in calls:
@@ -540,8 +543,8 @@ def test_an_output_of_another_shape_is_refused_in_words(shape, unchecked):
     for call in (
         lambda: gp.append(p, x, y),
         lambda: gp.informative(p, x, y, jnp.asarray(0.1)),
-        lambda: gp.first_in_first_out(data, x, y),
-        lambda: gp.uniform(data, x, y, jax.random.key(0)),
+        lambda: gp.first_in_first_out(data, x, y, T, NOW),
+        lambda: gp.Uniform(key=jax.random.key(0))(data, x, y, T, NOW),
     ):
         with pytest.raises(ValueError, match=rf"y has shape {re.escape(str(shape))}: must be an array of shape \(3,\)"):
             call()

@@ -21,21 +21,26 @@ def feed(policy, data, X, Y):
     return jax.lax.scan(lambda d, xy: policy(d, *xy), data, (X, Y))
 
 
+def offered(policy):
+    """A policy of data, whose points are all offered and come at no time."""
+    return lambda data, x, y: policy(data, x, y, jnp.zeros(()), jnp.array(True))
+
+
 def test_first_in_first_out_keeps_the_newest():
     X, Y = stream(23)
-    data, kept = feed(gp.first_in_first_out, gp.empty(5, 2, 3), X, Y)
+    data, kept = feed(offered(gp.first_in_first_out), gp.empty(5, 2, 3), X, Y)
     assert kept.all()
     assert (int(data.n), int(data.offered)) == (5, 23)
     assert set(np.asarray(data.X[:, 0])) == {18.0, 19.0, 20.0, 21.0, 22.0}
     np.testing.assert_array_equal(data.Y[:, 2], 10 * data.X[:, 0] + 2)
-    part, _ = feed(gp.first_in_first_out, gp.empty(5, 2, 3), X[:3], Y[:3])
+    part, _ = feed(offered(gp.first_in_first_out), gp.empty(5, 2, 3), X[:3], Y[:3])
     assert int(part.n) == 3
     np.testing.assert_array_equal(part.X[:3], X[:3])
 
 
 def test_uniform_keeps_each_point_equally_often():
     X, Y = stream(40)
-    runs = jax.vmap(lambda key: feed(lambda d, x, y: gp.uniform(d, x, y, key), gp.empty(8, 2, 3), X, Y)[0])
+    runs = jax.vmap(lambda key: feed(offered(gp.Uniform(key=key)), gp.empty(8, 2, 3), X, Y)[0])
     data = runs(jax.random.split(jax.random.key(0), 3000))
     assert (data.n == 8).all()
     counts = np.bincount(np.asarray(data.X[..., 0], dtype=int).ravel(), minlength=40)
@@ -50,7 +55,7 @@ def test_uniform_keeps_each_point_equally_often():
 def test_points_that_are_not_finite_are_refused(bad):
     X, Y = stream(3)
     Y = Y.at[1, 1].set(bad)
-    policies = [gp.first_in_first_out, lambda d, x, y: gp.uniform(d, x, y, jax.random.key(0))]
+    policies = [offered(gp.first_in_first_out), offered(gp.Uniform(key=jax.random.key(0)))]
     for policy in policies:
         data, kept = feed(policy, gp.empty(5, 2, 3), X, Y)
         assert kept.tolist() == [True, False, True]
@@ -102,7 +107,7 @@ def test_informative_covers_a_clustered_stream_better_than_the_newest_points():
         return float(jnp.sqrt(jnp.mean((jax.vmap(gp.mean, (None, 0))(p, queries) - jnp.sin(2 * queries)) ** 2)))
 
     kept, _ = feed(gated(0.01), gp.prior(hyper, 20), X, Y)
-    newest, _ = feed(gp.first_in_first_out, gp.empty(20, 1, 1), X, Y)
+    newest, _ = feed(offered(gp.first_in_first_out), gp.empty(20, 1, 1), X, Y)
     assert int(kept.n) <= 20
     assert error(kept) < 0.1
     assert error(gp.condition(newest.X, newest.Y, hyper)) > 0.4
@@ -121,3 +126,12 @@ def test_updates_on_gain_until_the_end():
     assert schedule.due(0.0, 1.0, 2.0)
     assert not schedule.due(0.0, 1.0, 1.99)
     assert not schedule.due(0.0, 3.01, 50.0)
+
+
+def test_what_is_not_offered_changes_nothing_and_what_is_kept_says_when_it_came():
+    data = gp.empty(3, 1, 1)
+    for k, offer in enumerate([True, False, True]):
+        data, kept = gp.first_come(data, jnp.ones(1), jnp.ones(1), jnp.array(0.1 * k), jnp.array(offer))
+        assert bool(kept) == offer
+    assert (int(data.n), int(data.offered)) == (2, 2)
+    np.testing.assert_allclose(data.t, [0.0, 0.2, 0.0])

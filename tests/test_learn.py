@@ -16,7 +16,7 @@ from colift import gp, learn
 from colift.model import PayloadState
 
 CAPACITY = 48
-record = jax.jit(learn.record)
+record = jax.jit(gp.first_come)
 regressor = jax.jit(learn.regressor)
 STATED = {m: gp.hyperparameters(np.full(m, 4.0), np.ones((m, d)), np.full(m, 0.01)) for m, d in ((6, 20), (9, 24))}
 TRAINING = learn.Training(
@@ -33,10 +33,10 @@ TRAINING = learn.Training(
 @settings(max_examples=20)
 @given(offered=st.lists(st.booleans(), max_size=12))
 def test_data_grow_by_what_is_recorded_in_order_until_they_are_full(offered):
-    data, kept = learn.empty(5, 3, 2), []
+    data, kept = gp.empty(5, 3, 2), []
     for i, now in enumerate(offered):
         x, y, t = np.arange(3.0) + i, np.arange(2.0) - i, 0.1 * i
-        data = record(data, jnp.array(x), jnp.array(y), jnp.array(t), jnp.array(now))
+        data, _ = record(data, jnp.array(x), jnp.array(y), jnp.array(t), jnp.array(now))
         if now and len(kept) < 5:
             kept.append((x, y, t))
         assert int(data.n) == len(kept)
@@ -62,18 +62,24 @@ def test_features_are_those_of_the_paper_in_the_order_of_their_names():
 # Oracles --------------------------------------------------------------------------------------------------------------
 
 
-def samples(seed: int, n: int, inputs: int, outputs: int, agents: tuple[int, ...] = ()) -> learn.Data:
+def samples(seed: int, n: int, inputs: int, outputs: int, agents: tuple[int, ...] = ()) -> gp.Data:
     """Labelled samples of smooth functions, n of them in use."""
     rng = np.random.default_rng(seed)
     X = rng.normal(size=(*agents, CAPACITY, inputs))
     Y = np.sin(X[..., :outputs]) + 0.5 * X[..., 1 : outputs + 1] + 0.01 * rng.normal(size=(*agents, CAPACITY, outputs))
     used = np.arange(CAPACITY) < n
-    return learn.Data(
+    return gp.Data(
         X=jnp.array(X * used[:, None]),
         Y=jnp.array(Y * used[:, None]),
-        t=jnp.zeros((*agents, CAPACITY)),
+        t=jnp.array(np.broadcast_to(0.1 * np.arange(CAPACITY), (*agents, CAPACITY))),
         n=jnp.full(agents, n),
+        offered=jnp.full(agents, n),
     )
+
+
+def both(payload: gp.Data, agents: gp.Data) -> learn.Recorded:
+    """Samples of the payload and of a group of two."""
+    return learn.Recorded(payload=payload, agents=(agents,), due=jnp.zeros(()))
 
 
 def prior() -> learn.Oracle:
@@ -85,7 +91,7 @@ def prior() -> learn.Oracle:
 @pytest.fixture(scope="module")
 def taught() -> tuple[learn.Oracle, learn.Fits]:
     """The oracle on 30 samples of every body."""
-    return learn.teach(prior(), samples(0, 30, 24, 6), (samples(1, 30, 24, 9, (2,)),), TRAINING, {})
+    return learn.teach(prior(), both(samples(0, 30, 24, 6), samples(1, 30, 24, 9, (2,))), TRAINING, {})
 
 
 def test_before_any_data_the_oracle_predicts_zero_with_its_prior_s_deviation():
@@ -105,8 +111,8 @@ def test_a_taught_oracle_reproduces_its_labels_and_is_surer_there(taught):
     spread = np.asarray(load.Y)[:30].std(0)
     assert (np.abs(np.concatenate([W.F, W.tau], axis=1) - load.Y[:30]).max(0) < 0.5 * spread).all()
     (f,) = jax.vmap(learn.agents_mean, in_axes=(None, 0))(oracle, (agents.X[:, :30].transpose(1, 0, 2),))
-    both = np.concatenate([f.f_x, f.f_w, f.f_r], axis=2).transpose(1, 0, 2)
-    assert (np.abs(both - agents.Y[:, :30]).mean() < 0.3 * np.asarray(agents.Y)[:, :30].std(1)).all()
+    each = np.concatenate([f.f_x, f.f_w, f.f_r], axis=2).transpose(1, 0, 2)
+    assert (np.abs(each - agents.Y[:, :30]).mean() < 0.3 * np.asarray(agents.Y)[:, :30].std(1)).all()
     far = learn.payload_deviation(oracle, 100 + load.X[:30])
     assert (learn.payload_deviation(oracle, load.X[:30]).mean(0) < 0.7 * far.mean(0)).all()
 
@@ -124,13 +130,13 @@ def test_a_second_fit_starts_where_the_first_ended_and_a_body_without_data_keeps
     monkeypatch.setattr(gp, "fit", watched)
     agents = samples(1, 30, 24, 9, (2,))
     agents = dataclasses.replace(agents, n=jnp.array([30, 0]))
-    _, later = learn.teach(oracle, samples(0, 40, 24, 6), (agents,), training, fits)
+    _, later = learn.teach(oracle, both(samples(0, 40, 24, 6), agents), training, fits)
     assert {id(start) for start, _ in asked} == {id(fits[body].hyper) for body in ("payload", (0, 0))}
     assert {restarts for _, restarts in asked} == {0}
     assert later[0, 1] is fits[0, 1]
     assert later["payload"] is not fits["payload"]
     asked.clear()
-    learn.teach(prior(), samples(0, 30, 24, 6), (agents,), training, {})
+    learn.teach(prior(), both(samples(0, 30, 24, 6), agents), training, {})
     assert asked == [(None, 1)] * 2
 
 
@@ -138,7 +144,7 @@ def test_without_training_hyperparameters_and_prior_mean_stay_as_stated():
     """Each body is conditioned on its own data under the prior's hyperparameters; one without data keeps its prior."""
     load, agents = samples(0, 30, 24, 6), samples(1, 30, 24, 9, (2,))
     agents = dataclasses.replace(agents, n=jnp.array([30, 0]))
-    oracle, fits = learn.teach(prior(), load, (agents,), None, {})
+    oracle, fits = learn.teach(prior(), both(load, agents), None, {})
     assert fits == {}
     for now, before in zip(jax.tree.leaves((oracle.payload.hyper, oracle.agents[0].hyper)),
                            jax.tree.leaves((prior().payload.hyper, prior().agents[0].hyper)), strict=True):  # fmt: skip
@@ -154,7 +160,7 @@ def test_without_training_hyperparameters_and_prior_mean_stay_as_stated():
         expected = k(at[None], X) @ np.linalg.solve(k(X, X) + 0.01 * np.eye(30), np.asarray(Y))
         np.testing.assert_allclose(gp.mean(model, jnp.array(at)), expected[0], atol=1e-9)
     assert not gp.mean(jax.tree.map(lambda leaf: leaf[1], oracle.agents[0]), jnp.array(x)).any()
-    again, _ = learn.teach(oracle, load, (agents,), None, {})
+    again, _ = learn.teach(prior(), both(load, agents), None, {})
     jax.tree.map(np.testing.assert_array_equal, again, oracle)
 
 
@@ -165,8 +171,8 @@ def test_an_oracle_is_frozen_however_the_data_grow(taught):
     told = learn.payload_mean(oracle, x)
     data = samples(0, 30, 24, 6)
     for _ in range(3):
-        data = record(data, x, jnp.full(6, 9.0), jnp.array(1.0), jnp.array(True))
-    later, _ = learn.teach(oracle, data, (samples(1, 30, 24, 9, (2,)),), TRAINING, {})
+        data, _ = record(data, x, jnp.full(6, 9.0), jnp.array(1.0), jnp.array(True))
+    later, _ = learn.teach(oracle, both(data, samples(1, 30, 24, 9, (2,))), TRAINING, {})
     assert np.abs(learn.payload_mean(later, x).F - told.F).max() > 0.1
     for leaf, kept in zip(jax.tree.leaves(oracle), before, strict=True):
         np.testing.assert_array_equal(leaf, kept)
@@ -177,13 +183,13 @@ def test_an_oracle_is_frozen_however_the_data_grow(taught):
 
 def test_a_body_without_data_keeps_its_predictor(taught):
     oracle, fits = taught
-    none = learn.empty(CAPACITY, 24, 9, (2,))
+    none = gp.empty(CAPACITY, 24, 9, (2,))
     one = dataclasses.replace(samples(1, 30, 24, 9, (2,)), n=jnp.array([0, 30]))
-    later, now = learn.teach(oracle, learn.empty(CAPACITY, 24, 6), (none,), TRAINING, fits)
+    later, now = learn.teach(oracle, both(gp.empty(CAPACITY, 24, 6), none), TRAINING, fits)
     for a, b in zip(jax.tree.leaves(later), jax.tree.leaves(oracle), strict=True):
         np.testing.assert_array_equal(a, b)
     assert now == fits
-    half, now = learn.teach(prior(), learn.empty(CAPACITY, 24, 6), (one,), TRAINING, {})
+    half, now = learn.teach(prior(), both(gp.empty(CAPACITY, 24, 6), one), TRAINING, {})
     assert set(now) == {(0, 1)}
     assert list(half.agents[0].n) == [0, 30]
     for a, b in zip(jax.tree.leaves(half.agents[0]), jax.tree.leaves(prior().agents[0]), strict=True):
@@ -195,6 +201,42 @@ def test_the_constant_part_of_an_output_is_the_mean_of_its_labels(taught):
     far = jnp.full(24, 1e3)
     W = learn.payload_mean(oracle, far)
     np.testing.assert_allclose([*W.F, *W.tau], np.asarray(samples(0, 30, 24, 6).Y)[:30].mean(0), atol=1e-9)
+
+
+# Learning that goes on -------------------------------------------------------------------------------------------------
+
+
+def test_a_renewed_oracle_is_the_posterior_of_the_newest_samples_with_the_hyperparameters_that_were_fitted(taught):
+    oracle, _ = taught
+    load, agents = samples(7, 40, 24, 6), samples(8, 40, 24, 9, (2,))
+    renewed = learn.renew(oracle, both(load, agents), {"payload": 1.0, (0, 1): 2.0})
+    assert int(renewed.k) == int(oracle.k) + 1
+    assert int(renewed.payload.n) == 30  # those since 1 s
+    assert list(renewed.agents[0].n) == [40, 20]
+    hyper = dataclasses.replace(oracle.payload.hyper, offset=load.Y[10:40].mean(0))
+    expected = gp.condition(learn.payload_features(load.X[10:40]), load.Y[10:40], hyper, CAPACITY)
+    x = learn.payload_features(jnp.array(np.random.default_rng(9).normal(size=24)))
+    np.testing.assert_allclose(gp.mean(renewed.payload, x), gp.mean(expected, x), atol=1e-9)
+    for body in (renewed.payload, renewed.agents[0]):
+        was = oracle.payload if body is renewed.payload else oracle.agents[0]
+        np.testing.assert_array_equal(body.hyper.lengthscales, was.hyper.lengthscales)
+
+
+def test_what_contradicts_the_oracle_surprises_and_what_is_merely_new_does_not(taught):
+    """In predictive variances: samples of the same functions near the data, of other functions there, and far away."""
+    oracle, _ = taught
+    load, agents = samples(0, 30, 24, 6), samples(1, 30, 24, 9, (2,))
+    same = learn.surprise(oracle, both(load, agents), 1.0)
+    assert set(same) == {"payload", (0, 0), (0, 1)}
+    assert max(same.values()) < 4
+    other = dataclasses.replace(load, Y=load.Y + 10.0)
+    changed = learn.surprise(oracle, both(other, agents), 1.0)
+    assert changed["payload"] > 25
+    assert changed[0, 0] == same[0, 0]
+    far = dataclasses.replace(load, X=load.X + 1e3)
+    assert learn.surprise(oracle, both(far, agents), 1.0)["payload"] < 4
+    assert learn.surprise(oracle, both(load, agents), 9.0) == {}  # nothing is newer
+    assert learn.surprise(prior(), both(load, agents), 1.0) == {}  # nothing was predicted
 
 
 # The parametric part --------------------------------------------------------------------------------------------------

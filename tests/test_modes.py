@@ -180,7 +180,7 @@ def test_the_delay_margin_ends_where_the_loop_that_has_a_delay_is_unstable():
     x, M = three_bodies()
     ticks = modes.delay_margin(x, M, 25)
     assert 1 <= ticks < 25
-    command, world = modes._rows_of(x, r"\.memory\.applied.*"), modes._rows_of(x, r"\.world.*")
+    command, world = modes._rows_of(x, r"\.memory\.sent.*"), modes._rows_of(x, r"\.world.*")
     memory = np.setdiff1d(np.arange(len(M)), world)
     B = np.zeros((len(M), len(command)))
     B[world] = M[np.ix_(world, memory)] @ np.linalg.pinv(M[np.ix_(command, memory)])
@@ -198,7 +198,7 @@ def test_the_delay_margin_ends_where_the_loop_that_has_a_delay_is_unstable():
 def test_a_memory_that_moves_no_command_has_no_delay_margin():
     x, M = three_bodies()
     M = M.copy()
-    M[np.ix_(modes._rows_of(x, r"\.memory\.applied.*"), modes._rows_of(x, r"\.memory.*"))] = 0
+    M[np.ix_(modes._rows_of(x, r"\.memory\.sent.*"), modes._rows_of(x, r"\.memory.*"))] = 0
     with pytest.raises(ValueError, match="does not move every command"):
         modes.delay_margin(x, M, 5)
 

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from colift import gp, learn, native
+from colift import gp, native
 from colift.native import split
 from tests.test_native import assert_close, check, emitted
 
@@ -52,12 +52,12 @@ def test_while_writes_to_its_carry(ticks):
         def body(carry):
             x, log, data, i, kept = carry
             now = (x[0] > 0.2) | (i == 2)
-            data = jax.vmap(learn.record, in_axes=(0, 0, 0, None, None))(
+            data, _ = jax.vmap(gp.first_come, in_axes=(0, 0, 0, None, None))(
                 data, jnp.stack([x, -x]), x[:2, None], x[1], now
             )
             return jnp.sin(x + kept[i % 3]) + 0.1, log.at[i].set(x * 2), data, i + 1, kept
 
-        start = (x, log, learn.empty(3, 3, 1, agents=(2,)), jnp.zeros((), int), jnp.array([0.1, 0.5, -0.3]))
+        start = (x, log, gp.empty(3, 3, 1, batch=(2,)), jnp.zeros((), int), jnp.array([0.1, 0.5, -0.3]))
         return jax.lax.while_loop(lambda c: (c[3] < ticks) & (c[0].sum() < 2.8), body, start)
 
     x, log = jnp.array([0.3, -0.1, 0.2]), jnp.zeros((5, 3)) - 1

@@ -59,7 +59,7 @@ def closed(pilot: fly.LeaderFollower, z: State, f: Residual) -> tuple[Any, Any, 
 
     def under(a: jax.Array) -> tuple[Any, Any, Any]:
         now = fly.known(pilot, z, a, jnp.zeros(()))
-        inputs, _, _, decided = pilot.decide((), (), now)
+        inputs, _, decided = pilot.decide((), (), now)
         return *dynamics.accelerate(team, z, inputs, f), decided.W_d
 
     found = jax.lax.map(lambda a: under(a)[0].payload[:3], jnp.concatenate([jnp.zeros((1, 6)), jnp.eye(3, 6)]))

@@ -231,13 +231,6 @@ def test_without_noise_the_rig_reports_the_residual_itself():
     jax.tree.map(np.testing.assert_array_equal, m.rig.f, truth.f)
 
 
-def test_an_informant_tells_the_residual_and_leaves_the_rest_alone():
-    _, _, truth = case()
-    m, _ = sensor.Informant().read(ideal(), truth, CLOCK, (), ())
-    jax.tree.map(np.testing.assert_array_equal, m.residual, truth.f)
-    jax.tree.map(np.testing.assert_array_equal, dataclasses.replace(m, residual=None), ideal())
-
-
 # Readings that come seldom, late or not at all, and biases that walk --------------------------------------------------
 
 
@@ -260,39 +253,54 @@ def streamed(of: sensor.Extra, ticks: int = 400, seed: int = 0) -> Measurement:
     return jax.jit(lambda: jax.lax.scan(tick, of.begin(at(jnp.array(0.0))), (steps, noise))[1])()
 
 
+def intermittent(
+    of: tuple[str, ...], every: float = 0.002, loss: float = 0.0, until: float = np.inf, delay: int = 0
+) -> sensor.Intermittent:
+    numbers = {name: jnp.array(x) for name, x in {"every": every, "loss": loss, "until": until}.items()}
+    return sensor.Intermittent(of=of, delay=delay, **numbers)
+
+
+def test_a_sensor_that_dies_holds_its_last_reading_and_ages():
+    m = streamed(intermittent(("payload.p",), until=0.1))
+    x, k = np.asarray(m.payload.p[:, 0] - ideal().payload.p[0]), np.arange(400)
+    np.testing.assert_allclose(x, 0.002 * np.minimum(k, 49), atol=1e-12)
+    np.testing.assert_allclose(m.age_s["payload.p"], 0.002 * np.maximum(k - 49, 0), atol=1e-12)
+
+
 @pytest.mark.parametrize("delay", [0, 3])
 def test_a_slow_sensor_holds_its_last_reading_and_says_how_old_it_is(delay):
-    of = sensor.Intermittent(of=("payload.p",), every=jnp.array(0.02), loss=jnp.array(0.0), delay=delay)
+    of = intermittent(("payload.p",), every=0.02, delay=delay)
     m = streamed(of)
     x = np.asarray(m.payload.p[:, 0] - ideal().payload.p[0])
     k = np.arange(len(x))
     last = np.maximum((k - delay) // 10, 0) * 10
     np.testing.assert_allclose(x, 0.002 * last, atol=1e-12)
     seen = k >= delay
-    np.testing.assert_allclose(np.asarray(m.more["age_s"])[seen], 0.002 * (k - last)[seen], atol=1e-12)
+    assert set(m.age_s) == {"payload.p"}
+    np.testing.assert_allclose(np.asarray(m.age_s["payload.p"])[seen], 0.002 * (k - last)[seen], atol=1e-12)
     np.testing.assert_array_equal(m.payload.v, np.broadcast_to(ideal().payload.v, m.payload.v.shape))
 
 
 def test_readings_are_lost_as_often_as_stated():
-    of = sensor.Intermittent(of=("payload.p",), every=jnp.array(0.002), loss=jnp.array(0.3))
+    of = intermittent(("payload.p",), loss=0.3)
     x = np.asarray(streamed(of, TICKS).payload.p[:, 0])
     came = (np.diff(x) > 0).mean()
     assert abs(came - 0.7) < 5 * np.sqrt(0.21 / TICKS)
 
 
 def test_with_every_reading_lost_the_first_is_held_for_ever():
-    of = sensor.Intermittent(of=("payload.p", "agents.x"), every=jnp.array(0.002), loss=jnp.array(1.0))
+    of = intermittent(("payload.p", "agents.x"), loss=1.0)
     m = streamed(of)
     np.testing.assert_array_equal(m.payload.p, np.broadcast_to(ideal().payload.p, m.payload.p.shape))
 
 
 def test_a_bias_walks_as_the_root_of_time_and_turns_attitudes_about_themselves():
     rate, ticks = 0.01, 100
-    of = sensor.Drifting(of=("payload.v", "agents.lam", "payload.R"), rate=jnp.array(rate))
+    of = sensor.Drifting(of=("payload.v", "agents.lam", "payload.R"), rate=jnp.array(rate), start=jnp.array(rate))
     runs = [streamed(of, ticks, seed) for seed in range(40)]
     ends = np.array([np.asarray(m.payload.v[-1] - ideal().payload.v) for m in runs])
     ends = np.concatenate([ends.ravel(), *(np.ravel(m.agents[0].lam[-1] - ideal().agents[0].lam) for m in runs)])
-    expected = rate * np.sqrt(ticks * 0.002)
+    expected = rate * np.sqrt(1 + (ticks - 1) * 0.002)
     assert abs(ends.std() / expected - 1) < 5 / np.sqrt(2 * len(ends))
     R, R_0 = np.asarray(runs[0].payload.R[-1]), np.asarray(ideal().payload.R)
     np.testing.assert_allclose(R.T @ R, np.eye(3), atol=1e-12)

@@ -299,21 +299,31 @@ def study(
     baselines: Annotated[
         bool,
         typer.Option(
-            "--baselines", help="Also fly the rivals: I (integral), DOB (observer), P (parametric), O (floor)."
+            "--baselines",
+            help="Also fly the rivals: I (integral), DOB (observer), P (parametric), F (filtered labels), "
+            "R (regression), H (C3 and filtered labels), O (residuals known).",
         ),
     ] = False,
+    cases: Annotated[
+        str, typer.Option("--cases", help="Which cases to fly, as C1,C3,C4; by default C1, C2 and C3.")
+    ] = "",
     engine: ByEngine = None,
     quiet: Quiet = False,
     as_json: Json = False,
 ) -> None:
     """Fly a scenario under C1 (no learning), C2 (payload) and C3 (payload and agents), and compare them.
 
+    C4, which goes on learning and reacts, is flown where `--cases` names it.
+
     Writes one NetCDF file a case, figures 1 to 5 as PDF and PNG, the table of length-scales and summary.json.
     """
     from colift import study as flights
 
-    cases = tuple(flights.CASES | (flights.BASELINES if baselines else {}))
-    _fly(functools.partial(_settings, name, changes, duration, seed, engine), cases, out, quiet, as_json)
+    asked = [case.strip() for case in cases.split(",")] if cases else list(flights.CASES)
+    for case in asked:
+        _require_known(case, "--cases")
+    wanted = dict.fromkeys([*asked, *(flights.BASELINES if baselines else ())])
+    _fly(functools.partial(_settings, name, changes, duration, seed, engine), tuple(wanted), out, quiet, as_json)
 
 
 @app.command()
@@ -334,12 +344,11 @@ def run(
     _fly(read, (case,), out, quiet, as_json, f"-{case}")
 
 
-def _require_known(case: str) -> None:
+def _require_known(case: str, option: str = "--case") -> None:
     from colift import study as flights
 
-    known = flights.CASES | flights.BASELINES
-    if case not in known:
-        raise _fail(f"--case {case}: must be one of {', '.join(known)}")
+    if case not in flights.ALL:
+        raise _fail(f"{option} {case}: must be one of {', '.join(flights.ALL)}")
 
 
 def _fly(
@@ -380,12 +389,10 @@ def _with_progress(settings: Any, folder: Any, ready: dict[str, Any], ahead: Any
     if quiet:
         return flights.run(settings, folder, ready, ahead)
     if not errors.is_terminal:
-        return flights.run(
-            settings, folder, ready, ahead, _lines(flights.CASES | flights.BASELINES, settings.duration_s)
-        )
+        return flights.run(settings, folder, ready, ahead, _lines(flights.ALL, settings.duration_s))
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-    known = flights.CASES | flights.BASELINES
+    known = flights.ALL
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
@@ -506,7 +513,7 @@ def view(
     from colift import study as flights
 
     try:
-        page = playback.write(out, flights.CASES | flights.BASELINES)
+        page = playback.write(out, flights.ALL)
     except (ValueError, OSError) as error:
         raise _fail(_one_line(error)) from None
     with _printed(""):

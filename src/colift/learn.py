@@ -173,6 +173,55 @@ class Plain:
 
 
 @pytree
+class Linear:
+    """Weights of `basis`, of every output."""
+
+    payload: Float[Array, "functions 6"]
+    agents: tuple[Float[Array, "_agents _functions _outputs"], ...]  # by group
+
+
+def basis(p: Float[Array, "*batch 3"], v: Float[Array, "*batch 3"], rest: Float[Array, "*batch rest"]) -> Array:
+    """`1, p, p p^T, v, |v| v, rest`: wind and springs to second order in space, drag, and a body's own coordinates."""
+    one = jnp.ones_like(p[..., :1])
+    pairs = [p[..., i : i + 1] * p[..., i:] for i in range(3)]
+    speed = jnp.sqrt((v * v).sum(-1, keepdims=True) + 1e-12)  # smooth at rest
+    return jnp.concatenate([one, p, *pairs, v, speed * v, rest], axis=-1)
+
+
+def payload_basis(x: Float[Array, "*batch inputs"]) -> Float[Array, "*batch functions"]:
+    """`basis` of a payload sample, with `vec(R), omega`."""
+    return basis(x[..., :3], x[..., 3:6], x[..., 6:18])
+
+
+def agent_basis(x: Float[Array, "*batch inputs"], joints: int) -> Float[Array, "*batch functions"]:
+    """`basis` of an agent's sample, with `vec(R), r, omega, r_dot`."""
+    v = 15 + joints
+    rest = [x[..., :9], x[..., 12:v], x[..., v + 3 :]]
+    return basis(x[..., 9:12], x[..., v : v + 3], jnp.concatenate(rest, axis=-1))
+
+
+def regress(oracle: Oracle, recorded: Recorded, ridge: float) -> Oracle:
+    """The oracle with the weights that minimize `|Y - phi W|^2 + ridge |W|^2`, body by body (host).
+
+    What recursive least squares come to when they are frozen now.
+    """
+
+    def weights(phi: Array, data: gp.Data) -> np.ndarray:
+        A, Y = np.asarray(phi)[: int(data.n)], np.asarray(data.Y)[: int(data.n)]
+        return np.linalg.solve(A.T @ A + ridge * np.eye(A.shape[1]), A.T @ Y)
+
+    groups = []
+    for data in recorded.agents:
+        phi = agent_basis(data.X, data.Y.shape[2] - 6)
+        each = [weights(phi[j], jax.tree.map(lambda x, j=j: x[j], data)) for j in range(len(data.n))]
+        groups.append(jnp.asarray(np.stack(each)))
+    linear = Linear(
+        payload=jnp.asarray(weights(payload_basis(recorded.payload.X), recorded.payload)), agents=tuple(groups)
+    )
+    return dataclasses.replace(oracle, linear=linear, k=oracle.k + 1)
+
+
+@pytree
 class Oracle:
     """The frozen predictors of one interval; those that have no data predict zero with their prior's deviation."""
 
@@ -180,6 +229,7 @@ class Oracle:
     payload: gp.GP
     agents: tuple[gp.GP, ...]  # by group, agents lead
     theta: Float[Array, "10"]  # nominal less true rigid-body parameters of the payload, or zero: see `regressor`
+    linear: Linear | None = None  # in `basis`, beside the GPs
     k: Int[Array, ""] = dataclasses.field(default_factory=lambda: jnp.zeros((), int))  # of the update t_k, 0 before any
 
 
@@ -226,14 +276,19 @@ class Function:
 def payload_mean(oracle: Oracle, x: Float[Array, "inputs"]) -> Wrench:
     """The GP's share of `f_hat_L` at a payload sample."""
     f = gp.mean(oracle.payload, oracle.features.payload(x))
+    if oracle.linear is not None:
+        f = f + payload_basis(x) @ oracle.linear.payload
     return Wrench(F=f[:3], tau=f[3:])
 
 
 def agents_mean(oracle: Oracle, x: tuple[Float[Array, "agents inputs"], ...]) -> tuple[AgentForce, ...]:
     """`f_hat_j` of every agent."""
     out = []
-    for group, inputs in zip(oracle.agents, x, strict=True):
+    for i, (group, inputs) in enumerate(zip(oracle.agents, x, strict=True)):
         f = jax.vmap(gp.mean)(group, oracle.features.agent(inputs))
+        if oracle.linear is not None:
+            phi = agent_basis(inputs, f.shape[1] - 6)
+            f = f + (phi[:, :, None] * oracle.linear.agents[i]).sum(1)
         out.append(AgentForce(f_x=f[:, :3], f_w=f[:, 3:6], f_r=f[:, 6:]))
     return tuple(out)
 
@@ -360,6 +415,8 @@ def _of_body(oracle: Oracle, body: Body) -> gp.GP:
 
 def _with_bodies(oracle: Oracle, models: Mapping[Body, gp.GP]) -> Oracle:
     """The oracle with some bodies' models in place of what they had."""
+    if not models:
+        return oracle
     groups = []
     for i, group in enumerate(oracle.agents):
         each = [models[i, j] if (i, j) in models else _one(group, j) for j in range(len(group.n))]

@@ -294,7 +294,7 @@ class Plan:
     duration: float  # s
     updates: tuple[float, ...]  # t_k, s, at which hyperparameters are fitted
     training: learn.Training | None  # None: hyperparameters as stated by the oracle before any data
-    identify: Identify | None  # parametric identification of the payload instead of GPs
+    identify: Identify | Regress | None  # what learns instead of GPs
     stated: band.Stated  # what the radii along the run rest on
     seed: int
     renewals: Renewals | None = None  # between and after those
@@ -320,6 +320,13 @@ class Identify:
 
     noise: np.ndarray  # (6,) deviation of the payload's labels, N and N m
     prior: np.ndarray  # (10,) deviation of each rigid-body parameter
+
+
+@dataclasses.dataclass(frozen=True)
+class Regress:
+    """What regression on `learn.basis` assumes."""
+
+    ridge: float  # beside the sum of squared label errors, of squared weights
 
 
 @pytree
@@ -462,7 +469,9 @@ class School:
         n = {"payload": counts["payload"], "agents": sum(k for body, k in counts.items() if body != "payload")}
         failed = ""
         try:
-            if plan.identify is not None:
+            if isinstance(plan.identify, Regress):
+                oracle = learn.regress(oracle, recorded, plan.identify.ridge)
+            elif plan.identify is not None:
                 n_L, given = int(recorded.payload.n), plan.identify
                 X, Y = np.asarray(recorded.payload.X)[:n_L], np.asarray(recorded.payload.Y)[:n_L]
                 theta, _ = learn.identify(X, Y, given.noise, given.prior)

@@ -31,18 +31,20 @@ CASES = {
     "C1": "no learning",
     "C2": "payload learning",
     "C3": "payload and agent learning",
-    "C4": "C3 that goes on learning, and reacts",
 }
+BEYOND = {"C4": "C3 that goes on learning, and reacts"}
 BASELINES = {
     "I": "C1 with integral action",
     "DOB": "C1 with a wrench observer",
     "P": "parametric identification only",
     "O": "residuals known exactly",
     "F": "filtered labels, no memory",
+    "R": "regression on a stated basis",
     "H": "C3 and filtered labels",
 }
+ALL = CASES | BEYOND | BASELINES
 FLOWN = (  # every file that a study may leave, and the page that `colift view` makes of them
-    *(f"{case}.nc" for case in CASES | BASELINES),
+    *(f"{case}.nc" for case in ALL),
     *(
         "figure_[1-5]_*.pdf",
         "figure_[1-5]_*.png",
@@ -66,10 +68,9 @@ def plans(settings: Settings, cases: Sequence[str]) -> dict[str, simulate.Plan]:
     Raises ScenarioError for a grasp, an allocation or a start that cannot be and for a team that cannot hover, KeyError
     for an unknown case.
     """
-    known = CASES | BASELINES
     for case in cases:
-        if case not in known:
-            raise KeyError(f"case {case!r}: one of {', '.join(known)}")
+        if case not in ALL:
+            raise KeyError(f"case {case!r}: one of {', '.join(ALL)}")
     truth, nominal = build.team(settings)
     given, z = settings.learning, build.start(settings, truth)
     drawn, error, sources = build.drawn(settings, truth, z), no_force(truth), build.disturbances(settings)
@@ -103,7 +104,7 @@ def _latency(given: str | float) -> float | None:
 def _as(case: str, c1: simulate.Plan, settings: Settings) -> simulate.Plan:
     """C1 with what another case has in its place or in addition."""
     rival, given = settings.baselines, settings.learning
-    learns, agents, identifies = case in ("C2", "C3", "P", "H", "C4"), case in ("C3", "H", "C4"), case == "P"
+    learns, agents = case in ("C2", "C3", "P", "R", "H", "C4"), case in ("C3", "R", "H", "C4")
     pilot, world = c1.pilot, c1.world
     recorder = dataclasses.replace(pilot.recorder, payload=jnp.asarray(learns), agents=jnp.asarray(agents))
     pilot = dataclasses.replace(pilot, recorder=recorder)
@@ -118,6 +119,9 @@ def _as(case: str, c1: simulate.Plan, settings: Settings) -> simulate.Plan:
             pilot = build.ahead(settings, pilot)
             truly = Truly(world=world, nominal=pilot.team)
             pilot = dataclasses.replace(pilot, predictor=fly.Known(function=truly))
+        case "R":
+            pilot = build.ahead(settings, pilot)
+            pilot = dataclasses.replace(pilot, oracle=learn.regress(pilot.oracle, no_samples(pilot), rival.ridge))
         case "F" | "H" | "C4":
             pilot = build.listening(settings, build.ahead(settings, pilot), held=case != "C4")
     prior = np.array([rival.mass_kg, *[rival.first_moment_kgm] * 3, *[rival.inertia_kgm2] * 6])
@@ -127,7 +131,10 @@ def _as(case: str, c1: simulate.Plan, settings: Settings) -> simulate.Plan:
         world=world,
         pilot=pilot,
         updates=given.update_times_s if learns else (),
-        identify=simulate.Identify(noise=noise, prior=prior) if identifies else None,
+        identify={
+            "P": simulate.Identify(noise=noise, prior=prior),
+            "R": simulate.Regress(ridge=rival.ridge),
+        }.get(case),
     )
     return _going_on(made, settings) if case == "C4" else made
 
@@ -145,6 +152,11 @@ def _going_on(plan: simulate.Plan, settings: Settings) -> simulate.Plan:
         updates=(*plan.updates, *fits.tolist()),
         renewals=simulate.Renewals(times=tuple(times.tolist()), surprise=given.surprise),
     )
+
+
+def no_samples(pilot: fly.LeaderFollower) -> learn.Recorded:
+    """Before the first sample."""
+    return pilot.recorder.begin(pilot.team, pilot.oracle)
 
 
 @pytree
