@@ -292,6 +292,27 @@ def test_active_sources_that_change_with_time_are_named_once():
     assert varying(on_load[0], agents=(on_agents("gust", [1.0, 1.0]),)) == ("gust",)
 
 
+def test_weather_is_a_wind_whose_mean_turns_and_whose_gusts_travel():
+    """Before it turns, and at a gust's every period, it is the steady wind; after, the one with the mean turned."""
+    rng = np.random.default_rng(0)
+    steady = wind(rng)
+    still = {"rate": jnp.zeros(2), "angle": jnp.array(0.0), "start": jnp.array(2.0), "over": jnp.array(0.5)}
+    at = motion(rng)
+    law = jax.jit(lambda law, t: law(at, t, ())[0])
+    turning = disturbance.Weather(wind=steady, **still | {"angle": jnp.array(np.pi / 2)})
+    np.testing.assert_allclose(law(turning, jnp.array(1.9)), law(steady, NOW), rtol=1e-12)
+    x, y, z = np.asarray(steady.mean)
+    turned = dataclasses.replace(steady, mean=jnp.array([-y, x, z]))
+    np.testing.assert_allclose(law(turning, jnp.array(2.5)), law(turned, NOW), rtol=1e-9)
+    halfway = law(turning, jnp.array(2.25))
+    half = Rotation.from_rotvec([0, 0, np.pi / 4]).apply([x, y, z])
+    np.testing.assert_allclose(halfway, law(dataclasses.replace(steady, mean=jnp.array(half)), NOW), rtol=1e-9)
+    gusting = disturbance.Weather(wind=steady, **still | {"rate": jnp.array([2 * np.pi / 3, 2 * np.pi / 6])})
+    np.testing.assert_allclose(law(gusting, jnp.array(6.0)), law(steady, NOW), rtol=1e-9)
+    assert np.abs(law(gusting, jnp.array(1.0)) - law(steady, NOW)).max() > 1e-3
+    assert not gusting.time_invariant
+
+
 def test_without_sources_nothing_is_felt():
     rng = np.random.default_rng(14)
     z: State = teams.free_state(rng, STRUCTURE)

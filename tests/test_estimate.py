@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -59,10 +60,16 @@ def test_what_a_filter_takes_of_a_sample_is_that_of_its_time_constant():
     assert (1 - float(b)) ** 7 == pytest.approx(1 - float(lowpass.blend(jnp.array(5.0), jnp.array(7 * DT))), rel=1e-12)
 
 
-def flown(noise: float, runs: int, seed: int = 0) -> tuple[estimate.Pose, estimate.Pose, estimate.Pose]:
+CORNERS = {"fusion": 5.0, "bias": 0.0, "joint": 20.0, "label": 8.0, "tip_force": 50.0}
+FILTERS = estimate.Filters(**{name: jnp.array(hertz) for name, hertz in CORNERS.items()})
+
+
+def flown(
+    noise: float, runs: int, seed: int = 0, hertz: float = 0.0
+) -> tuple[estimate.Pose, estimate.Pose, estimate.Pose]:
     """Bodies at constant rate and acceleration: truth, readings, and what the complementary filter makes of them."""
     rng = np.random.default_rng(seed)
-    time, b = 400, float(lowpass.blend(jnp.array(5.0), jnp.array(DT)))
+    time = 400
     omega, a = np.array([0.3, -0.5, 0.8]), np.array([0.5, 1.0, -0.4])
     t = DT * np.arange(time)
     R = Rotation.from_rotvec(t[:, None] * omega).as_matrix()
@@ -79,13 +86,19 @@ def flown(noise: float, runs: int, seed: int = 0) -> tuple[estimate.Pose, estima
     )
     gyro, accelerometer = jnp.array(omega + errors(0.01)), jnp.array(a + errors(0.05))
 
-    def run(read: estimate.Pose, gyro: jax.Array, accelerometer: jax.Array) -> estimate.Pose:
-        def step(past: estimate.Pose, now: tuple) -> tuple[estimate.Pose, estimate.Pose]:
-            measured, omega, a = now
-            pose = estimate.fuse(past, measured, omega, a, jnp.array(b), jnp.array(DT))
-            return pose, pose
+    still = dataclasses.replace(FILTERS, bias=jnp.array(hertz))
 
-        first = jax.tree.map(lambda leaf: leaf[0], truth)
+    def run(read: estimate.Pose, gyro: jax.Array, accelerometer: jax.Array) -> estimate.Pose:
+        def step(past: Any, now: tuple) -> tuple[Any, estimate.Pose]:
+            measured, omega, a = now
+            # the filter takes the specific force in the body, which is told in the world here
+            felt = past[0].R.T @ a
+            pose, bias, _, _ = estimate.fuse(
+                past, measured, omega, felt, jnp.zeros(3), still, jnp.ones(()), jnp.array(DT)
+            )
+            return (pose, bias), pose
+
+        first = jax.tree.map(lambda leaf: leaf[0], truth), estimate.no_bias()
         rest = jax.tree.map(lambda leaf: leaf[1:], (read, gyro, accelerometer))
         return jax.lax.scan(step, first, rest)[1]
 
@@ -114,12 +127,34 @@ def test_the_complementary_filter_is_unbiased_and_quieter_than_its_readings():
         assert now.std(0).max() < 0.5 * raw.std(0).min()
 
 
+def test_constant_errors_of_gyroscope_and_accelerometer_are_learned_from_what_is_measured():
+    """At rest, turned, under gravity: 20 s with biases of 0.02 rad/s and 0.1 m/s^2 and a corner of 0.1 Hz."""
+    R = jnp.array(Rotation.from_rotvec([0.3, -0.2, 1.0]).as_matrix())
+    gravity, off = jnp.array([0.0, 0.0, -9.81]), estimate.Biases(
+        omega=jnp.array([0.02, -0.01, 0.005]), a=jnp.array([0.1, -0.05, 0.02])
+    )  # fmt: skip
+    rest = estimate.Pose(R=R, x=jnp.zeros(3), v=jnp.zeros(3))
+
+    def last(hertz: float) -> tuple:
+        filters = dataclasses.replace(FILTERS, bias=jnp.array(hertz))
+
+        def step(past: Any, _: None) -> tuple[Any, None]:
+            felt = -R.T @ gravity + off.a
+            pose, bias, _, _ = estimate.fuse(past, rest, off.omega, felt, gravity, filters, jnp.ones(()), jnp.array(DT))
+            return (pose, bias), None
+
+        return jax.jit(lambda: jax.lax.scan(step, (rest, estimate.no_bias()), length=10_000)[0])()
+
+    pose, bias = last(0.1)
+    np.testing.assert_allclose(bias.omega, off.omega, atol=1e-3 * 0.02)
+    np.testing.assert_allclose(bias.a, off.a, atol=1e-3 * 0.1)
+    assert np.abs(pose.v).max() < 1e-5
+    pose, bias = last(0.0)
+    assert not np.any(bias.a)
+    assert np.abs(pose.v).max() > 1e-3
+
+
 # States ---------------------------------------------------------------------------------------------------------------
-
-
-FILTERS = estimate.Filters(
-    fusion=jnp.array(5.0), joint=jnp.array(20.0), label=jnp.array(8.0), tip_force=jnp.array(50.0)
-)
 
 
 @jax.jit

@@ -203,16 +203,16 @@ def test_the_constant_part_of_an_output_is_the_mean_of_its_labels(taught):
     np.testing.assert_allclose([*W.F, *W.tau], np.asarray(samples(0, 30, 24, 6).Y)[:30].mean(0), atol=1e-9)
 
 
-# Learning that goes on -------------------------------------------------------------------------------------------------
+# Learning that goes on ------------------------------------------------------------------------------------------------
 
 
-def test_a_renewed_oracle_is_the_posterior_of_the_newest_samples_with_the_hyperparameters_that_were_fitted(taught):
+def test_a_renewed_oracle_is_the_posterior_of_newer_samples_under_what_was_fitted(taught):
     oracle, _ = taught
     load, agents = samples(7, 40, 24, 6), samples(8, 40, 24, 9, (2,))
-    renewed = learn.renew(oracle, both(load, agents), {"payload": 1.0, (0, 1): 2.0})
+    renewed = learn.renew(oracle, both(load, agents), {"payload": 1.0, (0, 1): 2.0}, {(0, 0)})
     assert int(renewed.k) == int(oracle.k) + 1
     assert int(renewed.payload.n) == 30  # those since 1 s
-    assert list(renewed.agents[0].n) == [40, 20]
+    assert list(renewed.agents[0].n) == [30, 20]  # of which the first is left as it was
     hyper = dataclasses.replace(oracle.payload.hyper, offset=load.Y[10:40].mean(0))
     expected = gp.condition(learn.payload_features(load.X[10:40]), load.Y[10:40], hyper, CAPACITY)
     x = learn.payload_features(jnp.array(np.random.default_rng(9).normal(size=24)))

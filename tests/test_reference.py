@@ -134,6 +134,27 @@ def test_the_reference_starts_at_rest_in_its_center_at_its_attitude(seed):
     assert not np.any(d.omega_dot)
 
 
+def test_a_path_that_leaves_is_the_same_until_then_and_smooth():
+    path = dataclasses.replace(swinging(3), ramp=jnp.array(1.0))
+    shift, swing = jnp.array([1.0, -2.0, 0.5]), jnp.array([0.1, 0.2, -0.1])
+    numbers = {"start": 2.0, "over": 1.5, "swing_start": 5.0, "swing_period": 3.0}
+    off = reference.Leaving(path=path, shift=shift, swing=swing, **{k: jnp.array(x) for k, x in numbers.items()})
+    for t in (0.5, 2.0):
+        jax.tree.map(
+            lambda a, b: np.testing.assert_allclose(a, b, atol=1e-12), at(off, jnp.array(t)), at(path, jnp.array(t))
+        )
+    left, was = at(off, jnp.array(4.0)), at(path, jnp.array(4.0))
+    np.testing.assert_allclose(left.p - was.p, shift, atol=1e-12)
+    np.testing.assert_allclose(left.v, was.v, atol=1e-9)
+    h = 1e-4
+    for t in (2.7, 6.1):
+        before, now, after = (at(off, jnp.array(t + k * h)) for k in (-1, 0, 1))
+        np.testing.assert_allclose((after.p - before.p) / (2 * h), now.v, atol=1e-5)
+        np.testing.assert_allclose((after.omega - before.omega) / (2 * h), now.omega_dot, atol=1e-5)
+        rate = Rotation.from_matrix(np.asarray(before.R).T @ np.asarray(after.R)).as_rotvec() / (2 * h)
+        np.testing.assert_allclose(rate, now.omega, atol=1e-5)
+
+
 def test_after_the_ramp_it_is_the_lissajous_figure():
     path, t = random_path(3), 5.0
     wave = 2 * np.pi * t / np.asarray(path.period) + np.asarray(path.phase)

@@ -361,6 +361,52 @@ def test_what_is_written_out_reads_back_the_same(name):
 # Files ----------------------------------------------------------------------------------------------------------------
 
 
+def test_a_file_may_say_only_where_it_differs(tmp_path):
+    """Sections by setting, entries of lists by name, and a section of another kind as a whole; twice over."""
+    one, two = tmp_path / "one.yaml", tmp_path / "two.yaml"
+    one.write_text(
+        "like: paper\nname: one\npayload: {mass_kg: 2}\ndisturbances:\n  - {name: clamp, force_N: [0, 0, -2]}\n"
+        "  - {name: more, kind: constant, acts_on: payload, force_N: [1, 0, 0]}\nallocation:\n"
+        "  {kind: leader_follower, leader_contacts: [front/left, front/right, rear/left]}\n"
+    )
+    two.write_text("like: one.yaml\nname: two\n")
+    paper, found = scenario.load("paper"), scenario.load(one)
+    assert found.payload.mass_kg == 2
+    assert found.payload.inertia_kgm2 == paper.payload.inertia_kgm2
+    names = [source.name for source in paper.disturbances]
+    assert [source.name for source in found.disturbances] == [*names, "more"]
+    clamps = [next(x for x in s.disturbances if x.name == "clamp") for s in (paper, found)]
+    assert clamps[1] == clamps[0].model_copy(update={"force_N": (0.0, 0.0, -2.0)})
+    assert found.allocation.internal is None
+    assert scenario.load(two) == found.model_copy(update={"name": "two"})
+
+
+@pytest.mark.parametrize(
+    ("text", "answer"),
+    [
+        ("like: paper\npayload: {mass_kg: -2}\n", "own.yaml:2: payload.mass_kg [kg]: must be"),
+        (
+            "like: paper\ndisturbances:\n  - {name: clamp, force: 1}\n",
+            "own.yaml:3: disturbances[3].force: is not a setting",
+        ),
+        ("like: papr\n", "own.yaml:1: like: there is no scenario 'papr' (shipped: "),
+        ("like: nowhere.yaml\n", "own.yaml:1: like: 'nowhere.yaml' cannot be read: "),
+        ("like: [paper]\n", "own.yaml:1: like: must be the name of a shipped scenario"),
+        ("like: own.yaml\n", "own.yaml:1: like: 4 files that are like one another are enough"),
+        (
+            "name: a\nlike: paper\nadded: {mass_kg: -2, start_s: 1}\n",
+            "own.yaml:3: added.mass_kg [kg]: must leave some of",
+        ),
+    ],
+)
+def test_what_is_wrong_in_a_file_that_is_like_another_is_told_at_its_line(text, answer, tmp_path):
+    path = tmp_path / "own.yaml"
+    path.write_text(text)
+    with pytest.raises(scenario.ScenarioError) as told:
+        scenario.load(path)
+    assert answer in str(told.value)
+
+
 def test_an_unknown_name_lists_the_shipped_scenarios():
     with pytest.raises(
         ScenarioError, match=r"no scenario 'papr' \(shipped: .*leader_block.*paper.*did you mean 'paper'"

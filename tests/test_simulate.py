@@ -148,6 +148,38 @@ def test_updates_come_at_their_ticks_with_the_data_until_then():
     assert np.abs(flight.rows.f_L_hat[learned]).max() > 0.1
 
 
+@pytest.mark.parametrize("latency", [0.3, None])
+def test_what_is_learned_flies_when_it_is_ready_and_not_before(latency, monkeypatch):
+    """None: as long as teaching takes here, which a clock that is turned says. An update due meanwhile is left out."""
+    of = dataclasses.replace(plan("C3"), duration=1.3, updates=(0.5, 0.6, 0.9), latency=latency, training=None)
+    teach = simulate.School.teach
+
+    def slowly(*given, **more):
+        shift[0] += 0.3
+        return teach(*given, **more)
+
+    shift, clock = [0.0], simulate.time.perf_counter
+    began = clock()
+    if latency is None:
+        monkeypatch.setattr(simulate.time, "perf_counter", lambda: began + shift[0])
+        monkeypatch.setattr(simulate.School, "teach", slowly)
+    flight = simulate.fly_plan(of, NAMES)
+    assert [update.t for update in flight.updates] == pytest.approx([0.5, 0.9])
+    assert [update.ready for update in flight.updates] == pytest.approx([0.8, 1.2])
+    heard = np.abs(flight.rows.f_L_hat).max(1) > 0
+    assert flight.rows.t[heard][0] == pytest.approx(0.8)
+
+
+def test_a_fit_that_fails_leaves_the_oracle_as_it_was_and_says_so(monkeypatch):
+    def failing(*_given, **_more):
+        raise ValueError("no such luck")
+
+    monkeypatch.setattr(simulate.learn, "teach", failing)
+    flight = simulate.fly_plan(dataclasses.replace(plan("C3"), duration=1.0, updates=(0.7,)), NAMES)
+    assert flight.updates[0].failed == "what was learned at t = 0.700 s is not used: no such luck"
+    assert not flight.rows.f_L_hat.any()
+
+
 def test_deviations_come_at_their_rate_and_are_the_prior_s_before_any_data(flight):
     sigma = flight.sigma
     np.testing.assert_allclose(np.diff(sigma.t), simulate.SIGMA_EVERY, atol=1e-12)

@@ -7,8 +7,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from colift import analyse, band, study
+from colift import analyse, band, simulate, study
 from colift.scenario import ScenarioError, Settings
+from colift.scenario.settings import Added, Innovation
+from tests import light
 from tests import paper_flights as paper
 
 
@@ -30,8 +32,52 @@ def test_cases_differ_in_what_they_record_and_in_nothing_else():
 
 
 def test_an_unknown_case_is_refused_with_those_there_are():
-    with pytest.raises(KeyError, match=r"C4.*C1, C2, C3, I, DOB, P, O"):
-        study.plans(paper.SETTINGS, ("C4",))
+    with pytest.raises(KeyError, match=r"C5.*C1, C2, C3, C4, I, DOB, P, O, F, R, H"):
+        study.plans(paper.SETTINGS, ("C5",))
+
+
+# What goes beyond the paper -------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def light_flights() -> dict[str, simulate.Flight]:
+    """The smallest team, on whose payload some mass is put once it has learned."""
+    settings = light.settings(
+        duration_s=4.0,
+        learning=light.SAMPLE.learning.model_copy(update={"update_times_s": (1.0, 1.5), "end_s": 1.5}),
+        added=Added(mass_kg=0.3, start_s=2.2),
+        innovation=Innovation(renew_s=0.5, enough=40),
+    )
+    return {
+        case: simulate.fly_plan(study.plan(settings, case), light.NAMES) for case in ("C1", "F", "R", "H", "C4", "O")
+    }
+
+
+def test_labels_bring_a_team_back_whose_payload_has_become_heavier(light_flights):
+    e_p = {case: analyse.norm_rms(flight.rows.e_p[flight.rows.t > 3.0]) for case, flight in light_flights.items()}
+    assert not any(flight.stopped for flight in light_flights.values())
+    assert max(e_p[case] for case in ("F", "H", "C4")) < 0.3 * min(e_p["R"], e_p["C1"])
+    assert e_p["O"] < e_p["R"]
+
+
+def test_learning_goes_on_and_forgets_what_has_become_wrong(light_flights):
+    c4, h = light_flights["C4"], light_flights["H"]
+    assert [update.t for update in h.updates] == pytest.approx([1.0, 1.5])
+    assert [update.t for update in c4.updates] == pytest.approx([1.0, 1.5, 2.0, 2.5, 3.0, 3.5])
+    assert all(update.t == update.ready for update in c4.updates)
+    assert {id(update.fits["payload"]) for update in c4.updates[1:]} == {id(c4.updates[1].fits["payload"])}
+    assert int(c4.oracle.k) == 6
+
+
+def test_only_cases_that_listen_log_what_labels_say(light_flights):
+    for case, flight in light_flights.items():
+        assert (flight.rows.r_L is not None) == (case in ("F", "H", "C4"))
+    f = light_flights["F"].rows
+    np.testing.assert_allclose(f.fresh, 1.0)
+    # what F predicts is what labels say, carried ahead along its rate
+    ahead = float(study.plan(light.settings(), "F").pilot.predictor.lead)
+    rate = np.diff(f.r_L, axis=0) / float(f.t[1])
+    np.testing.assert_allclose(f.f_L_hat[1:], f.r_L[1:] + ahead * rate, atol=1e-9)
 
 
 # Before the flights ---------------------------------------------------------------------------------------------------

@@ -29,6 +29,7 @@ class Filters:
     """Corner frequencies of the on-board filters."""
 
     fusion: Scalar  # Hz, how fast measured poses and velocities pull the inertial prediction
+    bias: Scalar  # Hz, how fast constant errors of gyroscopes and accelerometers are learned from what that misses
     joint: Scalar  # Hz, second order, joint positions and their rates
     label: Scalar  # Hz, second order, labels and the inputs paired with them
     tip_force: Scalar  # Hz, first order: the bandwidth the tip sensors are known to have
@@ -43,16 +44,46 @@ class Pose:
     v: Float[Array, "*agents 3"]  # m/s
 
 
-def fuse(past: Pose, measured: Pose, omega: so3.Vector, a: so3.Vector, b: Scalar, dt: Scalar) -> Pose:
-    """`R = R_- exp(omega dt) exp(b e)`, `v = v_- + a dt + b (..)`, `x = x_- + v dt + b (..)`: predict, then pull.
+@pytree
+class Biases:
+    """Constant errors of a body's gyroscope and accelerometer, as believed."""
 
-    `e` is the skew part of what the prediction misses; `a` the specific force in the body frame plus gravity in
-    the world, as measured; one body.
+    omega: Float[Array, "*agents 3"]  # rad/s, body frame
+    a: Float[Array, "*agents 3"]  # m/s^2, body frame
+
+
+def no_bias(*agents: int) -> Biases:
+    """None known yet."""
+    return Biases(omega=jnp.zeros((*agents, 3)), a=jnp.zeros((*agents, 3)))
+
+
+def fuse(
+    past: tuple[Pose, Biases],
+    measured: Pose,
+    omega: so3.Vector,
+    a: so3.Vector,
+    gravity: so3.Vector,
+    filters: Filters,
+    warm: Scalar,
+    dt: Scalar,
+) -> tuple[Pose, Biases, so3.Vector, so3.Vector]:
+    """One body: `R = R_- exp(omega dt) exp(b e)`, `v = v_- + a dt + b (..)`, `x = x_- + v dt + b (..)`.
+
+    `e` is the skew part of what the prediction misses; `omega` and `a`, the specific force in the body frame, are what
+    is measured less its bias, and are returned. Biases follow what is missed: `b_omega' = -k e`,
+    `b_a' = -k R^T (v_measured - v)`, k the product of the corners of fusion and bias, rad^2/s^2.
     """
-    R = past.R @ so3.exp(omega * dt)
-    v = past.v + a * dt
-    x = past.x + past.v * dt + a * (dt * dt / 2)
-    return Pose(R=R @ so3.exp(b * so3.vee(R.T @ measured.R)), x=x + b * (measured.x - x), v=v + b * (measured.v - v))
+    was, bias = past
+    omega, felt = omega - bias.omega, a - bias.a
+    b = _after_first(warm, blend(filters.fusion, dt))
+    acceleration = was.R @ felt + gravity
+    R = was.R @ so3.exp(omega * dt)
+    v = was.v + acceleration * dt
+    x = was.x + was.v * dt + acceleration * (dt * dt / 2)
+    e, e_v = so3.vee(R.T @ measured.R), measured.v - v
+    k = warm * dt * (2 * jnp.pi) ** 2 * filters.fusion * filters.bias
+    learned = Biases(omega=bias.omega - k * e, a=bias.a - k * (R.T @ e_v))
+    return Pose(R=R @ so3.exp(b * e), x=x + b * (measured.x - x), v=v + b * e_v), learned, omega, felt
 
 
 @pytree
@@ -60,6 +91,7 @@ class AgentMemory:
     """What the estimator keeps of a group between ticks."""
 
     base: Pose
+    bias: Biases
     joint: LowPass
     momenta: Float[Array, "*agents xi"]  # (mu, nu) of the last tick
     carried: Float[Array, "*agents 3"]  # m/s, v - v_0 of the last tick
@@ -74,6 +106,7 @@ class Memory:
 
     agents: tuple[AgentMemory, ...]
     load: Pose
+    bias: Biases
     omega: Float[Array, "3"]  # rad/s, of the payload in the last tick
     known: Float[Array, "6"]
     label: LowPass
@@ -128,6 +161,7 @@ def _begin(team: Team, first: Measurement) -> Memory:
         agents.append(
             AgentMemory(
                 base=Pose(R=m.R, x=m.x, v=m.v),
+                bias=no_bias(size),
                 joint=settle(m.r),
                 momenta=jnp.zeros((size, xi)),
                 carried=jnp.zeros((size, 3)),
@@ -141,6 +175,7 @@ def _begin(team: Team, first: Measurement) -> Memory:
     return Memory(
         agents=tuple(agents),
         load=Pose(R=q.R, x=q.p, v=q.v),
+        bias=no_bias(),
         omega=jnp.zeros(3),
         known=zero,
         label=settle(zero),
@@ -160,10 +195,9 @@ def _observe(
 ) -> tuple[Estimate, Memory]:
     q = m.payload
     agents, states, forces = [], [], []
-    pull = _after_first(memory.warm, blend(filters.fusion, dt))
-    at = Pose(R=q.R, x=q.p, v=q.v)
-    fused = fuse(memory.load, at, q.omega, memory.load.R @ q.a + team.gravity, pull, dt)
-    load = PayloadState(R=fused.R, p=fused.x, omega=q.omega, v=fused.v)
+    at, past = Pose(R=q.R, x=q.p, v=q.v), (memory.load, memory.bias)
+    fused, bias, omega, a = fuse(past, at, q.omega, q.a, team.gravity, filters, memory.warm, dt)
+    load = PayloadState(R=fused.R, p=fused.x, omega=omega, v=fused.v)
     observe_agent = jax.vmap(_observe_agent, in_axes=(0, None, 0, 0, 0, None, None, None, None))
     for group, past, reading, u in zip(team.groups, memory.agents, m.agents, applied, strict=True):
         state, lam, now = observe_agent(group, filters, past, reading, u, team.gravity, memory.warm, fresh, dt)
@@ -171,14 +205,15 @@ def _observe(
         states.append(state)
         forces.append(lam)
     # nothing to difference on the first tick
-    omega_dot = memory.warm * (q.omega - memory.omega) / dt
-    felt = load.R @ q.a
+    omega_dot = memory.warm * (omega - memory.omega) / dt
+    felt = load.R @ a
     known, contact = _payload_label(team, load, felt, omega_dot, tuple(forces))
     known = memory.known + _after_first(memory.warm, blend(filters.tip_force, dt)) * (known - memory.known)
     now = Memory(
         agents=tuple(agents),
         load=fused,
-        omega=q.omega,
+        bias=bias,
+        omega=omega,
         known=known,
         label=_pass(memory.label, known - contact, filters, memory.warm, fresh, dt),
         state=_pass(
@@ -234,9 +269,8 @@ def _observe_agent(
     dt: Scalar,
 ) -> tuple[AgentState, Float[Array, "arms 3"], AgentMemory]:
     """State, contact forces and the label of Eq. learning_output_components for one agent."""
-    pull = _after_first(warm, blend(filters.fusion, dt))
     at = Pose(R=m.R, x=m.x, v=m.v)
-    base = fuse(past.base, at, m.omega, past.base.R @ m.a + gravity, pull, dt)
+    base, bias, omega, felt = fuse((past.base, past.bias), at, m.omega, m.a, gravity, filters, warm, dt)
     joint = smooth(past.joint, m.r, filters.joint, dt)
     b = blend(filters.joint, dt)
     # the rate of `outer` that its own recursion implies: no second difference
@@ -244,9 +278,9 @@ def _observe_agent(
     r = joint.outer
     g = ag.geometry(agent, r)
     p = ag.reduce(agent, g)
-    xi = jnp.concatenate([m.omega, r_dot])
+    xi = jnp.concatenate([omega, r_dot])
     carried = -(base.R @ (p.base @ xi))
-    q = AgentState(R=base.R, x=base.x + base.R @ p.s, r=r, omega=m.omega, v=base.v + carried, r_dot=r_dot)
+    q = AgentState(R=base.R, x=base.x + base.R @ p.s, r=r, omega=omega, v=base.v + carried, r_dot=r_dot)
     lam_base = jnp.einsum("bij,bj->bi", g.rotation[jnp.array(agent.tree.tips)], m.lam)
     lam = lam_base @ base.R.T
     momenta = p.M_bar @ xi
@@ -254,7 +288,7 @@ def _observe_agent(
     momenta_dot = warm * (momenta - past.momenta) / dt
     carried_dot = warm * (carried - past.carried) / dt
     drift = ag.momentum_drift(agent, r, xi)
-    force = p.mass * (base.R @ m.a + carried_dot) - u.u * base.R[:, 2]
+    force = p.mass * (base.R @ felt + carried_dot) - u.u * base.R[:, 2]
     moment = momenta_dot - drift - jnp.concatenate([u.tau, u.tau_r]) - u.u * p.base[2]
     known = past.known + _after_first(warm, blend(filters.tip_force, dt)) * (
         jnp.concatenate([force, moment]) - past.known
@@ -262,6 +296,7 @@ def _observe_agent(
     contact = jnp.concatenate([lam.sum(0), (p.tip * lam_base[:, :, None]).sum((0, 1))])
     now = AgentMemory(
         base=base,
+        bias=bias,
         joint=joint,
         momenta=momenta,
         carried=carried,

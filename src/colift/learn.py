@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import os
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from types import MappingProxyType
 from typing import Protocol, runtime_checkable
@@ -348,15 +348,17 @@ def teach(
     training: Training | None,
     last: Fits,
     since: Mapping[Body, float] = MappingProxyType({}),
+    left: Collection[Body] = (),
 ) -> tuple[Oracle, Fits]:
     """The oracle frozen on the data so far: fit from the last hyperparameters, then condition (host).
 
     A body without data keeps its predictor. The constant part of each output's prior mean is the mean of its labels
     (the remark on mean functions); the rest is the GP's. Bodies are fitted side by side. Without `training` the
     hyperparameters and the prior mean stay as they are, as error bounds ask for. Of bodies that `since` names samples
-    count from that time on, s.
+    count from that time on, s; those in `left` keep their predictor.
     """
-    tasks = {body: (X, Y) for body, (X, Y, _) in samples(oracle.features, recorded, since).items() if len(X) > 1}
+    found = samples(oracle.features, recorded, since)
+    tasks = {body: (X, Y) for body, (X, Y, _) in found.items() if len(X) > 1 and body not in left}
 
     def study(body: Body) -> tuple[gp.Fit | None, gp.GP]:
         interrupt.check()
@@ -381,11 +383,11 @@ def teach(
     return _with_bodies(oracle, {body: model for body, (_, model) in learned.items()}), fits
 
 
-def renew(oracle: Oracle, recorded: Recorded, since: Mapping[Body, float]) -> Oracle:
-    """The oracle on the data so far with the hyperparameters that it has, prior means anew as in `teach` (host)."""
+def renew(oracle: Oracle, recorded: Recorded, since: Mapping[Body, float], left: Collection[Body]) -> Oracle:
+    """The oracle on the data so far with the hyperparameters that it has, all else as in `teach` (host)."""
     models = {}
     for body, (X, Y, _) in samples(oracle.features, recorded, since).items():
-        if len(X) > 1:
+        if len(X) > 1 and body not in left:
             frozen = _of_body(oracle, body)
             hyper = dataclasses.replace(frozen.hyper, offset=jnp.asarray(Y.mean(0)))
             models[body] = gp.condition(X, Y, hyper, frozen.capacity)

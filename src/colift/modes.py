@@ -32,7 +32,8 @@ NEUTRAL = 1e-6  # rad/s, below which a rate is rounding: of |z|, divided by the 
 
 
 POSE = r"\.world\.z\.(payload\.[Rp]|agents\[\d+\]\.[Rxr])"
-LEARNING = r"\.recorder\.|\.estimator\.(agents\[\d+\]\.)?(momenta|carried|known|label|state|warm)\b|\.ticks$"
+LEARNING = r"\.recorder\.|\.estimator\.(agents\[\d+\]\.)?bias\b|\.(warm|fresh|ticks)$"
+LABELS = r"\.estimator\.(agents\[\d+\]\.)?(momenta|carried|known|label|state)\b"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -256,7 +257,8 @@ def _coordinates(x: Carried, y: Carried) -> Array:
 
 
 def _take(loop: simulate.Loop) -> Carried:
-    return {key: leaf for key, leaf in _leaves(loop) if _comes_back(key, leaf)}
+    pattern = LEARNING if loop.memory.listener is not None else f"{LEARNING}|{LABELS}"
+    return {key: leaf for key, leaf in _leaves(loop) if _comes_back(key, leaf, pattern)}
 
 
 def _put(loop: simulate.Loop, x: Carried) -> simulate.Loop:
@@ -267,6 +269,6 @@ def _leaves(loop: simulate.Loop) -> list[tuple[str, Array]]:
     return [(jax.tree_util.keystr(path), leaf) for path, leaf in jax.tree_util.tree_leaves_with_path(loop)]
 
 
-def _comes_back(key: str, leaf: Array) -> bool:
-    """Data and labels are for learning: they come back to the plant through no tick."""
-    return jnp.issubdtype(leaf.dtype, jnp.floating) and not re.search(LEARNING, key)
+def _comes_back(key: str, leaf: Array, learning: str) -> bool:
+    """Data are for learning, and labels where nobody listens: they come back to the plant through no tick."""
+    return jnp.issubdtype(leaf.dtype, jnp.floating) and not re.search(learning, key)

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from colift import balance, band, dynamics, fly, grasp, innovation, interrupt, learn, limits, native, so3
+from colift import balance, band, dynamics, fly, gp, grasp, innovation, interrupt, learn, limits, native, so3
 from colift.model import Agent, AgentForce, AgentInput, AgentState, Clock, Inputs, Residual, State, Team, Wrench
 from colift.pytree import pytree
 from colift.world import Truth
@@ -308,10 +308,16 @@ class Plan:
 
 @dataclasses.dataclass(frozen=True)
 class Renewals:
-    """Oracles that go on: the newest samples every so often, and what contradicts them forgotten."""
+    """Oracles that go on: the newest samples every so often; where the world has changed, only those since.
+
+    A body whose samples contradict its model keeps it until there are `enough` new ones: half a map is worse than a
+    whole one that labels correct.
+    """
 
     times: tuple[float, ...]  # s
-    surprise: float  # `learn.surprise` of a body above which its older samples are forgotten
+    surprise: float  # `learn.surprise` of a body above which its older samples are wrong
+    enough: int  # samples
+    payload: Identify  # of what a payload that has changed differs from its model meanwhile
 
 
 @dataclasses.dataclass(frozen=True)
@@ -349,7 +355,7 @@ class Update:
     n: dict[str, int]  # samples: of the payload, of all agents together
     fits: learn.Fits
     theta: np.ndarray  # (10,)
-    forgot: tuple[learn.Body, ...] = ()  # whose older samples no longer count
+    changed: tuple[learn.Body, ...] = ()  # whose older samples no longer count
     failed: str = ""  # why the oracle before it stays
 
 
@@ -453,6 +459,7 @@ class School:
         self.plan = plan
         self.fits: learn.Fits = {}
         self.since: dict[learn.Body, float] = {}
+        self.waiting: set[learn.Body] = set()  # that have too few of them for a model
         self.last = 0.0  # s, of the newest samples that an oracle has seen
 
     def teach(self, oracle: learn.Oracle, recorded: learn.Recorded, t: float, fit: bool) -> tuple[learn.Oracle, Update]:
@@ -460,12 +467,16 @@ class School:
 
         Where a fit fails the oracle stays as it was, and the update says why.
         """
-        plan, forgot = self.plan, ()
+        plan, changed, waiting = self.plan, (), set()
         if plan.renewals is not None:
             surprised = learn.surprise(oracle, recorded, self.last)
-            forgot = tuple(body for body, x in surprised.items() if x > plan.renewals.surprise)
-            self.since |= dict.fromkeys(forgot, self.last)
+            known = (body for body, x in surprised.items() if x > plan.renewals.surprise)
+            changed = tuple(body for body in known if body not in self.waiting)
+            self.since |= dict.fromkeys(changed, self.last)
         counts = {body: len(X) for body, (X, _, _) in learn.samples(oracle.features, recorded, self.since).items()}
+        if plan.renewals is not None:
+            again = {body for body in (*self.waiting, *changed) if counts[body] < plan.renewals.enough}
+            self.waiting = waiting = again
         n = {"payload": counts["payload"], "agents": sum(k for body, k in counts.items() if body != "payload")}
         failed = ""
         try:
@@ -477,15 +488,36 @@ class School:
                 theta, _ = learn.identify(X, Y, given.noise, given.prior)
                 oracle = dataclasses.replace(oracle, theta=jnp.asarray(theta))
             elif fit:
-                oracle, self.fits = learn.teach(oracle, recorded, plan.training, self.fits, self.since)
+                oracle, self.fits = learn.teach(oracle, recorded, plan.training, self.fits, self.since, waiting)
             else:
-                oracle = learn.renew(oracle, recorded, self.since)
+                oracle = learn.renew(oracle, recorded, self.since, waiting)
+            if plan.renewals is not None:
+                oracle = self._heavier(oracle, recorded, plan.renewals)
         except (ValueError, np.linalg.LinAlgError) as error:
             failed = f"what was learned at t = {t:.3f} s is not used: {error}"
             log.warning("%s", failed)
         self.last = t
-        update = Update(t=t, ready=t, n=n, fits=self.fits, theta=np.asarray(oracle.theta), forgot=forgot, failed=failed)
+        update = Update(
+            t=t, ready=t, n=n, fits=self.fits, theta=np.asarray(oracle.theta), changed=changed, failed=failed
+        )
         return oracle, update
+
+    def _heavier(self, oracle: learn.Oracle, recorded: learn.Recorded, given: Renewals) -> learn.Oracle:
+        """The oracle with what a payload that waits for a model has more of mass and inertia, by its new samples.
+
+        Labels cannot hold that once they stop: it goes with the acceleration. A new model has it in its labels.
+        """
+        data = recorded.payload
+        new = np.flatnonzero(np.asarray(data.t)[: int(data.n)] >= self.since.get("payload", np.inf))
+        if "payload" not in self.waiting or not len(new):
+            theta = jnp.zeros(10)
+        else:
+            X, Y = np.asarray(data.X)[new], np.asarray(data.Y)[new]
+            told, _ = gp.predict(oracle.payload, oracle.features.payload(data.X))
+            theta = jnp.asarray(
+                learn.identify(X, Y - np.asarray(told)[new], given.payload.noise, given.payload.prior)[0]
+            )
+        return dataclasses.replace(oracle, theta=theta, k=oracle.k + 1)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -126,31 +126,29 @@ def _as(case: str, c1: simulate.Plan, settings: Settings) -> simulate.Plan:
             pilot = build.listening(settings, build.ahead(settings, pilot), held=case != "C4")
     prior = np.array([rival.mass_kg, *[rival.first_moment_kgm] * 3, *[rival.inertia_kgm2] * 6])
     noise = np.array([given.payload.force_noise_N] * 3 + [given.payload.moment_noise_Nm] * 3)
+    parameters = simulate.Identify(noise=noise, prior=prior)
     made = dataclasses.replace(
         c1,
         world=world,
         pilot=pilot,
         updates=given.update_times_s if learns else (),
-        identify={
-            "P": simulate.Identify(noise=noise, prior=prior),
-            "R": simulate.Regress(ridge=rival.ridge),
-        }.get(case),
+        identify={"P": parameters, "R": simulate.Regress(ridge=rival.ridge)}.get(case),
     )
-    return _going_on(made, settings) if case == "C4" else made
+    return _going_on(made, settings, parameters) if case == "C4" else made
 
 
-def _going_on(plan: simulate.Plan, settings: Settings) -> simulate.Plan:
+def _going_on(plan: simulate.Plan, settings: Settings, payload: simulate.Identify) -> simulate.Plan:
     """The plan with learning that does not end: the newest samples, renewed every so often, what is wrong forgotten."""
     given = settings.innovation
-    first, last = settings.learning.update_times_s[0], settings.learning.update_times_s[-1]
-    fits = np.arange(last, settings.duration_s, given.refit_s)[1:]
+    first = settings.learning.update_times_s[0]
     times = np.arange(first, settings.duration_s, given.renew_s)[1:]
     recorder = dataclasses.replace(plan.pilot.recorder, end=jnp.asarray(np.inf), policy=gp.first_in_first_out)
     return dataclasses.replace(
         plan,
         pilot=dataclasses.replace(plan.pilot, recorder=recorder),
-        updates=(*plan.updates, *fits.tolist()),
-        renewals=simulate.Renewals(times=tuple(times.tolist()), surprise=given.surprise),
+        renewals=simulate.Renewals(
+            times=tuple(times.tolist()), surprise=given.surprise, enough=given.enough, payload=payload
+        ),
     )
 
 

@@ -697,6 +697,7 @@ def listening(settings: s.Settings, flying: fly.LeaderFollower, held: bool) -> f
 def _filters(settings: s.Settings) -> estimate.Filters:
     return estimate.Filters(
         fusion=_array(settings.control.fusion_Hz),
+        bias=_array(settings.control.bias_Hz),
         joint=_array(settings.control.joint_filter_Hz),
         label=_array(settings.learning.filter_Hz),
         tip_force=_array(settings.sensors.tip_force_bandwidth_Hz),

@@ -106,6 +106,8 @@ Bandwidth = Annotated[
     Number, Field(ge=1e-3, le=1e6), because("a quarter of an hour to react; above the control rate it is at once")
 ]
 
+BandwidthOrNone = Annotated[Number, Field(ge=0, le=1e4), because("above the control rate it is at once")]
+
 # Forces ---------------------------------------------------------------------------------------------------------------
 
 _HEAVY = because("a hundred tonnes weigh 1e6 N")

@@ -665,6 +665,8 @@ class Control(Section):
     """Rate at which redundant joints return to rest."""
     fusion_Hz: of.Bandwidth = 1.0
     """How fast measured poses and velocities pull the inertial prediction."""
+    bias_Hz: of.BandwidthOrNone = 0.0
+    """How fast constant errors of gyroscopes and accelerometers are learned; 0: never."""
     joint_filter_Hz: of.Rate = 30.0
     """Corner of the second-order filter of joint readings, of which the rates are the derivative."""
     haste: Annotated[of.Haste, of_unit("times")] = 2.0
@@ -805,11 +807,11 @@ class Innovation(Section):
     """Of that mean."""
     renew_s: of.Span = 1.0
     """How often C4's models take in their newest samples, hyperparameters kept."""
-    refit_s: of.Span = 5.0
-    """How often C4 fits hyperparameters after the last of `learning.update_times_s`."""
     surprise: of.Factor = 25.0
-    """Mean square of new labels off what was predicted, in predictive variances, above which C4 forgets a body's older
-    samples: the world has changed."""
+    """Mean square of new labels off what was predicted, in predictive variances, above which the world has changed for
+    a body, and C4 no longer counts its older samples."""
+    enough: of.Capacity = 150
+    """New samples with which C4 makes such a body a new model; until then the old one flies, corrected by labels."""
     look_ahead_s: of.LookAhead = 0.03
     """`control.look_ahead_s` of these cases and of O, where it says nothing."""
 

@@ -1,0 +1,140 @@
+"""What labels say beyond what is learned: by a filter written anew, when labels stop, and when an oracle takes over."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from colift import gp, innovation, learn, scenario, study
+from colift.estimate import Estimate, Filters, Labelled
+from colift.model import Clock, PayloadState
+from tests import light
+
+DT, TICKS = 0.002, 400
+CORNERS = {"fusion": 5.0, "bias": 0.0, "joint": 20.0, "label": 8.0, "tip_force": 50.0}
+FILTERS = Filters(**{name: jnp.array(hertz) for name, hertz in CORNERS.items()})
+PLAN = study.plan(light.settings(), "C4")
+TEAM, ORACLE = PLAN.pilot.team, PLAN.pilot.oracle
+Z = PLAN.z
+
+
+def blend(hertz: float) -> float:
+    return 1 - np.exp(-2 * np.pi * hertz * DT)
+
+
+def low(x: np.ndarray, hertz: float) -> np.ndarray:
+    """A first-order low-pass that begins at its first sample."""
+    b = blend(hertz)
+    return lfilter([b], [1, b - 1], x, axis=0, zi=(1 - b) * x[:1])[0]
+
+
+def heard(
+    listener: innovation.Listener, oracle: Any, p: np.ndarray, labels: np.ndarray, fresh: np.ndarray
+) -> innovation.News:
+    """The news along a path of the payload, tick by tick; `oracle(k)` is the one of tick k, by its payload's offset."""
+
+    def tick(memory: Any, now: tuple) -> tuple:
+        k, p, y, on = now
+        load = PayloadState(p=p, v=jnp.zeros(3), R=jnp.eye(3), omega=jnp.zeros(3))
+        none = tuple(
+            (jnp.zeros((n, 18 + 2 * g.tree.joints)), jnp.zeros((n, 6 + g.tree.joints)))
+            for n, g in zip(TEAM.sizes, TEAM.groups, strict=True)
+        )
+        labelled = Labelled(payload=(jnp.zeros(24), y), agents=none, fresh=on)
+        lam = tuple(jnp.zeros_like(g.contact) for g in TEAM.groups)
+        q_hat = Estimate(agents=Z.agents, payload=load, a_L=jnp.zeros(6), lam=lam, labelled=labelled)
+        return listener.listen(memory, TEAM, oracle(k), q_hat, Clock(t=k.astype(float) * DT, dt=jnp.array(DT)))
+
+    steps = (jnp.arange(len(p)), jnp.asarray(p), jnp.asarray(labels), jnp.asarray(fresh, float))
+    return jax.jit(lambda: jax.lax.scan(tick, listener.begin(TEAM), steps)[1])()
+
+
+def listener(fade: float = np.inf, span: float = 0.5) -> innovation.Listener:
+    return innovation.Listener(filters=FILTERS, fade=jnp.array(fade), span=jnp.array(span))
+
+
+def offset(mean: Any, k: Any = 0) -> learn.Oracle:
+    """An oracle of update k that predicts a constant wrench."""
+    hyper = dataclasses.replace(ORACLE.payload.hyper, offset=jnp.full(6, mean))
+    return dataclasses.replace(ORACLE, payload=dataclasses.replace(ORACLE.payload, hyper=hyper), k=jnp.asarray(k))
+
+
+def test_the_innovation_is_the_label_less_the_mean_behind_the_labels_filters():
+    """Where labels are the mean behind the same filters nothing is left; else what they have beyond it."""
+    rng = np.random.default_rng(0)
+    p = np.cumsum(rng.normal(size=(TICKS, 3)), axis=0) * 0.05
+    x = np.concatenate([p, np.zeros((TICKS, 3)), np.tile(np.eye(3).ravel(), (TICKS, 1)), np.zeros((TICKS, 9))], axis=1)
+    seen = np.asarray(learn.payload_features(jnp.asarray(x[::40])))
+    hyper, capacity = ORACLE.payload.hyper, ORACLE.payload.capacity
+    model = gp.condition(seen, rng.normal(size=(len(seen), 6)), hyper, capacity)
+    taught = dataclasses.replace(ORACLE, payload=model)
+    W = jax.vmap(learn.payload_mean, (None, 0))(taught, jnp.asarray(x))
+    f = np.concatenate([W.F, W.tau], axis=1)
+    more = rng.normal(size=(TICKS, 6)).cumsum(axis=0) * 0.1
+    labels = low(low(low(f, 50.0), 8.0), 8.0) + more
+    news = heard(listener(), lambda _k: taught, p, labels, np.ones(TICKS))
+    r = np.concatenate([news.r.payload.F, news.r.payload.tau], axis=1)
+    np.testing.assert_allclose(r, more, atol=1e-9)
+    rate = np.concatenate([news.rate.payload.F, news.rate.payload.tau], axis=1)
+    np.testing.assert_allclose(rate[1:], np.diff(more, axis=0) / DT, atol=1e-6)
+    assert not rate[0].any()
+    assert np.abs(f - f[0]).max() > 0.1
+
+
+def test_when_labels_stop_what_is_left_fades_to_its_mean_or_is_held():
+    t = DT * np.arange(TICKS)
+    labels = np.tile((3.0 + np.sin(2 * np.pi * t / 0.1))[:, None], (1, 6))
+    fresh = t < 0.5
+    labels[~fresh] = labels[fresh][-1]  # as the estimator has it: they stand still
+    p = np.zeros((TICKS, 3))
+    used = lambda news: np.asarray(news.r.payload.F)[:, 0]  # noqa: E731
+    np.testing.assert_allclose(used(heard(listener(), lambda _k: ORACLE, p, labels, fresh)), labels[:, 0], atol=1e-12)
+    news = heard(listener(fade=0.05, span=0.2), lambda _k: ORACLE, p, labels, fresh)
+    np.testing.assert_allclose(used(news)[fresh], labels[fresh, 0], atol=1e-12)
+    np.testing.assert_allclose(news.fresh[fresh], 1.0)
+    average, b = labels[0, 0], 1 - np.exp(-DT / 0.2)
+    for y in labels[fresh, 0]:
+        average += b * (y - average)
+    left = np.exp(-DT / 0.05 * (1 + np.arange((~fresh).sum())))
+    np.testing.assert_allclose(np.asarray(news.fresh)[~fresh], left, rtol=1e-9)
+    np.testing.assert_allclose(used(news)[~fresh], average + left * (labels[-1, 0] - average), rtol=1e-9)
+
+
+def test_what_another_oracle_says_more_is_taken_from_the_innovation_at_once():
+    """Map and innovation together do not notice: their sum stays where labels are."""
+    labels, p = np.full((TICKS, 6), 2.0), np.zeros((TICKS, 3))
+
+    def oracle(k: jax.Array) -> learn.Oracle:
+        later = (k >= 200).astype(int)
+        return offset(0.5 + later.astype(float), later)
+
+    news = heard(listener(), oracle, p, labels, np.ones(TICKS))
+    F = np.asarray(news.r.payload.F)[:, 0]
+    np.testing.assert_allclose(F[:200], 1.5, atol=1e-12)
+    np.testing.assert_allclose(F[200:], 0.5, atol=1e-12)
+    np.testing.assert_allclose(news.rate.payload.F, 0.0, atol=1e-9)
+
+
+def test_an_estimator_without_labels_cannot_be_listened_to():
+    lam = tuple(jnp.zeros_like(g.contact) for g in TEAM.groups)
+    mute = Estimate(agents=Z.agents, payload=Z.payload, a_L=jnp.zeros(6), lam=lam)
+    with pytest.raises(ValueError, match="gives no labels"):
+        listener().listen(listener().begin(TEAM), TEAM, ORACLE, mute, Clock(t=jnp.zeros(()), dt=jnp.array(DT)))
+
+
+def test_shipped_scenarios_in_which_the_world_changes_are_those_of_the_paper_but_for_what_they_say():
+    paper = scenario.load("paper").model_dump()
+    for name, differs in {
+        "payload_added": {"name", "description", "added"},
+        "labels_lost": {"name", "description", "sensors"},
+        "path_leaves": {"name", "description", "duration_s", "reference"},
+        "outdoors": {"name", "description", "actuators", "nominal", "disturbances", "sensors"},
+    }.items():
+        given = scenario.load(name).model_dump()
+        assert {key for key in paper if paper[key] != given[key]} == differs

@@ -1,0 +1,45 @@
+"""Motors as what flies believes in them: against the closed form, and driven faster than they are."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from colift.lag import Lag
+from colift.model import AgentInput
+
+DT = jnp.array(0.002)
+
+
+def command(u: float, tau: float = 0.0) -> tuple[AgentInput, ...]:
+    return (AgentInput(u=jnp.array([u]), tau=jnp.full((1, 3), tau), tau_r=jnp.full((1, 2), u)),)
+
+
+@pytest.mark.parametrize("delay", [0, 3])
+def test_a_step_comes_late_and_rises_as_a_first_order_lag(delay):
+    lag = Lag(bandwidth=jnp.array(8.0), delay=delay)
+    memory = lag.begin(command(10.0))
+    for k in range(40):
+        memory = lag.follow(memory, command(20.0, 1.0), DT)
+        risen = 1 - np.exp(-2 * np.pi * 8.0 * 0.002 * max(0, k + 1 - delay))
+        np.testing.assert_allclose(memory.acts[0].u, 10 + 10 * risen, rtol=1e-12)
+        np.testing.assert_allclose(memory.acts[0].tau, risen, atol=1e-12)
+        np.testing.assert_array_equal(memory.acts[0].tau_r, 20.0)  # joints act at once
+
+
+@pytest.mark.parametrize("delay", [0, 3])
+@pytest.mark.parametrize("haste", [1.0, 2.0, 5.0])
+def test_driven_in_haste_a_lag_is_a_faster_one(delay, haste):
+    """`acts+ = acts + haste b (asked - acts)`; without haste the command is what is asked."""
+    lag = Lag(bandwidth=jnp.array(8.0), delay=delay)
+    memory, asked = lag.begin(command(10.0)), command(20.0, 1.0)
+    b = 1 - np.exp(-2 * np.pi * 8.0 * 0.002)
+    for k in range(30):
+        sent = lag.hastened(memory, asked, jnp.array(haste), DT)
+        if haste == 1.0:
+            jax.tree.map(lambda a, c: np.testing.assert_allclose(a, c, rtol=1e-12), sent, asked)
+        memory = lag.follow(memory, sent, DT)
+        left = (1 - haste * b) ** max(0, k + 1 - delay)
+        np.testing.assert_allclose(memory.acts[0].u, 20 - 10 * left, rtol=1e-10)
