@@ -101,9 +101,11 @@ def test_when_labels_stop_what_is_left_fades_to_its_mean_or_is_held():
     average, b = labels[0, 0], 1 - np.exp(-DT / 0.2)
     for y in labels[fresh, 0]:
         average += b * (y - average)
+    v = np.asarray(ORACLE.payload.hyper.noise_variance)[0]
+    lasting = average**3 / (average**2 + 4 * v)
     left = np.exp(-DT / 0.05 * (1 + np.arange((~fresh).sum())))
     np.testing.assert_allclose(np.asarray(news.fresh)[~fresh], left, rtol=1e-9)
-    np.testing.assert_allclose(used(news)[~fresh], average + left * (labels[-1, 0] - average), rtol=1e-9)
+    np.testing.assert_allclose(used(news)[~fresh], lasting + left * (labels[-1, 0] - lasting), rtol=1e-9)
 
 
 def test_what_another_oracle_says_more_is_taken_from_the_innovation_at_once():

@@ -30,7 +30,7 @@ def test_a_step_comes_late_and_rises_as_a_first_order_lag(delay):
 
 
 @pytest.mark.parametrize("delay", [0, 3])
-@pytest.mark.parametrize("haste", [1.0, 2.0, 5.0])
+@pytest.mark.parametrize("haste", [1.0, 2.0, 20.0])
 def test_driven_in_haste_a_lag_is_a_faster_one(delay, haste):
     """`acts+ = acts + haste b (asked - acts)`; without haste the command is what is asked."""
     lag = Lag(bandwidth=jnp.array(8.0), delay=delay)
@@ -41,5 +41,5 @@ def test_driven_in_haste_a_lag_is_a_faster_one(delay, haste):
         if haste == 1.0:
             jax.tree.map(lambda a, c: np.testing.assert_allclose(a, c, rtol=1e-12), sent, asked)
         memory = lag.follow(memory, sent, DT)
-        left = (1 - haste * b) ** max(0, k + 1 - delay)
+        left = (1 - min(haste * b, 1.0)) ** max(0, k + 1 - delay)
         np.testing.assert_allclose(memory.acts[0].u, 20 - 10 * left, rtol=1e-10)

@@ -7,14 +7,13 @@ The innovation does: `r = F y - F f_hat`, F the filter that labels go through, s
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from colift import learn
-from colift.estimate import Estimate, Filters
+from colift.estimate import Estimate, Filters, Labelled
 from colift.lowpass import blend
 from colift.model import AgentForce, Clock, Residual, Team, Wrench, no_force
 from colift.pytree import pytree
@@ -57,9 +56,9 @@ class Heard:
 class Listener:
     """Compares labels with the oracle, tick by tick.
 
-    While labels come, `r` is label less mean. When they stop, `r` falls within `fade` to its mean over the last
-    `span`: what has changed for good stays, what went with the motion does not. Where another oracle takes over, what
-    it says more is taken from r at once, and not only when the filter has seen it.
+    While labels come, `r` is label less mean. When they stop, `r` falls within `fade` to what has changed for good: its
+    mean m over the last `span`, as far as that is no noise, `m m^2 / (m^2 + 4 v)`, v the oracle's variance of labels.
+    Where another oracle takes over, what it says more is taken from r at once, not only when the filter has seen it.
     """
 
     filters: Filters
@@ -102,7 +101,8 @@ class Listener:
         average = _low(past.average, r, _from_the_first(past.warm, on * -jnp.expm1(-dt / self.span)))
         fresh = past.fresh + -jnp.expm1(-dt / self.fade) * (on - past.fresh)
         rate = jax.tree.map(lambda now, old: past.warm * fresh * (now - old) / dt, r, past.r)
-        used = jax.tree.map(lambda r, average: average + fresh * (r - average), r, average)
+        lasting = jax.tree.map(lambda m, v: m * m * m / (m * m + 4 * v), average, _noise(oracle))
+        used = jax.tree.map(lambda r, left: left + fresh * (r - left), r, lasting)
         heard = Heard(
             k=oracle.k, f=f, copy=copy, inner=inner, outer=outer, r=r, average=average, fresh=fresh, warm=jnp.ones(())
         )
@@ -132,7 +132,17 @@ def _low(past: Residual, now: Residual, b: Scalar) -> Residual:
     return jax.tree.map(lambda old, new: old + b * (new - old), past, now)
 
 
-def _label(labelled: Any) -> Residual:
-    y = labelled.payload[1]
-    agents = tuple(AgentForce(f_x=y[:, :3], f_w=y[:, 3:6], f_r=y[:, 6:]) for _, y in labelled.agents)
-    return Residual(payload=Wrench(F=y[:3], tau=y[3:]), agents=agents)
+def _label(labelled: Labelled) -> Residual:
+    return _residual(labelled.payload[1], tuple(y for _, y in labelled.agents))
+
+
+def _noise(oracle: learn.Oracle) -> Residual:
+    """Variance of labels, by output, (N, N m)^2."""
+    return _residual(oracle.payload.hyper.noise_variance, tuple(g.hyper.noise_variance for g in oracle.agents))
+
+
+def _residual(payload: Float[Array, "6"], agents: tuple[Float[Array, "_agents _outputs"], ...]) -> Residual:
+    return Residual(
+        payload=Wrench(F=payload[:3], tau=payload[3:]),
+        agents=tuple(AgentForce(f_x=y[:, :3], f_w=y[:, 3:6], f_r=y[:, 6:]) for y in agents),
+    )

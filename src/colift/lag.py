@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import jax
+import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from colift.lowpass import blend
@@ -41,8 +42,10 @@ class Lag:
     def hastened(self, memory: Lagging, asked: Inputs, haste: Scalar, dt: Scalar) -> Inputs:
         """The command under which what acts goes towards what is asked `haste` times as fast as by itself.
 
-        `u_cmd = u + haste (u_asked - u)`, u what acts when the command arrives: the lag's inverse behind a faster lag.
+        `u_cmd = u + haste (u_asked - u)`, u what acts when the command arrives: the lag's inverse behind a faster lag,
+        which is there in a tick at the soonest.
         """
+        haste = jnp.minimum(haste, 1 / blend(self.bandwidth, dt))
         acts = memory.acts
         for due in memory.waiting:
             acts = self._towards(acts, due, dt)

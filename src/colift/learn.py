@@ -47,6 +47,10 @@ class Recorded:
     agents: tuple[gp.Data, ...]  # by group, agents lead
     due: Scalar  # s, when the next sample is taken
 
+    def newest(self) -> float:
+        """When the newest sample was taken, s; 0 where there is none."""
+        return max(float(data.t.max()) for data in (self.payload, *self.agents))
+
 
 @pytree
 class Recorder:

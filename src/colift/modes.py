@@ -192,7 +192,8 @@ def _slope(setup: simulate.Setup, loop: simulate.Loop, noise: Any) -> np.ndarray
 def _changed(setup: simulate.Setup, loop: simulate.Loop, noise: Noise, at: Sequence[Carried]) -> np.ndarray:
     """What a loop carries one tick after each of `at`, in coordinates around what it carries now."""
     leaves, kind = jax.tree.flatten(loop)
-    place = {key: k for k, (key, leaf) in enumerate(_leaves(loop)) if _comes_back(key, leaf)}
+    carried = _take(loop)
+    place = {key: k for k, (key, _) in enumerate(_leaves(loop)) if key in carried}
     one = jnp.asarray(1)
     run, after = simulate.program(setup, loop, noise, one), []
     for y in at:
@@ -257,8 +258,14 @@ def _coordinates(x: Carried, y: Carried) -> Array:
 
 
 def _take(loop: simulate.Loop) -> Carried:
-    pattern = LEARNING if loop.memory.listener is not None else f"{LEARNING}|{LABELS}"
-    return {key: leaf for key, leaf in _leaves(loop) if _comes_back(key, leaf, pattern)}
+    """Data are for learning, and labels where nobody listens: they come back to the plant through no tick."""
+    listens = getattr(loop.memory, "listener", None) is not None
+    learning = LEARNING if listens else f"{LEARNING}|{LABELS}"
+    return {
+        key: leaf
+        for key, leaf in _leaves(loop)
+        if jnp.issubdtype(leaf.dtype, jnp.floating) and not re.search(learning, key)
+    }
 
 
 def _put(loop: simulate.Loop, x: Carried) -> simulate.Loop:
@@ -267,8 +274,3 @@ def _put(loop: simulate.Loop, x: Carried) -> simulate.Loop:
 
 def _leaves(loop: simulate.Loop) -> list[tuple[str, Array]]:
     return [(jax.tree_util.keystr(path), leaf) for path, leaf in jax.tree_util.tree_leaves_with_path(loop)]
-
-
-def _comes_back(key: str, leaf: Array, learning: str) -> bool:
-    """Data are for learning, and labels where nobody listens: they come back to the plant through no tick."""
-    return jnp.issubdtype(leaf.dtype, jnp.floating) and not re.search(learning, key)

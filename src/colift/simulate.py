@@ -489,7 +489,7 @@ class School:
                 oracle = dataclasses.replace(oracle, theta=jnp.asarray(theta))
             elif fit:
                 oracle, self.fits = learn.teach(oracle, recorded, plan.training, self.fits, self.since, waiting)
-            else:
+            elif recorded.newest() > self.last:  # else nothing has been said since, and the same oracle would take over
                 oracle = learn.renew(oracle, recorded, self.since, waiting)
             if plan.renewals is not None:
                 oracle = self._heavier(oracle, recorded, plan.renewals)
@@ -517,7 +517,8 @@ class School:
             theta = jnp.asarray(
                 learn.identify(X, Y - np.asarray(told)[new], given.payload.noise, given.payload.prior)[0]
             )
-        return dataclasses.replace(oracle, theta=theta, k=oracle.k + 1)
+        same = np.array_equal(theta, oracle.theta)
+        return oracle if same else dataclasses.replace(oracle, theta=theta, k=oracle.k + 1)
 
 
 @dataclasses.dataclass(frozen=True)
