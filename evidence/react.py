@@ -1,8 +1,8 @@
 """Flights in which the world changes and sensors fail: memory, reflex, both, and C4, against residuals known exactly.
 
-Each sample draws a seed, a turn of the wind, mass put on the payload or taken off it, a path that leaves the data, motors
-and what is believed of them, lost labels and noise. All cases look ahead and know the lag alike. Their errors are judged
-after the changes.
+Each sample draws a seed, a turn of the wind, mass put on the payload or taken off it, a path that leaves the data,
+motors and what is believed of them, lost labels and noise. All cases look ahead and know the lag alike. Their errors are
+judged after the changes.
 """
 
 from __future__ import annotations
@@ -77,7 +77,8 @@ def share(ratios: list[float], most: float) -> str:
     if not ratios:
         return "none"
     x = np.array(ratios)
-    return f"{(x <= most).sum()} of {len(x)} (median {np.median(x):.2f}, 90 % {np.quantile(x, 0.9):.2f}, worst {x.max():.2f})"
+    spread = f"median {np.median(x):.2f}, 90 % {np.quantile(x, 0.9):.2f}, worst {x.max():.2f}"
+    return f"{(x <= most).sum()} of {len(x)} ({spread})"
 
 
 def main() -> bool:
@@ -98,9 +99,8 @@ def main() -> bool:
     over_parts = [error(f, "C4") / min(error(f, case) for case in ("C3", "F")) for f in whole.values()]
     for case in CASES:
         e = [1e3 * error(f, case) for f in whole.values()]
-        print(
-            f"{case:3} e_p after the changes: median {np.median(e):.1f} mm, 90 % {np.quantile(e, 0.9):.1f}, worst {max(e):.1f}"
-        )
+        spread = f"median {np.median(e):.1f} mm, 90 % {np.quantile(e, 0.9):.1f}, worst {max(e):.1f}"
+        print(f"{case:3} e_p after the changes: {spread}")
     print(f"labels last, C4 over O, 2.5 allowed in 90 %: {share(over_o, 2.5)}")
     print(f"labels stop, C4 over the better of map and held correction, 1.15 allowed: {share(over_best, 1.15)}")
     print(f"C4 over the better of map and reflex, 1.15 allowed: {share(over_parts, 1.15)}")
