@@ -10,6 +10,7 @@ import resource
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import hypothesis
@@ -59,18 +60,26 @@ hypothesis.settings.register_profile("colift", deadline=None, derandomize=True, 
 hypothesis.settings.load_profile("colift")
 
 
-@pytest.fixture(scope="module", autouse=True)
-def _forget_a_module() -> Iterator[None]:
-    """A worker that has grown forgets the programs of the modules behind it: a laptop runs two of them."""
-    yield
-    _forget_beyond(GROWN_GB)
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """What one worker is given as a whole (`--dist loadgroup`): a file, or all files that fly the same shared team.
+
+    Tracing a flight costs more than flying it, so those files, in a row, do it once between them.
+    """
+    for item in items:
+        item.add_marker(pytest.mark.xdist_group(_flown_by(item.module) or item.module.__name__))
+
+
+def _flown_by(module: ModuleType) -> str | None:
+    names = {getattr(x, "__module__", getattr(x, "__name__", None)) for x in vars(module).values()}
+    return next((team for team in ("tests.paper_flights", "tests.light") if team in names), None)
 
 
 @pytest.fixture(autouse=True)
 def _forget_a_test() -> Iterator[None]:
-    """And those of the tests behind it, where a module's add up; what stays even so does not count."""
+    """A worker that has grown forgets the programs of the tests behind it; what stays even so does not count."""
     yield
-    _forget_beyond(max(2 * GROWN_GB, LEFT_GB[-1] + GROWN_GB))
+    _forget_beyond(max(FULL_GB, LEFT_GB[-1] + FULL_GB / 2))
 
 
 def _forget_beyond(gigabytes: float) -> None:
@@ -88,12 +97,12 @@ def _forget_beyond(gigabytes: float) -> None:
 def _resident_GB() -> float:
     try:
         return int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize() / 2**30
-    except OSError:  # no Linux: as grown beyond a module's
-        return 1.5 * GROWN_GB
+    except OSError:  # no Linux: the most it ever was, which counts bytes on macOS
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**30
 
 
 LIBC = ctypes.CDLL(None)
 LEFT_GB = [0.0]  # after each forgetting
-GROWN_GB = 0.6  # the largest test adds 1.2 where nothing is compiled yet, and a worker is to stay below 2.5
+FULL_GB = 1.2  # the largest test adds as much where nothing is compiled yet, and a worker is to stay below 2.5
 if hasattr(LIBC, "mallopt"):
     LIBC.mallopt(-8, 2)  # M_ARENA_MAX: threads share two heaps, so that what one frees another can use
