@@ -48,7 +48,7 @@ class Drake:
 
     def accelerate(
         self,
-        team: Team,  # noqa: ARG002
+        team: Team,
         z: State,
         inputs: Inputs,
         f: Residual,
