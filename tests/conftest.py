@@ -10,7 +10,6 @@ import resource
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import hypothesis
@@ -62,17 +61,13 @@ hypothesis.settings.load_profile("colift")
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """What one worker is given as a whole (`--dist loadgroup`): a file, or all files that fly the same shared team.
+    """One worker is given a whole file (`--dist loadgroup`), or all files of one group.
 
-    Tracing a flight costs more than flying it, so those files, in a row, do it once between them.
+    Tracing a flight costs more than flying it for a second: files that fly one team share its programs.
     """
     for item in items:
-        item.add_marker(pytest.mark.xdist_group(_flown_by(item.module) or item.module.__name__))
-
-
-def _flown_by(module: ModuleType) -> str | None:
-    names = {getattr(x, "__module__", getattr(x, "__name__", None)) for x in vars(module).values()}
-    return next((team for team in ("tests.paper_flights", "tests.light") if team in names), None)
+        if item.get_closest_marker("xdist_group") is None:
+            item.add_marker(pytest.mark.xdist_group(item.module.__name__))
 
 
 @pytest.fixture(autouse=True)
