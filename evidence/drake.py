@@ -208,7 +208,7 @@ class Host:
                 self.context, [instance], self.by_rate, world, world
             )
             given += J.T @ force
-        plant.get_applied_generalized_force_input_port().FixValue(context, given)
+        plant.get_applied_generalized_force_input_port().FixValue(self.context, given)
         return given
 
     def _place(self, *state: np.ndarray) -> None:
