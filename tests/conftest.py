@@ -16,6 +16,7 @@ import hypothesis
 import jax
 import pytest
 from jaxtyping import install_import_hook
+from xdist.scheduler import LoadFileScheduling
 
 os.environ.setdefault("MPLBACKEND", "Agg")
 
@@ -59,15 +60,27 @@ hypothesis.settings.register_profile("colift", deadline=None, derandomize=True, 
 hypothesis.settings.load_profile("colift")
 
 
-@pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """One worker is given a whole file (`--dist loadgroup`), or all files of one group.
+TEAMS = {  # files that fly one team: tracing a flight costs more than flying it, and they share its programs
+    "paper": ("simulate", "study", "fly", "claims", "modes", "estimate", "shipped"),
+    "light": ("main", "playback", "export", "checkup"),
+}
 
-    Tracing a flight costs more than flying it for a second: files that fly one team share its programs.
+
+class TogetherScheduling(LoadFileScheduling):
+    """One worker is given a whole file, or all files that fly one team. (`loadgroup` of xdist 3.8 splits them, under
+    pytest 9.)
     """
-    for item in items:
-        if item.get_closest_marker("xdist_group") is None:
-            item.add_marker(pytest.mark.xdist_group(item.module.__name__))
+
+    def _split_scope(self, nodeid: str) -> str:
+        file = super()._split_scope(nodeid)
+        name = Path(file).stem.removeprefix("test_")
+        return next((team for team, files in TEAMS.items() if name in files), file)
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> LoadFileScheduling | None:
+    """In the place of xdist's own under `--dist loadfile`."""
+    return TogetherScheduling(config, log) if config.getoption("dist") == "loadfile" else None
 
 
 @pytest.fixture(autouse=True)

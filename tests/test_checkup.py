@@ -16,8 +16,6 @@ from colift.__main__ import app
 from colift.scenario import Settings, build
 from tests import light
 
-pytestmark = pytest.mark.xdist_group("light")  # one worker traces this team's flights
-
 NO_WIND = {"disturbances": ()}
 
 

@@ -13,8 +13,6 @@ import pytest
 from colift import reference, simulate, so3
 from tests import paper_flights as paper
 
-pytestmark = pytest.mark.xdist_group("paper")  # one worker traces this team's flights
-
 
 @functools.cache
 def flown() -> tuple[simulate.Plan, simulate.Row]:

@@ -17,8 +17,6 @@ from tests import paper_flights, teams
 from tests.paper_flights import number
 from tests.pinocchio_team import PinocchioTeam
 
-pytestmark = pytest.mark.xdist_group("paper")  # one worker traces this team's flights
-
 STRUCTURE = ((teams.WAIST_TWO_ARMS, 2),)
 DT = 0.002
 TICKS = 200

@@ -18,8 +18,6 @@ from colift.__main__ import app
 from colift.native import build
 from tests import light
 
-pytestmark = pytest.mark.xdist_group("light")  # one worker traces this team's flights
-
 TICKS = 500
 STRICT = ("-std=c99", "-pedantic", "-O1", "-ffp-contract=off", "-Wall", "-Wextra", "-Wvla", "-Wno-psabi", "-Werror")
 

@@ -28,8 +28,6 @@ from colift.model import Wrench, flat_payload, no_force
 from tests import paper_flights
 from tests.paper_flights import ROOM, SETTINGS, exact, number, plan, with_pilot
 
-pytestmark = pytest.mark.xdist_group("paper")  # one worker traces this team's flights
-
 DT = 1 / SETTINGS.control_Hz
 
 

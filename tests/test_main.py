@@ -16,8 +16,6 @@ from colift import __main__, folder, log, native, scenario, study
 from colift.__main__ import app
 from tests import light
 
-pytestmark = pytest.mark.xdist_group("light")  # one worker traces this team's flights
-
 PROMISED = {
     *("e_p_rms_m", "e_v_rms", "e_R_rms", "e_omega_rms", "Psi_mean", "delta_W_rms", "e_lam_rms_N", "sigma_L_mean"),
     *("sigma_A_mean", "lam_max_N", "lam_hf_rms_N", "thrust_min_N", "thrust_max_N", "Phi_max_m", "Phi_dot_max"),

@@ -16,8 +16,6 @@ from colift.scenario import build
 from tests import light
 from tests import paper_flights as paper
 
-pytestmark = pytest.mark.xdist_group("paper")  # one worker traces this team's flights
-
 
 @functools.cache
 def rest() -> tuple[modes.Carried, np.ndarray]:

@@ -28,8 +28,6 @@ from colift.model import PayloadState
 from colift.scenario import build
 from tests import browser, flights, light
 
-pytestmark = pytest.mark.xdist_group("light")  # one worker traces this team's flights
-
 ROOT = Path(__file__).parents[1]
 PAPER = scenario.load("paper")
 CASES = {"C1": "no learning", "C3": "payload and agent learning"}

@@ -16,8 +16,6 @@ from colift import gp
 from colift.dynamics import CONSISTENT
 from tests import shipped
 
-pytestmark = pytest.mark.xdist_group("paper")  # one worker traces this team's flights
-
 ROOT = Path(__file__).parents[1]
 FLAG = "--xla_cpu_experimental_ynn_fusion_type="
 

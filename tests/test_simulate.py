@@ -17,8 +17,6 @@ from colift.pytree import pytree
 from tests import light, paper_flights
 from tests.paper_flights import NAMES, believed, exact, fly, number, plan, with_pilot, with_world
 
-pytestmark = pytest.mark.xdist_group("paper")  # one worker traces this team's flights
-
 
 @pytest.fixture(scope="module")
 def flight() -> simulate.Flight:

@@ -11,8 +11,6 @@ from colift import analyse, band, study
 from colift.scenario import ScenarioError, Settings
 from tests import paper_flights as paper
 
-pytestmark = pytest.mark.xdist_group("paper")  # one worker traces this team's flights
-
 
 @pytest.fixture(scope="module")
 def found() -> dict[str, dict]:
