@@ -237,7 +237,7 @@ def test_signals_are_labelled_and_have_units(results: Path):
     assert flight.attrs["case"] == "C3"
     assert flight.attrs["rho_assumed"] == "norm, energy, sensor noise, sampled estimator"
     assert log.load(results / "DOB.nc").attrs["rho_assumed"] == f"{flight.attrs['rho_assumed']}, posterior mean"
-    assert (flight.attrs["rho_bound"], flight.attrs["rho_norm"]) == ("energy", 6)
+    assert (flight.attrs["rho_bound"], flight.attrs["rho_norm"]) == ("energy", 3)
     assert len(flight.attrs["rho_label_error_agents"]) == 18
     assert (flight.attrs["limit_distance_m"], flight.attrs["limit_grip"]) == (3, 0.01)
     assert 0.001 < flight.attrs["limit_grip_1pkg"].max() < 0.01
