@@ -16,6 +16,7 @@ import hypothesis
 import jax
 import pytest
 from jaxtyping import install_import_hook
+from xdist.scheduler import LoadFileScheduling
 
 os.environ.setdefault("MPLBACKEND", "Agg")
 
@@ -59,18 +60,34 @@ hypothesis.settings.register_profile("colift", deadline=None, derandomize=True, 
 hypothesis.settings.load_profile("colift")
 
 
-@pytest.fixture(scope="module", autouse=True)
-def _forget_a_module() -> Iterator[None]:
-    """A worker that has grown forgets the programs of the modules behind it: a laptop runs two of them."""
-    yield
-    _forget_beyond(GROWN_GB)
+TEAMS = {  # files that fly one team: tracing a flight costs more than flying it, and they share its programs
+    "paper": ("simulate", "study", "fly", "claims", "modes", "estimate", "shipped"),
+    "light": ("main", "playback", "export", "checkup"),
+}
+
+
+class TogetherScheduling(LoadFileScheduling):
+    """One worker is given a whole file, or all files that fly one team. (`loadgroup` of xdist 3.8 splits them, under
+    pytest 9.)
+    """
+
+    def _split_scope(self, nodeid: str) -> str:
+        file = super()._split_scope(nodeid)
+        name = Path(file).stem.removeprefix("test_")
+        return next((team for team, files in TEAMS.items() if name in files), file)
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> LoadFileScheduling | None:
+    """In the place of xdist's own under `--dist loadfile`."""
+    return TogetherScheduling(config, log) if config.getoption("dist") == "loadfile" else None
 
 
 @pytest.fixture(autouse=True)
 def _forget_a_test() -> Iterator[None]:
-    """And those of the tests behind it, where a module's add up; what stays even so does not count."""
+    """A worker that has grown forgets the programs of the tests behind it; what stays even so does not count."""
     yield
-    _forget_beyond(max(2 * GROWN_GB, LEFT_GB[-1] + GROWN_GB))
+    _forget_beyond(max(FULL_GB, LEFT_GB[-1] + FULL_GB / 2))
 
 
 def _forget_beyond(gigabytes: float) -> None:
@@ -88,12 +105,12 @@ def _forget_beyond(gigabytes: float) -> None:
 def _resident_GB() -> float:
     try:
         return int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize() / 2**30
-    except OSError:  # no Linux: as grown beyond a module's
-        return 1.5 * GROWN_GB
+    except OSError:  # no Linux: the most it ever was, which counts bytes on macOS
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**30
 
 
 LIBC = ctypes.CDLL(None)
 LEFT_GB = [0.0]  # after each forgetting
-GROWN_GB = 0.6  # the largest test adds 1.2 where nothing is compiled yet, and a worker is to stay below 2.5
+FULL_GB = 1.2  # the largest test adds as much where nothing is compiled yet, and a worker is to stay below 2.5
 if hasattr(LIBC, "mallopt"):
     LIBC.mallopt(-8, 2)  # M_ARENA_MAX: threads share two heaps, so that what one frees another can use

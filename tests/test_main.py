@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import re
 import shutil
 import subprocess
 import sys
@@ -174,18 +173,15 @@ def test_a_scenario_that_is_changed_or_of_a_file_is_shown_with_every_setting(tmp
     assert invoke("show", "papr")[0] == 2
 
 
+SHORT = light.SAMPLE.learning.model_copy(update={"update_times_s": (1, 2), "end_s": 2, "max_iterations": 5})
+
+
 @pytest.fixture(scope="module")
 def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A short study with all rivals, from a file, under another seed."""
+    """A short study of the smallest team with all rivals, from a file, under another seed."""
     folder = tmp_path_factory.mktemp("study")
-    text = (Path(scenario.__file__).parent.parent / "scenarios" / "paper.yaml").read_text()
-    short = re.sub(r"duration_s: 20", "duration_s: 3", text)
-    short = short.replace("  end_s: 10\n", "  end_s: 2\n")
-    short = re.sub(r"update_times_s: .*", "update_times_s: [1, 2]", short)
-    (folder / "short.yaml").write_text(short.replace("\nlearning:\n", "\nlearning:\n  max_iterations: 5\n"))
-    status, said = invoke(
-        "study", str(folder / "short.yaml"), "--baselines", "--seed", "7", "--out", str(folder / "out")
-    )
+    path = light.write(folder / "short.yaml", duration_s=3, learning=SHORT)
+    status, said = invoke("study", str(path), "--baselines", "--seed", "7", "--out", str(folder / "out"))
     assert status == 0, said
     return folder / "out"
 
@@ -222,17 +218,17 @@ def test_the_summary_holds_what_it_promises(results: Path):
         assert found["Phi_max_m"] <= 1e-10
         assert found["Phi_dot_max"] <= 1e-10
         assert found["wrench_consistency_max"] <= 1e-9
-        assert found["n_data"]["payload"] == (43 if case in ("C2", "C3", "P") else 0)
-        assert found["n_data"]["agents"] == (86 if case == "C3" else 0)
+        assert found["n_data"]["payload"] == (38 if case in ("C2", "C3", "P") else 0)
+        assert found["n_data"]["agents"] == (3 * 38 if case == "C3" else 0)
         assert found["warnings"] == []
     assert summary["slowest_mode"]["stable"]
-    assert set(summary["hover_thrust_N"]) == {"front", "rear"}
-    assert len(summary["limits"]["grip_1pkg"]) == 2
+    assert set(summary["hover_thrust_N"]) == set(light.NAMES)
+    assert len(summary["limits"]["grip_1pkg"]) == 3
     assert summary["cases"]["C3"]["updates"] == [1, 2]
     assert summary["bound"]["assumed"] == ["norm", "energy", "sensor noise", "sampled estimator"]
     for found in summary["cases"].values():
         bodies = [found["bound"]["payload"], *found["bound"]["agents"]]
-        assert [len(body["beta"]) for body in bodies] == [6, 9, 9]
+        assert [len(body["beta"]) for body in bodies] == [6, 6, 6, 6]
         assert all(0 <= share <= 1 for body in bodies for share in body["exceeded_share"].values())
 
 
@@ -241,12 +237,12 @@ def test_signals_are_labelled_and_have_units(results: Path):
     assert flight.attrs["case"] == "C3"
     assert flight.attrs["rho_assumed"] == "norm, energy, sensor noise, sampled estimator"
     assert log.load(results / "DOB.nc").attrs["rho_assumed"] == f"{flight.attrs['rho_assumed']}, posterior mean"
-    assert (flight.attrs["rho_bound"], flight.attrs["rho_norm"]) == ("energy", 6)
+    assert (flight.attrs["rho_bound"], flight.attrs["rho_norm"]) == ("energy", 3)
     assert len(flight.attrs["rho_label_error_agents"]) == 18
     assert (flight.attrs["limit_distance_m"], flight.attrs["limit_grip"]) == (3, 0.01)
     assert 0.001 < flight.attrs["limit_grip_1pkg"].max() < 0.01
     assert all("units" in flight[name].attrs for name in flight.data_vars)
-    assert list(flight.contact.values) == ["front/left", "front/right", "rear/left", "rear/right"]
+    assert list(flight.contact.values) == [f"{name}/hook" for name in light.NAMES]
 
 
 # Flights that do not end, and answers at once -------------------------------------------------------------------------
@@ -258,7 +254,7 @@ def test_a_study_can_be_played(results: Path, tmp_path: Path):
     status, said = invoke("view", str(tmp_path))
     assert (status, said) == (0, "")
     assert folder.run_of(tmp_path / "view.html") == folder.run_of(results / "C1.nc")
-    assert log.load(results / "C1.nc").attrs["scenario_json"].startswith('{"name":"paper"')
+    assert log.load(results / "C1.nc").attrs["scenario_json"].startswith('{"name":"sample"')
 
 
 def test_a_run_that_fails_is_saved_marked_incomplete_and_status_1(tmp_path: Path):
