@@ -1,11 +1,13 @@
 """Many flights at once: the loop is a function of PyTrees, so a batch of them is `jax.vmap`.
 
-Eight flights of the paper's team that differ in the wind. Run it with `python examples/batch_of_flights.py`.
+Eight flights of three vehicles with a plate, under none to twice the unknown forces. Run it with
+`python examples/10_batch_of_flights.py`. Many seeds one after another are in docs/campaigns.md.
 """
 
 from __future__ import annotations
 
 import dataclasses
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -14,12 +16,13 @@ import numpy as np
 import colift
 from colift import simulate
 
+PLATE = Path(__file__).with_name("plate.yaml")
 FLIGHTS, TICKS = 8, 50
 
 
 def main() -> None:
     """Fly the batch, and print where each payload is."""
-    plan = colift.plan(colift.load("paper"), "C1")
+    plan = colift.plan(colift.load(PLATE), "C1")
     setup = plan.setup
     noise = plan.world.draw(jax.random.key(0), TICKS)
 
