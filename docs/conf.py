@@ -12,6 +12,7 @@ from latex2mathml.converter import convert
 
 project = "colift"
 author = "the colift developers"
+html_show_copyright = False
 release = version = installed("colift")
 
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.viewcode"]
@@ -21,6 +22,7 @@ autodoc_member_order = "bysource"
 autodoc_typehints_format = "short"
 python_maximum_signature_line_length = 88
 python_use_unqualified_type_names = True
+pygments_dark_style = "monokai"
 napoleon_google_docstring = True
 default_role = "code"  # docstrings are Markdown in spirit: `x` is code
 
@@ -43,15 +45,25 @@ def _display(self, node):
     raise nodes.SkipNode
 
 
-def _fields(app, what, name, obj, options, lines):
-    """Below a type's docstring a list of its fields: shape, and unit and frame from the comment beside it."""
+def _signature(app, what, name, obj, options, signature, returns):
+    """Shapes as the code has them; a type's fields are told below it instead."""
     del app, name, options
-    if what != "class" or not dataclasses.is_dataclass(obj):
+    if what == "class" and (dataclasses.is_dataclass(obj) or hasattr(obj, "model_fields")):
+        return "", None
+    return [said and re.sub(r"<.* at 0x\w+>", "...", said.replace("jaxlib._jax.", "")) for said in (signature, returns)]
+
+
+def _fields(app, what, name, obj, options, lines):
+    """Below a type's docstring a table of its fields: shape, and unit and frame from the comment beside it."""
+    del app, name, options
+    if what != "class" or not dataclasses.is_dataclass(obj) or not dataclasses.fields(obj):
         return
     said = _comments(obj)
-    told = [(field.name, inspect.formatannotation(field.type).strip("'"), said.get(field.name)) for field in dataclasses.fields(obj)]
-    for name, kind, comment in told:
-        lines += ["", f":{name}: ``{kind}``{f' – {comment}' if comment else ''}"]
+    lines += ["", ".. list-table::", "   :align: left", ""]
+    for field in dataclasses.fields(obj):
+        kind = field.type if isinstance(field.type, str) else inspect.formatannotation(field.type)
+        lines += [f"   * - ``{field.name}``", f"     - ``{kind}``", f"     - {said.get(field.name, '')}"]
+    lines.append("")
 
 
 def _comments(cls):
@@ -66,7 +78,8 @@ def _comments(cls):
 
 
 def setup(app):
-    """Register the renderer of equations, and the fields of types."""
+    """Register the renderer of equations, and how signatures and fields are told."""
     app.add_html_math_renderer("mathml", (_inline, None), (_display, None))
+    app.connect("autodoc-process-signature", _signature)
     app.connect("autodoc-process-docstring", _fields)
     return {"parallel_read_safe": True}

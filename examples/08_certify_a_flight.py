@@ -21,7 +21,7 @@ def main() -> None:
             print(f"{bound:>8}, {error:>7}: at most {radius:.3g}, observed {seen:.3g} from {first:.0f} to {last:.0f} s")
         print(f"{'':>8}  assumed: {', '.join(radii.assumed)}")
     if found.exceeded:
-        raise SystemExit(f"above their radius: {', '.join(each.error for each in found.exceeded)}")
+        raise SystemExit(f"above their radius: {', '.join(sorted({each.error for each in found.exceeded}))}")
 
 
 if __name__ == "__main__":
