@@ -430,7 +430,7 @@ def test_the_example_prints_the_radii_of_its_flight_and_fails_where_one_is_excee
     said = capsys.readouterr().out
     radius, seen = made().certificate.radii["recovery"].run["e_p"], made().certificate.observed["e_p"]
     assert f"recovery,     e_p: at most {radius:.3g}, observed {seen:.3g}" in said
-    with pytest.raises(SystemExit, match="above their radius: .*e_p"):
+    with pytest.raises(SystemExit, match=r"above their radius: .*e_p"):
         runpy.run_path(example, run_name="__main__")
 
 
