@@ -50,7 +50,9 @@ def _signature(app, what, name, obj, options, signature, returns):
     del app, name, options
     if what == "class" and (dataclasses.is_dataclass(obj) or hasattr(obj, "model_fields")):
         return "", None
-    return [said and re.sub(r"<.*? at 0x\w+>", "...", said.replace("jaxlib._jax.", "")) for said in (signature, returns)]
+    return [
+        said and re.sub(r"<.*? at 0x\w+>", "...", said.replace("jaxlib._jax.", "")) for said in (signature, returns)
+    ]
 
 
 def _fields(app, what, name, obj, options, lines):
