@@ -1,25 +1,37 @@
 """Sphinx: Markdown pages, furo, equations as MathML made at build time, so that pages need no network."""
 
+import dataclasses
+import inspect
+import io
+import re
+import tokenize
 from importlib.metadata import version as installed
 
 from docutils import nodes
 from latex2mathml.converter import convert
 
 project = "colift"
-author = "the colift authors"
+author = "the colift developers"
+html_show_copyright = False
 release = version = installed("colift")
 
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.viewcode"]
 myst_enable_extensions = ["dollarmath", "deflist"]
 myst_heading_anchors = 3
 autodoc_member_order = "bysource"
-autodoc_typehints = "none"  # shapes are strings that no cross-reference resolves; signatures show them
+autodoc_typehints_format = "short"
+python_maximum_signature_line_length = 88
+python_use_unqualified_type_names = True
+pygments_dark_style = "monokai"
 napoleon_google_docstring = True
 default_role = "code"  # docstrings are Markdown in spirit: `x` is code
 
 html_theme = "furo"
-html_title = f"colift {version}"
+html_title = "colift"
+html_static_path = ["page.css"]
+html_css_files = ["page.css"]
 html_math_renderer = "mathml"
+html_show_sphinx = False
 exclude_patterns = ["_build"]
 
 
@@ -33,7 +45,43 @@ def _display(self, node):
     raise nodes.SkipNode
 
 
+def _signature(app, what, name, obj, options, signature, returns):
+    """Shapes as the code has them; a type's fields are told below it instead."""
+    del app, name, options
+    if what == "class" and (dataclasses.is_dataclass(obj) or hasattr(obj, "model_fields")):
+        return "", None
+    return [
+        said and re.sub(r"<.*? at 0x\w+>", "...", said.replace("jaxlib._jax.", "")) for said in (signature, returns)
+    ]
+
+
+def _fields(app, what, name, obj, options, lines):
+    """Below a type's docstring a table of its fields: shape, and unit and frame from the comment beside it."""
+    del app, name, options
+    if what != "class" or not dataclasses.is_dataclass(obj) or not dataclasses.fields(obj):
+        return
+    said = _comments(obj)
+    lines += ["", ".. list-table::", "   :align: left", ""]
+    for field in dataclasses.fields(obj):
+        kind = field.type if isinstance(field.type, str) else inspect.formatannotation(field.type)
+        lines += [f"   * - ``{field.name}``", f"     - ``{kind}``", f"     - {said.get(field.name, '')}"]
+    lines.append("")
+
+
+def _comments(cls):
+    """By field, what the comment on its line says."""
+    said, name = {}, None
+    for token in tokenize.generate_tokens(io.StringIO(inspect.getsource(cls)).readline):
+        if re.match(r"    (\w+):", token.line):
+            name = re.match(r"    (\w+):", token.line)[1]
+        if token.type == tokenize.COMMENT and re.match(r"    \w+:", token.line):
+            said[name] = re.sub(r"([*|\\])", r"\\\1", token.string.lstrip("# "))
+    return said
+
+
 def setup(app):
-    """Register the renderer of equations."""
+    """Register the renderer of equations, and how signatures and fields are told."""
     app.add_html_math_renderer("mathml", (_inline, None), (_display, None))
+    app.connect("autodoc-process-signature", _signature)
+    app.connect("autodoc-process-docstring", _fields)
     return {"parallel_read_safe": True}

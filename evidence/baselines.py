@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from colift import analyse, scenario, simulate, study
-from colift.scenario import build
 from evidence import collect
 
 SEEDS = (100, 101, 102)
@@ -26,7 +25,7 @@ def fly(item: str) -> float:
         tuned = settings.baselines.model_copy(update=GRID[case][int(k)])
         settings = settings.model_copy(update={"seed": seed, "baselines": tuned})
         plan = study.plan(settings, case)
-        flight = simulate.fly_plan(plan, build.agent_names(settings))
+        flight = simulate.fly_plan(plan)
         found = analyse.summary(flight, plan.world.team, plan.pilot.team)
         total += 10.0 if flight.stopped else found["e_p_rms_m"]
     return total / len(SEEDS)

@@ -16,7 +16,6 @@ import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
 from colift import analyse, engine, mjcf, scenario, simulate, study
-from colift.scenario import build
 from evidence import collect
 
 CASES = ("C1", "C2", "C3")
@@ -36,13 +35,13 @@ SETTINGS = {  # substeps, integrator, time constant in substeps (MuJoCo takes no
 }
 
 
-def fly(plan: simulate.Plan, plant: engine.Mujoco | None, names: tuple[str, ...]) -> tuple[simulate.Flight, float]:
+def fly(plan: simulate.Plan, plant: engine.Mujoco | None) -> tuple[simulate.Flight, float]:
     """A flight, and the processor time of its ticks, s: compiled by a first flight of one tick."""
     if plant:
         plan = dataclasses.replace(plan, world=dataclasses.replace(plan.world, plant=plant))
-    simulate.fly_plan(dataclasses.replace(plan, duration=plan.dt), names)
+    simulate.fly_plan(dataclasses.replace(plan, duration=plan.dt))
     began = time.process_time()
-    return simulate.fly_plan(plan, names), time.process_time() - began
+    return simulate.fly_plan(plan), time.process_time() - began
 
 
 def apart(a: simulate.Row, b: simulate.Row) -> dict[str, float]:
@@ -68,9 +67,9 @@ def apart(a: simulate.Row, b: simulate.Row) -> dict[str, float]:
 def case(name: str) -> dict[str, Any]:
     """One case of the study in both engines: figures of merit, and how far they are apart."""
     settings = scenario.load("paper")
-    plan, names = study.plan(settings, name), build.agent_names(settings)
-    ours, ours_s = fly(plan, None, names)
-    theirs, theirs_s = fly(plan, engine.plant(plan.world.team, plan.z, plan.dt), names)
+    plan = study.plan(settings, name)
+    ours, ours_s = fly(plan, None)
+    theirs, theirs_s = fly(plan, engine.plant(plan.world.team, plan.z, plan.dt))
     team = plan.world.team, plan.pilot.team
     found = {who: analyse.summary(flight, *team)["e_p_rms_m"] for who, flight in (("ours", ours), ("mujoco", theirs))}
     stopped = ours.stopped or theirs.stopped
@@ -85,14 +84,14 @@ def case(name: str) -> dict[str, Any]:
 def compare_settings() -> dict[str, Any]:
     """The first seconds of C1 under every setting, against ours."""
     settings = scenario.load("paper")
-    plan, names = dataclasses.replace(study.plan(settings, "C1"), duration=SHORT_S), build.agent_names(settings)
-    ours, ours_s = fly(plan, None, names)
+    plan = dataclasses.replace(study.plan(settings, "C1"), duration=SHORT_S)
+    ours, ours_s = fly(plan, None)
     dt, found = plan.dt, {}
     for name, (substeps, integrator, constant, impedance) in SETTINGS.items():
         softness = mjcf.Softness(time_constant=constant * dt / substeps, impedance=impedance)
         plant = engine.plant(plan.world.team, plan.z, dt, substeps, softness)
         plant.host.model.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{integrator}")
-        theirs, seconds = fly(plan, plant, names)
+        theirs, seconds = fly(plan, plant)
         found[name] = apart(theirs.rows, ours.rows) | {"cpu_over_ours": seconds / ours_s}
     return found
 

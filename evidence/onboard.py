@@ -17,7 +17,6 @@ from typing import Any
 
 from colift import export, scenario, simulate, study
 from colift.native import build
-from colift.scenario import build as of
 from evidence import collect
 
 TICKS, REPEATS = 2000, 15  # 30000 ticks of 2 ms are 60 s
@@ -61,7 +60,7 @@ def exported() -> Path:
     folder = Path(WORK.name)
     settings = scenario.load("paper")
     plan = study.plan(settings, "C3")
-    flight = simulate.fly_plan(plan, of.agent_names(settings))
+    flight = simulate.fly_plan(plan)
     assert not flight.stopped
     export.c(plan, flight.oracle, TICKS, folder, "paper, C3")
     return folder

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from colift import analyse, scenario, simulate, study
-from colift.scenario import build
 from evidence import collect
 
 SEEDS = range(11)  # 0 is the default
@@ -20,7 +19,7 @@ def fly(seed: int) -> dict[str, Any]:
     out = {}
     for case in CASES:
         plan = study.plan(settings, case)
-        flight = simulate.fly_plan(plan, build.agent_names(settings))
+        flight = simulate.fly_plan(plan)
         out[case] = analyse.summary(flight, plan.world.team, plan.pilot.team) | {"wall_s": flight.wall}
     return out
 

@@ -21,7 +21,6 @@ from jaxtyping import Array
 
 from colift import dynamics, grasp, scenario, simulate, so3, study
 from colift.model import AgentForce, AgentInput, Residual, State, Team, Tree, Wrench, no_force
-from colift.scenario import build
 from evidence import collect
 from tests import motion, teams
 from tests.pinocchio_team import PinocchioTeam
@@ -168,7 +167,7 @@ def flight(name: str) -> dict[str, object]:
         start = settings.start.model_copy(update={"attitude_error_deg": (0.0, 0.0, 90.0)})
         agents = tuple(agent.model_copy(update={"yaw_deg": 90.0}) for agent in settings.agents)
         settings = settings.model_copy(update={"start": start, "agents": agents})
-    rows = (flown := simulate.fly_plan(study.plan(settings, "C1"), build.agent_names(settings))).rows
+    rows = (flown := simulate.fly_plan(study.plan(settings, "C1"))).rows
     cosine = (np.einsum("tij,ij->t", rows.R_L, rows.R_L[0]) - 1) / 2
     return {
         "stopped": flown.stopped,

@@ -18,7 +18,6 @@ import numpy as np
 from threadpoolctl import threadpool_info
 
 from colift import analyse, scenario, simulate, study
-from colift.scenario import build
 from evidence import collect
 
 SEEDS = (0, 3)
@@ -65,7 +64,7 @@ def show(seed: int) -> None:
     }
     for case in CASES:
         plan = study.plan(settings, case)
-        flight = simulate.fly_plan(plan, build.agent_names(settings))
+        flight = simulate.fly_plan(plan)
         merit = analyse.summary(flight, plan.world.team, plan.pilot.team)
         found[case] = {name: merit[name] for name in FIGURES}
     print(json.dumps(found))

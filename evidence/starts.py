@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 from colift import analyse, checkup, scenario, simulate, starter, study
-from colift.scenario import build
 from evidence import collect
 
 TEAMS = ((2, 2), (3, 2), (3, 1), (4, 1), (6, 0), (3, 0))  # agents, arms of each
@@ -19,7 +18,7 @@ def fly(item: str) -> dict[str, Any]:
     errors = {}
     for case in ("C1", "C2", "C3"):
         plan = study.plan(settings, case)
-        flight = simulate.fly_plan(plan, build.agent_names(settings))
+        flight = simulate.fly_plan(plan)
         errors[case] = (
             None if flight.stopped else analyse.summary(flight, plan.world.team, plan.pilot.team)["e_p_rms_m"]
         )

@@ -42,7 +42,7 @@ def flight(case: str, eta: bool = True) -> simulate.Flight:
 
 @functools.cache
 def _flight(case: str, eta: bool) -> simulate.Flight:
-    return simulate.fly_plan(shortened(case, eta), NAMES)
+    return simulate.fly_plan(shortened(case, eta))
 
 
 def number(x: float) -> jax.Array:
@@ -98,7 +98,7 @@ def believed(plan: simulate.Plan) -> simulate.Plan:
 
 def fly(plan: simulate.Plan, duration: float) -> simulate.Flight:
     """The plan flown for some seconds."""
-    return simulate.fly_plan(dataclasses.replace(plan, duration=duration), NAMES)
+    return simulate.fly_plan(dataclasses.replace(plan, duration=duration))
 
 
 def states(team: Team, rows: simulate.Row) -> tuple[State, tuple[AgentInput, ...]]:

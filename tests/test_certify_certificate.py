@@ -7,6 +7,8 @@ import functools
 import io
 import json
 import re
+import runpy
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -418,6 +420,18 @@ def test_an_error_above_its_radius_is_said_first_and_the_status_is_1(tmp_path, m
     result = CliRunner().invoke(__main__.app, ["certify", "certified", "--out", str(tmp_path)], catch_exceptions=False)
     assert result.exit_code == 0
     assert all(line.startswith("certifying certified") for line in result.stderr.splitlines())
+
+
+def test_the_example_prints_the_radii_of_its_flight_and_fails_where_one_is_exceeded(monkeypatch, capsys):
+    example = str(Path(__file__).parents[1] / "examples" / "08_certify_a_flight.py")
+    known = [late(), made()]
+    monkeypatch.setattr(study, "certify", lambda *_, **__: known.pop())
+    runpy.run_path(example, run_name="__main__")
+    said = capsys.readouterr().out
+    radius, seen = made().certificate.radii["recovery"].run["e_p"], made().certificate.observed["e_p"]
+    assert f"recovery,     e_p: at most {radius:.3g}, observed {seen:.3g}" in said
+    with pytest.raises(SystemExit, match=r"above their radius: .*e_p"):
+        runpy.run_path(example, run_name="__main__")
 
 
 def test_an_error_above_its_radius_is_said_in_red(tmp_path, monkeypatch, save):

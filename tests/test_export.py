@@ -31,7 +31,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("c")
     learning = light.SAMPLE.learning.model_copy(update={"update_times_s": [2.0], "max_iterations": 5})
     plan = study.plan(light.settings(learning=learning, sensors={}), "C3")
-    flown = simulate.fly_plan(dataclasses.replace(plan, duration=2.1), light.NAMES)
+    flown = simulate.fly_plan(dataclasses.replace(plan, duration=2.1))
     assert int(flown.oracle.payload.n) > 10
     export.c(plan, flown.oracle, TICKS, path, "light, C3")
     return path

@@ -171,7 +171,7 @@ def test_residuals_known_exactly_are_told_to_case_O_alone():
 def test_predictions_are_the_frozen_oracle_s_at_the_estimated_state():
     """Between updates one oracle predicts, whatever is recorded meanwhile; before the first it predicts zero."""
     of = dataclasses.replace(exact(plan("C3")), duration=2.0, updates=(1.0,))
-    flight = simulate.fly_plan(of, paper_flights.NAMES)
+    flight = simulate.fly_plan(of)
     rows = flight.rows
     after = rows.t >= 1.0 - 1e-9
     assert not rows.f_L_hat[~after].any()
@@ -254,7 +254,7 @@ def test_looking_ahead_a_team_without_unknowns_keeps_to_its_path():
     ours, gains = of.pilot.realizer, of.pilot.leader.gains
     far = fly.Anticipating(gains=gains, heading=ours.heading, rest=ours.rest)
     flights = [
-        simulate.fly_plan(dataclasses.replace(x, duration=6.0), paper_flights.NAMES)
+        simulate.fly_plan(dataclasses.replace(x, duration=6.0))
         for x in (of, with_pilot(of, realizer=far, look_ahead=number(0.03)))
     ]
     late = [np.linalg.norm(flight.rows.e_p[-1000:], axis=1).max() for flight in flights]
@@ -267,4 +267,4 @@ def test_a_realizer_that_needs_to_look_ahead_says_so():
     ours = of.pilot.realizer
     far = fly.Anticipating(gains=ours.gains, heading=ours.heading, rest=ours.rest)
     with pytest.raises(ValueError, match="needs a pilot that looks ahead"):
-        simulate.fly_plan(dataclasses.replace(with_pilot(of, realizer=far), duration=0.01), paper_flights.NAMES)
+        simulate.fly_plan(dataclasses.replace(with_pilot(of, realizer=far), duration=0.01))

@@ -57,7 +57,7 @@ def flown(told: scenario.Settings) -> dict[str, xr.Dataset]:
     """Two cases of it."""
     found = {}
     for case, plan in study.plans(told, tuple(CASES)).items():
-        flight = simulate.fly_plan(plan, build.agent_names(told))
+        flight = simulate.fly_plan(plan)
         assert not flight.stopped
         updates = [update.t for update in flight.updates]
         found[case] = labelled(flight.rows, flight.sigma, told, update_times_s=updates, case=case)

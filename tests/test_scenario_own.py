@@ -238,7 +238,7 @@ def test_parts_of_every_kind_are_built_from_their_settings_and_fly(folder):
     assert [m.name for m in plan.world.sources.payload if not m.law.time_invariant] == ["sway"]
     recorder = dataclasses.replace(plan.pilot.recorder, start=jnp.asarray(0.0))
     pilot = dataclasses.replace(plan.pilot, recorder=recorder)
-    flight = colift.fly_plan(dataclasses.replace(plan, pilot=pilot, updates=(0.2,), duration=0.3), light.NAMES)
+    flight = colift.fly_plan(dataclasses.replace(plan, pilot=pilot, updates=(0.2,), duration=0.3))
     assert not flight.stopped
     assert flight.updates[0].fits["payload"].lengthscales.shape == (6, 3)
     assert {type(fit.hyper.kernel).__name__ for fit in flight.updates[0].fits.values()} == {"Heavy"}

@@ -119,7 +119,7 @@ def test_another_seed_gives_another_noise_on_the_same_start(flight):
 
 def test_noise_does_not_depend_on_when_updates_cut_the_run(flight):
     cut = dataclasses.replace(plan("C1"), duration=1.0, updates=(0.302, 0.7))  # C1 has no data: nothing is learned
-    stopped = simulate.fly_plan(cut, NAMES)
+    stopped = simulate.fly_plan(cut)
     assert [update.t for update in stopped.updates] == pytest.approx([0.302, 0.7])
     same(flight.rows, stopped.rows)
 
@@ -133,7 +133,7 @@ def test_until_the_first_update_all_cases_fly_the_same(flight):
 def test_updates_come_at_their_ticks_with_the_data_until_then():
     of = dataclasses.replace(plan("C3"), duration=1.3, updates=(0.7, 1.1))
     seen = []
-    flight = simulate.fly_plan(of, NAMES, seen.append)
+    flight = simulate.fly_plan(of, seen.append)
     assert [update.t for update in flight.updates] == pytest.approx([0.7, 1.1])
     # from 0.3 s on, 25 a second; the sample of the tick of an update comes after it
     assert [update.n for update in flight.updates] == [{"payload": n, "agents": 2 * n} for n in (10, 20)]
@@ -336,7 +336,7 @@ def test_a_part_that_native_code_cannot_call_is_flown_by_jax(caplog):
     mount = disturbance.Mount(name="asked", law=Asking(), point=jnp.zeros(3))
     sources = dataclasses.replace(of.world.sources, payload=(*of.world.sources.payload, mount))
     with caplog.at_level("INFO", logger="colift.simulate"):
-        flown = simulate.fly_plan(dataclasses.replace(with_world(of, sources=sources), duration=0.02), light.NAMES)
+        flown = simulate.fly_plan(dataclasses.replace(with_world(of, sources=sources), duration=0.02))
     assert flown.stopped == ""
     assert "flown by JAX" in caplog.text
     assert "pure_callback" in caplog.text

@@ -112,6 +112,7 @@ _HOME = {
     "Team": "model",
     "Tree": "model",
     "accelerate": "dynamics",
+    "dataset": "study",
     "fly_plan": "simulate",
     "integrate": "dynamics",
     "linearize": "response",

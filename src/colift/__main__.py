@@ -566,7 +566,6 @@ def _export_c(
     from colift import export as files
     from colift import native, scenario, simulate
     from colift import study as flights
-    from colift.scenario import build
 
     interrupt.check()
     try:
@@ -576,7 +575,7 @@ def _export_c(
         with _stages(f"{settings.name}, {case}, as C") as say:
             plan = flights.plan(settings, case)
             say("the flight that it learns in")
-            flight = simulate.fly_plan(plan, build.agent_names(settings))
+            flight = simulate.fly_plan(plan)
             if flight.stopped:
                 raise _fail(f"{case} is incomplete, so there is nothing to take along: {flight.stopped}")
             say("the code")

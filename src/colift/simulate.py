@@ -288,6 +288,7 @@ class Plan:
 
     world: Any  # a `world.World`
     pilot: Any  # a `fly.Pilot`; one that learns is a `fly.LeaderFollower`
+    agents: tuple[str, ...]  # their names, in team order
     limits: limits.Limits
     dt: float  # s, the clock's tick
     z: State  # on the manifold
@@ -381,12 +382,11 @@ def chunk(plan: Plan) -> int:
     return max(1, round(CHUNK / plan.dt))
 
 
-def fly_plan(plan: Plan, names: Sequence[str], progress: Callable[[float], None] = lambda _t: None) -> Flight:
+def fly_plan(plan: Plan, progress: Callable[[float], None] = lambda _t: None) -> Flight:
     """Fly a plan: chunks of ticks on the device, fits on the host at each update time.
 
     Stops at the tick at which something is no longer finite, a grasp is near singular or another of the world's limits
-    is exceeded; what was flown until then is returned, with the reason in words. `names` are the agents', for that
-    message.
+    is exceeded; what was flown until then is returned, with the reason in words. `progress` hears the time reached, s.
     """
     dt, setup = plan.dt, plan.setup
     room, ticks = chunk(plan), round(plan.duration / dt)
@@ -412,7 +412,7 @@ def fly_plan(plan: Plan, names: Sequence[str], progress: Callable[[float], None]
         rows = jax.tree.map(lambda x, n=last - done: np.asarray(x)[:n], rows)
         flown.append(rows)
         if int(loop.ended):
-            stopped = _why(plan, rows, loop, names)
+            stopped = _why(plan, rows, loop)
         done = last
         wall["simulation"] += time.perf_counter() - began
         began = time.perf_counter()
@@ -586,7 +586,7 @@ def inputs(team: Team, rows: Row) -> tuple[np.ndarray, tuple[np.ndarray, ...]]:
 EFFECTS = ("a_L", "lam", "delta_W", "f_L", "f_x", "f_w", "f_r")  # what follows from everything else in a tick
 
 
-def _why(plan: Plan, rows: Row, loop: Loop, names: Sequence[str]) -> str:
+def _why(plan: Plan, rows: Row, loop: Loop) -> str:
     """What ended a run: a signal not finite, causes first; an agent and its arms near singular; or another limit."""
     t, cause, allowed = rows.t[-1], limits.Cause(int(loop.ended)), plan.limits
     if cause == limits.Cause.NOT_FINITE:
@@ -599,12 +599,12 @@ def _why(plan: Plan, rows: Row, loop: Loop, names: Sequence[str]) -> str:
         weak = int(np.argmin(rows.singular[-1] / np.asarray(allowed.grip)))
         value, arms = rows.singular[-1, weak], grasp.opposed(_admittance(plan.world.team, np.asarray(rows.r)[-1], weak))
         return (
-            f"the grasp of agent {names[weak]} is near singular at t = {t:.3f} s: "
+            f"the grasp of agent {plan.agents[weak]} is near singular at t = {t:.3f} s: "
             f"{value:.3g} < {float(allowed.grip[weak]):.3g} 1/kg (limits.grip); {arms}"
         )
     held = jnp.concatenate(loop.saturated).astype(float) * plan.dt
     now = _watched(jax.tree.map(lambda x: jnp.asarray(x[-1]), rows), jnp.asarray(True), held)
-    return limits.sentence(cause, allowed, jax.tree.map(np.asarray, now), float(t), names)
+    return limits.sentence(cause, allowed, jax.tree.map(np.asarray, now), float(t), plan.agents)
 
 
 def _admittance(team: Team, r: np.ndarray, agent: int) -> np.ndarray:

@@ -15,6 +15,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
+import xarray as xr
 
 from colift import analyse, balance, disk, disturbance, fly, folder, gp, learn, log, modes, response, simulate
 from colift.certify import adversary, assumed, certificate, interface
@@ -83,6 +84,7 @@ def plans(settings: Settings, cases: Sequence[str]) -> dict[str, simulate.Plan]:
     c1 = simulate.Plan(
         world=build.world(settings, truth, z, sources, error),
         pilot=pilot,
+        agents=build.agent_names(settings),
         limits=build.bounds(settings, truth, z),
         dt=1 / settings.control_Hz,
         z=z,
@@ -236,15 +238,15 @@ def certify(
     linear: the response of this team and these gains, where it is known from another seed.
     Raises ScenarioError as `plans` does, ValueError where there is no certificate.
     """
-    ready, agents = plan(settings, "C3"), build.agent_names(settings)
+    ready = plan(settings, "C3")
     certificate.refuse(ready)
     if linear is None:
         progress("the loop's response")
         linear = response.linearize(ready.pilot, build.at_rest(settings, ready.pilot.team))
     progress("flight")
-    flight = simulate.fly_plan(ready, agents)
+    flight = simulate.fly_plan(ready)
     progress("its twin, whose world obeys the learned means")
-    twin = simulate.fly_plan(certificate.twin(ready, flight.oracle), agents)
+    twin = simulate.fly_plan(certificate.twin(ready, flight.oracle))
     found = certificate.certify(ready, flight, twin, linear, names, progress)
     return Certified(plan=ready, flight=flight, twin=twin, linear=linear, certificate=found)
 
@@ -258,7 +260,7 @@ def challenge(made: Certified, rounds: int = 2, progress: Callable[[str], None] 
     for k in range(rounds):
         progress(f"adversary, round {k + 1}")
         unknown = adversary.adversary(made.plan, made.flight, made.linear, current.certificate, current.flight.rows)
-        flown = simulate.fly_plan(certificate.under(made.plan, made.flight.oracle, unknown), ())
+        flown = simulate.fly_plan(certificate.under(made.plan, made.flight.oracle, unknown))
         flight = dataclasses.replace(made.flight, rows=flown.rows, stopped=flown.stopped)
         found = certificate.certify(made.plan, flight, made.twin, made.linear, ("energy", "recovery"))
         current = dataclasses.replace(made, flight=flight, certificate=found)
@@ -366,7 +368,6 @@ def run(
     from colift import view  # matplotlib takes a second to import, which the flights need not wait for
 
     folder.clear(out, FLOWN, CERTIFIED)
-    agents = build.agent_names(settings)
     summary: dict[str, Any] = {
         "scenario": settings.name,
         "seed": settings.seed,
@@ -381,9 +382,9 @@ def run(
     data, fits = {}, {}
     first = next(iter(ready.values()))
     for case, flying in ready.items():
-        flight = simulate.fly_plan(flying, agents, lambda t, case=case: progress(case, t))
+        flight = simulate.fly_plan(flying, lambda t, case=case: progress(case, t))
         began = time.perf_counter()
-        data[case] = _dataset(settings, case, flight, flying, out.run)
+        data[case] = dataset(settings, case, flight, flying, out.run)
         log.save(data[case], out.path / f"{case}.nc")
         found = analyse.summary(flight, flying.world.team, flying.pilot.team)
         found["wall_s"] = {**flight.wall, "output": time.perf_counter() - began}
@@ -402,7 +403,11 @@ def run(
     return _finite(summary)
 
 
-def _dataset(settings: Settings, case: str, flight: simulate.Flight, flown: simulate.Plan, run: str) -> Any:
+def dataset(settings: Settings, case: str, flight: simulate.Flight, flown: simulate.Plan, run: str = "") -> xr.Dataset:
+    """A flight as labelled signals, `ds.lam.sel(contact="front/left")`, with what identifies it; `log.save` writes it.
+
+    run: the name of the run whose results it joins (`folder.run_name`), none for a flight in Python.
+    """
     contacts = build.contact_names(settings)
     joints, rests_on = build.joint_names(settings), _rests_on(flown)
     attrs = {
@@ -423,7 +428,7 @@ def _dataset(settings: Settings, case: str, flight: simulate.Flight, flown: simu
     }
     return log.dataset(
         flight.rows,
-        agents=build.agent_names(settings),
+        agents=flown.agents,
         joints=joints,
         contacts=contacts,
         attrs=attrs,

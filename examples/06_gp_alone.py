@@ -1,6 +1,6 @@
 """The Gaussian processes of colift without robots: learn two functions, ask for means, deviations and error bounds.
 
-Run it with `python examples/gp_alone.py`.
+Run it with `python examples/06_gp_alone.py`.
 """
 
 from __future__ import annotations

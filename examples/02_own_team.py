@@ -1,7 +1,7 @@
 """A team of unlike agents in Python, without a scenario file: the plant alone, stepped under constant inputs.
 
 Two vehicles with a waist and two arms hold the payload at its ends, one with a single arm holds it in the middle.
-Thrust carries the weight and the joints are limp. Run it with `python examples/mixed_team.py`.
+Thrust carries the weight and the joints are limp. Run it with `python examples/02_own_team.py`.
 """
 
 from __future__ import annotations

@@ -2,12 +2,13 @@
 
 A kernel is a `colift.pytree.pytree` with a `__call__` of the squared distance in length-scales; features are a
 `colift.learn.Features`. In a scenario file they are `parts.features` and `parts.kernel`; here they take the place of
-the paper's in Python. Run it with `python examples/own_kernel.py`.
+the paper's in Python. Run it with `python examples/05_own_kernel.py`.
 """
 
 from __future__ import annotations
 
 import dataclasses
+from pathlib import Path
 
 import jax.numpy as jnp
 import numpy as np
@@ -16,6 +17,8 @@ from jaxtyping import Array, Float
 import colift
 from colift import gp, learn, simulate
 from colift.pytree import pytree
+
+PLATE = Path(__file__).with_name("plate.yaml")
 
 
 @pytree
@@ -56,9 +59,8 @@ def taught(plan: simulate.Plan, kernel: gp.Kernel) -> simulate.Plan:
 
 def main() -> None:
     """Fly C2 for two seconds, learn from the first 1.5, and say what the labels told."""
-    settings = colift.load("paper")
-    plan = dataclasses.replace(colift.plan(settings, "C2"), duration=2.0, updates=(1.5,))
-    flight = simulate.fly_plan(taught(plan, Heavy(a=jnp.array(1.0))), [agent.name for agent in settings.agents])
+    plan = dataclasses.replace(colift.plan(colift.load(PLATE), "C2"), duration=2.0, updates=(1.5,))
+    flight = colift.fly_plan(taught(plan, Heavy(a=jnp.array(1.0))))
     fit, rows = flight.updates[0].fits["payload"], flight.rows
     print(f"{flight.updates[0].n['payload']} samples, {type(fit.hyper.kernel).__name__}; ", end="")
     print(f"log likelihoods {np.array2string(fit.log_likelihood, precision=1)}")

@@ -1,25 +1,27 @@
-"""Parts of your own in a flight of the paper's team: a leader, an allocator, an estimator, a disturbance, a sensor.
+"""Parts of your own in a flight: a leader, an allocator, an estimator and a sensor for three vehicles with a plate.
 
-Each is a `colift.pytree.pytree` with the methods of a class in `colift.fly`, `colift.disturbance` or `colift.sensor`;
-the rest of the flight stays as the scenario says. Run it with `python examples/own_parts.py`.
+Each is a `colift.pytree.pytree` with the methods of a class in `colift.fly` or `colift.sensor`; the rest of the flight
+stays as the scenario says. Run it with `python examples/04_own_parts.py`.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from typing import Any, ClassVar
+from pathlib import Path
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 import colift
-from colift import allocate, control, disturbance, estimate, fly, grasp, sensor, simulate
+from colift import allocate, control, estimate, fly, grasp, sensor, simulate
 from colift.measurement import Measurement
 from colift.model import AgentInput, Clock, Team, Wrench
 from colift.pytree import pytree
 
 Scalar = Float[Array, ""]
+PLATE = Path(__file__).with_name("plate.yaml")
 
 
 @pytree
@@ -79,25 +81,6 @@ class Trusting:
 
 
 @pytree
-class Squall(disturbance.Law):
-    """A wind that swells and sinks, and air that follows it with a lag: `F = c w`, `w' = (gust sin(t) - w) / lag`."""
-
-    gust: Float[Array, "3"]  # m/s
-    lag: Scalar  # s
-    drag: Scalar  # N s/m
-    time_invariant: ClassVar[bool] = False
-
-    def __call__(self, at: disturbance.Motion, t: Scalar, memory: Any) -> tuple[Any, Any]:
-        return self.drag * (memory - at.v), jnp.zeros(3)
-
-    def begin(self) -> Any:
-        return jnp.zeros(3)
-
-    def after(self, at: disturbance.Motion, t: Scalar, memory: Any, dt: Scalar) -> Any:
-        return memory + dt / self.lag * (self.gust * jnp.sin(t) - memory)
-
-
-@pytree
 class Slow(sensor.Extra):
     """A positioning system that reports the payload at every so many ticks, and holds its last report in between."""
 
@@ -119,33 +102,26 @@ class Slow(sensor.Extra):
 def changed(plan: simulate.Plan) -> simulate.Plan:
     """The plan with every part above in its place."""
     pilot, world = plan.pilot, plan.world
-    squall = Squall(gust=jnp.array([2.0, 1.0, 0.0]), lag=jnp.array(0.5), drag=jnp.array(0.4))
-    mount = disturbance.Mount(name="squall", law=squall, point=jnp.zeros(3))
     return dataclasses.replace(
         plan,
-        world=dataclasses.replace(
-            world,
-            sources=dataclasses.replace(world.sources, payload=(*world.sources.payload, mount)),
-            extra=(*world.extra, Slow(every=jnp.array(0.02))),
-        ),
+        world=dataclasses.replace(world, extra=(*world.extra, Slow(every=jnp.array(0.02)))),
         pilot=dataclasses.replace(
             pilot,
-            leader=Gentle(leader=pilot.leader, limit=jnp.array(3.0)),
-            allocator=weighted(pilot.team, np.array([1.0, 1.0, 4.0, 4.0])),
+            leader=Gentle(leader=pilot.leader, limit=jnp.array(0.2)),
+            allocator=weighted(pilot.team, np.array([1.0, 1.0, 4.0])),
             estimator=Trusting(estimator=pilot.estimator),
         ),
     )
 
 
 def main() -> None:
-    """Fly a second with the paper's parts and with these, and say how far apart they end."""
-    settings = colift.load("paper")
-    plan = dataclasses.replace(colift.plan(settings, "C1"), duration=1.0)
-    names = [agent.name for agent in settings.agents]
+    """Fly two seconds with the paper's parts and with these, and say how they differ."""
+    plan = dataclasses.replace(colift.plan(colift.load(PLATE), "C1"), duration=2.0)
     for of, what in ((plan, "the paper's parts"), (changed(plan), "parts of one's own")):
-        rows = simulate.fly_plan(of, names).rows
-        print(f"{what:>20}: |e_p| {np.linalg.norm(rows.e_p[-1]):.3f} m after {rows.t[-1]:.2f} s, ", end="")
-        print(f"rear contacts carry {np.linalg.norm(rows.lam[-1, 2:], axis=1).sum():.2f} N")
+        rows = colift.fly_plan(of).rows
+        sideways = np.linalg.norm(rows.lam[-1, 2, :2])
+        print(f"{what:>20}: {1e3 * np.linalg.norm(rows.e_p[-1]):.0f} mm off after {rows.t[-1]:.1f} s, ", end="")
+        print(f"the third contact is pushed sideways with {sideways:.2f} N")
 
 
 if __name__ == "__main__":

@@ -1,0 +1,40 @@
+"""The pilot's tick as C, with what it learned: fly C3, write the code, and build the replay where there is a compiler.
+
+`colift export c` does the same. Run it with `python examples/09_export_c.py`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import shutil
+import subprocess
+import tempfile
+from pathlib import Path
+
+import colift
+from colift import export
+
+PLATE = Path(__file__).with_name("plate.yaml")
+TICKS = 250
+
+
+def main() -> None:
+    """Say what was written, and by how much the program's commands differ from Python's."""
+    plan = dataclasses.replace(colift.plan(colift.load(PLATE), "C3"), duration=2.0, updates=(1.0,))
+    flight = colift.fly_plan(plan)
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place)
+        export.c(plan, flight.oracle, TICKS, folder, "plate, C3")
+        for file in sorted(folder.iterdir()):
+            print(f"{file.name:16} {file.stat().st_size / 1e3:8.1f} kB")
+        if (compiler := shutil.which("cc")) is None:
+            print("no C compiler: not built")
+            return
+        sources = [folder / f"{name}.c" for name in ("colift", "learned", "replay")]
+        program = [folder / "replay", folder / "flight.bin"]
+        subprocess.run([compiler, "-O1", "-Wno-psabi", *sources, "-o", program[0], "-lm"], check=True)
+        print(subprocess.run(program, check=True, capture_output=True, text=True).stdout, end="")
+
+
+if __name__ == "__main__":
+    main()
