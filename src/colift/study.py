@@ -35,8 +35,8 @@ BASELINES = {
 FLOWN = (  # every file that a study may leave, and the page that `colift view` makes of them
     *(f"{case}.nc" for case in CASES | BASELINES),
     *(
-        "figure_[1-5]_*.pdf",
-        "figure_[1-5]_*.png",
+        "figure_[0-5]_*.pdf",
+        "figure_[0-5]_*.png",
         "lengthscales_*.csv",
         "lengthscales_*.md",
         "summary.json",
@@ -218,7 +218,7 @@ def save_certificate(
     them. `exceeded` lists the observed errors above a radius: of this flight, then of the adversary's.
     Replaces an earlier certificate, and the study of another run. Raises OSError where `out` cannot be written.
     """
-    from colift import view
+    from colift import tightness
 
     found = made.certificate
     progress("the agents' interface")
@@ -273,7 +273,7 @@ def save_certificate(
         },
     }
     folder.clear(out, CERTIFIED, FLOWN)
-    view.certificate(found, slack, out.path, out.run)
+    tightness.certificate(found, slack, out.path, out.run)
     write_json(summary, out.path / "certificate.json")
     return _finite(summary)
 
@@ -303,7 +303,7 @@ def run(
     ahead: their `outlook`, which the summary repeats. Replaces an earlier study, and the certificate of another run,
     before the first flight. Raises OSError where `out` cannot be written.
     """
-    from colift import view  # matplotlib takes a second to import, which the flights need not wait for
+    from colift import lengthscales, view  # matplotlib takes a second to import, which the flights need not wait for
 
     folder.clear(out, FLOWN, CERTIFIED)
     agents = build.agent_names(settings)
@@ -333,10 +333,10 @@ def run(
     summary["bound"] = _rests_on(first)
     summary["residual"] = summary["cases"][list(ready)[-1]]["residual"]
     began = time.perf_counter()
-    view.figures(data, out.path)
+    view.figures(data, CASES | BASELINES, out.path)
     for case, learned in fits.items():
         if learned:
-            view.lengthscale_table(_lengthscales(settings, learned), out.path / f"lengthscales_{case}", out.run)
+            lengthscales.table(_lengthscales(settings, learned), out.path / f"lengthscales_{case}", out.run)
     summary["wall_s"] = {"figures": time.perf_counter() - began}
     write_json(summary, out.path / "summary.json")
     return _finite(summary)
