@@ -264,14 +264,16 @@ def _far(seen: Sequence[Sketch]) -> bool:
 
 
 def _box_around(seen: Sequence[Sketch]) -> np.ndarray:
-    """Corners of a box about all that moves, and the ground below it where that is not far."""
+    """Points about all that moves, and the ground below it where that is not far."""
     size, ground = seen[0].shape["size_m"], seen[0].ground
     points = [each.tracks[name].reshape(-1, 3) for each in seen for name in ("p", "p_d", "base", "nodes")]
-    low, high = np.concatenate(points).min(axis=0) - 0.2 * size, np.concatenate(points).max(axis=0)
-    high = high + size * np.array([0.2, 0.2, 0.7])  # for the arrows of thrust
+    held = np.concatenate(points)
+    low, high = held.min(axis=0), held.max(axis=0)
+    margin = 0.12 * size
+    held = np.concatenate([held - margin, held + margin, [held[held[:, 2].argmax()] + [0, 0, 0.6 * size]]])
     if low[2] - ground < np.linalg.norm(high - low):
-        low[2] = ground
-    return _corners(low, high)
+        held = np.concatenate([held, [[*(low[:2] + high[:2]) / 2, ground]]])
+    return held
 
 
 def _points(seen: Sketch, k: int) -> np.ndarray:

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import platform
+import shlex
+import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
@@ -32,7 +35,7 @@ BASELINES = {
     "P": "parametric identification only",
     "O": "residuals known exactly: the floor",
 }
-FLOWN = (  # every file that a study may leave, and the page that `colift view` makes of them
+FLOWN = (  # every file that a study may leave, and the pages that `colift view` and `report` make of them
     *(f"{case}.nc" for case in CASES | BASELINES),
     *(
         "figure_[0-5]_*.pdf",
@@ -41,6 +44,7 @@ FLOWN = (  # every file that a study may leave, and the page that `colift view` 
         "lengthscales_*.md",
         "summary.json",
         "view.html",
+        "report.html",
     ),
 )
 CERTIFIED = ("certificate.json", "figure_6_certificate.pdf", "figure_6_certificate.png")
@@ -314,6 +318,9 @@ def run(
         "settings": settings.digest,
         "plant": settings.plant.kind,
         "run": out.run,
+        "command": shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]),
+        "versions": {"python": platform.python_version()}
+        | {name: version(name) for name in ("jax", "jaxlib", "numpy")},
         **ahead.summary,
         "limits": _limits(settings, next(iter(ready.values()))),
         "cases": {},
