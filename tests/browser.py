@@ -44,7 +44,11 @@ class Page:
         self._call("Emulation.setDeviceMetricsOverride", width=width, height=height, **phone)
         look = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
         self._call("Emulation.setEmulatedMedia", features=[look])
-        self._call("Page.navigate", url=path.as_uri())
+        self.visit(path.as_uri())
+
+    def visit(self, address: str) -> None:
+        """Open an address and wait until the flights are there."""
+        self._call("Page.navigate", url=address)
         self.wait("document.readyState === 'complete' && Boolean(window.state)")
         self.settle()
 

@@ -436,8 +436,8 @@ COLUMNS = (  # heading, unit, key in the summary, scale, format
     ("ΔW", "N", "delta_W_force_rms_N", 1.0, ".2f"),
     ("ΔW", "N m", "delta_W_moment_rms_Nm", 1.0, ".2f"),
     ("e_λ", "N", "e_lam_rms_N", 1.0, ".2f"),
-    ("σ_L", "", "sigma_L_mean", 1.0, ".2f"),
-    ("σ_A", "", "sigma_A_mean", 1.0, ".2f"),
+    ("σ_L", "N", "sigma_L_force_mean", 1.0, ".2f"),
+    ("σ_A", "N", "sigma_A_force_mean", 1.0, ".2f"),
     ("λ", "max N", "lam_max_N", 1.0, ".1f"),
     ("u", "max N", "thrust_max_N", 1.0, ".1f"),
 )
@@ -588,6 +588,46 @@ def report(out: Results, show: Open = False) -> None:
     except (ValueError, OSError) as error:
         raise _fail(_one_line(error)) from None
     _tell(f"the report is {page}", page, show)
+
+
+@app.command()
+def watch(
+    name: ScenarioName,
+    case: Case = "C3",
+    changes: Changes = None,
+    duration: Duration = None,
+    seed: Seed = None,
+    show: Open = False,
+) -> None:
+    """Fly one case and see it while it flies: a page that this computer alone can open, until Ctrl-C.
+
+    Nothing is written; `colift run` and `colift view` keep a flight.
+    """
+    import webbrowser
+
+    from colift import native, scenario
+    from colift import study as flights
+    from colift import watch as live
+
+    def ready(address: str) -> None:
+        with _printed(""):
+            print(f"{case} of {settings.name}: {address} (Ctrl-C ends it)", flush=True)
+        if show:
+            webbrowser.open(address)
+
+    interrupt.check()
+    _require_known(case)
+    try:
+        settings = _settings(name, changes, duration, seed)
+        told = (flights.CASES | flights.BASELINES)[case]
+        with live.flying(settings, flights.plan(settings, case), case, told, ready) as flight:
+            with _printed(""):
+                print(f"the flight has ended{': ' if flight.stopped else ''}{flight.stopped}", flush=True)
+            while True:  # a reader may still look at it
+                interrupt.check()
+                time.sleep(0.1)
+    except (scenario.ScenarioError, native.CompilerError, OSError) as error:
+        raise _fail(_one_line(error)) from None
 
 
 @export.command("mjcf")

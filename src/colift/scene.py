@@ -94,7 +94,11 @@ def frames(ds: xr.Dataset, team: Team) -> dict[str, np.ndarray]:
     joints and tips. u (agents) N; lam (contacts, 3) N, world, on the payload; disturbance (3) N, world, on the payload:
     all but contacts and gravity that its acceleration shows.
     """
-    at = ds.isel(time=rows(ds))
+    return poses(ds.isel(time=rows(ds)), team)
+
+
+def poses(at: xr.Dataset, team: Team) -> dict[str, np.ndarray]:
+    """The same as `frames` at every row of a log."""
     base, nodes = [], []
     agents = joints = 0
     for size, group in zip(team.sizes, team.groups, strict=True):
@@ -157,12 +161,17 @@ def curves(ds: xr.Dataset) -> dict[str, np.ndarray]:
 
     sigma is at its own times: the force parts of `sigma_L` and `sigma_A`.
     """
-    at, few = ds.isel(time=rows(ds)), ds.isel(time_sigma=every(ds.time_sigma.values))
+    few = ds.isel(time_sigma=every(ds.time_sigma.values))
+    sigma = np.stack([few.sigma_L_force.values, few.sigma_A_force.values], axis=1)
+    return errors(ds.isel(time=rows(ds))) | {"sigma": sigma}
+
+
+def errors(at: xr.Dataset) -> dict[str, np.ndarray]:
+    """e_p and angle, as `curves` has them, at every row of a log."""
     angle = np.arctan2(np.linalg.norm(at.e_R.values, axis=1), 1 - at.Psi.values)
     return {
         "e_p": np.linalg.norm(at.e_p.values, axis=1)[:, None],
         "angle": np.rad2deg(angle)[:, None],
-        "sigma": np.stack([few.sigma_L_force.values, few.sigma_A_force.values], axis=1),
     }
 
 

@@ -341,12 +341,17 @@ def chunk(plan: Plan) -> int:
     return max(1, round(CHUNK / plan.dt))
 
 
-def fly_plan(plan: Plan, names: Sequence[str], progress: Callable[[float], None] = lambda _t: None) -> Flight:
+def fly_plan(
+    plan: Plan,
+    names: Sequence[str],
+    progress: Callable[[float], None] = lambda _t: None,
+    seen: Callable[[Row], None] = lambda _rows: None,
+) -> Flight:
     """Fly a plan: chunks of ticks on the device, fits on the host at each update time.
 
     Stops at the tick at which something is no longer finite, a grasp is near singular or another of the world's limits
     is exceeded; what was flown until then is returned, with the reason in words. `names` are the agents', for that
-    message.
+    message. `seen` is handed the rows of each chunk as it ends.
     """
     dt, setup = plan.dt, plan.setup
     room, ticks = chunk(plan), round(plan.duration / dt)
@@ -374,6 +379,7 @@ def fly_plan(plan: Plan, names: Sequence[str], progress: Callable[[float], None]
             stopped = _why(plan, rows, loop, names)
         done = last
         wall["simulation"] += time.perf_counter() - began
+        seen(rows)
         if done in stops and done < ticks and not stopped:
             began = time.perf_counter()
             recorded = loop.memory.recorder

@@ -388,19 +388,23 @@ def spread(found: Sequence[Mapping[str, Mapping[str, float]]], told: Mapping[str
 
     found: for each seed the summaries of its cases. Raises OSError where they cannot be written.
     """
-    cases = list(found[0])
     with look.style():
-        figure = Figure(figsize=(look.PAGE, 0.6 + 0.2 * len(cases)))
-        axes = figure.subplots(1, len(MERITS), sharey=True)
-        for ax, (merit, (label, scale)) in zip(axes, MERITS.items(), strict=True):
-            for row, case in enumerate(cases):
-                values, shown = [scale * seed[case][merit] for seed in found], look.of(case)
-                ax.plot(values, np.full(len(values), row), shown.marker, color=shown.color, alpha=0.7, markersize=4)
-                ax.plot([np.median(values)] * 2, [row - 0.35, row + 0.35], color="black", linewidth=0.8)
-            ax.set(xscale="log", xlabel=label, ylim=(len(cases) - 0.5, -0.5))
-            ax.xaxis.set_minor_formatter(NullFormatter())
-        axes[0].set_yticks(range(len(cases)), [_called(case, told) for case in cases])
-        return look.save(figure, Path(path))
+        return look.save(_spread(found, told), Path(path))
+
+
+def _spread(found: Sequence[Mapping[str, Mapping[str, float]]], told: Mapping[str, str]) -> Figure:
+    cases = list(found[0])
+    figure = Figure(figsize=(look.PAGE, 0.6 + 0.2 * len(cases)))
+    axes = figure.subplots(1, len(MERITS), sharey=True)
+    for ax, (merit, (label, scale)) in zip(axes, MERITS.items(), strict=True):
+        for row, case in enumerate(cases):
+            values, shown = [scale * seed[case][merit] for seed in found], look.of(case)
+            ax.plot(values, np.full(len(values), row), shown.marker, color=shown.color, alpha=0.7, markersize=4)
+            ax.plot([np.median(values)] * 2, [row - 0.35, row + 0.35], color="black", linewidth=0.8)
+        ax.set(xscale="log", xlabel=label, ylim=(len(cases) - 0.5, -0.5))
+        ax.xaxis.set_minor_formatter(NullFormatter())
+    axes[0].set_yticks(range(len(cases)), [_called(case, told) for case in cases])
+    return figure
 
 
 # Axes and signals -----------------------------------------------------------------------------------------------------
