@@ -188,7 +188,7 @@ def _served(page: bytes, live: Live) -> Generator[str]:
             self.send_header("Cache-Control", "no-store")
             self.end_headers()
 
-        def log_message(self, format: str, *args: Any) -> None:  # noqa: A002, ARG002
+        def log_message(self, format: str, *args: Any) -> None:  # noqa: A002
             pass  # the terminal is the flight's
 
     server = ThreadingHTTPServer((HOST, 0), Answer)
