@@ -16,7 +16,7 @@ import pytest
 from rich.console import Console
 from typer.testing import CliRunner
 
-from colift import __main__, actuator, fly, folder, gp, learn, scenario, sensor, simulate, study, view
+from colift import __main__, actuator, fly, folder, gp, learn, look, scenario, sensor, simulate, study
 from colift.certify import adversary, assumed, certificate, interface, reach
 from colift.gp import recovery
 from colift.gp.bounds import Assumption
@@ -331,7 +331,7 @@ def drawn(monkeypatch) -> list[str]:
         texts.extend(text.get_text() for text in figure.findobj(matplotlib.text.Text) if text.get_visible())
         return path
 
-    monkeypatch.setattr(view, "_save", save)
+    monkeypatch.setattr(look, "save", save)
     return texts
 
 
