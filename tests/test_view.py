@@ -321,7 +321,7 @@ def test_figure_5_shows_where_there_is_no_radius_and_where_the_error_exceeds_it(
     assert (across.min(), across.max()) == (t[10], t[19])
     assert np.isnan(ax.lines[0].get_ydata()[10:20]).all()
     legend = [text.get_text() for text in ax.figure.legends[0].get_texts()]
-    assert legend[2:] == ["front", "rear", "no finite radius", "error above radius"]
+    assert legend[2:] == [*cases["C3"].agent.values, "no finite radius", "error above radius"]
 
 
 def test_no_legend_explains_what_is_not_there(cases):
@@ -330,7 +330,7 @@ def test_no_legend_explains_what_is_not_there(cases):
         calm[name][:] = 1e3
     calm.eta[:] = 0
     said = [text.get_text() for text in view.rho_bar({"C3": calm}, TOLD).legends[0].get_texts()]
-    assert said[2:] == ["front", "rear"]
+    assert said[2:] == list(calm.agent.values)
     forces = view.contact_forces({"C3": calm}, TOLD)
     assert len(forces.axes) == 2  # no row for what does not act
     assert not [text for text in forces.legends[0].get_texts() if "eta" in text.get_text()]
