@@ -83,8 +83,9 @@ function frame(at) {
   if (state.playing) {
     if (before !== null) seek(state.t + (state.speed * (at - before)) / 1000);
     before = at;
-    if (state.t >= end() && !flying) run(false);
-    else ask();
+    if (state.t < end()) ask();
+    else if (flying) before = null; // until there is more
+    else run(false);
   }
   scene?.draw();
 }

@@ -21,6 +21,7 @@ import {
   PerspectiveCamera,
   Quaternion,
   Scene,
+  Sphere,
   SphereGeometry,
   TorusGeometry,
   Vector3,
@@ -176,6 +177,7 @@ function path(track, paint) {
   const line = new Line(new BufferGeometry(), paint);
   line.geometry.setAttribute("position", new BufferAttribute(track.values, 3));
   line.frustumCulled = false; // what of it is drawn changes
+  line.geometry.boundingSphere = new Sphere(); // nor is it sorted by one, which what is not yet flown would spoil
   return line;
 }
 
