@@ -23,4 +23,4 @@ seeds = json.loads((here.parents[1] / "evidence" / "results" / "orderings.json")
 view.spread(list(seeds.values()), told, here / "study_seeds")
 flown = scene.load(out, ("C1", "C3"))
 drawn = [picture.sketch(ds, f"{case}: {told[case]}") for case, ds in flown.items()]
-picture.film(drawn, here / "flight.gif", speed=3.0, dots=90)
+picture.film(drawn, here / "flight.gif", speed=4.0, dots=80)

@@ -80,7 +80,7 @@ LOOKS = {
     "DOB": Look("#33BBEE", LONG, "<", rival=True),
     "P": Look("#AA4499", MIXED, ">", rival=True),
     "O": Look("#777777", DOTS, "p", rival=True),
-    "F": Look("#EE7733", SHORT, "P", rival=True),
+    "F": Look("#EE7733", DOTS, "P", rival=True),
     "R": Look("#44AA99", MIXED, "X", rival=True),
     "H": Look("#882255", LONG, "h", rival=True),
 }
