@@ -389,12 +389,18 @@ def test_a_flight_that_stopped_ends_in_a_cross_at_its_last_finite_value(cases):
 
 def test_rivals_alone_are_drawn_and_beside_others_left_out_where_a_case_is_looked_into(cases, tmp_path, monkeypatch):
     drawn = {}
-    for name in ("deviation", "contact_forces", "rho_bar"):
-        monkeypatch.setattr(view, name, lambda cases, told, name=name: drawn.update({name: list(cases)}) or Figure())
+    for name in ("team", "tracking", "mismatch", "deviation", "contact_forces", "rho_bar"):
+        monkeypatch.setattr(view, name, lambda cases, *_, name=name: drawn.update({name: list(cases)}) or Figure())
+    monkeypatch.setattr(look, "save", lambda *_: [])
     view.figures({"O": cases["O"]}, TOLD, tmp_path)
     assert set(map(tuple, drawn.values())) == {("O",)}
     view.figures({"C1": cases["C1"], "O": cases["O"], "mine": cases["C3"]}, TOLD, tmp_path)
-    assert set(map(tuple, drawn.values())) == {("C1", "mine")}
+    assert {name: len(names) for name, names in drawn.items() if name in ("team", "tracking", "mismatch")} == {
+        "team": 3,
+        "tracking": 3,
+        "mismatch": 3,
+    }
+    assert {tuple(drawn[name]) for name in ("deviation", "contact_forces", "rho_bar")} == {("C1", "mine")}
     with pytest.raises(ValueError, match="no cases"):
         view.figures({}, TOLD, tmp_path)
 
