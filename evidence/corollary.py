@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from colift import scenario, study, view
+from colift import scenario, study, tightness
 from colift.certify import certificate, reach
 from evidence import collect
 
@@ -67,7 +67,7 @@ def main() -> bool:
         r"greatest $\sigma$": over(lambda run: run["payload_deviation"][0]),
         r"greatest $\beta\sigma$": over(lambda run: run["payload_radius"][0]),
     }
-    view.shrinkage(over(lambda run: run["n"]), radii, over(lambda run: run["floor_m"]), parts, FIGURE)
+    tightness.shrinkage(over(lambda run: run["n"]), radii, over(lambda run: run["floor_m"]), parts, FIGURE)
     for name, radius in radii.items():
         print(f"{name:28}" + "".join(f"{1e3 * each:8.2f}" for each in radius) + "  mm")
     return all(

@@ -261,7 +261,7 @@ def fly(plan: simulate.Plan, plant: Drake | None = None) -> tuple[simulate.Row, 
     if plant:
         plan = dataclasses.replace(plan, world=dataclasses.replace(plan.world, plant=plant))
     began = time.process_time()
-    flight = simulate.fly_plan(plan, build.agent_names(scenario.load("paper")))
+    flight = simulate.fly_plan(plan)
     if flight.stopped:
         raise SystemExit(f"drake: {flight.stopped}")
     return flight.rows, time.process_time() - began

@@ -62,7 +62,7 @@ def fly(item: str) -> dict[str, Any]:
     settings, asked = draw(int(item))
     found: dict[str, Any] = {"asked": asked}
     for case in CASES:
-        flight = simulate.fly_plan(study.plan(settings, case), build.agent_names(settings))
+        flight = simulate.fly_plan(study.plan(settings, case))
         rows, late = flight.rows, flight.rows.t >= AFTER
         found[case] = {
             "e_p_rms_m": analyse.norm_rms(rows.e_p[late]) if late.any() else None,

@@ -38,14 +38,20 @@ class Page:
         for domain in ("Page", "Runtime", "Network", "Log"):
             self._call(f"{domain}.enable")
 
-    def open(self, path: Path, width: int = 1280, height: int = 800, dark: bool = False) -> None:
-        """Open a file in a window of some size, px, and wait until it is there."""
+    def open(
+        self, path: Path, width: int = 1280, height: int = 800, dark: bool = False, ready: str = "window.state"
+    ) -> None:
+        """Open a file in a window of some size, px, and wait until what makes it `ready` is there."""
         phone = {"mobile": width < 500, "deviceScaleFactor": 1}
         self._call("Emulation.setDeviceMetricsOverride", width=width, height=height, **phone)
         look = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
         self._call("Emulation.setEmulatedMedia", features=[look])
-        self._call("Page.navigate", url=path.as_uri())
-        self.wait("document.readyState === 'complete' && Boolean(window.state)")
+        self.visit(path.as_uri(), ready)
+
+    def visit(self, address: str, ready: str = "window.state") -> None:
+        """Open an address and wait until what makes it `ready` is there."""
+        self._call("Page.navigate", url=address)
+        self.wait(f"document.readyState === 'complete' && Boolean({ready})")
         self.settle()
 
     def evaluate(self, script: str) -> Any:

@@ -18,7 +18,7 @@ import pytest
 from rich.console import Console
 from typer.testing import CliRunner
 
-from colift import __main__, actuator, fly, folder, gp, lag, learn, scenario, sensor, simulate, study, view
+from colift import __main__, actuator, fly, folder, gp, lag, learn, look, scenario, sensor, simulate, study
 from colift.certify import adversary, assumed, certificate, interface, reach
 from colift.gp import recovery
 from colift.gp.bounds import Assumption
@@ -333,7 +333,7 @@ def drawn(monkeypatch) -> list[str]:
         texts.extend(text.get_text() for text in figure.findobj(matplotlib.text.Text) if text.get_visible())
         return path
 
-    monkeypatch.setattr(view, "_save", save)
+    monkeypatch.setattr(look, "save", save)
     return texts
 
 

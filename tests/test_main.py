@@ -312,6 +312,23 @@ def test_help_loads_nothing_that_it_does_not_need():
     assert done.stdout.strip() == ""
 
 
+def complete(*words: str) -> list[str]:
+    """What a shell offers in place of the last word."""
+    environment = {"COMP_WORDS": " ".join(("colift", *words)), "COMP_CWORD": str(len(words))}
+    environment["_COLIFT_COMPLETE"] = "complete_bash"
+    return CliRunner().invoke(app, [], prog_name="colift", env=environment).stdout.split()
+
+
+def test_commands_scenarios_and_cases_complete_in_a_shell():
+    assert complete("repo") == ["report"]
+    assert complete("study", "pa") == [name for name in scenario.names() if name.startswith("pa")] != []
+    assert complete("run", "paper", "--case", "C") == ["C1", "C2", "C3"]
+    assert complete("view", "out", "--case", "D") == ["DOB"]
+    said = CliRunner().invoke(app, [], prog_name="colift", env={"_COLIFT_COMPLETE": "source_bash"})
+    assert "complete -o default -F _colift_completion colift" in said.stdout
+    assert "--install-completion" in CliRunner().invoke(app, ["--help"], env={"COLUMNS": "100"}).stdout
+
+
 # What is printed ------------------------------------------------------------------------------------------------------
 
 

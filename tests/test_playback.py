@@ -13,55 +13,30 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 import xarray as xr
 from PIL import Image
 from typer.testing import CliRunner
 
-from colift import agent as ag
-from colift import disturbance, folder, grasp, log, playback, scenario, simulate, study
+from colift import folder, log, playback, scenario, scene, study
 from colift.__main__ import app
-from colift.model import PayloadState
 from colift.scenario import build
-from tests import browser, flights, light
+from tests import browser, flights, light, played
+from tests.played import CASES, random_log
 
 ROOT = Path(__file__).parents[1]
-PAPER = scenario.load("paper")
-CASES = {"C1": "no learning", "C3": "payload and agent learning"}
 needs_browser = pytest.mark.skipif(browser.FOUND is None, reason="there is no Chromium")
-
-
-def labelled(rows: simulate.Row, sigma: simulate.Sigma, told: scenario.Settings, **attrs: Any) -> xr.Dataset:
-    """A log as a study writes it, of what pages are made of."""
-    stated = {"stopped": "", "complete": 1, "update_times_s": [], "T_end_s": told.learning.end_s, "version": "0.1.0"}
-    stated |= {"scenario_json": told.model_dump_json(exclude_none=True), "run": flights.RUN, "case": "C1"}
-    names = (build.agent_names(told), build.joint_names(told), build.contact_names(told))
-    named = dict(zip(("agents", "joints", "contacts"), names, strict=True))
-    return log.dataset(rows, sigma=sigma, attrs=stated | attrs, **named)
 
 
 @pytest.fixture(scope="module")
 def told() -> scenario.Settings:
-    """A short flight of the smallest team, with one update."""
-    learning = light.SAMPLE.learning.model_copy(
-        update={"update_times_s": (0.8,), "end_s": 0.8, "start_s": 0.1, "max_iterations": 2}
-    )
-    return light.settings(learning=learning, duration_s=1.5)
+    return played.told()
 
 
 @pytest.fixture(scope="module")
-def flown(told: scenario.Settings) -> dict[str, xr.Dataset]:
-    """Two cases of it."""
-    found = {}
-    for case, plan in study.plans(told, tuple(CASES)).items():
-        flight = simulate.fly_plan(plan)
-        assert not flight.stopped
-        updates = [update.t for update in flight.updates]
-        found[case] = labelled(flight.rows, flight.sigma, told, update_times_s=updates, case=case)
-    return found
+def flown() -> dict[str, xr.Dataset]:
+    return played.flown()
 
 
 @pytest.fixture(scope="module")
@@ -71,12 +46,6 @@ def made(flown: dict[str, xr.Dataset], tmp_path_factory: pytest.TempPathFactory)
     for case, ds in flown.items():
         log.save(ds, out / f"{case}.nc")
     return playback.write(out, CASES)
-
-
-def random_log(shape: flights.Shape = flights.PAPER, told: scenario.Settings = PAPER) -> xr.Dataset:
-    """A made-up flight of the paper's team."""
-    rng = np.random.default_rng(8)
-    return labelled(flights.rows(rng, shape), flights.sigma(rng, shape), told)
 
 
 def embedded(text: str) -> dict[str, Any]:
@@ -91,93 +60,6 @@ def embedded(text: str) -> dict[str, Any]:
     return written
 
 
-# What moves -----------------------------------------------------------------------------------------------------------
-
-
-def test_bases_joints_and_tips_are_where_the_kinematics_put_them():
-    truth, _ = build.team(PAPER)
-    z = build.start(PAPER, truth)
-    (state,) = z.agents
-    ds = random_log()
-    for name, x in {"R": state.R, "x": state.x, "r": state.r.ravel(), "p": z.payload.p, "R_L": z.payload.R}.items():
-        ds[name][:] = np.asarray(x)
-    shown = playback.frames(ds, truth)
-    nodes = shown["nodes"][-1].reshape(2, 6, 3)  # base, waist, left, right, two tips
-    for j in range(2):
-        agent, own = jax.tree.map(lambda leaf, j=j: leaf[j], (truth.groups[0], state))
-        np.testing.assert_allclose(nodes[j, 4:], ag.tips(agent, own), atol=1e-12)
-        base = np.asarray(own.x - own.R @ ag.center_of_mass(agent, own.r))
-        np.testing.assert_allclose(shown["base"][-1, j], base, atol=1e-12)
-        np.testing.assert_allclose(nodes[j, :2], [base, base], atol=1e-12)  # the waist turns about the base's origin
-        np.testing.assert_allclose(np.linalg.norm(nodes[j, 4:] - nodes[j, 2:4], axis=1), 0.3, rtol=1e-12)
-        np.testing.assert_allclose(np.linalg.norm(nodes[j, 2:4] - base, axis=1), 0.08, rtol=1e-12)
-    held = np.asarray(z.payload.p) + np.asarray(grasp.contacts(truth)) @ np.asarray(z.payload.R).T
-    np.testing.assert_allclose(nodes[:, 4:].reshape(4, 3), held, atol=1e-9)
-
-
-def test_the_tips_stay_on_the_payload_along_a_flight(flown, told):
-    truth, _ = build.team(told)
-    for ds in flown.values():
-        at, shown = ds.isel(time=playback.rows(ds)), playback.frames(ds, truth)
-        contacts = np.asarray(grasp.contacts(truth))
-        held = at.p.values[:, None] + np.einsum("tij,cj->tci", at.R_L.values, contacts)
-        np.testing.assert_allclose(shown["nodes"][:, 1::2], held, atol=1e-8)
-
-
-def test_the_reference_is_the_scenario_s_and_the_disturbance_what_its_laws_give(flown, told):
-    truth, _ = build.team(told)
-    ds = flown["C1"]
-    at, shown = ds.isel(time=playback.rows(ds)), playback.frames(ds, truth)
-    path, sources = build.path(told), build.disturbances(told)
-    setpoint = jax.jit(jax.vmap(path.at))(jnp.asarray(at.time.values))
-    np.testing.assert_allclose(shown["p_d"], setpoint.p, atol=1e-12)
-    w, x, y, z = np.moveaxis(shown["q_d"], -1, 0)
-    third = np.stack([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)], axis=-1)
-    np.testing.assert_allclose(third, setpoint.R[:, :, 2], atol=1e-9)
-
-    @jax.jit
-    @jax.vmap
-    def force(p, R, v, omega, t):
-        memory = disturbance.begin(sources, truth).payload
-        return disturbance.on_payload(sources.payload, PayloadState(p=p, R=R, v=v, omega=omega), t, memory).F
-
-    moving = [jnp.asarray(at[name].values) for name in ("p", "R_L", "v", "omega_L")]
-    np.testing.assert_allclose(shown["disturbance"], force(*moving, jnp.asarray(at.time.values)), atol=1e-6)
-
-
-def test_some_thirty_frames_a_second_are_drawn_and_the_last():
-    ds = random_log(flights.PAPER._replace(time=1001))
-    at = ds.time.values[playback.rows(ds)]
-    assert at[[0, -1]].tolist() == ds.time.values[[0, -1]].tolist()
-    assert np.diff(at)[:-1] == pytest.approx(0.034)
-    ds.x[700:] = np.nan  # a flight that failed
-    assert playback.rows(ds)[-1] == 699
-    one = ds.isel(time=slice(1), time_sigma=slice(1))
-    assert playback.rows(one).tolist() == [0]
-    assert playback.curves(one)["e_p"].shape == (1, 1)
-
-
-def test_curves_are_those_of_the_log():
-    ds = random_log(flights.PAPER._replace(time=200))
-    shown, at = playback.curves(ds), playback.rows(ds)
-    np.testing.assert_allclose(shown["e_p"][:, 0], np.linalg.norm(ds.e_p[at], axis=1))
-    sine, cosine = np.linalg.norm(ds.e_R[at], axis=1), 1 - ds.Psi.values[at]
-    np.testing.assert_allclose(np.tan(np.deg2rad(shown["angle"][:, 0])), sine / cosine)
-    assert shown["sigma"].shape[1] == 2
-    assert shown["sigma"][0].tolist() == [ds.sigma_L_force[0], ds.sigma_A_force[0]]
-
-
-def test_marks_are_spans_of_time():
-    ds = random_log(flights.PAPER._replace(time=1000)).assign_attrs(update_times_s=[0.5, 1.0], T_end_s=1.0)
-    ds.eta[:] = ds.eta * ((ds.time >= 0.2) & (ds.time <= 0.4))
-    ds.saturated[:] = False
-    ds.saturated[100:103, 1] = ds.saturated[110:112, 1] = ds.saturated[900, 1] = True
-    found = playback.marks(ds)
-    assert (found["updates"], found["learning_end"]) == ([0.5, 1.0], 1.0)
-    assert found["internal"] == [[0.2, 0.4]]
-    assert found["at_limit"] == {"rear": [[0.2, 0.222], [1.8, 1.8]]}
-
-
 # The page -------------------------------------------------------------------------------------------------------------
 
 
@@ -189,9 +71,9 @@ def test_the_page_holds_the_frames_and_names_the_run(made, flown, told):
     truth, _ = build.team(told)
     for case, ds in flown.items():
         (found,) = [each for each in written["cases"] if each["name"] == case]
-        for name, track in (playback.frames(ds, truth) | playback.curves(ds)).items():
+        for name, track in (scene.frames(ds, truth) | scene.curves(ds)).items():
             np.testing.assert_array_equal(found["tracks"][name], track.astype("<f4"), err_msg=name)
-        assert found["t"] == pytest.approx(ds.time.values[playback.rows(ds)], abs=1e-6)
+        assert found["t"] == pytest.approx(ds.time.values[scene.rows(ds)], abs=1e-6)
         assert found["marks"]["updates"] == pytest.approx(np.atleast_1d(ds.attrs["update_times_s"]))
     shape = written["shape"]
     assert [contact["name"] for contact in shape["contacts"]] == list(build.contact_names(told))
@@ -386,7 +268,7 @@ def test_it_renders(page):
 def test_seek_moves_the_payload_by_what_the_log_says(page, flown, case):
     ds = flown[case]
     page.evaluate(f"document.querySelectorAll('.chip')[{list(CASES).index(case)}].click()")
-    at = playback.rows(ds)
+    at = scene.rows(ds)
     for k in (*at[:: len(at) // 5], at[-1]):
         t = float(ds.time[k])
         page.evaluate(f"seek({t!r})")

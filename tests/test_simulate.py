@@ -163,7 +163,7 @@ def test_what_is_learned_flies_when_it_is_ready_and_not_before(latency, monkeypa
     if latency is None:
         monkeypatch.setattr(simulate.time, "perf_counter", lambda: began + shift[0])
         monkeypatch.setattr(simulate.School, "teach", slowly)
-    flight = simulate.fly_plan(of, NAMES)
+    flight = simulate.fly_plan(of)
     assert [update.t for update in flight.updates] == pytest.approx([0.5, 0.9])
     assert [update.ready for update in flight.updates] == pytest.approx([0.8, 1.2])
     heard = np.abs(flight.rows.f_L_hat).max(1) > 0
@@ -175,7 +175,7 @@ def test_a_fit_that_fails_leaves_the_oracle_as_it_was_and_says_so(monkeypatch):
         raise ValueError("no such luck")
 
     monkeypatch.setattr(simulate.learn, "teach", failing)
-    flight = simulate.fly_plan(dataclasses.replace(plan("C3"), duration=1.0, updates=(0.7,)), NAMES)
+    flight = simulate.fly_plan(dataclasses.replace(plan("C3"), duration=1.0, updates=(0.7,)))
     assert flight.updates[0].failed == "what was learned at t = 0.700 s is not used: no such luck"
     assert not flight.rows.f_L_hat.any()
 

@@ -49,7 +49,7 @@ def light_flights() -> dict[str, simulate.Flight]:
         innovation=Innovation(renew_s=0.5, enough=40),
     )
     return {
-        case: simulate.fly_plan(study.plan(settings, case), light.NAMES) for case in ("C1", "F", "R", "H", "C4", "O")
+        case: simulate.fly_plan(study.plan(settings, case)) for case in ("C1", "F", "R", "H", "C4", "O")
     }
 
 

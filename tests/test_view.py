@@ -1,37 +1,44 @@
 """The figures: what is drawn is what was logged, every axis has its unit, and nothing is hidden or cut off."""
 
-import csv
 import itertools
+import re
+from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
 from PIL import Image
 
-from colift import view
-from tests import flights
+from colift import look, study, view
+from tests import flights, played
 
 LONG = flights.PAPER._replace(time=400, period=0.05)  # 20 s
 CASES = ("C1", "C2", "C3")
 RIVALS = ("I", "DOB", "P", "O")
-FIGURES = {
-    "figure_1_tracking": view.tracking,
-    "figure_2_mismatch": view.mismatch,
-    "figure_3_deviation": view.deviation,
-    "figure_4_forces": view.contact_forces,
-    "figure_5_rho_bar": view.rho_bar,
+TOLD = study.CASES | study.BASELINES
+COMPARED = {
+    "figure_1_tracking": lambda cases: view.tracking(cases, TOLD),
+    "figure_2_mismatch": lambda cases: view.mismatch(cases, TOLD),
 }
+LOOKED_INTO = {
+    "figure_3_deviation": lambda cases: view.deviation(cases, TOLD),
+    "figure_4_forces": lambda cases: view.contact_forces(cases, TOLD),
+    "figure_5_rho_bar": lambda cases: view.rho_bar(cases, TOLD),
+}
+FIGURES = COMPARED | LOOKED_INTO
 
 
 @pytest.fixture(scope="module")
 def cases():
     """The paper's cases and all rivals, made up."""
     rng = np.random.default_rng(3)
+    said = {"scenario_json": played.PAPER.model_dump_json(exclude_none=True)}
     learned = {"update_times_s": [2.5, 4.5, 6.5, 8.5, 10.0], "T_end_s": 10.0}
     unlearned = {"update_times_s": [], "T_end_s": 10.0}
     found = {
-        name: flights.dataset(rng, LONG, case=name, **(learned if name in ("C2", "C3", "P") else unlearned))
+        name: flights.dataset(rng, LONG, case=name, **said, **(learned if name in ("C2", "C3", "P") else unlearned))
         for name in (*CASES, *RIVALS)
     }
     for ds in found.values():
@@ -42,18 +49,18 @@ def cases():
 @pytest.fixture(autouse=True)
 def style():
     """What `figures` sets around each of them."""
-    with mpl.rc_context(view.STYLE):
+    with mpl.rc_context(look.STYLE):
         yield
 
 
 def shown(draw, cases):
     """The cases that `figures` hands to a figure."""
-    return cases if draw is view.tracking else {name: cases[name] for name in CASES if name in cases}
+    return cases if draw in COMPARED.values() else {name: cases[name] for name in CASES if name in cases}
 
 
 def curves(ax, name):
     """The curves that a panel draws in the colour of a case."""
-    return [line for line in ax.lines if line.get_color() == (view.LOOKS | view.RIVALS)[name].color]
+    return [line for line in ax.lines if line.get_color() == look.of(name).color]
 
 
 def stop(ds, ticks):
@@ -69,21 +76,22 @@ def folder(cases, tmp_path_factory):
     """A folder of figures, drawn in the style of the library."""
     folder = tmp_path_factory.mktemp("figures")
     with mpl.style.context("default"):
-        files = view.figures(cases, folder)
+        files = view.figures(cases, TOLD, folder)
     assert sorted(files) == sorted(folder.iterdir())
     return folder
 
 
 def test_figures_are_written_as_pdf_and_png(folder):
-    assert {file.name for file in folder.iterdir()} == {f"{name}.{kind}" for name in FIGURES for kind in ("pdf", "png")}
+    names = ("figure_0_team", *FIGURES)
+    assert {file.name for file in folder.iterdir()} == {f"{name}.{kind}" for name in names for kind in ("pdf", "png")}
     for file in folder.iterdir():
         if file.suffix == ".png":
             with Image.open(file) as image:
                 assert image.info["Keywords"] == flights.RUN
                 assert image.info["dpi"] == pytest.approx((300, 300), abs=0.1)
-                width = 7.16 if "forces" in file.name or "rho" in file.name else 3.5
-                assert image.width == pytest.approx(300 * width, abs=1)
-                assert image.convert("L").getextrema() == (0, 255)
+                assert image.width == pytest.approx(300 * look.PAGE, abs=1)
+                assert image.convert("L").getextrema()[1] == 255
+                assert image.convert("L").getextrema()[0] < 40
         else:
             content = file.read_bytes()
             assert content.startswith(b"%PDF")
@@ -95,7 +103,7 @@ def test_figures_are_written_as_pdf_and_png(folder):
 def test_the_same_data_give_the_same_bytes_whatever_a_user_has_set(cases, folder, tmp_path):
     with mpl.rc_context({"font.size": 20, "lines.linewidth": 5, "axes.facecolor": "red", "savefig.dpi": 50}):
         before = dict(mpl.rcParams)
-        view.figures(cases, tmp_path)
+        view.figures(cases, TOLD, tmp_path)
         assert dict(mpl.rcParams) == before
     for file in folder.iterdir():
         assert file.read_bytes() == (tmp_path / file.name).read_bytes(), file.name
@@ -137,24 +145,50 @@ def test_nothing_is_cut_off_and_no_legend_hides_a_panel(cases, draw, stopped):
             assert not one.overlaps(other)  # the marks t_k
 
 
-def test_cases_look_the_same_in_every_figure_and_are_told_apart_in_grey(cases):
-    for draw in FIGURES.values():
-        figure = draw(shown(draw, cases))
-        single = draw not in (view.contact_forces, view.rho_bar)  # those have a column for each case
-        for ax, name in itertools.product(figure.axes[:2] if single else [], CASES):
-            assert len(curves(ax, name)) == 1
-    linear = [np.array(to_rgb(view.LOOKS[name].color)) ** 2.2 for name in CASES]
-    lightness = sorted(116 * (x @ [0.2126, 0.7152, 0.0722]) ** (1 / 3) - 16 for x in linear)  # CIE L*
-    assert np.diff(lightness).min() > 15
+def linear(color):
+    return np.array(to_rgb(color)) ** 2.2
+
+
+def test_cases_are_told_apart_in_black_and_white_and_by_any_colour_vision():
+    looks = list(look.LOOKS.values())
+    assert len({each.marker for each in looks}) == len(looks)
+    assert len({each.marker for each in (*looks, *look.OTHERS)}) == len(looks) + len(look.OTHERS)
+    lightness = sorted(116 * (linear(look.of(name).color) @ [0.2126, 0.7152, 0.0722]) ** (1 / 3) - 16 for name in CASES)
+    assert np.diff(lightness).min() > 15  # CIE L*
     assert lightness[-1] < 80  # still seen on white
-    looks = [(look.color, look.dashes) for look in (view.LOOKS | view.RIVALS).values()]
-    assert len(set(looks)) == len(looks)
+    # Vienot, Brettel, Mollon (1999): what a reader without the long or middle cones sees, in linear RGB
+    lms = np.array([[17.8824, 43.5161, 4.11935], [3.45565, 27.1554, 3.86714], [0.0299566, 0.184309, 1.46709]])
+    blind = {"L": [[0, 2.02344, -2.52581], [0, 1, 0], [0, 0, 1]], "M": [[1, 0, 0], [0.494207, 0, 1.24827], [0, 0, 1]]}
+    for without in blind.values():
+        seen = {
+            each: np.clip(np.linalg.solve(lms, np.array(without) @ lms @ linear(look.LOOKS[each].color)), 0, 1)
+            for each in look.LOOKS
+        }
+        for one, other in itertools.combinations(look.LOOKS, 2):
+            apart = np.linalg.norm(seen[one] ** (1 / 2.2) - seen[other] ** (1 / 2.2))
+            same_stroke = look.LOOKS[one].dashes == look.LOOKS[other].dashes
+            assert apart > (0.15 if same_stroke else 0), (one, other)
+
+
+def test_a_case_without_a_look_of_its_own_has_the_same_in_every_figure():
+    assert look.of("mine") == look.of("mine")
+    assert look.of("mine") in look.OTHERS
+    assert not look.of("mine").rival
+
+
+def test_the_page_draws_cases_in_the_colours_of_the_figures():
+    source = (Path(__file__).parents[1] / "playback" / "src" / "look.js").read_text()
+    table = dict(re.findall(r'^  (\w+): \["(#\w{6})"', source, re.MULTILINE))
+    assert table == {name: each.color.lower() for name, each in look.LOOKS.items()}
+    agents = re.search(r"AGENTS = \[(.*?)\n\];", source, re.DOTALL)
+    assert agents
+    assert re.findall(r'\["(#\w{6})"', agents[1]) == [color.lower() for color in look.AGENTS]
 
 
 @pytest.mark.parametrize("name", [*CASES, *RIVALS])
 def test_figure_1_draws_the_errors_of_every_case(cases, name):
     ds = cases[name]
-    top, bottom = view.tracking(cases).axes
+    top, bottom = view.tracking(cases, TOLD).axes
     ((line,), (below,)) = curves(top, name), curves(bottom, name)
     np.testing.assert_array_equal(line.get_xdata(), ds.time)
     np.testing.assert_allclose(line.get_ydata(), np.sqrt((ds.e_p**2).sum("axis")), rtol=1e-14)
@@ -164,15 +198,15 @@ def test_figure_1_draws_the_errors_of_every_case(cases, name):
 
 def test_fast_logs_are_thinned_to_a_point_each_10_ms(cases):
     ds = flights.dataset(np.random.default_rng(5), flights.PAPER._replace(time=300))
-    (line,) = curves(view.tracking({"C3": ds}).axes[0], "C3")
+    (line,) = curves(view.tracking({"C3": ds}, TOLD).axes[0], "C3")
     np.testing.assert_allclose(np.diff(line.get_xdata()), 0.01)
     np.testing.assert_allclose(line.get_ydata(), np.linalg.norm(ds.e_p, axis=1)[::5], rtol=1e-14)
 
 
 def test_figure_2_draws_the_rms_of_the_mismatch_over_the_window_that_its_label_states(cases):
     ds = flights.dataset(np.random.default_rng(5), flights.PAPER._replace(time=500))
-    figure = view.mismatch({"C3": ds})
-    parts = (["F_x", "F_y", "F_z"], ["tau_x", "tau_y", "tau_z"], list(ds.wrench.values))
+    figure = view.mismatch({"C3": ds}, TOLD)
+    parts = (["F_x", "F_y", "F_z"], ["tau_x", "tau_y", "tau_z"])
     for ax, part in zip(figure.axes, parts, strict=True):
         assert f"({view.WINDOW} s RMS)" in ax.get_ylabel()
         (line,) = curves(ax, "C3")
@@ -183,26 +217,61 @@ def test_figure_2_draws_the_rms_of_the_mismatch_over_the_window_that_its_label_s
             assert y == pytest.approx(np.sqrt(power[near].mean()), rel=1e-12)
 
 
-def test_figure_3_draws_sigma_so_that_curves_that_coincide_are_all_seen(cases):
-    same = dict.fromkeys(CASES, cases["C1"])
-    for ax, sigma in zip(view.deviation(same).axes, ("sigma_L", "sigma_A"), strict=True):
-        widths = []
-        for name in CASES:
-            (line,) = curves(ax, name)
-            np.testing.assert_array_equal(line.get_xdata(), cases["C1"].time_sigma)
-            np.testing.assert_array_equal(line.get_ydata(), cases["C1"][sigma])
-            widths.append((line.get_linewidth(), -line.get_zorder()))
-        assert widths == sorted(widths, reverse=True)
-        assert np.diff([width for width, _ in widths]).max() < -0.4
+def bodies(ds, names):
+    """By part of payload and agents: norms over force and over moment of the payload's signals, f_x, f_w and f_r."""
+    load, f_x, f_w, f_r = names
+    found = [[np.linalg.norm(load[:, :3], axis=1)], [np.linalg.norm(load[:, 3:], axis=1)], [], []]
+    for agent in ds.agent.values:
+        joints = [joint for joint in ds.joint.values if joint.startswith(f"{agent}/")]
+        found[2].append(np.linalg.norm(f_x.sel(agent=agent), axis=1))
+        found[3].append(
+            np.sqrt(((f_w.sel(agent=agent) ** 2).sum("axis") + (f_r.sel(joint=joints) ** 2).sum("joint")).values)
+        )
+    return found
+
+
+def errors(ds):
+    at = np.searchsorted(ds.time, ds.time_sigma)
+    return bodies(ds, [(ds[f] - ds[f"{f}_hat"])[at] for f in ("f_L", "f_x", "f_w", "f_r")])
+
+
+def test_figure_3_draws_every_error_beside_its_deviation_force_and_moment_apart(cases):
+    figure = LOOKED_INTO["figure_3_deviation"]({name: cases[name] for name in CASES})
+    panels = np.array(figure.axes).reshape(4, 3)
+    assert [ax.get_ylabel().split("[")[1] for ax in panels[:, 0]] == ["N]", "N m]", "N]", "N m]"]
+    for k, name in enumerate(CASES):
+        ds = cases[name]
+        sigmas, true = bodies(ds, [ds[f"sigma_{f}"] for f in ("f_L", "f_x", "f_w", "f_r")]), errors(ds)
+        for ax, sigma, error in zip(panels[:, k], sigmas, true, strict=True):
+            assert len(ax.lines) == 2 * len(sigma)
+            for n, (expected, flown) in enumerate(zip(sigma, error, strict=True)):
+                deviation, drawn = ax.lines[2 * n : 2 * n + 2]
+                np.testing.assert_allclose(deviation.get_ydata(), expected, rtol=1e-14)
+                np.testing.assert_allclose(drawn.get_ydata(), flown, rtol=1e-7)  # a window is one point here
+                assert deviation.get_linewidth() > 2 * drawn.get_linewidth()
+                assert deviation.get_linestyle() == drawn.get_linestyle()
+    legend = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert legend[2:] == list(cases["C1"].agent.values)
+
+
+def test_figure_3_draws_the_rms_of_the_error_over_the_window_that_its_legend_states(cases):
+    ds = flights.dataset(np.random.default_rng(5), flights.PAPER._replace(time=500))  # radii each 10 ms
+    line = view.deviation({"C3": ds}, TOLD).axes[0].lines[1]
+    (error,) = errors(ds)[0]
+    for i in range(15, 85, 7):
+        assert line.get_ydata()[i] == pytest.approx(np.sqrt((error[i - 10 : i + 10] ** 2).mean()), rel=1e-12)
 
 
 def test_figure_4_draws_estimates_and_truth_of_every_contact(cases):
-    figure = view.contact_forces({name: cases[name] for name in CASES})
+    figure = LOOKED_INTO["figure_4_forces"]({name: cases[name] for name in CASES})
     panels = np.array(figure.axes).reshape(3, 3)
     for (i, agent), (k, name) in itertools.product(enumerate(cases["C1"].agent.values), enumerate(CASES)):
         ds, ax = cases[name], panels[i, k]
-        truths = [line.get_ydata() for line in ax.lines if line.get_color() == "black"]
-        means = [line.get_ydata() for line in ax.lines if line.get_color() != "black"]
+        below = [line for line in ax.lines if line.get_color() == view.TRUTH["color"]]
+        above = [line for line in ax.lines if line.get_color() != view.TRUTH["color"]]
+        assert max(line.get_zorder() for line in below) < min(line.get_zorder() for line in above)
+        assert min(line.get_linewidth() for line in below) > 2 * max(line.get_linewidth() for line in above)
+        truths, means = [line.get_ydata() for line in below], [line.get_ydata() for line in above]
         bands = [band.get_paths()[0].vertices for band in ax.collections]
         own = [contact for contact in ds.contact.values if contact.startswith(f"{agent}/")]
         assert len(truths) == len(means) == len(bands) == len(own) == 2
@@ -221,31 +290,19 @@ def test_figure_4_draws_estimates_and_truth_of_every_contact(cases):
 
 
 def test_figure_5_draws_every_radius_over_the_true_error_of_its_body(cases):
-    panels = np.array(view.rho_bar({name: cases[name] for name in CASES}).axes).reshape(4, 3)
-    agents = cases["C1"].agent.values
+    panels = np.array(view.rho_bar({name: cases[name] for name in CASES}, TOLD).axes).reshape(4, 3)
     for k, name in enumerate(CASES):
         ds = cases[name]
-        at = np.searchsorted(ds.time, ds.time_sigma)
-        load = (ds.f_L - ds.f_L_hat)[at]
-        f_x, f_w, f_r = ((ds[f] - ds[f"{f}_hat"])[at] for f in ("f_x", "f_w", "f_r"))
-        force, moment = [np.linalg.norm(load[:, :3], axis=1)], [np.linalg.norm(load[:, 3:], axis=1)]
-        radii = [ds.rho_bar_L_force], [ds.rho_bar_L_moment]
-        for agent in agents:
-            joints = [joint for joint in ds.joint.values if joint.startswith(f"{agent}/")]
-            force.append(np.linalg.norm(f_x.sel(agent=agent), axis=1))
-            squares = (f_w.sel(agent=agent) ** 2).sum("axis") + (f_r.sel(joint=joints) ** 2).sum("joint")
-            moment.append(np.sqrt(squares.values))
-            radii[0].append(ds.rho_bar_j_force.sel(agent=agent))
-            radii[1].append(ds.rho_bar_j_moment.sel(agent=agent))
-        bodies = [slice(0, 1), slice(0, 1), slice(1, None), slice(1, None)]
-        for ax, of, part in zip(panels[:, k], bodies, (0, 1, 0, 1), strict=True):
+        payload = [[ds.rho_bar_L_force.values], [ds.rho_bar_L_moment.values]]
+        agents = [list(radius.values.T) for radius in (ds.rho_bar_j_force, ds.rho_bar_j_moment)]
+        for ax, radii, true in zip(panels[:, k], payload + agents, errors(ds), strict=True):
             lines = [line for line in ax.lines if line.get_color() != "red"]
-            bounds, errors = lines[::2], lines[1::2]
-            expected = list(zip(radii[part][of], (force, moment)[part][of], strict=True))
-            for bound, error, (radius, true) in zip(bounds, errors, expected, strict=True):
+            bounds, drawn = lines[::2], lines[1::2]
+            assert len({line.get_linestyle() for line in bounds}) == min(len(bounds), 2)
+            for bound, error, radius, expected in zip(bounds, drawn, radii, true, strict=True):
                 np.testing.assert_array_equal(bound.get_xdata(), ds.time_sigma)
                 np.testing.assert_array_equal(bound.get_ydata(), radius)
-                np.testing.assert_allclose(error.get_ydata(), true, rtol=1e-14)
+                np.testing.assert_allclose(error.get_ydata(), expected, rtol=1e-14)
                 assert bound.get_linewidth() > 2 * error.get_linewidth()
 
 
@@ -254,7 +311,7 @@ def test_figure_5_shows_where_there_is_no_radius_and_where_the_error_exceeds_it(
     ds.rho_bar_L_force[:] = 1e3
     ds.rho_bar_L_force[10:20] = np.inf
     ds.rho_bar_L_force[30:40] = 1e-9
-    ax = view.rho_bar({"C3": ds}).axes[0]
+    ax = view.rho_bar({"C3": ds}, TOLD).axes[0]
     t = ds.time_sigma.values
     (red,) = [line for line in ax.lines if line.get_color() == "red"]
     np.testing.assert_array_equal(red.get_xdata(), t[30:40])
@@ -264,13 +321,25 @@ def test_figure_5_shows_where_there_is_no_radius_and_where_the_error_exceeds_it(
     assert (across.min(), across.max()) == (t[10], t[19])
     assert np.isnan(ax.lines[0].get_ydata()[10:20]).all()
     legend = [text.get_text() for text in ax.figure.legends[0].get_texts()]
-    assert legend[2:] == ["no finite radius", "error above radius"]
+    assert legend[2:] == [*cases["C3"].agent.values, "no finite radius", "error above radius"]
+
+
+def test_no_legend_explains_what_is_not_there(cases):
+    calm = cases["C3"].copy(deep=True)
+    for name in ("rho_bar_L_force", "rho_bar_L_moment", "rho_bar_j_force", "rho_bar_j_moment"):
+        calm[name][:] = 1e3
+    calm.eta[:] = 0
+    said = [text.get_text() for text in view.rho_bar({"C3": calm}, TOLD).legends[0].get_texts()]
+    assert said[2:] == list(calm.agent.values)
+    forces = view.contact_forces({"C3": calm}, TOLD)
+    assert len(forces.axes) == 2  # no row for what does not act
+    assert not [text for text in forces.legends[0].get_texts() if "eta" in text.get_text()]
 
 
 def test_figure_5_says_what_its_radii_rest_on(cases):
-    assert "assumed: norm, energy" in view.rho_bar({"C3": cases["C3"]}).get_suptitle()
+    assert "assumed: norm, energy" in view.rho_bar({"C3": cases["C3"]}, TOLD).get_suptitle()
     met = cases["C3"].assign_attrs(rho_assumed="")
-    assert "all assumptions met" in view.rho_bar({"C3": met}).get_suptitle()
+    assert "all assumptions met" in view.rho_bar({"C3": met}, TOLD).get_suptitle()
 
 
 def test_flights_of_one_tick_are_drawn(cases):
@@ -281,18 +350,18 @@ def test_flights_of_one_tick_are_drawn(cases):
 
 def test_without_internal_forces_no_window_is_shaded(cases):
     silent = cases["C3"].isel(eta_index=slice(0))
-    for ax in view.contact_forces({"C3": silent}).axes:
+    for ax in view.contact_forces({"C3": silent}, TOLD).axes:
         assert not ax.patches
 
 
 def test_teams_of_unlike_agents_have_a_row_each():
     ds = flights.dataset(np.random.default_rng(5), flights.MIXED)
-    figure = view.contact_forces({"C1": ds, "C3": ds})
+    figure = view.contact_forces({"C1": ds, "C3": ds}, TOLD)
     panels = np.array(figure.axes).reshape(-1, 2)
-    assert [len(ax.collections) for ax in panels[:, 0]] == [2, 2, 1, 3, 0]
+    assert [len(ax.collections) for ax in panels[:, 0]] == [2, 2, 1, 3, 0]  # of each agent, and of eta
 
 
-@pytest.mark.parametrize("draw", [view.tracking, view.mismatch, view.deviation])
+@pytest.mark.parametrize("draw", COMPARED.values(), ids=COMPARED)
 def test_updates_and_the_end_of_learning_are_marked(cases, draw):
     figure = draw(shown(draw, cases))
     for ax in figure.axes:
@@ -306,7 +375,7 @@ def test_updates_and_the_end_of_learning_are_marked(cases, draw):
 
 def test_a_flight_that_stopped_ends_in_a_cross_at_its_last_finite_value(cases):
     chosen = {"C1": cases["C1"], "C3": stop(cases["C3"], 123)}
-    top, _ = view.tracking(chosen).axes
+    top, _ = view.tracking(chosen, TOLD).axes
     line, cross = curves(top, "C3")
     assert cross.get_marker() == "x"
     assert cross.get_xdata() == pytest.approx([cases["C3"].time[121].item()])
@@ -314,61 +383,54 @@ def test_a_flight_that_stopped_ends_in_a_cross_at_its_last_finite_value(cases):
     assert len(line.get_xdata()) == 123
     labels = [text.get_text() for text in top.figure.legends[0].get_texts()]
     assert labels[-1] == "stopped early"
-    titles = [ax.get_title() for ax in view.contact_forces(chosen).axes[:2]]
-    assert titles == ["C1: no learning", "C3: payload and agents (stopped at 6.1 s)"]
+    titles = [ax.get_title() for ax in view.contact_forces(chosen, TOLD).axes[:2]]
+    assert titles == ["C1: no learning", "C3: payload and agent learning\n(stopped at 6.1 s)"]
 
 
-def test_cases_without_a_look_are_refused(cases, tmp_path):
-    for wrong in ({"C4": cases["C1"]}, {"O": cases["O"]}, {}):
-        with pytest.raises(ValueError, match="C1, C2, C3"):
-            view.figures(wrong, tmp_path)
-    assert not list(tmp_path.iterdir())
+def test_rivals_alone_are_drawn_and_beside_others_left_out_where_a_case_is_looked_into(cases, tmp_path, monkeypatch):
+    drawn = {}
+    for name in ("team", "tracking", "mismatch", "deviation", "contact_forces", "rho_bar"):
+        monkeypatch.setattr(view, name, lambda cases, *_, name=name: drawn.update({name: list(cases)}) or Figure())
+    monkeypatch.setattr(look, "save", lambda *_: [])
+    view.figures({"O": cases["O"]}, TOLD, tmp_path)
+    assert set(map(tuple, drawn.values())) == {("O",)}
+    view.figures({"C1": cases["C1"], "O": cases["O"], "mine": cases["C3"]}, TOLD, tmp_path)
+    assert {name: len(names) for name, names in drawn.items() if name in ("team", "tracking", "mismatch")} == {
+        "team": 3,
+        "tracking": 3,
+        "mismatch": 3,
+    }
+    assert {tuple(drawn[name]) for name in ("deviation", "contact_forces", "rho_bar")} == {("C1", "mine")}
+    with pytest.raises(ValueError, match="no cases"):
+        view.figures({}, TOLD, tmp_path)
+
+
+def test_the_team_is_drawn_with_its_names(cases):
+    near, far = view.team(cases).axes
+    assert [text.get_text() for text in near.texts] == ["front", "rear", "left", "right", "left", "right"]
+    assert not far.texts
+
+
+def test_the_spread_over_seeds_has_a_mark_for_each_and_a_line_at_the_median(tmp_path):
+    merits = dict.fromkeys(view.MERITS, 0.0)
+    found = [{case: dict.fromkeys(merits, 0.001 * (k + 1)) for case in ("C1", "O", "mine")} for k in range(5)]
+    files = view.spread(found, TOLD, tmp_path / "seeds")
+    assert [file.name for file in files] == ["seeds.pdf", "seeds.png"]
+    figure = view._spread(found, TOLD)
+    for ax in figure.axes:
+        marks, medians = ax.lines[::2], ax.lines[1::2]
+        assert [len(line.get_xdata()) for line in marks] == [5, 5, 5]
+        assert all(
+            line.get_xdata()[0] == np.median(mark.get_xdata()) for line, mark in zip(medians, marks, strict=True)
+        )
+    assert [text.get_text() for text in figure.axes[0].get_yticklabels()] == [
+        "C1: no learning",
+        "O: residuals known exactly",
+        "mine",
+    ]
 
 
 def test_a_folder_that_cannot_be_written_is_one_line(cases, tmp_path):
-    with pytest.raises(OSError, match=r"cannot write .*figure_1_tracking") as caught:
-        view.figures(cases, tmp_path / "missing")
+    with pytest.raises(OSError, match=r"cannot write .*figure_0_team") as caught:
+        view.figures(cases, TOLD, tmp_path / "missing")
     assert "\n" not in str(caught.value)
-
-
-def learned(rng, features, outputs):
-    """Length-scales of a made-up body, some at their bounds."""
-    scales = rng.uniform(0.05, 30, (len(outputs), len(features)))
-    at_lower, at_upper = scales < 5, scales > 25
-    return features, outputs, scales, at_lower, at_upper
-
-
-def test_the_table_of_lengthscales_holds_every_number_and_marks_the_bounds(tmp_path):
-    rng = np.random.default_rng(11)
-    bodies = {
-        "payload": learned(rng, ("p_x", "|v|", "omega_z"), ("F_x", "tau_z")),
-        "front": learned(rng, ("R_xx", "r_1"), ("F_x", "F_y", "tau_waist")),
-    }
-    files = view.lengthscale_table(bodies, tmp_path / "lengthscales_C3", flights.RUN)
-    assert [file.name for file in files] == ["lengthscales_C3.csv", "lengthscales_C3.md"]
-    with files[0].open(newline="") as file:
-        rows = {(row["body"], row["output"], row["feature"]): row for row in csv.DictReader(file)}
-    assert flights.RUN in files[1].read_text()
-    sections = files[1].read_text().split("## ")[1:]
-    assert len(rows) == 2 * 3 + 3 * 2
-    for (body, (features, outputs, scales, at_lower, at_upper)), section in zip(bodies.items(), sections, strict=True):
-        title, _, head, _, *lines = section.strip().splitlines()
-        assert title == body
-        table = [[cell.strip() for cell in line.replace("\\|", "!").strip("|").split("|")] for line in (head, *lines)]
-        assert table[0] == ["feature", *outputs]
-        for (i, output), (j, feature) in itertools.product(enumerate(outputs), enumerate(features)):
-            row = rows[body, output, feature]
-            assert float(row["lengthscale_in_std"]) == pytest.approx(scales[i, j], rel=1e-5)
-            assert row["run"] == flights.RUN
-            assert row["at_bound"] == ("lower" if at_lower[i, j] else "upper" if at_upper[i, j] else "")
-            assert table[j + 1][0] == f"`{feature.replace('|', '!')}`"
-            mark = "< " if at_lower[i, j] else "> " if at_upper[i, j] else ""
-            assert table[j + 1][i + 1] == f"{mark}{scales[i, j]:.3g}"
-
-
-def test_shrinkage_is_written_twice_and_whole(tmp_path):
-    n, falling = [5.0, 9.0, 17.0], [3e-2, 2e-3, 1e-3]
-    parts = {"beta": [2.0, 1.8, 1.7], "sigma": [0.2, 0.02, 0.01]}
-    files = view.shrinkage(n, {"bound": falling, "observed": [1e-3] * 3}, [5e-4] * 3, parts, tmp_path / "shrinkage")
-    assert [path.name for path in files] == ["shrinkage.pdf", "shrinkage.png"]
-    assert all(path.stat().st_size > 5000 for path in files)

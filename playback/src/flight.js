@@ -14,10 +14,26 @@ export function flights(text) {
   return written;
 }
 
+/** More frames of a flight that is watched, at their place; what is told of it until now. */
+export function arrive(flight, { from, known, tracks, marks, stopped, t_sigma, sigma }) {
+  for (const [name, packed] of Object.entries(tracks)) {
+    const { width, values } = decoded(packed);
+    flight.tracks[name].values.set(values, from * width);
+  }
+  Object.assign(flight, { known, marks, stopped });
+  if (sigma) {
+    flight.t_sigma = t_sigma;
+    flight.tracks.sigma = decoded(sigma);
+  }
+}
+
+/** When the last frame that is there is, s. */
+export const last = ({ t, known = t.length }) => t[known - 1];
+
 /** The frame before a time and how far it is to the next, 0 to 1; the first or last frame outside of the flight. */
-export function moment(times, t) {
+export function moment({ t: times, known = times.length }, t) {
   let low = 0;
-  let high = times.length - 1;
+  let high = known - 1;
   if (t >= times[high]) return { i: high, s: 0 };
   while (high - low > 1) {
     const middle = (low + high) >> 1;

@@ -1,13 +1,17 @@
-// Colours: those of the figures (colift/view.py) on light ground, their lighter sisters on dark (Paul Tol's schemes).
+// Colours: those of the figures (colift/look.py) on light ground, their lighter sisters on dark (Paul Tol's schemes).
 
 const CASES = {
   C1: ["#ddaa33", "#eecc66"],
   C2: ["#bb5566", "#ee99aa"],
   C3: ["#004488", "#6699cc"],
+  C4: ["#000000", "#ffffff"],
   I: ["#117733", "#44aa77"],
   DOB: ["#33bbee", "#88ccee"],
   P: ["#aa4499", "#dd88cc"],
   O: ["#777777", "#aaaaaa"],
+  F: ["#ee7733", "#ffaa77"],
+  R: ["#44aa99", "#77ccbb"],
+  H: ["#882255", "#cc6699"],
 };
 const AGENTS = [
   ["#228833", "#66cc77"],

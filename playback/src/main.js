@@ -1,6 +1,6 @@
 // The page: what is shown at which time, and what the reader asks of it.
 import uplotStyle from "uplot/dist/uPlot.min.css";
-import { flights } from "./flight.js";
+import { arrive, flights, last } from "./flight.js";
 import { caseColor, onTheme } from "./look.js";
 import pageStyle from "./page.css";
 import { build as buildPlots } from "./plots.js";
@@ -18,7 +18,9 @@ const make = (tag, properties = {}, ...children) => {
 document.head.append(make("style", { textContent: uplotStyle + pageStyle }));
 const written = flights(document.getElementById("flights").textContent);
 const { cases, arrows } = written;
-const end = Math.max(...cases.map(({ t }) => t[t.length - 1]));
+const whole = Math.max(...cases.map(({ t }) => t[t.length - 1])); // s, also of a flight that is still watched
+const end = () => Math.max(...cases.map(last));
+let flying = Boolean(written.live);
 const state = { t: 0, p: null, case: 0, playing: false, speed: 1, follow: false, ghosts: true };
 
 // What the page consists of -------------------------------------------------------------------------------------------
@@ -27,7 +29,7 @@ const stage = make("div", { id: "stage" });
 const plotted = make("div", { id: "plots" });
 const play = make("button", { id: "play", title: "play or pause (space)" });
 const follow = make("button", { id: "follow", textContent: "follow", title: "the camera follows the payload (f)" });
-const slider = make("input", { id: "time", type: "range", min: 0, max: end, step: "any", value: 0, title: "time" });
+const slider = make("input", { id: "time", type: "range", min: 0, max: whole, step: "any", value: 0, title: "time" });
 const clock = make("output", { id: "clock" });
 const mode = make("output", { id: "mode" });
 const speed = make("select", { id: "speed", title: "speed" });
@@ -81,8 +83,9 @@ function frame(at) {
   if (state.playing) {
     if (before !== null) seek(state.t + (state.speed * (at - before)) / 1000);
     before = at;
-    if (state.t >= end) run(false);
-    else ask();
+    if (state.t < end()) ask();
+    else if (flying) before = null; // until there is more
+    else run(false);
   }
   scene?.draw();
 }
@@ -91,9 +94,9 @@ const within = (t, spans) => spans.some(([from, to]) => t >= from && t <= to);
 
 /** What the chosen case is doing, in words. */
 function doing() {
-  const { t, stopped, marks } = cases[state.case];
-  const last = t[t.length - 1];
-  if (stopped && state.t >= last) return `stopped at ${last.toFixed(2)} s: ${stopped}`;
+  const { stopped, marks } = cases[state.case];
+  const until = last(cases[state.case]);
+  if (stopped && state.t >= until) return `stopped at ${until.toFixed(2)} s: ${stopped}`;
   const made = marks.updates.filter((each) => each <= state.t).length;
   const words = [];
   if (marks.updates.length) {
@@ -108,7 +111,7 @@ function doing() {
 
 /** Shows the flights at a time, s. */
 function seek(t) {
-  state.t = Math.min(Math.max(t, 0), end);
+  state.t = Math.min(Math.max(t, 0), end());
   state.p = scene ? scene.pose(state.t) : null;
   plots.move(state.t);
   slider.value = state.t;
@@ -120,7 +123,7 @@ function seek(t) {
 function run(on) {
   state.playing = on;
   before = null;
-  if (on && state.t >= end) seek(0);
+  if (on && state.t >= end() && !flying) seek(0);
   play.textContent = on ? "pause" : "play";
   ask();
 }
@@ -194,5 +197,23 @@ new ResizeObserver(() => {
   ask();
 }).observe(document.body);
 
+// A flight that is watched -----------------------------------------------------------------------------------------------
+
+if (flying) {
+  const source = new EventSource(written.live);
+  const ended = () => {
+    source.close();
+    flying = false;
+  };
+  source.onmessage = ({ data }) => {
+    arrive(cases[0], JSON.parse(data));
+    scene?.arrived();
+    choose(0);
+  };
+  source.addEventListener("end", ended);
+  source.onerror = ended; // what has come stays
+  run(true);
+}
+
 window.seek = seek;
-window.state = () => ({ ...state, case: cases[state.case].name });
+window.state = () => ({ ...state, case: cases[state.case].name, end: end(), flying });

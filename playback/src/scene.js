@@ -21,6 +21,7 @@ import {
   PerspectiveCamera,
   Quaternion,
   Scene,
+  Sphere,
   SphereGeometry,
   TorusGeometry,
   Vector3,
@@ -176,6 +177,7 @@ function path(track, paint) {
   const line = new Line(new BufferGeometry(), paint);
   line.geometry.setAttribute("position", new BufferAttribute(track.values, 3));
   line.frustumCulled = false; // what of it is drawn changes
+  line.geometry.boundingSphere = new Sphere(); // nor is it sorted by one, which what is not yet flown would spoil
   return line;
 }
 
@@ -250,7 +252,9 @@ export function build(element, { shape, cases, arrows, ground_m }, changed) {
   const around = new Box3();
   for (const { tracks } of cases) {
     for (const { values } of [tracks.p, tracks.p_d, tracks.base]) {
-      for (let k = 0; k < values.length; k += 3) around.expandByPoint(a.set(values[k], values[k + 1], values[k + 2]));
+      for (let k = 0; k < values.length; k += 3) {
+        if (Number.isFinite(values[k])) around.expandByPoint(a.set(values[k], values[k + 1], values[k + 2]));
+      }
     }
   }
   around.expandByScalar(0.3 * shape.size_m);
@@ -344,13 +348,13 @@ export function build(element, { shape, cases, arrows, ground_m }, changed) {
     },
     /** Everything as it is at a time; returns where the payload of the chosen case is shown, m. */
     pose(t) {
-      teams.forEach((each, k) => each.pose(moment(cases[k].t, t)));
+      teams.forEach((each, k) => each.pose(moment(cases[k], t)));
       teams.forEach((each, k) => {
         each.group.visible = k === chosen;
         if (k !== chosen && ghosts) each.fade(each.load.position.distanceTo(teams[chosen].load.position));
       });
-      const { tracks, t: times } = cases[chosen];
-      const now = moment(times, t);
+      const { tracks } = cases[chosen];
+      const now = moment(cases[chosen], t);
       const { load, bases, nodes } = teams[chosen];
       vector(tracks.p_d, now, 0, desired.position);
       rotation(tracks.q_d, now, 0, desired.quaternion, spare);
@@ -384,6 +388,10 @@ export function build(element, { shape, cases, arrows, ground_m }, changed) {
       controls.update();
       renderer.render(scene, camera);
       for (const { element: text, at } of labels) place(text, at);
+    },
+    /** More of the flights is known. */
+    arrived() {
+      for (const line of flown) line.geometry.getAttribute("position").needsUpdate = true;
     },
     step,
   };

@@ -6,9 +6,17 @@ The map; each module imports only those below it:
     checkup     whether a scenario is sound before it is flown, and what to change where it is not
     doctor      what colift runs on
     study       C1, C2, C3 and the rivals of learning, flights with their certificates; what is written of them
-    view        figures and tables
+    report      a study as one page
+    watch       a flight seen while it flies
+    view        figures of a study
+    tightness   figures of radii beside what is observed
+    lengthscales  the table of what was learned
+    playback    flights as a page that plays them
+    picture     flights as pictures and films
+    scene       what is seen of a flight
     export      the pilot's tick as C
     starter     a scenario to begin with
+    look        how figures look
     log         a flight as labelled NetCDF
     folder      where one run's results lie, and who may write there
     analyse     figures of merit, modes of the closed loop

@@ -62,6 +62,12 @@ def _scenario_names(incomplete: str) -> list[str]:
     return [name for name in scenario.names() if name.startswith(incomplete)]
 
 
+def _case_names(incomplete: str) -> list[str]:
+    from colift import study as flights
+
+    return [name for name in flights.ALL if name.startswith(incomplete)]
+
+
 ScenarioName = Annotated[
     str,
     typer.Argument(metavar="SCENARIO", help="A shipped scenario, or a YAML file.", autocompletion=_scenario_names),
@@ -80,7 +86,7 @@ Changes = Annotated[
 Duration = Annotated[
     float | None, typer.Option("--duration", metavar="SECONDS", help="Length of a run; by default the scenario's.")
 ]
-Case = Annotated[str, typer.Option("--case", help="Which pilot: C1, C2, C3 or a rival.")]
+Case = Annotated[str, typer.Option("--case", help="Which pilot: C1, C2, C3 or a rival.", autocompletion=_case_names)]
 Json = Annotated[bool, typer.Option("--json", help="Print the same as JSON, for programs.")]
 
 
@@ -437,20 +443,29 @@ COLUMNS = (  # heading, unit, key in the summary, scale, format
     ("ΔW", "N", "delta_W_force_rms_N", 1.0, ".2f"),
     ("ΔW", "N m", "delta_W_moment_rms_Nm", 1.0, ".2f"),
     ("e_λ", "N", "e_lam_rms_N", 1.0, ".2f"),
-    ("σ_L", "", "sigma_L_mean", 1.0, ".2f"),
-    ("σ_A", "", "sigma_A_mean", 1.0, ".2f"),
+    ("σ_L", "N", "sigma_L_force_mean", 1.0, ".2f"),
+    ("σ_A", "N", "sigma_A_force_mean", 1.0, ".2f"),
     ("λ", "max N", "lam_max_N", 1.0, ".1f"),
     ("u", "max N", "thrust_max_N", 1.0, ".1f"),
 )
 
 
 def _report(summary: dict[str, Any], folder: Path) -> None:
-    """What failed, then the one table at the end: second half of the run, RMS, mean or largest."""
-    from rich.box import SIMPLE_HEAD
-
+    """What failed, then the one table at the end."""
     for case, found in summary["cases"].items():
         if not found["complete"]:
             errors.print(f"{case} is incomplete: {found['stopped']}", style="red", markup=False)
+    tables.show(_merits_table(summary))
+    for case, found in summary["cases"].items():
+        for text in found["warnings"]:
+            errors.print(f"warning: {case}: {text}", style="yellow", markup=False)
+    print(f"results in {folder}")
+
+
+def _merits_table(summary: dict[str, Any]) -> Any:
+    """Second half of the run, RMS, mean or largest."""
+    from rich.box import SIMPLE_HEAD
+
     table = Table(
         title=f"{summary['scenario']}, seed {summary['seed']}: second half of the run",
         box=SIMPLE_HEAD,
@@ -461,11 +476,7 @@ def _report(summary: dict[str, Any], folder: Path) -> None:
         table.add_column(f"{heading}\n{unit}", justify="right", no_wrap=True)
     for case, found in summary["cases"].items():
         table.add_row(case, *(tables.cell(found[key], scale, spec) for _, _, key, scale, spec in COLUMNS))
-    tables.show(table)
-    for case, found in summary["cases"].items():
-        for text in found["warnings"]:
-            errors.print(f"warning: {case}: {text}", style="yellow", markup=False)
-    print(f"results in {folder}")
+    return table
 
 
 @app.command()
@@ -501,25 +512,129 @@ def certify(
         raise typer.Exit(EXCEEDED)
 
 
+Results = Annotated[Path, typer.Argument(metavar="OUT", help="A folder that `colift study` wrote.")]
+Open = Annotated[bool, typer.Option("--open", help="Open it in a browser.")]
+
+
 @app.command()
 def view(
-    out: Annotated[Path, typer.Argument(metavar="OUT", help="A folder that `colift study` wrote.")],
-    show: Annotated[bool, typer.Option("--open", help="Open it in a browser.")] = False,
+    out: Results,
+    show: Open = False,
+    picture: Annotated[
+        Path | None, typer.Option("--picture", metavar="FILE", help="Write a picture instead: PNG, PDF or SVG.")
+    ] = None,
+    at: Annotated[float, typer.Option("--at", metavar="SECONDS", help="When, in the flight, the picture is.")] = 0.0,
+    film: Annotated[
+        Path | None, typer.Option("--film", metavar="FILE", help="Write a film instead: GIF, or MP4 by ffmpeg.")
+    ] = None,
+    speed: Annotated[float, typer.Option("--speed", min=0.1, max=20, help="Of the film, to the flight's.")] = 1.0,
+    case: Annotated[
+        list[str] | None,
+        typer.Option("--case", help="In a picture or film; may be repeated.", autocompletion=_case_names),
+    ] = None,
 ) -> None:
     """Play the flights of a study: one page, OUT/view.html, which needs no network (docs/playback.md)."""
-    import webbrowser
-
     from colift import playback
     from colift import study as flights
 
+    known = flights.ALL
     try:
-        page = playback.write(out, flights.ALL)
+        if picture or film:
+            _draw(out, case or ["C3"], known, picture, at, film, speed)
+            return
+        page = playback.write(out, known)
     except (ValueError, OSError) as error:
         raise _fail(_one_line(error)) from None
+    _tell(f"the flights are in {page}", page, show)
+
+
+def _draw(
+    out: Path, cases: list[str], known: dict[str, str], still: Path | None, at: float, film: Path | None, speed: float
+) -> None:
+    """Write a picture or a film of some cases; raises as `picture.still` and `picture.film`."""
+    from colift import picture, scene
+
+    for case in cases:
+        _require_known(case)
+    found = scene.load(out, known)
+    if missing := [case for case in cases if case not in found]:
+        raise ValueError(f"{out} holds {', '.join(found)}, not {', '.join(missing)}: choose by --case")
+    seen = [picture.sketch(found[case], f"{case}: {known[case]}") for case in cases]
+    if still:
+        picture.still(seen, at, still)
+    if film:
+        with _stages(f"drawing {film}"):
+            picture.film(seen, film, speed)
     with _printed(""):
-        print(f"the flights are in {page}")
+        print(f"{', '.join(cases)}: {', '.join(str(file) for file in (still, film) if file)}")
+
+
+def _tell(said: str, page: Path, show: bool) -> None:
+    """Say where a page is, and open it if that is asked."""
+    import webbrowser
+
+    with _printed(""):
+        print(said)
     if show and not webbrowser.open(page.resolve().as_uri()):
         raise _fail("there is no browser to open it in")
+
+
+@app.command()
+def report(out: Results, show: Open = False) -> None:
+    """Write a study as one page to read: OUT/report.html, which needs no network (docs/playback.md).
+
+    What was run, what to beware of, the table, the figures, the certificate if there is one, and the flights, played.
+    """
+    from colift import report as pages
+    from colift import study as flights
+
+    try:
+        page = pages.write(
+            out, flights.ALL, _merits_table, lambda made: (_radii_table(made), _rests_on(made))
+        )
+    except (ValueError, OSError) as error:
+        raise _fail(_one_line(error)) from None
+    _tell(f"the report is {page}", page, show)
+
+
+@app.command()
+def watch(
+    name: ScenarioName,
+    case: Case = "C3",
+    changes: Changes = None,
+    duration: Duration = None,
+    seed: Seed = None,
+    show: Open = False,
+) -> None:
+    """Fly one case and see it while it flies: a page that this computer alone can open, until Ctrl-C.
+
+    Nothing is written; `colift run` and `colift view` keep a flight.
+    """
+    import webbrowser
+
+    from colift import native, scenario
+    from colift import study as flights
+    from colift import watch as live
+
+    def ready(address: str) -> None:
+        with _printed(""):
+            print(f"{case} of {settings.name}: {address} (Ctrl-C ends it)", flush=True)
+        if show:
+            webbrowser.open(address)
+
+    interrupt.check()
+    _require_known(case)
+    try:
+        settings = _settings(name, changes, duration, seed)
+        told = (flights.ALL)[case]
+        with live.flying(settings, flights.plan(settings, case), case, told, ready) as flight:
+            with _printed(""):
+                print(f"the flight has ended{': ' if flight.stopped else ''}{flight.stopped}", flush=True)
+            while True:  # a reader may still look at it
+                interrupt.check()
+                time.sleep(0.1)
+    except (scenario.ScenarioError, native.CompilerError, OSError) as error:
+        raise _fail(_one_line(error)) from None
 
 
 @export.command("mjcf")
@@ -599,8 +714,7 @@ def _report_certificate(found: dict[str, Any], folder: Path) -> None:
     for line in _broken(found["exceeded"]):
         errors.print(line, style="red", markup=False)
     tables.show(_radii_table(found), lead=2)
-    shown = [bound for bound, radii in found["radii"].items() if any(_has_radius(radii[where]) for where in WHERE)]
-    for line in (*_assumes({bound: found["radii"][bound]["assumed"] for bound in shown}), *_missing(found)):
+    for line in _rests_on(found):
         print(line)
     if found["adversary"]:
         print(f"radius / worst unknown that fits the data: {found['adversary']['radius_over_adversary']:.3f}")
@@ -609,6 +723,12 @@ def _report_certificate(found: dict[str, Any], folder: Path) -> None:
         if radius is not None:
             print(f"  {tables.cell(radius, 1e3, '.3g'):>8}  {cause}")
     print(f"results in {folder}")
+
+
+def _rests_on(found: dict[str, Any]) -> list[str]:
+    """What the radii that there are assume, and which there are not."""
+    shown = [bound for bound, radii in found["radii"].items() if any(_has_radius(radii[where]) for where in WHERE)]
+    return [*_assumes({bound: found["radii"][bound]["assumed"] for bound in shown}), *_missing(found)]
 
 
 def _broken(exceeded: list[dict[str, Any]]) -> list[str]:

@@ -160,8 +160,13 @@ def _by_output(name: str, groups: Sequence[np.ndarray]) -> dict[str, np.ndarray]
     return {
         f"{name}_f_x": np.concatenate([group[..., 0:3] for group in groups], axis=1),
         f"{name}_f_w": np.concatenate([group[..., 3:6] for group in groups], axis=1),
-        f"{name}_f_r": np.concatenate([group[..., 6:].reshape(len(group), -1) for group in groups], axis=1),
+        f"{name}_f_r": np.concatenate([_flat(group[..., 6:]) for group in groups], axis=1),
     }
+
+
+def _flat(x: np.ndarray) -> np.ndarray:
+    """Agents' joints in one row each time, also where there is no time yet."""
+    return x.reshape(len(x), x.shape[1] * x.shape[2])
 
 
 def norms(sigma: Sigma) -> dict[str, np.ndarray]:

@@ -382,11 +382,16 @@ def chunk(plan: Plan) -> int:
     return max(1, round(CHUNK / plan.dt))
 
 
-def fly_plan(plan: Plan, progress: Callable[[float], None] = lambda _t: None) -> Flight:
+def fly_plan(
+    plan: Plan,
+    progress: Callable[[float], None] = lambda _t: None,
+    seen: Callable[[Row], None] = lambda _rows: None,
+) -> Flight:
     """Fly a plan: chunks of ticks on the device, fits on the host at each update time.
 
     Stops at the tick at which something is no longer finite, a grasp is near singular or another of the world's limits
-    is exceeded; what was flown until then is returned, with the reason in words. `progress` hears the time reached, s.
+    is exceeded; what was flown until then is returned, with the reason in words. `progress` hears the time reached, s;
+    `seen` is handed the rows of each chunk as it ends.
     """
     dt, setup = plan.dt, plan.setup
     room, ticks = chunk(plan), round(plan.duration / dt)
@@ -415,6 +420,7 @@ def fly_plan(plan: Plan, progress: Callable[[float], None] = lambda _t: None) ->
             stopped = _why(plan, rows, loop)
         done = last
         wall["simulation"] += time.perf_counter() - began
+        seen(rows)
         began = time.perf_counter()
         if done in due and coming is None and done < ticks and not stopped:
             learned, update = school.teach(oracle, loop.memory.recorder, done * dt, fit=due[done])

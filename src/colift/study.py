@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import platform
+import shlex
+import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
@@ -44,15 +47,16 @@ BASELINES = {
     "H": "C3 and filtered labels",
 }
 ALL = CASES | BEYOND | BASELINES
-FLOWN = (  # every file that a study may leave, and the page that `colift view` makes of them
+FLOWN = (  # every file that a study may leave, and the pages that `colift view` and `report` make of them
     *(f"{case}.nc" for case in ALL),
     *(
-        "figure_[1-5]_*.pdf",
-        "figure_[1-5]_*.png",
+        "figure_[0-5]_*.pdf",
+        "figure_[0-5]_*.png",
         "lengthscales_*.csv",
         "lengthscales_*.md",
         "summary.json",
         "view.html",
+        "report.html",
     ),
 )
 CERTIFIED = ("certificate.json", "figure_6_certificate.pdf", "figure_6_certificate.png")
@@ -280,7 +284,7 @@ def save_certificate(
     them. `exceeded` lists the observed errors above a radius: of this flight, then of the adversary's.
     Replaces an earlier certificate, and the study of another run. Raises OSError where `out` cannot be written.
     """
-    from colift import view
+    from colift import tightness
 
     found = made.certificate
     progress("the agents' interface")
@@ -335,7 +339,7 @@ def save_certificate(
         },
     }
     folder.clear(out, CERTIFIED, FLOWN)
-    view.certificate(found, slack, out.path, out.run)
+    tightness.certificate(found, slack, out.path, out.run)
     write_json(summary, out.path / "certificate.json")
     return _finite(summary)
 
@@ -365,7 +369,7 @@ def run(
     ahead: their `outlook`, which the summary repeats. Replaces an earlier study, and the certificate of another run,
     before the first flight. Raises OSError where `out` cannot be written.
     """
-    from colift import view  # matplotlib takes a second to import, which the flights need not wait for
+    from colift import lengthscales, view  # matplotlib takes a second to import, which the flights need not wait for
 
     folder.clear(out, FLOWN, CERTIFIED)
     summary: dict[str, Any] = {
@@ -375,6 +379,9 @@ def run(
         "settings": settings.digest,
         "plant": settings.plant.kind,
         "run": out.run,
+        "command": shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]),
+        "versions": {"python": platform.python_version()}
+        | {name: version(name) for name in ("jax", "jaxlib", "numpy")},
         **ahead.summary,
         "limits": _limits(settings, next(iter(ready.values()))),
         "cases": {},
@@ -394,10 +401,10 @@ def run(
     summary["bound"] = _rests_on(first)
     summary["residual"] = summary["cases"][list(ready)[-1]]["residual"]
     began = time.perf_counter()
-    view.figures(data, out.path)
+    view.figures(data, ALL, out.path)
     for case, learned in fits.items():
         if learned:
-            view.lengthscale_table(_lengthscales(settings, learned), out.path / f"lengthscales_{case}", out.run)
+            lengthscales.table(_lengthscales(settings, learned), out.path / f"lengthscales_{case}", out.run)
     summary["wall_s"] = {"figures": time.perf_counter() - began}
     write_json(summary, out.path / "summary.json")
     return _finite(summary)

@@ -1,0 +1,276 @@
+"""Flights as they are seen: what is drawn of a team at each time, and what it looks like.
+
+What moves comes from the log, by the model's own kinematics; what does not, from the scenario that the log holds.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import xarray as xr
+from jaxtyping import Array, Float
+
+from colift import agent as ag
+from colift import log, mjcf, so3
+from colift.linalg import apply, transpose
+from colift.model import Agent, Team
+from colift.scenario import ScenarioError, Settings, build
+
+FRAMES = 30.0  # 1/s, at most, of what is drawn
+SEEN = 1e-3  # m, the shortest link that is drawn
+LONGEST = 0.9  # length of the longest arrow of its kind, in sizes of the team
+
+
+def load(out: Path, cases: Iterable[str]) -> dict[str, xr.Dataset]:
+    """The logs of a folder, of those of the cases that it holds.
+
+    Raises ValueError where there are none, or not of one run.
+    """
+    found = {case: log.load(out / f"{case}.nc") for case in cases if (out / f"{case}.nc").is_file()}
+    if not found:
+        raise ValueError(f"{out} holds no flight ({', '.join(f'{case}.nc' for case in cases)}): run colift study first")
+    runs = {str(ds.attrs.get("run")) for ds in found.values()}
+    if len(runs) > 1:
+        raise ValueError(f"{out} holds flights of {len(runs)} runs: {', '.join(sorted(runs))}")
+    return found
+
+
+def settings(ds: xr.Dataset) -> Settings:
+    """The scenario that a log holds; raises ValueError where it holds none that this version reads."""
+    try:
+        told = json.loads(ds.attrs["scenario_json"])
+        told.pop("parts", None)  # code beside the scenario, of which nothing is drawn
+        return Settings.model_validate_json(json.dumps(told))
+    except KeyError:
+        raise ValueError(
+            f"{ds.attrs.get('case', 'the log')} of {ds.attrs.get('run', 'no run')} does not hold its scenario, as "
+            "logs of an earlier colift do not: run colift study again"
+        ) from None
+    except (ScenarioError, json.JSONDecodeError, AttributeError) as error:
+        first = str(error).splitlines()[0]
+        raise ValueError(
+            f"the scenario in the log is not one of this colift ({first}): run colift study again"
+        ) from None
+
+
+# What moves -----------------------------------------------------------------------------------------------------------
+
+
+def rows(ds: xr.Dataset) -> np.ndarray:
+    """Which rows of a log are drawn: some `FRAMES` a second, and the last, of those before a pose is not finite."""
+    poses = [ds[name].values.reshape(ds.sizes["time"], -1) for name in ("p", "R_L", "p_d", "x", "R", "r")]
+    broken = ~np.isfinite(np.concatenate(poses, axis=1)).all(axis=1)
+    return every(ds.time.values[: int(broken.argmax()) if broken.any() else None])
+
+
+def every(t: np.ndarray) -> np.ndarray:
+    """Which of some times are drawn, some `FRAMES` a second, the first and the last among them."""
+    step = stride(t[1] - t[0]) if len(t) > 1 else 1
+    return np.unique([*range(0, len(t), step), max(len(t) - 1, 0)])[: len(t)]
+
+
+def stride(period: float) -> int:
+    """Of how many rows, `period` s apart, one is drawn."""
+    return max(1, round(1 / FRAMES / period))
+
+
+def seconds(t: Any) -> list[float]:
+    """Times as JSON has them."""
+    return [round(float(each), 6) for each in t]
+
+
+def frames(ds: xr.Dataset, team: Team) -> dict[str, np.ndarray]:
+    """What the scene shows at every drawn row, by name; time leads.
+
+    p, p_d (3) m: payload and reference; q, q_d (4): their attitudes as quaternions (w, x, y, z), to the world. base,
+    base_q (agents, 3 and 4): origin and attitude of the bases. nodes (nodes, 3) m, world: of each agent its base,
+    joints and tips. u (agents) N; lam (contacts, 3) N, world, on the payload; disturbance (3) N, world, on the payload:
+    all but contacts and gravity that its acceleration shows.
+    """
+    return poses(ds.isel(time=rows(ds)), team)
+
+
+def poses(at: xr.Dataset, team: Team) -> dict[str, np.ndarray]:
+    """The same as `frames` at every row of a log."""
+    base, nodes = [], []
+    agents = joints = 0
+    for size, group in zip(team.sizes, team.groups, strict=True):
+        own = slice(agents, agents + size)
+        n = size * group.tree.joints
+        r = at.r.values[:, joints : joints + n].reshape(at.sizes["time"], size, group.tree.joints)
+        R, x, r = (jnp.asarray(each) for each in (at.R.values[:, own], at.x.values[:, own], r))
+        points = np.asarray(_points(group, R, x, r))
+        base.append(points[:, :, 0])
+        nodes.append(points.reshape(len(points), -1, 3))
+        agents, joints = agents + size, joints + n
+    R_d = _desired(jnp.asarray(at.R_L.values), jnp.asarray(at.e_R.values), jnp.asarray(at.Psi.values))
+    pull = float(team.payload.mass) * (at.a_L.values[:, :3] - np.asarray(team.gravity))
+    return {
+        "p": at.p.values,
+        "q": np.asarray(_quaternion(jnp.asarray(at.R_L.values))),
+        "p_d": at.p_d.values,
+        "q_d": np.asarray(_quaternion(R_d)),
+        "base": np.concatenate(base, axis=1),
+        "base_q": np.asarray(_quaternion(jnp.asarray(at.R.values))),
+        "nodes": np.concatenate(nodes, axis=1),
+        "u": at.u.values,
+        "lam": at.lam.values,
+        "disturbance": pull - at.lam.values.sum(axis=1),
+    }
+
+
+@jax.jit
+def _points(
+    group: Agent,
+    R: Float[Array, "time agents 3 3"],
+    x: Float[Array, "time agents 3"],
+    r: Float[Array, "time agents n_r"],
+) -> Float[Array, "time agents nodes 3"]:
+    """Base origin, joints and tips in the world, m."""
+
+    def one(agent: Agent, R: Float[Array, "3 3"], x: Float[Array, "3"], r: Float[Array, "n_r"]) -> Array:
+        moved = ag.geometry(agent, r).point[agent.tree.joints + 1 :]
+        from_base = jnp.concatenate([jnp.zeros((1, 3)), moved]) - ag.center_of_mass(agent, r)[None]
+        return x[None] + apply(R[None], from_base)
+
+    return jax.vmap(jax.vmap(one), in_axes=(None, 0, 0, 0))(group, R, x, r)
+
+
+_quaternion = jax.jit(so3.quaternion)
+
+
+@jax.jit
+def _desired(
+    R: Float[Array, "time 3 3"], e_R: Float[Array, "time 3"], Psi: Float[Array, "time"]
+) -> Float[Array, "time 3 3"]:
+    """`R_d = R Q^T` with `Q = R_d^T R = I + hat(e_R) + hat(e_R)^2 / (2 - Psi)`: Rodrigues' formula, sine and cosine."""
+    skew = so3.hat(e_R)
+    turn = 1 / jnp.maximum(2 - Psi, 1e-12)
+    return R @ transpose(so3.identity((len(Psi),)) + skew + turn[:, None, None] * (skew @ skew))
+
+
+def curves(ds: xr.Dataset) -> dict[str, np.ndarray]:
+    """What the plots show besides: e_p (1) m, angle (1) deg between payload and reference, sigma (2) N.
+
+    sigma is at its own times: the force parts of `sigma_L` and `sigma_A`.
+    """
+    few = ds.isel(time_sigma=every(ds.time_sigma.values))
+    sigma = np.stack([few.sigma_L_force.values, few.sigma_A_force.values], axis=1)
+    return errors(ds.isel(time=rows(ds))) | {"sigma": sigma}
+
+
+def errors(at: xr.Dataset) -> dict[str, np.ndarray]:
+    """e_p and angle, as `curves` has them, at every row of a log."""
+    angle = np.arctan2(np.linalg.norm(at.e_R.values, axis=1), 1 - at.Psi.values)
+    return {
+        "e_p": np.linalg.norm(at.e_p.values, axis=1)[:, None],
+        "angle": np.rad2deg(angle)[:, None],
+    }
+
+
+def marks(ds: xr.Dataset) -> dict[str, Any]:
+    """What a case does when, in s: updates of its models, the end of learning, spans of internal forces and of limits.
+
+    `at_limit` holds, of each agent that met its thrust limit, the spans in which it did.
+    """
+    t = ds.time.values
+    met = {str(name): _spans(t, ds.saturated.sel(agent=name).values > 0) for name in ds.agent.values}
+    return {
+        "updates": np.atleast_1d(ds.attrs["update_times_s"]).tolist(),
+        "learning_end": float(ds.attrs["T_end_s"]),
+        "internal": _spans(t, np.linalg.norm(ds.eta.values, axis=1) > 0),
+        "at_limit": {name: spans for name, spans in met.items() if spans},
+    }
+
+
+def _spans(t: np.ndarray, active: np.ndarray) -> list[list[float]]:
+    """First and last time of every stretch in which something is active; stretches closer than a frame are one."""
+    at = t[active]
+    if not at.size:
+        return []
+    cuts = np.flatnonzero(np.diff(at) > 1 / FRAMES)
+    return [seconds([a, b]) for a, b in zip(at[[0, *(cuts + 1)]], at[[*cuts, -1]], strict=True)]
+
+
+# What does not --------------------------------------------------------------------------------------------------------
+
+
+def shape(team: Team, told: Settings) -> dict[str, Any]:
+    """The team as the scene draws it: boxes of the bodies' inertia, rotors at their corners, links between nodes."""
+    half, axes = mjcf.box(float(team.payload.mass), np.asarray(team.payload.inertia))
+    names, contacts = build.agent_names(told), iter(build.contact_names(told))
+    shape: dict[str, Any] = {
+        "payload": {"half_m": half.tolist(), "axes_wxyz": np.asarray(_quaternion(jnp.asarray(axes))).tolist()},
+        "agents": [],
+        "contacts": [],
+        "nodes": [],
+        "links": [],
+    }
+    for name, agent in zip(names, _agents(team), strict=True):
+        tree, start = agent.tree, len(shape["nodes"])
+        span, body = mjcf.box(agent.mass[0], agent.inertia[0])
+        span = np.abs(body @ span)
+        rotors = [agent.com[0] + span * [x, y, 1] for x, y in mjcf.ROTORS]
+        short = float(span[:2].min())
+        shape["agents"].append(
+            {
+                "name": name,
+                "rotors_m": [np.asarray(each, dtype=float).tolist() for each in rotors],
+                "rotor_radius_m": 0.6 * short,
+                "span_m": short,
+            }
+        )
+        shape["nodes"] += ["base", *["joint"] * tree.joints, *["tip"] * tree.arms]
+        ends = [(parent, agent.joint_position[k], k + 1) for k, parent in enumerate(tree.parents)]
+        ends += [(body, agent.tip[b], tree.joints + 1 + b) for b, body in enumerate(tree.tips)]
+        slides = (False, *tree.prismatic)
+        for b, at in enumerate(agent.contact):
+            shape["contacts"].append(
+                {
+                    "name": next(contacts),
+                    "agent": len(shape["agents"]) - 1,
+                    "arm": b,
+                    "node": start + tree.joints + 1 + b,
+                    "at_m": at.tolist(),
+                    "on_box_m": (axes @ np.clip(axes.T @ at, -half, half)).tolist(),
+                }
+            )
+        shape["links"] += [
+            [start + body, start + node]
+            for body, end, node in ends
+            if np.linalg.norm(end) > SEEN or (node < len(slides) and slides[node])
+        ]
+    far = [np.linalg.norm(half), *(np.linalg.norm(contact["at_m"]) for contact in shape["contacts"])]
+    return shape | {"size_m": float(max(far) + max(agent["span_m"] for agent in shape["agents"]))}
+
+
+def _agents(team: Team) -> Iterator[Agent]:
+    """Every agent alone, in team order, as NumPy arrays."""
+    for size, group in zip(team.sizes, team.groups, strict=True):
+        for j in range(size):
+            yield jax.tree.map(lambda leaf, j=j: np.asarray(leaf)[j], group)
+
+
+def ground(moving: Mapping[str, dict[str, np.ndarray]]) -> float:
+    """Height of the ground, m: 0, or a whole metre below whatever is lower."""
+    lowest = min(float(x[..., 2].min()) for tracks in moving.values() for x in (tracks["nodes"], tracks["p"]))
+    return float(min(0, math.floor(lowest)))
+
+
+def scales(moving: Mapping[str, dict[str, np.ndarray]], size: float) -> dict[str, float]:
+    """Newtons a metre of each kind of arrow: 1, 2 or 5 times a power of ten, with which the longest fit the team."""
+    found = {}
+    for kind, track in {"thrust": "u", "contact": "lam", "disturbance": "disturbance"}.items():
+        forces = [np.abs(x[track]) if kind == "thrust" else np.linalg.norm(x[track], axis=-1) for x in moving.values()]
+        norms = np.concatenate([force.ravel() for force in forces])
+        most = float(np.quantile(norms[np.isfinite(norms)], 0.99)) / (LONGEST * size)
+        power = 10.0 ** math.floor(math.log10(max(most, 1e-3)))
+        found[kind] = next(power * digit for digit in (1, 2, 5, 10) if power * digit >= max(most, 1e-3))
+    return found

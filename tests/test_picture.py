@@ -1,0 +1,156 @@
+"""Pictures and films: what is drawn is where the log has it, in files that other programs read."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+from matplotlib.collections import PolyCollection
+from matplotlib.figure import Figure
+from PIL import Image
+from typer.testing import CliRunner
+
+from colift import log, picture
+from colift.__main__ import app
+from tests import flights, played
+
+
+@pytest.fixture(scope="module")
+def seen() -> list[picture.Sketch]:
+    return [picture.sketch(ds, f"{case}: {played.CASES[case]}") for case, ds in played.flown().items()]
+
+
+def drawn(sketch: picture.Sketch, k: int, **how: bool) -> Figure:
+    figure = Figure(figsize=(4, 4))
+    picture.draw(figure.add_axes((0, 0, 1, 1)), sketch, k, **how)
+    return figure
+
+
+def test_the_view_keeps_lengths_across_it_and_is_upright():
+    frame = np.stack([picture.RIGHT, picture.UP, picture.BACK])
+    np.testing.assert_allclose(frame @ frame.T, np.eye(3), atol=1e-15)
+    assert np.linalg.det(frame) == pytest.approx(1)
+    assert picture.RIGHT[2] == 0  # the horizon is level
+    assert picture.UP[2] > 0.5
+
+
+@pytest.mark.parametrize("k", [0, 20])
+def test_bodies_are_drawn_where_the_log_has_them(seen, k):
+    (ax,) = drawn(seen[0], k).axes
+    (bodies,) = [each for each in ax.collections if isinstance(each, PolyCollection)]
+    middles = np.array([path.vertices[:-1].mean(axis=0) for path in bodies.get_paths()])
+    tracks, shape = seen[0].tracks, seen[0].shape
+    tips = tracks["nodes"][k][[node == "tip" for node in shape["nodes"]]]
+    for tip in tips:
+        at = [tip @ picture.RIGHT, tip @ picture.UP]
+        assert np.linalg.norm(middles - at, axis=1).min() < 1e-3
+    reference, flown, _ = ax.lines[:3]
+    np.testing.assert_allclose(
+        np.transpose(reference.get_data()), tracks["p_d"] @ np.stack([picture.RIGHT, picture.UP]).T
+    )
+    assert len(flown.get_xdata()) == k + 1
+    assert flown.get_xdata()[-1] == pytest.approx(tracks["p"][k] @ picture.RIGHT)
+
+
+def test_what_is_near_is_drawn_over_what_is_far(seen):
+    near = np.array([face[0] for face in sorted(picture._team(seen[0], 0), key=lambda face: face[0])])
+    assert (np.diff(near) >= 0).all()
+    center, half = np.zeros(3), np.array([1.0, 0.5, 0.2])
+    faces = list(picture._box(center, np.eye(3), half, "#808080"))
+    assert len(faces) == 3 * picture.PATCHES**2
+    assert all(depth > 0 for depth, _, _ in faces)  # the three faces that look away are not drawn
+    area = sum(0.5 * abs(np.cross(np.diff(x, axis=0)[0], np.diff(x, axis=0)[1])) * 2 for _, x, _ in faces)
+    whole = 4 * np.abs(picture.BACK) @ [half[1] * half[2], half[0] * half[2], half[0] * half[1]]
+    assert area == pytest.approx(whole)  # of the shadow of a box along the view
+
+
+@pytest.mark.parametrize("how", [{}, {"close": True}, {"whole_path": True}])
+def test_all_that_is_drawn_of_the_team_is_within_the_picture(seen, how):
+    (ax,) = drawn(seen[0], 0, **how).axes
+    (bodies,) = [each for each in ax.collections if isinstance(each, PolyCollection)]
+    corners = np.concatenate([path.vertices for path in bodies.get_paths()])
+    for (low, high), x in zip((ax.get_xlim(), ax.get_ylim()), corners.T, strict=True):
+        assert low <= x.min() < x.max() <= high
+    assert ax.get_ylim()[1] - ax.get_ylim()[0] == pytest.approx(ax.get_xlim()[1] - ax.get_xlim()[0])  # a square one
+
+
+def test_a_view_follows_a_team_whose_path_is_long(seen):
+    far = picture.dataclasses.replace(seen[0], tracks=seen[0].tracks | {"p_d": 100.0 * seen[0].tracks["p_d"]})
+    for k in (0, 30):
+        (ax,) = drawn(far, k).axes
+        x = float(far.tracks["p"][k] @ picture.RIGHT)
+        assert np.mean(ax.get_xlim()) == pytest.approx(x)
+        assert np.ptp(ax.get_xlim()) < 4 * far.shape["size_m"]
+
+
+@pytest.mark.parametrize("kind", picture.STILLS)
+def test_a_picture_shows_its_time_and_cases(seen, kind, tmp_path):
+    picture.still(seen, 1.0, tmp_path / f"at{kind}")
+    content = (tmp_path / f"at{kind}").read_bytes()
+    assert content[:5].strip() in (b"\x89PNG", b"%PDF-", b"<?xml")
+    if kind == ".png":
+        with Image.open(tmp_path / "at.png") as image:
+            assert image.size == (1440, 720)
+            assert len(image.convert("RGB").getcolors(1 << 20)) > 100
+
+
+def test_a_gif_moves_and_lasts_as_long_as_the_flight(seen, tmp_path):
+    picture.film(seen, tmp_path / "film.gif", speed=3.0, dots=60, start=0.3)
+    with Image.open(tmp_path / "film.gif") as film:
+        assert film.n_frames == 8  # 1.2 s, thrice as fast, 20 a second: 0.3, 0.45 .. 1.35
+        assert film.info["duration"] == 50
+        assert film.info["loop"] == 0
+        first = np.asarray(film.convert("RGB"), dtype=int)
+        film.seek(7)
+        assert (np.asarray(film.convert("RGB")) != first).any(axis=-1).mean() > 0.002
+
+
+@pytest.mark.skipif(shutil.which("ffmpeg") is None, reason="there is no ffmpeg")
+def test_an_mp4_is_one(seen, tmp_path):
+    picture.film(seen[:1], tmp_path / "film.mp4", speed=5.0, dots=50)
+    said = subprocess.run(
+        ["ffprobe", "-v", "error", "-show_entries", "stream=codec_name,pix_fmt,nb_frames", "-of", "csv", "film.mp4"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert said.stdout.strip() == "stream,h264,yuv420p,9"
+
+
+def test_what_cannot_be_drawn_is_said_in_one_line(seen, tmp_path, monkeypatch):
+    monkeypatch.setattr("shutil.which", lambda _name: None)
+    for draw, answer in (
+        (lambda: picture.still(seen, 0.0, tmp_path / "a.bmp"), r"a\.bmp: must end in \.png, \.pdf, \.svg"),
+        (lambda: picture.still(seen, 99.0, tmp_path / "a.png"), r"time 99 s: must be from 0 to 1\.498 s"),
+        (lambda: picture.film(seen, tmp_path / "a.png"), r"a\.png: must end in \.gif or \.mp4"),
+        (lambda: picture.film(seen, tmp_path / "a.mp4"), r"a\.mp4: there is no ffmpeg"),
+    ):
+        with pytest.raises(ValueError, match=answer):
+            draw()
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_command_draws_the_cases_that_are_asked_for(tmp_path):
+    for case, ds in played.flown().items():
+        log.save(ds, tmp_path / f"{case}.nc")
+    said = CliRunner().invoke(
+        app, ["view", str(tmp_path), "--picture", str(tmp_path / "a.png"), "--at", "1", "--case", "C1", "--case", "C3"]
+    )
+    assert (said.exit_code, said.stdout) == (0, f"C1, C3: {tmp_path / 'a.png'}\n")
+    assert not (tmp_path / "view.html").exists()
+    said = CliRunner().invoke(app, ["view", str(tmp_path), "--film", str(tmp_path / "a.gif"), "--case", "C2"])
+    assert (said.exit_code, said.stderr) == (2, f"{tmp_path} holds C1, C3, not C2: choose by --case\n")
+    said = CliRunner().invoke(app, ["view", str(tmp_path), "--picture", "a.png", "--case", "C9"])
+    assert said.exit_code == 2
+    assert "--case C9: must be one of C1" in said.stderr
+
+
+def test_a_flight_that_fails_is_drawn_until_it_does():
+    ds = played.random_log(flights.PAPER._replace(time=400))
+    ds.x[200:] = np.nan
+    sketch = picture.sketch(ds)
+    assert sketch.t[-1] <= ds.time.values[199]
+    assert drawn(sketch, sketch.at(9.0)).axes
