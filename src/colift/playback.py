@@ -46,14 +46,9 @@ def write(out: Path, cases: Mapping[str, str]) -> Path:
     Raises ValueError where there are no flights, where they are not of one run or hold no scenario; OSError where the
     page cannot be written or another process writes to the folder.
     """
-    found = {case: log.load(out / f"{case}.nc") for case in cases if (out / f"{case}.nc").is_file()}
-    if not found:
-        raise ValueError(f"{out} holds no flight ({', '.join(f'{case}.nc' for case in cases)}): run colift study first")
-    runs = {str(ds.attrs.get("run")) for ds in found.values()}
-    if len(runs) > 1:
-        raise ValueError(f"{out} holds flights of {len(runs)} runs: {', '.join(sorted(runs))}")
+    run, found = log.flights(out, cases)
     text = page(found, cases)
-    with folder.claim(out, runs.pop(), (PAGE,)):
+    with folder.claim(out, run, (PAGE,)):
         disk.write(out / PAGE, text.encode())
     return out / PAGE
 
@@ -153,7 +148,7 @@ def frames(ds: xr.Dataset, team: Team) -> dict[str, np.ndarray]:
         base.append(points[:, :, 0])
         nodes.append(points.reshape(len(points), -1, 3))
         agents, joints = agents + size, joints + n
-    R_d = _desired(jnp.asarray(at.R_L.values), jnp.asarray(at.e_R.values), jnp.asarray(at.Psi.values))
+    R_d = desired(jnp.asarray(at.R_L.values), jnp.asarray(at.e_R.values), jnp.asarray(at.Psi.values))
     pull = float(team.payload.mass) * (at.a_L.values[:, :3] - np.asarray(team.gravity))
     return {
         "p": at.p.values,
@@ -190,7 +185,7 @@ _quaternion = jax.jit(so3.quaternion)
 
 
 @jax.jit
-def _desired(
+def desired(
     R: Float[Array, "time 3 3"], e_R: Float[Array, "time 3"], Psi: Float[Array, "time"]
 ) -> Float[Array, "time 3 3"]:
     """`R_d = R Q^T` with `Q = R_d^T R = I + hat(e_R) + hat(e_R)^2 / (2 - Psi)`: Rodrigues' formula, sine and cosine."""

@@ -32,8 +32,8 @@ BASELINES = {
     "P": "parametric identification only",
     "O": "residuals known exactly: the floor",
 }
-FLOWN = (  # every file that a study may leave, and the page that `colift view` makes of them
-    *(f"{case}.nc" for case in CASES | BASELINES),
+FLOWN = (  # every file that a study may leave, and what `colift view` and `colift export` make of them
+    *(f"{case}.{kind}" for case in CASES | BASELINES for kind in ("nc", "csv", "mcap")),
     *(
         "figure_[1-5]_*.pdf",
         "figure_[1-5]_*.png",
