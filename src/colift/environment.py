@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Any, ClassVar
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -23,6 +23,7 @@ from colift.pytree import pytree
 
 try:
     import gymnasium
+    from gymnasium.utils import seeding
     from gymnasium.vector import AutoresetMode
     from gymnasium.vector.utils import batch_space
 except ModuleNotFoundError as error:
@@ -84,6 +85,12 @@ def observed(now: fly.Now) -> Float[Array, " seen"]:
     return jnp.where(jnp.isfinite(seen), jnp.clip(seen, -1.0, 1.0), 0.0)
 
 
+def reward(e_p: Float[Array, "ticks 3"], e_R: Float[Array, "ticks 3"]) -> Float[Array, "ticks"]:
+    """`1 / (1 + |e_p|^2 / NEAR_M^2 + |e_R|^2 / NEAR^2)`, 0 where an error is not finite."""
+    off = (e_p * e_p).sum(1) / NEAR_M**2 + (e_R * e_R).sum(1) / NEAR**2
+    return jnp.where(jnp.isfinite(off), 1 / (1 + off), 0.0)
+
+
 @pytree
 class Stepped:
     """A flight after one step of the environment."""
@@ -128,26 +135,25 @@ class Team:
         setup = dataclasses.replace(self.setup, pilot=dataclasses.replace(self.setup.pilot, leader=leader))
         noise = self.draw(jax.random.fold_in(jax.random.key(seed[0]), seed[1]), self.ticks)
         then, rows = self.fly(setup, loop, noise, jnp.asarray(self.ticks))
-        p, R = (jnp.sum(e * e, axis=1) / near**2 for e, near in ((rows.e_p, NEAR_M), (rows.e_R, NEAR)))
         flown = jnp.arange(self.ticks) < then.tick - loop.tick
-        good = jnp.where(flown & jnp.isfinite(p + R), 1 / (1 + p + R), 0.0)
+        good = jnp.where(flown, reward(rows.e_p, rows.e_R), 0.0)
         return Stepped(loop=then, seen=then.memory.leader[0], reward=good.mean())
 
 
 class Transport(gymnasium.Env):
-    """One flight: residual wrench of the leader in, what the pilot knows out.
+    """One flight: the leader's residual wrench in, what the pilot knows out.
 
     action (6): force, world, over `force_N`, and moment, payload frame, over `moment_Nm`, each in [-1, 1]. Observation:
-    `BOUNDS`, in [-1, 1]; agents and contacts in team order. Reward: over a step the mean of `1 / (1 + |e_p|^2 / NEAR_M^2
-    + |e_R|^2 / NEAR^2)` of the true errors, 0 after the flight has ended. It is terminated where a limit of the
-    scenario is met, `info["cause"]` says which (`limits.Cause`), and truncated after the scenario's duration. A reset
-    flies one step without action, so that something is known.
+    `BOUNDS`, in [-1, 1]; agents and contacts in team order. Reward: the mean over a step of `reward` of the true
+    errors, 0 after the flight has ended. It is terminated where a limit of the scenario is met, `info["cause"]` says
+    which (`limits.Cause`), and truncated after the scenario's duration. A reset flies one step without action, so that
+    something is known.
 
     name, changes: as `scenario.load`; case: a pilot that does not learn on the way. Raises as `study.plan`, and
     ValueError for a case with updates and a step that is not a multiple of the control period.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": []}
+    metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012, as Gymnasium declares it
 
     def __init__(
         self,
@@ -185,7 +191,7 @@ class Transports(gymnasium.vector.VectorEnv):
     `info["cause"]` is an array of `limits.Cause` values.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}
+    metadata: dict[str, Any] = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
 
     def __init__(
         self,
@@ -221,7 +227,7 @@ class Transports(gymnasium.vector.VectorEnv):
             raise ValueError(f"seed: {len(seeds)} given for {self.num_envs} flights")
         kept = self._generators or [None] * self.num_envs
         self._generators = [
-            old if old is not None and each is None else gymnasium.utils.seeding.np_random(each)[0]
+            old if old is not None and each is None else seeding.np_random(each)[0]
             for old, each in zip(kept, seeds, strict=True)
         ]
         n = self.num_envs
