@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from colift import environment, fly, limits
+from colift import environment, fly, limits, simulate
 from colift.environment import Transport, Transports
 from tests import light
 
@@ -53,14 +53,14 @@ def test_stable_baselines_3_finds_no_fault(alone: Transport) -> None:
 
 def test_what_is_asked_for_is_added_to_the_desired_wrench(alone: Transport) -> None:
     """Of two flights from one state under one noise, the first tick's `W_d` differs by the share of the limits."""
-    team, action = alone.team, jnp.array([0.5, -1.0, 0.25, 1.0, 0.0, -0.3])
+    task, action = alone.task, jnp.array([0.5, -1.0, 0.25, 1.0, 0.0, -0.3])
     alone.reset(seed=1)
-    noise = team.draw(jax.random.key(0), team.ticks)
+    noise = task.setup.world.draw(jax.random.key(0), task.ticks)
 
     def asked(wrench: jax.Array) -> np.ndarray:
-        leader = dataclasses.replace(team.setup.pilot.leader, wrench=wrench)
-        setup = dataclasses.replace(team.setup, pilot=dataclasses.replace(team.setup.pilot, leader=leader))
-        return np.asarray(team.fly(setup, alone._loop, noise, jnp.asarray(team.ticks))[1].W_d[0])
+        leader = dataclasses.replace(task.setup.pilot.leader, wrench=wrench)
+        setup = dataclasses.replace(task.setup, pilot=dataclasses.replace(task.setup.pilot, leader=leader))
+        return np.asarray(simulate.advance(setup, alone._loop, noise, jnp.asarray(task.ticks))[1].W_d[0])
 
     most = np.array([2.0] * 3 + [0.2] * 3)
     np.testing.assert_allclose(asked(action * most) - asked(jnp.zeros(6)), np.asarray(action) * most, atol=1e-12)
@@ -80,14 +80,15 @@ def test_an_action_acts_and_is_cut_at_one(alone: Transport) -> None:
 def test_what_is_seen_is_the_pilot_s_not_the_truth(alone: Transport) -> None:
     """It is a function of `fly.Now`, and differs from the truth by what the sensors do."""
     assert list(inspect.signature(environment.observed).parameters) == ["now"]
-    assert isinstance(alone.team.setup.pilot.leader, fly.Leader)
+    assert isinstance(alone.task.setup.pilot.leader, fly.Leader)
     alone.reset(seed=3)
     before = alone._loop
     seen = alone.step(np.zeros(6, np.float32))[0]
     seed = jnp.array([alone._noise, alone._steps - 1])
-    noise = alone.team.draw(jax.random.fold_in(jax.random.key(seed[0]), seed[1]), alone.team.ticks)
-    rows = alone.team.fly(alone.team.setup, before, noise, jnp.asarray(alone.team.ticks))[1]
-    off = np.abs(seen[:3] * environment.BOUNDS["e_p"] - rows.e_p[-1])
+    setup, ticks = alone.task.setup, alone.task.ticks
+    noise = setup.world.draw(jax.random.fold_in(jax.random.key(seed[0]), seed[1]), ticks)
+    rows = simulate.advance(setup, before, noise, jnp.asarray(ticks))[1]
+    off = np.abs(seen[:3] * environment.BOUNDS["e_p"] - np.asarray(rows.e_p[-1]))
     assert (off > 0).all()
     assert off.max() < 0.01
 

@@ -10,13 +10,14 @@ cut there. It is put together by a part of the pilot, which never sees the truth
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Sequence
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from colift import control, fly, grasp, limits, linalg, scenario, simulate, so3, study
 from colift.pytree import pytree
@@ -91,6 +92,41 @@ def reward(e_p: Float[Array, "ticks 3"], e_R: Float[Array, "ticks 3"]) -> Float[
     return jnp.where(jnp.isfinite(off), 1 / (1 + off), 0.0)
 
 
+@dataclasses.dataclass(frozen=True)
+class Task:
+    """What single and batched environments share."""
+
+    setup: simulate.Setup  # with a `Guided` leader
+    fresh: simulate.Loop
+    most: np.ndarray  # (6,) N and N m, wrench of an action of 1
+    ticks: int  # of a step
+    steps: int  # until an episode is truncated
+
+
+def task(name: str, case: str, changes: Sequence[str], step_s: float, force_N: float, moment_Nm: float) -> Task:
+    """A scenario as an environment flies it; raises as `Transport` does."""
+    plan = study.plan(scenario.load(name, changes), case)
+    if plan.updates:
+        raise ValueError(f"case {case!r} learns on the way, which a step does not: one without updates, as C1")
+    ticks = round(step_s / plan.dt)
+    if not (ticks >= 1 and abs(ticks * plan.dt - step_s) <= 1e-9):
+        raise ValueError(f"step_s = {step_s:g}: must be a multiple of the control period, {plan.dt:g} s")
+    for setting, value in (("force_N", force_N), ("moment_Nm", moment_Nm)):
+        if not 0 <= value < np.inf:
+            raise ValueError(f"{setting} = {value:g}: must be finite and not negative")
+    team = plan.world.team
+    unseen = jnp.zeros(3 * (len(BOUNDS) - 2 + sum(team.sizes) + team.contacts))
+    leader = Guided(leader=plan.pilot.leader, wrench=jnp.zeros(6), unseen=unseen)
+    setup = dataclasses.replace(plan.setup, pilot=dataclasses.replace(plan.pilot, leader=leader))
+    return Task(
+        setup=setup,
+        fresh=simulate.start(setup, plan.z),
+        most=np.array([force_N] * 3 + [moment_Nm] * 3),
+        ticks=ticks,
+        steps=round(plan.duration / plan.dt) // ticks,
+    )
+
+
 @pytree
 class Stepped:
     """A flight after one step of the environment."""
@@ -100,44 +136,38 @@ class Stepped:
     reward: Float[Array, "*flights"]
 
 
-class Team:
-    """What single and batched environments share: a flight in steps of some ticks, as pure functions."""
+@functools.partial(jax.jit, static_argnums=0)
+def step(
+    ticks: int, setup: simulate.Setup, loop: simulate.Loop, wrench: Float[Array, "6"], seed: Int[Array, "2"]
+) -> Stepped:
+    """One step of one flight; seed: of its episode's noise, and how many steps it has flown."""
+    leader = dataclasses.replace(setup.pilot.leader, wrench=wrench)
+    setup = dataclasses.replace(setup, pilot=dataclasses.replace(setup.pilot, leader=leader))
+    noise = setup.world.draw(jax.random.fold_in(jax.random.key(seed[0]), seed[1]), ticks)
+    then, rows = simulate.advance(setup, loop, noise, jnp.asarray(ticks))
+    good = jnp.where(jnp.arange(ticks) < then.tick - loop.tick, reward(rows.e_p, rows.e_R), 0.0)
+    return Stepped(loop=then, seen=then.memory.leader[0], reward=good.mean())
 
-    def __init__(
-        self, name: str, case: str, changes: Sequence[str], step_s: float, force_N: float, moment_Nm: float
-    ) -> None:
-        settings = scenario.load(name, changes)
-        plan = study.plan(settings, case)
-        if plan.updates:
-            raise ValueError(f"case {case!r} learns on the way, which a step does not: one without updates, as C1")
-        self.ticks = round(step_s / plan.dt)
-        if not (self.ticks >= 1 and abs(self.ticks * plan.dt - step_s) <= 1e-9):
-            raise ValueError(f"step_s = {step_s:g}: must be a multiple of the control period, {plan.dt:g} s")
-        for setting, value in (("force_N", force_N), ("moment_Nm", moment_Nm)):
-            if not 0 <= value < np.inf:
-                raise ValueError(f"{setting} = {value:g}: must be finite and not negative")
-        self.steps = round(plan.duration / plan.dt) // self.ticks  # until an episode is truncated
-        self.most = np.array([force_N] * 3 + [moment_Nm] * 3)
-        agents = sum(plan.world.team.sizes)
-        unseen = jnp.zeros(3 * (len(BOUNDS) - 2 + agents + plan.world.team.contacts))
-        leader = Guided(leader=plan.pilot.leader, wrench=jnp.zeros(6), unseen=unseen)
-        self.setup = dataclasses.replace(plan.setup, pilot=dataclasses.replace(plan.pilot, leader=leader))
-        self.fresh = simulate.start(self.setup, plan.z)
-        self.draw = plan.world.draw
-        noise = jax.eval_shape(lambda: self.draw(jax.random.key(0), self.ticks))
-        self.fly = simulate.program(self.setup, self.fresh, noise, jnp.asarray(self.ticks))
-        self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (6,), np.float32)
-        self.observation_space = gymnasium.spaces.Box(-1.0, 1.0, unseen.shape, np.float32)
 
-    def step(self, loop: simulate.Loop, action: Float[Array, "6"], seed: Int[Array, "2"]) -> Stepped:
-        """One step of one flight; seed: of its episode's noise, and how many steps it has flown."""
-        leader = dataclasses.replace(self.setup.pilot.leader, wrench=jnp.clip(action, -1.0, 1.0) * self.most)
-        setup = dataclasses.replace(self.setup, pilot=dataclasses.replace(self.setup.pilot, leader=leader))
-        noise = self.draw(jax.random.fold_in(jax.random.key(seed[0]), seed[1]), self.ticks)
-        then, rows = self.fly(setup, loop, noise, jnp.asarray(self.ticks))
-        flown = jnp.arange(self.ticks) < then.tick - loop.tick
-        good = jnp.where(flown, reward(rows.e_p, rows.e_R), 0.0)
-        return Stepped(loop=then, seen=then.memory.leader[0], reward=good.mean())
+@functools.partial(jax.jit, static_argnums=0)
+def step_all(
+    ticks: int,
+    setup: simulate.Setup,
+    loops: simulate.Loop,
+    wrenches: Float[Array, "flights 6"],
+    seeds: Int[Array, "flights 2"],
+    fresh: simulate.Loop,
+    anew: Bool[Array, "flights"],
+) -> Stepped:
+    """One step of many flights; those that are begun anew take `fresh`, and no wrench."""
+
+    def begun(new: Array, past: Array) -> Array:
+        return jnp.where(anew.reshape(-1, *[1] * (past.ndim - 1)), new[None], past)
+
+    def one(loop: simulate.Loop, wrench: Float[Array, "6"], seed: Int[Array, "2"]) -> Stepped:
+        return step(ticks, setup, loop, wrench, seed)
+
+    return jax.vmap(one)(jax.tree.map(begun, fresh, loops), jnp.where(anew[:, None], 0.0, wrenches), seeds)
 
 
 class Transport(gymnasium.Env):
@@ -164,23 +194,23 @@ class Transport(gymnasium.Env):
         force_N: float = 2.0,
         moment_Nm: float = 0.2,
     ) -> None:
-        self.team = Team(scenario, case, changes, step_s, force_N, moment_Nm)
-        self.action_space, self.observation_space = self.team.action_space, self.team.observation_space
-        self._step = jax.jit(self.team.step)
+        self.task = task(scenario, case, changes, step_s, force_N, moment_Nm)
+        self.action_space, self.observation_space = _spaces(self.task)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[np.ndarray, dict]:
         """A flight from the scenario's start under noise of its own, and what is known after a step without action."""
         super().reset(seed=seed, options=options)
-        self._noise, self._steps, self._loop = _noise(self.np_random), 0, self.team.fresh
+        self._noise, self._steps, self._loop = _noise(self.np_random), 0, self.task.fresh
         seen, _, _, _, info = self.step(np.zeros(6, np.float32))
         return seen, info
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """Fly one step; returns observation, reward, terminated, truncated, info."""
-        done = self._step(self._loop, jnp.asarray(action, float), jnp.array([self._noise, self._steps]))
+        wrench, seed = _wrench(self.task, action), jnp.array([self._noise, self._steps])
+        done = step(self.task.ticks, self.task.setup, self._loop, wrench, seed)
         self._loop, self._steps = done.loop, self._steps + 1
         cause = limits.Cause(int(done.loop.ended))
-        ended, over = cause != limits.Cause.NONE, self._steps >= self.team.steps
+        ended, over = cause != limits.Cause.NONE, self._steps >= self.task.steps
         return np.asarray(done.seen, np.float32), float(done.reward), ended, over and not ended, {"cause": cause}
 
 
@@ -203,21 +233,11 @@ class Transports(gymnasium.vector.VectorEnv):
         force_N: float = 2.0,
         moment_Nm: float = 0.2,
     ) -> None:
-        self.team = Team(scenario, case, changes, step_s, force_N, moment_Nm)
-        self.num_envs = num_envs
-        self.single_action_space, self.single_observation_space = self.team.action_space, self.team.observation_space
-        self.action_space, self.observation_space = (
-            batch_space(space, num_envs) for space in (self.team.action_space, self.team.observation_space)
-        )
+        self.task, self.num_envs = task(scenario, case, changes, step_s, force_N, moment_Nm), num_envs
+        alone = _spaces(self.task)
+        self.single_action_space, self.single_observation_space = alone
+        self.action_space, self.observation_space = (batch_space(space, num_envs) for space in alone)
         self._generators: list[np.random.Generator] = []
-        self._step = jax.jit(self._all)
-
-    def _all(self, loops: simulate.Loop, anew: Any, actions: Any, seeds: Any) -> Stepped:
-        def begun(fresh: Any, past: Any) -> Any:
-            return jnp.where(anew.reshape(-1, *[1] * (past.ndim - 1)), fresh[None], past)
-
-        loops = jax.tree.map(begun, self.team.fresh, loops)
-        return jax.vmap(self.team.step)(loops, jnp.where(anew[:, None], 0.0, actions), seeds)
 
     def reset(self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None) -> Any:
         """All flights from the start; seed: of each, or of the first, the others' being the next integers."""
@@ -231,7 +251,7 @@ class Transports(gymnasium.vector.VectorEnv):
             for old, each in zip(kept, seeds, strict=True)
         ]
         n = self.num_envs
-        self._loops = jax.tree.map(lambda x: jnp.repeat(x[None], n, axis=0), self.team.fresh)
+        self._loops = jax.tree.map(lambda x: jnp.repeat(x[None], n, axis=0), self.task.fresh)
         self._noise, self._steps, self._over = np.zeros(n, int), np.zeros(n, int), np.ones(n, bool)
         seen, _, _, _, info = self.step(np.zeros((n, 6), np.float32))
         return seen, info
@@ -242,14 +262,25 @@ class Transports(gymnasium.vector.VectorEnv):
         for i in np.flatnonzero(anew):
             self._noise[i], self._steps[i] = _noise(self._generators[i]), 0
         seeds = jnp.asarray(np.stack([self._noise, self._steps], axis=1))
-        done = self._step(self._loops, jnp.asarray(anew), jnp.asarray(actions, float), seeds)
+        wrenches, fresh = _wrench(self.task, actions), self.task.fresh
+        done = step_all(self.task.ticks, self.task.setup, self._loops, wrenches, seeds, fresh, jnp.asarray(anew))
         self._loops, self._steps = done.loop, self._steps + 1
         cause = np.asarray(done.loop.ended)
         ended = cause > 0
-        truncated = (self._steps >= self.team.steps) & ~ended
+        truncated = (self._steps >= self.task.steps) & ~ended
         self._over = ended | truncated
         rewards = np.where(anew, 0.0, np.asarray(done.reward))
         return np.asarray(done.seen, np.float32), rewards, ended, truncated, {"cause": cause}
+
+
+def _spaces(of: Task) -> tuple[gymnasium.spaces.Box, gymnasium.spaces.Box]:
+    """Of actions and of observations."""
+    seen = of.setup.pilot.leader.unseen.shape
+    return gymnasium.spaces.Box(-1.0, 1.0, (6,), np.float32), gymnasium.spaces.Box(-1.0, 1.0, seen, np.float32)
+
+
+def _wrench(of: Task, action: np.ndarray) -> Float[Array, "*flights 6"]:
+    return jnp.asarray(np.clip(np.asarray(action, float), -1.0, 1.0) * of.most)
 
 
 def _noise(generator: np.random.Generator) -> int:

@@ -97,6 +97,10 @@ class Home:
     field: tuple[float, float, float] = (0.21, 0.01, 0.43)  # gauss, NED, of the magnetic field
 
 
+HOME = Home()
+"""Where PX4's simulators begin."""
+
+
 def geodetic(home: Home, p: Float[Array, "3"]) -> Int[Array, "3"]:
     """Latitude and longitude, 1e-7 deg, and altitude, mm, of a point in ENU, m: on a sphere, near home."""
     east, north, up = p
