@@ -40,7 +40,7 @@ class StandIn:
         with link.port:
             while len(self.seen.get("HIL_SENSOR", ())) < self.quits:
                 try:
-                    message = link.recv_match(blocking=True, timeout=30)
+                    message = link.recv_match(blocking=True, timeout=600)
                 except (ConnectionError, OSError):
                     return
                 if message is None or message.get_type() == "BAD_DATA":
@@ -48,7 +48,7 @@ class StandIn:
                 self.seen.setdefault(message.get_type(), []).append(message)
                 if message.get_type() != "HIL_SENSOR":
                     continue
-                thrust, torque = self.asked.get(timeout=30)
+                thrust, torque = self.asked.get(timeout=600)
                 heard = len(self.seen["HIL_SENSOR"])
                 if heard <= BOOT:
                     continue
