@@ -10,7 +10,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from pymavlink import mavutil
 from pymavlink.dialects.v20 import common as mavlink
 from scipy.spatial.transform import Rotation
 
@@ -33,34 +32,27 @@ class StandIn:
     quits: int = 10**9  # sensors after which it goes
 
     def run(self) -> None:
-        link = mavutil.mavlink_connection(f"tcp:127.0.0.1:{self.port}", source_system=1, dialect="common")
         self.seen: dict[str, list] = {}
+        mav = mavlink.MAVLink(None, srcSystem=1)
+        with socket.create_connection(("127.0.0.1", self.port)) as connection:
+            while len(self.seen.get("HIL_SENSOR", ())) < self.quits and (received := connection.recv(4096)):
+                for message in mav.parse_buffer(received) or ():
+                    self.seen.setdefault(message.get_type(), []).append(message)
+                    if message.get_type() == "HIL_SENSOR":
+                        connection.sendall(self.answer(mav, message.time_usec))
+
+    def answer(self, mav: mavlink.MAVLink, time: int) -> bytes:
+        """Signals of the rotors for what is asked, by PX4's geometry; none while it boots, zeros until it is armed."""
+        thrust, torque = self.asked.get(timeout=600)
+        heard = len(self.seen["HIL_SENSOR"])
+        if heard <= BOOT:
+            return b""
         half = np.abs(ROTORS[:, [1, 0, 2]]).sum(0) / 2 * self.thrust_max / 4
         effect = np.array([[1, -y, x, k] for x, y, k in ROTORS]).T * self.thrust_max / 4
-        with link.port:
-            while len(self.seen.get("HIL_SENSOR", ())) < self.quits:
-                try:
-                    message = link.recv_match(blocking=True, timeout=600)
-                except (ConnectionError, OSError):
-                    return
-                if message is None or message.get_type() == "BAD_DATA":
-                    return
-                self.seen.setdefault(message.get_type(), []).append(message)
-                if message.get_type() != "HIL_SENSOR":
-                    continue
-                thrust, torque = self.asked.get(timeout=600)
-                heard = len(self.seen["HIL_SENSOR"])
-                if heard <= BOOT:
-                    continue
-                armed = heard > ARM
-                u = -thrust[2] * self.thrust_max
-                signals = np.linalg.solve(effect, [u, *(np.asarray(torque) * half)]) * armed
-                mode = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | armed * mavlink.MAV_MODE_FLAG_SAFETY_ARMED
-                controls = [*signals, *[0.0] * 12]
-                try:
-                    link.mav.hil_actuator_controls_send(message.time_usec, controls, mode, 1)
-                except OSError:
-                    return
+        armed = heard > ARM
+        signals = np.linalg.solve(effect, [-thrust[2] * self.thrust_max, *(np.asarray(torque) * half)]) * armed
+        mode = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | armed * mavlink.MAV_MODE_FLAG_SAFETY_ARMED
+        return mavlink.MAVLink_hil_actuator_controls_message(time, [*signals, *[0.0] * 12], mode, 1).pack(mav)
 
 
 @pytest.fixture(scope="module")

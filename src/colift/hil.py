@@ -48,6 +48,7 @@ class Link:
 
     def send(self, messages: Sequence[Any]) -> None:
         """Send messages, in one piece."""
+        self.connection.settimeout(PATIENCE)
         self.connection.sendall(b"".join(message.pack(self.mav) for message in messages))
 
     def answer(self, time: int, patience: float = PATIENCE) -> Any:
@@ -130,7 +131,7 @@ def fly(
     waited, awake, until = 0, [False] * len(links), monotonic() + patience
     while not all(awake):
         turn(waited, command, readings)
-        awake = [was or _armed(link) for link, was in zip(links, awake, strict=True)]
+        awake = [_armed(link) or was for link, was in zip(links, awake, strict=True)]
         waited += 1
         if monotonic() > until:
             raise TimeoutError(f"autopilots {_list(awake)} are not armed after {patience:g} s")
