@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import queue
+import socket
 import threading
 
 import jax
