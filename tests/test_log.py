@@ -1,6 +1,8 @@
 """The log: every signal of a flight is there under its name, axes and unit, and files are whole or not there."""
 
+import csv
 import dataclasses
+import io
 import os
 import resource
 import signal
@@ -204,3 +206,34 @@ def test_the_deviations_of_an_agent_are_as_many_as_its_outputs(rng):
     outputs = sum(n * (6 + joints) for n, joints, _ in shape.groups)
     for what in ("sigma", "rho"):
         assert sum(ds[f"{what}_{f}"][0].size for f in ("f_x", "f_w", "f_r")) == outputs
+
+
+def test_a_table_reads_back_to_every_digit():
+    ds = flights.dataset(np.random.default_rng(5), flights.MIXED)
+    head, *rows = csv.reader(io.StringIO(log.table(ds)))
+    columns = {name: [row[i] for row in rows] for i, name in enumerate(head)}
+    assert len(columns) == len(head)
+    assert {len(row) for row in rows} == {len(head)}
+    assert set(columns["run"]) == {flights.RUN}
+    numbers = lambda name: np.array([float(x) for x in columns[name] if x])  # noqa: E731
+    np.testing.assert_array_equal(numbers("time [s]"), ds.time)
+    np.testing.assert_array_equal(numbers("p y [m]"), ds.p.sel(axis="y"))
+    np.testing.assert_array_equal(numbers("Psi [1]"), ds.Psi)
+    np.testing.assert_array_equal(numbers("lam agent2/arm0 z [N]"), ds.lam.sel(contact="agent2/arm0", axis="z"))
+    np.testing.assert_array_equal(numbers("R agent3 x z [1]"), ds.R.sel(agent="agent3", axis="x", body_axis="z"))
+    np.testing.assert_array_equal(numbers("W_d tau_x [N m]"), ds.W_d.sel(wrench="tau_x"))
+    np.testing.assert_array_equal(numbers("a_L v_dot_z [m/s^2]"), ds.a_L.sel(acceleration="v_dot_z"))
+    np.testing.assert_array_equal(numbers("a_L omega_dot_z [rad/s^2]"), ds.a_L.sel(acceleration="omega_dot_z"))
+    np.testing.assert_array_equal(numbers("saturated agent0 [1]"), ds.saturated.sel(agent="agent0"))
+    np.testing.assert_array_equal(numbers("eta 3 [N]"), ds.eta[:, 3])
+    count = 2 + sum(x.size // len(x) for x in ds.data_vars.values())
+    assert len(head) == count
+
+
+def test_a_table_s_deviations_stand_where_they_were_computed():
+    ds = flights.dataset(np.random.default_rng(6))
+    head, *rows = csv.reader(io.StringIO(log.table(ds)))
+    at = head.index("rho_f_x agent1 y [N]")
+    found = {float(row[0]): float(row[at]) for row in rows if row[at]}
+    assert list(found) == ds.time_sigma.values.tolist()
+    np.testing.assert_array_equal(list(found.values()), ds.rho_f_x.sel(agent="agent1", axis="y"))

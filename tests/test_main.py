@@ -9,12 +9,15 @@ import subprocess
 import sys
 from pathlib import Path
 
+import jax
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from colift import __main__, folder, log, native, scenario, study
+from colift import __main__, folder, log, native, scenario, study, urdf
 from colift.__main__ import app
-from tests import light
+from colift.scenario import build
+from tests import flights, light
 
 PROMISED = {
     *("e_p_rms_m", "e_v_rms", "e_R_rms", "e_omega_rms", "Psi_mean", "delta_W_rms", "e_lam_rms_N", "sigma_L_mean"),
@@ -137,7 +140,7 @@ def test_an_engine_takes_the_place_of_the_scenario_s(given, flown, tmp_path, mon
     assert (status, said.splitlines()[-1]) == (2, f"by {flown}")
 
 
-@pytest.mark.parametrize("command", [("study",), ("certify",), ("export", "c"), ("export", "mjcf")])
+@pytest.mark.parametrize("command", [("study",), ("certify",), ("export", "c"), ("export", "mjcf"), ("export", "urdf")])
 def test_what_is_set_is_checked_as_if_it_were_written(command: tuple[str, ...], tmp_path: Path):
     status, said = invoke(*command, "paper", "--set", "payload.mass_kg=x", "--out", str(tmp_path / "out"))
     assert (status, said) == (2, "--set payload.mass_kg [kg]: must be a number, got 'x'\n")
@@ -149,6 +152,51 @@ def test_a_duration_that_ends_before_learning_does_is_said(command: tuple[str, .
     status, said = invoke(*command, "paper", "--duration", "5", "--out", str(tmp_path / "out"))
     assert (status, said.count("\n")) == (2, 1)
     assert "learning.end_s [s]: must not exceed duration_s = 5, got 10" in said
+
+
+@pytest.mark.parametrize(("kind", "holds"), [("csv", b"time [s],p x [m]"), ("mcap", b"/payload/pose")])
+def test_flights_are_written_beside_their_logs_and_replaced_with_them(kind: str, holds: bytes, tmp_path: Path):
+    told = scenario.load("paper").model_dump_json(exclude_none=True)
+    log.save(flights.dataset(np.random.default_rng(1), scenario_json=told), tmp_path / "C2.nc")
+    for _ in range(2):
+        result = CliRunner().invoke(app, ["export", kind, str(tmp_path)], catch_exceptions=False)
+        assert (result.exit_code, result.output) == (0, f"C2.{kind}: in {tmp_path}\n")
+    written = tmp_path / f"C2.{kind}"
+    assert holds in written.read_bytes()
+    assert folder.run_of(written) == flights.RUN
+    assert folder.files(tmp_path, study.FLOWN) == sorted([tmp_path / "C2.nc", written])
+
+
+@pytest.mark.parametrize("kind", ["csv", "mcap"])
+def test_a_folder_without_flights_is_said(kind: str, tmp_path: Path):
+    status, said = invoke("export", kind, str(tmp_path))
+    assert (status, said.count("\n")) == (2, 1)
+    assert "holds no flight" in said
+
+
+def test_a_file_that_colift_did_not_write_is_not_replaced(tmp_path: Path):
+    log.save(flights.dataset(np.random.default_rng(1)), tmp_path / "C1.nc")
+    (tmp_path / "C1.csv").write_text("mine")
+    status, said = invoke("export", "csv", str(tmp_path))
+    assert status == 2
+    assert "holds C1.csv, which no run of colift wrote" in said
+    assert (tmp_path / "C1.csv").read_text() == "mine"
+
+
+def test_each_type_of_agent_is_written_as_urdf(tmp_path: Path):
+    out = tmp_path / "made"
+    result = CliRunner().invoke(app, ["export", "urdf", "paper", "--out", str(out)], catch_exceptions=False)
+    told = scenario.load("paper")
+    files = sorted(f"{kind}.urdf" for kind in told.agent_types)
+    assert (result.exit_code, result.output) == (0, f"{', '.join(files)} of paper: in {out}\n")
+    assert sorted(path.name for path in out.iterdir()) == files
+    (kind,) = told.agent_types.values()
+    robot = urdf.load(out / files[0])
+    assert [joint.name for joint in robot.joints] == [joint.name for joint in kind.joints]
+    assert {f"{arm.name}_tip" for arm in kind.arms} < set(robot.links)
+    back = urdf.agent(robot, [f"{arm.name}_tip" for arm in kind.arms], told.agents[0].contacts_m, kind.thrust_max_N)
+    for found, expected in zip(*map(jax.tree.leaves, (back, build.kinds(told).popitem()[1])), strict=True):
+        np.testing.assert_allclose(found, expected, atol=1e-15)
 
 
 def test_scenarios_are_listed():

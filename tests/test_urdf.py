@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
 from pathlib import Path
+from types import SimpleNamespace
 
 import jax
 import numpy as np
 import pinocchio as pin
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from colift import agent as ag
 from colift import scenario, urdf
+from colift.model import Agent
 from colift.scenario import ScenarioError, build
-from tests import teams
+from tests import pinocchio_team, teams
 
 
 def words(values: np.ndarray) -> str:
@@ -480,3 +486,79 @@ def test_mistakes_in_the_urdf_file_are_told_beside_the_others(
     assert "agent_types.two_arms." in first
     assert answer in first
     assert "control.K_p" in second
+
+
+# Written -------------------------------------------------------------------------------------------------------------
+
+
+def named(agent: Agent) -> tuple[list[str], list[str]]:
+    return [f"j{k}" for k in range(agent.tree.joints)], [f"a{b}" for b in range(agent.tree.arms)]
+
+
+@pytest.mark.parametrize("tree", range(len(teams.TREES)))
+def test_what_is_written_reads_back_to_the_same_agent(tree: int) -> None:
+    """Joints in the order of the file, which is depth-first; their names say which is which."""
+    agent = teams.agent(np.random.default_rng(tree), teams.TREES[tree])
+    joints, arms = named(agent)
+    robot = urdf.parse(urdf.document("one", agent, joints, arms), "one.urdf")
+    order = [joints.index(joint.name) for joint in robot.joints]
+    assert sorted(order) == list(range(len(joints)))
+    body = {0: 0} | {k + 1: i + 1 for i, k in enumerate(order)}
+    back = urdf.agent(robot, [f"{arm}_tip" for arm in arms], np.asarray(agent.contact), float(agent.thrust_max))
+    assert back.tree.parents == tuple(body[agent.tree.parents[k]] for k in order)
+    assert back.tree.prismatic == tuple(agent.tree.prismatic[k] for k in order)
+    assert back.tree.tips == tuple(body[tip] for tip in agent.tree.tips)
+    bodies = [0, *(k + 1 for k in order)]
+    for field in ("mass", "com", "inertia"):
+        np.testing.assert_allclose(getattr(back, field), getattr(agent, field)[np.array(bodies)], atol=1e-15)
+    for field in ("joint_position", "joint_rotation", "joint_axis"):
+        np.testing.assert_allclose(getattr(back, field), getattr(agent, field)[np.array(order, int)], atol=1e-15)
+    np.testing.assert_allclose(back.tip, agent.tip, atol=1e-15)
+
+
+@pytest.mark.parametrize("tree", range(len(teams.TREES)))
+def test_pinocchio_reads_what_is_written_as_the_agent(tree: int) -> None:
+    """Its mass matrix, centre of mass and tips against those of the same numbers put in without a file."""
+    rng = np.random.default_rng(tree)
+    agent = teams.agent(rng, teams.TREES[tree])
+    joints, arms = named(agent)
+    model = pin.buildModelFromXML(urdf.document("one", agent, joints, arms), pin.JointModelFreeFlyer())
+    alone = pinocchio_team.FreeAgent(
+        SimpleNamespace(**{f.name: getattr(agent, f.name) for f in dataclasses.fields(agent)})
+    )
+    state = teams.agent_state(rng, agent.tree)
+    q_alone, v_alone = alone.coordinates(state)
+    q, v = pin.neutral(model), np.zeros(model.nv)
+    q[:7], v[:6] = q_alone[:7], v_alone[:6]
+    for k, name in enumerate(joints):
+        at = model.joints[model.getJointId(name)]
+        r = float(state.r[k])
+        q[at.idx_q : at.idx_q + at.nq] = [np.cos(r), np.sin(r)] if at.nq == 2 else [r]
+        v[at.idx_v] = state.r_dot[k]
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, q)
+    pin.framesForwardKinematics(alone.model, alone.data, q_alone)
+    for arm, tip in zip(arms, alone.tips, strict=True):
+        found = data.oMf[model.getFrameId(f"{arm}_tip", pin.FrameType.BODY)].translation
+        np.testing.assert_allclose(found, alone.data.oMf[tip].translation, atol=1e-12)
+    energy = pin.computeKineticEnergy(model, data, q, v)
+    np.testing.assert_allclose(energy, pin.computeKineticEnergy(alone.model, alone.data, q_alone, v_alone), rtol=1e-12)
+    np.testing.assert_allclose(
+        pin.centerOfMass(model, data, q), pin.centerOfMass(alone.model, alone.data, q_alone), atol=1e-12
+    )
+
+
+@given(
+    st.floats(-3.2, 3.2), st.floats(-1, 1), st.floats(-3.2, 3.2), st.sampled_from([0.0, 1e-16, 1e-12, 1e-8, 1e-3, 1.0])
+)
+def test_roll_pitch_yaw_give_the_rotation_back(roll: float, lean: float, yaw: float, by: float) -> None:
+    """Also near the upright pitch, where roll and yaw are one angle."""
+    R = Rotation.from_euler("ZYX", [yaw, np.pi / 2 - lean * by, roll]).as_matrix()
+    back = Rotation.from_euler("xyz", urdf.rpy(R)).as_matrix()
+    np.testing.assert_allclose(back, R, atol=5e-16 * 4)
+
+
+def test_a_wrong_number_of_names_is_refused() -> None:
+    agent = teams.agent(np.random.default_rng(0), teams.CHAIN)
+    with pytest.raises(ValueError, match="one: 2 names for 3 joints, 1 for 1 arms"):
+        urdf.document("one", agent, ["a", "b"], ["c"])

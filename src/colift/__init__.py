@@ -5,6 +5,10 @@ The map; each module imports only those below it:
     __main__    the command line
     checkup     whether a scenario is sound before it is flown, and what to change where it is not
     doctor      what colift runs on
+    environment a team as a Gymnasium environment
+    hil         a team in lockstep with autopilots
+    node        the pilot's tick as a ROS 2 node
+    bag         a flight as a ROS 2 bag
     study       C1, C2, C3 and the rivals of learning, flights with their certificates; what is written of them
     report      a study as one page
     watch       a flight seen while it flies
@@ -43,9 +47,10 @@ The map; each module imports only those below it:
     gp          exact Gaussian processes for control loops
     grasp       constraints, grasp matrix, what a grasp can bear
     agent       one aerial manipulator
-    urdf        an agent from a URDF file
+    urdf        an agent from a URDF file, and as one
     model       parameters and states
     so3, linalg, lowpass, native, over, pytree, disk, tables   what they are written with
+    px4         PX4's frames, units and thrust
     cache       where what is compiled is kept
     interrupt   a request to end, read where work may end
 

@@ -662,6 +662,72 @@ def _export_mjcf(
         print(text if out is None else f"{settings.name} is in {out}", end="" if out is None else "\n")
 
 
+@export.command("urdf")
+def _export_urdf(
+    name: ScenarioName,
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="FOLDER", help="Folder to write; by default out/SCENARIO-urdf.")
+    ] = None,
+    changes: Changes = None,
+) -> None:
+    """Each type of agent of the true team as a URDF file, its contact points as links."""
+    from colift import disk, scenario, urdf
+    from colift.scenario import build
+
+    try:
+        settings = _settings(name, changes)
+        folder = out or Path("out") / f"{settings.name}-urdf"
+        folder.mkdir(parents=True, exist_ok=True)
+        for kind, agent in build.kinds(settings).items():
+            told = settings.agent_types[kind]
+            text = urdf.document(kind, agent, [joint.name for joint in told.joints], [arm.name for arm in told.arms])
+            disk.write(folder / f"{kind}.urdf", text.encode())
+    except (scenario.ScenarioError, OSError) as error:
+        raise _fail(_one_line(error)) from None
+    with _printed(""):
+        print(f"{', '.join(f'{kind}.urdf' for kind in build.kinds(settings))} of {settings.name}: in {folder}")
+
+
+Flown = Annotated[Path, typer.Argument(metavar="OUT", help="A folder that `colift study` or `colift run` wrote.")]
+
+
+@export.command("csv")
+def _export_csv(out: Flown) -> None:
+    """The flights of a folder as CSV beside them: a row a tick, every signal a column with its unit."""
+    from colift import log
+
+    _write_beside(out, "csv", lambda ds: log.table(ds).encode())
+
+
+@export.command("mcap")
+def _export_mcap(out: Flown) -> None:
+    """The flights of a folder as ROS 2 bags beside them: poses, wrenches, joint states, /tf (the extra mcap)."""
+    try:
+        from colift import bag
+    except ModuleNotFoundError as error:
+        raise _fail(str(error)) from None
+
+    _write_beside(out, "mcap", bag.document)
+
+
+def _write_beside(out: Path, kind: str, document: Callable[[Any], bytes]) -> None:
+    """Each flight of a folder in another format, under its case's name."""
+    from colift import disk, folder, log
+    from colift import study as flights
+
+    try:
+        run, found = log.flights(out, tuple(flights.CASES | flights.BASELINES))
+        files = {f"{case}.{kind}": ds for case, ds in found.items()}
+        with folder.claim(out, run, tuple(files)):
+            for file, ds in files.items():
+                interrupt.check()
+                disk.write(out / file, document(ds))
+    except (ValueError, OSError) as error:
+        raise _fail(_one_line(error)) from None
+    with _printed(""):
+        print(f"{', '.join(files)}: in {out}")
+
+
 @export.command("c")
 def _export_c(
     name: ScenarioName,

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import csv
 import dataclasses
 import io
-from collections.abc import Mapping, Sequence
+import itertools
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -208,3 +211,55 @@ def load(path: str | Path) -> xr.Dataset:
         return xr.load_dataset(io.BytesIO(content), engine="h5netcdf", decode_times=False)
     except (OSError, ValueError) as error:
         raise ValueError(f"{path}: not a NetCDF-4 file") from error
+
+
+def flights(folder: Path, cases: Iterable[str]) -> tuple[str, dict[str, xr.Dataset]]:
+    """The run whose results a folder holds, and its logs, by case.
+
+    Raises ValueError where there are none, or where they are not of one run.
+    """
+    found = {case: load(folder / f"{case}.nc") for case in cases if (folder / f"{case}.nc").is_file()}
+    if not found:
+        names = ", ".join(f"{case}.nc" for case in cases)
+        raise ValueError(f"{folder} holds no flight ({names}): run colift study first")
+    runs = {str(ds.attrs.get("run")) for ds in found.values()}
+    if len(runs) > 1:
+        raise ValueError(f"{folder} holds flights of {len(runs)} runs: {', '.join(sorted(runs))}")
+    return runs.pop(), found
+
+
+def table(ds: xr.Dataset) -> str:
+    """A log as CSV, a row a tick: `time [s]`, `p x [m]`, `lam front/left z [N]`, ..., and the run that it is of.
+
+    Every digit is kept. Deviations and radii are empty at the ticks at which they were not computed.
+    """
+    often, seldom = (list(_columns(ds, time)) for time in ("time", "time_sigma"))
+    text = io.StringIO()
+    lines = csv.writer(text, lineterminator="\n")
+    lines.writerow(["time [s]", *(name for name, _ in (*often, *seldom)), "run"])
+    every, some = (np.stack([x for _, x in columns], axis=1) for columns in (often, seldom))
+    when = set(ds.time_sigma.values.tolist())
+    computed, empty, run = iter(some.tolist()), [""] * len(seldom), ds.attrs.get("run", "")
+    for t, row in zip(ds.time.values.tolist(), every.tolist(), strict=True):
+        lines.writerow([t, *row, *(next(computed) if t in when else empty), run])
+    return text.getvalue()
+
+
+def _columns(ds: xr.Dataset, time: str) -> Iterator[tuple[str, np.ndarray]]:
+    """What stands at the head of each column, and its numbers, of all signals on one time axis."""
+    for name, x in ds.data_vars.items():
+        if x.dims[0] == time:
+            labels = itertools.product(
+                *(map(str, ds[dim].values if dim in ds.coords else range(ds.sizes[dim])) for dim in x.dims[1:])
+            )
+            flat = x.values.reshape(ds.sizes[time], -1).astype(float)
+            for label, column in zip(labels, flat.T, strict=True):
+                yield f"{' '.join((str(name), *label))} [{_unit(x.attrs['units'], label)}]", column
+
+
+def _unit(units: str, label: Sequence[str]) -> str:
+    """The unit of one component: of `N (F), N m (tau)` the one that its label begins with."""
+    for unit, part in re.findall(r"([^,()]+) \((\w+)\)", units):
+        if any(name.startswith(f"{part}_") for name in label):
+            return unit.strip()
+    return units

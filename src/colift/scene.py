@@ -28,20 +28,6 @@ SEEN = 1e-3  # m, the shortest link that is drawn
 LONGEST = 0.9  # length of the longest arrow of its kind, in sizes of the team
 
 
-def load(out: Path, cases: Iterable[str]) -> dict[str, xr.Dataset]:
-    """The logs of a folder, of those of the cases that it holds.
-
-    Raises ValueError where there are none, or not of one run.
-    """
-    found = {case: log.load(out / f"{case}.nc") for case in cases if (out / f"{case}.nc").is_file()}
-    if not found:
-        raise ValueError(f"{out} holds no flight ({', '.join(f'{case}.nc' for case in cases)}): run colift study first")
-    runs = {str(ds.attrs.get("run")) for ds in found.values()}
-    if len(runs) > 1:
-        raise ValueError(f"{out} holds flights of {len(runs)} runs: {', '.join(sorted(runs))}")
-    return found
-
-
 def settings(ds: xr.Dataset) -> Settings:
     """The scenario that a log holds; raises ValueError where it holds none that this version reads."""
     try:

@@ -47,8 +47,8 @@ BASELINES = {
     "H": "C3 and filtered labels",
 }
 ALL = CASES | BEYOND | BASELINES
-FLOWN = (  # every file that a study may leave, and the pages that `colift view` and `report` make of them
-    *(f"{case}.nc" for case in ALL),
+FLOWN = (  # every file that a study may leave, and what `colift view`, `report` and `export` make of them
+    *(f"{case}.{kind}" for case in ALL for kind in ("nc", "csv", "mcap")),
     *(
         "figure_[0-5]_*.pdf",
         "figure_[0-5]_*.png",

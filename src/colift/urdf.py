@@ -1,4 +1,4 @@
-"""An agent from a URDF file: a tree of links and joints as base, joints and tips.
+"""An agent from a URDF file, and as one: a tree of links and joints as base, joints and tips.
 
 The root link is the base: its frame is the agent's, thrust along its third axis. Links that fixed joints hold together
 are one body, and it is the body that must be physical, not each link of it: files hold placeholders. Joints are
@@ -14,8 +14,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import Literal, NoReturn
+from xml.etree import ElementTree as ET
+from xml.etree.ElementTree import Element, SubElement
 from xml.parsers import expat
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -23,7 +26,9 @@ from scipy.spatial.transform import Rotation
 from colift import model
 from colift.model import Agent, Tree
 
-TYPES = {"revolute": False, "continuous": False, "prismatic": True}  # whether it slides
+TURNS, SLIDES = "continuous", "prismatic"
+TYPES = {"revolute": False, TURNS: False, SLIDES: True}  # whether it slides
+FAR = 1e6  # m, m/s and N: of a sliding joint without limits
 Vector = Sequence[float] | np.ndarray
 Mimic = Literal["frozen", "independent"]
 ZERO, NO_REST = (0.0, 0.0, 0.0), MappingProxyType({})
@@ -167,6 +172,62 @@ def agent(
         contact=jnp.array(attached),
         thrust_max=jnp.array(thrust_max, float),
     )
+
+
+def document(name: str, agent: Agent, joints: Sequence[str], arms: Sequence[str]) -> str:
+    """An agent, without a group's leading axis, as the URDF file that `parse` reads back, to rounding.
+
+    The root link is `base`; joint `j` moves link `j_link`, and the tip of arm `a` is the origin of link `a_tip`. The
+    equations have no limits: joints that turn are continuous, those that slide have the limits that the format demands,
+    so far out (`FAR`) that none is met. Thrust and contacts with the payload have no place in the format. Raises
+    ValueError unless there are as many names as there are joints and arms.
+    """
+    tree = agent.tree
+    if (len(joints), len(arms)) != (tree.joints, tree.arms):
+        raise ValueError(f"{name}: {len(joints)} names for {tree.joints} joints, {len(arms)} for {tree.arms} arms")
+    agent, links = jax.tree.map(np.asarray, agent), ["base", *(f"{joint}_link" for joint in joints)]
+    robot = Element("robot", name=name)
+    for i, link in enumerate(links):
+        inertial = SubElement(SubElement(robot, "link", name=link), "inertial")
+        SubElement(inertial, "origin", xyz=_text(agent.com[i]), rpy="0 0 0")
+        SubElement(inertial, "mass", value=_text(agent.mass[i]))
+        J = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
+        SubElement(inertial, "inertia", {entry: _text(agent.inertia[i][at]) for entry, at in J.items()})
+    for k, (joint, parent) in enumerate(zip(joints, tree.parents, strict=True)):
+        at = (agent.joint_position[k], rpy(agent.joint_rotation[k]))
+        moving = _add_joint(robot, joint, SLIDES if tree.prismatic[k] else TURNS, links[parent], links[k + 1], *at)
+        SubElement(moving, "axis", xyz=_text(agent.joint_axis[k]))
+        if tree.prismatic[k]:
+            SubElement(moving, "limit", lower=_text(-FAR), upper=_text(FAR), effort=_text(FAR), velocity=_text(FAR))
+    for arm, carrier, tip in zip(arms, tree.tips, agent.tip, strict=True):
+        SubElement(robot, "link", name=f"{arm}_tip")
+        _add_joint(robot, f"{arm}.tip", "fixed", links[carrier], f"{arm}_tip", tip, np.zeros(3))
+    ET.indent(robot)
+    return f'<?xml version="1.0"?>\n{ET.tostring(robot, encoding="unicode")}\n'
+
+
+def _add_joint(
+    robot: Element, name: str, kind: str, parent: str, child: str, xyz: np.ndarray, angles: np.ndarray
+) -> Element:
+    joint = SubElement(robot, "joint", name=name, type=kind)
+    SubElement(joint, "parent", link=parent)
+    SubElement(joint, "child", link=child)
+    SubElement(joint, "origin", xyz=_text(xyz), rpy=_text(angles))
+    return joint
+
+
+def rpy(R: np.ndarray) -> np.ndarray:
+    """Roll, pitch, yaw of `R = R_z(yaw) R_y(pitch) R_x(roll)`, rad; to rounding also where the pitch is upright."""
+    yaw = np.arctan2(R[1, 0], R[0, 0])
+    c, s = np.cos(yaw), np.sin(yaw)
+    pitch = np.arctan2(-R[2, 0], c * R[0, 0] + s * R[1, 0])
+    roll = np.arctan2(s * R[0, 2] - c * R[1, 2], c * R[1, 1] - s * R[0, 1])
+    return np.array([roll, pitch, yaw])
+
+
+def _text(numbers: object) -> str:
+    """Numbers with all their digits."""
+    return " ".join(repr(float(x)) for x in np.atleast_1d(np.asarray(numbers, dtype=float)))
 
 
 # XML, with the line of every element ----------------------------------------------------------------------------------

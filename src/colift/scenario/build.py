@@ -78,6 +78,12 @@ def groups(settings: s.Settings) -> list[list[s.Agent]]:
     return list(found.values())
 
 
+def kinds(settings: s.Settings) -> dict[str, Agent]:
+    """The agent of each type that the true team has, by the type's name; contacts of the first such agent."""
+    first = {agent.type: agent for agent in reversed(settings.agents)}
+    return {name: _agent(kind, first[name]) for name, kind in settings.agent_types.items() if name in first}
+
+
 def agent_names(settings: s.Settings) -> tuple[str, ...]:
     """One name an agent, in team order."""
     return tuple(agent.name for group in groups(settings) for agent in group)
