@@ -103,10 +103,24 @@ def _settings(
 
     given = {"duration_s": duration, "seed": seed}
     options = [f"{setting}={value}" for setting, value in given.items() if value is not None]
-    settings = scenario.load(name, [*(changes or ()), *options])
+    try:
+        settings = scenario.load(name, [*(changes or ()), *options])
+    except scenario.ScenarioError as error:
+        raise scenario.ScenarioError(_as_given(str(error), duration)) from None
     if engine is not None and settings.plant.kind != engine:
         settings = settings.model_copy(update={"plant": {"kind": engine.value}})
     return settings
+
+
+def _as_given(mistakes: str, duration: float | None) -> str:
+    """What is wrong, by the options that were given; first what is to be done where a run is too short to learn in."""
+    named = mistakes.replace("--set duration_s", "--duration").replace("--set seed", "--seed")
+    if duration is None or "must not exceed duration_s" not in named:
+        return named
+    return (
+        f"--duration {duration:g}: shorter than what the scenario says happens in it: fly longer, or change that too "
+        f"(--set learning.end_s={duration:g} --set learning.update_times_s=[{duration / 2:g}])\n{named}"
+    )
 
 
 @contextlib.contextmanager
@@ -280,6 +294,47 @@ def check(name: ScenarioName, changes: Changes = None, as_json: Json = False) ->
                 print(line)
     if not found.sound:
         raise typer.Exit(UNSOUND)
+
+
+@app.command()
+def tune(
+    name: ScenarioName,
+    out: Annotated[Path, typer.Option("--out", metavar="FILE", help="The scenario to write; it must not exist yet.")],
+    changes: Changes = None,
+    as_json: Json = False,
+) -> None:
+    """Choose a scenario's gains so that every disturbance dies out soon, also where commands come late; flies nothing.
+
+    Prints modes and margins before and after, and writes the scenario with the gains found (docs/scenarios.md).
+    """
+    from colift import scenario
+    from colift import tune as tuner
+
+    interrupt.check()
+    try:
+        if out.suffix not in scenario.SUFFIXES:
+            raise _fail(f"--out {out}: must end in {' or '.join(scenario.SUFFIXES)}")
+        if out.exists():
+            raise _fail(f"--out {out}: exists; it is not overwritten")
+        settings = _settings(name, changes)
+        with _stages(f"tuning {settings.name}") as say:
+            before, after, used = tuner.tune(settings, say)
+            said = tuner.lines(before, after, used)
+        written = None
+        if not changes and name in scenario.names():
+            written = scenario.shipped(name)
+        elif not changes:
+            written = Path(name).expanduser().read_text(encoding="utf-8-sig")
+        with out.open("x", encoding="utf-8") as opened:
+            opened.write(tuner.text(after.settings, written, str(out)))
+    except (scenario.ScenarioError, ValueError, OSError) as error:
+        raise _fail(_one_line(error)) from None
+    with _printed(""):
+        if as_json:
+            found = {"before": tuner.numbers(before), "after": tuner.numbers(after), "loops": used}
+            print(json.dumps(found | {"control": after.settings.model_dump(mode="json")["control"]}, indent=2))
+        else:
+            print("\n".join([*said, f"{settings.name} with these gains is in {out}"]))
 
 
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Say nothing but warnings and results.")]

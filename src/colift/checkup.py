@@ -164,7 +164,8 @@ def _joints(settings: Settings, truth: Team, z: State) -> Iterator[Finding]:
             joint = settings.agent_types[kinds[name]].joints[k].name
             advice.append(
                 f"{name}: turn the rest of joint {joint} away from {float(r[k]):.3g} "
-                f"(agent_types.{kinds[name]}.joints.{k}.rest_rad), or move the contact that it holds"
+                f"(agent_types.{kinds[name]}.joints.{k}.rest_rad, of a type from URDF .rest_rad.{joint}), or move the "
+                "contact that it holds"
             )
     if any(len(settings.agent_types[kind].joints) for kind in kinds.values()):
         worst = max(conditions, key=lambda name: conditions[name])
@@ -349,7 +350,8 @@ def _rests(settings: Settings) -> Iterator[Change]:
                 other = given.model_copy(update={"joints": (*given.joints[:k], turned, *given.joints[k + 1 :])})
                 types = settings.agent_types | {kind: other}
                 yield (
-                    f"--set agent_types.{kind}.joints.{k}.rest_rad={value}",
+                    f"--set agent_types.{kind}.joints.{k}.rest_rad={value} "
+                    f"(of a type from URDF agent_types.{kind}.rest_rad.{joint.name}={value})",
                     settings.model_copy(update={"agent_types": types}),
                 )
 
