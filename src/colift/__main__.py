@@ -113,14 +113,9 @@ def _settings(
 
 
 def _as_given(mistakes: str, duration: float | None) -> str:
-    """What is wrong, by the options that were given; first what is to be done where a run is too short to learn in."""
+    """The same, by the options that were given."""
     named = mistakes.replace("--set duration_s", "--duration").replace("--set seed", "--seed")
-    if duration is None or "must not exceed duration_s" not in named:
-        return named
-    return (
-        f"--duration {duration:g}: shorter than what the scenario says happens in it: fly longer, or change that too "
-        f"(--set learning.end_s={duration:g} --set learning.update_times_s=[{duration / 2:g}])\n{named}"
-    )
+    return named if duration is None else named.replace(f"duration_s = {duration:g}", f"--duration {duration:g}")
 
 
 @contextlib.contextmanager

@@ -133,7 +133,6 @@ class Ahead:
 
 def anticipated(
     agent: Agent,
-    gains: Gains,
     gravity: Float[Array, "3"],
     q: AgentState,
     to: Command,
@@ -245,7 +244,7 @@ def _beyond_need(agent: Agent) -> bool:
 def _nearest(
     p: ag.Reduced, yields: np.ndarray, free: Float[Array, "motion k"], tips: Float[Array, "forces k"]
 ) -> Float[Array, "motion k"]:
-    """`y = free + S J^T (J S J^T)^-1 (tips - J free)`: nearest to `free` among motions `(R^T x, r)` that move tips so."""
+    """`y = free + S J^T (J S J^T)^-1 (tips - J free)`: the motion `(R^T x, r)` nearest to `free` that moves tips so."""
     n, joints = p.tip.shape[0], free.shape[0] - 3
     J = jnp.concatenate([jnp.tile(jnp.eye(3), (n, 1)), p.tip[:, :, 3:].reshape(3 * n, joints)], axis=1)
     S_JT = np.concatenate([yields, np.ones(joints)])[:, None] * J.T

@@ -1,7 +1,7 @@
 """Gains by gradients of the sampled loop's modes: every mode is to die out soon, also where commands come late.
 
-The loop to first order (`modes.monodromy`) has its eigenvalues, and these have derivatives with the gains; a linear program
-within a trust region says which step makes the slowest faster. Nothing is flown.
+The loop to first order (`modes.monodromy`) has its eigenvalues, and these have derivatives with the gains; a linear
+program within a trust region says which step makes the slowest faster. Nothing is flown.
 """
 
 from __future__ import annotations

@@ -19,4 +19,15 @@ from colift.scenario.read import SUFFIXES, load, names, parse, shipped
 from colift.scenario.settings import Section, Settings
 from colift.scenario.write import text, with_control
 
-__all__ = ["SUFFIXES", "ScenarioError", "Section", "Settings", "load", "names", "parse", "shipped", "text", "with_control"]
+__all__ = [
+    "SUFFIXES",
+    "ScenarioError",
+    "Section",
+    "Settings",
+    "load",
+    "names",
+    "parse",
+    "shipped",
+    "text",
+    "with_control",
+]
