@@ -63,8 +63,7 @@ def loop(settings: Settings) -> Loop:
 
 def names(settings: Settings) -> tuple[str, ...]:
     """The gains that there are to choose: the posture's only where an agent has joints beyond need."""
-    kinds = (settings.agent_types[agent.type] for agent in settings.agents)
-    beyond = any(len(kind.joints) > 3 * len(kind.arms) - 3 for kind in kinds) and settings.control.posture > 0
+    beyond = checkup.beyond_need(settings) and settings.control.posture > 0
     return GAINS if beyond else GAINS[:-1]
 
 
