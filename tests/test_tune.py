@@ -5,74 +5,81 @@ from __future__ import annotations
 import dataclasses
 import functools
 import json
-import types
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.linalg import expm
 from typer.testing import CliRunner
 
-from colift import modes, scenario, starter, study, tune
+from colift import modes, scenario, starter, tune
 from colift.__main__ import app
-from colift.scenario import Settings, build
+from colift.scenario import build
 from tests import light
 
 DT = 0.002
+FREE, SECOND = 2, np.array([False, True])
 
 
-def oscillator(settings: Settings) -> np.ndarray:
-    """A payload on a spring and a damper, K_p and K_v, sampled; the other gains are six poles of their own."""
-    control = settings.control
-    A = np.zeros((6, 6))
-    A[0, 1], A[1, 0], A[1, 1] = 1.0, -control.K_p[0], -control.K_v[0]
-    for k, name in enumerate(("k_R", "k_omega", "agent_k_R", "agent_k_omega")):
-        A[2 + k, 2 + k] = -getattr(control, name)
-    values, vectors = np.linalg.eig(A)
-    return np.real(vectors @ np.diag(np.exp(DT * values)) @ np.linalg.inv(vectors))
+@dataclasses.dataclass(frozen=True)
+class Spring:
+    """`s^2 + 2 d w s + w^2`, sampled; steps are those of log w and log d from where w = 2 and d = 0.25."""
+
+    steps: np.ndarray
+
+    @property
+    def M(self) -> np.ndarray:
+        w, d = np.array([2, 0.25]) * np.exp(self.steps)
+        return expm(DT * np.array([[0.0, 1.0], [-w * w, -2 * d * w]]))
+
+    @property
+    def growth(self) -> float:
+        return float(np.log(np.abs(np.linalg.eigvals(self.M)).max()) / DT)
 
 
-@pytest.fixture
-def known(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Loops that are `oscillator`, with late commands the same; plans that are their settings."""
-
-    def loop(settings: Settings) -> tune.Loop:
-        plan = types.SimpleNamespace(dt=DT, settings=settings)
-        return tune.Loop(settings, plan, None, {}, oscillator(settings))  # pyright: ignore
-
-    monkeypatch.setattr(tune, "loop", loop)
-    monkeypatch.setattr(study, "plan", lambda settings, _case: settings)
-    monkeypatch.setattr(modes, "derivative", lambda settings, _z, _x: oscillator(settings))
-    monkeypatch.setattr(modes, "delayed", lambda _x, M, _ticks: M)
-    monkeypatch.setattr(tune, "_most_stiffness", lambda _: tune.FARTHEST)
+def slopes(of: Spring) -> tune.Slopes:
+    return tune.rates(of.M, [Spring(of.steps + tune.STEP * e).M for e in np.eye(FREE)], DT)
 
 
-def started(**gains: object) -> Settings:
-    return light.settings(control=light.SAMPLE.control.model_copy(update=gains))
+def test_the_slopes_are_the_derivatives_of_the_rates():
+    rates, found = slopes(Spring(np.zeros(FREE)))
+    np.testing.assert_allclose(rates, -0.5, atol=1e-9)  # Re = -d w
+    np.testing.assert_allclose(found, [[-0.5, -0.5]] * 2, atol=1e-3)
+    of = Spring(np.array([0.0, 2.0]))  # two real poles
+    rates, found = slopes(of)
+    for k, e in enumerate(1e-4 * np.eye(FREE)):
+        ahead, behind = (slopes(Spring(of.steps + s * e))[0] for s in (1, -1))
+        np.testing.assert_allclose(found[:, k], (ahead - behind) / 2e-4, rtol=5e-3, atol=1e-2)
 
 
-def test_the_slopes_are_the_derivatives_of_the_rates(known: None):
-    of = tune.loop(started(K_p=(5.0,) * 3, K_v=(4.2,) * 3))
-    rates, slopes = tune._slopes(of)
-    i = int(np.argmax(rates))  # Re = -K_v / 2, whatever K_p is
-    assert rates[i] == pytest.approx(-2.1, abs=1e-9)
-    np.testing.assert_allclose(slopes[i], [0, -2.1, 0, 0, 0, 0], atol=2e-3)
-
-
-def test_the_search_finds_what_damps_best_within_its_budget(known: None):
-    """Of `s^2 + K_v s + K_p` the slower pole is fastest where both are `-sqrt(K_p)`; K_p is at its bound."""
-    before = started(K_p=(5.0,) * 3, K_v=(1.0,) * 3)
-    first, best, used = tune.tune(before)
-    assert first.growth == pytest.approx(-0.5, abs=1e-6)
-    most = -np.sqrt(5.0 * np.exp(tune.FARTHEST))
-    assert most - 1e-9 <= best.growth < -2  # K_v at its bound, 4, gives -2: both have moved
+def test_the_search_finds_what_damps_best_within_its_budget():
+    """The slower pole is fastest, at -w, where both meet: at d = 1 and the largest w."""
+    low, high = np.full(FREE, -2.0), np.array([1.0, 3.0])
+    first, best, used = tune.descend(Spring(np.zeros(FREE)), Spring, slopes, (low, high), SECOND)
+    assert first.growth == pytest.approx(-0.5, abs=1e-9)
+    assert best.growth == pytest.approx(-2 * np.e, rel=0.1)
+    assert best.steps[0] == pytest.approx(1.0)
     assert used <= tune.LOOPS
-    assert all(0.24 < getattr(best.settings.control, name) / getattr(before.control, name) < 4.01
-               for name in ("k_R", "agent_k_R"))  # fmt: skip
 
 
-def test_late_commands_count(known: None, monkeypatch: pytest.MonkeyPatch):
-    of = tune.loop(started())
-    late = np.eye(6) * np.exp(0.5 * DT)
+def test_where_there_is_no_loop_the_step_is_shorter():
+    low, high = np.full(FREE, -2.0), np.full(FREE, 2.0)
+    near = lambda at: Spring(at) if at[1] < 0.4 else None  # noqa: E731
+    _, best, used = tune.descend(Spring(np.zeros(FREE)), near, slopes, (low, high), SECOND)
+    assert 0.29 < best.steps[1] < 0.4
+    assert used <= tune.LOOPS
+
+
+def test_a_loop_that_is_best_already_stays():
+    none = np.zeros(FREE)
+    first, best, _ = tune.descend(Spring(none), Spring, slopes, (none, none), SECOND)
+    assert best is first
+
+
+def test_late_commands_count(monkeypatch: pytest.MonkeyPatch):
+    of = lit()
+    late = np.eye(6) * np.exp(0.5 * of.plan.dt)
+    assert of.growth < 0
     monkeypatch.setattr(modes, "delayed", lambda _x, _M, _ticks: late)
     assert of.growth == pytest.approx(0.5)
     assert of.ticks == 2
@@ -85,10 +92,11 @@ def test_the_posture_is_a_gain_only_where_joints_are_beyond_need():
 
 
 def test_gains_are_scaled_and_written_with_three_digits():
-    steps = np.log([1.2345, 1, 1, 1, 2, 1])
-    control = tune.scaled(started(K_p=(5.0, 5.0, 6.0)), steps).control
+    given = light.settings(control=light.SAMPLE.control.model_copy(update={"K_p": (5.0, 5.0, 6.0)}))
+    control = tune.scaled(given, np.log([1.1111, 1, 1, 1, 2, 0.5])).control
     assert control.K_p == (6.17, 6.17, 7.41)
-    assert control.agent_k_R == 2 * light.SAMPLE.control.agent_k_R
+    assert control.K_v == (4.67, 4.67, 4.67)
+    assert (control.agent_k_R, control.agent_k_omega) == (1000.0, 28.0)
 
 
 def test_the_text_keeps_comments_where_it_says_the_same():
@@ -96,7 +104,7 @@ def test_the_text_keeps_comments_where_it_says_the_same():
     tuned = tune.scaled(scenario.parse(written, "mine.yaml"), np.full(6, 0.1))
     text = tune.text(tuned, written, "mine.yaml")
     assert "# A scenario to begin with" in text
-    assert "K_p: 5.53" in text
+    assert "K_p: 6.11" in text
     assert scenario.parse(text, "mine.yaml") == tuned
     other = tuned.model_copy(update={"seed": 7})  # as by --set: the text would say otherwise
     assert scenario.parse(tune.text(other, written, "mine.yaml"), "mine.yaml") == other
@@ -133,20 +141,16 @@ def test_a_real_loop_s_slopes_point_where_it_decays_faster():
     assert 0.01 < found["e_p_C1_m"] < 1
 
 
-def test_the_command_writes_a_scenario_and_overwrites_none(
-    tmp_path: Path, known: None, monkeypatch: pytest.MonkeyPatch
-):
+def test_the_command_writes_a_scenario_and_overwrites_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     made = light.write(tmp_path / "team.yaml")
-    monkeypatch.setattr(tune, "numbers", lambda of: {
-        "slowest_mode_1ps": of.growth, "slowest_mode_late_1ps": of.growth, "delay_margin_s": 0.01, "thrust_margin": 0.5,
-        "e_p_C1_m": 0.1,
-    })  # fmt: skip
+    after = dataclasses.replace(lit(), settings=tune.scaled(lit().settings, np.full(6, 0.1)))
+    monkeypatch.setattr(tune, "tune", lambda _settings, _say: (lit(), after, 9))
     out = tmp_path / "tuned.yaml"
     said = CliRunner().invoke(app, ["tune", str(made), "--out", str(out), "--json"])
     assert said.exit_code == 0, said.stderr
     found = json.loads(said.stdout)
-    assert found["after"]["slowest_mode_1ps"] < found["before"]["slowest_mode_1ps"] < 0
-    assert scenario.load(out).control.K_p == tuple(found["control"]["K_p"])
+    assert found["after"]["e_p_C1_m"] == pytest.approx(found["before"]["e_p_C1_m"] / np.exp(0.2), rel=1e-2)
+    assert scenario.load(out) == after.settings
     before = out.read_bytes()
     again = CliRunner().invoke(app, ["tune", str(made), "--out", str(out)])
     assert (again.exit_code, again.stderr.count("\n")) == (2, 1)
@@ -155,3 +159,4 @@ def test_the_command_writes_a_scenario_and_overwrites_none(
     assert CliRunner().invoke(app, ["tune", str(made), "--out", str(tmp_path / "x.txt")]).exit_code == 2
     shown = CliRunner().invoke(app, ["tune", str(made), "--out", str(tmp_path / "other.yaml")])
     assert "slowest mode, 1/s" in shown.stdout
+    assert shown.stdout.splitlines()[-1] == f"sample with these gains is in {tmp_path / 'other.yaml'}"

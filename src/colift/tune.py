@@ -9,8 +9,8 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import math
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 from scipy.optimize import linprog
@@ -21,9 +21,16 @@ from colift.scenario import ScenarioError, Settings, build, parse, with_control
 from colift.scenario import text as every_setting
 
 GAINS = ("K_p", "K_v", "k_R", "k_omega", "agent_k_R", "agent_k_omega", "posture")
+# What is chosen, as logarithms: frequency and damping of the payload's position, of its attitude, of agents' attitudes,
+# and the posture's rate: `K_p = w^2`, `K_v = 2 d w`. A frequency moves both poles of a pair alike, also where they meet.
+CHOSEN = np.array([
+    [2, 0, 0, 0, 0, 0, 0], [1, 1, 0, 0, 0, 0, 0], [0, 0, 2, 0, 0, 0, 0], [0, 0, 1, 1, 0, 0, 0],
+    [0, 0, 0, 0, 2, 0, 0], [0, 0, 0, 0, 1, 1, 0], [0, 0, 0, 0, 0, 0, 1],
+])  # fmt: skip
+DAMPING = np.array([False, True] * 3 + [False])
 LATE = 0.004  # s, twice what `check` asks for; with commands that late, modes are to die out as fast
-FARTHEST = math.log(4)  # of a gain from where it began
-STEP = 1e-3  # of a gain's logarithm, for the derivative of a matrix that is known to some 1e-10
+FARTHEST = math.log(2)  # of what is chosen from where it began
+STEP = 1e-3  # of such a logarithm, for the derivative of a matrix that is known to some 1e-10
 REGION, LEAST_REGION = 0.3, 0.03  # of logarithms: the first trust region, and the one at which the search ends
 LOOPS = 80  # matrices at most, and as many for whoever is compared with
 SLOWEST = 60  # eigenvalues that a step looks at
@@ -67,12 +74,13 @@ def names(settings: Settings) -> tuple[str, ...]:
     return GAINS if beyond else GAINS[:-1]
 
 
-def scaled(settings: Settings, steps: np.ndarray) -> Settings:
-    """Settings whose gains are `exp(steps)` times what they are, to three digits."""
+def scaled(settings: Settings, steps: np.ndarray, digits: int = 3) -> Settings:
+    """Settings with gains so many logarithms of `CHOSEN` from what they are, written with so many digits."""
     change: dict[str, Any] = {}
-    for name, step in zip(names(settings), steps, strict=True):
+    free = len(names(settings))
+    for name, step in zip(names(settings), CHOSEN[:free, :free] @ steps, strict=True):
         now = getattr(settings.control, name)
-        new = [float(f"{math.exp(step) * each:.3g}") for each in np.atleast_1d(now)]
+        new = [float(f"{math.exp(step) * each:.{digits}g}") for each in np.atleast_1d(now)]
         change[name] = tuple(new) if np.ndim(now) else new[0]
     return settings.model_copy(update={"control": settings.control.model_copy(update=change)})
 
@@ -80,61 +88,93 @@ def scaled(settings: Settings, steps: np.ndarray) -> Settings:
 def tune(settings: Settings, progress: Callable[[str], None] = lambda _what: None) -> tuple[Loop, Loop, int]:
     """The loop as it is, the one with the gains that were found, and how many matrices that took.
 
-    Sequential linear programs: least t with `Re lambda_i + (d Re lambda_i / d log g) s <= t` for the slowest modes, on
-    time and late, `|s| <= region`; a step that helps is taken and widens the region, another narrows it. `K_p` is kept
-    below what the start's error and `limits.thrust_margin` leave of the thrust. Raises as `loop`.
+    Sequential linear programs: least t with `Re lambda_i + (d Re lambda_i / d s) s <= t` for the slowest modes, on
+    time and late, `|s| <= region`; a step that helps is taken and widens the region. Where one does not, dampings are
+    held, as slopes in them are of no use where poles meet; then the region is narrowed. `K_p` is kept below what the
+    start's error and `limits.thrust_margin` leave of the thrust. Raises as `loop`.
     """
     progress("its loop at rest")
-    first = best = loop(settings)
+    first = loop(settings)
     free = len(names(settings))
     low, high = np.full(free, -FARTHEST), np.full(free, FARTHEST)
     high[0] = min(high[0], _most_stiffness(first))
-    at, region, used, slopes = np.zeros(free), REGION, 1, None
-    while region > LEAST_REGION and used + free < LOOPS:
-        if slopes is None:
-            progress(f"slowest mode {best.growth:+.3g} 1/s, {used} of at most {LOOPS} loops looked at")
-            slopes = _slopes(best)
-            used += free
-        step = _step(*slopes, np.maximum(low - at, -region), np.minimum(high - at, region))
-        tried = None
+
+    def at(steps: np.ndarray) -> Loop | None:
         with contextlib.suppress(ValueError, ScenarioError):  # no rest with these
-            tried = loop(scaled(settings, at + step))
-        used += 1
-        if tried is not None and tried.growth < best.growth - 0.005 * abs(best.growth):
-            best, at, region, slopes = tried, at + step, min(1.5 * region, 1.0), None
+            return loop(scaled(settings, steps))
+        return None
+
+    return descend(first, at, _slopes, (low, high), DAMPING[:free], progress)
+
+
+class Grows(Protocol):
+    """What `descend` makes small."""
+
+    @property
+    def growth(self) -> float:
+        """1/s."""
+        ...
+
+
+G = TypeVar("G", bound=Grows)
+Slopes = tuple[np.ndarray, np.ndarray]
+"""Rates, 1/s, and their derivatives, a row each."""
+
+
+def descend(
+    first: G,
+    at: Callable[[np.ndarray], G | None],
+    slopes: Callable[[G], Slopes],
+    bounds: tuple[np.ndarray, np.ndarray],
+    second: np.ndarray,
+    progress: Callable[[str], None] = lambda _what: None,
+) -> tuple[G, G, int]:
+    """From zero, where `first` is, to what grows least within bounds; `at` is None where there is nothing.
+
+    second: what is held where a step with all did not help. A loop looked at counts one, its slopes one for each of
+    what they are the slopes in.
+    """
+    low, high = bounds
+    best, here, region, used, known = first, np.zeros(len(low)), REGION, 1, None
+    while region > LEAST_REGION and used + len(low) < LOOPS:
+        if known is None:
+            progress(f"slowest mode {best.growth:+.3g} 1/s, {used} of at most {LOOPS} loops looked at")
+            known = slopes(best)
+            used += len(low)
+        for moves in (np.full(len(low), True), ~second):
+            least, most = np.maximum(low - here, -region), np.minimum(high - here, region)
+            step = _step(*known, np.where(moves, least, 0.0), np.where(moves, most, 0.0))
+            tried = at(here + step)
+            used += 1
+            if tried is not None and tried.growth < best.growth - 0.005 * abs(best.growth):
+                best, here, region, known = tried, here + step, min(1.5 * region, 1.0), None
+                break
         else:
             region /= 3
     return first, best, used
 
 
-def _slopes(of: Loop) -> tuple[np.ndarray, np.ndarray]:
-    """Rates of the slowest modes, 1/s, and their derivatives with the logarithms of the gains.
-
-    `z' = w^H M' v` with the right and left vectors, `w^H v = 1`; M' by differences, at the rest of the loop as it is.
-    """
-    rates, slopes = [], []
-    free = len(names(of.settings))
+def _slopes(of: Loop) -> Slopes:
+    """Of the slowest modes by the logarithms of the gains, by differences at the rest of the loop as it is."""
     moved = []
-    for k in range(free):
-        # not rounded: a step is shorter than the third digit
-        control = {
-            name: _times(getattr(of.settings.control, name), math.exp(STEP)) for name in (names(of.settings)[k],)
-        }
-        settings = of.settings.model_copy(update={"control": of.settings.control.model_copy(update=control)})
-        moved.append(of.matrices(modes.derivative(study.plan(settings, "C1"), of.z, of.x)))
-    for j, M in enumerate(of.matrices(of.M)):
-        values, vectors = np.linalg.eig(M)
-        left = np.linalg.inv(vectors)
-        rate = np.log(np.maximum(np.abs(values), 1e-300)) / of.plan.dt
-        for i in np.argsort(-rate)[:SLOWEST]:
-            turned = [left[i] @ ((A[j] - M) @ vectors[:, i]) / STEP / values[i] for A in moved]
-            rates.append(rate[i])
-            slopes.append(np.real(turned) / of.plan.dt)
-    return np.array(rates), np.array(slopes)
+    for e in np.eye(len(names(of.settings))):
+        plan = study.plan(scaled(of.settings, STEP * e, digits=15), "C1")
+        moved.append(of.matrices(modes.derivative(plan, of.z, of.x)))
+    parts = [rates(M, [each[k] for each in moved], of.plan.dt) for k, M in enumerate(of.matrices(of.M))]
+    return np.concatenate([rate for rate, _ in parts]), np.concatenate([slope for _, slope in parts])
 
 
-def _times(gain: Any, factor: float) -> Any:
-    return tuple(factor * each for each in gain) if isinstance(gain, tuple) else factor * gain
+def rates(M: np.ndarray, moved: Sequence[np.ndarray], dt: float) -> Slopes:
+    """Of the slowest eigenvalues of a tick of dt, s: `log |z| / dt`, and how it changes to `moved`, each `STEP` away.
+
+    `z' = w^H M' v` with the right and left vectors, `w^H v = 1`.
+    """
+    values, vectors = np.linalg.eig(M)
+    left = np.linalg.inv(vectors)
+    order = np.argsort(-np.abs(values))[:SLOWEST]
+    turned = [(left[order] * ((A - M) @ vectors[:, order]).T).sum(1) / values[order] for A in moved]
+    rate = np.log(np.maximum(np.abs(values[order]), np.finfo(float).tiny)) / dt
+    return rate, np.real(np.stack(turned, axis=1)) / (STEP * dt)
 
 
 def _step(rates: np.ndarray, slopes: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
@@ -147,14 +187,14 @@ def _step(rates: np.ndarray, slopes: np.ndarray, low: np.ndarray, high: np.ndarr
 
 
 def _most_stiffness(of: Loop) -> float:
-    """How much larger, as a logarithm, K_p may be: what the start's error asks for has to be left of the thrust."""
+    """How much higher, as a logarithm, the position's frequency may be: the start's error asks for thrust."""
     error = float(np.linalg.norm(of.settings.start.position_error_m))
     plan = of.plan
     hover = build.hover(of.settings, plan.world.team, plan.pilot, plan.world.sources)
     have = np.concatenate([group.thrust_max for group in plan.world.team.groups])
     left = float(((1 - of.settings.limits.thrust_margin) * have / hover).min()) - 1
     asked = max(of.settings.control.K_p) * error / max(float(np.linalg.norm(of.settings.gravity_mps2)), 1e-9)
-    return math.log(max(left / asked, 1.0)) if asked > 0 else FARTHEST
+    return math.log(max(left / asked, 1.0)) / 2 if asked > 0 else FARTHEST
 
 
 # What is said of it ---------------------------------------------------------------------------------------------------
