@@ -300,7 +300,7 @@ def tune(
 ) -> None:
     """Choose a scenario's gains so that every disturbance dies out soon, also where commands come late; flies nothing.
 
-    Prints modes and margins before and after, and writes the scenario with the gains found (docs/scenarios.md).
+    Prints modes and margins before and after, and writes the scenario with the gains found; no file is overwritten.
     """
     from colift import scenario
     from colift import tune as tuner
