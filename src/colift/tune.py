@@ -13,6 +13,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
+from scipy import linalg
 from scipy.optimize import linprog
 
 from colift import checkup, disturbance, modes, simulate, study
@@ -167,14 +168,14 @@ def _slopes(of: Loop) -> Slopes:
 def rates(M: np.ndarray, moved: Sequence[np.ndarray], dt: float) -> Slopes:
     """Of the slowest eigenvalues of a tick of dt, s: `log |z| / dt`, and how it changes to `moved`, each `STEP` away.
 
-    `z' = w^H M' v` with the right and left vectors, `w^H v = 1`.
+    `z' = w^H M' v / w^H v` with the right and left vectors v, w.
     """
-    values, vectors = np.linalg.eig(M)
-    left = np.linalg.inv(vectors)
+    values, left, right = linalg.eig(M, left=True)
     order = np.argsort(-np.abs(values))[:SLOWEST]
-    turned = [(left[order] * ((A - M) @ vectors[:, order]).T).sum(1) / values[order] for A in moved]
-    rate = np.log(np.maximum(np.abs(values[order]), np.finfo(float).tiny)) / dt
-    return rate, np.real(np.stack(turned, axis=1)) / (STEP * dt)
+    order = order[np.abs(values[order]) > modes.GONE]
+    values, w, v = values[order], left[:, order].conj(), right[:, order]
+    turned = [(w * ((A - M) @ v)).sum(0) / ((w * v).sum(0) * values) for A in moved]
+    return np.log(np.abs(values)) / dt, np.real(np.stack(turned, axis=1)) / (STEP * dt)
 
 
 def _step(rates: np.ndarray, slopes: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
