@@ -10,7 +10,7 @@ import contextlib
 import dataclasses
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, Protocol, TypeVar
+from typing import Any, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 from scipy import linalg
@@ -108,6 +108,7 @@ def tune(settings: Settings, progress: Callable[[str], None] = lambda _what: Non
     return descend(first, at, _slopes, (low, high), DAMPING[:free], progress)
 
 
+@runtime_checkable
 class Grows(Protocol):
     """What `descend` makes small."""
 
