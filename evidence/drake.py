@@ -28,7 +28,6 @@ from colift import engine, mjcf, scenario, simulate, study
 from colift.dynamics import Acceleration, AgentAcceleration
 from colift.model import Inputs, Residual, State, Team, Unknown, agent_names
 from colift.pytree import pytree, static
-from colift.scenario import build
 from evidence import collect
 from evidence.engines import TARGETS, apart
 

@@ -1,8 +1,8 @@
 """Flights in which the world changes and sensors fail: memory, reflex, both, and C4, against residuals known exactly.
 
 Each sample draws a seed, a turn of the wind, mass put on the payload or taken off it, a path that leaves the data,
-motors and what is believed of them, lost labels and noise. All cases look ahead and know the lag alike. Their errors are
-judged after the changes.
+motors and what is believed of them, lost labels and noise. All cases look ahead and know the lag alike. Errors are those
+after the changes.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from colift import analyse, scenario, simulate, study
-from colift.scenario import Settings, build
+from colift.scenario import Settings
 from evidence import collect
 
 SAMPLES = 48

@@ -153,3 +153,27 @@ def test_the_command_prints_the_findings_and_its_status_says_whether_all_is_soun
         assert json.loads(data.stdout) == json.loads(json.dumps(here.summary))
     assert CliRunner().invoke(app, ["check", "papr"]).exit_code == 2
     assert CliRunner().invoke(app, ["check", "paper", "--set", "payload.mass_kg=x"]).exit_code == 2
+
+
+def moving(rate: float, joint: float, load: float) -> modes.Modes:
+    """Two modes: the payload's at 2 1/s, and one at a rate that moves a joint of `beam` and the payload so far."""
+    joints = np.zeros((2, 12))
+    joints[:, 4] = 0.1, joint
+    payload = np.zeros((2, 6))
+    payload[:, 3] = 1.0, load
+    return modes.Modes(
+        eigenvalues=np.array([-2.0, -rate + 1j]), payload=payload, attitude=np.zeros((2, 4, 3)), joints=joints
+    )
+
+
+def test_joints_beyond_need_that_return_too_slowly_are_bad_and_named():
+    beam = scenario.load("beam", ("control.posture=5",))
+    (slow,) = checkup._posture(beam, moving(2.4, 1.0, 0.1))
+    assert slow.says == "joints beyond need return at 2.4 1/s, slowest agent_2/shoulder; control.posture = 5"
+    assert "lower control.posture to 2.4" in slow.advice[0]
+    (fast,) = checkup._posture(beam, moving(2.6, 1.0, 0.1))
+    assert fast.advice == ()
+    assert not list(checkup._posture(beam, moving(0.1, 1.0, 1.0)))  # the payload's own: its gains are to blame
+    assert not list(checkup._posture(scenario.load("paper"), moving(0.1, 1.0, 0.1)))
+    (held,) = checkup._posture(scenario.load("beam", ("control.posture=0",)), moving(2.6, 1.0, 0.1))
+    assert held.advice

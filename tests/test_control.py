@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from colift import agent as ag
 from colift import control, dynamics, grasp, reference, so3
-from colift.model import AgentForce, AgentState, PayloadState, Residual, State, Team, Tree, Wrench
+from colift.model import AgentForce, PayloadState, Residual, State, Team, Tree, Wrench
 from tests import teams
 from tests.pinocchio_team import PinocchioTeam
 
@@ -35,6 +35,7 @@ GAINS = control.Gains(
     agent_k_omega=jnp.array(8.0),
     posture=jnp.array(2.0),
 )
+ROUNDING = 1e-7  # joints beyond need are shared out by weights of 1e-4 to 1e2, which costs six digits
 accelerate = jax.jit(dynamics.accelerate)
 attitude = jax.jit(control.attitude)
 
@@ -135,8 +136,8 @@ def test_with_thrust_aligned_contact_forces_and_payload_are_as_commanded(seed, s
     job = task(seed, structure)
     a, missed, d = aligned(job, commands(job))
     assert np.abs(d).max() > 0.1  # the thrusts were not aligned by themselves
-    assert np.abs(missed).max() < 1e-9
-    np.testing.assert_allclose(a.payload, jnp.concatenate([job.to.a, job.to.alpha]), atol=1e-9)
+    assert np.abs(missed).max() < ROUNDING
+    np.testing.assert_allclose(a.payload, jnp.concatenate([job.to.a, job.to.alpha]), atol=ROUNDING)
 
 
 @pytest.mark.parametrize(("seed", "structure"), CASES)
@@ -148,13 +149,13 @@ def test_thrust_is_what_the_force_balance_asks_along_the_body_axis(seed, structu
     parts = (each(job.team.groups), each(job.z.agents), each(job.shares), each(job.f.agents), each(inputs))
     for j, (agent, q, share, f, u) in enumerate(zip(*parts, strict=True)):
         force = float(agent.mass.sum()) * (v_dot[j] - job.team.gravity) + share.lam.sum(0) - f.f_x
-        np.testing.assert_allclose(q.R.T @ force, [*d[2 * j : 2 * j + 2], u.u], atol=1e-9)
+        np.testing.assert_allclose(q.R.T @ force, [*d[2 * j : 2 * j + 2], u.u], atol=ROUNDING)
 
 
 @pytest.mark.parametrize(("seed", "structure"), CASES)
 def test_agents_turn_by_the_attitude_law(seed, structure):
     job = task(seed, structure)
-    a, _, _ = aligned(job, commands(job))
+    a, _, _ = aligned(job, commands(job, dataclasses.replace(GAINS, posture=jnp.array(0.0))))  # which leans no thrust
     turned = np.concatenate([np.asarray(x.xi_dot)[:, :3] for x in a.agents])
     k_R, k_w, h = float(GAINS.agent_k_R), float(GAINS.agent_k_omega), 1e-5
     parts = zip(each(job.team.groups), each(job.z.agents), each(job.shares), each(job.f.agents), strict=True)
@@ -175,30 +176,39 @@ def vee(A: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("seed", [1, 2])
-def test_redundant_joints_go_to_rest_as_far_as_the_grasp_lets_them(seed):
-    job = task(seed, STRUCTURES[0])
-    still = dataclasses.replace(GAINS, posture=jnp.array(0.0))
-    moved, kept = (aligned(job, commands(job, gains))[0].agents[0].xi_dot[0, 3:] for gains in (GAINS, still))
-    agent, q, share = (each(x)[0] for x in (job.team.groups, job.z.agents, job.shares))
-    J = tip_jacobian(agent, q)
-    wish = np.concatenate([np.zeros(3), -4 * (q.r - share.rest) - 4 * q.r_dot])
-    expected = wish - np.linalg.pinv(J) @ (J @ wish)
-    np.testing.assert_allclose(moved - kept, expected[3:], atol=1e-6)
-    assert np.abs(expected).max() > 0.1
+def test_joints_beyond_need_move_as_the_thrust_moves_the_agent_so_that_contact_forces_are_as_commanded(seed):
+    """Of one arm, whatever the attitude: the lateral forces that its thrust lacks are none."""
+    job = task(seed, STRUCTURES[3])
+    _, missed, d = aligned(job, commands(job))
+    assert np.abs(d[2:4]).max() < 0.02 * np.abs(d).max()  # the chain; the other agents' arms leave a joint at most
+    assert np.abs(missed).max() < ROUNDING
 
 
-def tip_jacobian(agent: ag.Agent, q: AgentState) -> np.ndarray:
-    """Motion of the tips, base frame, with the centre of mass (base frame) and the joints, by differences."""
-    h, columns = 1e-6, []
-    tips = jax.jit(ag.tips)
-    for i in range(3 + agent.tree.joints):
-        ends = []
-        for s in (h, -h):
-            e = s * np.eye(3 + agent.tree.joints)[i]
-            to = dataclasses.replace(q, x=q.x + q.R @ jnp.array(e[:3]), r=q.r + jnp.array(e[3:]))
-            ends.append(np.asarray(tips(agent, to)) @ np.asarray(q.R))
-        columns.append((ends[0] - ends[1]).ravel() / (2 * h))
-    return np.stack(columns, axis=1)
+ONE_ARM = ((teams.CHAIN, 1), (teams.RIGID, 2))
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_the_lean_moves_the_centre_of_mass_as_the_posture_of_its_joints_asks(seed):
+    """At rest, upright as the force is, joints off theirs: `m x_dd` across the thrust, x_dd of still tips."""
+    rng = np.random.default_rng(seed)
+    agent = jax.tree.map(lambda x: x[0], teams.team(rng, ONE_ARM).groups[0])
+    q = teams.agent_state(rng, teams.CHAIN, speed=0.0)
+    zero, g = jnp.zeros(3), jnp.array([0.0, 0, -9.81])
+    to = control.Command(a=zero, alpha=zero, jerk=zero)
+    off = 0.2 * rng.normal(size=3)
+    share = control.Share(
+        lam=jnp.zeros((1, 3)), lam_dot=jnp.zeros((1, 3)), heading=jnp.array(0.4), rest=q.r - jnp.asarray(off)
+    )
+    none = AgentForce(f_x=zero, f_w=zero, f_r=zero)
+    turn = control.aligned(agent, g, to, share, none)
+    q = dataclasses.replace(q, R=turn.R)
+    p = ag.reduce(agent, ag.geometry(agent, q.r))
+    leaned, _ = control._leaned(agent, GAINS, g, q, to, share, none, p, turn)
+    r_dd = -(float(GAINS.posture) ** 2) * off
+    lift = -np.asarray(turn.R) @ np.asarray(p.tip)[0, :, 3:] @ r_dd  # m/s^2; the tip stays
+    f = lift - np.asarray(g)
+    np.testing.assert_allclose(leaned.R[:, 2], f / np.linalg.norm(f), atol=0.01 * np.linalg.norm(lift) / 9.81)
+    assert np.linalg.norm(np.cross(leaned.R[:, 2], turn.R[:, 2])) > 1e-3
 
 
 # The leader -----------------------------------------------------------------------------------------------------------
@@ -351,7 +361,7 @@ def test_without_a_swing_the_rates_are_those_of_what_is_asked_ahead(seed):
     )
     ahead = control.Ahead(step=jnp.array(step), load=load, to=to, f=jnp.asarray(f))
     now = jax.tree.map(lambda x: x[2], to)
-    turn = control.anticipated(body, GAINS, team.gravity, q, now, share, none, ahead)
+    turn = control.anticipated(body, team.gravity, q, now, share, none, ahead)
     expected = control.turning(jnp.asarray(np.stack([c[0], c[1], 2 * c[2]])), share.heading)
     for name in ("R", "omega", "omega_dot"):
         np.testing.assert_allclose(getattr(turn, name), getattr(expected, name), atol=1e-7, err_msg=name)

@@ -151,7 +151,8 @@ def test_what_is_set_is_checked_as_if_it_were_written(command: tuple[str, ...], 
 def test_a_duration_that_ends_before_learning_does_is_said(command: tuple[str, ...], tmp_path: Path):
     status, said = invoke(*command, "paper", "--duration", "5", "--out", str(tmp_path / "out"))
     assert (status, said.count("\n")) == (2, 1)
-    assert "learning.end_s [s]: must not exceed duration_s = 5, got 10" in said
+    assert "learning.end_s [s]: must not exceed --duration 5, got 10" in said
+    assert invoke(*command, "paper", "--duration", "0.01")[1].startswith("--duration [s]: must be from 0.1 to")
 
 
 @pytest.mark.parametrize(("kind", "holds"), [("csv", b"time [s],p x [m]"), ("mcap", b"/payload/pose")])

@@ -248,3 +248,46 @@ def test_a_small_constant_residual_brings_about_what_the_response_says():
     assert np.linalg.norm(whole) < 0.05 * np.linalg.norm(0.2 * linear)
     assert np.linalg.norm(half) == pytest.approx(np.linalg.norm(whole) / 4, rel=0.1)
     assert np.abs(linear[:3]).max() > 1e-3
+
+
+# Joints beyond need ---------------------------------------------------------------------------------------------------
+
+
+@functools.cache
+def legs() -> settings.Settings:
+    """Three agents of the scenario `beam`, each with one arm of three joints, round a payload."""
+    given = scenario.load("beam")
+    agents = [
+        agent.model_copy(update={"contacts_m": (c,)})
+        for agent, c in zip(given.agents, ((0.5, 0.0, 0.05), (-0.3, 0.4, 0.05), (-0.3, -0.4, 0.05)), strict=False)
+    ]
+    small = given.learning.model_copy(update={"capacity": 2})
+    return given.model_copy(update={"agents": tuple(agents), "learning": small})
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_joints_beyond_need_return_to_rest_as_fast_as_is_stated(seed):
+    """Random links, masses, poses and rates: every mode is faster than half the rate, or than the payload's own 2.1."""
+    rng, given = np.random.default_rng(seed), legs()
+    kind, rate = given.agent_types["one_arm"], float(rng.uniform(1, 4))
+    joints = [
+        joint.model_copy(
+            update={
+                "rest_rad": joint.rest_rad + rng.uniform(-0.3, 0.3),
+                "position_m": tuple(rng.uniform(0.5, 2) * np.array(joint.position_m)),
+                "body": joint.body.model_copy(update={"mass_kg": rng.uniform(0.3, 2) * joint.body.mass_kg}),
+            }
+        )
+        for joint in kind.joints
+    ]
+    arm = kind.arms[0].model_copy(update={"tip_m": (0.0, 0.0, -rng.uniform(0.08, 0.3))})
+    changed = given.model_copy(
+        update={
+            "agent_types": {"one_arm": kind.model_copy(update={"joints": tuple(joints), "arms": (arm,)})},
+            "control": given.control.model_copy(update={"posture": rate}),
+        }
+    )
+    _, nominal = build.team(changed)
+    pilot, z = build.pilot(changed, nominal), build.at_rest(changed, nominal)
+    slowest = np.linalg.eigvals(response.linearize(pilot, z).A).real.max()
+    assert slowest < -min(rate / 2, 2.0)

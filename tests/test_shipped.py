@@ -12,8 +12,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from colift import gp
+from colift import checkup, gp, grasp, scenario
 from colift.dynamics import CONSISTENT
+from colift.scenario import build
 from tests import shipped
 
 ROOT = Path(__file__).parents[1]
@@ -89,3 +90,22 @@ def test_where_jax_was_in_use_before_a_warning_says_what_may_be_wrong():
     assert FLAG in late.stderr
     assert run("-W", "error", "-c", used, XLA_FLAGS=FLAG).returncode == 0
     assert run("-W", "error", "-c", "import jax; import colift; jax.numpy.ones(3)").returncode == 0
+
+
+TEAMS = ("beam", "trio", "uneven", "plate", "seven", "hover", "heavy", "turning")
+
+
+@pytest.mark.parametrize("name", TEAMS)
+def test_a_team_that_ships_stands_on_a_grasp_that_bears_every_wrench_and_lifts_its_weight(name: str):
+    """That it starts on its grasp is seen in test_scenario_build.py; `./dev evidence tuned` flies the first five."""
+    given = scenario.load(name)
+    truth, _ = build.team(given)
+    values = grasp.singular_values(truth, length=float(np.sqrt((np.asarray(grasp.contacts(truth)) ** 2).sum(1).mean())))
+    assert values[0] < checkup.CONDITION_MOST * values[-1]
+    have = np.concatenate([np.asarray(group.thrust_max) for group in truth.groups])
+    load = float(truth.payload.mass)
+    weight = 9.81 * (load + sum(float(group.mass.sum()) for group in truth.groups))
+    assert have.sum() > 1.3 * weight
+    assert (name == "heavy") == bool(9.81 * load > have.max())
+    assert (name == "turning") == any(given.reference.swing_deg)
+    assert (name == "hover") == (not any(given.reference.amplitude_m))

@@ -48,9 +48,7 @@ def light_flights() -> dict[str, simulate.Flight]:
         added=Added(mass_kg=0.3, start_s=2.2),
         innovation=Innovation(renew_s=0.5, enough=40),
     )
-    return {
-        case: simulate.fly_plan(study.plan(settings, case)) for case in ("C1", "F", "R", "H", "C4", "O")
-    }
+    return {case: simulate.fly_plan(study.plan(settings, case)) for case in ("C1", "F", "R", "H", "C4", "O")}
 
 
 def test_labels_bring_a_team_back_whose_payload_has_become_heavier(light_flights):

@@ -109,10 +109,19 @@ def _settings(
 
     given = {"duration_s": duration, "seed": seed}
     options = [f"{setting}={value}" for setting, value in given.items() if value is not None]
-    settings = scenario.load(name, [*(changes or ()), *options])
+    try:
+        settings = scenario.load(name, [*(changes or ()), *options])
+    except scenario.ScenarioError as error:
+        raise scenario.ScenarioError(_as_given(str(error), duration)) from None
     if engine is not None and settings.plant.kind != engine:
         settings = settings.model_copy(update={"plant": {"kind": engine.value}})
     return settings
+
+
+def _as_given(mistakes: str, duration: float | None) -> str:
+    """The same, by the options that were given."""
+    named = mistakes.replace("--set duration_s", "--duration").replace("--set seed", "--seed")
+    return named if duration is None else named.replace(f"duration_s = {duration:g}", f"--duration {duration:g}")
 
 
 @contextlib.contextmanager
@@ -286,6 +295,47 @@ def check(name: ScenarioName, changes: Changes = None, as_json: Json = False) ->
                 print(line)
     if not found.sound:
         raise typer.Exit(UNSOUND)
+
+
+@app.command()
+def tune(
+    name: ScenarioName,
+    out: Annotated[Path, typer.Option("--out", metavar="FILE", help="The scenario to write; it must not exist yet.")],
+    changes: Changes = None,
+    as_json: Json = False,
+) -> None:
+    """Choose a scenario's gains so that every disturbance dies out soon, also where commands come late; flies nothing.
+
+    Prints modes and margins before and after, and writes the scenario with the gains found; no file is overwritten.
+    """
+    from colift import scenario
+    from colift import tune as tuner
+
+    interrupt.check()
+    try:
+        if out.suffix not in scenario.SUFFIXES:
+            raise _fail(f"--out {out}: must end in {' or '.join(scenario.SUFFIXES)}")
+        if out.exists():
+            raise _fail(f"--out {out}: exists; it is not overwritten")
+        settings = _settings(name, changes)
+        with _stages(f"tuning {settings.name}") as say:
+            before, after, used = tuner.tune(settings, say)
+            said = tuner.lines(before, after, used)
+        written = None
+        if not changes and name in scenario.names():
+            written = scenario.shipped(name)
+        elif not changes:
+            written = Path(name).expanduser().read_text(encoding="utf-8-sig")
+        with out.open("x", encoding="utf-8") as opened:
+            opened.write(tuner.text(after.settings, written, str(out)))
+    except (scenario.ScenarioError, ValueError, OSError) as error:
+        raise _fail(_one_line(error)) from None
+    with _printed(""):
+        if as_json:
+            found = {"before": tuner.numbers(before), "after": tuner.numbers(after), "loops": used}
+            print(json.dumps(found | {"control": after.settings.model_dump(mode="json")["control"]}, indent=2))
+        else:
+            print("\n".join([*said, f"{settings.name} with these gains is in {out}"]))
 
 
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Say nothing but warnings and results.")]
@@ -552,11 +602,11 @@ def _draw(
     out: Path, cases: list[str], known: dict[str, str], still: Path | None, at: float, film: Path | None, speed: float
 ) -> None:
     """Write a picture or a film of some cases; raises as `picture.still` and `picture.film`."""
-    from colift import picture, scene
+    from colift import log, picture
 
     for case in cases:
         _require_known(case)
-    found = scene.load(out, known)
+    _, found = log.flights(out, known)
     if missing := [case for case in cases if case not in found]:
         raise ValueError(f"{out} holds {', '.join(found)}, not {', '.join(missing)}: choose by --case")
     seen = [picture.sketch(found[case], f"{case}: {known[case]}") for case in cases]
@@ -589,9 +639,7 @@ def report(out: Results, show: Open = False) -> None:
     from colift import study as flights
 
     try:
-        page = pages.write(
-            out, flights.ALL, _merits_table, lambda made: (_radii_table(made), _rests_on(made))
-        )
+        page = pages.write(out, flights.ALL, _merits_table, lambda made: (_radii_table(made), _rests_on(made)))
     except (ValueError, OSError) as error:
         raise _fail(_one_line(error)) from None
     _tell(f"the report is {page}", page, show)
@@ -716,7 +764,7 @@ def _write_beside(out: Path, kind: str, document: Callable[[Any], bytes]) -> Non
     from colift import study as flights
 
     try:
-        run, found = log.flights(out, tuple(flights.CASES | flights.BASELINES))
+        run, found = log.flights(out, tuple(flights.ALL))
         files = {f"{case}.{kind}": ds for case, ds in found.items()}
         with folder.claim(out, run, tuple(files)):
             for file, ds in files.items():

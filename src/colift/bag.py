@@ -19,7 +19,7 @@ import xarray as xr
 from jaxtyping import Array, Float
 
 from colift import agent as ag
-from colift import playback, so3
+from colift import scene, so3
 from colift.linalg import apply
 from colift.model import Agent, Team
 from colift.scenario import build
@@ -56,7 +56,7 @@ def document(ds: xr.Dataset) -> bytes:
 
     Raises ValueError for a log that does not hold its scenario, and for names that are the same to ROS.
     """
-    told = playback.settings(ds)
+    told = scene.settings(ds)
     team, _ = build.team(told)
     topics = tuple(_topics(ds, team))
     memory = io.BytesIO()
@@ -91,7 +91,7 @@ def _topics(ds: xr.Dataset, team: Team) -> Iterator[Topic]:
     if len(set(names)) < len(names):
         same = sorted({name for name in names if names.count(name) > 1})
         raise ValueError(f"{', '.join(same)}: more than one frame of that name in ROS, which has no '-' in names")
-    R_d = playback.desired(jnp.asarray(R_L), jnp.asarray(ds.e_R.values), jnp.asarray(ds.Psi.values))
+    R_d = scene.desired(jnp.asarray(R_L), jnp.asarray(ds.e_R.values), jnp.asarray(ds.Psi.values))
     base, attitude = bases(ds, team), _quaternions(ds.R.values)
     q_L, W = _quaternions(R_L), ds.W_d.values
     placed = [(WORLD, PAYLOAD, ds.p.values, q_L)]

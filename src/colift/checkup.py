@@ -97,8 +97,36 @@ def check(settings: Settings, progress: Callable[[str], None] = lambda _what: No
         {"stable": at_rest.stable, "rad_s": list(at_rest.rate)},
         () if at_rest.stable else _steadier(settings, x, M, progress),
     )
-    late = (_delay(settings, x, M, progress),) if at_rest.stable else ()
+    late = (*_posture(settings, at_rest), _delay(settings, x, M, progress)) if at_rest.stable else ()
     return Checkup(settings.name, (*found, mode, *late))
+
+
+def beyond_need(settings: Settings) -> bool:
+    """Whether contacts and attitude leave an agent joints that `control.posture` has to bring back, `n_r > 3 n - 3`."""
+    kinds = (settings.agent_types[agent.type] for agent in settings.agents)
+    return any(len(kind.joints) > 3 * len(kind.arms) - 3 for kind in kinds)
+
+
+def _posture(settings: Settings, found: modes.Modes) -> Iterator[Finding]:
+    """How fast joints beyond need return; bad below half of what is stated. What the payload shares is its own."""
+    stated = settings.control.posture
+    if not beyond_need(settings):
+        return
+    own = found.joints.max(1) > 2 * found.payload.max(1)
+    if not own.any():
+        return
+    k = int(np.argmax(own))  # modes are slowest first
+    rate, joint = float(-found.eigenvalues[k].real), build.joint_names(settings)[int(np.argmax(found.joints[k]))]
+    advice = (
+        f"{joint} returns too slowly: lower control.posture to {rate:.2g} or less, raise control.agent_k_R and "
+        "agent_k_omega, or turn the rest of its joints so that they move the agent sideways over its tip"
+    )
+    yield Finding(
+        "posture",
+        f"joints beyond need return at {rate:.3g} 1/s, slowest {joint}; control.posture = {stated:g}",
+        {"rate_1ps": rate, "stated_1ps": stated},
+        (advice,) if rate < stated / 2 or stated == 0 else (),
+    )
 
 
 def _mend(refusal: str) -> str:
@@ -164,7 +192,8 @@ def _joints(settings: Settings, truth: Team, z: State) -> Iterator[Finding]:
             joint = settings.agent_types[kinds[name]].joints[k].name
             advice.append(
                 f"{name}: turn the rest of joint {joint} away from {float(r[k]):.3g} "
-                f"(agent_types.{kinds[name]}.joints.{k}.rest_rad), or move the contact that it holds"
+                f"(agent_types.{kinds[name]}.joints.{k}.rest_rad, of a type from URDF .rest_rad.{joint}), or move the "
+                "contact that it holds"
             )
     if any(len(settings.agent_types[kind].joints) for kind in kinds.values()):
         worst = max(conditions, key=lambda name: conditions[name])
@@ -349,7 +378,8 @@ def _rests(settings: Settings) -> Iterator[Change]:
                 other = given.model_copy(update={"joints": (*given.joints[:k], turned, *given.joints[k + 1 :])})
                 types = settings.agent_types | {kind: other}
                 yield (
-                    f"--set agent_types.{kind}.joints.{k}.rest_rad={value}",
+                    f"--set agent_types.{kind}.joints.{k}.rest_rad={value} "
+                    f"(of a type from URDF agent_types.{kind}.rest_rad.{joint.name}={value})",
                     settings.model_copy(update={"agent_types": types}),
                 )
 

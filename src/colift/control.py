@@ -27,7 +27,7 @@ class Gains:
     k_omega: Float[Array, ""]  # 1/s, K_omega = k_omega J_L
     agent_k_R: Float[Array, ""]  # 1/s^2
     agent_k_omega: Float[Array, ""]  # 1/s
-    posture: Float[Array, ""]  # 1/s, rate of the posture task where joints are redundant
+    posture: Float[Array, ""]  # 1/s, rate at which joints that contacts leave free return to rest
 
 
 @pytree
@@ -133,7 +133,6 @@ class Ahead:
 
 def anticipated(
     agent: Agent,
-    gains: Gains,
     gravity: Float[Array, "3"],
     q: AgentState,
     to: Command,
@@ -156,7 +155,8 @@ def anticipated(
         turn = turning(f, share.heading)
         assert turn.omega_dot is not None
         _, kappa = ag.bias(agent, g, reduced, turn.omega, still.r_dot)
-        y = _with_tips(agent, gains, still, load, to, share.rest, reduced, kappa, turn.R, turn.omega_dot)
+        free = jnp.concatenate([turn.R.T @ to.a, jnp.zeros_like(still.r)])
+        y = _with_tips(agent, load, to, reduced, kappa, turn.R, turn.omega_dot, free)
         return turn.R @ y[:3] - to.a
 
     swings = m * jax.vmap(swing)(_rates(ahead.f, ahead.step), ahead.load, ahead.to)
@@ -182,7 +182,7 @@ def realize(
 ) -> AgentInput:
     """Thrust and torques that put `lam` on the payload if the thrust is aligned and the payload obeys.
 
-    1. the thrust's direction and the heading are the attitude of `turn`;
+    1. the thrust's direction and the heading are the attitude of `turn`, leaned as the posture asks (`_leaned`);
     2. `omega_dot = -k_R e_R - k_w e_w` towards it, and its own `R^T R_d omega_d_dot - w x R^T R_d omega_d` if known;
     3. `(x_dd, r_dd)` that keep the tips on the payload commanded to accelerate by `(a, alpha)`;
     4. `u = f_des . R e_3` with `f_des = m (x_dd - a_g) + sum lam - f_hat_x`, torques by inverse dynamics.
@@ -192,12 +192,15 @@ def realize(
     g = ag.geometry(agent, q.r)
     p = ag.reduce(agent, g)
     h, kappa = ag.bias(agent, g, p, q.omega, q.r_dot)
+    free = jnp.zeros(3 + agent.tree.joints)
+    if _beyond_need(agent):
+        turn, free = _leaned(agent, gains, gravity, q, to, share, f_hat, p, turn)
     omega_dot = -gains.agent_k_R * so3.e_R(q.R, turn.R)
     omega_dot = omega_dot - gains.agent_k_omega * so3.e_omega(q.R, q.omega, turn.R, turn.omega)
     if turn.omega_dot is not None:
         to_body = q.R.T @ turn.R
         omega_dot = omega_dot + to_body @ turn.omega_dot - so3.cross(q.omega, to_body @ turn.omega)
-    y = _with_tips(agent, gains, q, load, to, share.rest, p, kappa, q.R, omega_dot)
+    y = _with_tips(agent, load, to, p, kappa, q.R, omega_dot, free)
     f_des, Q, thrust = balance.forces(p, h, q, q.R @ y[:3] - gravity, jnp.concatenate([omega_dot, y[3:]]), share.lam)
     u = ((f_des - f_hat.f_x) * q.R[:, 2]).sum()
     Q = Q - u * thrust
@@ -206,25 +209,80 @@ def realize(
 
 def _with_tips(
     agent: Agent,
-    gains: Gains,
-    q: AgentState,
     load: PayloadState,
     to: Command,
-    rest: Float[Array, "n_r"],
     p: ag.Reduced,
     kappa: Float[Array, "arms 3"],
     R: Float[Array, "3 3"],
     omega_dot: Float[Array, "3"],
+    free: Float[Array, "motion"],
 ) -> Float[Array, "motion"]:
     """`(R^T x_dd, r_dd)` of an agent at attitude R that turns by `omega_dot` while its tips follow the payload.
 
-    `R^T x_dd + B xi_dot + kappa = R^T (a + R_L (alpha x c + w x (w x c)))`; what that leaves open goes to the posture.
+    `R^T x_dd + B xi_dot + kappa = R^T (a + R_L (alpha x c + w x (w x c)))`; what that leaves open is as in `free`.
     """
     c = agent.contact
     carried = so3.cross(to.alpha[None], c) + so3.cross(load.omega[None], so3.cross(load.omega[None], c))
     target = (to.a[None] + carried @ load.R.T) @ R - kappa - (p.tip[:, :, :3] * omega_dot[None, None]).sum(2)
-    n = c.shape[0]
-    J = jnp.concatenate([jnp.tile(jnp.eye(3), (n, 1)), p.tip[:, :, 3:].reshape(3 * n, -1)], axis=1)
-    posture = -(gains.posture**2) * (q.r - rest) - 2 * gains.posture * q.r_dot
-    y = jnp.concatenate([jnp.zeros(3), posture])
-    return y + J.T @ linalg.solve(J @ J.T, (target.reshape(-1) - J @ y)[:, None])[:, 0]
+    yields = BY_THRUST if _beyond_need(agent) else BY_TIPS
+    return _nearest(p, yields, free[:, None], target.reshape(-1, 1))[:, 0]
+
+
+# Joints beyond need ---------------------------------------------------------------------------------------------------
+
+# How readily the centre of mass gives way, by axis of the base, where a joint does by 1 rad^2: 1 cm or 10 m squared.
+BY_TIPS = np.ones(3)  # of no effect where joints are just enough
+BY_THRUST = np.array([1e-4, 1e-4, 1e2])  # the thrust has its size at will, its direction only as the agent turns
+BY_JOINTS = np.full(3, 1e2)
+
+
+def _beyond_need(agent: Agent) -> bool:
+    """Whether tips and attitude leave joints free, `n_r > 3 n - 3`."""
+    return agent.tree.joints > 3 * agent.tree.arms - 3
+
+
+def _nearest(
+    p: ag.Reduced, yields: np.ndarray, free: Float[Array, "motion k"], tips: Float[Array, "forces k"]
+) -> Float[Array, "motion k"]:
+    """`y = free + S J^T (J S J^T)^-1 (tips - J free)`: the motion `(R^T x, r)` nearest to `free` that moves tips so."""
+    n, joints = p.tip.shape[0], free.shape[0] - 3
+    J = jnp.concatenate([jnp.tile(jnp.eye(3), (n, 1)), p.tip[:, :, 3:].reshape(3 * n, joints)], axis=1)
+    S_JT = np.concatenate([yields, np.ones(joints)])[:, None] * J.T
+    return free + S_JT @ linalg.solve(J @ S_JT, tips - J @ free)
+
+
+def _leaned(
+    agent: Agent,
+    gains: Gains,
+    gravity: Float[Array, "3"],
+    q: AgentState,
+    to: Command,
+    share: Share,
+    f_hat: AgentForce,
+    p: ag.Reduced,
+    turn: Turn,
+) -> tuple[Turn, Float[Array, "motion"]]:
+    """The turn with the lean that moves the centre of mass over the tips, and the motion that joints and thrust allow.
+
+    `r_dd = -k^2 e - 2 k e_dot`, `e = r - rest - r_tilt`: `r_tilt` are the joints that hold the centre of mass where it
+    is while the agent is off `turn`. It is what tips and posture make of it that leans, `f + m x_dd`, and its rate; and
+    joints move as the thrust of this moment moves it, so that contact forces need not. (Led by the joints' own errors
+    the loop would have the swing about the tips as a zero in the right half plane.)
+    """
+    k, m = gains.posture, p.mass
+    off = jnp.stack([so3.e_R(q.R, turn.R), so3.e_omega(q.R, q.omega, turn.R, turn.omega)], axis=1)
+    still = jnp.zeros((3 + agent.tree.joints, 2))
+    tilt = _nearest(p, BY_THRUST, still, -p.tip[:, :, :3].reshape(-1, 3) @ off)[3:]
+    e, e_dot = q.r - share.rest - tilt[:, 0], q.r_dot - tilt[:, 1]
+    r_dd = -(k**2) * e - 2 * k * e_dot
+    a = q.R.T @ to.a
+    across = q.R.T @ (gravity + (f_hat.f_x - share.lam.sum(0)) / m)  # what forces but the thrust's give
+    x_dd = jnp.concatenate([across[:2], a[2:]])
+    fixed = jnp.zeros((3 * agent.tree.arms, 1))
+    e_dd = _nearest(p, BY_THRUST, jnp.concatenate([x_dd - a, r_dd])[:, None], fixed)[3:, 0]
+    asked = still.at[3:].set(jnp.stack([r_dd, -(k**2) * e_dot - 2 * k * e_dd], axis=1))
+    lift = m * q.R @ _nearest(p, BY_JOINTS, asked, jnp.tile(fixed, (1, 2)))[:3]
+    size = (m * (to.a - gravity) + share.lam.sum(0) - f_hat.f_x) @ turn.R[:, 2]
+    f, f_dot = size * turn.R[:, 2], size * turn.R @ so3.cross(turn.omega, jnp.asarray(ag.E3))
+    R, R_dot = jax.jvp(lambda f: attitude(f, share.heading), (f + lift[:, 0],), (f_dot + lift[:, 1],))
+    return dataclasses.replace(turn, R=R, omega=so3.vee(R.T @ R_dot)), jnp.concatenate([x_dd, r_dd])

@@ -426,7 +426,7 @@ class Anticipating(Aligned):
         assert far is not None
         f = agent.mass.sum() * (far.to.a - gravity[None]) + lam.sum(1) - f_x
         ahead = control.Ahead(step=far.step, load=far.load, to=far.to, f=f)
-        return control.anticipated(agent, self.gains, gravity, q, to, share, f_hat, ahead)
+        return control.anticipated(agent, gravity, q, to, share, f_hat, ahead)
 
 
 @pytree

@@ -94,6 +94,20 @@ def delay_margin(x: Carried, M: np.ndarray, most: int) -> int:
     `world_memory = B K_memory`, K the rows of the command that was applied. Raises ValueError where what is remembered
     does not move every command by itself.
     """
+    B, K = _commands(x, M)
+    for ticks in range(most + 1):
+        if np.abs(np.linalg.eigvals(_delayed(M, B, K, ticks))).max() >= 1:
+            return ticks - 1
+    return most
+
+
+def delayed(x: Carried, M: np.ndarray, ticks: int) -> np.ndarray:
+    """The derivative of a loop whose commands act so many ticks later; raises as `delay_margin`."""
+    return _delayed(M, *_commands(x, M), ticks)
+
+
+def _commands(x: Carried, M: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """`(B, K)`: how commands move the world, and the rows of M by which they follow."""
     command, world = _rows_of(x, r"\.memory\.sent\[\d+\]\..*"), _rows_of(x, r"\.world\..*")
     memory, K = np.setdiff1d(np.arange(len(M)), world), M[command]
     # M is known to some 1e-10; what no state commands, as a force that only squeezes, needs no column of B
@@ -101,10 +115,7 @@ def delay_margin(x: Carried, M: np.ndarray, most: int) -> int:
         raise ValueError("what the pilot remembers does not move every command by itself")
     B = np.zeros((len(M), len(command)))
     B[world] = M[np.ix_(world, memory)] @ np.linalg.pinv(K[:, memory], rcond=1e-7)
-    for ticks in range(most + 1):
-        if np.abs(np.linalg.eigvals(_delayed(M, B, K, ticks))).max() >= 1:
-            return ticks - 1
-    return most
+    return B, K
 
 
 def _delayed(M: np.ndarray, B: np.ndarray, K: np.ndarray, ticks: int) -> np.ndarray:
@@ -176,6 +187,12 @@ def estimate(plan: simulate.Plan, z: State, x: Carried, M: np.ndarray) -> float:
     ahead = _changed(setup, loop, noise, [_row(moved, jnp.asarray(i)) for i in range(4)])
     along = (ahead[:2] - ahead[2:]) / (2 * STEP)
     return float(np.log(np.abs(w @ (along[0] + 1j * along[1]))) / plan.dt)
+
+
+def derivative(plan: simulate.Plan, z: State, x: Carried) -> np.ndarray:
+    """The derivative of a plan's loop at x, the rest of a loop near it, as `estimate` takes it along one mode."""
+    setup, loop, noise = _begun(plan, z)
+    return _slope(setup, _put(loop, x), noise)
 
 
 def _slope(setup: simulate.Setup, loop: simulate.Loop, noise: Any) -> np.ndarray:

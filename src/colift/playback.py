@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from colift import disk, folder, scene
+from colift import disk, folder, log, scene
 from colift.scenario import build
 
 PAGE = "view.html"
@@ -32,11 +32,11 @@ POLICY = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inli
 def write(out: Path, cases: Mapping[str, str]) -> Path:
     """Write the page of the flights of a folder, `out/view.html`; return its path. `cases`: names, and what they are.
 
-    Raises ValueError as `scene.load`; OSError where the page cannot be written or another process writes to the folder.
+    Raises ValueError as `log.flights`, OSError where the page cannot be written or another process writes there.
     """
-    found = scene.load(out, cases)
+    run, found = log.flights(out, cases)
     text = page(found, cases)
-    with folder.claim(out, next(iter(found.values())).attrs["run"], (PAGE,)):
+    with folder.claim(out, run, (PAGE,)):
         disk.write(out / PAGE, text.encode())
     return out / PAGE
 

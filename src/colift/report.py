@@ -14,7 +14,7 @@ from typing import Any
 
 from rich.table import Table
 
-from colift import disk, folder, playback, scenario, scene
+from colift import disk, folder, log, playback, scenario, scene
 from colift.scenario import Settings
 
 PAGE = "report.html"
@@ -62,7 +62,7 @@ def write(
     """
     if not (out / SUMMARY).is_file():
         raise ValueError(f"{out} holds no {SUMMARY}, which colift study writes when its flights have ended")
-    summary, found = json.loads((out / SUMMARY).read_text()), scene.load(out, cases)
+    summary, found = json.loads((out / SUMMARY).read_text()), log.flights(out, cases)[1]
     run, first = summary["run"], next(iter(found.values()))
     if first.attrs["run"] != run:
         raise ValueError(

@@ -7,8 +7,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Iterator, Mapping
-from pathlib import Path
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import jax
@@ -18,7 +17,7 @@ import xarray as xr
 from jaxtyping import Array, Float
 
 from colift import agent as ag
-from colift import log, mjcf, so3
+from colift import mjcf, so3
 from colift.linalg import apply, transpose
 from colift.model import Agent, Team
 from colift.scenario import ScenarioError, Settings, build

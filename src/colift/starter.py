@@ -55,7 +55,7 @@ VEHICLES = {  # by arms
         parent: roll
         axis: [0, 1, 0]
         body: {mass_kg: 0.1, com_m: [0, 0, -0.05], inertia_kgm2: [1.0e-4, 1.0e-4, 1.0e-5]}
-    arms:  # the vehicles swing over their tips, a turn in some 3 s, gone after some 20; with longer arms, longer
+    arms:
       - {name: tip, joint: pitch, tip_m: [0, 0, -0.1]}
 """,
     ),

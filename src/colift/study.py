@@ -17,8 +17,8 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
 import xarray as xr
+from jaxtyping import Array, Float
 
 from colift import analyse, balance, disk, disturbance, fly, folder, gp, learn, log, modes, response, simulate
 from colift.certify import adversary, assumed, certificate, interface

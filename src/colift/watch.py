@@ -32,7 +32,7 @@ def flying(
 
     `ready` is handed the page's address once the first half second is flown. Raises OSError where there is no port.
     """
-    names, flown, live = build.agent_names(settings), [], Live()
+    flown, live = [], Live()
     drawn = _Drawn(settings, plan, case)
 
     def seen(rows: simulate.Row) -> None:

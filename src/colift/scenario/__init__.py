@@ -17,6 +17,17 @@ build       settings to teams, disturbances, sensors, gains and the start
 from colift.scenario.mistake import ScenarioError
 from colift.scenario.read import SUFFIXES, load, names, parse, shipped
 from colift.scenario.settings import Section, Settings
-from colift.scenario.write import text
+from colift.scenario.write import text, with_control
 
-__all__ = ["SUFFIXES", "ScenarioError", "Section", "Settings", "load", "names", "parse", "shipped", "text"]
+__all__ = [
+    "SUFFIXES",
+    "ScenarioError",
+    "Section",
+    "Settings",
+    "load",
+    "names",
+    "parse",
+    "shipped",
+    "text",
+    "with_control",
+]

@@ -662,7 +662,7 @@ class Control(Section):
     agent_k_omega: Annotated[of.Gain, of_unit("1/s")]
     """Agents' body-rate gain."""
     posture: Annotated[of.GainOrNone, of_unit("1/s")] = 2.0
-    """Rate at which redundant joints return to rest."""
+    """Rate at which joints that contacts leave free return to rest: the agents lean for it as they do for a path."""
     fusion_Hz: of.Bandwidth = 1.0
     """How fast measured poses and velocities pull the inertial prediction."""
     bias_Hz: of.BandwidthOrNone = 0.0

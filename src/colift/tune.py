@@ -1,0 +1,262 @@
+"""Gains by gradients of the sampled loop's modes: every mode is to die out soon, also where commands come late.
+
+The loop to first order (`modes.monodromy`) has its eigenvalues, and these have derivatives with the gains; a linear
+program within a trust region says which step makes the slowest faster. Nothing is flown.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import math
+from collections.abc import Callable, Sequence
+from typing import Any, Protocol, TypeVar, runtime_checkable
+
+import numpy as np
+from scipy import linalg
+from scipy.optimize import linprog
+
+from colift import checkup, disturbance, modes, simulate, study
+from colift.model import State
+from colift.scenario import ScenarioError, Settings, build, parse, with_control
+from colift.scenario import text as every_setting
+
+GAINS = ("K_p", "K_v", "k_R", "k_omega", "agent_k_R", "agent_k_omega", "posture")
+# What is chosen, as logarithms: frequency and damping of the payload's position, of its attitude, of agents' attitudes,
+# and the posture's rate: `K_p = w^2`, `K_v = 2 d w`. A frequency moves both poles of a pair alike, also if they meet.
+CHOSEN = np.array([
+    [2, 0, 0, 0, 0, 0, 0], [1, 1, 0, 0, 0, 0, 0], [0, 0, 2, 0, 0, 0, 0], [0, 0, 1, 1, 0, 0, 0],
+    [0, 0, 0, 0, 2, 0, 0], [0, 0, 0, 0, 1, 1, 0], [0, 0, 0, 0, 0, 0, 1],
+])  # fmt: skip
+DAMPING = np.array([False, True] * 3 + [False])
+LATE = 0.004  # s, twice what `check` asks for; with commands that late, modes are to die out as fast
+FARTHEST = math.log(2)  # of what is chosen from where it began
+STEP = 1e-3  # of such a logarithm, for the derivative of a matrix that is known to some 1e-10
+REGION, LEAST_REGION = 0.3, 0.03  # of logarithms: the first trust region, and the one at which the search ends
+LOOPS = 80  # matrices at most, and as many for whoever is compared with
+SLOWEST = 60  # eigenvalues that a step looks at
+
+
+@dataclasses.dataclass(frozen=True)
+class Loop:
+    """What is known of a scenario's gains without a flight."""
+
+    settings: Settings
+    plan: simulate.Plan
+    z: State
+    x: modes.Carried
+    M: np.ndarray
+
+    @property
+    def ticks(self) -> int:
+        """How many ticks `LATE` is, rounded up."""
+        return math.ceil(LATE * self.settings.control_Hz - 1e-9)
+
+    def matrices(self, M: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The loop's derivative and the one with late commands, for a derivative M near this loop's."""
+        return M, modes.delayed(self.x, M, self.ticks)
+
+    @property
+    def growth(self) -> float:
+        """1/s, of the slowest mode of both, which is to be as negative as can be."""
+        return max(math.log(np.abs(np.linalg.eigvals(A)).max()) for A in self.matrices(self.M)) / self.plan.dt
+
+
+def loop(settings: Settings) -> Loop:
+    """The loop of a scenario at its rest. Raises ScenarioError as `study.plan`, ValueError where it finds no rest."""
+    plan = study.plan(settings, "C1")
+    z = build.at_rest(settings, plan.world.team)
+    return Loop(settings, plan, z, *modes.monodromy(plan, z))
+
+
+def names(settings: Settings) -> tuple[str, ...]:
+    """The gains that there are to choose: the posture's only where an agent has joints beyond need."""
+    beyond = checkup.beyond_need(settings) and settings.control.posture > 0
+    return GAINS if beyond else GAINS[:-1]
+
+
+def scaled(settings: Settings, steps: np.ndarray, digits: int = 3) -> Settings:
+    """Settings with gains so many logarithms of `CHOSEN` from what they are, written with so many digits."""
+    change: dict[str, Any] = {}
+    free = len(names(settings))
+    for name, step in zip(names(settings), CHOSEN[:free, :free] @ steps, strict=True):
+        now = getattr(settings.control, name)
+        new = [float(f"{math.exp(step) * each:.{digits}g}") for each in np.atleast_1d(now)]
+        change[name] = tuple(new) if np.ndim(now) else new[0]
+    return settings.model_copy(update={"control": settings.control.model_copy(update=change)})
+
+
+def tune(settings: Settings, progress: Callable[[str], None] = lambda _what: None) -> tuple[Loop, Loop, int]:
+    """The loop as it is, the one with the gains that were found, and how many matrices that took.
+
+    Sequential linear programs: least t with `Re lambda_i + (d Re lambda_i / d s) s <= t` for the slowest modes, on
+    time and late, `|s| <= region`; a step that helps is taken and widens the region. Where one does not, dampings are
+    held, as slopes in them are of no use where poles meet; then the region is narrowed. `K_p` is kept below what the
+    start's error and `limits.thrust_margin` leave of the thrust. Raises as `loop`.
+    """
+    progress("its loop at rest")
+    first = loop(settings)
+    free = len(names(settings))
+    low, high = np.full(free, -FARTHEST), np.full(free, FARTHEST)
+    high[0] = min(high[0], _most_stiffness(first))
+
+    def at(steps: np.ndarray) -> Loop | None:
+        with contextlib.suppress(ValueError, ScenarioError):  # no rest with these
+            return loop(scaled(settings, steps))
+        return None
+
+    return descend(first, at, _slopes, (low, high), DAMPING[:free], progress)
+
+
+@runtime_checkable
+class Grows(Protocol):
+    """What `descend` makes small."""
+
+    @property
+    def growth(self) -> float:
+        """1/s."""
+        ...
+
+
+G = TypeVar("G", bound=Grows)
+Slopes = tuple[np.ndarray, np.ndarray]
+"""Rates, 1/s, and their derivatives, a row each."""
+
+
+def descend(
+    first: G,
+    at: Callable[[np.ndarray], G | None],
+    slopes: Callable[[G], Slopes],
+    bounds: tuple[np.ndarray, np.ndarray],
+    second: np.ndarray,
+    progress: Callable[[str], None] = lambda _what: None,
+) -> tuple[G, G, int]:
+    """From zero, where `first` is, to what grows least within bounds; `at` is None where there is nothing.
+
+    second: what is held where a step with all did not help. A loop looked at counts one, its slopes one for each of
+    what they are the slopes in.
+    """
+    low, high = bounds
+    best, here, region, used, known = first, np.zeros(len(low)), REGION, 1, None
+    while region > LEAST_REGION and used + len(low) < LOOPS:
+        if known is None:
+            progress(f"slowest mode {best.growth:+.3g} 1/s, {used} of at most {LOOPS} loops looked at")
+            known = slopes(best)
+            used += len(low)
+        for moves in (np.full(len(low), True), ~second):
+            least, most = np.maximum(low - here, -region), np.minimum(high - here, region)
+            step = _step(*known, np.where(moves, least, 0.0), np.where(moves, most, 0.0))
+            tried = at(here + step)
+            used += 1
+            if tried is not None and tried.growth < best.growth - 0.005 * abs(best.growth):
+                best, here, region, known = tried, here + step, min(1.5 * region, 1.0), None
+                break
+        else:
+            region /= 3
+    return first, best, used
+
+
+def _slopes(of: Loop) -> Slopes:
+    """Of the slowest modes by the logarithms of the gains, by differences at the rest of the loop as it is."""
+    moved = []
+    for e in np.eye(len(names(of.settings))):
+        plan = study.plan(scaled(of.settings, STEP * e, digits=15), "C1")
+        moved.append(of.matrices(modes.derivative(plan, of.z, of.x)))
+    parts = [rates(M, [each[k] for each in moved], of.plan.dt) for k, M in enumerate(of.matrices(of.M))]
+    return np.concatenate([rate for rate, _ in parts]), np.concatenate([slope for _, slope in parts])
+
+
+def rates(M: np.ndarray, moved: Sequence[np.ndarray], dt: float) -> Slopes:
+    """Of the slowest eigenvalues of a tick of dt, s: `log |z| / dt`, and how it changes to `moved`, each `STEP` away.
+
+    `z' = w^H M' v / w^H v` with the right and left vectors v, w.
+    """
+    values, left, right = linalg.eig(M, left=True)
+    order = np.argsort(-np.abs(values))[:SLOWEST]
+    order = order[np.abs(values[order]) > modes.GONE]
+    values, w, v = values[order], left[:, order].conj(), right[:, order]
+    turned = [(w * ((A - M) @ v)).sum(0) / ((w * v).sum(0) * values) for A in moved]
+    return np.log(np.abs(values)) / dt, np.real(np.stack(turned, axis=1)) / (STEP * dt)
+
+
+def _step(rates: np.ndarray, slopes: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """The step within bounds after which, to first order, the slowest mode is fastest."""
+    free = slopes.shape[1]
+    sums = np.hstack([slopes, -np.ones((len(rates), 1))])
+    bounds = [*zip(low, high, strict=True), (None, None)]
+    found = linprog(np.r_[np.zeros(free), 1.0], A_ub=sums, b_ub=-rates, bounds=bounds)
+    return found.x[:free] if found.success else np.zeros(free)
+
+
+def _most_stiffness(of: Loop) -> float:
+    """How much higher, as a logarithm, the position's frequency may be: the start's error asks for thrust."""
+    error = float(np.linalg.norm(of.settings.start.position_error_m))
+    plan = of.plan
+    hover = build.hover(of.settings, plan.world.team, plan.pilot, plan.world.sources)
+    have = np.concatenate([group.thrust_max for group in plan.world.team.groups])
+    left = float(((1 - of.settings.limits.thrust_margin) * have / hover).min()) - 1
+    asked = max(of.settings.control.K_p) * error / max(float(np.linalg.norm(of.settings.gravity_mps2)), 1e-9)
+    return math.log(max(left / asked, 1.0)) / 2 if asked > 0 else FARTHEST
+
+
+# What is said of it ---------------------------------------------------------------------------------------------------
+
+
+def numbers(of: Loop) -> dict[str, float]:
+    """Slowest mode, late modes, delay and thrust margins, and how far what is unknown holds a payload off under C1."""
+    truth, nominal = of.plan.world.team, of.plan.pilot.team
+    try:
+        ticks = modes.delay_margin(of.x, of.M, round(checkup.DELAY_MOST * of.settings.control_Hz))
+    except ValueError:
+        ticks = -1
+    hover = build.hover(of.settings, truth, of.plan.pilot, of.plan.world.sources)
+    have = np.concatenate([group.thrust_max for group in truth.groups])
+    f = disturbance.at_start(of.plan.world.sources, truth, of.z)
+    total = lambda team: float(team.payload.mass + sum(group.mass.sum() for group in team.groups))  # noqa: E731
+    force = np.asarray(f.payload.F) + sum(np.asarray(part.f_x).sum(0) for part in f.agents)
+    force = force + (total(truth) - total(nominal)) * np.asarray(truth.gravity)
+    on_time, late = (math.log(np.abs(np.linalg.eigvals(A)).max()) / of.plan.dt for A in of.matrices(of.M))
+    return {
+        "slowest_mode_1ps": on_time,
+        "slowest_mode_late_1ps": late,
+        "delay_margin_s": ticks * of.plan.dt,
+        "thrust_margin": float((1 - hover / have).min()),
+        "e_p_C1_m": float(np.linalg.norm(force / np.array(of.settings.control.K_p))) / total(nominal),
+    }
+
+
+def text(tuned: Settings, written: str | None, file: str) -> str:
+    """The scenario with its gains for a file of that name: as it is `written`, comments kept, where that says the same.
+
+    Otherwise, as where nothing is written or a setting was changed, with every setting.
+    """
+    if written is not None:
+        with contextlib.suppress(ScenarioError):
+            gains = {name: getattr(tuned.control, name) for name in names(tuned)}
+            kept = with_control(written, gains)
+            if parse(kept, file) == tuned:
+                return kept
+    return every_setting(tuned)
+
+
+def lines(before: Loop, after: Loop, used: int) -> list[str]:
+    """Both side by side, as a person reads them, then the gains."""
+    old, new = numbers(before), numbers(after)
+    said = [f"{'':44} {'before':>10} {'after':>10}"]
+    for label, key, scale, spec in (
+        ("slowest mode, 1/s", "slowest_mode_1ps", 1, "+.3g"),
+        (f"the same, commands {1e3 * LATE:g} ms late, 1/s", "slowest_mode_late_1ps", 1, "+.3g"),
+        ("delay margin, ms", "delay_margin_s", 1e3, ".3g"),
+        ("thrust left at hover, %", "thrust_margin", 100, ".3g"),
+        ("e_p under C1 by what is unknown, mm", "e_p_C1_m", 1e3, ".3g"),
+    ):
+        said.append(f"{label:44} {format(scale * old[key], spec):>10} {format(scale * new[key], spec):>10}")
+    for name in names(before.settings):
+        then, now = (getattr(each.settings.control, name) for each in (before, after))
+        said.append(f"{'control.' + name:44} {_shown(then):>10} {_shown(now):>10}")
+    return [*said, f"{used} loops looked at"]
+
+
+def _shown(gain: Any) -> str:
+    values = list(dict.fromkeys(gain)) if isinstance(gain, tuple) else [gain]
+    return f"{values[0]:g}" if len(values) == 1 else "/".join(f"{x:g}" for x in gain)

@@ -1,0 +1,162 @@
+"""Gains that are chosen: the steps of the search on matrices that are known, and what is written."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+from typer.testing import CliRunner
+
+from colift import modes, scenario, starter, tune
+from colift.__main__ import app
+from colift.scenario import build
+from tests import light
+
+DT = 0.002
+FREE, SECOND = 2, np.array([False, True])
+
+
+@dataclasses.dataclass(frozen=True)
+class Spring:
+    """`s^2 + 2 d w s + w^2`, sampled; steps are those of log w and log d from where w = 2 and d = 0.25."""
+
+    steps: np.ndarray
+
+    @property
+    def M(self) -> np.ndarray:
+        w, d = np.array([2, 0.25]) * np.exp(self.steps)
+        return expm(DT * np.array([[0.0, 1.0], [-w * w, -2 * d * w]]))
+
+    @property
+    def growth(self) -> float:
+        return float(np.log(np.abs(np.linalg.eigvals(self.M)).max()) / DT)
+
+
+def slopes(of: Spring) -> tune.Slopes:
+    return tune.rates(of.M, [Spring(of.steps + tune.STEP * e).M for e in np.eye(FREE)], DT)
+
+
+def test_the_slopes_are_the_derivatives_of_the_rates():
+    rates, found = slopes(Spring(np.zeros(FREE)))
+    np.testing.assert_allclose(rates, -0.5, atol=1e-9)  # Re = -d w
+    np.testing.assert_allclose(found, [[-0.5, -0.5]] * 2, atol=1e-3)
+    of = Spring(np.array([0.0, 2.0]))  # two real poles
+    rates, found = slopes(of)
+    for k, e in enumerate(1e-4 * np.eye(FREE)):
+        ahead, behind = (slopes(Spring(of.steps + s * e))[0] for s in (1, -1))
+        np.testing.assert_allclose(found[:, k], (ahead - behind) / 2e-4, rtol=5e-3, atol=1e-2)
+
+
+def test_the_search_finds_what_damps_best_within_its_budget():
+    """The slower pole is fastest, at -w, where both meet: at d = 1 and the largest w."""
+    low, high = np.full(FREE, -2.0), np.array([1.0, 3.0])
+    first, best, used = tune.descend(Spring(np.zeros(FREE)), Spring, slopes, (low, high), SECOND)
+    assert first.growth == pytest.approx(-0.5, abs=1e-9)
+    assert best.growth == pytest.approx(-2 * np.e, rel=0.1)
+    assert best.steps[0] == pytest.approx(1.0)
+    assert used <= tune.LOOPS
+
+
+def test_where_there_is_no_loop_the_step_is_shorter():
+    low, high = np.full(FREE, -2.0), np.full(FREE, 2.0)
+    near = lambda at: Spring(at) if at[1] < 0.4 else None  # noqa: E731
+    _, best, used = tune.descend(Spring(np.zeros(FREE)), near, slopes, (low, high), SECOND)
+    assert 0.29 < best.steps[1] < 0.4
+    assert used <= tune.LOOPS
+
+
+def test_a_loop_that_is_best_already_stays():
+    none = np.zeros(FREE)
+    first, best, _ = tune.descend(Spring(none), Spring, slopes, (none, none), SECOND)
+    assert best is first
+
+
+def test_late_commands_count(monkeypatch: pytest.MonkeyPatch):
+    of = lit()
+    late = np.eye(6) * np.exp(0.5 * of.plan.dt)
+    assert of.growth < 0
+    monkeypatch.setattr(modes, "delayed", lambda _x, _M, _ticks: late)
+    assert of.growth == pytest.approx(0.5)
+    assert of.ticks == 2
+
+
+def test_the_posture_is_a_gain_only_where_joints_are_beyond_need():
+    assert "posture" not in tune.names(scenario.load("paper"))
+    assert "posture" in tune.names(scenario.load("beam"))
+    assert tune.names(light.settings()) == tune.GAINS[:-1]
+
+
+def test_gains_are_scaled_and_written_with_three_digits():
+    given = light.settings(control=light.SAMPLE.control.model_copy(update={"K_p": (5.0, 5.0, 6.0)}))
+    control = tune.scaled(given, np.log([1.1111, 1, 1, 1, 2, 0.5])).control
+    assert control.K_p == (6.17, 6.17, 7.41)
+    assert control.K_v == (4.67, 4.67, 4.67)
+    assert (control.agent_k_R, control.agent_k_omega) == (1000.0, 28.0)
+
+
+def test_the_text_keeps_comments_where_it_says_the_same():
+    written = starter.text("mine", 3, 0)
+    tuned = tune.scaled(scenario.parse(written, "mine.yaml"), np.full(6, 0.1))
+    text = tune.text(tuned, written, "mine.yaml")
+    assert "# A scenario to begin with" in text
+    assert "K_p: 6.11" in text
+    assert scenario.parse(text, "mine.yaml") == tuned
+    other = tuned.model_copy(update={"seed": 7})  # as by --set: the text would say otherwise
+    assert scenario.parse(tune.text(other, written, "mine.yaml"), "mine.yaml") == other
+    assert "#" not in tune.text(tuned, None, "mine.yaml")
+
+
+@functools.cache
+def lit() -> tune.Loop:
+    return tune.loop(light.settings())
+
+
+def test_thrust_bounds_the_stiffness():
+    of = lit()
+    assert of.growth < 0
+    near = of.settings.model_copy(
+        update={"start": of.settings.start.model_copy(update={"position_error_m": (0, 0, 0)})}
+    )
+    assert tune._most_stiffness(dataclasses.replace(of, settings=near)) == tune.FARTHEST
+    far = of.settings.model_copy(update={"start": of.settings.start.model_copy(update={"position_error_m": (9, 0, 0)})})
+    assert tune._most_stiffness(dataclasses.replace(of, settings=far)) == 0
+
+
+def test_a_real_loop_s_slopes_point_where_it_decays_faster():
+    """The light team: the rate along a short step, as the slopes have it and as the loop with it has it."""
+    of = lit()
+    rates, slopes = tune._slopes(of)
+    step = tune._step(rates, slopes, np.full(6, -0.05), np.full(6, 0.05))
+    assert tune.loop(tune.scaled(of.settings, step)).growth < of.growth
+    found = tune.numbers(of)
+    assert found["slowest_mode_1ps"] <= of.growth
+    assert 0 < found["delay_margin_s"] <= 0.05
+    truth, names = of.plan.world.team, build.agent_names(of.settings)
+    assert len(names) == sum(truth.sizes)
+    assert 0.01 < found["e_p_C1_m"] < 1
+
+
+def test_the_command_writes_a_scenario_and_overwrites_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    made = light.write(tmp_path / "team.yaml")
+    after = dataclasses.replace(lit(), settings=tune.scaled(lit().settings, np.full(6, 0.1)))
+    monkeypatch.setattr(tune, "tune", lambda _settings, _say: (lit(), after, 9))
+    out = tmp_path / "tuned.yaml"
+    said = CliRunner().invoke(app, ["tune", str(made), "--out", str(out), "--json"])
+    assert said.exit_code == 0, said.stderr
+    found = json.loads(said.stdout)
+    assert found["after"]["e_p_C1_m"] == pytest.approx(found["before"]["e_p_C1_m"] / np.exp(0.2), rel=1e-2)
+    assert scenario.load(out) == after.settings
+    before = out.read_bytes()
+    again = CliRunner().invoke(app, ["tune", str(made), "--out", str(out)])
+    assert (again.exit_code, again.stderr.count("\n")) == (2, 1)
+    assert "exists" in again.stderr
+    assert out.read_bytes() == before
+    assert CliRunner().invoke(app, ["tune", str(made), "--out", str(tmp_path / "x.txt")]).exit_code == 2
+    shown = CliRunner().invoke(app, ["tune", str(made), "--out", str(tmp_path / "other.yaml")])
+    assert "slowest mode, 1/s" in shown.stdout
+    assert shown.stdout.splitlines()[-1] == f"sample with these gains is in {tmp_path / 'other.yaml'}"
