@@ -1,7 +1,7 @@
 """Flights in which the world changes and sensors fail: memory, reflex, both, and C4, against residuals known exactly.
 
 Each sample draws a seed, a turn of the wind, mass put on the payload or taken off it, a path that leaves the data,
-motors and what is believed of them, lost labels and noise. All cases look ahead and know the lag alike. Errors are those
+motors and what is believed of them, lost labels and noise. All look ahead and know the lag alike. Errors are those
 after the changes.
 """
 

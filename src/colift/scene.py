@@ -95,7 +95,7 @@ def poses(at: xr.Dataset, team: Team) -> dict[str, np.ndarray]:
         base.append(points[:, :, 0])
         nodes.append(points.reshape(len(points), -1, 3))
         agents, joints = agents + size, joints + n
-    R_d = _desired(jnp.asarray(at.R_L.values), jnp.asarray(at.e_R.values), jnp.asarray(at.Psi.values))
+    R_d = desired(jnp.asarray(at.R_L.values), jnp.asarray(at.e_R.values), jnp.asarray(at.Psi.values))
     pull = float(team.payload.mass) * (at.a_L.values[:, :3] - np.asarray(team.gravity))
     return {
         "p": at.p.values,
@@ -132,7 +132,7 @@ _quaternion = jax.jit(so3.quaternion)
 
 
 @jax.jit
-def _desired(
+def desired(
     R: Float[Array, "time 3 3"], e_R: Float[Array, "time 3"], Psi: Float[Array, "time"]
 ) -> Float[Array, "time 3 3"]:
     """`R_d = R Q^T` with `Q = R_d^T R = I + hat(e_R) + hat(e_R)^2 / (2 - Psi)`: Rodrigues' formula, sine and cosine."""
