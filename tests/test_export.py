@@ -126,9 +126,9 @@ def test_a_replay_is_the_flight_that_native_code_flies():
 
 
 def test_on_the_command_line_an_unknown_case_is_one_line_and_status_2(tmp_path: Path):
-    result = CliRunner().invoke(app, ["export", "c", "paper", "--case", "C4", "--out", str(tmp_path / "c")])
+    result = CliRunner().invoke(app, ["export", "c", "paper", "--case", "C9", "--out", str(tmp_path / "c")])
     assert result.exit_code == 2
-    assert result.stderr == "--case C4: must be one of C1, C2, C3, I, DOB, P, O\n"
+    assert result.stderr == "--case C9: must be one of C1, C2, C3, C4, I, DOB, P, O, F, R, H\n"
     assert not (tmp_path / "c").exists()
 
 

@@ -371,7 +371,7 @@ def complete(*words: str) -> list[str]:
 def test_commands_scenarios_and_cases_complete_in_a_shell():
     assert complete("repo") == ["report"]
     assert complete("study", "pa") == [name for name in scenario.names() if name.startswith("pa")] != []
-    assert complete("run", "paper", "--case", "C") == ["C1", "C2", "C3"]
+    assert complete("run", "paper", "--case", "C") == ["C1", "C2", "C3", "C4"]
     assert complete("view", "out", "--case", "D") == ["DOB"]
     said = CliRunner().invoke(app, [], prog_name="colift", env={"_COLIFT_COMPLETE": "source_bash"})
     assert "complete -o default -F _colift_completion colift" in said.stdout

@@ -52,7 +52,7 @@ STYLE = {
     "ps.fonttype": 42,
 }
 
-Dashes = Literal["-"] | tuple[int, tuple[float, ...]]
+Dashes = Literal["-"] | tuple[int, tuple[int | float, ...]]
 Color = tuple[float, float, float]
 
 

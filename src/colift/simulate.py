@@ -596,7 +596,7 @@ def _why(plan: Plan, rows: Row, loop: Loop) -> str:
     """What ended a run: a signal not finite, causes first; an agent and its arms near singular; or another limit."""
     t, cause, allowed = rows.t[-1], limits.Cause(int(loop.ended)), plan.limits
     if cause == limits.Cause.NOT_FINITE:
-        signals = [field.name for field in dataclasses.fields(rows)]
+        signals = [field.name for field in dataclasses.fields(rows) if getattr(rows, field.name) is not None]
         for signal in sorted(signals, key=EFFECTS.__contains__):
             if not np.isfinite(getattr(rows, signal)[-1]).all():
                 return f"signal {signal} is not finite at t = {t:.3f} s"
