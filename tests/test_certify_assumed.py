@@ -89,7 +89,7 @@ def test_radii_along_a_run_rest_on_the_estimated_state_and_of_some_rivals_on_a_p
     assert assumed.of_radii(quiet()) == (*bound, assumed.SAMPLED)
     cases = study.plans(paper.SETTINGS, (*study.CASES, *study.BASELINES))
     for case, plan in cases.items():
-        rival = case in ("DOB", "P", "O")
+        rival = case in ("DOB", "P", "O", "F", "R", "H")
         expected = (*bound, assumed.NOISE, assumed.SAMPLED, *((assumed.MEAN,) if rival else ()))
         assert assumed.of_radii(plan) == expected, case
 

@@ -331,7 +331,7 @@ def drawn(monkeypatch) -> list[str]:
     def save(figure, path, run):
         figure.canvas.draw()
         texts.extend(text.get_text() for text in figure.findobj(matplotlib.text.Text) if text.get_visible())
-        return path
+        return [path]
 
     monkeypatch.setattr(look, "save", save)
     return texts

@@ -173,7 +173,7 @@ def test_a_browser_shows_it_without_a_network_and_plays_the_flights_inside(out, 
     made(out)
     with browser.page(tmp_path_factory.mktemp("profile")) as page:
         page.open(out / "report.html", width, ready="document.querySelector('iframe').contentWindow.state")
-        assert page.evaluate("document.documentElement.scrollWidth") == width
+        assert page.evaluate("document.documentElement.scrollWidth") <= width  # a scroll bar may take some
         inside = "document.querySelector('iframe').contentWindow"
         page.evaluate(f"{inside}.seek(1.0)")
         assert page.evaluate(f"{inside}.document.querySelector('#clock').textContent") == "1.00 s"

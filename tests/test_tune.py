@@ -123,7 +123,10 @@ def test_thrust_bounds_the_stiffness():
         update={"start": of.settings.start.model_copy(update={"position_error_m": (0, 0, 0)})}
     )
     assert tune._most_stiffness(dataclasses.replace(of, settings=near)) == tune.FARTHEST
-    far = of.settings.model_copy(update={"start": of.settings.start.model_copy(update={"position_error_m": (9, 0, 0)})})
+    wide = of.settings.limits.model_copy(update={"distance_m": 10.0})
+    far = of.settings.model_copy(
+        update={"start": of.settings.start.model_copy(update={"position_error_m": (9, 0, 0)}), "limits": wide}
+    )
     assert tune._most_stiffness(dataclasses.replace(of, settings=far)) == 0
 
 

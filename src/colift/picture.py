@@ -269,7 +269,9 @@ def _box_around(seen: Sequence[Sketch]) -> np.ndarray:
     points = [each.tracks[name].reshape(-1, 3) for each in seen for name in ("p", "p_d", "base", "nodes")]
     held = np.concatenate(points)
     low, high = held.min(axis=0), held.max(axis=0)
-    margin = 0.12 * size
+    shape = seen[0].shape
+    reach = [np.linalg.norm(at) + one["rotor_radius_m"] for one in shape["agents"] for at in one["rotors_m"]]
+    margin = 0.12 * size + max([float(np.linalg.norm(shape["payload"]["half_m"])), *reach])
     held = np.concatenate([held - margin, held + margin, [held[held[:, 2].argmax()] + [0, 0, 0.6 * size]]])
     if low[2] - ground < np.linalg.norm(high - low):
         held = np.concatenate([held, [[*(low[:2] + high[:2]) / 2, ground]]])
