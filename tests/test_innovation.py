@@ -136,7 +136,7 @@ def test_shipped_scenarios_in_which_the_world_changes_are_those_of_the_paper_but
         "payload_added": {"name", "description", "added"},
         "labels_lost": {"name", "description", "sensors"},
         "path_leaves": {"name", "description", "duration_s", "reference"},
-        "outdoors": {"name", "description", "actuators", "nominal", "disturbances", "sensors"},
+        "outdoors": {"name", "description", "actuators", "nominal", "disturbances", "sensors", "control"},
     }.items():
         given = scenario.load(name).model_dump()
         assert {key for key in paper if paper[key] != given[key]} == differs

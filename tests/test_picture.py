@@ -61,7 +61,7 @@ def test_what_is_near_is_drawn_over_what_is_far(seen):
     faces = list(picture._box(center, np.eye(3), half, "#808080"))
     assert len(faces) == 3 * picture.PATCHES**2
     # the three faces that look away are not drawn
-    area = sum(0.5 * abs(np.cross(np.diff(x, axis=0)[0], np.diff(x, axis=0)[1])) * 2 for _, x, _ in faces)
+    area = sum(abs(np.linalg.det(np.diff(x, axis=0)[:2])) for _, x, _ in faces)
     whole = 4 * np.abs(picture.BACK) @ [half[1] * half[2], half[0] * half[2], half[0] * half[1]]
     assert area == pytest.approx(whole)  # of the shadow of a box along the view
 
