@@ -230,7 +230,9 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A short study of the smallest team with all rivals, from a file, under another seed."""
     folder = tmp_path_factory.mktemp("study")
     path = light.write(folder / "short.yaml", duration_s=3, learning=SHORT)
-    status, said = invoke("study", str(path), "--baselines", "--seed", "7", "--out", str(folder / "out"))
+    status, said = invoke(
+        "study", str(path), "--cases", "C1,C2,C3,I,DOB,P,O", "--seed", "7", "--out", str(folder / "out")
+    )
     assert status == 0, said
     return folder / "out"
 
