@@ -344,7 +344,7 @@ def test_one_case_is_flown_alone_and_quietly_and_its_summary_is_printed_as_json(
     assert summary == json.loads((tmp_path / "out" / "sample-C1" / "summary.json").read_text())
     assert log.load(tmp_path / "out" / "sample-C1" / "C1.nc").attrs["complete"] == 1
     status, said = invoke("run", "short.yaml", "--case", "C9")
-    assert (status, said) == (2, "--case C9: must be one of C1, C2, C3, I, DOB, P, O\n")
+    assert (status, said) == (2, "--case C9: must be one of C1, C2, C3, C4, I, DOB, P, O, F, R, H\n")
 
 
 def test_help_loads_nothing_that_it_does_not_need():
