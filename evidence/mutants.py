@@ -110,7 +110,7 @@ MUTANTS = {
     ),
     "label: payload without the copy of the tips' bandwidth": Mutant(
         "estimate.py",
-        "memory.known + _after_first(memory.warm, blend(filters.tip_force, dt)) * (known - memory.known)",
+        "memory.known + from_the_first(memory.warm, blend(filters.tip_force, dt)) * (known - memory.known)",
         "1.0 * known",
         "estimate",
         "converge",

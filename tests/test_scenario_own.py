@@ -89,6 +89,20 @@ class SwayLaw(Section):
 
 
 @pytree
+class Late(Sway):
+    def begin(self):
+        return jnp.zeros(3)
+
+    def after(self, at, t, memory, dt):
+        return at.v
+
+
+class LateLaw(SwayLaw):
+    def build(self):
+        return Late(force=jnp.array(self.force_N))
+
+
+@pytree
 class Offset(sensor.Extra):
     by: Float[Array, "3"]
 
@@ -244,6 +258,20 @@ def test_parts_of_every_kind_are_built_from_their_settings_and_fly(folder):
     assert {type(fit.hyper.kernel).__name__ for fit in flight.updates[0].fits.values()} == {"Heavy"}
     assert (flight.sigma.payload[-1] < flight.sigma.payload[0]).all(), "what was learned is seen where it was learned"
     assert np.allclose(flight.rows.p_d, [1.0, 2.0, 3.0])
+
+
+def test_residuals_known_exactly_are_refused_where_a_law_remembers(folder):
+    with beside(folder):
+        laws = [
+            {"kind": "own", "part": f"parts_of_test_own:{law}", "settings": {"force_N": [1, 0, 0]}}
+            | {"name": f"{law}_{bodies}", "acts_on": bodies}
+            for law in ("SwayLaw", "LateLaw")
+            for bodies in ("payload", "agents")
+        ]
+        settings = scenario.load(light.write(folder / "late.yaml", disturbances=laws))
+    with pytest.raises(ScenarioError, match=r"case O knows .* these laws remember what was before: LateLaw_payload, LateLaw_agents$"):
+        colift.plan(settings, "O")
+    assert colift.plan(settings, "C1").world.sources.payload
 
 
 def test_settings_are_part_of_what_identifies_a_run_and_survive_a_copy(folder):

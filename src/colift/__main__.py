@@ -674,7 +674,7 @@ def watch(
     _require_known(case)
     try:
         settings = _settings(name, changes, duration, seed)
-        told = (flights.ALL)[case]
+        told = flights.ALL[case]
         with live.flying(settings, flights.plan(settings, case), case, told, ready) as flight:
             with _printed(""):
                 print(f"the flight has ended{': ' if flight.stopped else ''}{flight.stopped}", flush=True)

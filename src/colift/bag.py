@@ -119,12 +119,7 @@ def _topics(ds: xr.Dataset, team: Team) -> Iterator[Topic]:
 
 def bases(ds: xr.Dataset, team: Team) -> np.ndarray:
     """Origins of the bases in the world along a log, `(time, agents, 3)`, m: `x - R s(r)`."""
-    found, agents, joints = [], 0, 0
-    for size, group in zip(team.sizes, team.groups, strict=True):
-        own, n = slice(agents, agents + size), size * group.tree.joints
-        r = ds.r.values[:, joints : joints + n].reshape(ds.sizes["time"], size, group.tree.joints)
-        found.append(np.asarray(_origins(group, ds.R.values[:, own], ds.x.values[:, own], r)))
-        agents, joints = agents + size, joints + n
+    found = [np.asarray(_origins(*group)) for group in scene.by_group(ds, team)]
     return np.concatenate(found, axis=1)
 
 

@@ -7,7 +7,7 @@ point's Jacobian maps them to `(f_x, f_w, f_r)` of an agent or to the payload's 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any, ClassVar
 
 import jax
@@ -265,9 +265,21 @@ def varying(sources: Disturbances) -> tuple[str, ...]:
 
     Friction and functions are time invariant by their equations.
     """
-    carried = (mount for mounts in sources.agents for mount in mounts if np.any(mount.active))
-    mounts = [mount for mount in (*sources.payload, *carried) if not mount.law.time_invariant]
-    return tuple(dict.fromkeys(mount.name or type(mount.law).__name__ for mount in mounts))
+    return tuple(dict.fromkeys(_name(mount) for mount in _active(sources) if not mount.law.time_invariant))
+
+
+def remembering(sources: Disturbances) -> tuple[str, ...]:
+    """Names, as `varying` gives them, of the active sources whose force depends on what was before."""
+    return tuple(dict.fromkeys(_name(mount) for mount in _active(sources) if jax.tree.leaves(mount.law.begin())))
+
+
+def _active(sources: Disturbances) -> Iterator[Mount | AgentMount]:
+    yield from sources.payload
+    yield from (mount for mounts in sources.agents for mount in mounts if np.any(mount.active))
+
+
+def _name(mount: Mount | AgentMount) -> str:
+    return mount.name or type(mount.law).__name__
 
 
 def on_payload(mounts: tuple[Mount, ...], q: PayloadState, t: Scalar, memory: tuple[Any, ...]) -> Wrench:

@@ -16,7 +16,7 @@ from jaxtyping import Array, Float
 
 from colift import agent as ag
 from colift import balance, grasp, so3
-from colift.lowpass import LowPass, blend, settle, smooth
+from colift.lowpass import LowPass, blend, from_the_first, settle, smooth
 from colift.measurement import AgentReading, Measurement
 from colift.model import Agent, AgentInput, AgentState, Clock, PayloadState, Team, flat_agent, flat_payload
 from colift.pytree import pytree
@@ -75,7 +75,7 @@ def fuse(
     """
     was, bias = past
     omega, felt = omega - bias.omega, a - bias.a
-    b = _after_first(warm, blend(filters.fusion, dt))
+    b = from_the_first(warm, blend(filters.fusion, dt))
     acceleration = was.R @ felt + gravity
     R = was.R @ so3.exp(omega * dt)
     v = was.v + acceleration * dt
@@ -208,7 +208,7 @@ def _observe(
     omega_dot = memory.warm * (omega - memory.omega) / dt
     felt = load.R @ a
     known, contact = _payload_label(team, load, felt, omega_dot, tuple(forces))
-    known = memory.known + _after_first(memory.warm, blend(filters.tip_force, dt)) * (known - memory.known)
+    known = memory.known + from_the_first(memory.warm, blend(filters.tip_force, dt)) * (known - memory.known)
     now = Memory(
         agents=tuple(agents),
         load=fused,
@@ -228,11 +228,6 @@ def _observe(
         fresh=fresh,
     )
     return Estimate(agents=tuple(states), payload=load, a_L=a_L, lam=tuple(forces), labelled=labelled), now
-
-
-def _after_first(warm: Scalar, b: Scalar) -> Scalar:
-    """The blend b, or 1 on the first tick: a filter starts at its first sample."""
-    return 1 + warm * (b - 1)
 
 
 def _pass(
@@ -290,7 +285,7 @@ def _observe_agent(
     drift = ag.momentum_drift(agent, r, xi)
     force = p.mass * (base.R @ felt + carried_dot) - u.u * base.R[:, 2]
     moment = momenta_dot - drift - jnp.concatenate([u.tau, u.tau_r]) - u.u * p.base[2]
-    known = past.known + _after_first(warm, blend(filters.tip_force, dt)) * (
+    known = past.known + from_the_first(warm, blend(filters.tip_force, dt)) * (
         jnp.concatenate([force, moment]) - past.known
     )
     contact = jnp.concatenate([lam.sum(0), (p.tip * lam_base[:, :, None]).sum((0, 1))])

@@ -33,6 +33,7 @@ from colift.model import (
     State,
     Team,
     Wrench,
+    with_wrench,
 )
 from colift.pytree import pytree
 
@@ -202,16 +203,8 @@ class Learned:
 
     def predict(self, memory: Any, oracle: learn.Oracle, now: Now, to: control.Command) -> Residual:
         """`f_hat_L = mean_L(q_L) + Y(q_L, a, alpha) theta`, `f_hat_j = mean_j(q_j)`."""
-        q = now.q_hat.payload
-        return _with_wrench(
-            learn.mean(oracle, q, now.q_hat.agents),
-            learn.regressor(q, to.a - now.team.gravity, to.alpha) @ oracle.theta,
-        )
-
-
-def _with_wrench(f: Residual, W: Float[Array, "6"]) -> Residual:
-    """The residual and a wrench on the payload, N and N m."""
-    return dataclasses.replace(f, payload=Wrench(F=f.payload.F + W[:3], tau=f.payload.tau + W[3:]))
+        q_hat = now.q_hat
+        return learn.prediction(oracle, q_hat.payload, q_hat.agents, to.a - now.team.gravity, to.alpha)
 
 
 @pytree
@@ -241,7 +234,7 @@ class Observed:
     def predict(self, memory: Any, oracle: learn.Oracle, now: Now, to: control.Command) -> Residual:
         """The other's prediction, and what is observed on the payload."""
         d, of_other = memory
-        return _with_wrench(self.predictor.predict(of_other, oracle, now, to), d)
+        return with_wrench(self.predictor.predict(of_other, oracle, now, to), d)
 
 
 @pytree

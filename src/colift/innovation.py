@@ -14,8 +14,8 @@ from jaxtyping import Array, Float, Int
 
 from colift import learn
 from colift.estimate import Estimate, Filters, Labelled
-from colift.lowpass import blend
-from colift.model import AgentForce, Clock, Residual, Team, Wrench, no_force
+from colift.lowpass import blend, from_the_first
+from colift.model import Clock, Residual, Team, Wrench, agent_force, no_force
 from colift.pytree import pytree
 
 Scalar = Float[Array, ""]
@@ -88,17 +88,14 @@ class Listener:
         if labelled is None:
             raise ValueError("the estimator gives no labels: this pilot cannot listen")
         on = labelled.fresh
-        f = learn.mean(oracle, q_hat.payload, q_hat.agents)
-        inertial = learn.regressor(q_hat.payload, q_hat.a_L[:3] - team.gravity, q_hat.a_L[3:]) @ oracle.theta
-        W = Wrench(F=f.payload.F + inertial[:3], tau=f.payload.tau + inertial[3:])
-        f = dataclasses.replace(f, payload=W)
+        f = learn.prediction(oracle, q_hat.payload, q_hat.agents, q_hat.a_L[:3] - team.gravity, q_hat.a_L[3:])
         past = _taken_over(past, f, oracle.k)
-        copy = _low(past.copy, f, _from_the_first(past.warm, blend(self.filters.tip_force, dt)))
-        b = _from_the_first(past.warm, on * blend(self.filters.label, dt))  # stands still where the labels do
+        copy = _low(past.copy, f, from_the_first(past.warm, blend(self.filters.tip_force, dt)))
+        b = from_the_first(past.warm, on * blend(self.filters.label, dt))  # stands still where the labels do
         inner = _low(past.inner, copy, b)
         outer = _low(past.outer, inner, b)
         r = jax.tree.map(jnp.subtract, _label(labelled), outer)
-        average = _low(past.average, r, _from_the_first(past.warm, on * -jnp.expm1(-dt / self.span)))
+        average = _low(past.average, r, from_the_first(past.warm, on * -jnp.expm1(-dt / self.span)))
         fresh = past.fresh + -jnp.expm1(-dt / self.fade) * (on - past.fresh)
         rate = jax.tree.map(lambda now, old: past.warm * fresh * (now - old) / dt, r, past.r)
         lasting = jax.tree.map(lambda m, v: m * m * m / (m * m + 4 * v), average, _noise(oracle))
@@ -123,11 +120,6 @@ def _taken_over(past: Heard, f: Residual, k: Int[Array, ""]) -> Heard:
     )
 
 
-def _from_the_first(warm: Scalar, b: Scalar) -> Scalar:
-    """The blend b, or 1 on the first tick: a filter starts at its first sample."""
-    return 1 + warm * (b - 1)
-
-
 def _low(past: Residual, now: Residual, b: Scalar) -> Residual:
     return jax.tree.map(lambda old, new: old + b * (new - old), past, now)
 
@@ -144,5 +136,5 @@ def _noise(oracle: learn.Oracle) -> Residual:
 def _residual(payload: Float[Array, "6"], agents: tuple[Float[Array, "_agents _outputs"], ...]) -> Residual:
     return Residual(
         payload=Wrench(F=payload[:3], tau=payload[3:]),
-        agents=tuple(AgentForce(f_x=y[:, :3], f_w=y[:, 3:6], f_r=y[:, 6:]) for y in agents),
+        agents=tuple(agent_force(y) for y in agents),
     )

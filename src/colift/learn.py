@@ -30,8 +30,10 @@ from colift.model import (
     State,
     Team,
     Wrench,
+    agent_force,
     flat_agent,
     flat_payload,
+    with_wrench,
 )
 from colift.pytree import pytree, static
 
@@ -266,6 +268,17 @@ def mean(oracle: Oracle, load: PayloadState, agents: tuple[AgentState, ...]) -> 
     )
 
 
+def prediction(
+    oracle: Oracle,
+    load: PayloadState,
+    agents: tuple[AgentState, ...],
+    a: Float[Array, "3"],
+    alpha: Float[Array, "3"],
+) -> Residual:
+    """`f_hat`: the means, and `Y theta` of a payload that accelerates by a less gravity, m/s^2, and alpha, rad/s^2."""
+    return with_wrench(mean(oracle, load, agents), regressor(load, a, alpha) @ oracle.theta)
+
+
 @pytree
 class Function:
     """An oracle's mean as a function of the state: an unknown whose norm in its RKHS is known."""
@@ -293,7 +306,7 @@ def agents_mean(oracle: Oracle, x: tuple[Float[Array, "agents inputs"], ...]) ->
         if oracle.linear is not None:
             phi = agent_basis(inputs, f.shape[1] - 6)
             f = f + (phi[:, :, None] * oracle.linear.agents[i]).sum(1)
-        out.append(AgentForce(f_x=f[:, :3], f_w=f[:, 3:6], f_r=f[:, 6:]))
+        out.append(agent_force(f))
     return tuple(out)
 
 

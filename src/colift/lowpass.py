@@ -28,6 +28,11 @@ def blend(hertz: Scalar, dt: Scalar) -> Scalar:
     return -jnp.expm1(-2 * jnp.pi * hertz * dt)
 
 
+def from_the_first(warm: Scalar, b: Scalar) -> Scalar:
+    """The blend b where warm is 1, or 1 on the first tick, where it is 0: a filter starts at its first sample."""
+    return 1 + warm * (b - 1)
+
+
 def smooth(memory: LowPass, x: Float[Array, "*shape"], hertz: Scalar, dt: Scalar) -> LowPass:
     """One sample through the low-pass; the value is `outer`."""
     b = blend(hertz, dt)

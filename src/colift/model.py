@@ -8,6 +8,7 @@ which the plant integrates, and the nominal one, which flies.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Sequence
 
 import jax
@@ -193,6 +194,16 @@ def flat_agent(q: AgentState) -> Float[Array, "inputs"]:
 def flat_payload(q: PayloadState, a: Float[Array, "6"]) -> Float[Array, "24"]:
     """`p, v, vec(R), omega`, the payload's state (Eq. dataset_payload_online), then `(v_dot - a_g, w_dot)`."""
     return jnp.concatenate([q.p, q.v, q.R.reshape(9), q.omega, a])
+
+
+def agent_force(y: Float[Array, "agents outputs"]) -> AgentForce:
+    """Agents' forces of their outputs, `(f_x, f_w, f_r)` in a row."""
+    return AgentForce(f_x=y[:, :3], f_w=y[:, 3:6], f_r=y[:, 6:])
+
+
+def with_wrench(f: Residual, W: Float[Array, "6"]) -> Residual:
+    """The residual and a wrench on the payload, N and N m."""
+    return dataclasses.replace(f, payload=Wrench(F=f.payload.F + W[:3], tau=f.payload.tau + W[3:]))
 
 
 def no_force(team: Team) -> Residual:

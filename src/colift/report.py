@@ -70,7 +70,7 @@ def write(
         )
     told = scene.settings(first)
     certified = None
-    if folder.run_of(out / CERTIFICATE) == run if (out / CERTIFICATE).is_file() else False:
+    if (out / CERTIFICATE).is_file() and folder.run_of(out / CERTIFICATE) == run:
         certified = json.loads((out / CERTIFICATE).read_text())
     parts = [
         _head(told, summary),

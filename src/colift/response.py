@@ -16,7 +16,7 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
 from colift import dynamics, fly, grasp, so3
-from colift.model import AgentForce, Residual, State, Team, Wrench, no_force
+from colift.model import Residual, State, Team, Wrench, agent_force, no_force
 
 OUTPUTS = {"e_p": 3, "e_v": 3, "e_R": 3, "e_omega": 3, "a": 3, "alpha": 3, "delta_W": 6}
 """Rows of `Response.C`: tracking errors, payload acceleration less the commanded one (m/s^2, rad/s^2), mismatch."""
@@ -56,7 +56,7 @@ def unflatten(team: Team, f: Float[Array, " inputs"]) -> Residual:
     for size, group in zip(team.sizes, team.groups, strict=True):
         n = 6 + group.tree.joints
         part = f[first : first + size * n].reshape(size, n)
-        agents.append(AgentForce(f_x=part[:, :3], f_w=part[:, 3:6], f_r=part[:, 6:]))
+        agents.append(agent_force(part))
         first += size * n
     return Residual(agents=tuple(agents), payload=Wrench(F=f[:3], tau=f[3:6]))
 

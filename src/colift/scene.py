@@ -85,16 +85,10 @@ def frames(ds: xr.Dataset, team: Team) -> dict[str, np.ndarray]:
 def poses(at: xr.Dataset, team: Team) -> dict[str, np.ndarray]:
     """The same as `frames` at every row of a log."""
     base, nodes = [], []
-    agents = joints = 0
-    for size, group in zip(team.sizes, team.groups, strict=True):
-        own = slice(agents, agents + size)
-        n = size * group.tree.joints
-        r = at.r.values[:, joints : joints + n].reshape(at.sizes["time"], size, group.tree.joints)
-        R, x, r = (jnp.asarray(each) for each in (at.R.values[:, own], at.x.values[:, own], r))
+    for group, R, x, r in by_group(at, team):
         points = np.asarray(_points(group, R, x, r))
         base.append(points[:, :, 0])
         nodes.append(points.reshape(len(points), -1, 3))
-        agents, joints = agents + size, joints + n
     R_d = desired(jnp.asarray(at.R_L.values), jnp.asarray(at.e_R.values), jnp.asarray(at.Psi.values))
     pull = float(team.payload.mass) * (at.a_L.values[:, :3] - np.asarray(team.gravity))
     return {
@@ -109,6 +103,16 @@ def poses(at: xr.Dataset, team: Team) -> dict[str, np.ndarray]:
         "lam": at.lam.values,
         "disturbance": pull - at.lam.values.sum(axis=1),
     }
+
+
+def by_group(at: xr.Dataset, team: Team) -> Iterator[tuple[Agent, Array, Array, Array]]:
+    """Each group of a team with attitudes, centres of mass, m, and joints of its agents along a log; time leads."""
+    agents = joints = 0
+    for size, group in zip(team.sizes, team.groups, strict=True):
+        own, n = slice(agents, agents + size), size * group.tree.joints
+        r = at.r.values[:, joints : joints + n].reshape(at.sizes["time"], size, group.tree.joints)
+        yield group, jnp.asarray(at.R.values[:, own]), jnp.asarray(at.x.values[:, own]), jnp.asarray(r)
+        agents, joints = agents + size, joints + n
 
 
 @jax.jit

@@ -473,7 +473,7 @@ class School:
 
         Where a fit fails the oracle stays as it was, and the update says why.
         """
-        plan, changed, waiting = self.plan, (), set()
+        plan, changed = self.plan, ()
         if plan.renewals is not None:
             surprised = learn.surprise(oracle, recorded, self.last)
             known = (body for body, x in surprised.items() if x > plan.renewals.surprise)
@@ -481,8 +481,7 @@ class School:
             self.since |= dict.fromkeys(changed, self.last)
         counts = {body: len(X) for body, (X, _, _) in learn.samples(oracle.features, recorded, self.since).items()}
         if plan.renewals is not None:
-            again = {body for body in (*self.waiting, *changed) if counts[body] < plan.renewals.enough}
-            self.waiting = waiting = again
+            self.waiting = {body for body in (*self.waiting, *changed) if counts[body] < plan.renewals.enough}
         n = {"payload": counts["payload"], "agents": sum(k for body, k in counts.items() if body != "payload")}
         failed = ""
         try:
@@ -494,9 +493,9 @@ class School:
                 theta, _ = learn.identify(X, Y, given.noise, given.prior)
                 oracle = dataclasses.replace(oracle, theta=jnp.asarray(theta))
             elif fit:
-                oracle, self.fits = learn.teach(oracle, recorded, plan.training, self.fits, self.since, waiting)
+                oracle, self.fits = learn.teach(oracle, recorded, plan.training, self.fits, self.since, self.waiting)
             elif recorded.newest() > self.last:  # else nothing has been said since, and the same oracle would take over
-                oracle = learn.renew(oracle, recorded, self.since, waiting)
+                oracle = learn.renew(oracle, recorded, self.since, self.waiting)
             if plan.renewals is not None:
                 oracle = self._heavier(oracle, recorded, plan.renewals)
         except (ValueError, np.linalg.LinAlgError) as error:

@@ -26,7 +26,7 @@ from colift.control import Command
 from colift.folder import Folder
 from colift.model import Residual, State, Team, Wrench, no_force
 from colift.pytree import pytree
-from colift.scenario import Settings, build
+from colift.scenario import ScenarioError, Settings, build
 from colift.world import Simulated
 
 Scalar = Float[Array, ""]
@@ -70,8 +70,8 @@ def plan(settings: Settings, case: str) -> simulate.Plan:
 def plans(settings: Settings, cases: Sequence[str]) -> dict[str, simulate.Plan]:
     """Cases of a scenario, ready to fly from the same start under the same disturbances and noise.
 
-    Raises ScenarioError for a grasp, an allocation or a start that cannot be and for a team that cannot hover, KeyError
-    for an unknown case.
+    Raises ScenarioError for a grasp, an allocation or a start that cannot be, for a team that cannot hover and for O
+    where a law remembers; KeyError for an unknown case.
     """
     for case in cases:
         if case not in ALL:
@@ -98,20 +98,16 @@ def plans(settings: Settings, cases: Sequence[str]) -> dict[str, simulate.Plan]:
         identify=None,
         stated=build.stated(settings, nominal, error),
         seed=settings.seed,
-        latency=_latency(given.fit_latency),
+        latency=None if given.fit_latency == "measured" else given.fit_latency,
     )
     return {case: _as(case, c1, settings) for case in cases}
-
-
-def _latency(given: str | float) -> float | None:
-    return None if isinstance(given, str) else given
 
 
 def _as(case: str, c1: simulate.Plan, settings: Settings) -> simulate.Plan:
     """C1 with what another case has in its place or in addition."""
     rival, given = settings.baselines, settings.learning
     learns, agents = case in ("C2", "C3", "P", "R", "H", "C4"), case in ("C3", "R", "H", "C4")
-    pilot, world = c1.pilot, c1.world
+    pilot = c1.pilot
     recorder = dataclasses.replace(pilot.recorder, payload=jnp.asarray(learns), agents=jnp.asarray(agents))
     pilot = dataclasses.replace(pilot, recorder=recorder)
     match case:
@@ -122,12 +118,18 @@ def _as(case: str, c1: simulate.Plan, settings: Settings) -> simulate.Plan:
             observer = fly.Observed(predictor=pilot.predictor, bandwidth=jnp.asarray(rival.observer_Hz))
             pilot = dataclasses.replace(pilot, predictor=observer)
         case "O":
+            if remembering := disturbance.remembering(c1.world.sources):
+                raise ScenarioError(
+                    f"{settings.name}: case O knows residuals as functions of state and time; "
+                    f"these laws remember what was before: {', '.join(remembering)}"
+                )
             pilot = build.ahead(settings, pilot)
-            truly = Truly(world=world, nominal=pilot.team)
+            truly = Truly(world=c1.world, nominal=pilot.team)
             pilot = dataclasses.replace(pilot, predictor=fly.Known(function=truly))
         case "R":
             pilot = build.ahead(settings, pilot)
-            pilot = dataclasses.replace(pilot, oracle=learn.regress(pilot.oracle, no_samples(pilot), rival.ridge))
+            nothing = pilot.recorder.begin(pilot.team, pilot.oracle)
+            pilot = dataclasses.replace(pilot, oracle=learn.regress(pilot.oracle, nothing, rival.ridge))
         case "F" | "H" | "C4":
             pilot = build.listening(settings, build.ahead(settings, pilot), held=case != "C4")
     prior = np.array([rival.mass_kg, *[rival.first_moment_kgm] * 3, *[rival.inertia_kgm2] * 6])
@@ -135,7 +137,6 @@ def _as(case: str, c1: simulate.Plan, settings: Settings) -> simulate.Plan:
     parameters = simulate.Identify(noise=noise, prior=prior)
     made = dataclasses.replace(
         c1,
-        world=world,
         pilot=pilot,
         updates=given.update_times_s if learns else (),
         identify={"P": parameters, "R": simulate.Regress(ridge=rival.ridge)}.get(case),
@@ -156,11 +157,6 @@ def _going_on(plan: simulate.Plan, settings: Settings, payload: simulate.Identif
             times=tuple(times.tolist()), surprise=given.surprise, enough=given.enough, payload=payload
         ),
     )
-
-
-def no_samples(pilot: fly.LeaderFollower) -> learn.Recorded:
-    """Before the first sample."""
-    return pilot.recorder.begin(pilot.team, pilot.oracle)
 
 
 @pytree

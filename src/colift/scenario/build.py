@@ -41,7 +41,6 @@ from colift.gp.bounds import Assumption
 from colift.linalg import mul
 from colift.model import (
     Agent,
-    AgentForce,
     AgentState,
     Payload,
     PayloadState,
@@ -50,6 +49,7 @@ from colift.model import (
     Team,
     Tree,
     Wrench,
+    agent_force,
     stack,
 )
 from colift.scenario import settings as s
@@ -289,8 +289,7 @@ def drawn(settings: s.Settings, truth: Team, z: State) -> tuple[learn.Oracle, Re
             one(jax.tree.map(lambda leaf, j=j: leaf[j], group.hyper), x[:, j], x_along[:, j]) for j in range(x.shape[1])
         ]
         agents.append(jax.tree.map(lambda *leaf: jnp.stack(leaf), *(model for model, _ in each)))
-        e = jnp.asarray([std for _, std in each])
-        of_agents.append(AgentForce(f_x=e[:, :3], f_w=e[:, 3:6], f_r=e[:, 6:]))
+        of_agents.append(agent_force(jnp.asarray([std for _, std in each])))
     W = jnp.asarray(of_payload)
     return (
         dataclasses.replace(zero, payload=payload, agents=tuple(agents)),
