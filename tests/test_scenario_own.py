@@ -269,7 +269,9 @@ def test_residuals_known_exactly_are_refused_where_a_law_remembers(folder):
             for bodies in ("payload", "agents")
         ]
         settings = scenario.load(light.write(folder / "late.yaml", disturbances=laws))
-    with pytest.raises(ScenarioError, match=r"case O knows .* these laws remember what was before: LateLaw_payload, LateLaw_agents$"):
+    with pytest.raises(
+        ScenarioError, match=r"case O knows .* these laws remember what was before: LateLaw_payload, LateLaw_agents$"
+    ):
         colift.plan(settings, "O")
     assert colift.plan(settings, "C1").world.sources.payload
 
