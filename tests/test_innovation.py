@@ -55,8 +55,8 @@ def heard(
     return jax.jit(lambda: jax.lax.scan(tick, listener.begin(TEAM), steps)[1])()
 
 
-def listener(fade: float = np.inf, span: float = 0.5) -> innovation.Listener:
-    return innovation.Listener(filters=FILTERS, fade=jnp.array(fade), span=jnp.array(span))
+def listener(fade: float = np.inf, span: float = 0.5, hold: float = 0.0) -> innovation.Listener:
+    return innovation.Listener(filters=FILTERS, hold=jnp.array(hold), fade=jnp.array(fade), span=jnp.array(span))
 
 
 def offset(mean: Any, k: Any = 0) -> learn.Oracle:
@@ -140,3 +140,18 @@ def test_shipped_scenarios_in_which_the_world_changes_are_those_of_the_paper_but
     }.items():
         given = scenario.load(name).model_dump()
         assert {key for key in paper if paper[key] != given[key]} == differs
+
+
+def test_labels_that_come_now_and_then_are_held_in_between():
+    """Nothing fades between labels that are less than `hold` apart; once there are none for longer it does."""
+    t = DT * np.arange(TICKS)
+    on = (np.arange(TICKS) % 10 == 0) & (t < 0.5)
+    last = np.maximum.accumulate(np.where(on, np.arange(TICKS), 0))
+    labels = np.tile((1.0 + 2.0 * last / 10 * DT)[:, None], (1, 6))  # a filter that moves on at each label only
+    news = heard(listener(fade=0.05, hold=0.05), lambda _k: ORACLE, np.zeros((TICKS, 3)), labels, on)
+    until = int(np.flatnonzero(on)[-1] + round(0.05 / DT))
+    assert until + 50 < TICKS
+    np.testing.assert_allclose(np.asarray(news.fresh)[: until + 1], 1.0)
+    np.testing.assert_allclose(np.asarray(news.r.payload.F)[: until + 1, 0], labels[: until + 1, 0], atol=1e-12)
+    left = np.exp(-DT / 0.05 * np.arange(1, 51))
+    np.testing.assert_allclose(np.asarray(news.fresh)[until + 1 : until + 51], left, rtol=1e-9)

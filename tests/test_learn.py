@@ -208,18 +208,79 @@ def test_the_constant_part_of_an_output_is_the_mean_of_its_labels(taught):
 
 def test_a_renewed_oracle_is_the_posterior_of_newer_samples_under_what_was_fitted(taught):
     oracle, _ = taught
-    load, agents = samples(7, 40, 24, 6), samples(8, 40, 24, 9, (2,))
-    renewed = learn.renew(oracle, both(load, agents), {"payload": 1.0, (0, 1): 2.0}, {(0, 0)})
+    load, agents = samples(7, 40, 24, 6), dataclasses.replace(samples(8, 40, 24, 9, (2,)), n=jnp.array([1, 40]))
+    renewed = learn.renew(oracle, both(load, agents), {})
     assert int(renewed.k) == int(oracle.k) + 1
-    assert int(renewed.payload.n) == 30  # those since 1 s
-    assert list(renewed.agents[0].n) == [30, 20]  # of which the first is left as it was
-    hyper = dataclasses.replace(oracle.payload.hyper, offset=load.Y[10:40].mean(0))
-    expected = gp.condition(learn.payload_features(load.X[10:40]), load.Y[10:40], hyper, CAPACITY)
+    assert int(renewed.payload.n) == 40
+    assert list(renewed.agents[0].n) == [30, 40]  # one sample is no model: the first is left as it was
+    hyper = dataclasses.replace(oracle.payload.hyper, offset=load.Y[:40].mean(0))
+    expected = gp.condition(learn.payload_features(load.X[:40]), load.Y[:40], hyper, CAPACITY)
     x = learn.payload_features(jnp.array(np.random.default_rng(9).normal(size=24)))
     np.testing.assert_allclose(gp.mean(renewed.payload, x), gp.mean(expected, x), atol=1e-9)
     for body in (renewed.payload, renewed.agents[0]):
         was = oracle.payload if body is renewed.payload else oracle.agents[0]
         np.testing.assert_array_equal(body.hyper.lengthscales, was.hyper.lengthscales)
+
+
+def test_samples_come_in_the_order_of_time_whatever_row_they_were_written_to(taught):
+    """A buffer whose oldest rows were overwritten is no longer in order; of a changed body only newer ones count."""
+    oracle, _ = taught
+    load, agents = samples(7, 40, 24, 6), samples(8, 40, 24, 9, (2,))
+    turned = jax.tree.map(lambda x: jnp.roll(x[:40], 13, axis=0), (load.X, load.Y, load.t))
+    mixed = dataclasses.replace(load, X=turned[0], Y=turned[1], t=turned[2])
+    for one, other in zip(
+        learn.samples(oracle, both(load, agents))["payload"],
+        learn.samples(oracle, both(mixed, agents))["payload"],
+        strict=True,
+    ):
+        np.testing.assert_array_equal(one, other)
+    X, Y, t = learn.samples(oracle, both(mixed, agents), {"payload": learn.changed(oracle, "payload", 2.0)})["payload"]
+    assert t[0] == pytest.approx(2.0)
+    assert len(t) == 20
+    np.testing.assert_array_equal(Y, load.Y[20:40])
+    np.testing.assert_array_equal(X, learn.payload_features(load.X[20:40]))
+
+
+def test_once_the_world_has_changed_the_map_keeps_its_shape_where_the_team_has_not_been_again(taught):
+    """What new samples say beyond the model is the same everywhere here: the amended one is right at the old ones."""
+    oracle, _ = taught
+    old, more = samples(0, 30, 24, 6), np.array([3.0, -2.0, 1.0, 0.5, -0.5, 0.2])
+    there = gp.predict(oracle.payload, learn.payload_features(old.X[:5]))[0]
+    new = dataclasses.replace(
+        old, Y=jnp.concatenate([there, old.Y[5:]]) + jnp.tile(more, (CAPACITY, 1)), t=old.t + 10.0
+    )
+    new = dataclasses.replace(new, n=jnp.asarray(5))
+    change = learn.changed(oracle, "payload", 9.0)
+    renewed = learn.renew(oracle, both(new, samples(1, 30, 24, 9, (2,))), {"payload": change})
+    assert int(renewed.payload.n) == 35
+    asked = learn.payload_features(old.X[5:30])
+    before, after = (gp.predict(of.payload, asked)[0] for of in (oracle, renewed))
+    np.testing.assert_allclose(after - before, np.tile(more, (25, 1)), atol=0.1)
+    full = dataclasses.replace(samples(3, CAPACITY, 24, 6), t=old.t + 10.0)
+    alone = learn.renew(oracle, both(full, samples(1, 30, 24, 9, (2,))), {"payload": change})
+    assert int(alone.payload.n) == CAPACITY  # no room is left for older ones
+    np.testing.assert_allclose(alone.payload.Y, full.Y)
+
+
+def test_mass_put_on_a_payload_is_identified_beyond_the_model_before_and_taken_from_its_labels(taught):
+    oracle, _ = taught
+    rng = np.random.default_rng(5)
+    load = samples(0, 30, 24, 6)
+    turns = Rotation.from_rotvec(0.3 * rng.normal(size=(CAPACITY, 3))).as_matrix().reshape(-1, 9)
+    X = load.X.at[:, 6:15].set(turns).at[:, 20].add(9.81)
+    theta = np.array([-0.3, *np.zeros(9)])
+    felt = jax.vmap(lambda x: learn.regressor(learn._payload_of(x), x[18:21], x[21:24]) @ theta)(X)
+    told = gp.predict(oracle.payload, learn.payload_features(X))[0]
+    heavier = dataclasses.replace(load, X=X, Y=told + felt, t=load.t + 10.0)
+    recorded = both(heavier, samples(1, 30, 24, 9, (2,)))
+    change = learn.changed(oracle, "payload", 9.0)
+    prior = np.array([0.5, *[1e-6] * 9])
+    found = learn.heavier(oracle.features, change, recorded, np.full(6, 0.1), prior)
+    np.testing.assert_allclose(found, theta, atol=1e-3)
+    later = dataclasses.replace(change, since=99.0)  # nothing has been recorded since
+    np.testing.assert_array_equal(learn.heavier(oracle.features, later, recorded, np.full(6, 0.1), prior), oracle.theta)
+    left = learn.samples(dataclasses.replace(oracle, theta=jnp.asarray(theta)), recorded)["payload"][1]
+    np.testing.assert_allclose(left, told[:30], atol=1e-9)
 
 
 def test_what_contradicts_the_oracle_surprises_and_what_is_merely_new_does_not(taught):
@@ -228,13 +289,15 @@ def test_what_contradicts_the_oracle_surprises_and_what_is_merely_new_does_not(t
     load, agents = samples(0, 30, 24, 6), samples(1, 30, 24, 9, (2,))
     same = learn.surprise(oracle, both(load, agents), 1.0)
     assert set(same) == {"payload", (0, 0), (0, 1)}
-    assert max(same.values()) < 4
-    other = dataclasses.replace(load, Y=load.Y + 10.0)
-    changed = learn.surprise(oracle, both(other, agents), 1.0)
-    assert changed["payload"] > 25
-    assert changed[0, 0] == same[0, 0]
+    assert max(off.mean() for _, off in same.values()) < 4
+    np.testing.assert_allclose(same["payload"][0], load.t[11:30])
+    other = dataclasses.replace(load, Y=load.Y.at[20:].add(10.0))
+    t, off = learn.surprise(oracle, both(other, agents), 1.0)["payload"]
+    assert off.mean() > 25
+    assert t[np.argmax(off > 25)] == pytest.approx(2.0)
+    np.testing.assert_array_equal(learn.surprise(oracle, both(other, agents), 1.0)[0, 0][1], same[0, 0][1])
     far = dataclasses.replace(load, X=load.X + 1e3)
-    assert learn.surprise(oracle, both(far, agents), 1.0)["payload"] < 4
+    assert learn.surprise(oracle, both(far, agents), 1.0)["payload"][1].mean() < 4
     assert learn.surprise(oracle, both(load, agents), 9.0) == {}  # nothing is newer
     assert learn.surprise(prior(), both(load, agents), 1.0) == {}  # nothing was predicted
 

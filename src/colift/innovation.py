@@ -28,7 +28,7 @@ class News:
     t: Scalar  # s, when it was so
     r: Residual  # N and N m
     rate: Residual  # N/s and N m/s
-    fresh: Scalar  # 1 while labels come; falls to 0 when they stop, and r to its running mean
+    fresh: Scalar  # 1 while labels come, if now and then; falls to 0 when they stop, and r to its running mean
 
 
 def no_news(team: Team, t: Scalar) -> News:
@@ -48,6 +48,7 @@ class Heard:
     outer: Residual
     r: Residual
     average: Residual
+    silent: Scalar  # s since the last label
     fresh: Scalar
     warm: Scalar  # 0 before the first tick, 1 after
 
@@ -56,12 +57,15 @@ class Heard:
 class Listener:
     """Compares labels with the oracle, tick by tick.
 
-    While labels come, `r` is label less mean. When they stop, `r` falls within `fade` to what has changed for good: its
-    mean m over the last `span`, as far as that is no noise, `m m^2 / (m^2 + 4 v)`, v the oracle's variance of labels.
-    Where another oracle takes over, what it says more is taken from r at once, not only when the filter has seen it.
+    While labels come, `r` is label less mean, held from one label to the next. When there is none for `hold`, `r` falls
+    within `fade` to what has changed for good: its mean m over the last `span`, as far as that is no noise,
+    `m m^2 / (m^2 + 4 v)`, v the oracle's variance of labels.
+    Where another oracle takes over, what it says more is taken from r at once, not only when the filter has seen it, and
+    m begins anew: what is left of the other's errors tells nothing of its own.
     """
 
     filters: Filters
+    hold: Scalar  # s
     fade: Scalar  # s; inf: r is held
     span: Scalar  # s
 
@@ -76,6 +80,7 @@ class Listener:
             outer=none,
             r=none,
             average=none,
+            silent=jnp.zeros(()),
             fresh=jnp.ones(()),
             warm=jnp.zeros(()),
         )
@@ -96,12 +101,23 @@ class Listener:
         outer = _low(past.outer, inner, b)
         r = jax.tree.map(jnp.subtract, _label(labelled), outer)
         average = _low(past.average, r, from_the_first(past.warm, on * -jnp.expm1(-dt / self.span)))
-        fresh = past.fresh + -jnp.expm1(-dt / self.fade) * (on - past.fresh)
+        silent = (1 - on) * (past.silent + dt)
+        speaking = (silent <= self.hold + 1e-9).astype(float)
+        fresh = past.fresh + -jnp.expm1(-dt / self.fade) * (speaking - past.fresh)
         rate = jax.tree.map(lambda now, old: past.warm * fresh * (now - old) / dt, r, past.r)
         lasting = jax.tree.map(lambda m, v: m * m * m / (m * m + 4 * v), average, _noise(oracle))
         used = jax.tree.map(lambda r, left: left + fresh * (r - left), r, lasting)
         heard = Heard(
-            k=oracle.k, f=f, copy=copy, inner=inner, outer=outer, r=r, average=average, fresh=fresh, warm=jnp.ones(())
+            k=oracle.k,
+            f=f,
+            copy=copy,
+            inner=inner,
+            outer=outer,
+            r=r,
+            average=average,
+            silent=silent,
+            fresh=fresh,
+            warm=jnp.ones(()),
         )
         return heard, News(t=clock.t, r=used, rate=rate, fresh=fresh)
 
@@ -116,7 +132,7 @@ def _taken_over(past: Heard, f: Residual, k: Int[Array, ""]) -> Heard:
         inner=plus(past.inner),
         outer=plus(past.outer),
         r=less(past.r),
-        average=less(past.average),
+        average=jax.tree.map(lambda new, old: jnp.where(k != past.k, new, old), less(past.r), past.average),
     )
 
 

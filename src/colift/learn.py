@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import os
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from types import MappingProxyType
 from typing import Protocol, runtime_checkable
@@ -341,22 +341,83 @@ class Training:
 Body = tuple[int, int] | str
 """The payload, as "payload", or (group, agent)."""
 
+Samples = tuple[np.ndarray, np.ndarray, np.ndarray]
+
 Fits = Mapping[Body, gp.Fit]
 """The last fit of each body that has one."""
 
 
-def samples(seen: Features, recorded: Recorded, since: Mapping[Body, float]) -> dict[Body, tuple[np.ndarray, ...]]:
-    """`(X, Y, t)` of every body, X features; without what is older than `since`, s, of a body that is named there."""
-    found: dict[Body, tuple[Array, gp.Data]] = {"payload": (seen.payload(recorded.payload.X), recorded.payload)}
+@dataclasses.dataclass(frozen=True)
+class Change:
+    """The world of a body has changed: since when, and what was known of it until then."""
+
+    since: float  # s
+    model: gp.GP
+    theta: Float[Array, "10"]  # of the oracle
+
+
+Changes = Mapping[Body, Change]
+"""The last change of each body that has seen one."""
+
+
+def samples(oracle: Oracle, recorded: Recorded, changes: Changes = MappingProxyType({})) -> dict[Body, Samples]:
+    """`(X, Y, t)` of every body in the order of time, X features, Y what the GPs are to explain: labels less `Y theta`.
+
+    Of a body whose world has changed, those since then.
+    """
+    data, seen = recorded.payload, oracle.features
+    if np.any(oracle.theta):
+        data = dataclasses.replace(data, Y=data.Y - jax.vmap(_inertial, (0, None))(data.X, oracle.theta))
+    found: dict[Body, tuple[Array, gp.Data]] = {"payload": (seen.payload(data.X), data)}
     for i, data in enumerate(recorded.agents):
         X = seen.agent(data.X)
         found |= {(i, j): (X[j], jax.tree.map(lambda x, j=j: x[j], data)) for j in range(len(data.n))}
     out = {}
     for body, (X, data) in found.items():
-        n, t = int(data.n), np.asarray(data.t)
-        keep = np.flatnonzero(t[:n] >= since.get(body, -np.inf))
+        t = np.asarray(data.t)[: int(data.n)]
+        order = np.argsort(t, kind="stable")
+        keep = order[t[order] >= (changes[body].since if body in changes else -np.inf)]
         out[body] = np.asarray(X)[keep], np.asarray(data.Y)[keep], t[keep]
     return out
+
+
+def _inertial(x: Float[Array, "24"], theta: Float[Array, "10"]) -> Float[Array, "6"]:
+    """`Y theta` at a payload sample."""
+    return regressor(_payload_of(x), x[18:21], x[21:24]) @ theta
+
+
+def amended(change: Change, X: np.ndarray, Y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Samples since a change, and as many of the model before it as its budget has room for, as they would be now (host).
+
+    `y + mean(y_new - f(x_new))`, f that model's mean: where the team has not been again the map keeps its shape.
+    """
+    old, n = change.model, int(change.model.n)
+    if not len(X):
+        return X, Y
+    off = Y - _told(old, X)[0]
+    kept = slice(max(0, n - old.capacity + len(X)), n)
+    return np.concatenate([np.asarray(old.X)[kept], X]), np.concatenate([np.asarray(old.Y)[kept] + off.mean(0), Y])
+
+
+def heavier(
+    seen: Features, change: Change, recorded: Recorded, sigma: np.ndarray, prior: np.ndarray
+) -> Float[Array, "10"]:
+    """`theta` since the payload's world has changed: of labels less the model before, by `identify` (host)."""
+    data = recorded.payload
+    new = np.flatnonzero(np.asarray(data.t)[: int(data.n)] >= change.since)
+    if not len(new):
+        return change.theta
+    X, Y = np.asarray(data.X)[new], np.asarray(data.Y)[new]
+    left = Y - _told(change.model, np.asarray(seen.payload(jnp.asarray(X))))[0]
+    return jnp.asarray(identify(X, left, sigma, prior)[0])
+
+
+def _told(model: gp.GP, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A model's means and variances at up to as many places as its capacity: one shape, one program."""
+    n = len(X)
+    padded = np.concatenate([X, np.repeat(X[:1], model.capacity - n, 0)])
+    mean, variance = gp.predict(model, jnp.asarray(padded))
+    return np.asarray(mean)[:n], np.asarray(variance)[:n]
 
 
 def teach(
@@ -364,18 +425,16 @@ def teach(
     recorded: Recorded,
     training: Training | None,
     last: Fits,
-    since: Mapping[Body, float] = MappingProxyType({}),
-    left: Collection[Body] = (),
+    changes: Changes = MappingProxyType({}),
 ) -> tuple[Oracle, Fits]:
     """The oracle frozen on the data so far: fit from the last hyperparameters, then condition (host).
 
     A body without data keeps its predictor. The constant part of each output's prior mean is the mean of its labels
     (the remark on mean functions); the rest is the GP's. Bodies are fitted side by side. Without `training` the
-    hyperparameters and the prior mean stay as they are, as error bounds ask for. Of bodies that `since` names samples
-    count from that time on, s; those in `left` keep their predictor.
+    hyperparameters and the prior mean stay as they are, as error bounds ask for. A body whose world has changed learns
+    from what `amended` gives.
     """
-    found = samples(oracle.features, recorded, since)
-    tasks = {body: (X, Y) for body, (X, Y, _) in found.items() if len(X) > 1 and body not in left}
+    tasks = _tasks(oracle, recorded, changes)
 
     def study(body: Body) -> tuple[gp.Fit | None, gp.GP]:
         interrupt.check()
@@ -400,32 +459,45 @@ def teach(
     return _with_bodies(oracle, {body: model for body, (_, model) in learned.items()}), fits
 
 
-def renew(oracle: Oracle, recorded: Recorded, since: Mapping[Body, float], left: Collection[Body]) -> Oracle:
+def renew(oracle: Oracle, recorded: Recorded, changes: Changes) -> Oracle:
     """The oracle on the data so far with the hyperparameters that it has, all else as in `teach` (host)."""
     models = {}
-    for body, (X, Y, _) in samples(oracle.features, recorded, since).items():
-        if len(X) > 1 and body not in left:
-            frozen = _of_body(oracle, body)
-            hyper = dataclasses.replace(frozen.hyper, offset=jnp.asarray(Y.mean(0)))
-            models[body] = gp.condition(X, Y, hyper, frozen.capacity)
+    for body, (X, Y) in _tasks(oracle, recorded, changes).items():
+        frozen = _of_body(oracle, body)
+        hyper = dataclasses.replace(frozen.hyper, offset=jnp.asarray(Y.mean(0)))
+        models[body] = gp.condition(X, Y, hyper, frozen.capacity)
     return _with_bodies(oracle, models)
 
 
-def surprise(oracle: Oracle, recorded: Recorded, after: float) -> dict[Body, float]:
-    """Of every body that has been taught, how far its samples since `after`, s, lie off what was predicted (host).
+def _tasks(oracle: Oracle, recorded: Recorded, changes: Changes) -> dict[Body, tuple[np.ndarray, np.ndarray]]:
+    """What every body that has something to learn from learns from."""
+    found = {}
+    for body, (X, Y, _) in samples(oracle, recorded, changes).items():
+        X, Y = amended(changes[body], X, Y) if body in changes else (X, Y)
+        if len(X) > 1:
+            found[body] = X, Y
+    return found
 
-    The mean over samples and outputs of `(y - mean)^2 / (variance + noise_variance)`: about 1 where the model holds.
-    Where no data were near, the variance is large, and nothing surprises.
+
+def surprise(oracle: Oracle, recorded: Recorded, after: float) -> dict[Body, tuple[np.ndarray, np.ndarray]]:
+    """Of every body that has been taught, times of its samples since `after`, s, and how far each lies off (host).
+
+    The mean over outputs of `(y - mean)^2 / (variance + noise_variance)`: about 1 where the model holds. Where no data
+    were near, the variance is large, and nothing surprises.
     """
     found = {}
-    for body, (X, Y, t) in samples(oracle.features, recorded, {}).items():
+    for body, (X, Y, t) in samples(oracle, recorded).items():
         model, new = _of_body(oracle, body), t > after + 1e-9
         if int(model.n) and new.any():
-            X = np.concatenate([X[new], np.repeat(X[new][:1], model.capacity - new.sum(), 0)])  # one shape, one program
-            mean, variance = (np.asarray(x)[: new.sum()] for x in gp.predict(model, jnp.asarray(X)))
+            mean, variance = _told(model, X[new])
             off = (Y[new] - mean) ** 2 / (variance + np.asarray(model.hyper.noise_variance))
-            found[body] = float(off.mean())
+            found[body] = t[new], off.mean(1)
     return found
+
+
+def changed(oracle: Oracle, body: Body, since: float) -> Change:
+    """A change of a body's world: what the oracle knows of it is what was known until then."""
+    return Change(since=since, model=_of_body(oracle, body), theta=oracle.theta)
 
 
 def _of_body(oracle: Oracle, body: Body) -> gp.GP:

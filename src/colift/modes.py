@@ -32,7 +32,7 @@ NEUTRAL = 1e-6  # rad/s, below which a rate is rounding: of |z|, divided by the 
 
 
 POSE = r"\.world\.z\.(payload\.[Rp]|agents\[\d+\]\.[Rxr])"
-LEARNING = r"\.recorder\.|\.estimator\.(agents\[\d+\]\.)?bias\b|\.(warm|fresh|ticks)$"
+LEARNING = r"\.recorder\.|\.estimator\.(agents\[\d+\]\.)?bias\b|\.(warm|fresh|silent|ticks)$"
 LABELS = r"\.estimator\.(agents\[\d+\]\.)?(momenta|carried|known|label|state)\b"
 
 

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from colift import balance, band, dynamics, fly, gp, grasp, innovation, interrupt, learn, limits, native, so3
+from colift import balance, band, dynamics, fly, grasp, innovation, interrupt, learn, limits, native, so3
 from colift.model import Agent, AgentForce, AgentInput, AgentState, Clock, Inputs, Residual, State, Team, Wrench
 from colift.pytree import pytree
 from colift.world import Truth
@@ -309,16 +309,12 @@ class Plan:
 
 @dataclasses.dataclass(frozen=True)
 class Renewals:
-    """Oracles that go on: the newest samples every so often; where the world has changed, only those since.
-
-    A body whose samples contradict its model keeps it until there are `enough` new ones: half a map is worse than a
-    whole one that labels correct.
-    """
+    """Oracles that go on: the newest samples every so often; where the world has changed, the older ones amended."""
 
     times: tuple[float, ...]  # s
-    surprise: float  # `learn.surprise` of a body above which its older samples are wrong
-    enough: int  # samples
-    payload: Identify  # of what a payload that has changed differs from its model meanwhile
+    surprise: float  # mean of a body's `learn.surprise` above which its world has changed
+    enough: int  # samples after a change without which what surprises is the same change
+    payload: Identify  # of what a payload that has changed differs from its model
 
 
 @dataclasses.dataclass(frozen=True)
@@ -356,7 +352,7 @@ class Update:
     n: dict[str, int]  # samples: of the payload, of all agents together
     fits: learn.Fits
     theta: np.ndarray  # (10,)
-    changed: tuple[learn.Body, ...] = ()  # whose older samples no longer count
+    changed: tuple[learn.Body, ...] = ()  # whose older samples are amended from now on
     failed: str = ""  # why the oracle before it stays
 
 
@@ -459,13 +455,12 @@ def _times(plan: Plan) -> dict[int, bool]:
 
 
 class School:
-    """What is learned on the ground in one flight: the last fits, and from when on samples of a body still count."""
+    """What is learned on the ground in one flight: the last fits, and what was known before the world changed."""
 
     def __init__(self, plan: Plan) -> None:
         self.plan = plan
         self.fits: learn.Fits = {}
-        self.since: dict[learn.Body, float] = {}
-        self.waiting: set[learn.Body] = set()  # that have too few of them for a model
+        self.changes: dict[learn.Body, learn.Change] = {}
         self.last = 0.0  # s, of the newest samples that an oracle has seen
 
     def teach(self, oracle: learn.Oracle, recorded: learn.Recorded, t: float, fit: bool) -> tuple[learn.Oracle, Update]:
@@ -473,17 +468,10 @@ class School:
 
         Where a fit fails the oracle stays as it was, and the update says why.
         """
-        plan, changed = self.plan, ()
-        if plan.renewals is not None:
-            surprised = learn.surprise(oracle, recorded, self.last)
-            known = (body for body, x in surprised.items() if x > plan.renewals.surprise)
-            changed = tuple(body for body in known if body not in self.waiting)
-            self.since |= dict.fromkeys(changed, self.last)
-        counts = {body: len(X) for body, (X, _, _) in learn.samples(oracle.features, recorded, self.since).items()}
-        if plan.renewals is not None:
-            self.waiting = {body for body in (*self.waiting, *changed) if counts[body] < plan.renewals.enough}
+        plan, failed = self.plan, ""
+        changed = () if plan.renewals is None else self._look(oracle, recorded, plan.renewals)
+        counts = {body: len(X) for body, (X, _, _) in learn.samples(oracle, recorded).items()}
         n = {"payload": counts["payload"], "agents": sum(k for body, k in counts.items() if body != "payload")}
-        failed = ""
         try:
             if isinstance(plan.identify, Regress):
                 oracle = learn.regress(oracle, recorded, plan.identify.ridge)
@@ -493,11 +481,10 @@ class School:
                 theta, _ = learn.identify(X, Y, given.noise, given.prior)
                 oracle = dataclasses.replace(oracle, theta=jnp.asarray(theta))
             elif fit:
-                oracle, self.fits = learn.teach(oracle, recorded, plan.training, self.fits, self.since, self.waiting)
+                heavier = self._heavier(oracle, recorded)
+                oracle, self.fits = learn.teach(heavier, recorded, plan.training, self.fits, self.changes)
             elif recorded.newest() > self.last:  # else nothing has been said since, and the same oracle would take over
-                oracle = learn.renew(oracle, recorded, self.since, self.waiting)
-            if plan.renewals is not None:
-                oracle = self._heavier(oracle, recorded, plan.renewals)
+                oracle = learn.renew(self._heavier(oracle, recorded), recorded, self.changes)
         except (ValueError, np.linalg.LinAlgError) as error:
             failed = f"what was learned at t = {t:.3f} s is not used: {error}"
             log.warning("%s", failed)
@@ -507,23 +494,28 @@ class School:
         )
         return oracle, update
 
-    def _heavier(self, oracle: learn.Oracle, recorded: learn.Recorded, given: Renewals) -> learn.Oracle:
-        """The oracle with what a payload that waits for a model has more of mass and inertia, by its new samples.
+    def _look(self, oracle: learn.Oracle, recorded: learn.Recorded, given: Renewals) -> tuple[learn.Body, ...]:
+        """The bodies for which the world has changed since the last look, each noted with the first that said so."""
+        found = []
+        held = learn.samples(oracle, recorded, self.changes)
+        for body, (t, off) in learn.surprise(oracle, recorded, self.last).items():
+            settled = body not in self.changes or len(held[body][0]) >= given.enough
+            if off.mean() > given.surprise and settled:
+                self.changes[body] = learn.changed(oracle, body, float(t[np.argmax(off > given.surprise)]))
+                found.append(body)
+        return tuple(found)
 
-        Labels cannot hold that once they stop: it goes with the acceleration. A new model has it in its labels.
+    def _heavier(self, oracle: learn.Oracle, recorded: learn.Recorded) -> learn.Oracle:
+        """The oracle with what a payload whose world has changed has more of mass and inertia than its model before.
+
+        A GP cannot hold that where the team has not been: it goes with the acceleration.
         """
-        data = recorded.payload
-        new = np.flatnonzero(np.asarray(data.t)[: int(data.n)] >= self.since.get("payload", np.inf))
-        if "payload" not in self.waiting or not len(new):
-            theta = jnp.zeros(10)
-        else:
-            X, Y = np.asarray(data.X)[new], np.asarray(data.Y)[new]
-            told, _ = gp.predict(oracle.payload, oracle.features.payload(data.X))
-            theta = jnp.asarray(
-                learn.identify(X, Y - np.asarray(told)[new], given.payload.noise, given.payload.prior)[0]
-            )
-        same = np.array_equal(theta, oracle.theta)
-        return oracle if same else dataclasses.replace(oracle, theta=theta, k=oracle.k + 1)
+        change, renewals = self.changes.get("payload"), self.plan.renewals
+        if change is None or renewals is None:
+            return oracle
+        given = renewals.payload
+        theta = learn.heavier(oracle.features, change, recorded, given.noise, given.prior)
+        return dataclasses.replace(oracle, theta=theta)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -693,7 +693,10 @@ def listening(settings: s.Settings, flying: fly.LeaderFollower, held: bool) -> f
     """The same with its predictions corrected by labels; when labels stop, the correction is held, or fades."""
     given = settings.innovation
     listener = innovation.Listener(
-        filters=_filters(settings), fade=_array(np.inf if held else given.fade_s), span=_array(given.span_s)
+        filters=_filters(settings),
+        hold=_array(given.hold_s),
+        fade=_array(np.inf if held else given.fade_s),
+        span=_array(given.span_s),
     )
     predictor = fly.Corrected(predictor=flying.predictor, lead=_array(given.lead_s))
     return dataclasses.replace(flying, listener=listener, predictor=predictor)

@@ -800,18 +800,20 @@ class Innovation(Section):
     lead_s: of.Time = 0.02
     """By how much the correction is carried ahead along its rate, for the delay of labels."""
     patience_s: of.Span = 0.02
-    """How old a reading of the tips may be for a label; older, labels count as stopped."""
+    """How old a reading of the tips may be for a label."""
+    hold_s: of.Time = 0.2
+    """How long labels may be silent until they count as stopped for C4; its correction is held meanwhile."""
     fade_s: of.Span = 0.3
-    """Once labels stop, how soon C4's correction is its mean over the last `span_s`."""
+    """Once labels have stopped, how soon C4's correction is its mean over the last `span_s`."""
     span_s: of.Span = 0.5
     """Of that mean."""
     renew_s: of.Span = 1.0
     """How often C4's models take in their newest samples, hyperparameters kept."""
     surprise: of.Factor = 25.0
     """Mean square of new labels off what was predicted, in predictive variances, above which the world has changed for
-    a body, and C4 no longer counts its older samples."""
-    enough: of.Capacity = 150
-    """New samples with which C4 makes such a body a new model; until then the old one flies, corrected by labels."""
+    a body: C4 amends its older samples by what the new ones say."""
+    enough: of.Capacity = 50
+    """New samples after a change without which what surprises is the same change."""
     look_ahead_s: of.LookAhead = 0.03
     """`control.look_ahead_s` of these cases and of O, where it says nothing."""
 
