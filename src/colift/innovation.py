@@ -59,9 +59,9 @@ class Listener:
 
     While labels come, `r` is label less mean, held from one label to the next. When there is none for `hold`, `r` falls
     within `fade` to what has changed for good: its mean m over the last `span`, as far as that is no noise,
-    `m m^2 / (m^2 + 4 v)`, v the oracle's variance of labels.
-    Where another oracle takes over, what it says more is taken from r at once, not only when the filter has seen it, and
-    m begins anew: what is left of the other's errors tells nothing of its own.
+    `m m^2 / (m^2 + 4 v)`, v the oracle's variance of labels. Where another oracle takes over, what it says more is
+    taken from r at once, not only when the filter has seen it, and m begins anew: errors of the one before say nothing
+    of its own.
     """
 
     filters: Filters

@@ -387,7 +387,7 @@ def _inertial(x: Float[Array, "24"], theta: Float[Array, "10"]) -> Float[Array, 
 
 
 def amended(change: Change, X: np.ndarray, Y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Samples since a change, and as many of the model before it as its budget has room for, as they would be now (host).
+    """Samples since a change, and as many of the model before it as its budget has room for, as they would be now.
 
     `y + mean(y_new - f(x_new))`, f that model's mean: where the team has not been again the map keeps its shape.
     """
