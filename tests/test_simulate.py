@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from colift import disturbance, limits, simulate, study
+from colift import disturbance, limits, school, simulate, study
 from colift.pytree import pytree
 from tests import light, paper_flights
 from tests.paper_flights import NAMES, believed, exact, fly, number, plan, with_pilot, with_world
@@ -152,7 +152,7 @@ def test_updates_come_at_their_ticks_with_the_data_until_then():
 def test_what_is_learned_flies_when_it_is_ready_and_not_before(latency, monkeypatch):
     """None: as long as teaching takes here, which a clock that is turned says. An update due meanwhile is left out."""
     of = dataclasses.replace(plan("C3"), duration=1.3, updates=(0.5, 0.6, 0.9), latency=latency, training=None)
-    teach = simulate.School.teach
+    teach = school.School.teach
 
     def slowly(*given, **more):
         shift[0] += 0.3
@@ -162,7 +162,7 @@ def test_what_is_learned_flies_when_it_is_ready_and_not_before(latency, monkeypa
     began = clock()
     if latency is None:
         monkeypatch.setattr(simulate.time, "perf_counter", lambda: began + shift[0])
-        monkeypatch.setattr(simulate.School, "teach", slowly)
+        monkeypatch.setattr(school.School, "teach", slowly)
     flight = simulate.fly_plan(of)
     assert [update.t for update in flight.updates] == pytest.approx([0.5, 0.9])
     assert [update.ready for update in flight.updates] == pytest.approx([0.8, 1.2])

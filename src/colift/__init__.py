@@ -32,6 +32,7 @@ The map; each module imports only those below it:
     world       the truth that a flight meets: plant, unknown forces, actuators, sensors
     engine      MuJoCo as the plant
     fly         the pilot and its parts; sees only measurements
+    school      what is learned on the ground meanwhile
     dynamics    our plant: accelerations, contact forces, a step on the grasp
     mjcf        a team as a MuJoCo model
     disturbance the truth's unknown forces

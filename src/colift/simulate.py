@@ -17,6 +17,7 @@ from jaxtyping import Array, Bool, Float, Int
 from colift import balance, band, dynamics, fly, grasp, innovation, interrupt, learn, limits, native, so3
 from colift.model import Agent, AgentForce, AgentInput, AgentState, Clock, Inputs, Residual, State, Team, Wrench
 from colift.pytree import pytree
+from colift.school import Identify, Regress, Renewals, School, Update
 from colift.world import Truth
 
 Scalar = Float[Array, ""]
@@ -307,31 +308,6 @@ class Plan:
         return Setup(world=self.world, pilot=self.pilot, limits=self.limits, dt=jnp.asarray(self.dt))
 
 
-@dataclasses.dataclass(frozen=True)
-class Renewals:
-    """Oracles that go on: the newest samples every so often; where the world has changed, the older ones amended."""
-
-    times: tuple[float, ...]  # s
-    surprise: float  # mean of a body's `learn.surprise` above which its world has changed
-    enough: int  # samples after a change without which what surprises is the same change
-    payload: Identify  # of what a payload that has changed differs from its model
-
-
-@dataclasses.dataclass(frozen=True)
-class Identify:
-    """What parametric identification assumes."""
-
-    noise: np.ndarray  # (6,) deviation of the payload's labels, N and N m
-    prior: np.ndarray  # (10,) deviation of each rigid-body parameter
-
-
-@dataclasses.dataclass(frozen=True)
-class Regress:
-    """What regression on `learn.basis` assumes."""
-
-    ridge: float  # beside the sum of squared label errors, of squared weights
-
-
 @pytree
 class Sigma:
     """Posterior deviations and radii of their errors along the run, at a lower rate than the log; NumPy arrays."""
@@ -341,19 +317,6 @@ class Sigma:
     agents: tuple[np.ndarray, ...]  # (time, agents, outputs) by group
     payload_radius: np.ndarray  # (time, 6), bounds each output's error: see `band.radius`
     agents_radius: tuple[np.ndarray, ...]  # (time, agents, outputs) by group
-
-
-@dataclasses.dataclass(frozen=True)
-class Update:
-    """What one update learned."""
-
-    t: float  # s, when its samples were taken
-    ready: float  # s, from when on it flew
-    n: dict[str, int]  # samples: of the payload, of all agents together
-    fits: learn.Fits
-    theta: np.ndarray  # (10,)
-    changed: tuple[learn.Body, ...] = ()  # whose older samples are amended from now on
-    failed: str = ""  # why the oracle before it stays
 
 
 @dataclasses.dataclass(frozen=True)
@@ -391,7 +354,7 @@ def fly_plan(
     """
     dt, setup = plan.dt, plan.setup
     room, ticks = chunk(plan), round(plan.duration / dt)
-    school, due = School(plan), _times(plan)
+    school, due = School(plan.training, plan.identify, plan.renewals), _times(plan)
     key = jax.random.fold_in(jax.random.key(plan.seed), 2)
     oracle, updates, flown, coming = plan.pilot.oracle, [], [], None
     wall = {"simulation": 0.0, "fit": 0.0}
@@ -452,70 +415,6 @@ def _times(plan: Plan) -> dict[int, bool]:
     renewals = () if plan.renewals is None else plan.renewals.times
     others = {round(t / plan.dt) for t in renewals if t < plan.duration}
     return {tick: tick in fits for tick in sorted(fits | others)}
-
-
-class School:
-    """What is learned on the ground in one flight: the last fits, and what was known before the world changed."""
-
-    def __init__(self, plan: Plan) -> None:
-        self.plan = plan
-        self.fits: learn.Fits = {}
-        self.changes: dict[learn.Body, learn.Change] = {}
-        self.last = 0.0  # s, of the newest samples that an oracle has seen
-
-    def teach(self, oracle: learn.Oracle, recorded: learn.Recorded, t: float, fit: bool) -> tuple[learn.Oracle, Update]:
-        """The oracle of what was recorded until t, s: GPs, with hyperparameters fitted or kept, or parameters.
-
-        Where a fit fails the oracle stays as it was, and the update says why.
-        """
-        plan, failed = self.plan, ""
-        changed = () if plan.renewals is None else self._look(oracle, recorded, plan.renewals)
-        counts = {body: len(X) for body, (X, _, _) in learn.samples(oracle, recorded).items()}
-        n = {"payload": counts["payload"], "agents": sum(k for body, k in counts.items() if body != "payload")}
-        try:
-            if isinstance(plan.identify, Regress):
-                oracle = learn.regress(oracle, recorded, plan.identify.ridge)
-            elif plan.identify is not None:
-                n_L, given = int(recorded.payload.n), plan.identify
-                X, Y = np.asarray(recorded.payload.X)[:n_L], np.asarray(recorded.payload.Y)[:n_L]
-                theta, _ = learn.identify(X, Y, given.noise, given.prior)
-                oracle = dataclasses.replace(oracle, theta=jnp.asarray(theta))
-            elif fit:
-                heavier = self._heavier(oracle, recorded)
-                oracle, self.fits = learn.teach(heavier, recorded, plan.training, self.fits, self.changes)
-            elif recorded.newest() > self.last:  # else nothing has been said since, and the same oracle would take over
-                oracle = learn.renew(self._heavier(oracle, recorded), recorded, self.changes)
-        except (ValueError, np.linalg.LinAlgError) as error:
-            failed = f"what was learned at t = {t:.3f} s is not used: {error}"
-            log.warning("%s", failed)
-        self.last = t
-        update = Update(
-            t=t, ready=t, n=n, fits=self.fits, theta=np.asarray(oracle.theta), changed=changed, failed=failed
-        )
-        return oracle, update
-
-    def _look(self, oracle: learn.Oracle, recorded: learn.Recorded, given: Renewals) -> tuple[learn.Body, ...]:
-        """The bodies for which the world has changed since the last look, each noted with the first that said so."""
-        found = []
-        held = learn.samples(oracle, recorded, self.changes)
-        for body, (t, off) in learn.surprise(oracle, recorded, self.last).items():
-            settled = body not in self.changes or len(held[body][0]) >= given.enough
-            if off.mean() > given.surprise and settled:
-                self.changes[body] = learn.changed(oracle, body, float(t[np.argmax(off > given.surprise)]))
-                found.append(body)
-        return tuple(found)
-
-    def _heavier(self, oracle: learn.Oracle, recorded: learn.Recorded) -> learn.Oracle:
-        """The oracle with what a payload whose world has changed has more of mass and inertia than its model before.
-
-        A GP cannot hold that where the team has not been: it goes with the acceleration.
-        """
-        change, renewals = self.changes.get("payload"), self.plan.renewals
-        if change is None or renewals is None:
-            return oracle
-        given = renewals.payload
-        theta = learn.heavier(oracle.features, change, recorded, given.noise, given.prior)
-        return dataclasses.replace(oracle, theta=theta)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -20,7 +20,7 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Array, Float
 
-from colift import analyse, balance, disk, disturbance, fly, folder, gp, learn, log, modes, response, simulate
+from colift import analyse, balance, disk, disturbance, fly, folder, gp, learn, log, modes, response, school, simulate
 from colift.certify import adversary, assumed, certificate, interface
 from colift.control import Command
 from colift.folder import Folder
@@ -134,17 +134,17 @@ def _as(case: str, c1: simulate.Plan, settings: Settings) -> simulate.Plan:
             pilot = build.listening(settings, build.ahead(settings, pilot), held=case != "C4")
     prior = np.array([rival.mass_kg, *[rival.first_moment_kgm] * 3, *[rival.inertia_kgm2] * 6])
     noise = np.array([given.payload.force_noise_N] * 3 + [given.payload.moment_noise_Nm] * 3)
-    parameters = simulate.Identify(noise=noise, prior=prior)
+    parameters = school.Identify(noise=noise, prior=prior)
     made = dataclasses.replace(
         c1,
         pilot=pilot,
         updates=given.update_times_s if learns else (),
-        identify={"P": parameters, "R": simulate.Regress(ridge=rival.ridge)}.get(case),
+        identify={"P": parameters, "R": school.Regress(ridge=rival.ridge)}.get(case),
     )
     return _going_on(made, settings, parameters) if case == "C4" else made
 
 
-def _going_on(plan: simulate.Plan, settings: Settings, payload: simulate.Identify) -> simulate.Plan:
+def _going_on(plan: simulate.Plan, settings: Settings, payload: school.Identify) -> simulate.Plan:
     """The plan with learning that does not end: the newest samples, renewed every so often, what is wrong forgotten."""
     given = settings.innovation
     first = settings.learning.update_times_s[0]
@@ -153,7 +153,7 @@ def _going_on(plan: simulate.Plan, settings: Settings, payload: simulate.Identif
     return dataclasses.replace(
         plan,
         pilot=dataclasses.replace(plan.pilot, recorder=recorder),
-        renewals=simulate.Renewals(
+        renewals=school.Renewals(
             times=tuple(times.tolist()), surprise=given.surprise, enough=given.enough, payload=payload
         ),
     )
