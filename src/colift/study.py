@@ -424,6 +424,13 @@ def dataset(settings: Settings, case: str, flight: simulate.Flight, flown: simul
         "complete": int(not flight.stopped),
         "stopped": flight.stopped,
         "update_times_s": [update.t for update in flight.updates],
+        "update_points_payload": [update.n["payload"] for update in flight.updates],
+        "update_points_agents": [update.n["agents"] for update in flight.updates],
+        "world_changed": "; ".join(
+            f"{update.t:g} s: {', '.join(_body_name(settings, body) for body in update.changed)}"
+            for update in flight.updates
+            if update.changed
+        ),
         "T_end_s": settings.learning.end_s,
         **{f"limit_{name}": value for name, value in _limits(settings, flown).items() if value is not None},
         **{f"rho_{name}": value for name, value in rests_on.items()},
@@ -455,6 +462,10 @@ def _rests_on(flown: simulate.Plan) -> dict[str, Any]:
         "label_error_agents": np.concatenate([eps.ravel() for eps in stated.agents]).tolist(),
         "assumed": list(assumed.of_radii(flown)),
     }
+
+
+def _body_name(settings: Settings, body: learn.Body) -> str:
+    return body if isinstance(body, str) else build.groups(settings)[body[0]][body[1]].name
 
 
 def _lengthscales(settings: Settings, fits: learn.Fits) -> dict[str, Any]:
