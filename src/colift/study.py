@@ -50,8 +50,8 @@ ALL = CASES | BEYOND | BASELINES
 FLOWN = (  # every file that a study may leave, and what `colift view`, `report` and `export` make of them
     *(f"{case}.{kind}" for case in ALL for kind in ("nc", "csv", "mcap")),
     *(
-        "figure_[0-5]_*.pdf",
-        "figure_[0-5]_*.png",
+        "figure_[0-57]_*.pdf",
+        "figure_[0-57]_*.png",
         "lengthscales_*.csv",
         "lengthscales_*.md",
         "summary.json",
