@@ -1,6 +1,8 @@
 """Draws the documentation's figures of the study: `python docs/figures.py OUT`, OUT of `study paper --baselines`.
 
-The spread over seeds is that of `./dev evidence orderings`.
+The spread over seeds is that of `./dev evidence orderings`. `reaction.png` is figure 7 of a study of its own, which the page
+that shows it describes: `study paper --cases F,H,C4 --set control.look_ahead_s=0.03` with the wind's `turn` and the tips'
+`until_s` set.
 """
 
 import json

@@ -10,7 +10,7 @@ from colift import analyse, scenario, simulate, study
 from evidence import collect
 
 SEEDS = range(11)  # 0 is the default
-CASES = ("C1", "C2", "C3", "I", "DOB", "P", "O")
+CASES = tuple(study.ALL)
 
 
 def fly(seed: int) -> dict[str, Any]:

@@ -336,6 +336,31 @@ def test_no_legend_explains_what_is_not_there(cases):
     assert not [text for text in forces.legends[0].get_texts() if "eta" in text.get_text()]
 
 
+def test_figure_7_draws_what_labels_say_where_they_stop_and_when_the_world_changed(cases, tmp_path):
+    rng, ds = np.random.default_rng(4), cases["C3"]
+    told = {"update_times_s": [2.5, 4.5], "update_points_payload": [20, 30], "update_points_agents": [40, 60]}
+    heard = ds.assign(
+        r_L=(("time", "wrench"), rng.normal(size=(ds.sizes["time"], 6))),
+        r_x=(ds.f_x.dims, rng.normal(size=ds.f_x.shape)),
+        fresh=("time", np.where((ds.time > 5) & (ds.time < 7), 0.0, 1.0)),
+    ).assign_attrs(**told, world_changed="2.5 s: payload; 4.5 s: payload, front")
+    figure = view.reaction({"C3": heard}, TOLD)
+    error, payload, agents, points = figure.axes
+    np.testing.assert_allclose(payload.lines[0].get_ydata(), np.linalg.norm(heard.r_L[:, :3], axis=1), rtol=1e-14)
+    for line, name in zip(agents.lines, heard.agent.values, strict=False):
+        np.testing.assert_allclose(line.get_ydata(), np.linalg.norm(heard.r_x.sel(agent=name), axis=1), rtol=1e-14)
+    for ax in figure.axes:
+        assert [line.get_xdata()[0] for line in ax.lines if line.get_color() == view.CHANGED["color"]] == [2.5, 4.5]
+        (shaded,) = ax.collections
+        x = shaded.get_paths()[0].vertices[:, 0]
+        assert (x.min(), x.max()) == pytest.approx((5, 7), abs=0.06)
+    np.testing.assert_array_equal(points.lines[0].get_ydata(), [0, 20, 30, 30])
+    np.testing.assert_array_equal(points.lines[1].get_ydata(), np.array([0, 40, 60, 60]) / ds.sizes["agent"])
+    assert error.get_yscale() == "log"
+    names = {path.stem for path in view.figures({"C3": heard, "C1": cases["C1"]}, TOLD, tmp_path)}
+    assert "figure_7_reaction" in names
+
+
 def test_figure_5_says_what_its_radii_rest_on(cases):
     assert "assumed: norm, energy" in view.rho_bar({"C3": cases["C3"]}, TOLD).get_suptitle()
     met = cases["C3"].assign_attrs(rho_assumed="")

@@ -1,4 +1,4 @@
-"""Figures of a study: the team, figures 1 to 4 of the paper, and the radii of figure 5."""
+"""Figures of a study: the team, figures 1 to 4 of the paper, the radii of figure 5, and the reaction of figure 7."""
 
 from __future__ import annotations
 
@@ -29,6 +29,7 @@ ACTIVE = "0.92"  # grey of the span in which internal forces act
 TRUTH: dict[str, Any] = {"color": "0.72", "linewidth": 2.8, "solid_capstyle": "butt"}
 UNBOUNDED: dict[str, Any] = {"facecolor": "none", "edgecolor": "0.6", "hatch": "//////", "linewidth": 0}
 EXCEEDED: dict[str, Any] = {"color": "red", "marker": "|", "markersize": 4, "linestyle": "none"}
+CHANGED: dict[str, Any] = {"color": "#CC3311", "linewidth": 1.0, "linestyle": (0, (4, 2))}
 STOPPED: dict[str, Any] = {"marker": "x", "markersize": 6, "linestyle": "none", "clip_on": False}
 
 Cases = Mapping[str, xr.Dataset]
@@ -37,8 +38,9 @@ Cases = Mapping[str, xr.Dataset]
 def figures(cases: Cases, told: Mapping[str, str], folder: str | Path) -> list[Path]:
     """Write the figures of some cases, each as PDF and as PNG (300 dpi); return the files. `told`: what the cases are.
 
-    Figures 1 and 2 show every case; the others, which have a column for each, leave out rivals of learning where there
-    are other cases. A case that stopped early ends in a cross. Each file names the run in its metadata.
+    Figures 1 and 2 show every case; those that have a column for each leave out rivals of learning where there are
+    other cases; figure 7 shows those that listen to labels. A case that stopped early ends in a cross. Each file names
+    the run in its metadata.
     Raises ValueError where there are no cases or a log does not hold its scenario, OSError where the folder cannot be
     written.
     """
@@ -53,6 +55,8 @@ def figures(cases: Cases, told: Mapping[str, str], folder: str | Path) -> list[P
         "figure_4_forces": lambda: contact_forces(looked_into, told),
         "figure_5_rho_bar": lambda: rho_bar(looked_into, told),
     }
+    if listening := {name: ds for name, ds in cases.items() if "r_L" in ds and "world_changed" in ds.attrs}:
+        drawn["figure_7_reaction"] = lambda: reaction(listening, told)
     files, run = [], next(iter(cases.values())).attrs["run"]
     with look.style():
         for name, draw in drawn.items():
@@ -373,6 +377,74 @@ def _explain(figure: Figure, ds: xr.Dataset, internal: bool) -> None:
     figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
 
 
+# Memory and reflex ----------------------------------------------------------------------------------------------------
+
+
+def reaction(cases: Cases, told: Mapping[str, str]) -> Figure:
+    """Figure 7: of cases that listen, the error, what labels say beyond the map, and how many points the map has.
+
+    Shaded where labels have stopped and what they said has faded; a red line where the world was found to have changed.
+    """
+    figure = Figure(figsize=(look.PAGE * max(1, len(cases) / COLUMNS), 5.0))
+    grid = figure.subplots(4, len(cases), sharex=True, sharey="row", squeeze=False)
+    for column, (name, ds) in zip(grid.T, cases.items(), strict=True):
+        t, agents = _thin(ds, ds.time), ds.agent.values.tolist()
+        column[0].plot(t, _thin(ds, _rms(ds, _norm(ds.e_p))), color=look.of(name).color)
+        column[1].plot(t, _thin(ds, _norm(ds.r_L[:, :3])), color=look.of(name).color, linewidth=0.9)
+        for k, agent in enumerate(agents):
+            color, dashes = _body(name, k, len(agents))
+            r = _norm(ds.r_x.sel(agent=agent))
+            column[2].plot(t, _thin(ds, r), color=color, linestyle=dashes, linewidth=0.9, label=agent)
+        _points(column[3], name, ds)
+        for ax in column:
+            _shade_all(ax, ds.time.values, ds.fresh.values < 0.5)
+            for said in filter(None, str(ds.attrs["world_changed"]).split("; ")):
+                ax.axvline(float(said.split(" s:")[0]), **CHANGED)
+        column[0].set_title(_title(name, ds, told))
+        _time_axis(column[-1], cases)
+    _log_scale(grid[0, 0])
+    grid[3, 0].set_ylim(bottom=0)
+    labels = [
+        r"$\|e_p\|$ [m]" + f"\n({WINDOW:g} s RMS)",
+        "payload:\n" + r"label $-$ map [N]",
+        "agents:\n" + r"label $-$ map [N]",
+        "points",
+    ]
+    for row, label in zip(grid, labels, strict=True):
+        row[0].set_ylabel(label)
+    figure.align_ylabels(grid[:, 0])
+    agents = next(iter(cases.values())).agent.values.tolist()
+    handles: list[tuple[Artist, str]] = [
+        *(
+            (
+                Line2D([], [], color=look.tint(GREY, k, len(agents)), linestyle=look.STROKES[k % len(look.STROKES)]),
+                agent,
+            )
+            for k, agent in enumerate(agents)
+        ),
+        (Line2D([], [], color=GREY, drawstyle="steps-post"), "payload's points"),
+        (Line2D([], [], color=GREY, linestyle=look.DOTS), "an agent's points"),
+        (Patch(color=ACTIVE, linewidth=0), "the correction has faded"),
+        (Line2D([], [], **CHANGED), "the world has changed"),
+    ]
+    figure.legend(*zip(*handles, strict=True), loc="outside lower center", ncols=min(6, len(handles)))
+    return figure
+
+
+def _points(ax: Axes, name: str, ds: xr.Dataset) -> None:
+    """Samples that the map of the payload, and of an agent, rests on, from update to update."""
+    times = [0.0, *np.atleast_1d(ds.attrs["update_times_s"]), float(ds.time[-1])]
+    for of, among, dashes in (("payload", 1, "-"), ("agents", ds.sizes["agent"], look.DOTS)):
+        n = np.atleast_1d(ds.attrs[f"update_points_{of}"]) / among
+        counts = [0.0, *n, n[-1] if len(n) else 0.0]
+        ax.step(times, counts, where="post", color=look.of(name).color, linestyle=dashes)
+
+
+def _shade_all(ax: Axes, t: np.ndarray, active: np.ndarray) -> None:
+    """Shade every span in which something holds."""
+    ax.fill_between(t, 0, 1, where=active, transform=ax.get_xaxis_transform(), color=ACTIVE, linewidth=0, zorder=0)
+
+
 # Several seeds --------------------------------------------------------------------------------------------------------
 
 MERITS = {  # axis label by the name of a figure of merit, and its scale
@@ -436,7 +508,7 @@ def _period(t: xr.DataArray) -> float:
 
 
 def _mark_updates(axes: Sequence[Axes], cases: Cases) -> None:
-    """Light lines at the update times t_k, and a dashed one at T_end."""
+    """Light lines at the update times t_k, with their names until T_end, and a dashed one there."""
     times = sorted({float(t) for ds in cases.values() for t in np.atleast_1d(ds.attrs["update_times_s"])})
     if not times:
         return
@@ -445,7 +517,7 @@ def _mark_updates(axes: Sequence[Axes], cases: Cases) -> None:
         for t in set(times) - {end}:
             ax.axvline(t, color="0.75", linewidth=0.6, zorder=1)
         ax.axvline(end, color="0.35", linewidth=0.8, linestyle=(0, (3, 2)), zorder=1)
-    marks = {t: f"t_{{{k + 1}}}" for k, t in enumerate(times)}
+    marks = {t: f"t_{{{k + 1}}}" for k, t in enumerate(times) if t <= end}
     marks[end] = rf"{marks[end]} = T_\mathrm{{end}}" if end in marks else r"T_\mathrm{end}"
     for t, text in marks.items():
         axes[0].annotate(
