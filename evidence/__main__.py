@@ -14,15 +14,20 @@ def proofs() -> list[str]:
     return sorted(m.name for m in pkgutil.iter_modules(evidence.__path__) if m.name != "__main__")
 
 
+TOLD = 5  # changed files that are named
+
+
 def status() -> None:
-    """Print, for each proof, when its result was made, and which files have changed since."""
+    """Print, for each proof, when its result was made, and which files have changed since, its own first."""
     for name in proofs():
         if not (evidence.RESULTS / f"{name}.json").exists():
             print(f"{name:<12} no result yet")
             continue
         made, changed = evidence.stored(name), evidence.behind(name)
         at = f"{made['date']} at {(made.get('commit') or 'no commit')[:10]}"
-        print(f"{name:<12} {at}: " + (f"since then changed: {', '.join(changed)}" if changed else "holds"))
+        changed.sort(key=lambda path: not path.startswith("evidence/"))
+        more = f" and {len(changed) - TOLD} more" * (len(changed) > TOLD)
+        print(f"{name:<12} {at}: " + (f"since then changed: {', '.join(changed[:TOLD])}{more}" if changed else "holds"))
 
 
 def main(names: list[str]) -> int:
