@@ -247,3 +247,14 @@ def test_every_module_stands_on_one_page_of_the_reference() -> None:
         path.parent.name for path in package.glob("*/__init__.py")
     }
     assert {name.split(".")[0] for name in found} == modules - {"__init__", "__main__"}
+
+
+def test_no_line_within_a_formula_begins_as_an_item_of_a_list():
+    """Markdown would end the paragraph there, and show the formula as its source."""
+    for page in PAGES:
+        text = re.sub(r"^```.*?^```$|`[^`\n]*`", "", page.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
+        for paragraph in re.split(r"\n\s*\n", text):
+            opened = 0
+            for line in paragraph.splitlines():
+                assert not (opened % 2 and re.match(r"\s*([-+*#>]|\d+[.)])\s", line)), f"{page.name}: {line}"
+                opened += len(re.findall(r"(?<!\\)\$", line))
