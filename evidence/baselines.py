@@ -17,7 +17,7 @@ GRID: dict[str, list[dict[str, float]]] = {  # settings of the scenario
         for m, c, J in ((0.5, 5e-3, 3e-3), (0.5, 1e-4, 1e-4), (0.5, 1e-6, 1e-6), (0.5, 1e-8, 1e-8), (0.1, 1e-6, 1e-6))
     ],
     "F": [{"innovation.lead_s": s, "learning.filter_Hz": f} for f in (5.0, 8.0, 12.0) for s in (0.0, 0.02, 0.04)],
-    "R": [{"baselines.ridge": r} for r in (1e-5, 1e-4, 1e-3, 1e-2, 1e-1, 1.0)],
+    "R": [{"baselines.ridge": r} for r in (1e-3, 1e-2, 1e-1, 0.3, 1.0, 10.0)],
 }
 
 

@@ -790,7 +790,7 @@ class Baselines(Section):
     """Prior deviation of the payload's first moments, baseline P."""
     inertia_kgm2: of.Deviation = 0.05
     """Prior deviation of the payload's inertia error, baseline P."""
-    ridge: Annotated[of.Deviation, of_unit("label noise over weight, squared")] = 1.0e-3
+    ridge: Annotated[of.Deviation, of_unit("label noise over weight, squared")] = 0.3
     """What a squared weight of the basis costs beside a squared label error, baseline R."""
 
 
