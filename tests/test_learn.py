@@ -256,6 +256,11 @@ def test_once_the_world_has_changed_the_map_keeps_its_shape_where_the_team_has_n
     asked = learn.payload_features(old.X[5:30])
     before, after = (gp.predict(of.payload, asked)[0] for of in (oracle, renewed))
     np.testing.assert_allclose(after - before, np.tile(more, (25, 1)), atol=0.1)
+    waits = learn.renew(oracle, both(new, samples(1, 30, 24, 9, (2,))), {"payload": change}, {"payload"})
+    assert int(waits.payload.n) == 30
+    moved = gp.predict(waits.payload, asked)[0] - before
+    np.testing.assert_allclose(moved, np.tile(more, (25, 1)), atol=1e-9)  # nothing but that
+    np.testing.assert_array_equal(waits.payload.alpha, oracle.payload.alpha)
     full = dataclasses.replace(samples(3, CAPACITY, 24, 6), t=old.t + 10.0)
     alone = learn.renew(oracle, both(full, samples(1, 30, 24, 9, (2,))), {"payload": change})
     assert int(alone.payload.n) == CAPACITY  # no room is left for older ones

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import os
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from types import MappingProxyType
 from typing import Protocol, runtime_checkable
@@ -386,17 +386,22 @@ def _inertial(x: Float[Array, "24"], theta: Float[Array, "10"]) -> Float[Array, 
     return regressor(_payload_of(x), x[18:21], x[21:24]) @ theta
 
 
-def amended(change: Change, X: np.ndarray, Y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Samples since a change, and as many of the model before it as its budget has room for, as they would be now.
+def shifted(change: Change, X: np.ndarray, Y: np.ndarray) -> gp.GP:
+    """The model before a change, moved by what samples since say beyond it on average, `f + mean(y - f(x))` (host)."""
+    old = change.model
+    more = jnp.asarray((Y - _told(old, X)[0]).mean(0))
+    moved = jnp.where((jnp.arange(old.capacity) < old.n)[:, None], old.Y + jnp.tile(more, (old.capacity, 1)), old.Y)
+    return dataclasses.replace(old, Y=moved, hyper=dataclasses.replace(old.hyper, offset=old.hyper.offset + more))
 
-    `y + mean(y_new - f(x_new))`, f that model's mean: where the team has not been again the map keeps its shape.
+
+def amended(change: Change, X: np.ndarray, Y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Samples since a change, and as many of those before it as the budget has room for, `shifted` (host).
+
+    Where the team has not been again the map keeps its shape.
     """
-    old, n = change.model, int(change.model.n)
-    if not len(X):
-        return X, Y
-    off = Y - _told(old, X)[0]
+    old, n = shifted(change, X, Y), int(change.model.n)
     kept = slice(max(0, n - old.capacity + len(X)), n)
-    return np.concatenate([np.asarray(old.X)[kept], X]), np.concatenate([np.asarray(old.Y)[kept] + off.mean(0), Y])
+    return np.concatenate([np.asarray(old.X)[kept], X]), np.concatenate([np.asarray(old.Y)[kept], Y])
 
 
 def heavier(
@@ -434,7 +439,7 @@ def teach(
     hyperparameters and the prior mean stay as they are, as error bounds ask for. A body whose world has changed learns
     from what `amended` gives.
     """
-    tasks = _tasks(oracle, recorded, changes)
+    tasks = _tasks(samples(oracle, recorded, changes), changes)
 
     def study(body: Body) -> tuple[gp.Fit | None, gp.GP]:
         interrupt.check()
@@ -459,24 +464,35 @@ def teach(
     return _with_bodies(oracle, {body: model for body, (_, model) in learned.items()}), fits
 
 
-def renew(oracle: Oracle, recorded: Recorded, changes: Changes) -> Oracle:
-    """The oracle on the data so far with the hyperparameters that it has, all else as in `teach` (host)."""
-    models = {}
-    for body, (X, Y) in _tasks(oracle, recorded, changes).items():
-        frozen = _of_body(oracle, body)
-        hyper = dataclasses.replace(frozen.hyper, offset=jnp.asarray(Y.mean(0)))
-        models[body] = gp.condition(X, Y, hyper, frozen.capacity)
+def renew(
+    oracle: Oracle, recorded: Recorded, changes: Changes = MappingProxyType({}), waiting: Collection[Body] = ()
+) -> Oracle:
+    """The oracle on the data so far with the hyperparameters that it has, all else as in `teach` (host).
+
+    Of bodies in `waiting` the model from before their change flies on, `shifted`.
+    """
+    found, models = samples(oracle, recorded, changes), {}
+    for body in waiting:
+        X, Y, _ = found[body]
+        if len(X):
+            models[body] = shifted(changes[body], X, Y)
+    for body, (X, Y) in _tasks(found, changes).items():
+        if body not in waiting:
+            frozen = _of_body(oracle, body)
+            hyper = dataclasses.replace(frozen.hyper, offset=jnp.asarray(Y.mean(0)))
+            models[body] = gp.condition(X, Y, hyper, frozen.capacity)
     return _with_bodies(oracle, models)
 
 
-def _tasks(oracle: Oracle, recorded: Recorded, changes: Changes) -> dict[Body, tuple[np.ndarray, np.ndarray]]:
+def _tasks(found: Mapping[Body, Samples], changes: Changes) -> dict[Body, tuple[np.ndarray, np.ndarray]]:
     """What every body that has something to learn from learns from."""
-    found = {}
-    for body, (X, Y, _) in samples(oracle, recorded, changes).items():
-        X, Y = amended(changes[body], X, Y) if body in changes else (X, Y)
-        if len(X) > 1:
-            found[body] = X, Y
-    return found
+    tasks = {}
+    for body, (X, Y, _) in found.items():
+        if body in changes and len(X):
+            tasks[body] = amended(changes[body], X, Y)
+        elif len(X) > 1:
+            tasks[body] = X, Y
+    return tasks
 
 
 def surprise(oracle: Oracle, recorded: Recorded, after: float) -> dict[Body, tuple[np.ndarray, np.ndarray]]:

@@ -18,11 +18,15 @@ log = logging.getLogger(__name__)
 
 @dataclasses.dataclass(frozen=True)
 class Renewals:
-    """Oracles that go on: the newest samples every so often; where the world has changed, the older ones amended."""
+    """Oracles that go on: the newest samples every so often; where the world has changed, the older ones amended.
+
+    As long as labels correct it, a model from before the change does better than one of few new samples, and flies on.
+    Once they are silent the new samples speak where the team has been again.
+    """
 
     times: tuple[float, ...]  # s
-    surprise: float  # mean of a body's `learn.surprise` above which its world has changed
-    enough: int  # samples after a change without which what surprises is the same change
+    surprise: float  # mean of `learn.surprise` above which a body's world has changed, over what is usual for it
+    enough: int  # samples after a change for a new model; until then what surprises is the same change
     payload: Identify  # of what a payload that has changed differs from its model
 
 
@@ -63,6 +67,8 @@ class School:
         self.training, self.identify, self.renewals = training, identify, renewals
         self.fits: learn.Fits = {}
         self.changes: dict[learn.Body, learn.Change] = {}
+        self.usual: dict[learn.Body, list[float]] = {}  # means of `learn.surprise` that were no change
+        self.waiting: set[learn.Body] = set()  # those that have seen too little since for a new model
         self.last = 0.0  # s, of the newest samples that an oracle has seen
 
     def teach(self, oracle: learn.Oracle, recorded: learn.Recorded, t: float, fit: bool) -> tuple[learn.Oracle, Update]:
@@ -85,8 +91,8 @@ class School:
             elif fit:
                 heavier = self._heavier(oracle, recorded)
                 oracle, self.fits = learn.teach(heavier, recorded, self.training, self.fits, self.changes)
-            elif recorded.newest() > self.last:  # else nothing has been said since, and the same oracle would take over
-                oracle = learn.renew(self._heavier(oracle, recorded), recorded, self.changes)
+            else:
+                oracle = self._renew(oracle, recorded)
         except (ValueError, np.linalg.LinAlgError) as error:
             failed = f"what was learned at t = {t:.3f} s is not used: {error}"
             log.warning("%s", failed)
@@ -96,15 +102,30 @@ class School:
         )
         return oracle, update
 
+    def _renew(self, oracle: learn.Oracle, recorded: learn.Recorded) -> learn.Oracle:
+        """The oracle with what has been said since the last look; the same one where that is nothing new."""
+        said, waited = recorded.newest() > self.last, self.waiting
+        self.waiting = self.waiting if said else set()
+        if not said and not waited:
+            return oracle
+        return learn.renew(self._heavier(oracle, recorded), recorded, self.changes, self.waiting)
+
     def _look(self, oracle: learn.Oracle, recorded: learn.Recorded, given: Renewals) -> tuple[learn.Body, ...]:
         """The bodies for which the world has changed since the last look, each noted with the first that said so."""
         found = []
-        held = learn.samples(oracle, recorded, self.changes)
+        held = {body: len(X) for body, (X, _, _) in learn.samples(oracle, recorded, self.changes).items()}
+        few = {body for body in self.changes if held[body] < given.enough}
         for body, (t, off) in learn.surprise(oracle, recorded, self.last).items():
-            settled = body not in self.changes or len(held[body][0]) >= given.enough
-            if off.mean() > given.surprise and settled:
-                self.changes[body] = learn.changed(oracle, body, float(t[np.argmax(off > given.surprise)]))
+            if body in few:
+                continue
+            before = self.usual.setdefault(body, [])
+            most = given.surprise * max(1.0, np.median(before)) if before else np.inf
+            if off.mean() > most:
+                self.changes[body] = learn.changed(oracle, body, float(t[np.argmax(off > most)]))
                 found.append(body)
+            else:
+                before.append(off.mean())
+        self.waiting = few | set(found)
         return tuple(found)
 
     def _heavier(self, oracle: learn.Oracle, recorded: learn.Recorded) -> learn.Oracle:

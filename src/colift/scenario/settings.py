@@ -809,11 +809,12 @@ class Innovation(Section):
     """Of that mean."""
     renew_s: of.Span = 1.0
     """How often C4's models take in their newest samples, hyperparameters kept."""
-    surprise: of.Factor = 25.0
-    """Mean square of new labels off what was predicted, in predictive variances, above which the world has changed for
-    a body: C4 amends its older samples by what the new ones say."""
-    enough: of.Capacity = 50
-    """New samples after a change without which what surprises is the same change."""
+    surprise: of.Factor = 3.0
+    """Mean square of new labels off what was predicted, in predictive variances, over its usual value (or 1, if that is
+    less), above which the world has changed for a body: C4 amends its older samples by what the new ones say."""
+    enough: of.Capacity = 150
+    """New samples after a change for a new model: until then the old one, shifted, is corrected by labels, and what
+    surprises is the same change."""
     look_ahead_s: of.LookAhead = 0.03
     """`control.look_ahead_s` of these cases and of O, where it says nothing."""
 
