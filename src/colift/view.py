@@ -261,13 +261,20 @@ def _by_body(
     for ax in grid.flat:
         ax.minorticks_off()  # on twelve panels they take longer to lay out than all else
     figure.align_ylabels(grid[:, 0])
-    agents = next(iter(cases.values())).agent.values.tolist()
-    for k, agent in enumerate(agents if len(agents) > 1 else []):
-        color, dashes = look.tint(GREY, k, len(agents)), look.STROKES[k % len(look.STROKES)]
-        handles.append((Line2D([], [], color=color, linestyle=dashes, linewidth=1.3), agent))
-    handles += more()
+    handles += _agents(cases) + more()
     figure.legend(*zip(*handles, strict=True), loc="outside lower center", ncols=min(6, len(handles)))
     return figure
+
+
+def _agents(cases: Cases) -> list[tuple[Artist, str]]:
+    """Which agent has which stroke, where there are several."""
+    agents = next(iter(cases.values())).agent.values.tolist()
+    strokes = [(look.tint(GREY, k, len(agents)), look.STROKES[k % len(look.STROKES)]) for k in range(len(agents))]
+    return [
+        (Line2D([], [], color=color, linestyle=dashes, linewidth=1.3), agent)
+        for (color, dashes), agent in zip(strokes, agents, strict=True)
+        if len(agents) > 1
+    ]
 
 
 def _title(name: str, ds: xr.Dataset, told: Mapping[str, str]) -> str:
@@ -413,15 +420,8 @@ def reaction(cases: Cases, told: Mapping[str, str]) -> Figure:
     for row, label in zip(grid, labels, strict=True):
         row[0].set_ylabel(label)
     figure.align_ylabels(grid[:, 0])
-    agents = next(iter(cases.values())).agent.values.tolist()
     handles: list[tuple[Artist, str]] = [
-        *(
-            (
-                Line2D([], [], color=look.tint(GREY, k, len(agents)), linestyle=look.STROKES[k % len(look.STROKES)]),
-                agent,
-            )
-            for k, agent in enumerate(agents)
-        ),
+        *_agents(cases),
         (Line2D([], [], color=GREY, drawstyle="steps-post"), "payload's points"),
         (Line2D([], [], color=GREY, linestyle=look.DOTS), "an agent's points"),
         (Patch(color=ACTIVE, linewidth=0), "the correction has faded"),
