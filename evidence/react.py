@@ -2,7 +2,7 @@
 
 Each sample draws a seed, a turn of the wind, mass put on the payload or taken off it, a path that leaves the data,
 motors and what is believed of them, lost labels and noise. All look ahead and know the lag alike. Errors are those
-after the changes.
+after the changes. H, whose correction is held, flies where labels stop; C1 where C4 does not come to the end.
 """
 
 from __future__ import annotations
@@ -11,14 +11,15 @@ from typing import Any
 
 import numpy as np
 
-from colift import analyse, scenario, simulate, study
+from colift import analyse, log, scenario, simulate, study
 from colift.scenario import Settings
 from evidence import collect
 
-SAMPLES = 48
-CASES = ("C1", "C3", "F", "H", "C4", "O")
+SAMPLES = 200
+CASES = ("C3", "F", "C4", "O")
 DELAYS = ((0, 0), (3, 4), (5, 4))  # ticks, in truth and as believed; each is a program of its own
 CHANGE, AFTER = 13.0, 14.5  # s
+HALF, CHANGING = (10.0, 20.0), (CHANGE, CHANGE + 1)  # s
 
 
 def draw(sample: int) -> tuple[Settings, dict[str, Any]]:
@@ -60,16 +61,33 @@ def draw(sample: int) -> tuple[Settings, dict[str, Any]]:
 def fly(item: str) -> dict[str, Any]:
     """Of each case of a sample: the RMS error of position after the changes, m, chatter, and why it ended, if early."""
     settings, asked = draw(int(item))
-    found: dict[str, Any] = {"asked": asked}
-    for case in CASES:
-        flight = simulate.fly_plan(study.plan(settings, case))
-        rows, late = flight.rows, flight.rows.t >= AFTER
-        found[case] = {
-            "e_p_rms_m": analyse.norm_rms(rows.e_p[late]) if late.any() else None,
-            "stopped": flight.stopped,
-            "chatter_N": analyse.chatter(analyse.second_half(rows)),
-        }
-    return found
+    cases = {case: flown(settings, case) for case in (*CASES, *(["H"] if asked["dead_s"] else []))}
+    if cases["C4"]["stopped"]:
+        cases["C1"] = flown(settings, "C1")
+    return {"asked": asked, **cases}
+
+
+def flown(settings: Settings, case: str) -> dict[str, Any]:
+    """What is kept of a flight."""
+    flight = simulate.fly_plan(study.plan(settings, case))
+    rows, late = flight.rows, flight.rows.t >= AFTER
+    soon = late & (rows.t < AFTER + 1)
+    return {
+        "e_p_rms_m": analyse.norm_rms(rows.e_p[late]) if late.any() else None,
+        "e_p_soon_m": analyse.norm_rms(rows.e_p[soon]) if soon.any() else None,
+        "stopped": flight.stopped,
+        "chatter_N": analyse.chatter(analyse.second_half(rows)),
+        "outside": {name: surprised(flight, *span) for name, span in (("second_half", HALF), ("changing", CHANGING))},
+    }
+
+
+def surprised(flight: simulate.Flight, start: float, end: float) -> float | None:
+    """The share of samples from start to end, s, whose error is over 1.96 predictive deviations, of all forces."""
+    at = log.sampled(flight.rows, flight.sigma)
+    now = (flight.sigma.t >= start) & (flight.sigma.t < end)
+    errors = flight.rows.f_L - flight.rows.f_L_hat, flight.rows.f_x - flight.rows.f_x_hat
+    off = [np.abs(e[at][now]) / s[now] for e, s in zip(errors, log.predictive(flight.rows, flight.sigma), strict=True)]
+    return float(np.mean([(x > 1.96).mean() for x in off])) if now.any() else None
 
 
 def share(ratios: list[float], most: float) -> str:
@@ -83,10 +101,10 @@ def share(ratios: list[float], most: float) -> str:
 
 def main() -> bool:
     """Print how C4 compares; what is asked of it holds or not."""
-    flown = collect("react", map(str, range(SAMPLES)), fly)
-    lost = {case: [item for item, found in flown.items() if found[case]["stopped"]] for case in CASES}
+    found_of = collect("react", map(str, range(SAMPLES)), fly)
+    lost = {case: [item for item, found in found_of.items() if found[case]["stopped"]] for case in CASES}
     print("ended early: " + ", ".join(f"{case} {len(items)}" for case, items in lost.items()))
-    whole = {item: found for item, found in flown.items() if not any(found[case]["stopped"] for case in ("C4", "O"))}
+    whole = {item: found for item, found in found_of.items() if not any(found[case]["stopped"] for case in ("C4", "O"))}
 
     def error(found: dict[str, Any], case: str) -> float:
         e = found[case]["e_p_rms_m"]
@@ -104,9 +122,15 @@ def main() -> bool:
     print(f"labels last, C4 over O, 2.5 allowed in 90 %: {share(over_o, 2.5)}")
     print(f"labels stop, C4 over the better of map and held correction, 1.15 allowed: {share(over_best, 1.15)}")
     print(f"C4 over the better of map and reflex, 1.15 allowed: {share(over_parts, 1.15)}")
+    stepped = [f for f in lasting if abs(f["asked"]["turn_deg"]) > 30 or abs(f["asked"]["added_kg"]) > 0.1]
+    soon = [f["C4"]["e_p_soon_m"] / f["O"]["e_p_soon_m"] for f in stepped]
+    print(f"in the second that begins 1.5 s after a step change, C4 over O, 2 allowed: {share(soon, 2.0)}")
     chatter = [f["C4"]["chatter_N"] for f in whole.values()]
-    print(f"contact forces above 20 Hz: median {np.median(chatter):.3f} N RMS, worst {max(chatter):.3f} (0.2 allowed)")
-    survived = set(lost["C4"]) <= set(lost["C1"])
+    print(f"contact forces above 20 Hz, N RMS, 0.2 allowed: {share(chatter, 0.2)}")
+    for name, said in (("second_half", "second half"), ("changing", "within 1 s after a change")):
+        off = [f["C4"]["outside"][name] for f in whole.values()]
+        print(f"C4's errors over 1.96 predictive deviations, {said}, 0.1 allowed: {share(off, 0.1)}")
+    survived = not any(found["C1"]["stopped"] == "" for item, found in found_of.items() if item in lost["C4"])
     print(f"no flight lost that C1 survives: {survived}")
     return survived and float(np.mean(np.array(over_o) <= 2.5)) >= 0.9
 

@@ -77,6 +77,8 @@ def sigma(rng: np.random.Generator, shape: Shape, every: int = 5) -> Sigma:
         t=t,
         payload=rng.uniform(0.1, 1, (len(t), 6)),
         agents=tuple(rng.uniform(0.1, 1, (len(t), n, 6 + joints)) for n, joints, _ in shape.groups),
+        payload_label=rng.uniform(0.05, 0.1, (len(t), 6)),
+        agents_label=tuple(rng.uniform(0.05, 0.1, (len(t), n, 6 + joints)) for n, joints, _ in shape.groups),
         payload_radius=rng.uniform(1, 9, (len(t), 6)),
         agents_radius=tuple(rng.uniform(1, 9, (len(t), n, 6 + joints)) for n, joints, _ in shape.groups),
     )

@@ -21,12 +21,10 @@ TRUTH, NOMINAL = build.team(paper.SETTINGS)
 CONTACTS = [np.array(c) for agent in paper.SETTINGS.agents for c in agent.contacts_m]
 
 
-def with_rows(rows: simulate.Row, **signals: np.ndarray) -> simulate.Row:
-    """The log with some signals replaced, of the shapes that `Row` states."""
-    changed = dataclasses.replace(
-        jax.tree.map(jnp.asarray, rows), **{name: jnp.asarray(x) for name, x in signals.items()}
-    )
-    return jax.tree.map(np.array, changed)
+def with_rows(rows: simulate.Row, **signals: np.ndarray | None) -> simulate.Row:
+    """The log with some signals replaced, of the shapes that `Row` states, or left out."""
+    given = jax.tree.map(jnp.asarray, signals)
+    return jax.tree.map(np.array, dataclasses.replace(jax.tree.map(jnp.asarray, rows), **given))
 
 
 def flight(seed: int, shape: flights.Shape = SHAPE, **rows: np.ndarray) -> simulate.Flight:
@@ -121,13 +119,49 @@ def test_correlations_are_pearson_s_and_of_a_constant_there_is_none():
     mismatch = np.linalg.norm(made.rows.delta_W[at], axis=1)
     centred = [x - x.mean() for x in (sigma_A, mismatch)]
     expected = (centred[0] @ centred[1]) / np.sqrt((centred[0] @ centred[0]) * (centred[1] @ centred[1]))
-    assert analyse.correlations(made)["sigma_A_delta_W"] == pytest.approx(expected, rel=1e-9)
+    found = analyse.correlations(made)["sigma_A_delta_W"]
+    assert found["run"] == pytest.approx(expected, rel=1e-9)
+    late = slice(len(at) // 2, None)
+    assert found["second_half"] == pytest.approx(np.corrcoef(sigma_A[late], mismatch[late])[0, 1], rel=1e-9)
+    assert found["after_first_update"] is None, "nothing was learned"
     e_p = np.zeros_like(made.rows.e_p)
     e_p[at, 0] = 0.1 + 2 * np.linalg.norm(made.sigma.payload, axis=1)
     told = dataclasses.replace(made, rows=with_rows(made.rows, e_p=e_p))
-    assert analyse.correlations(told)["sigma_L_e_p"] == pytest.approx(1.0, abs=1e-12)
+    assert analyse.correlations(told)["sigma_L_e_p"]["run"] == pytest.approx(1.0, abs=1e-12)
     flat = dataclasses.replace(made.sigma, payload=np.ones_like(made.sigma.payload))
-    assert analyse.correlations(dataclasses.replace(made, sigma=flat))["sigma_L_e_p"] is None
+    assert analyse.correlations(dataclasses.replace(made, sigma=flat))["sigma_L_e_p"]["run"] is None
+
+
+# Predictive deviations ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("listens", [False, True])
+def test_errors_of_stated_size_lie_outside_of_1_96_deviations_one_time_in_twenty(listens):
+    """Errors drawn with the deviation that data, data sheets and lateness have together are as often outside."""
+    shape = SHAPE._replace(time=20000)
+    made, rng = flight(6, shape), np.random.default_rng(7)
+    sigma, at = made.sigma, np.arange(0, shape.time, 5)
+    n = made.rows.f_x.shape[1]
+    rows = with_rows(made.rows, fresh=None, unrest_L=None, unrest_x=None)
+    s = np.hypot(sigma.payload, sigma.payload_label)
+    if listens:
+        g = rng.uniform(0, 1, shape.time)
+        u = rng.uniform(0.1, 3, (shape.time, 6))
+        rows = with_rows(rows, fresh=g, unrest_L=u, unrest_x=np.zeros((shape.time, n, 3)))
+        g = g[at, None]
+        s = np.sqrt(g**2 * u[at] ** 2 + (1 - g) ** 2 * sigma.payload**2 + sigma.payload_label**2)
+    f_L = rows.f_L_hat.copy()
+    f_L[at] += s * rng.normal(size=s.shape)
+    f_x = rows.f_x_hat + 0.5
+    told = dataclasses.replace(made, rows=with_rows(rows, f_L=f_L, f_x=f_x))
+    found = analyse.outside(told)
+    np.testing.assert_allclose(found["payload"]["share"], 0.05, atol=0.02)
+    np.testing.assert_allclose(found["payload"]["error_over_deviation"], 1.0, atol=0.05)
+    group, label = sigma.agents[0][..., :3], sigma.agents_label[0][..., :3]
+    half = at >= shape.time // 2
+    expected = np.hypot(group, label)[half] < 0.5 / 1.96
+    if not listens:
+        np.testing.assert_allclose(found["agents"]["share"], expected.mean(0), rtol=1e-12)
 
 
 # Error bounds ---------------------------------------------------------------------------------------------------------

@@ -28,7 +28,8 @@ The map; each module imports only those below it:
     certify     ultimate bounds of the tracking errors (Theorem 1)
     scenario    YAML files to settings, settings to what a run starts from
     response    the closed loop to first order, from unknown forces to errors
-    simulate    closes the loop of a world and a pilot: ticks, updates, deviations
+    simulate    closes the loop of a world and a pilot: ticks, updates
+    deviation   how far predictions may be off: posteriors, data sheets, radii
     world       the truth that a flight meets: plant, unknown forces, actuators, sensors
     engine      MuJoCo as the plant
     fly         the pilot and its parts; sees only measurements

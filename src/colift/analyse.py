@@ -65,6 +65,7 @@ def summary(flight: Flight, truth: Team, nominal: Team) -> dict[str, Any]:
         "updates": [update.t for update in flight.updates],
         "warnings": [text for text in (coarse(rows),) if text],
         "correlation": correlations(flight),
+        "outside": outside(flight),
         "bound": bounded(flight),
         "residual": residual_shares(half, truth, nominal),
     }
@@ -121,30 +122,56 @@ def _sigma(flight: Flight) -> dict[str, float]:
 
     A flight that stopped before its second half holds a sample of them gives its last one.
     """
-    sigma = flight.sigma
-    half = sigma.t >= min(flight.rows.t[len(flight.rows.t) // 2], sigma.t[-1])
-    return {f"{name}_mean": float(x[half].mean()) for name, x in log.norms(sigma).items() if name.startswith("sigma")}
+    half = _half(flight)
+    return {
+        f"{name}_mean": float(x[half].mean()) for name, x in log.norms(flight.sigma).items() if name.startswith("sigma")
+    }
 
 
-def correlations(flight: Flight) -> dict[str, float | None]:
-    """Pearson correlation over the run of sigma_L with `|e_p|` and of sigma_A with `|delta_W|`; None for a constant."""
-    rows, sigma = flight.rows, flight.sigma
-    at = sampled(flight)
+def correlations(flight: Flight) -> dict[str, dict[str, float | None]]:
+    """Pearson correlations of sigma_L with `|e_p|` and of sigma_A with `|delta_W|`; None where one is constant.
+
+    Over the run, after the first update, and over the second half: over the run both fall where something is learned
+    first, which says little.
+    """
+    rows, sigma, at = flight.rows, flight.sigma, log.sampled(flight.rows, flight.sigma)
+    first = flight.updates[0].ready if flight.updates else np.inf
+    parts = {"run": sigma.t >= 0, "after_first_update": sigma.t >= first, "second_half": _half(flight)}
     norms = log.norms(sigma)
     pairs = {
         "sigma_L_e_p": (norms["sigma_L"], np.linalg.norm(rows.e_p[at], axis=1)),
         "sigma_A_delta_W": (norms["sigma_A"], np.linalg.norm(rows.delta_W[at], axis=1)),
     }
-    out = {}
-    for name, (a, b) in pairs.items():
-        flat = np.ptp(a) <= 1e-9 * np.abs(a).max() or np.ptp(b) == 0
-        out[name] = None if flat else float(np.corrcoef(a, b)[0, 1])
-    return out
+    return {name: {part: _correlation(a[of], b[of]) for part, of in parts.items()} for name, (a, b) in pairs.items()}
 
 
-def sampled(flight: Flight) -> np.ndarray:
-    """Index into the rows of each time at which deviations and radii are known."""
-    return np.searchsorted(flight.rows.t, flight.sigma.t - 1e-9)
+def _correlation(a: np.ndarray, b: np.ndarray) -> float | None:
+    flat = len(a) < 2 or np.ptp(a) <= 1e-9 * np.abs(a).max() or np.ptp(b) == 0
+    return None if flat else float(np.corrcoef(a, b)[0, 1])
+
+
+def _half(flight: Flight) -> np.ndarray:
+    """Which of sigma's samples are of the second half; of a flight that ended before, its last one."""
+    return flight.sigma.t >= min(flight.rows.t[len(flight.rows.t) // 2], flight.sigma.t[-1])
+
+
+def outside(flight: Flight) -> dict[str, Any]:
+    """Of the second half, the share of samples whose error exceeds 1.96 `log.predictive` deviations: 5 % if honest.
+
+    Of the payload's six outputs and of each agent's `f_x`. `error_over_deviation`: the RMS of one over the other, 1 if
+    deviations are honest, and less if they are too wide.
+    """
+    rows, at, half = flight.rows, log.sampled(flight.rows, flight.sigma), _half(flight)
+    found = {}
+    errors = (rows.f_L - rows.f_L_hat)[at], (rows.f_x - rows.f_x_hat)[at]
+    expected = log.predictive(rows, flight.sigma)
+    for body, error, deviation in zip(("payload", "agents"), errors, expected, strict=True):
+        off = np.abs(error[half]) / deviation[half]
+        found[body] = {
+            "share": (off > 1.96).mean(0).tolist(),
+            "error_over_deviation": np.sqrt((off**2).mean(0)).tolist(),
+        }
+    return found
 
 
 def bounded(flight: Flight) -> dict[str, Any]:
@@ -154,8 +181,8 @@ def bounded(flight: Flight) -> dict[str, Any]:
     any single output. `tightness_median`: of `rho_bar / |f - f_hat|` over the second half (infinite where data
     contradict what the bound rests on). `beta`: of the last update, by output.
     """
-    rows, at, sigma = flight.rows, sampled(flight), flight.sigma
-    half = sigma.t >= min(rows.t[len(rows.t) // 2], sigma.t[-1])
+    rows, at, sigma = flight.rows, log.sampled(flight.rows, flight.sigma), flight.sigma
+    half = _half(flight)
     count = rows.f_x.shape[1]
     errors = [np.asarray(rows.f_L - rows.f_L_hat)[at]]
     joints = np.cumsum([0] + [group.shape[2] - 6 for group in sigma.agents for _ in range(group.shape[1])])

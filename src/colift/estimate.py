@@ -16,7 +16,7 @@ from jaxtyping import Array, Float
 
 from colift import agent as ag
 from colift import balance, grasp, so3
-from colift.lowpass import LowPass, blend, from_the_first, settle, smooth
+from colift.lowpass import LowPass, after, blend, from_the_first, settle, smooth
 from colift.measurement import AgentReading, Measurement
 from colift.model import Agent, AgentInput, AgentState, Clock, PayloadState, Team, flat_agent, flat_payload
 from colift.pytree import pytree
@@ -111,6 +111,7 @@ class Memory:
     known: Float[Array, "6"]
     label: LowPass
     state: LowPass
+    silent: Scalar  # s since the last label
     warm: Float[Array, ""]  # 0 before the first tick, 1 after
 
 
@@ -121,6 +122,7 @@ class Labelled:
     payload: tuple[Float[Array, "24"], Float[Array, "6"]]
     agents: tuple[tuple[Float[Array, "agents inputs"], Float[Array, "agents outputs"]], ...]
     fresh: Float[Array, ""]  # 1 where the tips have spoken lately, 0 where they are silent and labels stand still
+    waited: Float[Array, ""]  # s since the label before
 
 
 @pytree
@@ -180,6 +182,7 @@ def _begin(team: Team, first: Measurement) -> Memory:
         known=zero,
         label=settle(zero),
         state=settle(jnp.zeros(24)),
+        silent=jnp.zeros(()),
         warm=jnp.zeros(()),
     )
 
@@ -198,9 +201,11 @@ def _observe(
     at, past = Pose(R=q.R, x=q.p, v=q.v), (memory.load, memory.bias)
     fused, bias, omega, a = fuse(past, at, q.omega, q.a, team.gravity, filters, memory.warm, dt)
     load = PayloadState(R=fused.R, p=fused.x, omega=omega, v=fused.v)
+    waited = memory.silent + dt
+    b = fresh * after(blend(filters.label, dt), waited / dt)  # labels stand still where the tips are silent
     observe_agent = jax.vmap(_observe_agent, in_axes=(0, None, 0, 0, 0, None, None, None, None))
     for group, past, reading, u in zip(team.groups, memory.agents, m.agents, applied, strict=True):
-        state, lam, now = observe_agent(group, filters, past, reading, u, team.gravity, memory.warm, fresh, dt)
+        state, lam, now = observe_agent(group, filters, past, reading, u, team.gravity, memory.warm, b, dt)
         agents.append(now)
         states.append(state)
         forces.append(lam)
@@ -215,10 +220,9 @@ def _observe(
         bias=bias,
         omega=omega,
         known=known,
-        label=_pass(memory.label, known - contact, filters, memory.warm, fresh, dt),
-        state=_pass(
-            memory.state, flat_payload(load, jnp.concatenate([felt, omega_dot])), filters, memory.warm, fresh, dt
-        ),
+        label=_pass(memory.label, known - contact, b, memory.warm),
+        state=_pass(memory.state, flat_payload(load, jnp.concatenate([felt, omega_dot])), b, memory.warm),
+        silent=(1 - fresh) * waited,
         warm=jnp.ones(()),
     )
     a_L = jnp.concatenate([felt + team.gravity, omega_dot])
@@ -226,17 +230,15 @@ def _observe(
         payload=(now.state.outer, now.label.outer),
         agents=tuple((past.state.outer, past.label.outer) for past in now.agents),
         fresh=fresh,
+        waited=waited,
     )
     return Estimate(agents=tuple(states), payload=load, a_L=a_L, lam=tuple(forces), labelled=labelled), now
 
 
-def _pass(
-    memory: LowPass, x: Float[Array, "*shape"], filters: Filters, warm: Scalar, fresh: Scalar, dt: Scalar
-) -> LowPass:
-    """Through the labels' filter, which begins at its first sample and stands still where nothing is fresh."""
+def _pass(memory: LowPass, x: Float[Array, "*shape"], b: Scalar, warm: Scalar) -> LowPass:
+    """Through the labels' filter with the blend b; it begins at its first sample."""
     settled = jax.tree.map(lambda past, now: now + warm * (past - now), memory, settle(x))
-    passed = smooth(settled, x, filters.label, dt)
-    return jax.tree.map(lambda past, now: jnp.where((fresh > 0) | (warm < 1), now, past), memory, passed)
+    return smooth(settled, x, b)
 
 
 def _payload_label(
@@ -260,14 +262,14 @@ def _observe_agent(
     u: AgentInput,
     gravity: Float[Array, "3"],
     warm: Scalar,
-    fresh: Scalar,
+    b_label: Scalar,
     dt: Scalar,
 ) -> tuple[AgentState, Float[Array, "arms 3"], AgentMemory]:
     """State, contact forces and the label of Eq. learning_output_components for one agent."""
     at = Pose(R=m.R, x=m.x, v=m.v)
     base, bias, omega, felt = fuse((past.base, past.bias), at, m.omega, m.a, gravity, filters, warm, dt)
-    joint = smooth(past.joint, m.r, filters.joint, dt)
     b = blend(filters.joint, dt)
+    joint = smooth(past.joint, m.r, b)
     # the rate of `outer` that its own recursion implies: no second difference
     r_dot = (joint.inner - joint.outer) * b / ((1 - b) * dt)
     r = joint.outer
@@ -296,7 +298,7 @@ def _observe_agent(
         momenta=momenta,
         carried=carried,
         known=known,
-        label=_pass(past.label, known + contact, filters, warm, fresh, dt),
-        state=_pass(past.state, flat_agent(q), filters, warm, fresh, dt),
+        label=_pass(past.label, known + contact, b_label, warm),
+        state=_pass(past.state, flat_agent(q), b_label, warm),
     )
     return q, lam, now

@@ -14,7 +14,7 @@ from jaxtyping import Array, Float, Int
 
 from colift import learn
 from colift.estimate import Estimate, Filters, Labelled
-from colift.lowpass import blend, from_the_first
+from colift.lowpass import after, blend, from_the_first
 from colift.model import Clock, Residual, Team, Wrench, agent_force, no_force
 from colift.pytree import pytree
 
@@ -29,12 +29,13 @@ class News:
     r: Residual  # N and N m
     rate: Residual  # N/s and N m/s
     fresh: Scalar  # 1 while labels come, if now and then; falls to 0 when they stop, and r to its running mean
+    unrest: Residual  # N and N m, by how much labels are late: RMS over the last span of their delay times their rate
 
 
 def no_news(team: Team, t: Scalar) -> News:
     """Before any label."""
     none = no_force(team)
-    return News(t=t, r=none, rate=none, fresh=jnp.ones(()))
+    return News(t=t, r=none, rate=none, fresh=jnp.ones(()), unrest=none)
 
 
 @pytree
@@ -47,8 +48,12 @@ class Heard:
     inner: Residual  # and behind the labels' filter
     outer: Residual
     r: Residual
+    before: Residual  # r before the last label
+    elapsed: Scalar  # s since then
     average: Residual
     silent: Scalar  # s since the last label
+    gap: Scalar  # s, the longest silence that a label ended, forgotten within ten spans
+    unrest: Residual  # N^2 and (N m)^2
     fresh: Scalar
     warm: Scalar  # 0 before the first tick, 1 after
 
@@ -57,11 +62,11 @@ class Heard:
 class Listener:
     """Compares labels with the oracle, tick by tick.
 
-    While labels come, `r` is label less mean, held from one label to the next. When there is none for `hold`, `r` falls
-    within `fade` to what has changed for good: its mean m over the last `span`, as far as that is no noise,
-    `m m^2 / (m^2 + 4 v)`, v the oracle's variance of labels. Where another oracle takes over, what it says more is
-    taken from r at once, not only when the filter has seen it, and m begins anew: errors of the one before say nothing
-    of its own.
+    While labels come, `r` is label less mean, held from one label to the next. When there is none for `hold`, or for
+    twice as long as silence has lasted lately, `r` falls within `fade` to what has changed for good: its mean m over
+    the last `span`, as far as that is no noise, `m m^2 / (m^2 + 4 v)`, v the oracle's variance of labels. Where another
+    oracle takes over, what it says more is taken from r at once, not only when the filter has seen it, and m begins
+    anew, at nothing: what has changed for good is in the new oracle, and errors of the one before are not its own.
     """
 
     filters: Filters
@@ -79,8 +84,12 @@ class Listener:
             inner=none,
             outer=none,
             r=none,
+            before=none,
+            elapsed=jnp.ones(()),
             average=none,
             silent=jnp.zeros(()),
+            gap=jnp.zeros(()),
+            unrest=none,
             fresh=jnp.ones(()),
             warm=jnp.zeros(()),
         )
@@ -92,21 +101,28 @@ class Listener:
         labelled, dt = q_hat.labelled, clock.dt
         if labelled is None:
             raise ValueError("the estimator gives no labels: this pilot cannot listen")
-        on = labelled.fresh
+        on, waited = labelled.fresh, labelled.waited
         f = learn.prediction(oracle, q_hat.payload, q_hat.agents, q_hat.a_L[:3] - team.gravity, q_hat.a_L[3:])
         past = _taken_over(past, f, oracle.k)
         copy = _low(past.copy, f, from_the_first(past.warm, blend(self.filters.tip_force, dt)))
-        b = from_the_first(past.warm, on * blend(self.filters.label, dt))  # stands still where the labels do
+        b = on * after(blend(self.filters.label, dt), waited / dt)  # stands still where the labels do
+        b = from_the_first(past.warm, b)
         inner = _low(past.inner, copy, b)
         outer = _low(past.outer, inner, b)
         r = jax.tree.map(jnp.subtract, _label(labelled), outer)
-        average = _low(past.average, r, from_the_first(past.warm, on * -jnp.expm1(-dt / self.span)))
+        average = _low(past.average, r, from_the_first(past.warm, on * -jnp.expm1(-waited / self.span)))
         silent = (1 - on) * (past.silent + dt)
-        speaking = (silent <= self.hold + 1e-9).astype(float)
+        gap = jnp.maximum(past.gap * jnp.exp(-dt / (10 * self.span)), on * past.silent)
+        speaking = (silent <= jnp.maximum(self.hold, 2 * gap) + 1e-9).astype(float)
         fresh = past.fresh + -jnp.expm1(-dt / self.fade) * (speaking - past.fresh)
-        rate = jax.tree.map(lambda now, old: past.warm * fresh * (now - old) / dt, r, past.r)
+        before = jax.tree.map(lambda new, old: jnp.where(on > 0, new, old), past.r, past.before)
+        elapsed = jnp.where(on > 0, waited, past.elapsed + dt)
+        rate = jax.tree.map(lambda now, old: past.warm * fresh * (now - old) / elapsed, r, before)
         lasting = jax.tree.map(lambda m, v: m * m * m / (m * m + 4 * v), average, _noise(oracle))
         used = jax.tree.map(lambda r, left: left + fresh * (r - left), r, lasting)
+        delay = (1 / self.filters.label + 1 / (2 * self.filters.tip_force)) / jnp.pi
+        squares = jax.tree.map(lambda x: (delay * x) * (delay * x), rate)
+        unrest = _low(past.unrest, squares, -jnp.expm1(-dt / self.span))
         heard = Heard(
             k=oracle.k,
             f=f,
@@ -114,12 +130,16 @@ class Listener:
             inner=inner,
             outer=outer,
             r=r,
+            before=before,
+            elapsed=elapsed,
             average=average,
             silent=silent,
+            gap=gap,
+            unrest=unrest,
             fresh=fresh,
             warm=jnp.ones(()),
         )
-        return heard, News(t=clock.t, r=used, rate=rate, fresh=fresh)
+        return heard, News(t=clock.t, r=used, rate=rate, fresh=fresh, unrest=jax.tree.map(jnp.sqrt, unrest))
 
 
 def _taken_over(past: Heard, f: Residual, k: Int[Array, ""]) -> Heard:
@@ -132,7 +152,8 @@ def _taken_over(past: Heard, f: Residual, k: Int[Array, ""]) -> Heard:
         inner=plus(past.inner),
         outer=plus(past.outer),
         r=less(past.r),
-        average=jax.tree.map(lambda new, old: jnp.where(k != past.k, new, old), less(past.r), past.average),
+        before=less(past.before),
+        average=jax.tree.map(lambda of, m: jnp.where(of != 0, 0.0, m), more, past.average),
     )
 
 

@@ -476,11 +476,11 @@ def renew(
         X, Y, _ = found[body]
         if len(X):
             models[body] = shifted(changes[body], X, Y)
-    for body, (X, Y) in _tasks(found, changes).items():
-        if body not in waiting:
-            frozen = _of_body(oracle, body)
-            hyper = dataclasses.replace(frozen.hyper, offset=jnp.asarray(Y.mean(0)))
-            models[body] = gp.condition(X, Y, hyper, frozen.capacity)
+    rest = {body: seen for body, seen in found.items() if body not in waiting}
+    for body, (X, Y) in _tasks(rest, changes).items():
+        frozen = _of_body(oracle, body)
+        hyper = dataclasses.replace(frozen.hyper, offset=jnp.asarray(Y.mean(0)))
+        models[body] = gp.condition(X, Y, hyper, frozen.capacity)
     return _with_bodies(oracle, models)
 
 
@@ -495,14 +495,14 @@ def _tasks(found: Mapping[Body, Samples], changes: Changes) -> dict[Body, tuple[
     return tasks
 
 
-def surprise(oracle: Oracle, recorded: Recorded, after: float) -> dict[Body, tuple[np.ndarray, np.ndarray]]:
+def surprise(oracle: Oracle, seen: Mapping[Body, Samples], after: float) -> dict[Body, tuple[np.ndarray, np.ndarray]]:
     """Of every body that has been taught, times of its samples since `after`, s, and how far each lies off (host).
 
     The mean over outputs of `(y - mean)^2 / (variance + noise_variance)`: about 1 where the model holds. Where no data
     were near, the variance is large, and nothing surprises.
     """
     found = {}
-    for body, (X, Y, t) in samples(oracle, recorded).items():
+    for body, (X, Y, t) in seen.items():
         model, new = _of_body(oracle, body), t > after + 1e-9
         if int(model.n) and new.any():
             mean, variance = _told(model, X[new])

@@ -15,7 +15,8 @@ import numpy as np
 import xarray as xr
 
 from colift import disk
-from colift.simulate import Row, Sigma
+from colift.deviation import Sigma
+from colift.simulate import Row
 
 
 class Signal(NamedTuple):
@@ -85,21 +86,29 @@ SIGNALS = {
     "singular": Signal(AGENT, "1/kg", "none", "smallest singular value of A_j M_j^-1 A_j^T"),
     "r_L": Signal(FORCE, NEWTON, SPLIT, "what labels say of the payload beyond what is learned, as used"),
     "r_x": Signal(EACH, "N", "world", "what labels say of an agent's f_x beyond what is learned, as used"),
+    "unrest_L": Signal(FORCE, NEWTON, SPLIT, "by how much labels of the payload are late, RMS of late"),
+    "unrest_x": Signal(EACH, "N", "world", "by how much labels of an agent's f_x are late, RMS of late"),
     "fresh": Signal((), "1", "none", "1 where labels correct, 0 where they have stopped and their mean does"),
 }
-"""Every field of `simulate.Row` but its time; the last three are those of pilots that listen to labels."""
+"""Every field of `simulate.Row` but its time; the last five are those of pilots that listen to labels."""
 
 DEVIATIONS = {
-    "sigma_f_L": Signal(FORCE, NEWTON, SPLIT, "predictive deviation of the payload residual f_uk,L"),
-    "sigma_f_x": Signal(EACH, "N", "world", "predictive deviation of the agent residual f_x"),
-    "sigma_f_w": Signal(EACH, "N m", "base", "predictive deviation of the agent residual f_omega"),
-    "sigma_f_r": Signal(JOINT, TORQUE, "joint", "predictive deviation of the agent residual f_r"),
+    "sigma_f_L": Signal(FORCE, NEWTON, SPLIT, "posterior deviation of the payload residual f_uk,L"),
+    "sigma_f_x": Signal(EACH, "N", "world", "posterior deviation of the agent residual f_x"),
+    "sigma_f_w": Signal(EACH, "N m", "base", "posterior deviation of the agent residual f_omega"),
+    "sigma_f_r": Signal(JOINT, TORQUE, "joint", "posterior deviation of the agent residual f_r"),
     "sigma_L": Signal((), NEWTON, "none", "sigma_L = |Sigma_L^(1/2)|, Frobenius, plain norm over forces and moments"),
     "sigma_L_force": Signal((), "N", "none", "force part of sigma_L"),
     "sigma_L_moment": Signal((), "N m", "none", "moment part of sigma_L"),
     "sigma_A": Signal((), NEWTON, "none", "sigma_A = sum_j |Sigma_j^(1/2)|, Frobenius, plain norm over all outputs"),
     "sigma_A_force": Signal((), "N", "none", "sum over agents of the norm of the f_x part of sigma_A"),
     "sigma_A_moment": Signal((), TORQUE, "none", "sum over agents of the norm of the (f_omega, f_r) part of sigma_A"),
+    "bias_f_L": Signal(FORCE, NEWTON, SPLIT, "deviation of what labels of f_uk,L are constantly off, as stated"),
+    "bias_f_x": Signal(EACH, "N", "world", "deviation of what labels of f_x are constantly off, as stated"),
+    "bias_f_w": Signal(EACH, "N m", "base", "deviation of what labels of f_omega are constantly off, as stated"),
+    "bias_f_r": Signal(JOINT, TORQUE, "joint", "deviation of what labels of f_r are constantly off, as stated"),
+    "deviation_f_L": Signal(FORCE, NEWTON, SPLIT, "predictive deviation of the payload residual f_uk,L as used"),
+    "deviation_f_x": Signal(EACH, "N", "world", "predictive deviation of the agent residual f_x as used"),
     "rho_f_L": Signal(FORCE, NEWTON, SPLIT, "radius about the predicted payload residual f_uk,L, by output"),
     "rho_f_x": Signal(EACH, "N", "world", "radius about the predicted agent residual f_x, by output"),
     "rho_f_w": Signal(EACH, "N m", "base", "radius about the predicted agent residual f_omega, by output"),
@@ -111,8 +120,8 @@ DEVIATIONS = {
     "rho_bar_j_force": Signal(AGENT, "N", "none", "f_x part of rho_bar_j"),
     "rho_bar_j_moment": Signal(AGENT, TORQUE, "none", "(f_omega, f_r) part of rho_bar_j"),
 }
-"""The posterior and its error bound along the run, on the coarser axis `time_sigma`; infinite where data contradict
-what the bound rests on."""
+"""The posterior, what labels cannot say, both as `predictive`, and the error bound along the run, on the coarser axis
+`time_sigma`; infinite where data contradict what the bound rests on."""
 
 
 def dataset(
@@ -135,9 +144,9 @@ def dataset(
     named = [field.name for field in dataclasses.fields(rows) if field.name != "t"]
     fields = [name for name in named if getattr(rows, name) is not None]
     variables = {name: _variable("time", SIGNALS[name], getattr(rows, name)) for name in fields}
-    variables |= {name: _variable("time_sigma", DEVIATIONS[name], x) for name, x in _deviations(sigma).items()}
+    variables |= {name: _variable("time_sigma", DEVIATIONS[name], x) for name, x in _deviations(rows, sigma).items()}
     coordinates = {name: (name, np.asarray(labels, dtype=object)) for name, labels in names.items()}
-    times = {"time": (rows.t, "time"), "time_sigma": (sigma.t, "time of predictive deviations")}
+    times = {"time": (rows.t, "time"), "time_sigma": (sigma.t, "time of deviations")}
     moments = {dim: (dim, np.asarray(t), {"units": "s", "long_name": name}) for dim, (t, name) in times.items()}
     plain = {name: value if isinstance(value, str) else np.asarray(value) for name, value in attrs.items()}
     return xr.Dataset(variables, coordinates | moments, plain)
@@ -148,11 +157,16 @@ def _variable(time: str, signal: Signal, values: object) -> xr.Variable:
     return xr.Variable((time, *signal.dims), np.asarray(values), attrs)
 
 
-def _deviations(sigma: Sigma) -> dict[str, np.ndarray]:
+def _deviations(rows: Row, sigma: Sigma) -> dict[str, np.ndarray]:
     """Deviations and radii by output, and their norms."""
+    payload, force = predictive(rows, sigma)
     return {
+        "deviation_f_L": payload,
+        "deviation_f_x": force,
         "sigma_f_L": sigma.payload,
         **_by_output("sigma", sigma.agents),
+        "bias_f_L": sigma.payload_label,
+        **_by_output("bias", sigma.agents_label),
         "rho_f_L": sigma.payload_radius,
         **_by_output("rho", sigma.agents_radius),
         **norms(sigma),
@@ -170,6 +184,30 @@ def _by_output(name: str, groups: Sequence[np.ndarray]) -> dict[str, np.ndarray]
 def _flat(x: np.ndarray) -> np.ndarray:
     """Agents' joints in one row each time, also where there is no time yet."""
     return x.reshape(len(x), x.shape[1] * x.shape[2])
+
+
+def sampled(rows: Row, sigma: Sigma) -> np.ndarray:
+    """Index into the rows of each time at which deviations and radii are known."""
+    return np.searchsorted(rows.t, sigma.t - 1e-9)
+
+
+def predictive(rows: Row, sigma: Sigma) -> tuple[np.ndarray, np.ndarray]:
+    """Deviations that errors of what is used for `f_L` and `f_x` should have, `(time, 6)` and `(time, agents, 3)`.
+
+    `sqrt(g^2 u^2 + (1 - g)^2 s^2 + b^2)`: s of the posterior, b of what labels are constantly off as data sheets state;
+    where labels correct (g = `fresh`, else 0) what is learned need not be right, and u says how late they are.
+    """
+    s, b = (
+        (payload, np.concatenate([group[..., :3] for group in groups], axis=1))
+        for payload, groups in ((sigma.payload, sigma.agents), (sigma.payload_label, sigma.agents_label))
+    )
+    if rows.fresh is None or rows.unrest_L is None or rows.unrest_x is None:
+        return np.hypot(s[0], b[0]), np.hypot(s[1], b[1])
+    at = sampled(rows, sigma)
+    g, u = rows.fresh[at][:, None], (rows.unrest_L[at], rows.unrest_x[at])
+    payload = np.sqrt((g * u[0]) ** 2 + ((1 - g) * s[0]) ** 2 + b[0] ** 2)
+    g = g[:, None]
+    return payload, np.sqrt((g * u[1]) ** 2 + ((1 - g) * s[1]) ** 2 + b[1] ** 2)
 
 
 def norms(sigma: Sigma) -> dict[str, np.ndarray]:

@@ -33,8 +33,16 @@ def from_the_first(warm: Scalar, b: Scalar) -> Scalar:
     return 1 + warm * (b - 1)
 
 
-def smooth(memory: LowPass, x: Float[Array, "*shape"], hertz: Scalar, dt: Scalar) -> LowPass:
-    """One sample through the low-pass; the value is `outer`."""
-    b = blend(hertz, dt)
+def after(b: Scalar, ticks: Scalar) -> Scalar:
+    """The blend for a sample n ticks after the one before, b if n is 1: `b_n^2 / (1 - b_n) = n b^2 / (1 - b)`.
+
+    A Kalman filter's steady gain for a random walk that is sampled every n ticks: a filter that counted samples would
+    be n times too slow, one that counted time would take all the noise of a rare sample.
+    """
+    return 2 / (1 + jnp.sqrt(1 + 4 * (1 - b) / (ticks * b * b)))
+
+
+def smooth(memory: LowPass, x: Float[Array, "*shape"], b: Scalar) -> LowPass:
+    """One sample through the low-pass, with the blend b of each of its halves; the value is `outer`."""
     inner = memory.inner + b * (x - memory.inner)
     return LowPass(inner=inner, outer=memory.outer + b * (inner - memory.outer))

@@ -26,6 +26,7 @@ class Renewals:
 
     times: tuple[float, ...]  # s
     surprise: float  # mean of `learn.surprise` above which a body's world has changed, over what is usual for it
+    settle: float  # s after the first sample that surprises, until which those that come speak of no world
     enough: int  # samples after a change for a new model; until then what surprises is the same change
     payload: Identify  # of what a payload that has changed differs from its model
 
@@ -78,8 +79,7 @@ class School:
         """
         failed = ""
         changed = () if self.renewals is None else self._look(oracle, recorded, self.renewals)
-        counts = {body: len(X) for body, (X, _, _) in learn.samples(oracle, recorded).items()}
-        n = {"payload": counts["payload"], "agents": sum(k for body, k in counts.items() if body != "payload")}
+        n = {"payload": int(recorded.payload.n), "agents": sum(int(data.n.sum()) for data in recorded.agents)}
         try:
             if isinstance(self.identify, Regress):
                 oracle = learn.regress(oracle, recorded, self.identify.ridge)
@@ -112,16 +112,15 @@ class School:
 
     def _look(self, oracle: learn.Oracle, recorded: learn.Recorded, given: Renewals) -> tuple[learn.Body, ...]:
         """The bodies for which the world has changed since the last look, each noted with the first that said so."""
-        found = []
-        held = {body: len(X) for body, (X, _, _) in learn.samples(oracle, recorded, self.changes).items()}
-        few = {body for body in self.changes if held[body] < given.enough}
-        for body, (t, off) in learn.surprise(oracle, recorded, self.last).items():
+        found, seen = [], learn.samples(oracle, recorded)
+        few = {body for body, change in self.changes.items() if (seen[body][2] >= change.since).sum() < given.enough}
+        for body, (t, off) in learn.surprise(oracle, seen, self.last).items():
             if body in few:
                 continue
             before = self.usual.setdefault(body, [])
             most = given.surprise * max(1.0, np.median(before)) if before else np.inf
             if off.mean() > most:
-                self.changes[body] = learn.changed(oracle, body, float(t[np.argmax(off > most)]))
+                self.changes[body] = learn.changed(oracle, body, float(t[np.argmax(off > most)]) + given.settle)
                 found.append(body)
             else:
                 before.append(off.mean())

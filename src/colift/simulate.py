@@ -14,7 +14,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from colift import balance, band, dynamics, fly, grasp, innovation, interrupt, learn, limits, native, so3
+from colift import balance, band, deviation, dynamics, fly, grasp, innovation, interrupt, learn, limits, native, so3
+from colift.deviation import Biases, Held, Sigma
 from colift.model import Agent, AgentForce, AgentInput, AgentState, Clock, Inputs, Residual, State, Team, Wrench
 from colift.pytree import pytree
 from colift.school import Identify, Regress, Renewals, School, Update
@@ -93,6 +94,8 @@ class Row:
     # of pilots that listen to labels
     r_L: Float[Array, "*time 6"] | None = None
     r_x: Float[Array, "*time agents 3"] | None = None
+    unrest_L: Float[Array, "*time 6"] | None = None
+    unrest_x: Float[Array, "*time agents 3"] | None = None
     fresh: Float[Array, "*time"] | None = None
 
 
@@ -231,12 +234,11 @@ def _row(team: Team, nominal: Team, t: Scalar, truth: Truth, decided: fly.Teleme
 
 
 def _news(news: innovation.News) -> dict[str, Array]:
-    payload = news.r.payload
-    return {
-        "r_L": jnp.concatenate([payload.F, payload.tau]),
-        "r_x": jnp.concatenate([agent.f_x for agent in news.r.agents]),
-        "fresh": news.fresh,
-    }
+    def parts(of: Residual) -> tuple[Array, Array]:
+        return jnp.concatenate([of.payload.F, of.payload.tau]), jnp.concatenate([agent.f_x for agent in of.agents])
+
+    (r_L, r_x), (unrest_L, unrest_x) = parts(news.r), parts(news.unrest)
+    return {"r_L": r_L, "r_x": r_x, "unrest_L": unrest_L, "unrest_x": unrest_x, "fresh": news.fresh}
 
 
 def advance(setup: Setup, loop: Loop, noise: Any, ticks: Int[Array, ""]) -> tuple[Loop, Row]:
@@ -298,6 +300,7 @@ class Plan:
     training: learn.Training | None  # None: hyperparameters as stated by the oracle before any data
     identify: Identify | Regress | None  # what learns instead of GPs
     stated: band.Stated  # what the radii along the run rest on
+    biases: Biases  # what data sheets state of constant errors
     seed: int
     renewals: Renewals | None = None  # between and after those
     latency: float | None = 0.0  # s that a fit takes until what it learned flies; None: as long as it takes here
@@ -306,17 +309,6 @@ class Plan:
     def setup(self) -> Setup:
         """What its ticks need, before anything is learned."""
         return Setup(world=self.world, pilot=self.pilot, limits=self.limits, dt=jnp.asarray(self.dt))
-
-
-@pytree
-class Sigma:
-    """Posterior deviations and radii of their errors along the run, at a lower rate than the log; NumPy arrays."""
-
-    t: np.ndarray  # s
-    payload: np.ndarray  # (time, 6)
-    agents: tuple[np.ndarray, ...]  # (time, agents, outputs) by group
-    payload_radius: np.ndarray  # (time, 6), bounds each output's error: see `band.radius`
-    agents_radius: tuple[np.ndarray, ...]  # (time, agents, outputs) by group
 
 
 @dataclasses.dataclass(frozen=True)
@@ -417,52 +409,12 @@ def _times(plan: Plan) -> dict[int, bool]:
     return {tick: tick in fits for tick in sorted(fits | others)}
 
 
-@dataclasses.dataclass(frozen=True)
-class Held:
-    """An oracle and its bands, which hold from a tick on."""
-
-    first: int
-    oracle: learn.Oracle
-    bands: band.Bands
-
-
 def _deviations(plan: Plan, held: Sequence[Held], rows: Row) -> Sigma:
-    """Posterior deviations and radii at the true states of a flight, every so many ticks."""
+    """Deviations and radii at the true states of a flight, every so many ticks."""
     every = max(1, round(SIGMA_EVERY / plan.dt))
-    x, agents = inputs(plan.world.team, jax.tree.map(lambda x: x[::every], rows))
-    first = [-(-each.first // every) for each in held] + [len(x)]
-    found = []
-    for each, start, end in zip(held, first, first[1:], strict=False):
-        for one in range(start, end, BLOCK):
-            here = slice(one, min(one + BLOCK, end))
-            found.append(_block(each, x[here], [part[here] for part in agents]))
-    payload, of_agents, radius, radius_of_agents = jax.tree.map(lambda *parts: np.concatenate(parts), *found)
-    return Sigma(
-        t=np.asarray(rows.t[::every]),
-        payload=payload,
-        agents=of_agents,
-        payload_radius=radius,
-        agents_radius=radius_of_agents,
-    )
-
-
-BLOCK = 128  # states whose deviations are computed at once: one shape, one program
-
-
-def _block(held: Held, x: np.ndarray, agents: Sequence[np.ndarray]) -> tuple[Any, ...]:
-    """Deviations and radii of payload and agents at a block of states, or at fewer."""
-    n, oracle, bands = len(x), held.oracle, held.bands
-    full, *of_agents = (
-        jnp.asarray(np.pad(each, ((0, BLOCK - n), *[(0, 0)] * (each.ndim - 1)))) for each in (x, *agents)
-    )
-    seen = [oracle.features.agent(each) for each in of_agents]
-    groups = list(zip(oracle.agents, bands.companion.agents, bands.agents, seen, strict=True))
-    return (
-        np.asarray(learn.payload_deviation(oracle, full))[:n],
-        tuple(np.asarray(learn.agent_deviation(model, each))[:n] for model, _, _, each in groups),
-        np.asarray(band.payload_radius(oracle, bands, full))[:n],
-        tuple(np.asarray(band.agent_radius(*group))[:n] for group in groups),
-    )
+    seldom = jax.tree.map(lambda x: x[::every], rows)
+    x, agents = inputs(plan.world.team, seldom)
+    return deviation.along(plan.pilot.team, held, every, plan.biases, np.asarray(seldom.t), x, agents)
 
 
 def inputs(team: Team, rows: Row) -> tuple[np.ndarray, tuple[np.ndarray, ...]]:

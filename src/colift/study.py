@@ -97,6 +97,7 @@ def plans(settings: Settings, cases: Sequence[str]) -> dict[str, simulate.Plan]:
         training=build.training(settings, nominal),
         identify=None,
         stated=build.stated(settings, nominal, error),
+        biases=build.biases(settings),
         seed=settings.seed,
         latency=None if given.fit_latency == "measured" else given.fit_latency,
     )
@@ -154,7 +155,11 @@ def _going_on(plan: simulate.Plan, settings: Settings, payload: school.Identify)
         plan,
         pilot=dataclasses.replace(plan.pilot, recorder=recorder),
         renewals=school.Renewals(
-            times=tuple(times.tolist()), surprise=given.surprise, enough=given.enough, payload=payload
+            times=tuple(times.tolist()),
+            surprise=given.surprise,
+            settle=given.settle_s,
+            enough=given.enough,
+            payload=payload,
         ),
     )
 

@@ -166,8 +166,8 @@ PARTS = (
 def deviation(cases: Cases, told: Mapping[str, str]) -> Figure:
     """Figure 3: predictive deviations of `f_L` and `f_j`, and the true errors `|f - f_hat|` that they stand for.
 
-    Force and moment apart; `|Sigma^(1/2)|` is the RMS that an error has if the deviation is honest, so errors are RMS
-    over a window too.
+    Force and moment apart. A deviation, `log.predictive`, is the RMS that an error has if it is honest, so errors are
+    RMS over a window too; to `|Sigma^(1/2)|` of the posterior it adds what sensors are constantly off as stated.
     """
 
     def one(ax: Axes, name: str, ds: xr.Dataset, part: Part) -> None:
@@ -185,7 +185,7 @@ def deviation(cases: Cases, told: Mapping[str, str]) -> Figure:
             )
 
     handles: list[tuple[Artist, str]] = [
-        (Line2D([], [], color=GREY, linewidth=2.0, alpha=0.55), r"deviation $\|\Sigma^{1/2}\|$"),
+        (Line2D([], [], color=GREY, linewidth=2.0, alpha=0.55), "predictive deviation"),
         (Line2D([], [], color=GREY, linewidth=0.9), rf"error $\|f - \hat f\|$, {WINDOW:g} s RMS"),
     ]
     return _by_body(cases, told, one, handles)
@@ -296,8 +296,9 @@ def _errors(ds: xr.Dataset, part: Part) -> list[np.ndarray]:
 
 
 def _deviations(ds: xr.Dataset, part: Part) -> list[np.ndarray]:
-    """`|Sigma^(1/2)|` of a part of each of its bodies."""
-    return _norms(ds, part, *(ds[f"sigma_{f}"].values for f in ("f_L", "f_x", "f_w", "f_r")))
+    """Norms of the predictive deviations of a part of each of its bodies."""
+    moments = (np.hypot(ds[f"sigma_{f}"].values, ds[f"bias_{f}"].values) for f in ("f_w", "f_r"))
+    return _norms(ds, part, ds.deviation_f_L.values, ds.deviation_f_x.values, *moments)
 
 
 def _norms(

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 
-from colift import folder, log, playback, scene, simulate, so3
+from colift import deviation, folder, log, playback, scene, simulate, so3
 from colift.model import Team
 from colift.scenario import Settings, build
 
@@ -60,7 +60,7 @@ class _Drawn:
         self.ticks = np.unique([*range(0, ticks, step), ticks - 1])
         self.room = simulate.chunk(plan) // step + 2  # frames that are computed at once: one shape, one program
 
-    def dataset(self, rows: simulate.Row, sigma: simulate.Sigma, stopped: str = "") -> xr.Dataset:
+    def dataset(self, rows: simulate.Row, sigma: deviation.Sigma, stopped: str = "") -> xr.Dataset:
         """The log of what is flown, as a study has it."""
         told = self.settings
         attrs = {
@@ -116,13 +116,21 @@ class _Drawn:
         return playback.document(written | {"live": EVENTS}, POLICY)
 
 
-def _no_sigma(plan: simulate.Plan) -> simulate.Sigma:
+def _no_sigma(plan: simulate.Plan) -> deviation.Sigma:
     """The deviations before there are any."""
     groups: Team = plan.world.team
     sizes = zip(groups.sizes, groups.groups, strict=True)
     empty = tuple(np.zeros((0, size, 6 + group.tree.joints)) for size, group in sizes)
     none = np.zeros((0, 6))
-    return simulate.Sigma(t=np.zeros(0), payload=none, agents=empty, payload_radius=none, agents_radius=empty)
+    return deviation.Sigma(
+        t=np.zeros(0),
+        payload=none,
+        agents=empty,
+        payload_label=none,
+        agents_label=empty,
+        payload_radius=none,
+        agents_radius=empty,
+    )
 
 
 # Server ---------------------------------------------------------------------------------------------------------------

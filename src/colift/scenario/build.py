@@ -21,6 +21,7 @@ from colift import (
     allocate,
     band,
     control,
+    deviation,
     disturbance,
     dynamics,
     estimate,
@@ -830,6 +831,17 @@ def stated(settings: s.Settings, nominal: Team, rig: Residual) -> band.Stated:
         )
     except ValueError as error:
         raise ScenarioError(f"{settings.name}: certificate: {error}") from None
+
+
+def biases(settings: s.Settings) -> deviation.Biases:
+    """What the sensors' data sheets state of constant and wandering errors of what labels are made of."""
+    tips = deviation.Walk(start=settings.sensors.tip_force_bias_N)
+    found = {"agents.lam": tips, "payload.a": deviation.Walk(), "agents.a": deviation.Walk()}
+    for each in settings.sensors.then:
+        if isinstance(each, s.Drifting):
+            for name in found.keys() & set(each.of):
+                found[name] += deviation.Walk(start=each.start, rate=each.rate)
+    return deviation.Biases(tips=found["agents.lam"], payload=found["payload.a"], agents=found["agents.a"])
 
 
 def _met(settings: s.Settings, within: bool) -> frozenset[Assumption]:

@@ -802,7 +802,8 @@ class Innovation(Section):
     patience_s: of.Span = 0.02
     """How old a reading of the tips may be for a label."""
     hold_s: of.Time = 0.2
-    """How long labels may be silent until they count as stopped for C4; its correction is held meanwhile."""
+    """How long labels may be silent until they count as stopped for C4, if they have not been silent half as long
+    lately; its correction is held meanwhile."""
     fade_s: of.Span = 0.3
     """Once labels have stopped, how soon C4's correction is its mean over the last `span_s`."""
     span_s: of.Span = 0.5
@@ -812,6 +813,8 @@ class Innovation(Section):
     surprise: of.Factor = 3.0
     """Mean square of new labels off what was predicted, in predictive variances, over its usual value (or 1, if that is
     less), above which the world has changed for a body: C4 amends its older samples by what the new ones say."""
+    settle_s: of.Time = 0.5
+    """How long after the first sample that surprises the world may be changing: samples of then speak of no world."""
     enough: of.Capacity = 150
     """New samples after a change for a new model: until then the old one, shifted, is corrected by labels, and what
     surprises is the same change."""
