@@ -12,11 +12,11 @@ import numpy as np
 
 from colift import disturbance, dynamics, scenario, simulate, study
 from colift.model import AgentInput, AgentState, PayloadState, Residual, State, Team
-from colift.scenario import Settings, build
+from colift.scenario import Settings, roster
 from colift.world import Simulated
 
 SETTINGS: Settings = scenario.load("paper")
-NAMES = build.agent_names(SETTINGS)
+NAMES = roster.agent_names(SETTINGS)
 SHORT = {"duration": 9.0, "updates": (2.0, 3.5, 5.0, 6.0)}  # the paper's study, told sooner
 
 

@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 
 from colift import __main__, folder, log, native, scenario, study, urdf
 from colift.__main__ import app
-from colift.scenario import build
+from colift.scenario import roster
 from tests import flights, light
 
 PROMISED = {
@@ -196,7 +196,7 @@ def test_each_type_of_agent_is_written_as_urdf(tmp_path: Path):
     assert [joint.name for joint in robot.joints] == [joint.name for joint in kind.joints]
     assert {f"{arm.name}_tip" for arm in kind.arms} < set(robot.links)
     back = urdf.agent(robot, [f"{arm.name}_tip" for arm in kind.arms], told.agents[0].contacts_m, kind.thrust_max_N)
-    for found, expected in zip(*map(jax.tree.leaves, (back, build.kinds(told).popitem()[1])), strict=True):
+    for found, expected in zip(*map(jax.tree.leaves, (back, roster.kinds(told).popitem()[1])), strict=True):
         np.testing.assert_allclose(found, expected, atol=1e-15)
 
 

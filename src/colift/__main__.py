@@ -695,13 +695,13 @@ def _export_mjcf(
 ) -> None:
     """The true team at its start as an MJCF model, which MuJoCo opens and simulates (docs/plant.md)."""
     from colift import disk, mjcf, scenario
-    from colift.scenario import build
+    from colift.scenario import roster, starts
 
     try:
         settings = _settings(name, changes)
-        truth, _ = build.team(settings)
-        names = (build.agent_names(settings), build.joint_names(settings), build.contact_names(settings))
-        text = mjcf.document(truth, build.start(settings, truth), *names)
+        truth, _ = roster.team(settings)
+        names = (roster.agent_names(settings), roster.joint_names(settings), roster.contact_names(settings))
+        text = mjcf.document(truth, starts.start(settings, truth), *names)
         if out is not None:
             disk.write(out, text.encode())
     except (scenario.ScenarioError, OSError) as error:
@@ -720,20 +720,20 @@ def _export_urdf(
 ) -> None:
     """Each type of agent of the true team as a URDF file, its contact points as links."""
     from colift import disk, scenario, urdf
-    from colift.scenario import build
+    from colift.scenario import roster
 
     try:
         settings = _settings(name, changes)
         folder = out or Path("out") / f"{settings.name}-urdf"
         folder.mkdir(parents=True, exist_ok=True)
-        for kind, agent in build.kinds(settings).items():
+        for kind, agent in roster.kinds(settings).items():
             told = settings.agent_types[kind]
             text = urdf.document(kind, agent, [joint.name for joint in told.joints], [arm.name for arm in told.arms])
             disk.write(folder / f"{kind}.urdf", text.encode())
     except (scenario.ScenarioError, OSError) as error:
         raise _fail(_one_line(error)) from None
     with _printed(""):
-        print(f"{', '.join(f'{kind}.urdf' for kind in build.kinds(settings))} of {settings.name}: in {folder}")
+        print(f"{', '.join(f'{kind}.urdf' for kind in roster.kinds(settings))} of {settings.name}: in {folder}")
 
 
 Flown = Annotated[Path, typer.Argument(metavar="OUT", help="A folder that `colift study` or `colift run` wrote.")]

@@ -26,7 +26,19 @@ from colift.control import Command
 from colift.folder import Folder
 from colift.model import Residual, State, Team, Wrench, no_force
 from colift.pytree import pytree
-from colift.scenario import ScenarioError, Settings, build
+from colift.scenario import (
+    ScenarioError,
+    Settings,
+    assumptions,
+    disturbances,
+    draws,
+    limits,
+    pilots,
+    priors,
+    roster,
+    starts,
+    worlds,
+)
 from colift.world import Simulated
 
 Scalar = Float[Array, ""]
@@ -76,27 +88,27 @@ def plans(settings: Settings, cases: Sequence[str]) -> dict[str, simulate.Plan]:
     for case in cases:
         if case not in ALL:
             raise KeyError(f"case {case!r}: one of {', '.join(ALL)}")
-    truth, nominal = build.team(settings)
-    given, z = settings.learning, build.start(settings, truth)
-    drawn, error, sources = build.drawn(settings, truth, z), no_force(truth), build.disturbances(settings)
+    truth, nominal = roster.team(settings)
+    given, z = settings.learning, starts.start(settings, truth)
+    drawn, error, sources = draws.drawn(settings, truth, z), no_force(truth), disturbances.disturbances(settings)
     if drawn is not None:
         function, deviation = drawn
         sources = dataclasses.replace(sources, functions=(learn.Function(oracle=function),))
         error = jax.tree.map(lambda f: given.rig_error * f, deviation)
-    pilot = build.pilot(settings, nominal)
-    build.hover(settings, truth, pilot, sources)
+    pilot = pilots.pilot(settings, nominal)
+    limits.hover(settings, truth, pilot, sources)
     c1 = simulate.Plan(
-        world=build.world(settings, truth, z, sources, error),
+        world=worlds.world(settings, truth, z, sources, error),
         pilot=pilot,
-        agents=build.agent_names(settings),
-        limits=build.bounds(settings, truth, z),
+        agents=roster.agent_names(settings),
+        limits=limits.bounds(settings, truth, z),
         dt=1 / settings.control_Hz,
         z=z,
         duration=settings.duration_s,
         updates=(),
-        training=build.training(settings, nominal),
+        training=priors.training(settings, nominal),
         identify=None,
-        stated=build.stated(settings, nominal, error),
+        stated=assumptions.stated(settings, nominal, error),
         seed=settings.seed,
         latency=None if given.fit_latency == "measured" else given.fit_latency,
     )
@@ -123,15 +135,15 @@ def _as(case: str, c1: simulate.Plan, settings: Settings) -> simulate.Plan:
                     f"{settings.name}: case O knows residuals as functions of state and time; "
                     f"these laws remember what was before: {', '.join(remembering)}"
                 )
-            pilot = build.ahead(settings, pilot)
+            pilot = pilots.ahead(settings, pilot)
             truly = Truly(world=c1.world, nominal=pilot.team)
             pilot = dataclasses.replace(pilot, predictor=fly.Known(function=truly))
         case "R":
-            pilot = build.ahead(settings, pilot)
+            pilot = pilots.ahead(settings, pilot)
             nothing = pilot.recorder.begin(pilot.team, pilot.oracle)
             pilot = dataclasses.replace(pilot, oracle=learn.regress(pilot.oracle, nothing, rival.ridge))
         case "F" | "H" | "C4":
-            pilot = build.listening(settings, build.ahead(settings, pilot), held=case != "C4")
+            pilot = pilots.listening(settings, pilots.ahead(settings, pilot), held=case != "C4")
     prior = np.array([rival.mass_kg, *[rival.first_moment_kgm] * 3, *[rival.inertia_kgm2] * 6])
     noise = np.array([given.payload.force_noise_N] * 3 + [given.payload.moment_noise_Nm] * 3)
     parameters = school.Identify(noise=noise, prior=prior)
@@ -198,13 +210,13 @@ def outlook(settings: Settings, ready: Mapping[str, simulate.Plan]) -> Outlook:
     """How the loop of the first plan behaves at rest, sampled as it flies, and how much thrust hovering leaves."""
     first, warnings, found = next(iter(ready.values())), [], None
     try:
-        found = modes.at_rest(first, build.at_rest(settings, first.world.team))
+        found = modes.at_rest(first, starts.at_rest(settings, first.world.team))
         if not found.stable:
             warnings.append(f"unstable at rest on the reference: slowest mode {found.slowest()}")
     except ValueError as error:
         warnings.append(str(error))
-    names, truth = build.agent_names(settings), first.world.team
-    hover = build.hover(settings, truth, first.pilot, first.world.sources)
+    names, truth = roster.agent_names(settings), first.world.team
+    hover = limits.hover(settings, truth, first.pilot, first.world.sources)
     have = np.concatenate([group.thrust_max for group in truth.groups])
     margin = settings.limits.thrust_margin
     for name, need, most in zip(names, hover, have, strict=True):
@@ -242,7 +254,7 @@ def certify(
     certificate.refuse(ready)
     if linear is None:
         progress("the loop's response")
-        linear = response.linearize(ready.pilot, build.at_rest(settings, ready.pilot.team))
+        linear = response.linearize(ready.pilot, starts.at_rest(settings, ready.pilot.team))
     progress("flight")
     flight = simulate.fly_plan(ready)
     progress("its twin, whose world obeys the learned means")
@@ -411,8 +423,8 @@ def dataset(settings: Settings, case: str, flight: simulate.Flight, flown: simul
 
     run: the name of the run whose results it joins (`folder.run_name`), none for a flight in Python.
     """
-    contacts = build.contact_names(settings)
-    joints, rests_on = build.joint_names(settings), _rests_on(flown)
+    contacts = roster.contact_names(settings)
+    joints, rests_on = roster.joint_names(settings), _rests_on(flown)
     attrs = {
         "scenario": settings.name,
         "case": case,
@@ -465,18 +477,18 @@ def _rests_on(flown: simulate.Plan) -> dict[str, Any]:
 
 
 def _body_name(settings: Settings, body: learn.Body) -> str:
-    return body if isinstance(body, str) else build.groups(settings)[body[0]][body[1]].name
+    return body if isinstance(body, str) else roster.groups(settings)[body[0]][body[1]].name
 
 
 def _lengthscales(settings: Settings, fits: learn.Fits) -> dict[str, Any]:
     """The last fits by body name, with the names of their features and outputs."""
-    out, seen = {}, build.features(settings)
+    out, seen = {}, priors.features(settings)
     for body, fit in fits.items():
         if isinstance(body, str):
             name, features, joints = body, seen.payload_names(), []
         else:
             group, j = body
-            agent = build.groups(settings)[group][j]
+            agent = roster.groups(settings)[group][j]
             moved = settings.agent_types[agent.type].joints
             name, features, joints = agent.name, seen.agent_names(len(moved)), [m.name for m in moved]
         outputs = ["F_x", "F_y", "F_z", "tau_x", "tau_y", "tau_z", *(f"tau_{joint}" for joint in joints)]
