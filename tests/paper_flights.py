@@ -147,3 +147,10 @@ def answer(plan: simulate.Plan, z: State, inputs: tuple[AgentInput, ...]) -> tup
 def rms(x: np.ndarray) -> float:
     """Root mean square over time of the norm of each sample."""
     return float(np.sqrt((np.asarray(x).reshape(len(x), -1) ** 2).sum(1).mean()))
+
+
+def lighter(newton: float) -> Settings:
+    """The study with weaker rotors."""
+    data = SETTINGS.model_dump()
+    data["agent_types"]["two_arms"]["thrust_max_N"] = newton
+    return Settings.model_validate(data)

@@ -19,7 +19,7 @@ import xarray as xr
 from PIL import Image
 from typer.testing import CliRunner
 
-from colift import folder, log, playback, scenario, scene, study
+from colift import folder, log, playback, results, scenario, scene, study
 from colift.__main__ import app
 from colift.scenario import roster
 from tests import browser, flights, light, played
@@ -166,7 +166,7 @@ def test_the_command_says_where_the_page_is_and_opens_it_only_if_asked(tmp_path,
 
 
 def test_the_next_study_removes_the_page(made):
-    assert made in folder.files(made.parent, study.FLOWN)
+    assert made in folder.files(made.parent, results.FLOWN)
 
 
 # The bundle -----------------------------------------------------------------------------------------------------------

@@ -10,7 +10,8 @@ The map; each module imports only those below it:
     hil         a team in lockstep with autopilots
     node        the pilot's tick as a ROS 2 node
     bag         a flight as a ROS 2 bag
-    study       C1, C2, C3 and the rivals of learning, flights with their certificates; what is written of them
+    certification  a scenario certified: flights, certificate, challenge, file
+    results     the flights of a study, and what is written of them
     report      a study as one page
     watch       a flight seen while it flies
     view        figures of a study
@@ -21,6 +22,8 @@ The map; each module imports only those below it:
     scene       what is seen of a flight
     export      the pilot's tick as C
     starter     a scenario to begin with
+    study       C1, C2, C3 and their rivals: the plan of each
+    outlook     what is known of a scenario before it is flown
     look        how figures look
     log         a flight as labelled NetCDF
     folder      where one run's results lie, and who may write there
@@ -127,7 +130,7 @@ _HOME = {
     "Team": "model",
     "Tree": "model",
     "accelerate": "dynamics",
-    "dataset": "study",
+    "dataset": "results",
     "fly_plan": "simulate",
     "integrate": "dynamics",
     "linearize": "response",
