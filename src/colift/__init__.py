@@ -15,10 +15,13 @@ The map; each module imports only those below it:
     report      a study as one page
     watch       a flight seen while it flies
     view        figures of a study
+    prediction  figures of what is predicted beside what is so
+    spread      figures of merit over seeds
     tightness   figures of radii beside what is observed
     lengthscales  the table of what was learned
     playback    flights as a page that plays them
     picture     flights as pictures and films
+    panel       axes, marks and signals of a study's figures
     scene       what is seen of a flight
     export      the pilot's tick as C
     starter     a scenario to begin with
