@@ -10,7 +10,7 @@ import shutil
 import sys
 from pathlib import Path
 
-from colift import picture, scene, study, view
+from colift import picture, scene, spread, study
 
 FROM = {
     "team": "figure_0_team",
@@ -22,7 +22,7 @@ here, out, told = Path(__file__).with_name("figures"), Path(sys.argv[1]), study.
 for name, figure in FROM.items():
     shutil.copy(out / f"{figure}.png", here / f"{name}.png")
 seeds = json.loads((here.parents[1] / "evidence" / "results" / "orderings.json").read_text())["items"]
-view.spread(list(seeds.values()), told, here / "study_seeds")
+spread.spread(list(seeds.values()), told, here / "study_seeds")
 flown = scene.load(out, ("C1", "C3"))
 drawn = [picture.sketch(ds, f"{case}: {told[case]}") for case, ds in flown.items()]
 picture.film(drawn, here / "flight.gif", speed=4.0, dots=80)

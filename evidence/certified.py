@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from colift import scenario, study
+from colift import certification, scenario
 from colift.certify.certificate import ERRORS
 from evidence import collect
 
@@ -26,15 +26,15 @@ _linear: list[Any] = []  # the team's response, the same for all seeds
 def fly(seed: int, rounds: int) -> dict[str, Any]:
     """One flight with its radii; with rounds, its adversary's as well."""
     settings = scenario.load("certified").model_copy(update={"seed": seed})
-    made = study.certify(settings, _linear[0] if _linear else None, NAMES)
+    made = certification.certify(settings, _linear[0] if _linear else None, NAMES)
     _linear[:] = [made.linear]
     out = figures(made)
     if rounds:
-        out["adversary"] = figures(study.challenge(made, rounds))
+        out["adversary"] = figures(certification.challenge(made, rounds))
     return out
 
 
-def figures(made: study.Certified) -> dict[str, Any]:
+def figures(made: certification.Certified) -> dict[str, Any]:
     """What is kept of a certificate; m, m/s, 1 and rad/s."""
     found = made.certificate
     return {

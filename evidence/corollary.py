@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from colift import scenario, study, tightness
+from colift import certification, scenario, tightness
 from colift.certify import certificate, reach
 from evidence import collect
 
@@ -27,7 +27,9 @@ def fly(seed: int, rate: float) -> dict[str, Any]:
     """One flight, with its radii, whose samples are taken at that rate."""
     settings = scenario.load("certified")
     learning = settings.learning.model_copy(update={"sample_Hz": rate, "capacity": CAPACITY})
-    made = study.certify(settings.model_copy(update={"seed": seed, "learning": learning}), names=("energy", "recovery"))
+    made = certification.certify(
+        settings.model_copy(update={"seed": seed, "learning": learning}), names=("energy", "recovery")
+    )
     found = made.certificate
     grid = certificate.path_of(made.plan, made.flight, certificate.STEP)
     (payload, *_) = certificate.bodies(made.plan, made.flight, made.twin.rows, grid.path, "energy")

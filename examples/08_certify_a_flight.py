@@ -7,12 +7,12 @@ minute or two.
 from __future__ import annotations
 
 import colift
-from colift import study
+from colift import certification
 
 
 def main() -> None:
     """Print the radius of every error of the flown path, what was observed, and what the radii rest on."""
-    made = study.certify(colift.load("certified"), names=("energy", "recovery"))
+    made = certification.certify(colift.load("certified"), names=("energy", "recovery"))
     found = made.certificate
     first, last = found.window
     for bound, radii in found.radii.items():

@@ -12,11 +12,11 @@ import numpy as np
 
 from colift import disturbance, dynamics, scenario, simulate, study
 from colift.model import AgentInput, AgentState, PayloadState, Residual, State, Team
-from colift.scenario import Settings, build
+from colift.scenario import Settings, roster
 from colift.world import Simulated
 
 SETTINGS: Settings = scenario.load("paper")
-NAMES = build.agent_names(SETTINGS)
+NAMES = roster.agent_names(SETTINGS)
 SHORT = {"duration": 9.0, "updates": (2.0, 3.5, 5.0, 6.0)}  # the paper's study, told sooner
 
 
@@ -147,3 +147,10 @@ def answer(plan: simulate.Plan, z: State, inputs: tuple[AgentInput, ...]) -> tup
 def rms(x: np.ndarray) -> float:
     """Root mean square over time of the norm of each sample."""
     return float(np.sqrt((np.asarray(x).reshape(len(x), -1) ** 2).sum(1).mean()))
+
+
+def lighter(newton: float) -> Settings:
+    """The study with weaker rotors."""
+    data = SETTINGS.model_dump()
+    data["agent_types"]["two_arms"]["thrust_max_N"] = newton
+    return Settings.model_validate(data)

@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 
 from colift import log, scenario, simulate, study
-from colift.scenario import build
+from colift.scenario import roster
 from tests import flights, light
 
 PAPER = scenario.load("paper")
@@ -20,7 +20,7 @@ def labelled(rows: simulate.Row, sigma: simulate.Sigma, told: scenario.Settings,
     """A log as a study writes it, of what pages are made of."""
     stated = {"stopped": "", "complete": 1, "update_times_s": [], "T_end_s": told.learning.end_s, "version": "0.1.0"}
     stated |= {"scenario_json": told.model_dump_json(exclude_none=True), "run": flights.RUN, "case": "C1"}
-    names = (build.agent_names(told), build.joint_names(told), build.contact_names(told))
+    names = (roster.agent_names(told), roster.joint_names(told), roster.contact_names(told))
     named = dict(zip(("agents", "joints", "contacts"), names, strict=True))
     return log.dataset(rows, sigma=sigma, attrs=stated | attrs, **named)
 

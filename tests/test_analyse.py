@@ -12,12 +12,12 @@ from scipy.spatial.transform import Rotation
 
 from colift import analyse, band, log, simulate
 from colift.model import Team
-from colift.scenario import build
+from colift.scenario import roster
 from tests import flights
 from tests import paper_flights as paper
 
 SHAPE = flights.PAPER._replace(time=240)
-TRUTH, NOMINAL = build.team(paper.SETTINGS)
+TRUTH, NOMINAL = roster.team(paper.SETTINGS)
 CONTACTS = [np.array(c) for agent in paper.SETTINGS.agents for c in agent.contacts_m]
 
 

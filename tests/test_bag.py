@@ -17,7 +17,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from scipy.spatial.transform import Rotation
 
 from colift import bag, log, scenario
-from colift.scenario import build
+from colift.scenario import roster
 from tests import flights, pinocchio_team
 
 TOLD = scenario.load("paper")
@@ -35,9 +35,9 @@ def ds() -> xr.Dataset:
     e_R = np.stack([Q[:, 2, 1] - Q[:, 1, 2], Q[:, 0, 2] - Q[:, 2, 0], Q[:, 1, 0] - Q[:, 0, 1]], axis=1) / 2
     Psi = (3 - np.trace(Q, axis1=1, axis2=2)) / 2
     attrs = {"scenario_json": TOLD.model_dump_json(exclude_none=True), "run": flights.RUN, "case": "C1", "R_d": R_d}
-    names = {"agents": build.agent_names(TOLD), "joints": build.joint_names(TOLD)}
+    names = {"agents": roster.agent_names(TOLD), "joints": roster.joint_names(TOLD)}
     made = log.dataset(
-        rows, sigma=flights.sigma(rng, SHAPE), attrs={}, contacts=build.contact_names(TOLD), **names
+        rows, sigma=flights.sigma(rng, SHAPE), attrs={}, contacts=roster.contact_names(TOLD), **names
     ).assign_attrs(**attrs)
     made.R.values[:] = turned["R"].reshape(12, 2, 3, 3)
     made.R_L.values[:], made.e_R.values[:], made.Psi.values[:] = R_L, e_R, Psi
@@ -78,9 +78,9 @@ def matrix(q: Any) -> np.ndarray:
 
 def test_topics_and_times(ds: xr.Dataset, messages: dict[str, list[Any]]) -> None:
     names = {"payload/pose", "payload/reference", "payload/wrench_desired", "tf"}
-    for agent in build.agent_names(TOLD):
+    for agent in roster.agent_names(TOLD):
         names |= {f"{agent}/{x}" for x in ("pose", "wrench", "joint_states")}
-    names |= {f"{contact}/force" for contact in build.contact_names(TOLD)}
+    names |= {f"{contact}/force" for contact in roster.contact_names(TOLD)}
     assert set(messages) == {f"/{name}" for name in names}
     assert {len(each) for each in messages.values()} == {len(ds.time)}
     stamps = [m.header.stamp.sec + 1e-9 * m.header.stamp.nanosec for m in messages["/payload/pose"]]
@@ -96,8 +96,8 @@ def test_poses_of_payload_and_reference(ds: xr.Dataset, messages: dict[str, list
 
 
 def test_an_agent_s_pose_is_its_base_s(ds: xr.Dataset, messages: dict[str, list[Any]]) -> None:
-    team, _ = build.team(TOLD)
-    for j, name in enumerate(build.agent_names(TOLD)):
+    team, _ = roster.team(TOLD)
+    for j, name in enumerate(roster.agent_names(TOLD)):
         agent = pinocchio_team.FreeAgent(pinocchio_team.take(team.groups[0], j))
         for k, m in enumerate(messages[f"/{name}/pose"]):
             still = {"omega": np.zeros(3), "v": np.zeros(3), "r_dot": np.zeros(3)}

@@ -10,7 +10,7 @@ import pytest
 
 from colift import disturbance, sensor, simulate, study
 from colift.certify import assumed
-from colift.scenario import build
+from colift.scenario import disturbances
 from tests import paper_flights as paper
 
 ALWAYS = (assumed.FIRST_ORDER, assumed.SAMPLED)
@@ -95,7 +95,7 @@ def test_radii_along_a_run_rest_on_the_estimated_state_and_of_some_rivals_on_a_p
 
 
 def test_sources_carry_the_names_of_the_scenario():
-    sources = build.disturbances(paper.SETTINGS)
+    sources = disturbances.disturbances(paper.SETTINGS)
     named = {mount.name for mount in (*sources.payload, *sources.agents[0])}
     assert named == {source.name for source in paper.SETTINGS.disturbances if source.kind != "joint_friction"}
 

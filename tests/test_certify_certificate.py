@@ -3,45 +3,18 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
-import io
-import json
-import re
-import runpy
-from pathlib import Path
 
 import jax
 import jax.numpy as jnp
-import matplotlib.text
 import numpy as np
 import pytest
-from rich.console import Console
-from typer.testing import CliRunner
 
-from colift import __main__, actuator, fly, folder, gp, lag, learn, look, scenario, sensor, simulate, study
+from colift import actuator, fly, gp, lag, learn, sensor, simulate
 from colift.certify import adversary, assumed, certificate, interface, reach
 from colift.gp import recovery
 from colift.gp.bounds import Assumption
-from colift.scenario import Settings
+from tests.certified_flights import LAST, NAMES, late, made
 from tests.paper_flights import number, plan, with_pilot, with_world
-
-NAMES = ("energy", "srinivas", "recovery")
-LAYER = interface.Interface(np.ones(2), 1.0, np.ones((2, 3)), np.ones(2), np.ones((2, 3)))
-LAST = 6.0  # s, the last update
-
-
-def short() -> Settings:
-    """The shipped scenario with updates at 3 s and 6 s of 15 s."""
-    given = scenario.load("certified").model_dump()
-    given["learning"] |= {"update_times_s": (3.0, LAST), "end_s": LAST, "capacity": 12}
-    given["drawn"] |= {"centers": 12}
-    return Settings.model_validate(given | {"duration_s": 15.0})
-
-
-@functools.cache
-def made() -> study.Certified:
-    """The flight, its twin and its certificate."""
-    return study.certify(short(), names=NAMES)
 
 
 def left(rows: simulate.Row) -> np.ndarray:
@@ -293,94 +266,6 @@ def test_the_adversary_keeps_norm_and_labels_and_comes_near_the_bound_where_it_i
     assert found.direction @ e_p[k] > 0.7 * found.bound[k]
 
 
-# What a person gets ---------------------------------------------------------------------------------------------------
-
-
-@functools.cache
-def late() -> study.Certified:
-    """Nothing is learned until half a second before errors count: a deviation at the update is far from gone."""
-    given = scenario.load("certified").model_dump()
-    given["learning"] |= {"update_times_s": (8.0,), "end_s": 8.0, "capacity": 12}
-    given["drawn"] |= {"centers": 12}
-    return study.certify(Settings.model_validate(given | {"duration_s": 9.0}), made().linear, ("energy",))
-
-
-def table_of(printed: str) -> list[list[str]]:
-    """The rows of radii in what was printed, cell by cell."""
-    return [line.split() for line in printed.splitlines() if line.split()[:1] and line.split()[0] in NAMES]
-
-
-@pytest.fixture
-def save(tmp_path, monkeypatch):
-    """`study.save_certificate` under a name that is no word of a certificate, without the interface's long gains."""
-    monkeypatch.setattr(interface, "interface", lambda _loop, _floor: LAYER)
-    settings = short().model_copy(update={"name": "short"})
-
-    def saved(all_of: study.Certified, against: study.Certified | None = None) -> dict[str, Any]:
-        with study.claim(settings, tmp_path) as out:
-            return study.save_certificate(settings, all_of, against, out)
-
-    return saved
-
-
-@pytest.fixture
-def drawn(monkeypatch) -> list[str]:
-    """Every text of the figures that are saved."""
-    texts: list[str] = []
-
-    def save(figure, path, run):
-        figure.canvas.draw()
-        texts.extend(text.get_text() for text in figure.findobj(matplotlib.text.Text) if text.get_visible())
-        return [path]
-
-    monkeypatch.setattr(look, "save", save)
-    return texts
-
-
-def test_a_certificate_is_saved_whole_and_told_in_a_table(tmp_path, capsys, save):
-    (tmp_path / "summary.json").write_text(folder.run_name("0.1.0", "another"))
-    told = save(made(), made())
-    assert {folder.run_of(path) for path in tmp_path.iterdir()} == {told["run"]}
-    assert json.loads((tmp_path / "certificate.json").read_text()) == told
-    assert {path.name for path in tmp_path.iterdir()} == {
-        "certificate.json",
-        "figure_6_certificate.pdf",
-        "figure_6_certificate.png",
-    }
-    found = made().certificate
-    for name, radii in found.radii.items():
-        for error in certificate.ERRORS:
-            ratio = radii.run[error] / found.observed[error]
-            assert told["radii"][name]["tightness"]["run"][error] == (ratio if np.isfinite(ratio) else None)
-    assert told["adversary"]["radius_over_adversary"] == told["radii"]["recovery"]["tightness"]["run"]["e_p"]
-    assert told["exceeded"] == []
-    __main__._report_certificate(told, tmp_path)
-    printed, said = capsys.readouterr()
-    assert said == ""
-    for bound in NAMES:
-        assert bound in printed
-    assert f"{1e3 * found.observed['e_p']:.3g}" in printed
-
-
-def test_what_is_assumed_stands_in_table_json_and_figure_and_the_word_certified_in_none(tmp_path, capsys, save, drawn):
-    told = save(made(), made())
-    text = "first order, transient at the update, sampled estimator"
-    for radii in told["radii"].values():
-        assert ", ".join(radii["assumed"]) == text
-        assert radii["status"] == "assumed"
-    __main__._report_certificate(told, tmp_path)
-    printed = capsys.readouterr().out
-    assert f"assumed: {text}" in printed
-    assert [(row[0], row[1], row[-1]) for row in table_of(printed)] == [
-        (name, run, "assumed") for name in ("energy", "srinivas", "recovery") for run in ("any", "this")
-    ]
-    shown = "\n".join(drawn)
-    assert f"assumed: {text}" in shown.replace("\n", " ")
-    assert "radius for this run by recovery, assumed" in shown
-    for where in (json.dumps(told), printed, shown):
-        assert "certified" not in where
-
-
 def test_an_update_shortly_before_errors_count_breaks_the_radii_and_is_named():
     """As `update_times_s: [30]` of 32 s did on the shipped scenario, with 19.9 mm beside radii of 3.2 and 1.7."""
     found = late().certificate
@@ -392,94 +277,6 @@ def test_an_update_shortly_before_errors_count_breaks_the_radii_and_is_named():
         assert each.observed == found.observed["e_p"] > 2 * each.radius
         assert each.radius == getattr(found.radii["energy"], of)["e_p"]
     assert made().certificate.exceeded == ()
-
-
-def test_an_error_above_its_radius_is_said_first_and_the_status_is_1(tmp_path, monkeypatch, save, drawn):
-    del save  # for the interface
-    known = [made(), late()]
-    monkeypatch.setattr(study, "certify", lambda *_, **__: known.pop())
-    result = CliRunner().invoke(__main__.app, ["certify", "certified", "--out", str(tmp_path)], catch_exceptions=False)
-    assert result.exit_code == 1
-    found = late().certificate
-    observed, radius = 1e3 * found.observed["e_p"], 1e3 * found.radii["energy"].tube["e_p"]
-    first = (
-        f"e_p of this run is above its radius: observed {observed:.4g} mm, radius {radius:.4g} mm (energy, any run), "
-    )
-    said = [line for line in result.output.splitlines() if not line.startswith("certifying certified")]  # progress
-    assert said[0].startswith(first)
-    red = [line for line in result.stderr.splitlines() if line in said]
-    assert len(red) == len({each.error for each in found.exceeded})
-    assert said[: len(red)] == red
-    assert [(row[0], row[1], row[-1]) for row in table_of(result.stdout)] == [
-        ("energy", "any", "exceeded"),
-        ("energy", "this", "exceeded"),
-    ]
-    told = json.loads((tmp_path / "certificate.json").read_text())
-    assert told["exceeded"] == [{"flight": "this", **dataclasses.asdict(each)} for each in found.exceeded]
-    assert any(text.startswith("observed above a radius: $e_p$") for text in drawn)
-    result = CliRunner().invoke(__main__.app, ["certify", "certified", "--out", str(tmp_path)], catch_exceptions=False)
-    assert result.exit_code == 0
-    assert all(line.startswith("certifying certified") for line in result.stderr.splitlines())
-
-
-def test_the_example_prints_the_radii_of_its_flight_and_fails_where_one_is_exceeded(monkeypatch, capsys):
-    example = str(Path(__file__).parents[1] / "examples" / "08_certify_a_flight.py")
-    known = [late(), made()]
-    monkeypatch.setattr(study, "certify", lambda *_, **__: known.pop())
-    runpy.run_path(example, run_name="__main__")
-    said = capsys.readouterr().out
-    radius, seen = made().certificate.radii["recovery"].run["e_p"], made().certificate.observed["e_p"]
-    assert f"recovery,     e_p: at most {radius:.3g}, observed {seen:.3g}" in said
-    with pytest.raises(SystemExit, match=r"above their radius: .*e_p"):
-        runpy.run_path(example, run_name="__main__")
-
-
-def test_an_error_above_its_radius_is_said_in_red(tmp_path, monkeypatch, save):
-    terminal = Console(file=io.StringIO(), force_terminal=True, color_system="standard", width=200)
-    monkeypatch.setattr(__main__, "errors", terminal)
-    __main__._report_certificate(save(late()), tmp_path)
-    lines = terminal.file.getvalue().splitlines()
-    assert len(lines) == len({each.error for each in late().certificate.exceeded})
-    assert all(line.startswith("\x1b[31m") for line in lines)
-
-
-def test_an_adversary_that_exceeds_its_radius_breaks_the_certificate_too(tmp_path, capsys, save):
-    observed = {error: 1e3 * size for error, size in made().certificate.observed.items()}
-    beyond = dataclasses.replace(made().certificate, observed=observed)
-    told = save(made(), dataclasses.replace(made(), certificate=beyond))
-    assert {each["flight"] for each in told["exceeded"]} == {"adversary"}
-    __main__._report_certificate(told, tmp_path)
-    printed, said = capsys.readouterr()
-    assert said.startswith("e_p of the adversary's run is above its radius: observed ")
-    assert " exceeded" not in printed
-
-
-def test_what_has_no_radius_has_no_row(tmp_path, capsys, save, drawn):
-    """No tube: no row for any run; data that contradict what is stated: no row at all, and the reason."""
-    all_of = made()
-    radii = {
-        name: dataclasses.replace(each, tube=dict.fromkeys(each.tube, np.inf), assumed=("S_X", *each.assumed))
-        for name, each in all_of.certificate.radii.items()
-    }
-    lost = dataclasses.replace(all_of.certificate, radii=radii, tube=None, no_tube="it feeds itself")
-    __main__._report_certificate(save(dataclasses.replace(all_of, certificate=lost)), tmp_path)
-    printed = capsys.readouterr().out
-    assert [row[1] for row in table_of(printed)] == ["this"] * len(NAMES)
-    assert not re.search(r"\bany\b(?! run: it feeds)", printed)
-    assert "no radius for any run: it feeds itself" in printed
-    assert "assumed: S_X, first order" in printed
-    assert not [text for text in drawn if "radius for any" in text]
-    drawn.clear()
-    small = dataclasses.replace(all_of.plan, stated=dataclasses.replace(all_of.plan.stated, norm=0.05))
-    nothing = certificate.certify(small, all_of.flight, all_of.twin, all_of.linear, ("energy", "recovery"))
-    told = save(dataclasses.replace(all_of, plan=small, certificate=nothing))
-    assert told["exceeded"] == []
-    __main__._report_certificate(told, tmp_path)
-    printed = capsys.readouterr().out
-    assert table_of(printed) == []
-    assert not re.search("none|assumed|nan|inf", printed)
-    assert "no radius: the data contradict the stated norm and label errors" in printed
-    assert not [text for text in drawn if "radius for" in text]
 
 
 def of_another_kernel(oracle: learn.Oracle) -> learn.Oracle:

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from colift import checkup, modes, scenario, study
 from colift.__main__ import app
-from colift.scenario import Settings, build
+from colift.scenario import Settings, limits, starts
 from tests import light
 
 NO_WIND = {"disturbances": ()}
@@ -83,8 +83,8 @@ def test_the_thrust_along_a_reference_that_stands_still_is_that_of_hovering():
     )
     plan = study.plan(still, "C1")
     truth = plan.world.team
-    path = checkup.thrust_along(plan, build.at_rest(still, truth), np.array([0.0, 7.0]))
-    hover = build.hover(still, truth, plan.pilot, plan.world.sources)
+    path = checkup.thrust_along(plan, starts.at_rest(still, truth), np.array([0.0, 7.0]))
+    hover = limits.hover(still, truth, plan.pilot, plan.world.sources)
     np.testing.assert_allclose(path, [hover, hover], rtol=1e-12)
 
 
@@ -93,7 +93,7 @@ def test_the_thrust_along_a_reference_lifts_all_masses_as_the_payload_moves():
     settings = light.settings(reference=up, **NO_WIND)
     plan = study.plan(settings, "C1")
     t = np.linspace(0, 10, 7)
-    need = checkup.thrust_along(plan, build.at_rest(settings, plan.world.team), t).sum(1)
+    need = checkup.thrust_along(plan, starts.at_rest(settings, plan.world.team), t).sum(1)
     a = np.array([plan.pilot.path.at(jnp.asarray(x)).a[2] for x in t])
     np.testing.assert_allclose(need, 6.0 * (9.81 + a), rtol=1e-9)
     assert np.ptp(a) > 0.1

@@ -11,10 +11,10 @@ from pathlib import Path
 
 import pytest
 
-from colift import folder, interrupt, study
+from colift import folder, interrupt, results
 
 A, B = (folder.run_name("0.1.0", digest) for digest in ("seed 1", "seed 2"))
-NAMES = study.FLOWN + study.CERTIFIED
+NAMES = results.FLOWN + results.CERTIFIED
 
 
 def fill(path: Path, run: str, names: tuple[str, ...]) -> None:
@@ -40,10 +40,10 @@ def test_a_run_replaces_its_own_kind_and_what_is_of_another_run(tmp_path: Path, 
     mine = {"notes.md", "figure_9_mine.pdf", "C9.nc"}
     fill(tmp_path, B, tuple(mine))
     with folder.claim(tmp_path, A, NAMES) as out:
-        folder.clear(out, study.FLOWN, study.CERTIFIED)
+        folder.clear(out, results.FLOWN, results.CERTIFIED)
         assert names(tmp_path) - {folder.LOCK} == mine | (set(certified) if before == A else set())
     with folder.claim(tmp_path, B, NAMES) as out:
-        folder.clear(out, study.CERTIFIED, study.FLOWN)
+        folder.clear(out, results.CERTIFIED, results.FLOWN)
     assert names(tmp_path) == mine
 
 

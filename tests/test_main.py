@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from colift import __main__, folder, log, native, scenario, study, urdf
+from colift import __main__, folder, log, native, results, scenario, study, urdf
 from colift.__main__ import app
-from colift.scenario import build
+from colift.scenario import roster
 from tests import flights, light
 
 PROMISED = {
@@ -87,7 +87,7 @@ def test_a_folder_that_cannot_be_written_is_one_line_and_status_2_before_any_fli
 
 
 def test_a_folder_that_another_process_writes_to_is_refused_before_any_flight(tmp_path: Path):
-    with study.claim(scenario.load("paper"), tmp_path):
+    with results.claim(scenario.load("paper"), tmp_path):
         for command in ("study", "certify"):
             status, said = invoke(command, "paper", "--out", str(tmp_path))
             assert (status, said.count("\n")) == (2, 1)
@@ -165,7 +165,7 @@ def test_flights_are_written_beside_their_logs_and_replaced_with_them(kind: str,
     written = tmp_path / f"C2.{kind}"
     assert holds in written.read_bytes()
     assert folder.run_of(written) == flights.RUN
-    assert folder.files(tmp_path, study.FLOWN) == sorted([tmp_path / "C2.nc", written])
+    assert folder.files(tmp_path, results.FLOWN) == sorted([tmp_path / "C2.nc", written])
 
 
 @pytest.mark.parametrize("kind", ["csv", "mcap"])
@@ -196,7 +196,7 @@ def test_each_type_of_agent_is_written_as_urdf(tmp_path: Path):
     assert [joint.name for joint in robot.joints] == [joint.name for joint in kind.joints]
     assert {f"{arm.name}_tip" for arm in kind.arms} < set(robot.links)
     back = urdf.agent(robot, [f"{arm.name}_tip" for arm in kind.arms], told.agents[0].contacts_m, kind.thrust_max_N)
-    for found, expected in zip(*map(jax.tree.leaves, (back, build.kinds(told).popitem()[1])), strict=True):
+    for found, expected in zip(*map(jax.tree.leaves, (back, roster.kinds(told).popitem()[1])), strict=True):
         np.testing.assert_allclose(found, expected, atol=1e-15)
 
 
@@ -226,7 +226,7 @@ SHORT = light.SAMPLE.learning.model_copy(update={"update_times_s": (1, 2), "end_
 
 
 @pytest.fixture(scope="module")
-def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A short study of the smallest team with all rivals, from a file, under another seed."""
     folder = tmp_path_factory.mktemp("study")
     path = light.write(folder / "short.yaml", duration_s=3, learning=SHORT)
@@ -237,8 +237,8 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "out"
 
 
-def test_a_study_leaves_what_it_promises_and_nothing_half_written(results: Path):
-    files = {path.name for path in results.iterdir()}
+def test_a_study_leaves_what_it_promises_and_nothing_half_written(flown: Path):
+    files = {path.name for path in flown.iterdir()}
     figures = {f"figure_{i}_{name}" for i, name in enumerate(FIGURES, 1)}
     assert files >= {"summary.json", *(f"{case}.nc" for case in ("C1", "C2", "C3", "I", "DOB", "P", "O"))}
     assert files >= {f"{name}.{kind}" for name in figures for kind in ("pdf", "png")}
@@ -246,19 +246,19 @@ def test_a_study_leaves_what_it_promises_and_nothing_half_written(results: Path)
     assert not [name for name in files if name.startswith(".")]
 
 
-def test_every_file_names_the_run_and_is_known_to_be_a_study_s(results: Path):
-    assert set(results.iterdir()) == set(folder.files(results, study.FLOWN))
-    run = json.loads((results / "summary.json").read_text())["run"]
-    settings = scenario.load(str(results.parent / "short.yaml"))
-    with study.claim(settings.model_copy(update={"seed": 7}), results) as out:
+def test_every_file_names_the_run_and_is_known_to_be_a_study_s(flown: Path):
+    assert set(flown.iterdir()) == set(folder.files(flown, results.FLOWN))
+    run = json.loads((flown / "summary.json").read_text())["run"]
+    settings = scenario.load(str(flown.parent / "short.yaml"))
+    with results.claim(settings.model_copy(update={"seed": 7}), flown) as out:
         assert out.run == run
-    with study.claim(settings, results) as out:
+    with results.claim(settings, flown) as out:
         assert out.run != run
-    assert {folder.run_of(file) for file in results.iterdir()} == {run}
+    assert {folder.run_of(file) for file in flown.iterdir()} == {run}
 
 
-def test_the_summary_holds_what_it_promises(results: Path):
-    summary = json.loads((results / "summary.json").read_text())
+def test_the_summary_holds_what_it_promises(flown: Path):
+    summary = json.loads((flown / "summary.json").read_text())
     assert summary["seed"] == 7
     assert {"version", "scenario", "residual"} <= set(summary)
     assert list(summary["cases"]) == ["C1", "C2", "C3", "I", "DOB", "P", "O"]
@@ -283,11 +283,11 @@ def test_the_summary_holds_what_it_promises(results: Path):
         assert all(0 <= share <= 1 for body in bodies for share in body["exceeded_share"].values())
 
 
-def test_signals_are_labelled_and_have_units(results: Path):
-    flight = log.load(results / "C3.nc")
+def test_signals_are_labelled_and_have_units(flown: Path):
+    flight = log.load(flown / "C3.nc")
     assert flight.attrs["case"] == "C3"
     assert flight.attrs["rho_assumed"] == "norm, energy, sensor noise, sampled estimator"
-    assert log.load(results / "DOB.nc").attrs["rho_assumed"] == f"{flight.attrs['rho_assumed']}, posterior mean"
+    assert log.load(flown / "DOB.nc").attrs["rho_assumed"] == f"{flight.attrs['rho_assumed']}, posterior mean"
     assert (flight.attrs["rho_bound"], flight.attrs["rho_norm"]) == ("energy", 3)
     assert len(flight.attrs["rho_label_error_agents"]) == 18
     assert (flight.attrs["limit_distance_m"], flight.attrs["limit_grip"]) == (3, 0.01)
@@ -299,13 +299,13 @@ def test_signals_are_labelled_and_have_units(results: Path):
 # Flights that do not end, and answers at once -------------------------------------------------------------------------
 
 
-def test_a_study_can_be_played(results: Path, tmp_path: Path):
+def test_a_study_can_be_played(flown: Path, tmp_path: Path):
     for case in ("C1", "O"):
-        shutil.copy(results / f"{case}.nc", tmp_path)
+        shutil.copy(flown / f"{case}.nc", tmp_path)
     status, said = invoke("view", str(tmp_path))
     assert (status, said) == (0, "")
-    assert folder.run_of(tmp_path / "view.html") == folder.run_of(results / "C1.nc")
-    assert log.load(results / "C1.nc").attrs["scenario_json"].startswith('{"name":"sample"')
+    assert folder.run_of(tmp_path / "view.html") == folder.run_of(flown / "C1.nc")
+    assert log.load(flown / "C1.nc").attrs["scenario_json"].startswith('{"name":"sample"')
 
 
 def test_a_run_that_fails_is_saved_marked_incomplete_and_status_1(tmp_path: Path):
@@ -317,7 +317,7 @@ def test_a_run_that_fails_is_saved_marked_incomplete_and_status_1(tmp_path: Path
     status, said = invoke("study", str(path), "--out", str(out))
     assert status == 1
     assert f"{out} holds results of another run: they are replaced" in said
-    assert set(out.iterdir()) - set(folder.files(out, study.FLOWN)) == {out / "notes"}
+    assert set(out.iterdir()) - set(folder.files(out, results.FLOWN)) == {out / "notes"}
     assert not (out / "I.nc").exists()
     summary = json.loads((out / "summary.json").read_text())
     assert "warning: unstable at rest" in said.partition("C1")[0]

@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 from colift import agent as ag
 from colift import mjcf, scenario
 from colift.__main__ import app
-from colift.scenario import build
+from colift.scenario import roster, starts
 from tests import teams
 from tests.pinocchio_team import PinocchioTeam, take
 
@@ -162,8 +162,8 @@ def test_the_command_writes_the_scenarios_names_start_and_limits(tmp_path: Path)
         assert {m.site(name).id, m.site(f"payload/{name}").id} == {connect.obj1id[0], connect.obj2id[0]}
     np.testing.assert_array_equal(m.actuator("front thrust").ctrlrange, [0, 50])
     settings = scenario.load("paper")
-    truth, _ = build.team(settings)
-    z = build.start(settings, truth)
+    truth, _ = roster.team(settings)
+    z = starts.start(settings, truth)
     np.testing.assert_array_equal(d.joint("payload").qpos[:3], z.payload.p)
     np.testing.assert_allclose(d.body("rear").subtree_com, z.agents[0].x[1], atol=1e-14)
     np.testing.assert_array_equal(m.opt.gravity, settings.gravity_mps2)

@@ -12,7 +12,7 @@ import pytest
 
 from colift import modes, simulate, study
 from colift.model import State
-from colift.scenario import build
+from colift.scenario import starts
 from tests import light
 from tests import paper_flights as paper
 
@@ -29,7 +29,7 @@ def plan(hertz: float = 500.0) -> simulate.Plan:
 
 @functools.cache
 def z() -> State:
-    return build.at_rest(paper.SETTINGS, paper.plan("C1").world.team)
+    return starts.at_rest(paper.SETTINGS, paper.plan("C1").world.team)
 
 
 @functools.cache
@@ -172,7 +172,7 @@ def three_bodies(delay_s: float = 0.0) -> tuple[modes.Carried, np.ndarray]:
     motors = {"kind": "motors", "bandwidth_Hz": 1e6, "delay_s": delay_s}
     settings = light.settings(actuators=motors)
     plan = study.plan(settings, "C1")
-    return modes.monodromy(plan, build.at_rest(settings, plan.world.team))
+    return modes.monodromy(plan, starts.at_rest(settings, plan.world.team))
 
 
 def test_the_delay_margin_ends_where_the_loop_that_has_a_delay_is_unstable():
@@ -212,7 +212,7 @@ def test_the_slowest_mode_of_a_loop_that_is_a_little_different_is_known_to_first
             control=light.SAMPLE.control.model_copy(update={"k_omega": 14.0 * factor, "agent_k_omega": 28.0 * factor}),
         )
         plan = study.plan(settings, "C1")
-        z = build.at_rest(settings, plan.world.team)
+        z = starts.at_rest(settings, plan.world.team)
         true = modes.at_rest(plan, z).rate[0]
         assert abs(modes.estimate(plan, z, x, M) - true) < 0.3 * abs(true - now) + 1e-3 * abs(now)
     assert abs(true - now) > 0.02 * abs(now)

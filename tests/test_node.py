@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 from colift import node, scenario, study
 from colift.measurement import Measurement
 from colift.model import Clock
-from colift.scenario import build
+from colift.scenario import roster
 from tests import light
 
 ROS = get_typestore(Stores.ROS2_JAZZY)
@@ -64,7 +64,7 @@ def said(m: Measurement, of: node.Names) -> dict[str, Any]:
 @pytest.fixture(scope="module")
 def measured() -> tuple[Any, Measurement]:
     """The paper's nominal team, and a measurement of it with every number random."""
-    truth, nominal = build.team(TOLD)
+    truth, nominal = roster.team(TOLD)
     rng = np.random.default_rng(0)
     like = node._still(truth)
     drawn = jax.tree.map(lambda x: jnp.asarray(rng.normal(size=x.shape)), like)

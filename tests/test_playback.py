@@ -19,9 +19,9 @@ import xarray as xr
 from PIL import Image
 from typer.testing import CliRunner
 
-from colift import folder, log, playback, scenario, scene, study
+from colift import folder, log, playback, results, scenario, scene, study
 from colift.__main__ import app
-from colift.scenario import build
+from colift.scenario import roster
 from tests import browser, flights, light, played
 from tests.played import CASES, random_log
 
@@ -68,7 +68,7 @@ def test_the_page_holds_the_frames_and_names_the_run(made, flown, told):
     assert folder.run_of(made) == flights.RUN
     written = embedded(text)
     assert (written["scenario"], written["seed"], written["run"]) == (told.name, told.seed, flights.RUN)
-    truth, _ = build.team(told)
+    truth, _ = roster.team(told)
     for case, ds in flown.items():
         (found,) = [each for each in written["cases"] if each["name"] == case]
         for name, track in (scene.frames(ds, truth) | scene.curves(ds)).items():
@@ -76,7 +76,7 @@ def test_the_page_holds_the_frames_and_names_the_run(made, flown, told):
         assert found["t"] == pytest.approx(ds.time.values[scene.rows(ds)], abs=1e-6)
         assert found["marks"]["updates"] == pytest.approx(np.atleast_1d(ds.attrs["update_times_s"]))
     shape = written["shape"]
-    assert [contact["name"] for contact in shape["contacts"]] == list(build.contact_names(told))
+    assert [contact["name"] for contact in shape["contacts"]] == list(roster.contact_names(told))
     assert [agent["name"] for agent in shape["agents"]] == list(light.NAMES)
     assert {len(agent["rotors_m"]) for agent in shape["agents"]} == {4}
     assert shape["links"] == [[0, 1], [2, 3], [4, 5]]  # the hooks
@@ -166,7 +166,7 @@ def test_the_command_says_where_the_page_is_and_opens_it_only_if_asked(tmp_path,
 
 
 def test_the_next_study_removes_the_page(made):
-    assert made in folder.files(made.parent, study.FLOWN)
+    assert made in folder.files(made.parent, results.FLOWN)
 
 
 # The bundle -----------------------------------------------------------------------------------------------------------

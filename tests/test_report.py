@@ -13,7 +13,7 @@ from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 from typer.testing import CliRunner
 
-from colift import folder, log, report, scenario, study
+from colift import folder, log, report, results, scenario
 from colift.__main__ import app
 from tests import browser, flights, played
 
@@ -79,7 +79,7 @@ def test_a_report_holds_what_was_run_table_figures_playback_and_settings(out):
     settings = re.search(r"<pre>(.*?)</pre>", text, re.DOTALL)
     assert settings
     assert scenario.parse(html.unescape(settings[1]), "report") == played.told()
-    assert (out / "report.html") in folder.files(out, study.FLOWN)  # the next study removes it
+    assert (out / "report.html") in folder.files(out, results.FLOWN)  # the next study removes it
 
 
 def test_a_report_asks_for_nothing_and_no_name_of_a_scenario_ends_it_early(out):

@@ -16,7 +16,7 @@ from scipy.linalg import expm
 from colift import dynamics, fly, gp, grasp, learn, model, response, scenario
 from colift.model import Residual, State, no_force
 from colift.response import OUTPUTS
-from colift.scenario import build, settings
+from colift.scenario import pilots, roster, settings, starts
 from tests import teams
 
 SIZES = np.repeat([0.5, 0.05, 0.5, 0.05, 0.02, 0.5, 0.05, 0.02], 3)  # N and N m, of a flat residual of the study's team
@@ -28,8 +28,8 @@ def study() -> tuple[fly.LeaderFollower, State]:
     given = scenario.load("paper")
     small = given.learning.model_copy(update={"capacity": 2})
     given = given.model_copy(update={"start": settings.Start(), "learning": small})
-    _, nominal = build.team(given)
-    return build.pilot(given, nominal), build.start(given, nominal)
+    _, nominal = roster.team(given)
+    return pilots.pilot(given, nominal), starts.start(given, nominal)
 
 
 @functools.cache
@@ -221,7 +221,7 @@ def test_modes_are_those_of_the_loop_by_differences():
 def test_a_steady_force_on_the_payload_is_shared_as_the_design_measured():
     """`delta_W = -M_A (M_L + M_A)^-1 f~_L` with thrusts aligned: -0.71 upwards, -0.83 along the team, at 1.5 kg."""
     pilot, z = study()
-    truth, _ = build.team(scenario.load("paper"))
+    truth, _ = roster.team(scenario.load("paper"))
     found = response.linearize(dataclasses.replace(pilot, team=truth), z)
     rows = found.rows("delta_W")
     steady = found.D[rows] - found.C[rows] @ np.linalg.solve(found.A, found.B)
@@ -287,7 +287,7 @@ def test_joints_beyond_need_return_to_rest_as_fast_as_is_stated(seed):
             "control": given.control.model_copy(update={"posture": rate}),
         }
     )
-    _, nominal = build.team(changed)
-    pilot, z = build.pilot(changed, nominal), build.at_rest(changed, nominal)
+    _, nominal = roster.team(changed)
+    pilot, z = pilots.pilot(changed, nominal), starts.at_rest(changed, nominal)
     slowest = np.linalg.eigvals(response.linearize(pilot, z).A).real.max()
     assert slowest < -min(rate / 2, 2.0)

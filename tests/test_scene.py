@@ -11,7 +11,7 @@ import xarray as xr
 from colift import agent as ag
 from colift import disturbance, grasp, scenario, scene
 from colift.model import PayloadState
-from colift.scenario import build
+from colift.scenario import disturbances, paths, roster, starts
 from tests import flights, played
 from tests.played import PAPER, random_log
 
@@ -27,8 +27,8 @@ def flown() -> dict[str, xr.Dataset]:
 
 
 def test_bases_joints_and_tips_are_where_the_kinematics_put_them():
-    truth, _ = build.team(PAPER)
-    z = build.start(PAPER, truth)
+    truth, _ = roster.team(PAPER)
+    z = starts.start(PAPER, truth)
     (state,) = z.agents
     ds = random_log()
     for name, x in {"R": state.R, "x": state.x, "r": state.r.ravel(), "p": z.payload.p, "R_L": z.payload.R}.items():
@@ -48,7 +48,7 @@ def test_bases_joints_and_tips_are_where_the_kinematics_put_them():
 
 
 def test_the_tips_stay_on_the_payload_along_a_flight(flown, told):
-    truth, _ = build.team(told)
+    truth, _ = roster.team(told)
     for ds in flown.values():
         at, shown = ds.isel(time=scene.rows(ds)), scene.frames(ds, truth)
         contacts = np.asarray(grasp.contacts(truth))
@@ -57,10 +57,10 @@ def test_the_tips_stay_on_the_payload_along_a_flight(flown, told):
 
 
 def test_the_reference_is_the_scenario_s_and_the_disturbance_what_its_laws_give(flown, told):
-    truth, _ = build.team(told)
+    truth, _ = roster.team(told)
     ds = flown["C1"]
     at, shown = ds.isel(time=scene.rows(ds)), scene.frames(ds, truth)
-    path, sources = build.path(told), build.disturbances(told)
+    path, sources = paths.path(told), disturbances.disturbances(told)
     setpoint = jax.jit(jax.vmap(path.at))(jnp.asarray(at.time.values))
     np.testing.assert_allclose(shown["p_d"], setpoint.p, atol=1e-12)
     w, x, y, z = np.moveaxis(shown["q_d"], -1, 0)

@@ -14,7 +14,7 @@ import pytest
 
 from colift import checkup, gp, grasp, scenario
 from colift.dynamics import CONSISTENT
-from colift.scenario import build
+from colift.scenario import roster
 from tests import shipped
 
 ROOT = Path(__file__).parents[1]
@@ -97,9 +97,9 @@ TEAMS = ("beam", "trio", "uneven", "plate", "seven", "hover", "heavy", "turning"
 
 @pytest.mark.parametrize("name", TEAMS)
 def test_a_team_that_ships_stands_on_a_grasp_that_bears_every_wrench_and_lifts_its_weight(name: str):
-    """That it starts on its grasp is seen in test_scenario_build.py; `./dev evidence tuned` flies the first five."""
+    """That it starts on its grasp is seen in test_scenario_starts.py; `./dev evidence tuned` flies the first five."""
     given = scenario.load(name)
-    truth, _ = build.team(given)
+    truth, _ = roster.team(given)
     values = grasp.singular_values(truth, length=float(np.sqrt((np.asarray(grasp.contacts(truth)) ** 2).sum(1).mean())))
     assert values[0] < checkup.CONDITION_MOST * values[-1]
     have = np.concatenate([np.asarray(group.thrust_max) for group in truth.groups])

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from colift import checkup, grasp, scenario, starter
 from colift.__main__ import app
-from colift.scenario import build
+from colift.scenario import roster, starts
 
 VEHICLE = """<robot name="two hands">
   <link name="base"><inertial><mass value="1.5"/>
@@ -52,7 +52,7 @@ def test_vehicles_stand_apart_around_the_plate_on_their_contacts(agents: int, ar
     places = np.array([np.mean(agent.contacts_m, axis=0) for agent in settings.agents])
     apart = np.linalg.norm(places[:, None] - places, axis=2) + 10 * np.eye(agents)
     assert apart.min() > (1.0 if arms == 2 else 0.49)
-    values = grasp.singular_values(build.team(settings)[0], length=0.5)
+    values = grasp.singular_values(roster.team(settings)[0], length=0.5)
     assert values[0] < 6 * values[-1]
 
 
@@ -98,8 +98,8 @@ def test_a_vehicle_from_urdf_stands_with_its_hands_on_the_plate(tmp_path: Path):
     assert 'urdf: "../vehicle.urdf"' in made.read_text()
     settings = scenario.load(made)
     assert [arm.name for arm in settings.agent_types["vehicle"].arms] == ["hand_1"]
-    truth, _ = build.team(settings)
-    z = build.at_rest(settings, truth)
+    truth, _ = roster.team(settings)
+    z = starts.at_rest(settings, truth)
     assert np.abs(np.asarray(z.agents[0].r)).max() < 1e-6
 
 

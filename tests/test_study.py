@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from colift import analyse, band, simulate, study
-from colift.scenario import ScenarioError, Settings
+from colift.scenario import ScenarioError
 from colift.scenario.settings import Added, Innovation
 from tests import light
 from tests import paper_flights as paper
@@ -83,47 +83,19 @@ def test_only_cases_that_listen_log_what_labels_say(light_flights):
 # Before the flights ---------------------------------------------------------------------------------------------------
 
 
-def lighter(newton: float) -> Settings:
-    """The study with weaker rotors."""
-    data = paper.SETTINGS.model_dump()
-    data["agent_types"]["two_arms"]["thrust_max_N"] = newton
-    return Settings.model_validate(data)
-
-
 def test_a_team_that_cannot_carry_its_weight_is_refused_before_it_flies():
     """Agents of 1.84 kg with half of 1.5 kg each, a clamp of 1.2 N, and rotors that give 1.5 N less than asked."""
     weight = 9.81 * (2 * 1.84 + 1.5)
     with pytest.raises(ScenarioError, match="cannot hover") as refused:
-        study.plans(lighter(weight / 4), ("C1",))
+        study.plans(paper.lighter(weight / 4), ("C1",))
     said = str(refused.value)
     assert "front needs 28.35 N of 12.7 N, rear needs 27.88 N of 12.7 N" in said
     need = float(said.rpartition("need ")[2].split()[0])
     assert weight + 1.2 < need < weight + 1.2 + 1.5 + 1.55 + 3
     with pytest.raises(ScenarioError) as refused:
-        study.plans(lighter(28.0), ("C1",))
+        study.plans(paper.lighter(28.0), ("C1",))
     assert "front needs" in str(refused.value)
     assert "rear needs" not in str(refused.value)
-
-
-def test_what_is_known_before_a_flight_is_the_slowest_mode_and_how_much_thrust_is_left():
-    plan = {"C1": paper.plan("C1")}
-    ahead = study.outlook(paper.SETTINGS, plan)
-    assert ahead.warnings == ()
-    assert ahead.summary["slowest_mode"]["stable"]
-    assert ahead.summary["slowest_mode"]["rad_s"][0] < 0
-    assert list(ahead.hover) == ["front", "rear"]
-    narrow = study.outlook(lighter(30.0), {"C1": study.plan(lighter(30.0), "C1")})
-    assert [warning.partition(" N of ")[2] for warning in narrow.warnings] == [
-        "the 30 N of front; what is left, 5.5%, is below limits.thrust_margin = 0.1",
-        "the 30 N of rear; what is left, 7.1%, is below limits.thrust_margin = 0.1",
-    ]
-
-
-def test_a_loop_that_is_unstable_at_rest_is_a_warning_before_the_flight():
-    ahead = study.outlook(paper.SETTINGS, {"C1": paper.with_gains(paper.plan("C1"), agent_k_omega=paper.number(1e3))})
-    (warning,) = ahead.warnings
-    assert warning.startswith("unstable at rest on the reference: slowest mode +")
-    assert ahead.summary["slowest_mode"]["stable"] is False
 
 
 def test_the_study_s_flights_stay_far_from_every_limit():

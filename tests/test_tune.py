@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 from colift import modes, scenario, starter, tune
 from colift.__main__ import app
-from colift.scenario import build
+from colift.scenario import roster
 from tests import light
 
 DT = 0.002
@@ -139,7 +139,7 @@ def test_a_real_loop_s_slopes_point_where_it_decays_faster():
     found = tune.numbers(of)
     assert found["slowest_mode_1ps"] <= of.growth
     assert 0 < found["delay_margin_s"] <= 0.05
-    truth, names = of.plan.world.team, build.agent_names(of.settings)
+    truth, names = of.plan.world.team, roster.agent_names(of.settings)
     assert len(names) == sum(truth.sizes)
     assert 0.01 < found["e_p_C1_m"] < 1
 

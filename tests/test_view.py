@@ -11,39 +11,25 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from PIL import Image
 
-from colift import look, study, view
-from tests import flights, played
+from colift import look, panel, prediction, view
+from tests import flights, made_up
+from tests.made_up import CASES, RIVALS, TOLD
 
-LONG = flights.PAPER._replace(time=400, period=0.05)  # 20 s
-CASES = ("C1", "C2", "C3")
-RIVALS = ("I", "DOB", "P", "O")
-TOLD = study.CASES | study.BASELINES
 COMPARED = {
     "figure_1_tracking": lambda cases: view.tracking(cases, TOLD),
     "figure_2_mismatch": lambda cases: view.mismatch(cases, TOLD),
 }
 LOOKED_INTO = {
-    "figure_3_deviation": lambda cases: view.deviation(cases, TOLD),
+    "figure_3_deviation": lambda cases: prediction.deviation(cases, TOLD),
     "figure_4_forces": lambda cases: view.contact_forces(cases, TOLD),
-    "figure_5_rho_bar": lambda cases: view.rho_bar(cases, TOLD),
+    "figure_5_rho_bar": lambda cases: prediction.rho_bar(cases, TOLD),
 }
 FIGURES = COMPARED | LOOKED_INTO
 
 
 @pytest.fixture(scope="module")
 def cases():
-    """The paper's cases and all rivals, made up."""
-    rng = np.random.default_rng(3)
-    said = {"scenario_json": played.PAPER.model_dump_json(exclude_none=True)}
-    learned = {"update_times_s": [2.5, 4.5, 6.5, 8.5, 10.0], "T_end_s": 10.0}
-    unlearned = {"update_times_s": [], "T_end_s": 10.0}
-    found = {
-        name: flights.dataset(rng, LONG, case=name, **said, **(learned if name in ("C2", "C3", "P") else unlearned))
-        for name in (*CASES, *RIVALS)
-    }
-    for ds in found.values():
-        ds.eta[:] = ds.eta * ((ds.time >= 8) & (ds.time <= 14))
-    return found
+    return made_up.cases()
 
 
 @pytest.fixture(autouse=True)
@@ -208,58 +194,13 @@ def test_figure_2_draws_the_rms_of_the_mismatch_over_the_window_that_its_label_s
     figure = view.mismatch({"C3": ds}, TOLD)
     parts = (["F_x", "F_y", "F_z"], ["tau_x", "tau_y", "tau_z"])
     for ax, part in zip(figure.axes, parts, strict=True):
-        assert f"({view.WINDOW} s RMS)" in ax.get_ylabel()
+        assert f"({panel.WINDOW} s RMS)" in ax.get_ylabel()
         (line,) = curves(ax, "C3")
         power = (ds.delta_W.sel(wrench=part) ** 2).sum("wrench").values
         for t, y in list(zip(line.get_xdata(), line.get_ydata(), strict=True))[15:-15:7]:
-            near = np.abs(ds.time.values - t + 0.001) < view.WINDOW / 2  # 100 ticks about t
+            near = np.abs(ds.time.values - t + 0.001) < panel.WINDOW / 2  # 100 ticks about t
             assert near.sum() == 100
             assert y == pytest.approx(np.sqrt(power[near].mean()), rel=1e-12)
-
-
-def bodies(ds, names):
-    """By part of payload and agents: norms over force and over moment of the payload's signals, f_x, f_w and f_r."""
-    load, f_x, f_w, f_r = names
-    found = [[np.linalg.norm(load[:, :3], axis=1)], [np.linalg.norm(load[:, 3:], axis=1)], [], []]
-    for agent in ds.agent.values:
-        joints = [joint for joint in ds.joint.values if joint.startswith(f"{agent}/")]
-        found[2].append(np.linalg.norm(f_x.sel(agent=agent), axis=1))
-        found[3].append(
-            np.sqrt(((f_w.sel(agent=agent) ** 2).sum("axis") + (f_r.sel(joint=joints) ** 2).sum("joint")).values)
-        )
-    return found
-
-
-def errors(ds):
-    at = np.searchsorted(ds.time, ds.time_sigma)
-    return bodies(ds, [(ds[f] - ds[f"{f}_hat"])[at] for f in ("f_L", "f_x", "f_w", "f_r")])
-
-
-def test_figure_3_draws_every_error_beside_its_deviation_force_and_moment_apart(cases):
-    figure = LOOKED_INTO["figure_3_deviation"]({name: cases[name] for name in CASES})
-    panels = np.array(figure.axes).reshape(4, 3)
-    assert [ax.get_ylabel().split("[")[1] for ax in panels[:, 0]] == ["N]", "N m]", "N]", "N m]"]
-    for k, name in enumerate(CASES):
-        ds = cases[name]
-        sigmas, true = bodies(ds, [ds[f"sigma_{f}"] for f in ("f_L", "f_x", "f_w", "f_r")]), errors(ds)
-        for ax, sigma, error in zip(panels[:, k], sigmas, true, strict=True):
-            assert len(ax.lines) == 2 * len(sigma)
-            for n, (expected, flown) in enumerate(zip(sigma, error, strict=True)):
-                deviation, drawn = ax.lines[2 * n : 2 * n + 2]
-                np.testing.assert_allclose(deviation.get_ydata(), expected, rtol=1e-14)
-                np.testing.assert_allclose(drawn.get_ydata(), flown, rtol=1e-7)  # a window is one point here
-                assert deviation.get_linewidth() > 2 * drawn.get_linewidth()
-                assert deviation.get_linestyle() == drawn.get_linestyle()
-    legend = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert legend[2:] == list(cases["C1"].agent.values)
-
-
-def test_figure_3_draws_the_rms_of_the_error_over_the_window_that_its_legend_states(cases):
-    ds = flights.dataset(np.random.default_rng(5), flights.PAPER._replace(time=500))  # radii each 10 ms
-    line = view.deviation({"C3": ds}, TOLD).axes[0].lines[1]
-    (error,) = errors(ds)[0]
-    for i in range(15, 85, 7):
-        assert line.get_ydata()[i] == pytest.approx(np.sqrt((error[i - 10 : i + 10] ** 2).mean()), rel=1e-12)
 
 
 def test_figure_4_draws_estimates_and_truth_of_every_contact(cases):
@@ -289,47 +230,12 @@ def test_figure_4_draws_estimates_and_truth_of_every_contact(cases):
         assert (window.get_x(), window.get_x() + window.get_width()) == pytest.approx((8, 14), abs=1e-9)
 
 
-def test_figure_5_draws_every_radius_over_the_true_error_of_its_body(cases):
-    panels = np.array(view.rho_bar({name: cases[name] for name in CASES}, TOLD).axes).reshape(4, 3)
-    for k, name in enumerate(CASES):
-        ds = cases[name]
-        payload = [[ds.rho_bar_L_force.values], [ds.rho_bar_L_moment.values]]
-        agents = [list(radius.values.T) for radius in (ds.rho_bar_j_force, ds.rho_bar_j_moment)]
-        for ax, radii, true in zip(panels[:, k], payload + agents, errors(ds), strict=True):
-            lines = [line for line in ax.lines if line.get_color() != "red"]
-            bounds, drawn = lines[::2], lines[1::2]
-            assert len({line.get_linestyle() for line in bounds}) == min(len(bounds), 2)
-            for bound, error, radius, expected in zip(bounds, drawn, radii, true, strict=True):
-                np.testing.assert_array_equal(bound.get_xdata(), ds.time_sigma)
-                np.testing.assert_array_equal(bound.get_ydata(), radius)
-                np.testing.assert_allclose(error.get_ydata(), expected, rtol=1e-14)
-                assert bound.get_linewidth() > 2 * error.get_linewidth()
-
-
-def test_figure_5_shows_where_there_is_no_radius_and_where_the_error_exceeds_it(cases):
-    ds = cases["C3"].copy(deep=True)
-    ds.rho_bar_L_force[:] = 1e3
-    ds.rho_bar_L_force[10:20] = np.inf
-    ds.rho_bar_L_force[30:40] = 1e-9
-    ax = view.rho_bar({"C3": ds}, TOLD).axes[0]
-    t = ds.time_sigma.values
-    (red,) = [line for line in ax.lines if line.get_color() == "red"]
-    np.testing.assert_array_equal(red.get_xdata(), t[30:40])
-    (hatched,) = ax.collections
-    assert hatched.get_hatch()
-    across = hatched.get_paths()[0].vertices[:, 0]
-    assert (across.min(), across.max()) == (t[10], t[19])
-    assert np.isnan(ax.lines[0].get_ydata()[10:20]).all()
-    legend = [text.get_text() for text in ax.figure.legends[0].get_texts()]
-    assert legend[2:] == [*cases["C3"].agent.values, "no finite radius", "error above radius"]
-
-
 def test_no_legend_explains_what_is_not_there(cases):
     calm = cases["C3"].copy(deep=True)
     for name in ("rho_bar_L_force", "rho_bar_L_moment", "rho_bar_j_force", "rho_bar_j_moment"):
         calm[name][:] = 1e3
     calm.eta[:] = 0
-    said = [text.get_text() for text in view.rho_bar({"C3": calm}, TOLD).legends[0].get_texts()]
+    said = [text.get_text() for text in prediction.rho_bar({"C3": calm}, TOLD).legends[0].get_texts()]
     assert said[2:] == list(calm.agent.values)
     forces = view.contact_forces({"C3": calm}, TOLD)
     assert len(forces.axes) == 2  # no row for what does not act
@@ -359,12 +265,6 @@ def test_figure_7_draws_what_labels_say_where_they_stop_and_when_the_world_chang
     assert error.get_yscale() == "log"
     names = {path.stem for path in view.figures({"C3": heard, "C1": cases["C1"]}, TOLD, tmp_path)}
     assert "figure_7_reaction" in names
-
-
-def test_figure_5_says_what_its_radii_rest_on(cases):
-    assert "assumed: norm, energy" in view.rho_bar({"C3": cases["C3"]}, TOLD).get_suptitle()
-    met = cases["C3"].assign_attrs(rho_assumed="")
-    assert "all assumptions met" in view.rho_bar({"C3": met}, TOLD).get_suptitle()
 
 
 def test_flights_of_one_tick_are_drawn(cases):
@@ -415,7 +315,8 @@ def test_a_flight_that_stopped_ends_in_a_cross_at_its_last_finite_value(cases):
 def test_rivals_alone_are_drawn_and_beside_others_left_out_where_a_case_is_looked_into(cases, tmp_path, monkeypatch):
     drawn = {}
     for name in ("team", "tracking", "mismatch", "deviation", "contact_forces", "rho_bar"):
-        monkeypatch.setattr(view, name, lambda cases, *_, name=name: drawn.update({name: list(cases)}) or Figure())
+        where = view if hasattr(view, name) else prediction
+        monkeypatch.setattr(where, name, lambda cases, *_, name=name: drawn.update({name: list(cases)}) or Figure())
     monkeypatch.setattr(look, "save", lambda *_: [])
     view.figures({"O": cases["O"]}, TOLD, tmp_path)
     assert set(map(tuple, drawn.values())) == {("O",)}
@@ -434,25 +335,6 @@ def test_the_team_is_drawn_with_its_names(cases):
     near, far = view.team(cases).axes
     assert [text.get_text() for text in near.texts] == ["front", "rear", "left", "right", "left", "right"]
     assert not far.texts
-
-
-def test_the_spread_over_seeds_has_a_mark_for_each_and_a_line_at_the_median(tmp_path):
-    merits = dict.fromkeys(view.MERITS, 0.0)
-    found = [{case: dict.fromkeys(merits, 0.001 * (k + 1)) for case in ("C1", "O", "mine")} for k in range(5)]
-    files = view.spread(found, TOLD, tmp_path / "seeds")
-    assert [file.name for file in files] == ["seeds.pdf", "seeds.png"]
-    figure = view._spread(found, TOLD)
-    for ax in figure.axes:
-        marks, medians = ax.lines[::2], ax.lines[1::2]
-        assert [len(line.get_xdata()) for line in marks] == [5, 5, 5]
-        assert all(
-            line.get_xdata()[0] == np.median(mark.get_xdata()) for line, mark in zip(medians, marks, strict=True)
-        )
-    assert [text.get_text() for text in figure.axes[0].get_yticklabels()] == [
-        "C1: no learning",
-        "O: residuals known exactly",
-        "mine",
-    ]
 
 
 def test_a_folder_that_cannot_be_written_is_one_line(cases, tmp_path):

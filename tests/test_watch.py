@@ -20,7 +20,7 @@ import numpy as np
 import pytest
 
 from colift import scene, study, watch
-from colift.scenario import build
+from colift.scenario import roster
 from tests import browser, light, played
 
 CASE = "C3"
@@ -65,7 +65,7 @@ def test_the_stream_holds_every_frame_once_as_the_log_does(watched):
     assert [each["from"] for each in said] == [0, *(each["known"] for each in said[:-1])]
     flight = watched["flight"]
     ds = played.labelled(flight.rows, flight.sigma, told, update_times_s=[0.8], case=CASE)
-    expected = scene.frames(ds, build.team(told)[0]) | scene.curves(ds)
+    expected = scene.frames(ds, roster.team(told)[0]) | scene.curves(ds)
     for name in said[0]["tracks"]:
         track = np.concatenate([numbers(each["tracks"][name]) for each in said if each["tracks"]])
         np.testing.assert_array_equal(track, expected[name].astype("<f4"), err_msg=name)

@@ -10,17 +10,23 @@ The map; each module imports only those below it:
     hil         a team in lockstep with autopilots
     node        the pilot's tick as a ROS 2 node
     bag         a flight as a ROS 2 bag
-    study       C1, C2, C3 and the rivals of learning, flights with their certificates; what is written of them
+    certification  a scenario certified: flights, certificate, challenge, file
+    results     the flights of a study, and what is written of them
     report      a study as one page
     watch       a flight seen while it flies
     view        figures of a study
+    prediction  figures of what is predicted beside what is so
+    spread      figures of merit over seeds
     tightness   figures of radii beside what is observed
     lengthscales  the table of what was learned
     playback    flights as a page that plays them
     picture     flights as pictures and films
+    panel       axes, marks and signals of a study's figures
     scene       what is seen of a flight
     export      the pilot's tick as C
     starter     a scenario to begin with
+    study       C1, C2, C3 and their rivals: the plan of each
+    outlook     what is known of a scenario before it is flown
     look        how figures look
     log         a flight as labelled NetCDF
     folder      where one run's results lie, and who may write there
@@ -128,7 +134,7 @@ _HOME = {
     "Team": "model",
     "Tree": "model",
     "accelerate": "dynamics",
-    "dataset": "study",
+    "dataset": "results",
     "fly_plan": "simulate",
     "integrate": "dynamics",
     "linearize": "response",

@@ -130,15 +130,14 @@ def _opened(read: Callable[[], Any], out: Path | None, kept: str, suffix: str = 
 
     What a person can mend, and a request to end, end the block with a line: of the latter with what is `kept`.
     """
-    from colift import folder as results
-    from colift import native, scenario
-    from colift import study as flights
+    from colift import folder as folders
+    from colift import native, results, scenario
 
     interrupt.check()
     try:
         settings = read()
-        with flights.claim(settings, out or Path("out") / f"{settings.name}{suffix}") as folder:
-            if results.of_others(folder, flights.FLOWN + flights.CERTIFIED):
+        with results.claim(settings, out or Path("out") / f"{settings.name}{suffix}") as folder:
+            if folders.of_others(folder, results.FLOWN + results.CERTIFIED):
                 errors.print(f"{folder.path} holds results of another run: they are replaced", markup=False)
             try:
                 yield settings, folder
@@ -411,13 +410,14 @@ def _fly(
     read: Callable[[], Any], cases: tuple[str, ...], out: Path | None, quiet: bool, as_json: bool, suffix: str = ""
 ) -> None:
     """Fly the cases of the settings that are read, save and print them; the folder is named after them and `suffix`."""
+    from colift import outlook
     from colift import study as flights
 
     with _opened(read, out, "the cases that had ended are in", suffix) as (settings, folder):
         with _stages(f"preparing {settings.name}", quiet) as say:
             ready = flights.plans(settings, cases)
             say("its loop at rest")
-            ahead = flights.outlook(settings, ready)
+            ahead = outlook.outlook(settings, ready)
         with _printed(""):
             _report_outlook(ahead, quiet or as_json)
         summary = _with_progress(settings, folder, ready, ahead, quiet)
@@ -440,12 +440,13 @@ def _report_outlook(ahead: Any, warnings_only: bool) -> None:
 
 def _with_progress(settings: Any, folder: Any, ready: dict[str, Any], ahead: Any, quiet: bool) -> dict[str, Any]:
     """Fly with a bar a case; where bars cannot be drawn, with a line every few seconds; where it is quiet, neither."""
+    from colift import results
     from colift import study as flights
 
     if quiet:
-        return flights.run(settings, folder, ready, ahead)
+        return results.run(settings, folder, ready, ahead)
     if not errors.is_terminal:
-        return flights.run(settings, folder, ready, ahead, _lines(flights.ALL, settings.duration_s))
+        return results.run(settings, folder, ready, ahead, _lines(flights.ALL, settings.duration_s))
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
     known = flights.ALL
@@ -465,7 +466,7 @@ def _with_progress(settings: Any, folder: Any, ready: dict[str, Any], ahead: Any
                 bars.start_task(tasks[case])
             bars.update(tasks[case], completed=t)
 
-        return flights.run(settings, folder, ready, ahead, progress)
+        return results.run(settings, folder, ready, ahead, progress)
 
 
 def _lines(known: dict[str, str], duration: float) -> Callable[[str, float], None]:
@@ -545,15 +546,15 @@ def certify(
     Flies the scenario and its twin, whose world obeys the learned means. Writes certificate.json and figure 6.
     Status 1 if an observed error is above its radius.
     """
-    from colift import study as flights
+    from colift import certification
 
     read = functools.partial(_settings, name, changes, duration, seed)
     with _opened(read, out, "no certificate was written to") as (settings, folder):
         try:
             with _stages(f"certifying {settings.name}") as say:
-                made = flights.certify(settings, progress=say)
-                against = flights.challenge(made, progress=say) if adversary else None
-                summary = flights.save_certificate(settings, made, against, folder, say)
+                made = certification.certify(settings, progress=say)
+                against = certification.challenge(made, progress=say) if adversary else None
+                summary = certification.save_certificate(settings, made, against, folder, say)
         except ValueError as error:
             raise _fail(str(error)) from None
     with _printed(f"; the results are in {folder.path}"):
@@ -695,13 +696,13 @@ def _export_mjcf(
 ) -> None:
     """The true team at its start as an MJCF model, which MuJoCo opens and simulates (docs/plant.md)."""
     from colift import disk, mjcf, scenario
-    from colift.scenario import build
+    from colift.scenario import roster, starts
 
     try:
         settings = _settings(name, changes)
-        truth, _ = build.team(settings)
-        names = (build.agent_names(settings), build.joint_names(settings), build.contact_names(settings))
-        text = mjcf.document(truth, build.start(settings, truth), *names)
+        truth, _ = roster.team(settings)
+        names = (roster.agent_names(settings), roster.joint_names(settings), roster.contact_names(settings))
+        text = mjcf.document(truth, starts.start(settings, truth), *names)
         if out is not None:
             disk.write(out, text.encode())
     except (scenario.ScenarioError, OSError) as error:
@@ -720,20 +721,20 @@ def _export_urdf(
 ) -> None:
     """Each type of agent of the true team as a URDF file, its contact points as links."""
     from colift import disk, scenario, urdf
-    from colift.scenario import build
+    from colift.scenario import roster
 
     try:
         settings = _settings(name, changes)
         folder = out or Path("out") / f"{settings.name}-urdf"
         folder.mkdir(parents=True, exist_ok=True)
-        for kind, agent in build.kinds(settings).items():
+        for kind, agent in roster.kinds(settings).items():
             told = settings.agent_types[kind]
             text = urdf.document(kind, agent, [joint.name for joint in told.joints], [arm.name for arm in told.arms])
             disk.write(folder / f"{kind}.urdf", text.encode())
     except (scenario.ScenarioError, OSError) as error:
         raise _fail(_one_line(error)) from None
     with _printed(""):
-        print(f"{', '.join(f'{kind}.urdf' for kind in build.kinds(settings))} of {settings.name}: in {folder}")
+        print(f"{', '.join(f'{kind}.urdf' for kind in roster.kinds(settings))} of {settings.name}: in {folder}")
 
 
 Flown = Annotated[Path, typer.Argument(metavar="OUT", help="A folder that `colift study` or `colift run` wrote.")]

@@ -22,7 +22,7 @@ from colift import agent as ag
 from colift import scene, so3
 from colift.linalg import apply
 from colift.model import Agent, Team
-from colift.scenario import build
+from colift.scenario import roster
 
 try:
     from mcap.writer import Writer
@@ -57,7 +57,7 @@ def document(ds: xr.Dataset) -> bytes:
     Raises ValueError for a log that does not hold its scenario, and for names that are the same to ROS.
     """
     told = scene.settings(ds)
-    team, _ = build.team(told)
+    team, _ = roster.team(told)
     topics = tuple(_topics(ds, team))
     memory = io.BytesIO()
     writer = Writer(memory)

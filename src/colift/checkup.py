@@ -20,7 +20,7 @@ from jaxtyping import Array, Float
 from colift import disturbance, fly, grasp, modes, simulate, so3, study
 from colift.linalg import mul, transpose
 from colift.model import PayloadState, State, Team, Wrench
-from colift.scenario import ScenarioError, Settings, build
+from colift.scenario import ScenarioError, Settings, limits, roster, starts
 
 CONDITION_MOST = 30.0  # of the grasp matrix, moments over the contacts' distance: a lever of a thirtieth of that
 JACOBIAN_MOST = 100.0  # of an agent's grasp Jacobian, a tenth of what is refused: 0.05 rad from straight down
@@ -73,13 +73,13 @@ class Checkup:
 
 def check(settings: Settings, progress: Callable[[str], None] = lambda _what: None) -> Checkup:
     """Build a scenario, linearize its sampled loop at rest, and judge both; what cannot be built is a finding too."""
-    truth, nominal = build.team(settings)
+    truth, nominal = roster.team(settings)
     found = [_mass(settings, truth, nominal)]
     try:
         found.append(_contacts(settings, truth))
         progress("the team")
         plan = study.plan(settings, "C1")
-        z = build.at_rest(settings, truth)
+        z = starts.at_rest(settings, truth)
         found += [_thrust(settings, plan, z), *_joints(settings, truth, z)]
     except ScenarioError as error:
         # of a refusal the sentence is its own advice: it names what is at fault, and what is needed
@@ -116,7 +116,7 @@ def _posture(settings: Settings, found: modes.Modes) -> Iterator[Finding]:
     if not own.any():
         return
     k = int(np.argmax(own))  # modes are slowest first
-    rate, joint = float(-found.eigenvalues[k].real), build.joint_names(settings)[int(np.argmax(found.joints[k]))]
+    rate, joint = float(-found.eigenvalues[k].real), roster.joint_names(settings)[int(np.argmax(found.joints[k]))]
     advice = (
         f"{joint} returns too slowly: lower control.posture to {rate:.2g} or less, raise control.agent_k_R and "
         "agent_k_omega, or turn the rest of its joints so that they move the agent sideways over its tip"
@@ -143,7 +143,7 @@ def _mend(refusal: str) -> str:
 
 
 def _mass(settings: Settings, truth: Team, nominal: Team) -> Finding:
-    names = build.agent_names(settings)
+    names = roster.agent_names(settings)
     agents = dict(zip(names, np.concatenate([group.mass.sum(1) for group in truth.groups]).tolist(), strict=True))
     load, believed = float(truth.payload.mass), float(nominal.payload.mass)
     total, thrust = load + sum(agents.values()), float(sum(group.thrust_max.sum() for group in truth.groups))
@@ -160,7 +160,7 @@ def _mass(settings: Settings, truth: Team, nominal: Team) -> Finding:
 
 def _contacts(settings: Settings, truth: Team) -> Finding:
     """The grasp matrix: whether every wrench can be given, and how much worse the worst than the best."""
-    c, names = np.asarray(grasp.contacts(truth)), build.contact_names(settings)
+    c, names = np.asarray(grasp.contacts(truth)), roster.contact_names(settings)
     length = max(float(np.sqrt((c**2).sum(1).mean())), 1e-9)
     values = grasp.singular_values(truth, length)
     rank, condition = int((values[0] < 1e6 * values).sum()), float(values[0] / max(values[-1], 1e-300))
@@ -184,7 +184,7 @@ def _joints(settings: Settings, truth: Team, z: State) -> Iterator[Finding]:
     """Every agent's grasp Jacobian at rest: whether its joints can follow the payload; nothing for single bodies."""
     conditions, advice = {}, []
     kinds = {agent.name: agent.type for agent in settings.agents}
-    for name, agent, r, _ in grasp.each(truth, z, build.agent_names(settings)):
+    for name, agent, r, _ in grasp.each(truth, z, roster.agent_names(settings)):
         values, share = grasp.weakest(agent, r)
         conditions[name] = float(values[0] / values[-1])
         if conditions[name] > JACOBIAN_MOST and len(share):
@@ -203,10 +203,10 @@ def _joints(settings: Settings, truth: Team, z: State) -> Iterator[Finding]:
 
 def _thrust(settings: Settings, plan: simulate.Plan, z: State) -> Finding:
     """What hovering and the reference take of every agent's thrust; bad where `limits.thrust_margin` is not left."""
-    names, margin = build.agent_names(settings), settings.limits.thrust_margin
+    names, margin = roster.agent_names(settings), settings.limits.thrust_margin
     have = np.concatenate([group.thrust_max for group in plan.world.team.groups])
     t = np.linspace(0.0, plan.duration, MOMENTS)
-    hover = build.hover(settings, plan.world.team, plan.pilot, plan.world.sources)
+    hover = limits.hover(settings, plan.world.team, plan.pilot, plan.world.sources)
     path = thrust_along(plan, z, t)
     left = [1 - hover / have, 1 - path.max(0) / have]
     least = [int(np.argmin(each)) for each in left]
@@ -283,8 +283,8 @@ TURNS = ("roll", "pitch", "yaw")
 def moves(settings: Settings, found: modes.Modes, most: int = 3) -> str:
     """What the slowest mode moves, largest first: the payload, agents' attitudes, joints, each with its share."""
     load = [*(f"the payload in {turn}" for turn in TURNS), *(f"the payload along {axis}" for axis in "xyz")]
-    agents = [f"{name} in {turn}" for name in build.agent_names(settings) for turn in TURNS]
-    names = [*load, *agents, *(f"joint {name}" for name in build.joint_names(settings))]
+    agents = [f"{name} in {turn}" for name in roster.agent_names(settings) for turn in TURNS]
+    names = [*load, *agents, *(f"joint {name}" for name in roster.joint_names(settings))]
     shape = np.concatenate([found.payload[0], found.attitude[0].ravel(), found.joints[0]])
     order = [k for k in np.argsort(-shape)[:most] if shape[k] > 0.3 * shape.max()]
     return ", ".join(f"{names[k]} ({shape[k]:.2g})" for k in order)
@@ -321,11 +321,11 @@ def _steadier(settings: Settings, x: modes.Carried, M: np.ndarray, progress: Cal
 
     def guess(changed: Settings) -> float:
         plan = study.plan(changed, "C1")
-        return modes.estimate(plan, build.at_rest(changed, plan.world.team), x, M)
+        return modes.estimate(plan, starts.at_rest(changed, plan.world.team), x, M)
 
     def rate(changed: Settings) -> float:
         plan = study.plan(changed, "C1")
-        return modes.at_rest(plan, build.at_rest(changed, plan.world.team)).rate[0]
+        return modes.at_rest(plan, starts.at_rest(changed, plan.world.team)).rate[0]
 
     guesses = [(guess(changed), typed, changed) for typed, changed in _gains(settings)]
     gains = sorted((each for each in guesses if np.isfinite(each[0])), key=lambda each: each[0])[:TRIED]
@@ -348,7 +348,7 @@ def _patient(settings: Settings, now: float, progress: Callable[[str], None]) ->
         progress(f"its loop with {typed}")
         plan = study.plan(changed, "C1")
         with contextlib.suppress(ValueError):
-            x, M = modes.monodromy(plan, build.at_rest(changed, plan.world.team))
+            x, M = modes.monodromy(plan, starts.at_rest(changed, plan.world.team))
             tried.append((_margin(changed, x, M), typed))
     better = sorted((each for each in tried if each[0] > now), reverse=True)[:TRIED]
     said = tuple(f"{typed} makes it {margin:.3g} s" for margin, typed in better)

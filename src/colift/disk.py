@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import json
+import math
 import os
 from pathlib import Path
+from typing import Any
 
 from colift import interrupt
 
@@ -31,3 +34,18 @@ def write(path: str | Path, content: bytes) -> None:
             raise
     except OSError as error:
         raise OSError(error.errno, f"cannot write {path}: {error.strerror}") from error
+
+
+def write_json(value: Any, path: Path) -> Any:
+    """Write strict JSON as `write` does; what is not finite becomes null. What the file holds; raises as `write`."""
+    held = _finite(value)
+    write(path, (json.dumps(held, indent=2, allow_nan=False) + "\n").encode())
+    return held
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [_finite(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

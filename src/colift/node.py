@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 from colift import native, simulate
 from colift.measurement import AgentReading, Measurement, PayloadReading
 from colift.model import Clock, Inputs, Team
-from colift.scenario import Settings, build
+from colift.scenario import Settings, roster
 
 PAYLOAD = "payload"
 STALE = 0.1  # s, after which a reading is not flown with
@@ -36,12 +36,12 @@ class Names(NamedTuple):
 
 def names(settings: Settings) -> Names:
     """The names of a scenario's team."""
-    agents = build.agent_names(settings)
+    agents = roster.agent_names(settings)
 
     def own(of: tuple[str, ...], agent: str) -> tuple[str, ...]:
         return tuple(name.partition("/")[2] for name in of if name.startswith(f"{agent}/"))
 
-    joints, arms = build.joint_names(settings), build.contact_names(settings)
+    joints, arms = roster.joint_names(settings), roster.contact_names(settings)
     return Names(
         agents=tuple(_ros(agent) for agent in agents),
         joints=tuple(own(joints, agent) for agent in agents),

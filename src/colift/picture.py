@@ -26,7 +26,7 @@ from matplotlib.lines import Line2D
 from PIL import Image
 
 from colift import disk, interrupt, look, scene
-from colift.scenario import build
+from colift.scenario import roster
 
 BACK = np.array([0.75, -1.5, 0.62]) / np.linalg.norm([0.75, -1.5, 0.62])  # towards the eye, as in the page
 RIGHT = np.cross([0.0, 0.0, 1.0], BACK) / np.linalg.norm(np.cross([0.0, 0.0, 1.0], BACK))
@@ -65,7 +65,7 @@ class Sketch:
 def sketch(ds: xr.Dataset, title: str = "") -> Sketch:
     """What pictures of a flight are drawn from; raises ValueError for a log that does not hold its scenario."""
     told = scene.settings(ds)
-    team, _ = build.team(told)
+    team, _ = roster.team(told)
     shape, tracks = scene.shape(team, told), scene.frames(ds, team)
     moving = {"": tracks}
     return Sketch(

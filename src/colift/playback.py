@@ -18,7 +18,7 @@ import numpy as np
 import xarray as xr
 
 from colift import disk, folder, log, scene
-from colift.scenario import build
+from colift.scenario import roster
 
 PAGE = "view.html"
 ARROWS = {
@@ -53,7 +53,7 @@ def written(flights: Mapping[str, xr.Dataset], cases: Mapping[str, str]) -> dict
     """What the page's script reads, as JSON may have it; raises as `page`."""
     first = next(iter(flights.values()))
     told = scene.settings(first)
-    team, _ = build.team(told)
+    team, _ = roster.team(told)
     shape = scene.shape(team, told)
     moving = {case: scene.frames(ds, team) for case, ds in flights.items()}
     scales = scene.scales(moving, shape["size_m"])

@@ -20,7 +20,7 @@ from colift import agent as ag
 from colift import mjcf, so3
 from colift.linalg import apply, transpose
 from colift.model import Agent, Team
-from colift.scenario import ScenarioError, Settings, build
+from colift.scenario import ScenarioError, Settings, roster
 
 FRAMES = 30.0  # 1/s, at most, of what is drawn
 SEEN = 1e-3  # m, the shortest link that is drawn
@@ -194,7 +194,7 @@ def _spans(t: np.ndarray, active: np.ndarray) -> list[list[float]]:
 def shape(team: Team, told: Settings) -> dict[str, Any]:
     """The team as the scene draws it: boxes of the bodies' inertia, rotors at their corners, links between nodes."""
     half, axes = mjcf.box(float(team.payload.mass), np.asarray(team.payload.inertia))
-    names, contacts = build.agent_names(told), iter(build.contact_names(told))
+    names, contacts = roster.agent_names(told), iter(roster.contact_names(told))
     shape: dict[str, Any] = {
         "payload": {"half_m": half.tolist(), "axes_wxyz": np.asarray(_quaternion(jnp.asarray(axes))).tolist()},
         "agents": [],

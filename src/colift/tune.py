@@ -18,7 +18,7 @@ from scipy.optimize import linprog
 
 from colift import checkup, disturbance, modes, simulate, study
 from colift.model import State
-from colift.scenario import ScenarioError, Settings, build, parse, with_control
+from colift.scenario import ScenarioError, Settings, limits, parse, starts, with_control
 from colift.scenario import text as every_setting
 
 GAINS = ("K_p", "K_v", "k_R", "k_omega", "agent_k_R", "agent_k_omega", "posture")
@@ -65,7 +65,7 @@ class Loop:
 def loop(settings: Settings) -> Loop:
     """The loop of a scenario at its rest. Raises ScenarioError as `study.plan`, ValueError where it finds no rest."""
     plan = study.plan(settings, "C1")
-    z = build.at_rest(settings, plan.world.team)
+    z = starts.at_rest(settings, plan.world.team)
     return Loop(settings, plan, z, *modes.monodromy(plan, z))
 
 
@@ -192,7 +192,7 @@ def _most_stiffness(of: Loop) -> float:
     """How much higher, as a logarithm, the position's frequency may be: the start's error asks for thrust."""
     error = float(np.linalg.norm(of.settings.start.position_error_m))
     plan = of.plan
-    hover = build.hover(of.settings, plan.world.team, plan.pilot, plan.world.sources)
+    hover = limits.hover(of.settings, plan.world.team, plan.pilot, plan.world.sources)
     have = np.concatenate([group.thrust_max for group in plan.world.team.groups])
     left = float(((1 - of.settings.limits.thrust_margin) * have / hover).min()) - 1
     asked = max(of.settings.control.K_p) * error / max(float(np.linalg.norm(of.settings.gravity_mps2)), 1e-9)
@@ -209,7 +209,7 @@ def numbers(of: Loop) -> dict[str, float]:
         ticks = modes.delay_margin(of.x, of.M, round(checkup.DELAY_MOST * of.settings.control_Hz))
     except ValueError:
         ticks = -1
-    hover = build.hover(of.settings, truth, of.plan.pilot, of.plan.world.sources)
+    hover = limits.hover(of.settings, truth, of.plan.pilot, of.plan.world.sources)
     have = np.concatenate([group.thrust_max for group in truth.groups])
     f = disturbance.at_start(of.plan.world.sources, truth, of.z)
     total = lambda team: float(team.payload.mass + sum(group.mass.sum() for group in team.groups))  # noqa: E731

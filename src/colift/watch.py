@@ -17,7 +17,7 @@ import xarray as xr
 
 from colift import deviation, folder, log, playback, scene, simulate, so3
 from colift.model import Team
-from colift.scenario import Settings, build
+from colift.scenario import Settings, paths, roster
 
 HOST = "127.0.0.1"
 POLICY = f"{playback.POLICY}; connect-src 'self'"
@@ -55,7 +55,7 @@ class _Drawn:
 
     def __init__(self, settings: Settings, plan: simulate.Plan, case: str) -> None:
         self.settings, self.plan, self.case, self.sent = settings, plan, case, 0
-        self.team: Team = build.team(settings)[0]
+        self.team: Team = roster.team(settings)[0]
         ticks, step = round(plan.duration / plan.dt), scene.stride(plan.dt)
         self.ticks = np.unique([*range(0, ticks, step), ticks - 1])
         self.room = simulate.chunk(plan) // step + 2  # frames that are computed at once: one shape, one program
@@ -72,7 +72,7 @@ class _Drawn:
             "update_times_s": [t for t in self.plan.updates if t <= rows.t[-1] + self.plan.dt],
             "T_end_s": told.learning.end_s,
         }
-        names = (build.agent_names(told), build.joint_names(told), build.contact_names(told))
+        names = (roster.agent_names(told), roster.joint_names(told), roster.contact_names(told))
         labels = dict(zip(("agents", "joints", "contacts"), names, strict=True))
         return log.dataset(rows, sigma=sigma, attrs=attrs, **labels)
 
@@ -104,7 +104,7 @@ class _Drawn:
         """The page with the first frame, the whole reference, and room for the rest."""
         written = playback.written({self.case: ds}, {self.case: told})
         t = self.ticks * self.plan.dt
-        wanted = jax.jit(jax.vmap(build.path(self.settings).at))(jnp.asarray(t))
+        wanted = jax.jit(jax.vmap(paths.path(self.settings).at))(jnp.asarray(t))
         whole = {"p_d": np.asarray(wanted.p), "q_d": np.asarray(jax.jit(so3.quaternion)(wanted.R))}
         (shown,) = written["cases"]
         at = ds.isel(time=[0])

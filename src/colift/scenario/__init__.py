@@ -11,7 +11,17 @@ read        a file to settings, or to every mistake in it with its line
 from_urdf   an agent type from a URDF file, in plain numbers
 write       settings to a file's text
 describe    the settings as a reference page
-build       settings to teams, disturbances, sensors, gains and the start
+values      single settings to arrays, rotations, lags and parts of one's own
+roster      the agents, by group and by name, and the team that they form
+paths       the reference
+disturbances  the unknown forces, mounted
+worlds      the truth: plant, actuators, sensors
+starts      where the flight begins
+priors      what models hold before any data, and how they are fitted
+pilots      what flies: gains, allocation, parts
+limits      what the flight may not exceed, and what hovering takes
+draws       unknown forces of known norm
+assumptions what is stated of the unknown, and what of it holds by construction
 """
 
 from colift.scenario.mistake import ScenarioError

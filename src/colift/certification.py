@@ -1,0 +1,144 @@
+"""A scenario certified: its flight under C3, the twin, the certificate, its challenge, and the file of it all."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from importlib.metadata import version
+from typing import Any
+
+from colift import disk, folder, response, results, simulate, study
+from colift.certify import adversary, assumed, certificate, interface
+from colift.folder import Folder
+from colift.scenario import Settings, starts
+
+
+@dataclasses.dataclass(frozen=True)
+class Certified:
+    """A flight under C3 with its certificate, and what explains it."""
+
+    plan: simulate.Plan
+    flight: simulate.Flight
+    twin: simulate.Flight
+    linear: response.Response
+    certificate: certificate.Certificate
+
+
+def certify(
+    settings: Settings,
+    linear: response.Response | None = None,
+    names: Sequence[str] = certificate.BOUNDS,
+    progress: Callable[[str], None] = lambda _what: None,
+) -> Certified:
+    """Fly a scenario under C3 and its twin, and bound the flight's errors under some bounds of the prediction error.
+
+    linear: the response of this team and these gains, where it is known from another seed.
+    Raises ScenarioError as `study.plans` does, ValueError where there is no certificate.
+    """
+    ready = study.plan(settings, "C3")
+    certificate.refuse(ready)
+    if linear is None:
+        progress("the loop's response")
+        linear = response.linearize(ready.pilot, starts.at_rest(settings, ready.pilot.team))
+    progress("flight")
+    flight = simulate.fly_plan(ready)
+    progress("its twin, whose world obeys the learned means")
+    twin = simulate.fly_plan(certificate.twin(ready, flight.oracle))
+    found = certificate.certify(ready, flight, twin, linear, names, progress)
+    return Certified(plan=ready, flight=flight, twin=twin, linear=linear, certificate=found)
+
+
+def challenge(made: Certified, rounds: int = 2, progress: Callable[[str], None] = lambda _what: None) -> Certified:
+    """The certificate against the worst unknown forces that norm and data allow, recomputed on the run they produce.
+
+    Each round makes them worst along the path of the round before. Raises as `certify`.
+    """
+    current = made
+    for k in range(rounds):
+        progress(f"adversary, round {k + 1}")
+        unknown = adversary.adversary(made.plan, made.flight, made.linear, current.certificate, current.flight.rows)
+        flown = simulate.fly_plan(certificate.under(made.plan, made.flight.oracle, unknown))
+        flight = dataclasses.replace(made.flight, rows=flown.rows, stopped=flown.stopped)
+        found = certificate.certify(made.plan, flight, made.twin, made.linear, ("energy", "recovery"))
+        current = dataclasses.replace(made, flight=flight, certificate=found)
+    return current
+
+
+def save_certificate(
+    settings: Settings,
+    made: Certified,
+    against: Certified | None,
+    out: Folder,
+    progress: Callable[[str], None] = lambda _what: None,
+) -> dict[str, Any]:
+    """Write `certificate.json` and figure 6; return what the file holds. Radii that do not exist are null.
+
+    `assumed` of a bound names what its radii rest on and is not shown (`certify.assumed`), `status` is the word for
+    them. `exceeded` lists the observed errors above a radius: of this flight, then of the adversary's.
+    Replaces an earlier certificate, and the study of another run. Raises OSError where `out` cannot be written.
+    """
+    from colift import tightness
+
+    found = made.certificate
+    progress("the agents' interface")
+    floor = certificate.vartheta(made.plan, made.flight, made.twin)
+    layer = interface.interface(made.linear, floor)
+    slack = certificate.slack(made.plan, made.flight, made.twin, made.linear, layer, found)
+    summary: dict[str, Any] = {
+        "scenario": settings.name,
+        "seed": settings.seed,
+        "version": version("colift"),
+        "settings": settings.digest,
+        "run": out.run,
+        "window_s": list(found.window),
+        "confidence": settings.certificate.confidence,
+        "exceeded": _exceeded(found) + (_exceeded(against.certificate, "adversary") if against else []),
+        "observed": dict(found.observed),
+        "floor": dict(found.floor),
+        "unknown": dict(found.unknown),
+        "transient": found.transient,
+        "radii": {
+            name: {
+                "run": dict(radii.run),
+                "tube": dict(radii.tube),
+                "tightness": {
+                    where: {error: radius / found.observed[error] for error, radius in getattr(radii, where).items()}
+                    for where in ("run", "tube")
+                },
+                "assumed": list(radii.assumed),
+                "status": assumed.word(radii.assumed),
+            }
+            for name, radii in found.radii.items()
+        },
+        "left_out": dict(found.left_out),
+        "no_tube": found.no_tube,
+        "tube": None
+        if found.tube is None
+        else {"distance": found.tube.distance.tolist(), "contraction": found.tube.contraction},
+        "interface": {
+            "alpha_N_Nm": layer.alpha.tolist(),
+            "gamma_1_s": layer.gamma,
+            "kappa_N_Nm": layer.kappa.tolist(),
+            "vartheta_N_Nm": layer.vartheta.tolist(),
+            "static_N_Nm": layer.static.tolist(),
+        },
+        "slack_m": slack,
+        "adversary": None
+        if against is None
+        else {
+            "observed": dict(against.certificate.observed),
+            "radius": dict(_best(against.certificate).run),
+            "radius_over_adversary": _best(against.certificate).run["e_p"] / against.certificate.observed["e_p"],
+        },
+    }
+    folder.clear(out, results.CERTIFIED, results.FLOWN)
+    tightness.certificate(found, slack, out.path, out.run)
+    return disk.write_json(summary, out.path / "certificate.json")
+
+
+def _exceeded(found: certificate.Certificate, flight: str = "this") -> list[dict[str, Any]]:
+    return [{"flight": flight, **dataclasses.asdict(each)} for each in found.exceeded]
+
+
+def _best(found: certificate.Certificate) -> certificate.Radii:
+    return found.radii.get("recovery", found.radii["energy"])

@@ -1,0 +1,85 @@
+"""What a scenario states of the unknown functions, their labels and sensors, and what of it holds by construction."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from colift import band, deviation
+from colift.gp.bounds import Assumption
+from colift.model import Residual, Team
+from colift.scenario import settings as s
+from colift.scenario.mistake import ScenarioError
+
+
+def stated(settings: s.Settings, nominal: Team, rig: Residual) -> band.Stated:
+    """What the scenario states of the unknown functions and of their labels, and what of it is true by construction.
+
+    `rig` is the calibration rig's largest error. Raises ScenarioError for a label error that is not positive.
+    """
+    given, learning = settings.certificate, settings.learning
+    payload = _label_errors(given.payload, learning.payload, 0)
+    agents = [
+        np.tile(_label_errors(given.agents, learning.agents, group.tree.joints), (size, 1))
+        for size, group in zip(nominal.sizes, nominal.groups, strict=True)
+    ]
+    within = False
+    if learning.samples == "rig":
+        of_payload = np.concatenate([rig.payload.F, rig.payload.tau])
+        of_agents = [np.concatenate([e.f_x, e.f_w, e.f_r], axis=1) for e in rig.agents]
+        payload = of_payload if given.payload is None else payload
+        agents = of_agents if given.agents is None else agents
+        within = all((a >= b).all() for a, b in zip([payload, *agents], [of_payload, *of_agents], strict=True))
+    try:
+        return band.Stated(
+            bound=given.bound,
+            confidence=given.confidence,
+            norm=given.norm,
+            payload=payload,
+            agents=tuple(agents),
+            met=_met(settings, within),
+        )
+    except ValueError as error:
+        raise ScenarioError(f"{settings.name}: certificate: {error}") from None
+
+
+def biases(settings: s.Settings) -> deviation.Biases:
+    """What the sensors' data sheets state of constant and wandering errors of what labels are made of."""
+    tips = deviation.Walk(start=settings.sensors.tip_force_bias_N)
+    found = {"agents.lam": tips, "payload.a": deviation.Walk(), "agents.a": deviation.Walk()}
+    for each in settings.sensors.then:
+        if isinstance(each, s.Drifting):
+            for name in found.keys() & set(each.of):
+                found[name] += deviation.Walk(start=each.start, rate=each.rate)
+    return deviation.Biases(tips=found["agents.lam"], payload=found["payload.a"], agents=found["agents.a"])
+
+
+def _met(settings: s.Settings, within: bool) -> frozenset[Assumption]:
+    """What the scenario makes true by construction of what bounds need; what is not here is assumed.
+
+    within: whether no label errs by more than is stated, which only a calibration rig can promise.
+    """
+    given, learning = settings.certificate, settings.learning
+    rig, fixed = learning.samples == "rig", learning.hyperparameters == "stated"
+    drawn = settings.drawn is not None and settings.drawn.norm <= given.norm
+    alone = not settings.disturbances and settings.nominal == s.Nominal()
+    holds = {
+        Assumption.NORM: drawn and fixed and alone,  # nothing is unknown but functions of that norm for that kernel
+        Assumption.BOUNDED: within,
+        Assumption.WITHIN_MODEL: within,  # `band.companion` takes v from eps
+        Assumption.ZERO_MEAN: rig,
+        Assumption.INDEPENDENT: rig,
+        Assumption.PREDICTABLE: rig,
+        Assumption.STATED: fixed,
+        Assumption.HORIZON: True,  # a data set is as large as it will ever be when it is full
+    }
+    return frozenset(assumption for assumption, true in holds.items() if true)
+
+
+def _label_errors(given: s.LabelError | None, prior: s.Prior, joints: int) -> np.ndarray:
+    """`(6 + joints,)` as stated, or three of the prior's deviations of label noise."""
+    source = [3 * prior.force_noise_N, 3 * prior.moment_noise_Nm] if given is None else [given.force_N, given.moment_Nm]
+    if isinstance(given, s.AgentLabelError):
+        source.append(given.joint_Nm)
+    elif isinstance(prior, s.AgentPrior):
+        source.append(3 * prior.joint_noise_Nm)
+    return np.repeat(source, [3, 3, joints][: len(source)])

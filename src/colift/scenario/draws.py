@@ -1,0 +1,81 @@
+"""Unknown forces drawn from the space of functions that a certificate assumes."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from colift import gp, learn, model, reference
+from colift.model import PayloadState, Residual, State, Team, Wrench, agent_force
+from colift.scenario import paths, priors
+from colift.scenario import settings as s
+
+
+def drawn(settings: s.Settings, truth: Team, z: State) -> tuple[learn.Oracle, Residual] | None:
+    """Residuals of known norm, as posterior means, and the deviation of each over the reference; None if not asked.
+
+    `f = sum_k w_k k(z_k, .)`, `|f|^2 = w^T K w`. z is any state of the team on its grasp: the centres are where the
+    team would be if it moved along the reference as it stands in z, each a little off.
+    """
+    given = settings.drawn
+    if given is None:
+        return None
+    rng = np.random.default_rng((settings.seed, 4))
+    moves = settings.reference
+    assert not isinstance(moves, s.Own), "scenario.references refuses it"
+    moving = moves.ramp_s if isinstance(moves, s.Lissajous) else moves.poses[0].t_s
+    zero = priors.prior(settings, truth)
+    where, along = (
+        _carried(paths.path(settings), zero.features, z, jnp.asarray(t))
+        for t in (
+            rng.uniform(moving, settings.duration_s, given.centers),
+            np.linspace(moving, settings.duration_s, 400),
+        )
+    )
+
+    def one(hyper: gp.Hyper, X: Array, path: Array) -> tuple[gp.GP, np.ndarray]:
+        X = np.asarray(X) + given.spread * rng.normal(size=X.shape) * np.asarray(hyper.lengthscales)[0]
+        w = rng.normal(size=(len(hyper.signal_variance), len(X)))
+        w = w * (given.norm / np.asarray(gp.norm(gp.expansion(hyper, X, w))))[:, None]
+        model = gp.expansion(hyper, X, w, max(len(X), settings.learning.capacity))
+        return model, np.asarray(_means(model, path)).std(0)
+
+    payload, of_payload = one(zero.payload.hyper, where[0], along[0])
+    agents, of_agents = [], []
+    for group, x, x_along in zip(zero.agents, where[1], along[1], strict=True):
+        each = [
+            one(jax.tree.map(lambda leaf, j=j: leaf[j], group.hyper), x[:, j], x_along[:, j]) for j in range(x.shape[1])
+        ]
+        agents.append(jax.tree.map(lambda *leaf: jnp.stack(leaf), *(model for model, _ in each)))
+        of_agents.append(agent_force(jnp.asarray([std for _, std in each])))
+    W = jnp.asarray(of_payload)
+    return (
+        dataclasses.replace(zero, payload=payload, agents=tuple(agents)),
+        Residual(agents=tuple(of_agents), payload=Wrench(F=W[:3], tau=W[3:])),
+    )
+
+
+_means = jax.jit(jax.vmap(gp.mean, (None, 0)))
+
+
+@jax.jit
+@functools.partial(jax.vmap, in_axes=(None, None, None, 0))
+def _carried(
+    path: reference.Reference, features: learn.Features, z: State, t: Array
+) -> tuple[Array, tuple[Array, ...]]:
+    """Features of the payload and of agents as if the team of z moved along the reference without turning."""
+    d = path.at(t)
+    shift = d.p - z.payload.p
+    load = PayloadState(p=d.p, R=d.R, v=d.v, omega=jnp.zeros(3))
+    agents = tuple(
+        features.agent(
+            jax.vmap(model.flat_agent)(dataclasses.replace(q, x=q.x + shift[None], v=jnp.tile(d.v, (len(q.x), 1))))
+        )
+        for q in z.agents
+    )
+    return features.payload(model.flat_payload(load, jnp.zeros(6))), agents

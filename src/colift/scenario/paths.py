@@ -1,0 +1,54 @@
+"""A scenario's reference."""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+import numpy as np
+
+from colift import reference, so3
+from colift.scenario import settings as s
+from colift.scenario.values import array, built, rotation
+
+
+def path(settings: s.Settings) -> reference.Reference:
+    """The payload's reference."""
+    given = settings.reference
+    if isinstance(given, s.Own):
+        return built(given, "reference", reference.Reference)
+    if isinstance(given, s.Waypoints):
+        turns = _unwound([np.asarray(so3.log(rotation(pose.rpy_deg))) for pose in given.poses])
+        return reference.waypoints(
+            np.array([pose.t_s for pose in given.poses]), np.array([pose.p_m for pose in given.poses]), turns
+        )
+    loop = reference.Lissajous(
+        center=array(given.center_m),
+        amplitude=array(given.amplitude_m),
+        period=array(given.period_s),
+        phase=jnp.deg2rad(array(given.phase_deg)),
+        ramp=array(given.ramp_s),
+        R=rotation(given.rpy_deg),
+        swing=jnp.deg2rad(array(given.swing_deg)),
+        swing_period=array(given.swing_period_s),
+        swing_phase=jnp.deg2rad(array(given.swing_phase_deg)),
+    )
+    if (off := given.leaves) is None:
+        return loop
+    return reference.Leaving(
+        path=loop,
+        shift=array(off.shift_m),
+        start=array(off.start_s),
+        over=array(off.over_s),
+        swing=jnp.deg2rad(array(off.swing_deg)),
+        swing_start=array(off.swing_start_s),
+        swing_period=array(off.swing_period_s),
+    )
+
+
+def _unwound(theta: list[np.ndarray]) -> np.ndarray:
+    """Rotation vectors of the same rotations, each the nearest to the one before, up to one turn away."""
+    out = [theta[0]]
+    for now in theta[1:]:
+        angle = np.linalg.norm(now)
+        axis = now / angle if angle > 0 else np.zeros(3)
+        out.append(min((now + 2 * np.pi * k * axis for k in (-1, 0, 1)), key=lambda x: np.linalg.norm(x - out[-1])))
+    return np.array(out)

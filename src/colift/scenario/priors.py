@@ -1,0 +1,88 @@
+"""What a scenario's models hold before any data, and how fits start from it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from colift import gp, learn
+from colift.model import Team
+from colift.scenario import settings as s
+from colift.scenario.mistake import ScenarioError
+from colift.scenario.values import built
+
+
+def features(settings: s.Settings) -> learn.Features:
+    """What GPs see of a sample. Raises ScenarioError for features of one's own that are none."""
+    given = settings.parts.features
+    return learn.Plain() if given is None else built(given, "parts.features", learn.Features)
+
+
+def kernel(settings: s.Settings) -> gp.Kernel:
+    """Of all models, the payload's and the agents'. Raises ScenarioError for one of one's own that is none."""
+    given = settings.parts.kernel
+    return gp.SquaredExponential() if given is None else built(given, "parts.kernel", gp.Kernel)
+
+
+def prior(settings: s.Settings, nominal: Team) -> learn.Oracle:
+    """The oracle before any data: it predicts zero, with the deviations that the scenario states.
+
+    Raises ScenarioError for noise that is too small beside the signal for that many points.
+    """
+    learning, seen, of = settings.learning, features(settings), kernel(settings)
+
+    def before(name: str, features: Sequence[str]) -> gp.GP:
+        try:
+            return gp.prior(_hyper(getattr(learning, name), features, of), learning.capacity)
+        except ValueError as error:
+            raise ScenarioError(f"{settings.name}: learning.{name}: {error}") from None
+
+    return learn.Oracle(
+        features=seen,
+        payload=before("payload", seen.payload_names()),
+        agents=tuple(
+            jax.tree.map(
+                lambda x, size=size: jnp.asarray(np.broadcast_to(x, (size, *x.shape))),
+                before("agents", seen.agent_names(group.tree.joints)),
+            )
+            for size, group in zip(nominal.sizes, nominal.groups, strict=True)
+        ),
+        theta=jnp.zeros(10),
+    )
+
+
+def training(settings: s.Settings, nominal: Team) -> learn.Training | None:
+    """How fits are made: about the priors of `prior`, within the scenario's bounds; None where they stay as stated."""
+    given = settings.learning
+    if given.hyperparameters == "stated":
+        return None
+    (least, greatest), seen, of = given.lengthscale_bounds, features(settings), kernel(settings)
+
+    def belief(stated: s.Prior, features: Sequence[str]) -> gp.Belief:
+        return gp.Belief(_hyper(stated, features, of), factor=given.prior_factor, least=least, greatest=greatest)
+
+    return learn.Training(
+        payload=belief(given.payload, seen.payload_names()),
+        agents=tuple(belief(given.agents, seen.agent_names(group.tree.joints)) for group in nominal.groups),
+        restarts=given.restarts,
+        max_iterations=given.max_iterations,
+    )
+
+
+def _hyper(given: s.Prior, features: Sequence[str], kernel: gp.Kernel) -> gp.Hyper:
+    """Forces, moments, then joints: variances from the stated deviations, length-scales of rates and of the rest."""
+    signal, noise, counts = [given.force_N, given.moment_Nm], [given.force_noise_N, given.moment_noise_Nm], [3, 3]
+    if isinstance(given, s.AgentPrior):
+        joints = sum(name.startswith("r_dot") for name in features)
+        signal, noise, counts = [*signal, given.joint_Nm], [*noise, given.joint_noise_Nm], [3, 3, joints]
+    rates = [name.startswith(("omega", "|omega|", "r_dot")) for name in features]
+    lengthscales = np.where(rates, given.rate_lengthscale, given.lengthscale)
+    return gp.hyperparameters(
+        signal_variance=np.repeat(signal, counts) ** 2,
+        lengthscales=np.tile(lengthscales, (sum(counts), 1)),
+        noise_variance=np.repeat(noise, counts) ** 2,
+        kernel=kernel,
+    )

@@ -1,0 +1,62 @@
+"""What error bounds rest on: what a scenario states, and what of it holds by construction."""
+
+import numpy as np
+import pytest
+
+from colift import scenario, study
+from colift.model import no_force
+from colift.scenario import ScenarioError, assumptions, roster
+from tests.varied import changed
+
+
+def test_error_bounds_rest_on_what_the_scenario_states():
+    s = scenario.load("paper")
+    _, nominal = roster.team(s)
+    stated = assumptions.stated(s, nominal, no_force(nominal))
+    given = s.certificate
+    assert (stated.bound, stated.confidence, stated.norm) == ("energy", 0.95, 6)
+    assert given.payload is not None
+    assert given.agents is not None
+    np.testing.assert_array_equal(stated.payload, [given.payload.force_N] * 3 + [given.payload.moment_Nm] * 3)
+    row = [given.agents.force_N] * 3 + [given.agents.moment_Nm] * 3 + [given.agents.joint_Nm] * 3
+    np.testing.assert_array_equal(stated.agents[0], [row, row])
+    assert stated.assumed == ("norm", "energy")  # of a team among winds nobody knows them
+
+
+def test_label_errors_that_are_not_stated_are_three_deviations_of_the_prior_s_noise():
+    s = changed("paper", certificate={})
+    _, nominal = roster.team(s)
+    stated = assumptions.stated(s, nominal, no_force(nominal))
+    noise = s.learning.agents
+    np.testing.assert_allclose(stated.payload, [0.3] * 3 + [0.06] * 3)
+    row = 3 * np.repeat([noise.force_noise_N, noise.moment_noise_Nm, noise.joint_noise_Nm], 3)
+    np.testing.assert_allclose(stated.agents[0], [row, row])
+
+
+def test_in_the_certified_scenario_nothing_is_assumed_unless_it_is_changed():
+    def assumed(**sections: object) -> tuple[str, ...]:
+        return study.plan(changed("certified", **sections), "C1").stated.assumed
+
+    certified = scenario.load("certified")
+    assert certified.drawn is not None
+    norm, learning = certified.drawn.norm, certified.learning.model_dump()
+    bounds = ("energy", "srinivas", "abbasi_yadkori", "chowdhury_gopalan", "fiedler")
+    for bound in bounds:
+        assert assumed(certificate={"bound": bound, "norm": norm}) == ()
+    assert assumed(certificate={"norm": 0.9 * norm}) == ("norm",)
+    assert assumed(disturbances=scenario.load("paper").disturbances) == ("norm",)
+    assert assumed(nominal={"payload": scenario.load("paper").payload.model_dump() | {"mass_kg": 1.2}}) == ("norm",)
+    assert assumed(drawn=None, learning=learning | {"samples": "estimated"}) == ("norm", "energy")
+    fitted = {
+        "certificate": {"bound": "abbasi_yadkori", "norm": norm},
+        "learning": learning | {"hyperparameters": "fitted"},
+    }
+    assert assumed(**fitted) == ("norm", "stated")
+    small = {"force_N": 1e-6, "moment_Nm": 1e-6}
+    assert assumed(certificate={"norm": norm, "payload": small}) == ("energy",)
+
+
+def test_a_label_error_of_zero_is_refused():
+    learning = scenario.load("certified").learning.model_dump() | {"rig_error": 0.0}
+    with pytest.raises(ScenarioError, match=r"certificate: label error .* must be positive"):
+        study.plan(changed("certified", learning=learning), "C1")

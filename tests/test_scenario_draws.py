@@ -1,0 +1,119 @@
+"""Unknown forces of known norm, against sums over their kernels."""
+
+import functools
+
+import jax
+import numpy as np
+import pytest
+
+from colift import gp, learn, scenario, study
+from colift.model import Residual, State
+from colift.scenario import ScenarioError, Settings, draws, roster, starts
+from tests.varied import changed
+
+SEEDED = {"norm": 1.7, "centers": 6, "spread": 0.0}
+
+
+def drawn(**sections: object) -> tuple[learn.Oracle, Residual, Settings]:
+    """What `certified` draws with few kernels on the reference itself."""
+    s = changed("certified", drawn=SEEDED, **sections)
+    truth, _ = roster.team(s)
+    found = draws.drawn(s, truth, start())
+    assert found is not None
+    return *found, s
+
+
+@functools.cache
+def start() -> State:
+    """The team of `certified` where it starts."""
+    s = scenario.load("certified")
+    return starts.start(s, roster.team(s)[0])
+
+
+def functions(oracle: learn.Oracle) -> list[gp.GP]:
+    """The bodies' functions one by one."""
+    (group,) = oracle.agents
+    return [oracle.payload, *(jax.tree.map(lambda x, j=j: x[j], group) for j in range(len(group.n)))]
+
+
+def correlations(X: np.ndarray, Z: np.ndarray, ls: np.ndarray) -> np.ndarray:
+    """`exp(-|x - z|^2 / 2)` in length-scales, entry by entry."""
+    return np.exp(-0.5 * (((X[:, None] - Z[None]) / ls) ** 2).sum(-1))
+
+
+@pytest.mark.parametrize("spread", [0.0, 0.3])
+def test_every_output_of_every_body_has_exactly_the_norm_that_is_stated(spread):
+    s = changed("certified", drawn=SEEDED | {"spread": spread})
+    truth, _ = roster.team(s)
+    found = draws.drawn(s, truth, start())
+    assert found is not None
+    for f, outputs in zip(functions(found[0]), (6, 9, 9), strict=True):
+        assert int(f.n) == 6
+        X, alpha = np.asarray(f.X)[:6], np.asarray(f.alpha)[:, :6]
+        for i in range(outputs):
+            K = float(f.hyper.signal_variance[i]) * correlations(X, X, np.asarray(f.hyper.lengthscales)[i])
+            np.testing.assert_allclose(np.sqrt(alpha[i] @ K @ alpha[i]), 1.7, rtol=1e-9)
+            values = K @ alpha[i]
+            assert np.abs(values).max() <= 1.7 * float(f.hyper.signal_variance[i]) ** 0.5
+
+
+def test_what_is_drawn_depends_on_the_seed_alone():
+    first, deviation, _ = drawn()
+    again, _, _ = drawn(certificate={"norm": 9.0})
+    other, _, _ = drawn(seed=1)
+    jax.tree.map(np.testing.assert_array_equal, first, again)
+    assert not np.isclose(first.payload.alpha[:, :6], other.payload.alpha[:, :6]).any()
+    assert not np.isclose(first.agents[0].X[:, :6, 9:12], other.agents[0].X[:, :6, 9:12]).any()
+    agents = np.asarray(first.agents[0].alpha)[:, :, :6]
+    assert not np.isclose(agents[0], agents[1]).any()  # unlike agents
+    assert all((np.asarray(x) > 0).all() for x in jax.tree.leaves(deviation))
+
+
+def test_kernels_stand_where_the_team_would_pass():
+    """On the Lissajous figure, after its ramp: `((p - c) / A)^2 + (v T / 2 pi A)^2 = 1` on each axis."""
+    oracle, _, s = drawn()
+    payload, front, rear = (np.asarray(f.X)[:6] for f in functions(oracle))
+    c, A, T = (np.array(x) for x in (s.reference.center_m, s.reference.amplitude_m, s.reference.period_s))
+    unit = ((payload[:, :3] - c) / A) ** 2 + (payload[:, 3:6] * T / (2 * np.pi * A)) ** 2
+    np.testing.assert_allclose(unit, 1, atol=1e-9)
+    np.testing.assert_allclose(payload[:, 18], np.linalg.norm(payload[:, 3:6], axis=1), rtol=1e-9)
+    np.testing.assert_allclose(payload[:, 6:15], np.tile(np.eye(3).ravel(), (6, 1)), atol=1e-12)
+    shift = payload[:, :3] - np.asarray(start().payload.p)
+    for j, x in enumerate((front, rear)):
+        np.testing.assert_allclose(x[:, 9:12], np.asarray(start().agents[0].x)[j] + shift, atol=1e-12)
+        np.testing.assert_allclose(x[:, 18:21], payload[:, 3:6], atol=1e-12)
+        np.testing.assert_allclose(x[:, 12:15], np.tile(start().agents[0].r[j], (6, 1)), atol=1e-12)
+    scattered = draws.drawn(changed("certified", drawn=SEEDED | {"spread": 0.5}), roster.team(s)[0], start())
+    assert scattered is not None
+    off = (np.asarray(scattered[0].payload.X)[:6] - payload) / np.asarray(oracle.payload.hyper.lengthscales)[0]
+    assert 0.3 < off.std() < 0.7  # of 120 numbers of deviation 0.5
+
+
+def test_deviations_are_those_along_the_reference_and_the_rig_errs_by_its_share_of_them():
+    oracle, deviation, s = drawn()
+    t = np.linspace(s.reference.ramp_s, s.duration_s, 400)
+    A, T, phase = (np.array(x) for x in (s.reference.amplitude_m, s.reference.period_s, s.reference.phase_deg))
+    angle = 2 * np.pi * t[:, None] / T + np.deg2rad(phase)
+    p, v = s.reference.center_m + A * np.sin(angle), 2 * np.pi * A / T * np.cos(angle)
+    x = np.concatenate([p, v, np.tile(np.eye(3).ravel(), (400, 1)), np.zeros((400, 3))], axis=1)
+    x = np.concatenate([x, np.linalg.norm(v, axis=1, keepdims=True), np.full((400, 1), 1e-6)], axis=1)
+    f = oracle.payload
+    X, ls = np.asarray(f.X)[:6], np.asarray(f.hyper.lengthscales)
+    stated = np.concatenate([deviation.payload.F, deviation.payload.tau])
+    for i in range(6):
+        values = float(f.hyper.signal_variance[i]) * correlations(x, X, ls[i]) @ np.asarray(f.alpha)[i, :6]
+        np.testing.assert_allclose(stated[i], values.std(), rtol=1e-9)
+    plan = study.plan(s, "C3")
+    (rig,) = plan.world.extra
+    jax.tree.map(lambda e, of: np.testing.assert_allclose(e, 0.1 * of), rig.error, deviation)
+    jax.tree.map(np.testing.assert_array_equal, plan.world.sources.functions, (learn.Function(oracle=oracle),))
+
+
+def test_nothing_is_drawn_where_it_is_not_asked_for_and_no_norm_is_an_error():
+    s = scenario.load("paper")
+    truth, _ = roster.team(s)
+    assert draws.drawn(s, truth, start()) is None
+    assert study.plan(s, "C1").world.sources.functions == ()
+    for bad in ({"norm": 0}, {"norm": 1, "centers": 0}, {"norm": 1, "spread": -0.1}):
+        with pytest.raises(ScenarioError):
+            changed("certified", drawn=bad)
