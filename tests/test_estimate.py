@@ -31,7 +31,7 @@ def passed(x: jax.Array, hertz: jax.Array, dt: jax.Array) -> jax.Array:
     """A signal through the low-pass, which has seen its first sample for ever."""
 
     def step(memory: lowpass.LowPass, sample: jax.Array) -> tuple[lowpass.LowPass, jax.Array]:
-        memory = lowpass.smooth(memory, sample, hertz, dt)
+        memory = lowpass.smooth(memory, sample, lowpass.blend(hertz, dt))
         return memory, memory.outer
 
     return jax.lax.scan(step, lowpass.settle(x[0]), x)[1]
@@ -58,6 +58,33 @@ def test_what_a_filter_takes_of_a_sample_is_that_of_its_time_constant():
     assert float(b) == pytest.approx(1 - np.exp(-2 * np.pi * 5 * DT), rel=1e-12)
     # n ticks at once or one by one: the same decay
     assert (1 - float(b)) ** 7 == pytest.approx(1 - float(lowpass.blend(jnp.array(5.0), jnp.array(7 * DT))), rel=1e-12)
+
+
+@pytest.mark.parametrize("ticks", [1, 3, 50])
+def test_a_rare_sample_is_taken_as_the_kalman_filter_of_a_random_walk_takes_it(ticks):
+    """The steady gain by Riccati's recursion, for the noise whose gain at every tick is b."""
+    b = 0.06
+    q = b * b / (1 - b)  # of the walk a tick, in variances of a sample
+    P = 1.0
+    for _ in range(3000):
+        P += ticks * q
+        K = P / (P + 1)
+        P *= 1 - K
+    assert float(lowpass.after(jnp.array(b), jnp.array(float(ticks)))) == pytest.approx(K, rel=1e-9)
+    assert float(lowpass.after(jnp.array(1.0), jnp.array(float(ticks)))) == 1.0
+
+
+def test_labels_that_come_now_and_then_follow_within_their_time_not_their_count():
+    """A constant force is known to a tenth a second after it acts where one tick in fifty has a label."""
+    b, n = lowpass.blend(jnp.array(5.0), jnp.array(DT)), 50
+    memory = lowpass.settle(jnp.zeros(()))
+    for _ in range(round(1 / DT / n)):
+        memory = lowpass.smooth(memory, jnp.ones(()), lowpass.after(b, jnp.array(float(n))))
+    assert float(memory.outer) > 0.9
+    counted = lowpass.settle(jnp.zeros(()))
+    for _ in range(round(1 / DT / n)):
+        counted = lowpass.smooth(counted, jnp.ones(()), b)
+    assert float(counted.outer) < 0.5
 
 
 CORNERS = {"fusion": 5.0, "bias": 0.0, "joint": 20.0, "label": 8.0, "tip_force": 50.0}

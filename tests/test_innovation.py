@@ -40,18 +40,22 @@ def heard(
     """The news along a path of the payload, tick by tick; `oracle(k)` is the one of tick k, by its payload's offset."""
 
     def tick(memory: Any, now: tuple) -> tuple:
-        k, p, y, on = now
+        k, p, y, on, waited = now
         load = PayloadState(p=p, v=jnp.zeros(3), R=jnp.eye(3), omega=jnp.zeros(3))
         none = tuple(
             (jnp.zeros((n, 18 + 2 * g.tree.joints)), jnp.zeros((n, 6 + g.tree.joints)))
             for n, g in zip(TEAM.sizes, TEAM.groups, strict=True)
         )
-        labelled = Labelled(payload=(jnp.zeros(24), y), agents=none, fresh=on)
+        labelled = Labelled(payload=(jnp.zeros(24), y), agents=none, fresh=on, waited=waited)
         lam = tuple(jnp.zeros_like(g.contact) for g in TEAM.groups)
         q_hat = Estimate(agents=Z.agents, payload=load, a_L=jnp.zeros(6), lam=lam, labelled=labelled)
         return listener.listen(memory, TEAM, oracle(k), q_hat, Clock(t=k.astype(float) * DT, dt=jnp.array(DT)))
 
-    steps = (jnp.arange(len(p)), jnp.asarray(p), jnp.asarray(labels), jnp.asarray(fresh, float))
+    waited, since = np.zeros(len(p)), 0.0
+    for k, on in enumerate(fresh):
+        waited[k] = since = since + DT
+        since *= 1 - on
+    steps = tuple(map(jnp.asarray, (np.arange(len(p)), p, labels, np.asarray(fresh, float), waited)))
     return jax.jit(lambda: jax.lax.scan(tick, listener.begin(TEAM), steps)[1])()
 
 
@@ -150,8 +154,49 @@ def test_labels_that_come_now_and_then_are_held_in_between():
     labels = np.tile((1.0 + 2.0 * last / 10 * DT)[:, None], (1, 6))  # a filter that moves on at each label only
     news = heard(listener(fade=0.05, hold=0.05), lambda _k: ORACLE, np.zeros((TICKS, 3)), labels, on)
     until = int(np.flatnonzero(on)[-1] + round(0.05 / DT))
+    rate = np.asarray(news.rate.payload.F)[:, 0]
+    np.testing.assert_allclose(rate[np.flatnonzero(on)[1:]], 2.0 / 10, rtol=1e-9)  # over the time since the last label
+    silent = np.arange(1, 10)
+    np.testing.assert_allclose(rate[np.flatnonzero(on)[1] + silent], 0.2 * 10 / (10 + silent), rtol=1e-9)
     assert until + 50 < TICKS
     np.testing.assert_allclose(np.asarray(news.fresh)[: until + 1], 1.0)
     np.testing.assert_allclose(np.asarray(news.r.payload.F)[: until + 1, 0], labels[: until + 1, 0], atol=1e-12)
     left = np.exp(-DT / 0.05 * np.arange(1, 51))
     np.testing.assert_allclose(np.asarray(news.fresh)[until + 1 : until + 51], left, rtol=1e-9)
+
+
+def test_silence_that_has_been_as_long_lately_is_no_end_of_labels():
+    """Labels a tenth of a second apart go on for C4, though `hold` is half of that; then twice that is the end."""
+    on = (np.arange(TICKS) % 50 == 0) & (np.arange(TICKS) <= 200)
+    fresh = np.asarray(
+        heard(
+            listener(fade=0.01, hold=0.05, span=10.0), lambda _k: ORACLE, np.zeros((TICKS, 3)), np.zeros((TICKS, 6)), on
+        ).fresh
+    )
+    assert fresh[26:49].min() < 0.5, "the first silence is longer than any before"
+    np.testing.assert_allclose(fresh[150:295], 1.0, atol=0.01)
+    assert fresh[310] < 0.5
+
+
+def test_labels_are_late_by_their_delay_times_their_rate():
+    t = DT * np.arange(TICKS)
+    labels = np.tile((3.0 * t)[:, None], (1, 6))
+    news = heard(listener(span=0.02), lambda _k: ORACLE, np.zeros((TICKS, 3)), labels, np.ones(TICKS))
+    delay = 2 / (2 * np.pi * CORNERS["label"]) + 1 / (2 * np.pi * CORNERS["tip_force"])
+    np.testing.assert_allclose(np.asarray(news.unrest.payload.F)[-1], 3.0 * delay, rtol=1e-6)
+
+
+def test_what_has_changed_for_good_is_counted_anew_where_a_body_s_model_is_another():
+    """An oracle that takes in what labels said leaves nothing to keep when they stop; one that does not leaves all."""
+    labels, p = np.full((TICKS, 6), 2.0), np.zeros((TICKS, 3))
+    on = np.arange(TICKS) < 210
+    for taken_in, left in ((2.0, 0.0), (0.0, 2.0)):
+
+        def oracle(k: jax.Array, taken_in: float = taken_in) -> learn.Oracle:
+            later = (k >= 200).astype(int)
+            return offset(taken_in * later.astype(float), later)
+
+        news = heard(listener(fade=0.01, span=0.02), oracle, p, labels, on)
+        v = np.asarray(ORACLE.payload.hyper.noise_variance)[0]
+        expected = left**3 / (left**2 + 4 * v)
+        np.testing.assert_allclose(np.asarray(news.r.payload.F)[-1, 0], expected, atol=0.01)

@@ -292,19 +292,21 @@ def test_what_contradicts_the_oracle_surprises_and_what_is_merely_new_does_not(t
     """In predictive variances: samples of the same functions near the data, of other functions there, and far away."""
     oracle, _ = taught
     load, agents = samples(0, 30, 24, 6), samples(1, 30, 24, 9, (2,))
-    same = learn.surprise(oracle, both(load, agents), 1.0)
+    same = learn.surprise(oracle, learn.samples(oracle, both(load, agents)), 1.0)
     assert set(same) == {"payload", (0, 0), (0, 1)}
     assert max(off.mean() for _, off in same.values()) < 4
     np.testing.assert_allclose(same["payload"][0], load.t[11:30])
     other = dataclasses.replace(load, Y=load.Y.at[20:].add(10.0))
-    t, off = learn.surprise(oracle, both(other, agents), 1.0)["payload"]
+    t, off = learn.surprise(oracle, learn.samples(oracle, both(other, agents)), 1.0)["payload"]
     assert off.mean() > 25
     assert t[np.argmax(off > 25)] == pytest.approx(2.0)
-    np.testing.assert_array_equal(learn.surprise(oracle, both(other, agents), 1.0)[0, 0][1], same[0, 0][1])
+    np.testing.assert_array_equal(
+        learn.surprise(oracle, learn.samples(oracle, both(other, agents)), 1.0)[0, 0][1], same[0, 0][1]
+    )
     far = dataclasses.replace(load, X=load.X + 1e3)
-    assert learn.surprise(oracle, both(far, agents), 1.0)["payload"][1].mean() < 4
-    assert learn.surprise(oracle, both(load, agents), 9.0) == {}  # nothing is newer
-    assert learn.surprise(prior(), both(load, agents), 1.0) == {}  # nothing was predicted
+    assert learn.surprise(oracle, learn.samples(oracle, both(far, agents)), 1.0)["payload"][1].mean() < 4
+    assert learn.surprise(oracle, learn.samples(oracle, both(load, agents)), 9.0) == {}  # nothing is newer
+    assert learn.surprise(prior(), learn.samples(prior(), both(load, agents)), 1.0) == {}  # nothing was predicted
 
 
 # The parametric part --------------------------------------------------------------------------------------------------
