@@ -34,7 +34,7 @@ def finding(of: checkup.Checkup, subject: str) -> checkup.Finding:
 def test_a_team_that_flies_is_sound():
     good = found("good")
     assert good.sound
-    assert [each.subject for each in good.findings] == ["mass", "contacts", "thrust", "mode", "delay"]
+    assert [each.subject for each in good.findings] == ["mass", "contacts", "thrust", "mode", "delay", "gain"]
     assert good.lines()[-1] == "sample: sound"
     assert finding(good, "mass").numbers["total_kg"] == 6
     assert "payload 1.5 kg (believed 1.2 kg), n0 1.5 kg" in finding(good, "mass").says

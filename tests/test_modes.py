@@ -195,6 +195,22 @@ def test_the_delay_margin_ends_where_the_loop_that_has_a_delay_is_unstable():
     assert modes.delay_margin(x, 1.1 * M, 25) == -1
 
 
+def test_the_gain_margin_ends_where_the_loop_of_stronger_or_weaker_commands_is_unstable():
+    x, M = three_bodies()
+    least, greatest = modes.gain_margin(x, M)
+    assert least < 1 < greatest
+    B, K = modes._commands(x, M)
+    radius = lambda g: np.abs(np.linalg.eigvals(M + (g - 1) * B @ K)).max()  # noqa: E731
+    for end, beyond in ((least, 0.98), (greatest, 1.02)):
+        assert radius(end) < 1
+        assert radius(end * beyond) >= 1 or max(end, 1 / end) > 0.999 * modes.GAIN_MOST
+    assert greatest < modes.GAIN_MOST, "some gain is too much"
+    assert np.isnan(modes.gain_margin(x, 1.1 * M)).all()
+    found = modes.margins(x, M, 0.002)
+    assert found.delay == pytest.approx(0.002 * modes.delay_margin(x, M, 25))
+    assert f"{greatest:.2g} times as strong" in found.says()
+
+
 def test_a_memory_that_moves_no_command_has_no_delay_margin():
     x, M = three_bodies()
     M = M.copy()

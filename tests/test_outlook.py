@@ -12,6 +12,10 @@ def test_what_is_known_before_a_flight_is_the_slowest_mode_and_how_much_thrust_i
     assert ahead.warnings == ()
     assert ahead.summary["slowest_mode"]["stable"]
     assert ahead.summary["slowest_mode"]["rad_s"][0] < 0
+    margins = ahead.summary["margins"]
+    assert 0.004 <= margins["delay_s"] <= 0.05
+    assert margins["gain"][0] < 0.8 < 1.2 < margins["gain"][1]
+    assert margins["says"].startswith("commands may come")
     assert list(ahead.hover) == ["front", "rear"]
     narrow = outlook.outlook(paper.lighter(30.0), {"C1": study.plan(paper.lighter(30.0), "C1")})
     assert [warning.partition(" N of ")[2] for warning in narrow.warnings] == [
@@ -25,3 +29,4 @@ def test_a_loop_that_is_unstable_at_rest_is_a_warning_before_the_flight():
     (warning,) = ahead.warnings
     assert warning.startswith("unstable at rest on the reference: slowest mode +")
     assert ahead.summary["slowest_mode"]["stable"] is False
+    assert ahead.summary["margins"] is None

@@ -434,6 +434,8 @@ def _report_outlook(ahead: Any, warnings_only: bool) -> None:
     """What is known before the flights."""
     if not warnings_only and ahead.modes is not None and ahead.modes.stable:
         print(f"slowest mode at rest on the reference: {ahead.modes.slowest()}", flush=True)
+    if not warnings_only and ahead.margins is not None:
+        print(ahead.margins.says(), flush=True)
     for text in ahead.warnings:
         errors.print(f"warning: {text}", style="yellow", markup=False)
 

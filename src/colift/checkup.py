@@ -1,7 +1,7 @@
 """Whether a scenario is sound before it is flown, and what to change where it is not.
 
-Mass, thrust, grasp, slowest mode and delay margin: each a `Finding` with its numbers, a sentence, and advice where it
-is bad.
+Mass, thrust, grasp, slowest mode, delay and gain margin: each a `Finding` with its numbers, a sentence, and advice
+where it is bad.
 """
 
 from __future__ import annotations
@@ -25,7 +25,6 @@ from colift.scenario import ScenarioError, Settings, limits, roster, starts
 CONDITION_MOST = 30.0  # of the grasp matrix, moments over the contacts' distance: a lever of a thirtieth of that
 JACOBIAN_MOST = 100.0  # of an agent's grasp Jacobian, a tenth of what is refused: 0.05 rad from straight down
 DELAY_LEAST = 0.002  # s; a bus and a flight controller take that much
-DELAY_MOST = 0.05  # s, beyond which a delay margin is not sought
 TRIED = 2  # changes of gains that are tried in full, of those that are best to first order
 MOMENTS = 400  # of the reference at which thrust is asked for
 
@@ -98,7 +97,7 @@ def check(settings: Settings, progress: Callable[[str], None] = lambda _what: No
         () if at_rest.stable else _steadier(settings, x, M, progress),
     )
     late = (*_posture(settings, at_rest), _delay(settings, x, M, progress)) if at_rest.stable else ()
-    return Checkup(settings.name, (*found, mode, *late))
+    return Checkup(settings.name, (*found, mode, *late, *(_gain(x, M) if at_rest.stable else ())))
 
 
 def beyond_need(settings: Settings) -> bool:
@@ -297,7 +296,7 @@ def _delay(settings: Settings, x: modes.Carried, M: np.ndarray, progress: Callab
     except ValueError as error:
         return Finding("delay", f"how much later commands may come is not known: {error}", {"margin_s": None})
     said = f"commands may come {margin:.3g} s later" + (
-        " or more" if margin > DELAY_MOST - 1 / settings.control_Hz else ""
+        " or more" if margin > modes.DELAY_MOST - 1 / settings.control_Hz else ""
     )
     return Finding(
         "delay", said, {"margin_s": margin}, _patient(settings, margin, progress) if margin < DELAY_LEAST else ()
@@ -306,7 +305,18 @@ def _delay(settings: Settings, x: modes.Carried, M: np.ndarray, progress: Callab
 
 def _margin(settings: Settings, x: modes.Carried, M: np.ndarray) -> float:
     """The delay margin, s, sought up to `DELAY_MOST`."""
-    return modes.delay_margin(x, M, round(DELAY_MOST * settings.control_Hz)) / settings.control_Hz
+    return modes.delay_margin(x, M, round(modes.DELAY_MOST * settings.control_Hz)) / settings.control_Hz
+
+
+def _gain(x: modes.Carried, M: np.ndarray) -> Iterator[Finding]:
+    """How many times as strong commands may be, where that is known."""
+    try:
+        least, greatest = modes.gain_margin(x, M)
+    except ValueError:  # `_delay` has said why
+        return
+    yield Finding(
+        "gain", f"commands may be {least:.2g} to {greatest:.2g} times as strong", {"least": least, "greatest": greatest}
+    )
 
 
 # What to change -------------------------------------------------------------------------------------------------------

@@ -101,6 +101,64 @@ def delay_margin(x: Carried, M: np.ndarray, most: int) -> int:
     return most
 
 
+GAIN_MOST = 4.0  # beyond which, and below the inverse of which, a gain margin is not sought
+
+
+def gain_margin(x: Carried, M: np.ndarray) -> tuple[float, float]:
+    """How many times as weak, and as strong, all commands may be with the loop still stable: a range about 1.
+
+    `x+ = (M + (g - 1) B K) x`; its ends to 1 %, within `GAIN_MOST`. NaN where the loop is unstable as it is. Raises as
+    `delay_margin`.
+    """
+    B, K = _commands(x, M)
+    BK = B @ K
+
+    def stable(g: float) -> bool:
+        return bool(np.abs(np.linalg.eigvals(M + (g - 1) * BK)).max() < 1)
+
+    if not stable(1.0):
+        return np.nan, np.nan
+    ends = []
+    for step in (GAIN_MOST**-0.25, GAIN_MOST**0.25):
+        good, bad = 1.0, step
+        while stable(bad) and not np.isclose(good, step**3):
+            good, bad = bad, bad * step
+        if stable(bad):
+            ends.append(bad)
+            continue
+        while abs(np.log(bad / good)) > 0.01:
+            middle = float(np.sqrt(good * bad))
+            good, bad = (middle, bad) if stable(middle) else (good, middle)
+        ends.append(good)
+    return ends[0], ends[1]
+
+
+@dataclasses.dataclass(frozen=True)
+class Margins:
+    """How far commands may be off, all alike, with the loop at rest still stable."""
+
+    delay: float  # s, how much later they may come
+    gain: tuple[float, float]  # how many times as strong they may be
+    most: float  # s, up to which a delay was tried
+
+    def says(self) -> str:
+        """In words."""
+        delay = f"{1e3 * self.delay:.3g} ms later" + (" or more" if self.delay >= self.most else "")
+        least, greatest = self.gain
+        low = f"{least:.2g}" + (" or less" if least <= 1.001 / GAIN_MOST else "")
+        high = f"{greatest:.2g}" + (" or more" if greatest >= GAIN_MOST / 1.001 else "")
+        return f"commands may come {delay}, or be {low} to {high} times as strong"
+
+
+DELAY_MOST = 0.05  # s, beyond which a delay margin is not sought
+
+
+def margins(x: Carried, M: np.ndarray, dt: float) -> Margins:
+    """Delay and gain margin of a loop with ticks of dt, s; raises as `delay_margin`."""
+    most = round(DELAY_MOST / dt)
+    return Margins(delay=delay_margin(x, M, most) * dt, gain=gain_margin(x, M), most=most * dt)
+
+
 def delayed(x: Carried, M: np.ndarray, ticks: int) -> np.ndarray:
     """The derivative of a loop whose commands act so many ticks later; raises as `delay_margin`."""
     return _delayed(M, *_commands(x, M), ticks)

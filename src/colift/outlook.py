@@ -1,4 +1,4 @@
-"""What is known of a scenario before it is flown: its slowest mode, and the thrust that hovering leaves."""
+"""What is known of a scenario before it is flown: its slowest mode, margins, and the thrust that hovering leaves."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ class Outlook:
     """What is known of a scenario before it is flown."""
 
     modes: modes.Modes | None  # of the first case, at rest; None where it finds no rest
+    margins: modes.Margins | None  # of the same; None where there are no modes, or they are unstable
     hover: Mapping[str, float]  # N, thrust that each agent needs to hover on the reference
     warnings: tuple[str, ...]  # sentences
 
@@ -25,15 +26,22 @@ class Outlook:
         """As `summary.json` has it."""
         found = self.modes
         mode = None if found is None else {"stable": found.stable, "says": found.slowest(), "rad_s": list(found.rate)}
-        return {"slowest_mode": mode, "hover_thrust_N": dict(self.hover), "warnings": list(self.warnings)}
+        margins = None
+        if self.margins is not None:
+            margins = {"delay_s": self.margins.delay, "gain": list(self.margins.gain), "says": self.margins.says()}
+        hover, warnings = dict(self.hover), list(self.warnings)
+        return {"slowest_mode": mode, "margins": margins, "hover_thrust_N": hover, "warnings": warnings}
 
 
 def outlook(settings: Settings, ready: Mapping[str, simulate.Plan]) -> Outlook:
     """How the loop of the first plan behaves at rest, sampled as it flies, and how much thrust hovering leaves."""
-    first, warnings, found = next(iter(ready.values())), [], None
+    first, warnings, found, margins = next(iter(ready.values())), [], None, None
     try:
-        found = modes.at_rest(first, starts.at_rest(settings, first.world.team))
-        if not found.stable:
+        x, M = modes.monodromy(first, starts.at_rest(settings, first.world.team))
+        found = modes.of(x, M, first.dt)
+        if found.stable:
+            margins = modes.margins(x, M, first.dt)
+        else:
             warnings.append(f"unstable at rest on the reference: slowest mode {found.slowest()}")
     except ValueError as error:
         warnings.append(str(error))
@@ -47,4 +55,5 @@ def outlook(settings: Settings, ready: Mapping[str, simulate.Plan]) -> Outlook:
                 f"hovering takes {need:.4g} N of the {most:.4g} N of {name}; "
                 f"what is left, {1 - need / most:.1%}, is below limits.thrust_margin = {margin:g}"
             )
-    return Outlook(modes=found, hover=dict(zip(names, hover.tolist(), strict=True)), warnings=tuple(warnings))
+    thrust = dict(zip(names, hover.tolist(), strict=True))
+    return Outlook(modes=found, margins=margins, hover=thrust, warnings=tuple(warnings))

@@ -206,7 +206,7 @@ def numbers(of: Loop) -> dict[str, float]:
     """Slowest mode, late modes, delay and thrust margins, and how far what is unknown holds a payload off under C1."""
     truth, nominal = of.plan.world.team, of.plan.pilot.team
     try:
-        ticks = modes.delay_margin(of.x, of.M, round(checkup.DELAY_MOST * of.settings.control_Hz))
+        ticks = modes.delay_margin(of.x, of.M, round(modes.DELAY_MOST * of.settings.control_Hz))
     except ValueError:
         ticks = -1
     hover = limits.hover(of.settings, truth, of.plan.pilot, of.plan.world.sources)
