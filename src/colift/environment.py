@@ -150,7 +150,7 @@ def step(
     good, off = (
         jnp.where(jnp.arange(ticks) < flown, x, 0.0) for x in (reward(rows.e_p, rows.e_R), (rows.e_p * rows.e_p).sum(1))
     )
-    e_p = jnp.sqrt(off.sum() / jnp.maximum(flown, 1))
+    e_p = jnp.sqrt(off.sum() / jnp.maximum(flown, 1).astype(off.dtype))
     return Stepped(loop=then, seen=then.memory.leader[0], reward=good.mean(), e_p=e_p)
 
 
