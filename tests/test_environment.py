@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from colift import environment, fly, limits, simulate
+from colift import analyse, environment, fly, limits, simulate
 from colift.environment import Transport, Transports
 from tests import light
 
@@ -83,7 +83,7 @@ def test_what_is_seen_is_the_pilot_s_not_the_truth(alone: Transport) -> None:
     assert isinstance(alone.task.setup.pilot.leader, fly.Leader)
     alone.reset(seed=3)
     before = alone._loop
-    seen = alone.step(np.zeros(6, np.float32))[0]
+    seen, _, _, _, info = alone.step(np.zeros(6, np.float32))
     seed = jnp.array([alone._noise, alone._steps - 1])
     setup, ticks = alone.task.setup, alone.task.ticks
     noise = setup.world.draw(jax.random.fold_in(jax.random.key(seed[0]), seed[1]), ticks)
@@ -91,6 +91,7 @@ def test_what_is_seen_is_the_pilot_s_not_the_truth(alone: Transport) -> None:
     off = np.abs(seen[:3] * environment.BOUNDS["e_p"] - np.asarray(rows.e_p[-1]))
     assert (off > 0).all()
     assert off.max() < 0.01
+    np.testing.assert_allclose(info["e_p_m"], analyse.norm_rms(np.asarray(rows.e_p)))
 
 
 def test_the_reward_is_one_without_errors_and_half_at_the_stated_ones(alone: Transport) -> None:
@@ -154,6 +155,25 @@ def test_a_flight_that_is_over_begins_anew_in_the_next_step(many: Transports) ->
     assert (many.step(actions)[1] > 0).all()
     again, _ = many.reset(seed=9)
     np.testing.assert_array_equal(again, first)
+
+
+def test_stable_baselines_3_sees_the_next_episode_s_beginning_with_an_end(many: Transports) -> None:
+    pytest.importorskip("stable_baselines3", reason="PyTorch: gigabytes")
+    from evidence import curve
+
+    flights = curve.adapted(many)
+    flights.seed(9)
+    first, actions, over = flights.reset(), np.zeros((3, 6), np.float32), np.zeros(3, bool)
+    np.testing.assert_array_equal(first, many.reset(seed=9)[0])
+    while not over.any():
+        seen, _, over, told = flights.step(actions)
+    assert over.all()
+    assert all(each["TimeLimit.truncated"] for each in told)
+    assert np.abs(seen - first).max() < 0.1  # as at a start, under another noise
+    assert np.abs(np.stack([each["terminal_observation"] for each in told]) - first).max() > 0.1
+    _, rewards, over, _ = flights.step(actions)
+    assert (rewards > 0).all()
+    assert not over.any()
 
 
 def test_gymnasium_makes_both(path: Path) -> None:

@@ -134,6 +134,7 @@ class Stepped:
     loop: simulate.Loop
     seen: Float[Array, "*flights seen"]
     reward: Float[Array, "*flights"]
+    e_p: Float[Array, "*flights"]  # m, RMS of the true error over the step
 
 
 @functools.partial(jax.jit, static_argnums=0)
@@ -145,8 +146,12 @@ def step(
     setup = dataclasses.replace(setup, pilot=dataclasses.replace(setup.pilot, leader=leader))
     noise = setup.world.draw(jax.random.fold_in(jax.random.key(seed[0]), seed[1]), ticks)
     then, rows = simulate.advance(setup, loop, noise, jnp.asarray(ticks))
-    good = jnp.where(jnp.arange(ticks) < then.tick - loop.tick, reward(rows.e_p, rows.e_R), 0.0)
-    return Stepped(loop=then, seen=then.memory.leader[0], reward=good.mean())
+    flown = then.tick - loop.tick
+    good, off = (
+        jnp.where(jnp.arange(ticks) < flown, x, 0.0) for x in (reward(rows.e_p, rows.e_R), (rows.e_p * rows.e_p).sum(1))
+    )
+    e_p = jnp.sqrt(off.sum() / jnp.maximum(flown, 1).astype(off.dtype))
+    return Stepped(loop=then, seen=then.memory.leader[0], reward=good.mean(), e_p=e_p)
 
 
 @functools.partial(jax.jit, static_argnums=0)
@@ -176,8 +181,8 @@ class Transport(gymnasium.Env):
     action (6): force, world, over `force_N`, and moment, payload frame, over `moment_Nm`, each in [-1, 1]. Observation:
     `BOUNDS`, in [-1, 1]; agents and contacts in team order. Reward: the mean over a step of `reward` of the true
     errors, 0 after the flight has ended. It is terminated where a limit of the scenario is met, `info["cause"]` says
-    which (`limits.Cause`), and truncated after the scenario's duration. A reset flies one step without action, so that
-    something is known.
+    which (`limits.Cause`), and truncated after the scenario's duration; `info["e_p_m"]` is the RMS of the true position
+    error over the step. A reset flies one step without action, so that something is known.
 
     name, changes: as `scenario.load`; case: a pilot that does not learn on the way. Raises as `study.plan`, and
     ValueError for a case with updates and a step that is not a multiple of the control period.
@@ -211,14 +216,15 @@ class Transport(gymnasium.Env):
         self._loop, self._steps = done.loop, self._steps + 1
         cause = limits.Cause(int(done.loop.ended))
         ended, over = cause != limits.Cause.NONE, self._steps >= self.task.steps
-        return np.asarray(done.seen, np.float32), float(done.reward), ended, over and not ended, {"cause": cause}
+        info = {"cause": cause, "e_p_m": float(done.e_p)}
+        return np.asarray(done.seen, np.float32), float(done.reward), ended, over and not ended, info
 
 
 class Transports(gymnasium.vector.VectorEnv):
     """Many flights of `Transport` at once, batched by `jax.vmap`.
 
     A flight that has ended is begun anew in the next step, whose action it does not see and whose reward is 0.
-    `info["cause"]` is an array of `limits.Cause` values.
+    `info["cause"]` is an array of `limits.Cause` values, `info["e_p_m"]` of RMS errors, m.
     """
 
     metadata: dict[str, Any] = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
@@ -270,7 +276,8 @@ class Transports(gymnasium.vector.VectorEnv):
         truncated = (self._steps >= self.task.steps) & ~ended
         self._over = ended | truncated
         rewards = np.where(anew, 0.0, np.asarray(done.reward))
-        return np.asarray(done.seen, np.float32), rewards, ended, truncated, {"cause": cause}
+        info = {"cause": cause, "e_p_m": np.asarray(done.e_p)}
+        return np.asarray(done.seen, np.float32), rewards, ended, truncated, info
 
 
 def _spaces(of: Task) -> tuple[gymnasium.spaces.Box, gymnasium.spaces.Box]:

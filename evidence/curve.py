@@ -1,0 +1,216 @@
+"""How fast a residual wrench is learned without a model: Stable-Baselines3's PPO in our environment, five seeds.
+
+Beside it, judged by the same reward and over the same part of the flight: no action, which is the scenario's leader as
+it stands (C1); integral action, which asks for a residual wrench too and knows nothing (I); the paper's learned model
+(C3), which learns within the first half of each flight. PPO acts at the leader alone, as I does; C3 learns the agents'
+residuals also, which no action of the environment reaches but by way of the payload. Stable-Baselines3's checker of
+environments is an item as well.
+
+The algorithm, its rates and how often it learns were chosen on seed 100, which is not among the five. Stable-Baselines3
+comes with `./dev peers` (PyTorch); the committed result is judged without it.
+"""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from colift import analyse, look, scenario, simulate, study
+from colift.environment import Transport, Transports, reward
+from evidence import ROOT, collect
+
+SEEDS = ("0", "1", "2", "3", "4")
+CASES = ("C1", "I", "C3")
+SCENARIO = "paper"
+SETTINGS = {"step_s": 0.1, "force_N": 4.0, "moment_Nm": 1.0}  # about twice what C1's errors ask for
+FLIGHTS = 8  # at once
+ROUNDS = 12  # of them: 32 min of flight
+EVERY = 2  # rounds between two evaluations
+JUDGED, FIRST = 2, 10_000  # flights of an evaluation, and the first one's seed
+PPO = {
+    "learning_rate": 1e-3,
+    "n_steps": 50,
+    "batch_size": 100,
+    "gamma": 0.95,  # 2 s
+    "gae_lambda": 0.9,
+    "policy_kwargs": {"log_std_init": -0.7},
+}
+MISSING = "curve: Stable-Baselines3 is not installed; `./dev peers` installs it (PyTorch: gigabytes)"
+
+
+def compute(item: str) -> Any:
+    """What the checker says, a case's flights (C1 in the environment, without action), or the learning of one seed."""
+    match item:
+        case "checker":
+            return checked()
+        case "C1":
+            return judged(judge(), lambda _: np.zeros((JUDGED, 6)))
+    return flown(item) if item in CASES else learned(int(item))
+
+
+def checked() -> list[str]:
+    """The warnings of Stable-Baselines3's checker; it raises where it finds a fault."""
+    try:
+        from stable_baselines3.common.env_checker import check_env
+    except ModuleNotFoundError as error:
+        raise SystemExit(MISSING) from error
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        check_env(Transport(SCENARIO, **SETTINGS), skip_render_check=True)
+    return [str(each.message) for each in told]
+
+
+def flown(case: str) -> dict[str, Any]:
+    """A case's own flights, without any environment: return, RMS e_p over the second half, m, and flights lost."""
+    returns, errors, lost = [], [], 0
+    for seed in range(FIRST, FIRST + JUDGED):
+        plan = study.plan(scenario.load(SCENARIO).model_copy(update={"seed": seed}), case)
+        flight = simulate.fly_plan(plan)
+        ticks, rows = round(SETTINGS["step_s"] / plan.dt), flight.rows
+        returns.append(float(np.asarray(reward(rows.e_p, rows.e_R))[ticks:].sum() / ticks))
+        errors.append(analyse.norm_rms(analyse.second_half(rows).e_p))
+        lost += bool(flight.stopped)
+    return {"return": returns, "e_p_rms_m": errors, "lost": lost}
+
+
+def learned(seed: int) -> list[dict[str, Any]]:
+    """The evaluations of one learner, before and as it learns."""
+    try:
+        import torch
+        from stable_baselines3 import PPO as Learner
+        from stable_baselines3.common.vec_env import VecNormalize
+    except ModuleNotFoundError as error:
+        raise SystemExit(MISSING) from error
+    torch.set_num_threads(1)
+    seen = VecNormalize(adapted(Transports(FLIGHTS, SCENARIO, **SETTINGS)), gamma=PPO["gamma"])
+    others = judge()
+    model, found = Learner("MlpPolicy", seen, seed=seed, device="cpu", **PPO), []
+
+    def act(observed: np.ndarray) -> np.ndarray:
+        return model.predict(seen.normalize_obs(observed), deterministic=True)[0]
+
+    for _ in range(0, ROUNDS, EVERY):
+        model.learn(EVERY * FLIGHTS * (others.task.steps - 1), reset_num_timesteps=False)
+        found.append({"steps": model.num_timesteps, **judged(others, act)})
+        print(f"curve: seed {seed}: {found[-1]}", flush=True)
+    return found
+
+
+def adapted(flights: Transports) -> Any:
+    """Our flights as Stable-Baselines3's `VecEnv`, which wants the next episode's first observation with an end.
+
+    Gymnasium's shows it after one step more, so that step is flown at once where all end together, as they do here.
+    Where one was lost before, they end apart, and that step counts as one without reward.
+    """
+    from stable_baselines3.common.vec_env import VecEnv
+
+    class Adapted(VecEnv):
+        """See `adapted`."""
+
+        def reset(self) -> np.ndarray:
+            return flights.reset(seed=self._seeds[0])[0]
+
+        def step_async(self, actions: np.ndarray) -> None:
+            self.actions = actions
+
+        def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
+            seen, good, ended, late, _ = flights.step(self.actions)
+            over = ended | late
+            told = [
+                {"terminal_observation": last, "TimeLimit.truncated": bool(truncated)} if end else {}
+                for last, truncated, end in zip(seen, late, over, strict=True)
+            ]
+            return flights.step(self.actions)[0] if over.all() else seen, good, over, told
+
+        def close(self) -> None: ...
+
+        def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
+            return [getattr(flights, attr_name, None)] * self.num_envs
+
+        def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
+            raise NotImplementedError
+
+        def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
+            raise NotImplementedError
+
+        def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
+            return [False] * self.num_envs
+
+    return Adapted(flights.num_envs, flights.single_observation_space, flights.single_action_space)
+
+
+def judge() -> Transports:
+    """The flights of an evaluation."""
+    return Transports(JUDGED, SCENARIO, **SETTINGS)
+
+
+def judged(flights: Transports, act: Any) -> dict[str, Any]:
+    """Flights under what `act` does with what is seen: as `flown`, of the environment's own rewards and errors."""
+    seen, goods, errors, lost = flights.reset(seed=FIRST)[0], [], [], np.zeros(flights.num_envs, bool)
+    for _ in range(flights.task.steps - 1):
+        seen, good, ended, _, info = flights.step(act(seen))
+        goods.append(good)
+        errors.append(info["e_p_m"])
+        lost |= ended
+    late = np.array(errors)[flights.task.steps // 2 - 1 :]
+    return {
+        "return": np.sum(goods, axis=0).tolist(),
+        "e_p_rms_m": np.sqrt((late**2).mean(0)).tolist(),
+        "lost": int(lost.sum()),
+    }
+
+
+def draw(found: dict[str, Any], path: Path) -> None:
+    """The learning curve as a figure: median and range of the seeds against flight time, cases as lines."""
+    curves = [found[seed] for seed in SEEDS]
+    minutes = [of["steps"] * SETTINGS["step_s"] / 60 for of in curves[0]]
+    with look.style():
+        figure = Figure(figsize=(look.PAGE, 2.4))
+        kinds = (("e_p_rms_m", 1e3, "RMS $e_p$, second half [mm]"), ("return", 1.0, "return [1]"))
+        for ax, (kind, scale, label) in zip(figure.subplots(1, 2), kinds, strict=True):
+            each = scale * np.array([[np.mean(of[kind]) for of in curve] for curve in curves])
+            ax.fill_between(minutes, each.min(0), each.max(0), color="0.8", linewidth=0)
+            ax.plot(minutes, np.median(each, axis=0), "ko-", label="PPO, median and range of 5 seeds")
+            for case in CASES:
+                at, shown = scale * np.mean(found[case][kind]), look.of(case)
+                ax.axhline(at, color=shown.color, linestyle=shown.dashes)
+                ax.annotate(NAMES[case], (minutes[-1], at), (3, 0), textcoords="offset points", va="center", fontsize=7)
+            ax.set(xlabel="flight time flown to learn [min]", ylabel=label, xlim=(0, minutes[-1]))
+        figure.axes[0].set_yscale("log")
+        figure.axes[0].yaxis.set_major_formatter("{x:g}")
+        figure.axes[0].legend(loc="center left")
+        figure.savefig(path, dpi=200)
+
+
+NAMES = {"C1": "no action (C1)", "I": "integral (I)", "C3": "learned (C3)"}
+
+
+def main() -> bool:
+    """Print the table and draw the figure; every seed ends closer to the reference than without action."""
+    found = collect("curve", ("C1", *SEEDS, "I", "C3", "checker"), compute)
+    print(f"Stable-Baselines3's checker: no fault; warnings: {found['checker'] or 'none'}")
+    for case in CASES:
+        print(f"{case:5} {said([found[case]])}")
+    for k, of in enumerate(found[SEEDS[0]]):
+        print(f"PPO   {said([found[seed][k] for seed in SEEDS])}; {of['steps']} steps")
+    draw(found, ROOT / "docs" / "figures" / "curve.png")
+    last, none = [found[seed][-1] for seed in SEEDS], min(found["C1"]["e_p_rms_m"])
+    return all(max(of["e_p_rms_m"]) < none and not of["lost"] for of in last)
+
+
+def said(found: list[dict[str, Any]]) -> str:
+    """Median, least and greatest of the seeds' means, and flights lost."""
+    e, good = ([float(np.mean(of[kind])) for of in found] for kind in ("e_p_rms_m", "return"))
+    lost = sum(of["lost"] for of in found)
+    return (
+        f"e_p {1e3 * np.median(e):6.1f} mm ({1e3 * min(e):.1f} to {1e3 * max(e):.1f}), "
+        f"return {np.median(good):6.1f} ({min(good):.1f} to {max(good):.1f}), {lost} lost"
+    )
+
+
+if __name__ == "__main__":
+    main()
