@@ -244,7 +244,7 @@ def test_no_legend_explains_what_is_not_there(cases):
 
 def test_figure_7_draws_what_labels_say_where_they_stop_and_when_the_world_changed(cases, tmp_path):
     rng, ds = np.random.default_rng(4), cases["C3"]
-    told = {"update_times_s": [2.5, 4.5], "update_points_payload": [20, 30], "update_points_agents": [40, 60]}
+    told = {"update_times_s": [2.5, 4.5], "update_points_payload": [20, 30], "update_points_agents": [44, 60]}
     heard = ds.assign(
         r_L=(("time", "wrench"), rng.normal(size=(ds.sizes["time"], 6))),
         r_x=(ds.f_x.dims, rng.normal(size=ds.f_x.shape)),
@@ -261,10 +261,16 @@ def test_figure_7_draws_what_labels_say_where_they_stop_and_when_the_world_chang
         x = shaded.get_paths()[0].vertices[:, 0]
         assert (x.min(), x.max()) == pytest.approx((5, 7), abs=0.06)
     np.testing.assert_array_equal(points.lines[0].get_ydata(), [0, 20, 30, 30])
-    np.testing.assert_array_equal(points.lines[1].get_ydata(), np.array([0, 40, 60, 60]) / ds.sizes["agent"])
+    np.testing.assert_array_equal(points.lines[1].get_ydata(), np.array([0, 44, 60, 60]) / ds.sizes["agent"])
     assert error.get_yscale() == "log"
     names = {path.stem for path in view.figures({"C3": heard, "C1": cases["C1"]}, TOLD, tmp_path)}
     assert "figure_7_reaction" in names
+    explained = {text.get_text() for text in figure.legends[0].get_texts()}
+    assert {"an agent's points", "the correction has faded", "the world has changed"} <= explained
+    calm = heard.assign(fresh=heard.fresh * 0 + 1)
+    calm.attrs |= {"world_changed": "", "update_points_agents": 2 * np.array(heard.attrs["update_points_payload"])}
+    explained = {text.get_text() for text in view.reaction({"C3": calm}, TOLD).legends[0].get_texts()}
+    assert explained == set(calm.agent.values), "what is not shown is not explained"
 
 
 def test_flights_of_one_tick_are_drawn(cases):

@@ -222,26 +222,35 @@ def reaction(cases: panel.Cases, told: Mapping[str, str]) -> Figure:
         r"$\|e_p\|$ [m]" + f"\n({panel.WINDOW:g} s RMS)",
         "payload:\n" + r"label $-$ map [N]",
         "agents:\n" + r"label $-$ map [N]",
-        "points",
+        "points of a body",
     ]
     for row, label in zip(grid, labels, strict=True):
         row[0].set_ylabel(label)
     figure.align_ylabels(grid[:, 0])
-    handles: list[tuple[Artist, str]] = [
-        *panel.agents(cases),
-        (Line2D([], [], color=panel.GREY, drawstyle="steps-post"), "payload's points"),
-        (Line2D([], [], color=panel.GREY, linestyle=look.DOTS), "an agent's points"),
-        (Patch(color=panel.ACTIVE, linewidth=0), "the correction has faded"),
-        (Line2D([], [], **CHANGED), "the world has changed"),
-    ]
-    figure.legend(*zip(*handles, strict=True), loc="outside lower center", ncols=min(6, len(handles)))
+    handles = panel.agents(cases)
+    if any(len(_counts(ds)) > 1 for ds in cases.values()):
+        handles.append((Line2D([], [], color=panel.GREY), "payload's points"))
+        handles.append((Line2D([], [], color=panel.GREY, linestyle=look.DOTS), "an agent's points"))
+    if any((ds.fresh.values < 0.5).any() for ds in cases.values()):
+        handles.append((Patch(color=panel.ACTIVE, linewidth=0), "the correction has faded"))
+    if any(ds.attrs["world_changed"] for ds in cases.values()):
+        handles.append((Line2D([], [], **CHANGED), "the world has changed"))
+    if handles:
+        figure.legend(*zip(*handles, strict=True), loc="outside lower center", ncols=min(6, len(handles)))
     return figure
 
 
 def _points(ax: Axes, name: str, ds: xr.Dataset) -> None:
-    """Samples that the map of the payload, and of an agent, rests on, from update to update."""
+    """Samples that the map of the payload, and of an agent if it has others, rests on, from update to update."""
     times = [0.0, *np.atleast_1d(ds.attrs["update_times_s"]), float(ds.time[-1])]
-    for of, among, dashes in (("payload", 1, "-"), ("agents", ds.sizes["agent"], look.DOTS)):
-        n = np.atleast_1d(ds.attrs[f"update_points_{of}"]) / among
-        counts = [0.0, *n, n[-1] if len(n) else 0.0]
+    for counts, dashes in zip(_counts(ds), ("-", look.DOTS), strict=False):
         ax.step(times, counts, where="post", color=look.of(name).color, linestyle=dashes)
+
+
+def _counts(ds: xr.Dataset) -> list[np.ndarray]:
+    """Of the payload, and of an agent on average where that is not the same."""
+    each = [np.atleast_1d(ds.attrs[f"update_points_{of}"]) for of in ("payload", "agents")]
+    load, agent = (
+        np.concatenate([[0.0], n, n[-1:] if len(n) else [0.0]]) for n in (each[0], each[1] / ds.sizes["agent"])
+    )
+    return [load] if np.array_equal(load, agent) else [load, agent]
