@@ -42,6 +42,7 @@ h1 { margin: 0; } h2 { margin: 1.6em 0 0.4em; }
 .wide { overflow-x: auto; } pre { overflow-x: auto; font-size: 13px; }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
 th, td { padding: 3px 9px; border-bottom: 1px solid var(--line); text-align: right; vertical-align: bottom; }
+.wide td, .wide th { white-space: nowrap; } .wide .words td { white-space: normal; min-width: 7em; }
 th:first-child, td:first-child, .words td, .words th { text-align: left; overflow-wrap: normal; }
 .words th { font-weight: normal; color: var(--quiet); vertical-align: top; white-space: nowrap; }
 figure { margin: 1.2em 0; } figure img { display: block; width: 100%; background: #fff; }
@@ -172,12 +173,13 @@ def _list(said: Sequence[tuple[bool, str]]) -> str:
 
 def _run(summary: Mapping[str, Any], told: Settings) -> str:
     """What was run, and what of it is not as shipped."""
-    slowest = summary["slowest_mode"]
+    slowest, margins = summary["slowest_mode"], summary.get("margins")  # a study of before has none
     rows = {
         "command": summary["command"],
         "scenario": f"{told.name}, seed {summary['seed']}, {told.duration_s:g} s at {told.control_Hz:g} Hz",
         "plant": summary["plant"],
         "slowest mode at rest": slowest["says"] if slowest else "not found",
+        "margins at rest": margins["says"] if margins else "none",
         "versions": ", ".join(f"{name} {given}" for name, given in summary["versions"].items()),
         "run": f"{summary['run']}, settings {summary['settings']}",
     }
