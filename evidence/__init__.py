@@ -2,7 +2,8 @@
 
 A proof is a module here with `main()`. It keeps what it has computed in its result file, item by item. The file names
 the commit that it was computed at and the files that it rests on, each with git's digest. Once one of these files is
-another, and only then, a run computes afresh; `./dev evidence status` says which results are behind, and by what.
+another, and only then, a run computes afresh; `./dev evidence status` says which results are behind, and by what. A
+Python file whose docstrings, comments or layout alone have changed is the same.
 """
 
 from __future__ import annotations
@@ -126,7 +127,24 @@ def _cpuinfo() -> list[str]:
 def behind(name: str) -> list[str]:
     """The files that are no longer those a result was computed from; empty for one that holds today."""
     then, now = stored(name).get("files", {}), rests_on(ROOT / "evidence" / f"{name}.py")
-    return sorted(path for path in then | now if then.get(path) != now.get(path))
+    changed = (path for path in then | now if then.get(path) != now.get(path))
+    return sorted(path for path in changed if not (path in then and path in now and _same_code(then[path], path)))
+
+
+def _same_code(digest: str, path: str) -> bool:
+    """Whether a Python file does what the one of git's digest did: its code is the same, whatever it says of it."""
+    before = _git("cat-file", "blob", digest) if path.endswith(".py") else None
+    return before is not None and _code(before) == _code((ROOT / path).read_text())
+
+
+def _code(text: str) -> str:
+    """A module without its docstrings, comments and layout."""
+    tree = ast.parse(text)
+    for node in ast.walk(tree):
+        body = getattr(node, "body", None)
+        if isinstance(body, list):
+            node.body = [one for one in body if not (isinstance(one, ast.Expr) and isinstance(one.value, ast.Constant))]
+    return ast.dump(tree)
 
 
 def stored(name: str) -> dict[str, Any]:

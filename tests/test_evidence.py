@@ -113,6 +113,21 @@ def test_a_result_of_files_that_are_not_committed_is_refused(project):
     assert Path(made["command"].split()[0]).name == "dev"
 
 
+def test_a_file_of_which_only_the_words_have_changed_is_the_same(project):
+    b = project / "src/colift/b.py"
+    author = ["-c", "user.name=a", "-c", "user.email=a@b.c"]
+    for words in (["init", "-q"], ["add", "."], [*author, "commit", "-qm", "all"]):
+        subprocess.run(["git", *words], cwd=project, check=True)
+    evidence.collect("proof", ["a"], str.upper)
+    b.write_text('"""A module."""\n\n\ndef f():\n    """Of it."""\n    import colift.c  # why\n')
+    assert evidence.behind("proof") == []
+    b.write_text('def f():\n    """Of it."""\n    import colift.a\n')
+    assert evidence.behind("proof") == ["src/colift/b.py"]
+    b.write_text("def f():\n    import colift.c\n")
+    (project / "src/colift/a.h").write_text("int x; // the same, but no Python")
+    assert evidence.behind("proof") == ["src/colift/a.h"]
+
+
 def test_a_digest_is_gits(tmp_path):
     path = tmp_path / "a"
     path.write_bytes(b"what is up, doc?")  # the example of Pro Git, section 10.2

@@ -12,6 +12,7 @@ The map; each module imports only those below it:
     bag         a flight as a ROS 2 bag
     certification  a scenario certified: flights, certificate, challenge, file
     results     the flights of a study, and what is written of them
+    heldout     paths that no map has seen
     report      a study as one page
     watch       a flight seen while it flies
     view        figures of a study

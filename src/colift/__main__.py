@@ -362,6 +362,13 @@ def study(
     cases: Annotated[
         str, typer.Option("--cases", help="Which cases to fly, as C1,C3,C4; by default C1, C2 and C3.")
     ] = "",
+    held_out: Annotated[
+        bool,
+        typer.Option(
+            "--heldout",
+            help="Also fly the map that each case ended with, frozen, on paths that it has not seen.",
+        ),
+    ] = False,
     engine: ByEngine = None,
     quiet: Quiet = False,
     as_json: Json = False,
@@ -378,7 +385,8 @@ def study(
     for case in asked:
         _require_known(case, "--cases")
     wanted = dict.fromkeys([*asked, *(flights.BASELINES if baselines else ())])
-    _fly(functools.partial(_settings, name, changes, duration, seed, engine), tuple(wanted), out, quiet, as_json)
+    read = functools.partial(_settings, name, changes, duration, seed, engine)
+    _fly(read, tuple(wanted), out, quiet, as_json, held_out=held_out)
 
 
 @app.command()
@@ -407,20 +415,27 @@ def _require_known(case: str, option: str = "--case") -> None:
 
 
 def _fly(
-    read: Callable[[], Any], cases: tuple[str, ...], out: Path | None, quiet: bool, as_json: bool, suffix: str = ""
+    read: Callable[[], Any],
+    cases: tuple[str, ...],
+    out: Path | None,
+    quiet: bool,
+    as_json: bool,
+    suffix: str = "",
+    held_out: bool = False,
 ) -> None:
     """Fly the cases of the settings that are read, save and print them; the folder is named after them and `suffix`."""
-    from colift import outlook
+    from colift import heldout, outlook
     from colift import study as flights
 
     with _opened(read, out, "the cases that had ended are in", suffix) as (settings, folder):
         with _stages(f"preparing {settings.name}", quiet) as say:
             ready = flights.plans(settings, cases)
+            unseen = heldout.plans(settings, cases) if held_out else {}
             say("its loop at rest")
             ahead = outlook.outlook(settings, ready)
         with _printed(""):
             _report_outlook(ahead, quiet or as_json)
-        summary = _with_progress(settings, folder, ready, ahead, quiet)
+        summary = _with_progress(settings, folder, ready, ahead, unseen, quiet)
     with _printed(f"; the results are in {folder.path}"):
         if as_json:
             print(json.dumps(summary, indent=2))
@@ -440,18 +455,22 @@ def _report_outlook(ahead: Any, warnings_only: bool) -> None:
         errors.print(f"warning: {text}", style="yellow", markup=False)
 
 
-def _with_progress(settings: Any, folder: Any, ready: dict[str, Any], ahead: Any, quiet: bool) -> dict[str, Any]:
+def _with_progress(
+    settings: Any, folder: Any, ready: dict[str, Any], ahead: Any, unseen: dict[str, Any], quiet: bool
+) -> dict[str, Any]:
     """Fly with a bar a case; where bars cannot be drawn, with a line every few seconds; where it is quiet, neither."""
-    from colift import results
+    from colift import heldout, results
     from colift import study as flights
 
+    known = {case: flights.ALL[case] for case in ready}
+    if unseen:
+        known |= heldout.titles(known)
     if quiet:
-        return results.run(settings, folder, ready, ahead)
+        return results.run(settings, folder, ready, ahead, unseen=unseen)
     if not errors.is_terminal:
-        return results.run(settings, folder, ready, ahead, _lines(flights.ALL, settings.duration_s))
+        return results.run(settings, folder, ready, ahead, _lines(known, settings.duration_s), unseen)
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-    known = flights.ALL
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
@@ -460,7 +479,8 @@ def _with_progress(settings: Any, folder: Any, ready: dict[str, Any], ahead: Any
     )
     with Progress(*columns, console=errors) as bars:
         tasks = {
-            case: bars.add_task(f"{case:3} {known[case]}", total=settings.duration_s, start=False) for case in ready
+            case: bars.add_task(f"{case:3} {what}", total=settings.duration_s, start=False)
+            for case, what in known.items()
         }
 
         def progress(case: str, t: float) -> None:
@@ -468,7 +488,7 @@ def _with_progress(settings: Any, folder: Any, ready: dict[str, Any], ahead: Any
                 bars.start_task(tasks[case])
             bars.update(tasks[case], completed=t)
 
-        return results.run(settings, folder, ready, ahead, progress)
+        return results.run(settings, folder, ready, ahead, progress, unseen)
 
 
 def _lines(known: dict[str, str], duration: float) -> Callable[[str, float], None]:
@@ -509,6 +529,8 @@ def _report(summary: dict[str, Any], folder: Path) -> None:
         if not found["complete"]:
             errors.print(f"{case} is incomplete: {found['stopped']}", style="red", markup=False)
     tables.show(_merits_table(summary))
+    if summary["heldout"]:
+        tables.show(_heldout_table(summary))
     for case, found in summary["cases"].items():
         for text in found["warnings"]:
             errors.print(f"warning: {case}: {text}", style="yellow", markup=False)
@@ -529,6 +551,21 @@ def _merits_table(summary: dict[str, Any]) -> Any:
         table.add_column(f"{heading}\n{unit}", justify="right", no_wrap=True)
     for case, found in summary["cases"].items():
         table.add_row(case, *(tables.cell(found[key], scale, spec) for _, _, key, scale, spec in COLUMNS))
+    return table
+
+
+def _heldout_table(summary: dict[str, Any]) -> Any:
+    """RMS position errors on paths that no map has seen, beside those on the path that it was learned on."""
+    from rich.box import SIMPLE_HEAD
+
+    found = summary["heldout"]
+    paths = list(next(iter(found.values())))
+    table = Table(title="e_p, mm, with the map of the end, frozen", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    for heading in ("case", "learned on", *paths):
+        table.add_column(heading, justify="left" if heading == "case" else "right", no_wrap=True)
+    for case, there in found.items():
+        errors_m = [summary["cases"][case]["e_p_rms_m"], *(there[path]["e_p_rms_m"] for path in paths)]
+        table.add_row(case, *("stopped" if e is None else f"{1e3 * e:.1f}" for e in errors_m))
     return table
 
 

@@ -10,12 +10,13 @@ from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from importlib.metadata import version
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from colift import analyse, disk, folder, learn, log, simulate
+from colift import analyse, disk, folder, heldout, learn, log, simulate
 from colift.certify import assumed
 from colift.folder import Folder
 from colift.outlook import Outlook
@@ -48,11 +49,13 @@ def run(
     ready: Mapping[str, simulate.Plan],
     ahead: Outlook,
     progress: Callable[[str, float], None] = lambda _case, _t: None,
+    unseen: Mapping[str, Mapping[str, simulate.Plan]] = MappingProxyType({}),
 ) -> dict[str, Any]:
     """Fly the plans of `study.plans`, write a NetCDF file each, figures, tables and `summary.json`; return the summary.
 
-    ahead: their `outlook.outlook`, which the summary repeats. Replaces an earlier study, and the certificate of
-    another run, before the first flight. Raises OSError where `out` cannot be written.
+    ahead: their `outlook.outlook`, which the summary repeats. unseen: `heldout.plans`, flown with the map that each
+    case ended with; of them the summary has the RMS position errors over the second half. Replaces an earlier study,
+    and the certificate of another run, before the first flight. Raises OSError where `out` cannot be written.
     """
     from colift import lengthscales, view  # matplotlib takes a second to import, which the flights need not wait for
 
@@ -70,6 +73,7 @@ def run(
         **ahead.summary,
         "limits": _limits(settings, next(iter(ready.values()))),
         "cases": {},
+        "heldout": {},
     }
     data, fits = {}, {}
     first = next(iter(ready.values()))
@@ -83,6 +87,12 @@ def run(
         summary["cases"][case] = found
         if flight.updates:
             fits[case] = flight.updates[-1].fits
+        for path, plans in unseen.items():
+            told = f"{case}, {path}"
+            there = heldout.frozen(plans[case], flight.oracle)
+            other = simulate.fly_plan(there, lambda t, told=told: progress(told, t))
+            error = None if other.stopped else analyse.norm_rms(analyse.second_half(other.rows).e_p)
+            summary["heldout"].setdefault(case, {})[path] = {"e_p_rms_m": error, "stopped": other.stopped}
     summary["bound"] = _rests_on(first)
     summary["residual"] = summary["cases"][list(ready)[-1]]["residual"]
     began = time.perf_counter()

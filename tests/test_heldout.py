@@ -1,0 +1,53 @@
+"""Paths that no map has seen: what they are, and what flies there."""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from colift import heldout, simulate, study
+from colift.scenario import ScenarioError, Settings
+from colift.scenario import paths as built
+from colift.scenario.settings import Lissajous
+from tests import light
+
+
+def test_paths_are_the_same_curve_backwards_larger_and_moved():
+    settings = light.settings()
+    own = built.path(settings)
+    other = {name: built.path(there) for name, there in heldout.paths(settings).items()}
+    assert list(other) == list(heldout.PATHS)
+    given = settings.reference
+    assert isinstance(given, Lissajous)
+    center, amplitude, period, phase = map(
+        np.array, (given.center_m, given.amplitude_m, given.period_s, given.phase_deg)
+    )
+    for t in given.ramp_s + np.linspace(0, 7, 23):
+        at = own.at(jnp.asarray(t))
+        found = {name: each.at(jnp.asarray(t)) for name, each in other.items()}
+        back = center + amplitude * np.sin(-2 * np.pi * t / period + np.deg2rad(phase))
+        np.testing.assert_allclose(found["backwards"].p, back, atol=1e-9)
+        np.testing.assert_allclose(found["larger"].p - center, 1.2 * (at.p - center), atol=1e-12)
+        np.testing.assert_allclose(found["moved"].p, at.p + np.array([0.3, 0, 0]), atol=1e-12)
+
+
+def test_a_reference_that_is_no_such_curve_is_refused():
+    poses = [{"t_s": 0.0, "p_m": [0.0, 0.0, 1.0]}, {"t_s": 4.0, "p_m": [1.0, 0.0, 1.0]}]
+    told = light.settings().model_dump() | {"reference": {"kind": "waypoints", "poses": poses}}
+    with pytest.raises(ScenarioError, match=r"reference\.kind = waypoints: .* lissajous"):
+        heldout.paths(Settings.model_validate(told))
+
+
+def test_what_flies_there_has_the_map_and_learns_no_more():
+    settings = light.settings()
+    plan = study.plan(settings, "C3")
+    first = simulate.fly_plan(plan)
+    there = heldout.frozen(heldout.plans(settings, ("C3",))["moved"]["C3"], first.oracle)
+    second = simulate.fly_plan(there)
+    assert not second.updates
+    assert not second.stopped
+    assert second.oracle is first.oracle
+    error = np.abs(second.rows.f_L_hat).max()
+    assert error > 0, "the map speaks from the start"
+    assert np.abs(first.rows.f_L_hat[:2]).max() == 0
