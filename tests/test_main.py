@@ -343,6 +343,16 @@ def test_one_case_is_flown_alone_and_quietly_and_its_summary_is_printed_as_json(
     assert list(summary["cases"]) == ["C1"]
     assert summary == json.loads((tmp_path / "out" / "sample-C1" / "summary.json").read_text())
     assert log.load(tmp_path / "out" / "sample-C1" / "C1.nc").attrs["complete"] == 1
+    asked = ["study", "short.yaml", "--cases", "C1", "--heldout", "--out", "held"]
+    done = CliRunner().invoke(app, asked, catch_exceptions=False)
+    assert done.exit_code == 0
+    assert "C1, backwards: C1's map, the same curve the other way round, 1 s to fly" in done.stderr
+    found = json.loads((tmp_path / "held" / "summary.json").read_text())["heldout"]
+    assert list(found) == ["C1"]
+    assert list(found["C1"]) == ["backwards", "larger", "moved"]
+    assert all(each["e_p_rms_m"] > 0 and each["stopped"] == "" for each in found["C1"].values())
+    title = done.stdout.index("with the map of the end, frozen")
+    assert f"{1e3 * found['C1']['moved']['e_p_rms_m']:.1f}" in done.stdout[title:]
     status, said = invoke("run", "short.yaml", "--case", "C9")
     assert (status, said) == (2, "--case C9: must be one of C1, C2, C3, C4, I, DOB, P, O, F, R, H\n")
 
