@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from colift import analyse, checkup, scenario, simulate, study, tune
-from colift.scenario import Settings, roster
+from colift.scenario import Settings
 from evidence import collect
 
 TEAMS = ("beam", "trio", "uneven", "plate", "seven")
@@ -64,7 +64,7 @@ def flown(settings: Settings) -> dict[str, dict[str, float] | str]:
     """By case, RMS errors, or why it ended early."""
     errors: dict[str, dict[str, float] | str] = {}
     for case, plan in study.plans(settings, CASES).items():
-        flight = simulate.fly_plan(plan, roster.agent_names(settings))
+        flight = simulate.fly_plan(plan)
         summary = analyse.summary(flight, plan.world.team, plan.pilot.team)
         errors[case] = flight.stopped or {name: summary[name] for name in ("e_p_rms_m", "e_R_rms", "Psi_mean")}
     return errors
