@@ -84,15 +84,15 @@ MUTANTS = {
     # estimation
     "agents' inputs past the labels' filter": Mutant(
         "estimate.py",
-        "state=_pass(past.state, flat_agent(q), filters, warm, fresh, dt)",
+        "state=_pass(past.state, flat_agent(q), b_label, warm)",
         "state=settle(flat_agent(q))",
         "estimate",
         "inputs_of_the_learned",
     ),
     "payload's inputs past the labels' filter": Mutant(
         "estimate.py",
-        "memory.state, flat_payload(load, jnp.concatenate([felt, omega_dot])), filters, memory.warm, fresh, dt",
-        "memory.state, flat_payload(load, jnp.concatenate([felt, omega_dot])), filters, 0.0 * memory.warm, fresh, dt",
+        "flat_payload(load, jnp.concatenate([felt, omega_dot])), b, memory.warm)",
+        "flat_payload(load, jnp.concatenate([felt, omega_dot])), b, 0.0 * memory.warm)",
         "estimate",
         "inputs_of_the_learned",
     ),
