@@ -175,6 +175,19 @@ def three_bodies(delay_s: float = 0.0) -> tuple[modes.Carried, np.ndarray]:
     return modes.monodromy(plan, starts.at_rest(settings, plan.world.team))
 
 
+def test_from_where_a_loop_has_settled_the_rest_is_the_same():
+    plan = study.plan(light.settings(), "C1")
+    setup, loop, noise = modes._begun(plan, starts.at_rest(light.settings(), plan.world.team))
+    settled = modes._settled(setup, loop, noise)
+    assert int(settled.tick) == int(loop.tick), "its clock was held"
+    apart = modes._coordinates(modes._take(loop), jax.tree.map(lambda leaf: leaf[None], modes._take(settled)))
+    assert np.abs(apart).max() > 1e-3, "rest is off the reference by what is not known of the payload"
+    rests = [modes._rest(setup, of, noise) for of in (loop, settled)]
+    (x, _), (y, _) = (found for found in rests if found)
+    between = modes._coordinates(x, jax.tree.map(lambda leaf: leaf[None], y))
+    np.testing.assert_allclose(between, 0, atol=1e-6)
+
+
 def test_the_delay_margin_ends_where_the_loop_that_has_a_delay_is_unstable():
     """The delay that actuators can have, of all that they move: the team has no joints."""
     x, M = three_bodies()
