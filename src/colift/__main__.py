@@ -529,7 +529,7 @@ def _report(summary: dict[str, Any], folder: Path) -> None:
         if not found["complete"]:
             errors.print(f"{case} is incomplete: {found['stopped']}", style="red", markup=False)
     tables.show(_merits_table(summary))
-    if summary["heldout"]:
+    if "heldout" in summary:
         tables.show(_heldout_table(summary))
     for case, found in summary["cases"].items():
         for text in found["warnings"]:

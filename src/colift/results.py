@@ -73,7 +73,7 @@ def run(
         **ahead.summary,
         "limits": _limits(settings, next(iter(ready.values()))),
         "cases": {},
-        "heldout": {},
+        **({"heldout": {}} if unseen else {}),
     }
     data, fits = {}, {}
     first = next(iter(ready.values()))
