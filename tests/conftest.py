@@ -84,6 +84,25 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> LoadFileSche
     return TogetherScheduling(config, log) if config.getoption("dist") == "loadfile" else None
 
 
+@pytest.fixture(scope="module")
+def cases() -> Any:
+    """Made-up flights of all cases, for figures."""
+    from tests import made_up
+
+    return made_up.cases()
+
+
+@pytest.fixture
+def style() -> Iterator[None]:
+    """What `figures` sets around each of them."""
+    import matplotlib as mpl
+
+    from colift import look
+
+    with mpl.rc_context(look.STYLE):
+        yield
+
+
 @pytest.fixture(autouse=True)
 def _forget_a_test() -> Iterator[None]:
     """A worker that has grown forgets the programs of the tests behind it; what stays even so does not count."""

@@ -1,24 +1,13 @@
 """Figures 3 and 5: every deviation and every radius stands beside the true error that it is of."""
 
-import matplotlib as mpl
 import numpy as np
 import pytest
 
-from colift import look, prediction
-from tests import flights, made_up
+from colift import prediction
+from tests import flights
 from tests.made_up import CASES, TOLD
 
-
-@pytest.fixture(scope="module")
-def cases():
-    return made_up.cases()
-
-
-@pytest.fixture(autouse=True)
-def style():
-    """What `figures` sets around each of them."""
-    with mpl.rc_context(look.STYLE):
-        yield
+pytestmark = pytest.mark.usefixtures("style")
 
 
 def bodies(ds, names):

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from colift import look, panel, prediction, view
-from tests import flights, made_up
+from tests import flights
 from tests.made_up import CASES, RIVALS, TOLD
 
 COMPARED = {
@@ -27,16 +27,7 @@ LOOKED_INTO = {
 FIGURES = COMPARED | LOOKED_INTO
 
 
-@pytest.fixture(scope="module")
-def cases():
-    return made_up.cases()
-
-
-@pytest.fixture(autouse=True)
-def style():
-    """What `figures` sets around each of them."""
-    with mpl.rc_context(look.STYLE):
-        yield
+pytestmark = pytest.mark.usefixtures("style")
 
 
 def shown(draw, cases):
