@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from colift import agent as ag
-from colift import band, grasp, learn
+from colift import band, grasp, learn, place
 from colift.model import Agent, Team
 from colift.pytree import pytree
 
@@ -63,11 +63,12 @@ class Biases:
 
 @dataclasses.dataclass(frozen=True)
 class Held:
-    """An oracle and its bands, which hold from a tick on."""
+    """An oracle, its bands and what its means may be off, which hold from a tick on."""
 
     first: int
     oracle: learn.Oracle
     bands: band.Bands
+    doubts: place.Doubts = dataclasses.field(default_factory=dict)
 
 
 def along(
@@ -75,7 +76,7 @@ def along(
 ) -> Sigma:
     """Deviations and radii at the true states of a flight, every so many ticks.
 
-    team: as believed. x, agents: the learned maps' inputs at t, s, as `simulate.inputs` has them.
+    team: as believed. x: payload samples at t, s; agents: those of the agents, by group.
     """
     first = [-(-each.first // every) for each in held] + [len(x)]
     found = []
@@ -104,10 +105,21 @@ def _block(
         jnp.asarray(np.pad(each, ((0, BLOCK - n), *[(0, 0)] * (each.ndim - 1)))) for each in (x, *agents)
     )
     seen = [oracle.features.agent(each) for each in of_agents]
+    payload = np.asarray(learn.payload_deviation(oracle, full))
+    each_agent = [np.array(learn.agent_deviation(model, each)) for model, each in zip(oracle.agents, seen, strict=True)]
+    for body, unsure in held.doubts.items():
+        if isinstance(body, str):
+            Z = np.asarray(oracle.features.payload(full))
+            payload = np.hypot(payload, np.sqrt(place.doubt(oracle.payload, unsure, Z, np.asarray(full), True)))
+        else:
+            i, j = body
+            Z, one = np.asarray(seen[i])[:, j], learn.of_body(oracle, body)
+            more = place.doubt(one, unsure, Z, np.asarray(of_agents[i])[:, j], False)
+            each_agent[i][:, j] = np.hypot(each_agent[i][:, j], np.sqrt(more))
     groups = list(zip(oracle.agents, bands.companion.agents, bands.agents, seen, strict=True))
     return (
-        np.asarray(learn.payload_deviation(oracle, full))[:n],
-        tuple(np.asarray(learn.agent_deviation(model, each))[:n] for model, _, _, each in groups),
+        payload[:n],
+        tuple(each[:n] for each in each_agent),
         tuple(
             of_agent_labels(biases, t, *(np.asarray(each)[:n] for each in _levers(group, inputs)))
             for group, inputs in zip(team.groups, of_agents, strict=True)

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import dataclasses
 import os
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from types import MappingProxyType
-from typing import Protocol, runtime_checkable
+from typing import Protocol, TypeVar, runtime_checkable
 
 import jax
 import jax.numpy as jnp
@@ -39,6 +39,7 @@ from colift.pytree import pytree, static
 
 Scalar = Float[Array, ""]
 Sampled = tuple[Float[Array, "..."], Float[Array, "..."]]
+T = TypeVar("T")
 
 
 @pytree
@@ -178,12 +179,57 @@ class Plain:
         return agent_feature_names(joints)
 
 
+class Known(Protocol):
+    """What an oracle says beside its GPs, linear in parameters that were identified."""
+
+    def on_payload(self, x: Float[Array, "inputs"]) -> Float[Array, "6"]:
+        """Force, N (world), and moment, N m (payload frame), at a payload sample."""
+        ...
+
+    def on_agents(self, group: int, x: Float[Array, "agents inputs"]) -> Float[Array, "agents outputs"]:
+        """`f_x`, N, `f_w` and `f_r`, N m, of the agents of a group at their samples."""
+        ...
+
+
 @pytree
 class Linear:
     """Weights of `basis`, of every output."""
 
     payload: Float[Array, "functions 6"]
     agents: tuple[Float[Array, "_agents _functions _outputs"], ...]  # by group
+
+    def on_payload(self, x: Float[Array, "inputs"]) -> Float[Array, "6"]:
+        """`phi W`."""
+        return payload_basis(x) @ self.payload
+
+    def on_agents(self, group: int, x: Float[Array, "agents inputs"]) -> Float[Array, "agents outputs"]:
+        """`phi W`."""
+        weights = self.agents[group]
+        return (agent_basis(x, weights.shape[2] - 6)[:, :, None] * weights).sum(1)
+
+
+@pytree
+class Air:
+    """Drag of bodies, and what rotors lack of thrust: `-c v`, with the payload's lever b, and `k R e_3` of agents."""
+
+    payload: Float[Array, "4"]  # c, N s/m, and c b, N s
+    agents: tuple[Float[Array, "_agents 2"], ...]  # c, N s/m, and k, N
+
+    def on_payload(self, x: Float[Array, "inputs"]) -> Float[Array, "6"]:
+        """`-c v` and `b x R^T (-c v)`."""
+        v, R = x[3:6], x[6:15].reshape(3, 3)
+        return jnp.concatenate([-self.payload[0] * v, -so3.cross(self.payload[1:], R.T @ v)])
+
+    def on_agents(self, group: int, x: Float[Array, "agents inputs"]) -> Float[Array, "agents outputs"]:
+        """`-c v + k R e_3`; no moments."""
+        n_r, (c, k) = (x.shape[1] - 18) // 2, self.agents[group].T
+        v, up = x[:, 15 + n_r : 18 + n_r], x[:, jnp.array([2, 5, 8])]
+        return jnp.concatenate([k[:, None] * up - c[:, None] * v, jnp.zeros((len(x), 3 + n_r))], axis=1)
+
+
+def no_air(sizes: Sequence[int]) -> Air:
+    """Before anything is known of groups of so many agents."""
+    return Air(payload=jnp.zeros(4), agents=tuple(jnp.zeros((size, 2)) for size in sizes))
 
 
 def basis(p: Float[Array, "*batch 3"], v: Float[Array, "*batch 3"], rest: Float[Array, "*batch rest"]) -> Array:
@@ -224,7 +270,7 @@ def regress(oracle: Oracle, recorded: Recorded, ridge: float) -> Oracle:
     linear = Linear(
         payload=jnp.asarray(weights(payload_basis(recorded.payload.X), recorded.payload)), agents=tuple(groups)
     )
-    return dataclasses.replace(oracle, linear=linear, k=oracle.k + 1)
+    return dataclasses.replace(oracle, known=linear, k=oracle.k + 1)
 
 
 @pytree
@@ -235,7 +281,7 @@ class Oracle:
     payload: gp.GP
     agents: tuple[gp.GP, ...]  # by group, agents lead
     theta: Float[Array, "10"]  # nominal less true rigid-body parameters of the payload, or zero: see `regressor`
-    linear: Linear | None = None  # in `basis`, beside the GPs
+    known: Linear | Air | None = None  # beside the GPs, see `Known`
     k: Int[Array, ""] = dataclasses.field(default_factory=lambda: jnp.zeros((), int))  # of the update t_k, 0 before any
 
 
@@ -293,8 +339,8 @@ class Function:
 def payload_mean(oracle: Oracle, x: Float[Array, "inputs"]) -> Wrench:
     """The GP's share of `f_hat_L` at a payload sample."""
     f = gp.mean(oracle.payload, oracle.features.payload(x))
-    if oracle.linear is not None:
-        f = f + payload_basis(x) @ oracle.linear.payload
+    if oracle.known is not None:
+        f = f + oracle.known.on_payload(x)
     return Wrench(F=f[:3], tau=f[3:])
 
 
@@ -303,9 +349,8 @@ def agents_mean(oracle: Oracle, x: tuple[Float[Array, "agents inputs"], ...]) ->
     out = []
     for i, (group, inputs) in enumerate(zip(oracle.agents, x, strict=True)):
         f = jax.vmap(gp.mean)(group, oracle.features.agent(inputs))
-        if oracle.linear is not None:
-            phi = agent_basis(inputs, f.shape[1] - 6)
-            f = f + (phi[:, :, None] * oracle.linear.agents[i]).sum(1)
+        if oracle.known is not None:
+            f = f + oracle.known.on_agents(i, inputs)
         out.append(agent_force(f))
     return tuple(out)
 
@@ -316,7 +361,7 @@ def identify(X: np.ndarray, Y: np.ndarray, sigma: np.ndarray, prior: np.ndarray)
     Minimizes `sum |(Y - Y(x) theta) / sigma|^2 + |theta / prior|^2`; a direction that the motion does not excite
     keeps its prior. Returns theta and, per parameter, how much of the prior's deviation remains (1: not excited).
     """
-    q = jax.vmap(_payload_of)(jnp.asarray(X))
+    q = jax.vmap(state_of)(jnp.asarray(X))
     A = np.asarray(jax.vmap(regressor)(q, jnp.asarray(X[:, 18:21]), jnp.asarray(X[:, 21:24])))
     A = (A / sigma[None, :, None] * prior[None, None, :]).reshape(-1, 10)
     b = (Y / sigma[None, :]).reshape(-1)
@@ -324,7 +369,8 @@ def identify(X: np.ndarray, Y: np.ndarray, sigma: np.ndarray, prior: np.ndarray)
     return prior * np.linalg.solve(H, A.T @ b), np.sqrt(np.diag(np.linalg.inv(H)))
 
 
-def _payload_of(x: Float[Array, "24"]) -> PayloadState:
+def state_of(x: Float[Array, "24"]) -> PayloadState:
+    """Of a payload sample."""
     return PayloadState(p=x[:3], v=x[3:6], R=x[6:15].reshape(3, 3), omega=x[15:18])
 
 
@@ -336,6 +382,10 @@ class Training:
     agents: tuple[gp.Belief, ...]  # by group
     restarts: int
     max_iterations: int
+
+    def of(self, body: Body) -> gp.Belief:
+        """What is believed of a body's hyperparameters before any data."""
+        return self.payload if isinstance(body, str) else self.agents[body[0]]
 
 
 Body = tuple[int, int] | str
@@ -360,64 +410,95 @@ Changes = Mapping[Body, Change]
 """The last change of each body that has seen one."""
 
 
+def raw(recorded: Recorded) -> dict[Body, Samples]:
+    """`(X, Y, t)` of every body in the order of time, as recorded: inputs and labels."""
+    found: dict[Body, gp.Data] = {"payload": recorded.payload}
+    for i, data in enumerate(recorded.agents):
+        found |= {(i, j): jax.tree.map(lambda x, j=j: x[j], data) for j in range(len(data.n))}
+    out = {}
+    for body, data in found.items():
+        t = np.asarray(data.t)[: int(data.n)]
+        order = np.argsort(t, kind="stable")
+        out[body] = np.asarray(data.X)[order], np.asarray(data.Y)[order], t[order]
+    return out
+
+
 def samples(oracle: Oracle, recorded: Recorded, changes: Changes = MappingProxyType({})) -> dict[Body, Samples]:
-    """`(X, Y, t)` of every body in the order of time, X features, Y what the GPs are to explain: labels less `Y theta`.
+    """`(X, Y, t)` of every body in the order of time, X features, Y what the GPs are to explain: labels less `beside`.
 
     Of a body whose world has changed, those since then.
     """
-    data, seen = recorded.payload, oracle.features
-    if np.any(oracle.theta):
-        data = dataclasses.replace(data, Y=data.Y - jax.vmap(_inertial, (0, None))(data.X, oracle.theta))
-    found: dict[Body, tuple[Array, gp.Data]] = {"payload": (seen.payload(data.X), data)}
-    for i, data in enumerate(recorded.agents):
-        X = seen.agent(data.X)
-        found |= {(i, j): (X[j], jax.tree.map(lambda x, j=j: x[j], data)) for j in range(len(data.n))}
+    payload, agents = _beside(oracle.theta, oracle.known, recorded)
+    left = dataclasses.replace(
+        recorded,
+        payload=dataclasses.replace(recorded.payload, Y=recorded.payload.Y - payload),
+        agents=tuple(
+            data if y is None else dataclasses.replace(data, Y=data.Y - y)
+            for data, y in zip(recorded.agents, agents, strict=True)
+        ),
+    )
     out = {}
-    for body, (X, data) in found.items():
-        t = np.asarray(data.t)[: int(data.n)]
-        order = np.argsort(t, kind="stable")
-        keep = order[t[order] >= (changes[body].since if body in changes else -np.inf)]
-        out[body] = np.asarray(X)[keep], np.asarray(data.Y)[keep], t[keep]
+    for body, (x, Y, t) in raw(left).items():
+        keep = t >= (changes[body].since if body in changes else -np.inf)
+        out[body] = features(oracle.features, body, x[keep]), Y[keep], t[keep]
     return out
+
+
+def features(seen: Features, body: Body, x: np.ndarray) -> np.ndarray:
+    """What GPs of a body see of its samples (host)."""
+    return np.asarray(seen.payload(jnp.asarray(x)) if isinstance(body, str) else seen.agent(jnp.asarray(x)))
+
+
+@jax.jit
+def _beside(
+    theta: Float[Array, "10"], known: Linear | Air | None, recorded: Recorded
+) -> tuple[Float[Array, "rows 6"], tuple[Float[Array, "_agents _rows _outputs"] | None, ...]]:
+    """What an oracle says beside its GPs at all samples: `Y theta`, and what is known."""
+    payload = jax.vmap(_inertial, (0, None))(recorded.payload.X, theta)
+    if known is None:
+        return payload, (None,) * len(recorded.agents)
+    payload = payload + jax.vmap(known.on_payload)(recorded.payload.X)
+    of = lambda i, X: jax.vmap(lambda x: known.on_agents(i, x), 1, 1)(X)  # noqa: E731
+    return payload, tuple(of(i, data.X) for i, data in enumerate(recorded.agents))
 
 
 def _inertial(x: Float[Array, "24"], theta: Float[Array, "10"]) -> Float[Array, "6"]:
     """`Y theta` at a payload sample."""
-    return regressor(_payload_of(x), x[18:21], x[21:24]) @ theta
+    return regressor(state_of(x), x[18:21], x[21:24]) @ theta
 
 
 def shifted(change: Change, X: np.ndarray, Y: np.ndarray) -> gp.GP:
     """The model before a change, moved by what samples since say beyond it on average, `f + mean(y - f(x))` (host)."""
     old = change.model
-    more = jnp.asarray((Y - _told(old, X)[0]).mean(0))
+    more = jnp.asarray((Y - told(old, X)[0]).mean(0))
     moved = jnp.where((jnp.arange(old.capacity) < old.n)[:, None], old.Y + jnp.tile(more, (old.capacity, 1)), old.Y)
     return dataclasses.replace(old, Y=moved, hyper=dataclasses.replace(old.hyper, offset=old.hyper.offset + more))
 
 
-def amended(change: Change, X: np.ndarray, Y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Samples since a change, and as many of those before it as the budget has room for, `shifted` (host).
+def amended(old: gp.GP, X: np.ndarray, Y: np.ndarray) -> gp.GP:
+    """A model of samples since a change, and of as many of those before it as the budget has room for (host).
 
-    Where the team has not been again the map keeps its shape.
+    old: as `shifted`. Where the team has not been again the map keeps its shape.
     """
-    old, n = shifted(change, X, Y), int(change.model.n)
+    n = int(old.n)
     kept = slice(max(0, n - old.capacity + len(X)), n)
-    return np.concatenate([np.asarray(old.X)[kept], X]), np.concatenate([np.asarray(old.Y)[kept], Y])
+    both = (np.concatenate([np.asarray(before)[kept], new]) for before, new in ((old.X, X), (old.Y, Y)))
+    return gp.condition(*both, old.hyper, old.capacity)
 
 
 def heavier(
-    seen: Features, change: Change, recorded: Recorded, sigma: np.ndarray, prior: np.ndarray
+    oracle: Oracle, change: Change, recorded: Recorded, sigma: np.ndarray, prior: np.ndarray
 ) -> Float[Array, "10"]:
-    """`theta` since the payload's world has changed: of labels less the model before, by `identify` (host)."""
-    data = recorded.payload
-    new = np.flatnonzero(np.asarray(data.t)[: int(data.n)] >= change.since)
-    if not len(new):
+    """`theta` since the payload's world has changed: more by what `identify` finds in labels less the model (host)."""
+    before = dataclasses.replace(oracle, theta=change.theta)
+    (x, _, t), (Z, left, _) = raw(recorded)["payload"], samples(before, recorded, {"payload": change})["payload"]
+    if not len(left):
         return change.theta
-    X, Y = np.asarray(data.X)[new], np.asarray(data.Y)[new]
-    left = Y - _told(change.model, np.asarray(seen.payload(jnp.asarray(X))))[0]
-    return jnp.asarray(identify(X, left, sigma, prior)[0])
+    more, _ = identify(x[t >= change.since], left - told(change.model, Z)[0], sigma, prior)
+    return change.theta + jnp.asarray(more)
 
 
-def _told(model: gp.GP, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def told(model: gp.GP, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """A model's means and variances at up to as many places as its capacity: one shape, one program."""
     n = len(X)
     padded = np.concatenate([X, np.repeat(X[:1], model.capacity - n, 0)])
@@ -425,102 +506,76 @@ def _told(model: gp.GP, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.asarray(mean)[:n], np.asarray(variance)[:n]
 
 
-def teach(
-    oracle: Oracle,
-    recorded: Recorded,
-    training: Training | None,
-    last: Fits,
-    changes: Changes = MappingProxyType({}),
-) -> tuple[Oracle, Fits]:
+def teach(oracle: Oracle, recorded: Recorded, training: Training | None, last: Fits) -> tuple[Oracle, Fits]:
     """The oracle frozen on the data so far: fit from the last hyperparameters, then condition (host).
 
     A body without data keeps its predictor. The constant part of each output's prior mean is the mean of its labels
     (the remark on mean functions); the rest is the GP's. Bodies are fitted side by side. Without `training` the
-    hyperparameters and the prior mean stay as they are, as error bounds ask for. A body whose world has changed learns
-    from what `amended` gives.
+    hyperparameters and the prior mean stay as they are, as error bounds ask for.
     """
-    tasks = _tasks(samples(oracle, recorded, changes), changes)
+    found = {body: (X, Y) for body, (X, Y, _) in samples(oracle, recorded).items() if len(X) > 1}
 
     def study(body: Body) -> tuple[gp.Fit | None, gp.GP]:
-        interrupt.check()
-        (X, Y), frozen = tasks[body], _of_body(oracle, body)
+        (X, Y), frozen = found[body], of_body(oracle, body)
         if training is None:
             return None, gp.condition(X, Y, frozen.hyper, frozen.capacity)
         before = last.get(body)
         fit = gp.fit(
             X,
             Y,
-            belief=training.payload if isinstance(body, str) else training.agents[body[0]],
+            belief=training.of(body),
             start=before.hyper if before else None,
             restarts=0 if before else training.restarts,
             max_iterations=training.max_iterations,
         )
         return fit, gp.condition(X, Y, fit.hyper, frozen.capacity)
 
-    # one BLAS thread each: at these sizes more of them only wait for each other
-    with threadpool_limits(1), ThreadPoolExecutor(os.cpu_count()) as pool:
-        learned = dict(zip(tasks, pool.map(study, tasks), strict=True))
+    learned = side_by_side(study, found)
     fits = {**last, **{body: fit for body, (fit, _) in learned.items() if fit is not None}}
-    return _with_bodies(oracle, {body: model for body, (_, model) in learned.items()}), fits
+    return with_bodies(oracle, {body: model for body, (_, model) in learned.items()}), fits
+
+
+def side_by_side(study: Callable[[Body], T], bodies: Collection[Body]) -> dict[Body, T]:
+    """What a study of each body gives; with one BLAS thread each: at these sizes more only wait for each other."""
+
+    def one(body: Body) -> T:
+        interrupt.check()
+        return study(body)
+
+    with threadpool_limits(1), ThreadPoolExecutor(os.cpu_count()) as pool:
+        return dict(zip(bodies, pool.map(one, bodies), strict=True))
 
 
 def renew(
     oracle: Oracle, recorded: Recorded, changes: Changes = MappingProxyType({}), waiting: Collection[Body] = ()
 ) -> Oracle:
-    """The oracle on the data so far with the hyperparameters that it has, all else as in `teach` (host).
+    """The oracle on the data so far with the hyperparameters and prior means that it has (host).
 
-    Of bodies in `waiting` the model from before their change flies on, `shifted`.
+    A body whose world has changed learns from what is `amended`; while it is in `waiting` its model from before the
+    change flies on, `shifted`. A body without data keeps its predictor.
     """
-    found, models = samples(oracle, recorded, changes), {}
-    for body in waiting:
-        X, Y, _ = found[body]
-        if len(X):
-            models[body] = shifted(changes[body], X, Y)
-    rest = {body: seen for body, seen in found.items() if body not in waiting}
-    for body, (X, Y) in _tasks(rest, changes).items():
-        frozen = _of_body(oracle, body)
-        hyper = dataclasses.replace(frozen.hyper, offset=jnp.asarray(Y.mean(0)))
-        models[body] = gp.condition(X, Y, hyper, frozen.capacity)
-    return _with_bodies(oracle, models)
-
-
-def _tasks(found: Mapping[Body, Samples], changes: Changes) -> dict[Body, tuple[np.ndarray, np.ndarray]]:
-    """What every body that has something to learn from learns from."""
-    tasks = {}
-    for body, (X, Y, _) in found.items():
+    models = {}
+    for body, (X, Y, _) in samples(oracle, recorded, changes).items():
+        frozen = of_body(oracle, body)
         if body in changes and len(X):
-            tasks[body] = amended(changes[body], X, Y)
-        elif len(X) > 1:
-            tasks[body] = X, Y
-    return tasks
-
-
-def surprise(oracle: Oracle, seen: Mapping[Body, Samples], after: float) -> dict[Body, tuple[np.ndarray, np.ndarray]]:
-    """Of every body that has been taught, times of its samples since `after`, s, and how far each lies off (host).
-
-    The mean over outputs of `(y - mean)^2 / (variance + noise_variance)`: about 1 where the model holds. Where no data
-    were near, the variance is large, and nothing surprises.
-    """
-    found = {}
-    for body, (X, Y, t) in seen.items():
-        model, new = _of_body(oracle, body), t > after + 1e-9
-        if int(model.n) and new.any():
-            mean, variance = _told(model, X[new])
-            off = (Y[new] - mean) ** 2 / (variance + np.asarray(model.hyper.noise_variance))
-            found[body] = t[new], off.mean(1)
-    return found
+            moved = shifted(changes[body], X, Y)
+            models[body] = moved if body in waiting else amended(moved, X, Y)
+        elif body not in changes and len(X) > 1:
+            models[body] = gp.condition(X, Y, frozen.hyper, frozen.capacity)
+    return with_bodies(oracle, models)
 
 
 def changed(oracle: Oracle, body: Body, since: float) -> Change:
     """A change of a body's world: what the oracle knows of it is what was known until then."""
-    return Change(since=since, model=_of_body(oracle, body), theta=oracle.theta)
+    return Change(since=since, model=of_body(oracle, body), theta=oracle.theta)
 
 
-def _of_body(oracle: Oracle, body: Body) -> gp.GP:
+def of_body(oracle: Oracle, body: Body) -> gp.GP:
+    """A body's model."""
     return oracle.payload if isinstance(body, str) else _one(oracle.agents[body[0]], body[1])
 
 
-def _with_bodies(oracle: Oracle, models: Mapping[Body, gp.GP]) -> Oracle:
+def with_bodies(oracle: Oracle, models: Mapping[Body, gp.GP]) -> Oracle:
     """The oracle with some bodies' models in place of what they had."""
     if not models:
         return oracle

@@ -11,7 +11,7 @@ import logging
 import jax.numpy as jnp
 import numpy as np
 
-from colift import learn
+from colift import learn, place
 
 log = logging.getLogger(__name__)
 
@@ -25,9 +25,10 @@ class Renewals:
     """
 
     times: tuple[float, ...]  # s
-    surprise: float  # mean of `learn.surprise` above which a body's world has changed, over what is usual for it
+    surprise: float  # mean of `place.surprise` above which a body's world has changed, over what is usual for it
     settle: float  # s after the first sample that surprises, until which those that come speak of no world
     enough: int  # samples after a change for a new model; until then what surprises is the same change
+    mean: place.Mean  # of what maps hold beside GPs of the place
     payload: Identify  # of what a payload that has changed differs from its model
 
 
@@ -56,6 +57,7 @@ class Update:
     fits: learn.Fits
     theta: np.ndarray  # (10,)
     changed: tuple[learn.Body, ...] = ()  # whose older samples are amended from now on
+    doubts: place.Doubts = dataclasses.field(default_factory=dict)
     failed: str = ""  # why the oracle before it stays
 
 
@@ -68,7 +70,9 @@ class School:
         self.training, self.identify, self.renewals = training, identify, renewals
         self.fits: learn.Fits = {}
         self.changes: dict[learn.Body, learn.Change] = {}
-        self.usual: dict[learn.Body, list[float]] = {}  # means of `learn.surprise` that were no change
+        self.usual: dict[learn.Body, list[float]] = {}  # means of `place.surprise` that were no change
+        self.covariances: dict[learn.Body, np.ndarray] = {}  # of means
+        self.doubts: place.Doubts = {}
         self.waiting: set[learn.Body] = set()  # those that have seen too little since for a new model
         self.last = 0.0  # s, of the newest samples that an oracle has seen
 
@@ -88,33 +92,48 @@ class School:
                 X, Y = np.asarray(recorded.payload.X)[:n_L], np.asarray(recorded.payload.Y)[:n_L]
                 theta, _ = learn.identify(X, Y, given.noise, given.prior)
                 oracle = dataclasses.replace(oracle, theta=jnp.asarray(theta))
-            elif fit:
-                heavier = self._heavier(oracle, recorded)
-                oracle, self.fits = learn.teach(heavier, recorded, self.training, self.fits, self.changes)
+            elif self.renewals is not None:
+                oracle = self._renew(oracle, recorded, self.renewals, fit)
             else:
-                oracle = self._renew(oracle, recorded)
+                oracle, self.fits = learn.teach(oracle, recorded, self.training, self.fits)
         except (ValueError, np.linalg.LinAlgError) as error:
             failed = f"what was learned at t = {t:.3f} s is not used: {error}"
             log.warning("%s", failed)
         self.last = t
         update = Update(
-            t=t, ready=t, n=n, fits=self.fits, theta=np.asarray(oracle.theta), changed=changed, failed=failed
+            t=t,
+            ready=t,
+            n=n,
+            fits=self.fits,
+            theta=np.asarray(oracle.theta),
+            changed=changed,
+            doubts=self.doubts,
+            failed=failed,
         )
         return oracle, update
 
-    def _renew(self, oracle: learn.Oracle, recorded: learn.Recorded) -> learn.Oracle:
+    def _renew(self, oracle: learn.Oracle, recorded: learn.Recorded, given: Renewals, fit: bool) -> learn.Oracle:
         """The oracle with what has been said since the last look; the same one where that is nothing new."""
         said, waited = recorded.newest() > self.last, self.waiting
         self.waiting = self.waiting if said else set()
         if not said and not waited:
             return oracle
-        return learn.renew(self._heavier(oracle, recorded), recorded, self.changes, self.waiting)
+        oracle = self._heavier(oracle, recorded)
+        if fit and self.training is not None:
+            oracle, self.fits, new = place.teach(
+                oracle, recorded, self.training, given.mean, self.fits, self.changes, self.waiting
+            )
+            self.covariances |= new
+        else:
+            oracle = learn.renew(oracle, recorded, self.changes, self.waiting)
+        self.doubts = place.doubts(oracle, recorded, self.covariances, self.changes)
+        return oracle
 
     def _look(self, oracle: learn.Oracle, recorded: learn.Recorded, given: Renewals) -> tuple[learn.Body, ...]:
         """The bodies for which the world has changed since the last look, each noted with the first that said so."""
-        found, seen = [], learn.samples(oracle, recorded)
+        found, seen = [], learn.raw(recorded)
         few = {body for body, change in self.changes.items() if (seen[body][2] >= change.since).sum() < given.enough}
-        for body, (t, off) in learn.surprise(oracle, seen, self.last).items():
+        for body, (t, off) in place.surprise(oracle, recorded, self.doubts, self.last).items():
             if body in few:
                 continue
             before = self.usual.setdefault(body, [])
@@ -136,5 +155,5 @@ class School:
         if change is None or renewals is None:
             return oracle
         given = renewals.payload
-        theta = learn.heavier(oracle.features, change, recorded, given.noise, given.prior)
+        theta = learn.heavier(oracle, change, recorded, given.noise, given.prior)
         return dataclasses.replace(oracle, theta=theta)

@@ -381,7 +381,8 @@ def fly_plan(
             _, oracle, update = coming
             coming = None
             setup = dataclasses.replace(setup, pilot=dataclasses.replace(plan.pilot, oracle=oracle))
-            held.append(Held(first=done, oracle=oracle, bands=band.bands(oracle, plan.stated, len(updates) + 1)))
+            bands = band.bands(oracle, plan.stated, len(updates) + 1)
+            held.append(Held(first=done, oracle=oracle, bands=bands, doubts=update.doubts))
             updates.append(dataclasses.replace(update, ready=done * dt))
         wall["fit"] += time.perf_counter() - began
         progress(done * dt)
@@ -414,6 +415,8 @@ def _deviations(plan: Plan, held: Sequence[Held], rows: Row) -> Sigma:
     every = max(1, round(SIGMA_EVERY / plan.dt))
     seldom = jax.tree.map(lambda x: x[::every], rows)
     x, agents = inputs(plan.world.team, seldom)
+    a = seldom.a_L - np.concatenate([np.asarray(plan.pilot.team.gravity), np.zeros(3)])
+    x = np.concatenate([x, a], axis=1)
     return deviation.along(plan.pilot.team, held, every, plan.biases, np.asarray(seldom.t), x, agents)
 
 

@@ -132,20 +132,23 @@ def _as(case: str, c1: simulate.Plan, settings: Settings) -> simulate.Plan:
 
 
 def _going_on(plan: simulate.Plan, settings: Settings, payload: school.Identify) -> simulate.Plan:
-    """The plan with learning that does not end: the newest samples, renewed every so often, what is wrong forgotten."""
+    """The plan with learning that does not end: maps of the place, renewed every so often with the newest samples."""
     given = settings.innovation
     first = settings.learning.update_times_s[0]
     times = np.arange(first, settings.duration_s, given.renew_s)[1:]
     recorder = dataclasses.replace(plan.pilot.recorder, end=jnp.asarray(np.inf), policy=gp.first_in_first_out)
+    oracle = dataclasses.replace(plan.pilot.oracle, known=learn.no_air(plan.pilot.team.sizes))
     return dataclasses.replace(
         plan,
-        pilot=dataclasses.replace(plan.pilot, recorder=recorder),
+        pilot=dataclasses.replace(plan.pilot, recorder=recorder, oracle=oracle),
+        training=priors.of_place(settings, plan.pilot.team),
         renewals=school.Renewals(
             times=tuple(times.tolist()),
             surprise=given.surprise,
             settle=given.settle_s,
             enough=given.enough,
             payload=payload,
+            mean=priors.mean(settings),
         ),
     )
 

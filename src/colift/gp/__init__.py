@@ -5,7 +5,7 @@ hyper       hyperparameters, and the box they are learned in
 likelihood  log marginal likelihood and its gradient (host)
 training    hyperparameters from data (host)
 posterior   condition, mean, variance, predict, append, remove, and what a data set tells
-parametric  mean functions linear in shared parameters, identified (host)
+parametric  GPs beside a mean function linear in parameters that outputs share (host)
 data        data policies of a fixed budget, update schedules
 store       a GP in a file
 bounds      how far the mean may be from the function, and what each bound assumes
@@ -14,9 +14,9 @@ recovery    the tightest bound under bounded noise, by a conic program (host)
 
 from colift.gp import bounds, recovery
 from colift.gp.data import AtTimes, Data, OnGain, Policy, Uniform, empty, first_come, first_in_first_out, informative
-from colift.gp.hyper import Belief, Box, Hyper, hyperparameters
+from colift.gp.hyper import UNSEEN, Belief, Box, Hyper, hyperparameters, of_outputs
 from colift.gp.kernel import Kernel, SquaredExponential
-from colift.gp.parametric import Identification, fit_parametric, identify
+from colift.gp.parametric import Parametric, fit_parametric
 from colift.gp.posterior import (
     GP,
     append,
@@ -33,23 +33,25 @@ from colift.gp.posterior import (
     variance,
 )
 from colift.gp.store import load, save
-from colift.gp.training import Fit, fit, fit_shared
+from colift.gp.training import Fit, both, fit, fit_shared, spread
 
 __all__ = [
     "GP",
+    "UNSEEN",
     "AtTimes",
     "Belief",
     "Box",
     "Data",
     "Fit",
     "Hyper",
-    "Identification",
     "Kernel",
     "OnGain",
+    "Parametric",
     "Policy",
     "SquaredExponential",
     "Uniform",
     "append",
+    "both",
     "bounds",
     "condition",
     "empty",
@@ -60,7 +62,6 @@ __all__ = [
     "fit_parametric",
     "fit_shared",
     "hyperparameters",
-    "identify",
     "information_gain",
     "informative",
     "leave_one_out",
@@ -68,10 +69,12 @@ __all__ = [
     "log_likelihood",
     "mean",
     "norm",
+    "of_outputs",
     "predict",
     "prior",
     "recovery",
     "remove",
     "save",
+    "spread",
     "variance",
 ]

@@ -14,6 +14,9 @@ from colift.gp.kernel import DEFAULT_KERNEL, Kernel
 from colift.gp.likelihood import least_noise, not_positive_definite
 from colift.pytree import pytree
 
+UNSEEN = 1e50
+"""Length-scale of an input that an output does not look at."""
+
 
 @pytree
 class Hyper:
@@ -128,3 +131,18 @@ def check(hyper: Hyper, points: int = 1) -> None:
     small = np.flatnonzero(v < least_noise(points) * s)
     if small.size:
         raise ValueError(f"output {small[0]}: " + not_positive_definite(points, s[small[0]], v[small[0]]))
+
+
+def of_outputs(hyper: Hyper, outputs: slice) -> Hyper:
+    """Hyperparameters of some outputs."""
+    part = {name: getattr(hyper, name)[outputs] for name in FIELDS}
+    return Hyper(kernel=hyper.kernel, **part)
+
+
+def joined(first: Hyper, then: Hyper) -> Hyper:
+    """Of the outputs of both, in this order; they have one kernel."""
+    both = {name: jnp.concatenate([getattr(first, name), getattr(then, name)]) for name in FIELDS}
+    return Hyper(kernel=first.kernel, **both)
+
+
+FIELDS = ("signal_variance", "lengthscales", "noise_variance", "offset")

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import OptimizeResult, minimize
 
-from colift.gp.hyper import DEFAULT_BOX, Belief, Box, Hyper, check
+from colift.gp.hyper import DEFAULT_BOX, Belief, Box, Hyper, check, joined
 from colift.gp.kernel import DEFAULT_KERNEL, Kernel
 from colift.gp.likelihood import log_marginal, one_thread
 
@@ -37,6 +37,16 @@ class Fit:
     """Evaluations of the likelihood and its gradient, over all outputs and starts."""
     converged: np.ndarray
     """`(outputs,)`: whether the best start met the tolerance within `max_iterations`."""
+
+
+def both(first: Fit, then: Fit) -> Fit:
+    """Of the outputs of both, in this order."""
+    arrays = ("log_likelihood", "lengthscales", "at_lower", "at_upper", "converged")
+    return Fit(
+        hyper=joined(first.hyper, then.hyper),
+        evaluations=first.evaluations + then.evaluations,
+        **{name: np.concatenate([getattr(first, name), getattr(then, name)]) for name in arrays},
+    )
 
 
 def fit(
@@ -134,11 +144,11 @@ def _standardize(X: ArrayLike, Y: ArrayLike, offset: ArrayLike | None) -> _Stand
     offset = Y.mean(0) if offset is None else np.broadcast_to(np.asarray(offset, dtype=float), Y.shape[1:])
     if not np.isfinite(offset).all():
         raise ValueError(f"offset = {offset.tolist()}: must be finite")
-    x_scale, y_scale = _deviation(X), _deviation(Y)
+    x_scale, y_scale = spread(X), spread(Y)
     return _Standardized((X - X.mean(0)) / x_scale, (Y - offset) / y_scale, x_scale, y_scale, offset)
 
 
-def _deviation(A: np.ndarray) -> np.ndarray:
+def spread(A: np.ndarray) -> np.ndarray:
     """Standard deviation of each column; 1 for one that is constant to rounding."""
     deviation = A.std(0)
     constant = deviation <= np.maximum(8 * np.finfo(float).eps * np.abs(A).max(0), SMALLEST)

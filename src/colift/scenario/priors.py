@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from colift import gp, learn
+from colift import gp, learn, place
 from colift.model import Team
 from colift.scenario import settings as s
 from colift.scenario.mistake import ScenarioError
@@ -69,6 +70,40 @@ def training(settings: s.Settings, nominal: Team) -> learn.Training | None:
         agents=tuple(belief(given.agents, seen.agent_names(group.tree.joints)) for group in nominal.groups),
         restarts=given.restarts,
         max_iterations=given.max_iterations,
+    )
+
+
+def of_place(settings: s.Settings, nominal: Team) -> learn.Training | None:
+    """As `training`, of maps that see the place alone where `place.teach` has a mean for the rest."""
+    fits, seen = training(settings, nominal), features(settings)
+    if fits is None:
+        return None
+    groups = zip(fits.agents, nominal.groups, strict=True)
+    return dataclasses.replace(
+        fits,
+        payload=place.of_place(fits.payload, seen.payload_names(), payload=True),
+        agents=tuple(
+            place.of_place(belief, seen.agent_names(group.tree.joints), payload=False) for belief, group in groups
+        ),
+    )
+
+
+def mean(settings: s.Settings) -> place.Mean:
+    """What is believed of the means of these maps before any data."""
+    given, parameters, load, agent = (
+        settings.innovation,
+        settings.baselines,
+        settings.learning.payload,
+        settings.learning.agents,
+    )
+    drag, constant = given.drag_Nspm, given.constant
+    return place.Mean(
+        payload=np.array(
+            [parameters.mass_kg, *[parameters.first_moment_kgm] * 3, drag, *[drag * given.drag_lever_m] * 3]
+            + [constant * load.force_N] * 3
+            + [constant * load.moment_Nm] * 3
+        ),
+        agents=np.array([drag, given.thrust_N, *[constant * agent.force_N] * 3]),
     )
 
 

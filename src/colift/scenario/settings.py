@@ -818,6 +818,14 @@ class Innovation(Section):
     enough: of.Capacity = 150
     """New samples after a change for a new model: until then the old one, shifted, is corrected by labels, and what
     surprises is the same change."""
+    drag_Nspm: of.Deviation = 0.5
+    """Prior deviation of each body's drag, in the mean of C4's maps; mass and first moments as in `baselines`."""
+    drag_lever_m: of.Deviation = 0.4
+    """Prior deviation of the lever of the payload's drag."""
+    thrust_N: of.Deviation = 2.0
+    """Prior deviation of what an agent's rotors have more or less of thrust."""
+    constant: of.Factor = 3.0
+    """Prior deviation of a constant force or moment, over its signal's."""
     look_ahead_s: of.LookAhead = 0.03
     """`control.look_ahead_s` of these cases and of O, where it says nothing."""
 
