@@ -2,9 +2,10 @@
 
 All learn from one flight of C3 on `paper`, which looks ahead, until its last update:
 `full` are the paper's GPs; `relevant` drops from each output every feature whose length-scale is above `FAR` deviations
-of it over the data, and fits anew; `rigid` has a mean of mass, first moments, drag `-c v` and rotors' thrust, and the
-paper's GPs of the rest; `place` has this mean and, for forces and the payload's moment, GPs of the place alone;
-`field` is `place` with one field of forces in the world, `cov = (g_b g_c + o_b^2 [b = c]) k(x, z)` of bodies b and c.
+of it over the data, and fits anew; `place` is what C4 learns (`colift.place`): a mean of mass, first moments, drag and
+rotors' thrust, and, for forces and the payload's moment, GPs of the place alone; `rigid` has this mean and the paper's
+GPs of the rest; `field` is `place` with one field of forces in the world, `cov = (g_b g_c + o_b^2 [b = c]) k(x, z)` of
+bodies b and c.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -21,9 +22,8 @@ import numpy as np
 from jax.scipy.linalg import solve_triangular
 from scipy.optimize import minimize
 
-from colift import analyse, gp, learn, limits, scenario, simulate, so3, study
-from colift.model import PayloadState
-from colift.scenario import Settings, pilots
+from colift import analyse, gp, learn, limits, place, scenario, simulate, study
+from colift.scenario import Settings, pilots, priors
 from colift.school import School
 from evidence import collect
 
@@ -44,8 +44,6 @@ MODELS = ("full", "relevant", "rigid", "place", "field")
 CASES = ("O", "F", *MODELS, "full with labels", "place with labels")  # the last two: corrected as in H
 SEEDS = range(3)
 FAR = 10.0
-NOWHERE = 1e50  # length-scale of a feature that is not looked at
-DRAG, LEVER, MOMENT, THRUST, CONSTANT = 0.5, 0.2, 0.1, 2.0, 3.0  # priors of the mean: N s/m, N s, kg m, N, N or N m
 
 
 def settings(condition: str, seed: int) -> Settings:
@@ -61,7 +59,9 @@ class Lesson:
     oracle: learn.Oracle
     recorded: learn.Recorded
     fits: learn.Fits
-    training: learn.Training
+    training: learn.Training  # of the paper's GPs
+    of_place: learn.Training
+    mean: place.Mean
 
 
 def flown(plan: simulate.Plan, until: float, loop: simulate.Loop, oracle: learn.Oracle) -> tuple[Any, Any]:
@@ -83,22 +83,25 @@ DRAW = jax.jit(lambda world, key, ticks: world.draw(key, ticks), static_argnums=
 @functools.cache
 def lesson(seed: int) -> Lesson:
     """C3 at home until its last update."""
-    plan = study.plan(settings("home", seed), "C3")
+    given = settings("home", seed)
+    plan = study.plan(given, "C3")
     school, oracle = School(plan.training, plan.identify, plan.renewals), plan.pilot.oracle
     loop = simulate.start(plan.setup, plan.z)
     for t in plan.updates:
         loop, _ = flown(plan, t, loop, oracle)
         oracle, _ = school.teach(oracle, loop.memory.recorder, t, fit=True)
     assert plan.training is not None
-    nothing = learn.Linear(
-        payload=jnp.zeros((learn.payload_basis(jnp.zeros(24)).shape[0], 6)),
-        agents=tuple(
-            jnp.zeros((len(data.n), learn.agent_basis(data.X[0, 0], data.Y.shape[2] - 6).shape[0], data.Y.shape[2]))
-            for data in loop.memory.recorder.agents
-        ),
+    oracle = dataclasses.replace(oracle, known=learn.no_air(plan.pilot.team.sizes))  # one program for all
+    of_place = priors.of_place(given, plan.pilot.team)
+    assert of_place is not None
+    return Lesson(
+        oracle=oracle,
+        recorded=loop.memory.recorder,
+        fits=school.fits,
+        training=plan.training,
+        of_place=of_place,
+        mean=priors.mean(given),
     )
-    oracle = dataclasses.replace(oracle, linear=nothing)  # one program for all
-    return Lesson(oracle=oracle, recorded=loop.memory.recorder, fits=school.fits, training=plan.training)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -106,15 +109,7 @@ class Map:
     """An oracle, and by body what is not known of its mean."""
 
     oracle: learn.Oracle
-    unsure: Mapping[learn.Body, Unsure] = dataclasses.field(default_factory=dict)
-
-
-class Unsure(NamedTuple):
-    """Of parameters that were identified, what their error does to predictions."""
-
-    told: np.ndarray  # (outputs, points, parameters), `K_i^-1 Phi_i`
-    covariance: np.ndarray  # of parameters
-    own: slice  # of them, those of this body
+    doubts: place.Doubts = dataclasses.field(default_factory=dict)
 
 
 @functools.cache
@@ -126,30 +121,23 @@ def learned(model: str, seed: int) -> Map:
             return Map(given.oracle)
         case "relevant":
             return Map(relevant(given))
+        case "place":
+            return placed(given)
         case "rigid":
             return rigid(given)
         case _:
-            return placed(given, shared=model == "field")
+            return field(given)
 
 
 def bodies(given: Lesson) -> Iterator[tuple[learn.Body, np.ndarray, np.ndarray]]:
     """Every body's raw samples and labels, the payload first."""
-    data = given.recorded.payload
-    yield "payload", np.asarray(data.X)[: int(data.n)], np.asarray(data.Y)[: int(data.n)]
-    for i, data in enumerate(given.recorded.agents):
-        for j, n in enumerate(np.asarray(data.n)):
-            yield (i, j), np.asarray(data.X)[j, :n], np.asarray(data.Y)[j, :n]
+    for body, (X, Y, _) in learn.raw(given.recorded).items():
+        yield body, X, Y
 
 
 def seen(given: Lesson, body: learn.Body, X: np.ndarray) -> np.ndarray:
     """The paper's features of a body's samples."""
-    features = given.oracle.features
-    return np.asarray(features.payload(jnp.asarray(X)) if body == "payload" else features.agent(jnp.asarray(X)))
-
-
-def belief(given: Lesson, body: learn.Body) -> gp.Belief:
-    """What is believed of a body's hyperparameters before any data."""
-    return given.training.payload if isinstance(body, str) else given.training.agents[body[0]]
+    return learn.features(given.oracle.features, body, X)
 
 
 def with_models(oracle: learn.Oracle, models: dict[learn.Body, gp.GP], **more: Any) -> learn.Oracle:
@@ -165,7 +153,7 @@ def relevant(given: Lesson) -> learn.Oracle:
     """Of each output only features within `FAR` deviations, its hyperparameters fitted anew."""
     models = {}
     for body, X, Y in bodies(given):
-        Z, before, stated = seen(given, body, X), given.fits[body], belief(given, body)
+        Z, before, stated = seen(given, body, X), given.fits[body], given.training.of(body)
         hyper = before.hyper
         for i, scale in enumerate(before.lengthscales):
             kept = np.flatnonzero(scale < max(FAR, 1.001 * scale.min()))
@@ -180,7 +168,7 @@ def relevant(given: Lesson) -> learn.Oracle:
             hyper = dataclasses.replace(
                 hyper,
                 signal_variance=hyper.signal_variance.at[i].set(fit.hyper.signal_variance[0]),
-                lengthscales=hyper.lengthscales.at[i].set(NOWHERE).at[i, kept].set(fit.hyper.lengthscales[0]),
+                lengthscales=hyper.lengthscales.at[i].set(gp.UNSEEN).at[i, kept].set(fit.hyper.lengthscales[0]),
                 noise_variance=hyper.noise_variance.at[i].set(fit.hyper.noise_variance[0]),
             )
         models[body] = gp.condition(Z, Y, hyper, given.oracle.payload.capacity)
@@ -270,71 +258,55 @@ def fitted(blocks: Sequence[Block], prior: np.ndarray, factor: float) -> Fitted:
     return Fitted(np.split(found.x, cuts), covariance @ np.asarray(b), covariance)
 
 
-V, TIP = slice(10, 13), (18, 21, 24)  # where `learn.basis` has v, and R e_3 of an agent
 PLACE = {True: slice(0, 3), False: slice(9, 12)}  # of features: the payload's, an agent's
 
 
-def regression(body: learn.Body, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Basis of a body's mean `(n, 3 or 6, parameters)` and the prior deviation of its parameters.
+def placed(given: Lesson) -> Map:
+    """What C4 learns of these data."""
+    oracle, _, covariances = place.teach(given.oracle, given.recorded, given.of_place, given.mean, {}, {})
+    return Map(oracle, place.doubts(oracle, given.recorded, covariances, {}))
 
-    Payload: mass, first moments, drag, lever of drag, constant force and moment; agent: drag, thrust, constant force.
-    """
-    n, one = len(X), np.tile(np.eye(3), (len(X), 1, 1))
-    if body != "payload":
-        v = X[:, -(X.shape[1] - 18) // 2 - 3 :][:, :3]
-        Phi = np.concatenate([-v[:, :, None], X[:, (2, 5, 8), None], one], axis=2)
-        return Phi, np.array([DRAG, THRUST, *[CONSTANT] * 3])
-    q = jax.vmap(lambda x: PayloadState(p=x[:3], v=x[3:6], R=x[6:15].reshape(3, 3), omega=x[15:18]))(X)
-    Phi = np.zeros((n, 6, 14))
-    Phi[:, :, :4] = np.asarray(jax.vmap(learn.regressor)(q, jnp.asarray(X[:, 18:21]), jnp.asarray(X[:, 21:24])))[
-        :, :, :4
-    ]
-    Phi[:, :3, 4] = -X[:, 3:6]
-    Phi[:, 3:, 5:8] = np.asarray(jax.vmap(so3.hat)(jnp.asarray(X[:, 3:6])))  # lever x (-v), about R = 1
-    Phi[:, :3, 8:11] = Phi[:, 3:, 11:] = one
-    return Phi, np.array([DRAG, *[MOMENT] * 3, DRAG, *[LEVER] * 3, *[CONSTANT] * 6])
+
+def regression(given: Lesson, body: learn.Body, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Basis of a body's mean `(n, 3 or 6, parameters)` and the prior deviation of its parameters."""
+    payload = isinstance(body, str)
+    return place.regressors(X, payload), given.mean.payload if payload else given.mean.agents
 
 
 Member = tuple[learn.Body, np.ndarray, np.ndarray]
 FORCE, REST = slice(0, 3), slice(3, 6)
 
 
-def placed(given: Lesson, shared: bool) -> Map:
-    """The mean and GPs of the place; each body by itself, or all in one field."""
-    every, oracle = list(bodies(given)), given.oracle
+def field(given: Lesson) -> Map:
+    """The mean and GPs of the place, forces of all bodies in one field."""
+    members, oracle = list(bodies(given)), given.oracle
     models: dict[learn.Body, gp.GP] = {}
-    unsure: dict[learn.Body, Unsure] = {}
-    for members in [every] if shared else [[each] for each in every]:
-        means = [regression(body, X) for body, X, _ in members]
-        first = np.cumsum([0, *(len(prior) for _, prior in means)])
-        own = [slice(a, b) for a, b in itertools.pairwise(first)]
-        Phis = [
-            np.pad(Phi, ((0, 0), (0, 0), (at.start, first[-1] - at.stop)))
-            for (Phi, _), at in zip(means, own, strict=True)
-        ]
-        blocks = [block(given, members, Phis, FORCE)]
-        if members[0][0] == "payload":
-            blocks.append(block(given, members[:1], Phis, REST))
-        found = fitted(blocks, np.concatenate([prior for _, prior in means]), given.training.payload.factor)
-        for k, (body, X, Y) in enumerate(members):
-            beta = found.parameters[own[k]]
-            hyper = with_block(given.fits[body].hyper, body, FORCE, blocks[0].covariance(found.logs[0]), k)
-            if body == "payload":
-                hyper = with_block(hyper, body, REST, blocks[1].covariance(found.logs[1]), 0)
-            oracle, offset = with_mean(oracle, body, beta)
-            hyper = dataclasses.replace(hyper, offset=hyper.offset.at[: len(offset)].set(offset))
-            rest = Y - explained(oracle, body, X)
-            model = gp.condition(seen(given, body, X), rest, hyper, given.oracle.payload.capacity)
-            told = whitened(model, Phis[k])
-            if shared:
-                model, told = joined(model, told, body, k, blocks[0], found)
-            models[body], unsure[body] = model, Unsure(told, found.covariance, own[k])
-    return Map(with_models(oracle, models), unsure)
+    doubts: dict[learn.Body, place.Unsure] = {}
+    means = [regression(given, body, X) for body, X, _ in members]
+    first = np.cumsum([0, *(len(prior) for _, prior in means)])
+    own = [slice(a, b) for a, b in itertools.pairwise(first)]
+    Phis = [
+        np.pad(Phi, ((0, 0), (0, 0), (at.start, first[-1] - at.stop))) for (Phi, _), at in zip(means, own, strict=True)
+    ]
+    blocks = [block(given, members, Phis, FORCE), block(given, members[:1], Phis, REST)]
+    found = fitted(blocks, np.concatenate([prior for _, prior in means]), given.training.payload.factor)
+    for k, (body, X, Y) in enumerate(members):
+        beta = found.parameters[own[k]]
+        hyper = with_block(given.fits[body].hyper, body, FORCE, blocks[0].covariance(found.logs[0]), k)
+        if body == "payload":
+            hyper = with_block(hyper, body, REST, blocks[1].covariance(found.logs[1]), 0)
+        oracle, constants = place.with_mean(oracle, body, beta), beta[8 if body == "payload" else 2 :]
+        hyper = dataclasses.replace(hyper, offset=hyper.offset.at[: len(constants)].set(constants))
+        rest = Y - explained(oracle, body, X)
+        model = gp.condition(seen(given, body, X), rest, hyper, given.oracle.payload.capacity)
+        models[body], told = joined(model, whitened(model, Phis[k]), body, k, blocks[0], found)
+        doubts[body] = place.Unsure(told=told, covariance=found.covariance)
+    return Map(with_models(oracle, models), doubts)
 
 
 def block(given: Lesson, members: Sequence[Member], Phis: Sequence[np.ndarray], outputs: slice) -> Block:
     """The same three outputs of some bodies."""
-    stated = [belief(given, body).median for body, _, _ in members]
+    stated = [given.training.of(body).median for body, _, _ in members]
     deviation, noise = (
         np.sqrt([np.asarray(getattr(hyper, name))[outputs.start] for hyper in stated])
         for name in ("signal_variance", "noise_variance")
@@ -353,29 +325,13 @@ def block(given: Lesson, members: Sequence[Member], Phis: Sequence[np.ndarray], 
 def with_block(hyper: gp.Hyper, body: learn.Body, outputs: slice, covariance: tuple[Any, Any, Any], k: int) -> gp.Hyper:
     """Hyperparameters of a body with three outputs as the k-th body of a block has them."""
     length, B, noise = covariance
-    scale = hyper.lengthscales.at[outputs].set(NOWHERE).at[outputs, PLACE[body == "payload"]].set(length)
+    scale = hyper.lengthscales.at[outputs].set(gp.UNSEEN).at[outputs, PLACE[body == "payload"]].set(length)
     return dataclasses.replace(
         hyper,
         signal_variance=hyper.signal_variance.at[outputs].set(B[k, k]),
         lengthscales=scale,
         noise_variance=hyper.noise_variance.at[outputs].set(noise[k]),
     )
-
-
-def with_mean(oracle: learn.Oracle, body: learn.Body, beta: np.ndarray) -> tuple[learn.Oracle, np.ndarray]:
-    """The oracle with a body's mean, and what is constant of it."""
-    linear = oracle.linear
-    assert linear is not None
-    if isinstance(body, str):
-        lever = so3.hat(jnp.asarray(beta[5:8]))
-        weights = linear.payload.at[V, :3].set(-beta[4] * jnp.eye(3)).at[V, 3:].set(-lever.T)
-        theta = jnp.zeros(10).at[:4].set(beta[:4])
-        return dataclasses.replace(oracle, theta=theta, linear=dataclasses.replace(linear, payload=weights)), beta[8:]
-    i, j = body
-    weights = linear.agents[i].at[j, V, :3].set(-beta[0] * jnp.eye(3))
-    weights = weights.at[j, jnp.array(TIP), jnp.arange(3)].set(beta[1])
-    agents = (*linear.agents[:i], weights, *linear.agents[i + 1 :])
-    return dataclasses.replace(oracle, linear=dataclasses.replace(linear, agents=agents)), beta[2:]
 
 
 def whitened(model: gp.GP, Phi: np.ndarray) -> np.ndarray:
@@ -414,36 +370,36 @@ def joined(
 
 def rigid(given: Lesson) -> Map:
     """The mean of `place`, and the paper's GPs of what it leaves."""
-    base = placed(given, shared=False).oracle
+    base = placed(given).oracle
     models: dict[learn.Body, gp.GP] = {}
-    unsure: dict[learn.Body, Unsure] = {}
+    doubts: dict[learn.Body, place.Unsure] = {}
     for body, X, Y in bodies(given):
         rest, Z = Y - explained(base, body, X), seen(given, body, X)
         fit = gp.fit(
             Z,
             rest,
-            belief=belief(given, body),
+            belief=given.training.of(body),
             restarts=given.training.restarts,
             max_iterations=given.training.max_iterations,
         )
         models[body] = gp.condition(Z, rest, fit.hyper, given.oracle.payload.capacity)
-        Phi, prior = regression(body, X)
+        Phi, prior = regression(given, body, X)
         told = whitened(models[body], Phi)
         A = sum((Phi[:, i].T @ told[i] for i in range(Phi.shape[1])), np.diag(1 / prior**2))
-        unsure[body] = Unsure(told, np.linalg.inv(A), slice(0, len(prior)))
-    return Map(with_models(base, models), unsure)
+        doubts[body] = place.Unsure(told=told, covariance=np.linalg.inv(A))
+    return Map(with_models(base, models), doubts)
 
 
 def explained(oracle: learn.Oracle, body: learn.Body, X: np.ndarray) -> np.ndarray:
     """What an oracle's mean says beside its GPs at a body's raw samples."""
-    assert oracle.linear is not None
+    known, x = oracle.known, jnp.asarray(X)
+    assert known is not None
     if isinstance(body, str):
-        q = jax.vmap(lambda x: PayloadState(p=x[:3], v=x[3:6], R=x[6:15].reshape(3, 3), omega=x[15:18]))(X)
-        Phi = jax.vmap(learn.regressor)(q, jnp.asarray(X[:, 18:21]), jnp.asarray(X[:, 21:24]))
-        return np.asarray(learn.payload_basis(jnp.asarray(X)) @ oracle.linear.payload + Phi @ oracle.theta)
+        inertial = jax.vmap(lambda x: learn.regressor(learn.state_of(x), x[18:21], x[21:24]) @ oracle.theta)(x)
+        return np.asarray(jax.vmap(known.on_payload)(x) + inertial)
     i, j = body
-    weights = oracle.linear.agents[i][j]
-    return np.asarray(learn.agent_basis(jnp.asarray(X), weights.shape[1] - 6) @ weights)
+    size = len(oracle.agents[i].n)
+    return np.asarray(jax.vmap(lambda one: known.on_agents(i, jnp.broadcast_to(one[None], (size, *one.shape)))[j])(x))
 
 
 def plan(case: str, condition: str, seed: int) -> simulate.Plan:
@@ -515,14 +471,13 @@ def density(known: Map, body: learn.Body, model: gp.GP, X: np.ndarray, f: np.nda
     Z = features.payload(jnp.asarray(X)) if body == "payload" else features.agent(jnp.asarray(X))
     mean, variance = (np.asarray(x)[:, :m] for x in gp.predict(model, Z))
     variance = variance + np.asarray(model.hyper.noise_variance)[:m] + bias
-    if body in known.unsure:
-        told, covariance, own = known.unsure[body]
-        Phi, h = regression(body, X)[0], jax.tree.map(np.asarray, model.hyper)
-        between = np.asarray(Z)[:, None] - np.asarray(model.X)[None, : told.shape[1]]
-        for i in range(m):
-            left = -h.signal_variance[i] * np.exp(-((between / h.lengthscales[i]) ** 2).sum(2) / 2) @ told[i]
-            left[:, own] += Phi[:, i]
-            variance[:, i] += ((left @ covariance) * left).sum(1)
+    if body in known.doubts:
+        unsure, Phi = known.doubts[body], place.regressors(X, body == "payload")
+        many, before = len(unsure.covariance), list(known.doubts).index(body)
+        if Phi.shape[2] < many:  # of one field, with the parameters of all bodies
+            at = 14 + 5 * (before - 1) if before else 0
+            Phi = np.pad(Phi, ((0, 0), (0, 0), (at, many - at - Phi.shape[2])))
+        variance = variance + place.doubt(model, unsure, np.asarray(Z), Phi)[:, :m]
     off = f - mean - explained(known.oracle, body, X)[:, :m]
     return 0.5 * (off**2 / variance + np.log(2 * np.pi * variance))
 

@@ -213,8 +213,7 @@ def test_a_renewed_oracle_is_the_posterior_of_newer_samples_under_what_was_fitte
     assert int(renewed.k) == int(oracle.k) + 1
     assert int(renewed.payload.n) == 40
     assert list(renewed.agents[0].n) == [30, 40]  # one sample is no model: the first is left as it was
-    hyper = dataclasses.replace(oracle.payload.hyper, offset=load.Y[:40].mean(0))
-    expected = gp.condition(learn.payload_features(load.X[:40]), load.Y[:40], hyper, CAPACITY)
+    expected = gp.condition(learn.payload_features(load.X[:40]), load.Y[:40], oracle.payload.hyper, CAPACITY)
     x = learn.payload_features(jnp.array(np.random.default_rng(9).normal(size=24)))
     np.testing.assert_allclose(gp.mean(renewed.payload, x), gp.mean(expected, x), atol=1e-9)
     for body in (renewed.payload, renewed.agents[0]):
@@ -274,39 +273,48 @@ def test_mass_put_on_a_payload_is_identified_beyond_the_model_before_and_taken_f
     turns = Rotation.from_rotvec(0.3 * rng.normal(size=(CAPACITY, 3))).as_matrix().reshape(-1, 9)
     X = load.X.at[:, 6:15].set(turns).at[:, 20].add(9.81)
     theta = np.array([-0.3, *np.zeros(9)])
-    felt = jax.vmap(lambda x: learn.regressor(learn._payload_of(x), x[18:21], x[21:24]) @ theta)(X)
+    felt = jax.vmap(lambda x: learn.regressor(learn.state_of(x), x[18:21], x[21:24]) @ theta)(X)
     told = gp.predict(oracle.payload, learn.payload_features(X))[0]
     heavier = dataclasses.replace(load, X=X, Y=told + felt, t=load.t + 10.0)
     recorded = both(heavier, samples(1, 30, 24, 9, (2,)))
     change = learn.changed(oracle, "payload", 9.0)
     prior = np.array([0.5, *[1e-6] * 9])
-    found = learn.heavier(oracle.features, change, recorded, np.full(6, 0.1), prior)
+    found = learn.heavier(oracle, change, recorded, np.full(6, 0.1), prior)
     np.testing.assert_allclose(found, theta, atol=1e-3)
-    later = dataclasses.replace(change, since=99.0)  # nothing has been recorded since
-    np.testing.assert_array_equal(learn.heavier(oracle.features, later, recorded, np.full(6, 0.1), prior), oracle.theta)
+    before = jnp.asarray(theta / 3)
+    third = dataclasses.replace(change, theta=before)  # a third of it was known: what is left is added
+    more = learn.heavier(oracle, third, recorded, np.full(6, 0.1), prior)
+    np.testing.assert_allclose(more, theta, atol=1e-3)
+    later = dataclasses.replace(third, since=99.0)  # nothing has been recorded since
+    np.testing.assert_array_equal(learn.heavier(oracle, later, recorded, np.full(6, 0.1), prior), before)
     left = learn.samples(dataclasses.replace(oracle, theta=jnp.asarray(theta)), recorded)["payload"][1]
     np.testing.assert_allclose(left, told[:30], atol=1e-9)
 
 
-def test_what_contradicts_the_oracle_surprises_and_what_is_merely_new_does_not(taught):
-    """In predictive variances: samples of the same functions near the data, of other functions there, and far away."""
+def test_drag_and_thrust_act_on_forces_and_the_payload_s_drag_at_its_lever(taught):
     oracle, _ = taught
+    air = learn.Air(payload=jnp.array([0.5, 0.1, -0.2, 0.3]), agents=(jnp.array([[0.2, 1.5], [0.0, -1.0]]),))
+    with_air = dataclasses.replace(oracle, known=air)
+    rng = np.random.default_rng(3)
+    R = Rotation.from_rotvec(rng.normal(size=(3, 3))).as_matrix()
+    x = rng.normal(size=24)
+    x[6:15] = R[0].reshape(9)
+    W, bare = learn.payload_mean(with_air, jnp.asarray(x)), learn.payload_mean(oracle, jnp.asarray(x))
+    drag = -0.5 * x[3:6]
+    np.testing.assert_allclose(W.F - bare.F, drag, atol=1e-12)
+    np.testing.assert_allclose(W.tau - bare.tau, np.cross([0.2, -0.4, 0.6], R[0].T @ drag), atol=1e-12)
+    X = rng.normal(size=(2, 24))
+    X[:, :9] = R[1:].reshape(2, 9)
+    (f,), (was,) = (learn.agents_mean(of, (jnp.asarray(X),)) for of in (with_air, oracle))
+    pushed = np.array([[1.5], [-1.0]]) * R[1:, :, 2] - np.array([[0.2], [0.0]]) * X[:, 18:21]
+    np.testing.assert_allclose(f.f_x - was.f_x, pushed, atol=1e-12)
+    np.testing.assert_array_equal(f.f_w, was.f_w)
     load, agents = samples(0, 30, 24, 6), samples(1, 30, 24, 9, (2,))
-    same = learn.surprise(oracle, learn.samples(oracle, both(load, agents)), 1.0)
-    assert set(same) == {"payload", (0, 0), (0, 1)}
-    assert max(off.mean() for _, off in same.values()) < 4
-    np.testing.assert_allclose(same["payload"][0], load.t[11:30])
-    other = dataclasses.replace(load, Y=load.Y.at[20:].add(10.0))
-    t, off = learn.surprise(oracle, learn.samples(oracle, both(other, agents)), 1.0)["payload"]
-    assert off.mean() > 25
-    assert t[np.argmax(off > 25)] == pytest.approx(2.0)
-    np.testing.assert_array_equal(
-        learn.surprise(oracle, learn.samples(oracle, both(other, agents)), 1.0)[0, 0][1], same[0, 0][1]
-    )
-    far = dataclasses.replace(load, X=load.X + 1e3)
-    assert learn.surprise(oracle, learn.samples(oracle, both(far, agents)), 1.0)["payload"][1].mean() < 4
-    assert learn.surprise(oracle, learn.samples(oracle, both(load, agents)), 9.0) == {}  # nothing is newer
-    assert learn.surprise(prior(), learn.samples(prior(), both(load, agents)), 1.0) == {}  # nothing was predicted
+    left = learn.samples(with_air, both(load, agents))
+    for k in range(3):
+        said = air.on_payload(load.X[k])
+        np.testing.assert_allclose(left["payload"][1][k], load.Y[k] - said, atol=1e-12)
+        np.testing.assert_allclose(left[0, 1][1][k], (agents.Y[:, k] - air.on_agents(0, agents.X[:, k]))[1], atol=1e-12)
 
 
 # The parametric part --------------------------------------------------------------------------------------------------

@@ -50,6 +50,7 @@ The map; each module imports only those below it:
     allocate    contact forces from a wrench, internal forces
     estimate    states, contact forces and labels from measurements
     band        confidence bands of the frozen oracles, radii of their errors
+    place       means of mass, drag and thrust beside GPs of the place
     learn       features, data sets, recorders, frozen oracles
     balance     the equations of motion, backwards
     measurement what sensors say: all that flies ever sees

@@ -110,11 +110,13 @@ def _block(
     for body, unsure in held.doubts.items():
         if isinstance(body, str):
             Z = np.asarray(oracle.features.payload(full))
-            payload = np.hypot(payload, np.sqrt(place.doubt(oracle.payload, unsure, Z, np.asarray(full), True)))
+            payload = np.hypot(
+                payload, np.sqrt(place.doubt(oracle.payload, unsure, Z, place.regressors(np.asarray(full), True)))
+            )
         else:
             i, j = body
             Z, one = np.asarray(seen[i])[:, j], learn.of_body(oracle, body)
-            more = place.doubt(one, unsure, Z, np.asarray(of_agents[i])[:, j], False)
+            more = place.doubt(one, unsure, Z, place.regressors(np.asarray(of_agents[i])[:, j], False))
             each_agent[i][:, j] = np.hypot(each_agent[i][:, j], np.sqrt(more))
     groups = list(zip(oracle.agents, bands.companion.agents, bands.agents, seen, strict=True))
     return (

@@ -74,7 +74,7 @@ def teach(
     learned = learn.side_by_side(lambda body: _fit(oracle, body, *found[body], training, mean, last.get(body)), found)
     models = {}
     for body, (fit, beta, _) in learned.items():
-        oracle = _with_mean(oracle, body, beta)
+        oracle = with_mean(oracle, body, beta)
         models[body] = dataclasses.replace(learn.of_body(oracle, body), hyper=fit.hyper)
     fits = {**last, **{body: fit for body, (fit, _, _) in learned.items()}}
     taught = learn.renew(learn.with_bodies(oracle, models), recorded, changes, waiting)
@@ -97,12 +97,12 @@ def doubts(
     return found
 
 
-def doubt(model: gp.GP, unsure: Unsure, Z: np.ndarray, x: np.ndarray, payload: bool) -> np.ndarray:
+def doubt(model: gp.GP, unsure: Unsure, Z: np.ndarray, Phi: np.ndarray) -> np.ndarray:
     """Variance that the mean's error adds, (samples, outputs): `g C g^T`, `g_i = phi_i - k_i^T K_i^-1 Phi_i` (host).
 
     Rasmussen and Williams 2006, Eq. 2.42.
     """
-    Phi, h, n = regressors(x, payload), model.hyper, unsure.told.shape[1]
+    h, n = model.hyper, unsure.told.shape[1]
     out = np.zeros((len(Z), len(h.signal_variance)))
     for i, told in enumerate(unsure.told):
         r2 = cdist(
@@ -128,7 +128,8 @@ def surprise(
         if int(model.n) and new.any():
             mean, variance = learn.told(model, Z[new])
             if body in doubts:
-                variance = variance + doubt(model, doubts[body], Z[new], raw[body][0][new], isinstance(body, str))
+                Phi = regressors(raw[body][0][new], isinstance(body, str))
+                variance = variance + doubt(model, doubts[body], Z[new], Phi)
             off = (Y[new] - mean) ** 2 / (variance + np.asarray(model.hyper.noise_variance))
             found[body] = t[new], off.mean(1)
     return found
@@ -208,7 +209,7 @@ def _of_agent(x: Float[Array, "samples inputs"]) -> Float[Array, "samples 3 5"]:
     return jax.vmap(one)(x)
 
 
-def _with_mean(oracle: learn.Oracle, body: learn.Body, beta: np.ndarray) -> learn.Oracle:
+def with_mean(oracle: learn.Oracle, body: learn.Body, beta: np.ndarray) -> learn.Oracle:
     """The oracle with what a body's mean holds, but for its constants, which are the GP's offset."""
     air = oracle.known
     assert isinstance(air, learn.Air)

@@ -1,0 +1,188 @@
+"""Maps of the place beside a mean of mass, drag and thrust: told apart, held elsewhere, and honest where unsure."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from colift import gp, learn, place
+from tests.test_learn import STATED, TRAINING, both, prior, samples
+
+ROOM, N = 128, 100
+MASS, C, K = -0.4, 0.3, 0.8
+MEAN = place.Mean(
+    payload=np.array([0.5, *[0.05] * 3, 0.5, *[0.2] * 3, *[3.0] * 3, *[0.6] * 3]), agents=np.array([0.5, 2.0, 3, 3, 3])
+)
+
+
+def field(p: np.ndarray) -> np.ndarray:
+    """A force of the place, N."""
+    return np.stack([np.sin(2 * p[..., 0]), np.cos(2 * p[..., 1]), 0.5 * np.sin(p[..., 0] + p[..., 1])], axis=-1)
+
+
+def flown(seed: int, times: float = 1.0) -> learn.Recorded:
+    """What a payload and two agents with three joints record where mass, drag and thrust act beside the field.
+
+    Not always equally fast: on one loop at one speed, velocity and acceleration are functions of the place.
+    """
+    rng = np.random.default_rng(seed)
+    speed = times * rng.uniform(0.5, 1.5, (ROOM, 1))
+    phase, used = np.sort(rng.uniform(0, 2 * np.pi, ROOM)), np.arange(ROOM) < N
+    p = np.stack([np.cos(phase), np.sin(phase), 0.2 * np.sin(2 * phase)], axis=1)
+    v = speed * np.stack([-np.sin(phase), np.cos(phase), 0.4 * np.cos(2 * phase)], axis=1)
+    R = Rotation.from_rotvec(0.2 * rng.normal(size=(ROOM, 3))).as_matrix()
+    a, omega, alpha = -(speed**2) * p + [0, 0, 9.81], 0.1 * rng.normal(size=(ROOM, 3)), 0.1 * rng.normal(size=(ROOM, 3))
+    X = np.concatenate([p, v, R.reshape(ROOM, 9), omega, a, alpha], axis=1)
+    drag = -C * v
+    F = MASS * a + drag + field(p)
+    tau = np.cross([0.0, 0.0, 0.1], np.einsum("nji,nj->ni", R, drag))
+    payload = X, np.concatenate([F, tau], axis=1) + 0.01 * rng.normal(size=(ROOM, 6)), ()
+    x = p + np.array([[[0.5, 0, 0.2]], [[-0.5, 0, 0.2]]])
+    R = Rotation.from_rotvec(0.2 * rng.normal(size=(2 * ROOM, 3))).as_matrix().reshape(2, ROOM, 3, 3)
+    v_2, rest = np.broadcast_to(v, (2, ROOM, 3)), 0.1 * rng.normal(size=(2, ROOM, 6))
+    Z = np.concatenate([R.reshape(2, ROOM, 9), x, rest[..., :3], rest[..., 3:], v_2, 0 * rest[..., :3]], axis=2)
+    f = K * R[..., 2] - C * v_2 + field(x)
+    joints = 0.1 * np.sin(3 * rest)
+    agents = Z, np.concatenate([f, joints], axis=2) + 0.01 * rng.normal(size=(2, ROOM, 9)), (2,)
+
+    def data(X: np.ndarray, Y: np.ndarray, lead: tuple[int, ...]) -> gp.Data:
+        t = np.broadcast_to(np.arange(ROOM) / 10, (*lead, ROOM))
+        many = jnp.full(lead, N)
+        return gp.Data(
+            X=jnp.asarray(X * used[:, None]), Y=jnp.asarray(Y * used[:, None]), t=jnp.asarray(t), n=many, offered=many
+        )
+
+    return both(data(*payload), data(*agents))
+
+
+def training() -> learn.Training:
+    """Of maps that see the place alone."""
+    names = (learn.PAYLOAD_FEATURES, learn.agent_feature_names(3))
+    (load, agent), plain = (TRAINING.payload, TRAINING.agents[0]), learn.Plain()
+    assert plain.payload_names() == names[0]
+    return dataclasses.replace(
+        TRAINING,
+        payload=place.of_place(load, names[0], payload=True),
+        agents=(place.of_place(agent, names[1], payload=False),),
+        max_iterations=60,
+    )
+
+
+def nothing() -> learn.Oracle:
+    """Before any data, with room."""
+    agents = jax.tree.map(lambda x: jnp.stack([x, x]), gp.prior(STATED[9], ROOM))
+    return learn.Oracle(
+        payload=gp.prior(STATED[6], ROOM), agents=(agents,), theta=jnp.zeros(10), known=learn.no_air([2])
+    )
+
+
+@pytest.fixture(scope="module")
+def taught() -> tuple[learn.Oracle, learn.Fits, dict]:
+    """What is learned of one flight."""
+    return place.teach(nothing(), flown(0), training(), MEAN, {}, {})
+
+
+def test_mass_drag_and_thrust_are_told_from_a_field_within_what_their_covariance_allows(taught):
+    oracle, fits, covariances = taught
+    assert set(fits) == set(covariances) == {"payload", (0, 0), (0, 1)}
+    found = [*oracle.theta[:4], *oracle.known.payload]
+    true = [MASS, 0, 0, 0, C, 0, 0, 0.1 * C]
+    deviation = np.sqrt(np.diagonal(covariances["payload"]))[:8]
+    assert (np.abs(np.array(found) - true) <= 4 * deviation).all()
+    assert (deviation[[0, 4]] < [0.05, 0.1]).all()
+    for j in range(2):
+        deviation = np.sqrt(np.diagonal(covariances[0, j]))[:2]
+        assert (np.abs(np.array(oracle.known.agents[0][j]) - [C, K]) <= 4 * deviation).all()
+        assert (deviation < [0.1, 0.1]).all()
+
+
+def test_forces_see_the_place_alone_and_moments_and_joints_of_agents_everything(taught):
+    oracle, fits, _ = taught
+    seen = {
+        name
+        for name, scale in zip(learn.PAYLOAD_FEATURES, oracle.payload.hyper.lengthscales[0], strict=True)
+        if scale < 1e3
+    }
+    assert seen == {"p_x", "p_y", "p_z"}
+    scale = oracle.agents[0].hyper.lengthscales[0]
+    names = np.array(learn.agent_feature_names(3))
+    assert set(names[np.asarray(scale[0]) < 1e3]) == {"x_x", "x_y", "x_z"}
+    assert (np.asarray(scale[3:]) < 1e3).all()
+    assert fits[0, 0].lengthscales.shape == (9, 24)
+    assert fits[0, 0].converged.shape == (9,)
+
+
+def test_elsewhere_in_the_same_field_and_twice_as_fast_it_holds_where_a_map_of_all_features_does_not(taught):
+    oracle, fast = taught[0], flown(5, times=2.0)
+    full, _ = learn.teach(nothing(), flown(0), TRAINING, {})
+    errors = {}
+    for name, of in (("place", oracle), ("full", full)):
+        left = learn.samples(of, fast)
+        for body in ("payload", (0, 0)):
+            X, Y, _ = left[body]
+            errors[name, body] = np.sqrt(((Y - learn.told(learn.of_body(of, body), X)[0])[:, :3] ** 2).mean())
+    for body in ("payload", (0, 0)):
+        assert errors["place", body] < 0.5 * errors["full", body]
+        assert errors["place", body] < 0.15
+
+
+def test_errors_elsewhere_are_within_the_deviations_that_a_mean_s_doubt_is_part_of():
+    """Over worlds: at home and twice as fast, errors in deviations are about normal; without the doubt they are not."""
+    squares, bare = [], []
+    for seed in range(6):
+        recorded, fast = flown(10 + seed), flown(50 + seed, times=2.0)
+        oracle, _, covariances = place.teach(nothing(), recorded, training(), MEAN, {}, {})
+        doubts = place.doubts(oracle, recorded, covariances, {})
+        for body in ("payload", (0, 1)):
+            (Z, left, _), x = learn.samples(oracle, fast)[body], learn.raw(fast)[body][0]
+            model = learn.of_body(oracle, body)
+            mean, variance = learn.told(model, Z)
+            variance = variance + np.asarray(model.hyper.noise_variance)
+            more = place.doubt(model, doubts[body], Z, place.regressors(x, isinstance(body, str)))
+            assert (more >= 0).all()
+            squares.append(((left - mean) ** 2 / (variance + more))[:, :3].mean())
+            bare.append(((left - mean) ** 2 / variance)[:, :3].mean())
+    assert np.mean(squares) < 1.6
+    assert np.mean(bare) > np.mean(squares)
+
+
+def test_a_body_whose_world_has_changed_keeps_its_mean_and_hyperparameters(taught):
+    oracle, fits, _ = taught
+    change = {"payload": learn.changed(oracle, "payload", 5.0)}
+    later, now, covariances = place.teach(oracle, flown(1), training(), MEAN, fits, change)
+    np.testing.assert_array_equal(later.theta, oracle.theta)
+    np.testing.assert_array_equal(later.known.payload, oracle.known.payload)
+    np.testing.assert_array_equal(later.payload.hyper.lengthscales, oracle.payload.hyper.lengthscales)
+    assert now["payload"] is fits["payload"]
+    assert set(covariances) == {(0, 0), (0, 1)}
+    assert np.any(later.known.agents[0] != oracle.known.agents[0])
+    assert set(place.doubts(later, flown(1), covariances, change)) == {(0, 0), (0, 1)}
+
+
+def test_features_of_one_s_own_without_a_place_stay_as_they_are():
+    belief = TRAINING.payload
+    assert place.of_place(belief, [f"feature_{i}" for i in range(20)], payload=True) is belief
+
+
+def test_what_contradicts_the_oracle_surprises_and_what_is_merely_new_does_not():
+    """In predictive variances: samples of the same functions near the data, of other functions there, and far away."""
+    load, agents = samples(0, 30, 24, 6), samples(1, 30, 24, 9, (2,))
+    oracle, _ = learn.teach(prior(), both(load, agents), TRAINING, {})
+    same = place.surprise(oracle, both(load, agents), {}, 1.0)
+    assert set(same) == {"payload", (0, 0), (0, 1)}
+    assert max(off.mean() for _, off in same.values()) < 4
+    np.testing.assert_allclose(same["payload"][0], load.t[11:30])
+    other = dataclasses.replace(load, Y=load.Y.at[20:].add(10.0))
+    t, off = place.surprise(oracle, both(other, agents), {}, 1.0)["payload"]
+    assert off.mean() > 25
+    assert t[np.argmax(off > 25)] == pytest.approx(2.0)
+    np.testing.assert_array_equal(place.surprise(oracle, both(other, agents), {}, 1.0)[0, 0][1], same[0, 0][1])
+    far = dataclasses.replace(load, X=load.X + 1e3)
+    assert place.surprise(oracle, both(far, agents), {}, 1.0)["payload"][1].mean() < 4
+    assert place.surprise(oracle, both(load, agents), {}, 9.0) == {}  # nothing is newer
+    assert place.surprise(prior(), both(load, agents), {}, 1.0) == {}  # nothing was predicted
