@@ -130,7 +130,9 @@ def _resident_GB() -> float:
 
 
 LIBC = ctypes.CDLL(None)
+MEMORY_GB = os.sysconf("SC_PHYS_PAGES") * resource.getpagesize() / 2**30
 LEFT_GB = [0.0]  # after each forgetting
-FULL_GB = 1.2  # the largest test adds as much where nothing is compiled yet, and a worker is to stay below 2.5
+# The largest test adds 1.2 where nothing is compiled yet; what is forgotten is traced anew: as late as memory allows.
+FULL_GB = max(1.2, min(4.0, MEMORY_GB / 6))
 if hasattr(LIBC, "mallopt"):
     LIBC.mallopt(-8, 2)  # M_ARENA_MAX: threads share two heaps, so that what one frees another can use

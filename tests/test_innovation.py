@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from typing import Any
 
 import jax
@@ -11,7 +12,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from colift import gp, innovation, learn, scenario, study
+from colift import gp, innovation, learn, scenario, simulate, study
 from colift.estimate import Estimate, Filters, Labelled
 from colift.model import Clock, PayloadState
 from tests import light
@@ -19,9 +20,12 @@ from tests import light
 DT, TICKS = 0.002, 400
 CORNERS = {"fusion": 5.0, "bias": 0.0, "joint": 20.0, "label": 8.0, "tip_force": 50.0}
 FILTERS = Filters(**{name: jnp.array(hertz) for name, hertz in CORNERS.items()})
-PLAN = study.plan(light.settings(), "C4")
-TEAM, ORACLE = PLAN.pilot.team, PLAN.pilot.oracle
-Z = PLAN.z
+
+
+@functools.cache
+def plan() -> simulate.Plan:
+    """A light team's, made when it is first asked for."""
+    return study.plan(light.settings(), "C4")
 
 
 def blend(hertz: float) -> float:
@@ -44,19 +48,21 @@ def heard(
         load = PayloadState(p=p, v=jnp.zeros(3), R=jnp.eye(3), omega=jnp.zeros(3))
         none = tuple(
             (jnp.zeros((n, 18 + 2 * g.tree.joints)), jnp.zeros((n, 6 + g.tree.joints)))
-            for n, g in zip(TEAM.sizes, TEAM.groups, strict=True)
+            for n, g in zip(plan().pilot.team.sizes, plan().pilot.team.groups, strict=True)
         )
         labelled = Labelled(payload=(jnp.zeros(24), y), agents=none, fresh=on, waited=waited)
-        lam = tuple(jnp.zeros_like(g.contact) for g in TEAM.groups)
-        q_hat = Estimate(agents=Z.agents, payload=load, a_L=jnp.zeros(6), lam=lam, labelled=labelled)
-        return listener.listen(memory, TEAM, oracle(k), q_hat, Clock(t=k.astype(float) * DT, dt=jnp.array(DT)))
+        lam = tuple(jnp.zeros_like(g.contact) for g in plan().pilot.team.groups)
+        q_hat = Estimate(agents=plan().z.agents, payload=load, a_L=jnp.zeros(6), lam=lam, labelled=labelled)
+        return listener.listen(
+            memory, plan().pilot.team, oracle(k), q_hat, Clock(t=k.astype(float) * DT, dt=jnp.array(DT))
+        )
 
     waited, since = np.zeros(len(p)), 0.0
     for k, on in enumerate(fresh):
         waited[k] = since = since + DT
         since *= 1 - on
     steps = tuple(map(jnp.asarray, (np.arange(len(p)), p, labels, np.asarray(fresh, float), waited)))
-    return jax.jit(lambda: jax.lax.scan(tick, listener.begin(TEAM), steps)[1])()
+    return jax.jit(lambda: jax.lax.scan(tick, listener.begin(plan().pilot.team), steps)[1])()
 
 
 def listener(fade: float = np.inf, span: float = 0.5, hold: float = 0.0) -> innovation.Listener:
@@ -65,8 +71,10 @@ def listener(fade: float = np.inf, span: float = 0.5, hold: float = 0.0) -> inno
 
 def offset(mean: Any, k: Any = 0) -> learn.Oracle:
     """An oracle of update k that predicts a constant wrench."""
-    hyper = dataclasses.replace(ORACLE.payload.hyper, offset=jnp.full(6, mean))
-    return dataclasses.replace(ORACLE, payload=dataclasses.replace(ORACLE.payload, hyper=hyper), k=jnp.asarray(k))
+    hyper = dataclasses.replace(plan().pilot.oracle.payload.hyper, offset=jnp.full(6, mean))
+    return dataclasses.replace(
+        plan().pilot.oracle, payload=dataclasses.replace(plan().pilot.oracle.payload, hyper=hyper), k=jnp.asarray(k)
+    )
 
 
 def test_the_innovation_is_the_label_less_the_mean_behind_the_labels_filters():
@@ -75,9 +83,9 @@ def test_the_innovation_is_the_label_less_the_mean_behind_the_labels_filters():
     p = np.cumsum(rng.normal(size=(TICKS, 3)), axis=0) * 0.05
     x = np.concatenate([p, np.zeros((TICKS, 3)), np.tile(np.eye(3).ravel(), (TICKS, 1)), np.zeros((TICKS, 9))], axis=1)
     seen = np.asarray(learn.payload_features(jnp.asarray(x[::40])))
-    hyper, capacity = ORACLE.payload.hyper, ORACLE.payload.capacity
+    hyper, capacity = plan().pilot.oracle.payload.hyper, plan().pilot.oracle.payload.capacity
     model = gp.condition(seen, rng.normal(size=(len(seen), 6)), hyper, capacity)
-    taught = dataclasses.replace(ORACLE, payload=model)
+    taught = dataclasses.replace(plan().pilot.oracle, payload=model)
     W = jax.vmap(learn.payload_mean, (None, 0))(taught, jnp.asarray(x))
     f = np.concatenate([W.F, W.tau], axis=1)
     more = rng.normal(size=(TICKS, 6)).cumsum(axis=0) * 0.1
@@ -98,14 +106,16 @@ def test_when_labels_stop_what_is_left_fades_to_its_mean_or_is_held():
     labels[~fresh] = labels[fresh][-1]  # as the estimator has it: they stand still
     p = np.zeros((TICKS, 3))
     used = lambda news: np.asarray(news.r.payload.F)[:, 0]  # noqa: E731
-    np.testing.assert_allclose(used(heard(listener(), lambda _k: ORACLE, p, labels, fresh)), labels[:, 0], atol=1e-12)
-    news = heard(listener(fade=0.05, span=0.2), lambda _k: ORACLE, p, labels, fresh)
+    np.testing.assert_allclose(
+        used(heard(listener(), lambda _k: plan().pilot.oracle, p, labels, fresh)), labels[:, 0], atol=1e-12
+    )
+    news = heard(listener(fade=0.05, span=0.2), lambda _k: plan().pilot.oracle, p, labels, fresh)
     np.testing.assert_allclose(used(news)[fresh], labels[fresh, 0], atol=1e-12)
     np.testing.assert_allclose(news.fresh[fresh], 1.0)
     average, b = labels[0, 0], 1 - np.exp(-DT / 0.2)
     for y in labels[fresh, 0]:
         average += b * (y - average)
-    v = np.asarray(ORACLE.payload.hyper.noise_variance)[0]
+    v = np.asarray(plan().pilot.oracle.payload.hyper.noise_variance)[0]
     lasting = average**3 / (average**2 + 4 * v)
     left = np.exp(-DT / 0.05 * (1 + np.arange((~fresh).sum())))
     np.testing.assert_allclose(np.asarray(news.fresh)[~fresh], left, rtol=1e-9)
@@ -128,10 +138,16 @@ def test_what_another_oracle_says_more_is_taken_from_the_innovation_at_once():
 
 
 def test_an_estimator_without_labels_cannot_be_listened_to():
-    lam = tuple(jnp.zeros_like(g.contact) for g in TEAM.groups)
-    mute = Estimate(agents=Z.agents, payload=Z.payload, a_L=jnp.zeros(6), lam=lam)
+    lam = tuple(jnp.zeros_like(g.contact) for g in plan().pilot.team.groups)
+    mute = Estimate(agents=plan().z.agents, payload=plan().z.payload, a_L=jnp.zeros(6), lam=lam)
     with pytest.raises(ValueError, match="gives no labels"):
-        listener().listen(listener().begin(TEAM), TEAM, ORACLE, mute, Clock(t=jnp.zeros(()), dt=jnp.array(DT)))
+        listener().listen(
+            listener().begin(plan().pilot.team),
+            plan().pilot.team,
+            plan().pilot.oracle,
+            mute,
+            Clock(t=jnp.zeros(()), dt=jnp.array(DT)),
+        )
 
 
 def test_shipped_scenarios_in_which_the_world_changes_are_those_of_the_paper_but_for_what_they_say():
@@ -152,7 +168,7 @@ def test_labels_that_come_now_and_then_are_held_in_between():
     on = (np.arange(TICKS) % 10 == 0) & (t < 0.5)
     last = np.maximum.accumulate(np.where(on, np.arange(TICKS), 0))
     labels = np.tile((1.0 + 2.0 * last / 10 * DT)[:, None], (1, 6))  # a filter that moves on at each label only
-    news = heard(listener(fade=0.05, hold=0.05), lambda _k: ORACLE, np.zeros((TICKS, 3)), labels, on)
+    news = heard(listener(fade=0.05, hold=0.05), lambda _k: plan().pilot.oracle, np.zeros((TICKS, 3)), labels, on)
     until = int(np.flatnonzero(on)[-1] + round(0.05 / DT))
     rate = np.asarray(news.rate.payload.F)[:, 0]
     np.testing.assert_allclose(rate[np.flatnonzero(on)[1:]], 2.0 / 10, rtol=1e-9)  # over the time since the last label
@@ -170,7 +186,11 @@ def test_silence_that_has_been_as_long_lately_is_no_end_of_labels():
     on = (np.arange(TICKS) % 50 == 0) & (np.arange(TICKS) <= 200)
     fresh = np.asarray(
         heard(
-            listener(fade=0.01, hold=0.05, span=10.0), lambda _k: ORACLE, np.zeros((TICKS, 3)), np.zeros((TICKS, 6)), on
+            listener(fade=0.01, hold=0.05, span=10.0),
+            lambda _k: plan().pilot.oracle,
+            np.zeros((TICKS, 3)),
+            np.zeros((TICKS, 6)),
+            on,
         ).fresh
     )
     assert fresh[26:49].min() < 0.5, "the first silence is longer than any before"
@@ -181,7 +201,7 @@ def test_silence_that_has_been_as_long_lately_is_no_end_of_labels():
 def test_labels_are_late_by_their_delay_times_their_rate():
     t = DT * np.arange(TICKS)
     labels = np.tile((3.0 * t)[:, None], (1, 6))
-    news = heard(listener(span=0.02), lambda _k: ORACLE, np.zeros((TICKS, 3)), labels, np.ones(TICKS))
+    news = heard(listener(span=0.02), lambda _k: plan().pilot.oracle, np.zeros((TICKS, 3)), labels, np.ones(TICKS))
     delay = 2 / (2 * np.pi * CORNERS["label"]) + 1 / (2 * np.pi * CORNERS["tip_force"])
     np.testing.assert_allclose(np.asarray(news.unrest.payload.F)[-1], 3.0 * delay, rtol=1e-6)
 
@@ -197,6 +217,6 @@ def test_what_has_changed_for_good_is_counted_anew_where_a_body_s_model_is_anoth
             return offset(taken_in * later.astype(float), later)
 
         news = heard(listener(fade=0.01, span=0.02), oracle, p, labels, on)
-        v = np.asarray(ORACLE.payload.hyper.noise_variance)[0]
+        v = np.asarray(plan().pilot.oracle.payload.hyper.noise_variance)[0]
         expected = left**3 / (left**2 + 4 * v)
         np.testing.assert_allclose(np.asarray(news.r.payload.F)[-1, 0], expected, atol=0.01)

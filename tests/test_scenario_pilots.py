@@ -10,9 +10,11 @@ from colift.scenario import ScenarioError, pilots, roster, worlds
 from tests.varied import changed
 
 
-@pytest.mark.parametrize("name", [name for name in scenario.names() if scenario.load(name).allocation.internal])
+@pytest.mark.parametrize("name", scenario.names())
 def test_internal_forces_of_shipped_scenarios_are_felt_and_leave_the_wrench_alone(name):
     s = scenario.load(name)
+    if s.allocation.internal is None:
+        pytest.skip("asks for none")
     _, nominal = roster.team(s)
     plan, internal = pilots.allocation(s, nominal)
     lam = np.asarray(plan.kernel @ internal.eta)

@@ -35,6 +35,7 @@ class Geometry:
     J_omega: Float[Array, "bodies n_r 3"]  # body rate relative to the base, per joint rate
 
 
+@jax.jit
 def geometry(agent: Agent, r: Float[Array, "n_r"]) -> Geometry:
     """Forward kinematics and point Jacobians: `d x / d r_k = a_k x (x - o_k)`, or `a_k` where joint k slides."""
     tree, bodies = agent.tree, agent.tree.joints + 1
@@ -90,6 +91,7 @@ class Reduced:
     s: Float[Array, "3"]  # m, centre of mass from the base origin
 
 
+@jax.jit
 def reduce(agent: Agent, g: Geometry) -> Reduced:
     """`M_bar = sum_i m_i B_i^T B_i + W_i^T I_i W_i`: the reduced mass matrix, without the paper's Schur complement.
 
@@ -122,6 +124,7 @@ def reduce(agent: Agent, g: Geometry) -> Reduced:
     )
 
 
+@jax.jit
 def bias(
     agent: Agent, g: Geometry, q: Reduced, omega: Float[Array, "3"], r_dot: Float[Array, "n_r"]
 ) -> tuple[Float[Array, "xi"], Float[Array, "arms 3"]]:
@@ -154,6 +157,7 @@ def momenta(agent: Agent, r: Float[Array, "n_r"], xi: Float[Array, "xi"]) -> Flo
     return apply(reduce(agent, geometry(agent, r)).M_bar, xi)
 
 
+@jax.jit
 def momentum_drift(agent: Agent, r: Float[Array, "n_r"], xi: Float[Array, "xi"]) -> Float[Array, "xi"]:
     """`(mu x omega, 1/2 xi^T dM_bar xi)`: how the momenta change without forces (Eq. nom_momentum)."""
 

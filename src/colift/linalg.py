@@ -7,15 +7,18 @@ gives NaN, which the run's status reports.
 
 from __future__ import annotations
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 
+@jax.jit
 def mul(A: Float[Array, "*#batch n k"], B: Float[Array, "*#batch k m"]) -> Float[Array, "*#batch n m"]:
     """`A B`, broadcasting the leading axes."""
     return (A[..., :, :, None] * B[..., None, :, :]).sum(-2)
 
 
+@jax.jit
 def apply(A: Float[Array, "*#batch n k"], x: Float[Array, "*#batch k"]) -> Float[Array, "*#batch n"]:
     """`A x`, broadcasting the leading axes."""
     return (A * x[..., None, :]).sum(-1)
@@ -26,6 +29,7 @@ def transpose(A: Float[Array, "*batch n m"]) -> Float[Array, "*batch m n"]:
     return jnp.swapaxes(A, -1, -2)
 
 
+@jax.jit
 def eliminate(
     A: Float[Array, "*batch n n"], B: Float[Array, "*batch n m"]
 ) -> tuple[Float[Array, "*batch n n"], Float[Array, "*batch n"], Float[Array, "*batch n m"]]:
@@ -47,6 +51,7 @@ def eliminate(
     return reduced[..., :n], jnp.concatenate(d, axis=-1), reduced[..., n:]
 
 
+@jax.jit
 def forward(U: Float[Array, "*batch n n"], B: Float[Array, "*batch n m"]) -> Float[Array, "*batch n m"]:
     """`U^-T B` for unit upper triangular U."""
     rows = []
@@ -57,6 +62,7 @@ def forward(U: Float[Array, "*batch n n"], B: Float[Array, "*batch n m"]) -> Flo
     return jnp.stack(rows, axis=-2)
 
 
+@jax.jit
 def backward(U: Float[Array, "*batch n n"], B: Float[Array, "*batch n m"]) -> Float[Array, "*batch n m"]:
     """`U^-1 B` for unit upper triangular U."""
     rows = []
@@ -67,6 +73,7 @@ def backward(U: Float[Array, "*batch n n"], B: Float[Array, "*batch n m"]) -> Fl
     return jnp.stack(rows[::-1], axis=-2)
 
 
+@jax.jit
 def solve(A: Float[Array, "*batch n n"], B: Float[Array, "*batch n m"]) -> Float[Array, "*batch n m"]:
     """`A^-1 B` for symmetric positive definite A."""
     U, d, Y = eliminate(A, B)

@@ -6,6 +6,7 @@ Rotation matrices map body to world. Small angles use series whose derivatives a
 
 from __future__ import annotations
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -15,6 +16,7 @@ Rotation = Float[Array, "*#batch 3 3"]
 SMALL_ANGLE_SQUARED = 1e-4  # rad^2; below it the series used are exact to rounding
 
 
+@jax.jit
 def cross(a: Vector, b: Vector) -> Vector:
     """`a x b`, broadcasting the leading axes."""
     a1, a2, a3 = a[..., 0], a[..., 1], a[..., 2]
@@ -27,6 +29,7 @@ def identity(batch: tuple[int, ...] = ()) -> Rotation:
     return jnp.broadcast_to(jnp.eye(3), (*batch, 3, 3))
 
 
+@jax.jit
 def hat(a: Vector) -> Float[Array, "*#batch 3 3"]:
     """The skew matrix with `hat(a) b = a x b`."""
     x, y, z = a[..., 0], a[..., 1], a[..., 2]
@@ -34,12 +37,14 @@ def hat(a: Vector) -> Float[Array, "*#batch 3 3"]:
     return jnp.stack([o, -z, y, z, o, -x, -y, x, o], axis=-1).reshape(*a.shape, 3)
 
 
+@jax.jit
 def vee(A: Float[Array, "*#batch 3 3"]) -> Vector:
     """The inverse of `hat` on skew matrices; of any matrix, the vector of its skew part."""
     S = (A - jnp.swapaxes(A, -1, -2)) / 2
     return jnp.stack([S[..., 2, 1], S[..., 0, 2], S[..., 1, 0]], axis=-1)
 
 
+@jax.jit
 def exp(theta: Vector) -> Rotation:
     """`exp(hat(theta))` by Rodrigues' formula, `cos t I + sin t hat(theta) / t + (1 - cos t) theta theta^T / t^2`."""
     t2 = (theta * theta).sum(-1)
@@ -50,6 +55,7 @@ def exp(theta: Vector) -> Rotation:
     return _rodrigues(theta, 1 - t2 * cosc, sinc, cosc)
 
 
+@jax.jit
 def about(axis: Vector, angle: Float[Array, "*#batch"]) -> Rotation:
     """The rotation by an angle, rad, about a unit vector: `exp` without its small-angle branch."""
     return _rodrigues(axis, jnp.cos(angle), jnp.sin(angle), 1 - jnp.cos(angle))
@@ -66,6 +72,7 @@ def _rodrigues(
     )
 
 
+@jax.jit
 def log(R: Rotation) -> Vector:
     """The rotation vector of R, angle in [0, pi), through the unit quaternion (stable near pi)."""
     q = quaternion(R)
@@ -103,6 +110,7 @@ def orthonormalize(R: Rotation) -> Rotation:
     return R @ (3 * identity(R.shape[:-2]) - jnp.swapaxes(R, -1, -2) @ R) / 2
 
 
+@jax.jit
 def e_R(R: Rotation, R_d: Rotation) -> Vector:
     """Attitude error `(R_d^T R - R^T R_d)^vee / 2` (Section IV-B)."""
     return vee(jnp.swapaxes(R_d, -1, -2) @ R)
