@@ -103,6 +103,23 @@ def style() -> Iterator[None]:
         yield
 
 
+AS_SHIPPED = ("native", "native_build", "native_integers", "native_loops", "shipped")  # files that test what gcc makes
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _compiled_quickly(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Elsewhere C is compiled without optimization: the same numbers to rounding, in a third of gcc's time."""
+    from colift.native import build
+
+    levels = build.FAST, build.QUICK
+    if Path(request.path).stem.removeprefix("test_") not in AS_SHIPPED:
+        build.FAST = build.QUICK = ("-O0",)
+    build.machine.cache_clear()
+    yield
+    build.FAST, build.QUICK = levels
+    build.machine.cache_clear()
+
+
 @pytest.fixture(autouse=True)
 def _forget_a_test() -> Iterator[None]:
     """A worker that has grown forgets the programs of the tests behind it; what stays even so does not count."""

@@ -127,9 +127,12 @@ def _agent_residual(
     return AgentForce(f_x=force - u.u * q.R[:, 2], f_w=Q[:3], f_r=Q[3:])
 
 
-@jax.jit
 def start(setup: Setup, z: State) -> Loop:
     """The loop before its first tick: the team at z, held by the command of a noise-free tick at rest."""
+    return _program(_start, setup, z)(setup, z)
+
+
+def _start(setup: Setup, z: State) -> Loop:
     command, memory = setup.pilot.begin(setup.world.rest(z), Clock(t=jnp.zeros(()), dt=setup.dt))
     return Loop(
         world=setup.world.begin(z, command),
@@ -252,18 +255,22 @@ def advance(setup: Setup, loop: Loop, noise: Any, ticks: Int[Array, ""]) -> tupl
 
 def program(*like: Any) -> Callable[..., tuple[Loop, Row]]:
     """What `advance` runs for arguments like these: many short calls need not look it up each time."""
+    return _program(_advance, *like)
+
+
+def _program(f: Callable[..., Any], *like: Any) -> Callable[..., Any]:
     leaves, structure = jax.tree.flatten(like)
-    return _compiled(structure, tuple(map(jax.typeof, leaves)))
+    return _compiled(f, structure, tuple(map(jax.typeof, leaves)))
 
 
 @functools.cache
-def _compiled(structure: Any, like: tuple[Any, ...]) -> Callable[..., tuple[Loop, Row]]:
-    compiled = jax.jit(native.compile(_advance))
+def _compiled(f: Callable[..., Any], structure: Any, like: tuple[Any, ...]) -> Callable[..., Any]:
+    compiled = jax.jit(native.compile(f))
     try:
         compiled.lower(*jax.tree.unflatten(structure, like))
     except native.UnsupportedPrimitive as error:
         log.info("flown by JAX, a few times slower: %s", error)
-        return jax.jit(_advance)
+        return jax.jit(f)
     return compiled
 
 
