@@ -311,11 +311,11 @@ def _margin(settings: Settings, x: modes.Carried, M: np.ndarray) -> float:
 def _gain(x: modes.Carried, M: np.ndarray) -> Iterator[Finding]:
     """How many times as strong commands may be, where that is known."""
     try:
-        least, greatest = modes.gain_margin(x, M)
+        gain = modes.gain_margin(x, M)
     except ValueError:  # `_delay` has said why
         return
     yield Finding(
-        "gain", f"commands may be {least:.2g} to {greatest:.2g} times as strong", {"least": least, "greatest": greatest}
+        "gain", f"commands may be {modes.strength(gain)}", dict(zip(("least", "greatest"), gain, strict=True))
     )
 
 

@@ -51,7 +51,6 @@ class Heard:
     before: Residual  # r before the last label
     elapsed: Scalar  # s since then
     average: Residual
-    silent: Scalar  # s since the last label
     gap: Scalar  # s, the longest silence that a label ended, forgotten within ten spans
     unrest: Residual  # N^2 and (N m)^2
     fresh: Scalar
@@ -87,7 +86,6 @@ class Listener:
             before=none,
             elapsed=jnp.ones(()),
             average=none,
-            silent=jnp.zeros(()),
             gap=jnp.zeros(()),
             unrest=none,
             fresh=jnp.ones(()),
@@ -111,8 +109,8 @@ class Listener:
         outer = _low(past.outer, inner, b)
         r = jax.tree.map(jnp.subtract, _label(labelled), outer)
         average = _low(past.average, r, from_the_first(past.warm, on * -jnp.expm1(-waited / self.span)))
-        silent = (1 - on) * (past.silent + dt)
-        gap = jnp.maximum(past.gap * jnp.exp(-dt / (10 * self.span)), on * past.silent)
+        silent, ended = (1 - on) * waited, on * (waited - dt)
+        gap = jnp.maximum(past.gap * jnp.exp(-dt / (10 * self.span)), ended)
         speaking = (silent <= jnp.maximum(self.hold, 2 * gap) + 1e-9).astype(float)
         fresh = past.fresh + -jnp.expm1(-dt / self.fade) * (speaking - past.fresh)
         before = jax.tree.map(lambda new, old: jnp.where(on > 0, new, old), past.r, past.before)
@@ -133,7 +131,6 @@ class Listener:
             before=before,
             elapsed=elapsed,
             average=average,
-            silent=silent,
             gap=gap,
             unrest=unrest,
             fresh=fresh,

@@ -145,10 +145,15 @@ class Margins:
     def says(self) -> str:
         """In words."""
         delay = f"{1e3 * self.delay:.3g} ms later" + (" or more" if self.delay >= self.most else "")
-        least, greatest = self.gain
-        low = f"{least:.2g}" + (" or less" if least <= 1.001 / GAIN_MOST else "")
-        high = f"{greatest:.2g}" + (" or more" if greatest >= GAIN_MOST / 1.001 else "")
-        return f"commands may come {delay}, or be {low} to {high} times as strong"
+        return f"commands may come {delay}, or be {strength(self.gain)}"
+
+
+def strength(gain: tuple[float, float]) -> str:
+    """A gain margin in words."""
+    least, greatest = gain
+    low = f"{least:.2g}" + (" or less" if least <= 1.001 / GAIN_MOST else "")
+    high = f"{greatest:.2g}" + (" or more" if greatest >= GAIN_MOST / 1.001 else "")
+    return f"{low} to {high} times as strong"
 
 
 DELAY_MOST = 0.05  # s, beyond which a delay margin is not sought
