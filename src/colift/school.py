@@ -134,7 +134,7 @@ class School:
         found, seen = [], learn.raw(recorded)
         few = {body for body, change in self.changes.items() if (seen[body][2] >= change.since).sum() < given.enough}
         for body, (t, off) in place.surprise(oracle, recorded, self.doubts, self.last).items():
-            if body in few:
+            if body in few or int(learn.of_body(oracle, body).n) < given.enough / 3:  # it knows no world yet
                 continue
             before = self.usual.setdefault(body, [])
             most = given.surprise * max(1.0, np.median(before)) if before else np.inf

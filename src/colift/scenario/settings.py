@@ -817,7 +817,7 @@ class Innovation(Section):
     """How long after the first sample that surprises the world may be changing: samples of then speak of no world."""
     enough: of.Capacity = 150
     """New samples after a change for a new model: until then the old one, shifted, is corrected by labels, and what
-    surprises is the same change."""
+    surprises is the same change. A model of less than a third as many cannot be surprised."""
     drag_Nspm: of.Deviation = 0.5
     """Prior deviation of each body's drag, in the mean of C4's maps; mass and first moments as in `baselines`."""
     drag_lever_m: of.Deviation = 0.4
