@@ -66,7 +66,8 @@ def test_learning_goes_on_and_amends_what_has_become_wrong(light_flights):
     assert int(c4.oracle.k) == 6
     (heavier,) = [update for update in c4.updates if "payload" in update.changed]
     assert 2.5 - 1e-9 <= heavier.t <= 3.0 + 1e-9
-    np.testing.assert_allclose(c4.oracle.theta[0], -0.3, atol=0.05)
+    before = c4.updates[1].theta[0]  # of the mean, in which mass and a constant force are hard to tell apart
+    np.testing.assert_allclose(c4.oracle.theta[0] - before, -0.3, atol=0.05)
 
 
 def test_only_cases_that_listen_log_what_labels_say(light_flights):

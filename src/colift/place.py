@@ -78,6 +78,7 @@ def teach(
         models[body] = dataclasses.replace(learn.of_body(oracle, body), hyper=fit.hyper)
     fits = {**last, **{body: fit for body, (fit, _, _) in learned.items()}}
     taught = learn.renew(learn.with_bodies(oracle, models), recorded, changes, waiting)
+    taught = dataclasses.replace(taught, k=oracle.k + 1)  # one update
     return taught, fits, {body: covariance for body, (_, _, covariance) in learned.items()}
 
 
