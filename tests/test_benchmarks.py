@@ -54,6 +54,7 @@ def test_a_missed_target_is_printed_and_is_the_status(capsys, monkeypatch, tmp_p
     assert json.loads((tmp_path / "cold_start.json").read_text())["targets"] == found.targets
 
 
+@pytest.mark.long
 def test_what_runs_on_a_gpu_runs_here_unchanged():
     found = gpu.measure(jax.devices()[0], (1, 2), steps=2, seconds=0.0)
     assert set(found) == {"1", "2"}

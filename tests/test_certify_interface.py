@@ -27,7 +27,9 @@ accelerate = jax.jit(dynamics.accelerate)
 # Static part ----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("structure", "seed"), [(1, 1), (1, 2), (2, 3), (2, 4)])
+@pytest.mark.parametrize(
+    ("structure", "seed"), [(1, 1), (1, 2), *(pytest.param(2, seed, marks=pytest.mark.long) for seed in (3, 4))]
+)
 def test_mismatch_and_acceleration_error_are_linear_in_what_is_not_compensated(structure, seed):
     """A moving team under the control law with exact states: unknown forces, and thrusts that point elsewhere.
 

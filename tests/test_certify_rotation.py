@@ -159,6 +159,7 @@ def test_bounds_are_close_to_the_worst_disturbance_found(damping, size):
     assert max(ratios["e_R"], ratios["angle"], ratios["e_omega"]) <= 1.05
 
 
+@pytest.mark.long
 @given(seeds, st.sampled_from([0.5, 0.9, 1.5]), st.sampled_from([0.05, 0.17, 0.3]))
 @settings(max_examples=9)
 def test_from_anywhere_in_the_region_flights_settle_within_the_bounds_and_from_rest_never_leave_them(seed, z, size):

@@ -67,6 +67,7 @@ def test_no_disturbance_within_its_bound_exceeds_it(seed, damping, mixing):
     assert found[0] >= 0.5 * bound.e_p.bound  # the draws come near, so that the check could fail
 
 
+@pytest.mark.long
 @given(st.floats(1, 40), st.floats(0.1, 2.5))
 @settings(max_examples=12)
 def test_equal_axes_have_the_gain_of_one_axis(k_p, zeta):

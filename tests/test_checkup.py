@@ -43,6 +43,7 @@ def test_a_team_that_flies_is_sound():
     assert json.loads(json.dumps(good.summary))["mode"]["rad_s"][0] < 0
 
 
+@pytest.mark.long
 def test_a_mode_that_grows_is_bad_and_the_change_that_is_said_steadies_it():
     wild = found("wild")
     assert not wild.sound
@@ -57,6 +58,7 @@ def test_a_mode_that_grows_is_bad_and_the_change_that_is_said_steadies_it():
     assert wild.lines()[-1] == "sample: bad: mode"
 
 
+@pytest.mark.long
 def test_too_little_delay_margin_is_bad_with_the_gain_that_gives_more(monkeypatch: pytest.MonkeyPatch):
     every = list(checkup._gains(light.settings()))
     monkeypatch.setattr(checkup, "DELAY_LEAST", 0.02)

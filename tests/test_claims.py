@@ -75,6 +75,7 @@ def test_attitude_error_kinematics():
     assert np.abs(by_differences - by_formula).max() < 2e-3 * scale  # second order in 2 ms
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("signal", ["e_p", "Psi"])
 def test_without_unknowns_or_noise_errors_decay_to_what_the_attitude_loop_leaves(signal: str):
     """Eq. pl_cl_ep, pl_cl_eom: under exact knowledge the errors go down from their start by a factor of five in 4 s."""

@@ -41,6 +41,7 @@ def test_the_deviation_of_a_payload_s_label_is_that_of_drawn_biases(seed, case):
     np.testing.assert_allclose(np.concatenate([F, tau], axis=1).std(0), found, rtol=0.1)
 
 
+@pytest.mark.long
 @given(seed=st.integers(0, 10**6), case=st.integers(0, len(teams.POOL) - 1))
 def test_the_deviation_of_an_agent_s_label_is_that_of_drawn_biases(seed, case):
     rng = np.random.default_rng(seed)

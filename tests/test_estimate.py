@@ -356,6 +356,7 @@ def labels(plan: simulate.Plan, dt: float) -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate([np.asarray(load.Y)[:n], *parts], axis=1), y[k]
 
 
+@pytest.mark.long
 def test_without_noise_labels_converge_to_the_filtered_true_residual():
     """With all delays but the labels' own filter a multiple of the tick, the error is first order in the tick."""
     errors = []

@@ -132,6 +132,7 @@ def test_on_the_command_line_an_unknown_case_is_one_line_and_status_2(tmp_path: 
     assert not (tmp_path / "c").exists()
 
 
+@pytest.mark.long
 @pytest.mark.skipif(shutil.which("cmake") is None, reason="no CMake")
 def test_cmake_builds_it(folder: Path, tmp_path: Path):
     subprocess.run(["cmake", "-S", folder, "-B", tmp_path], check=True, capture_output=True)

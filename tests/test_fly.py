@@ -72,6 +72,7 @@ def test_recording_ends_at_the_capacity():
     np.testing.assert_allclose(loop.memory.recorder.payload.t, DT * np.arange(256), atol=1e-12)
 
 
+@pytest.mark.long
 def test_of_a_calibration_rig_true_states_and_bounded_labels_are_recorded():
     """The sensors are noisy, the labels are the true residual off by the rig's error, the inputs the true states."""
     of = recording("C3", start=number(0.06), every=number(0.05))
@@ -113,6 +114,7 @@ def commanded(rows: simulate.Row, leader: fly.Geometric, path: reference.Referen
     return a_d - rows.e_p @ np.asarray(leader.gains.K_p) - rows.e_v @ np.asarray(leader.gains.K_v)
 
 
+@pytest.mark.long
 def test_integral_action_sums_the_errors_tick_by_tick():
     of = exact(plan("I"))
     _, rows = flown(of)
@@ -128,6 +130,7 @@ def test_integral_action_sums_the_errors_tick_by_tick():
     np.testing.assert_allclose(rows.W_d[:, 3:], alpha @ J + np.cross(w, w @ J), atol=1e-6)
 
 
+@pytest.mark.long
 def test_the_wrench_observer_filters_what_the_last_command_did_not_explain():
     of = exact(plan("DOB"))
     _, rows = flown(of)
@@ -199,6 +202,7 @@ def _rate_by_differences(pilot: fly.LeaderFollower, q_hat: estimate.Estimate, to
     return (ends[0] - ends[1]) / (2 * h)
 
 
+@pytest.mark.long
 def test_the_attitude_s_feed_forward_takes_the_rate_of_the_allocated_forces_without_their_constant_part():
     """Contact forces with a constant internal part lam_f0 (Eq. follower_force), at a moving state."""
     of = exact(plan("C1"))
@@ -247,6 +251,7 @@ def test_internal_forces_follow_their_pulse():
 # Looking ahead --------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_looking_ahead_a_team_without_unknowns_keeps_to_its_path():
     """What the paper's attitude neglects, and the swing, is all that is left once nothing is unknown or noisy."""
     of = exact(plan("C1"))

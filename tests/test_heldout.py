@@ -39,6 +39,7 @@ def test_a_reference_that_is_no_such_curve_is_refused():
         heldout.paths(Settings.model_validate(told))
 
 
+@pytest.mark.long
 def test_what_flies_there_has_the_map_and_learns_no_more():
     settings = light.settings()
     plan = study.plan(settings, "C3")

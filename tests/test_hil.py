@@ -84,6 +84,7 @@ def flight(plan: simulate.Plan) -> tuple[list, list[StandIn]]:
     return flown(plan)
 
 
+@pytest.mark.long
 def test_the_team_flies_as_without_autopilots(plan: simulate.Plan, flight: tuple[list, list[StandIn]]) -> None:
     """What goes out as setpoints in FRD and comes back as signals of rotors is the thrust and torque that were asked.
 

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from colift import __main__, folder, log, native, results, scenario, study, urdf
+from colift import __main__, folder, log, native, results, scenario, study, urdf, view
 from colift.__main__ import app
 from colift.scenario import roster
 from tests import flights, light
@@ -30,6 +30,12 @@ FIGURES = ("tracking", "mismatch", "deviation", "forces", "rho_bar")
 def invoke(*arguments: str) -> tuple[int, str]:
     result = CliRunner().invoke(app, list(arguments), catch_exceptions=False)
     return result.exit_code, result.stderr
+
+
+@pytest.fixture(autouse=True)
+def _no_figures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """`flown` has drawn them; ten seconds of every other study are saved."""
+    monkeypatch.setattr(view, "figures", lambda *_: [])
 
 
 def test_an_unknown_scenario_is_one_line_and_status_2():

@@ -100,6 +100,7 @@ def test_a_team_that_flies_is_not_called_unstable():
     assert found.payload.shape == (len(found.eigenvalues), 6)
 
 
+@pytest.mark.long
 def test_a_leader_with_a_memory_adds_its_own_modes():
     def slow(found: modes.Modes) -> int:
         return int((found.eigenvalues.real > -50).sum())  # rad/s; some are gone within a tick or two
@@ -109,6 +110,7 @@ def test_a_leader_with_a_memory_adds_its_own_modes():
     assert with_integral.stable
 
 
+@pytest.mark.long
 def test_too_slow_a_control_rate_is_called_unstable_and_is(monkeypatch):
     """Twenty ticks a second: the same team and gains, sampled and held for longer than its attitudes stand.
 
@@ -175,6 +177,7 @@ def three_bodies(delay_s: float = 0.0) -> tuple[modes.Carried, np.ndarray]:
     return modes.monodromy(plan, starts.at_rest(settings, plan.world.team))
 
 
+@pytest.mark.long
 def test_from_where_a_loop_has_settled_the_rest_is_the_same():
     plan = study.plan(light.settings(), "C1")
     setup, loop, noise = modes._begun(plan, starts.at_rest(light.settings(), plan.world.team))
@@ -188,6 +191,7 @@ def test_from_where_a_loop_has_settled_the_rest_is_the_same():
     np.testing.assert_allclose(between, 0, atol=1e-6)
 
 
+@pytest.mark.long
 def test_the_delay_margin_ends_where_the_loop_that_has_a_delay_is_unstable():
     """The delay that actuators can have, of all that they move: the team has no joints."""
     x, M = three_bodies()
@@ -232,6 +236,7 @@ def test_a_memory_that_moves_no_command_has_no_delay_margin():
         modes.delay_margin(x, M, 5)
 
 
+@pytest.mark.long
 def test_the_slowest_mode_of_a_loop_that_is_a_little_different_is_known_to_first_order():
     x, M = three_bodies()
     now = modes.of(x, M, 1 / 500).rate[0]

@@ -203,6 +203,7 @@ def random_program(seed):
     return f
 
 
+@pytest.mark.long
 @settings(max_examples=8)
 @given(st.integers(0, 10**9))
 def test_random_programs(seed):
@@ -298,6 +299,7 @@ def test_native_inside_native():
     check(lambda a: inner(a) @ inner(2 * a), jnp.array([0.1, 0.2, 0.3]))
 
 
+@pytest.mark.long
 def test_derivatives_are_those_of_jax():
     def f(a, b):
         return (jnp.cos(b) @ a).sum() + jnp.sin(b).prod()
@@ -396,6 +398,7 @@ def random_team_program(seed):
     return f
 
 
+@pytest.mark.long
 @settings(max_examples=5)
 @given(st.integers(0, 10**9), st.integers(2, 9))
 def test_random_programs_over_agents(seed, agents):
@@ -552,7 +555,7 @@ def plant_step(team, z, inputs, f, dt):
     return dynamics.project(team, dynamics.integrate(team, z, inputs, lambda z, _: f, dt))
 
 
-@pytest.mark.parametrize("structure", [teams.POOL[2], teams.POOL[6]])
+@pytest.mark.parametrize("structure", [teams.POOL[2], pytest.param(teams.POOL[6], marks=pytest.mark.long)])
 def test_plant(structure):
     """The plant's step, with every number of the team an argument: alone and in a batch of different teams."""
     rng = np.random.default_rng(0)

@@ -21,6 +21,7 @@ def both(f, *args):
     assert_close(jax.jit(native.compile(f))(*args), jax.jit(f)(*args))
 
 
+@pytest.mark.long
 @settings(max_examples=6)
 @given(st.integers(0, 10**9))
 def test_random_places(seed):
@@ -110,6 +111,7 @@ def test_large_branches_are_branches():
     assert_close(many, jax.jit(jax.vmap(f, in_axes=(0, None)))(ks, A))
 
 
+@pytest.mark.long
 @settings(max_examples=5)
 @given(st.integers(0, 10**9))
 def test_random_programs_of_large_arrays(seed):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 from colift import outlook, study
 from tests import paper_flights as paper
 
@@ -24,6 +26,7 @@ def test_what_is_known_before_a_flight_is_the_slowest_mode_and_how_much_thrust_i
     ]
 
 
+@pytest.mark.long
 def test_a_loop_that_is_unstable_at_rest_is_a_warning_before_the_flight():
     ahead = outlook.outlook(paper.SETTINGS, {"C1": paper.with_gains(paper.plan("C1"), agent_k_omega=paper.number(1e3))})
     (warning,) = ahead.warnings

@@ -228,6 +228,7 @@ def test_a_steady_force_on_the_payload_is_shared_as_the_design_measured():
     np.testing.assert_allclose(np.diag(steady)[[2, 0]], [-0.71, -0.83], atol=0.005)
 
 
+@pytest.mark.long
 def test_a_small_constant_residual_brings_about_what_the_response_says():
     """Half a second of the nonlinear loop: what differs is of second order in the residual."""
     pilot, start = study()

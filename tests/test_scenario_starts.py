@@ -7,8 +7,12 @@ import pytest
 from colift import grasp, scenario, so3
 from colift.scenario import paths, roster, starts
 
+LONG = {"beam", "seven", "leader_block"}  # longer to build than a test should take
 
-@pytest.mark.parametrize("name", scenario.names())
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.long] * (name in LONG)) for name in scenario.names()]
+)
 def test_shipped_scenarios_start_on_the_manifold_as_far_off_as_they_say(name):
     s = scenario.load(name)
     truth, _ = roster.team(s)

@@ -294,6 +294,7 @@ def test_with_every_reading_lost_the_first_is_held_for_ever():
     np.testing.assert_array_equal(m.payload.p, np.broadcast_to(ideal().payload.p, m.payload.p.shape))
 
 
+@pytest.mark.long
 def test_a_bias_walks_as_the_root_of_time_and_turns_attitudes_about_themselves():
     rate, ticks = 0.01, 100
     of = sensor.Drifting(of=("payload.v", "agents.lam", "payload.R"), rate=jnp.array(rate), start=jnp.array(rate))

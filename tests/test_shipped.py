@@ -28,6 +28,7 @@ def run(*words: str, **env: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, cwd=ROOT, env=inherited | env, capture_output=True, text=True, check=False)
 
 
+@pytest.mark.long
 def test_without_the_tests_hook_a_flight_and_jax_s_transformations_give_the_same(tmp_path):
     """One program, one machine, one set of instructions: to rounding, for a compiler may run afresh.
 

@@ -331,6 +331,7 @@ class Asking(disturbance.Law):
         return force, jnp.zeros(3)
 
 
+@pytest.mark.long
 def test_a_part_that_native_code_cannot_call_is_flown_by_jax(caplog):
     of = study.plan(light.settings(), "C1")
     mount = disturbance.Mount(name="asked", law=Asking(), point=jnp.zeros(3))

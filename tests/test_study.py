@@ -51,6 +51,7 @@ def light_flights() -> dict[str, simulate.Flight]:
     return {case: simulate.fly_plan(study.plan(settings, case)) for case in ("C1", "F", "H", "C4")}
 
 
+@pytest.mark.long
 def test_labels_bring_a_team_back_whose_payload_has_become_heavier(light_flights):
     e_p = {case: analyse.norm_rms(flight.rows.e_p[flight.rows.t > 3.0]) for case, flight in light_flights.items()}
     assert not any(flight.stopped for flight in light_flights.values())
@@ -159,6 +160,7 @@ def test_figure_5_radii_are_those_of_the_bands_at_the_true_states():
     assert len(late) > 3
 
 
+@pytest.mark.long
 def test_figure_4_internal_forces_reshape_contact_forces_and_leave_the_motion(found: dict[str, dict]):
     for case in ("C1", "C2", "C3"):
         with_eta, without = paper.flight(case).rows, paper.flight(case, eta=False).rows

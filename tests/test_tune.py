@@ -76,6 +76,7 @@ def test_a_loop_that_is_best_already_stays():
     assert best is first
 
 
+@pytest.mark.long
 def test_late_commands_count(monkeypatch: pytest.MonkeyPatch):
     of = lit()
     late = np.eye(6) * np.exp(0.5 * of.plan.dt)
@@ -130,6 +131,7 @@ def test_thrust_bounds_the_stiffness():
     assert tune._most_stiffness(dataclasses.replace(of, settings=far)) == 0
 
 
+@pytest.mark.long
 def test_a_real_loop_s_slopes_point_where_it_decays_faster():
     """The light team: the rate along a short step, as the slopes have it and as the loop with it has it."""
     of = lit()

@@ -77,6 +77,7 @@ def test_figures_are_written_as_pdf_and_png(folder):
             assert b"/Type3" not in content
 
 
+@pytest.mark.long
 def test_the_same_data_give_the_same_bytes_whatever_a_user_has_set(cases, folder, tmp_path):
     with mpl.rc_context({"font.size": 20, "lines.linewidth": 5, "axes.facecolor": "red", "savefig.dpi": 50}):
         before = dict(mpl.rcParams)

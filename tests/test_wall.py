@@ -105,7 +105,7 @@ def changed(one: Any, other: Any) -> list[str]:
     return names + [jax.tree_util.keystr(path) for (path, a), b in leaves if not np.array_equal(a, b)]
 
 
-@pytest.mark.parametrize("case", ["C1", "C2", "C3"])
+@pytest.mark.parametrize("case", ["C1", pytest.param("C2", marks=pytest.mark.long), "C3"])
 def test_with_the_measurements_fixed_another_truth_changes_no_command_and_no_memory(fly_on, case):
     of = plan(case)
     stream = fly_on(of, of.world)[2]
@@ -139,6 +139,7 @@ def test_what_is_measured_is_what_changes_commands(fly_on):
     assert np.abs(row.u - seen.u).max() > 0.1
 
 
+@pytest.mark.long
 def test_the_ways_around_the_sensors_that_a_study_may_open_would_be_seen(fly_on):
     """They can fail, too, where samples come from a rig, or where the pilot is told the exact residual."""
     of = plan("C3")

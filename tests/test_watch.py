@@ -114,6 +114,7 @@ def test_the_page_shows_what_came_and_asks_nobody_else(watched, tmp_path):
         assert set(page.requests) == {watched["address"], watched["address"] + "events"}
 
 
+@pytest.mark.long
 def test_ctrl_c_ends_the_command_and_its_page(tmp_path):
     file = light.write(tmp_path / "short.yaml", learning=played.told().learning, duration_s=1.5)
     command = [sys.executable, "-m", "colift", "watch", str(file), "--case", "C1"]

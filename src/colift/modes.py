@@ -226,7 +226,9 @@ def _rest(setup: simulate.Setup, loop: simulate.Loop, noise: Noise) -> tuple[Car
         if not np.isfinite(off).all():
             break
         if slope is None or np.abs(off).max() > last / 10:
-            slope = _slope(setup, loop, noise)
+            slope = (
+                _around(setup, loop, noise, (1,))[0] - off
+            ).T / STEP  # to first order in the step: it only searches
         if not np.isfinite(slope).all():
             break
         last = np.abs(off).max()
@@ -279,13 +281,18 @@ def derivative(plan: simulate.Plan, z: State, x: Carried) -> np.ndarray:
 
 def _slope(setup: simulate.Setup, loop: simulate.Loop, noise: Any) -> np.ndarray:
     """The map's derivative at a loop: `(8 (f_1 - f_-1) - (f_2 - f_-2)) / (12 h)`, f_k k steps h along a coordinate."""
+    near, back, far, farther_back = _around(setup, loop, noise, (1, -1, 2, -2))
+    return ((8 * (near - back) - (far - farther_back)) / (12 * STEP)).T
+
+
+def _around(setup: simulate.Setup, loop: simulate.Loop, noise: Any, steps: Sequence[int]) -> np.ndarray:
+    """`(steps, coordinates, coordinates)`: the map so many times `STEP` along each coordinate from a loop."""
     x = _take(loop)
     n = sum(math.prod(shape) for _, shape in _shapes(x))
-    steps = STEP * np.stack([k * np.eye(n) for k in (1, -1, 2, -2)])
-    moved = _move(x, jnp.asarray(steps.reshape(-1, n)))
-    around = [_row(moved, jnp.asarray(k)) for k in range(4 * n)]
-    near, back, far, farther_back = _changed(setup, loop, noise, around).reshape(4, n, n)
-    return ((8 * (near - back) - (far - farther_back)) / (12 * STEP)).T
+    moves = STEP * np.stack([k * np.eye(n) for k in steps])
+    moved = _move(x, jnp.asarray(moves.reshape(-1, n)))
+    at = [_row(moved, jnp.asarray(k)) for k in range(len(steps) * n)]
+    return _changed(setup, loop, noise, at).reshape(len(steps), n, n)
 
 
 def _changed(setup: simulate.Setup, loop: simulate.Loop, noise: Noise, at: Sequence[Carried]) -> np.ndarray:

@@ -1,0 +1,60 @@
+"""The tests that `./dev test` leaves out for their length, those marked `long`: of each file what passed and failed."""
+
+from __future__ import annotations
+
+import ast
+import os
+import subprocess
+import sys
+import tempfile
+import xml.etree.ElementTree as ET
+from pathlib import Path
+from typing import Any
+
+from evidence import ROOT, collect
+
+RUNS = ("src", "tests")  # in processes of their own
+
+
+def files() -> list[str]:
+    """Test files, relative to the project, in which something is marked `long`."""
+    return sorted(f"tests/{path.name}" for path in (ROOT / "tests").glob("test_*.py") if marks(path))
+
+
+def marks(path: Path) -> bool:
+    """Whether a file has a `pytest.mark.long`."""
+    nodes = ast.walk(ast.parse(path.read_text()))
+    return any(isinstance(node, ast.Attribute) and ast.unparse(node) == "pytest.mark.long" for node in nodes)
+
+
+def run(file: str) -> dict[str, Any]:
+    """The outcome of a file's long tests, in a process of their own."""
+    with tempfile.TemporaryDirectory() as folder:
+        report = Path(folder) / "report.xml"
+        command = [sys.executable, "-m", "pytest", "-q", "-p", "no:xdist", "-m", "long", f"--junitxml={report}", file]
+        done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, env=dict(os.environ))
+        if done.returncode not in (0, 1):  # 1: some failed
+            raise SystemExit(f"{file}: pytest ended with {done.returncode}\n{done.stdout[-2000:]}{done.stderr[-2000:]}")
+        cases = list(ET.parse(report).getroot().iter("testcase"))
+    outcome = {case.get("name", ""): {child.tag for child in case} for case in cases}
+    return {
+        "passed": sum(not tags & {"failure", "error", "skipped"} for tags in outcome.values()),
+        "skipped": sorted(name for name, tags in outcome.items() if "skipped" in tags),
+        "failed": sorted(name for name, tags in outcome.items() if tags & {"failure", "error"}),
+        "s": round(sum(float(case.get("time", 0)) for case in cases), 1),
+    }
+
+
+def main() -> bool:
+    """Print each file's outcome; holds where none failed."""
+    found = collect("long_tests", files(), run)
+    for file in files():
+        each = found[file]
+        print(
+            f"{file}: {each['passed']} passed in {each['s']:.0f} s" + "".join(f", FAILED {x}" for x in each["failed"])
+        )
+    return not any(each["failed"] for each in found.values())
+
+
+if __name__ == "__main__":
+    main()
