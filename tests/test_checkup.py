@@ -144,8 +144,7 @@ def test_joints_near_a_singular_grasp_are_named(monkeypatch: pytest.MonkeyPatch)
 
 
 def test_the_command_prints_the_findings_and_its_status_says_whether_all_is_sound(monkeypatch: pytest.MonkeyPatch):
-    for name, status in (("good", 0), ("wild", 1)):
-        here = found(name)
+    for here, status in [(found("good"), 0), (found("wild"), 1)]:
         monkeypatch.setattr(checkup, "check", lambda _settings, _say, here=here: here)
         said = CliRunner().invoke(app, ["check", "paper"])
         assert said.exit_code == status

@@ -115,6 +115,7 @@ def test_what_was_learned_is_a_block_of_its_own(folder: Path):
     assert "payload_W" not in learned, "a mean needs no factor"
 
 
+@pytest.mark.long
 def test_a_replay_is_the_flight_that_native_code_flies():
     plan = study.plan(light.settings(), "C1")
     _, flown = export.replay(plan, plan.pilot.oracle, 50)

@@ -100,6 +100,7 @@ def test_the_team_flies_as_without_autopilots(plan: simulate.Plan, flight: tuple
         np.testing.assert_allclose(truth.z.agents[0].R, rows.R[k], atol=1e-6)
 
 
+@pytest.mark.long
 def test_the_world_waits_until_all_are_armed_and_then_keeps_step(flight: tuple[list, list[StandIn]]) -> None:
     _, stand_ins = flight
     for each in stand_ins:
@@ -114,6 +115,7 @@ def test_the_world_waits_until_all_are_armed_and_then_keeps_step(flight: tuple[l
         assert {m.fields_updated for m in at_rest} == {0x1BFF}
 
 
+@pytest.mark.long
 def test_an_autopilot_that_goes_is_said(plan: simulate.Plan) -> None:
     with pytest.raises((ConnectionError, OSError)):
         flown(plan, quits=20)

@@ -76,6 +76,7 @@ def settled() -> simulate.Row:
     return paper.fly(paper.with_pilot(alone, path=still), 14.0).rows
 
 
+@pytest.mark.long
 def test_the_rest_is_where_the_flown_loop_settles_off_the_reference_by_the_weight_that_is_not_known():
     x, M = rest()
     assert np.abs(flown(plan(), x, np.zeros(len(M)), 1)).max() < 1e-8
@@ -212,6 +213,7 @@ def test_the_delay_margin_ends_where_the_loop_that_has_a_delay_is_unstable():
     assert modes.delay_margin(x, 1.1 * M, 25) == -1
 
 
+@pytest.mark.long
 def test_the_gain_margin_ends_where_the_loop_of_stronger_or_weaker_commands_is_unstable():
     x, M = three_bodies()
     least, greatest = modes.gain_margin(x, M)

@@ -464,6 +464,7 @@ def test_a_native_function_batched_inside_a_native_function():
     assert_close(outer(x, y), jax.vmap(jax.vmap(one, in_axes=(0, None)), in_axes=(None, 0))(x, y))
 
 
+@pytest.mark.long
 def test_over_is_vmap():
     def f(x, y):
         return {"a": jnp.sin(x) @ y, "b": x.sum()}

@@ -104,6 +104,7 @@ def test_what_cannot_be_flown_with_is_refused(measured: tuple[Any, Measurement])
     assert f"/{agent}/joint_states: {joint} missing; there are other" in missing
 
 
+@pytest.mark.long
 def test_its_ticks_are_the_pilot_s() -> None:
     """Through messages and back, against the pilot itself: three ticks of a team at rest, then moved."""
     told = light.settings()

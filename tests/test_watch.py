@@ -58,6 +58,7 @@ def numbers(packed: dict[str, Any]) -> np.ndarray:
     return np.frombuffer(base64.b64decode(packed["float32"]), dtype="<f4").reshape(packed["shape"])
 
 
+@pytest.mark.long
 def test_the_stream_holds_every_frame_once_as_the_log_does(watched):
     told, said = played.told(), events(watched["stream"])
     assert watched["kind"] == "text/event-stream"
