@@ -52,7 +52,7 @@ def run(setting: str) -> dict[str, Any]:
     random.Random(order).shuffle(files)
     began = time.perf_counter()
     with tempfile.TemporaryDirectory() as folder:
-        command = [sys.executable, "-m", "pytest", "-n", "2", "--dist", "loadfile", "-p", "no:cacheprovider"]
+        command = [sys.executable, "-m", "pytest", "-n", "2", "--dist", "loadfile", "-p", "no:cacheprovider", "-m", ""]
         done = subprocess.run(
             [*command, f"--basetemp={folder}/made", "-q", *files],
             cwd=ROOT,

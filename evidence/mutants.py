@@ -184,7 +184,7 @@ def run(name: str) -> dict[str, Any]:
         modules = [f"tests/test_{module}.py" for module in mutant.tests.split()]
         for chosen in ([["-k", mutant.first]] if mutant.first else []) + [[]]:
             done = subprocess.run(
-                [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", *modules, *chosen],
+                [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", "-m", "", *modules, *chosen],
                 cwd=copy,
                 env=os.environ | {"PYTHONPATH": str(copy / "src")},
                 capture_output=True,
