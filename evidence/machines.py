@@ -23,7 +23,7 @@ RUNS = ("src", "tests", "examples", "evidence", "benchmarks")  # which one run s
 BLAS = ("Nehalem", "Haswell", "Zen", "SkylakeX")
 INSTRUCTIONS = ("SSE4_2", "AVX2")
 WORKER_MB = 2500  # a laptop has 8 to 16 GB, and two workers run
-LIMIT_S = 3600
+LIMIT_S = 7200
 
 
 def wide() -> bool:
