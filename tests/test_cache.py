@@ -72,7 +72,8 @@ def test_programs_in_a_folder_that_is_only_read_are_read(tmp_path):
     printed, said = process(read + RUN.format(LEAST), "-W", "error", XDG_CACHE_HOME=str(tmp_path))
     assert "cache_hits" in printed
     assert printed.endswith("7.0 inf")
-    assert len(said.splitlines()) == 1
+    ours = [line for line in said.splitlines() if "cpu_aot_loader.cc" not in line]  # that is jaxlib 0.10.1's
+    assert len(ours) == 1
     process(read + RUN.format(LEAST).replace("3.0", "5.0"), XDG_CACHE_HOME=str(tmp_path))
     assert sorted(tmp_path.rglob("*")) == before
 
