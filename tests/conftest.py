@@ -108,7 +108,7 @@ AS_SHIPPED = ("native", "native_build", "native_integers", "native_loops", "ship
 
 @pytest.fixture(autouse=True, scope="module")
 def _compiled_quickly(request: pytest.FixtureRequest) -> Iterator[None]:
-    """Elsewhere neither gcc nor XLA optimizes: the same numbers to rounding, in half the time."""
+    """Elsewhere neither gcc nor XLA optimizes: the same numbers to rounding, sooner."""
     from colift.native import build
 
     levels = build.FAST, build.QUICK

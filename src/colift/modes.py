@@ -226,9 +226,8 @@ def _rest(setup: simulate.Setup, loop: simulate.Loop, noise: Noise) -> tuple[Car
         if not np.isfinite(off).all():
             break
         if slope is None or np.abs(off).max() > last / 10:
-            slope = (
-                _around(setup, loop, noise, (1,))[0] - off
-            ).T / STEP  # to first order in the step: it only searches
+            ahead = _around(setup, loop, noise, (1,))[0]
+            slope = (ahead - off).T / STEP  # to first order in the step: it only searches
         if not np.isfinite(slope).all():
             break
         last = np.abs(off).max()
