@@ -150,8 +150,8 @@ def fly(Q, w, d, k_R, k_omega, h):
     return jnp.linalg.norm(so3.log(Q), axis=-1), jnp.linalg.norm(w, axis=-1)
 
 
-@pytest.mark.parametrize("damping", [0.5, evidence.PAPERS_RATE_GAIN / 2 / STIFFNESS**0.5, 1.0, 1.5])
-@pytest.mark.parametrize("size", [0.02, evidence.UP_TO])
+@pytest.mark.parametrize("damping", [0.5, evidence.PAPERS_RATE_GAIN / 2 / STIFFNESS**0.5, 1.5])
+@pytest.mark.parametrize("size", [evidence.UP_TO])
 def test_bounds_are_close_to_the_worst_disturbance_found(damping, size):
     """The issue asks for 1.35; `evidence/rotation.py` is the same search with more starts."""
     ratios = evidence.compare(damping, size, count=16, rounds=12)

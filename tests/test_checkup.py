@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import json
 import re
@@ -144,7 +145,10 @@ def test_joints_near_a_singular_grasp_are_named(monkeypatch: pytest.MonkeyPatch)
 
 
 def test_the_command_prints_the_findings_and_its_status_says_whether_all_is_sound(monkeypatch: pytest.MonkeyPatch):
-    for here, status in [(found("good"), 0), (found("wild"), 1)]:
+    good = found("good")
+    *rest, last = good.findings
+    bad = dataclasses.replace(good, findings=(*rest, dataclasses.replace(last, advice=("another gain",))))
+    for here, status in [(good, 0), (bad, 1)]:
         monkeypatch.setattr(checkup, "check", lambda _settings, _say, here=here: here)
         said = CliRunner().invoke(app, ["check", "paper"])
         assert said.exit_code == status

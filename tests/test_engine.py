@@ -173,6 +173,7 @@ def swing() -> tuple[Team, State, dynamics.Inputs, list[engine.Mujoco]]:
     return team, z, inputs, [engine.plant(team, z, DT, substeps) for substeps in (1, 2, 4)]
 
 
+@pytest.mark.long
 def test_a_swing_is_ours_to_second_order_in_the_substep(swing: tuple) -> None:
     """Without a residual the gaps of the soft contacts are left, which go with the square of the time constant."""
     team, z, inputs, plants = swing

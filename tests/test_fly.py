@@ -153,6 +153,7 @@ def test_the_wrench_observer_filters_what_the_last_command_did_not_explain():
         np.testing.assert_allclose(rows.f_L_hat[k + 1], d, atol=1e-5)
 
 
+@pytest.mark.long
 def test_the_parametric_part_is_evaluated_at_the_commanded_acceleration():
     """Case O is told the disturbances and knows the mismatch: what remains is `Y(a_cmd) theta` (errata, row 12)."""
     of = exact(plan("O"))

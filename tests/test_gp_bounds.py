@@ -493,6 +493,7 @@ def test_every_name_with_needs_is_a_function():
 # -- a sample of the evidence ------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", coverage.NOISES)
 def test_bounds_hold_on_drawn_functions_where_they_claim_to(kind, monkeypatch):
     """Ten draws a case of what `python -m evidence coverage` does with a thousand."""

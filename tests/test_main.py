@@ -236,9 +236,7 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A short study of the smallest team with all rivals, from a file, under another seed."""
     folder = tmp_path_factory.mktemp("study")
     path = light.write(folder / "short.yaml", duration_s=3, learning=SHORT)
-    status, said = invoke(
-        "study", str(path), "--cases", "C1,C2,C3,I,DOB,P,O", "--seed", "7", "--out", str(folder / "out")
-    )
+    status, said = invoke("study", str(path), "--cases", "C1,C2,C3,DOB,P", "--seed", "7", "--out", str(folder / "out"))
     assert status == 0, said
     return folder / "out"
 
@@ -246,7 +244,7 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_study_leaves_what_it_promises_and_nothing_half_written(flown: Path):
     files = {path.name for path in flown.iterdir()}
     figures = {f"figure_{i}_{name}" for i, name in enumerate(FIGURES, 1)}
-    assert files >= {"summary.json", *(f"{case}.nc" for case in ("C1", "C2", "C3", "I", "DOB", "P", "O"))}
+    assert files >= {"summary.json", *(f"{case}.nc" for case in ("C1", "C2", "C3", "DOB", "P"))}
     assert files >= {f"{name}.{kind}" for name in figures for kind in ("pdf", "png")}
     assert files >= {f"lengthscales_{case}.{kind}" for case in ("C2", "C3") for kind in ("md", "csv")}
     assert not [name for name in files if name.startswith(".")]
@@ -267,7 +265,7 @@ def test_the_summary_holds_what_it_promises(flown: Path):
     summary = json.loads((flown / "summary.json").read_text())
     assert summary["seed"] == 7
     assert {"version", "scenario", "residual"} <= set(summary)
-    assert list(summary["cases"]) == ["C1", "C2", "C3", "I", "DOB", "P", "O"]
+    assert list(summary["cases"]) == ["C1", "C2", "C3", "DOB", "P"]
     for case, found in summary["cases"].items():
         assert set(found) >= PROMISED
         assert {"simulation", "fit", "output"} <= set(found["wall_s"])
@@ -306,7 +304,7 @@ def test_signals_are_labelled_and_have_units(flown: Path):
 
 
 def test_a_study_can_be_played(flown: Path, tmp_path: Path):
-    for case in ("C1", "O"):
+    for case in ("C1", "P"):
         shutil.copy(flown / f"{case}.nc", tmp_path)
     status, said = invoke("view", str(tmp_path))
     assert (status, said) == (0, "")

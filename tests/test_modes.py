@@ -230,6 +230,7 @@ def test_the_gain_margin_ends_where_the_loop_of_stronger_or_weaker_commands_is_u
     assert f"{greatest:.2g} times as strong" in found.says()
 
 
+@pytest.mark.long
 def test_a_memory_that_moves_no_command_has_no_delay_margin():
     x, M = three_bodies()
     M = M.copy()

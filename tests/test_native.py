@@ -324,7 +324,7 @@ def per_agent(agent, x, shared):
     return {"R": R, "half": R[:2, 1:], "zero": jnp.zeros(3), "p": agent["p"], "s": shared, "big": x > 0}
 
 
-@pytest.mark.parametrize("agents", [1, 2, 3, 9, 20])
+@pytest.mark.parametrize("agents", [1, 3, 9])
 def test_over_agents(agents):
     rng = np.random.default_rng(agents)
     agent = {"p": jnp.asarray(rng.normal(size=(agents, 3, 3))), "unused": jnp.zeros((agents, 5))}

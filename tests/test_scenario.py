@@ -485,7 +485,7 @@ NESTED = st.recursive(
 
 
 @given(st.sampled_from(sorted(Settings.model_fields)), NESTED)
-@settings(max_examples=60, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=25, suppress_health_check=[HealthCheck.too_slow])
 def test_whatever_a_section_holds_the_answer_is_a_list_of_mistakes(section, value):
     data = YAML(typ="safe").load(SAMPLE) | {section: value}
     stream = io.StringIO()

@@ -117,6 +117,7 @@ def lit() -> tune.Loop:
     return tune.loop(light.settings())
 
 
+@pytest.mark.long
 def test_thrust_bounds_the_stiffness():
     of = lit()
     assert of.growth < 0
