@@ -31,8 +31,7 @@ def fly(seed: int, rate: float) -> dict[str, Any]:
         settings.model_copy(update={"seed": seed, "learning": learning}), names=("energy", "recovery")
     )
     found = made.certificate
-    grid = certificate.path_of(made.plan, made.flight, certificate.STEP)
-    (payload, *_) = certificate.bodies(made.plan, made.flight, made.twin.rows, grid.path, "energy")
+    (payload, *_) = certificate.bodies(made.plan, made.flight, made.loop.rows, made.loop.nodes, "energy")
     radius = reach.greatest(payload).max(0)
     return {
         "n": int(made.flight.oracle.payload.n),

@@ -143,21 +143,21 @@ MUTANTS = {
         "learn.py", "-so3.hat(q.R.T @ a)", "so3.hat(q.R.T @ a)", "learn", "regressor"
     ),
     # certificates
-    "tube: no feedback of the roughness": Mutant(
-        "certify/tube.py", "gains @ (rough[:, None] * owner)", "gains @ owner", "certify_tube"
-    ),
-    "tube: means taken as equal": Mutant(
-        "certify/tube.py", "(body.beta + _between(body)) * np.sqrt(s)", "body.beta * np.sqrt(s)", "certify_tube"
-    ),
+    "tube: what is fed does not feed": Mutant("certify/tube.py", "rho[:t] + d[:t]", "rho[:t]", "certify_tube"),
     "reach: sign of the mean's shift below": Mutant(
         "certify/reach.py", "[width + moved, width - moved]", "[width + moved, width + moved]", "certify_reach"
     ),
     "reach: greatest residual without the shift": Mutant(
         "certify/reach.py", "return off + body.beta", "return body.beta", "certify_reach certify_certificate"
     ),
-    "reach: the sample itself has no weight": Mutant("certify/reach.py", "(lag >= 0)", "(lag > 0)", "certify_reach"),
-    "reach: no direct term": Mutant(
-        "certify/reach.py", "H[0] = halves[0] + D", "H[0] = halves[0]", "certify_reach response"
+    "variation: the sample itself has no weight": Mutant(
+        "certify/variation.py", "L[t, :, k] = of.D[k, rows]", "L[t, :, k] = 0 * of.D[k, rows]", "certify_variation"
+    ),
+    "variation: an update's derivative on both its sides": Mutant(
+        "certify/variation.py", "if flies[k + 1] == flies[k] else", "if True else", "certify_variation"
+    ),
+    "tube: the companion's mean has the slope of the compensated one": Mutant(
+        "certify/tube.py", "np.abs((g[:, None] @ flat)[:, 0])", "0", "certify_tube"
     ),
     "reach: between programs without a band": Mutant(
         "certify/reach.py", "(value - sign * centre) + width + sign", "(value - sign * centre) + sign", "certify_reach"
@@ -165,8 +165,8 @@ MUTANTS = {
     "gain: no remainder of the trapezoidal rule": Mutant(
         "certify/gain.py", "h**3 / 12 * bend.sum()", "0 * bend.sum()", "certify_translation"
     ),
-    "certificate: a deviation that lasts is called gone": Mutant(
-        "certify/assumed.py", "if transient > DECAYED", "if transient < DECAYED", "certify_assumed"
+    "certificate: half a round is called a whole one": Mutant(
+        "certify/assumed.py", "[] if whole else [ROUND]", "[]", "certify_assumed"
     ),
 }
 

@@ -3,33 +3,32 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.stats import norm
 
 from colift import actuator, fly, gp, lag, learn, sensor, simulate
-from colift.certify import adversary, assumed, certificate, interface, reach
+from colift.certify import adversary, assumed, certificate, interface, reach, variation
 from colift.gp import recovery
 from colift.gp.bounds import Assumption
+from tests import light
 from tests.certified_flights import LAST, NAMES, late, made
 from tests.paper_flights import number, plan, with_pilot, with_world
-
-
-def left(rows: simulate.Row) -> np.ndarray:
-    """`f - f_hat` of a flight as the columns of the response's inputs, from the log."""
-    of = [rows.f_L - rows.f_L_hat]
-    for j in range(2):
-        joints = slice(3 * j, 3 * j + 3)
-        of += [(rows.f_x - rows.f_x_hat)[:, j], (rows.f_w - rows.f_w_hat)[:, j], (rows.f_r - rows.f_r_hat)[:, joints]]
-    return np.concatenate(of, axis=1)
 
 
 def seen(plan: simulate.Plan, rows: simulate.Row) -> list[np.ndarray]:
     """What the learned maps see along a flight, body by body."""
     x, (agents,) = simulate.inputs(plan.world.team, rows)
-    return [np.asarray(learn.payload_features(jnp.asarray(x))), agents[:, 0], agents[:, 1]]
+    return [np.asarray(learn.payload_features(jnp.asarray(x))), *np.swapaxes(agents, 0, 1)]
+
+
+def models(oracle: learn.Oracle) -> list[gp.GP]:
+    """Body by body."""
+    return [oracle.payload, *(jax.tree.map(lambda x, j=j: x[j], oracle.agents[0]) for j in range(len(light.NAMES)))]
 
 
 # Against the log ------------------------------------------------------------------------------------------------------
@@ -55,17 +54,28 @@ def test_no_error_exceeds_its_certified_radius_and_radii_come_in_order():
 
 def test_observed_errors_and_floor_are_the_greatest_of_their_flights_late_enough():
     all_of, found = made(), made().certificate
-    assert found.window[0] == pytest.approx((LAST + 15) / 2, abs=0.01)
-    for rows, told in ((all_of.flight.rows, found.observed), (all_of.twin.rows, found.floor)):
+    assert found.window[0] == pytest.approx((LAST + 9) / 2, abs=0.01)
+    for rows, told in ((all_of.flight.rows, found.observed), (all_of.loop.rows, found.floor)):
         late = rows.t >= found.window[0] - 1e-9
         for name in certificate.ERRORS:
             assert told[name] == max(np.sqrt((e**2).sum()) for e in getattr(rows, name)[late])
     late = all_of.flight.rows.t >= found.window[0] - 1e-9
     for name in certificate.ERRORS:
-        apart = (getattr(all_of.flight.rows, name) - getattr(all_of.twin.rows, name))[late]
+        apart = (getattr(all_of.flight.rows, name) - getattr(all_of.loop.rows, name))[late]
         assert found.unknown[name] == pytest.approx(np.sqrt((apart**2).sum(1)).max(), rel=1e-12)
-    slowest = np.linalg.eigvals(all_of.linear.A).real.max()
-    assert found.transient == pytest.approx(np.exp(slowest * 4.5), rel=0.01)
+
+
+def test_no_component_of_any_error_leaves_its_span_at_any_time_and_radii_are_those_of_the_spans():
+    found = made().certificate
+    assert found.errors.shape == (len(found.t), 12)
+    for key, span in found.spans.items():
+        assert span.left(found.errors) == 0
+        assert span.left(found.errors + 10) == found.errors.size
+        farthest = np.maximum(np.abs(span.lower), np.abs(span.upper))
+        for i, error in enumerate(certificate.ERRORS):
+            radius = np.linalg.norm(farthest[:, 3 * i : 3 * i + 3], axis=1).max()
+            assert radius == pytest.approx(getattr(found.radii["recovery"], key)[error], rel=1e-12)
+    assert (found.spans["tube"].upper >= found.spans["tube"].lower).all()
 
 
 def test_the_bound_over_time_lies_above_the_error_and_its_peak_is_the_radius():
@@ -83,98 +93,125 @@ def test_the_bound_over_time_lies_above_the_error_and_its_peak_is_the_radius():
 # Against the truth ----------------------------------------------------------------------------------------------------
 
 
-def test_in_the_twin_s_world_nothing_is_unknown_and_in_the_flight_s_something_is():
+def test_in_the_twin_s_world_nothing_is_unknown():
     """But for the lag of the joints' filter: the mean is taken at the estimated state."""
     late = made().flight.rows.t > LAST + 1e-9
-    lag, unknown = (np.abs(left(rows)[late]).max(0) for rows in (made().twin.rows, made().flight.rows))
-    assert (lag < 0.01 * unknown).all()
-    assert np.abs(made().twin.rows.f_L[:, :3]).max() > 0.1
-
-
-def test_what_the_unknown_forces_bring_about_is_their_convolution_with_the_loop_s_response():
-    """The certificate's first-order statement, on the run: `e - e_twin = sum H f~`, f~ read off the log."""
-    all_of = made()
-    grid = certificate.path_of(all_of.plan, all_of.flight, certificate.STEP)
-    H = reach.impulse(all_of.linear, np.hstack([all_of.linear.C[:6], all_of.linear.D[:6]]), grid.step, len(grid.path))
-    f = left(all_of.flight.rows)[grid.path]
-    told = np.array([sum(H[k - m] @ f[m] for m in range(k + 1)) for k in grid.at])
-    at = grid.path[grid.at]
-    rows, twin = all_of.flight.rows, all_of.twin.rows
-    found = np.concatenate([rows.e_p - twin.e_p, rows.e_v - twin.e_v], axis=1)[at]
-    for part in (slice(0, 3), slice(3, 6)):
-        missed = np.linalg.norm(found[:, part] - told[:, part], axis=1).max()
-        assert missed < 0.1 * np.linalg.norm(found[:, part], axis=1).max()
+    for name in ("f_L", "f_x"):
+        lag, unknown = (
+            np.abs(getattr(rows, name) - getattr(rows, f"{name}_hat"))[late].max()
+            for rows in (made().loop.rows, made().flight.rows)
+        )
+        assert lag < 0.01 * unknown
+    assert np.abs(made().loop.rows.f_L[:, :3]).max() > 0.1
 
 
 @pytest.mark.parametrize("key", ["run", "tube"])
 def test_every_body_s_unknown_is_within_its_band_along_the_path(key):
     all_of = made()
-    grid = certificate.path_of(all_of.plan, all_of.flight, certificate.STEP)
-    rows = all_of.flight.rows if key == "run" else all_of.twin.rows
-    held = certificate.bodies(all_of.plan, all_of.flight, rows, grid.path, "energy")
+    path = all_of.loop.nodes
+    rows = all_of.flight.rows if key == "run" else all_of.loop.rows
+    held = certificate.bodies(all_of.plan, all_of.flight, rows, path, "energy")
     (unknown,), oracle = all_of.plan.world.sources.functions, all_of.flight.oracle
     function = unknown.oracle
     pairs = [(function.payload, oracle.payload)]
-    pairs += [jax.tree.map(lambda x, j=j: x[j], (function.agents[0], oracle.agents[0])) for j in range(2)]
+    pairs += [
+        jax.tree.map(lambda x, j=j: x[j], (function.agents[0], oracle.agents[0])) for j in range(len(light.NAMES))
+    ]
     means = jax.vmap(gp.mean, (None, 0))
     for body, x, (f, model) in zip(held, seen(all_of.plan, rows), pairs, strict=True):
-        np.testing.assert_allclose(body.x, x[grid.path], atol=1e-12)
-        points = jnp.asarray(x[grid.path])
+        np.testing.assert_allclose(body.x, x[path], atol=1e-12)
+        points = jnp.asarray(x[path])
         apart = np.abs(np.asarray(means(f, points)) - np.asarray(means(model, points)))
         assert (apart <= reach.greatest(body)).all()
 
 
-def test_the_run_stays_in_the_tube_and_its_unknown_near_the_path_s():
+def test_what_is_unknown_on_the_run_is_as_near_that_of_the_twin_s_path_as_the_tube_says():
     all_of, found = made(), made().certificate.tube
     assert found is not None
     assert 0 < found.contraction < 1
-    late = all_of.flight.rows.t >= made().certificate.window[0]
-    oracle = all_of.flight.oracle
-    scales = [np.asarray(oracle.payload.hyper.lengthscales).min(0)]
-    scales += [np.asarray(oracle.agents[0].hyper.lengthscales)[j].min(0) for j in range(2)]
-    paths = zip(seen(all_of.plan, all_of.flight.rows), seen(all_of.plan, all_of.twin.rows), scales, strict=True)
-    for distance, (run, path, ls) in zip(found.distance, paths, strict=True):
-        apart = np.linalg.norm((run - path)[late] / ls, axis=1).max()
-        assert 0 < apart <= distance
+    path = all_of.loop.nodes
+    (unknown,), oracle = all_of.plan.world.sources.functions, all_of.flight.oracle
+    pairs = [(unknown.oracle.payload, oracle.payload)]
+    pairs += [
+        jax.tree.map(lambda x, j=j: x[j], (unknown.oracle.agents[0], oracle.agents[0])) for j in range(len(light.NAMES))
+    ]
+    means, apart = jax.vmap(gp.mean, (None, 0)), []
+    run, twin = (seen(all_of.plan, rows) for rows in (all_of.flight.rows, all_of.loop.rows))
+    for a, b, (f, model) in zip(run, twin, pairs, strict=True):
+        left = [means(f, jnp.asarray(x[path])) - means(model, jnp.asarray(x[path])) for x in (a, b)]
+        apart.append(np.abs(left[0] - left[1]))
+    apart = np.concatenate(apart, axis=1)
+    assert (apart <= found.difference + 1e-9).all()
+    assert (apart.max(0) > 0).all()
 
 
 # What it rests on -----------------------------------------------------------------------------------------------------
 
 
 def test_what_is_assumed_is_what_the_flight_does_not_cover_and_what_the_bound_needs():
-    """Labels and norm are the scenario's; the update is too late here for its transient to be gone."""
-    flown = (assumed.FIRST_ORDER, assumed.TRANSIENT, assumed.SAMPLED)
+    """Labels and norm are the scenario's; five seconds after the last update are too short for a round of eight."""
+    flown = (assumed.FIRST_ORDER, assumed.ROUND)
     all_of = made()
-    assert all_of.certificate.transient > assumed.DECAYED
     for radii in all_of.certificate.radii.values():
         assert radii.assumed == flown
     doubted = dataclasses.replace(all_of.plan.stated, met=all_of.plan.stated.met - {Assumption.NORM})
     plan = dataclasses.replace(all_of.plan, stated=doubted)
-    found = certificate.certify(plan, all_of.flight, all_of.twin, all_of.linear, ("energy",))
-    assert found.radii["energy"].assumed == ("norm", *flown)
-    noisy = dataclasses.replace(all_of.plan.world.sensors, position=jnp.asarray(0.002))
-    plan = dataclasses.replace(all_of.plan, world=dataclasses.replace(all_of.plan.world, sensors=noisy))
-    found = certificate.certify(plan, all_of.flight, all_of.twin, all_of.linear, ("energy",))
-    assert found.radii["energy"].assumed == (assumed.FIRST_ORDER, assumed.TRANSIENT, assumed.NOISE, assumed.SAMPLED)
+    assert energy(plan).radii["energy"].assumed == ("norm", *flown)
     team = all_of.plan.pilot.team
-    weak = dataclasses.replace(team.groups[0], thrust_max=jnp.array([50.0, 27.0]))
-    pilot = dataclasses.replace(all_of.plan.pilot, team=dataclasses.replace(team, groups=(weak,)))
-    pressed = dataclasses.replace(all_of.plan, pilot=pilot)
-    found = certificate.certify(pressed, all_of.flight, all_of.twin, all_of.linear, ("energy",))
-    assert found.radii["energy"].assumed == (*flown, assumed.SATURATION)
-    whole = dataclasses.replace(all_of.linear, A=2 * all_of.linear.A)  # a loop twice as fast
-    found = certificate.certify(all_of.plan, all_of.flight, all_of.twin, whole, ("energy",))
-    assert found.transient < assumed.DECAYED
-    assert assumed.TRANSIENT not in found.radii["energy"].assumed
+    weak = dataclasses.replace(team.groups[0], thrust_max=jnp.array([40.0, 40.0, 16.0]))
+    pressed = with_pilot(all_of.plan, team=dataclasses.replace(team, groups=(weak,)))
+    assert energy(pressed).radii["energy"].assumed == (assumed.FIRST_ORDER, assumed.SATURATION, assumed.ROUND)
 
 
+def energy(plan: simulate.Plan) -> certificate.Certificate:
+    """Of the flight, by the energy bound alone, under another plan."""
+    return certificate.certify(plan, made().flight, made().loop, ("energy",))
+
+
+def test_errors_count_over_the_last_round_of_a_reference_that_has_one():
+    of, path = made(), made().plan.pilot.path
+    assert not certificate.grid_of(of.plan, of.flight, of.loop).whole
+    quick = with_pilot(of.plan, path=dataclasses.replace(path, period=jnp.full(3, 2.5)))
+    grid = certificate.grid_of(quick, of.flight, of.loop)
+    assert grid.whole
+    assert of.flight.rows.t[grid.window][0] == pytest.approx(6.5)
+    uneven = dataclasses.replace(path, period=jnp.array([8.0, 5.0, 4.0]))
+    assert certificate._round(uneven) == pytest.approx(40)
+    assert certificate._round(dataclasses.replace(uneven, amplitude=jnp.array([1.0, 0.0, 1.0]))) == pytest.approx(8)
+    assert certificate._round(dataclasses.replace(path, period=jnp.full(3, 2.5))) == pytest.approx(2.5)
+    assert certificate._round(None) is None
+
+
+@pytest.mark.long
+def test_noise_adds_its_quantile_to_every_component(monkeypatch):
+    """As many deviations as the confidence asks for, all components and ticks together."""
+    of, quiet, _ = made(), made().certificate, energy_spans()
+    assert set(quiet.noise.values()) == {0.0}
+    monkeypatch.setattr(variation, "deviations", lambda loop, rows: np.full((len(loop.nodes), len(rows)), 1e-5))
+    noisy = energy(of.plan)
+    ticks = int((of.flight.rows.t >= quiet.window[0] - 1e-9).sum())
+    sigmas = norm.isf((1 - of.plan.stated.confidence) / (2 * 12 * ticks))
+    assert noisy.noise["e_p"] == pytest.approx(1e-5 * sigmas, rel=1e-9)
+    for key, span in noisy.spans.items():
+        before = energy_spans()[key]
+        np.testing.assert_allclose(span.upper - before.upper, 1e-5 * sigmas, rtol=1e-6)
+        np.testing.assert_allclose(before.lower - span.lower, 1e-5 * sigmas, rtol=1e-6)
+
+
+@functools.cache
+def energy_spans() -> dict[str, certificate.Span]:
+    """Without noise; made before `variation` is changed."""
+    return dict(energy(made().plan).spans)
+
+
+@pytest.mark.long
 def test_where_its_programs_fail_optimal_recovery_is_left_out_with_the_reason(monkeypatch):
     def failed(*_: object) -> None:
         raise RuntimeError("Clarabel ended with InsufficientProgress")
 
     monkeypatch.setattr(recovery, "greatest", failed)
     all_of = made()
-    found = certificate.certify(all_of.plan, all_of.flight, all_of.twin, all_of.linear, ("recovery",))
+    found = certificate.certify(all_of.plan, all_of.flight, all_of.loop, ("recovery",))
     assert set(found.radii) == {"energy"}
     assert "InsufficientProgress" in found.left_out["recovery"]
     assert found.radii["energy"].run == all_of.certificate.radii["energy"].run
@@ -184,7 +221,7 @@ def test_data_that_contradict_what_is_stated_certify_nothing():
     all_of = made()
     small = dataclasses.replace(all_of.plan.stated, norm=0.05)
     plan = dataclasses.replace(all_of.plan, stated=small)
-    found = certificate.certify(plan, all_of.flight, all_of.twin, all_of.linear, ("recovery",))
+    found = certificate.certify(plan, all_of.flight, all_of.loop, ("recovery",))
     assert found.tube is None
     assert "contradict" in found.no_tube
     assert "contradict" in found.left_out["recovery"]
@@ -193,34 +230,30 @@ def test_data_that_contradict_what_is_stated_certify_nothing():
 
 
 def test_flights_that_allow_no_certificate_are_refused_in_words():
-    all_of = made()
-    plan, flight, twin, linear = all_of.plan, all_of.flight, all_of.twin, all_of.linear
-    stopped = dataclasses.replace(flight, stopped="signal p is not finite")
+    plan, flight = made().plan, made().flight
     with pytest.raises(ValueError, match="no certificate: the flight stopped: signal p"):
-        certificate.certify(plan, stopped, twin, linear)
-    with pytest.raises(ValueError, match="no certificate: the twin stopped"):
-        certificate.certify(plan, flight, dataclasses.replace(twin, stopped="a grasp"), linear)
+        certificate.twin(plan, dataclasses.replace(flight, stopped="signal p is not finite"))
     with pytest.raises(ValueError, match="no certificate: the flight never learned"):
-        certificate.certify(plan, dataclasses.replace(flight, updates=()), twin, linear)
-    unstable = dataclasses.replace(linear, A=linear.A + 3 * np.eye(len(linear.A)))
-    with pytest.raises(ValueError, match=r"unstable at rest, a mode has rate \+"):
-        certificate.certify(plan, flight, twin, unstable)
+        certificate.twin(plan, dataclasses.replace(flight, updates=()))
+    near = dataclasses.replace(plan, limits=dataclasses.replace(plan.limits, distance=jnp.asarray(1e-4)))
+    with pytest.raises(ValueError, match=r"no certificate: the twin ended at t = .* s: distance"):
+        certificate.twin(near, flight)
 
 
 def test_slack_goes_from_the_paper_s_reasoning_down_to_what_was_observed():
     """With no mismatch but that of the static algebra, which no gain is below: the order stays."""
     all_of, found = made(), made().certificate
-    vartheta = certificate.vartheta(all_of.plan, all_of.flight, all_of.twin)
-    late = all_of.twin.rows.t >= found.window[0] - 1e-9
+    vartheta = certificate.vartheta(all_of.plan, all_of.flight, all_of.loop)
+    late = all_of.loop.rows.t >= found.window[0] - 1e-9
     expected = [
-        np.linalg.norm(all_of.twin.rows.delta_W[late][:, half], axis=1).max() for half in (slice(3), slice(3, 6))
+        np.linalg.norm(all_of.loop.rows.delta_W[late][:, half], axis=1).max() for half in (slice(3), slice(3, 6))
     ]
     np.testing.assert_allclose(vartheta, expected, rtol=1e-12)
     rows = all_of.linear.rows("delta_W")
     steady = all_of.linear.D[rows] - all_of.linear.C[rows] @ np.linalg.solve(all_of.linear.A, all_of.linear.B)
     kappa = np.array([[np.linalg.norm(steady[h, c], 2) for c in all_of.linear.bodies] for h in (slice(3), slice(3, 6))])
     layer = interface.Interface(alpha=np.ones(2), gamma=1.0, kappa=kappa, vartheta=vartheta, static=kappa)
-    slack = certificate.slack(all_of.plan, all_of.flight, all_of.twin, all_of.linear, layer, found)
+    slack = certificate.slack(all_of.plan, all_of.flight, all_of.loop, layer, found)
     paper, energy, both, *_ = slack.values()
     e_p = {
         (name, key): getattr(found.radii[name], key)["e_p"]
@@ -245,10 +278,13 @@ def test_slack_goes_from_the_paper_s_reasoning_down_to_what_was_observed():
 def test_the_adversary_keeps_norm_and_labels_and_comes_near_the_bound_where_it_is_greatest():
     """Its contribution along the run's path, by the loop's response; the bound holds for it at all times."""
     all_of, found = made(), made().certificate
-    unknown = adversary.adversary(all_of.plan, all_of.flight, all_of.linear, found, all_of.flight.rows)
-    grid = certificate.path_of(all_of.plan, all_of.flight, certificate.STEP)
-    held = certificate.bodies(all_of.plan, all_of.flight, all_of.flight.rows, grid.path, "energy")
-    functions = [unknown.payload, *(jax.tree.map(lambda x, j=j: x[j], unknown.agents[0]) for j in range(2))]
+    loop = all_of.loop
+    unknown = adversary.adversary(all_of.plan, all_of.flight, loop, found, all_of.flight.rows)
+    held = certificate.bodies(all_of.plan, all_of.flight, all_of.flight.rows, loop.nodes, "energy")
+    functions = [
+        unknown.payload,
+        *(jax.tree.map(lambda x, j=j: x[j], unknown.agents[0]) for j in range(len(light.NAMES))),
+    ]
     means, left_over = jax.vmap(gp.mean, (None, 0)), []
     for body, f in zip(held, functions, strict=True):
         n = int(body.model.n)
@@ -257,26 +293,20 @@ def test_the_adversary_keeps_norm_and_labels_and_comes_near_the_bound_where_it_i
         assert (off <= body.eps * (1 + 1e-3)).all()
         x = jnp.asarray(body.x)
         left_over.append(np.asarray(means(f, x)) - np.asarray(means(body.model, x)))
-    H = reach.impulse(all_of.linear, np.hstack([all_of.linear.C[:3], all_of.linear.D[:3]]), grid.step, len(grid.path))
-    f = np.concatenate(left_over, axis=1)
-    told = np.array([sum(H[k - m] @ f[m] for m in range(k + 1)) for k in grid.at])
-    e_p = all_of.twin.rows.e_p[grid.path][grid.at] + told
+    at = np.searchsorted(loop.t, found.t - 1e-9)
+    told = np.einsum("trki,ki->tr", variation.weights(loop, loop.of("e_p"), at), np.concatenate(left_over, axis=1))
+    e_p = loop.rows.e_p[loop.nodes][at] + told
     assert (np.linalg.norm(e_p, axis=1) <= found.bound).all()
     k = int(np.argmax(found.bound))
     assert found.direction @ e_p[k] > 0.7 * found.bound[k]
 
 
-def test_an_update_shortly_before_errors_count_breaks_the_radii_and_is_named():
-    """As `update_times_s: [30]` of 32 s did on the shipped scenario, with 19.9 mm beside radii of 3.2 and 1.7."""
+def test_an_update_shortly_before_errors_count_breaks_no_radius():
+    """The deviation at an update is in all of them. With `update_times_s: [30]` of 32 s radii were broken sixfold."""
     found = late().certificate
-    assert found.transient > 0.3
-    assert assumed.TRANSIENT in found.radii["energy"].assumed
-    above = {(each.error, each.bound, each.of): each for each in found.exceeded}
-    for of in ("tube", "run"):
-        each = above["e_p", "energy", of]
-        assert each.observed == found.observed["e_p"] > 2 * each.radius
-        assert each.radius == getattr(found.radii["energy"], of)["e_p"]
-    assert made().certificate.exceeded == ()
+    assert found.exceeded == made().certificate.exceeded == ()
+    for span in found.spans.values():
+        assert span.left(found.errors) == 0
 
 
 def of_another_kernel(oracle: learn.Oracle) -> learn.Oracle:

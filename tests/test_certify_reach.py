@@ -1,4 +1,4 @@
-"""What the unknown can bring about: convolution against a simulator, bounds against functions that norm and data allow.
+"""What the unknown can bring about: bounds of functionals against functions that norm and data allow.
 
 Data err by eps, one way or the other; every drawn function has the norm that is stated.
 """
@@ -13,56 +13,22 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.signal import lsim
 from scipy.spatial.distance import cdist
 
 from colift import band, gp
 from colift.certify import reach
 from colift.gp import recovery
-from colift.response import Response
 
 seeds = st.integers(0, 2**31)
 DIMENSIONS, OUTPUTS, DATA, PATH, ROWS, FIRST = 3, 2, 9, 14, 2, 1  # FIRST: the body's first column of the loop's inputs
 AT = [3, 5, 7, 9, 11, 13]
 
 
-# The loop -------------------------------------------------------------------------------------------------------------
-
-
-def loop(rng: np.random.Generator, states: int = 5, inputs: int = 3, outputs: int = 2) -> Response:
-    """A random stable system."""
-    A = rng.normal(size=(states, states))
-    A -= (np.linalg.eigvals(A).real.max() + rng.uniform(0.2, 2)) * np.eye(states)
-    B, C, D = (rng.normal(size=shape) for shape in ((states, inputs), (outputs, states), (outputs, inputs)))
-    return Response(A=A, B=B, C=C, D=D, basis=np.eye(states), bodies=(slice(0, inputs),))
-
-
-@given(seeds, st.floats(0.01, 0.5))
-@settings(max_examples=12)
-def test_the_response_to_samples_is_their_convolution(seed, step):
-    """SciPy's simulator on a grid of half steps, each sample held for half a step on either side."""
-    rng, count = np.random.default_rng(seed), 20
-    system = loop(rng)
-    f = rng.normal(size=(count, 3))
-    H = reach.impulse(system, np.hstack([system.C, system.D]), step, count)
-    assert H.shape == (count, 2, 3)
-    held = np.repeat(f, 2, axis=0)
-    _, y, _ = lsim((system.A, system.B, system.C, system.D), held, step / 2 * np.arange(2 * count), interp=False)
-    expected = y[1::2]
-    found = [sum(H[m] @ f[k - m] for m in range(k + 1)) for k in range(count)]
-    np.testing.assert_allclose(found, expected, atol=1e-10 * np.abs(expected).max())
-
-
-@given(seeds)
-@settings(max_examples=12)
-def test_weights_are_those_of_the_convolution_at_the_times_asked_for(seed):
-    rng, count = np.random.default_rng(seed), 12
-    H, f = rng.normal(size=(count, 2)), rng.normal(size=count)
-    at = np.sort(rng.choice(count, 5, replace=False))
-    L = reach.weights(H, at, count)
-    assert L.shape == (5, 2, count)
-    for row in range(2):
-        np.testing.assert_allclose((L @ f)[:, row], np.convolve(H[:, row], f)[at], atol=1e-12)
+def convolved(H: np.ndarray) -> np.ndarray:
+    """`L[t, row, k] = H[t - k, row]` at `AT`, zero for later samples; (times, rows, path, inputs)."""
+    lag = np.asarray(AT)[:, None] - np.arange(PATH)[None]
+    L = np.where((lag >= 0)[:, :, None, None], H[np.clip(lag, 0, len(H) - 1)], 0.0)
+    return np.swapaxes(L, 1, 2)
 
 
 # Bounds of a functional -----------------------------------------------------------------------------------------------
@@ -74,14 +40,12 @@ class Problem:
 
     body: reach.Body
     f: gp.GP
-    H: np.ndarray
+    L: np.ndarray  # (times, rows, path, inputs)
     eps: np.ndarray
 
     def left(self, along: np.ndarray) -> np.ndarray:
         """`(times, rows, outputs)` of each output's contribution, for values `along` the path, `(path, outputs)`."""
-        return np.stack(
-            [reach.weights(self.H[:, :, FIRST + i], AT, PATH) @ along[:, i] for i in range(OUTPUTS)], axis=-1
-        )
+        return np.stack([self.L[..., FIRST + i] @ along[:, i] for i in range(OUTPUTS)], axis=-1)
 
     def true(self) -> np.ndarray:
         """What the function adds to the loop's outputs beyond what is compensated."""
@@ -108,7 +72,7 @@ def problem(seed: int, bound: str = "energy", bias: float = 0.0) -> Problem:
     beta = np.asarray(band.factor(companion, bound, norm, eps, 0.95))
     body = reach.Body(slice(FIRST, FIRST + OUTPUTS), model, companion, beta, norm, eps, x)
     H = np.exp(-0.2 * np.arange(PATH))[:, None, None] * rng.normal(size=(PATH, ROWS, FIRST + OUTPUTS + 1))
-    return Problem(body, f, H, eps)
+    return Problem(body, f, convolved(H), eps)
 
 
 @given(seeds, st.sampled_from(["energy", "abbasi_yadkori"]), st.sampled_from([0.0, 1.0]))
@@ -117,7 +81,7 @@ def test_the_band_of_a_functional_holds(seed, bound, bias):
     if bound != "energy":
         bias = 0.0  # its noise has no mean
     p = problem(seed, bound, bias)
-    upper, lower = reach.bound(p.body.beta, *reach.by_band(p.body, p.H, AT))
+    upper, lower = reach.bound(p.body.beta, *reach.by_band(p.body, p.L))
     assert upper.shape == (len(AT), ROWS, OUTPUTS)
     true = p.true()
     assert (true <= upper).all()
@@ -133,7 +97,7 @@ def test_the_band_of_a_functional_is_not_idle():
         companion = band.companion(p.body.model, "energy", norm, eps)
         beta = np.asarray(band.factor(companion, "energy", norm, eps, 0.95))
         wrong = dataclasses.replace(p.body, companion=companion, beta=np.where(np.isinf(beta), norm, beta))
-        upper, lower = reach.bound(wrong.beta, *reach.by_band(wrong, p.H, AT))
+        upper, lower = reach.bound(wrong.beta, *reach.by_band(wrong, p.L))
         outside += ((p.true() > upper) | (-p.true() > lower)).any()
     assert outside >= 4
 
@@ -143,7 +107,7 @@ def test_the_band_of_a_functional_is_not_idle():
 def test_the_band_of_a_functional_is_attained_by_a_function_that_spends_norm_and_noise(seed):
     """`g = m + beta k_n(., l) / sigma(l)` has `|g|^2 + |Y - g(X)|^2 / v = B^2 + n eps^2 / v`: all it may have."""
     p = problem(seed)
-    moved, sigma = reach.by_band(p.body, p.H, AT)
+    moved, sigma = reach.by_band(p.body, p.L)
     upper, _ = reach.bound(p.body.beta, moved, sigma)
     X, Y, h = np.asarray(p.body.companion.X)[:DATA], np.asarray(p.body.companion.Y)[:DATA], p.body.companion.hyper
     time, row = 2, 1
@@ -152,7 +116,7 @@ def test_the_band_of_a_functional_is_attained_by_a_function_that_spends_norm_and
         s, v, ls, offset = (np.asarray(a)[i] for a in (h.signal_variance, h.noise_variance, h.lengthscales, h.offset))
         both = np.vstack([X, p.body.x]) / ls
         K = s * np.exp(-0.5 * cdist(both, both, "sqeuclidean"))
-        ell = reach.weights(p.H[:, :, FIRST + i], AT, PATH)[time, row]
+        ell = p.L[time, row, :, FIRST + i]
         r, k = Y[:, i] - offset, K[:DATA, DATA:] @ ell
         c = np.linalg.solve(K[:DATA, :DATA] + v * np.eye(DATA), np.column_stack([r, k]))
         size = p.body.beta[i] / sigma[time, row, i]
@@ -165,7 +129,7 @@ def test_the_band_of_a_functional_is_attained_by_a_function_that_spends_norm_and
 
 def test_data_that_contradict_what_is_stated_have_no_bound():
     p = problem(3)
-    spans = reach.by_band(p.body, p.H, AT)
+    spans = reach.by_band(p.body, p.L)
     found = reach.bound(np.array([np.inf, p.body.beta[1]]), *spans)
     assert np.isinf(found[..., 0]).all()
     assert np.isfinite(found[..., 1]).all()
@@ -176,8 +140,8 @@ def test_data_that_contradict_what_is_stated_have_no_bound():
 
 def recovered(p: Problem, every: int) -> tuple[np.ndarray, np.ndarray]:
     """The band, and what recovery makes of it."""
-    limit = reach.bound(p.body.beta, *reach.by_band(p.body, p.H, AT))
-    return limit, reach.by_recovery(p.body, p.H, AT, every, limit)
+    limit = reach.bound(p.body.beta, *reach.by_band(p.body, p.L))
+    return limit, reach.by_recovery(p.body, p.L, every, limit)
 
 
 @given(seeds, st.sampled_from([0.0, 1.0]), st.sampled_from([1, 3, 4]))
@@ -202,7 +166,7 @@ def test_at_its_programs_recovery_is_that_of_the_whole_functional():
     for a in (0, 3, len(AT) - 1):
         for row in range(ROWS):
             for i in range(OUTPUTS):
-                ell = reach.weights(p.H[:, :, FIRST + i], AT, PATH)[a, row]
+                ell = p.L[a, row, :, FIRST + i]
                 best = recovery.recover(X, Y, hyper, i, p.body.norm, float(p.eps[i]), x, ell)
                 expected = np.array([best.upper - ell @ mu[:, i], ell @ mu[:, i] - best.lower])
                 expected = np.minimum(expected, limit[:, a, row, i])
@@ -218,7 +182,7 @@ def test_between_its_programs_recovery_is_not_below_that_of_the_whole_functional
     X, Y, hyper = np.asarray(p.body.model.X)[:DATA], np.asarray(p.body.model.Y)[:DATA], p.body.model.hyper
     for a in (1, 2, 3):
         for row in range(ROWS):
-            ell = reach.weights(p.H[:, :, FIRST], AT, PATH)[a, row]
+            ell = p.L[a, row, :, FIRST]
             best = recovery.recover(X, Y, hyper, 0, p.body.norm, float(p.eps[0]), x, ell)
             attained = np.array([best.upper - ell @ mu[:, 0], ell @ mu[:, 0] - best.lower])
             assert (found[:, a, row, 0] >= attained - 1e-6 * np.abs(attained)).all()
@@ -228,9 +192,9 @@ def test_between_its_programs_recovery_is_not_below_that_of_the_whole_functional
 
 def test_an_output_that_contributes_next_to_nothing_keeps_its_band():
     p, told = problem(7), []
-    p.H[:, :, FIRST] *= 1e-7
-    limit = reach.bound(p.body.beta, *reach.by_band(p.body, p.H, AT))
-    found = reach.by_recovery(p.body, p.H, AT, 2, limit, lambda: told.append(1))
+    p.L[..., FIRST] *= 1e-7
+    limit = reach.bound(p.body.beta, *reach.by_band(p.body, p.L))
+    found = reach.by_recovery(p.body, p.L, 2, limit, lambda: told.append(1))
     np.testing.assert_array_equal(found[..., 0], limit[..., 0])
     assert (found[..., 1] < limit[..., 1]).any()
     assert len(told) == 1
@@ -246,9 +210,8 @@ def test_the_greatest_along_the_path_is_that_of_every_sample_alone(seed):
     p = problem(seed)
     found = reach.greatest(p.body)
     assert found.shape == (PATH, OUTPUTS)
-    single = np.zeros((PATH, 1, FIRST + OUTPUTS))
-    single[0] = 1.0
-    moved, sigma = reach.by_band(p.body, single, range(PATH))
+    single = np.repeat(np.eye(PATH)[:, None, :, None], FIRST + OUTPUTS, axis=3)
+    moved, sigma = reach.by_band(p.body, single)
     both = reach.bound(p.body.beta, moved, sigma)[:, :, 0]
     np.testing.assert_allclose(found, both.max(0), rtol=1e-9)
     x = jnp.asarray(p.body.x)
@@ -263,3 +226,27 @@ def test_deviations_of_single_samples_are_the_posterior_s(output):
     S = reach._covariance(p.body.companion, output, p.body.x)
     np.testing.assert_allclose(np.diagonal(S), variance, atol=1e-10)
     assert np.linalg.eigvalsh(S).min() > -1e-10
+
+
+@pytest.mark.parametrize("output", range(OUTPUTS))
+def test_gradients_and_their_covariance_are_those_of_the_posterior(output):
+    """By automatic differentiation of the mean, and of the covariance in both its arguments."""
+    p = problem(2)
+    model, x = p.body.companion, p.body.x[:4]
+    slope = jax.vmap(jax.jacfwd(gp.mean, argnums=1), (None, 0))(model, jnp.asarray(x))
+    np.testing.assert_allclose(reach.gradient(model, output, x), slope[:, output], atol=1e-9)
+    h, ls = model.hyper, np.asarray(model.hyper.lengthscales)[output]
+    s, W = float(h.signal_variance[output]), np.asarray(model.W)[output, :DATA, :DATA]
+    X = jnp.asarray(np.asarray(model.X)[:DATA])
+
+    def k(a: jax.Array, b: jax.Array) -> jax.Array:
+        return s * jnp.exp(-0.5 * (((a - b) / ls) ** 2).sum())
+
+    def posterior(a: jax.Array, b: jax.Array) -> jax.Array:
+        at_a, at_b = (W @ jnp.stack([k(z, row) for row in X]) for z in (a, b))
+        return k(a, b) - at_a @ at_b
+
+    second = jax.jacfwd(jax.jacrev(posterior, 0), 1)
+    found = reach.gradient_covariance(model, output, x)
+    for point, told in zip(x, found, strict=True):
+        np.testing.assert_allclose(told, second(jnp.asarray(point), jnp.asarray(point)), atol=1e-8 * s)

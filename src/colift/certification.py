@@ -7,8 +7,10 @@ from collections.abc import Callable, Sequence
 from importlib.metadata import version
 from typing import Any
 
+import numpy as np
+
 from colift import disk, folder, response, results, simulate, study
-from colift.certify import adversary, assumed, certificate, interface
+from colift.certify import adversary, assumed, certificate, interface, variation
 from colift.folder import Folder
 from colift.scenario import Settings, starts
 
@@ -19,8 +21,8 @@ class Certified:
 
     plan: simulate.Plan
     flight: simulate.Flight
-    twin: simulate.Flight
-    linear: response.Response
+    loop: variation.Variation  # along the twin
+    linear: response.Response  # around rest
     certificate: certificate.Certificate
 
 
@@ -40,12 +42,15 @@ def certify(
     if linear is None:
         progress("the loop's response")
         linear = response.linearize(ready.pilot, starts.at_rest(settings, ready.pilot.team))
+    pace = float(np.linalg.eigvals(linear.A).real.max())
+    if pace >= 0:
+        raise ValueError(f"no certificate: the loop is unstable at rest, a mode has rate {pace:+.3g} 1/s")
     progress("flight")
     flight = simulate.fly_plan(ready)
-    progress("its twin, whose world obeys the learned means")
-    twin = simulate.fly_plan(certificate.twin(ready, flight.oracle))
-    found = certificate.certify(ready, flight, twin, linear, names, progress)
-    return Certified(plan=ready, flight=flight, twin=twin, linear=linear, certificate=found)
+    progress("its twin, whose world obeys the learned means, and the loop along it")
+    loop = certificate.twin(ready, flight)
+    found = certificate.certify(ready, flight, loop, names, progress)
+    return Certified(plan=ready, flight=flight, loop=loop, linear=linear, certificate=found)
 
 
 def challenge(made: Certified, rounds: int = 2, progress: Callable[[str], None] = lambda _what: None) -> Certified:
@@ -53,13 +58,13 @@ def challenge(made: Certified, rounds: int = 2, progress: Callable[[str], None] 
 
     Each round makes them worst along the path of the round before. Raises as `certify`.
     """
-    current = made
+    current, oracles = made, certificate.schedule(made.plan, made.flight)
     for k in range(rounds):
         progress(f"adversary, round {k + 1}")
-        unknown = adversary.adversary(made.plan, made.flight, made.linear, current.certificate, current.flight.rows)
-        flown = simulate.fly_plan(certificate.under(made.plan, made.flight.oracle, unknown))
-        flight = dataclasses.replace(made.flight, rows=flown.rows, stopped=flown.stopped)
-        found = certificate.certify(made.plan, flight, made.twin, made.linear, ("energy", "recovery"))
+        unknown = adversary.adversary(made.plan, made.flight, made.loop, current.certificate, current.flight.rows)
+        rows, _ = variation.flown(certificate.under(made.plan, unknown), oracles)
+        flight = dataclasses.replace(made.flight, rows=rows)
+        found = certificate.certify(made.plan, flight, made.loop, ("energy", "recovery"))
         current = dataclasses.replace(made, flight=flight, certificate=found)
     return current
 
@@ -81,9 +86,8 @@ def save_certificate(
 
     found = made.certificate
     progress("the agents' interface")
-    floor = certificate.vartheta(made.plan, made.flight, made.twin)
-    layer = interface.interface(made.linear, floor)
-    slack = certificate.slack(made.plan, made.flight, made.twin, made.linear, layer, found)
+    layer = interface.interface(made.linear, certificate.vartheta(made.plan, made.flight, made.loop))
+    slack = certificate.slack(made.plan, made.flight, made.loop, layer, found)
     summary: dict[str, Any] = {
         "scenario": settings.name,
         "seed": settings.seed,
@@ -96,7 +100,8 @@ def save_certificate(
         "observed": dict(found.observed),
         "floor": dict(found.floor),
         "unknown": dict(found.unknown),
-        "transient": found.transient,
+        "noise": dict(found.noise),
+        "components_left": {of: span.left(found.errors) for of, span in found.spans.items()},
         "radii": {
             name: {
                 "run": dict(radii.run),
@@ -114,7 +119,7 @@ def save_certificate(
         "no_tube": found.no_tube,
         "tube": None
         if found.tube is None
-        else {"distance": found.tube.distance.tolist(), "contraction": found.tube.contraction},
+        else {"difference": found.tube.difference.max(0).tolist(), "contraction": found.tube.contraction},
         "interface": {
             "alpha_N_Nm": layer.alpha.tolist(),
             "gamma_1_s": layer.gamma,

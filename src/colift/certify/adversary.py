@@ -9,28 +9,28 @@ import jax.numpy as jnp
 import numpy as np
 
 from colift import gp, learn, simulate
-from colift.certify import reach
-from colift.certify.certificate import Certificate, bodies, path_of
+from colift.certify import reach, variation
+from colift.certify.certificate import Certificate, bodies
 from colift.certify.reach import Body, Matrix
+from colift.certify.variation import Variation
 from colift.gp import recovery
-from colift.response import Response
 
-STEP = 0.16  # s between samples of the path in the functional that the adversary makes great
+EVERY = 4  # nodes between samples of the path in the functional that the adversary makes great
 
 
 def adversary(
-    plan: simulate.Plan, flight: simulate.Flight, linear: Response, found: Certificate, rows: simulate.Row
+    plan: simulate.Plan, flight: simulate.Flight, loop: Variation, found: Certificate, rows: simulate.Row
 ) -> learn.Oracle:
     """Unknown forces that keep norm and data, and make e_p great when and where its bound is greatest.
 
     Of all consistent functions, each output takes one that makes `d . e_p(t)` greatest along the path of `rows`, t and
     d from the certificate's bound. To be flown by `certificate.under`. Raises as `gp.recovery.recover`.
     """
-    grid = path_of(plan, flight, STEP)
-    H = reach.impulse(linear, linear.output("e_p"), grid.step, len(grid.path))
-    H = np.einsum("mri,r->mi", H, found.direction)[:, None]
-    at = [int(np.argmin(np.abs(rows.t[grid.path] - found.when)))]
-    models = [_extreme(body, H, at) for body in bodies(plan, flight, rows, grid.path, "energy")]
+    at = int(np.argmin(np.abs(loop.t - found.when)))
+    L = np.einsum("tmki,m->ki", variation.weights(loop, loop.of("e_p"), [at]), found.direction)[: at + 1]
+    starts = np.arange(0, at + 1, EVERY)
+    L, path = np.add.reduceat(L, starts), loop.nodes[np.minimum(starts + EVERY // 2, at)]
+    models = [_extreme(body, L) for body in bodies(plan, flight, rows, path, "energy")]
     groups, first = [], 1
     for size in plan.pilot.team.sizes:
         groups.append(jax.tree.map(lambda *leaf: jnp.stack(leaf), *models[first : first + size]))
@@ -38,14 +38,14 @@ def adversary(
     return learn.Oracle(payload=models[0], agents=tuple(groups), theta=jnp.zeros(10))
 
 
-def _extreme(body: Body, H: Matrix, at: list[int]) -> gp.GP:
-    """For each output the consistent function of greatest contribution, as a posterior mean."""
-    n, x = int(body.model.n), body.x[: at[0] + 1]
+def _extreme(body: Body, L: Matrix) -> gp.GP:
+    """For each output the consistent function of greatest contribution, as a posterior mean; L: (path, inputs)."""
+    n, x = int(body.model.n), body.x
     X, Y = np.asarray(body.model.X)[:n], np.asarray(body.model.Y)[:n]
     weights = np.empty((len(body.beta), n + len(x)))
     for i in range(len(body.beta)):
         allowed = recovery.consistent(X, Y, body.model.hyper, i, body.norm, float(body.eps[i]))
-        w = reach.weights(H[:, :, body.columns.start + i], at, len(x))[0, 0]
+        w = L[:, body.columns.start + i]
         C = reach.correlation(body.model, i, x, x)
         best = recovery.greatest(allowed, allowed.correlations(x) @ w, float(w @ C @ w))
         weights[i] = np.concatenate([best.weights[:-1], best.weights[-1] * w])

@@ -7,23 +7,16 @@ what would cover it: `docs/certificate.md`, "What is assumed".
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Collection, Sequence
-
-import numpy as np
-from jaxtyping import Float
+from collections.abc import Collection
 
 from colift import disturbance, fly, sensor, simulate
-from colift.model import Team
 
 FIRST_ORDER = "first order"
-TRANSIENT = "transient at the update"
 NOISE = "sensor noise"
 SAMPLED = "sampled estimator"
 SATURATION = "saturation"
+ROUND = "less than a round"
 MEAN = "posterior mean"
-
-DECAYED = 1e-3  # share of a deviation at the update, from which on it counts as gone
-NEAR = 0.1  # share of the thrust limit
 
 
 def word(names: Collection[str]) -> str:
@@ -31,24 +24,16 @@ def word(names: Collection[str]) -> str:
     return "assumed" if names else "certified"
 
 
-def of_certificate(
-    plan: simulate.Plan, thrusts: Sequence[Float[np.ndarray, "ticks agents"]], transient: float
-) -> tuple[str, ...]:
+def of_certificate(plan: simulate.Plan, limited: bool, whole: bool) -> tuple[str, ...]:
     """What the radii of a flight rest on beside the bound of the prediction error.
 
-    thrusts: N, of the flight and of its twin, from the last update on, where what radii are computed from begins;
-    transient: the share that the loop's slowest mode leaves of a deviation at that update until errors count.
-
-    The loop is linearized (always assumed), without sampling and filters (always); noise is in the twin as this run
-    drew it; nothing keeps other runs in the tube from a limit that these are near.
+    The loop is linearized along its twin (always assumed). limited: a thrust of some run in the tube may be cut off;
+    whole: errors are taken over a whole round of the reference.
     """
-    limited = any(near_limit(plan.pilot.team, u) for u in thrusts)
     return (
         FIRST_ORDER,
-        *([TRANSIENT] if transient > DECAYED else []),
-        *([NOISE] if noisy(plan.world.sensors) else []),
-        SAMPLED,
         *([SATURATION] if limited else []),
+        *([] if whole else [ROUND]),
         *_invariance(plan),
     )
 
@@ -73,12 +58,6 @@ def noisy(sensors: sensor.Sensors) -> bool:
     """Whether any reading of a flying team is off the truth; the calibration rig's errors are the labels' own."""
     other = {"tip_force_bandwidth"}
     return any(float(getattr(sensors, x.name)) != 0 for x in dataclasses.fields(sensors) if x.name not in other)
-
-
-def near_limit(team: Team, u: Float[np.ndarray, "ticks agents"]) -> bool:
-    """Whether any thrust (N) is nearer to zero or to its limit than the share `NEAR` of that limit."""
-    limit = np.concatenate([np.asarray(group.thrust_max) for group in team.groups])
-    return bool((np.minimum(u, limit - u) < NEAR * limit).any())
 
 
 def _invariance(plan: simulate.Plan) -> tuple[str, ...]:

@@ -1,30 +1,32 @@
 """Theorem 1 computed for a flight: ultimate radii beside observed errors, and where the slack comes from.
 
-The flight's oracle is frozen after its last update. Its twin is the same flight with the oracle's own mean as truth:
-what is left there is the floor, without any unknown. From the twin's path the loop's response leads to the run's,
-driven by `f~ = f - mean`. Derivations and what is assumed: `docs/certificate.md`.
+The twin is the same flight, under the same oracles from the same times on, in a world that obeys the last one's means:
+what is left there is the floor, without any unknown. The loop linearized along the twin (`certify.variation`) leads to
+the run, driven by `f~ = f - mean` from the start on. Derivations and what is assumed: `docs/certificate.md`.
 """
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
+from fractions import Fraction
+from math import gcd, lcm
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import norm
 from threadpoolctl import threadpool_limits
 
-from colift import actuator, band, control, dynamics, estimate, fly, learn, response, sensor, simulate
-from colift.certify import assumed, reach, rotation, translation, tube
+from colift import actuator, band, dynamics, estimate, fly, learn, reference, response, sensor, simulate
+from colift.certify import assumed, reach, translation, tube, variation
 from colift.certify.interface import Interface
 from colift.certify.reach import Body
 from colift.certify.tube import Tube
+from colift.certify.variation import Scheduled, Variation
 from colift.gp import SquaredExponential, bounds
-from colift.model import PayloadState
-from colift.response import Response
 from colift.world import Simulated
 
 Matrix = NDArray[np.float64]
@@ -32,9 +34,10 @@ Progress = Callable[[str], None]
 
 ERRORS = ("e_p", "e_v", "e_R", "e_omega")
 BOUNDS = (*band.ALONG, "recovery")
-STEP = 0.04  # s between samples of the path
 POINTS = 160  # data points of a body up to which optimal recovery is tried
-EVERY = 8  # conic programs at every so many output samples, which are two steps apart
+EVERY = 16  # conic programs at every so many nodes
+RECOVERED = slice(0, 12)  # components of the errors that recovery bounds; others keep the energy bound
+SELDOM = 0.2  # s between the times at which the tube is taken
 
 
 @dataclasses.dataclass(frozen=True)
@@ -58,23 +61,41 @@ class Exceeded:
 
 
 @dataclasses.dataclass(frozen=True)
+class Span:
+    """Between what each component of the errors stays, `(times, 12)`: of e_p, e_v, e_R, e_omega."""
+
+    lower: Matrix
+    upper: Matrix
+
+    def left(self, errors: Matrix) -> int:
+        """How many components, over all times, are beyond."""
+        return int(((errors < self.lower) | (errors > self.upper)).sum())
+
+
+@dataclasses.dataclass(frozen=True)
 class Certificate:
     """What `certify` found; errors in m, m/s, 1 and rad/s."""
 
     window: tuple[float, float]  # s, over which ultimate errors are taken
-    transient: float  # what the loop's slowest mode leaves at its start of a deviation at the last update
     observed: Mapping[str, float]
     floor: Mapping[str, float]  # the twin's
     unknown: Mapping[str, float]  # the greatest |e - e_twin|: what the unknown forces brought about
+    noise: Mapping[str, float]  # what is added to every component of an error for the sensors' noise, at most
     radii: Mapping[str, Radii]  # by bound
     left_out: Mapping[str, str]  # bounds that were asked for and have none, and why
     tube: Tube | None
     no_tube: str  # why there is none; empty if there is one
     t: Matrix  # s
-    e_p: Matrix  # (time,) observed
-    bound: Matrix  # (time,) of the best bound, on the run's own path
+    errors: Matrix  # (times, 12) observed
+    spans: Mapping[str, Span]  # of the best bound, for the run's own path and for every run in the tube
+    bound: Matrix  # (times,) of e_p by the best bound, on the run's own path
     when: float  # s, where that bound is greatest
     direction: Matrix  # (3,) and towards where, a unit vector; nan where it is infinite
+
+    @property
+    def e_p(self) -> Matrix:
+        """Observed, (times,)."""
+        return np.linalg.norm(self.errors[:, :3], axis=1)
 
     @property
     def exceeded(self) -> tuple[Exceeded, ...]:
@@ -88,13 +109,20 @@ class Certificate:
         )
 
 
-def twin(plan: simulate.Plan, oracle: learn.Oracle) -> simulate.Plan:
-    """The flight of a frozen oracle in a world that obeys it: nothing is recorded, nothing is unknown."""
-    return under(plan, oracle, oracle)
+def schedule(plan: simulate.Plan, flight: simulate.Flight) -> tuple[Scheduled, ...]:
+    """The oracles of a flight and the ticks from which on they flew. Flies again up to all updates but the last."""
+    out, last = [Scheduled(0, plan.pilot.oracle)], flight.updates[-1]
+    for k, update in enumerate(flight.updates):
+        oracle = flight.oracle
+        if update is not last:
+            until = flight.updates[k].ready + 2 * plan.dt
+            oracle = simulate.fly_plan(dataclasses.replace(plan, updates=plan.updates[: k + 1], duration=until)).oracle
+        out.append(Scheduled(round(update.ready / plan.dt), oracle))
+    return tuple(out)
 
 
-def under(plan: simulate.Plan, oracle: learn.Oracle, truth: learn.Oracle) -> simulate.Plan:
-    """The flight of a frozen oracle where the unknown forces are another's means, on the nominal plant."""
+def under(plan: simulate.Plan, truth: learn.Oracle) -> simulate.Plan:
+    """The plan in a world whose unknown forces are an oracle's means, on the nominal plant; nothing is recorded."""
     no = jnp.asarray(False)
     recorder = dataclasses.replace(plan.pilot.recorder, payload=no, agents=no)
     none = tuple(() for _ in plan.world.sources.agents)
@@ -106,79 +134,88 @@ def under(plan: simulate.Plan, oracle: learn.Oracle, truth: learn.Oracle) -> sim
     return dataclasses.replace(
         plan,
         world=dataclasses.replace(plan.world, team=plan.pilot.team, sources=sources),
-        pilot=dataclasses.replace(plan.pilot, recorder=recorder, oracle=oracle),
+        pilot=dataclasses.replace(plan.pilot, recorder=recorder),
         updates=(),
     )
+
+
+def twin(plan: simulate.Plan, flight: simulate.Flight) -> Variation:
+    """The twin of a flight that learned, and the loop along it. Raises ValueError for one that has none."""
+    refuse(plan)
+    if flight.stopped:
+        raise ValueError(f"no certificate: the flight stopped: {flight.stopped}")
+    if not flight.updates:
+        raise ValueError("no certificate: the flight never learned")
+    try:
+        return variation.along(
+            under(plan, flight.oracle), schedule(plan, flight), noisy=assumed.noisy(plan.world.sensors)
+        )
+    except variation.Ended as error:
+        raise ValueError(f"no certificate: {error}") from None
 
 
 def certify(
     plan: simulate.Plan,
     flight: simulate.Flight,
-    of_twin: simulate.Flight,
-    linear: Response,
+    loop: Variation,
     names: Sequence[str] = BOUNDS,
     progress: Progress = lambda _what: None,
 ) -> Certificate:
-    """The certificate of a flight under some of `BOUNDS`, the energy bound always among them.
+    """The certificate of a flight under some of `BOUNDS`, the energy bound always among them; loop: of its `twin`.
 
-    of_twin: the flight of `twin`; linear: the response of the plan's pilot around rest, for an oracle that predicts
-    zero.
-    Raises ValueError for parts it knows nothing of (`refuse`), a flight or twin that stopped early, or that never
-    learned, or a loop that is unstable.
+    Raises ValueError for parts it knows nothing of (`refuse`), or a flight that was too short.
     """
     refuse(plan)
-    for name, flown in (("flight", flight), ("twin", of_twin)):
-        if flown.stopped:
-            raise ValueError(f"no certificate: the {name} stopped: {flown.stopped}")
-    if not flight.updates:
-        raise ValueError("no certificate: the flight never learned")
-    pace = float(np.linalg.eigvals(linear.A).real.max())
-    if pace >= 0:
-        raise ValueError(f"no certificate: the loop is unstable at rest, a mode has rate {pace:+.3g} 1/s")
-    grid = path_of(plan, flight, STEP)
+    grid = grid_of(plan, flight, loop)
     if len(grid.at) < 2:
-        left = flight.rows.t[-1] - flight.updates[-1].t
+        left = flight.rows.t[-1] - flight.updates[-1].ready
         raise ValueError(f"no certificate: only {left:.3g} s were flown after the last update; lengthen the flight")
-    H = reach.impulse(linear, linear.output(*OF_INTEREST), grid.step, len(grid.path))
-    off = _mismatch(plan, of_twin.rows, grid.window)
+    errors_of = loop.of(*ERRORS)
     with threadpool_limits(1):  # the matrices are small
-        paths = {"tube": of_twin.rows, "run": flight.rows}
-        energy = {key: bodies(plan, flight, rows, grid.path, "energy") for key, rows in paths.items()}
-        found, why = _tube(linear, plan, energy["tube"], grid)
-        reached, left_out = _reached(plan, flight, energy, paths, grid, H, names, progress)
-    extra = np.abs(H).sum(0) @ found.difference if found else np.full(H.shape[1], np.inf)
+        L = variation.weights(loop, errors_of, grid.at)
+        noise = _quantile(plan, grid) * variation.deviations(loop, errors_of)[grid.at]
+        paths = {"tube": loop.rows, "run": flight.rows}
+        energy = {key: bodies(plan, flight, rows, loop.nodes, "energy") for key, rows in paths.items()}
+        found, why = _tube(loop, energy["tube"])
+        reached, left_out = _reached(plan, flight, energy, paths, loop, L, names, progress)
+    extra = np.einsum("trki,ki->tr", np.abs(L), found.difference) if found else np.full(noise.shape, np.inf)
+    more = {"run": noise, "tube": noise + extra}
+    center, errors = (_errors(each)[loop.nodes][grid.at] for each in (loop.rows, flight.rows))
+    spans = {name: {key: _span(center, each[key] + more[key]) for key in each} for name, each in reached.items()}
     met, tube_needs = plan.stated.met, bounds.unmet("energy", plan.stated.met)  # the tube is the energy bound's
-    t = _np(flight.rows.t)
-    transient = float(np.exp(pace * (t[grid.window][0] - flight.updates[-1].t)))
-    thrusts = [_np(rows.u)[grid.path[0] :] for rows in paths.values()]
-    always = (*(() if found else ("S_X",)), *assumed.of_certificate(plan, thrusts, transient))
+    always = (
+        *(() if found else ("S_X",)),
+        *assumed.of_certificate(plan, limited=_limited(plan, loop, energy["tube"], found), whole=grid.whole),
+    )
     radii = {
         name: Radii(
-            run=_radii(plan, of_twin.rows, off, grid, each["run"], np.zeros_like(extra)),
-            tube=_radii(plan, of_twin.rows, off, grid, each["tube"], extra),
+            run=_radii(each["run"]),
+            tube=_radii(each["tube"]),
             assumed=(*band.names(bounds.unmet("recover" if name == "recovery" else name, met) | tube_needs), *always),
         )
-        for name, each in reached.items()
+        for name, each in spans.items()
     }
-    best = reached.get("recovery", reached["energy"])["run"]
-    corner = _corner(_np(of_twin.rows.e_p)[grid.path][grid.at], best[:, :, :3])
+    best = spans.get("recovery", spans["energy"])
+    corner = _corner(best["run"])[:, :3]
     sizes = np.linalg.norm(corner, axis=1)
     worst = int(np.argmax(sizes))
     direction = corner[worst] / sizes[worst] if np.isfinite(sizes[worst]) else np.full(3, np.nan)
+    t = _np(flight.rows.t)
     return Certificate(
         window=(float(t[grid.window][0]), float(t[grid.window][-1])),
-        transient=transient,
         observed=_greatest(flight.rows, grid.window),
-        floor=_greatest(of_twin.rows, grid.window),
-        unknown=_greatest(flight.rows, grid.window, of_twin.rows),
+        floor=_greatest(loop.rows, grid.window),
+        unknown=_greatest(flight.rows, grid.window, loop.rows),
+        noise={error: float(noise[:, 3 * i : 3 * i + 3].max()) for i, error in enumerate(ERRORS)},
         radii=radii,
         left_out=left_out,
         tube=found,
         no_tube=why,
-        t=t[grid.path][grid.at],
-        e_p=np.linalg.norm(flight.rows.e_p[grid.path][grid.at], axis=1),
+        t=loop.t[grid.at],
+        errors=errors,
+        spans=best,
         bound=sizes,
-        when=float(t[grid.path][grid.at][worst]),
+        when=float(loop.t[grid.at][worst]),
         direction=direction,
     )
 
@@ -188,12 +225,11 @@ def certify(
 
 @dataclasses.dataclass(frozen=True)
 class Grid:
-    """Samples of the path since the last update, and those at which errors are bounded."""
+    """When errors are ultimate."""
 
-    path: NDArray[np.intp]  # ticks
-    at: NDArray[np.intp]  # indices into path
+    at: NDArray[np.intp]  # nodes of the twin
     window: slice  # ticks
-    step: float  # s
+    whole: bool  # the reference goes round once
 
 
 def refuse(plan: simulate.Plan) -> None:
@@ -223,14 +259,28 @@ def refuse(plan: simulate.Plan) -> None:
         raise ValueError(f"no certificate: its equations do not hold for {', '.join(other)}")
 
 
-def path_of(plan: simulate.Plan, flight: simulate.Flight, step: float) -> Grid:
-    """Samples about `step` s apart. Errors are ultimate in the second half of what follows the last update."""
-    dt, last = plan.dt, flight.updates[-1].t
-    every = max(1, round(step / dt))
-    ticks = len(flight.rows.t)
-    path = np.arange(round(last / dt), ticks, every)
-    first = (round(last / dt) + ticks) // 2
-    return Grid(path=path, at=np.flatnonzero(path >= first)[::2], window=slice(first, None), step=every * dt)
+def grid_of(plan: simulate.Plan, flight: simulate.Flight, loop: Variation) -> Grid:
+    """Errors are ultimate in the last round of the reference, else in the second half of what follows the last update.
+
+    Half a round after the update has to pass before.
+    """
+    ticks, last = len(flight.rows.t), round(flight.updates[-1].ready / plan.dt)
+    round_s = _round(plan.pilot.path)
+    first = ticks if round_s is None else ticks - round(round_s / plan.dt)
+    whole = round_s is not None and first - last >= round(round_s / plan.dt) // 2
+    first = first if whole else (last + ticks) // 2
+    return Grid(at=np.flatnonzero(loop.nodes >= first), window=slice(first, None), whole=whole)
+
+
+def _round(path: Any) -> float | None:
+    """The time after which a reference is where it was, s; None where it has none that is known."""
+    if not isinstance(path, reference.Lissajous):
+        return None
+    pairs = (path.amplitude, path.period), (path.swing, path.swing_period)
+    moving = [float(T) for size, period in pairs for T in np.asarray(period)[np.asarray(size) != 0]]
+    periods = [Fraction(T).limit_denominator(1000) for T in moving]
+    together = lcm(*(T.numerator for T in periods))
+    return together / gcd(*(T.denominator for T in periods)) if periods else None
 
 
 def bodies(
@@ -261,48 +311,44 @@ def _np(x: Any) -> Matrix:
 
 # -- what can be reached ----------------------------------------------------------------------------------------------
 
-OF_INTEREST = ("e_p", "e_v", "alpha")  # rows of H in this order, three each
-
 
 def _reached(
     plan: simulate.Plan,
     flight: simulate.Flight,
     energy: Mapping[str, Sequence[Body]],
     paths: Mapping[str, simulate.Row],
-    grid: Grid,
-    H: Matrix,
+    loop: Variation,
+    L: Matrix,
     names: Sequence[str],
     progress: Progress,
 ) -> tuple[dict[str, dict[str, Matrix]], dict[str, str]]:
-    """By bound and path, `(2, times, 9)`: what f~ adds to each of `OF_INTEREST` and to its negative, at most.
+    """By bound and path, `(2, times, 12)`: what f~ adds to each component of the errors and to its negative, at most.
 
-    Optimal recovery is for e_p alone: the other rows keep the energy bound. Second, why a bound is left out.
+    Second, why a bound is left out.
     """
     out: dict[str, dict[str, Matrix]] = {name: {} for name in BOUNDS if name in names or name == "energy"}
     left_out: dict[str, str] = {}
     for key, rows in paths.items():
         progress(f"bands along the {key}'s path")
-        spans = [reach.by_band(body, H, grid.at) for body in energy[key]]
-        each = [reach.bound(body.beta, *span) for body, span in zip(energy[key], spans, strict=True)]
+        functionals = [reach.by_band(body, L) for body in energy[key]]
+        each = [reach.bound(body.beta, *one) for body, one in zip(energy[key], functionals, strict=True)]
         out["energy"][key] = sum(one.sum(-1) for one in each)
         other = None
         for name in [name for name in out if name not in ("energy", "recovery")]:
-            held = bodies(plan, flight, rows, grid.path, name)
+            held = bodies(plan, flight, rows, loop.nodes, name)
             # the bounds for random noise share their companions: only beta differs
-            other = other or [reach.by_band(body, H, grid.at) for body in held]
-            out[name][key] = sum(reach.bound(body.beta, *span).sum(-1) for body, span in zip(held, other, strict=True))
+            other = other or [reach.by_band(body, L) for body in held]
+            out[name][key] = sum(reach.bound(body.beta, *one).sum(-1) for body, one in zip(held, other, strict=True))
         if "recovery" in out and not left_out:
             try:
-                out["recovery"][key] = _recovered(energy[key], each, grid, H, key, progress)
+                out["recovery"][key] = _recovered(energy[key], each, L, key, progress)
             except (ValueError, RuntimeError) as error:
                 left_out["recovery"] = str(error)
     return {name: reached for name, reached in out.items() if name not in left_out}, left_out
 
 
-def _recovered(
-    held: Sequence[Body], each: Sequence[Matrix], grid: Grid, H: Matrix, key: str, progress: Progress
-) -> Matrix:
-    """`(2, times, 9)` by optimal recovery, from each body's bounds by the energy band.
+def _recovered(held: Sequence[Body], each: Sequence[Matrix], L: Matrix, key: str, progress: Progress) -> Matrix:
+    """`(2, times, 12)` by optimal recovery, from each body's bounds by the energy band.
 
     Raises ValueError for more data than the programs can take in a few minutes, or data that contradict what is
     stated; RuntimeError as `gp.recovery.recover`.
@@ -316,60 +362,85 @@ def _recovered(
     for body, banded in zip(held, each, strict=True):
         progress(f"optimal recovery along the {key}'s path, outputs {body.columns.start} to {body.columns.stop - 1}")
         found = banded.copy()
-        found[:, :, :3] = reach.by_recovery(body, H[:, :3], grid.at, EVERY, banded[:, :, :3])
+        found[:, :, RECOVERED] = reach.by_recovery(body, L[:, RECOVERED], EVERY, banded[:, :, RECOVERED])
         total += found.sum(-1)
     return total
 
 
-def _tube(linear: Response, plan: simulate.Plan, held: Sequence[Body], grid: Grid) -> tuple[Tube | None, str]:
+def _tube(loop: Variation, held: Sequence[Body]) -> tuple[Tube | None, str]:
     if not all(np.isfinite(body.beta).all() for body in held):
         return None, "the data contradict the stated norm and label errors"
-    scales = [np.asarray(body.model.hyper.lengthscales).min(0) for body in held]
-    gains = np.array(
-        [
-            np.linalg.norm(
-                reach.impulse(linear, np.pad(phi, ((0, 0), (0, linear.B.shape[1]))), grid.step, len(grid.path)), axis=1
-            ).sum(0)
-            for phi in tube.features(linear, plan.pilot.team, scales)
-        ]
-    )
-    rho = np.concatenate([reach.greatest(body).max(0) for body in held])
-    rough = np.concatenate([tube.roughness(body) for body in held])
+    at = _seldom(loop)
+    cells = np.r_[0, at[:-1] + 1]
+    M = np.concatenate([_feeding(loop, b, body, at, cells) for b, body in enumerate(held)], axis=1)
+    rho = np.maximum.reduceat(np.concatenate([reach.greatest(body) for body in held], axis=1), cells)
     try:
-        return tube.fixed_point(gains, rho, rough, linear.bodies), ""
+        found = tube.solve(M, rho)
     except ValueError as error:
         return None, str(error)
+    of_node = np.minimum(np.searchsorted(at, np.arange(len(loop.nodes))), len(at) - 1)
+    return dataclasses.replace(found, difference=found.difference[of_node]), ""
+
+
+def _rho(held: Sequence[Body]) -> Matrix:
+    return np.concatenate([reach.greatest(body).max(0) for body in held])
+
+
+def _seldom(loop: Variation) -> NDArray[np.intp]:
+    """Nodes at which the tube is taken: some time apart, and the last."""
+    return np.unique([*np.searchsorted(loop.t, np.arange(SELDOM, loop.t[-1], SELDOM)), len(loop.t) - 1])
+
+
+def _feeding(loop: Variation, b: int, body: Body, at: NDArray[np.intp], cells: NDArray[np.intp]) -> Matrix:
+    """What f~ makes of a body's own, along the twin."""
+    L = variation.weights(loop, loop.of("payload" if b == 0 else f"agent {b - 1}"), at)
+    return tube.feeding(body, body.x[at], tube.seen(body.x[at], L) if b == 0 else L, cells)
+
+
+def _limited(plan: simulate.Plan, loop: Variation, held: Sequence[Body], found: Tube | None) -> bool:
+    """Whether a thrust of some run in the tube may be cut off: the twin's, and what f~ and noise add at most."""
+    if found is None:
+        return True
+    at, u = _seldom(loop), _np(loop.rows.u)
+    reached = np.concatenate([reach.greatest(body) for body in held], axis=1) + found.difference
+    moved = np.einsum("trki,ki->tr", np.abs(variation.weights(loop, loop.of("u"), at)), reached).max(0)
+    moved = moved + _sigmas(plan, u.size) * variation.deviations(loop, loop.of("u")).max(0)
+    most = np.concatenate([np.asarray(group.thrust_max) for group in plan.pilot.team.groups])
+    return bool(((u - moved < 0) | (u + moved > most)).any())
+
+
+def _quantile(plan: simulate.Plan, grid: Grid) -> float:
+    """Deviations beyond which no component of an error goes in the window but by 1 - confidence."""
+    ticks = len(range(*grid.window.indices(round(plan.duration / plan.dt))))
+    return _sigmas(plan, 3 * len(ERRORS) * ticks)
+
+
+def _sigmas(plan: simulate.Plan, many: int) -> float:
+    """Deviations beyond which none of so many normal variables goes but by 1 - confidence: the union bound."""
+    return float(norm.isf((1 - plan.stated.confidence) / (2 * many)))
 
 
 # -- radii -----------------------------------------------------------------------------------------------------------
 
 
-def _corner(center: Matrix, reached: Matrix) -> Matrix:
-    """The farthest `center + e` at each time, for `-reached[1] <= e <= reached[0]` componentwise; (times, 3)."""
-    up, down = center + reached[0], center - reached[1]
-    return np.where(np.abs(up) >= np.abs(down), up, down)
+def _errors(rows: simulate.Row) -> Matrix:
+    return np.concatenate([_np(getattr(rows, error)) for error in ERRORS], axis=1)
 
 
-def _radii(
-    plan: simulate.Plan, rows: simulate.Row, off: Matrix, grid: Grid, reached: Matrix, extra: Matrix
-) -> dict[str, float]:
-    """Ultimate radii of the four errors: translation from its functionals, rotation through `rotation.ultimate`."""
-    if not np.isfinite(reached).all() or not np.isfinite(extra).all():
-        return dict.fromkeys(ERRORS, float("inf"))
-    reached = reached + extra
-    at = grid.path[grid.at]
-    gains = plan.pilot.leader.gains
-    try:
-        attitude = rotation.ultimate(float(gains.k_R), float(gains.k_omega), _turning(off, reached))
-        e_R, e_omega = attitude.e_R, attitude.e_omega
-    except ValueError:
-        e_R = e_omega = float("inf")
-    return {
-        "e_p": float(np.linalg.norm(_corner(_np(rows.e_p)[at], reached[:, :, :3]), axis=1).max()),
-        "e_v": float(np.linalg.norm(_corner(_np(rows.e_v)[at], reached[:, :, 3:6]), axis=1).max()),
-        "e_R": e_R,
-        "e_omega": e_omega,
-    }
+def _span(center: Matrix, reached: Matrix) -> Span:
+    return Span(lower=center - reached[1], upper=center + reached[0])
+
+
+def _corner(span: Span) -> Matrix:
+    """The farthest point of a span at each time, (times, 12)."""
+    return np.where(np.abs(span.upper) >= np.abs(span.lower), span.upper, span.lower)
+
+
+def _radii(span: Span) -> dict[str, float]:
+    """Ultimate radii of the four errors: of the farthest corner at any time."""
+    corner = _corner(span)
+    sizes = {error: np.linalg.norm(corner[:, 3 * i : 3 * i + 3], axis=1).max() for i, error in enumerate(ERRORS)}
+    return {error: float(size) if np.isfinite(size) else float("inf") for error, size in sizes.items()}
 
 
 def _greatest(rows: simulate.Row, window: slice, less: simulate.Row | None = None) -> dict[str, float]:
@@ -378,57 +449,35 @@ def _greatest(rows: simulate.Row, window: slice, less: simulate.Row | None = Non
     return {name: float(np.linalg.norm(e[window], axis=1).max()) for name, e in each.items()}
 
 
-def _mismatch(plan: simulate.Plan, rows: simulate.Row, window: slice) -> Matrix:
-    """`d` of the attitude's error equation in flight: `alpha - alpha_cmd`, rad/s^2, (ticks, 3)."""
-
-    def commanded(t: Any, p: Any, v: Any, R: Any, omega: Any) -> Any:
-        q = PayloadState(p=p, v=v, R=R, omega=omega)
-        return control.command(plan.pilot.leader.gains, q, jnp.zeros(3), plan.pilot.path.at(t)).alpha
-
-    args = (jnp.asarray(getattr(rows, name)[window]) for name in ("t", "p", "v", "R_L", "omega_L"))
-    return np.asarray(rows.a_L)[window, 3:] - np.asarray(jax.jit(jax.vmap(commanded))(*args))
-
-
-def _turning(off: Matrix, reached: Matrix) -> float:
-    """The greatest `|d|` of the attitude's error equation: the twin's, and what f~ adds to it; rad/s^2."""
-    return float(np.linalg.norm(off, axis=1).max() + np.linalg.norm(reached[:, :, 6:].max(0), axis=1).max())
-
-
 # -- where the slack is ----------------------------------------------------------------------------------------------
 
 
-def vartheta(plan: simulate.Plan, flight: simulate.Flight, of_twin: simulate.Flight) -> Matrix:
+def vartheta(plan: simulate.Plan, flight: simulate.Flight, loop: Variation) -> Matrix:
     """`sup |delta_W|` of the twin, N and N m: what is left of the mismatch without unknown forces."""
-    window = path_of(plan, flight, STEP).window
-    return np.linalg.norm(of_twin.rows.delta_W[window].reshape(-1, 2, 3), axis=2).max(0)
+    window = grid_of(plan, flight, loop).window
+    return np.linalg.norm(loop.rows.delta_W[window].reshape(-1, 2, 3), axis=2).max(0)
 
 
 def slack(
-    plan: simulate.Plan,
-    flight: simulate.Flight,
-    of_twin: simulate.Flight,
-    linear: Response,
-    layer: Interface,
-    found: Certificate,
+    plan: simulate.Plan, flight: simulate.Flight, loop: Variation, layer: Interface, found: Certificate
 ) -> dict[str, float]:
     """Radii of e_p, m, under ever better reasoning; each ratio of neighbours is the slack of one cause."""
-    grid = path_of(plan, flight, STEP)
-    H = reach.impulse(linear, linear.output("e_p"), grid.step, len(grid.path))
+    grid = grid_of(plan, flight, loop)
+    L = variation.weights(loop, loop.of("e_p"), grid.at)
     gains, floor = plan.pilot.leader.gains, found.floor["e_p"]
     unit = translation.ultimate(np.asarray(gains.K_p), np.asarray(gains.K_v), 1.0).e_p.bound
 
     def pointwise(bound: str) -> Matrix:
-        along = bodies(plan, flight, of_twin.rows, grid.path, bound)
-        return np.concatenate([reach.greatest(body).max(0) for body in along])
+        return _rho(bodies(plan, flight, loop.rows, loop.nodes, bound))
 
     def added(rho: Matrix) -> float:
         """`(rho_L + sum kappa rho) / m_L`, the paper's way, through the translation's own gain."""
-        sizes = [float(np.linalg.norm(rho[columns])) for columns in linear.bodies]
+        sizes = [float(np.linalg.norm(rho[columns])) for columns in loop.bodies]
         force = np.linalg.norm(rho[:3]) + layer.kappa[0] @ sizes
         return float(unit * force / float(plan.pilot.team.payload.mass) + floor)
 
     rho = pointwise("energy")
-    together = float(np.linalg.norm(np.abs(H).sum(0) @ rho)) if np.isfinite(rho).all() else float("inf")
+    together = float(np.linalg.norm(np.abs(L).sum(2) @ rho, axis=1).max()) if np.isfinite(rho).all() else float("inf")
     out = {
         "the paper's beta, mismatch and error added": added(pointwise("srinivas")),
         "energy bound, mismatch and error added": added(rho),

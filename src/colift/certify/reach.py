@@ -1,25 +1,22 @@
 """Which errors of the payload the unknown forces can bring about, given what norm and data allow of them.
 
-An error at time t is one linear functional of the unknown, `sum_s h(t - s) f~(q(s))`, with h the response of the
-closed loop: bounded as a whole it is smaller than the gain times the greatest `|f~|`. Derivation:
-`docs/certificate.md`, "The team's loop and the unknown as one functional".
+An error at time t is one linear functional of the unknown, `sum_s h(t, s) f~(q(s))`, with h the response of the
+loop along the flight (`certify.variation`): bounded as a whole it is smaller than the gain times the greatest `|f~|`.
+Derivation: `docs/certificate.md`, "The team's loop and the unknown as one functional".
 """
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import expm
 
 from colift import gp
 from colift.gp import likelihood, recovery
-from colift.response import Response
 
 Matrix = NDArray[np.float64]
-Samples = Sequence[int] | NDArray[np.integer]
 
 NEGLIGIBLE = 1e-3  # share of a row's bound below which an output keeps its band instead of a conic program
 
@@ -37,39 +34,15 @@ class Body:
     x: Matrix  # (path, dimensions), what the models see along the path
 
 
-def impulse(response: Response, rows: Matrix, step: float, count: int) -> Matrix:
-    """`H_m`, (count, rows, inputs): what f~ at sample k, held for half a step on either side, adds at sample k + m.
+def by_band(body: Body, weights: Matrix) -> tuple[Matrix, Matrix]:
+    """`(l(m - mu), sigma(l))` of each output's contribution l, both `(times, rows, outputs)`, for `bound`.
 
-    rows: (rows, states) and direct term behind it, `[C D]`.
+    weights: (times, rows, path, inputs), what f~ at a sample of the path adds to a row.
     """
-    n = len(response.A)
-    both = np.zeros((n + response.B.shape[1],) * 2)
-    both[:n] = np.hstack([response.A, response.B]) * (step / 2)
-    both = expm(both)
-    A, B, C, D = both[:n, :n], both[:n, n:], rows[:, :n], rows[:, n:]
-    halves = np.empty((2 * count - 1, len(rows), B.shape[1]))
-    for k in range(len(halves)):
-        halves[k] = C @ B
-        B = A @ B
-    H = np.empty((count, *halves.shape[1:]))
-    H[0] = halves[0] + D
-    H[1:] = halves[1::2] + halves[2::2]
-    return H
-
-
-def weights(H: Matrix, at: Samples, path: int) -> Matrix:
-    """`L[t, row, k] = H[t - k, row]`, zero for later samples: weights of the path's samples at output samples `at`."""
-    lag = np.asarray(at)[:, None] - np.arange(path)[None]
-    L = np.where((lag >= 0)[:, :, None], H[np.clip(lag, 0, len(H) - 1)], 0.0)
-    return np.ascontiguousarray(np.swapaxes(L, 1, 2))
-
-
-def by_band(body: Body, H: Matrix, at: Samples) -> tuple[Matrix, Matrix]:
-    """`(l(m - mu), sigma(l))` of each output's contribution l, both `(times, rows, outputs)`, for `bound`."""
-    moved, sigma = np.empty((2, len(at), H.shape[1], len(body.beta)))
+    moved, sigma = np.empty((2, *weights.shape[:2], len(body.beta)))
     shift = _mean(body.companion, body.x) - _mean(body.model, body.x)
     for i in range(len(body.beta)):
-        L = weights(H[:, :, body.columns.start + i], at, len(body.x))
+        L = np.ascontiguousarray(weights[..., body.columns.start + i])
         S = _covariance(body.companion, i, body.x)
         sigma[..., i] = np.sqrt(np.maximum(np.sum((L @ S) * L, axis=-1), 0.0))
         moved[..., i] = L @ shift[:, i]
@@ -87,27 +60,27 @@ def bound(beta: Matrix, moved: Matrix, sigma: Matrix) -> Matrix:
 
 
 def by_recovery(
-    body: Body, H: Matrix, at: Samples, every: int, band: Matrix, progress: Callable[[], None] = lambda: None
+    body: Body, weights: Matrix, every: int, band: Matrix, progress: Callable[[], None] = lambda: None
 ) -> Matrix:
     """`(2, times, rows, outputs)` as `by_band`, by optimal recovery: a conic program at every so many of the times.
 
     In between, `l_t = (1 - w) l_a + w l_b + delta` with the programs' times a and b, and delta has a band. Never above
     `band`, that of `by_band`, which stays where an output contributes next to nothing. Raises as `gp.recovery.recover`.
     """
-    found, path = band.copy(), len(body.x)
-    anchors = sorted({*range(0, len(at), every), len(at) - 1})
+    found, times = band.copy(), len(weights)
+    anchors = sorted({*range(0, times, every), times - 1})
     n, total = int(body.model.n), band.sum(-1).max((0, 1))
     mu, shift = _mean(body.model, body.x), _mean(body.companion, body.x) - _mean(body.model, body.x)
-    blend = np.stack([np.interp(np.arange(len(at)), anchors, unit) for unit in np.eye(len(anchors))], axis=1)
+    blend = np.stack([np.interp(np.arange(times), anchors, unit) for unit in np.eye(len(anchors))], axis=1)
     for i in range(len(body.beta)):
-        matters = [row for row in range(H.shape[1]) if band[..., row, i].max() > NEGLIGIBLE * total[row]]
+        matters = [row for row in range(weights.shape[1]) if band[..., row, i].max() > NEGLIGIBLE * total[row]]
         if not matters:
             continue
         X, Y = np.asarray(body.model.X)[:n], np.asarray(body.model.Y)[:n]
         allowed = recovery.consistent(X, Y, body.model.hyper, i, body.norm, float(body.eps[i]))
         offset = float(np.asarray(body.model.hyper.offset)[i])
         K, C = allowed.correlations(body.x), correlation(body.model, i, body.x, body.x)
-        L, S = weights(H[:, :, body.columns.start + i], at, path), _covariance(body.companion, i, body.x)
+        L, S = weights[..., body.columns.start + i], _covariance(body.companion, i, body.x)
         for row in matters:
             here = L[anchors, row]
             k, square, centre = K @ here.T, np.sum((here @ C) * here, axis=1), here @ (mu[:, i] - offset)
@@ -146,3 +119,25 @@ def correlation(model: gp.GP, i: int, x: Matrix, z: Matrix) -> Matrix:
     """Correlations of output i between samples x and z, (x, z)."""
     ls = np.asarray(model.hyper.lengthscales)[i]
     return likelihood.correlation(model.hyper.kernel, x / ls, z / ls)
+
+
+def gradient(model: gp.GP, i: int, x: Matrix) -> Matrix:
+    """`(times, dimensions)`, of output i's mean at points x."""
+    n, s = int(model.n), float(np.asarray(model.hyper.signal_variance)[i])
+    return s * np.einsum("tnd,n->td", _slope(model, i, x), np.asarray(model.alpha)[i, :n])
+
+
+def gradient_covariance(model: gp.GP, i: int, x: Matrix) -> Matrix:
+    """`d d' k_n(x, x')` at `x' = x`, (times, dimensions, dimensions): of output i's gradient, for the paper's kernel.
+
+    `s diag(1 / l^2) - V^T V`, `V = W s dk(X, x)`.
+    """
+    n, s = int(model.n), float(np.asarray(model.hyper.signal_variance)[i])
+    V = np.asarray(model.W)[i, :n, :n] @ (s * _slope(model, i, x))
+    return s * np.diag(np.asarray(model.hyper.lengthscales)[i] ** -2.0) - np.swapaxes(V, 1, 2) @ V
+
+
+def _slope(model: gp.GP, i: int, x: Matrix) -> Matrix:
+    """`dk(x, X) / dx`, k the squared exponential correlation; (times, n, dimensions)."""
+    X, ls = np.asarray(model.X)[: int(model.n)], np.asarray(model.hyper.lengthscales)[i]
+    return -correlation(model, i, x, X)[:, :, None] * (x[:, None] - X) / ls**2

@@ -1,103 +1,95 @@
-"""How far the run's states may be from those the path was taken at, and what that adds: the fixed point of S_X.
+"""How far the unknown of a run may be from that along its twin's path, and what that adds.
 
-The unknown is bounded along one path; the run takes another, near it, because of the unknown. With `|f~(q) - f~(q')|
-<= K |phi(q) - phi(q')|`, K from the norm and phi the features in length-scales, and Gamma the peak gains from f~ to
-phi, the distances nu obey `nu <= Gamma (rho + K nu)`. Where `Gamma K` contracts, that is a bound; else there is none.
-Derivation: `docs/certificate.md`, "The tube".
+The unknown is bounded along one path; the run takes another, near it, because of the unknown. To first order in how
+far it is, `f~_i(run) - f~_i(twin) = grad f~_i . dphi`, phi what the models see, dphi what f~ brought about before; the
+slope is known to norm and data. So the differences obey `d(t) <= sum_(s < t) M(t, s) (rho(s) + d(s))`, which is solved
+forward in time. Derivation: `docs/certificate.md`, "The tube".
 """
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from colift import gp
+from colift.certify import reach
 from colift.certify.reach import Body
-from colift.model import Team
-from colift.response import Response
 
 Matrix = NDArray[np.float64]
 
 
+ITERATIONS = 100  # of a cell's own part, which is small
+FAR = 1e3  # times what f~ is on the path: where differences are beyond, no tube is said to hold the run
+
+
 @dataclasses.dataclass(frozen=True)
 class Tube:
-    """The tube around the path: distances in features, and what f~ may differ by for it."""
+    """The tube around the path: what f~ of any run in it may differ by from that of the path."""
 
-    distance: Matrix  # (bodies,), length-scales
-    difference: Matrix  # (inputs,), of f~ between path and run, N and N m
-    contraction: float  # spectral radius of Gamma K, below 1
+    difference: Matrix  # (path, inputs), N and N m
+    contraction: float  # spectral radius of `sup_t sum_s M(t, s)`: how strongly the unknown feeds itself
 
 
-def features(response: Response, team: Team, lengthscales: Sequence[Matrix]) -> list[Matrix]:
-    """`dphi / d state` of each body in length-scales: the payload's 20 features, then each agent's, in team order.
+def seen(x: Matrix, L: Matrix) -> Matrix:
+    """`(times, features, ...)` of the payload's models, from `(times, 18, ...)` of p, v, R and omega along x.
 
-    Both speeds count as the vector they are the norm of, which is never less. lengthscales: the smallest of any output,
-    `(features,)` for each body.
+    The two speeds they see besides are taken to first order: `d|v| = v . dv / |v|`.
     """
-    shifts, first = [], 0
-    for size, group in zip(team.sizes, team.groups, strict=True):
-        n = 12 + 2 * group.tree.joints
-        shifts += [response.basis[first + k * n : first + (k + 1) * n] for k in range(size)]
-        first += size * n
-    load = response.basis[first : first + 12]
-    turn = _turned()
-    p, theta, omega, v = load[3:6], load[:3], load[6:9], load[9:12]
-    rows = [np.vstack([p, v, turn @ theta, omega, v, omega])]
-    scale = [np.r_[lengthscales[0][:18], np.full(3, lengthscales[0][18]), np.full(3, lengthscales[0][19])]]
-    for shift, ls in zip(shifts, lengthscales[1:], strict=True):
-        rows.append(np.vstack([turn @ shift[:3], shift[3:]]))
-        scale.append(ls)
-    return [row / ls[:, None] for row, ls in zip(rows, scale, strict=True)]
+    speeds = []
+    for part in (slice(3, 6), slice(15, 18)):
+        v = x[:, part]
+        along = v / np.maximum(np.linalg.norm(v, axis=1), 1e-9)[:, None]
+        speeds.append(np.einsum("td,td...->t...", along, L[:, part])[:, None])
+    return np.concatenate([L, *speeds], axis=1)
 
 
-def _turned() -> Matrix:
-    """`d vec(R) / d theta` at `R = I`, row by row of R; any R leaves its size."""
-    E = np.zeros((9, 3))
-    for k, (i, j) in enumerate(((1, 2), (2, 0), (0, 1))):
-        E[3 * i + j, k], E[3 * j + i, k] = -1.0, 1.0
-    return E
+def slopes(body: Body, i: int, x: Matrix) -> tuple[Matrix, Matrix]:
+    """`(S, g)`: `|grad f~_i . dphi| <= |S dphi| + |g . dphi|` at points x, (times, features, features) and without one.
 
-
-def roughness(body: Body) -> Matrix:
-    """`K = beta sqrt(signal_variance)`: `|f~(x) - f~(x')| <= K |x - x'|` in length-scales, for each output.
-
-    `k(x, x) - 2 k(x, x') + k(x', x') <= signal_variance |x - x'|^2`, and a posterior covariance is below the prior's;
-    the companion's mean m differs from the compensated one mu by a function whose norm is added to beta.
+    `S^T S = beta^2 d d' k_n`, the posterior covariance of the gradient; g the gradient of `m - mu`.
     """
-    s = np.asarray(body.model.hyper.signal_variance)
-    return (body.beta + _between(body)) * np.sqrt(s)
+    covariance = reach.gradient_covariance(body.companion, i, x)
+    w, V = np.linalg.eigh(covariance)
+    S = body.beta[i] * np.sqrt(np.maximum(w, 0))[:, :, None] * np.swapaxes(V, 1, 2)
+    return S, reach.gradient(body.companion, i, x) - reach.gradient(body.model, i, x)
 
 
-def _between(body: Body) -> Matrix:
-    """Norm of the companion's mean less the compensated one, an upper bound in the prior's space."""
-    difference = dataclasses.replace(body.companion, alpha=body.companion.alpha - _aligned(body))
-    return np.asarray(gp.norm(difference))
+def feeding(body: Body, x: Matrix, L: Matrix, cells: NDArray[np.intp]) -> Matrix:
+    """`M`, (times, outputs, cells, inputs): `sum_(k in cell) |grad f~_i . dphi(t) / df~_j(k)|`.
 
-
-def _aligned(body: Body) -> Matrix:
-    n, capacity = int(body.model.n), body.companion.capacity
-    alpha = np.asarray(body.model.alpha)[:, :n]
-    return np.pad(alpha, ((0, 0), (0, capacity - n)))
-
-
-def fixed_point(gains: Matrix, rho: Matrix, rough: Matrix, bodies: Sequence[slice]) -> Tube:
-    """`nu = Gamma (rho + K nu)`.
-
-    gains: Gamma, (bodies, inputs), `integral |dphi_b e^{A s} B_j| ds`; rho: (inputs,), the greatest `|f~|` on the path;
-    rough: K, (inputs,). Raises ValueError where it does not contract: then no tube holds the run.
+    x: (times, features); L: (times, features, path, inputs), what f~ at a sample of the path adds to a feature; cells:
+    where each begins.
     """
-    owner = np.zeros((len(rho), len(bodies)))
-    for b, columns in enumerate(bodies):
-        owner[columns, b] = 1.0
-    loop = gains @ (rough[:, None] * owner)
-    contraction = float(np.abs(np.linalg.eigvals(loop)).max())
-    if contraction >= 1:
-        raise ValueError(
-            f"no tube holds the run: the unknown may vary so fast that it feeds itself, by a factor of "
-            f"{contraction:.3g} (must be below 1); state a smaller norm or longer length-scales, or raise the gains"
-        )
-    nu = np.linalg.solve(np.eye(len(loop)) - loop, gains @ rho)
-    return Tube(distance=np.asarray(nu, float), difference=rough * (owner @ nu), contraction=contraction)
+    out = np.empty((len(x), len(body.beta), len(cells), L.shape[3]))
+    flat = L.reshape(*L.shape[:2], -1)
+    for i in range(len(body.beta)):
+        S, g = slopes(body, i, x)
+        each = np.sqrt(((S @ flat) ** 2).sum(1)) + np.abs((g[:, None] @ flat)[:, 0])
+        out[:, i] = np.add.reduceat(each.reshape(len(x), *L.shape[2:]), cells, axis=1)
+    return out
+
+
+def solve(M: Matrix, rho: Matrix) -> Tube:
+    """`d(t) = sum_(s <= t) M(t, s) (rho(s) + d(s))`; M: (times, inputs, times, inputs), cell s ends at time s.
+
+    rho: (times, inputs), the greatest `|f~|` of a cell. Difference: of a cell, the greater of those at its ends.
+    Raises ValueError where it grows beyond bounds: then no tube holds the run.
+    """
+    contraction = float(np.abs(np.linalg.eigvals(M.sum(2).max(0))).max())
+    d = np.zeros_like(rho)  # of a cell
+    at = np.zeros(rho.shape[1])  # at its start
+    for t in range(len(rho)):
+        known = np.einsum("isj,sj->i", M[t, :, :t], rho[:t] + d[:t]) + M[t, :, t] @ rho[t]
+        end = known
+        for _ in range(ITERATIONS):
+            before, end = end, known + M[t, :, t] @ np.maximum(at, end)
+            if np.allclose(before, end, rtol=1e-9, atol=0):
+                break
+        if not (end <= FAR * rho.max()).all():
+            raise ValueError(
+                f"no tube holds the run: the unknown may vary so fast that it feeds itself, by a factor of "
+                f"{contraction:.3g}; state a smaller norm or longer length-scales, or raise the gains"
+            )
+        d[t], at = np.maximum(at, end), end
+    return Tube(difference=d, contraction=contraction)

@@ -1,0 +1,179 @@
+"""The loop along a flight: against flights with the unknown and with noise, and its sums against the recursion."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from colift import gp, simulate
+from colift.certify import certificate, variation
+from tests.certified_flights import LAST, late, made
+from tests.paper_flights import with_world
+
+seeds = st.integers(0, 2**31)
+
+
+# Against flights ------------------------------------------------------------------------------------------------------
+
+
+def test_under_its_own_oracles_at_their_times_a_flight_is_the_flight():
+    """Without noise, and without a school; labels alone differ, which nobody hears."""
+    of = made()
+    plan = dataclasses.replace(of.plan, updates=())
+    rows, loops = variation.flown(plan, certificate.schedule(of.plan, of.flight), [0, 1000])
+    for name in ("e_p", "e_omega", "u", "lam", "f_L_hat", "f_x_hat", "tau_r"):
+        np.testing.assert_array_equal(getattr(rows, name), getattr(of.flight.rows, name), err_msg=name)
+    assert [int(loop.tick) for loop in loops] == [0, 1000]
+
+
+def unknown(of: object, rows: simulate.Row) -> np.ndarray:
+    """`f~` at the states of a flight: the drawn forces less the last oracle's means, (ticks, inputs)."""
+    (function,), oracle = of.plan.world.sources.functions, of.flight.oracle
+    truth, means = function.oracle, jax.jit(jax.vmap(gp.mean, (None, 0)))
+    x, (agents,) = simulate.inputs(of.plan.world.team, rows)
+    first = oracle.features.payload(jnp.asarray(x))
+    parts = [means(truth.payload, first) - means(oracle.payload, first)]
+    for j in range(agents.shape[1]):
+        f, model = (jax.tree.map(lambda leaf, j=j: leaf[j], one.agents[0]) for one in (truth, oracle))
+        parts.append(means(f, jnp.asarray(agents[:, j])) - means(model, jnp.asarray(agents[:, j])))
+    return np.concatenate(parts, axis=1)
+
+
+@pytest.mark.parametrize("flight", [made, late])
+def test_what_the_unknown_forces_bring_about_is_their_sum_with_the_weights(flight):
+    """Of all errors, through the updates: sampling, estimator and means with their slopes are in it."""
+    of = flight()
+    loop, names = of.loop, ("e_p", "e_v", "e_R", "e_omega", "u")
+    at = np.arange(10, len(loop.nodes), 7)
+    told = np.einsum(
+        "trki,ki->tr", variation.weights(loop, loop.of(*names), at), unknown(of, of.flight.rows)[loop.nodes]
+    )
+    ticks = loop.nodes[at]
+    found = [np.asarray(getattr(of.flight.rows, name) - getattr(loop.rows, name))[ticks] for name in names]
+    for one, part in zip(found, np.split(told, np.cumsum([x.shape[1] for x in found])[:-1], axis=1), strict=True):
+        assert np.abs(one - part).max() < 0.03 * np.abs(one).max()
+        after = loop.t[at] > LAST + 1.5
+        assert not after.any() or np.abs(one - part)[after].max() < 0.02 * np.abs(one[after]).max()
+
+
+def test_nothing_else_that_a_loop_remembers_moves_a_command_or_the_plant():
+    of = made()
+    plan = dataclasses.replace(certificate.under(of.plan, of.flight.oracle), duration=8.0)
+    nodes = np.array([1500])
+    rows, (loop,) = variation.flown(plan, certificate.schedule(of.plan, of.flight), nodes)
+    setup = dataclasses.replace(plan.setup, pilot=dataclasses.replace(plan.pilot, oracle=of.flight.oracle))
+    rng = np.random.default_rng(0)
+    other = jax.tree.map(lambda x: x + rng.normal(size=x.shape) if x.dtype == float else x, loop)
+    other = variation._with(other, variation._moving(loop))
+    warm = {"silent": loop.memory.estimator.silent, "warm": loop.memory.estimator.warm}
+    memory = dataclasses.replace(other.memory, estimator=dataclasses.replace(other.memory.estimator, **warm))
+    memory = dataclasses.replace(memory, ticks=loop.memory.ticks, recorder=loop.memory.recorder)
+    other = dataclasses.replace(other, memory=memory)
+    quiet = jax.tree.map(jnp.zeros_like, plan.world.draw(jax.random.key(0), simulate.chunk(plan)))
+    (a, seen), (b, same) = (simulate.advance(setup, one, quiet, jnp.asarray(3)) for one in (loop, other))
+    jax.tree.map(np.testing.assert_array_equal, variation._moving(a), variation._moving(b))
+    np.testing.assert_array_equal(seen.u, same.u)
+    assert not np.array_equal(a.memory.estimator.known, b.memory.estimator.known)
+    np.testing.assert_array_equal(seen.p[0], rows.p[1500])
+
+
+@pytest.mark.long
+def test_what_noise_brings_about_has_the_deviations_that_are_told():
+    """A flight in the twin's world with noisy sensors, beside the twin: the RMS over its second half."""
+    of = made()
+    noisy = dict.fromkeys(
+        ("position", "velocity", "attitude", "body_rate", "accelerometer", "joint"), jnp.asarray(1e-3)
+    )
+    sensors = dataclasses.replace(of.plan.world.sensors, **noisy)
+    schedule = certificate.schedule(of.plan, of.flight)
+    plan = with_world(certificate.under(of.plan, of.flight.oracle), sensors=sensors)
+    loop = variation.along(plan, schedule, noisy=True)
+    np.testing.assert_array_equal(loop.rows.p, of.loop.rows.p)
+    plan = dataclasses.replace(plan, pilot=dataclasses.replace(plan.pilot, oracle=of.flight.oracle))
+    flown = [simulate.fly_plan(dataclasses.replace(plan, seed=seed)).rows for seed in range(3)]
+    alone, _ = variation.flown(plan, [variation.Scheduled(0, of.flight.oracle)])
+    for name in certificate.ERRORS:
+        told = variation.deviations(loop, loop.of(name))[loop.t > 5]
+        seen = np.concatenate([np.asarray(getattr(rows, name) - getattr(alone, name))[rows.t > 5] for rows in flown])
+        ratio = np.sqrt((seen**2).mean() / (told**2).mean())
+        assert 0.8 < ratio < 1.25, name
+
+
+def test_a_twin_that_meets_a_limit_has_no_variation():
+    of = made()
+    plan = certificate.under(of.plan, of.flight.oracle)
+    near = dataclasses.replace(plan, limits=dataclasses.replace(plan.limits, distance=jnp.asarray(1e-4)))
+    with pytest.raises(variation.Ended, match=r"the twin ended at t = .* s: distance"):
+        variation.flown(near, certificate.schedule(of.plan, of.flight))
+
+
+# Against the recursion ------------------------------------------------------------------------------------------------
+
+
+def system(rng: np.random.Generator, nodes: int = 9, n: int = 5, m: int = 3, r: int = 4) -> variation.Variation:
+    """A random one, whose outputs are named a and b."""
+    A, B = rng.normal(size=(nodes - 1, n, n)) / n, rng.normal(size=(nodes - 1, 2, n, m))
+    half = rng.normal(size=(nodes - 1, n, n))
+    return variation.Variation(
+        rows=made().loop.rows,  # of which nothing is asked
+        nodes=np.arange(nodes),
+        A=A,
+        B=B,
+        N=half @ np.swapaxes(half, 1, 2),
+        C=rng.normal(size=(nodes, r, n)),
+        D=rng.normal(size=(nodes, r, m)),
+        N_y=rng.uniform(size=(nodes, r)),
+        outputs={"a": slice(0, 1), "b": slice(1, r)},
+        bodies=(slice(0, m),),
+    )
+
+
+@given(seeds)
+@settings(max_examples=12)
+def test_weights_are_what_the_recursion_gives(seed):
+    rng = np.random.default_rng(seed)
+    of, f = system(rng), rng.normal(size=(9, 3))
+    x, y = np.zeros(5), []
+    for k in range(9):
+        y.append(of.C[k] @ x + of.D[k] @ f[k])
+        if k < 8:
+            x = of.A[k] @ x + of.B[k, 0] @ f[k] + of.B[k, 1] @ f[k + 1]
+    at = np.sort(rng.choice(9, 4, replace=False))
+    L = variation.weights(of, of.of("b"), at)
+    np.testing.assert_allclose(np.einsum("trki,ki->tr", L, f), np.array(y)[at][:, 1:], atol=1e-12)
+
+
+@given(seeds)
+@settings(max_examples=12)
+def test_deviations_are_those_of_the_dense_covariance(seed):
+    of = system(np.random.default_rng(seed))
+    for k, told in enumerate(variation.deviations(of, of.of("a", "b"))):
+        total, onward = np.zeros((4, 4)), np.eye(5)
+        for j in reversed(range(k)):
+            total += of.C[k] @ onward @ of.N[j] @ onward.T @ of.C[k].T
+            onward = onward @ of.A[j]
+        np.testing.assert_allclose(told**2, np.diag(total) + of.N_y[k], rtol=1e-9)
+
+
+@given(seeds, st.integers(1, 12))
+@settings(max_examples=12)
+def test_a_stride_is_its_ticks_one_after_another(seed, ticks):
+    """With derivatives that go straight from one to the other, and an unknown that does."""
+    rng, n, m = np.random.default_rng(seed), 4, 2
+    first, last = rng.normal(size=(2, n, n + m + 3)) / n
+    A, B, N = variation._stride(first, last, ticks, n, m)
+    x0, f = rng.normal(size=n), rng.normal(size=(2, m))
+    x, P = x0, np.zeros((n, n))
+    for j in range(ticks):
+        J = (1 - j / ticks) * first + j / ticks * last
+        s = (j + 0.5) / ticks
+        x = J[:, :n] @ x + J[:, n : n + m] @ ((1 - s) * f[0] + s * f[1])
+        P = J[:, :n] @ P @ J[:, :n].T + J[:, n + m :] @ J[:, n + m :].T
+    np.testing.assert_allclose(A @ x0 + B[0] @ f[0] + B[1] @ f[1], x, atol=1e-12)
+    np.testing.assert_allclose(N, P, atol=1e-12)
