@@ -19,6 +19,7 @@ from jaxtyping import install_import_hook
 from xdist.scheduler import LoadFileScheduling
 
 os.environ.setdefault("MPLBACKEND", "Agg")
+gc.set_threshold(200_000, 100, 100)  # traces are many objects, nearly all of which stay
 
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 jax.config.update("jax_numpy_rank_promotion", "raise")

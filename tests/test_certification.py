@@ -18,14 +18,17 @@ from typer.testing import CliRunner
 
 from colift import __main__, certification, folder, look, results
 from colift.certify import certificate, interface
-from tests.certified_flights import NAMES, late, made, short
+from tests.certified_flights import NAMES, made, short
 
 
 def exceeded() -> certification.Certified:
-    """One flight whose errors are said to be beyond its radii, as no flight's have been since all is in them."""
-    of = late()
-    observed = {error: 3 * radius for error, radius in of.certificate.radii["energy"].tube.items()}
-    return dataclasses.replace(of, certificate=dataclasses.replace(of.certificate, observed=observed))
+    """The flight by its energy bound, with errors that are said to be beyond it."""
+    of = made()
+    energy = of.certificate.radii["energy"]
+    observed = {error: 3 * radius for error, radius in energy.tube.items()}
+    return dataclasses.replace(
+        of, certificate=dataclasses.replace(of.certificate, radii={"energy": energy}, observed=observed)
+    )
 
 
 LAYER = interface.Interface(np.ones(2), 1.0, np.ones((2, 4)), np.ones(2), np.ones((2, 4)))

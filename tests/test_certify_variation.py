@@ -45,7 +45,7 @@ def unknown(of: object, rows: simulate.Row) -> np.ndarray:
     return np.concatenate(parts, axis=1)
 
 
-@pytest.mark.parametrize("flight", [made, late])
+@pytest.mark.parametrize("flight", [made, pytest.param(late, marks=pytest.mark.long)])
 def test_what_the_unknown_forces_bring_about_is_their_sum_with_the_weights(flight):
     """Of all errors, through the updates: sampling, estimator and means with their slopes are in it."""
     of = flight()
