@@ -136,3 +136,11 @@ def test_what_grows_beyond_bounds_has_no_tube_and_the_error_says_so():
     M, rho = causal(np.random.default_rng(0), 8, 5.0)
     with pytest.raises(ValueError, match=r"no tube holds the run: .* by a factor of \d+"):
         tube.solve(M, rho)
+
+
+@pytest.mark.parametrize("own", [0.99, 1.0, 1.02])
+def test_a_cell_that_feeds_itself_as_much_as_it_is_has_no_tube(own):
+    with pytest.raises(ValueError, match="no tube holds the run"):
+        tube.solve(np.full((1, 1, 1, 1), own), np.ones((1, 1)))
+    found = tube.solve(np.full((1, 1, 1, 1), 0.5), np.ones((1, 1)))
+    np.testing.assert_allclose(found.difference, 1.0, rtol=1e-8)

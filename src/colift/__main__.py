@@ -919,16 +919,22 @@ def _radii_table(found: dict[str, Any]) -> Any:
     table.add_column("e_p,\nx seen", justify="right", no_wrap=True)
     table.add_column("is\n", no_wrap=True)
     for row in ("observed", "floor"):
-        table.add_row(row, "", *(tables.cell(found[row][e], scale, ".3g") for e, (scale, _) in SCALES.items()), "", "")
+        table.add_row(row, "", *(_size(found[row][e], scale) for e, (scale, _) in SCALES.items()), "", "")
     broken = {(each["bound"], each["of"]) for each in found["exceeded"] if each["flight"] == "this"}
     for bound, radii in found["radii"].items():
         for where, label in WHERE.items():
             if _has_radius(radii[where]):
                 status = "exceeded" if (bound, where) in broken else radii["status"]
-                cells = [tables.cell(radii[where][e], scale, ".3g") for e, (scale, _) in SCALES.items()]
+                cells = [_size(radii[where][e], scale) for e, (scale, _) in SCALES.items()]
                 ratio = tables.cell(radii["tightness"][where]["e_p"], 1.0, ".2g")
                 table.add_row(bound, label, *cells, ratio, status)
     return table
+
+
+def _size(value: float | None, scale: float) -> str:
+    """With three digits, and all before the point: an exponent would take room from the columns beside it."""
+    whole = value is not None and 1e3 <= value * scale < 1e5
+    return tables.cell(value, scale, ".0f" if whole else ".3g")
 
 
 def _assumes(names: dict[str, list[str]]) -> list[str]:

@@ -67,7 +67,7 @@ def _reasoning(ax: Axes, slack: Mapping[str, float]) -> None:
     ax.set_xscale("log")
     ax.xaxis.set_minor_locator(NullLocator())
     ax.set_yticks(place, causes)
-    ax.set(xlabel=r"greatest $\Vert e_p\Vert$ [mm]", xlim=(0.5 * min(sizes), 30 * max(sizes)))
+    ax.set(xlabel=r"greatest $\Vert e_p\Vert$ [mm]", xlim=(0.5 * min(sizes), 100 * max(sizes)))
     ax.grid(axis="y", visible=False)
     for y, size in zip(place, sizes, strict=True):
         ax.text(size * 1.2, y, f"{size:.3g}" if size < 1e4 else f"{size / 1e3:.3g} m", va="center", fontsize=7)

@@ -27,11 +27,12 @@ def word(names: Collection[str]) -> str:
 def of_certificate(plan: simulate.Plan, limited: bool, whole: bool) -> tuple[str, ...]:
     """What the radii of a flight rest on beside the bound of the prediction error.
 
-    The loop is linearized along its twin (always assumed). limited: a thrust of some run in the tube may be cut off;
-    whole: errors are taken over a whole round of the reference.
+    The loop is linearized along its twin (always assumed); what noise adds to the tube is in no radius. limited: a
+    thrust of some run in the tube may be cut off; whole: errors are taken over a whole round of the reference.
     """
     return (
         FIRST_ORDER,
+        *([NOISE] if noisy(plan.world.sensors) else []),
         *([SATURATION] if limited else []),
         *([] if whole else [ROUND]),
         *_invariance(plan),

@@ -2,7 +2,7 @@
 
 The unknown is bounded along one path; the run takes another, near it, because of the unknown. To first order in how
 far it is, `f~_i(run) - f~_i(twin) = grad f~_i . dphi`, phi what the models see, dphi what f~ brought about before; the
-slope is known to norm and data. So the differences obey `d(t) <= sum_(s < t) M(t, s) (rho(s) + d(s))`, which is solved
+slope is known to norm and data. So the differences obey `d(t) <= sum_(s <= t) M(t, s) (rho(s) + d(s))`, which is solved
 forward in time. Derivation: `docs/certificate.md`, "The tube".
 """
 
@@ -84,9 +84,9 @@ def solve(M: Matrix, rho: Matrix) -> Tube:
         end = known
         for _ in range(ITERATIONS):
             before, end = end, known + M[t, :, t] @ np.maximum(at, end)
-            if np.allclose(before, end, rtol=1e-9, atol=0):
+            if np.allclose(before, end, rtol=1e-9, atol=0) and (end <= FAR * rho.max()).all():
                 break
-        if not (end <= FAR * rho.max()).all():
+        else:
             raise ValueError(
                 f"no tube holds the run: the unknown may vary so fast that it feeds itself, by a factor of "
                 f"{contraction:.3g}; state a smaller norm or longer length-scales, or raise the gains"

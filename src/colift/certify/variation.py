@@ -115,7 +115,7 @@ def along(plan: simulate.Plan, schedule: Sequence[Scheduled], noisy: bool) -> Va
     noisy: whether covariances are asked for; else they are zero. Raises as `flown`.
     """
     ticks, stride = round(plan.duration / plan.dt), max(1, round(STEP / plan.dt))
-    nodes = np.array(sorted({*range(0, ticks, stride), *(one.first for one in schedule)}))
+    nodes = np.array(sorted({*range(0, ticks, stride), ticks - 1, *(one.first for one in schedule)}))
     rows, loops = flown(plan, schedule, nodes)
     derivative = _Derivative(plan, loops[0], noisy)
     setups = [dataclasses.replace(plan.setup, pilot=dataclasses.replace(plan.pilot, oracle=o.oracle)) for o in schedule]
