@@ -113,10 +113,7 @@ def test_every_body_s_unknown_is_within_its_band_along_the_path(key):
     held = certificate.bodies(all_of.plan, all_of.flight, rows, path, "energy")
     (unknown,), oracle = all_of.plan.world.sources.functions, all_of.flight.oracle
     function = unknown.oracle
-    pairs = [(function.payload, oracle.payload)]
-    pairs += [
-        jax.tree.map(lambda x, j=j: x[j], (function.agents[0], oracle.agents[0])) for j in range(len(light.NAMES))
-    ]
+    pairs = zip(models(function), models(oracle), strict=True)
     means = jax.vmap(gp.mean, (None, 0))
     for body, x, (f, model) in zip(held, seen(all_of.plan, rows), pairs, strict=True):
         np.testing.assert_allclose(body.x, x[path], atol=1e-12)
@@ -131,10 +128,7 @@ def test_what_is_unknown_on_the_run_is_as_near_that_of_the_twin_s_path_as_the_tu
     assert 0 < found.contraction < 1
     path = all_of.loop.nodes
     (unknown,), oracle = all_of.plan.world.sources.functions, all_of.flight.oracle
-    pairs = [(unknown.oracle.payload, oracle.payload)]
-    pairs += [
-        jax.tree.map(lambda x, j=j: x[j], (unknown.oracle.agents[0], oracle.agents[0])) for j in range(len(light.NAMES))
-    ]
+    pairs = zip(models(unknown.oracle), models(oracle), strict=True)
     means, apart = jax.vmap(gp.mean, (None, 0)), []
     run, twin = (seen(all_of.plan, rows) for rows in (all_of.flight.rows, all_of.loop.rows))
     for a, b, (f, model) in zip(run, twin, pairs, strict=True):
@@ -284,10 +278,7 @@ def test_the_adversary_keeps_norm_and_labels_and_comes_near_the_bound_where_it_i
     loop = all_of.loop
     unknown = adversary.adversary(all_of.plan, all_of.flight, loop, found, all_of.flight.rows)
     held = certificate.bodies(all_of.plan, all_of.flight, all_of.flight.rows, loop.nodes, "energy")
-    functions = [
-        unknown.payload,
-        *(jax.tree.map(lambda x, j=j: x[j], unknown.agents[0]) for j in range(len(light.NAMES))),
-    ]
+    functions = models(unknown)
     means, left_over = jax.vmap(gp.mean, (None, 0)), []
     for body, f in zip(held, functions, strict=True):
         n = int(body.model.n)

@@ -121,6 +121,7 @@ def system(rng: np.random.Generator, nodes: int = 9, n: int = 5, m: int = 3, r: 
     A, B = rng.normal(size=(nodes - 1, n, n)) / n, rng.normal(size=(nodes - 1, 2, n, m))
     half = rng.normal(size=(nodes - 1, n, n))
     return variation.Variation(
+        schedule=(),
         rows=made().loop.rows,  # of which nothing is asked
         nodes=np.arange(nodes),
         A=A,

@@ -58,11 +58,11 @@ def challenge(made: Certified, rounds: int = 2, progress: Callable[[str], None] 
 
     Each round makes them worst along the path of the round before. Raises as `certify`.
     """
-    current, oracles = made, certificate.schedule(made.plan, made.flight)
+    current = made
     for k in range(rounds):
         progress(f"adversary, round {k + 1}")
         unknown = adversary.adversary(made.plan, made.flight, made.loop, current.certificate, current.flight.rows)
-        rows, _ = variation.flown(certificate.under(made.plan, unknown), oracles)
+        rows, _ = variation.flown(certificate.under(made.plan, unknown), made.loop.schedule)
         flight = dataclasses.replace(made.flight, rows=rows)
         found = certificate.certify(made.plan, flight, made.loop, ("energy", "recovery"))
         current = dataclasses.replace(made, flight=flight, certificate=found)

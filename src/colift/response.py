@@ -39,10 +39,6 @@ class Response:
         first = sum(OUTPUTS[name] for name in names[: names.index(output)])
         return slice(first, first + OUTPUTS[output])
 
-    def output(self, *names: str) -> np.ndarray:
-        """`[C D]` of some outputs, one below the other: their rows by states, then inputs."""
-        return np.concatenate([np.hstack([self.C[self.rows(name)], self.D[self.rows(name)]]) for name in names])
-
 
 def flatten(f: Residual) -> Float[Array, " inputs"]:
     """A residual as a row: the payload's wrench, then `(f_x, f_w, f_r)` of each agent, in team order."""

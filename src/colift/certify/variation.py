@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from colift import interrupt, learn, limits, native, response, simulate
-from colift.model import State, flat_agent
+from colift.model import State, flat_agent, flat_payload
 from colift.pytree import pytree
 
 Matrix = NDArray[np.float64]
@@ -50,6 +50,7 @@ class Scheduled:
 class Variation:
     """The deviation of runs from a twin, to first order; see the module."""
 
+    schedule: tuple[Scheduled, ...]  # the oracles that fly, the twin's as the flight's
     rows: simulate.Row  # the twin's
     nodes: NDArray[np.intp]  # ticks
     A: Matrix  # (nodes - 1, states, states)
@@ -131,6 +132,7 @@ def along(plan: simulate.Plan, schedule: Sequence[Scheduled], noisy: bool) -> Va
     A, B, N = map(np.stack, zip(*strides, strict=True))
     out = np.stack([j[n:] for j in J])
     return Variation(
+        schedule=tuple(schedule),
         rows=rows,
         nodes=nodes,
         A=A,
@@ -231,8 +233,7 @@ def _outputs(setup: simulate.Setup, loop: simulate.Loop, noise: Any) -> tuple[si
     """The loop a tick later, and this tick's outputs: errors, thrusts, and what the maps of every body are of."""
     z = loop.world.z
     then, row = simulate.tick(setup, loop, noise)
-    q = z.payload
-    bodies = {"payload": jnp.concatenate([q.p, q.v, q.R.reshape(-1), q.omega])}
+    bodies = {"payload": flat_payload(z.payload, jnp.zeros(6))[:18]}
     agents = [x for group in z.agents for x in jax.vmap(flat_agent)(group)]
     bodies |= {f"agent {j}": x for j, x in enumerate(agents)}
     errors = {"e_p": row.e_p, "e_v": row.e_v, "e_R": row.e_R, "e_omega": row.e_omega, "u": row.u}
