@@ -35,9 +35,8 @@ def flight(seed: int, shape: flights.Shape = SHAPE, **rows: np.ndarray) -> simul
     beta = [rng.uniform(1, 5, (n, 6 + joints)) for n, joints, _ in shape.groups]
     oracle = paper.plan("C1").pilot.oracle
     bands = band.Bands(companion=oracle, payload=jnp.arange(6.0), agents=tuple(jnp.asarray(b) for b in beta))
-    return simulate.Flight(
-        rows=made, sigma=flights.sigma(rng, shape), updates=(), stopped="", oracle=oracle, bands=bands, wall={}
-    )
+    held = simulate.Held(first=0, oracle=oracle, bands=bands)
+    return simulate.Flight(rows=made, sigma=flights.sigma(rng, shape), updates=(), stopped="", held=(held,), wall={})
 
 
 def wrench(lam: np.ndarray, R: np.ndarray) -> np.ndarray:

@@ -26,7 +26,7 @@ def test_under_its_own_oracles_at_their_times_a_flight_is_the_flight():
     """Without noise, and without a school; labels alone differ, which nobody hears."""
     of = made()
     plan = dataclasses.replace(of.plan, updates=())
-    rows, loops = variation.flown(plan, certificate.schedule(of.plan, of.flight), [0, 1000])
+    rows, loops = variation.flown(plan, of.flight.held, [0, 1000])
     for name in ("e_p", "e_omega", "u", "lam", "f_L_hat", "f_x_hat", "tau_r"):
         np.testing.assert_array_equal(getattr(rows, name), getattr(of.flight.rows, name), err_msg=name)
     assert [int(loop.tick) for loop in loops] == [0, 1000]
@@ -66,7 +66,7 @@ def test_nothing_else_that_a_loop_remembers_moves_a_command_or_the_plant():
     of = made()
     plan = dataclasses.replace(certificate.under(of.plan, of.flight.oracle), duration=8.0)
     nodes = np.array([1500])
-    rows, (loop,) = variation.flown(plan, certificate.schedule(of.plan, of.flight), nodes)
+    rows, (loop,) = variation.flown(plan, of.flight.held, nodes)
     setup = dataclasses.replace(plan.setup, pilot=dataclasses.replace(plan.pilot, oracle=of.flight.oracle))
     rng = np.random.default_rng(0)
     other = jax.tree.map(lambda x: x + rng.normal(size=x.shape) if x.dtype == float else x, loop)
@@ -91,13 +91,13 @@ def test_what_noise_brings_about_has_the_deviations_that_are_told():
         ("position", "velocity", "attitude", "body_rate", "accelerometer", "joint"), jnp.asarray(1e-3)
     )
     sensors = dataclasses.replace(of.plan.world.sensors, **noisy)
-    schedule = certificate.schedule(of.plan, of.flight)
+    schedule = of.flight.held
     plan = with_world(certificate.under(of.plan, of.flight.oracle), sensors=sensors)
     loop = variation.along(plan, schedule, noisy=True)
     np.testing.assert_array_equal(loop.rows.p, of.loop.rows.p)
     plan = dataclasses.replace(plan, pilot=dataclasses.replace(plan.pilot, oracle=of.flight.oracle))
     flown = [simulate.fly_plan(dataclasses.replace(plan, seed=seed)).rows for seed in range(3)]
-    alone, _ = variation.flown(plan, [variation.Scheduled(0, of.flight.oracle)])
+    alone, _ = variation.flown(plan, [dataclasses.replace(of.flight.held[-1], first=0)])
     for name in certificate.ERRORS:
         told = variation.deviations(loop, loop.of(name))[loop.t > 5]
         seen = np.concatenate([np.asarray(getattr(rows, name) - getattr(alone, name))[rows.t > 5] for rows in flown])
@@ -110,7 +110,7 @@ def test_a_twin_that_meets_a_limit_has_no_variation():
     plan = certificate.under(of.plan, of.flight.oracle)
     near = dataclasses.replace(plan, limits=dataclasses.replace(plan.limits, distance=jnp.asarray(1e-4)))
     with pytest.raises(variation.Ended, match=r"the twin ended at t = .* s: distance"):
-        variation.flown(near, certificate.schedule(of.plan, of.flight))
+        variation.flown(near, of.flight.held)
 
 
 # Against the recursion ------------------------------------------------------------------------------------------------

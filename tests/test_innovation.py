@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from colift import gp, innovation, learn, scenario, simulate, study
+from colift import control, fly, gp, innovation, learn, scenario, simulate, study
 from colift.estimate import Estimate, Filters, Labelled
-from colift.model import Clock, PayloadState
+from colift.model import Clock, PayloadState, Residual, Wrench, no_force
 from tests import light
 
 DT, TICKS = 0.002, 400
@@ -38,35 +38,45 @@ def low(x: np.ndarray, hertz: float) -> np.ndarray:
     return lfilter([b], [1, b - 1], x, axis=0, zi=(1 - b) * x[:1])[0]
 
 
+def observed(p: Any, y: Any, on: Any, waited: Any) -> Estimate:
+    """A payload at p whose label is y, agents that have none."""
+    load = PayloadState(p=p, v=jnp.zeros(3), R=jnp.eye(3), omega=jnp.zeros(3))
+    none = tuple(
+        (jnp.zeros((n, 18 + 2 * g.tree.joints)), jnp.zeros((n, 6 + g.tree.joints)))
+        for n, g in zip(plan().pilot.team.sizes, plan().pilot.team.groups, strict=True)
+    )
+    labelled = Labelled(payload=(jnp.zeros(24), y), agents=none, fresh=on, waited=waited)
+    lam = tuple(jnp.zeros_like(g.contact) for g in plan().pilot.team.groups)
+    return Estimate(agents=plan().z.agents, payload=load, a_L=jnp.zeros(6), lam=lam, labelled=labelled)
+
+
 def heard(
     listener: innovation.Listener, oracle: Any, p: np.ndarray, labels: np.ndarray, fresh: np.ndarray
 ) -> innovation.News:
     """The news along a path of the payload, tick by tick; `oracle(k)` is the one of tick k, by its payload's offset."""
 
     def tick(memory: Any, now: tuple) -> tuple:
-        k, p, y, on, waited = now
-        load = PayloadState(p=p, v=jnp.zeros(3), R=jnp.eye(3), omega=jnp.zeros(3))
-        none = tuple(
-            (jnp.zeros((n, 18 + 2 * g.tree.joints)), jnp.zeros((n, 6 + g.tree.joints)))
-            for n, g in zip(plan().pilot.team.sizes, plan().pilot.team.groups, strict=True)
-        )
-        labelled = Labelled(payload=(jnp.zeros(24), y), agents=none, fresh=on, waited=waited)
-        lam = tuple(jnp.zeros_like(g.contact) for g in plan().pilot.team.groups)
-        q_hat = Estimate(agents=plan().z.agents, payload=load, a_L=jnp.zeros(6), lam=lam, labelled=labelled)
-        return listener.listen(
-            memory, plan().pilot.team, oracle(k), q_hat, Clock(t=k.astype(float) * DT, dt=jnp.array(DT))
-        )
+        k, *seen = now
+        q_hat = observed(*seen)
+        return listener.listen(memory, team, oracle(k), q_hat, Clock(t=k.astype(float) * DT, dt=jnp.array(DT)))
 
+    team = plan().pilot.team  # made before anything is traced
     waited, since = np.zeros(len(p)), 0.0
     for k, on in enumerate(fresh):
         waited[k] = since = since + DT
         since *= 1 - on
     steps = tuple(map(jnp.asarray, (np.arange(len(p)), p, labels, np.asarray(fresh, float), waited)))
-    return jax.jit(lambda: jax.lax.scan(tick, listener.begin(plan().pilot.team), steps)[1])()
+    return jax.jit(lambda: jax.lax.scan(tick, listener.begin(team), steps)[1])()
 
 
 def listener(fade: float = np.inf, span: float = 0.5, hold: float = 0.0) -> innovation.Listener:
     return innovation.Listener(filters=FILTERS, hold=jnp.array(hold), fade=jnp.array(fade), span=jnp.array(span))
+
+
+def variances() -> np.ndarray:
+    """Of the payload's labels."""
+    v = innovation.noise(plan().pilot.oracle).payload
+    return np.concatenate([v.F, v.tau])
 
 
 def offset(mean: Any, k: Any = 0) -> learn.Oracle:
@@ -220,3 +230,42 @@ def test_what_has_changed_for_good_is_counted_anew_where_a_body_s_model_is_anoth
         v = np.asarray(plan().pilot.oracle.payload.hyper.noise_variance)[0]
         expected = left**3 / (left**2 + 4 * v)
         np.testing.assert_allclose(np.asarray(news.r.payload.F)[-1, 0], expected, atol=0.01)
+
+
+class Nothing(fly.Learned):
+    """A predictor that predicts nothing."""
+
+    def predict(self, memory: Any, oracle: learn.Oracle, now: fly.Now, to: control.Command) -> Residual:
+        """Nothing."""
+        return no_force(now.team)
+
+
+def carried(news: innovation.News, noise: float) -> np.ndarray:
+    """By what part of the labels' delay each output of the payload is carried ahead."""
+    pilot, last = plan().pilot, jax.tree.map(lambda x: x[-1], news)
+    q_hat = observed(jnp.zeros(3), jnp.zeros(6), jnp.ones(()), jnp.array(DT))
+    d, W = pilot.path.at(last.t), Wrench(F=jnp.zeros(3), tau=jnp.zeros(3))
+    clock = Clock(t=last.t, dt=jnp.array(DT))
+    now = fly.Now(team=pilot.team, clock=clock, m=None, q_hat=q_hat, d=d, W=W, ticks=jnp.ones(()), news=last)
+    to = control.Command(a=jnp.zeros(3), alpha=jnp.zeros(3), jerk=jnp.zeros(3))
+    predictor = fly.Corrected(predictor=Nothing(), lead=FILTERS.delay(), noise=jnp.array(noise))
+    f = predictor.predict((), offset(0.0), now, to).payload
+    more = np.concatenate([f.F - last.r.payload.F, f.tau - last.r.payload.tau])
+    return more / np.concatenate([last.rate.payload.F, last.rate.payload.tau]) / float(FILTERS.delay())
+
+
+def test_a_correction_is_carried_ahead_as_far_as_its_rate_is_no_noise():
+    """White noise behind the labels' filter is not carried; a swing far above it is, whole."""
+    rng, n = np.random.default_rng(1), 3000
+    deviation = np.sqrt(variances())
+    white = np.stack([low(low(x, 8.0), 8.0) for x in rng.normal(size=(6, n))], axis=1)
+    white *= deviation / white[500:].std(axis=0)
+    swing = 1e3 * deviation * np.sin(2 * np.pi * DT * np.arange(n)[:, None])
+    of_white, of_swing = (
+        heard(listener(), lambda _k: offset(0.0), np.zeros((n, 3)), labels, np.ones(n)) for labels in (white, swing)
+    )
+    assert carried(of_white, 24.0).max() < 1e-9
+    assert 0.99 < carried(of_swing, 24.0).min() <= 1
+    np.testing.assert_allclose(carried(of_white, 0.0), 1, rtol=1e-9)
+    left = np.concatenate([of_white.unrest.payload.F, of_white.unrest.payload.tau], axis=1)[500:]
+    assert (left**2 / deviation**2).mean() == pytest.approx((float(FILTERS.delay()) * 2 * np.pi * 8.0) ** 2, rel=0.15)

@@ -34,6 +34,10 @@ class Filters:
     label: Scalar  # Hz, second order, labels and the inputs paired with them
     tip_force: Scalar  # Hz, first order: the bandwidth the tip sensors are known to have
 
+    def delay(self) -> Scalar:
+        """Of labels, s: `1 / (pi label) + 1 / (2 pi tip_force)`."""
+        return (1 / self.label + 1 / (2 * self.tip_force)) / jnp.pi
+
 
 @pytree
 class Pose:

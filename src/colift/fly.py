@@ -239,10 +239,14 @@ class Observed:
 
 @pytree
 class Corrected:
-    """Another predictor and what labels say beyond what is learned: `f_hat + r + (lead + s) r'`, s ahead of now."""
+    """Another predictor and what labels say beyond what is learned: `f_hat + r + (w lead + s) r'`, s ahead of now.
+
+    `w = max(0, 1 - noise v / unrest^2)` is how much of the rate is none, v the oracle's variance of labels.
+    """
 
     predictor: Predictor
     lead: Scalar  # s, for the delay of labels
+    noise: Scalar  # labels' white noise leaves 4; 0: w is 1
 
     def begin(self, team: Team) -> Any:
         """The other's memory."""
@@ -257,8 +261,13 @@ class Corrected:
         if now.news is None:
             raise ValueError("this predictor needs a pilot that listens: `LeaderFollower.listener`")
         f = self.predictor.predict(memory, oracle, now, to)
-        ahead = self.lead + now.clock.t - now.news.t
-        return jax.tree.map(lambda f, r, rate: f + r + ahead * rate, f, now.news.r, now.news.rate)
+        news, s = now.news, now.clock.t - now.news.t
+
+        def corrected(f: Array, r: Array, rate: Array, unrest: Array, v: Array) -> Array:
+            w = jnp.maximum(0.0, 1 - self.noise * v / jnp.maximum(unrest * unrest, 1e-30))
+            return f + r + (w * self.lead + s) * rate
+
+        return jax.tree.map(corrected, f, news.r, news.rate, news.unrest, innovation.noise(oracle))
 
 
 @pytree

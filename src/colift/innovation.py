@@ -116,9 +116,9 @@ class Listener:
         before = jax.tree.map(lambda new, old: jnp.where(on > 0, new, old), past.r, past.before)
         elapsed = jnp.where(on > 0, waited, past.elapsed + dt)
         rate = jax.tree.map(lambda now, old: past.warm * fresh * (now - old) / elapsed, r, before)
-        lasting = jax.tree.map(lambda m, v: m * m * m / (m * m + 4 * v), average, _noise(oracle))
+        lasting = jax.tree.map(lambda m, v: m * m * m / (m * m + 4 * v), average, noise(oracle))
         used = jax.tree.map(lambda r, left: left + fresh * (r - left), r, lasting)
-        delay = (1 / self.filters.label + 1 / (2 * self.filters.tip_force)) / jnp.pi
+        delay = self.filters.delay()
         squares = jax.tree.map(lambda x: (delay * x) * (delay * x), rate)
         unrest = _low(past.unrest, squares, -jnp.expm1(-dt / self.span))
         heard = Heard(
@@ -162,7 +162,7 @@ def _label(labelled: Labelled) -> Residual:
     return _residual(labelled.payload[1], tuple(y for _, y in labelled.agents))
 
 
-def _noise(oracle: learn.Oracle) -> Residual:
+def noise(oracle: learn.Oracle) -> Residual:
     """Variance of labels, by output, (N, N m)^2."""
     return _residual(oracle.payload.hyper.noise_variance, tuple(g.hyper.noise_variance for g in oracle.agents))
 

@@ -326,9 +326,18 @@ class Flight:
     sigma: Sigma
     updates: tuple[Update, ...]
     stopped: str  # empty if the run is complete; else what failed, where and when
-    oracle: learn.Oracle  # the last one
-    bands: band.Bands  # of that oracle
+    held: tuple[Held, ...]  # its oracles, from the first tick on
     wall: dict[str, float]  # s, by stage
+
+    @property
+    def oracle(self) -> learn.Oracle:
+        """The last one."""
+        return self.held[-1].oracle
+
+    @property
+    def bands(self) -> band.Bands:
+        """Of that oracle."""
+        return self.held[-1].bands
 
 
 CHUNK = 0.5  # s of flight between two reports of progress, and between two looks at the status
@@ -400,8 +409,7 @@ def fly_plan(
         sigma=sigma,
         updates=tuple(updates),
         stopped=stopped,
-        oracle=oracle,
-        bands=held[-1].bands,
+        held=tuple(held),
         wall=wall | {"radii": time.perf_counter() - began},
     )
 

@@ -25,7 +25,7 @@ from colift.certify import assumed, reach, translation, tube, variation
 from colift.certify.interface import Interface
 from colift.certify.reach import Body
 from colift.certify.tube import Tube
-from colift.certify.variation import Scheduled, Variation
+from colift.certify.variation import Variation
 from colift.gp import SquaredExponential, bounds
 from colift.world import Simulated
 
@@ -108,25 +108,6 @@ class Certificate:
         )
 
 
-def schedule(plan: simulate.Plan, flight: simulate.Flight) -> tuple[Scheduled, ...]:
-    """The oracles of a flight and the ticks from which on they flew. Flies again up to all updates but the last.
-
-    Raises ValueError where those flights learn at other times: fits that take as long as they take.
-    """
-    out = [Scheduled(0, plan.pilot.oracle)]
-    for k, update in enumerate(flight.updates):
-        oracle = flight.oracle
-        if k + 1 < len(flight.updates):
-            again = simulate.fly_plan(dataclasses.replace(plan, duration=update.ready + 2 * plan.dt))
-            if [each.ready for each in again.updates] != [each.ready for each in flight.updates[: k + 1]]:
-                raise ValueError(
-                    "no certificate: flown again, the flight learns at other times; state learning.fit_latency"
-                )
-            oracle = again.oracle
-        out.append(Scheduled(round(update.ready / plan.dt), oracle))
-    return tuple(out)
-
-
 def under(plan: simulate.Plan, truth: learn.Oracle) -> simulate.Plan:
     """The plan in a world whose unknown forces are an oracle's means, on the nominal plant; nothing is recorded."""
     no = jnp.asarray(False)
@@ -153,9 +134,7 @@ def twin(plan: simulate.Plan, flight: simulate.Flight) -> Variation:
     if not flight.updates:
         raise ValueError("no certificate: the flight never learned")
     try:
-        return variation.along(
-            under(plan, flight.oracle), schedule(plan, flight), noisy=assumed.noisy(plan.world.sensors)
-        )
+        return variation.along(under(plan, flight.oracle), flight.held, noisy=assumed.noisy(plan.world.sensors))
     except variation.Ended as error:
         raise ValueError(f"no certificate: {error}") from None
 

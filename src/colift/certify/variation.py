@@ -24,7 +24,8 @@ from jaxtyping import Array
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from colift import interrupt, learn, limits, native, response, simulate
+from colift import interrupt, limits, native, response, simulate
+from colift.deviation import Held
 from colift.model import State, flat_agent, flat_payload
 from colift.pytree import pytree
 
@@ -39,18 +40,10 @@ class Ended(ValueError):
 
 
 @dataclasses.dataclass(frozen=True)
-class Scheduled:
-    """An oracle that flies from a tick on."""
-
-    first: int
-    oracle: learn.Oracle
-
-
-@dataclasses.dataclass(frozen=True)
 class Variation:
     """The deviation of runs from a twin, to first order; see the module."""
 
-    schedule: tuple[Scheduled, ...]  # the oracles that fly, the twin's as the flight's
+    schedule: tuple[Held, ...]  # the oracles that fly, the twin's as the flight's
     rows: simulate.Row  # the twin's
     nodes: NDArray[np.intp]  # ticks
     A: Matrix  # (nodes - 1, states, states)
@@ -82,9 +75,7 @@ class _Pushed:
         return self.force
 
 
-def flown(
-    plan: simulate.Plan, schedule: Sequence[Scheduled], nodes: Nodes = ()
-) -> tuple[simulate.Row, list[simulate.Loop]]:
+def flown(plan: simulate.Plan, schedule: Sequence[Held], nodes: Nodes = ()) -> tuple[simulate.Row, list[simulate.Loop]]:
     """A flight without noise and without a school: oracles are replaced as scheduled. Its rows, and the loop at nodes.
 
     Raises Ended where it meets a limit.
@@ -110,7 +101,7 @@ def flown(
     return jax.tree.map(lambda *x: np.concatenate(x), *rows), loops
 
 
-def along(plan: simulate.Plan, schedule: Sequence[Scheduled], noisy: bool) -> Variation:
+def along(plan: simulate.Plan, schedule: Sequence[Held], noisy: bool) -> Variation:
     """The variation along the flight of a plan, whose world is the twin's, under oracles as scheduled.
 
     noisy: whether covariances are asked for; else they are zero. Raises as `flown`.

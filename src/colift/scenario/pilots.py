@@ -112,15 +112,20 @@ def ahead(settings: s.Settings, flying: fly.LeaderFollower) -> fly.LeaderFollowe
 
 
 def listening(settings: s.Settings, flying: fly.LeaderFollower, held: bool) -> fly.LeaderFollower:
-    """The same with its predictions corrected by labels; when labels stop, the correction is held, or fades."""
-    given = settings.innovation
+    """The same with its predictions corrected by labels.
+
+    A held correction stays when labels stop and is carried ahead by `lead_s`; any other fades, and is carried ahead by
+    the labels' whole delay, as far as its rate is no noise.
+    """
+    given, filters = settings.innovation, _filters(settings)
     listener = innovation.Listener(
-        filters=_filters(settings),
+        filters=filters,
         hold=array(given.hold_s),
         fade=array(np.inf if held else given.fade_s),
         span=array(given.span_s),
     )
-    predictor = fly.Corrected(predictor=flying.predictor, lead=array(given.lead_s))
+    lead, noise = (array(given.lead_s), 0.0) if held else (filters.delay(), given.noise)
+    predictor = fly.Corrected(predictor=flying.predictor, lead=lead, noise=array(noise))
     return dataclasses.replace(flying, listener=listener, predictor=predictor)
 
 

@@ -798,7 +798,10 @@ class Innovation(Section):
     """How labels correct what is learned, in the cases F, H and C4."""
 
     lead_s: of.Time = 0.02
-    """By how much the correction is carried ahead along its rate, for the delay of labels."""
+    """By how much the correction of F and H is carried ahead along its rate, for the delay of labels."""
+    noise: of.Factor = 24.0
+    """C4 carries its correction ahead by the whole delay of labels where the square of what that changes is far above
+    so many variances of labels, and not at all where it is below. Noise alone leaves 4."""
     patience_s: of.Span = 0.02
     """How old a reading of the tips may be for a label."""
     hold_s: of.Time = 0.2
