@@ -274,7 +274,8 @@ def test_the_adversary_keeps_norm_and_labels_and_comes_near_the_bound_where_it_i
     """Its contribution along the run's path, by the loop's response; the bound holds for it at all times."""
     all_of, found = made(), made().certificate
     loop = all_of.loop
-    unknown = adversary.adversary(all_of.plan, all_of.flight, loop, found, all_of.flight.rows)
+    e_p = adversary.functional(loop, "e_p", found.when, found.direction)
+    unknown = adversary.adversary(all_of.plan, all_of.flight, loop.nodes, all_of.flight.rows, e_p)
     held = certificate.bodies(all_of.plan, all_of.flight, all_of.flight.rows, loop.nodes, "energy")
     functions = models(unknown)
     means, left_over = jax.vmap(gp.mean, (None, 0)), []

@@ -10,6 +10,7 @@ The map; each module imports only those below it:
     hil         a team in lockstep with autopilots
     node        the pilot's tick as a ROS 2 node
     bag         a flight as a ROS 2 bag
+    attack      a search for what breaks a certificate
     certification  a scenario certified: flights, certificate, challenge, file
     results     the flights of a study, and what is written of them
     heldout     paths that no map has seen

@@ -6,6 +6,7 @@ Heavy modules are imported by the commands that need them, so that `--help` answ
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import enum
 import functools
 import io
@@ -600,6 +601,82 @@ def certify(
         _report_certificate(summary, folder.path)
     if summary["exceeded"]:
         raise typer.Exit(EXCEEDED)
+
+
+@app.command()
+def attack(
+    name: ScenarioName,
+    out: OutFolder = None,
+    changes: Changes = None,
+    duration: Duration = None,
+    seed: Seed = None,
+    rounds: Annotated[
+        int, typer.Option("--rounds", min=1, help="Rounds; in each, every kind of try is drawn anew.")
+    ] = 1,
+    only: Annotated[
+        list[str] | None, typer.Option("--only", metavar="TRY", help="Only this try, as 'worst e_p 0'; repeatable.")
+    ] = None,
+) -> None:
+    """Search for a violation of a printed radius (docs/certificate.md, "The attack").
+
+    Flies unknown forces that keep norm and labels against the radii for any run of the scenario under C3, and other
+    seeds, updates, starts, paths, noise, rates and thrust limits against their own. Prints the worst ratio of each
+    error and how to repeat it; writes attack.json, try by try. Status 1 if a radius is exceeded.
+    """
+    from colift import attack as attacks
+    from colift import disk
+
+    read = functools.partial(_settings, name, changes, duration, seed)
+    done: list[Any] = []
+    with _opened(read, out, "the tries that had ended are in", "-attack") as (settings, folder):
+        asked = only or attacks.names(settings, rounds)
+        try:
+            with _stages(f"attacking {settings.name}") as say:
+                for one in attacks.attack(settings, asked, say):
+                    done.append(one)
+                    disk.write_json(_tried(folder.run, settings, done), folder.path / "attack.json")
+        except ValueError as error:
+            raise _fail(str(error)) from None
+    given = [*(changes or ()), *([] if duration is None else [f"duration_s={duration}"])]
+    told = shlex.join([*(word for change in given for word in ("--set", change)), "--seed", str(settings.seed)])
+    with _printed(f"; the results are in {folder.path}"):
+        _report_attack(done, name, told, folder.path)
+    if any(one.breaks for one in done):
+        raise typer.Exit(EXCEEDED)
+
+
+def _tried(run: str, settings: Any, done: Sequence[Any]) -> dict[str, Any]:
+    """What `attack.json` holds."""
+    tries = [dataclasses.asdict(one) for one in done]
+    return {"run": run, "scenario": settings.name, "seed": settings.seed, "version": version("colift"), "tries": tries}
+
+
+def _report_attack(done: Sequence[Any], name: str, told: str, folder: Path) -> None:
+    """A row for each try, then the worst ratio of each error and how to repeat it."""
+    from rich.box import SIMPLE_HEAD
+
+    table = Table(title=f"{name}: observed over radius", box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
+    table.add_column("try", no_wrap=True)
+    for error in SCALES:
+        table.add_column(error.replace("omega", "ω"), justify="right", no_wrap=True)
+    table.add_column("beyond span", justify="right", no_wrap=True)
+    for one in done:
+        left = f"{one.left} of {one.components}" if one.ratios else ""
+        table.add_row(one.name, *(tables.cell(one.ratios.get(error), 1.0, ".3f") for error in SCALES), left)
+    tables.show(table)
+    for one in done:
+        if one.says:
+            print(f"{one.name}: {one.says}")
+    for error in SCALES:
+        held = [one for one in done if error in one.ratios]
+        if held:
+            worst = max(held, key=lambda one: one.ratios[error])
+            more = [word for change in worst.changes for word in ("--set", change)] or ["--only", worst.name]
+            command = "certify" if worst.changes else "attack"
+            print(f"{error}: worst {worst.ratios[error]:.3f}, colift {command} {name} {told} {shlex.join(more)}")
+    broken = [one.name for one in done if one.breaks]
+    print(f"{len(broken)} of {len(done)} tries break a radius{': ' if broken else ''}{', '.join(broken)}")
+    print(f"results in {folder}")
 
 
 Results = Annotated[Path, typer.Argument(metavar="OUT", help="A folder that `colift study` wrote.")]

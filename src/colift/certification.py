@@ -61,7 +61,9 @@ def challenge(made: Certified, rounds: int = 2, progress: Callable[[str], None] 
     current = made
     for k in range(rounds):
         progress(f"adversary, round {k + 1}")
-        unknown = adversary.adversary(made.plan, made.flight, made.loop, current.certificate, current.flight.rows)
+        found = current.certificate
+        e_p = adversary.functional(made.loop, "e_p", found.when, found.direction)
+        unknown = adversary.adversary(made.plan, made.flight, made.loop.nodes, current.flight.rows, e_p)
         rows, _ = variation.flown(certificate.under(made.plan, unknown), made.loop.schedule)
         flight = dataclasses.replace(made.flight, rows=rows)
         found = certificate.certify(made.plan, flight, made.loop, ("energy", "recovery"))

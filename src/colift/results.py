@@ -35,7 +35,7 @@ FLOWN = (  # every file that a study may leave, and what `colift view`, `report`
         "report.html",
     ),
 )
-CERTIFIED = ("certificate.json", "figure_6_certificate.pdf", "figure_6_certificate.png")
+CERTIFIED = ("attack.json", "certificate.json", "figure_6_certificate.pdf", "figure_6_certificate.png")
 
 
 def claim(settings: Settings, out: Path) -> AbstractContextManager[Folder]:

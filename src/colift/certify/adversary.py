@@ -7,10 +7,11 @@ import dataclasses
 import jax
 import jax.numpy as jnp
 import numpy as np
+from numpy.typing import NDArray
 
 from colift import gp, learn, simulate
 from colift.certify import reach, variation
-from colift.certify.certificate import Certificate, bodies
+from colift.certify.certificate import bodies
 from colift.certify.reach import Body, Matrix
 from colift.certify.variation import Variation
 from colift.gp import recovery
@@ -18,18 +19,23 @@ from colift.gp import recovery
 EVERY = 4  # nodes between samples of the path in the functional that the adversary makes great
 
 
-def adversary(
-    plan: simulate.Plan, flight: simulate.Flight, loop: Variation, found: Certificate, rows: simulate.Row
-) -> learn.Oracle:
-    """Unknown forces that keep norm and data, and make e_p great when and where its bound is greatest.
+def functional(loop: Variation, error: str, t: float, direction: Matrix) -> Matrix:
+    """`direction . e(t)` as a functional of the unknown, (nodes, inputs)."""
+    at = int(np.argmin(np.abs(loop.t - t)))
+    return np.einsum("tmki,m->ki", variation.weights(loop, loop.of(error), [at]), direction)
 
-    Of all consistent functions, each output takes one that makes `d . e_p(t)` greatest along the path of `rows`, t and
-    d from the certificate's bound. To be flown by `certificate.under`. Raises as `gp.recovery.recover`.
+
+def adversary(
+    plan: simulate.Plan, flight: simulate.Flight, nodes: NDArray[np.intp], rows: simulate.Row, L: Matrix
+) -> learn.Oracle:
+    """Unknown forces that keep norm and data, and make `sum_k L_k f~(t_k)` great along the path of `rows`.
+
+    Of all consistent functions, each output takes one that makes its part greatest; L: (nodes, inputs). To be flown by
+    `certificate.under`. Raises as `gp.recovery.recover`.
     """
-    at = int(np.argmin(np.abs(loop.t - found.when)))
-    L = np.einsum("tmki,m->ki", variation.weights(loop, loop.of("e_p"), [at]), found.direction)[: at + 1]
-    starts = np.arange(0, at + 1, EVERY)
-    L, path = np.add.reduceat(L, starts), loop.nodes[np.minimum(starts + EVERY // 2, at)]
+    end = int(np.flatnonzero(L.any(1)).max(initial=0)) + 1
+    starts = np.arange(0, end, EVERY)
+    L, path = np.add.reduceat(L[:end], starts), nodes[np.minimum(starts + EVERY // 2, end - 1)]
     models = [_extreme(body, L) for body in bodies(plan, flight, rows, path, "energy")]
     groups, first = [], 1
     for size in plan.pilot.team.sizes:

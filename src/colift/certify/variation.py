@@ -75,13 +75,15 @@ class _Pushed:
         return self.force
 
 
-def flown(plan: simulate.Plan, schedule: Sequence[Held], nodes: Nodes = ()) -> tuple[simulate.Row, list[simulate.Loop]]:
-    """A flight without noise and without a school: oracles are replaced as scheduled. Its rows, and the loop at nodes.
+def flown(
+    plan: simulate.Plan, schedule: Sequence[Held], nodes: Nodes = (), seed: int | None = None
+) -> tuple[simulate.Row, list[simulate.Loop]]:
+    """A flight without a school: oracles are replaced as scheduled. Its rows, and the loop at nodes.
 
-    Raises Ended where it meets a limit.
+    seed: of the noise; None: without any. Raises Ended where it meets a limit.
     """
-    ticks, room = round(plan.duration / plan.dt), simulate.chunk(plan)
-    quiet = jax.tree.map(jnp.zeros_like, plan.world.draw(jax.random.key(0), room))
+    ticks, room, key = round(plan.duration / plan.dt), simulate.chunk(plan), jax.random.key(seed or 0)
+    quiet = jax.tree.map(jnp.zeros_like, plan.world.draw(key, room))
     setup, loop, rows, loops = plan.setup, simulate.start(plan.setup, plan.z), [], []
     oracles = {one.first: one.oracle for one in schedule}
     stops = sorted({*oracles, *map(int, nodes), *range(0, ticks, room), ticks})
@@ -92,7 +94,8 @@ def flown(plan: simulate.Plan, schedule: Sequence[Held], nodes: Nodes = ()) -> t
         if first in at:
             loops.append(loop)
         if end > first:
-            loop, flown = simulate.advance(setup, loop, quiet, jnp.asarray(end - first))
+            noise = quiet if seed is None else plan.world.draw(jax.random.fold_in(key, first), room)
+            loop, flown = simulate.advance(setup, loop, noise, jnp.asarray(end - first))
             rows.append(jax.tree.map(lambda x, n=end - first: np.asarray(x)[:n], flown))
         if int(loop.ended):
             cause = limits.Cause(int(loop.ended)).name.lower().replace("_", " ")
