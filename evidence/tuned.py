@@ -13,7 +13,7 @@ from colift import analyse, checkup, scenario, simulate, study, tune
 from colift.scenario import Settings
 from evidence import collect
 
-TEAMS = ("beam", "trio", "uneven", "plate", "seven")
+TEAMS = ("uneven", "plate", "seven", "trio", "beam")
 CASES = ("C1", "C2", "C3")
 
 

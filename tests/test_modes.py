@@ -240,6 +240,23 @@ def test_a_memory_that_moves_no_command_has_no_delay_margin():
 
 
 @pytest.mark.long
+def test_a_command_that_next_to_nothing_moves_counts_on_neither_side_of_its_threshold():
+    """Of a team that `tune` came by, one command's singular value was 0.9e-7 by the memory and 1.4e-7 by all."""
+    x, M = three_bodies()
+    sent, world = (modes._rows_of(x, where) for where in (r"\.memory\.sent\[\d+\]\..*", r"\.world\..*"))
+    memory = np.setdiff1d(np.arange(len(M)), world)
+    U, s, V = np.linalg.svd(M[np.ix_(sent, memory)], full_matrices=False)
+    s[-1] = 0.9e-7 * s[0]
+    M = M.copy()
+    M[np.ix_(sent, memory)] = (U * s) @ V
+    M[np.ix_(sent, world)] -= np.outer(U[:, -1], U[:, -1] @ M[np.ix_(sent, world)])
+    M[np.ix_(sent, world[:1])] += 1.1e-7 * s[0] * U[:, -1:]
+    ranks = [np.linalg.matrix_rank(K, rtol=1e-7) for K in (M[np.ix_(sent, memory)], M[sent])]
+    assert ranks[0] < ranks[1]
+    assert np.isfinite(modes.delayed(x, M, 2)).all()
+
+
+@pytest.mark.long
 def test_the_slowest_mode_of_a_loop_that_is_a_little_different_is_known_to_first_order():
     x, M = three_bodies()
     now = modes.of(x, M, 1 / 500).rate[0]

@@ -170,15 +170,19 @@ def delayed(x: Carried, M: np.ndarray, ticks: int) -> np.ndarray:
     return _delayed(M, *_commands(x, M), ticks)
 
 
+NEXT_TO_NONE = 1e-7  # of the most that any state moves a command by
+
+
 def _commands(x: Carried, M: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """`(B, K)`: how commands move the world, and the rows of M by which they follow."""
     command, world = _rows_of(x, r"\.memory\.sent\[\d+\]\..*"), _rows_of(x, r"\.world\..*")
     memory, K = np.setdiff1d(np.arange(len(M)), world), M[command]
-    # M is known to some 1e-10; what no state commands, as a force that only squeezes, needs no column of B
-    if np.linalg.matrix_rank(K[:, memory], rtol=1e-7) < np.linalg.matrix_rank(K, rtol=1e-7):
+    # M is known to some 1e-10; what next to no state commands, as a force that only squeezes, needs no column of B
+    inverse = np.linalg.pinv(K[:, memory], rcond=NEXT_TO_NONE)
+    if np.linalg.norm(K - K[:, memory] @ (inverse @ K), 2) > 10 * NEXT_TO_NONE * np.linalg.norm(K, 2):
         raise ValueError("what the pilot remembers does not move every command by itself")
     B = np.zeros((len(M), len(command)))
-    B[world] = M[np.ix_(world, memory)] @ np.linalg.pinv(K[:, memory], rcond=1e-7)
+    B[world] = M[np.ix_(world, memory)] @ inverse
     return B, K
 
 

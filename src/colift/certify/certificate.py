@@ -37,6 +37,8 @@ BOUNDS = (*band.ALONG, "recovery")
 POINTS = 160  # data points of a body up to which optimal recovery is tried
 EVERY = 16  # conic programs at every so many nodes
 SELDOM = 0.2  # s between the times at which the tube is taken
+MEMORY = 0.5  # s, within which a difference of the tube is forgotten by what bounds its changes
+BLOCK = 16  # of those times at once
 
 
 @dataclasses.dataclass(frozen=True)
@@ -163,7 +165,7 @@ def certify(
         energy = {key: bodies(plan, flight, rows, loop.nodes, "energy") for key, rows in paths.items()}
         found, why = _tube(loop, energy["tube"])
         reached, left_out = _reached(plan, flight, energy, paths, loop, L, names, progress)
-    extra = np.einsum("trki,ki->tr", np.abs(L), found.difference) if found else np.full(noise.shape, np.inf)
+    extra = found.reached(L) if found else np.full(noise.shape, np.inf)
     more = {"run": noise, "tube": noise + extra}
     center, errors = (_errors(each)[loop.nodes][grid.at] for each in (loop.rows, flight.rows))
     spans = {name: {key: _span(center, each[key] + more[key]) for key in each} for name, each in reached.items()}
@@ -354,16 +356,40 @@ def _recovered(held: Sequence[Body], each: Sequence[Matrix], L: Matrix, key: str
 def _tube(loop: Variation, held: Sequence[Body]) -> tuple[Tube | None, str]:
     if not all(np.isfinite(body.beta).all() for body in held):
         return None, "the data contradict the stated norm and label errors"
-    at = _seldom(loop)
-    cells = np.r_[0, at[:-1] + 1]
-    M = np.concatenate([_feeding(loop, b, body, at, cells) for b, body in enumerate(held)], axis=1)
-    rho = np.maximum.reduceat(np.concatenate([reach.greatest(body) for body in held], axis=1), cells)
+    at, keep = _seldom(loop), float(np.exp(-variation.STEP / MEMORY))
+    cells, many = np.r_[0, at[:-1] + 1], loop.bodies[-1].stop
+    M, own = np.zeros((2, len(at), many, len(at), many)), np.empty((2, len(at), many))  # of differences, of changes
+    for some in np.array_split(np.arange(len(at)), max(1, len(at) // BLOCK)):
+        until = slice(some[-1] + 1)
+        for b, body in enumerate(held):
+            now, before = (_moved(loop, b, body, nodes)[:, :, : at[some[-1]] + 1] for nodes in (at[some], at[some] - 1))
+            changed = np.concatenate([now, -keep * before], axis=1)
+            x, z = body.x[at[some]], body.x[at[some] - 1]
+            for k, (L, by, points) in enumerate(
+                ((now, now, [x]), (changed, tube.later(changed, keep), [x, z])),
+            ):
+                ellipsoids = tube.ellipsoids(held, L)
+                for i in range(len(body.beta)):
+                    S, g = tube.slopes(body, i, points)
+                    of = body.columns.start + i
+                    M[k, some, of, until] = np.add.reduceat(tube.feeding(S, g, by), cells[until], axis=1)
+                    own[k, some, of] = tube.own(S, g, *ellipsoids)
     try:
-        found = tube.solve(M, rho)
+        difference, contraction = tube.solve(M[0], own[0])
     except ValueError as error:
         return None, str(error)
+    try:
+        change, _ = tube.solve(M[1], own[1])
+    except ValueError:  # then what is known is the difference alone
+        change = np.full_like(difference, np.inf)
     of_node = np.minimum(np.searchsorted(at, np.arange(len(loop.nodes))), len(at) - 1)
-    return dataclasses.replace(found, difference=found.difference[of_node]), ""
+    return Tube(difference[of_node], change[of_node], keep, contraction), ""
+
+
+def _moved(loop: Variation, b: int, body: Body, nodes: NDArray[np.intp]) -> Matrix:
+    """What f~ adds to what the models of a body see at nodes of the twin."""
+    L = variation.weights(loop, loop.of("payload" if b == 0 else f"agent {b - 1}"), nodes)
+    return tube.seen(body.x[nodes], L) if b == 0 else L
 
 
 def _rho(held: Sequence[Body]) -> Matrix:
@@ -375,19 +401,13 @@ def _seldom(loop: Variation) -> NDArray[np.intp]:
     return np.unique([*np.searchsorted(loop.t, np.arange(SELDOM, loop.t[-1], SELDOM)), len(loop.t) - 1])
 
 
-def _feeding(loop: Variation, b: int, body: Body, at: NDArray[np.intp], cells: NDArray[np.intp]) -> Matrix:
-    """What f~ makes of a body's own, along the twin."""
-    L = variation.weights(loop, loop.of("payload" if b == 0 else f"agent {b - 1}"), at)
-    return tube.feeding(body, body.x[at], tube.seen(body.x[at], L) if b == 0 else L, cells)
-
-
 def _limited(plan: simulate.Plan, loop: Variation, held: Sequence[Body], found: Tube | None) -> bool:
     """Whether a thrust of some run in the tube may be cut off: the twin's, and what f~ and noise add at most."""
     if found is None:
         return True
     at, u = _seldom(loop), _np(loop.rows.u)
-    reached = np.concatenate([reach.greatest(body) for body in held], axis=1) + found.difference
-    moved = np.einsum("trki,ki->tr", np.abs(variation.weights(loop, loop.of("u"), at)), reached).max(0)
+    L, most = variation.weights(loop, loop.of("u"), at), np.concatenate([reach.greatest(body) for body in held], axis=1)
+    moved = (np.einsum("trki,ki->tr", np.abs(L), most) + found.reached(L)).max(0)
     moved = moved + _sigmas(plan, u.size) * variation.deviations(loop, loop.of("u")).max(0)
     most = np.concatenate([np.asarray(group.thrust_max) for group in plan.pilot.team.groups])
     return bool(((u - moved < 0) | (u + moved > most)).any())

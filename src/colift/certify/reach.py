@@ -40,12 +40,12 @@ def by_band(body: Body, weights: Matrix) -> tuple[Matrix, Matrix]:
     weights: (times, rows, path, inputs), what f~ at a sample of the path adds to a row.
     """
     moved, sigma = np.empty((2, *weights.shape[:2], len(body.beta)))
-    shift = _mean(body.companion, body.x) - _mean(body.model, body.x)
+    off = shift(body)
     for i in range(len(body.beta)):
         L = np.ascontiguousarray(weights[..., body.columns.start + i])
-        S = _covariance(body.companion, i, body.x)
+        S = covariance(body.companion, i, body.x)
         sigma[..., i] = np.sqrt(np.maximum(np.sum((L @ S) * L, axis=-1), 0.0))
-        moved[..., i] = L @ shift[:, i]
+        moved[..., i] = L @ off[:, i]
     return moved, sigma
 
 
@@ -70,7 +70,7 @@ def by_recovery(
     found, times = band.copy(), len(weights)
     anchors = sorted({*range(0, times, every), times - 1})
     n, total = int(body.model.n), band.sum(-1).max((0, 1))
-    mu, shift = _mean(body.model, body.x), _mean(body.companion, body.x) - _mean(body.model, body.x)
+    mu, off = _mean(body.model, body.x), shift(body)
     blend = np.stack([np.interp(np.arange(times), anchors, unit) for unit in np.eye(len(anchors))], axis=1)
     for i in range(len(body.beta)):
         matters = [row for row in range(weights.shape[1]) if band[..., row, i].max() > NEGLIGIBLE * total[row]]
@@ -80,7 +80,7 @@ def by_recovery(
         allowed = recovery.consistent(X, Y, body.model.hyper, i, body.norm, float(body.eps[i]))
         offset = float(np.asarray(body.model.hyper.offset)[i])
         K, C = allowed.correlations(body.x), correlation(body.model, i, body.x, body.x)
-        L, S = weights[..., body.columns.start + i], _covariance(body.companion, i, body.x)
+        L, S = weights[..., body.columns.start + i], covariance(body.companion, i, body.x)
         for row in matters:
             here = L[anchors, row]
             k, square, centre = K @ here.T, np.sum((here @ C) * here, axis=1), here @ (mu[:, i] - offset)
@@ -88,7 +88,7 @@ def by_recovery(
             width = body.beta[i] * np.sqrt(np.maximum(np.sum((delta @ S) * delta, axis=1), 0.0))
             for side, sign in enumerate((1, -1)):
                 value = [recovery.greatest(allowed, sign * k[:, a], square[a]).value for a in range(len(anchors))]
-                value = blend @ (value - sign * centre) + width + sign * (delta @ shift[:, i])
+                value = blend @ (value - sign * centre) + width + sign * (delta @ off[:, i])
                 found[side, :, row, i] = np.minimum(value, band[side, :, row, i])
         progress()
     return found
@@ -96,9 +96,14 @@ def by_recovery(
 
 def greatest(body: Body) -> Matrix:
     """`|m - mu| + beta sigma` of each output along the path, (path, outputs): bounds `|f~|` there."""
-    off = np.abs(_mean(body.companion, body.x) - _mean(body.model, body.x))
-    diagonal = [np.diagonal(_covariance(body.companion, i, body.x)) for i in range(len(body.beta))]
+    off = np.abs(shift(body))
+    diagonal = [np.diagonal(covariance(body.companion, i, body.x)) for i in range(len(body.beta))]
     return off + body.beta * np.sqrt(np.maximum(np.stack(diagonal, axis=1), 0.0))
+
+
+def shift(body: Body) -> Matrix:
+    """`m - mu` of each output along the path, (path, outputs)."""
+    return _mean(body.companion, body.x) - _mean(body.model, body.x)
 
 
 def _mean(model: gp.GP, x: Matrix) -> Matrix:
@@ -108,7 +113,7 @@ def _mean(model: gp.GP, x: Matrix) -> Matrix:
     return np.stack([offset[i] + s[i] * correlation(model, i, x, X) @ alpha[i, :n] for i in range(len(offset))], axis=1)
 
 
-def _covariance(model: gp.GP, i: int, x: Matrix) -> Matrix:
+def covariance(model: gp.GP, i: int, x: Matrix) -> Matrix:
     """Posterior covariance of output i along the path."""
     n, s = int(model.n), float(np.asarray(model.hyper.signal_variance)[i])
     V = np.asarray(model.W)[i, :n, :n] @ (s * correlation(model, i, np.asarray(model.X)[:n], x))
@@ -127,14 +132,19 @@ def gradient(model: gp.GP, i: int, x: Matrix) -> Matrix:
     return s * np.einsum("tnd,n->td", _slope(model, i, x), np.asarray(model.alpha)[i, :n])
 
 
-def gradient_covariance(model: gp.GP, i: int, x: Matrix) -> Matrix:
-    """`d d' k_n(x, x')` at `x' = x`, (times, dimensions, dimensions): of output i's gradient, for the paper's kernel.
+def gradient_covariance(model: gp.GP, i: int, x: Matrix, z: Matrix) -> Matrix:
+    """`d d' k_n(x, z)`, (times, dimensions, dimensions): of output i's gradients at x and z, for the paper's kernel.
 
-    `s diag(1 / l^2) - V^T V`, `V = W s dk(X, x)`.
+    `s c (diag(1 / l^2) - u u^T) - V(x)^T V(z)`, `u = (x - z) / l^2`, c their correlation, `V(x) = W s dk(X, x)`.
     """
     n, s = int(model.n), float(np.asarray(model.hyper.signal_variance)[i])
-    V = np.asarray(model.W)[i, :n, :n] @ (s * _slope(model, i, x))
-    return s * np.diag(np.asarray(model.hyper.lengthscales)[i] ** -2.0) - np.swapaxes(V, 1, 2) @ V
+    ls = np.asarray(model.hyper.lengthscales)[i]
+    W = np.asarray(model.W)[i, :n, :n]
+    u = (x - z) / ls**2
+    c = np.exp(-0.5 * (u * (x - z)).sum(1))
+    prior = s * c[:, None, None] * (np.diag(ls**-2.0) - u[:, :, None] * u[:, None])
+    of_x, of_z = (W @ (s * _slope(model, i, at)) for at in (x, z))
+    return prior - np.swapaxes(of_x, 1, 2) @ of_z
 
 
 def _slope(model: gp.GP, i: int, x: Matrix) -> Matrix:
