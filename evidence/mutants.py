@@ -143,7 +143,15 @@ MUTANTS = {
         "learn.py", "-so3.hat(q.R.T @ a)", "so3.hat(q.R.T @ a)", "learn", "regressor"
     ),
     # certificates
-    "tube: what is fed does not feed": Mutant("certify/tube.py", "rho[:t] + d[:t]", "rho[:t]", "certify_tube"),
+    "tube: what is fed does not feed": Mutant(
+        "certify/tube.py", 'own[t] + np.einsum("isj,sj->i", M[t, :, :t], d[:t])', "own[t]", "certify_tube"
+    ),
+    "tube: f~ on the path makes nothing of a run": Mutant(
+        "certify/tube.py", "np.sqrt(greatest).sum(0)", "0", "certify_tube"
+    ),
+    "tube: changes add up as if nothing were kept": Mutant(
+        "certify/tube.py", "b[:, :, k] += keep * b[:, :, k + 1]", "pass", "certify_tube"
+    ),
     "reach: sign of the mean's shift below": Mutant(
         "certify/reach.py", "[width + moved, width - moved]", "[width + moved, width + moved]", "certify_reach"
     ),

@@ -13,11 +13,12 @@ LAST = 4.0  # s, the last update
 
 
 def of_light_team(updates: tuple[float, ...], duration_s: float) -> Settings:
-    """The shipped scenario, shorter, with the team whose flights compile sooner."""
+    """The shipped scenario, shorter and on a smaller path, with the team whose flights compile sooner."""
     given, team = scenario.load("certified").model_dump(), light.settings().model_dump()
     given |= {name: team[name] for name in ("agent_types", "agents")} | {"duration_s": duration_s}
     given["learning"] |= {"update_times_s": updates, "end_s": updates[-1], "capacity": 12}
     given["drawn"] |= {"centers": 12}
+    given["reference"] |= {"amplitude_m": (0.5, 0.4, 0.2), "ramp_s": 2.0}
     return Settings.model_validate(given)
 
 
