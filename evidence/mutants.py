@@ -167,8 +167,11 @@ MUTANTS = {
     "tube: the companion's mean has the slope of the compensated one": Mutant(
         "certify/tube.py", "np.abs((g[:, None] @ flat)[:, 0])", "0", "certify_tube"
     ),
-    "reach: between programs without a band": Mutant(
-        "certify/reach.py", "(value - sign * centre) + width + sign", "(value - sign * centre) + sign", "certify_reach"
+    "recovery: multipliers that cost nothing": Mutant(
+        "gp/recovery.py", "allowed.r @ nu + allowed.eps * size", "allowed.r @ nu", "gp_bounds certify_reach"
+    ),
+    "recovery: sign of what is compensated": Mutant(
+        "certify/reach.py", "square) - sign * centre)", "square) + sign * centre)", "certify_reach"
     ),
     "gain: no remainder of the trapezoidal rule": Mutant(
         "certify/gain.py", "h**3 / 12 * bend.sum()", "0 * bend.sum()", "certify_translation"

@@ -138,17 +138,17 @@ def test_data_that_contradict_what_is_stated_have_no_bound():
 # Optimal recovery -----------------------------------------------------------------------------------------------------
 
 
-def recovered(p: Problem, every: int) -> tuple[np.ndarray, np.ndarray]:
+def recovered(p: Problem) -> tuple[np.ndarray, np.ndarray]:
     """The band, and what recovery makes of it."""
     limit = reach.bound(p.body.beta, *reach.by_band(p.body, p.L))
-    return limit, reach.by_recovery(p.body, p.L, every, limit)
+    return limit, reach.by_recovery(p.body, p.L, limit)
 
 
-@given(seeds, st.sampled_from([0.0, 1.0]), st.sampled_from([1, 3, 4]))
+@given(seeds, st.sampled_from([0.0, 1.0]))
 @settings(max_examples=8)
-def test_recovery_lies_within_the_band_and_holds_also_between_its_programs(seed, bias, every):
+def test_recovery_lies_within_the_band_and_holds(seed, bias):
     p = problem(seed, bias=bias)
-    limit, found = recovered(p, every)
+    limit, found = recovered(p)
     assert (found <= limit).all()
     true = p.true()
     assert (true <= found[0]).all()
@@ -156,45 +156,29 @@ def test_recovery_lies_within_the_band_and_holds_also_between_its_programs(seed,
     assert (found[0] + found[1] < 0.98 * (limit[0] + limit[1])).any()  # it gains on the band
 
 
-def test_at_its_programs_recovery_is_that_of_the_whole_functional():
-    """One conic program for `sum_k L_k f(x_k)` by `gp.recovery.recover`, less what is compensated."""
-    p, every = problem(5), 3
-    limit, found = recovered(p, every)
+def test_recovery_is_that_of_the_whole_functional_at_all_times():
+    """One conic program for `sum_k L_k f(x_k)` by `gp.recovery.recover`, less what is compensated; and never below."""
+    p = problem(5)
+    limit, found = recovered(p)
     x = p.body.x
     mu = np.asarray(means(p.body.model, jnp.asarray(x)))
     X, Y, hyper = np.asarray(p.body.model.X)[:DATA], np.asarray(p.body.model.Y)[:DATA], p.body.model.hyper
-    for a in (0, 3, len(AT) - 1):
+    for a in range(len(AT)):
         for row in range(ROWS):
             for i in range(OUTPUTS):
                 ell = p.L[a, row, :, FIRST + i]
                 best = recovery.recover(X, Y, hyper, i, p.body.norm, float(p.eps[i]), x, ell)
                 expected = np.array([best.upper - ell @ mu[:, i], ell @ mu[:, i] - best.lower])
-                expected = np.minimum(expected, limit[:, a, row, i])
-                np.testing.assert_allclose(found[:, a, row, i], expected, rtol=1e-6, atol=1e-8)
-
-
-def test_between_its_programs_recovery_is_not_below_that_of_the_whole_functional():
-    """The program of any time is attained, so no bound that holds at that time is below it."""
-    p, above = problem(5), 0.0
-    _, found = recovered(p, 4)
-    x = p.body.x
-    mu = np.asarray(means(p.body.model, jnp.asarray(x)))
-    X, Y, hyper = np.asarray(p.body.model.X)[:DATA], np.asarray(p.body.model.Y)[:DATA], p.body.model.hyper
-    for a in (1, 2, 3):
-        for row in range(ROWS):
-            ell = p.L[a, row, :, FIRST]
-            best = recovery.recover(X, Y, hyper, 0, p.body.norm, float(p.eps[0]), x, ell)
-            attained = np.array([best.upper - ell @ mu[:, 0], ell @ mu[:, 0] - best.lower])
-            assert (found[:, a, row, 0] >= attained - 1e-6 * np.abs(attained)).all()
-            above = max(above, (found[:, a, row, 0] / attained).max())
-    assert above < 3, "and not far above"
+                size = limit[:, a, row, i].sum()
+                assert (found[:, a, row, i] >= np.minimum(expected, limit[:, a, row, i]) - 1e-5 * size).all()
+                assert (found[:, a, row, i] <= np.minimum(expected, limit[:, a, row, i]) + 0.01 * size).all()
 
 
 def test_an_output_that_contributes_next_to_nothing_keeps_its_band():
     p, told = problem(7), []
     p.L[..., FIRST] *= 1e-7
     limit = reach.bound(p.body.beta, *reach.by_band(p.body, p.L))
-    found = reach.by_recovery(p.body, p.L, 2, limit, lambda: told.append(1))
+    found = reach.by_recovery(p.body, p.L, limit, lambda: told.append(1))
     np.testing.assert_array_equal(found[..., 0], limit[..., 0])
     assert (found[..., 1] < limit[..., 1]).any()
     assert len(told) == 1

@@ -269,6 +269,34 @@ def test_any_multipliers_bound_every_function_that_norm_and_data_allow(seed):
     np.testing.assert_allclose(found[5], size, rtol=1e-9)
 
 
+@given(seeds, st.sampled_from([0.01, 0.2, 0.5]))
+@settings(max_examples=10)
+def test_all_at_once_bounds_are_nearly_the_least(seed, eps_share):
+    """Each is above what a function that norm and data allow reaches, and next to none far above."""
+    _, B, eps, p, _ = member(seed, N=30, eps_share=eps_share)
+    rng = np.random.default_rng(seed)
+    ls = np.asarray(p.hyper.lengthscales)[0]
+    allowed = recovery.consistent(p.X, p.Y, p.hyper, 0, B[0], eps[0])
+    Z = np.asarray(p.X)[rng.integers(0, 30, 8)] + ls * rng.normal(size=(8, 2)) * 0.5
+    W = rng.normal(size=(8, 20)) * (rng.random((8, 20)) < 0.4)
+    W[:, 0] = 0.0  # of nothing
+    C = np.exp(-0.5 * (((Z[:, None] - Z[None]) / ls) ** 2).sum(-1))
+    k, square = allowed.correlations(Z) @ W, np.sum(W * (C @ W), axis=0)
+    found = recovery.least(allowed, k, square)
+    best = np.array([recovery.greatest(allowed, each, square[j]).value for j, each in enumerate(k.T)])
+    off = (found - best) / (allowed.unit * np.sqrt(np.maximum(square, 1e-3)))
+    assert (off >= -1e-5).all()
+    assert off.max() <= 0.05
+    assert np.median(off) <= 0.003
+
+
+def test_all_at_once_data_that_contradict_are_refused():
+    hyper = gp.hyperparameters(1.0, [1.0], 1e-3)
+    allowed = recovery.consistent([[0.0], [0.1]], [[1.0], [-1.0]], hyper, 0, 1.0, 0.01)
+    with pytest.raises(ValueError, match="contradict norm and noise_bound"):
+        recovery.least(allowed, allowed.correlations(np.array([[0.0], [1.0]])), np.ones(2))
+
+
 def test_a_functional_of_nothing_is_zero():
     _, _, allowed, k, _, _, _, _ = functional(1)
     best = recovery.greatest(allowed, 0 * k, 0.0)

@@ -35,7 +35,6 @@ Progress = Callable[[str], None]
 ERRORS = ("e_p", "e_v", "e_R", "e_omega")
 BOUNDS = (*band.ALONG, "recovery")
 POINTS = 160  # data points of a body up to which optimal recovery is tried
-EVERY = 16  # conic programs at every so many nodes
 SELDOM = 0.2  # s between the times at which the tube is taken
 MEMORY = 0.5  # s, within which a difference of the tube is forgotten by what bounds its changes
 BLOCK = 16  # of those times at once
@@ -349,7 +348,7 @@ def _recovered(held: Sequence[Body], each: Sequence[Matrix], L: Matrix, key: str
     total = np.zeros_like(each[0][..., 0])
     for body, banded in zip(held, each, strict=True):
         progress(f"optimal recovery along the {key}'s path, outputs {body.columns.start} to {body.columns.stop - 1}")
-        total += reach.by_recovery(body, L, EVERY, banded).sum(-1)
+        total += reach.by_recovery(body, L, banded).sum(-1)
     return total
 
 

@@ -18,7 +18,7 @@ from colift.gp import likelihood, recovery
 
 Matrix = NDArray[np.float64]
 
-NEGLIGIBLE = 1e-3  # share of a row's bound below which an output keeps its band instead of a conic program
+NEGLIGIBLE = 1e-3  # share of a row's bound below which an output keeps its band
 
 
 @dataclasses.dataclass(frozen=True)
@@ -59,37 +59,26 @@ def bound(beta: Matrix, moved: Matrix, sigma: Matrix) -> Matrix:
     return np.stack([width + moved, width - moved])
 
 
-def by_recovery(
-    body: Body, weights: Matrix, every: int, band: Matrix, progress: Callable[[], None] = lambda: None
-) -> Matrix:
-    """`(2, times, rows, outputs)` as `by_band`, by optimal recovery: a conic program at every so many of the times.
+def by_recovery(body: Body, weights: Matrix, band: Matrix, progress: Callable[[], None] = lambda: None) -> Matrix:
+    """`(2, times, rows, outputs)` as `by_band`, by optimal recovery of every functional (`gp.recovery.least`).
 
-    In between, `l_t = (1 - w) l_a + w l_b + delta` with the programs' times a and b, and delta has a band. Never above
-    `band`, that of `by_band`, which stays where an output contributes next to nothing. Raises as `gp.recovery.recover`.
+    Never above `band`, that of `by_band`, which stays where an output contributes next to nothing. Raises as that.
     """
-    found, times = band.copy(), len(weights)
-    anchors = sorted({*range(0, times, every), times - 1})
-    n, total = int(body.model.n), band.sum(-1).max((0, 1))
-    mu, off = _mean(body.model, body.x), shift(body)
-    blend = np.stack([np.interp(np.arange(times), anchors, unit) for unit in np.eye(len(anchors))], axis=1)
+    found, total = band.copy(), band.sum(-1).max((0, 1))
+    n, mu = int(body.model.n), _mean(body.model, body.x)
     for i in range(len(body.beta)):
-        matters = [row for row in range(weights.shape[1]) if band[..., row, i].max() > NEGLIGIBLE * total[row]]
-        if not matters:
+        matters = np.flatnonzero(band[..., i].max((0, 1)) > NEGLIGIBLE * total)
+        if not len(matters):
             continue
         X, Y = np.asarray(body.model.X)[:n], np.asarray(body.model.Y)[:n]
         allowed = recovery.consistent(X, Y, body.model.hyper, i, body.norm, float(body.eps[i]))
         offset = float(np.asarray(body.model.hyper.offset)[i])
-        K, C = allowed.correlations(body.x), correlation(body.model, i, body.x, body.x)
-        L, S = weights[..., body.columns.start + i], covariance(body.companion, i, body.x)
-        for row in matters:
-            here = L[anchors, row]
-            k, square, centre = K @ here.T, np.sum((here @ C) * here, axis=1), here @ (mu[:, i] - offset)
-            delta = L[:, row] - blend @ here
-            width = body.beta[i] * np.sqrt(np.maximum(np.sum((delta @ S) * delta, axis=1), 0.0))
-            for side, sign in enumerate((1, -1)):
-                value = [recovery.greatest(allowed, sign * k[:, a], square[a]).value for a in range(len(anchors))]
-                value = blend @ (value - sign * centre) + width + sign * (delta @ off[:, i])
-                found[side, :, row, i] = np.minimum(value, band[side, :, row, i])
+        L = weights[..., body.columns.start + i][:, matters].reshape(-1, len(body.x))
+        k, square = allowed.correlations(body.x) @ L.T, np.sum((L @ correlation(body.model, i, body.x, body.x)) * L, 1)
+        centre = L @ (mu[:, i] - offset)
+        for side, sign in enumerate((1, -1)):
+            value = (recovery.least(allowed, sign * k, square) - sign * centre).reshape(-1, len(matters))
+            found[side, ..., i][:, matters] = np.minimum(value, band[side, ..., i][:, matters])
         progress()
     return found
 
