@@ -39,6 +39,7 @@ def figures(made: certification.Certified) -> dict[str, Any]:
     found = made.certificate
     return {
         "n": int(made.flight.oracle.payload.n),
+        "varies": varies(made),
         "observed": dict(found.observed),
         "floor": dict(found.floor),
         "unknown": dict(found.unknown),
@@ -48,6 +49,14 @@ def figures(made: certification.Certified) -> dict[str, Any]:
         "radii": {name: {"run": dict(r.run), "tube": dict(r.tube)} for name, r in found.radii.items()},
         "assumed": list(found.radii["recovery"].assumed),
     }
+
+
+def varies(made: certification.Certified) -> dict[str, float]:
+    """Half of the way between least and greatest residual in the window, least of all channels; N and N m."""
+    rows, window = made.flight.rows, made.certificate.window
+    late = (rows.t >= window[0]) & (rows.t <= window[1])
+    payload, agents = (np.ptp(np.asarray(f)[late], axis=0) / 2 for f in (rows.f_L, rows.f_x))
+    return {"payload_N": payload[:3].min(), "payload_Nm": payload[3:].min(), "agents_N": agents.min()}
 
 
 def main() -> bool:
@@ -68,6 +77,9 @@ def judge(runs: Sequence[dict[str, Any]], against: Sequence[dict[str, Any]]) -> 
     for error in ERRORS:
         share = np.median(_of(runs, "floor", error) / _of(runs, "observed", error))
         print(f"{error:8} floor / observed: median {100 * share:.0f} %")
+    for key in ("payload_N", "payload_Nm", "agents_N"):
+        least = _of(runs, "varies", key)
+        print(f"residual's half range, least channel, {key}: median {np.median(least):.3f}, least {least.min():.3f}")
     each = [_tightness(runs, name, where) for name in NAMES for where in ("tube", "run")]
     flown = [*runs, *(run["adversary"] for run in against)]
     left = {key: int(_of(flown, "components_left", key).sum()) for key in ("tube", "run")}

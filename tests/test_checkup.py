@@ -35,7 +35,15 @@ def finding(of: checkup.Checkup, subject: str) -> checkup.Finding:
 def test_a_team_that_flies_is_sound():
     good = found("good")
     assert good.sound
-    assert [each.subject for each in good.findings] == ["mass", "contacts", "thrust", "mode", "delay", "gain"]
+    assert [each.subject for each in good.findings] == [
+        "mass",
+        "contacts",
+        "thrust",
+        "mode",
+        "learned",
+        "delay",
+        "gain",
+    ]
     assert good.lines()[-1] == "sample: sound"
     assert finding(good, "mass").numbers["total_kg"] == 6
     assert "payload 1.5 kg (believed 1.2 kg), n0 1.5 kg" in finding(good, "mass").says
@@ -48,15 +56,16 @@ def test_a_team_that_flies_is_sound():
 def test_a_mode_that_grows_is_bad_and_the_change_that_is_said_steadies_it():
     wild = found("wild")
     assert not wild.sound
-    (bad,) = [each for each in wild.findings if each.advice]
-    assert bad.subject == "mode"
+    bad, also = [each for each in wild.findings if each.advice]
+    assert (bad.subject, also.subject) == ("mode", "learned")
+    assert also.numbers["rad_s"] != bad.numbers["rad_s"]  # it rests elsewhere
     assert "unstable" in bad.says
     assert re.search(r"moves n\d in (roll|pitch|yaw)", bad.says)
     assert not any(each.subject == "delay" for each in wild.findings)
     (rate,) = re.fullmatch(r"--set control\.agent_k_omega=28\.0 makes it ([+-]\S+) rad/s", bad.advice[0]).groups()
     assert float(rate) == pytest.approx(finding(found("good"), "mode").numbers["rad_s"][0], abs=1e-2)
     assert float(rate) < 0 < finding(wild, "mode").numbers["rad_s"][0]
-    assert wild.lines()[-1] == "sample: bad: mode"
+    assert wild.lines()[-1] == "sample: bad: mode, learned"
 
 
 @pytest.mark.long

@@ -97,7 +97,35 @@ def check(settings: Settings, progress: Callable[[str], None] = lambda _what: No
         () if at_rest.stable else _steadier(settings, x, M, progress),
     )
     late = (*_posture(settings, at_rest), _delay(settings, x, M, progress)) if at_rest.stable else ()
-    return Checkup(settings.name, (*found, mode, *late, *(_gain(x, M) if at_rest.stable else ())))
+    gain = _gain(x, M) if at_rest.stable else ()
+    return Checkup(settings.name, (*found, mode, *_once_learned(settings, progress), *late, *gain))
+
+
+def learned(settings: Settings) -> Settings:
+    """The scenario whose controller believes of bodies what is true, as one that has learned them flies."""
+    right = settings.nominal.model_copy(update={"payload": None, "agent_types": {}})
+    return settings.model_copy(update={"nominal": right})
+
+
+def _once_learned(settings: Settings, progress: Callable[[str], None]) -> Iterator[Finding]:
+    """The slowest mode where it rests once bodies are learned, higher and in another pose, if they have to be."""
+    right = learned(settings)
+    if right == settings:
+        return
+    progress("its loop at rest, bodies learned")
+    plan = study.plan(right, "C1")
+    try:
+        found = modes.at_rest(plan, starts.at_rest(right, plan.world.team))
+    except ValueError as error:
+        yield Finding("learned", f"where bodies are known: {error}", {}, ("see rest",))
+        return
+    yield Finding(
+        "learned",
+        f"where bodies are known the slowest {_rate(found)}, {'' if found.stable else 'unstable, '}moves "
+        f"{moves(right, found)}",
+        {"stable": found.stable, "rad_s": list(found.rate)},
+        () if found.stable else ("let `colift tune` choose the gains: it looks at this rest as well",),
+    )
 
 
 def beyond_need(settings: Settings) -> bool:

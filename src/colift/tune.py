@@ -46,6 +46,7 @@ class Loop:
     z: State
     x: modes.Carried
     M: np.ndarray
+    learned: Loop | None = None  # where bodies that are believed otherwise are known: it rests in another pose
 
     @property
     def ticks(self) -> int:
@@ -58,12 +59,18 @@ class Loop:
 
     @property
     def growth(self) -> float:
-        """1/s, of the slowest mode of both, which is to be as negative as can be."""
-        return max(math.log(np.abs(np.linalg.eigvals(A)).max()) for A in self.matrices(self.M)) / self.plan.dt
+        """1/s, of the slowest mode of all, which is to be as negative as can be."""
+        own = max(math.log(np.abs(np.linalg.eigvals(A)).max()) for A in self.matrices(self.M)) / self.plan.dt
+        return max(own, self.learned.growth) if self.learned else own
 
 
 def loop(settings: Settings) -> Loop:
-    """The loop of a scenario at its rest. Raises ScenarioError as `study.plan`, ValueError where it finds no rest."""
+    """The loop of a scenario at its rests. Raises ScenarioError as `study.plan`, ValueError where it finds no rest."""
+    right = checkup.learned(settings)
+    return dataclasses.replace(_at_rest(settings), learned=_at_rest(right) if right != settings else None)
+
+
+def _at_rest(settings: Settings) -> Loop:
     plan = study.plan(settings, "C1")
     z = starts.at_rest(settings, plan.world.team)
     return Loop(settings, plan, z, *modes.monodromy(plan, z))
@@ -90,9 +97,10 @@ def tune(settings: Settings, progress: Callable[[str], None] = lambda _what: Non
     """The loop as it is, the one with the gains that were found, and how many matrices that took.
 
     Sequential linear programs: least t with `Re lambda_i + (d Re lambda_i / d s) s <= t` for the slowest modes, on
-    time and late, `|s| <= region`; a step that helps is taken and widens the region. Where one does not, dampings are
-    held, as slopes in them are of no use where poles meet; then the region is narrowed. `K_p` is kept below what the
-    start's error and `limits.thrust_margin` leave of the thrust. Raises as `loop`.
+    time and late, with bodies as believed and known, `|s| <= region`; a step that helps is taken and widens the region.
+    Where one does not, dampings are held, as slopes in them are of no use where poles meet; then the region is
+    narrowed. `K_p` is kept below what the start's error and `limits.thrust_margin` leave of the thrust. Raises as
+    `loop`.
     """
     progress("its loop at rest")
     first = loop(settings)
@@ -163,6 +171,7 @@ def _slopes(of: Loop) -> Slopes:
         plan = study.plan(scaled(of.settings, STEP * e, digits=15), "C1")
         moved.append(of.matrices(modes.derivative(plan, of.z, of.x)))
     parts = [rates(M, [each[k] for each in moved], of.plan.dt) for k, M in enumerate(of.matrices(of.M))]
+    parts += [_slopes(of.learned)] if of.learned else []
     return np.concatenate([rate for rate, _ in parts]), np.concatenate([slope for _, slope in parts])
 
 
@@ -219,6 +228,7 @@ def numbers(of: Loop) -> dict[str, float]:
     return {
         "slowest_mode_1ps": on_time,
         "slowest_mode_late_1ps": late,
+        "slowest_mode_learned_1ps": of.learned.growth if of.learned else max(on_time, late),
         "delay_margin_s": ticks * of.plan.dt,
         "thrust_margin": float((1 - hover / have).min()),
         "e_p_C1_m": float(np.linalg.norm(force / np.array(of.settings.control.K_p))) / total(nominal),
@@ -246,6 +256,7 @@ def lines(before: Loop, after: Loop, used: int) -> list[str]:
     for label, key, scale, spec in (
         ("slowest mode, 1/s", "slowest_mode_1ps", 1, "+.3g"),
         (f"the same, commands {1e3 * LATE:g} ms late, 1/s", "slowest_mode_late_1ps", 1, "+.3g"),
+        ("the slower of both, bodies learned, 1/s", "slowest_mode_learned_1ps", 1, "+.3g"),
         ("delay margin, ms", "delay_margin_s", 1e3, ".3g"),
         ("thrust left at hover, %", "thrust_margin", 100, ".3g"),
         ("e_p under C1 by what is unknown, mm", "e_p_C1_m", 1e3, ".3g"),

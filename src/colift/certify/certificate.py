@@ -329,7 +329,7 @@ def _reached(
         if "recovery" in out and not left_out:
             try:
                 out["recovery"][key] = _recovered(energy[key], each, L, key, progress)
-            except (ValueError, RuntimeError) as error:
+            except ValueError as error:
                 left_out["recovery"] = str(error)
     return {name: reached for name, reached in out.items() if name not in left_out}, left_out
 
@@ -337,12 +337,11 @@ def _reached(
 def _recovered(held: Sequence[Body], each: Sequence[Matrix], L: Matrix, key: str, progress: Progress) -> Matrix:
     """`(2, times, 12)` by optimal recovery, from each body's bounds by the energy band.
 
-    Raises ValueError for more data than the programs can take in a few minutes, or data that contradict what is
-    stated; RuntimeError as `gp.recovery.recover`.
+    Raises ValueError for more data than it can take in a few minutes, or data that contradict what is stated.
     """
     n = max(int(body.model.n) for body in held)
     if n > POINTS:
-        raise ValueError(f"a body has {n} data points; its programs would take long beyond {POINTS}")
+        raise ValueError(f"a body has {n} data points; that would take long beyond {POINTS}")
     if not all(np.isfinite(banded).all() for banded in each):
         raise ValueError("the data contradict the stated norm and label errors")
     total = np.zeros_like(each[0][..., 0])
