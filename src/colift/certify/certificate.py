@@ -351,12 +351,25 @@ def _recovered(held: Sequence[Body], each: Sequence[Matrix], L: Matrix, key: str
     return total
 
 
-def _tube(loop: Variation, held: Sequence[Body]) -> tuple[Tube | None, str]:
-    if not all(np.isfinite(body.beta).all() for body in held):
-        return None, "the data contradict the stated norm and label errors"
+@dataclasses.dataclass(frozen=True)
+class Gains:
+    """What the tube is solved with: of differences, then of changes by `keep`, at some of the twin's nodes."""
+
+    at: NDArray[np.intp]  # (times,), nodes
+    keep: float
+    M: Matrix  # (2, times, inputs, times, inputs), of cells that end at these
+    own: Matrix  # (2, times, inputs)
+
+    def of_nodes(self, nodes: int) -> NDArray[np.intp]:
+        """The cell that each of so many nodes is in."""
+        return np.minimum(np.searchsorted(self.at, np.arange(nodes)), len(self.at) - 1)
+
+
+def gains(loop: Variation, held: Sequence[Body]) -> Gains:
+    """`M` and `own` of `tube.solve` along the twin, for bodies held to its path."""
     at, keep = _seldom(loop), float(np.exp(-variation.STEP / MEMORY))
     cells, many = np.r_[0, at[:-1] + 1], loop.bodies[-1].stop
-    M, own = np.zeros((2, len(at), many, len(at), many)), np.empty((2, len(at), many))  # of differences, of changes
+    M, own = np.zeros((2, len(at), many, len(at), many)), np.empty((2, len(at), many))
     for some in np.array_split(np.arange(len(at)), max(1, len(at) // BLOCK)):
         until = slice(some[-1] + 1)
         for b, body in enumerate(held):
@@ -372,16 +385,23 @@ def _tube(loop: Variation, held: Sequence[Body]) -> tuple[Tube | None, str]:
                     of = body.columns.start + i
                     M[k, some, of, until] = np.add.reduceat(tube.feeding(S, g, by), cells[until], axis=1)
                     own[k, some, of] = tube.own(S, g, *ellipsoids)
+    return Gains(at, keep, M, own)
+
+
+def _tube(loop: Variation, held: Sequence[Body]) -> tuple[Tube | None, str]:
+    if not all(np.isfinite(body.beta).all() for body in held):
+        return None, "the data contradict the stated norm and label errors"
+    of = gains(loop, held)
     try:
-        difference, contraction = tube.solve(M[0], own[0])
+        difference, contraction = tube.solve(of.M[0], of.own[0])
     except ValueError as error:
         return None, str(error)
     try:
-        change, _ = tube.solve(M[1], own[1])
+        change, _ = tube.solve(of.M[1], of.own[1])
     except ValueError:  # then what is known is the difference alone
         change = np.full_like(difference, np.inf)
-    of_node = np.minimum(np.searchsorted(at, np.arange(len(loop.nodes))), len(at) - 1)
-    return Tube(difference[of_node], change[of_node], keep, contraction), ""
+    of_node = of.of_nodes(len(loop.nodes))
+    return Tube(difference[of_node], change[of_node], of.keep, contraction), ""
 
 
 def _moved(loop: Variation, b: int, body: Body, nodes: NDArray[np.intp]) -> Matrix:
