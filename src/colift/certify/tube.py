@@ -74,8 +74,8 @@ def slopes(body: Body, i: int, points: Sequence[Matrix]) -> tuple[Matrix, Matrix
     `m - mu`.
     """
     C = np.block([[reach.gradient_covariance(body.companion, i, x, z) for z in points] for x in points])
-    w, V = np.linalg.eigh(C)
-    S = body.beta[i] * np.sqrt(np.maximum(w, 0))[:, :, None] * np.swapaxes(V, 1, 2)
+    _, w, V = np.linalg.svd(C)  # not eigh, which may fail where eigenvalues come in clusters, as at points so near
+    S = body.beta[i] * np.sqrt(w)[:, :, None] * V
     g = [reach.gradient(body.companion, i, x) - reach.gradient(body.model, i, x) for x in points]
     return S, np.concatenate(g, axis=1)
 

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import sparse
+from scipy import linalg, sparse
 
 from colift.gp.hyper import Hyper
 from colift.gp.kernel import Kernel
@@ -175,7 +175,7 @@ def least(allowed: Consistent, k: np.ndarray, square: np.ndarray) -> np.ndarray:
     contradict B and eps, where it finds that.
     """
     size = np.where(square > 0, np.sqrt(square), 1.0)  # a functional that is zero has no size to be measured in
-    values, V = np.linalg.eigh(allowed.K)
+    values, V = linalg.eigh(allowed.K)
     values = np.maximum(values, 0.0)[:, None]
     c, r = V.T @ (k / size), (V.T @ allowed.r)[:, None]
     copy, price, root = np.zeros_like(k), np.zeros_like(k), np.ones_like(square)  # root: sqrt(...), held within a step
@@ -206,7 +206,7 @@ def _solution(allowed: Consistent, k: np.ndarray, square: float) -> tuple[np.nda
     c are coordinates of f in an orthonormal basis of the span of all representers.
     """
     gram = np.block([[allowed.K, k[:, None]], [k[None], np.full((1, 1), square)]])
-    values, vectors = np.linalg.eigh(gram)
+    values, vectors = linalg.eigh(gram)
     kept = values > RANK * values[-1]
     vectors, scale, N = vectors[:, kept], np.sqrt(values[kept]), len(k)
     for margin in MARGINS:

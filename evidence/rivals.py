@@ -1,0 +1,157 @@
+"""Four certificates of the same flights: ours, a pointwise tube, a bound by L1 norms, and split-conformal prediction.
+
+Plant, data and assumptions are those of the scenario `certified`; all say, before it is flown, how far the errors of a
+flight may go. `pointwise`: the energy bound at each time alone, along a tube by the same slopes, summed with the loop's
+weights (as Koller et al. 2018, Lederer et al. 2019 do). `L1`: one number for each unknown output, its greatest bound
+along the path enlarged by a small gain, times the L1 norm of the loop (as in L1 adaptive control, Hovakimyan and Cao
+2010; Lakshmanan et al. 2020). `conformal`: the quantile of what 500 flights with other draws reached (Vovk et al. 2005;
+Lindemann et al. 2023), with no model at all. Each is held against flights with other forces that norm and data allow:
+what was drawn, and tries of `colift attack`.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from typing import Any
+
+import numpy as np
+
+from colift import attack, certification, scenario, simulate, study
+from colift.certify import adversary, certificate, reach, tube, variation
+from colift.certify.certificate import ERRORS
+from evidence import collect
+
+SEEDS = tuple(range(100, 108))
+TRIES = (*(f"worst {error} 0" for error in ERRORS), "drawn 0", "swinging 0", "swinging 1")
+CALIBRATION, AT_ONCE, FROM = 500, 20, 1000  # flights of other seeds, so many an item
+CONFIDENCE = 0.95  # of split-conformal prediction; the others are certain
+RIVALS = ("recovery", "energy", "pointwise", "L1", "conformal")
+
+
+def fly(item: str) -> dict[str, Any]:
+    """The certificates of one seed, or what some flights for calibration reached."""
+    kind, k = item.split()
+    return calibration(int(k)) if kind == "calibration" else compared(int(k))
+
+
+def calibration(k: int) -> dict[str, Any]:
+    """What each error reached in the window, flight by flight, and s."""
+    begun, reached = time.perf_counter(), []
+    for seed in range(FROM + k * AT_ONCE, FROM + (k + 1) * AT_ONCE):
+        flight = simulate.fly_plan(study.plan(_settings(seed), "C3"))
+        late = flight.rows.t >= _from(flight)
+        reached.append({error: _size(getattr(flight.rows, error)[late]) for error in ERRORS})
+    return {"reached": reached, "cost_s": time.perf_counter() - begun}
+
+
+def compared(seed: int) -> dict[str, Any]:
+    """Radii for any run by each certificate, m, m/s, 1 and rad/s, and what flights reach."""
+    begun = time.perf_counter()
+    made = certification.certify(_settings(seed), names=("energy", "recovery"))
+    ours, found, loop = time.perf_counter() - begun, made.certificate, made.loop
+    begun = time.perf_counter()
+    others = rivals(made)
+    theirs = time.perf_counter() - begun
+    reached = {"drawn itself": dict(found.observed)}
+    for name in TRIES:
+        kind, number = name.rsplit(" ", 1)
+        L = attack.UNKNOWN[kind](made, int(number), np.random.default_rng((seed, int(number), *kind.encode())))
+        forces = adversary.adversary(made.plan, made.flight, loop.nodes, loop.rows, L)
+        rows, _ = variation.flown(certificate.under(made.plan, forces), made.flight.held, seed=seed)
+        late = rows.t >= found.window[0] - 1e-9
+        reached[name] = {error: _size(getattr(rows, error)[late]) for error in ERRORS}
+    radii = {name: dict(each.tube) for name, each in found.radii.items()} | others
+    return {"radii": radii, "reached": reached, "cost_s": {"ours": ours, "pointwise, L1": theirs}}
+
+
+def rivals(made: certification.Certified) -> dict[str, dict[str, float]]:
+    """Radii of the pointwise tube and of the bound by L1 norms; infinite where there is none.
+
+    `e^0 + sum_k |L_k| (rho + d)(t_k)`, `d = M (rho + d)`; and `e^0 + sum_k |L_k| r`, `r = (1 - sup sum M)^-1 sup rho`.
+    """
+    loop, window = made.loop, made.certificate.window
+    held = certificate.bodies(made.plan, made.flight, loop.rows, loop.nodes, "energy")
+    rho = np.concatenate([reach.greatest(body) for body in held], axis=1)
+    gains = certificate.gains(loop, held)
+    cells = np.stack([rho[part].max(0) for part in np.split(np.arange(len(rho)), gains.at[:-1] + 1)])
+    all_of = np.full_like(rho, np.inf)
+    try:
+        d, _ = tube.solve(gains.M[0], np.einsum("tisj,sj->ti", gains.M[0], cells))
+        all_of = rho + d[gains.of_nodes(len(rho))]
+    except ValueError:  # it has no tube
+        pass
+    gain = gains.M[0].sum(2).max(0)
+    small = np.abs(np.linalg.eigvals(gain)).max() < 1
+    constant = np.linalg.solve(np.eye(len(gain)) - gain, rho.max(0)) if small else np.full(len(gain), np.inf)
+    at = np.flatnonzero(loop.t >= window[0] - 1e-9)
+    L = np.abs(variation.weights(loop, loop.of(*ERRORS), at))
+    base = np.concatenate([getattr(loop.rows, error)[loop.nodes[at]] for error in ERRORS], axis=1)
+    return {
+        "pointwise": _radii(base, np.einsum("trki,ki->tr", L, all_of)),
+        "L1": _radii(base, L.sum(2) @ constant),
+    }
+
+
+def _radii(base: np.ndarray, reach: np.ndarray) -> dict[str, float]:
+    corner = np.abs(base) + reach
+    return {error: _size(corner[:, 3 * i : 3 * i + 3]) for i, error in enumerate(ERRORS)}
+
+
+def _settings(seed: int) -> scenario.Settings:
+    return scenario.load("certified").model_copy(update={"seed": seed})
+
+
+def _from(flight: simulate.Flight) -> float:
+    """The last round of the reference, s."""
+    return flight.rows.t[-1] - 8.0 + 1e-9
+
+
+def _size(x: np.ndarray) -> float:
+    return float(np.linalg.norm(x, axis=1).max())
+
+
+def main() -> bool:
+    """Compare, then judge ours: never exceeded, and no rival that never is has a smaller radius."""
+    certified, flights = [f"seed {seed}" for seed in SEEDS], CALIBRATION // AT_ONCE
+    found = collect("rivals", [*certified, *(f"calibration {k}" for k in range(flights))], fly)
+    each = [found[item] for item in certified]
+    past = [flight for k in range(flights) for flight in found[f"calibration {k}"]["reached"]]
+    rank = math.ceil((len(past) + 1) * CONFIDENCE) - 1
+    quantile = {error: sorted(flight[error] for flight in past)[rank] for error in ERRORS}
+    exceeded, medians = {}, {}
+    for rival in RIVALS:
+        radii = [quantile if rival == "conformal" else one["radii"][rival] for one in each]
+        broken = {
+            kind: sum(
+                one["reached"][name][error] > radius[error]
+                for one, radius in zip(each, radii, strict=True)
+                for name in one["reached"]
+                for error in ERRORS
+                if (name == "drawn itself") == (kind == "drawn")
+            )
+            for kind in ("drawn", "attack")
+        }
+        medians[rival] = {error: float(np.median([radius[error] for radius in radii])) for error in ERRORS}
+        over = {
+            error: np.median(
+                [radius[error] / one["reached"]["drawn itself"][error] for one, radius in zip(each, radii, strict=True)]
+            )
+            for error in ERRORS
+        }
+        said = ", ".join(f"{error} {over[error]:.3g}" for error in ERRORS)
+        print(f"{rival:9} radius / observed, median: {said}; exceeded {broken['drawn']} and {broken['attack']} times")
+        exceeded[rival] = broken["drawn"] + broken["attack"]
+    many = len(SEEDS) * len(ERRORS)
+    print(f"of {many} errors as drawn and {many * len(TRIES)} under attack; conformal says {CONFIDENCE:.0%} of draws")
+    cost = {name: np.median([one["cost_s"][name] for one in each]) for name in ("ours", "pointwise, L1")}
+    total = sum(found[f"calibration {k}"]["cost_s"] for k in range(flights))
+    print(f"cost: ours {cost['ours']:.0f} s, pointwise and L1 {cost['pointwise, L1']:.0f} s, conformal {total:.0f} s")
+    safe = [rival for rival in RIVALS if not exceeded[rival]]
+    return "recovery" in safe and all(
+        medians["recovery"][error] <= medians[rival][error] for rival in safe for error in ERRORS
+    )
+
+
+if __name__ == "__main__":
+    main()
