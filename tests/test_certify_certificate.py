@@ -133,10 +133,14 @@ def test_what_is_unknown_on_the_run_is_as_near_that_of_the_twin_s_path_as_the_tu
     run, twin = (seen(all_of.plan, rows) for rows in (all_of.flight.rows, all_of.loop.rows))
     for a, b, (f, model) in zip(run, twin, pairs, strict=True):
         left = [means(f, jnp.asarray(x[path])) - means(model, jnp.asarray(x[path])) for x in (a, b)]
-        apart.append(np.abs(left[0] - left[1]))
+        apart.append(np.asarray(left[0] - left[1]))
     apart = np.concatenate(apart, axis=1)
-    assert (apart <= found.difference + 1e-9).all()
-    assert (apart.max(0) > 0).all()
+    assert (np.abs(apart) <= found.difference + 1e-9).all()
+    assert (np.abs(apart).max(0) > 0).all()
+    assert np.isfinite(found.change).all()
+    changed = np.abs(apart[1:] - found.keep * apart[:-1])
+    assert (changed <= found.change[1:] + 1e-9).all()
+    assert (found.change < found.difference).any()
 
 
 # What it rests on -----------------------------------------------------------------------------------------------------
