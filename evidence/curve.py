@@ -174,15 +174,15 @@ def draw(found: dict[str, Any], path: Path) -> None:
         for ax, (kind, scale, label) in zip(figure.subplots(1, 2), kinds, strict=True):
             each = scale * np.array([[np.mean(of[kind]) for of in curve] for curve in curves])
             ax.fill_between(minutes, each.min(0), each.max(0), color="0.8", linewidth=0)
-            ax.plot(minutes, np.median(each, axis=0), "ko-", label="PPO, median and range of 5 seeds")
+            ax.plot(minutes, np.median(each, axis=0), "ko-", clip_on=False, label="PPO, median and range of 5 seeds")
             for case in CASES:
                 at, shown = scale * np.mean(found[case][kind]), look.of(case)
                 ax.axhline(at, color=shown.color, linestyle=shown.dashes)
-                ax.annotate(NAMES[case], (minutes[-1], at), (3, 0), textcoords="offset points", va="center", fontsize=7)
+                ax.annotate(NAMES[case], (minutes[-1], at), (5, 0), textcoords="offset points", va="center", fontsize=7)
             ax.set(xlabel="flight time flown to learn [min]", ylabel=label, xlim=(0, minutes[-1]))
         figure.axes[0].set_yscale("log")
         figure.axes[0].yaxis.set_major_formatter("{x:g}")
-        figure.axes[0].legend(loc="center left")
+        figure.axes[0].legend(loc=(0.02, 0.1))
         figure.savefig(path, dpi=200)
 
 
