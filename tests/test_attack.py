@@ -124,6 +124,7 @@ def test_what_was_tried_is_told_with_how_to_repeat_it_and_kept(tmp_path, monkeyp
     given = [
         attack.Try("drawn 0", (), ratios, 0, 12, ""),
         attack.Try("start 0", ("start.position_error_m=[1, 0, 0]",), {**ratios, "e_v": 1.5}, 3, 12, ""),
+        attack.Try("seed 0", ("seed=1004",), {**ratios, "e_R": 0.75}, 0, 12, ""),
         attack.Try("rate 0", ("control_Hz=100",), {}, 0, 0, "refused: too slow"),
     ]
     monkeypatch.setattr(attack, "attack", lambda *_: iter(given))
@@ -131,13 +132,14 @@ def test_what_was_tried_is_told_with_how_to_repeat_it_and_kept(tmp_path, monkeyp
     result = CliRunner().invoke(__main__.app, asked, catch_exceptions=False)
     assert result.exit_code == 1
     lines = result.stdout.splitlines()
-    again = "certified --set duration_s=30 --seed 3"
-    assert f"e_p: worst 0.500, colift attack {again} --only 'drawn 0'" in lines
-    assert f"e_v: worst 1.500, colift certify {again} --set 'start.position_error_m=[1, 0, 0]'" in lines
+    again = "certified --set duration_s=30"
+    assert f"e_p: worst 0.500, colift attack {again} --seed 3 --only 'drawn 0'" in lines
+    assert f"e_v: worst 1.500, colift certify {again} --set 'start.position_error_m=[1, 0, 0]' --seed 3" in lines
+    assert f"e_R: worst 0.750, colift certify {again} --seed 1004" in lines
     assert "rate 0: refused: too slow" in lines
-    assert "1 of 3 tries break a radius: start 0" in lines
+    assert "1 of 3 tries that have radii break one: start 0" in lines
     kept = json.loads((tmp_path / "attack.json").read_text())
-    assert [one["name"] for one in kept["tries"]] == ["drawn 0", "start 0", "rate 0"]
+    assert [one["name"] for one in kept["tries"]] == ["drawn 0", "start 0", "seed 0", "rate 0"]
     assert kept["tries"][1]["ratios"]["e_v"] == 1.5
     assert Path(tmp_path / "attack.json").read_text().count(kept["run"]) == 1
 

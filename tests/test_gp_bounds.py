@@ -232,7 +232,8 @@ def functional(seed):
 def test_the_greatest_value_is_reached_by_the_function_that_comes_with_it(seed):
     """`weights` make a function that keeps norm and data within a thousandth and has the value there."""
     Z, a, allowed, k, square, p, B, eps = functional(seed)
-    best = recovery.greatest(allowed, k, square)
+    mass = float(np.abs(a).sum())
+    best = recovery.greatest(allowed, k, square, mass)
     n = int(p.n)
     centers = np.vstack([np.asarray(p.X)[:n], Z])
     w = np.concatenate([best.weights[:n], best.weights[n] * a])
@@ -256,11 +257,13 @@ def test_any_multipliers_bound_every_function_that_norm_and_data_allow(seed):
     """Those of a neighbour, random ones and none; the best ones are those of `greatest`."""
     Z, a, allowed, k, square, p, B, _ = functional(seed)
     f, _, _, _, _ = member(seed, N=12, eps_share=0.2)
-    rng = np.random.default_rng(seed)
-    best = recovery.greatest(allowed, k, square)
+    rng, mass = np.random.default_rng(seed), float(np.abs(a).sum())
+    best = recovery.greatest(allowed, k, square, mass)
     shaken = best.nu[:, None] * (1 + 0.1 * rng.normal(size=(12, 4)))
     nu = np.column_stack([best.nu, shaken, np.zeros(12), rng.normal(size=(12, 3))])
-    found = recovery.above(allowed, nu, np.tile(k[:, None], (1, nu.shape[1])), np.full(nu.shape[1], square))
+    found = recovery.above(
+        allowed, nu, np.tile(k[:, None], (1, nu.shape[1])), *(np.full(nu.shape[1], x) for x in (square, mass))
+    )
     true = a @ (f(Z)[:, 0] - float(p.hyper.offset[0]))
     assert (found >= true).all()
     size = B * float(p.hyper.signal_variance[0]) ** 0.5 * square**0.5
@@ -282,24 +285,40 @@ def test_all_at_once_bounds_are_nearly_the_least(seed, eps_share):
     W[:, 0] = 0.0  # of nothing
     C = np.exp(-0.5 * (((Z[:, None] - Z[None]) / ls) ** 2).sum(-1))
     k, square = allowed.correlations(Z) @ W, np.sum(W * (C @ W), axis=0)
-    found = recovery.least(allowed, k, square)
-    best = np.array([recovery.greatest(allowed, each, square[j]).value for j, each in enumerate(k.T)])
+    mass = np.abs(W).sum(0)
+    found = recovery.least(allowed, k, square, mass)
+    best = np.array([recovery.greatest(allowed, each, square[j], mass[j]).value for j, each in enumerate(k.T)])
     off = (found - best) / (allowed.unit * np.sqrt(np.maximum(square, 1e-3)))
     assert (off >= -1e-5).all()
     assert off.max() <= 0.05
     assert np.median(off) <= 0.003
 
 
-def test_all_at_once_data_that_contradict_are_refused():
+@pytest.mark.parametrize("second", [-1.0, 0.76])  # far beyond, and by 1.2 eps each way at one point
+def test_all_at_once_data_that_contradict_are_refused(second: float):
     hyper = gp.hyperparameters(1.0, [1.0], 1e-3)
-    allowed = recovery.consistent([[0.0], [0.1]], [[1.0], [-1.0]], hyper, 0, 1.0, 0.01)
+    allowed = recovery.consistent([[0.0], [0.0]], [[1.0], [second]], hyper, 0, 2.0, 0.1)
     with pytest.raises(ValueError, match="contradict norm and noise_bound"):
-        recovery.least(allowed, allowed.correlations(np.array([[0.0], [1.0]])), np.ones(2))
+        recovery.least(allowed, allowed.correlations(np.array([[0.0], [1.0]])), np.ones(2), np.ones(2))
+
+
+def test_a_functional_whose_points_nearly_cancel_is_bounded_for_all_that():
+    """`f(z + h) - f(z)`: its square is lost in rounding, and may be below zero."""
+    hyper = gp.hyperparameters(1.0, [1.0], 1e-3)
+    allowed = recovery.consistent([[0.0], [0.5]], [[0.0], [0.3]], hyper, 0, 1.0, 0.05)
+    h, g = 10.0 ** -np.arange(4, 10), np.array([0.7])
+    k = np.stack([allowed.correlations(np.array([g + each, g])) @ [1.0, -1.0] for each in h], axis=1)
+    square = np.array([2 - 2 * np.exp(-0.5 * ((0.7 + each) - 0.7) ** 2) for each in h])
+    found = recovery.least(allowed, k, square - 1e-16, np.full(len(h), 2.0))
+    f = lambda z: 0.6 * z * np.exp(-(z**2) / 2)  # noqa: E731  0.6 times the kernel's slope at 0, of norm 0.6
+    assert (found >= f(0.7 + h) - f(0.7)).all()
+    one = recovery.greatest(allowed, k[:, -1], -1e-17, 2.0)
+    assert np.isfinite(one.value)
 
 
 def test_a_functional_of_nothing_is_zero():
     _, _, allowed, k, _, _, _, _ = functional(1)
-    best = recovery.greatest(allowed, 0 * k, 0.0)
+    best = recovery.greatest(allowed, 0 * k, 0.0, 0.0)
     assert 0 <= best.value <= 1e-4 * allowed.unit
 
 

@@ -638,9 +638,8 @@ def attack(
         except ValueError as error:
             raise _fail(str(error)) from None
     given = [*(changes or ()), *([] if duration is None else [f"duration_s={duration}"])]
-    told = shlex.join([*(word for change in given for word in ("--set", change)), "--seed", str(settings.seed)])
     with _printed(f"; the results are in {folder.path}"):
-        _report_attack(done, name, told, folder.path)
+        _report_attack(done, name, given, settings.seed, folder.path)
     if any(one.breaks for one in done):
         raise typer.Exit(EXCEEDED)
 
@@ -651,7 +650,7 @@ def _tried(run: str, settings: Any, done: Sequence[Any]) -> dict[str, Any]:
     return {"run": run, "scenario": settings.name, "seed": settings.seed, "version": version("colift"), "tries": tries}
 
 
-def _report_attack(done: Sequence[Any], name: str, told: str, folder: Path) -> None:
+def _report_attack(done: Sequence[Any], name: str, given: Sequence[str], seed: int, folder: Path) -> None:
     """A row for each try, then the worst ratio of each error and how to repeat it."""
     from rich.box import SIMPLE_HEAD
 
@@ -671,12 +670,20 @@ def _report_attack(done: Sequence[Any], name: str, told: str, folder: Path) -> N
         held = [one for one in done if error in one.ratios]
         if held:
             worst = max(held, key=lambda one: one.ratios[error])
-            more = [word for change in worst.changes for word in ("--set", change)] or ["--only", worst.name]
-            command = "certify" if worst.changes else "attack"
-            print(f"{error}: worst {worst.ratios[error]:.3f}, colift {command} {name} {told} {shlex.join(more)}")
-    broken = [one.name for one in done if one.breaks]
-    print(f"{len(broken)} of {len(done)} tries break a radius{': ' if broken else ''}{', '.join(broken)}")
+            print(f"{error}: worst {worst.ratios[error]:.3f}, colift {_again(worst, name, given, seed)}")
+    held, broken = [one for one in done if one.ratios], [one.name for one in done if one.breaks]
+    print(f"{len(broken)} of {len(held)} tries that have radii break one{': ' if broken else ''}{', '.join(broken)}")
     print(f"results in {folder}")
+
+
+def _again(one: Any, name: str, given: Sequence[str], seed: int) -> str:
+    """The command that repeats a try of the attack on a scenario with such changes and seed."""
+    seeds = [change for change in one.changes if change.startswith("seed=")]
+    others = [change for change in one.changes if change not in seeds]
+    sets = [word for change in (*given, *others) for word in ("--set", change)]
+    only = [] if one.changes else ["--only", one.name]
+    number = seeds[0].removeprefix("seed=") if seeds else str(seed)
+    return shlex.join(["certify" if one.changes else "attack", name, *sets, "--seed", number, *only])
 
 
 Results = Annotated[Path, typer.Argument(metavar="OUT", help="A folder that `colift study` wrote.")]

@@ -53,7 +53,7 @@ def _extreme(body: Body, L: Matrix) -> gp.GP:
         allowed = recovery.consistent(X, Y, body.model.hyper, i, body.norm, float(body.eps[i]))
         w = L[:, body.columns.start + i]
         C = reach.correlation(body.model, i, x, x)
-        best = recovery.greatest(allowed, allowed.correlations(x) @ w, float(w @ C @ w))
+        best = recovery.greatest(allowed, allowed.correlations(x) @ w, float(w @ C @ w), float(np.abs(w).sum()))
         weights[i] = np.concatenate([best.weights[:-1], best.weights[-1] * w])
     hyper = dataclasses.replace(body.model.hyper, noise_variance=1e-3 * body.model.hyper.signal_variance)
     return gp.expansion(hyper, np.concatenate([X, x]), weights)

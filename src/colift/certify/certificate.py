@@ -69,7 +69,7 @@ class Span:
 
     def left(self, errors: Matrix) -> int:
         """How many components, over all times, are beyond."""
-        return int(((errors < self.lower) | (errors > self.upper)).sum())
+        return int((~((self.lower <= errors) & (errors <= self.upper))).sum())
 
 
 @dataclasses.dataclass(frozen=True)
@@ -329,7 +329,7 @@ def _reached(
         if "recovery" in out and not left_out:
             try:
                 out["recovery"][key] = _recovered(energy[key], each, L, key, progress)
-            except ValueError as error:
+            except (ValueError, RuntimeError) as error:
                 left_out["recovery"] = str(error)
     return {name: reached for name, reached in out.items() if name not in left_out}, left_out
 
@@ -337,7 +337,8 @@ def _reached(
 def _recovered(held: Sequence[Body], each: Sequence[Matrix], L: Matrix, key: str, progress: Progress) -> Matrix:
     """`(2, times, 12)` by optimal recovery, from each body's bounds by the energy band.
 
-    Raises ValueError for more data than it can take in a few minutes, or data that contradict what is stated.
+    Raises ValueError for more data than it can take in a few minutes, or data that contradict what is stated;
+    RuntimeError as `gp.recovery.recover`.
     """
     n = max(int(body.model.n) for body in held)
     if n > POINTS:

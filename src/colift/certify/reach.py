@@ -75,9 +75,9 @@ def by_recovery(body: Body, weights: Matrix, band: Matrix, progress: Callable[[]
         offset = float(np.asarray(body.model.hyper.offset)[i])
         L = weights[..., body.columns.start + i][:, matters].reshape(-1, len(body.x))
         k, square = allowed.correlations(body.x) @ L.T, np.sum((L @ correlation(body.model, i, body.x, body.x)) * L, 1)
-        centre = L @ (mu[:, i] - offset)
+        mass, centre = np.abs(L).sum(1), L @ (mu[:, i] - offset)
         for side, sign in enumerate((1, -1)):
-            value = (recovery.least(allowed, sign * k, square) - sign * centre).reshape(-1, len(matters))
+            value = (recovery.least(allowed, sign * k, square, mass) - sign * centre).reshape(-1, len(matters))
             found[side, ..., i][:, matters] = np.minimum(value, band[side, ..., i][:, matters])
         progress()
     return found

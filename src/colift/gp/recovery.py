@@ -31,6 +31,7 @@ GAIN = 1e-3  # of the largest value f can have, that a round must gain somewhere
 ROUNDS = 20
 RELAXED = 1.6  # times the step, as usual
 PENALTY = 0.03  # of multipliers that differ from their copies, for functionals of size one
+ROUNDING = 1e-12  # of products of some thousand correlations, for weights whose magnitudes sum to one
 RANK = 1e-13  # directions of the Gram matrix below this fraction of its largest are lost in rounding
 CONTRADICT = "the data contradict norm and noise_bound: no function of that norm passes that closely"
 
@@ -135,51 +136,58 @@ def recover(
     if Z.shape != (a.size, dimensions) or a.ndim != 1 or not (np.isfinite(Z).all() and np.isfinite(a).all()):
         raise ValueError(f"points {Z.shape} and weights {a.shape}: must be finite, (L, {dimensions}) and (L,)")
     k, V = allowed.correlations(Z) @ a, Z / allowed.lengthscales
-    square = float(a @ correlation(hyper.kernel, V, V) @ a)
-    upper, lower = (sign * greatest(allowed, sign * k, square).value for sign in (1, -1))
+    square, mass = float(a @ correlation(hyper.kernel, V, V) @ a), float(np.abs(a).sum())
+    upper, lower = (sign * greatest(allowed, sign * k, square, mass).value for sign in (1, -1))
     centre = float(np.asarray(hyper.offset)[output]) * a.sum()
     return Recovery(lower=float(centre + lower), upper=float(centre + upper))
 
 
-def greatest(allowed: Consistent, k: np.ndarray, square: float) -> Extreme:
+def greatest(allowed: Consistent, k: np.ndarray, square: float, mass: float) -> Extreme:
     """The greatest value of a functional of f, given its representer's products with the data's and with itself.
 
-    For `sum_l a_l f(z_l)`: `k = correlations(Z) a`, `(N,)`, and `square = a^T C a` with C the correlations of Z.
-    Raises as `recover` does.
+    For `sum_l a_l f(z_l)`: `k = correlations(Z) a`, `(N,)`, `square = a^T C a` with C the correlations of Z, and `mass
+    = |a|_1`. Raises as `recover` does.
     """
+    square = max(square, 0.0)  # rounded
     size = square**0.5 or 1.0  # a functional that is zero has no size to be measured in
     nu, weights = _solution(allowed, k / size, square / size**2)
     nu, weights = size * nu, weights * allowed.unit / allowed.signal_variance
     weights[-1] /= size
-    return Extreme(value=float(above(allowed, nu[:, None], k[:, None], np.array([square]))[0]), nu=nu, weights=weights)
+    return Extreme(
+        value=float(above(allowed, nu[:, None], k[:, None], np.array([square]), np.array([mass]))[0]),
+        nu=nu,
+        weights=weights,
+    )
 
 
-def above(allowed: Consistent, nu: np.ndarray, k: np.ndarray, square: np.ndarray) -> np.ndarray:
+def above(allowed: Consistent, nu: np.ndarray, k: np.ndarray, square: np.ndarray, mass: np.ndarray) -> np.ndarray:
     """Upper bounds of many functionals by any multipliers, `nu^T r + eps |nu|_1 + B ||k_z - sum_k nu_k k_xk||`.
 
-    nu, k: `(N, functionals)`; square: `(functionals,)`; see `greatest`.
+    nu, k: `(N, functionals)`; square, mass: `(functionals,)`; see `greatest`.
     """
     size = np.abs(nu).sum(0)
     # Products of rounded correlations err by less than this, which would else make a residual near zero too small.
-    rounding = 4 * len(nu) * np.finfo(float).eps * (np.sqrt(square) + size) ** 2
+    rounding = ROUNDING * (mass + size) ** 2
     residual2 = np.maximum(square + np.sum(nu * (allowed.K @ nu - 2 * k), axis=0), 0.0) + rounding
     return allowed.unit * (allowed.r @ nu + allowed.eps * size + np.sqrt(residual2))
 
 
-def least(allowed: Consistent, k: np.ndarray, square: np.ndarray) -> np.ndarray:
+def least(allowed: Consistent, k: np.ndarray, square: np.ndarray, mass: np.ndarray) -> np.ndarray:
     """Upper bounds of many functionals, `above` at multipliers that are nearly the best: within about `GAIN`.
 
     `min_nu g(nu) + eps |nu|_1`, `g(nu) = r^T nu + sqrt(square - 2 k^T nu + nu^T K nu)`, by the alternating direction
     method of multipliers (Boyd et al. 2011, 3.4.3), whose step in g is diagonal in the eigenvectors of K; whatever it
-    finds bounds. k: `(N, functionals)`; square: `(functionals,)`; see `greatest`. Raises ValueError for data that
-    contradict B and eps, where it finds that.
+    finds bounds. k: `(N, functionals)`; square, mass: `(functionals,)`; see `greatest`. Raises as `recover`: of data
+    that contradict B and eps the program of a functional of nothing knows.
     """
-    size = np.where(square > 0, np.sqrt(square), 1.0)  # a functional that is zero has no size to be measured in
+    _solution(allowed, np.zeros(len(allowed.r)), 0.0)
+    square = np.maximum(square, 0.0)  # rounded
+    size = np.where(square > 0, np.sqrt(square), 1.0)
     values, V = linalg.eigh(allowed.K)
     values = np.maximum(values, 0.0)[:, None]
     c, r = V.T @ (k / size), (V.T @ allowed.r)[:, None]
     copy, price, root = np.zeros_like(k), np.zeros_like(k), np.ones_like(square)  # root: sqrt(...), held within a step
-    best, left = above(allowed, copy, k, square), np.arange(len(square))
+    best, left = above(allowed, copy, k, square, mass), np.arange(len(square))
     for _ in range(ROUNDS):
         for _ in range(ROUND):
             nu = (c / root - r + PENALTY * (V.T @ (copy - price))) / (values / root + PENALTY)
@@ -187,15 +195,13 @@ def least(allowed: Consistent, k: np.ndarray, square: np.ndarray) -> np.ndarray:
             nu = RELAXED * (V @ nu) + (1 - RELAXED) * copy
             copy = np.sign(nu + price) * np.maximum(np.abs(nu + price) - allowed.eps / PENALTY, 0.0)
             price += nu - copy
-        found = above(allowed, size[left] * copy, k[:, left], square[left])
+        found = above(allowed, size[left] * copy, k[:, left], square[left], mass[left])
         gains = best[left] - found > GAIN * allowed.unit * size[left]
         best[left] = np.minimum(best[left], found)
         left, root = left[gains], root[gains]
         c, copy, price = c[:, gains], copy[:, gains], price[:, gains]
         if not len(left):
             break
-    if (best < -allowed.unit * size).any():
-        raise ValueError(CONTRADICT)
     return best
 
 
