@@ -181,6 +181,18 @@ def test_errors_count_over_the_last_round_of_a_reference_that_has_one():
 
 
 @pytest.mark.long
+def test_noise_that_moves_the_loop_otherwise_than_to_first_order_is_refused(monkeypatch):
+    of = made()
+    sensors = dataclasses.replace(of.plan.world.sensors, attitude=jnp.asarray(2e-3))
+    monkeypatch.setattr(variation, "deviations", lambda loop, rows: np.full((len(loop.nodes), len(rows)), 1e-6))
+    monkeypatch.setattr(certificate, "_quantile", lambda *_: 1.0)
+    with pytest.raises(
+        ValueError, match=r"noise of sensors alone moves e_\w+ by \S+, where to first order it is 1e-06"
+    ):
+        energy(with_world(of.plan, sensors=sensors))
+
+
+@pytest.mark.long
 def test_noise_adds_its_quantile_to_every_component(monkeypatch):
     """As many deviations as the confidence asks for, all components and ticks together."""
     of, quiet, _ = made(), made().certificate, energy_spans()

@@ -36,6 +36,7 @@ ERRORS = ("e_p", "e_v", "e_R", "e_omega")
 BOUNDS = (*band.ALONG, "recovery")
 POINTS = 160  # data points of a body up to which optimal recovery is tried
 SELDOM = 0.2  # s between the times at which the tube is taken
+BEYOND = 2.0  # times what noise adds to first order, at which that says too little of it
 MEMORY = 0.5  # s, within which a difference of the tube is forgotten by what bounds its changes
 BLOCK = 16  # of those times at once
 
@@ -149,7 +150,8 @@ def certify(
 ) -> Certificate:
     """The certificate of a flight under some of `BOUNDS`, the energy bound always among them; loop: of its `twin`.
 
-    Raises ValueError for parts it knows nothing of (`refuse`), or a flight that was too short.
+    Raises ValueError for parts it knows nothing of (`refuse`), a flight that was too short, or noise that moves the
+    loop otherwise than to first order.
     """
     refuse(plan)
     grid = grid_of(plan, flight, loop)
@@ -160,6 +162,7 @@ def certify(
     with threadpool_limits(1):  # the matrices are small
         L = variation.weights(loop, errors_of, grid.at)
         noise = _quantile(plan, grid) * variation.deviations(loop, errors_of)[grid.at]
+        _still(plan, flight, loop, grid, noise)
         paths = {"tube": loop.rows, "run": flight.rows}
         energy = {key: bodies(plan, flight, rows, loop.nodes, "energy") for key, rows in paths.items()}
         found, why = _tube(loop, energy["tube"])
@@ -430,6 +433,27 @@ def _limited(plan: simulate.Plan, loop: Variation, held: Sequence[Body], found: 
     moved = moved + _sigmas(plan, u.size) * variation.deviations(loop, loop.of("u")).max(0)
     most = np.concatenate([np.asarray(group.thrust_max) for group in plan.pilot.team.groups])
     return bool(((u - moved < 0) | (u + moved > most)).any())
+
+
+def _still(plan: simulate.Plan, flight: simulate.Flight, loop: Variation, grid: Grid, noise: Matrix) -> None:
+    """Raise ValueError where the twin, flown with noise and nothing unknown, goes far beyond what noise adds to it.
+
+    Noise of joint rates accelerates by its square, so that its mean is a force: no covariance sees that.
+    """
+    if not assumed.noisy(plan.world.sensors):
+        return
+    try:
+        rows, _ = variation.flown(under(plan, flight.oracle), flight.held, seed=0)
+    except variation.Ended as error:
+        raise ValueError(f"no certificate: with noise alone {error}") from None
+    off = np.abs(_errors(rows) - _errors(loop.rows))[loop.nodes][grid.at]
+    if (off > BEYOND * noise).any():
+        i = int(np.argmax((off / noise).max(0)))
+        raise ValueError(
+            f"no certificate: noise of sensors alone moves {ERRORS[i // 3]} by {off[:, i].max():.3g}, where to first "
+            f"order it is {noise[:, i].max():.3g} at most: filter joint rates more (control.joint_filter_Hz), or lower "
+            "the noise (sensors)"
+        )
 
 
 def _quantile(plan: simulate.Plan, grid: Grid) -> float:
