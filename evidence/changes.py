@@ -1,7 +1,7 @@
 """What a change of the world does to memory, reflex and both: the tables of docs/learning.md, second by second.
 
-With motors that lag every case flies eleven seeds; where the world changes, and at home, one: `evidence orderings` flies
-eleven there.
+With motors that lag every case flies eleven seeds; where the world changes, and at home, one: `evidence orderings`
+flies eleven there.
 """
 
 from __future__ import annotations

@@ -10,9 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.linalg import expm
+from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
-from colift import modes, scenario, starter, tune
+from colift import modes, scenario, simulate, starter, tune
 from colift.__main__ import app
 from colift.scenario import roster
 from tests import light
@@ -33,7 +34,7 @@ class Spring:
         return expm(DT * np.array([[0.0, 1.0], [-w * w, -2 * d * w]]))
 
     @property
-    def growth(self) -> float:
+    def cost(self) -> float:
         return float(np.log(np.abs(np.linalg.eigvals(self.M)).max()) / DT)
 
 
@@ -55,24 +56,27 @@ def test_the_slopes_are_the_derivatives_of_the_rates():
 def test_the_search_finds_what_damps_best_within_its_budget():
     """The slower pole is fastest, at -w, where both meet: at d = 1 and the largest w."""
     low, high = np.full(FREE, -2.0), np.array([1.0, 3.0])
-    first, best, used = tune.descend(Spring(np.zeros(FREE)), Spring, slopes, (low, high), SECOND)
-    assert first.growth == pytest.approx(-0.5, abs=1e-9)
-    assert best.growth == pytest.approx(-2 * np.e, rel=0.1)
+    first = Spring(np.zeros(FREE))
+    best, where, used = tune.descend(first, Spring, slopes, np.zeros(FREE), (low, high), SECOND, tune.LOOPS)
+    assert first.cost == pytest.approx(-0.5, abs=1e-9)
+    assert best.cost == pytest.approx(-2 * np.e, rel=0.1)
     assert best.steps[0] == pytest.approx(1.0)
+    np.testing.assert_array_equal(where, best.steps)
     assert used <= tune.LOOPS
 
 
 def test_where_there_is_no_loop_the_step_is_shorter():
     low, high = np.full(FREE, -2.0), np.full(FREE, 2.0)
     near = lambda at: Spring(at) if at[1] < 0.4 else None  # noqa: E731
-    _, best, used = tune.descend(Spring(np.zeros(FREE)), near, slopes, (low, high), SECOND)
+    best, _, used = tune.descend(Spring(np.zeros(FREE)), near, slopes, np.zeros(FREE), (low, high), SECOND, tune.LOOPS)
     assert 0.29 < best.steps[1] < 0.4
     assert used <= tune.LOOPS
 
 
 def test_a_loop_that_is_best_already_stays():
     none = np.zeros(FREE)
-    first, best, _ = tune.descend(Spring(none), Spring, slopes, (none, none), SECOND)
+    first = Spring(none)
+    best, _, _ = tune.descend(first, Spring, slopes, none, (none, none), SECOND, tune.LOOPS)
     assert best is first
 
 
@@ -80,9 +84,9 @@ def test_a_loop_that_is_best_already_stays():
 def test_late_commands_count(monkeypatch: pytest.MonkeyPatch):
     of = lit()
     late = np.eye(6) * np.exp(0.5 * of.plan.dt)
-    assert of.growth < 0
+    assert of.cost < 0
     monkeypatch.setattr(modes, "delayed", lambda _x, _M, _ticks: late)
-    assert of.growth == pytest.approx(0.5)
+    assert of.cost == pytest.approx(0.5)
     assert of.ticks == 2
 
 
@@ -112,6 +116,45 @@ def test_the_text_keeps_comments_where_it_says_the_same():
     assert "#" not in tune.text(tuned, None, "mine.yaml")
 
 
+def test_contacts_are_off_by_what_positions_and_attitude_say():
+    """Against where contacts are and should be, for small angles, of which `e_R` is one to third order."""
+    rng = np.random.default_rng(0)
+    contacts, e_p = rng.normal(size=(5, 3)), 0.1 * rng.normal(size=(7, 3))
+    R_d = Rotation.random(7, rng)
+    R = R_d * Rotation.from_rotvec(1e-3 * rng.normal(size=(7, 3)))
+    skew = (R_d.inv() * R).as_matrix() - (R.inv() * R_d).as_matrix()
+    e_R = np.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], axis=1) / 2
+    off = [np.linalg.norm(e_p + R.apply(c) - R_d.apply(c), axis=1) for c in contacts]
+    assert tune.displacement(e_p, e_R, R.as_matrix(), contacts) == pytest.approx(
+        np.sqrt(np.mean(np.square(off))), rel=1e-5
+    )
+
+
+@pytest.mark.long
+def test_the_error_over_decay_falls_along_its_slopes():
+    of = tune.flown(lit())
+    assert of is not None
+    assert of.cost == pytest.approx(of.error / -lit().cost)
+    costs, slopes = tune._flown_slopes(of)
+    assert costs.max() >= of.cost * (1 - 1e-9)
+    step = tune._step(costs, slopes, np.full(6, -0.05), np.full(6, 0.05))
+    nearer = tune.flown(tune.loop(tune.scaled(of.loop.settings, step)))
+    assert nearer is not None
+    promised = of.cost - (costs + slopes @ step).max()
+    assert promised > 0
+    assert of.cost - nearer.cost == pytest.approx(promised, rel=0.3)
+
+
+@pytest.mark.long
+def test_what_grows_is_not_flown_and_what_uses_its_reserve_is_refused(monkeypatch: pytest.MonkeyPatch):
+    of = lit()
+    greedy = of.settings.limits.model_copy(update={"thrust_margin": 0.9})
+    assert tune.flown(dataclasses.replace(of, settings=of.settings.model_copy(update={"limits": greedy}))) is None
+    monkeypatch.setattr(simulate, "fly_plan", lambda _plan: pytest.fail("flown"))
+    assert tune.flown(dataclasses.replace(of, M=np.eye(len(of.M)) * 1.01)) is None
+    assert tune.numbers(dataclasses.replace(of, M=np.eye(len(of.M)) * 1.01))["displacement_C1_m"] == -1
+
+
 @functools.cache
 def lit() -> tune.Loop:
     return tune.loop(light.settings())
@@ -120,7 +163,7 @@ def lit() -> tune.Loop:
 @pytest.mark.long
 def test_thrust_bounds_the_stiffness():
     of = lit()
-    assert of.growth < 0
+    assert of.cost < 0
     near = of.settings.model_copy(
         update={"start": of.settings.start.model_copy(update={"position_error_m": (0, 0, 0)})}
     )
@@ -138,9 +181,9 @@ def test_a_real_loop_s_slopes_point_where_it_decays_faster():
     of = lit()
     rates, slopes = tune._slopes(of)
     step = tune._step(rates, slopes, np.full(6, -0.05), np.full(6, 0.05))
-    assert tune.loop(tune.scaled(of.settings, step)).growth < of.growth
+    assert tune.loop(tune.scaled(of.settings, step)).cost < of.cost
     found = tune.numbers(of)
-    assert found["slowest_mode_1ps"] <= of.growth
+    assert found["slowest_mode_1ps"] <= of.cost
     assert 0 < found["delay_margin_s"] <= 0.05
     truth, names = of.plan.world.team, roster.agent_names(of.settings)
     assert len(names) == sum(truth.sizes)
@@ -150,7 +193,7 @@ def test_a_real_loop_s_slopes_point_where_it_decays_faster():
 def test_the_command_writes_a_scenario_and_overwrites_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     made = light.write(tmp_path / "team.yaml")
     after = dataclasses.replace(lit(), settings=tune.scaled(lit().settings, np.full(6, 0.1)))
-    monkeypatch.setattr(tune, "tune", lambda _settings, _say: (lit(), after, 9))
+    monkeypatch.setattr(tune, "tune", lambda _settings, _say: (lit(), after, tune.Spent(9, 2)))
     out = tmp_path / "tuned.yaml"
     said = CliRunner().invoke(app, ["tune", str(made), "--out", str(out), "--json"])
     assert said.exit_code == 0, said.stderr

@@ -304,7 +304,7 @@ def tune(
     changes: Changes = None,
     as_json: Json = False,
 ) -> None:
-    """Choose a scenario's gains so that every disturbance dies out soon, also where commands come late; flies nothing.
+    """Choose a scenario's gains: what disturbs dies out soon, also with commands that come late, and moves little.
 
     Prints modes and margins before and after, and writes the scenario with the gains found; no file is overwritten.
     """
@@ -319,8 +319,8 @@ def tune(
             raise _fail(f"--out {out}: exists; it is not overwritten")
         settings = _settings(name, changes)
         with _stages(f"tuning {settings.name}") as say:
-            before, after, used = tuner.tune(settings, say)
-            said = tuner.lines(before, after, used)
+            before, after, spent = tuner.tune(settings, say)
+            said = tuner.lines(before, after, spent)
         written = None
         if not changes and name in scenario.names():
             written = scenario.shipped(name)
@@ -332,7 +332,7 @@ def tune(
         raise _fail(_one_line(error)) from None
     with _printed(""):
         if as_json:
-            found = {"before": tuner.numbers(before), "after": tuner.numbers(after), "loops": used}
+            found = {"before": tuner.numbers(before), "after": tuner.numbers(after), **spent._asdict()}
             print(json.dumps(found | {"control": after.settings.model_dump(mode="json")["control"]}, indent=2))
         else:
             print("\n".join([*said, f"{settings.name} with these gains is in {out}"]))

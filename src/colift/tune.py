@@ -1,7 +1,8 @@
-"""Gains by gradients of the sampled loop's modes: every mode is to die out soon, also where commands come late.
+"""Gains by gradients of the sampled loop's modes and of a flight: what disturbs is to die out soon and to move little.
 
 The loop to first order (`modes.monodromy`) has its eigenvalues, and these have derivatives with the gains; a linear
-program within a trust region says which step makes the slowest faster. Nothing is flown.
+program within a trust region says which step makes the slowest faster, also where commands come late. From there the
+same steps make smaller how far contacts are off in a flight that learns nothing, over how fast the slowest mode decays.
 """
 
 from __future__ import annotations
@@ -10,13 +11,13 @@ import contextlib
 import dataclasses
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, Protocol, TypeVar, runtime_checkable
+from typing import Any, NamedTuple, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 from scipy import linalg
 from scipy.optimize import linprog
 
-from colift import checkup, disturbance, modes, simulate, study
+from colift import analyse, checkup, disturbance, grasp, modes, simulate, study
 from colift.model import State
 from colift.scenario import ScenarioError, Settings, limits, parse, starts, with_control
 from colift.scenario import text as every_setting
@@ -34,6 +35,7 @@ FARTHEST = math.log(2)  # of what is chosen from where it began
 STEP = 1e-3  # of such a logarithm, for the derivative of a matrix that is known to some 1e-10
 REGION, LEAST_REGION = 0.3, 0.03  # of logarithms: the first trust region, and the one at which the search ends
 LOOPS = 80  # matrices at most, and as many for whoever is compared with
+FLIGHTS = 40  # likewise
 SLOWEST = 60  # eigenvalues that a step looks at
 
 
@@ -58,10 +60,30 @@ class Loop:
         return M, modes.delayed(self.x, M, self.ticks)
 
     @property
-    def growth(self) -> float:
-        """1/s, of the slowest mode of all, which is to be as negative as can be."""
+    def cost(self) -> float:
+        """1/s, the growth of the slowest mode of all, which is to be as negative as can be."""
         own = max(math.log(np.abs(np.linalg.eigvals(A)).max()) for A in self.matrices(self.M)) / self.plan.dt
-        return max(own, self.learned.growth) if self.learned else own
+        return max(own, self.learned.cost) if self.learned else own
+
+
+@dataclasses.dataclass(frozen=True)
+class Flown:
+    """A loop that decays, and how far off contacts are in its flight."""
+
+    loop: Loop
+    error: float  # m
+
+    @property
+    def cost(self) -> float:
+        """m s, the error over how fast the slowest mode decays: a percent of one is worth a percent of the other."""
+        return self.error / -self.loop.cost
+
+
+class Spent(NamedTuple):
+    """How many loops were looked at, and how many of them flown."""
+
+    loops: int
+    flights: int
 
 
 def loop(settings: Settings) -> Loop:
@@ -93,14 +115,12 @@ def scaled(settings: Settings, steps: np.ndarray, digits: int = 3) -> Settings:
     return settings.model_copy(update={"control": settings.control.model_copy(update=change)})
 
 
-def tune(settings: Settings, progress: Callable[[str], None] = lambda _what: None) -> tuple[Loop, Loop, int]:
-    """The loop as it is, the one with the gains that were found, and how many matrices that took.
+def tune(settings: Settings, progress: Callable[[str], None] = lambda _what: None) -> tuple[Loop, Loop, Spent]:
+    """The loop as it is, the one with the gains that were found, and what that took.
 
-    Sequential linear programs: least t with `Re lambda_i + (d Re lambda_i / d s) s <= t` for the slowest modes, on
-    time and late, with bodies as believed and known, `|s| <= region`; a step that helps is taken and widens the region.
-    Where one does not, dampings are held, as slopes in them are of no use where poles meet; then the region is
-    narrowed. `K_p` is kept below what the start's error and `limits.thrust_margin` leave of the thrust. Raises as
-    `loop`.
+    First `Loop.cost` is made small, which needs no flight, then, if what was found flies, `Flown.cost`: both in the
+    logarithms of frequencies and dampings, within `FARTHEST` of what they were, and with `K_p` below what the start's
+    error and `limits.thrust_margin` leave of the thrust. Raises as `loop`.
     """
     progress("its loop at rest")
     first = loop(settings)
@@ -113,66 +133,119 @@ def tune(settings: Settings, progress: Callable[[str], None] = lambda _what: Non
             return loop(scaled(settings, steps))
         return None
 
-    return descend(first, at, _slopes, (low, high), DAMPING[:free], progress)
+    def flown_at(steps: np.ndarray) -> Flown | None:
+        tried = at(steps)
+        return None if tried is None else flown(tried)
+
+    def decays(cost: float, used: int) -> None:
+        progress(f"slowest mode {cost:+.3g} 1/s, {used} of at most {LOOPS} loops looked at")
+
+    def flies(cost: float, used: int) -> None:
+        progress(f"error over decay {cost:.3g} m s, {used} of at most {FLIGHTS} flown")
+
+    fastest, where, loops = descend(first, at, _slopes, np.zeros(free), (low, high), DAMPING[:free], LOOPS, decays)
+    begun = flown(fastest)
+    if begun is None:
+        return first, fastest, Spent(loops, 1)
+    best, _, flights = descend(begun, flown_at, _flown_slopes, where, (low, high), DAMPING[:free], FLIGHTS, flies)
+    return first, best.loop, Spent(loops + flights - 1, flights)
 
 
 @runtime_checkable
-class Grows(Protocol):
+class Costs(Protocol):
     """What `descend` makes small."""
 
     @property
-    def growth(self) -> float:
-        """1/s."""
-        ...
+    def cost(self) -> float: ...
 
 
-G = TypeVar("G", bound=Grows)
+C = TypeVar("C", bound=Costs)
 Slopes = tuple[np.ndarray, np.ndarray]
-"""Rates, 1/s, and their derivatives, a row each."""
+"""Costs of which the greatest counts, and their derivatives, a row each."""
 
 
 def descend(
-    first: G,
-    at: Callable[[np.ndarray], G | None],
-    slopes: Callable[[G], Slopes],
+    first: C,
+    at: Callable[[np.ndarray], C | None],
+    slopes: Callable[[C], Slopes],
+    start: np.ndarray,
     bounds: tuple[np.ndarray, np.ndarray],
     second: np.ndarray,
-    progress: Callable[[str], None] = lambda _what: None,
-) -> tuple[G, G, int]:
-    """From zero, where `first` is, to what grows least within bounds; `at` is None where there is nothing.
+    most: int,
+    progress: Callable[[float, int], None] = lambda _cost, _used: None,
+) -> tuple[C, np.ndarray, int]:
+    """From start, where `first` is, to what costs least within bounds; `at` is None where there is nothing.
 
-    second: what is held where a step with all did not help. A loop looked at counts one, its slopes one for each of
-    what they are the slopes in.
+    Sequential linear programs: least t with `c_i + (d c_i / d s) s <= t`, `|s| <= region`; a step that helps is taken
+    and widens the region. Where one does not, what is `second` is held, as slopes in dampings are of no use where poles
+    meet; then the region is narrowed. One looked at counts one, its slopes one for each of what they are the slopes in,
+    and there are no more than `most`.
     """
     low, high = bounds
-    best, here, region, used, known = first, np.zeros(len(low)), REGION, 1, None
-    while region > LEAST_REGION and used + len(low) < LOOPS:
+    best, here, region, used, known = first, start, REGION, 1, None
+    while region > LEAST_REGION and used + len(low) < most:
         if known is None:
-            progress(f"slowest mode {best.growth:+.3g} 1/s, {used} of at most {LOOPS} loops looked at")
+            progress(best.cost, used)
             known = slopes(best)
             used += len(low)
         for moves in (np.full(len(low), True), ~second):
-            least, most = np.maximum(low - here, -region), np.minimum(high - here, region)
-            step = _step(*known, np.where(moves, least, 0.0), np.where(moves, most, 0.0))
+            least, greatest = np.maximum(low - here, -region), np.minimum(high - here, region)
+            step = _step(*known, np.where(moves, least, 0.0), np.where(moves, greatest, 0.0))
             tried = at(here + step)
             used += 1
-            if tried is not None and tried.growth < best.growth - 0.005 * abs(best.growth):
+            if tried is not None and tried.cost < best.cost - 0.005 * abs(best.cost):
                 best, here, region, known = tried, here + step, min(1.5 * region, 1.0), None
                 break
         else:
             region /= 3
-    return first, best, used
+    return best, here, used
+
+
+def flown(of: Loop) -> Flown | None:
+    """The loop in its flight, or None: where it does not decay, is lost, or rotors give what is kept of them."""
+    if of.cost >= 0:
+        return None
+    plan = of.plan
+    flight = simulate.fly_plan(plan)
+    have = np.concatenate([np.asarray(group.thrust_max) for group in plan.world.team.groups])
+    if flight.stopped or (flight.rows.u > (1 - of.settings.limits.thrust_margin) * have).any():
+        return None
+    return Flown(of, _error(flight, plan))
+
+
+def _error(flight: simulate.Flight, plan: simulate.Plan) -> float:
+    half = analyse.second_half(flight.rows)
+    return displacement(half.e_p, half.e_R, half.R_L, np.asarray(grasp.contacts(plan.pilot.team)))
+
+
+def displacement(e_p: np.ndarray, e_R: np.ndarray, R_L: np.ndarray, contacts: np.ndarray) -> float:
+    """RMS over time and contacts c of `|e_p + R_L (e_R x c)|`, m: how far they are from where they should be."""
+    turned = np.einsum("tij,tcj->tci", R_L, np.cross(e_R[:, None], contacts))
+    return float(np.sqrt(np.square(e_p[:, None] + turned).sum(-1).mean()))
+
+
+def _moved(of: Settings) -> list[Settings]:
+    """`STEP` further in each of what is chosen."""
+    return [scaled(of, STEP * e, digits=15) for e in np.eye(len(names(of)))]
 
 
 def _slopes(of: Loop) -> Slopes:
     """Of the slowest modes by the logarithms of the gains, by differences at the rest of the loop as it is."""
-    moved = []
-    for e in np.eye(len(names(of.settings))):
-        plan = study.plan(scaled(of.settings, STEP * e, digits=15), "C1")
-        moved.append(of.matrices(modes.derivative(plan, of.z, of.x)))
+    moved = [of.matrices(modes.derivative(study.plan(near, "C1"), of.z, of.x)) for near in _moved(of.settings)]
     parts = [rates(M, [each[k] for each in moved], of.plan.dt) for k, M in enumerate(of.matrices(of.M))]
     parts += [_slopes(of.learned)] if of.learned else []
     return np.concatenate([rate for rate, _ in parts]), np.concatenate([slope for _, slope in parts])
+
+
+def _flown_slopes(of: Flown) -> Slopes:
+    """Of `e / -lambda_i`: the error's by differences of flights from the same start, in the same noise."""
+    rates, slopes = _slopes(of.loop)
+    plans = (dataclasses.replace(study.plan(near, "C1"), z=of.loop.plan.z) for near in _moved(of.loop.settings))
+    errors = [_error(simulate.fly_plan(plan), plan) for plan in plans]
+    by_error = np.log(np.array(errors) / of.error) / STEP
+    rates, slopes = rates[rates < 0], slopes[rates < 0]
+    costs = of.error / -rates
+    return costs, costs[:, None] * (by_error + slopes / -rates[:, None])
 
 
 def rates(M: np.ndarray, moved: Sequence[np.ndarray], dt: float) -> Slopes:
@@ -188,12 +261,12 @@ def rates(M: np.ndarray, moved: Sequence[np.ndarray], dt: float) -> Slopes:
     return np.log(np.abs(values)) / dt, np.real(np.stack(turned, axis=1)) / (STEP * dt)
 
 
-def _step(rates: np.ndarray, slopes: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """The step within bounds after which, to first order, the slowest mode is fastest."""
+def _step(costs: np.ndarray, slopes: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """The step within bounds after which, to first order, the greatest cost is least."""
     free = slopes.shape[1]
-    sums = np.hstack([slopes, -np.ones((len(rates), 1))])
+    sums = np.hstack([slopes, -np.ones((len(costs), 1))])
     bounds = [*zip(low, high, strict=True), (None, None)]
-    found = linprog(np.r_[np.zeros(free), 1.0], A_ub=sums, b_ub=-rates, bounds=bounds)
+    found = linprog(np.r_[np.zeros(free), 1.0], A_ub=sums, b_ub=-costs, bounds=bounds)
     return found.x[:free] if found.success else np.zeros(free)
 
 
@@ -212,7 +285,9 @@ def _most_stiffness(of: Loop) -> float:
 
 
 def numbers(of: Loop) -> dict[str, float]:
-    """Slowest mode, late modes, delay and thrust margins, and how far what is unknown holds a payload off under C1."""
+    """Slowest mode, late modes, delay and thrust margins, how far what is unknown holds a payload off under C1, and how
+    far off contacts are in its flight; -1 where that is lost, or was not flown as the loop grows.
+    """
     truth, nominal = of.plan.world.team, of.plan.pilot.team
     try:
         ticks = modes.delay_margin(of.x, of.M, round(modes.DELAY_MOST * of.settings.control_Hz))
@@ -228,9 +303,10 @@ def numbers(of: Loop) -> dict[str, float]:
     return {
         "slowest_mode_1ps": on_time,
         "slowest_mode_late_1ps": late,
-        "slowest_mode_learned_1ps": of.learned.growth if of.learned else max(on_time, late),
+        "slowest_mode_learned_1ps": of.learned.cost if of.learned else max(on_time, late),
         "delay_margin_s": ticks * of.plan.dt,
         "thrust_margin": float((1 - hover / have).min()),
+        "displacement_C1_m": -1.0 if (in_flight := flown(of)) is None else in_flight.error,
         "e_p_C1_m": float(np.linalg.norm(force / np.array(of.settings.control.K_p))) / total(nominal),
     }
 
@@ -249,7 +325,7 @@ def text(tuned: Settings, written: str | None, file: str) -> str:
     return every_setting(tuned)
 
 
-def lines(before: Loop, after: Loop, used: int) -> list[str]:
+def lines(before: Loop, after: Loop, spent: Spent) -> list[str]:
     """Both side by side, as a person reads them, then the gains."""
     old, new = numbers(before), numbers(after)
     said = [f"{'':44} {'before':>10} {'after':>10}"]
@@ -260,12 +336,16 @@ def lines(before: Loop, after: Loop, used: int) -> list[str]:
         ("delay margin, ms", "delay_margin_s", 1e3, ".3g"),
         ("thrust left at hover, %", "thrust_margin", 100, ".3g"),
         ("e_p under C1 by what is unknown, mm", "e_p_C1_m", 1e3, ".3g"),
+        ("contacts off in its flight, mm", "displacement_C1_m", 1e3, ".3g"),
     ):
-        said.append(f"{label:44} {format(scale * old[key], spec):>10} {format(scale * new[key], spec):>10}")
+        each = (
+            "lost" if key == "displacement_C1_m" and of[key] < 0 else format(scale * of[key], spec) for of in (old, new)
+        )
+        said.append(f"{label:44} " + " ".join(f"{value:>10}" for value in each))
     for name in names(before.settings):
         then, now = (getattr(each.settings.control, name) for each in (before, after))
         said.append(f"{'control.' + name:44} {_shown(then):>10} {_shown(now):>10}")
-    return [*said, f"{used} loops looked at"]
+    return [*said, f"{spent.loops} loops looked at, {spent.flights} flown"]
 
 
 def _shown(gain: Any) -> str:
