@@ -211,6 +211,24 @@ def test_the_lean_moves_the_centre_of_mass_as_the_posture_of_its_joints_asks(see
     assert np.linalg.norm(np.cross(leaned.R[:, 2], turn.R[:, 2])) > 1e-3
 
 
+LONG_CHAIN = Tree(parents=tuple(range(7)), prismatic=(False,) * 7, tips=(7,))
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_joints_give_way_to_what_moves_neither_tips_nor_the_centre_of_mass_and_to_nothing_else(seed):
+    """Torques `H z` with `B z = 0` leave the motion to accelerate by z, those of forces at the tips do not."""
+    job = task(seed, ((LONG_CHAIN, 1), (teams.RIGID, 2)))
+    agent, q = (jax.tree.map(lambda x: x[0], groups[0]) for groups in (job.team.groups, job.z.agents))
+    p = ag.reduce(agent, ag.geometry(agent, q.r))
+    B, H = np.asarray(p.tip)[0, :, 3:], np.asarray(p.M_bar)[3:, 3:]
+    z, c = np.linalg.svd(B)[2][3:].T @ np.random.default_rng(seed).normal(size=4), np.array([0.3, -0.2, 0.1])
+    give = lambda f_r: np.asarray(control._yielding(agent, p, jnp.asarray(f_r)))  # noqa: E731
+    np.testing.assert_allclose(give(H @ z + B.T @ c), z, atol=1e-8)
+    np.testing.assert_allclose(B @ give(np.ones(7)), 0, atol=1e-8)
+    _, missed, _ = aligned(job, commands(job))
+    assert np.abs(missed).max() < ROUNDING
+
+
 # The leader -----------------------------------------------------------------------------------------------------------
 
 

@@ -106,5 +106,6 @@ def test_marks_are_spans_of_time():
     ds.saturated[100:103, 1] = ds.saturated[110:112, 1] = ds.saturated[900, 1] = True
     found = scene.marks(ds)
     assert (found["updates"], found["learning_end"]) == ([0.5, 1.0], 1.0)
+    assert scene.marks(ds.assign_attrs(T_end_s=0.9))["learning_end"] is None
     assert found["internal"] == [[0.2, 0.4]]
     assert found["at_limit"] == {"rear": [[0.2, 0.222], [1.8, 1.8]]}

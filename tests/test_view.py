@@ -296,6 +296,16 @@ def test_updates_and_the_end_of_learning_are_marked(cases, draw):
     assert "end" in texts[10.0]
 
 
+def test_what_goes_on_learning_has_no_end_and_names_no_updates(cases):
+    on = cases["C3"].assign_attrs(update_times_s=[2.5, 6.0, 12.0])
+    marks = lambda figure: [ln.get_xdata()[0] for ln in figure.axes[0].lines if len(ln.get_xdata()) == 2]  # noqa: E731
+    beside = view.tracking({"C2": cases["C2"], "C4": on}, TOLD)
+    assert sorted(marks(beside)) == [2.5, 4.5, 6.5, 8.5, 10.0]
+    alone = view.tracking({"C4": on}, TOLD)
+    assert sorted(marks(alone)) == [2.5, 6.0, 12.0]
+    assert not alone.axes[0].texts
+
+
 def test_a_flight_that_stopped_ends_in_a_cross_at_its_last_finite_value(cases):
     chosen = {"C1": cases["C1"], "C3": stop(cases["C3"], 123)}
     top, _ = view.tracking(chosen, TOLD).axes

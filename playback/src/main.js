@@ -100,7 +100,7 @@ function doing() {
   const made = marks.updates.filter((each) => each <= state.t).length;
   const words = [];
   if (marks.updates.length) {
-    words.push(state.t < marks.learning_end ? "learning" : "learning has ended", `${made} of ${marks.updates.length} updates`);
+    words.push(state.t < (marks.learning_end ?? Infinity) ? "learning" : "learning has ended", `${made} of ${marks.updates.length} updates`);
   } else words.push("no learned model");
   if (within(state.t, marks.internal)) words.push("internal forces act");
   for (const [name, spans] of Object.entries(marks.at_limit)) {

@@ -79,16 +79,16 @@ function marks({ marks: { updates, learning_end: end, internal, at_limit: limits
     };
     for (const t of updates) if (t !== end) rule(t);
     ctx.setLineDash([5 * devicePixelRatio, 4 * devicePixelRatio]);
-    if (updates.length) rule(end);
+    if (updates.length && end !== null) rule(end);
     ctx.restore();
   };
 }
 
 /** What the marks of the chosen case mean, of those that it has. */
-function key({ marks: { updates, internal, at_limit: limits } }) {
+function key({ marks: { updates, learning_end: end, internal, at_limit: limits } }) {
   const entries = [
     ["update", "models updated", updates.length],
-    ["end", "learning ends", updates.length],
+    ["end", "learning ends", updates.length && end !== null],
     ["active", "internal forces act", internal.length],
     ["limit", "an agent at its thrust limit", Object.keys(limits).length],
   ];

@@ -513,7 +513,7 @@ def _lines(known: dict[str, str], duration: float) -> Callable[[str, float], Non
 COLUMNS = (  # heading, unit, key in the summary, scale, format
     ("e_p", "mm", "e_p_rms_m", 1e3, ".1f"),
     ("e_R", "mrad", "e_R_rms", 1e3, ".1f"),
-    ("Ψ", "1e-6", "Psi_mean", 1e6, ".0f"),
+    ("Ψ", "1e-6", "Psi_mean", 1e6, ".1f"),
     ("ΔW", "N", "delta_W_force_rms_N", 1.0, ".2f"),
     ("ΔW", "N m", "delta_W_moment_rms_Nm", 1.0, ".2f"),
     ("e_λ", "N", "e_lam_rms_N", 1.0, ".2f"),

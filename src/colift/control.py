@@ -184,7 +184,8 @@ def realize(
 
     1. the thrust's direction and the heading are the attitude of `turn`, leaned as the posture asks (`_leaned`);
     2. `omega_dot = -k_R e_R - k_w e_w` towards it, and its own `R^T R_d omega_d_dot - w x R^T R_d omega_d` if known;
-    3. `(x_dd, r_dd)` that keep the tips on the payload commanded to accelerate by `(a, alpha)`;
+    3. `(x_dd, r_dd)` that keep the tips on the payload commanded to accelerate by `(a, alpha)`; joints that move
+       neither tips nor the centre of mass give way to f_hat (`_yielding`);
     4. `u = f_des . R e_3` with `f_des = m (x_dd - a_g) + sum lam - f_hat_x`, torques by inverse dynamics.
 
     The command is not limited here: a limit is the vehicle's, and is reported where it acts.
@@ -201,6 +202,8 @@ def realize(
         to_body = q.R.T @ turn.R
         omega_dot = omega_dot + to_body @ turn.omega_dot - so3.cross(q.omega, to_body @ turn.omega)
     y = _with_tips(agent, load, to, p, kappa, q.R, omega_dot, free)
+    if _inward(agent):
+        y = y.at[3:].add(_yielding(agent, p, f_hat.f_r))
     f_des, Q, thrust = balance.forces(p, h, q, q.R @ y[:3] - gravity, jnp.concatenate([omega_dot, y[3:]]), share.lam)
     u = ((f_des - f_hat.f_x) * q.R[:, 2]).sum()
     Q = Q - u * thrust
@@ -239,6 +242,24 @@ BY_JOINTS = np.full(3, 1e2)
 def _beyond_need(agent: Agent) -> bool:
     """Whether tips and attitude leave joints free, `n_r > 3 n - 3`."""
     return agent.tree.joints > 3 * agent.tree.arms - 3
+
+
+def _inward(agent: Agent) -> bool:
+    """Whether joints can move with tips and centre of mass at rest, `n_r > 3 n`."""
+    return agent.tree.joints > 3 * agent.tree.arms
+
+
+def _yielding(agent: Agent, p: ag.Reduced, f_r: Float[Array, "n_r"]) -> Float[Array, "n_r"]:
+    """How joint torques accelerate joints as far as that moves neither tips nor the centre of mass, rad/s^2.
+
+    `z = H^-1 (f_r - B^T (B H^-1 B^T)^-1 B H^-1 f_r)`, so that `B z = 0`, with H the joints' inertia. Links that weigh
+    grams, and nothing else, move so; the posture leads them back by `H k^2`, some mN m a radian. An error of what is
+    learned would turn them by radians: they give way to it in place of being held against it.
+    """
+    B, H = p.tip[:, :, 3:].reshape(3 * agent.tree.arms, -1), p.M_bar[3:, 3:]
+    moved = linalg.solve(H, jnp.concatenate([B.T, f_r[:, None]], axis=1))
+    by_tips, by_torque = moved[:, :-1], moved[:, -1]
+    return by_torque - by_tips @ linalg.solve(B @ by_tips, (B @ by_torque)[:, None])[:, 0]
 
 
 def _nearest(

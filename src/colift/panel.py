@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -18,6 +19,7 @@ from colift.look import Color, Dashes
 WINDOW = 0.2  # s, over which noisy signals are averaged for the eye; labels and legends say so
 STEP = 0.01  # s, between drawn points
 COLUMNS = 4  # cases beside each other on a page's width
+WIDE = 30  # letters of a title above one
 GREY = "#444444"  # of legends that hold for every case
 ACTIVE = "0.92"  # grey of the span in which internal forces act
 
@@ -48,16 +50,22 @@ def time_axis(ax: Axes, cases: Cases) -> None:
 
 
 def mark_updates(axes: Sequence[Axes], cases: Cases) -> None:
-    """Light lines at the update times t_k, with their names until T_end, and a dashed one there."""
-    times = sorted({float(t) for ds in cases.values() for t in np.atleast_1d(ds.attrs["update_times_s"])})
-    if not times:
-        return
+    """Light lines at the update times t_k, with their names, and a dashed one at T_end.
+
+    Of cases whose learning ends there; where every one goes on, light lines alone.
+    """
+    each = [np.atleast_1d(ds.attrs["update_times_s"]).astype(float) for ds in cases.values()]
     end = float(next(iter(cases.values())).attrs["T_end_s"])
+    ending = [times for times in each if times.size and times.max() <= end]
+    times = sorted(set(np.concatenate(ending or each).tolist()))
     for ax in axes:
         for t in set(times) - {end}:
             ax.axvline(t, color="0.75", linewidth=0.6, zorder=1)
+    if not ending:
+        return
+    for ax in axes:
         ax.axvline(end, color="0.35", linewidth=0.8, linestyle=(0, (3, 2)), zorder=1)
-    marks = {t: f"t_{{{k + 1}}}" for k, t in enumerate(times) if t <= end}
+    marks = {t: f"t_{{{k + 1}}}" for k, t in enumerate(times)}
     marks[end] = rf"{marks[end]} = T_\mathrm{{end}}" if end in marks else r"T_\mathrm{end}"
     for t, text in marks.items():
         axes[0].annotate(
@@ -94,7 +102,7 @@ def called(name: str, told: Mapping[str, str]) -> str:
 def title(name: str, ds: xr.Dataset, told: Mapping[str, str]) -> str:
     """Of a column: the case, and when it stopped if it stopped early."""
     early = "" if ds.attrs["complete"] else f"\n(stopped at {float(ds.time[-1]):.1f} s)"
-    return called(name, told) + early
+    return textwrap.fill(called(name, told), WIDE) + early
 
 
 def body(name: str, k: int, n: int) -> tuple[Color, Dashes]:

@@ -167,13 +167,15 @@ def errors(at: xr.Dataset) -> dict[str, np.ndarray]:
 def marks(ds: xr.Dataset) -> dict[str, Any]:
     """What a case does when, in s: updates of its models, the end of learning, spans of internal forces and of limits.
 
-    `at_limit` holds, of each agent that met its thrust limit, the spans in which it did.
+    `at_limit` holds, of each agent that met its thrust limit, the spans in which it did; learning that goes on beyond
+    T_end has no end.
     """
-    t = ds.time.values
+    t, updates = ds.time.values, np.atleast_1d(ds.attrs["update_times_s"]).tolist()
+    end = float(ds.attrs["T_end_s"])
     met = {str(name): _spans(t, ds.saturated.sel(agent=name).values > 0) for name in ds.agent.values}
     return {
-        "updates": np.atleast_1d(ds.attrs["update_times_s"]).tolist(),
-        "learning_end": float(ds.attrs["T_end_s"]),
+        "updates": updates,
+        "learning_end": None if updates and max(updates) > end else end,
         "internal": _spans(t, np.linalg.norm(ds.eta.values, axis=1) > 0),
         "at_limit": {name: spans for name, spans in met.items() if spans},
     }
