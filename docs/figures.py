@@ -1,6 +1,6 @@
-"""Draws the documentation's figures of the study: `python docs/figures.py OUT`, OUT of `study paper --baselines`.
+"""Draws the documentation's figures of the study: `python docs/figures.py OUT`.
 
-The spread over seeds is that of `./dev evidence orderings`. `reaction.png` is figure 7 of another study: `study paper
+OUT is that of `study paper --cases C1,C2,C3,F,C4,O`. The spread over seeds is that of `./dev evidence orderings`. `reaction.png` is figure 7 of another study: `study paper
 --cases F,H,C4 --set control.look_ahead_s=0.03`, with a `turn` of the wind and the tips' `until_s` as docs/learning.md
 says.
 """
@@ -10,7 +10,7 @@ import shutil
 import sys
 from pathlib import Path
 
-from colift import picture, scene, spread, study
+from colift import log, picture, spread, study
 
 FROM = {
     "team": "figure_0_team",
@@ -18,11 +18,10 @@ FROM = {
     "study_deviation": "figure_3_deviation",
     "study_rho_bar": "figure_5_rho_bar",
 }
-here, out, told = Path(__file__).with_name("figures"), Path(sys.argv[1]), study.CASES | study.BASELINES
+here, out = Path(__file__).with_name("figures"), Path(sys.argv[1])
 for name, figure in FROM.items():
     shutil.copy(out / f"{figure}.png", here / f"{name}.png")
 seeds = json.loads((here.parents[1] / "evidence" / "results" / "orderings.json").read_text())["items"]
-spread.spread(list(seeds.values()), told, here / "study_seeds")
-flown = scene.load(out, ("C1", "C3"))
-drawn = [picture.sketch(ds, f"{case}: {told[case]}") for case, ds in flown.items()]
+spread.spread(list(seeds.values()), study.ALL, here / "study_seeds")
+drawn = [picture.sketch(log.load(out / f"{case}.nc"), f"{case}: {study.ALL[case]}") for case in ("C1", "C3")]
 picture.film(drawn, here / "flight.gif", speed=4.0, dots=80)
