@@ -56,8 +56,8 @@ def fly(item: str) -> dict[str, Any]:
 
 
 def main() -> bool:
-    """Print the tables; nowhere is C4 lost, nor twice as far off as the better of memory and reflex, and with
-    motors it is near what is known exactly.
+    """Print the tables; nowhere is C4 lost, nor twice as far off as the better of memory and reflex; at home,
+    and with motors, it is near what is known exactly.
     """
     items = [f"{w}: {case}: {seed}" for w in WORLDS for seed in SEEDS.get(w, (0,)) for case in CASES]
     found = collect("changes", items, fly)
@@ -69,7 +69,7 @@ def main() -> bool:
         print(f"{world:12}" + "".join(f"{_said(each[case]):>16}" for case in CASES))
         e = {case: np.array(errors) for case, errors in each.items()}
         good &= bool((e["C4"] <= 2 * np.minimum(e["C3"], e["F"])).all())
-        if len(seeds) > 1:
+        if world in ("home", "motors"):
             for name, of in (("median", np.median), ("worst", np.max)):
                 times, most = OVER_O[name]
                 good &= bool(of(e["C4"] / e["O"]) <= times and of(e["C4"]) <= most)

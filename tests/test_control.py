@@ -229,6 +229,20 @@ def test_joints_give_way_to_what_moves_neither_tips_nor_the_centre_of_mass_and_t
     assert np.abs(missed).max() < ROUNDING
 
 
+def test_joints_of_a_planar_arm_give_way_in_its_plane():
+    """Four joints about one axis: their tip cannot leave a plane, so B has a row of zeros."""
+    rng = np.random.default_rng(0)
+    planar = Tree(parents=(0, 1, 2, 3), prismatic=(False,) * 4, tips=(4,))
+    agent = jax.tree.map(lambda x: x[0], teams.team(rng, ((planar, 1), (teams.RIGID, 2))).groups[0])
+    turned, axes = jnp.tile(jnp.eye(3), (4, 1, 1)), jnp.tile(jnp.array([0.0, 1, 0]), (4, 1))
+    agent = dataclasses.replace(agent, joint_rotation=turned, joint_axis=axes)
+    p = ag.reduce(agent, ag.geometry(agent, jnp.array([0.4, -0.7, 0.5, 0.3])))
+    B, H = np.asarray(p.tip)[0, :, 3:], np.asarray(p.M_bar)[3:, 3:]
+    assert np.abs(B[1]).max() < 1e-15
+    z = np.linalg.svd(B)[2][2:].T @ np.array([1.0, -2.0])
+    np.testing.assert_allclose(control._yielding(agent, p, jnp.asarray(H @ z)), z, atol=1e-8)
+
+
 # The leader -----------------------------------------------------------------------------------------------------------
 
 

@@ -6,6 +6,7 @@ import dataclasses
 import functools
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -133,26 +134,94 @@ def test_contacts_are_off_by_what_positions_and_attitude_say():
 @pytest.mark.long
 def test_the_error_over_decay_falls_along_its_slopes():
     of = tune.flown(lit())
-    assert of is not None
+    assert isinstance(of, tune.Flown)
     assert of.cost == pytest.approx(of.error / -lit().cost)
     costs, slopes = tune._flown_slopes(of)
     assert costs.max() >= of.cost * (1 - 1e-9)
     step = tune._step(costs, slopes, np.full(6, -0.05), np.full(6, 0.05))
     nearer = tune.flown(tune.loop(tune.scaled(of.loop.settings, step)))
-    assert nearer is not None
+    assert isinstance(nearer, tune.Flown)
     promised = of.cost - (costs + slopes @ step).max()
     assert promised > 0
     assert of.cost - nearer.cost == pytest.approx(promised, rel=0.3)
 
 
 @pytest.mark.long
-def test_what_grows_is_not_flown_and_what_uses_its_reserve_is_refused(monkeypatch: pytest.MonkeyPatch):
+def test_what_grows_is_not_flown_and_what_is_lost_or_saturated_has_no_error(monkeypatch: pytest.MonkeyPatch):
     of = lit()
-    greedy = of.settings.limits.model_copy(update={"thrust_margin": 0.9})
-    assert tune.flown(dataclasses.replace(of, settings=of.settings.model_copy(update={"limits": greedy}))) is None
+    flight = simulate.fly_plan(of.plan)
+    for change, said in (
+        ({"stopped": "as it was told to"}, "lost"),
+        ({"rows": dataclasses.replace(flight.rows, saturated=np.ones_like(flight.rows.saturated))}, "saturated"),
+    ):
+        monkeypatch.setattr(simulate, "fly_plan", lambda _plan, c=change: dataclasses.replace(flight, **c))
+        assert tune.flown(of) == said
+    known = tune.Flown(of, 0.1)
+    monkeypatch.setattr(simulate, "fly_plan", lambda _plan: dataclasses.replace(flight, stopped="near it"))
+    rates, slopes = tune._slopes(of)
+    np.testing.assert_allclose(tune._flown_slopes(known)[1], (0.1 / rates**2)[:, None] * slopes)
     monkeypatch.setattr(simulate, "fly_plan", lambda _plan: pytest.fail("flown"))
-    assert tune.flown(dataclasses.replace(of, M=np.eye(len(of.M)) * 1.01)) is None
-    assert tune.numbers(dataclasses.replace(of, M=np.eye(len(of.M)) * 1.01))["displacement_C1_m"] == -1
+    grows = dataclasses.replace(of, M=np.eye(len(of.M)) * 1.01)
+    assert tune.flown(grows) == "grows"
+    assert tune.numbers(grows)["displacement_C1_m"] == "grows"
+
+
+class Fake(tune.Loop):
+    """A loop that decays by K_v."""
+
+    @property
+    def cost(self) -> float:
+        return -float(self.settings.control.K_v[0])
+
+
+def test_tune_flies_from_where_it_costs_less_and_returns_the_cheapest(monkeypatch: pytest.MonkeyPatch):
+    """The error falls with K_p. The fastest of the first stage may be lost: then the second starts from the first."""
+    given, known = light.settings(), {field.name: getattr(lit(), field.name) for field in dataclasses.fields(tune.Loop)}
+    fake = lambda to: Fake(**known | {"settings": to})  # noqa: E731
+    K = lambda of: (float(of.settings.control.K_p[0]), float(of.settings.control.K_v[0]))  # noqa: E731
+
+    def slopes(of: Any) -> tune.Slopes:
+        rate = tune.CHOSEN[1, :6]
+        return np.array([of.cost]), (of.cost * rate)[None]
+
+    def flown_slopes(of: tune.Flown) -> tune.Slopes:
+        return np.array([of.cost]), (of.cost * -(tune.CHOSEN[0, :6] + tune.CHOSEN[1, :6]))[None]
+
+    monkeypatch.setattr(tune, "loop", fake)
+    monkeypatch.setattr(tune, "_most_stiffness", lambda _of: tune.FARTHEST)
+    monkeypatch.setattr(tune, "_slopes", slopes)
+    monkeypatch.setattr(tune, "_flown_slopes", flown_slopes)
+    for lost_above in (np.inf, 1.2 * given.control.K_v[0]):
+        flies = lambda of, most=lost_above: tune.Flown(of, 1 / K(of)[0]) if K(of)[1] <= most else "lost"  # noqa: E731
+        monkeypatch.setattr(tune, "flown", flies)
+        first, best, spent = tune.tune(given)
+        assert first.settings == given
+        start, end = flies(first), flies(best)
+        assert isinstance(start, tune.Flown)
+        assert isinstance(end, tune.Flown)
+        assert end.cost < start.cost
+        assert 2 < spent.flights <= tune.FLIGHTS
+        assert spent.flights < spent.loops <= tune.LOOPS + tune.FLIGHTS
+    monkeypatch.setattr(tune, "flown", lambda _of: "lost")
+    _, best, spent = tune.tune(given)
+    assert best.cost == pytest.approx(-4 * given.control.K_v[0], rel=0.01)
+    assert spent.flights == 2
+
+
+def test_no_more_are_looked_at_than_there_may_be():
+    """Steps that help at random, within any budget."""
+    rng = np.random.default_rng(0)
+
+    @dataclasses.dataclass(frozen=True)
+    class Chance:
+        cost: float
+
+    for most in range(4, 40):
+        at = lambda _steps: Chance(rng.normal())  # noqa: E731
+        known = lambda _of: (np.zeros(1), rng.normal(size=(1, 2)))  # noqa: E731
+        bounds = (-np.ones(2), np.ones(2))
+        _, _, used = tune.descend(Chance(0.0), at, known, np.zeros(2), bounds, np.array([False, True]), most)
+        assert used <= most
 
 
 @functools.cache
@@ -192,6 +261,7 @@ def test_a_real_loop_s_slopes_point_where_it_decays_faster():
 
 def test_the_command_writes_a_scenario_and_overwrites_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     made = light.write(tmp_path / "team.yaml")
+    monkeypatch.setattr(tune, "flown", lambda of: tune.Flown(of, 0.1))
     after = dataclasses.replace(lit(), settings=tune.scaled(lit().settings, np.full(6, 0.1)))
     monkeypatch.setattr(tune, "tune", lambda _settings, _say: (lit(), after, tune.Spent(9, 2)))
     out = tmp_path / "tuned.yaml"

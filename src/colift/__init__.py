@@ -3,7 +3,7 @@
 The map; each module imports only those below it:
 
     __main__    the command line
-    tune        gains by gradients of the loop's modes
+    tune        gains by gradients of the loop's modes and of a flight
     checkup     whether a scenario is sound before it is flown, and what to change where it is not
     doctor      what colift runs on
     environment a team as a Gymnasium environment

@@ -320,7 +320,8 @@ def tune(
         settings = _settings(name, changes)
         with _stages(f"tuning {settings.name}") as say:
             before, after, spent = tuner.tune(settings, say)
-            said = tuner.lines(before, after, spent)
+            say("flights with both")
+            old, new = tuner.numbers(before), tuner.numbers(after)
         written = None
         if not changes and name in scenario.names():
             written = scenario.shipped(name)
@@ -332,9 +333,10 @@ def tune(
         raise _fail(_one_line(error)) from None
     with _printed(""):
         if as_json:
-            found = {"before": tuner.numbers(before), "after": tuner.numbers(after), **spent._asdict()}
+            found = {"before": old, "after": new, **spent._asdict()}
             print(json.dumps(found | {"control": after.settings.model_dump(mode="json")["control"]}, indent=2))
         else:
+            said = tuner.lines(before, after, old, new, spent)
             print("\n".join([*said, f"{settings.name} with these gains is in {out}"]))
 
 

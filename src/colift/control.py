@@ -244,6 +244,9 @@ def _beyond_need(agent: Agent) -> bool:
     return agent.tree.joints > 3 * agent.tree.arms - 3
 
 
+ROUNDING = 1e-12  # of a tip's mobility, where joints move it no way
+
+
 def _inward(agent: Agent) -> bool:
     """Whether joints can move with tips and centre of mass at rest, `n_r > 3 n`."""
     return agent.tree.joints > 3 * agent.tree.arms
@@ -254,12 +257,15 @@ def _yielding(agent: Agent, p: ag.Reduced, f_r: Float[Array, "n_r"]) -> Float[Ar
 
     `z = H^-1 (f_r - B^T (B H^-1 B^T)^-1 B H^-1 f_r)`, so that `B z = 0`, with H the joints' inertia. Links that weigh
     grams, and nothing else, move so; the posture leads them back by `H k^2`, some mN m a radian. An error of what is
-    learned would turn them by radians: they give way to it in place of being held against it.
+    learned would turn them by radians: they give way to it in place of being held against it. Joints about parallel
+    axes move a tip in a plane alone; what cannot move it otherwise is none of B's.
     """
     B, H = p.tip[:, :, 3:].reshape(3 * agent.tree.arms, -1), p.M_bar[3:, 3:]
     moved = linalg.solve(H, jnp.concatenate([B.T, f_r[:, None]], axis=1))
     by_tips, by_torque = moved[:, :-1], moved[:, -1]
-    return by_torque - by_tips @ linalg.solve(B @ by_tips, (B @ by_torque)[:, None])[:, 0]
+    A = B @ by_tips
+    A = A + ROUNDING * jnp.trace(A) * jnp.eye(len(A))  # a planar arm moves its tip in a plane
+    return by_torque - by_tips @ linalg.solve(A, (B @ by_torque)[:, None])[:, 0]
 
 
 def _nearest(

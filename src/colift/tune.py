@@ -10,7 +10,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
@@ -34,7 +34,7 @@ LATE = 0.004  # s, twice what `check` asks for; with commands that late, modes a
 FARTHEST = math.log(2)  # of what is chosen from where it began
 STEP = 1e-3  # of such a logarithm, for the derivative of a matrix that is known to some 1e-10
 REGION, LEAST_REGION = 0.3, 0.03  # of logarithms: the first trust region, and the one at which the search ends
-LOOPS = 80  # matrices at most, and as many for whoever is compared with
+LOOPS = 80  # looked at before any is flown, and as many for whoever is compared with
 FLIGHTS = 40  # likewise
 SLOWEST = 60  # eigenvalues that a step looks at
 
@@ -118,9 +118,10 @@ def scaled(settings: Settings, steps: np.ndarray, digits: int = 3) -> Settings:
 def tune(settings: Settings, progress: Callable[[str], None] = lambda _what: None) -> tuple[Loop, Loop, Spent]:
     """The loop as it is, the one with the gains that were found, and what that took.
 
-    First `Loop.cost` is made small, which needs no flight, then, if what was found flies, `Flown.cost`: both in the
-    logarithms of frequencies and dampings, within `FARTHEST` of what they were, and with `K_p` below what the start's
-    error and `limits.thrust_margin` leave of the thrust. Raises as `loop`.
+    First `Loop.cost` is made small, which needs no flight, then, from there or from the start, whichever flies at less,
+    `Flown.cost`: both in the logarithms of frequencies and dampings, within `FARTHEST` of what they were, and with
+    `K_p` below what the start's error and `limits.thrust_margin` leave of the thrust. Where neither flies the fastest
+    loop is returned. Raises as `loop`.
     """
     progress("its loop at rest")
     first = loop(settings)
@@ -135,7 +136,8 @@ def tune(settings: Settings, progress: Callable[[str], None] = lambda _what: Non
 
     def flown_at(steps: np.ndarray) -> Flown | None:
         tried = at(steps)
-        return None if tried is None else flown(tried)
+        found = None if tried is None else flown(tried)
+        return found if isinstance(found, Flown) else None
 
     def decays(cost: float, used: int) -> None:
         progress(f"slowest mode {cost:+.3g} 1/s, {used} of at most {LOOPS} loops looked at")
@@ -143,12 +145,16 @@ def tune(settings: Settings, progress: Callable[[str], None] = lambda _what: Non
     def flies(cost: float, used: int) -> None:
         progress(f"error over decay {cost:.3g} m s, {used} of at most {FLIGHTS} flown")
 
-    fastest, where, loops = descend(first, at, _slopes, np.zeros(free), (low, high), DAMPING[:free], LOOPS, decays)
-    begun = flown(fastest)
-    if begun is None:
-        return first, fastest, Spent(loops, 1)
-    best, _, flights = descend(begun, flown_at, _flown_slopes, where, (low, high), DAMPING[:free], FLIGHTS, flies)
-    return first, best.loop, Spent(loops + flights - 1, flights)
+    none, bounds, second = np.zeros(free), (low, high), DAMPING[:free]
+    fastest, where, loops = descend(first, at, _slopes, none, bounds, second, LOOPS, decays)
+    begun = [
+        (each, steps) for each, steps in ((flown(first), none), (flown(fastest), where)) if isinstance(each, Flown)
+    ]
+    if not begun:
+        return first, fastest, Spent(loops, 2)
+    cheapest, where = min(begun, key=lambda each: each[0].cost)
+    best, _, flights = descend(cheapest, flown_at, _flown_slopes, where, bounds, second, FLIGHTS - 1, flies)
+    return first, best.loop, Spent(loops + flights - 1, flights + 1)
 
 
 @runtime_checkable
@@ -183,7 +189,7 @@ def descend(
     """
     low, high = bounds
     best, here, region, used, known = first, start, REGION, 1, None
-    while region > LEAST_REGION and used + len(low) < most:
+    while region > LEAST_REGION and used + 2 + (len(low) if known is None else 0) <= most:
         if known is None:
             progress(best.cost, used)
             known = slopes(best)
@@ -201,25 +207,24 @@ def descend(
     return best, here, used
 
 
-def flown(of: Loop) -> Flown | None:
-    """The loop in its flight, or None: where it does not decay, is lost, or rotors give what is kept of them."""
+def flown(of: Loop) -> Flown | str:
+    """The loop in its flight, or why there is nothing to say of it: it grows, stops, or meets a limit of thrust."""
     if of.cost >= 0:
-        return None
-    plan = of.plan
-    flight = simulate.fly_plan(plan)
-    have = np.concatenate([np.asarray(group.thrust_max) for group in plan.world.team.groups])
-    if flight.stopped or (flight.rows.u > (1 - of.settings.limits.thrust_margin) * have).any():
-        return None
-    return Flown(of, _error(flight, plan))
+        return "grows"
+    flight = simulate.fly_plan(of.plan)
+    if flight.stopped:
+        return "lost"
+    return "saturated" if flight.rows.saturated.any() else Flown(of, _error(flight, of.plan))
 
 
 def _error(flight: simulate.Flight, plan: simulate.Plan) -> float:
     half = analyse.second_half(flight.rows)
-    return displacement(half.e_p, half.e_R, half.R_L, np.asarray(grasp.contacts(plan.pilot.team)))
+    e_p, e_R, R_L, contacts = map(np.asarray, (half.e_p, half.e_R, half.R_L, grasp.contacts(plan.pilot.team)))
+    return displacement(e_p, e_R, R_L, contacts)
 
 
 def displacement(e_p: np.ndarray, e_R: np.ndarray, R_L: np.ndarray, contacts: np.ndarray) -> float:
-    """RMS over time and contacts c of `|e_p + R_L (e_R x c)|`, m: how far they are from where they should be."""
+    """RMS over time and contacts c of `|e_p + R_L (e_R x c)|`, m: how far they are off, to first order in attitude."""
     turned = np.einsum("tij,tcj->tci", R_L, np.cross(e_R[:, None], contacts))
     return float(np.sqrt(np.square(e_p[:, None] + turned).sum(-1).mean()))
 
@@ -238,12 +243,17 @@ def _slopes(of: Loop) -> Slopes:
 
 
 def _flown_slopes(of: Flown) -> Slopes:
-    """Of `e / -lambda_i`: the error's by differences of flights from the same start, in the same noise."""
+    """Of `e / -lambda_i`: the error's by differences of flights from the same start, in the same noise.
+
+    Where a flight so near is lost the error's slope is not known, and taken for none.
+    """
     rates, slopes = _slopes(of.loop)
-    plans = (dataclasses.replace(study.plan(near, "C1"), z=of.loop.plan.z) for near in _moved(of.loop.settings))
-    errors = [_error(simulate.fly_plan(plan), plan) for plan in plans]
-    by_error = np.log(np.array(errors) / of.error) / STEP
-    rates, slopes = rates[rates < 0], slopes[rates < 0]
+    by_error = np.zeros(slopes.shape[1])
+    for k, near in enumerate(_moved(of.loop.settings)):
+        plan = dataclasses.replace(study.plan(near, "C1"), z=of.loop.plan.z)
+        flight = simulate.fly_plan(plan)
+        if not flight.stopped:
+            by_error[k] = math.log(_error(flight, plan) / of.error) / STEP
     costs = of.error / -rates
     return costs, costs[:, None] * (by_error + slopes / -rates[:, None])
 
@@ -284,9 +294,9 @@ def _most_stiffness(of: Loop) -> float:
 # What is said of it ---------------------------------------------------------------------------------------------------
 
 
-def numbers(of: Loop) -> dict[str, float]:
+def numbers(of: Loop) -> dict[str, float | str]:
     """Slowest mode, late modes, delay and thrust margins, how far what is unknown holds a payload off under C1, and how
-    far off contacts are in its flight; -1 where that is lost, or was not flown as the loop grows.
+    far off contacts are in its flight, m, or what `flown` says of it.
     """
     truth, nominal = of.plan.world.team, of.plan.pilot.team
     try:
@@ -306,7 +316,7 @@ def numbers(of: Loop) -> dict[str, float]:
         "slowest_mode_learned_1ps": of.learned.cost if of.learned else max(on_time, late),
         "delay_margin_s": ticks * of.plan.dt,
         "thrust_margin": float((1 - hover / have).min()),
-        "displacement_C1_m": -1.0 if (in_flight := flown(of)) is None else in_flight.error,
+        "displacement_C1_m": in_flight.error if isinstance(in_flight := flown(of), Flown) else in_flight,
         "e_p_C1_m": float(np.linalg.norm(force / np.array(of.settings.control.K_p))) / total(nominal),
     }
 
@@ -325,9 +335,8 @@ def text(tuned: Settings, written: str | None, file: str) -> str:
     return every_setting(tuned)
 
 
-def lines(before: Loop, after: Loop, spent: Spent) -> list[str]:
-    """Both side by side, as a person reads them, then the gains."""
-    old, new = numbers(before), numbers(after)
+def lines(before: Loop, after: Loop, old: Mapping[str, Any], new: Mapping[str, Any], spent: Spent) -> list[str]:
+    """Both and their `numbers` side by side, as a person reads them, then the gains."""
     said = [f"{'':44} {'before':>10} {'after':>10}"]
     for label, key, scale, spec in (
         ("slowest mode, 1/s", "slowest_mode_1ps", 1, "+.3g"),
@@ -338,10 +347,8 @@ def lines(before: Loop, after: Loop, spent: Spent) -> list[str]:
         ("e_p under C1 by what is unknown, mm", "e_p_C1_m", 1e3, ".3g"),
         ("contacts off in its flight, mm", "displacement_C1_m", 1e3, ".3g"),
     ):
-        each = (
-            "lost" if key == "displacement_C1_m" and of[key] < 0 else format(scale * of[key], spec) for of in (old, new)
-        )
-        said.append(f"{label:44} " + " ".join(f"{value:>10}" for value in each))
+        each = [x if isinstance(x := of[key], str) else format(scale * x, spec) for of in (old, new)]
+        said.append(f"{label:44} {each[0]:>10} {each[1]:>10}")
     for name in names(before.settings):
         then, now = (getattr(each.settings.control, name) for each in (before, after))
         said.append(f"{'control.' + name:44} {_shown(then):>10} {_shown(now):>10}")

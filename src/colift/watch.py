@@ -62,14 +62,15 @@ class _Drawn:
 
     def dataset(self, rows: simulate.Row, sigma: deviation.Sigma, stopped: str = "") -> xr.Dataset:
         """The log of what is flown, as a study has it."""
-        told = self.settings
+        told, renewals = self.settings, self.plan.renewals
+        learns = sorted({*self.plan.updates, *(renewals.times if renewals else ())})
         attrs = {
             "scenario_json": told.model_dump_json(exclude_none=True),
             "version": version("colift"),
             "run": folder.run_name(version("colift"), told.digest),
             "case": self.case,
             "stopped": stopped,
-            "update_times_s": [t for t in self.plan.updates if t <= rows.t[-1] + self.plan.dt],
+            "update_times_s": [t for t in learns if t <= rows.t[-1] + self.plan.dt],
             "T_end_s": told.learning.end_s,
         }
         names = (roster.agent_names(told), roster.joint_names(told), roster.contact_names(told))
