@@ -140,7 +140,7 @@ def test_status_says_which_results_are_behind_and_by_what(project, capsys, monke
     assert "proof        no result yet" in capsys.readouterr().out
     evidence.collect("proof", ["a"], str.upper)
     __main__.main(["status"])
-    assert "holds" in capsys.readouterr().out
+    assert "nothing changed since" in capsys.readouterr().out
     (project / "src/colift/b.py").write_text("another = 1")
     __main__.main(["status"])
     assert "since then changed: src/colift/b.py" in capsys.readouterr().out
