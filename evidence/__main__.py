@@ -27,7 +27,8 @@ def status() -> None:
         at = f"{made['date']} at {(made.get('commit') or 'no commit')[:10]}"
         changed.sort(key=lambda path: not path.startswith("evidence/"))
         more = f" and {len(changed) - TOLD} more" * (len(changed) > TOLD)
-        print(f"{name:<12} {at}: " + (f"since then changed: {', '.join(changed[:TOLD])}{more}" if changed else "nothing changed since"))
+        since = f"since then changed: {', '.join(changed[:TOLD])}{more}" if changed else "nothing changed since"
+        print(f"{name:<12} {at}: {since}")
 
 
 def main(names: list[str]) -> int:

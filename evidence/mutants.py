@@ -171,7 +171,7 @@ MUTANTS = {
         "gp/recovery.py", "allowed.r @ nu + allowed.eps * size", "allowed.r @ nu", "gp_bounds certify_reach"
     ),
     "recovery: sign of what is compensated": Mutant(
-        "certify/reach.py", "square) - sign * centre)", "square) + sign * centre)", "certify_reach"
+        "certify/reach.py", "mass) - sign * centre)", "mass) + sign * centre)", "certify_reach"
     ),
     "gain: no remainder of the trapezoidal rule": Mutant(
         "certify/gain.py", "h**3 / 12 * bend.sum()", "0 * bend.sum()", "certify_translation"
