@@ -1,7 +1,7 @@
 """Teams with joints beyond need, or two arms an agent: errors of C1 to C3 over seeds, with the tips' bias and without.
 
 A constant bias of the tips' sensors is a moment of the payload that C2 learns and agents do not learn back, so Psi
-need not fall from C1 to C2; e_p does.
+need not fall from C1 to C2; e_p is to.
 """
 
 from __future__ import annotations

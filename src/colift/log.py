@@ -251,6 +251,12 @@ def load(path: str | Path) -> xr.Dataset:
         raise ValueError(f"{path}: not a NetCDF-4 file") from error
 
 
+def learned(ds: xr.Dataset) -> tuple[list[float], float | None]:
+    """When a flight's models were updated, and when its learning ends, s: never where they were updated after T_end."""
+    times, end = np.atleast_1d(ds.attrs["update_times_s"]).astype(float).tolist(), float(ds.attrs["T_end_s"])
+    return times, None if times and max(times) > end else end
+
+
 def flights(folder: Path, cases: Iterable[str]) -> tuple[str, dict[str, xr.Dataset]]:
     """The run whose results a folder holds, and its logs, by case.
 

@@ -13,7 +13,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import AutoMinorLocator, LogLocator, MaxNLocator, NullFormatter
 from scipy.ndimage import uniform_filter1d
 
-from colift import look
+from colift import log, look
 from colift.look import Color, Dashes
 
 WINDOW = 0.2  # s, over which noisy signals are averaged for the eye; labels and legends say so
@@ -54,14 +54,14 @@ def mark_updates(axes: Sequence[Axes], cases: Cases) -> None:
 
     Of cases whose learning ends there; where every one goes on, light lines alone.
     """
-    each = [np.atleast_1d(ds.attrs["update_times_s"]).astype(float) for ds in cases.values()]
-    end = float(next(iter(cases.values())).attrs["T_end_s"])
-    ending = [times for times in each if times.size and times.max() <= end]
-    times = sorted(set(np.concatenate(ending or each).tolist()))
+    each = [(times, end) for times, end in map(log.learned, cases.values()) if times]
+    ending = [(times, end) for times, end in each if end is not None]
+    times = sorted({t for times, _ in ending or each for t in times})
+    end = ending[0][1] if ending else None
     for ax in axes:
         for t in set(times) - {end}:
             ax.axvline(t, color="0.75", linewidth=0.6, zorder=1)
-    if not ending:
+    if end is None:
         return
     for ax in axes:
         ax.axvline(end, color="0.35", linewidth=0.8, linestyle=(0, (3, 2)), zorder=1)

@@ -17,7 +17,7 @@ import xarray as xr
 from jaxtyping import Array, Float
 
 from colift import agent as ag
-from colift import mjcf, so3
+from colift import log, mjcf, so3
 from colift.linalg import apply, transpose
 from colift.model import Agent, Team
 from colift.scenario import ScenarioError, Settings, roster
@@ -170,12 +170,11 @@ def marks(ds: xr.Dataset) -> dict[str, Any]:
     `at_limit` holds, of each agent that met its thrust limit, the spans in which it did; learning that goes on beyond
     T_end has no end.
     """
-    t, updates = ds.time.values, np.atleast_1d(ds.attrs["update_times_s"]).tolist()
-    end = float(ds.attrs["T_end_s"])
+    t, (updates, end) = ds.time.values, log.learned(ds)
     met = {str(name): _spans(t, ds.saturated.sel(agent=name).values > 0) for name in ds.agent.values}
     return {
         "updates": updates,
-        "learning_end": None if updates and max(updates) > end else end,
+        "learning_end": end,
         "internal": _spans(t, np.linalg.norm(ds.eta.values, axis=1) > 0),
         "at_limit": {name: spans for name, spans in met.items() if spans},
     }
