@@ -69,8 +69,9 @@ def heard(
     return jax.jit(lambda: jax.lax.scan(tick, listener.begin(team), steps)[1])()
 
 
-def listener(fade: float = np.inf, span: float = 0.5, hold: float = 0.0) -> innovation.Listener:
-    return innovation.Listener(filters=FILTERS, hold=jnp.array(hold), fade=jnp.array(fade), span=jnp.array(span))
+def listener(fade: float = np.inf, span: float = 0.5, hold: float = 0.0, doubt: float = 0.0) -> innovation.Listener:
+    given = {"fade": fade, "span": span, "hold": hold, "doubt": doubt}
+    return innovation.Listener(filters=FILTERS, **{name: jnp.array(x) for name, x in given.items()})
 
 
 def variances() -> np.ndarray:
@@ -240,16 +241,22 @@ class Nothing(fly.Learned):
         return no_force(now.team)
 
 
-def carried(news: innovation.News, noise: float) -> np.ndarray:
-    """By what part of the labels' delay each output of the payload is carried ahead."""
-    pilot, last = plan().pilot, jax.tree.map(lambda x: x[-1], news)
+def predicted(last: innovation.News, noise: float, of: fly.Learned) -> Wrench:
+    """The payload's residual as it is predicted, the map being another's."""
+    pilot = plan().pilot
     q_hat = observed(jnp.zeros(3), jnp.zeros(6), jnp.ones(()), jnp.array(DT))
     d, W = pilot.path.at(last.t), Wrench(F=jnp.zeros(3), tau=jnp.zeros(3))
     clock = Clock(t=last.t, dt=jnp.array(DT))
     now = fly.Now(team=pilot.team, clock=clock, m=None, q_hat=q_hat, d=d, W=W, ticks=jnp.ones(()), news=last)
     to = control.Command(a=jnp.zeros(3), alpha=jnp.zeros(3), jerk=jnp.zeros(3))
-    predictor = fly.Corrected(predictor=Nothing(), lead=FILTERS.delay(), noise=jnp.array(noise))
-    f = predictor.predict((), offset(0.0), now, to).payload
+    predictor = fly.Corrected(predictor=of, lead=FILTERS.delay(), noise=jnp.array(noise))
+    return predictor.predict((), offset(0.0), now, to).payload
+
+
+def carried(news: innovation.News, noise: float) -> np.ndarray:
+    """By what part of the labels' delay each output of the payload is carried ahead."""
+    last = jax.tree.map(lambda x: x[-1], news)
+    f = predicted(last, noise, Nothing())
     more = np.concatenate([f.F - last.r.payload.F, f.tau - last.r.payload.tau])
     return more / np.concatenate([last.rate.payload.F, last.rate.payload.tau]) / float(FILTERS.delay())
 
@@ -269,3 +276,85 @@ def test_a_correction_is_carried_ahead_as_far_as_its_rate_is_no_noise():
     np.testing.assert_allclose(carried(of_white, 0.0), 1, rtol=1e-9)
     left = np.concatenate([of_white.unrest.payload.F, of_white.unrest.payload.tau], axis=1)[500:]
     assert (left**2 / deviation**2).mean() == pytest.approx((float(FILTERS.delay()) * 2 * np.pi * 8.0) ** 2, rel=0.15)
+
+
+def moved(gain: float, doubt: float, on: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray, innovation.News]:
+    """The payload's late mean along a path, labels that move `gain` times as far and noise, and the news of both."""
+    rng = np.random.default_rng(2)
+    t = DT * np.arange(2 * TICKS)
+    p = np.stack([np.sin(2 * np.pi * t / 0.4), np.cos(2 * np.pi * t / 0.3), 0 * t], axis=1)
+    x = np.concatenate([p, 0 * p, np.tile(np.eye(3).ravel(), (len(t), 1)), np.zeros((len(t), 9))], axis=1)
+    seen = np.asarray(learn.payload_features(jnp.asarray(x[::40])))
+    y = 20 * np.sqrt(variances()) * np.stack([p[::40, i % 2] for i in range(6)], axis=1)
+    taught = dataclasses.replace(
+        plan().pilot.oracle,
+        payload=gp.condition(seen, y, plan().pilot.oracle.payload.hyper, plan().pilot.oracle.payload.capacity),
+    )
+    W = jax.vmap(learn.payload_mean, (None, 0))(taught, jnp.asarray(x))
+    mean = low(low(low(np.concatenate([W.F, W.tau], axis=1), 50.0), 8.0), 8.0)
+    labels = 3.0 + gain * mean + 0.1 * np.sqrt(variances()) * rng.normal(size=mean.shape)
+    on = np.ones(len(t)) if on is None else on
+    labels = labels[np.maximum.accumulate(np.where(on > 0, np.arange(len(t)), 0))]  # they stand still when they stop
+    return mean, labels, heard(listener(doubt=doubt, fade=0.01), lambda _k: taught, p, labels, on)
+
+
+def six(W: Wrench) -> np.ndarray:
+    return np.concatenate([W.F, W.tau], axis=1)
+
+
+def test_the_map_is_trusted_as_far_as_labels_move_with_it():
+    """By two means over the last span, written anew; labels that stand still or go the other way leave none of it."""
+    for gain in (1.0, 0.4, 0.0, -1.0):
+        mean, labels, news = moved(gain, 10.0)
+        b = 1 - np.exp(-DT / 0.5)
+        dy, df = labels - low(labels, 8.0), mean - low(mean, 8.0)
+        products, squares = (lfilter([b], [1, b - 1], df * other, axis=0) for other in (dy, df))
+        expected = np.clip((variances() + 10 * products) / (variances() + 10 * squares), 0, 1)
+        np.testing.assert_allclose(six(news.trust.payload), expected, atol=1e-9)
+        np.testing.assert_allclose(expected[-1], max(gain, 0.0), atol=0.05)
+        np.testing.assert_allclose(six(news.r.payload) + six(news.mean.payload), labels, atol=1e-9)
+        rate = np.diff(labels, axis=0) - expected[1:] * np.diff(mean, axis=0)
+        np.testing.assert_allclose(six(news.rate.payload)[1:], rate / DT, atol=1e-7)
+    assert (six(moved(0.0, 0.0)[2].trust.payload) == 1).all(), "who does not doubt trusts"
+
+
+def test_where_labels_have_stopped_the_map_is_trusted():
+    on = (np.arange(2 * TICKS) < 700).astype(float)
+    trust = six(moved(0.0, 10.0, on)[2].trust.payload)
+    assert trust[699].max() < 0.2
+    assert trust[-1].min() > 0.999
+
+
+def test_a_map_that_is_not_trusted_is_not_used():
+    """The prediction is label and rate alone where alpha is 0, map and what labels say beyond where it is 1."""
+
+    class Far(Nothing):
+        """Predicts seven of everything."""
+
+        def predict(self, memory: Any, oracle: learn.Oracle, now: fly.Now, to: control.Command) -> Residual:
+            """Seven."""
+            return jax.tree.map(lambda x: jnp.full_like(x, 7.0), no_force(now.team))
+
+    like = no_force(plan().pilot.team)
+    for alpha, expected in ((0.0, 3.0), (0.5, 3.0 + 0.5 * (7 - 2)), (1.0, 7.0 + 1.0)):
+        last = dataclasses.replace(
+            innovation.no_news(plan().pilot.team, jnp.zeros(())),
+            r=jax.tree.map(jnp.ones_like, like),
+            mean=jax.tree.map(lambda x: jnp.full_like(x, 2.0), like),
+            trust=jax.tree.map(lambda x, alpha=alpha: jnp.full_like(x, alpha), like),
+        )
+        np.testing.assert_allclose(predicted(last, 0.0, Far()).F, expected, rtol=1e-12)
+
+
+def test_another_oracle_does_not_change_how_far_the_map_is_trusted():
+    """What it says more is no movement of the mean."""
+    labels, p = np.full((TICKS, 6), 2.0), np.zeros((TICKS, 3))
+    news = heard(
+        listener(doubt=1e6),
+        lambda k: offset(5.0 * (k >= 200).astype(float), (k >= 200).astype(int)),
+        p,
+        labels,
+        np.ones(TICKS),
+    )
+    np.testing.assert_allclose(six(news.trust.payload), 1.0, atol=1e-9)
+    np.testing.assert_allclose(six(news.rate.payload), 0.0, atol=1e-9)

@@ -239,9 +239,11 @@ class Observed:
 
 @pytree
 class Corrected:
-    """Another predictor and what labels say beyond what is learned: `f_hat + r + (w lead + s) r'`, s ahead of now.
+    """Another predictor as far as labels go along with it, and what they say beyond.
 
-    `w = max(0, 1 - noise v / unrest^2)` is how much of the rate is none, v the oracle's variance of labels.
+    `m + alpha (f_hat - m) + r + (w lead + s) r'`, s ahead of now: m the mean as late as labels, alpha how much of its
+    changes they make as well, r' the rate of the label less alpha m. `w = max(0, 1 - noise v / unrest^2)` is how much
+    of that rate is no noise, v the oracle's variance of labels.
     """
 
     predictor: Predictor
@@ -263,11 +265,12 @@ class Corrected:
         f = self.predictor.predict(memory, oracle, now, to)
         news, s = now.news, now.clock.t - now.news.t
 
-        def corrected(f: Array, r: Array, rate: Array, unrest: Array, v: Array) -> Array:
+        def corrected(f: Array, m: Array, alpha: Array, r: Array, rate: Array, unrest: Array, v: Array) -> Array:
             w = jnp.maximum(0.0, 1 - self.noise * v / jnp.maximum(unrest * unrest, 1e-30))
-            return f + r + (w * self.lead + s) * rate
+            return m + alpha * (f - m) + r + (w * self.lead + s) * rate
 
-        return jax.tree.map(corrected, f, news.r, news.rate, news.unrest, innovation.noise(oracle))
+        v = innovation.noise(oracle)
+        return jax.tree.map(corrected, f, news.mean, news.trust, news.r, news.rate, news.unrest, v)
 
 
 @pytree

@@ -27,7 +27,9 @@ class News:
 
     t: Scalar  # s, when it was so
     r: Residual  # N and N m
-    rate: Residual  # N/s and N m/s
+    mean: Residual  # N and N m, the oracle's, as late as labels: r + mean is the label
+    trust: Residual  # alpha, 0 to 1: how much of what the mean changes labels change as well; 1 where they have stopped
+    rate: Residual  # N/s and N m/s, of the label less alpha times the mean
     fresh: Scalar  # 1 while labels come, if now and then; falls to 0 when they stop, and r to its running mean
     unrest: Residual  # N and N m, by how much labels are late: RMS over the last span of their delay times their rate
 
@@ -35,7 +37,19 @@ class News:
 def no_news(team: Team, t: Scalar) -> News:
     """Before any label."""
     none = no_force(team)
-    return News(t=t, r=none, rate=none, fresh=jnp.ones(()), unrest=none)
+    return News(
+        t=t, r=none, mean=none, trust=jax.tree.map(jnp.ones_like, none), rate=none, fresh=jnp.ones(()), unrest=none
+    )
+
+
+@pytree
+class Moved:
+    """How labels and the late mean move against themselves behind one filter more, and how alike they do."""
+
+    label: Residual  # behind it
+    mean: Residual
+    products: Residual  # (N, N m)^2, means over the last span, of both and of the mean's own
+    squares: Residual
 
 
 @pytree
@@ -48,7 +62,8 @@ class Heard:
     inner: Residual  # and behind the labels' filter
     outer: Residual
     r: Residual
-    before: Residual  # r before the last label
+    before: tuple[Residual, Residual]  # r and the late mean before the last label
+    moved: Moved
     elapsed: Scalar  # s since then
     average: Residual
     gap: Scalar  # s, the longest silence that a label ended, forgotten within ten spans
@@ -66,12 +81,17 @@ class Listener:
     the last `span`, as far as that is no noise, `m m^2 / (m^2 + 4 v)`, v the oracle's variance of labels. Where another
     oracle takes over, what it says more is taken from r at once, not only when the filter has seen it, and m begins
     anew, at nothing: what has changed for good is in the new oracle, and errors of the one before are not its own.
+
+    A mean that was true at its places need not be true at this time. With d y, d f what label and late mean are off
+    the same behind one filter more, `alpha = (1 + n <d y d f> / v) / (1 + n <d f d f> / v)`, within 0 and 1 and n the
+    doubt, is how much of the mean's changes labels make as well; means over the last span.
     """
 
     filters: Filters
     hold: Scalar  # s
     fade: Scalar  # s; inf: r is held
     span: Scalar  # s
+    doubt: Scalar  # n: a mean that has moved by less than the variance of labels over n is trusted
 
     def begin(self, team: Team) -> Heard:
         """Nothing heard yet."""
@@ -83,7 +103,8 @@ class Listener:
             inner=none,
             outer=none,
             r=none,
-            before=none,
+            before=(none, none),
+            moved=Moved(label=none, mean=none, products=none, squares=none),
             elapsed=jnp.ones(()),
             average=none,
             gap=jnp.zeros(()),
@@ -107,16 +128,22 @@ class Listener:
         b = from_the_first(past.warm, b)
         inner = _low(past.inner, copy, b)
         outer = _low(past.outer, inner, b)
-        r = jax.tree.map(jnp.subtract, _label(labelled), outer)
-        average = _low(past.average, r, from_the_first(past.warm, on * -jnp.expm1(-waited / self.span)))
+        y = _label(labelled)
+        r = jax.tree.map(jnp.subtract, y, outer)
+        b_span = on * -jnp.expm1(-waited / self.span)
+        average = _low(past.average, r, from_the_first(past.warm, b_span))
+        moved = _moved(past.moved, y, outer, b, past.warm * b_span)
         silent, ended = (1 - on) * waited, on * (waited - dt)
         gap = jnp.maximum(past.gap * jnp.exp(-dt / (10 * self.span)), ended)
         speaking = (silent <= jnp.maximum(self.hold, 2 * gap) + 1e-9).astype(float)
         fresh = past.fresh + -jnp.expm1(-dt / self.fade) * (speaking - past.fresh)
-        before = jax.tree.map(lambda new, old: jnp.where(on > 0, new, old), past.r, past.before)
+        v = noise(oracle)
+        trust = jax.tree.map(lambda c, s, v: 1 + fresh * (self._alpha(c, s, v) - 1), moved.products, moved.squares, v)
+        before = jax.tree.map(lambda new, old: jnp.where(on > 0, new, old), (past.r, past.outer), past.before)
         elapsed = jnp.where(on > 0, waited, past.elapsed + dt)
-        rate = jax.tree.map(lambda now, old: past.warm * fresh * (now - old) / elapsed, r, before)
-        lasting = jax.tree.map(lambda m, v: m * m * m / (m * m + 4 * v), average, noise(oracle))
+        by = past.warm * fresh / elapsed
+        rate = jax.tree.map(lambda r, m, r_0, m_0, a: by * (r - r_0 + (1 - a) * (m - m_0)), r, outer, *before, trust)
+        lasting = jax.tree.map(lambda m, v: m * m * m / (m * m + 4 * v), average, v)
         used = jax.tree.map(lambda r, left: left + fresh * (r - left), r, lasting)
         delay = self.filters.delay()
         squares = jax.tree.map(lambda x: (delay * x) * (delay * x), rate)
@@ -129,6 +156,7 @@ class Listener:
             outer=outer,
             r=r,
             before=before,
+            moved=moved,
             elapsed=elapsed,
             average=average,
             gap=gap,
@@ -136,7 +164,19 @@ class Listener:
             fresh=fresh,
             warm=jnp.ones(()),
         )
-        return heard, News(t=clock.t, r=used, rate=rate, fresh=fresh, unrest=jax.tree.map(jnp.sqrt, unrest))
+        news = News(
+            t=clock.t,
+            r=used,
+            mean=outer,
+            trust=trust,
+            rate=rate,
+            fresh=fresh,
+            unrest=jax.tree.map(jnp.sqrt, unrest),
+        )
+        return heard, news
+
+    def _alpha(self, c: Array, s: Array, v: Array) -> Array:
+        return jnp.clip((v + self.doubt * c) / (v + self.doubt * s), 0.0, 1.0)
 
 
 def _taken_over(past: Heard, f: Residual, k: Int[Array, ""]) -> Heard:
@@ -149,8 +189,21 @@ def _taken_over(past: Heard, f: Residual, k: Int[Array, ""]) -> Heard:
         inner=plus(past.inner),
         outer=plus(past.outer),
         r=less(past.r),
-        before=less(past.before),
+        before=(less(past.before[0]), plus(past.before[1])),
+        moved=dataclasses.replace(past.moved, mean=plus(past.moved.mean)),
         average=jax.tree.map(lambda of, m: jnp.where(of != 0, 0.0, m), more, past.average),
+    )
+
+
+def _moved(past: Moved, y: Residual, mean: Residual, b: Scalar, b_span: Scalar) -> Moved:
+    """The memory after the label y and the late mean, one filter more with the blend b, means with b_span."""
+    label, slow = _low(past.label, y, b), _low(past.mean, mean, b)
+    dy, df = (jax.tree.map(jnp.subtract, *each) for each in ((y, label), (mean, slow)))
+    return Moved(
+        label=label,
+        mean=slow,
+        products=_low(past.products, jax.tree.map(jnp.multiply, dy, df), b_span),
+        squares=_low(past.squares, jax.tree.map(jnp.multiply, df, df), b_span),
     )
 
 

@@ -94,6 +94,8 @@ class Row:
     # of pilots that listen to labels
     r_L: Float[Array, "*time 6"] | None = None
     r_x: Float[Array, "*time agents 3"] | None = None
+    trust_L: Float[Array, "*time 6"] | None = None
+    trust_x: Float[Array, "*time agents 3"] | None = None
     unrest_L: Float[Array, "*time 6"] | None = None
     unrest_x: Float[Array, "*time agents 3"] | None = None
     fresh: Float[Array, "*time"] | None = None
@@ -240,8 +242,9 @@ def _news(news: innovation.News) -> dict[str, Array]:
     def parts(of: Residual) -> tuple[Array, Array]:
         return jnp.concatenate([of.payload.F, of.payload.tau]), jnp.concatenate([agent.f_x for agent in of.agents])
 
-    (r_L, r_x), (unrest_L, unrest_x) = parts(news.r), parts(news.unrest)
-    return {"r_L": r_L, "r_x": r_x, "unrest_L": unrest_L, "unrest_x": unrest_x, "fresh": news.fresh}
+    told = {"r": news.r, "trust": news.trust, "unrest": news.unrest}
+    split = {f"{name}_{body}": x for name, of in told.items() for body, x in zip("Lx", parts(of), strict=True)}
+    return split | {"fresh": news.fresh}
 
 
 def advance(setup: Setup, loop: Loop, noise: Any, ticks: Int[Array, ""]) -> tuple[Loop, Row]:

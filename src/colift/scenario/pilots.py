@@ -114,8 +114,8 @@ def ahead(settings: s.Settings, flying: fly.LeaderFollower) -> fly.LeaderFollowe
 def listening(settings: s.Settings, flying: fly.LeaderFollower, held: bool) -> fly.LeaderFollower:
     """The same with its predictions corrected by labels.
 
-    A held correction stays when labels stop and is carried ahead by `lead_s`; any other fades, and is carried ahead by
-    the labels' whole delay, as far as its rate is no noise.
+    A held correction stays when labels stop, is carried ahead by `lead_s`, and trusts what is learned; any other fades,
+    is carried ahead by the labels' whole delay, as far as its rate is no noise, and doubts.
     """
     given, filters = settings.innovation, _filters(settings)
     listener = innovation.Listener(
@@ -123,6 +123,7 @@ def listening(settings: s.Settings, flying: fly.LeaderFollower, held: bool) -> f
         hold=array(given.hold_s),
         fade=array(np.inf if held else given.fade_s),
         span=array(given.span_s),
+        doubt=array(0.0 if held else given.doubt),
     )
     lead, noise = (array(given.lead_s), 0.0) if held else (filters.delay(), given.noise)
     predictor = fly.Corrected(predictor=flying.predictor, lead=lead, noise=array(noise))

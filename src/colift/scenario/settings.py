@@ -802,6 +802,9 @@ class Innovation(Section):
     noise: of.Factor = 24.0
     """C4 carries its correction ahead by the whole delay of labels where the square of what that changes is far above
     so many variances of labels, and not at all where it is below. Noise alone leaves 4."""
+    doubt: of.Factor = 10.0
+    """C4's map is used as far as labels move with it once it has moved by more than the variance of labels over so
+    many: in the square, from one label filter's memory to the next."""
     patience_s: of.Span = 0.02
     """How old a reading of the tips may be for a label."""
     hold_s: of.Time = 0.2
