@@ -208,6 +208,25 @@ def test_tune_flies_from_where_it_costs_less_and_returns_the_cheapest(monkeypatc
     assert spent.flights == 2
 
 
+def test_a_posture_is_not_raised_above_what_is_stated_unless_the_loop_grows(monkeypatch: pytest.MonkeyPatch):
+    """Joints beyond need are to reach what their user states; a greater statement would only be missed by more."""
+    monkeypatch.setattr(tune, "_most_stiffness", lambda _of: 0.5)
+    known = {field.name: getattr(lit(), field.name) for field in dataclasses.fields(tune.Loop)}
+
+    class At(tune.Loop):
+        cost = -1.0
+
+    class Growing(tune.Loop):
+        cost = 1.0
+
+    for name, kind, most in (("beam", At, 0.0), ("beam", Growing, tune.FARTHEST), ("trio", At, None)):
+        low, high = tune._bounds(kind(**known | {"settings": scenario.load(name)}))
+        assert (low == -tune.FARTHEST).all()
+        assert high[0] == 0.5
+        assert (high[1:6] == tune.FARTHEST).all()
+        assert high[6:].tolist() == ([] if most is None else [most])
+
+
 def test_no_more_are_looked_at_than_there_may_be():
     """Steps that help at random, within any budget."""
     rng = np.random.default_rng(0)

@@ -177,7 +177,7 @@ def _scenario(name: str, vehicle: Vehicle, agents: int) -> str:
 # `colift study {name}.yaml` flies it. Every setting, its unit and its default: docs/scenarios.md.
 name: {name}
 description: {agents} agents around a plate.
-duration_s: 20
+duration_s: 24
 control_Hz: 500
 seed: 0
 
@@ -226,10 +226,10 @@ control:  # a slow mode: K_p, K_v; a fast one that grows: agent_k_omega, K_v low
 allocation: {{kind: balanced}}
 
 learning:
-  update_times_s: [2, 4, 6, 8, 10]
+  update_times_s: [2, 4, 6, 8, 10, 12]
   start_s: 0.3
-  end_s: 10
-  sample_Hz: 25
+  end_s: 12  # a whole lap after the ramp, so that the models meet all of the path
+  sample_Hz: 20
   filter_Hz: 8
   capacity: 256
   payload: {{force_N: 1, moment_Nm: 0.2, force_noise_N: 0.1, moment_noise_Nm: 0.02}}

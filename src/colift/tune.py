@@ -119,15 +119,13 @@ def tune(settings: Settings, progress: Callable[[str], None] = lambda _what: Non
     """The loop as it is, the one with the gains that were found, and what that took.
 
     First `Loop.cost` is made small, which needs no flight, then, from there or from the start, whichever flies at less,
-    `Flown.cost`: both in the logarithms of frequencies and dampings, within `FARTHEST` of what they were, and with
-    `K_p` below what the start's error and `limits.thrust_margin` leave of the thrust. Where neither flies the fastest
+    `Flown.cost`: both in the logarithms of frequencies and dampings, within `_bounds`. Where neither flies the fastest
     loop is returned. Raises as `loop`.
     """
     progress("its loop at rest")
     first = loop(settings)
-    free = len(names(settings))
-    low, high = np.full(free, -FARTHEST), np.full(free, FARTHEST)
-    high[0] = min(high[0], _most_stiffness(first))
+    bounds = _bounds(first)
+    free = len(bounds[0])
 
     def at(steps: np.ndarray) -> Loop | None:
         with contextlib.suppress(ValueError, ScenarioError):  # no rest with these
@@ -145,7 +143,7 @@ def tune(settings: Settings, progress: Callable[[str], None] = lambda _what: Non
     def flies(cost: float, used: int) -> None:
         progress(f"error over decay {cost:.3g} m s, {used} of at most {FLIGHTS} flown")
 
-    none, bounds, second = np.zeros(free), (low, high), DAMPING[:free]
+    none, second = np.zeros(free), DAMPING[:free]
     fastest, where, loops = descend(first, at, _slopes, none, bounds, second, LOOPS, decays)
     begun = [
         (each, steps) for each, steps in ((flown(first), none), (flown(fastest), where)) if isinstance(each, Flown)
@@ -278,6 +276,20 @@ def _step(costs: np.ndarray, slopes: np.ndarray, low: np.ndarray, high: np.ndarr
     bounds = [*zip(low, high, strict=True), (None, None)]
     found = linprog(np.r_[np.zeros(free), 1.0], A_ub=sums, b_ub=-costs, bounds=bounds)
     return found.x[:free] if found.success else np.zeros(free)
+
+
+def _bounds(of: Loop) -> tuple[np.ndarray, np.ndarray]:
+    """From where on and how far each of what is chosen may go, as logarithms: `FARTHEST`, but for two.
+
+    `K_p` stays below what the start's error and `limits.thrust_margin` leave of the thrust. The posture is what joints
+    beyond need are to reach, as its user states it: it is not raised, unless the loop would else not decay.
+    """
+    free = len(names(of.settings))
+    low, high = np.full(free, -FARTHEST), np.full(free, FARTHEST)
+    high[0] = min(high[0], _most_stiffness(of))
+    if free == len(GAINS) and of.cost < 0:
+        high[-1] = 0.0
+    return low, high
 
 
 def _most_stiffness(of: Loop) -> float:
