@@ -149,8 +149,11 @@ MUTANTS = {
     "tube: f~ on the path makes nothing of a run": Mutant(
         "certify/tube.py", "np.sqrt(greatest).sum(0)", "0", "certify_tube"
     ),
-    "tube: changes add up as if nothing were kept": Mutant(
-        "certify/tube.py", "b[:, :, k] += keep * b[:, :, k + 1]", "pass", "certify_tube"
+    "ellipsoid: labels may err once, not each": Mutant(
+        "gp/ellipsoid.py", "allowed.eps**2 * w.sum(1)", "allowed.eps**2 * w.mean(1)", "gp_ellipsoid"
+    ),
+    "ellipsoid: around nothing": Mutant(
+        "gp/ellipsoid.py", "@ self.a[..., None]", "@ (0 * self.a)[..., None]", "gp_ellipsoid"
     ),
     "reach: sign of the mean's shift below": Mutant(
         "certify/reach.py", "[width + moved, width - moved]", "[width + moved, width + moved]", "certify_reach"

@@ -77,11 +77,11 @@ def rivals(made: certification.Certified) -> dict[str, dict[str, float]]:
     cells = np.stack([rho[part].max(0) for part in np.split(np.arange(len(rho)), gains.at[:-1] + 1)])
     all_of = np.full_like(rho, np.inf)
     try:
-        d, _ = tube.solve(gains.M[0], np.einsum("tisj,sj->ti", gains.M[0], cells))
+        d, _ = tube.solve(gains.M, np.einsum("tisj,sj->ti", gains.M, cells))
         all_of = rho + d[gains.of_nodes(len(rho))]
     except ValueError:  # it has no tube
         pass
-    gain = gains.M[0].sum(2).max(0)
+    gain = gains.M.sum(2).max(0)
     small = np.abs(np.linalg.eigvals(gain)).max() < 1
     constant = np.linalg.solve(np.eye(len(gain)) - gain, rho.max(0)) if small else np.full(len(gain), np.inf)
     at = np.flatnonzero(loop.t >= window[0] - 1e-9)

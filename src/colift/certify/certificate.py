@@ -37,7 +37,6 @@ BOUNDS = (*band.ALONG, "recovery")
 POINTS = 160  # data points of a body up to which optimal recovery is tried
 SELDOM = 0.2  # s between the times at which the tube is taken
 BEYOND = 2.0  # times what noise adds to first order, at which that says too little of it
-MEMORY = 0.5  # s, within which a difference of the tube is forgotten by what bounds its changes
 BLOCK = 16  # of those times at once
 
 
@@ -165,13 +164,13 @@ def certify(
         _still(plan, flight, loop, grid, noise)
         paths = {"tube": loop.rows, "run": flight.rows}
         energy = {key: bodies(plan, flight, rows, loop.nodes, "energy") for key, rows in paths.items()}
-        found, why = _tube(loop, energy["tube"])
+        found, why = _tube(loop, energy["tube"], progress)
         reached, left_out = _reached(plan, flight, energy, paths, loop, L, names, progress)
     extra = found.reached(L) if found else np.full(noise.shape, np.inf)
     more = {"run": noise, "tube": noise + extra}
     center, errors = (_errors(each)[loop.nodes][grid.at] for each in (loop.rows, flight.rows))
     spans = {name: {key: _span(center, each[key] + more[key]) for key in each} for name, each in reached.items()}
-    met, tube_needs = plan.stated.met, bounds.unmet("energy", plan.stated.met)  # the tube is the energy bound's
+    met, tube_needs = plan.stated.met, bounds.unmet("recover", plan.stated.met)  # the tube weighs labels one by one
     always = (
         *(() if found else ("S_X",)),
         *assumed.of_certificate(plan, limited=_limited(plan, loop, energy["tube"], found), whole=grid.whole),
@@ -357,55 +356,46 @@ def _recovered(held: Sequence[Body], each: Sequence[Matrix], L: Matrix, key: str
 
 @dataclasses.dataclass(frozen=True)
 class Gains:
-    """What the tube is solved with: of differences, then of changes by `keep`, at some of the twin's nodes."""
+    """What the tube is solved with, at some of the twin's nodes."""
 
     at: NDArray[np.intp]  # (times,), nodes
-    keep: float
-    M: Matrix  # (2, times, inputs, times, inputs), of cells that end at these
-    own: Matrix  # (2, times, inputs)
+    M: Matrix  # (times, inputs, times, inputs), of cells that end at these
+    own: Matrix  # (times, inputs)
 
     def of_nodes(self, nodes: int) -> NDArray[np.intp]:
         """The cell that each of so many nodes is in."""
         return np.minimum(np.searchsorted(self.at, np.arange(nodes)), len(self.at) - 1)
 
 
-def gains(loop: Variation, held: Sequence[Body]) -> Gains:
-    """`M` and `own` of `tube.solve` along the twin, for bodies held to its path."""
-    at, keep = _seldom(loop), float(np.exp(-variation.STEP / MEMORY))
+def gains(loop: Variation, held: Sequence[Body], progress: Progress = lambda _what: None) -> Gains:
+    """`M` and `own` of `tube.solve` along the twin, for bodies held to its path.
+
+    Raises ValueError where the data contradict norm and label errors.
+    """
+    at = _seldom(loop)
     cells, many = np.r_[0, at[:-1] + 1], loop.bodies[-1].stop
-    M, own = np.zeros((2, len(at), many, len(at), many)), np.empty((2, len(at), many))
+    M, own = np.zeros((len(at), many, len(at), many)), np.empty((len(at), many))
     for some in np.array_split(np.arange(len(at)), max(1, len(at) // BLOCK)):
-        until = slice(some[-1] + 1)
-        for b, body in enumerate(held):
-            now, before = (_moved(loop, b, body, nodes)[:, :, : at[some[-1]] + 1] for nodes in (at[some], at[some] - 1))
-            changed = np.concatenate([now, -keep * before], axis=1)
-            x, z = body.x[at[some]], body.x[at[some] - 1]
-            for k, (L, by, points) in enumerate(
-                ((now, now, [x]), (changed, tube.later(changed, keep), [x, z])),
-            ):
-                ellipsoids = tube.ellipsoids(held, L)
-                for i in range(len(body.beta)):
-                    S, g = tube.slopes(body, i, points)
-                    of = body.columns.start + i
-                    M[k, some, of, until] = np.add.reduceat(tube.feeding(S, g, by), cells[until], axis=1)
-                    own[k, some, of] = tube.own(S, g, *ellipsoids)
-    return Gains(at, keep, M, own)
+        progress(f"the tube, until {loop.t[at[some[-1]]]:.3g} s")
+        L = [_moved(loop, b, body, at[some])[:, :, : at[some[-1]] + 1] for b, body in enumerate(held)]
+        for body, by, (P, c) in zip(held, L, tube.ellipsoids(held, L), strict=True):
+            for i in range(len(body.beta)):
+                S, g = tube.slopes(body, i, body.x[at[some]], P.sum(0))
+                of = body.columns.start + i
+                M[some, of, : some[-1] + 1] = np.add.reduceat(tube.feeding(S, g, by), cells[: some[-1] + 1], axis=1)
+                own[some, of] = tube.own(S, g, P, c)
+    return Gains(at, M, own)
 
 
-def _tube(loop: Variation, held: Sequence[Body]) -> tuple[Tube | None, str]:
+def _tube(loop: Variation, held: Sequence[Body], progress: Progress) -> tuple[Tube | None, str]:
     if not all(np.isfinite(body.beta).all() for body in held):
         return None, "the data contradict the stated norm and label errors"
-    of = gains(loop, held)
     try:
-        difference, contraction = tube.solve(of.M[0], of.own[0])
+        of = gains(loop, held, progress)
+        difference, contraction = tube.solve(of.M, of.own)
     except ValueError as error:
         return None, str(error)
-    try:
-        change, _ = tube.solve(of.M[1], of.own[1])
-    except ValueError:  # then what is known is the difference alone
-        change = np.full_like(difference, np.inf)
-    of_node = of.of_nodes(len(loop.nodes))
-    return Tube(difference[of_node], change[of_node], of.keep, contraction), ""
+    return Tube(difference[of.of_nodes(len(loop.nodes))], contraction), ""
 
 
 def _moved(loop: Variation, b: int, body: Body, nodes: NDArray[np.intp]) -> Matrix:

@@ -65,22 +65,32 @@ def by_recovery(body: Body, weights: Matrix, band: Matrix, progress: Callable[[]
     Never above `band`, that of `by_band`, which stays where an output contributes next to nothing. Raises as that.
     """
     found, total = band.copy(), band.sum(-1).max((0, 1))
-    n, mu = int(body.model.n), _mean(body.model, body.x)
+    mu = mean(body.model, body.x)
     for i in range(len(body.beta)):
         matters = np.flatnonzero(band[..., i].max((0, 1)) > NEGLIGIBLE * total)
         if not len(matters):
             continue
-        X, Y = np.asarray(body.model.X)[:n], np.asarray(body.model.Y)[:n]
-        allowed = recovery.consistent(X, Y, body.model.hyper, i, body.norm, float(body.eps[i]))
-        offset = float(np.asarray(body.model.hyper.offset)[i])
+        of = allowed(body, i)
         L = weights[..., body.columns.start + i][:, matters].reshape(-1, len(body.x))
-        k, square = allowed.correlations(body.x) @ L.T, np.sum((L @ correlation(body.model, i, body.x, body.x)) * L, 1)
-        mass, centre = np.abs(L).sum(1), L @ (mu[:, i] - offset)
+        k, square = of.correlations(body.x) @ L.T, np.sum((L @ correlation(body.model, i, body.x, body.x)) * L, 1)
+        mass, centre = np.abs(L).sum(1), L @ (mu[:, i] - offset(body)[i])
         for side, sign in enumerate((1, -1)):
-            value = (recovery.least(allowed, sign * k, square, mass) - sign * centre).reshape(-1, len(matters))
+            value = (recovery.least(of, sign * k, square, mass) - sign * centre).reshape(-1, len(matters))
             found[side, ..., i][:, matters] = np.minimum(value, band[side, ..., i][:, matters])
         progress()
     return found
+
+
+def allowed(body: Body, i: int) -> recovery.Consistent:
+    """What norm and data allow of output i. Raises ValueError as `recovery.consistent`."""
+    n = int(body.model.n)
+    X, Y = np.asarray(body.model.X)[:n], np.asarray(body.model.Y)[:n]
+    return recovery.consistent(X, Y, body.model.hyper, i, body.norm, float(body.eps[i]))
+
+
+def offset(body: Body) -> Matrix:
+    """The prior's mean of each output, (outputs,)."""
+    return np.asarray(body.model.hyper.offset, dtype=float)
 
 
 def greatest(body: Body) -> Matrix:
@@ -92,11 +102,11 @@ def greatest(body: Body) -> Matrix:
 
 def shift(body: Body) -> Matrix:
     """`m - mu` of each output along the path, (path, outputs)."""
-    return _mean(body.companion, body.x) - _mean(body.model, body.x)
+    return mean(body.companion, body.x) - mean(body.model, body.x)
 
 
-def _mean(model: gp.GP, x: Matrix) -> Matrix:
-    """`(path, outputs)`."""
+def mean(model: gp.GP, x: Matrix) -> Matrix:
+    """`(path, outputs)`, as the model has it."""
     n, offset = int(model.n), np.asarray(model.hyper.offset)
     s, alpha, X = np.asarray(model.hyper.signal_variance), np.asarray(model.alpha), np.asarray(model.X)[:n]
     return np.stack([offset[i] + s[i] * correlation(model, i, x, X) @ alpha[i, :n] for i in range(len(offset))], axis=1)
@@ -118,25 +128,10 @@ def correlation(model: gp.GP, i: int, x: Matrix, z: Matrix) -> Matrix:
 def gradient(model: gp.GP, i: int, x: Matrix) -> Matrix:
     """`(times, dimensions)`, of output i's mean at points x."""
     n, s = int(model.n), float(np.asarray(model.hyper.signal_variance)[i])
-    return s * np.einsum("tnd,n->td", _slope(model, i, x), np.asarray(model.alpha)[i, :n])
+    return s * np.einsum("tnd,n->td", slope(model, i, x), np.asarray(model.alpha)[i, :n])
 
 
-def gradient_covariance(model: gp.GP, i: int, x: Matrix, z: Matrix) -> Matrix:
-    """`d d' k_n(x, z)`, (times, dimensions, dimensions): of output i's gradients at x and z, for the paper's kernel.
-
-    `s c (diag(1 / l^2) - u u^T) - V(x)^T V(z)`, `u = (x - z) / l^2`, c their correlation, `V(x) = W s dk(X, x)`.
-    """
-    n, s = int(model.n), float(np.asarray(model.hyper.signal_variance)[i])
-    ls = np.asarray(model.hyper.lengthscales)[i]
-    W = np.asarray(model.W)[i, :n, :n]
-    u = (x - z) / ls**2
-    c = np.exp(-0.5 * (u * (x - z)).sum(1))
-    prior = s * c[:, None, None] * (np.diag(ls**-2.0) - u[:, :, None] * u[:, None])
-    of_x, of_z = (W @ (s * _slope(model, i, at)) for at in (x, z))
-    return prior - np.swapaxes(of_x, 1, 2) @ of_z
-
-
-def _slope(model: gp.GP, i: int, x: Matrix) -> Matrix:
-    """`dk(x, X) / dx`, k the squared exponential correlation; (times, n, dimensions)."""
+def slope(model: gp.GP, i: int, x: Matrix) -> Matrix:
+    """`dk(x, X) / dx`, k the squared exponential correlation of output i; (times, n, dimensions)."""
     X, ls = np.asarray(model.X)[: int(model.n)], np.asarray(model.hyper.lengthscales)[i]
     return -correlation(model, i, x, X)[:, :, None] * (x[:, None] - X) / ls**2

@@ -2,9 +2,8 @@
 
 The unknown is bounded along one path; the run takes another, near it, because of the unknown. To first order in how
 far it is, `f~_i(run) - f~_i(twin) = grad f~_i . dphi`, phi what the models see, dphi what f~ brought about before; the
-slope is known to norm and data. What f~ on the twin's path makes of dphi is one functional of it and has a band; the
-rest comes of the differences themselves: `d(t) <= own(t) + sum_(s <= t) M(t, s) d(s)`, solved forward in time. What
-they change by from node to node obeys the same with other gains; by that less of a response that swings adds up.
+slope is known to norm and data. What f~ on the twin's path makes of dphi is one functional of it and has an ellipsoid;
+the rest comes of the differences themselves: `d(t) <= own(t) + sum_(s <= t) M(t, s) d(s)`, solved forward in time.
 Derivation: `docs/certificate.md`, "The tube".
 """
 
@@ -18,6 +17,7 @@ from numpy.typing import NDArray
 
 from colift.certify import reach
 from colift.certify.reach import Body
+from colift.gp import ellipsoid
 
 Matrix = NDArray[np.float64]
 
@@ -31,19 +31,14 @@ class Tube:
     """The tube around the path: what f~ of any run in it may differ by from that of the path."""
 
     difference: Matrix  # (path, inputs), N and N m
-    change: Matrix  # (path, inputs), of that the greatest `|d_k - keep d_(k-1)|` from node to node; or infinite
-    keep: float
     contraction: float  # spectral radius of `sup_t sum_s M(t, s)`: how strongly the unknown feeds itself
 
     def reached(self, L: Matrix) -> Matrix:
-        """What the difference adds to rows, at most, (times, rows); L: (times, rows, path, inputs).
+        """What the difference adds to rows, at most, `sum_k |L_k| d_k`, (times, rows).
 
-        Of each input the lesser of `sum_k |L_k| d_k` and, if changes are bounded, the same with `later` and these.
+        L: (times, rows, path, inputs).
         """
-        by_size = np.einsum("trki,ki->tri", np.abs(L), self.difference)
-        if np.isinf(self.change).any():
-            return by_size.sum(2)
-        return np.minimum(by_size, np.einsum("trki,ki->tri", np.abs(later(L, self.keep)), self.change)).sum(2)
+        return np.einsum("trki,ki->tr", np.abs(L), self.difference)
 
 
 def seen(x: Matrix, L: Matrix) -> Matrix:
@@ -59,44 +54,52 @@ def seen(x: Matrix, L: Matrix) -> Matrix:
     return np.concatenate([L, *speeds], axis=1)
 
 
-def later(L: Matrix, keep: float) -> Matrix:
-    """`b_k = L_k + keep b_(k+1)` along the third axis, with which `sum_k L_k d_k = sum_k b_k (d_k - keep d_(k-1))`."""
-    b = L.copy()
-    for k in reversed(range(L.shape[2] - 1)):
-        b[:, :, k] += keep * b[:, :, k + 1]
-    return b
+def slopes(body: Body, i: int, x: Matrix, P: Matrix) -> tuple[Matrix, Matrix]:
+    """`(S, g)`: `|grad f~_i(x) . n| <= |S n| + |g . n|` for every n, at points x of as many times.
 
-
-def slopes(body: Body, i: int, points: Sequence[Matrix]) -> tuple[Matrix, Matrix]:
-    """`(S, g)`: `|sum_p grad f~_i(x_p) . n_p| <= |S n| + |g . n|`, n the n_p one behind the other, for times at once.
-
-    points: each (times, features). `S^T S = beta^2 d d' k_n`, the posterior covariance of the gradients; g those of
-    `m - mu`.
+    x: (times, features); P: (times, features, features), of displacements for which this is to be narrow, see
+    `ellipsoids`. `S^T S` is the covariance of what norm and data allow of the slope, g its centre less the slope of mu.
     """
-    C = np.block([[reach.gradient_covariance(body.companion, i, x, z) for z in points] for x in points])
-    _, w, V = np.linalg.svd(C)  # not eigh, which may fail where eigenvalues come in clusters, as at points so near
-    S = body.beta[i] * np.sqrt(w)[:, :, None] * V
-    g = [reach.gradient(body.companion, i, x) - reach.gradient(body.model, i, x) for x in points]
-    return S, np.concatenate(g, axis=1)
+    allowed, k = reach.allowed(body, i), reach.slope(body.model, i, x)
+    square = np.diag(np.asarray(body.model.hyper.lengthscales)[i] ** -2.0)
+    along = _root(P)
+    held = ellipsoid.narrow(allowed, k @ along, ((square @ along) * along).sum((1, 2)))
+    S = allowed.unit * np.swapaxes(_root(held.covariance(k, square)), 1, 2)
+    return S, allowed.unit * held.centre(k) - reach.gradient(body.model, i, x)
 
 
-def ellipsoids(held: Sequence[Body], L: Matrix) -> tuple[Matrix, Matrix]:
-    """`(P, c)`: what f~ on the path makes of dphi is c and a part of each input, `|n . part_j| <= sqrt(n^T P_j n)`.
+def _root(P: Matrix) -> Matrix:
+    """R with `R R^T = P`, for P that are not negative but for rounding."""
+    U, w, _ = np.linalg.svd(P)  # not eigh, which may fail where eigenvalues come in clusters
+    return U * np.sqrt(w)[:, None]
 
-    L: (times, features, path, inputs), what f~ at a sample of the path, or of its start, adds to a feature. P: (inputs,
-    times, features, features), `beta^2 L k_n L^T`; c: (times, features), `L (m - mu)`.
+
+def ellipsoids(held: Sequence[Body], L: Sequence[Matrix]) -> list[tuple[Matrix, Matrix]]:
+    """`(P, c)` of each body: what f~ on the path makes of its dphi.
+
+    It is c and a part of each input, `|n . part_j| <= sqrt(n^T P_j n)` for every n.
+    L, a body each: (times, features, path, inputs), what f~ at a sample of the path, or of its start, adds to a
+    feature. P: (inputs, times, features, features); c: (times, features). Of an input and a time all bodies' features
+    share one ellipsoid, narrow where they are taken in length-scales.
     """
-    end = L.shape[2]
-    P, c = np.zeros((L.shape[3], *L.shape[:2], L.shape[1])), np.zeros(L.shape[:2])
+    times, _, end, inputs = L[0].shape
+    out = [(np.zeros((inputs, times, of.shape[1], of.shape[1])), np.zeros((times, of.shape[1]))) for of in L]
+    each = [np.sqrt((np.asarray(body.model.hyper.lengthscales) ** -2.0).mean(0)) for body in held]
     for body in held:
-        shift = reach.shift(body)[:end]
+        off = reach.offset(body) - reach.mean(body.model, body.x[:end])
         for i in range(len(body.beta)):
-            j = body.columns.start + i
-            of = np.ascontiguousarray(L[..., j])
-            K = body.beta[i] ** 2 * reach.covariance(body.companion, i, body.x[:end])
-            P[j] = (of.reshape(-1, end) @ K).reshape(of.shape) @ np.swapaxes(of, 1, 2)
-            c += of @ shift[:, i]
-    return P, c
+            j, allowed = body.columns.start + i, reach.allowed(body, i)
+            C, X = reach.correlation(body.model, i, body.x[:end], body.x[:end]), allowed.correlations(body.x[:end])
+            rows = [np.ascontiguousarray(of[..., j]) for of in L]
+            k = [np.swapaxes(of @ X.T, 1, 2) for of in rows]
+            square = [(of.reshape(-1, end) @ C).reshape(of.shape) @ np.swapaxes(of, 1, 2) for of in rows]
+            taken = np.concatenate([of * size for of, size in zip(k, each, strict=True)], axis=2)
+            trace = sum(np.einsum("tff,f->t", of, size**2) for of, size in zip(square, each, strict=True))
+            around = ellipsoid.narrow(allowed, taken, np.asarray(trace))
+            for (P, c), of, k_of, square_of in zip(out, rows, k, square, strict=True):
+                P[j] = allowed.unit**2 * around.covariance(k_of, square_of)
+                c += allowed.unit * around.centre(k_of) + of @ off[:, i]
+    return out
 
 
 def own(S: Matrix, g: Matrix, P: Matrix, c: Matrix) -> Matrix:

@@ -10,9 +10,10 @@ data        data policies of a fixed budget, update schedules
 store       a GP in a file
 bounds      how far the mean may be from the function, and what each bound assumes
 recovery    the tightest bound under bounded noise, by a conic program (host)
+ellipsoid   bounds of many functionals at once under bounded noise (host)
 """
 
-from colift.gp import bounds, recovery
+from colift.gp import bounds, ellipsoid, recovery
 from colift.gp.data import AtTimes, Data, OnGain, Policy, Uniform, empty, first_come, first_in_first_out, informative
 from colift.gp.hyper import UNSEEN, Belief, Box, Hyper, hyperparameters, of_outputs
 from colift.gp.kernel import Kernel, SquaredExponential
@@ -54,6 +55,7 @@ __all__ = [
     "both",
     "bounds",
     "condition",
+    "ellipsoid",
     "empty",
     "expansion",
     "first_come",

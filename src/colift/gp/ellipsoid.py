@@ -1,0 +1,91 @@
+"""Ellipsoids that hold every function that norm and data allow, narrow where they are asked (host).
+
+Where every label errs by at most eps, any weights `w_k >= 0` give one:
+`||f||^2 + sum_k w_k (r_k - f(x_k))^2 <= 1 + eps^2 sum_k w_k`, f and labels in units of their largest value. The energy
+bound has one weight for all labels, so that one of them may err by what all may together. For the greatest value of
+one functional the best weights leave what optimal recovery does, whose multipliers they are (S-procedure: nothing is
+lost for a linear objective). One ellipsoid for both its ends, or for many functionals, is wider.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from colift.gp.recovery import CONTRADICT, Consistent
+
+ROUNDS = 10  # a hundred more gain less than a percent
+MANY = 160  # labels beyond which they keep one weight: each round takes the cube of their number
+STEP = 0.8  # exponent of a round: below one it does not swing
+LEAST, MOST = 1e-12, 1e4  # times the energy bound's weight, which keeps what is inverted well conditioned
+OUTWARD = 1e-7  # of what the ellipsoid's size is a difference of: above its rounding
+
+
+@dataclasses.dataclass(frozen=True)
+class Ellipsoids:
+    """`(l(f) - centre)^2 <= covariance` for every functional l and every f that norm and data allow; one or many."""
+
+    beta2: np.ndarray  # (sets,), `1 + eps^2 sum w - r^T Q r`
+    Q: np.ndarray  # (sets, N, N), `(K + W^-1)^-1`
+    a: np.ndarray  # (sets, N), `Q r`
+
+    def centre(self, k: np.ndarray) -> np.ndarray:
+        """`(sets, rows)`, `k^T a` of rows of functionals, whose representers' products with the data's are k.
+
+        k: (sets, N, rows), see `recovery.Consistent.correlations`. In units of `Consistent.unit`, as all here.
+        """
+        return (np.swapaxes(k, 1, 2) @ self.a[..., None])[..., 0]
+
+    def covariance(self, k: np.ndarray, square: np.ndarray) -> np.ndarray:
+        """`(sets, rows, rows)`, `beta^2 (square - k^T Q k)`; square: the representers' products with each other."""
+        return self.beta2[:, None, None] * (square - np.swapaxes(k, 1, 2) @ self.Q @ k)
+
+
+def narrow(allowed: Consistent, k: np.ndarray, square: np.ndarray) -> Ellipsoids:
+    """Ellipsoids in which the sum of a set's squared widths, the trace of its covariance, is small.
+
+    k: (sets, N, rows); square: (sets,), the trace of what `Ellipsoids.covariance` has. From the energy bound's
+    `w = 1 / (N eps^2)` on each round multiplies `w_k` by `((R_k^2 + beta^2 |G_k|^2 / tr) / eps^2)^STEP`, R what the
+    centre leaves of labels and G of k: where that no longer changes w the derivative of `beta^2 tr` is zero. The best
+    round counts. Raises ValueError where the data contradict norm and eps.
+    """
+    n, eps2 = len(allowed.r), allowed.eps**2
+    rounds = ROUNDS if n <= MANY else 0
+    equal = 1 / (max(n, 1) * eps2)
+    w = np.full((len(k) if rounds else 1, n), equal)
+    best, least = None, np.inf
+    for left in reversed(range(rounds + 1)):
+        of = _weighed(allowed, w)
+        Qk = of.Q @ k
+        trace = np.maximum(square - (k * Qk).sum((1, 2)), 0.0)
+        size = of.beta2 * trace
+        best, least = of if best is None else _chosen(size < least, of, best), np.minimum(size, least)
+        if left:
+            R, G = allowed.r - of.a @ allowed.K, k - allowed.K @ Qk
+            share = of.beta2 / np.where(trace > 0, trace, np.inf)
+            w = w * ((R * R + share[:, None] * (G * G).sum(2)) / eps2) ** STEP
+            w = np.clip(w, LEAST * equal, MOST * equal)
+    assert best is not None
+    return best
+
+
+def _weighed(allowed: Consistent, w: np.ndarray) -> Ellipsoids:
+    """The ellipsoids of weights w, (sets, N)."""
+    h = np.sqrt(w)
+    Q = h[:, :, None] * np.linalg.inv(np.eye(w.shape[1]) + h[:, :, None] * allowed.K * h[:, None]) * h[:, None]
+    a = Q @ allowed.r
+    most = 1 + allowed.eps**2 * w.sum(1)
+    beta2 = most * (1 + OUTWARD) - a @ allowed.r
+    if (beta2 < 0).any():
+        raise ValueError(CONTRADICT)
+    return Ellipsoids(beta2=beta2, Q=Q, a=a)
+
+
+def _chosen(which: np.ndarray, new: Ellipsoids, old: Ellipsoids) -> Ellipsoids:
+    """Of each set the new one where `which` says so."""
+    return Ellipsoids(
+        beta2=np.where(which, new.beta2, old.beta2),
+        Q=np.where(which[:, None, None], new.Q, old.Q),
+        a=np.where(which[:, None], new.a, old.a),
+    )

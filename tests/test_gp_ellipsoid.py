@@ -1,0 +1,146 @@
+"""Ellipsoids around what norm and data allow: they hold it, and are as narrow as one functional's best bound."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from colift import band, gp
+from colift.gp import ellipsoid, recovery
+
+seeds = st.integers(0, 2**31)
+means = jax.jit(jax.vmap(gp.mean, (None, 0)))
+
+
+def drawn(seed: int, n: int = 12) -> tuple[recovery.Consistent, gp.GP, gp.GP, np.random.Generator]:
+    """What is allowed, the function that gave the labels, of the stated norm, and the posterior of the energy bound."""
+    rng = np.random.default_rng(seed)
+    s, eps, norm = rng.uniform(0.2, 3), rng.uniform(0.01, 0.3), rng.uniform(0.5, 3)
+    eps *= norm * s**0.5
+    hyper = gp.hyperparameters(s, rng.uniform(0.7, 2, 2), 1e-2 * s)
+    f = gp.expansion(hyper, rng.uniform(-2, 2, (8, 2)), rng.normal(size=(1, 8)))
+    f = gp.expansion(hyper, np.asarray(f.X), np.asarray(f.alpha) * norm / float(gp.norm(f)[0]))
+    X = rng.uniform(-2, 2, (n, 2))
+    Y = np.asarray(means(f, jnp.asarray(X))) + eps * rng.choice([-1.0, 1.0], (n, 1))
+    model = gp.condition(X, Y, hyper, n)
+    return (
+        recovery.consistent(X, Y, hyper, 0, norm, eps),
+        f,
+        band.companion(model, "energy", norm, np.array([eps])),
+        rng,
+    )
+
+
+def functionals(
+    allowed: recovery.Consistent, rng: np.random.Generator, sets: int, rows: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Weighted sums of values at points: these, weights (sets, rows, points), k and square."""
+    Z, a = rng.uniform(-2, 2, (6, 2)), rng.normal(size=(sets, rows, 6))
+    V = Z / allowed.lengthscales
+    C = np.exp(-0.5 * ((V[:, None] - V) ** 2).sum(-1))
+    return Z, a, np.swapaxes(a @ allowed.correlations(Z).T, 1, 2), a @ C @ np.swapaxes(a, 1, 2)
+
+
+@given(seeds)
+@settings(max_examples=20)
+def test_every_function_that_norm_and_data_allow_is_inside_in_every_direction(seed):
+    """Also for functionals that are not those it was made narrow for, and what optimal recovery reaches."""
+    allowed, f, _, rng = drawn(seed)
+    _, _, k, square = functionals(allowed, rng, 4, 2)
+    of = ellipsoid.narrow(allowed, k, np.trace(square, axis1=1, axis2=2))
+    Z, a, k, square = functionals(allowed, rng, 4, 3)
+    value = a @ np.asarray(means(f, jnp.asarray(Z)))[:, 0] / allowed.unit
+    centre, covariance = of.centre(k), of.covariance(k, square)
+    n = rng.normal(size=(4, 50, 3))
+    off = np.abs(np.einsum("tdr,tr->td", n, value - centre))
+    wide = np.sqrt(np.einsum("tdr,trs,tds->td", n, covariance, n))
+    assert (off <= wide * (1 + 1e-9)).all()
+    for t in range(4):
+        best = recovery.recover(
+            allowed.U * allowed.lengthscales,
+            allowed.r[:, None] * allowed.unit,
+            gp.hyperparameters(allowed.signal_variance, allowed.lengthscales, 1e-2),
+            0,
+            allowed.norm,
+            allowed.eps * allowed.unit,
+            Z,
+            a[t, 0],
+        )
+        half = np.sqrt(covariance[t, 0, 0])
+        assert best.upper <= allowed.unit * (centre[t, 0] + half) * (1 + 1e-6) + 1e-9 * allowed.unit
+        assert best.lower >= allowed.unit * (centre[t, 0] - half) - 1e-6 * allowed.unit
+
+
+def widths(seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Half of what one functional may vary by: of five ellipsoids, the energy bound's and optimal recovery."""
+    allowed, _, energy, rng = drawn(seed)
+    Z, a, k, square = functionals(allowed, rng, 5, 1)
+    half = allowed.unit * np.sqrt(ellipsoid.narrow(allowed, k, square[:, 0, 0]).covariance(k, square)[:, 0, 0])
+    beta = float(band.factor(energy, "energy", allowed.norm, np.array([allowed.eps * allowed.unit]), 0.95)[0])
+    s, ls, X = allowed.signal_variance, allowed.lengthscales, np.asarray(energy.X)
+    c, to = (s * np.exp(-0.5 * (((x[:, None] - Z) / ls) ** 2).sum(-1)) for x in (Z, X))
+    solved = np.asarray(energy.W)[0] @ to @ a[:, 0].T
+    wide = beta * np.sqrt(np.einsum("tp,pq,tq->t", a[:, 0], c, a[:, 0]) - (solved * solved).sum(0))
+    ends = [
+        [recovery.greatest(allowed, sign * k[t, :, 0], square[t, 0, 0], 10.0).value for t in range(5)]
+        for sign in (1, -1)
+    ]
+    return half, wide, np.sum(ends, axis=0) / 2
+
+
+def test_it_lies_between_the_energy_bound_s_and_optimal_recovery_for_one_functional():
+    """Its best serves both ends, whose multipliers differ: a quarter above recovery, where energy has twice."""
+    half, wide, best = (np.concatenate(each) for each in zip(*map(widths, range(20)), strict=True))
+    assert (half <= wide * (1 + 1e-6)).all()
+    assert (best <= half * (1 + 1e-6) + 1e-9).all()
+    assert np.median(half / best) < 1.35
+    assert np.median(wide / best) > 1.6
+
+
+def test_weights_are_where_the_derivative_is_zero():
+    """By differences: no weight could be changed for a smaller width, to first order."""
+    allowed, _, _, rng = drawn(3)
+    _, _, k, square = functionals(allowed, rng, 1, 1)
+    of = ellipsoid.narrow(allowed, k, square[:, 0, 0])
+    least = float(of.covariance(k, square)[0, 0, 0])
+    w = 1 / np.diag(np.linalg.inv(of.Q[0]) - allowed.K)
+    for j in range(len(w)):
+        for factor in (0.9, 1.1):
+            near = w.copy()
+            near[j] *= factor
+            other = ellipsoid._weighed(allowed, near[None])
+            assert float(other.covariance(k, square)[0, 0, 0]) >= least * (1 - 5e-3)
+
+
+def test_labels_beyond_many_keep_one_weight(monkeypatch: pytest.MonkeyPatch):
+    allowed, _, _, rng = drawn(4)
+    _, _, k, square = functionals(allowed, rng, 3, 2)
+    trace = np.trace(square, axis1=1, axis2=2)
+    narrow = ellipsoid.narrow(allowed, k, trace).covariance(k, square)
+    monkeypatch.setattr(ellipsoid, "MANY", 3)
+    one = ellipsoid.narrow(allowed, k, trace)
+    assert len(one.Q) == 1
+    wide = one.covariance(k, square)
+    assert wide.shape == narrow.shape
+    assert (np.trace(narrow, axis1=1, axis2=2) <= np.trace(wide, axis1=1, axis2=2) * (1 + 1e-9)).all()
+
+
+def test_a_functional_of_nothing_has_no_width():
+    allowed, *_ = drawn(5)
+    k, square = np.zeros((1, len(allowed.r), 1)), np.zeros(1)
+    of = ellipsoid.narrow(allowed, k, square)
+    assert of.covariance(k, square[:, None, None])[0, 0, 0] == 0
+    assert of.centre(k)[0, 0] == 0
+
+
+def test_data_that_contradict_norm_and_errors_are_refused():
+    X = np.array([[0.0], [0.01]])
+    hyper = gp.hyperparameters(1.0, [1.0], 1e-4)
+    allowed = recovery.consistent(X, np.array([[1.0], [-1.0]]), hyper, 0, 1.0, 0.01)
+    k = allowed.correlations(X).T[None, :, :1]
+    with pytest.raises(ValueError, match="contradict norm and noise_bound"):
+        ellipsoid.narrow(allowed, k, np.ones(1))
