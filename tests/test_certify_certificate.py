@@ -137,10 +137,6 @@ def test_what_is_unknown_on_the_run_is_as_near_that_of_the_twin_s_path_as_the_tu
     apart = np.concatenate(apart, axis=1)
     assert (np.abs(apart) <= found.difference + 1e-9).all()
     assert (np.abs(apart).max(0) > 0).all()
-    assert np.isfinite(found.change).all()
-    changed = np.abs(apart[1:] - found.keep * apart[:-1])
-    assert (changed <= found.change[1:] + 1e-9).all()
-    assert (found.change < found.difference).any()
 
 
 # What it rests on -----------------------------------------------------------------------------------------------------
