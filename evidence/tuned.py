@@ -54,9 +54,9 @@ def chance(before: tune.Loop, spent: tune.Spent) -> tune.Loop:
     All loops are looked at, then the fastest are flown.
     """
     rng, drawn = np.random.default_rng(0), [before]
-    size = len(tune.names(before.settings))
+    low, high = tune.room(before)
     for _ in range(spent.loops - 1):
-        steps = rng.uniform(-tune.FARTHEST, tune.FARTHEST, size)
+        steps = rng.uniform(low, high)
         with contextlib.suppress(ValueError):  # no rest
             drawn.append(tune.loop(tune.scaled(before.settings, steps)))
     drawn.sort(key=lambda of: of.cost)

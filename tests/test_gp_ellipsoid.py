@@ -101,6 +101,30 @@ def test_it_lies_between_the_energy_bound_s_and_optimal_recovery_for_one_functio
     assert np.median(wide / best) > 1.6
 
 
+@pytest.mark.parametrize("eps", [1e-6, 1e-4, 1e-3, 3.0])
+@pytest.mark.parametrize("n", [2, 12, 60])
+def test_rounding_puts_nothing_outside_and_contradicts_nothing(n, eps):
+    """Labels that are nearly exact, at points of which some are the same or nearly so, asked at these very points."""
+    for seed in range(10):
+        rng = np.random.default_rng((seed, n))
+        X = rng.uniform(-2, 2, (n, 2))
+        X[n // 2 :] = X[: n - n // 2] + rng.choice([0.0, 1e-7, 1e-3]) * rng.normal(size=(n - n // 2, 2))
+        K = np.exp(-0.5 * ((X[:, None] - X) ** 2).sum(-1))
+        c = rng.normal(size=n)
+        c /= np.sqrt(c @ K @ c)
+        f = K @ c
+        r = f + eps * (1 - 1e-9) * rng.choice([-1.0, 1.0], n)
+        hyper = gp.hyperparameters(1.0, [1.0, 1.0], 1e-4)
+        allowed = recovery.consistent(X, r[:, None], hyper, 0, 1.0 + 1e-9, eps)
+        a = np.concatenate([np.eye(n)[:2], rng.normal(size=(4, n))])[:, None]
+        k, square = np.swapaxes(a @ K, 1, 2), a @ K @ np.swapaxes(a, 1, 2)
+        of = ellipsoid.narrow(allowed, k, square[:, 0, 0])
+        wide = of.covariance(k, square)[:, 0, 0]
+        assert (wide >= 0).all()
+        off = np.abs(a[:, 0] @ f / allowed.unit - of.centre(k)[:, 0])
+        assert (off <= np.sqrt(wide) + 1e-9).all()
+
+
 def test_weights_are_where_the_derivative_is_zero():
     """By differences: no weight could be changed for a smaller width, to first order."""
     allowed, _, _, rng = drawn(3)

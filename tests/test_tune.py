@@ -220,7 +220,7 @@ def test_a_posture_is_not_raised_above_what_is_stated_unless_the_loop_grows(monk
         cost = 1.0
 
     for name, kind, most in (("beam", At, 0.0), ("beam", Growing, tune.FARTHEST), ("trio", At, None)):
-        low, high = tune._bounds(kind(**known | {"settings": scenario.load(name)}))
+        low, high = tune.room(kind(**known | {"settings": scenario.load(name)}))
         assert (low == -tune.FARTHEST).all()
         assert high[0] == 0.5
         assert (high[1:6] == tune.FARTHEST).all()

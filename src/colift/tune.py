@@ -119,12 +119,12 @@ def tune(settings: Settings, progress: Callable[[str], None] = lambda _what: Non
     """The loop as it is, the one with the gains that were found, and what that took.
 
     First `Loop.cost` is made small, which needs no flight, then, from there or from the start, whichever flies at less,
-    `Flown.cost`: both in the logarithms of frequencies and dampings, within `_bounds`. Where neither flies the fastest
+    `Flown.cost`: both in the logarithms of frequencies and dampings, within `room`. Where neither flies the fastest
     loop is returned. Raises as `loop`.
     """
     progress("its loop at rest")
     first = loop(settings)
-    bounds = _bounds(first)
+    bounds = room(first)
     free = len(bounds[0])
 
     def at(steps: np.ndarray) -> Loop | None:
@@ -278,11 +278,11 @@ def _step(costs: np.ndarray, slopes: np.ndarray, low: np.ndarray, high: np.ndarr
     return found.x[:free] if found.success else np.zeros(free)
 
 
-def _bounds(of: Loop) -> tuple[np.ndarray, np.ndarray]:
+def room(of: Loop) -> tuple[np.ndarray, np.ndarray]:
     """From where on and how far each of what is chosen may go, as logarithms: `FARTHEST`, but for two.
 
     `K_p` stays below what the start's error and `limits.thrust_margin` leave of the thrust. The posture is what joints
-    beyond need are to reach, as its user states it: it is not raised, unless the loop would else not decay.
+    beyond need are to reach, as its user states it: it is not raised, unless the loop grows as it is.
     """
     free = len(names(of.settings))
     low, high = np.full(free, -FARTHEST), np.full(free, FARTHEST)

@@ -109,8 +109,8 @@ def own(S: Matrix, g: Matrix, P: Matrix, c: Matrix) -> Matrix:
     """
     along = np.abs((g * c).sum(1)) + np.sqrt(np.maximum(((P @ g[:, :, None])[..., 0] * g).sum(-1), 0)).sum(0)
     X = S @ P @ np.swapaxes(S, 1, 2)
-    size = np.maximum(np.trace(X, axis1=2, axis2=3), np.finfo(float).tiny)
-    X = X / size[..., None, None]
+    size = np.maximum(np.trace(X, axis1=2, axis2=3), 0.0)
+    X = X / np.where(size > 0, size, np.inf)[..., None, None]
     X = X @ X
     greatest = size * np.linalg.norm(X @ X, axis=(2, 3)) ** 0.25
     across = np.linalg.norm((S @ c[:, :, None])[..., 0], axis=1) + np.sqrt(greatest).sum(0)

@@ -15,31 +15,44 @@ import numpy as np
 
 from colift.gp.recovery import CONTRADICT, Consistent
 
-ROUNDS = 10  # a hundred more gain less than a percent
+ROUNDS, GAIN = 30, 0.01  # at most so many, and no other after one in which fewer than half of the sets gain so much
 MANY = 160  # labels beyond which they keep one weight: each round takes the cube of their number
 STEP = 0.8  # exponent of a round: below one it does not swing
-LEAST, MOST = 1e-12, 1e4  # times the energy bound's weight, which keeps what is inverted well conditioned
+LEAST, MOST = 1e-12, 1e4  # weights over the energy bound's
+GREATEST = 1e9  # of a weight: what is inverted is conditioned no worse than this times the number of labels
 OUTWARD = 1e-7  # of what the ellipsoid's size is a difference of: above its rounding
 
 
 @dataclasses.dataclass(frozen=True)
 class Ellipsoids:
-    """`(l(f) - centre)^2 <= covariance` for every functional l and every f that norm and data allow; one or many."""
+    """`(l(f) - centre)^2 <= covariance` for every functional l and every f that norm and data allow; one or many.
 
-    beta2: np.ndarray  # (sets,), `1 + eps^2 sum w - r^T Q r`
-    Q: np.ndarray  # (sets, N, N), `(K + W^-1)^-1`
+    In units of `Consistent.unit`. `Q = (K + V)^-1` to rounding, which widens them: sizes are those of any Q.
+    """
+
+    beta2: np.ndarray  # (sets,), `(sqrt(1 + eps^2 sum w - r^T Q r) + |V^-1/2 q|)^2`, `q = r - (K + V) a`: rounding
+    Q: np.ndarray  # (sets, N, N)
     a: np.ndarray  # (sets, N), `Q r`
+    K: np.ndarray  # (N, N), correlations of the data
+    v: np.ndarray  # (sets, N), diagonal of V: one over the weights
 
     def centre(self, k: np.ndarray) -> np.ndarray:
         """`(sets, rows)`, `k^T a` of rows of functionals, whose representers' products with the data's are k.
 
-        k: (sets, N, rows), see `recovery.Consistent.correlations`. In units of `Consistent.unit`, as all here.
+        k: (sets, N, rows), see `recovery.Consistent.correlations`.
         """
         return (np.swapaxes(k, 1, 2) @ self.a[..., None])[..., 0]
 
     def covariance(self, k: np.ndarray, square: np.ndarray) -> np.ndarray:
-        """`(sets, rows, rows)`, `beta^2 (square - k^T Q k)`; square: the representers' products with each other."""
-        return self.beta2[:, None, None] * (square - np.swapaxes(k, 1, 2) @ self.Q @ k)
+        """`(sets, rows, rows)`, `beta^2 (square - k^T A - A^T k + A^T (K + V) A)`, `A = Q k`.
+
+        square: the representers' products with each other. Whatever A, this is no less than with the best.
+        """
+        A = self.Q @ k
+        kA = np.swapaxes(k, 1, 2) @ A
+        return self.beta2[:, None, None] * (
+            square - kA - np.swapaxes(kA, 1, 2) + np.swapaxes(A, 1, 2) @ (self.K @ A + self.v[..., None] * A)
+        )
 
 
 def narrow(allowed: Consistent, k: np.ndarray, square: np.ndarray) -> Ellipsoids:
@@ -52,34 +65,37 @@ def narrow(allowed: Consistent, k: np.ndarray, square: np.ndarray) -> Ellipsoids
     """
     n, eps2 = len(allowed.r), allowed.eps**2
     rounds = ROUNDS if n <= MANY else 0
-    equal = 1 / (max(n, 1) * eps2)
+    equal = min(1 / (max(n, 1) * eps2), GREATEST)
     w = np.full((len(k) if rounds else 1, n), equal)
     best, least = None, np.inf
     for left in reversed(range(rounds + 1)):
         of = _weighed(allowed, w)
-        Qk = of.Q @ k
-        trace = np.maximum(square - (k * Qk).sum((1, 2)), 0.0)
+        A = of.Q @ k
+        G = k - allowed.K @ A
+        trace = np.maximum(square - (A * (k + G - of.v[..., None] * A)).sum((1, 2)), 0.0)
         size = of.beta2 * trace
-        best, least = of if best is None else _chosen(size < least, of, best), np.minimum(size, least)
-        if left:
-            R, G = allowed.r - of.a @ allowed.K, k - allowed.K @ Qk
-            share = of.beta2 / np.where(trace > 0, trace, np.inf)
-            w = w * ((R * R + share[:, None] * (G * G).sum(2)) / eps2) ** STEP
-            w = np.clip(w, LEAST * equal, MOST * equal)
+        best, gained = of if best is None else _chosen(size < least, of, best), size < (1 - GAIN) * least
+        least = np.minimum(size, least)
+        if not left or gained.mean() < 0.5:
+            break
+        R = allowed.r - of.a @ allowed.K
+        share = of.beta2 / np.where(trace > 0, trace, np.inf)
+        w = w * ((R * R + share[:, None] * (G * G).sum(2)) / eps2) ** STEP
+        w = np.clip(w, LEAST * equal, min(MOST * equal, GREATEST))
     assert best is not None
     return best
 
 
 def _weighed(allowed: Consistent, w: np.ndarray) -> Ellipsoids:
     """The ellipsoids of weights w, (sets, N)."""
-    h = np.sqrt(w)
+    h, v = np.sqrt(w), 1 / w
     Q = h[:, :, None] * np.linalg.inv(np.eye(w.shape[1]) + h[:, :, None] * allowed.K * h[:, None]) * h[:, None]
     a = Q @ allowed.r
-    most = 1 + allowed.eps**2 * w.sum(1)
-    beta2 = most * (1 + OUTWARD) - a @ allowed.r
+    most, q = 1 + allowed.eps**2 * w.sum(1), allowed.r - a @ allowed.K - v * a
+    beta2 = most * (1 + OUTWARD) - (a * (allowed.r + q)).sum(1)
     if (beta2 < 0).any():
         raise ValueError(CONTRADICT)
-    return Ellipsoids(beta2=beta2, Q=Q, a=a)
+    return Ellipsoids(beta2=(np.sqrt(beta2) + np.sqrt((w * q * q).sum(1))) ** 2, Q=Q, a=a, K=allowed.K, v=v)
 
 
 def _chosen(which: np.ndarray, new: Ellipsoids, old: Ellipsoids) -> Ellipsoids:
@@ -88,4 +104,6 @@ def _chosen(which: np.ndarray, new: Ellipsoids, old: Ellipsoids) -> Ellipsoids:
         beta2=np.where(which, new.beta2, old.beta2),
         Q=np.where(which[:, None, None], new.Q, old.Q),
         a=np.where(which[:, None], new.a, old.a),
+        K=new.K,
+        v=np.where(which[:, None], new.v, old.v),
     )
