@@ -142,6 +142,12 @@ MUTANTS = {
     "regressor: sign of the lever": Mutant(
         "learn.py", "-so3.hat(q.R.T @ a)", "so3.hat(q.R.T @ a)", "learn", "regressor"
     ),
+    "innovation: a map is trusted whatever labels do": Mutant(
+        "innovation.py", "moved.products, moved.squares, v", "moved.squares, moved.squares, v", "innovation"
+    ),
+    "innovation: another oracle moves the mean": Mutant(
+        "innovation.py", "mean=plus(past.moved.mean)", "mean=past.moved.mean", "innovation"
+    ),
     # certificates
     "tube: what is fed does not feed": Mutant(
         "certify/tube.py", 'own[t] + np.einsum("isj,sj->i", M[t, :, :t], d[:t])', "own[t]", "certify_tube"
