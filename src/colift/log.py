@@ -86,7 +86,9 @@ SIGNALS = {
     "singular": Signal(AGENT, "1/kg", "none", "smallest singular value of A_j M_j^-1 A_j^T"),
     "r_L": Signal(FORCE, NEWTON, SPLIT, "what labels say of the payload beyond what is learned, as used"),
     "r_x": Signal(EACH, "N", "world", "what labels say of an agent's f_x beyond what is learned, as used"),
-    "trust_L": Signal(FORCE, "1", SPLIT, "how much of what the map of the payload changes is used: as labels do"),
+    "trust_L": Signal(
+        FORCE, "1 (F), 1 (tau)", SPLIT, "how much of what the map of the payload changes is used: as labels do"
+    ),
     "trust_x": Signal(EACH, "1", "world", "how much of what the map of an agent's f_x changes is used"),
     "unrest_L": Signal(FORCE, NEWTON, SPLIT, "by how much labels of the payload are late, RMS of late"),
     "unrest_x": Signal(EACH, "N", "world", "by how much labels of an agent's f_x are late, RMS of late"),
