@@ -2,7 +2,8 @@
 
 Radii of all four errors beside what is observed, and each component at each time: none is exceeded (the energy bound
 and optimal recovery hold for certain, so the confidence is 1); how tight they are, with the floor that no learning
-removes and without; and radius over adversary, before its flight, and recomputed on the run that it produces.
+removes and without; and radius over adversary, before its flight, and recomputed on the run that it produces. Then the
+same with the sensors of `paper`, whose noise is covered by a quantile, and with its filters.
 """
 
 from __future__ import annotations
@@ -14,24 +15,36 @@ import numpy as np
 
 from colift import certification, scenario
 from colift.certify.certificate import ERRORS
+from colift.scenario import Settings
 from evidence import collect
 
 RUNS, FIRST = 200, 100  # seeds 100 to 299: the scenario was made with others
-ADVERSARIES = range(FIRST, FIRST + 8)
+ADVERSARIES = range(FIRST, FIRST + 20)
+NOISES = range(FIRST, FIRST + 8)
 NAMES = ("energy", "recovery")
 
-_linear: list[Any] = []  # the team's response, the same for all seeds
+_linear: dict[bool, Any] = {}  # the team's response, without and with noise, the same for all seeds
 
 
-def fly(seed: int, rounds: int) -> dict[str, Any]:
-    """One flight with its radii; with rounds, its adversary's as well."""
-    settings = scenario.load("certified").model_copy(update={"seed": seed})
-    made = certification.certify(settings, _linear[0] if _linear else None, NAMES)
-    _linear[:] = [made.linear]
+def fly(item: str) -> dict[str, Any]:
+    """One flight with its radii: `seed`, `seed adversary` with that of its adversary as well, or `seed noise`."""
+    seed, kind = int(item.split()[0]), item.partition(" ")[2]
+    noise, settings = kind == "noise", scenario.load("certified")
+    settings = (noisy(settings) if noise else settings).model_copy(update={"seed": seed})
+    made = certification.certify(settings, _linear.get(noise), NAMES)
+    _linear[noise] = made.linear
     out = figures(made)
-    if rounds:
-        out["adversary"] = figures(certification.challenge(made, rounds))
+    if kind == "adversary":
+        out["adversary"] = figures(certification.challenge(made, 2))
     return out
+
+
+def noisy(settings: Settings) -> Settings:
+    """With the sensors of `paper` and the filters that go with them."""
+    theirs = scenario.load("paper")
+    filters = {name: getattr(theirs.control, name) for name in ("fusion_Hz", "joint_filter_Hz")}
+    control = settings.control.model_copy(update=filters)
+    return settings.model_copy(update={"sensors": theirs.sensors, "control": control})
 
 
 def figures(made: certification.Certified) -> dict[str, Any]:
@@ -65,13 +78,16 @@ def main() -> bool:
     items = []
     for k, seed in enumerate(ADVERSARIES):
         items += [f"{seed} adversary", *(f"{FIRST + k * share + j}" for j in range(share))]
-    found = collect("certified", items, lambda item: fly(int(item.split()[0]), 2 if "adversary" in item else 0))
-    against = [found[item] for item in items if "adversary" in item]
-    return judge([found[item] for item in items if "adversary" not in item], against)
+        items += [f"{seed} noise"] if seed in NOISES else []
+    found = collect("certified", items, fly)
+    of = {
+        kind: [found[item] for item in items if item.partition(" ")[2] == kind] for kind in ("", "adversary", "noise")
+    }
+    return judge(of[""], of["adversary"], of["noise"])
 
 
-def judge(runs: Sequence[dict[str, Any]], against: Sequence[dict[str, Any]]) -> bool:
-    """Print what the flights and those of the adversaries show; whether it holds."""
+def judge(runs: Sequence[dict[str, Any]], against: Sequence[dict[str, Any]], noises: Sequence[dict[str, Any]]) -> bool:
+    """Print what the flights, those of the adversaries and those in noise show; whether it holds."""
     rests_on = dict.fromkeys(name for run in runs for name in run["assumed"])
     print(f"all radii are assumed: {', '.join(rests_on)}" if rests_on else "nothing is assumed")
     for error in ERRORS:
@@ -81,13 +97,16 @@ def judge(runs: Sequence[dict[str, Any]], against: Sequence[dict[str, Any]]) -> 
         least = _of(runs, "varies", key)
         print(f"residual's half range, least channel, {key}: median {np.median(least):.3f}, least {least.min():.3f}")
     each = [_tightness(runs, name, where) for name in NAMES for where in ("tube", "run")]
-    flown = [*runs, *(run["adversary"] for run in against)]
+    flown = [*runs, *(run["adversary"] for run in against), *noises]
     left = {key: int(_of(flown, "components_left", key).sum()) for key in ("tube", "run")}
     components = int(_of(flown, "components").sum())
     print(
         f"components of errors beyond their span at some time, of {components}: "
         f"{left['tube']} any run, {left['run']} this run"
     )
+    for error in ERRORS:
+        over = _of(noises, "radii", "recovery", "tube", error) / _of(noises, "observed", error)
+        print(f"in the noise of paper's sensors, any run, {error:8} radius / observed: {_spread(over)}")
     reached = np.array([run["adversary"]["observed"]["e_p"] for run in against])
     before, after = (
         _of(against, "radii", "recovery", "tube", "e_p") / reached,

@@ -268,6 +268,12 @@ def _yielding(agent: Agent, p: ag.Reduced, f_r: Float[Array, "n_r"]) -> Float[Ar
     return by_torque - by_tips @ linalg.solve(A, (B @ by_torque)[:, None])[:, 0]
 
 
+def folded(agent: Agent, p: ag.Reduced) -> Float[Array, "n_r 3"]:
+    """How joints move as the agent turns with its tips held, and as little else of it as can be, rad or m a rad."""
+    yields = BY_THRUST if _beyond_need(agent) else BY_TIPS
+    return _nearest(p, yields, jnp.zeros((3 + agent.tree.joints, 3)), -p.tip[:, :, :3].reshape(-1, 3))[3:]
+
+
 def _nearest(
     p: ag.Reduced, yields: np.ndarray, free: Float[Array, "motion k"], tips: Float[Array, "forces k"]
 ) -> Float[Array, "motion k"]:
@@ -299,7 +305,7 @@ def _leaned(
     k, m = gains.posture, p.mass
     off = jnp.stack([so3.e_R(q.R, turn.R), so3.e_omega(q.R, q.omega, turn.R, turn.omega)], axis=1)
     still = jnp.zeros((3 + agent.tree.joints, 2))
-    tilt = _nearest(p, BY_THRUST, still, -p.tip[:, :, :3].reshape(-1, 3) @ off)[3:]
+    tilt = folded(agent, p) @ off
     e, e_dot = q.r - share.rest - tilt[:, 0], q.r_dot - tilt[:, 1]
     r_dd = -(k**2) * e - 2 * k * e_dot
     a = q.R.T @ to.a

@@ -243,12 +243,14 @@ class Corrected:
 
     `m + alpha (f_hat - m) + r + (w lead + s) r'`, s ahead of now: m the mean as late as labels, alpha how much of its
     changes they make as well, r' the rate of the label less alpha m. `w = max(0, 1 - noise v / unrest^2)` is how much
-    of that rate is no noise, v the oracle's variance of labels.
+    of that rate is no noise, v the oracle's variance of labels. Of the force on an agent r' is the part that it may
+    follow without hearing itself (`colift.echo`).
     """
 
     predictor: Predictor
     lead: Scalar  # s, for the delay of labels
     noise: Scalar  # labels' white noise leaves 4; 0: w is 1
+    heeded: tuple[Float[Array, "agents"], ...]  # 0 to 1, by group
 
     def begin(self, team: Team) -> Any:
         """The other's memory."""
@@ -269,8 +271,10 @@ class Corrected:
             w = jnp.maximum(0.0, 1 - self.noise * v / jnp.maximum(unrest * unrest, 1e-30))
             return m + alpha * (f - m) + r + (w * self.lead + s) * rate
 
-        v = innovation.noise(oracle)
-        return jax.tree.map(corrected, f, news.mean, news.trust, news.r, news.rate, news.unrest, v)
+        agents = zip(news.rate.agents, self.heeded, strict=True)
+        heeded = tuple(dataclasses.replace(of, f_x=c[:, None] * of.f_x) for of, c in agents)
+        rate, v = dataclasses.replace(news.rate, agents=heeded), innovation.noise(oracle)
+        return jax.tree.map(corrected, f, news.mean, news.trust, news.r, rate, news.unrest, v)
 
 
 @pytree

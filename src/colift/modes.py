@@ -34,6 +34,7 @@ NEUTRAL = 1e-6  # rad/s, below which a rate is rounding: of |z|, divided by the 
 
 POSE = r"\.world\.z\.(payload\.[Rp]|agents\[\d+\]\.[Rxr])"
 LEARNING = r"\.recorder\.|\.estimator\.(agents\[\d+\]\.)?bias\b|\.(warm|fresh|silent|ticks)$"
+SECOND = r"\.listener\.(unrest|gap|moved\.(products|squares))"  # of the second order at rest
 LABELS = r"\.estimator\.(agents\[\d+\]\.)?(momenta|carried|known|label|state)\b"
 
 
@@ -369,7 +370,7 @@ def _coordinates(x: Carried, y: Carried) -> Array:
 def _take(loop: simulate.Loop) -> Carried:
     """Data are for learning, and labels where nobody listens: they come back to the plant through no tick."""
     listens = getattr(loop.memory, "listener", None) is not None
-    learning = LEARNING if listens else f"{LEARNING}|{LABELS}"
+    learning = f"{LEARNING}|{SECOND}" if listens else f"{LEARNING}|{LABELS}"
     return {
         key: leaf
         for key, leaf in _leaves(loop)

@@ -117,12 +117,16 @@ def along(plan: simulate.Plan, schedule: Sequence[Held], noisy: bool) -> Variati
     flies = np.searchsorted([one.first for one in schedule], nodes, side="right") - 1
     J = [derivative.at(setups[which], loop) for which, loop in zip(flies, loops, strict=True)]
     n, m = derivative.states, derivative.inputs
-    strides = []
-    for k, (start, end) in enumerate(itertools.pairwise(nodes)):
-        # before an update the derivative at its end is that of the oracle until then
-        last = J[k + 1] if flies[k + 1] == flies[k] else derivative.at(setups[flies[k]], loops[k + 1])
-        with threadpool_limits(1):  # the matrices are small
-            strides.append(_stride(J[k][:n], last[:n], int(end - start), n, m))
+    # before an update the derivative at its end is that of the oracle until then
+    last = [
+        then if flies[k + 1] == flies[k] else derivative.at(setups[flies[k]], loops[k + 1])
+        for k, then in enumerate(J[1:])
+    ]
+    with threadpool_limits(1):  # the matrices are small
+        strides = [
+            _stride(first[:n], then[:n], int(end - start), n, m)
+            for first, then, (start, end) in zip(J, last, itertools.pairwise(nodes), strict=False)
+        ]
     A, B, N = map(np.stack, zip(*strides, strict=True))
     out = np.stack([j[n:] for j in J])
     return Variation(

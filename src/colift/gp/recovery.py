@@ -29,6 +29,7 @@ MARGINS = (1e-6, 1e-5, 1e-4, 1e-3)
 ROUND = 50  # iterations of `least` between two looks at what they gained
 GAIN = 1e-3  # of the largest value f can have, that a round must gain somewhere for another to follow
 ROUNDS = 20
+TOGETHER = 256  # functionals of `least` at a time: what is read and written stays in a core's cache
 RELAXED = 1.6  # times the step, as usual
 PENALTY = 0.03  # of multipliers that differ from their copies, for functionals of size one
 ROUNDING = 1e-12  # of products of some thousand correlations, for weights whose magnitudes sum to one
@@ -181,20 +182,30 @@ def least(allowed: Consistent, k: np.ndarray, square: np.ndarray, mass: np.ndarr
     that contradict B and eps the program of a functional of nothing knows.
     """
     _solution(allowed, np.zeros(len(allowed.r)), 0.0)
-    square = np.maximum(square, 0.0)  # rounded
-    size = np.where(square > 0, np.sqrt(square), 1.0)
     values, V = linalg.eigh(allowed.K)
     values = np.maximum(values, 0.0)[:, None]
-    c, r = V.T @ (k / size), (V.T @ allowed.r)[:, None]
+    best, square = np.empty_like(square), np.maximum(square, 0.0)  # rounded
+    for first in range(0, len(best), TOGETHER):
+        some = slice(first, first + TOGETHER)
+        best[some] = _least(allowed, values, V, k[:, some], square[some], mass[some])
+    return best
+
+
+def _least(
+    allowed: Consistent, values: np.ndarray, V: np.ndarray, k: np.ndarray, square: np.ndarray, mass: np.ndarray
+) -> np.ndarray:
+    """`least` of some functionals, `K = V diag(values) V^T`."""
+    size = np.where(square > 0, np.sqrt(square), 1.0)
+    c, r, most = V.T @ (k / size), (V.T @ allowed.r)[:, None], allowed.eps / PENALTY
     copy, price, root = np.zeros_like(k), np.zeros_like(k), np.ones_like(square)  # root: sqrt(...), held within a step
     best, left = above(allowed, copy, k, square, mass), np.arange(len(square))
     for _ in range(ROUNDS):
         for _ in range(ROUND):
-            nu = (c / root - r + PENALTY * (V.T @ (copy - price))) / (values / root + PENALTY)
+            nu = (c + root * (PENALTY * (V.T @ (copy - price)) - r)) / (values + PENALTY * root)
             root = np.sqrt(np.maximum(1 + np.sum(nu * (values * nu - 2 * c), axis=0), RANK))
-            nu = RELAXED * (V @ nu) + (1 - RELAXED) * copy
-            copy = np.sign(nu + price) * np.maximum(np.abs(nu + price) - allowed.eps / PENALTY, 0.0)
-            price += nu - copy
+            price += RELAXED * (V @ nu) + (1 - RELAXED) * copy
+            copy = price - np.clip(price, -most, most)
+            price -= copy
         found = above(allowed, size[left] * copy, k[:, left], square[left], mass[left])
         gains = best[left] - found > GAIN * allowed.unit * size[left]
         best[left] = np.minimum(best[left], found)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
-from colift import allocate, control, estimate, fly, grasp, innovation, learn
-from colift.model import Team
+from colift import allocate, control, echo, estimate, fly, grasp, innovation, learn
+from colift.model import Agent, Team
 from colift.scenario import paths, priors, roster
 from colift.scenario import settings as s
 from colift.scenario.mistake import ScenarioError
@@ -126,8 +128,23 @@ def listening(settings: s.Settings, flying: fly.LeaderFollower, held: bool) -> f
         doubt=array(0.0 if held else given.doubt),
     )
     lead, noise = (array(given.lead_s), 0.0) if held else (filters.delay(), given.noise)
-    predictor = fly.Corrected(predictor=flying.predictor, lead=lead, noise=array(noise))
+    heeded = _heeded(settings, flying.team)
+    predictor = fly.Corrected(predictor=flying.predictor, lead=lead, noise=array(noise), heeded=heeded)
     return dataclasses.replace(flying, listener=listener, predictor=predictor)
+
+
+def _heeded(settings: s.Settings, team: Team) -> tuple[Any, ...]:
+    """Of the rate of its labels what each agent follows, by group, as it hovers with an even share of the payload."""
+    g, share = float(jnp.linalg.norm(team.gravity)), float(team.payload.mass) / sum(team.sizes)
+
+    def of(agent: Agent, rest: Any) -> float:
+        weight = g * (float(agent.mass.sum()) + share)
+        return echo.heeded(echo.gain(agent, rest, gains(settings), _filters(settings), weight))
+
+    return tuple(
+        array([of(jax.tree.map(lambda x, j=j: x[j], group), rest[j]) for j in range(size)])
+        for group, size, rest in zip(team.groups, team.sizes, roster.rest(settings), strict=True)
+    )
 
 
 def _filters(settings: s.Settings) -> estimate.Filters:
