@@ -145,6 +145,8 @@ MUTANTS = {
     "innovation: a map is trusted whatever labels do": Mutant(
         "innovation.py", "moved.products, moved.squares, v", "moved.squares, moved.squares, v", "innovation"
     ),
+    "echo: joints are heard without delay": Mutant("echo.py", "(1 - _low(s, filters.joint) ** 2)", "1", "echo"),
+    "echo: agents follow all of the rate": Mutant("fly.py", "f_x=c[:, None] * of.f_x", "f_x=of.f_x", "echo"),
     "innovation: another oracle moves the mean": Mutant(
         "innovation.py", "mean=plus(past.moved.mean)", "mean=past.moved.mean", "innovation"
     ),

@@ -249,7 +249,8 @@ def predicted(last: innovation.News, noise: float, of: fly.Learned) -> Wrench:
     clock = Clock(t=last.t, dt=jnp.array(DT))
     now = fly.Now(team=pilot.team, clock=clock, m=None, q_hat=q_hat, d=d, W=W, ticks=jnp.ones(()), news=last)
     to = control.Command(a=jnp.zeros(3), alpha=jnp.zeros(3), jerk=jnp.zeros(3))
-    predictor = fly.Corrected(predictor=of, lead=FILTERS.delay(), noise=jnp.array(noise))
+    heeded = tuple(jnp.ones(size) for size in pilot.team.sizes)
+    predictor = fly.Corrected(predictor=of, lead=FILTERS.delay(), noise=jnp.array(noise), heeded=heeded)
     return predictor.predict((), offset(0.0), now, to).payload
 
 

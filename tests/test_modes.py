@@ -270,3 +270,19 @@ def test_the_slowest_mode_of_a_loop_that_is_a_little_different_is_known_to_first
         true = modes.at_rest(plan, z).rate[0]
         assert abs(modes.estimate(plan, z, x, M) - true) < 0.3 * abs(true - now) + 1e-3 * abs(now)
     assert abs(true - now) > 0.02 * abs(now)
+
+
+def test_second_moments_of_what_labels_say_are_no_motion():
+    """At rest they are nothing to first order; as coordinates they went negative on the way there."""
+    carried = modes._take(simulate.start(paper.plan("F").setup, z()))
+    of_listener = [key for key in carried if ".listener." in key]
+    assert any(".moved.label." in key for key in of_listener)
+    assert not [key for key in of_listener if any(word in key for word in ("unrest", "gap", "products", "squares"))]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("case", ["F", "C4"])
+def test_a_loop_that_hears_labels_rests_and_decays_as_the_one_without(case):
+    heard = modes.at_rest(paper.plan(case), z())
+    assert heard.stable
+    np.testing.assert_allclose(heard.eigenvalues[0], at_500_hertz().eigenvalues[0], rtol=0.2)
