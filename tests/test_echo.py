@@ -43,6 +43,7 @@ def test_an_agent_hears_itself_the_more_the_heavier_and_longer_its_arms_are_and_
     assert 0 < base < echo.gain(*parts(arms(0.12, 0.3)), force=20.0) < echo.gain(*parts(arms(0.25, 0.3)), force=20.0)
     assert echo.gain(*parts([]), force=40.0) == pytest.approx(base / 2)
     assert echo.gain(*parts([], "plate"), force=20.0) == 0
+    assert echo.gain(*parts([]), force=0.0) == np.inf
 
 
 def test_joint_rates_without_delay_are_no_echo_and_slow_labels_hear_less():
