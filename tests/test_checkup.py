@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 from colift import checkup, modes, scenario, study
 from colift.__main__ import app
-from colift.scenario import Settings, limits, starts
+from colift.scenario import Settings, limits, roster, starts
 from tests import light
 
 NO_WIND = {"disturbances": ()}
@@ -191,3 +191,14 @@ def test_joints_beyond_need_that_return_too_slowly_are_bad_and_named():
     assert not list(checkup._posture(scenario.load("paper"), moving(0.1, 1.0, 0.1)))
     (held,) = checkup._posture(scenario.load("beam", ("control.posture=0",)), moving(2.6, 1.0, 0.1))
     assert held.advice
+
+
+def test_agents_that_hear_themselves_are_named_and_others_are_not():
+    quiet, loud = scenario.load("trio"), scenario.load("seven")
+    assert not list(checkup._labels(quiet, roster.team(quiet)[1]))
+    (said,) = checkup._labels(loud, roster.team(loud)[1])
+    assert (
+        said.says == "agent_1 hears 1.5 of its own motion: F, H and C4 follow none of its labels' rate, and gusts later"
+    )
+    assert not said.advice
+    assert set(said.numbers["gain"]) == {"agent_1", "agent_2", "agent_3"}

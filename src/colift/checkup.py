@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import functools
+import itertools
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -17,10 +18,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from colift import disturbance, fly, grasp, modes, simulate, so3, study
+from colift import disturbance, echo, fly, grasp, modes, simulate, so3, study
 from colift.linalg import mul, transpose
 from colift.model import PayloadState, State, Team, Wrench
-from colift.scenario import ScenarioError, Settings, limits, roster, starts
+from colift.scenario import ScenarioError, Settings, limits, pilots, roster, starts
 
 CONDITION_MOST = 30.0  # of the grasp matrix, moments over the contacts' distance: a lever of a thirtieth of that
 JACOBIAN_MOST = 100.0  # of an agent's grasp Jacobian, a tenth of what is refused: 0.05 rad from straight down
@@ -79,7 +80,7 @@ def check(settings: Settings, progress: Callable[[str], None] = lambda _what: No
         progress("the team")
         plan = study.plan(settings, "C1")
         z = starts.at_rest(settings, truth)
-        found += [_thrust(settings, plan, z), *_joints(settings, truth, z)]
+        found += [_thrust(settings, plan, z), *_joints(settings, truth, z), *_labels(settings, nominal)]
     except ScenarioError as error:
         # of a refusal the sentence is its own advice: it names what is at fault, and what is needed
         return Checkup(settings.name, (*found, Finding("refused", str(error), {}, (_mend(str(error)),))))
@@ -334,6 +335,19 @@ def _delay(settings: Settings, x: modes.Carried, M: np.ndarray, progress: Callab
 def _margin(settings: Settings, x: modes.Carried, M: np.ndarray) -> float:
     """The delay margin, s, sought up to `DELAY_MOST`."""
     return modes.delay_margin(x, M, round(modes.DELAY_MOST * settings.control_Hz)) / settings.control_Hz
+
+
+def _labels(settings: Settings, nominal: Team) -> Iterator[Finding]:
+    """Where agents hear themselves too strongly to follow all of the rate of their labels."""
+    gains = dict(zip(roster.agent_names(settings), itertools.chain(*pilots.echoes(settings, nominal)), strict=True))
+    loudest = max(gains, key=lambda name: gains[name])
+    if (part := echo.heeded(gains[loudest])) < 1:
+        yield Finding(
+            "labels",
+            f"{loudest} hears {gains[loudest]:.2g} of its own motion: F, H and C4 follow "
+            f"{f'{100 * part:.2g}%' if part else 'none'} of its labels' rate, and gusts later",
+            {"gain": gains},
+        )
 
 
 def _gain(x: modes.Carried, M: np.ndarray) -> Iterator[Finding]:

@@ -128,21 +128,21 @@ def listening(settings: s.Settings, flying: fly.LeaderFollower, held: bool) -> f
         doubt=array(0.0 if held else given.doubt),
     )
     lead, noise = (array(given.lead_s), 0.0) if held else (filters.delay(), given.noise)
-    heeded = _heeded(settings, flying.team)
+    heeded = tuple(array([echo.heeded(gain) for gain in group]) for group in echoes(settings, flying.team))
     predictor = fly.Corrected(predictor=flying.predictor, lead=lead, noise=array(noise), heeded=heeded)
     return dataclasses.replace(flying, listener=listener, predictor=predictor)
 
 
-def _heeded(settings: s.Settings, team: Team) -> tuple[Any, ...]:
-    """Of the rate of its labels what each agent follows, by group, as it hovers with an even share of the payload."""
+def echoes(settings: s.Settings, team: Team) -> tuple[tuple[float, ...], ...]:
+    """How strongly each agent hears itself, `echo.gain`, by group, as it hovers with an even share of the payload."""
     g, share = float(jnp.linalg.norm(team.gravity)), float(team.payload.mass) / sum(team.sizes)
 
     def of(agent: Agent, rest: Any) -> float:
         weight = g * (float(agent.mass.sum()) + share)
-        return echo.heeded(echo.gain(agent, rest, gains(settings), _filters(settings), weight))
+        return echo.gain(agent, rest, gains(settings), _filters(settings), weight)
 
     return tuple(
-        array([of(jax.tree.map(lambda x, j=j: x[j], group), rest[j]) for j in range(size)])
+        tuple(of(jax.tree.map(lambda x, j=j: x[j], group), rest[j]) for j in range(size))
         for group, size, rest in zip(team.groups, team.sizes, roster.rest(settings), strict=True)
     )
 
