@@ -227,8 +227,7 @@ def _with_tips(
     c = agent.contact
     carried = so3.cross(to.alpha[None], c) + so3.cross(load.omega[None], so3.cross(load.omega[None], c))
     target = (to.a[None] + carried @ load.R.T) @ R - kappa - (p.tip[:, :, :3] * omega_dot[None, None]).sum(2)
-    yields = BY_THRUST if _beyond_need(agent) else BY_TIPS
-    return _nearest(p, yields, free[:, None], target.reshape(-1, 1))[:, 0]
+    return _nearest(p, _yields(agent), free[:, None], target.reshape(-1, 1))[:, 0]
 
 
 # Joints beyond need ---------------------------------------------------------------------------------------------------
@@ -242,6 +241,11 @@ BY_JOINTS = np.full(3, 1e2)
 def _beyond_need(agent: Agent) -> bool:
     """Whether tips and attitude leave joints free, `n_r > 3 n - 3`."""
     return agent.tree.joints > 3 * agent.tree.arms - 3
+
+
+def _yields(agent: Agent) -> np.ndarray:
+    """How readily an agent's centre of mass gives way as its tips are led."""
+    return BY_THRUST if _beyond_need(agent) else BY_TIPS
 
 
 ROUNDING = 1e-12  # of a tip's mobility, where joints move it no way
@@ -270,8 +274,7 @@ def _yielding(agent: Agent, p: ag.Reduced, f_r: Float[Array, "n_r"]) -> Float[Ar
 
 def folded(agent: Agent, p: ag.Reduced) -> Float[Array, "n_r 3"]:
     """How joints move as the agent turns with its tips held, and as little else of it as can be, rad or m a rad."""
-    yields = BY_THRUST if _beyond_need(agent) else BY_TIPS
-    return _nearest(p, yields, jnp.zeros((3 + agent.tree.joints, 3)), -p.tip[:, :, :3].reshape(-1, 3))[3:]
+    return _nearest(p, _yields(agent), jnp.zeros((3 + agent.tree.joints, 3)), -p.tip[:, :, :3].reshape(-1, 3))[3:]
 
 
 def _nearest(

@@ -125,7 +125,7 @@ def along(plan: simulate.Plan, schedule: Sequence[Held], noisy: bool) -> Variati
     with threadpool_limits(1):  # the matrices are small
         strides = [
             _stride(first[:n], then[:n], int(end - start), n, m)
-            for first, then, (start, end) in zip(J, last, itertools.pairwise(nodes), strict=False)
+            for first, then, (start, end) in zip(J[:-1], last, itertools.pairwise(nodes), strict=True)
         ]
     A, B, N = map(np.stack, zip(*strides, strict=True))
     out = np.stack([j[n:] for j in J])

@@ -136,10 +136,11 @@ def listening(settings: s.Settings, flying: fly.LeaderFollower, held: bool) -> f
 def echoes(settings: s.Settings, team: Team) -> tuple[tuple[float, ...], ...]:
     """How strongly each agent hears itself, `echo.gain`, by group, as it hovers with an even share of the payload."""
     g, share = float(jnp.linalg.norm(team.gravity)), float(team.payload.mass) / sum(team.sizes)
+    gain, filters = gains(settings), _filters(settings)
 
     def of(agent: Agent, rest: Any) -> float:
         weight = g * (float(agent.mass.sum()) + share)
-        return echo.gain(agent, rest, gains(settings), _filters(settings), weight)
+        return echo.gain(agent, rest, gain, filters, weight)
 
     return tuple(
         tuple(of(jax.tree.map(lambda x, j=j: x[j], group), rest[j]) for j in range(size))
