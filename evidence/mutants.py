@@ -146,7 +146,7 @@ MUTANTS = {
         "innovation.py", "moved.products, moved.squares, v", "moved.squares, moved.squares, v", "innovation"
     ),
     "echo: joints are heard without delay": Mutant("echo.py", "(1 - _low(s, filters.joint) ** 2)", "1", "echo"),
-    "echo: agents follow all of the rate": Mutant("fly.py", "f_x=c[:, None] * of.f_x", "f_x=of.f_x", "echo"),
+    "echo: agents follow all of the rate": Mutant("fly.py", "jnp.multiply, c[:, None]", "jnp.multiply, 1.0", "echo"),
     "innovation: another oracle moves the mean": Mutant(
         "innovation.py", "mean=plus(past.moved.mean)", "mean=past.moved.mean", "innovation"
     ),

@@ -7,6 +7,7 @@ here; `docs/change_a_part.md` leads from each wish to the one to replace. `Now` 
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Callable
 from typing import Any, Protocol, runtime_checkable
 
@@ -243,8 +244,8 @@ class Corrected:
 
     `m + alpha (f_hat - m) + r + (w lead + s) r'`, s ahead of now: m the mean as late as labels, alpha how much of its
     changes they make as well, r' the rate of the label less alpha m. `w = max(0, 1 - noise v / unrest^2)` is how much
-    of that rate is no noise, v the oracle's variance of labels. Of the force on an agent r' is the part that it may
-    follow without hearing itself (`colift.echo`).
+    of that rate is no noise, v the oracle's variance of labels. Of an agent r' is the part that it may follow without
+    hearing itself (`colift.echo`).
     """
 
     predictor: Predictor
@@ -272,7 +273,7 @@ class Corrected:
             return m + alpha * (f - m) + r + (w * self.lead + s) * rate
 
         agents = zip(news.rate.agents, self.heeded, strict=True)
-        heeded = tuple(dataclasses.replace(of, f_x=c[:, None] * of.f_x) for of, c in agents)
+        heeded = tuple(jax.tree.map(functools.partial(jnp.multiply, c[:, None]), of) for of, c in agents)
         rate, v = dataclasses.replace(news.rate, agents=heeded), innovation.noise(oracle)
         return jax.tree.map(corrected, f, news.mean, news.trust, news.r, rate, news.unrest, v)
 
