@@ -56,7 +56,7 @@ def figures(made: certification.Certified) -> dict[str, Any]:
         "observed": dict(found.observed),
         "floor": dict(found.floor),
         "unknown": dict(found.unknown),
-        "contraction": found.tube.contraction if found.tube else None,
+        "contraction": found.before.tube.contraction if found.before.tube else None,
         "components": found.errors.size,
         "components_left": {key: span.left(found.errors) for key, span in found.spans.items()},
         "radii": {name: {"run": dict(r.run), "tube": dict(r.tube)} for name, r in found.radii.items()},

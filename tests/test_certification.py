@@ -177,7 +177,8 @@ def test_what_has_no_radius_has_no_row(tmp_path, capsys, save, drawn):
         name: dataclasses.replace(each, tube=dict.fromkeys(each.tube, np.inf), assumed=("S_X", *each.assumed))
         for name, each in all_of.certificate.radii.items()
     }
-    lost = dataclasses.replace(all_of.certificate, radii=radii, tube=None, no_tube="it feeds itself")
+    before = dataclasses.replace(all_of.certificate.before, tube=None, no_tube="it feeds itself")
+    lost = dataclasses.replace(all_of.certificate, radii=radii, before=before)
     __main__._report_certificate(save(dataclasses.replace(all_of, certificate=lost)), tmp_path)
     printed = capsys.readouterr().out
     assert [row[1] for row in table_of(printed)] == ["this"] * len(NAMES)

@@ -123,7 +123,7 @@ def test_every_body_s_unknown_is_within_its_band_along_the_path(key):
 
 
 def test_what_is_unknown_on_the_run_is_as_near_that_of_the_twin_s_path_as_the_tube_says():
-    all_of, found = made(), made().certificate.tube
+    all_of, found = made(), made().certificate.before.tube
     assert found is not None
     assert 0 < found.contraction < 1
     path = all_of.loop.nodes
@@ -210,6 +210,19 @@ def energy_spans() -> dict[str, certificate.Span]:
     return dict(energy(made().plan).spans)
 
 
+def test_what_is_known_before_the_flight_is_the_same_for_another_run_and_taken_once(monkeypatch):
+    all_of = made()
+    before, rows = all_of.certificate.before, jax.tree.map(jnp.asarray, all_of.flight.rows)
+    moved = dataclasses.replace(all_of.flight, rows=dataclasses.replace(rows, e_p=rows.e_p + 1e-3))
+    monkeypatch.setattr(certificate, "_before", lambda *_: pytest.fail("it is known"))
+    found = certificate.certify(all_of.plan, moved, all_of.loop, ("energy", "recovery"), before=before)
+    assert set(found.radii) == {"energy", "recovery"}
+    assert set(before.reached) > set(found.radii)
+    for name, radii in found.radii.items():
+        assert radii == all_of.certificate.radii[name]  # of the same path
+    np.testing.assert_allclose(found.errors[:, :3] - all_of.certificate.errors[:, :3], 1e-3)
+
+
 @pytest.mark.long
 def test_where_no_function_passes_optimal_recovery_is_left_out_with_the_reason(monkeypatch):
     def failed(*_: object) -> None:
@@ -228,8 +241,8 @@ def test_data_that_contradict_what_is_stated_certify_nothing():
     small = dataclasses.replace(all_of.plan.stated, norm=0.05)
     plan = dataclasses.replace(all_of.plan, stated=small)
     found = certificate.certify(plan, all_of.flight, all_of.loop, ("recovery",))
-    assert found.tube is None
-    assert "contradict" in found.no_tube
+    assert found.before.tube is None
+    assert "contradict" in found.before.no_tube
     assert "contradict" in found.left_out["recovery"]
     assert set(found.radii["energy"].run.values()) == {np.inf}
     assert np.isnan(found.direction).all()

@@ -135,7 +135,7 @@ def _unknown(name: str, made: Certified, L: Matrix, seed: int) -> Try:
     errors = np.concatenate([getattr(rows, error) for error in ERRORS], axis=1)
     at = np.searchsorted(rows.t, found.t - 1e-9)
     left = found.spans["tube"].left(errors[at]) if ratios else 0
-    return Try(name, (), ratios, left, components, "" if ratios else found.no_tube)
+    return Try(name, (), ratios, left, components, "" if ratios else found.before.no_tube)
 
 
 def _greatest(rows: simulate.Row, error: str, late: Matrix) -> float:
@@ -244,4 +244,4 @@ def _flight(name: str, settings: Settings, changes: Sequence[str]) -> Try:
     each = [_ratios(found.observed, of) for of in (radii.tube, radii.run)]
     ratios = {error: max(ratio[error] for ratio in each if error in ratio) for error in each[1]}
     left = sum(span.left(found.errors) for span in found.spans.values())
-    return Try(name, tuple(changes), ratios, left, found.errors.size, found.no_tube)
+    return Try(name, tuple(changes), ratios, left, found.errors.size, found.before.no_tube)

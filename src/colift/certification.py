@@ -66,7 +66,7 @@ def challenge(made: Certified, rounds: int = 2, progress: Callable[[str], None] 
         unknown = adversary.adversary(made.plan, made.flight, made.loop.nodes, current.flight.rows, e_p)
         rows, _ = variation.flown(certificate.under(made.plan, unknown), made.loop.schedule)
         flight = dataclasses.replace(made.flight, rows=rows)
-        found = certificate.certify(made.plan, flight, made.loop, ("energy", "recovery"))
+        found = certificate.certify(made.plan, flight, made.loop, ("energy", "recovery"), before=found.before)
         current = dataclasses.replace(made, flight=flight, certificate=found)
     return current
 
@@ -118,10 +118,10 @@ def save_certificate(
             for name, radii in found.radii.items()
         },
         "left_out": dict(found.left_out),
-        "no_tube": found.no_tube,
+        "no_tube": found.before.no_tube,
         "tube": None
-        if found.tube is None
-        else {"difference": found.tube.difference.max(0).tolist(), "contraction": found.tube.contraction},
+        if found.before.tube is None
+        else {"difference": found.before.tube.difference.max(0).tolist(), "contraction": found.before.tube.contraction},
         "interface": {
             "alpha_N_Nm": layer.alpha.tolist(),
             "gamma_1_s": layer.gamma,

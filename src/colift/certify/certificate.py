@@ -8,7 +8,7 @@ the run, driven by `f~ = f - mean` from the start on. Derivations and what is as
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from fractions import Fraction
 from math import gcd, lcm
 from typing import Any
@@ -73,6 +73,19 @@ class Span:
 
 
 @dataclasses.dataclass(frozen=True)
+class Before:
+    """What is known before the flight, of every run that norm, labels and noise allow; errors in ERRORS' order."""
+
+    noise: Matrix  # (times, 12), what the sensors' noise adds to a component of an error, at most
+    reached: Mapping[str, Matrix]  # by bound, (2, times, 12): what f~ along the twin's path adds, see `_reached`
+    left_out: Mapping[str, str]  # bounds that were asked for and have none, and why
+    tube: Tube | None
+    no_tube: str  # why there is none; empty if there is one
+    extra: Matrix  # (times, 12), what f~ of another path than the twin's adds; infinite without a tube
+    limited: bool  # some run's thrust may be cut off
+
+
+@dataclasses.dataclass(frozen=True)
 class Certificate:
     """What `certify` found; errors in m, m/s, 1 and rad/s."""
 
@@ -83,8 +96,7 @@ class Certificate:
     noise: Mapping[str, float]  # what is added to every component of an error for the sensors' noise, at most
     radii: Mapping[str, Radii]  # by bound
     left_out: Mapping[str, str]  # bounds that were asked for and have none, and why
-    tube: Tube | None
-    no_tube: str  # why there is none; empty if there is one
+    before: Before
     t: Matrix  # s
     errors: Matrix  # (times, 12) observed
     spans: Mapping[str, Span]  # of the best bound, for the run's own path and for every run in the tube
@@ -146,9 +158,11 @@ def certify(
     loop: Variation,
     names: Sequence[str] = BOUNDS,
     progress: Progress = lambda _what: None,
+    before: Before | None = None,
 ) -> Certificate:
     """The certificate of a flight under some of `BOUNDS`, the energy bound always among them; loop: of its `twin`.
 
+    before: where it is known from another run of this twin; no bounds but its own are taken then.
     Raises ValueError for parts it knows nothing of (`refuse`), a flight that was too short, or noise that moves the
     loop otherwise than to first order.
     """
@@ -157,23 +171,25 @@ def certify(
     if len(grid.at) < 2:
         left = flight.rows.t[-1] - flight.updates[-1].ready
         raise ValueError(f"no certificate: only {left:.3g} s were flown after the last update; lengthen the flight")
-    errors_of = loop.of(*ERRORS)
     with threadpool_limits(1):  # the matrices are small
-        L = variation.weights(loop, errors_of, grid.at)
-        noise = _quantile(plan, grid) * variation.deviations(loop, errors_of)[grid.at]
-        _still(plan, flight, loop, grid, noise)
-        paths = {"tube": loop.rows, "run": flight.rows}
-        energy = {key: bodies(plan, flight, rows, loop.nodes, "energy") for key, rows in paths.items()}
-        found, why = _tube(loop, energy["tube"], progress)
-        reached, left_out = _reached(plan, flight, energy, paths, loop, L, names, progress)
-    extra = found.reached(L) if found else np.full(noise.shape, np.inf)
-    more = {"run": noise, "tube": noise + extra}
+        L = variation.weights(loop, loop.of(*ERRORS), grid.at)
+        before = before or _before(plan, flight, loop, grid, L, names, progress)
+        held = bodies(plan, flight, flight.rows, loop.nodes, "energy")
+        names = [name for name in before.reached if name in (*names, "energy")]
+        run, left_out = _reached(plan, flight, held, flight.rows, loop, L, names, "run", progress)
+    left_out = {**before.left_out, **left_out}
+    more = {"run": before.noise, "tube": before.noise + before.extra}
     center, errors = (_errors(each)[loop.nodes][grid.at] for each in (loop.rows, flight.rows))
-    spans = {name: {key: _span(center, each[key] + more[key]) for key in each} for name, each in reached.items()}
+    spans = {
+        name: {
+            key: _span(center, reached + more[key]) for key, reached in (("tube", before.reached[name]), ("run", mine))
+        }
+        for name, mine in run.items()
+    }
     met, tube_needs = plan.stated.met, bounds.unmet("recover", plan.stated.met)  # the tube weighs labels one by one
     always = (
-        *(() if found else ("S_X",)),
-        *assumed.of_certificate(plan, limited=_limited(plan, loop, energy["tube"], found), whole=grid.whole),
+        *(() if before.tube else ("S_X",)),
+        *assumed.of_certificate(plan, limited=before.limited, whole=grid.whole),
     )
     radii = {
         name: Radii(
@@ -194,17 +210,41 @@ def certify(
         observed=_greatest(flight.rows, grid.window),
         floor=_greatest(loop.rows, grid.window),
         unknown=_greatest(flight.rows, grid.window, loop.rows),
-        noise={error: float(noise[:, 3 * i : 3 * i + 3].max()) for i, error in enumerate(ERRORS)},
+        noise={error: float(before.noise[:, 3 * i : 3 * i + 3].max()) for i, error in enumerate(ERRORS)},
         radii=radii,
         left_out=left_out,
-        tube=found,
-        no_tube=why,
+        before=before,
         t=loop.t[grid.at],
         errors=errors,
         spans=best,
         bound=sizes,
         when=float(loop.t[grid.at][worst]),
         direction=direction,
+    )
+
+
+def _before(
+    plan: simulate.Plan,
+    flight: simulate.Flight,
+    loop: Variation,
+    grid: Grid,
+    L: Matrix,
+    names: Sequence[str],
+    progress: Progress,
+) -> Before:
+    noise = _quantile(plan, grid) * variation.deviations(loop, loop.of(*ERRORS))[grid.at]
+    _still(plan, flight, loop, grid, noise)
+    held = bodies(plan, flight, loop.rows, loop.nodes, "energy")
+    found, why = _tube(loop, held, progress)
+    reached, left_out = _reached(plan, flight, held, loop.rows, loop, L, names, "tube", progress)
+    return Before(
+        noise=noise,
+        reached=reached,
+        left_out=left_out,
+        tube=found,
+        no_tube=why,
+        extra=found.reached(L) if found else np.full(noise.shape, np.inf),
+        limited=_limited(plan, loop, held, found),
     )
 
 
@@ -304,36 +344,37 @@ def _np(x: Any) -> Matrix:
 def _reached(
     plan: simulate.Plan,
     flight: simulate.Flight,
-    energy: Mapping[str, Sequence[Body]],
-    paths: Mapping[str, simulate.Row],
+    held: Sequence[Body],
+    rows: simulate.Row,
     loop: Variation,
     L: Matrix,
     names: Sequence[str],
+    key: str,
     progress: Progress,
-) -> tuple[dict[str, dict[str, Matrix]], dict[str, str]]:
-    """By bound and path, `(2, times, 12)`: what f~ adds to each component of the errors and to its negative, at most.
+) -> tuple[dict[str, Matrix], dict[str, str]]:
+    """By bound, `(2, times, 12)`: what f~ along a path adds to each component of the errors and to its negative.
 
-    Second, why a bound is left out.
+    held: the bodies along it under the energy bound; key: what the path is called. Second, why a bound is left out.
     """
-    out: dict[str, dict[str, Matrix]] = {name: {} for name in BOUNDS if name in names or name == "energy"}
-    left_out: dict[str, str] = {}
-    for key, rows in paths.items():
-        progress(f"bands along the {key}'s path")
-        functionals = [reach.by_band(body, L) for body in energy[key]]
-        each = [reach.bound(body.beta, *one) for body, one in zip(energy[key], functionals, strict=True)]
-        out["energy"][key] = sum(one.sum(-1) for one in each)
-        other = None
-        for name in [name for name in out if name not in ("energy", "recovery")]:
-            held = bodies(plan, flight, rows, loop.nodes, name)
-            # the bounds for random noise share their companions: only beta differs
-            other = other or [reach.by_band(body, L) for body in held]
-            out[name][key] = sum(reach.bound(body.beta, *one).sum(-1) for body, one in zip(held, other, strict=True))
-        if "recovery" in out and not left_out:
-            try:
-                out["recovery"][key] = _recovered(energy[key], each, L, key, progress)
-            except (ValueError, RuntimeError) as error:
-                left_out["recovery"] = str(error)
-    return {name: reached for name, reached in out.items() if name not in left_out}, left_out
+    progress(f"bands along the {key}'s path")
+    each = [reach.bound(body.beta, *reach.by_band(body, L)) for body in held]
+    out, other = {"energy": _total(each)}, None
+    for name in [name for name in band.ALONG if name in names and name != "energy"]:
+        under = bodies(plan, flight, rows, loop.nodes, name)
+        # the bounds for random noise share their companions: only beta differs
+        other = other or [reach.by_band(body, L) for body in under]
+        out[name] = _total(reach.bound(body.beta, *one) for body, one in zip(under, other, strict=True))
+    if "recovery" in names:
+        try:
+            out["recovery"] = _recovered(held, each, L, key, progress)
+        except (ValueError, RuntimeError) as error:
+            return out, {"recovery": str(error)}
+    return out, {}
+
+
+def _total(each: Iterable[Matrix]) -> Matrix:
+    """Of all bodies' outputs."""
+    return np.sum([one.sum(-1) for one in each], axis=0)
 
 
 def _recovered(held: Sequence[Body], each: Sequence[Matrix], L: Matrix, key: str, progress: Progress) -> Matrix:
@@ -347,11 +388,12 @@ def _recovered(held: Sequence[Body], each: Sequence[Matrix], L: Matrix, key: str
         raise ValueError(f"a body has {n} data points; that would take long beyond {POINTS}")
     if not all(np.isfinite(banded).all() for banded in each):
         raise ValueError("the data contradict the stated norm and label errors")
-    total = np.zeros_like(each[0][..., 0])
-    for body, banded in zip(held, each, strict=True):
+
+    def recovered(body: Body, banded: Matrix) -> Matrix:
         progress(f"optimal recovery along the {key}'s path, outputs {body.columns.start} to {body.columns.stop - 1}")
-        total += reach.by_recovery(body, L, banded).sum(-1)
-    return total
+        return reach.by_recovery(body, L, banded)
+
+    return _total(recovered(*both) for both in zip(held, each, strict=True))
 
 
 @dataclasses.dataclass(frozen=True)

@@ -26,6 +26,7 @@ from colift.gp.training import checked
 # By how much the program's eps and B exceed the stated, tried in turn: room inside, without which the solver stalls.
 # The result is for the stated ones all the same, and the less room, the closer it is to the best.
 MARGINS = (1e-6, 1e-5, 1e-4, 1e-3)
+SINGLE = np.float32  # of the iterates of `least`: whatever they are, they bound
 ROUND = 50  # iterations of `least` between two looks at what they gained
 GAIN = 1e-3  # of the largest value f can have, that a round must gain somewhere for another to follow
 ROUNDS = 20
@@ -182,8 +183,8 @@ def least(allowed: Consistent, k: np.ndarray, square: np.ndarray, mass: np.ndarr
     that contradict B and eps the program of a functional of nothing knows.
     """
     _solution(allowed, np.zeros(len(allowed.r)), 0.0)
-    values, V = linalg.eigh(allowed.K)
-    values = np.maximum(values, 0.0)[:, None]
+    values, V = (x.astype(SINGLE) for x in linalg.eigh(allowed.K))
+    values = np.maximum(values, 0)[:, None]
     best, square = np.empty_like(square), np.maximum(square, 0.0)  # rounded
     for first in range(0, len(best), TOGETHER):
         some = slice(first, first + TOGETHER)
@@ -196,13 +197,15 @@ def _least(
 ) -> np.ndarray:
     """`least` of some functionals, `K = V diag(values) V^T`."""
     size = np.where(square > 0, np.sqrt(square), 1.0)
-    c, r, most = V.T @ (k / size), (V.T @ allowed.r)[:, None], allowed.eps / PENALTY
-    copy, price, root = np.zeros_like(k), np.zeros_like(k), np.ones_like(square)  # root: sqrt(...), held within a step
+    c, r = V.T @ (k / size).astype(SINGLE), (V.T @ allowed.r.astype(SINGLE))[:, None]
+    most = SINGLE(allowed.eps / PENALTY)
+    copy, price = np.zeros((2, *k.shape), SINGLE)
+    root, tiny = np.ones(len(square), SINGLE), np.finfo(SINGLE).eps  # root: sqrt(...), held within a step
     best, left = above(allowed, copy, k, square, mass), np.arange(len(square))
     for _ in range(ROUNDS):
         for _ in range(ROUND):
             nu = (c + root * (PENALTY * (V.T @ (copy - price)) - r)) / (values + PENALTY * root)
-            root = np.sqrt(np.maximum(1 + np.sum(nu * (values * nu - 2 * c), axis=0), RANK))
+            root = np.sqrt(np.maximum(1 + np.sum(nu * (values * nu - 2 * c), axis=0), tiny))
             price += RELAXED * (V @ nu) + (1 - RELAXED) * copy
             copy = price - np.clip(price, -most, most)
             price -= copy
