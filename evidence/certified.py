@@ -56,6 +56,7 @@ def figures(made: certification.Certified) -> dict[str, Any]:
         "observed": dict(found.observed),
         "floor": dict(found.floor),
         "unknown": dict(found.unknown),
+        "beyond": dict(found.beyond),
         "contraction": found.before.tube.contraction if found.before.tube else None,
         "components": found.errors.size,
         "components_left": {key: span.left(found.errors) for key, span in found.spans.items()},
@@ -93,6 +94,11 @@ def judge(runs: Sequence[dict[str, Any]], against: Sequence[dict[str, Any]], noi
     for error in ERRORS:
         share = np.median(_of(runs, "floor", error) / _of(runs, "observed", error))
         print(f"{error:8} floor / observed: median {100 * share:.0f} %")
+    alone = [*runs, *(run["adversary"] for run in against)]  # without noise
+    for error in ERRORS:
+        beyond = 100 * _of(alone, "beyond", error)
+        for of, name in (("unknown",), "what the unknown does"), (("radii", "recovery", "tube"), "the radius, any run"):
+            print(f"{error:8} not of first order, % of {name}: {_spread(beyond / _of(alone, *of, error))}")
     for key in ("payload_N", "payload_Nm", "agents_N"):
         least = _of(runs, "varies", key)
         print(f"residual's half range, least channel, {key}: median {np.median(least):.3f}, least {least.min():.3f}")

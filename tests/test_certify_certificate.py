@@ -221,6 +221,13 @@ def test_what_is_known_before_the_flight_is_the_same_for_another_run_and_taken_o
     for name, radii in found.radii.items():
         assert radii == all_of.certificate.radii[name]  # of the same path
     np.testing.assert_allclose(found.errors[:, :3] - all_of.certificate.errors[:, :3], 1e-3)
+    assert found.beyond["e_p"] == pytest.approx(3**0.5 * 1e-3, rel=0.1)  # no force brought that about
+
+
+def test_what_is_not_of_first_order_is_a_hundredth_or_so():
+    found = made().certificate
+    for error in certificate.ERRORS:
+        assert 0 < found.beyond[error] < 0.05 * found.unknown[error]
 
 
 @pytest.mark.long

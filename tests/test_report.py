@@ -123,6 +123,7 @@ def test_a_certificate_of_the_same_run_is_in_it_and_one_of_another_is_not(out):
         ],
         "observed": dict.fromkeys(errors, 3e-3),
         "floor": dict.fromkeys(errors, 1e-3),
+        "beyond_first_order": dict.fromkeys(errors, 1e-5),
         "radii": {"energy": radii | {"assumed": ["first order"], "status": "assumed"}},
         "left_out": {},
         "no_tube": "contraction 2",

@@ -1004,8 +1004,9 @@ def _radii_table(found: dict[str, Any]) -> Any:
         table.add_column(f"{error.replace('omega', 'ω')}\n{unit}", justify="right", no_wrap=True)
     table.add_column("e_p,\nx seen", justify="right", no_wrap=True)
     table.add_column("is\n", no_wrap=True)
-    for row in ("observed", "floor"):
-        table.add_row(row, "", *(_size(found[row][e], scale) for e, (scale, _) in SCALES.items()), "", "")
+    for label, of in (("observed", "observed"), ("floor", "floor"), ("not of 1st order", "beyond_first_order")):
+        if found[of]:
+            table.add_row(label, "", *(_size(found[of][e], scale) for e, (scale, _) in SCALES.items()), "", "")
     broken = {(each["bound"], each["of"]) for each in found["exceeded"] if each["flight"] == "this"}
     for bound, radii in found["radii"].items():
         for where, label in WHERE.items():

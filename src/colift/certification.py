@@ -102,6 +102,7 @@ def save_certificate(
         "observed": dict(found.observed),
         "floor": dict(found.floor),
         "unknown": dict(found.unknown),
+        "beyond_first_order": dict(found.beyond),
         "noise": dict(found.noise),
         "components_left": {of: span.left(found.errors) for of, span in found.spans.items()},
         "radii": {

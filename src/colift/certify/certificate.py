@@ -93,6 +93,7 @@ class Certificate:
     observed: Mapping[str, float]
     floor: Mapping[str, float]  # the twin's
     unknown: Mapping[str, float]  # the greatest |e - e_twin|: what the unknown forces brought about
+    beyond: Mapping[str, float]  # the greatest of it that is not of first order; empty where sensors are noisy
     noise: Mapping[str, float]  # what is added to every component of an error for the sensors' noise, at most
     radii: Mapping[str, Radii]  # by bound
     left_out: Mapping[str, str]  # bounds that were asked for and have none, and why
@@ -210,6 +211,7 @@ def certify(
         observed=_greatest(flight.rows, grid.window),
         floor=_greatest(loop.rows, grid.window),
         unknown=_greatest(flight.rows, grid.window, loop.rows),
+        beyond={} if assumed.noisy(plan.world.sensors) else _norms(errors - center - _first(held, flight, loop, L)),
         noise={error: float(before.noise[:, 3 * i : 3 * i + 3].max()) for i, error in enumerate(ERRORS)},
         radii=radii,
         left_out=left_out,
@@ -517,9 +519,24 @@ def _corner(span: Span) -> Matrix:
 
 def _radii(span: Span) -> dict[str, float]:
     """Ultimate radii of the four errors: of the farthest corner at any time."""
-    corner = _corner(span)
-    sizes = {error: np.linalg.norm(corner[:, 3 * i : 3 * i + 3], axis=1).max() for i, error in enumerate(ERRORS)}
+    return _norms(_corner(span))
+
+
+def _norms(errors: Matrix) -> dict[str, float]:
+    """The greatest norm of each of the four errors; errors: (times, 12)."""
+    sizes = {error: np.linalg.norm(errors[:, 3 * i : 3 * i + 3], axis=1).max() for i, error in enumerate(ERRORS)}
     return {error: float(size) if np.isfinite(size) else float("inf") for error, size in sizes.items()}
+
+
+def _first(held: Sequence[Body], flight: simulate.Flight, loop: Variation, L: Matrix) -> Matrix:
+    """`sum_k L_k f~(q(t_k))`, (times, 12): what f~ along the flight adds to its twin's errors, to first order."""
+    f_x, f_w, f_r, first = *(_np(getattr(flight.rows, name))[loop.nodes] for name in ("f_x", "f_w", "f_r")), 0
+    f = [_np(flight.rows.f_L)[loop.nodes]]
+    for j, body in enumerate(held[1:]):
+        joints = slice(first, first := first + body.columns.stop - body.columns.start - 6)
+        f.append(np.concatenate([f_x[:, j], f_w[:, j], f_r[:, joints]], axis=1))
+    off = [part - reach.mean(body.model, body.x) for part, body in zip(f, held, strict=True)]
+    return np.einsum("trki,ki->tr", L, np.concatenate(off, axis=1))
 
 
 def _greatest(rows: simulate.Row, window: slice, less: simulate.Row | None = None) -> dict[str, float]:
