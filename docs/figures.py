@@ -13,7 +13,6 @@ from pathlib import Path
 from colift import log, picture, spread, study
 
 FROM = {
-    "team": "figure_0_team",
     "study_tracking": "figure_1_tracking",
     "study_deviation": "figure_3_deviation",
     "study_rho_bar": "figure_5_rho_bar",
@@ -22,6 +21,7 @@ here, out = Path(__file__).with_name("figures"), Path(sys.argv[1])
 for name, figure in FROM.items():
     shutil.copy(out / f"{figure}.png", here / f"{name}.png")
 seeds = json.loads((here.parents[1] / "evidence" / "results" / "orderings.json").read_text())["items"]
-spread.spread(list(seeds.values()), study.ALL, here / "study_seeds")
+spread.spread(list(seeds.values()), study.ALL, out / "study_seeds")
+shutil.copy(out / "study_seeds.png", here)
 drawn = [picture.sketch(log.load(out / f"{case}.nc"), f"{case}: {study.ALL[case]}") for case in ("C1", "C3")]
 picture.film(drawn, here / "flight.gif", speed=4.0, dots=80)
