@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from colift import modes, simulate, study
+from colift import modes, sensor, simulate, study
 from colift.model import State
 from colift.scenario import starts
 from tests import light
@@ -270,6 +270,23 @@ def test_the_slowest_mode_of_a_loop_that_is_a_little_different_is_known_to_first
         true = modes.at_rest(plan, z).rate[0]
         assert abs(modes.estimate(plan, z, x, M) - true) < 0.3 * abs(true - now) + 1e-3 * abs(now)
     assert abs(true - now) > 0.02 * abs(now)
+
+
+def test_sensors_with_a_clock_of_their_own_read_at_every_tick_of_the_rest():
+    """The loop's clock is held there, so that theirs would never be due again, and a drift would start at every tick."""
+    of, number = study.plan(light.settings(), "C1"), functools.partial(jnp.array, dtype=float)
+    rare = sensor.Intermittent(of=("payload.p", "agents.x"), every=number(0.05), loss=number(0.5), until=number(1.0))
+    drift = sensor.Drifting(of=("payload.R", "agents.lam"), rate=number(0.1), start=number(0.1))
+
+    def rates(*extra: sensor.Extra) -> np.ndarray:
+        plan = dataclasses.replace(of, world=dataclasses.replace(of.world, extra=extra))
+        return modes.at_rest(plan, of.z).eigenvalues[:12].real  # of the slowest
+
+    expected = rates()
+    np.testing.assert_allclose(rates(drift, rare), expected, atol=1e-4)
+    late = rates(dataclasses.replace(rare, delay=2))
+    np.testing.assert_allclose(late, expected, rtol=0.1)
+    assert abs(late - expected).max() > 0.01
 
 
 def test_second_moments_of_what_labels_say_are_no_motion():

@@ -300,6 +300,7 @@ def test_a_misspelt_setting_is_recognized(key, at, double):
     [
         ("payload.mass_kg=2", ("mass_kg: 1.5, inertia_kgm2: [0.04", "mass_kg: 2, inertia_kgm2: [0.04")),
         ("agents.1.yaw_deg=30", ("name: rear,", "name: rear, yaw_deg: 30,")),
+        ("agents.rear.yaw_deg=30", ("name: rear,", "name: rear, yaw_deg: 30,")),
         ("agents.0.contacts_m.1.2=0.04", ("[0.5, -0.36, 0.05]", "[0.5, -0.36, 0.04]")),
         ("sensors.tip_force_N=0.2", ("\ncontrol:", "\nsensors: {tip_force_N: 0.2}\ncontrol:")),
         ("allocation={kind: balanced}", (SAMPLE[SAMPLE.index("  internal:") : SAMPLE.index("\nlearning:")], "")),
@@ -339,7 +340,9 @@ def test_what_is_set_mends_what_the_file_says_wrong():
         ("payload.mass_kg", "--set 'payload.mass_kg': must be `path=value`, as payload.mass_kg=2"),
         ("=2", "--set '=2': must be `path=value`"),
         ("agents.2.name=a", "--set agents.2.name: '2' is none of the list's entries 0 to 1"),
-        ("agents.rear.name=a", "--set agents.rear.name: 'rear' is none of the list's entries 0 to 1"),
+        ("agents.side.name=a", "--set agents.side.name: 'side' is none of the list's entries 0 to 1 ('front', 'rear')"),
+        ("agents.0.contacts_m.rear=1", "'rear' is none of the list's entries 0 to 1"),
+        ("agents.0.contacts_m.0.3=1", "'3' is none of the list's entries 0 to 2"),
         ("duration_s.x=1", "--set duration_s.x: duration_s is 20, which holds no settings"),
         ("a" + ".a" * 2000 + "=1", "is nested more than 20 deep"),
         ("duration_s=5", "s.yaml:95: learning.end_s [s]: must not exceed duration_s = 5, got 10"),

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
-from colift import grasp, learn, log
+from colift import grasp, learn, log, response
 from colift.model import PayloadState, Team
 from colift.simulate import Flight, Row
 
@@ -183,12 +183,9 @@ def bounded(flight: Flight) -> dict[str, Any]:
     """
     rows, at, sigma = flight.rows, log.sampled(flight.rows, flight.sigma), flight.sigma
     half = _half(flight)
-    count = rows.f_x.shape[1]
-    errors = [np.asarray(rows.f_L - rows.f_L_hat)[at]]
-    joints = np.cumsum([0] + [group.shape[2] - 6 for group in sigma.agents for _ in range(group.shape[1])])
-    for j in range(count):
-        parts = ((rows.f_x - rows.f_x_hat)[at, j], (rows.f_w - rows.f_w_hat)[at, j])
-        errors.append(np.concatenate([*parts, (rows.f_r - rows.f_r_hat)[at, joints[j] : joints[j + 1]]], axis=1))
+    joints = [group.shape[2] - 6 for group in sigma.agents for _ in range(group.shape[1])]
+    missed = [np.asarray(getattr(rows, part) - getattr(rows, f"{part}_hat"))[at] for part in response.PARTS]
+    errors = response.by_body(joints, *missed)
     radii = [sigma.payload_radius, *(group[:, j] for group in sigma.agents_radius for j in range(group.shape[1]))]
     betas = [flight.bands.payload, *(beta for group in flight.bands.agents for beta in group)]
     found = [

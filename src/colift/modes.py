@@ -18,8 +18,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
+from scipy import linalg
 
-from colift import interrupt, simulate, so3
+from colift import interrupt, sensor, simulate, so3
 from colift.linalg import mul
 from colift.model import State
 from colift.world import Noise, Simulated
@@ -35,6 +36,7 @@ NEUTRAL = 1e-6  # rad/s, below which a rate is rounding: of |z|, divided by the 
 POSE = r"\.world\.z\.(payload\.[Rp]|agents\[\d+\]\.[Rxr])"
 LEARNING = r"\.recorder\.|\.estimator\.(agents\[\d+\]\.)?bias\b|\.(warm|fresh|silent|ticks)$"
 SECOND = r"\.listener\.(unrest|gap|moved\.(products|squares))"  # of the second order at rest
+SENSORS = r"\.extra\[\d+\]\.(age|due|bias)\b"  # their clocks and drifts, which stand still
 LABELS = r"\.estimator\.(agents\[\d+\]\.)?(momenta|carried|known|label|state)\b"
 
 
@@ -207,11 +209,12 @@ def _rows_of(x: Carried, where: str) -> np.ndarray:
 def monodromy(plan: simulate.Plan, z: State) -> tuple[Carried, np.ndarray]:
     """The rest x near z, the reference held at its start, and the map's derivative there; on the host.
 
-    Bodies move by the truth's parameters and are flown by the nominal ones; sensors are exact, and nothing else acts
-    that is unknown. So the rest may be off the reference, as by a payload that is heavier than believed. Newton's
-    method on `x = map(x)`, its slope anew where the last one helps little, by differences of `simulate.advance`: no
-    program is compiled that a flight does not need anyway. Where it does not get there from z, as where rest is half a
-    metre lower, it begins where the loop has settled. Raises ValueError where there is no rest near z.
+    Bodies move by the truth's parameters and are flown by the nominal ones; sensors are exact and read at every tick,
+    and nothing else acts that is unknown. So the rest may be off the reference, as by a payload that is heavier than
+    believed. Newton's method on `x = map(x)`, its slope anew where the last one helps little, by differences of
+    `simulate.advance`: no program is compiled that a flight does not need anyway. Where it does not get there from z,
+    as where rest is half a metre lower, it begins where the loop has settled. Raises ValueError where there is no rest
+    near z.
     """
     setup, loop, noise = _begun(plan, z)
     found = _rest(setup, loop, noise) or _rest(setup, _settled(setup, loop, noise), noise)
@@ -251,11 +254,15 @@ def _settled(setup: simulate.Setup, loop: simulate.Loop, noise: Noise) -> simula
 
 
 def _begun(plan: simulate.Plan, z: State) -> tuple[simulate.Setup, simulate.Loop, Noise]:
-    """The loop by itself one tick after z, its clock held and no limit met, and the noise of sensors that have none."""
+    """The loop by itself just after z, its clock held and no limit met, and the noise of sensors that have none.
+
+    Just after: a tick, and as many more as the latest readings take to come.
+    """
     plan = dataclasses.replace(plan, world=_alone(plan.world))
     noise = plan.world.draw(jax.random.key(0), simulate.chunk(plan))
     begun = simulate.start(plan.setup, z)
-    after, _ = simulate.advance(plan.setup, begun, noise, jnp.asarray(1))
+    late = max((part.delay for part in plan.world.extra if isinstance(part, sensor.Intermittent)), default=0)
+    after, _ = simulate.advance(plan.setup, begun, noise, jnp.asarray(1 + late))
     return plan.setup, dataclasses.replace(after, tick=begun.tick, ended=begun.ended), noise
 
 
@@ -267,9 +274,10 @@ def estimate(plan: simulate.Plan, z: State, x: Carried, M: np.ndarray) -> float:
     """
     setup, loop, noise = _begun(plan, z)
     loop = _put(loop, x)
-    values, vectors = np.linalg.eig(M)
+    values, left, right = linalg.eig(M, left=True)
     k = int(np.argmax(np.abs(values)))
-    v, w = vectors[:, k], np.linalg.inv(vectors)[k]  # w^H v = 1
+    v, w = right[:, k], left[:, k].conj()
+    w = w / (w @ v)
     parts = np.stack([v.real, v.imag])
     moved = _move(x, jnp.asarray(STEP * np.concatenate([parts, -parts])))
     ahead = _changed(setup, loop, noise, [_row(moved, jnp.asarray(i)) for i in range(4)])
@@ -316,14 +324,27 @@ def _changed(setup: simulate.Setup, loop: simulate.Loop, noise: Noise, at: Seque
 
 
 def _alone(world: Simulated) -> Simulated:
-    """The true bodies with nothing else unknown, and sensors without noise or bias."""
+    """The true bodies with nothing else unknown, and sensors without noise or bias that read at every tick."""
     quiet = jax.tree.map(jnp.zeros_like, world.sensors)
     return dataclasses.replace(
         world,
         acting=jnp.zeros_like(world.acting),
         sensors=dataclasses.replace(quiet, tip_force_bandwidth=world.sensors.tip_force_bandwidth),
         lam_bias=jax.tree.map(jnp.zeros_like, world.lam_bias),
+        extra=tuple(map(_faithful, world.extra)),
     )
+
+
+def _faithful(part: sensor.Extra) -> sensor.Extra:
+    """A sensor that reads whenever it is asked and drifts nowhere: its own clock would stand still with the loop's."""
+    zero = jnp.zeros(())
+    match part:
+        case sensor.Intermittent():
+            return dataclasses.replace(part, every=zero, loss=zero, until=jnp.full((), jnp.inf))
+        case sensor.Drifting():
+            return dataclasses.replace(part, rate=zero, start=zero)
+        case _:
+            return part
 
 
 # Local coordinates: a rotation vector, body frame, of every attitude; a difference of everything else -----------------
@@ -370,11 +391,9 @@ def _coordinates(x: Carried, y: Carried) -> Array:
 def _take(loop: simulate.Loop) -> Carried:
     """Data are for learning, and labels where nobody listens: they come back to the plant through no tick."""
     listens = getattr(loop.memory, "listener", None) is not None
-    learning = f"{LEARNING}|{SECOND}" if listens else f"{LEARNING}|{LABELS}"
+    apart = "|".join((LEARNING, SENSORS, SECOND if listens else LABELS))
     return {
-        key: leaf
-        for key, leaf in _leaves(loop)
-        if jnp.issubdtype(leaf.dtype, jnp.floating) and not re.search(learning, key)
+        key: leaf for key, leaf in _leaves(loop) if jnp.issubdtype(leaf.dtype, jnp.floating) and not re.search(apart, key)
     }
 
 

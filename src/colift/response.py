@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+from collections.abc import Sequence
 
 import jax
 import jax.numpy as jnp
@@ -63,6 +64,22 @@ def bodies(team: Team) -> tuple[slice, ...]:
     for size, group in zip(team.sizes, team.groups, strict=True):
         ends += [ends[-1] + (6 + group.tree.joints) * (k + 1) for k in range(size)]
     return tuple(slice(a, b) for a, b in itertools.pairwise(ends))
+
+
+PARTS = ("f_L", "f_x", "f_w", "f_r")
+"""How a residual is logged: the payload's, then of all agents, the joints of each behind those of the one before."""
+
+
+def by_body(
+    joints: Sequence[int], f_L: np.ndarray, f_x: np.ndarray, f_w: np.ndarray, f_r: np.ndarray
+) -> list[np.ndarray]:
+    """Residuals along a flight, logged as `PARTS`, of the payload and of each agent, `(times, 6)` and `(times, 6 + n)`.
+
+    joints: n of each agent.
+    """
+    ends = itertools.pairwise(np.cumsum([0, *joints]).tolist())
+    agents = (np.concatenate([f_x[:, j], f_w[:, j], f_r[:, a:b]], axis=1) for j, (a, b) in enumerate(ends))
+    return [f_L, *agents]
 
 
 def linearize(pilot: fly.LeaderFollower, z: State) -> Response:

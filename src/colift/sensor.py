@@ -12,7 +12,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from colift import agent as ag
 from colift import so3
@@ -177,6 +177,16 @@ class Rig(Extra):
 
 
 @pytree
+class Holding:
+    """What `Intermittent` remembers."""
+
+    held: dict[str, Any]  # the readings that came last
+    age: Scalar  # s, for how long nothing has come
+    due: Scalar  # s, when the next is taken
+    coming: tuple[tuple[dict[str, Any], Bool[Array, ""]], ...]  # readings under way, oldest first, and whether they come
+
+
+@pytree
 class Intermittent(Extra):
     """Readings at a rate of their own, late, and lost now and then; in between the last one that came is held.
 
@@ -196,20 +206,28 @@ class Intermittent(Extra):
         return jax.random.uniform(key, (ticks,))
 
     def begin(self, m: Measurement) -> Any:
-        """What is held and for how long, when the next reading is due, and those under way, oldest first."""
+        """Nothing under way."""
         none = _chosen(m, self.of), jnp.array(False)
-        return _chosen(m, self.of), jnp.zeros(()), jnp.zeros(()), (none,) * self.delay
+        return Holding(held=_chosen(m, self.of), age=jnp.zeros(()), due=jnp.zeros(()), coming=(none,) * self.delay)
 
-    def read(self, m: Measurement, truth: Truth, clock: Clock, memory: Any, noise: Any) -> tuple[Measurement, Any]:
+    def read(self, m: Measurement, truth: Truth, clock: Clock, memory: Holding, noise: Any) -> tuple[Measurement, Any]:
         """The measurement with what is held in place of what is read."""
-        held, age, due, coming = memory
+        due = memory.due
         taken = (clock.t >= due - 1e-9) & (clock.t < self.until - 1e-9)
-        (now, came), *coming = (*coming, (_chosen(m, self.of), taken & (noise >= self.loss)))
-        held = jax.tree.map(lambda new, old: jnp.where(came, new, old), now, held)
-        age = jnp.where(came, self.delay * clock.dt, age + clock.dt)
+        (now, came), *coming = (*memory.coming, (_chosen(m, self.of), taken & (noise >= self.loss)))
+        held = jax.tree.map(lambda new, old: jnp.where(came, new, old), now, memory.held)
+        age = jnp.where(came, self.delay * clock.dt, memory.age + clock.dt)
         due = jnp.where(taken, due + self.every, due)
         ages = m.age_s | dict.fromkeys(self.of, age)
-        return dataclasses.replace(_put(m, self.of, held), age_s=ages), (held, age, due, tuple(coming))
+        kept = Holding(held=held, age=age, due=due, coming=tuple(coming))
+        return dataclasses.replace(_put(m, self.of, held), age_s=ages), kept
+
+
+@pytree
+class Walked:
+    """What `Drifting` remembers: how far the bias of each reading has come; of an attitude, a rotation vector."""
+
+    bias: dict[str, Any]
 
 
 @pytree
@@ -237,15 +255,17 @@ class Drifting(Extra):
 
     def begin(self, m: Measurement) -> Any:
         """No bias yet."""
-        return {name: jax.tree.map(functools.partial(_none, name), x) for name, x in _chosen(m, self.of).items()}
+        return Walked(
+            bias={name: jax.tree.map(functools.partial(_none, name), x) for name, x in _chosen(m, self.of).items()}
+        )
 
-    def read(self, m: Measurement, truth: Truth, clock: Clock, memory: Any, noise: Any) -> tuple[Measurement, Any]:
+    def read(self, m: Measurement, truth: Truth, clock: Clock, memory: Walked, noise: Any) -> tuple[Measurement, Any]:
         """The measurement with the bias added."""
         step = jnp.where(clock.t > 0, self.rate * jnp.sqrt(clock.dt), self.start)
-        bias = jax.tree.map(lambda b, n: b + step * n, memory, noise)
+        bias = jax.tree.map(lambda b, n: b + step * n, memory.bias, noise)
         read = _chosen(m, self.of)
         off = {name: jax.tree.map(functools.partial(_added, name), read[name], bias[name]) for name in self.of}
-        return _put(m, self.of, off), bias
+        return _put(m, self.of, off), Walked(bias=bias)
 
 
 def _none(name: str, x: Array) -> Array:

@@ -180,7 +180,8 @@ def certify(
         run, left_out = _reached(plan, flight, held, flight.rows, loop, L, names, "run", progress)
     left_out = {**before.left_out, **left_out}
     more = {"run": before.noise, "tube": before.noise + before.extra}
-    center, errors = (_errors(each)[loop.nodes][grid.at] for each in (loop.rows, flight.rows))
+    twin, flown = _errors(loop.rows), _errors(flight.rows)
+    center, errors = (each[loop.nodes][grid.at] for each in (twin, flown))
     spans = {
         name: {
             key: _span(center, reached + more[key]) for key, reached in (("tube", before.reached[name]), ("run", mine))
@@ -208,9 +209,9 @@ def certify(
     t = _np(flight.rows.t)
     return Certificate(
         window=(float(t[grid.window][0]), float(t[grid.window][-1])),
-        observed=_greatest(flight.rows, grid.window),
-        floor=_greatest(loop.rows, grid.window),
-        unknown=_greatest(flight.rows, grid.window, loop.rows),
+        observed=_norms(flown[grid.window]),
+        floor=_norms(twin[grid.window]),
+        unknown=_norms((flown - twin)[grid.window]),
         beyond={} if assumed.noisy(plan.world.sensors) else _norms(errors - center - _first(held, flight, loop, L)),
         noise={error: float(before.noise[:, 3 * i : 3 * i + 3].max()) for i, error in enumerate(ERRORS)},
         radii=radii,
@@ -362,10 +363,10 @@ def _reached(
     each = [reach.bound(body.beta, *reach.by_band(body, L)) for body in held]
     out, other = {"energy": _total(each)}, None
     for name in [name for name in band.ALONG if name in names and name != "energy"]:
-        under = bodies(plan, flight, rows, loop.nodes, name)
+        along = bodies(plan, flight, rows, loop.nodes, name)
         # the bounds for random noise share their companions: only beta differs
-        other = other or [reach.by_band(body, L) for body in under]
-        out[name] = _total(reach.bound(body.beta, *one) for body, one in zip(under, other, strict=True))
+        other = other or [reach.by_band(body, L) for body in along]
+        out[name] = _total(reach.bound(body.beta, *one) for body, one in zip(along, other, strict=True))
     if "recovery" in names:
         try:
             out["recovery"] = _recovered(held, each, L, key, progress)
@@ -530,19 +531,10 @@ def _norms(errors: Matrix) -> dict[str, float]:
 
 def _first(held: Sequence[Body], flight: simulate.Flight, loop: Variation, L: Matrix) -> Matrix:
     """`sum_k L_k f~(q(t_k))`, (times, 12): what f~ along the flight adds to its twin's errors, to first order."""
-    f_x, f_w, f_r, first = *(_np(getattr(flight.rows, name))[loop.nodes] for name in ("f_x", "f_w", "f_r")), 0
-    f = [_np(flight.rows.f_L)[loop.nodes]]
-    for j, body in enumerate(held[1:]):
-        joints = slice(first, first := first + body.columns.stop - body.columns.start - 6)
-        f.append(np.concatenate([f_x[:, j], f_w[:, j], f_r[:, joints]], axis=1))
+    joints = [body.columns.stop - body.columns.start - 6 for body in held[1:]]
+    f = response.by_body(joints, *(_np(getattr(flight.rows, name))[loop.nodes] for name in response.PARTS))
     off = [part - reach.mean(body.model, body.x) for part, body in zip(f, held, strict=True)]
     return np.einsum("trki,ki->tr", L, np.concatenate(off, axis=1))
-
-
-def _greatest(rows: simulate.Row, window: slice, less: simulate.Row | None = None) -> dict[str, float]:
-    """The four errors at their greatest; less those of another flight."""
-    each = {name: getattr(rows, name) - (getattr(less, name) if less else 0.0) for name in ERRORS}
-    return {name: float(np.linalg.norm(e[window], axis=1).max()) for name, e in each.items()}
 
 
 # -- where the slack is ----------------------------------------------------------------------------------------------

@@ -211,7 +211,7 @@ def _least(
             price -= copy
         found = above(allowed, size[left] * copy, k[:, left], square[left], mass[left])
         gains = best[left] - found > GAIN * allowed.unit * size[left]
-        best[left] = np.minimum(best[left], found)
+        best[left] = np.fmin(best[left], found)  # what is no number bounds nothing
         left, root = left[gains], root[gains]
         c, copy, price = c[:, gains], copy[:, gains], price[:, gains]
         if not len(left):

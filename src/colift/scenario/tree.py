@@ -59,7 +59,8 @@ def read(text: str, file: str) -> Tree:
 def changed(tree: Tree, change: str) -> Tree:
     """A tree in which one setting is another: `payload.mass_kg=2`; sections that are not there are made.
 
-    The value is YAML. A section replaces a section as a whole; an entry of a list is named by its number, 0 the first.
+    The value is YAML. A section replaces a section as a whole; an entry of a list goes by its `name`, where all of them
+    have one, or by its number, 0 the first.
     Raises ScenarioError as `read`, and for a path that leads nowhere.
     """
     path, equals, text = change.partition("=")
@@ -73,7 +74,7 @@ def changed(tree: Tree, change: str) -> Tree:
     lines, data, place = dict(tree.lines), tree.data, ()
     for name in path.split("."):
         if isinstance(data, list):
-            key = _index(name, len(data), path)
+            key = _index(name, data, path)
             data = data[key]
         elif isinstance(data, dict):
             key = name
@@ -146,10 +147,14 @@ def _names(entries: Any) -> list[str]:
     return names if len(set(names)) == len(names) else []
 
 
-def _index(name: str, size: int, path: str) -> int:
+def _index(name: str, entries: list[Any], path: str) -> int:
+    names, size = _names(entries), len(entries)
+    if name in names:
+        return names.index(name)
     if not (name.isdecimal() and name.isascii() and len(name) < 10 and int(name) < size):
         there = f"entries 0 to {size - 1}" if size else "no entries"
-        raise ScenarioError(f"--set {path}: {shown(name)} is none of the list's {there}")
+        named = f" ({', '.join(map(shown, names))})" if names else ""
+        raise ScenarioError(f"--set {path}: {shown(name)} is none of the list's {there}{named}")
     return int(name)
 
 
