@@ -273,7 +273,7 @@ def test_the_slowest_mode_of_a_loop_that_is_a_little_different_is_known_to_first
 
 
 def test_sensors_with_a_clock_of_their_own_read_at_every_tick_of_the_rest():
-    """The loop's clock is held there, so that theirs would never be due again, and a drift would start at every tick."""
+    """The loop's clock is held there: theirs would never be due again, and a drift would start at every tick."""
     of, number = study.plan(light.settings(), "C1"), functools.partial(jnp.array, dtype=float)
     rare = sensor.Intermittent(of=("payload.p", "agents.x"), every=number(0.05), loss=number(0.5), until=number(1.0))
     drift = sensor.Drifting(of=("payload.R", "agents.lam"), rate=number(0.1), start=number(0.1))

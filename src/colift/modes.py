@@ -393,7 +393,9 @@ def _take(loop: simulate.Loop) -> Carried:
     listens = getattr(loop.memory, "listener", None) is not None
     apart = "|".join((LEARNING, SENSORS, SECOND if listens else LABELS))
     return {
-        key: leaf for key, leaf in _leaves(loop) if jnp.issubdtype(leaf.dtype, jnp.floating) and not re.search(apart, key)
+        key: leaf
+        for key, leaf in _leaves(loop)
+        if jnp.issubdtype(leaf.dtype, jnp.floating) and not re.search(apart, key)
     }
 
 
