@@ -15,7 +15,7 @@ from evidence import collect
 
 LOST = "sensors.then=[{{kind: intermittent, of: [agents.lam], rate_Hz: 500, until_s: {}}}]"
 TURN = "disturbances.{}.turn={{angle_deg: 180, start_s: 13}}"
-WIND = (TURN.format(0), TURN.format(4))
+WIND = (TURN.format("load_wind"), TURN.format("agent_wind"))
 AHEAD = "control.look_ahead_s=0.03"
 MOTORS = (
     "actuators={kind: motors, bandwidth_Hz: 8, delay_s: 0.006}",
