@@ -169,6 +169,13 @@ def test_the_command_prints_the_findings_and_its_status_says_whether_all_is_soun
     assert CliRunner().invoke(app, ["check", "paper", "--set", "payload.mass_kg=x"]).exit_code == 2
 
 
+class SimpleWorld:
+    """A plan of which nothing is asked but whose it is."""
+
+    def __init__(self, settings: scenario.Settings) -> None:
+        self.settings, self.world, self.team = settings, self, None
+
+
 def moving(rate: float, joint: float, load: float) -> modes.Modes:
     """Two modes: the payload's at 2 1/s, and one at a rate that moves a joint of `beam` and the payload so far."""
     joints = np.zeros((2, 12))
@@ -180,17 +187,48 @@ def moving(rate: float, joint: float, load: float) -> modes.Modes:
     )
 
 
-def test_joints_beyond_need_that_return_too_slowly_are_bad_and_named():
-    beam = scenario.load("beam", ("control.posture=5",))
-    (slow,) = checkup._posture(beam, moving(2.4, 1.0, 0.1))
+def test_joints_beyond_need_that_return_too_slowly_are_bad_and_named(monkeypatch):
+    beam, say = scenario.load("beam", ("control.posture=5",)), lambda _what: None
+    monkeypatch.setattr(checkup, "_quicker", lambda _settings, rate, joint, _say: (f"{rate} {joint}",))
+    (slow,) = checkup._posture(beam, moving(2.4, 1.0, 0.1), say)
     assert slow.says == "joints beyond need return at 2.4 1/s, slowest agent_2/shoulder; control.posture = 5"
-    assert "lower control.posture to 2.4" in slow.advice[0]
-    (fast,) = checkup._posture(beam, moving(2.6, 1.0, 0.1))
+    assert slow.advice == ("2.4 agent_2/shoulder",)
+    (fast,) = checkup._posture(beam, moving(2.6, 1.0, 0.1), say)
     assert fast.advice == ()
-    assert not list(checkup._posture(beam, moving(0.1, 1.0, 1.0)))  # the payload's own: its gains are to blame
-    assert not list(checkup._posture(scenario.load("paper"), moving(0.1, 1.0, 0.1)))
-    (held,) = checkup._posture(scenario.load("beam", ("control.posture=0",)), moving(2.6, 1.0, 0.1))
+    assert not list(checkup._posture(beam, moving(0.1, 1.0, 1.0), say))  # the payload's own: its gains are to blame
+    assert not list(checkup._posture(scenario.load("paper"), moving(0.1, 1.0, 0.1), say))
+    (held,) = checkup._posture(scenario.load("beam", ("control.posture=0",)), moving(2.6, 1.0, 0.1), say)
     assert held.advice
+
+
+@pytest.mark.parametrize(
+    ("rates", "advice"),
+    [
+        (
+            lambda c, _r: 1.5 if c.posture == 2.5 else 2.0 if c.agent_k_omega > 30 else 1.0,
+            ("posture=2.5 makes it 1.5",),
+        ),
+        (lambda c, r: 1.2 if c.agent_k_R > 300 else 1.1 if r else 0.0, ("agent_k_R=350.0 makes it 1.2", "rest_rad")),
+        (lambda _c, _r: 0.9, ("begin from `colift new`",)),
+        (lambda _c, _r: np.nan, ("begin from `colift new`",)),  # no rest
+    ],
+)
+def test_what_lets_joints_return_sooner_is_tried(monkeypatch, rates, advice):
+    """First what reaches half of what is stated; else what is sooner than now."""
+    beam = scenario.load("beam", ("control.posture=5", "control.agent_k_R=250", "control.agent_k_omega=28"))
+
+    def at_rest(changed: scenario.Settings, _z: None) -> modes.Modes:
+        rate = rates(changed.control, changed.agent_types != beam.agent_types)
+        if np.isnan(rate):
+            raise ValueError("no rest")
+        return dataclasses.replace(moving(rate, 1.0, 0.1), eigenvalues=np.array([-2.0, -rate + 1j]))
+
+    monkeypatch.setattr(checkup.study, "plan", lambda changed, _case: SimpleWorld(changed))
+    monkeypatch.setattr(checkup.starts, "at_rest", lambda *_: None)
+    monkeypatch.setattr(checkup.modes, "at_rest", lambda plan, z: at_rest(plan.settings, z))
+    said = checkup._quicker(beam, 1.0, "agent_2/shoulder", lambda _what: None)
+    assert len(said) == len(advice)
+    assert all(part in line for part, line in zip(advice, said, strict=True))
 
 
 def test_agents_that_hear_themselves_are_named_and_others_are_not():
@@ -198,7 +236,7 @@ def test_agents_that_hear_themselves_are_named_and_others_are_not():
     assert not list(checkup._labels(quiet, roster.team(quiet)[1]))
     (said,) = checkup._labels(loud, roster.team(loud)[1])
     assert (
-        said.says == "agent_1 hears 1.5 of its own motion: F, H and C4 follow none of its labels' rate, and gusts later"
+        said.says == "agent_1 hears 0.78 of its own motion: F, H and C4 follow 43% of its labels' rate, and gusts later"
     )
     assert not said.advice
     assert set(said.numbers["gain"]) == {"agent_1", "agent_2", "agent_3"}

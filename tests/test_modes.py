@@ -227,7 +227,7 @@ def test_the_gain_margin_ends_where_the_loop_of_stronger_or_weaker_commands_is_u
     assert np.isnan(modes.gain_margin(x, 1.1 * M)).all()
     found = modes.margins(x, M, 0.002)
     assert found.delay == pytest.approx(0.002 * modes.delay_margin(x, M, 25))
-    assert f"{greatest:.2g} times as strong" in found.says()
+    assert f"{greatest:.3g} times as strong" in found.says()
 
 
 @pytest.mark.long

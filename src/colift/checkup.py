@@ -97,7 +97,7 @@ def check(settings: Settings, progress: Callable[[str], None] = lambda _what: No
         {"stable": at_rest.stable, "rad_s": list(at_rest.rate)},
         () if at_rest.stable else _steadier(settings, x, M, progress),
     )
-    late = (*_posture(settings, at_rest), _delay(settings, x, M, progress)) if at_rest.stable else ()
+    late = (*_posture(settings, at_rest, progress), _delay(settings, x, M, progress)) if at_rest.stable else ()
     gain = _gain(x, M) if at_rest.stable else ()
     return Checkup(settings.name, (*found, mode, *_once_learned(settings, progress), *late, *gain))
 
@@ -135,26 +135,27 @@ def beyond_need(settings: Settings) -> bool:
     return any(len(kind.joints) > 3 * len(kind.arms) - 3 for kind in kinds)
 
 
-def _posture(settings: Settings, found: modes.Modes) -> Iterator[Finding]:
-    """How fast joints beyond need return; bad below half of what is stated. What the payload shares is its own."""
+def _posture(settings: Settings, found: modes.Modes, progress: Callable[[str], None]) -> Iterator[Finding]:
+    """How fast joints beyond need return; bad below half of what is stated."""
     stated = settings.control.posture
-    if not beyond_need(settings):
+    if not beyond_need(settings) or (slow := _returns(found)) is None:
         return
-    own = found.joints.max(1) > 2 * found.payload.max(1)
-    if not own.any():
-        return
-    k = int(np.argmax(own))  # modes are slowest first
-    rate, joint = float(-found.eigenvalues[k].real), roster.joint_names(settings)[int(np.argmax(found.joints[k]))]
-    advice = (
-        f"{joint} returns too slowly: lower control.posture to {rate:.2g} or less, raise control.agent_k_R and "
-        "agent_k_omega, or turn the rest of its joints so that they move the agent sideways over its tip"
-    )
+    rate, joint = slow[0], roster.joint_names(settings)[slow[1]]
     yield Finding(
         "posture",
         f"joints beyond need return at {rate:.3g} 1/s, slowest {joint}; control.posture = {stated:g}",
         {"rate_1ps": rate, "stated_1ps": stated},
-        (advice,) if rate < stated / 2 or stated == 0 else (),
+        _quicker(settings, rate, joint, progress) if rate < stated / 2 or stated == 0 else (),
     )
+
+
+def _returns(found: modes.Modes) -> tuple[float, int] | None:
+    """Rate, 1/s, and joint of the slowest mode that moves joints more than the payload, whose own modes gains make."""
+    own = found.joints.max(1) > 2 * found.payload.max(1)
+    if not own.any():
+        return None
+    k = int(np.argmax(own))  # modes are slowest first
+    return float(-found.eigenvalues[k].real), int(np.argmax(found.joints[k]))
 
 
 def _mend(refusal: str) -> str:
@@ -393,6 +394,36 @@ def _steadier(settings: Settings, x: modes.Carried, M: np.ndarray, progress: Cal
     return ("no single gain, joint or height of contacts that was tried steadies it: begin from `colift new`",)
 
 
+def _quicker(settings: Settings, now: float, joint: str, progress: Callable[[str], None]) -> tuple[str, ...]:
+    """The changes with which joints beyond need return at half of what is stated, or else sooner than now.
+
+    Tried: the posture, the agents' attitude gains, and the rest of the joint that is slowest.
+    """
+    enough, sooner = [], []
+    gains = [each for each in _gains(settings) if "agent_k" in each[0]]
+    rests = [each for each in _rests(settings) if f".{joint.rpartition('/')[2]}." in each[0]]
+    for typed, changed in [*_postures(settings, now), *gains, *rests]:
+        progress(f"its loop with {typed}")
+        plan, stated = study.plan(changed, "C1"), changed.control.posture
+        with contextlib.suppress(ValueError):  # no such team, or no rest
+            found = modes.at_rest(plan, starts.at_rest(changed, plan.world.team))
+            rate = slow[0] if (slow := _returns(found)) else stated
+            if found.stable and rate > 1.02 * now:
+                (enough if rate >= stated / 2 else sooner).append((rate, typed))
+    best = sorted(enough or sooner, reverse=True)[:TRIED]
+    said = tuple(f"{typed} makes it {rate:.3g} 1/s" for rate, typed in best)
+    return said or (f"no posture, attitude gain or rest of {joint} that was tried helps: begin from `colift new`",)
+
+
+def _postures(settings: Settings, now: float) -> Iterator[Change]:
+    """What is stated, lowered to half and to what is had, or stated where it is not."""
+    stated = settings.control.posture
+    for value in dict.fromkeys(float(f"{x:.2g}") for x in ((stated / 2, now) if stated else (1.0, 3.0))):
+        if value > 0:
+            control = settings.control.model_copy(update={"posture": value})
+            yield f"--set control.posture={value:g}", settings.model_copy(update={"control": control})
+
+
 def _patient(settings: Settings, now: float, progress: Callable[[str], None]) -> tuple[str, ...]:
     """The gains which, lowered, let commands come later."""
     tried = []
@@ -430,7 +461,7 @@ def _rests(settings: Settings) -> Iterator[Change]:
                 other = given.model_copy(update={"joints": (*given.joints[:k], turned, *given.joints[k + 1 :])})
                 types = settings.agent_types | {kind: other}
                 yield (
-                    f"--set agent_types.{kind}.joints.{k}.rest_rad={value} "
+                    f"--set agent_types.{kind}.joints.{joint.name}.rest_rad={value} "
                     f"(of a type from URDF agent_types.{kind}.rest_rad.{joint.name}={value})",
                     settings.model_copy(update={"agent_types": types}),
                 )
@@ -444,8 +475,8 @@ def _heights(settings: Settings) -> Iterator[Change]:
             for agent in settings.agents
         )
         typed = " ".join(
-            f"--set agents.{i}.contacts_m.{b}.2={c[2]}"
-            for i, agent in enumerate(agents)
+            f"--set agents.{agent.name}.contacts_m.{b}.2={c[2]}"
+            for agent in agents
             for b, c in enumerate(agent.contacts_m)
         )
         yield typed, settings.model_copy(update={"agents": agents})

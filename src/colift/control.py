@@ -287,6 +287,9 @@ def _nearest(
     return free + S_JT @ linalg.solve(J @ S_JT, tips - J @ free)
 
 
+DAMPING = 0.8  # of the posture; what its loop is late by adds to it, and beyond one a joint returns ever more slowly
+
+
 def _leaned(
     agent: Agent,
     gains: Gains,
@@ -300,7 +303,7 @@ def _leaned(
 ) -> tuple[Turn, Float[Array, "motion"]]:
     """The turn with the lean that moves the centre of mass over the tips, and the motion that joints and thrust allow.
 
-    `r_dd = -k^2 e - 2 k e_dot`, `e = r - rest - r_tilt`: `r_tilt` are the joints that hold the centre of mass where it
+    `r_dd = -k^2 e - 2 d k e_dot`, `e = r - rest - r_tilt`: `r_tilt` are the joints that hold the centre of mass where it
     is while the agent is off `turn`. It is what tips and posture make of it that leans, `f + m x_dd`, and its rate; and
     joints move as the thrust of this moment moves it, so that contact forces need not. (Led by the joints' own errors
     the loop would have the swing about the tips as a zero in the right half plane.)
@@ -310,13 +313,13 @@ def _leaned(
     still = jnp.zeros((3 + agent.tree.joints, 2))
     tilt = folded(agent, p) @ off
     e, e_dot = q.r - share.rest - tilt[:, 0], q.r_dot - tilt[:, 1]
-    r_dd = -(k**2) * e - 2 * k * e_dot
+    r_dd = -(k**2) * e - 2 * DAMPING * k * e_dot
     a = q.R.T @ to.a
     across = q.R.T @ (gravity + (f_hat.f_x - share.lam.sum(0)) / m)  # what forces but the thrust's give
     x_dd = jnp.concatenate([across[:2], a[2:]])
     fixed = jnp.zeros((3 * agent.tree.arms, 1))
     e_dd = _nearest(p, BY_THRUST, jnp.concatenate([x_dd - a, r_dd])[:, None], fixed)[3:, 0]
-    asked = still.at[3:].set(jnp.stack([r_dd, -(k**2) * e_dot - 2 * k * e_dd], axis=1))
+    asked = still.at[3:].set(jnp.stack([r_dd, -(k**2) * e_dot - 2 * DAMPING * k * e_dd], axis=1))
     lift = m * q.R @ _nearest(p, BY_JOINTS, asked, jnp.tile(fixed, (1, 2)))[:3]
     size = (m * (to.a - gravity) + share.lam.sum(0) - f_hat.f_x) @ turn.R[:, 2]
     f, f_dot = size * turn.R[:, 2], size * turn.R @ so3.cross(turn.omega, jnp.asarray(ag.E3))

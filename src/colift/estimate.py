@@ -276,7 +276,7 @@ def _observe_agent(
     joint = smooth(past.joint, m.r, b)
     # the rate of `outer` that its own recursion implies: no second difference
     r_dot = (joint.inner - joint.outer) * b / ((1 - b) * dt)
-    r = joint.outer
+    r = 2 * joint.inner - joint.outer  # a joint that turns steadily is where it is, not where it was
     g = ag.geometry(agent, r)
     p = ag.reduce(agent, g)
     xi = jnp.concatenate([omega, r_dot])

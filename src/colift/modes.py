@@ -155,7 +155,7 @@ def strength(gain: tuple[float, float]) -> str:
     """A gain margin in words."""
     least, greatest = gain
     low = f"{least:.2g}" + (" or less" if least <= 1.001 / GAIN_MOST else "")
-    high = f"{greatest:.2g}" + (" or more" if greatest >= GAIN_MOST / 1.001 else "")
+    high = f"{greatest:.3g}" + (" or more" if greatest >= GAIN_MOST / 1.001 else "")
     return f"{low} to {high} times as strong"
 
 
