@@ -61,7 +61,7 @@ MUTANTS = {
     ),
     "f_hat_w not compensated": Mutant("control.py", "tau=Q[:3] - f_hat.f_w", "tau=Q[:3]", "control", "aligned"),
     "posture: half the damping": Mutant(
-        "control.py", "* e - 2 * k * e_dot", "* e - k * e_dot", "control", "lean_moves"
+        "control.py", "* e - 2 * DAMPING * k * e_dot", "* e - DAMPING * k * e_dot", "control", "lean_moves"
     ),
     "contacts: sign of w x (w x c)": Mutant(
         "control.py", "(to.alpha[None], c) + so3.cross", "(to.alpha[None], c) - so3.cross", "control", "aligned"
@@ -95,6 +95,9 @@ MUTANTS = {
         "flat_payload(load, jnp.concatenate([felt, omega_dot])), b, 0.0 * memory.warm)",
         "estimate",
         "inputs_of_the_learned",
+    ),
+    "joints: where their rate is of": Mutant(
+        "estimate.py", "r = 2 * joint.inner - joint.outer", "r = joint.outer", "estimate", "joint_filter"
     ),
     "accelerometer: no gravity": Mutant(
         "estimate.py", "was.R @ felt + gravity", "was.R @ felt", "estimate", "past_readings or truth or constant_errors"
