@@ -368,8 +368,8 @@ def test_without_noise_labels_converge_to_the_filtered_true_residual():
         errors.append(np.sqrt(((y - expected) ** 2).mean(0)))
     coarse, fine = errors
     size = np.repeat([1.0, 0.1, 1.0, 0.1], [3, 3, 6, 12])  # N, N m, of the payload and of the agents
-    assert (coarse < 2e-3 * size).all()
-    np.testing.assert_allclose(fine, coarse / 2, rtol=0.1)
+    assert (coarse < 3e-3 * size).all()
+    np.testing.assert_allclose(fine, coarse / 2, rtol=0.1, atol=1e-6)  # of the payload's force nothing is left
 
 
 def test_without_noise_the_filters_of_the_study_err_by_less_than_its_label_noise():

@@ -302,4 +302,5 @@ def test_second_moments_of_what_labels_say_are_no_motion():
 def test_a_loop_that_hears_labels_rests_and_decays_as_the_one_without(case):
     heard = modes.at_rest(paper.plan(case), z())
     assert heard.stable
-    np.testing.assert_allclose(heard.eigenvalues[0], at_500_hertz().eigenvalues[0], rtol=0.2)
+    alone, slowest = at_500_hertz().eigenvalues[0], heard.eigenvalues[0]  # of a pair either may come first
+    np.testing.assert_allclose([slowest.real, abs(slowest.imag)], [alone.real, abs(alone.imag)], rtol=0.2)
