@@ -303,10 +303,10 @@ def _leaned(
 ) -> tuple[Turn, Float[Array, "motion"]]:
     """The turn with the lean that moves the centre of mass over the tips, and the motion that joints and thrust allow.
 
-    `r_dd = -k^2 e - 2 d k e_dot`, `e = r - rest - r_tilt`: `r_tilt` are the joints that hold the centre of mass where
-    it is while the agent is off `turn`. It is what tips and posture make of it that leans, `f + m x_dd`, and its rate;
-    joints move as the thrust of this moment moves it, so that contact forces need not. (Led by the joints' own errors
-    the loop would have the swing about the tips as a zero in the right half plane.)
+    `r_dd = -k^2 e - 2 d k e_dot`, `e = r - rest - r_tilt`, d `DAMPING`: `r_tilt` are the joints that hold the centre of
+    mass where it is while the agent is off `turn`. It is what tips and posture make of it that leans, `f + m x_dd`, and
+    its rate; joints move as the thrust of this moment moves it, so that contact forces need not. (Led by the joints'
+    own errors the loop would have the swing about the tips as a zero in the right half plane.)
     """
     k, m = gains.posture, p.mass
     off = jnp.stack([so3.e_R(q.R, turn.R), so3.e_omega(q.R, q.omega, turn.R, turn.omega)], axis=1)
