@@ -169,13 +169,6 @@ def test_the_command_prints_the_findings_and_its_status_says_whether_all_is_soun
     assert CliRunner().invoke(app, ["check", "paper", "--set", "payload.mass_kg=x"]).exit_code == 2
 
 
-class SimpleWorld:
-    """A plan of which nothing is asked but whose it is."""
-
-    def __init__(self, settings: scenario.Settings) -> None:
-        self.settings, self.world, self.team = settings, self, None
-
-
 def moving(rate: float, joint: float, load: float) -> modes.Modes:
     """Two modes: the payload's at 2 1/s, and one at a rate that moves a joint of `beam` and the payload so far."""
     joints = np.zeros((2, 12))
@@ -217,15 +210,13 @@ def test_what_lets_joints_return_sooner_is_tried(monkeypatch, rates, advice):
     """First what reaches half of what is stated; else what is sooner than now."""
     beam = scenario.load("beam", ("control.posture=5", "control.agent_k_R=250", "control.agent_k_omega=28"))
 
-    def at_rest(changed: scenario.Settings, _z: None) -> modes.Modes:
+    def at_rest(changed: scenario.Settings) -> modes.Modes:
         rate = rates(changed.control, changed.agent_types != beam.agent_types)
         if np.isnan(rate):
             raise ValueError("no rest")
-        return dataclasses.replace(moving(rate, 1.0, 0.1), eigenvalues=np.array([-2.0, -rate + 1j]))
+        return moving(rate, 1.0, 0.1)
 
-    monkeypatch.setattr(checkup.study, "plan", lambda changed, _case: SimpleWorld(changed))
-    monkeypatch.setattr(checkup.starts, "at_rest", lambda *_: None)
-    monkeypatch.setattr(checkup.modes, "at_rest", lambda plan, z: at_rest(plan.settings, z))
+    monkeypatch.setattr(checkup, "_at_rest", at_rest)
     said = checkup._quicker(beam, 1.0, "agent_2/shoulder", lambda _what: None)
     assert len(said) == len(advice)
     assert all(part in line for part, line in zip(advice, said, strict=True))

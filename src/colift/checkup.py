@@ -10,7 +10,7 @@ import contextlib
 import dataclasses
 import functools
 import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import jax
@@ -114,9 +114,8 @@ def _once_learned(settings: Settings, progress: Callable[[str], None]) -> Iterat
     if right == settings:
         return
     progress("its loop at rest, bodies learned")
-    plan = study.plan(right, "C1")
     try:
-        found = modes.at_rest(plan, starts.at_rest(right, plan.world.team))
+        found = _at_rest(right)
     except ValueError as error:
         yield Finding("learned", f"where bodies are known: {error}", {}, ("see rest",))
         return
@@ -368,6 +367,12 @@ Change = tuple[str, Settings]
 """What to type (`--set control.K_v=3`), and what becomes of the settings."""
 
 
+def _at_rest(settings: Settings) -> modes.Modes:
+    """The modes under C1. Raises ValueError where there is no such team, or it has no rest."""
+    plan = study.plan(settings, "C1")
+    return modes.at_rest(plan, starts.at_rest(settings, plan.world.team))
+
+
 def _steadier(settings: Settings, x: modes.Carried, M: np.ndarray, progress: Callable[[str], None]) -> tuple[str, ...]:
     """The single changes that steady the slowest mode most: gains, and where none does, joints and contacts."""
     now = float(np.log(np.abs(np.linalg.eigvals(M)).max()) * settings.control_Hz)
@@ -376,10 +381,6 @@ def _steadier(settings: Settings, x: modes.Carried, M: np.ndarray, progress: Cal
         plan = study.plan(changed, "C1")
         return modes.estimate(plan, starts.at_rest(changed, plan.world.team), x, M)
 
-    def rate(changed: Settings) -> float:
-        plan = study.plan(changed, "C1")
-        return modes.at_rest(plan, starts.at_rest(changed, plan.world.team)).rate[0]
-
     guesses = [(guess(changed), typed, changed) for typed, changed in _gains(settings)]
     gains = sorted((each for each in guesses if np.isfinite(each[0])), key=lambda each: each[0])[:TRIED]
     for candidates in ([each[1:] for each in gains], [*_rests(settings), *_heights(settings)]):
@@ -387,7 +388,7 @@ def _steadier(settings: Settings, x: modes.Carried, M: np.ndarray, progress: Cal
         for typed, changed in candidates:
             progress(f"its loop with {typed}")
             with contextlib.suppress(ValueError):  # no such team, or no rest
-                tried.append((rate(changed), typed))
+                tried.append((_at_rest(changed).rate[0], typed))
         better = sorted(each for each in tried if each[0] < now - 0.02 * abs(now))[:TRIED]
         if better:
             return tuple(f"{typed} makes it {rate:+.3g} rad/s" for rate, typed in better)
@@ -400,13 +401,12 @@ def _quicker(settings: Settings, now: float, joint: str, progress: Callable[[str
     Tried: the posture, the agents' attitude gains, and the rest of the joint that is slowest.
     """
     enough, sooner = [], []
-    gains = [each for each in _gains(settings) if "agent_k" in each[0]]
-    rests = [each for each in _rests(settings) if f".{joint.rpartition('/')[2]}." in each[0]]
+    gains, rests = _gains(settings, GAINS[-2:]), _rests(settings, joint.rpartition("/")[2])
     for typed, changed in [*_postures(settings, now), *gains, *rests]:
         progress(f"its loop with {typed}")
-        plan, stated = study.plan(changed, "C1"), changed.control.posture
+        stated = changed.control.posture
         with contextlib.suppress(ValueError):  # no such team, or no rest
-            found = modes.at_rest(plan, starts.at_rest(changed, plan.world.team))
+            found = _at_rest(changed)
             rate = slow[0] if (slow := _returns(found)) else stated
             if found.stable and rate > 1.02 * now:
                 (enough if rate >= stated / 2 else sooner).append((rate, typed))
@@ -420,8 +420,7 @@ def _postures(settings: Settings, now: float) -> Iterator[Change]:
     stated = settings.control.posture
     for value in dict.fromkeys(float(f"{x:.2g}") for x in ((stated / 2, now) if stated else (1.0, 3.0))):
         if value > 0:
-            control = settings.control.model_copy(update={"posture": value})
-            yield f"--set control.posture={value:g}", settings.model_copy(update={"control": control})
+            yield _controlled(settings, "posture", value)
 
 
 def _patient(settings: Settings, now: float, progress: Callable[[str], None]) -> tuple[str, ...]:
@@ -438,22 +437,29 @@ def _patient(settings: Settings, now: float, progress: Callable[[str], None]) ->
     return said or (f"no single gain that was lowered helps; raise control_Hz above {settings.control_Hz:g}",)
 
 
-def _gains(settings: Settings) -> Iterator[Change]:
-    """Every gain lower and higher."""
-    for name in ("K_p", "K_v", "k_R", "k_omega", "agent_k_R", "agent_k_omega"):
+GAINS = ("K_p", "K_v", "k_R", "k_omega", "agent_k_R", "agent_k_omega")  # the agents' last
+
+
+def _gains(settings: Settings, names: Sequence[str] = GAINS) -> Iterator[Change]:
+    """Every one of some gains lower and higher."""
+    for name in names:
         now = np.array(getattr(settings.control, name))
         for factor in (0.7, 1.4):
             new = [float(f"{x:.3g}") for x in np.atleast_1d(factor * now)]
-            value = new if now.shape else new[0]
-            control = settings.control.model_copy(update={name: value})
-            yield f"--set control.{name}={value}", settings.model_copy(update={"control": control})
+            yield _controlled(settings, name, new if now.shape else new[0])
 
 
-def _rests(settings: Settings) -> Iterator[Change]:
-    """Every joint that turns at rest 0.2 rad either way."""
+def _controlled(settings: Settings, name: str, value: float | list[float]) -> Change:
+    """Another value of one setting of the controller."""
+    control = settings.control.model_copy(update={name: value})
+    return f"--set control.{name}={value}", settings.model_copy(update={"control": control})
+
+
+def _rests(settings: Settings, name: str | None = None) -> Iterator[Change]:
+    """Every joint that turns, or those of a name, at rest 0.2 rad either way."""
     for kind, given in settings.agent_types.items():
         for k, joint in enumerate(given.joints):
-            if joint.type != "revolute":
+            if joint.type != "revolute" or name not in (None, joint.name):
                 continue
             for step in (-0.2, 0.2):
                 value = round(joint.rest_rad + step, 3)

@@ -183,7 +183,7 @@ class Holding:
     held: dict[str, Any]  # the readings that came last
     age: Scalar  # s, for how long nothing has come
     due: Scalar  # s, when the next is taken
-    coming: tuple[tuple[dict[str, Any], Bool[Array, ""]], ...]  # those under way and whether they come
+    coming: tuple[tuple[dict[str, Any], Bool[Array, ""]], ...]  # oldest first, and whether they come
 
 
 @pytree
