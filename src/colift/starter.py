@@ -54,9 +54,9 @@ VEHICLES = {  # by arms
         type: revolute
         parent: roll
         axis: [0, 1, 0]
-        body: {mass_kg: 0.1, com_m: [0, 0, -0.05], inertia_kgm2: [1.0e-4, 1.0e-4, 1.0e-5]}
-    arms:
-      - {name: tip, joint: pitch, tip_m: [0, 0, -0.1]}
+        body: {mass_kg: 0.1, com_m: [0, 0, -0.1], inertia_kgm2: [3.3e-4, 3.3e-4, 1.0e-5]}
+    arms:  # long ones let joints return sooner
+      - {name: tip, joint: pitch, tip_m: [0, 0, -0.2]}
 """,
     ),
     2: Vehicle(
