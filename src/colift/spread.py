@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.ticker import NullFormatter
+from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from colift import look, panel
 
@@ -38,6 +38,8 @@ def _spread(found: Sequence[Mapping[str, Mapping[str, float]]], told: Mapping[st
             ax.plot(values, np.full(len(values), row), shown.marker, color=shown.color, alpha=0.7, markersize=4)
             ax.plot([np.median(values)] * 2, [row - 0.35, row + 0.35], color="black", linewidth=0.8)
         ax.set(xscale="log", xlabel=label, ylim=(len(cases) - 0.5, -0.5))
+        ax.xaxis.set_major_locator(LogLocator(subs=(1, 3)))
+        ax.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
         ax.xaxis.set_minor_formatter(NullFormatter())
     axes[0].set_yticks(range(len(cases)), [panel.called(case, told) for case in cases])
     return figure
