@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from colift import disturbance, limits, school, simulate, study
+from colift import analyse, disturbance, limits, school, simulate, study
 from colift.pytree import pytree
 from tests import light, paper_flights
 from tests.paper_flights import NAMES, believed, exact, fly, number, plan, with_pilot, with_world
@@ -168,6 +168,16 @@ def test_what_is_learned_flies_when_it_is_ready_and_not_before(latency, monkeypa
     assert [update.ready for update in flight.updates] == pytest.approx([0.8, 1.2])
     heard = np.abs(flight.rows.f_L_hat).max(1) > 0
     assert flight.rows.t[heard][0] == pytest.approx(0.8)
+    said = "nothing was learned at t = 0.600 s: what was learned before was not ready (learning.fit_latency)"
+    assert flight.unused == (said,)
+
+
+def test_what_is_not_ready_when_the_flight_ends_is_said():
+    of = dataclasses.replace(plan("C3"), duration=0.7, updates=(0.5,), latency=0.3, training=None)
+    flight = simulate.fly_plan(of)
+    assert not flight.updates
+    assert flight.unused == ("what was learned at t = 0.500 s was not ready when the flight ended",)
+    assert flight.unused[0] in analyse.summary(flight, of.world.team, of.pilot.team)["warnings"]
 
 
 def test_a_fit_that_fails_leaves_the_oracle_as_it_was_and_says_so(monkeypatch):
@@ -177,6 +187,7 @@ def test_a_fit_that_fails_leaves_the_oracle_as_it_was_and_says_so(monkeypatch):
     monkeypatch.setattr(simulate.learn, "teach", failing)
     flight = simulate.fly_plan(dataclasses.replace(plan("C3"), duration=1.0, updates=(0.7,)))
     assert flight.updates[0].failed == "what was learned at t = 0.700 s is not used: no such luck"
+    assert flight.unused == (flight.updates[0].failed,)
     assert not flight.rows.f_L_hat.any()
 
 

@@ -63,7 +63,7 @@ def summary(flight: Flight, truth: Team, nominal: Team) -> dict[str, Any]:
         "singular_min": float(rows.singular.min()),
         "n_data": flight.updates[-1].n if flight.updates else {"payload": 0, "agents": 0},
         "updates": [update.t for update in flight.updates],
-        "warnings": [text for text in (coarse(rows),) if text],
+        "warnings": [text for text in (coarse(rows), *flight.unused) if text],
         "correlation": correlations(flight),
         "outside": outside(flight),
         "bound": bounded(flight),

@@ -122,6 +122,8 @@ def dataset(settings: Settings, case: str, flight: simulate.Flight, flown: simul
         "complete": int(not flight.stopped),
         "stopped": flight.stopped,
         "update_times_s": [update.t for update in flight.updates],
+        "update_ready_s": [update.ready for update in flight.updates],
+        "unused": "; ".join(flight.unused),
         "update_points_payload": [update.n["payload"] for update in flight.updates],
         "update_points_agents": [update.n["agents"] for update in flight.updates],
         "world_changed": "; ".join(

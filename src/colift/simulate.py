@@ -331,6 +331,7 @@ class Flight:
     stopped: str  # empty if the run is complete; else what failed, where and when
     held: tuple[Held, ...]  # its oracles, from the first tick on
     wall: dict[str, float]  # s, by stage
+    unused: tuple[str, ...] = ()  # sentences: fits that failed, came too late or were not begun, and why
 
     @property
     def oracle(self) -> learn.Oracle:
@@ -368,6 +369,7 @@ def fly_plan(
     school, due = School(plan.training, plan.identify, plan.renewals), _times(plan)
     key = jax.random.fold_in(jax.random.key(plan.seed), 2)
     oracle, updates, flown, coming = plan.pilot.oracle, [], [], None
+    busy: list[float] = []  # s, when something was to be learned while what was learned before was not ready
     wall = {"simulation": 0.0, "fit": 0.0}
     held = [Held(first=0, oracle=oracle, bands=band.bands(oracle, plan.stated, 1))]
     loop = start(setup, plan.z)
@@ -392,10 +394,13 @@ def fly_plan(
         wall["simulation"] += time.perf_counter() - began
         seen(rows)
         began = time.perf_counter()
-        if done in due and coming is None and done < ticks and not stopped:
-            learned, update = school.teach(oracle, loop.memory.recorder, done * dt, fit=due[done])
-            taken = time.perf_counter() - began if plan.latency is None else plan.latency
-            coming = done + round(taken / dt), learned, update
+        if done in due and done < ticks and not stopped:
+            if coming is None:
+                learned, update = school.teach(oracle, loop.memory.recorder, done * dt, fit=due[done])
+                taken = time.perf_counter() - began if plan.latency is None else plan.latency
+                coming = done + round(taken / dt), learned, update
+            else:
+                busy.append(done * dt)
         if coming and coming[0] <= done and not stopped:
             _, oracle, update = coming
             coming = None
@@ -414,7 +419,21 @@ def fly_plan(
         stopped=stopped,
         held=tuple(held),
         wall=wall | {"radii": time.perf_counter() - began},
+        unused=_unused(updates, busy, None if coming is None else coming[2]),
     )
+
+
+def _unused(updates: Sequence[Update], busy: Sequence[float], coming: Update | None) -> tuple[str, ...]:
+    """What was to be learned and did not fly, in sentences: fits that failed, were not begun or are still to come."""
+    said = [update.failed for update in updates if update.failed]
+    if busy:
+        times = ", ".join(f"{t:.3f}" for t in busy)
+        said.append(
+            f"nothing was learned at t = {times} s: what was learned before was not ready (learning.fit_latency)"
+        )
+    if coming is not None:
+        said.append(f"what was learned at t = {coming.t:.3f} s was not ready when the flight ended")
+    return tuple(said)
 
 
 _draw = jax.jit(lambda world, key, ticks: world.draw(key, ticks), static_argnums=2)
