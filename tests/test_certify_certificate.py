@@ -347,7 +347,7 @@ def of_another_kernel(oracle: learn.Oracle) -> learn.Oracle:
             "leader Integral",
         ),
         (
-            lambda p: with_pilot(p, predictor=fly.Observed(predictor=p.pilot.predictor, bandwidth=number(2.0))),
+            lambda p: with_pilot(p, predictor=fly.Observed(predictor=p.pilot.predictor, bandwidth=jnp.full(2, 2.0))),
             "predictor Observed",
         ),
         (lambda p: with_pilot(p, oracle=of_another_kernel(p.pilot.oracle)), "kernel Kernel"),

@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
+from sklearn.linear_model import Ridge
 
 from colift import gp, learn
 from colift.model import PayloadState
@@ -318,6 +319,18 @@ def test_drag_and_thrust_act_on_forces_and_the_payload_s_drag_at_its_lever(taugh
 
 
 # The parametric part --------------------------------------------------------------------------------------------------
+
+
+def test_regression_weighs_forces_and_moments_with_ridges_of_their_own():
+    n, group = 40, samples(32, 40, 24, 9, (2,))
+    recorded = both(samples(31, n, 18, 6), group)
+    known = learn.regress(prior(), recorded, (0.3, 3.0)).known
+    bodies = [(known.payload, learn.payload_basis(recorded.payload.X), recorded.payload.Y)]
+    bodies += zip(known.agents[0], learn.agent_basis(group.X, 3), group.Y, strict=True)
+    for weights, functions, Y in bodies:
+        for outputs, ridge in ((slice(0, 3), 0.3), (slice(3, None), 3.0)):
+            theirs = Ridge(alpha=ridge, fit_intercept=False).fit(np.asarray(functions)[:n], np.asarray(Y)[:n, outputs])
+            np.testing.assert_allclose(weights[:, outputs], theirs.coef_.T, atol=1e-9)
 
 
 def cloud(rng: np.random.Generator, points: int = 7) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -216,7 +216,7 @@ class Observed:
     """
 
     predictor: Predictor
-    bandwidth: Scalar  # Hz
+    bandwidth: Float[Array, "2"]  # Hz, of the force and of the moment
 
     def begin(self, team: Team) -> Any:
         """What is observed, and the other's memory."""
@@ -229,7 +229,7 @@ class Observed:
         W = balance.payload(now.team.payload, a[:3] - now.team.gravity, a[3:], q.omega)
         left = jnp.concatenate([W.F - now.W.F, W.tau - now.W.tau])
         # before the first tick there was no command to explain anything
-        d = d + now.ticks * blend(self.bandwidth, now.clock.dt) * (left - d)
+        d = d + now.ticks * jnp.repeat(blend(self.bandwidth, now.clock.dt), 3) * (left - d)
         return d, self.predictor.observe(of_other, oracle, now)
 
     def predict(self, memory: Any, oracle: learn.Oracle, now: Now, to: control.Command) -> Residual:

@@ -252,15 +252,16 @@ def agent_basis(x: Float[Array, "*batch inputs"], joints: int) -> Float[Array, "
     return basis(x[..., 9:12], x[..., v : v + 3], jnp.concatenate(rest, axis=-1))
 
 
-def regress(oracle: Oracle, recorded: Recorded, ridge: float) -> Oracle:
-    """The oracle with the weights that minimize `|Y - phi W|^2 + ridge |W|^2`, body by body (host).
+def regress(oracle: Oracle, recorded: Recorded, ridge: tuple[float, float]) -> Oracle:
+    """The oracle with the weights that minimize `|Y - phi W|^2 + ridge |W|^2`, output by output (host).
 
-    What recursive least squares come to when they are frozen now.
+    What recursive least squares come to when they are frozen now. ridge: of forces, and of moments and joints.
     """
 
     def weights(phi: Array, data: gp.Data) -> np.ndarray:
         A, Y = np.asarray(phi)[: int(data.n)], np.asarray(data.Y)[: int(data.n)]
-        return np.linalg.solve(A.T @ A + ridge * np.eye(A.shape[1]), A.T @ Y)
+        each = ((ridge[0], Y[:, :3]), (ridge[1], Y[:, 3:]))
+        return np.hstack([np.linalg.solve(A.T @ A + c * np.eye(A.shape[1]), A.T @ y) for c, y in each])
 
     groups = []
     for data in recorded.agents:

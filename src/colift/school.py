@@ -44,7 +44,7 @@ class Identify:
 class Regress:
     """What regression on `learn.basis` assumes."""
 
-    ridge: float  # beside the sum of squared label errors, of squared weights
+    ridge: tuple[float, float]  # beside the sum of squared label errors, of squared weights: forces, all other outputs
 
 
 @dataclasses.dataclass(frozen=True)

@@ -95,6 +95,7 @@ def _as(case: str, c1: simulate.Plan, settings: Settings) -> simulate.Plan:
     rival, given = settings.baselines, settings.learning
     learns, agents = case in ("C2", "C3", "P", "R", "H", "C4"), case in ("C3", "R", "H", "C4")
     pilot = c1.pilot
+    ridge = rival.ridge, rival.ridge_moment or rival.ridge
     recorder = dataclasses.replace(pilot.recorder, payload=jnp.asarray(learns), agents=jnp.asarray(agents))
     pilot = dataclasses.replace(pilot, recorder=recorder)
     match case:
@@ -102,7 +103,8 @@ def _as(case: str, c1: simulate.Plan, settings: Settings) -> simulate.Plan:
             K_i, k_i = jnp.asarray(rival.K_i), jnp.asarray(rival.k_i)
             pilot = dataclasses.replace(pilot, leader=fly.Integral(leader=pilot.leader, K_i=K_i, k_i=k_i))
         case "DOB":
-            observer = fly.Observed(predictor=pilot.predictor, bandwidth=jnp.asarray(rival.observer_Hz))
+            bandwidth = jnp.asarray((rival.observer_Hz, rival.observer_moment_Hz or rival.observer_Hz))
+            observer = fly.Observed(predictor=pilot.predictor, bandwidth=bandwidth)
             pilot = dataclasses.replace(pilot, predictor=observer)
         case "O":
             if remembering := disturbance.remembering(c1.world.sources):
@@ -116,7 +118,7 @@ def _as(case: str, c1: simulate.Plan, settings: Settings) -> simulate.Plan:
         case "R":
             pilot = pilots.ahead(settings, pilot)
             nothing = pilot.recorder.begin(pilot.team, pilot.oracle)
-            pilot = dataclasses.replace(pilot, oracle=learn.regress(pilot.oracle, nothing, rival.ridge))
+            pilot = dataclasses.replace(pilot, oracle=learn.regress(pilot.oracle, nothing, ridge))
         case "F" | "H" | "C4":
             pilot = pilots.listening(settings, pilots.ahead(settings, pilot), held=case != "C4")
     prior = np.array([rival.mass_kg, *[rival.first_moment_kgm] * 3, *[rival.inertia_kgm2] * 6])
@@ -126,7 +128,7 @@ def _as(case: str, c1: simulate.Plan, settings: Settings) -> simulate.Plan:
         c1,
         pilot=pilot,
         updates=given.update_times_s if learns else (),
-        identify={"P": parameters, "R": school.Regress(ridge=rival.ridge)}.get(case),
+        identify={"P": parameters, "R": school.Regress(ridge=ridge)}.get(case),
     )
     return _going_on(made, settings, parameters) if case == "C4" else made
 

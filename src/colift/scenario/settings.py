@@ -783,7 +783,9 @@ class Baselines(Section):
     k_i: Annotated[of.GainOrNone, of_unit("1/s³")] = 40.0
     """Integral action on the attitude error, baseline I."""
     observer_Hz: of.Rate = 0.5
-    """Bandwidth of the wrench observer, baseline DOB."""
+    """Bandwidth of the wrench observer's force, baseline DOB."""
+    observer_moment_Hz: of.Rate | None = None
+    """Of its moment; as of its force if absent."""
     mass_kg: of.Deviation = 0.5
     """Prior deviation of the payload's mass error, baseline P."""
     first_moment_kgm: of.Deviation = 0.05
@@ -791,7 +793,9 @@ class Baselines(Section):
     inertia_kgm2: of.Deviation = 0.05
     """Prior deviation of the payload's inertia error, baseline P."""
     ridge: Annotated[of.Deviation, of_unit("label noise over weight, squared")] = 0.3
-    """What a squared weight of the basis costs beside a squared label error, baseline R."""
+    """What a squared weight of the basis costs beside a squared label error, for forces, baseline R."""
+    ridge_moment: Annotated[of.Deviation, of_unit("label noise over weight, squared")] | None = None
+    """For moments and joints; as for forces if absent."""
 
 
 class Innovation(Section):
