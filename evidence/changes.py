@@ -1,7 +1,7 @@
 """What a change of the world does to memory, reflex and both: the tables of docs/learning.md, second by second.
 
-With motors that lag every case flies eleven seeds; where the world changes, and at home, one: `evidence orderings`
-flies eleven there.
+With motors that lag and outdoors every case flies eleven seeds, through jets three; elsewhere, and at home, one:
+`evidence orderings` flies eleven there.
 """
 
 from __future__ import annotations
@@ -30,10 +30,11 @@ WORLDS: dict[str, tuple[str, tuple[str, ...], float]] = {  # scenario, changes, 
     "wind lost": ("paper", (*WIND, LOST.format(16)), 17.0),
     "mass lost": ("payload_added", (LOST.format(17),), 17.0),
     "outdoors": ("outdoors", (), 14.0),
+    "jets": ("jets", (), 10.0),
     "motors": ("paper", MOTORS, 10.0),
 }
 CASES = ("C1", "C3", "R", "F", "H", "C4", "O")
-SEEDS = {"motors": range(11)}  # 0 alone elsewhere
+SEEDS = {"motors": range(11), "outdoors": range(11), "jets": range(3)}  # 0 alone elsewhere
 OVER_O = {"median": (1.5, 2.2e-3), "worst": (2.0, 2.8e-3)}  # of C4: times O, and m
 
 

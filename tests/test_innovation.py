@@ -166,6 +166,7 @@ def test_shipped_scenarios_in_which_the_world_changes_are_those_of_the_paper_but
     for name, differs in {
         "payload_added": {"name", "description", "added"},
         "labels_lost": {"name", "description", "sensors"},
+        "jets": {"name", "description", "disturbances"},
         "path_leaves": {"name", "description", "duration_s", "reference"},
         "outdoors": {"name", "description", "actuators", "nominal", "disturbances", "sensors", "control"},
     }.items():
