@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from colift import checkup, modes, scenario, study
+from colift import checkup, modes, scenario, starter, study
 from colift.__main__ import app
 from colift.scenario import Settings, limits, roster, starts
 from tests import light
@@ -46,7 +46,7 @@ def test_a_team_that_flies_is_sound():
     ]
     assert good.lines()[-1] == "sample: sound"
     assert finding(good, "mass").numbers["total_kg"] == 6
-    assert "payload 1.5 kg (believed 1.2 kg), n0 1.5 kg" in finding(good, "mass").says
+    assert "payload 1.5 kg (believed 1.2 kg), n0 to n2 1.5 kg each" in finding(good, "mass").says
     assert finding(good, "contacts").numbers["rank"] == 6
     assert 0.002 <= finding(good, "delay").numbers["margin_s"] <= 0.05
     assert json.loads(json.dumps(good.summary))["mode"]["rad_s"][0] < 0
@@ -124,6 +124,48 @@ def test_little_thrust_is_bad_with_how_much_it_should_be(monkeypatch: pytest.Mon
     need = max(thrust.numbers["hover_N"].values())
     assert f"agent_types.body.thrust_max_N to {need / 0.9:.3g} or more" in thrust.advice[0]
     assert "no rest" in finding(seen, "rest").says
+
+
+def test_a_team_that_has_no_thrust_to_spare_is_not_told_to_share_it_or_to_fly_slower(monkeypatch: pytest.MonkeyPatch):
+    """At 8 kg hover takes 83 % of all the thrust: no place of contacts leaves 20 %, and no reference."""
+    monkeypatch.setattr(modes, "monodromy", no_rest)
+    limits = light.SAMPLE.limits.model_copy(update={"thrust_margin": 0.3})
+    few = checkup.check(heavier(7.0).model_copy(update={"limits": limits}))
+    hover, reference = finding(few, "thrust").advice
+    assert "lower payload.mass_kg, or add an agent" in hover
+    assert not any(word in line for word in ("contacts", "slower") for line in (hover, reference))
+
+
+def test_what_is_alike_in_a_team_is_said_once():
+    thirty = scenario.parse(starter.text("many", 12, 0), "many.yaml")
+    said = checkup._mass(thirty, *roster.team(thirty)).says
+    assert "agent_1 to agent_12 1.5 kg each" in said
+
+
+def test_arms_that_hang_straight_over_their_contacts_are_told_contacts_that_bend_them(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(modes, "monodromy", no_rest)
+    changes = [f"agent_types.two_arms.joints.{joint}.rest_rad=0" for joint in ("left", "right")]
+    changes += [f"agents.{name}.contacts_m=[[{x}, 0.08, 0.05], [{x}, -0.08, 0.05]]" for name, x in CONTACTS.items()]
+    refused = finding(checkup.check(scenario.load("paper", changes)), "refused")
+    assert "front: grasp Jacobian is nearly singular" in refused.says
+    (advice,) = refused.advice
+    better = re.findall(r"--set '([^']*)'", advice)
+    assert len(better) == 2
+    settings = scenario.load("paper", [*changes, *better])
+    truth, _ = roster.team(settings)
+    assert max(checkup._conditions(settings, truth, starts.at_rest(settings, truth)).values()) < checkup.JACOBIAN_MOST
+
+
+CONTACTS = {"front": 0.5, "rear": -0.5}
+
+
+def test_agents_whose_stated_rest_is_straight_follow_no_rate_of_labels():
+    changes = [f"agent_types.two_arms.joints.{joint}.rest_rad=0" for joint in ("left", "right")]
+    straight = scenario.load("paper", changes)  # their contacts bend them: the team can be built
+    (said,) = checkup._labels(straight, roster.team(straight)[1])
+    assert "front has straight arms where its joints are stated to rest" in said.says
+    assert "follow none" in said.says
+    json.dumps(said.numbers, allow_nan=False)
 
 
 def no_rest(*_: object) -> None:

@@ -9,9 +9,11 @@ import subprocess
 import sys
 from pathlib import Path
 
+import click
 import jax
 import numpy as np
 import pytest
+import typer
 from typer.testing import CliRunner
 
 from colift import __main__, folder, log, native, results, scenario, study, urdf, view
@@ -44,6 +46,37 @@ def test_an_unknown_scenario_is_one_line_and_status_2():
     assert said.count("\n") == 1
     assert "papr" in said
     assert "paper" in said
+
+
+def test_what_is_listed_and_shown_is_there_for_programs():
+    listed = CliRunner().invoke(app, ["list", "--json"])
+    assert list(json.loads(listed.stdout)) == scenario.names()
+    shown = CliRunner().invoke(app, ["show", "paper", "--set", "payload.mass_kg=2", "--json"])
+    assert json.loads(shown.stdout)["payload"]["mass_kg"] == 2
+
+
+def test_settings_complete_by_their_paths_entries_of_lists_by_name():
+    ctx = typer.Context(click.Command("run"))
+    for name, found in (("paper", ["payload.mass_kg="]), (None, ["payload.mass_kg="]), ("papr", [])):
+        ctx.params = {"name": name}
+        assert __main__._setting_paths(ctx, "payload.m") == found
+    paths = __main__._leaves(scenario.load("paper").model_dump(mode="json"))
+    assert "disturbances.load_wind.mean_mps" in paths
+    assert all(scenario.load("paper", [f"{path}={value}"]) for path, value in (("agents.rear.yaw_deg", 3), ("seed", 1)))
+
+
+def test_a_run_that_ends_before_learning_does_ends_it_and_says_so():
+    short = __main__._settings("paper", (), 5.0)
+    assert (short.duration_s, short.learning.end_s, short.learning.update_times_s) == (5.0, 5.0, (2.0, 4.0))
+    assert __main__._settings("paper", (), 12.0).learning == scenario.load("paper").learning
+    assert __main__._settings("paper", ["learning.end_s=4", "learning.update_times_s=[2]"], 4.5).learning.end_s == 4
+    with pytest.raises(scenario.ScenarioError) as refused:
+        __main__._settings("paper", (), -1.0)
+    assert str(refused.value).count("\n") == 0
+
+
+def test_no_case_at_all_is_refused():
+    assert invoke("study", "paper", "--cases", "")[0] == 2
 
 
 def test_a_file_that_cannot_be_read_is_one_line_and_status_2(tmp_path: Path):
@@ -154,10 +187,18 @@ def test_what_is_set_is_checked_as_if_it_were_written(command: tuple[str, ...], 
 
 
 @pytest.mark.parametrize("command", [("study",), ("certify",), ("export", "c")])
-def test_a_duration_that_ends_before_learning_does_is_said(command: tuple[str, ...], tmp_path: Path):
+def test_a_duration_that_ends_before_learning_does_is_said(
+    command: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    def plans(settings: scenario.Settings, *_: object) -> None:
+        raise scenario.ScenarioError(f"until {settings.learning.end_s:g} s")
+
+    monkeypatch.setattr(study, "plan", plans)
+    monkeypatch.setattr(study, "plans", plans)
     status, said = invoke(*command, "paper", "--duration", "5", "--out", str(tmp_path / "out"))
-    assert (status, said.count("\n")) == (2, 1)
-    assert "learning.end_s [s]: must not exceed --duration 5, got 10" in said
+    first, *_, last = said.splitlines()
+    assert (status, first) == (2, "warning: learning ends with the run, at 5 s (learning.end_s is 10)")
+    assert last == "until 5 s"
     assert invoke(*command, "paper", "--duration", "0.01")[1].startswith("--duration [s]: must be from 0.1 to")
 
 

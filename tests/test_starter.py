@@ -6,9 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from colift import checkup, grasp, scenario, starter
+from colift import urdf as urdf_file
 from colift.__main__ import app
 from colift.scenario import roster, starts
 
@@ -70,7 +72,7 @@ def test_nothing_is_overwritten_and_the_ending_is_yaml(tmp_path: Path):
     file.write_text("mine")
     done = CliRunner().invoke(app, ["new", str(file)])
     assert (done.exit_code, done.stderr.count("\n")) == (2, 1)
-    assert "exists" in done.stderr
+    assert done.stderr == f"{file}: exists; it is not overwritten\n"
     assert file.read_text() == "mine"
     assert CliRunner().invoke(app, ["new", str(tmp_path / "mine")]).exit_code == 2
     assert CliRunner().invoke(app, ["new", str(tmp_path / "none" / "mine.yaml")]).exit_code == 2
@@ -101,6 +103,42 @@ def test_a_vehicle_from_urdf_stands_with_its_hands_on_the_plate(tmp_path: Path):
     truth, _ = roster.team(settings)
     z = starts.at_rest(settings, truth)
     assert np.abs(np.asarray(z.agents[0].r)).max() < 1e-6
+
+
+def test_arms_that_are_straight_at_zero_are_bent_and_the_contacts_are_where_their_tips_are(tmp_path: Path):
+    """The paper's own vehicle, by way of a URDF file: both arms hang straight down there, where none can follow."""
+    assert CliRunner().invoke(app, ["export", "urdf", "paper", "--out", str(tmp_path)]).exit_code == 0
+    made = tmp_path / "mine.yaml"
+    done = CliRunner().invoke(app, ["new", str(made), "--urdf", str(tmp_path / "two_arms.urdf"), "--agents", "2"])
+    assert done.exit_code == 0, done.stderr
+    settings = scenario.load(made)
+    assert [joint.rest_rad for joint in settings.agent_types["vehicle"].joints] == [0.0, 1.2, -1.2]
+    truth, _ = roster.team(settings)
+    z = starts.at_rest(settings, truth)
+    np.testing.assert_allclose(np.asarray(z.agents[0].r)[0], [0.0, 1.2, -1.2], atol=1e-3)
+    assert all(condition < 20 for condition in checkup._conditions(settings, truth, z).values())
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_where_tips_are_and_how_they_move_are_those_of_any_tree(seed: int):
+    rng = np.random.default_rng(seed)
+    joints = tuple(
+        urdf_file.Joint(
+            name=f"j{k}",
+            parent=int(rng.integers(0, k + 1)),
+            prismatic=bool(rng.random() < 0.3),
+            position=rng.normal(size=3),
+            rotation=Rotation.random(random_state=rng).as_matrix(),
+            axis=(axis := rng.normal(size=3)) / np.linalg.norm(axis),
+        )
+        for k in range(5)
+    )
+    places = {f"l{k}": urdf_file.Placement(body=k, rotation=np.eye(3), position=rng.normal(size=3)) for k in range(6)}
+    robot, r = urdf_file.Robot(file="f", bodies=(), joints=joints, links=places), rng.normal(size=5)
+    _, moved = starter._reach(robot, list(places), r)
+    for k, e in enumerate(np.eye(5)):
+        ahead, behind = (starter._reach(robot, list(places), r + step * e)[0] for step in (1e-6, -1e-6))
+        np.testing.assert_allclose(moved[:, :, k], (ahead - behind) / 2e-6, atol=1e-8)
 
 
 @pytest.mark.parametrize(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import json
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
-from colift import modes, scenario, simulate, starter, tune
+from colift import interrupt, modes, scenario, simulate, starter, tune
 from colift.__main__ import app
 from colift.scenario import roster
 from tests import light
@@ -282,7 +283,7 @@ def test_the_command_writes_a_scenario_and_overwrites_none(tmp_path: Path, monke
     made = light.write(tmp_path / "team.yaml")
     monkeypatch.setattr(tune, "flown", lambda of: tune.Flown(of, 0.1))
     after = dataclasses.replace(lit(), settings=tune.scaled(lit().settings, np.full(6, 0.1)))
-    monkeypatch.setattr(tune, "tune", lambda _settings, _say: (lit(), after, tune.Spent(9, 2)))
+    monkeypatch.setattr(tune, "tune", lambda _settings, _say, _better: (lit(), after, tune.Spent(9, 2)))
     out = tmp_path / "tuned.yaml"
     said = CliRunner().invoke(app, ["tune", str(made), "--out", str(out), "--json"])
     assert said.exit_code == 0, said.stderr
@@ -298,3 +299,34 @@ def test_the_command_writes_a_scenario_and_overwrites_none(tmp_path: Path, monke
     shown = CliRunner().invoke(app, ["tune", str(made), "--out", str(tmp_path / "other.yaml")])
     assert "slowest mode, 1/s" in shown.stdout
     assert shown.stdout.splitlines()[-1] == f"sample with these gains is in {tmp_path / 'other.yaml'}"
+
+
+def test_ended_early_the_command_writes_the_best_gains_so_far(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    made, out = light.write(tmp_path / "team.yaml"), tmp_path / "tuned.yaml"
+    best = dataclasses.replace(lit(), settings=tune.scaled(lit().settings, np.full(6, 0.1)))
+
+    def ended(_settings: object, _say: object, better: Callable[[tune.Loop], None], found: Sequence[tune.Loop]) -> None:
+        for each in found:
+            better(each)
+        raise interrupt.Interrupted
+
+    for found in ((), (lit(), best)):
+        monkeypatch.setattr(tune, "tune", functools.partial(ended, found=found))
+        with pytest.raises(interrupt.Interrupted):
+            CliRunner().invoke(app, ["tune", str(made), "--out", str(out)])
+        assert out.exists() == bool(found)
+    assert scenario.load(out) == best.settings
+    nowhere = CliRunner().invoke(app, ["tune", str(made), "--out", str(tmp_path / "none" / "tuned.yaml")])
+    assert (nowhere.exit_code, nowhere.stderr.count("\n")) == (2, 1)
+
+
+def test_a_search_hands_on_the_best_so_far():
+    first, seen = Spring(np.zeros(FREE)), []
+    bounds = np.full(FREE, -1.0), np.full(FREE, 1.0)
+    best, *_ = tune.descend(
+        first, Spring, slopes, np.zeros(FREE), bounds, SECOND, 40, lambda of, _used: seen.append(of)
+    )
+    costs = [of.cost for of in seen]
+    assert seen[0] is first
+    assert costs == sorted(costs, reverse=True)
+    assert costs[-1] >= best.cost

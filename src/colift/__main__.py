@@ -69,6 +69,27 @@ def _case_names(incomplete: str) -> list[str]:
     return [name for name in flights.ALL if name.startswith(incomplete)]
 
 
+def _setting_paths(ctx: typer.Context, incomplete: str) -> list[str]:
+    from colift import scenario
+
+    try:
+        settings = scenario.load(ctx.params.get("name") or "paper").model_dump(mode="json")
+    except scenario.ScenarioError:
+        return []
+    return [f"{path}=" for path in _leaves(settings) if path.startswith(incomplete)]
+
+
+def _leaves(given: Any, prefix: str = "") -> list[str]:
+    """The paths of settings that have a value, as `--set` takes them; entries of lists by their names, if they have."""
+    if isinstance(given, dict):
+        named = {str(key): value for key, value in given.items()}
+    elif isinstance(given, list) and given and isinstance(given[0], dict):
+        named = {each.get("name", str(k)): each for k, each in enumerate(given)}
+    else:
+        return [prefix]
+    return [path for key, value in named.items() for path in _leaves(value, f"{prefix}.{key}" if prefix else key)]
+
+
 ScenarioName = Annotated[
     str,
     typer.Argument(metavar="SCENARIO", help="A shipped scenario, or a YAML file.", autocompletion=_scenario_names),
@@ -81,7 +102,10 @@ Seed = Annotated[
 Changes = Annotated[
     list[str] | None,
     typer.Option(
-        "--set", metavar="PATH=VALUE", help="Another value than the scenario's, as payload.mass_kg=2; may be repeated."
+        "--set",
+        metavar="PATH=VALUE",
+        help="Another value than the scenario's, as payload.mass_kg=2; may be repeated.",
+        autocompletion=_setting_paths,
     ),
 ]
 Duration = Annotated[
@@ -89,6 +113,7 @@ Duration = Annotated[
 ]
 Case = Annotated[str, typer.Option("--case", help="Which pilot: C1, C2, C3 or a rival.", autocompletion=_case_names)]
 Json = Annotated[bool, typer.Option("--json", help="Print the same as JSON, for programs.")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Say nothing but warnings and results.")]
 
 
 class Engine(enum.StrEnum):
@@ -111,7 +136,8 @@ def _settings(
     given = {"duration_s": duration, "seed": seed}
     options = [f"{setting}={value}" for setting, value in given.items() if value is not None]
     try:
-        settings = scenario.load(name, [*(changes or ()), *options])
+        early = [] if duration is None else _ending_early(name, changes or (), duration)
+        settings = scenario.load(name, [*(changes or ()), *options, *early])
     except scenario.ScenarioError as error:
         raise scenario.ScenarioError(_as_given(str(error), duration)) from None
     if engine is not None and settings.plant.kind != engine:
@@ -122,7 +148,30 @@ def _settings(
 def _as_given(mistakes: str, duration: float | None) -> str:
     """The same, by the options that were given."""
     named = mistakes.replace("--set duration_s", "--duration").replace("--set seed", "--seed")
-    return named if duration is None else named.replace(f"duration_s = {duration:g}", f"--duration {duration:g}")
+    if duration is None:
+        return named
+    lines = named.replace(f"duration_s = {duration:g}", f"--duration {duration:g}").splitlines()
+    wrong = any(line.startswith("--duration") for line in lines)  # then nothing else is to be held against it
+    return "\n".join(line for line in lines if not (wrong and f"exceed --duration {duration:g}" in line))
+
+
+def _ending_early(name: str, changes: Sequence[str], duration: float) -> list[str]:
+    """What to set so that learning ends with a run that is shorter than it; said, and nothing where it is not.
+
+    Raises ScenarioError for a scenario that cannot be read.
+    """
+    from colift import scenario
+
+    learning = scenario.load(name, changes).learning
+    if not learning.start_s < duration < learning.end_s:
+        return []
+    times = [t for t in learning.update_times_s if t < duration] or [duration]
+    errors.print(
+        f"warning: learning ends with the run, at {duration:g} s (learning.end_s is {learning.end_s:g})",
+        style="yellow",
+        markup=False,
+    )
+    return [f"learning.end_s={duration}", f"learning.update_times_s={times}"]
 
 
 @contextlib.contextmanager
@@ -143,15 +192,19 @@ def _opened(read: Callable[[], Any], out: Path | None, kept: str, suffix: str = 
             try:
                 yield settings, folder
             except interrupt.Interrupted:
-                errors.print(f"interrupted; {kept} {folder.path}", style="yellow", markup=False)
+                there = any(folder.path.glob("*.*"))  # what has not ended has left nothing
+                said = f"{kept} {folder.path}" if there else f"nothing was written to {folder.path}"
+                errors.print(f"interrupted; {said}", style="yellow", markup=False)
                 raise
     except (scenario.ScenarioError, native.CompilerError, OSError) as error:
         raise _fail(_one_line(error)) from None
 
 
 def _one_line(error: Exception) -> str:
-    """What went wrong; what colift says of a file, without the number that the system has for it."""
-    return (isinstance(error, OSError) and error.filename is None and error.strerror) or str(error)
+    """What went wrong; of a file, its name and the sentence without the number that the system has for it."""
+    if not isinstance(error, OSError) or not error.strerror:
+        return str(error)
+    return error.strerror if error.filename is None else f"{error.filename}: {error.strerror}"
 
 
 @contextlib.contextmanager
@@ -204,23 +257,29 @@ def _options(
 
 
 @app.command("list")
-def list_() -> None:
+def list_(as_json: Json = False) -> None:
     """List the shipped scenarios."""
     from colift import scenario
 
+    found = {name: scenario.load(name).description for name in scenario.names()}
     with _printed(""):
-        for name in scenario.names():
-            print(f"{name:16} {scenario.load(name).description}")
+        if as_json:
+            print(json.dumps(found, indent=2))
+        else:
+            print("\n".join(f"{name:16} {description}" for name, description in found.items()))
 
 
 @app.command()
-def show(name: ScenarioName, changes: Changes = None) -> None:
+def show(name: ScenarioName, changes: Changes = None, as_json: Json = False) -> None:
     """Print a scenario: a shipped one as it is written, another, or one that is changed, with every setting."""
     from colift import scenario
 
     try:
         as_written = name in scenario.names() and not changes
-        text = scenario.shipped(name) if as_written else scenario.text(_settings(name, changes))
+        if as_json:
+            text = _settings(name, changes).model_dump_json(indent=2) + "\n"
+        else:
+            text = scenario.shipped(name) if as_written else scenario.text(_settings(name, changes))
     except scenario.ScenarioError as error:
         raise _fail(str(error)) from None
     with _printed(""):
@@ -264,16 +323,18 @@ def new(
             text = starter.text(name, agents, 2 if arms is None else arms)
         else:
             text = starter.from_urdf(name, agents, urdf, file.parent)
+        if file.exists():
+            raise _fail(f"{file}: exists; it is not overwritten")
         with file.open("x", encoding="utf-8") as opened:
             opened.write(text)
     except (ValueError, OSError) as error:
-        raise _fail(str(error)) from None
+        raise _fail(_one_line(error)) from None
     with _printed(""):
         print(f"{file}: {agents} agents; next: colift check {shlex.quote(str(file))}")
 
 
 @app.command()
-def check(name: ScenarioName, changes: Changes = None, as_json: Json = False) -> None:
+def check(name: ScenarioName, changes: Changes = None, quiet: Quiet = False, as_json: Json = False) -> None:
     """Build a scenario, linearize its loop, and say whether it is sound and what to change where it is not.
 
     Mass, contacts, thrust, joints, slowest mode, delay margin. Status 0: sound; 1: something is bad; 2: not read.
@@ -283,7 +344,7 @@ def check(name: ScenarioName, changes: Changes = None, as_json: Json = False) ->
     interrupt.check()
     try:
         settings = _settings(name, changes)
-        with _stages(f"checking {settings.name}") as say:
+        with _stages(f"checking {settings.name}", quiet) as say:
             found = checkup.check(settings, say)
     except (scenario.ScenarioError, OSError) as error:
         raise _fail(_one_line(error)) from None
@@ -297,16 +358,24 @@ def check(name: ScenarioName, changes: Changes = None, as_json: Json = False) ->
         raise typer.Exit(UNSOUND)
 
 
+def _write_new(file: Path, text: str) -> None:
+    """Raises OSError where there is such a file."""
+    with file.open("x", encoding="utf-8") as opened:
+        opened.write(text)
+
+
 @app.command()
 def tune(
     name: ScenarioName,
     out: Annotated[Path, typer.Option("--out", metavar="FILE", help="The scenario to write; it must not exist yet.")],
     changes: Changes = None,
+    quiet: Quiet = False,
     as_json: Json = False,
 ) -> None:
     """Choose a scenario's gains: what disturbs dies out soon, also with commands that come late, and moves little.
 
     Prints modes and margins before and after, and writes the scenario with the gains found; no file is overwritten.
+    Takes some minutes; ended early, by Ctrl-C, it writes the best gains so far.
     """
     from colift import scenario
     from colift import tune as tuner
@@ -317,18 +386,26 @@ def tune(
             raise _fail(f"--out {out}: must end in {' or '.join(scenario.SUFFIXES)}")
         if out.exists():
             raise _fail(f"--out {out}: exists; it is not overwritten")
-        settings = _settings(name, changes)
-        with _stages(f"tuning {settings.name}") as say:
-            before, after, spent = tuner.tune(settings, say)
-            say("flights with both")
-            old, new = tuner.numbers(before), tuner.numbers(after)
-        written = None
+        if not os.access(out.parent, os.W_OK):
+            raise _fail(f"--out {out}: the folder {out.parent} is not there, or cannot be written to")
+        settings, written = _settings(name, changes), None
         if not changes and name in scenario.names():
             written = scenario.shipped(name)
         elif not changes:
             written = Path(name).expanduser().read_text(encoding="utf-8-sig")
-        with out.open("x", encoding="utf-8") as opened:
-            opened.write(tuner.text(after.settings, written, str(out)))
+        best: list[Any] = []
+        try:
+            with _stages(f"tuning {settings.name}", quiet) as say:
+                before, after, spent = tuner.tune(settings, say, best.append)
+                say("flights with both")
+                old, new = tuner.numbers(before), tuner.numbers(after)
+        except interrupt.Interrupted:
+            if best:
+                _write_new(out, tuner.text(best[-1].settings, written, str(out)))
+            said = f"the best gains so far are in {out}" if best else f"there is nothing to write to {out} yet"
+            errors.print(f"interrupted; {said}", style="yellow", markup=False)
+            raise
+        _write_new(out, tuner.text(after.settings, written, str(out)))
     except (scenario.ScenarioError, ValueError, OSError) as error:
         raise _fail(_one_line(error)) from None
     with _printed(""):
@@ -340,7 +417,6 @@ def tune(
             print("\n".join([*said, f"{settings.name} with these gains is in {out}"]))
 
 
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Say nothing but warnings and results.")]
 ByEngine = Annotated[
     Engine | None,
     typer.Option("--engine", help="Our rigid contacts, or MuJoCo (extra mujoco); by default the scenario's."),
@@ -363,8 +439,8 @@ def study(
         ),
     ] = False,
     cases: Annotated[
-        str, typer.Option("--cases", help="Which cases to fly, as C1,C3,C4; by default C1, C2 and C3.")
-    ] = "",
+        str | None, typer.Option("--cases", help="Which cases to fly, as C1,C3,C4; by default C1, C2 and C3.")
+    ] = None,
     held_out: Annotated[
         bool,
         typer.Option(
@@ -384,7 +460,7 @@ def study(
     """
     from colift import study as flights
 
-    asked = [case.strip() for case in cases.split(",")] if cases else list(flights.CASES)
+    asked = list(flights.CASES) if cases is None else [case.strip() for case in cases.split(",")]
     for case in asked:
         _require_known(case, "--cases")
     wanted = dict.fromkeys([*asked, *(flights.BASELINES if baselines else ())])
@@ -582,6 +658,8 @@ def certify(
     adversary: Annotated[
         bool, typer.Option("--adversary", help="Also fly the worst unknown forces that norm and data allow.")
     ] = False,
+    quiet: Quiet = False,
+    as_json: Json = False,
 ) -> None:
     """Bound the ultimate tracking errors of a scenario under C3, beside what is observed (docs/certificate.md).
 
@@ -593,14 +671,17 @@ def certify(
     read = functools.partial(_settings, name, changes, duration, seed)
     with _opened(read, out, "no certificate was written to") as (settings, folder):
         try:
-            with _stages(f"certifying {settings.name}") as say:
+            with _stages(f"certifying {settings.name}", quiet) as say:
                 made = certification.certify(settings, progress=say)
                 against = certification.challenge(made, progress=say) if adversary else None
                 summary = certification.save_certificate(settings, made, against, folder, say)
         except ValueError as error:
             raise _fail(str(error)) from None
     with _printed(f"; the results are in {folder.path}"):
-        _report_certificate(summary, folder.path)
+        if as_json:
+            print(json.dumps(summary, indent=2))
+        else:
+            _report_certificate(summary, folder.path)
     if summary["exceeded"]:
         raise typer.Exit(EXCEEDED)
 
@@ -618,6 +699,8 @@ def attack(
     only: Annotated[
         list[str] | None, typer.Option("--only", metavar="TRY", help="Only this try, as 'worst e_p 0'; repeatable.")
     ] = None,
+    quiet: Quiet = False,
+    as_json: Json = False,
 ) -> None:
     """Search for a violation of a printed radius (docs/certificate.md, "The attack").
 
@@ -630,18 +713,22 @@ def attack(
 
     read = functools.partial(_settings, name, changes, duration, seed)
     done: list[Any] = []
+    held: Any = None
     with _opened(read, out, "the tries that had ended are in", "-attack") as (settings, folder):
         asked = only or attacks.names(settings, rounds)
         try:
-            with _stages(f"attacking {settings.name}") as say:
+            with _stages(f"attacking {settings.name}", quiet) as say:
                 for one in attacks.attack(settings, asked, say):
                     done.append(one)
-                    disk.write_json(_tried(folder.run, settings, done), folder.path / "attack.json")
+                    held = disk.write_json(_tried(folder.run, settings, done), folder.path / "attack.json")
         except ValueError as error:
             raise _fail(str(error)) from None
     given = [*(changes or ()), *([] if duration is None else [f"duration_s={duration}"])]
     with _printed(f"; the results are in {folder.path}"):
-        _report_attack(done, name, given, settings.seed, folder.path)
+        if as_json:
+            print(json.dumps(held, indent=2))
+        else:
+            _report_attack(done, name, given, settings.seed, folder.path)
     if any(one.breaks for one in done):
         raise typer.Exit(EXCEEDED)
 

@@ -83,7 +83,9 @@ def check(settings: Settings, progress: Callable[[str], None] = lambda _what: No
         found += [_thrust(settings, plan, z), *_joints(settings, truth, z), *_labels(settings, nominal)]
     except ScenarioError as error:
         # of a refusal the sentence is its own advice: it names what is at fault, and what is needed
-        return Checkup(settings.name, (*found, Finding("refused", str(error), {}, (_mend(str(error)),))))
+        return Checkup(
+            settings.name, (*found, Finding("refused", str(error), {}, _mend(settings, str(error), progress)))
+        )
     progress("its loop at rest")
     try:
         x, M = modes.monodromy(plan, z)
@@ -157,17 +159,45 @@ def _returns(found: modes.Modes) -> tuple[float, int] | None:
     return float(-found.eigenvalues[k].real), int(np.argmax(found.joints[k]))
 
 
-def _mend(refusal: str) -> str:
-    """What helps against a refusal."""
+def _mend(settings: Settings, refusal: str, progress: Callable[[str], None]) -> tuple[str, ...]:
+    """What helps against a refusal; where arms are straight or folded, contacts with which the team can be built."""
+    if "grasp Jacobian" in refusal:
+        bent = []
+        for typed, changed in _apart(settings):
+            progress(f"the team with {typed}")
+            with contextlib.suppress(ScenarioError):
+                team = study.plan(changed, "C1").world.team
+                bent.append((max(_conditions(changed, team, starts.at_rest(changed, team)).values()), typed))
+        if bent:
+            return (f"arms are straight or folded over the contacts that they hold; {min(bent)[1]} bends them",)
     for words, change in (
         ("cannot hover", "raise agent_types: thrust_max_N, lower payload.mass_kg, or add an agent"),
         ("rank", "move a contact (agents: contacts_m) away from the line through the others"),
-        ("grasp Jacobian", "turn the rest of a joint (agent_types: joints: rest_rad) away from straight or folded"),
+        (
+            "grasp Jacobian",
+            "move each agent's contacts (agents: contacts_m) nearer together or farther apart: they bend arms",
+        ),
         ("joints for", "give the agent more joints (agent_types: joints), or fewer arms"),
     ):
         if words in refusal:
-            return change
-    return "see the sentence before"
+            return (change,)
+    return ("see the sentence before",)
+
+
+def _apart(settings: Settings) -> Iterator[Change]:
+    """Every agent's contacts farther apart, or nearer together, about their middle."""
+    for factor in (1.5, 2.0, 3.0, 4.0, 0.6):
+        agents = []
+        for agent in settings.agents:
+            c = np.array(agent.contacts_m)
+            moved = c.mean(0) + factor * (c - c.mean(0))
+            agents.append(agent.model_copy(update={"contacts_m": tuple(map(tuple, moved.round(4).tolist()))}))
+        typed = " ".join(
+            f"--set 'agents.{agent.name}.contacts_m={[list(c) for c in agent.contacts_m]}'"
+            for agent in agents
+            if len(agent.contacts_m) > 1
+        )
+        yield typed, settings.model_copy(update={"agents": tuple(agents)})
 
 
 def _mass(settings: Settings, truth: Team, nominal: Team) -> Finding:
@@ -176,8 +206,14 @@ def _mass(settings: Settings, truth: Team, nominal: Team) -> Finding:
     load, believed = float(truth.payload.mass), float(nominal.payload.mass)
     total, thrust = load + sum(agents.values()), float(sum(group.thrust_max.sum() for group in truth.groups))
     weight = total * float(np.linalg.norm(truth.gravity))
-    said = f"payload {load:.4g} kg{f' (believed {believed:.4g} kg)' if believed != load else ''}, "
-    said += ", ".join(f"{name} {mass:.4g} kg" for name, mass in agents.items())
+    said = f"payload {load:.4g} kg{f' (believed {believed:.4g} kg)' if believed != load else ''}"
+    for mass, alike in itertools.groupby(names, key=lambda name: f"{agents[name]:.4g}"):
+        first, *others = alike
+        said += (
+            f", {first} to {others[-1]} {mass} kg each"
+            if len(others) > 1
+            else "".join(f", {name} {mass} kg" for name in (first, *others))
+        )
     lift = f"; all thrust is {thrust / weight:.3g} times the weight" if weight else ""
     return Finding(
         "mass",
@@ -210,11 +246,10 @@ def _contacts(settings: Settings, truth: Team) -> Finding:
 
 def _joints(settings: Settings, truth: Team, z: State) -> Iterator[Finding]:
     """Every agent's grasp Jacobian at rest: whether its joints can follow the payload; nothing for single bodies."""
-    conditions, advice = {}, []
+    conditions, advice = _conditions(settings, truth, z), []
     kinds = {agent.name: agent.type for agent in settings.agents}
     for name, agent, r, _ in grasp.each(truth, z, roster.agent_names(settings)):
-        values, share = grasp.weakest(agent, r)
-        conditions[name] = float(values[0] / values[-1])
+        _, share = grasp.weakest(agent, r)
         if conditions[name] > JACOBIAN_MOST and len(share):
             k = int(np.argmax(share))
             joint = settings.agent_types[kinds[name]].joints[k].name
@@ -229,6 +264,14 @@ def _joints(settings: Settings, truth: Team, z: State) -> Iterator[Finding]:
         yield Finding("joints", said, {"condition": conditions}, tuple(advice))
 
 
+def _conditions(settings: Settings, truth: Team, z: State) -> dict[str, float]:
+    """Of every agent's grasp Jacobian, by name."""
+    each = (
+        (name, grasp.weakest(agent, r)[0]) for name, agent, r, _ in grasp.each(truth, z, roster.agent_names(settings))
+    )
+    return {name: float(values[0] / values[-1]) for name, values in each}
+
+
 def _thrust(settings: Settings, plan: simulate.Plan, z: State) -> Finding:
     """What hovering and the reference take of every agent's thrust; bad where `limits.thrust_margin` is not left."""
     names, margin = roster.agent_names(settings), settings.limits.thrust_margin
@@ -239,17 +282,19 @@ def _thrust(settings: Settings, plan: simulate.Plan, z: State) -> Finding:
     left = [1 - hover / have, 1 - path.max(0) / have]
     least = [int(np.argmin(each)) for each in left]
     when = float(t[int(np.argmax(path[:, least[1]]))])
-    advice = []
+    hovers, advice = left[0][least[0]] >= margin, []
     for k, where in enumerate(("hover", "reference")):
         if left[k][least[k]] < margin:
-            name = names[least[k]]
+            name, asked = names[least[k]], hover if k == 0 else path.max(0)
             kind = next(agent.type for agent in settings.agents if agent.name == name)
-            need = float((hover if k == 0 else path.max(0))[least[k]] / (1 - margin))
-            slower = "" if k == 0 else ", or fly a slower or smaller reference (reference.period_s, amplitude_m)"
-            advice.append(
-                f"{where}: raise agent_types.{kind}.thrust_max_N to {need:.3g} or more, or move the contacts of {name} "
-                f"away from the payload's centre of mass, so that others carry more{slower}"
-            )
+            change = f"{where}: raise agent_types.{kind}.thrust_max_N to {asked[least[k]] / (1 - margin):.3g} or more"
+            if asked.sum() < (1 - margin) * have.sum():
+                change += f", or move the contacts of {name} away from the payload's centre of mass: others carry more"
+            else:  # no other has any to spare
+                change += ", lower payload.mass_kg, or add an agent"
+            if k == 1 and hovers:
+                change += ", or fly a slower or smaller reference (reference.period_s, amplitude_m)"
+            advice.append(change)
     return Finding(
         "thrust",
         f"hover leaves {left[0][least[0]]:.1%} of {names[least[0]]}'s {have[least[0]]:.4g} N, the reference "
@@ -342,11 +387,17 @@ def _labels(settings: Settings, nominal: Team) -> Iterator[Finding]:
     gains = dict(zip(roster.agent_names(settings), itertools.chain(*pilots.echoes(settings, nominal)), strict=True))
     loudest = max(gains, key=lambda name: gains[name])
     if (part := echo.heeded(gains[loudest])) < 1:
+        known = np.isfinite(gains[loudest])
+        hears = (
+            f"hears {gains[loudest]:.2g} of its own motion"
+            if known
+            else ("has straight arms where its joints are stated to rest, and what it hears of itself is not known")
+        )
         yield Finding(
             "labels",
-            f"{loudest} hears {gains[loudest]:.2g} of its own motion: F, H and C4 follow "
-            f"{f'{100 * part:.2g}%' if part else 'none'} of its labels' rate, and gusts later",
-            {"gain": gains},
+            f"{loudest} {hears}: F, H and C4 follow {f'{100 * part:.2g}%' if part else 'none'} of its labels' rate, "
+            "and gusts later",
+            {"gain": {name: gain if np.isfinite(gain) else None for name, gain in gains.items()}},
         )
 
 

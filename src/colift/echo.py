@@ -24,10 +24,13 @@ def gain(agent: Agent, rest: Float[Array, "n_r"], gains: control.Gains, filters:
     `gamma = max_w |mu / |f| s F(s) (1 - F_j(s)) s k_w / (s + k_w)|` at `s = i w`, with `mu = ||m B_r G||` the force in
     the label by angular acceleration, `r_dd = G w_dot` as joints fold (`control.folded`), F the filters of labels, F_j
     that of joints, and f the thrust whose direction follows, N. At 1 and above nothing says that the loop is stable;
-    infinite where there is no weight, and any force is the direction.
+    infinite where there is no weight, and any force is the direction, and where arms are straight at rest, so that
+    nothing says how joints fold.
     """
     p = ag.reduce(agent, ag.geometry(agent, rest))
     folds = np.asarray(p.base)[:, 3:] @ np.asarray(control.folded(agent, p))
+    if not np.isfinite(folds).all():
+        return np.inf
     mu = float(p.mass) * float(np.linalg.norm(folds, 2))
     s, k_omega = 1j * FREQUENCIES, float(gains.agent_k_omega)
     heard = _low(s, filters.label) ** 2 * _low(s, filters.tip_force) * (1 - _low(s, filters.joint) ** 2)

@@ -23,7 +23,7 @@ def settle(x: Float[Array, "*shape"]) -> LowPass:
     return LowPass(inner=x, outer=x)
 
 
-def blend(hertz: Scalar, dt: Scalar) -> Scalar:
+def blend(hertz: Float[Array, "*corners"], dt: Scalar) -> Float[Array, "*corners"]:
     """What a first-order low-pass takes of a new sample: `1 - exp(-2 pi hertz dt)`."""
     return -jnp.expm1(-2 * jnp.pi * hertz * dt)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import json
 import math
 import os
@@ -10,6 +11,7 @@ import re
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from colift import urdf
 
@@ -21,14 +23,14 @@ class Vehicle:
     name: str
     text: str
     mass: float  # kg
-    held: tuple[tuple[float, float], ...]  # m, where its tips are over the plate, ahead and to the left of it
+    held: tuple[tuple[float, float, float], ...]  # m, where its tips are: ahead, to the left of it, above their mean
 
 
 VEHICLES = {  # by arms
     0: Vehicle(
         name="body",
         mass=1.5,
-        held=((0.0, 0.0),),
+        held=((0.0, 0.0, 0.0),),
         text="""\
   body:  # a single body that holds the plate itself, by a hook below it
     base: {mass_kg: 1.5, inertia_kgm2: [0.02, 0.02, 0.035]}
@@ -40,7 +42,7 @@ VEHICLES = {  # by arms
     1: Vehicle(
         name="one_arm",
         mass=1.63,
-        held=((0.0, 0.0),),
+        held=((0.0, 0.0, 0.0),),
         text="""\
   one_arm:  # an arm that hangs below on two joints
     base: {mass_kg: 1.5, inertia_kgm2: [0.02, 0.02, 0.035]}
@@ -62,7 +64,7 @@ VEHICLES = {  # by arms
     2: Vehicle(
         name="two_arms",
         mass=1.84,
-        held=((0.0, 0.36), (0.0, -0.36)),
+        held=((0.0, 0.36, 0.0), (0.0, -0.36, 0.0)),
         text="""\
   two_arms:
     base: {mass_kg: 1.5, inertia_kgm2: [0.02, 0.02, 0.035]}
@@ -119,8 +121,8 @@ def text(name: str, agents: int, arms: int) -> str:
 def from_urdf(name: str, agents: int, file: Path, folder: Path) -> str:
     """The same of vehicles read from a URDF file, which stands in the scenario by its path from `folder`.
 
-    The bodies that carry no other are taken to hold the plate, joints at zero. Raises OSError and ValueError as
-    `urdf.load` does, ValueError for a team that cannot turn the plate about every axis.
+    The bodies that carry no other are taken to hold the plate, joints at zero or, where arms are straight there, bent.
+    Raises OSError and ValueError as `urdf.load` does, ValueError for a team that cannot turn the plate about each axis.
     """
     robot = urdf.load(file)
     tips = _tips(robot)
@@ -129,7 +131,8 @@ def from_urdf(name: str, agents: int, file: Path, folder: Path) -> str:
     if len(tips) * agents < 3:
         raise ValueError(f"--agents {agents}: each holds the payload at {len(tips)}, and three contacts are needed")
     mass = sum(body.mass for body in robot.bodies)
-    points = [_at_zero(robot, link) for link in tips]
+    r = _bent(robot, tips)
+    points = _reach(robot, tips, r)[0]
     path = json.dumps(os.path.relpath(file, folder), ensure_ascii=False)
     hands = "\n".join(
         f"      - {{link: {json.dumps(link, ensure_ascii=False)}, name: hand_{k + 1}}}" for k, link in enumerate(tips)
@@ -140,9 +143,8 @@ def from_urdf(name: str, agents: int, file: Path, folder: Path) -> str:
     thrust_max_N: {2 * 9.81 * (1.3 * mass):.3g}
     tips:  # links that hold the payload: these carry no other; are they the hands?
 {hands}
-    # rest_rad: {{joint: 0.5}}  # where joints rest; at zero, arms may be straight, which `check` says
-"""
-    held = tuple((float(x), float(y)) for x, y, _ in points)
+{_rests(robot, r)}"""
+    held = tuple((float(x), float(y), float(z)) for x, y, z in points - [0, 0, points[:, 2].mean()])
     return _scenario(name, Vehicle("vehicle", kind, mass, held), agents)
 
 
@@ -154,18 +156,69 @@ def _tips(robot: urdf.Robot) -> list[str]:
     return [max((link for link in robot.links if robot.tip(link)[0] == k), key=far) for k in ends]
 
 
-def _at_zero(robot: urdf.Robot, link: str) -> np.ndarray:
-    """Where a link is in the base's frame with all joints at zero, m."""
-    body, point = robot.tip(link)
-    while body:
-        joint = robot.joints[body - 1]
-        point, body = joint.position + joint.rotation @ point, joint.parent
-    return point
+def _reach(robot: urdf.Robot, links: list[str], r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Where links are in the base's frame with joints at r, m, and how they move with joints, `(links, 3, joints)`."""
+    frames, origins, axes = [(np.eye(3), np.zeros(3))], [], []
+    for joint, value in zip(robot.joints, r, strict=True):
+        R, p = frames[joint.parent]
+        R, p = R @ joint.rotation, p + R @ joint.position
+        origins.append(p)
+        axes.append(R @ joint.axis)
+        turn = np.eye(3) if joint.prismatic else Rotation.from_rotvec(value * joint.axis).as_matrix()
+        frames.append((R @ turn, p + (value * axes[-1] if joint.prismatic else 0.0)))
+    points, moved = [], np.zeros((len(links), 3, len(r)))
+    for i, link in enumerate(links):
+        body, point = robot.tip(link)
+        points.append(frames[body][1] + frames[body][0] @ point)
+        while body:
+            k = body - 1
+            lever = points[-1] - origins[k]
+            moved[i, :, k] = axes[k] if robot.joints[k].prismatic else np.cross(axes[k], lever)
+            body = robot.joints[k].parent
+    return np.array(points), moved
+
+
+BENDS = (0.0, 0.4, -0.4, 0.8, -0.8, 1.2, -1.2)  # rad, at which joints that turn are tried
+CONDITION_MOST = 30.0  # of tips by base and joints: beyond it arms are straight, or nearly
+TRIED = 3000
+
+
+def _bent(robot: urdf.Robot, links: list[str]) -> np.ndarray:
+    """Joint positions, rad or m, with which tips can go all ways: zero if they can there, else the best of some."""
+
+    def condition(r: np.ndarray) -> float:
+        moved = _reach(robot, links, r)[1]
+        values = np.linalg.svd(np.vstack([np.hstack([np.eye(3), each]) for each in moved]), compute_uv=False)
+        return values[0] / max(values[min(len(values), 3 * len(links)) - 1], 1e-12)
+
+    def cost(r: np.ndarray) -> float:
+        z = _reach(robot, links, r)[0][:, 2]  # m, level, and not far from the base, about which an agent pitches
+        return condition(r) + np.ptp(z) / 0.01 + abs(z.mean()) / 0.01 + np.abs(r).sum()
+
+    zero = np.zeros(len(robot.joints))
+    turning = [k for k, joint in enumerate(robot.joints) if not joint.prismatic]
+    if 3 + len(zero) < 3 * len(links) or condition(zero) < CONDITION_MOST or not turning:
+        return zero  # fewer joints than a grasp asks for are refused by `check`, in words
+    if len(BENDS) ** len(turning) <= TRIED:
+        tried = np.array(list(itertools.product(BENDS, repeat=len(turning))))
+    else:
+        tried = np.random.default_rng(0).choice(BENDS, (TRIED, len(turning)))
+    rests = np.zeros((len(tried), len(zero)))
+    rests[:, turning] = tried
+    return min(rests, key=cost)
+
+
+def _rests(robot: urdf.Robot, r: np.ndarray) -> str:
+    """The line that says where joints rest: bent where zero would not do, else how it would be said."""
+    if not r.any():
+        return "    # rest_rad: {joint: 0.5}  # where joints rest; 0 where left out\n"
+    bent = ", ".join(f"{json.dumps(joint.name)}: {x:g}" for joint, x in zip(robot.joints, r, strict=True) if x)
+    return f"    rest_rad: {{{bent}}}  # at zero these arms are straight, and could not follow the payload\n"
 
 
 def _scenario(name: str, vehicle: Vehicle, agents: int) -> str:
     """Vehicles evenly on a circle, as wide apart as their rotors need, and a round plate that reaches beyond it."""
-    width = 2 * max(abs(y) for _, y in vehicle.held) + 0.5  # m, with the rotors
+    width = 2 * max(abs(y) for _, y, _ in vehicle.held) + 0.5  # m, with the rotors
     radius = max(0.5, 0.5 * width / math.sin(math.pi / agents)) if agents > 1 else 0.0
     members = "".join(_member(f"agent_{i + 1}", vehicle, 360 * i / agents, radius) for i in range(agents))
     wave = 2 * math.pi / (4 * radius + 2 * width)  # rad/m; longer than the payload, on which it attacks at one point
@@ -241,5 +294,6 @@ learning:
 def _member(name: str, vehicle: Vehicle, deg: float, radius: float) -> str:
     """One agent, its nose turned outwards, its contacts where its tips reach."""
     c, s = math.cos(math.radians(deg)), math.sin(math.radians(deg))
-    points = [f"[{c * (radius + x) - s * y:.4f}, {s * (radius + x) + c * y:.4f}, 0.05]" for x, y in vehicle.held]
+    places = ((c * (radius + x) - s * y, s * (radius + x) + c * y, 0.05 + z) for x, y, z in vehicle.held)
+    points = [f"[{x:.4f}, {y:.4f}, {float(f'{z:.4f}'):g}]" for x, y, z in places]
     return f"  - {{name: {name}, type: {vehicle.name}, yaw_deg: {deg:g}, contacts_m: [{', '.join(points)}]}}\n"

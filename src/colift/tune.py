@@ -115,8 +115,14 @@ def scaled(settings: Settings, steps: np.ndarray, digits: int = 3) -> Settings:
     return settings.model_copy(update={"control": settings.control.model_copy(update=change)})
 
 
-def tune(settings: Settings, progress: Callable[[str], None] = lambda _what: None) -> tuple[Loop, Loop, Spent]:
+def tune(
+    settings: Settings,
+    progress: Callable[[str], None] = lambda _what: None,
+    better: Callable[[Loop], None] = lambda _loop: None,
+) -> tuple[Loop, Loop, Spent]:
     """The loop as it is, the one with the gains that were found, and what that took.
+
+    `better` is handed the best loop so far, again and again: what is left to whoever ends the search early.
 
     First `Loop.cost` is made small, which needs no flight, then, from there or from the start, whichever flies at less,
     `Flown.cost`: both in the logarithms of frequencies and dampings, within `room`. Where neither flies the fastest
@@ -137,11 +143,13 @@ def tune(settings: Settings, progress: Callable[[str], None] = lambda _what: Non
         found = None if tried is None else flown(tried)
         return found if isinstance(found, Flown) else None
 
-    def decays(cost: float, used: int) -> None:
-        progress(f"slowest mode {cost:+.3g} 1/s, {used} of at most {LOOPS} loops looked at")
+    def decays(best: Loop, used: int) -> None:
+        better(best)
+        progress(f"slowest mode {best.cost:+.3g} 1/s, {used} of at most {LOOPS} loops looked at")
 
-    def flies(cost: float, used: int) -> None:
-        progress(f"error over decay {cost:.3g} m s, {used} of at most {FLIGHTS} flown")
+    def flies(best: Flown, used: int) -> None:
+        better(best.loop)
+        progress(f"error over decay {best.cost:.3g} m s, {used} of at most {FLIGHTS} flown")
 
     none, second = np.zeros(free), DAMPING[:free]
     fastest, where, loops = descend(first, at, _slopes, none, bounds, second, LOOPS, decays)
@@ -176,7 +184,7 @@ def descend(
     bounds: tuple[np.ndarray, np.ndarray],
     second: np.ndarray,
     most: int,
-    progress: Callable[[float, int], None] = lambda _cost, _used: None,
+    progress: Callable[[C, int], None] = lambda _best, _used: None,
 ) -> tuple[C, np.ndarray, int]:
     """From start, where `first` is, to what costs least within bounds; `at` is None where there is nothing.
 
@@ -189,7 +197,7 @@ def descend(
     best, here, region, used, known = first, start, REGION, 1, None
     while region > LEAST_REGION and used + 2 + (len(low) if known is None else 0) <= most:
         if known is None:
-            progress(best.cost, used)
+            progress(best, used)
             known = slopes(best)
             used += len(low)
         for moves in (np.full(len(low), True), ~second):
