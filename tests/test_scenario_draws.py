@@ -3,12 +3,13 @@
 import functools
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from colift import gp, learn, scenario, study
 from colift.model import Residual, State
-from colift.scenario import ScenarioError, Settings, draws, roster, starts
+from colift.scenario import ScenarioError, Settings, draws, paths, roster, starts
 from tests.varied import changed
 
 SEEDED = {"norm": 1.7, "centers": 6, "spread": 0.0}
@@ -16,7 +17,7 @@ SEEDED = {"norm": 1.7, "centers": 6, "spread": 0.0}
 
 def drawn(**sections: object) -> tuple[learn.Oracle, Residual, Settings]:
     """What `certified` draws with few kernels on the reference itself."""
-    s = changed("certified", drawn=SEEDED, **sections)
+    s = changed("certified", **({"drawn": SEEDED} | sections))
     truth, _ = roster.team(s)
     found = draws.drawn(s, truth, start())
     assert found is not None
@@ -117,3 +118,28 @@ def test_nothing_is_drawn_where_it_is_not_asked_for_and_no_norm_is_an_error():
     for bad in ({"norm": 0}, {"norm": 1, "centers": 0}, {"norm": 1, "spread": -0.1}):
         with pytest.raises(ScenarioError):
             changed("certified", drawn=bad)
+
+
+means = jax.jit(jax.vmap(gp.mean, (None, 0)))
+
+
+def test_outputs_that_vary_too_little_are_drawn_again_and_others_are_as_they_were():
+    """Along the reference as the truth flies it, half from least to greatest, in signal deviations."""
+    free, _, s = drawn(drawn=SEEDED | {"least": 0.0})
+    asked, _, _ = drawn(drawn=SEEDED | {"least": 0.5})
+    t = jnp.linspace(s.reference.ramp_s, s.duration_s, 150)  # not the moments at which draws look
+    payload, (agents,) = draws._carried(paths.path(s), free.features, start(), t)
+    few = 0
+    for f, g, x in zip(functions(free), functions(asked), (payload, agents[:, 0], agents[:, 1]), strict=True):
+        before, after = (np.ptp(means(h, x), axis=0) / 2 / np.sqrt(h.hyper.signal_variance) for h in (f, g))
+        assert (after > 0.49).all()
+        enough = before > 0.51
+        np.testing.assert_array_equal(np.asarray(f.alpha)[enough], np.asarray(g.alpha)[enough])
+        few += (before < 0.49).sum()
+    assert few
+
+
+def test_more_than_a_function_of_that_norm_varies_by_is_refused(monkeypatch):
+    monkeypatch.setattr(draws, "DRAWS", 3)
+    with pytest.raises(ScenarioError, match=r"certified: drawn\.least: after 3 draws"):
+        drawn(drawn=SEEDED | {"norm": 0.1, "least": 0.9})

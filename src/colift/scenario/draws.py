@@ -14,18 +14,20 @@ from colift import gp, learn, model, reference
 from colift.model import PayloadState, Residual, State, Team, Wrench, agent_force
 from colift.scenario import paths, priors
 from colift.scenario import settings as s
+from colift.scenario.mistake import ScenarioError
 
 
 def drawn(settings: s.Settings, truth: Team, z: State) -> tuple[learn.Oracle, Residual] | None:
     """Residuals of known norm, as posterior means, and the deviation of each over the reference; None if not asked.
 
     `f = sum_k w_k k(z_k, .)`, `|f|^2 = w^T K w`. z is any state of the team on its grasp: the centres are where the
-    team would be if it moved along the reference as it stands in z, each a little off.
+    team would be if it moved along the reference as it stands in z, each a little off. Outputs that vary by less than
+    is asked are drawn again. Raises ScenarioError where that does not end.
     """
     given = settings.drawn
     if given is None:
         return None
-    rng = np.random.default_rng((settings.seed, 4))
+    rng, again = (np.random.default_rng((settings.seed, k)) for k in (4, 5))
     moves = settings.reference
     assert not isinstance(moves, s.Own), "scenario.references refuses it"
     moving = moves.ramp_s if isinstance(moves, s.Lissajous) else moves.poses[0].t_s
@@ -41,9 +43,18 @@ def drawn(settings: s.Settings, truth: Team, z: State) -> tuple[learn.Oracle, Re
     def one(hyper: gp.Hyper, X: Array, path: Array) -> tuple[gp.GP, np.ndarray]:
         X = np.asarray(X) + given.spread * rng.normal(size=X.shape) * np.asarray(hyper.lengthscales)[0]
         w = rng.normal(size=(len(hyper.signal_variance), len(X)))
-        w = w * (given.norm / np.asarray(gp.norm(gp.expansion(hyper, X, w))))[:, None]
-        model = gp.expansion(hyper, X, w, max(len(X), settings.learning.capacity))
-        return model, np.asarray(_means(model, path)).std(0)
+        for _ in range(DRAWS):
+            scaled = w * (given.norm / np.asarray(gp.norm(gp.expansion(hyper, X, w))))[:, None]
+            model = gp.expansion(hyper, X, scaled, max(len(X), settings.learning.capacity))
+            values = np.asarray(_means(model, path))
+            few = np.ptp(values, axis=0) / 2 < given.least * np.sqrt(hyper.signal_variance)
+            if not few.any():
+                return model, values.std(0)
+            w[few] = again.normal(size=(few.sum(), len(X)))
+        raise ScenarioError(
+            f"{settings.name}: drawn.least: after {DRAWS} draws an output still varied by less than {given.least:g} "
+            "signal deviations along the reference; lower it, or choose shorter length-scales or a longer reference"
+        )
 
     payload, of_payload = one(zero.payload.hyper, where[0], along[0])
     agents, of_agents = [], []
@@ -60,6 +71,7 @@ def drawn(settings: s.Settings, truth: Team, z: State) -> tuple[learn.Oracle, Re
     )
 
 
+DRAWS = 1000
 _means = jax.jit(jax.vmap(gp.mean, (None, 0)))
 
 

@@ -497,6 +497,8 @@ class Drawn(Section):
     """How many kernels are added."""
     spread: of.Ratio = 0.2
     """Deviation of the centres from the states on the reference, in length-scales."""
+    least: of.Share = 0.0
+    """By how many signal deviations, half from least to greatest, every output is to vary along the reference."""
 
 
 Reading = Literal[
