@@ -2,7 +2,8 @@
 
 OUT is that of `study paper --cases C1,C2,C3,F,C4,O`. The spread over seeds is that of `./dev evidence orderings`.
 `reaction.png` is figure 7 of another study: `study paper --cases F,H,C4 --set control.look_ahead_s=0.03`, with a `turn`
-of the wind and the tips' `until_s` as docs/learning.md says.
+of the wind and the tips' `until_s` as docs/learning.md says. `outdoors_tracking.png` is figure 1 of
+`study outdoors --cases C1,C3,F,C4,O`.
 """
 
 import json
