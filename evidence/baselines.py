@@ -22,18 +22,12 @@ GRID: dict[str, list[dict[str, float]]] = {  # settings of the scenario
     ],
     "F": [{"innovation.lead_s": s, "learning.filter_Hz": f} for f in (5.0, 8.0, 12.0) for s in (0.0, 0.02, 0.04)],
     "R": [
-        {"baselines.ridge": r, "baselines.ridge_moment": m, "learning.filter_Hz": f}
-        for f in (5.0, 8.0, 12.0)
-        for r, m in (
-            (0.01, 0.01),
-            (0.1, 0.01),
-            (0.1, 0.1),
-            (0.3, 0.03),
-            (0.3, 0.3),
-            (0.3, 3.0),
-            (1.0, 1.0),
-            (10.0, 10.0),
-        )
+        *(
+            {"baselines.ridge": r, "baselines.ridge_moment": m}
+            for r in (0.03, 0.1, 0.3, 1.0)
+            for m in (0.3, 3.0, 10.0, 30.0)
+        ),
+        *({"baselines.ridge": 0.1, "baselines.ridge_moment": 10.0, "learning.filter_Hz": f} for f in (5.0, 12.0)),
     ],
 }
 
