@@ -17,7 +17,7 @@ def of_light_team(updates: tuple[float, ...], duration_s: float) -> Settings:
     given, team = scenario.load("certified").model_dump(), light.settings().model_dump()
     given |= {name: team[name] for name in ("agent_types", "agents")} | {"duration_s": duration_s}
     given["learning"] |= {"update_times_s": updates, "end_s": updates[-1], "capacity": 12}
-    given["drawn"] |= {"centers": 12}
+    given["drawn"] |= {"centers": 12, "least": 0.0}
     given["reference"] |= {"amplitude_m": (0.5, 0.4, 0.2), "ramp_s": 2.0}
     return Settings.model_validate(given)
 

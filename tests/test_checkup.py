@@ -46,7 +46,7 @@ def test_a_team_that_flies_is_sound():
     ]
     assert good.lines()[-1] == "sample: sound"
     assert finding(good, "mass").numbers["total_kg"] == 6
-    assert "payload 1.5 kg (believed 1.2 kg), n0 to n2 1.5 kg each" in finding(good, "mass").says
+    assert "payload 1.5 kg (believed 1.2 kg), 3 agents from n0 to n2 of 1.5 kg each" in finding(good, "mass").says
     assert finding(good, "contacts").numbers["rank"] == 6
     assert 0.002 <= finding(good, "delay").numbers["margin_s"] <= 0.05
     assert json.loads(json.dumps(good.summary))["mode"]["rad_s"][0] < 0
@@ -139,7 +139,7 @@ def test_a_team_that_has_no_thrust_to_spare_is_not_told_to_share_it_or_to_fly_sl
 def test_what_is_alike_in_a_team_is_said_once():
     thirty = scenario.parse(starter.text("many", 12, 0), "many.yaml")
     said = checkup._mass(thirty, *roster.team(thirty)).says
-    assert "agent_1 to agent_12 1.5 kg each" in said
+    assert "12 agents from agent_1 to agent_12 of 1.5 kg each" in said
 
 
 def test_arms_that_hang_straight_over_their_contacts_are_told_contacts_that_bend_them(monkeypatch: pytest.MonkeyPatch):
@@ -166,6 +166,9 @@ def test_agents_whose_stated_rest_is_straight_follow_no_rate_of_labels():
     assert "front has straight arms where its joints are stated to rest" in said.says
     assert "follow none" in said.says
     json.dumps(said.numbers, allow_nan=False)
+    falling = scenario.load("paper", ["gravity_mps2=[0, 0, 0]"])
+    (said,) = checkup._labels(falling, roster.team(falling)[1])
+    assert "front has no weight" in said.says
 
 
 def no_rest(*_: object) -> None:

@@ -65,11 +65,16 @@ def test_settings_complete_by_their_paths_entries_of_lists_by_name():
     assert all(scenario.load("paper", [f"{path}={value}"]) for path, value in (("agents.rear.yaw_deg", 3), ("seed", 1)))
 
 
-def test_a_run_that_ends_before_learning_does_ends_it_and_says_so():
+def test_a_run_that_ends_before_learning_does_ends_it_and_says_so(capsys: pytest.CaptureFixture[str]):
     short = __main__._settings("paper", (), 5.0)
     assert (short.duration_s, short.learning.end_s, short.learning.update_times_s) == (5.0, 5.0, (2.0, 4.0))
     assert __main__._settings("paper", (), 12.0).learning == scenario.load("paper").learning
     assert __main__._settings("paper", ["learning.end_s=4", "learning.update_times_s=[2]"], 4.5).learning.end_s == 4
+    longer = __main__._settings("paper", ["learning.end_s=25", "learning.update_times_s=[2, 24]"], 30.0)
+    assert longer.learning.update_times_s == (2.0, 24.0)
+    capsys.readouterr()
+    assert __main__._settings("paper", (), 1.5).learning.end_s == 1.5
+    assert "nothing is learned in 1.5 s: the first update is at 2 s" in capsys.readouterr().err
     with pytest.raises(scenario.ScenarioError) as refused:
         __main__._settings("paper", (), -1.0)
     assert str(refused.value).count("\n") == 0

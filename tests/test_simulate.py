@@ -172,6 +172,13 @@ def test_what_is_learned_flies_when_it_is_ready_and_not_before(latency, monkeypa
     assert flight.unused == (said,)
 
 
+def test_what_is_ready_when_the_next_is_due_flies_and_the_next_is_learned():
+    of = dataclasses.replace(plan("C3"), duration=1.2, updates=(0.5, 0.8), latency=0.3, training=None)
+    flight = simulate.fly_plan(of)
+    assert [update.ready for update in flight.updates] == pytest.approx([0.8, 1.1])
+    assert not flight.unused
+
+
 def test_what_is_not_ready_when_the_flight_ends_is_said():
     of = dataclasses.replace(plan("C3"), duration=0.7, updates=(0.5,), latency=0.3, training=None)
     flight = simulate.fly_plan(of)

@@ -119,6 +119,17 @@ def test_arms_that_are_straight_at_zero_are_bent_and_the_contacts_are_where_thei
     assert all(condition < 20 for condition in checkup._conditions(settings, truth, z).values())
 
 
+def test_where_no_bend_lets_arms_follow_joints_stay_at_zero_and_check_says_what_is_missing(tmp_path: Path):
+    """Two planar arms about one axis: nothing turns their tips apart sideways."""
+    hands = [ARM.format(name=name, parent="base", x=x) for name, x in (("ahead", 0.1), ("behind", -0.1))]
+    lower = [ARM.format(name=f"{name} lower", parent=name, x=0.0) for name in ("ahead", "behind")]
+    made = tmp_path / "mine.yaml"
+    file = urdf(tmp_path, *hands, *lower)
+    done = CliRunner().invoke(app, ["new", str(made), "--agents", "2", "--urdf", str(file)])
+    assert done.exit_code == 0, done.stderr
+    assert "    # rest_rad" in made.read_text()
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_where_tips_are_and_how_they_move_are_those_of_any_tree(seed: int):
     rng = np.random.default_rng(seed)

@@ -135,11 +135,17 @@ def _settings(
 
     given = {"duration_s": duration, "seed": seed}
     options = [f"{setting}={value}" for setting, value in given.items() if value is not None]
+    asked = [*(changes or ()), *options]
     try:
-        early = [] if duration is None else _ending_early(name, changes or (), duration)
-        settings = scenario.load(name, [*(changes or ()), *options, *early])
+        settings = scenario.load(name, asked)
     except scenario.ScenarioError as error:
-        raise scenario.ScenarioError(_as_given(str(error), duration)) from None
+        early = [] if duration is None else _ending_early(name, changes or (), duration)
+        if not early:
+            raise scenario.ScenarioError(_as_given(str(error), duration)) from None
+        try:
+            settings = scenario.load(name, [*asked, *early])
+        except scenario.ScenarioError as still:
+            raise scenario.ScenarioError(_as_given(str(still), duration)) from None
     if engine is not None and settings.plant.kind != engine:
         settings = settings.model_copy(update={"plant": {"kind": engine.value}})
     return settings
@@ -156,22 +162,21 @@ def _as_given(mistakes: str, duration: float | None) -> str:
 
 
 def _ending_early(name: str, changes: Sequence[str], duration: float) -> list[str]:
-    """What to set so that learning ends with a run that is shorter than it; said, and nothing where it is not.
-
-    Raises ScenarioError for a scenario that cannot be read.
-    """
+    """What to set so that learning ends with a run that is shorter than it, which is said; nothing where it is not."""
     from colift import scenario
 
-    learning = scenario.load(name, changes).learning
-    if not learning.start_s < duration < learning.end_s:
+    try:
+        learning = scenario.load(name, changes).learning
+    except scenario.ScenarioError:  # what is wrong with it is said already
         return []
-    times = [t for t in learning.update_times_s if t < duration] or [duration]
-    errors.print(
-        f"warning: learning ends with the run, at {duration:g} s (learning.end_s is {learning.end_s:g})",
-        style="yellow",
-        markup=False,
-    )
-    return [f"learning.end_s={duration}", f"learning.update_times_s={times}"]
+    if not learning.start_s + 1 / learning.sample_Hz <= duration < learning.end_s:
+        return []
+    times = [t for t in learning.update_times_s if t < duration]
+    said = f"learning ends with the run, at {duration:g} s (learning.end_s is {learning.end_s:g})"
+    if not times:
+        said = f"nothing is learned in {duration:g} s: the first update is at {learning.update_times_s[0]:g} s"
+    errors.print(f"warning: {said}", style="yellow", markup=False)
+    return [f"learning.end_s={duration}", f"learning.update_times_s={times or [duration]}"]
 
 
 @contextlib.contextmanager
@@ -192,7 +197,8 @@ def _opened(read: Callable[[], Any], out: Path | None, kept: str, suffix: str = 
             try:
                 yield settings, folder
             except interrupt.Interrupted:
-                there = any(folder.path.glob("*.*"))  # what has not ended has left nothing
+                files = folders.files(folder.path, results.FLOWN + results.CERTIFIED)
+                there = any(folders.run_of(file) == folder.run for file in files)  # what has not ended has left nothing
                 said = f"{kept} {folder.path}" if there else f"nothing was written to {folder.path}"
                 errors.print(f"interrupted; {said}", style="yellow", markup=False)
                 raise
@@ -386,7 +392,7 @@ def tune(
             raise _fail(f"--out {out}: must end in {' or '.join(scenario.SUFFIXES)}")
         if out.exists():
             raise _fail(f"--out {out}: exists; it is not overwritten")
-        if not os.access(out.parent, os.W_OK):
+        if not (out.parent.is_dir() and os.access(out.parent, os.W_OK)):
             raise _fail(f"--out {out}: the folder {out.parent} is not there, or cannot be written to")
         settings, written = _settings(name, changes), None
         if not changes and name in scenario.names():
@@ -397,6 +403,7 @@ def tune(
         try:
             with _stages(f"tuning {settings.name}", quiet) as say:
                 before, after, spent = tuner.tune(settings, say, best.append)
+                best.append(after)
                 say("flights with both")
                 old, new = tuner.numbers(before), tuner.numbers(after)
         except interrupt.Interrupted:
@@ -723,7 +730,8 @@ def attack(
                     held = disk.write_json(_tried(folder.run, settings, done), folder.path / "attack.json")
         except ValueError as error:
             raise _fail(str(error)) from None
-    given = [*(changes or ()), *([] if duration is None else [f"duration_s={duration}"])]
+    given = [word for change in changes or () for word in ("--set", change)]
+    given += [] if duration is None else ["--duration", f"{duration:g}"]
     with _printed(f"; the results are in {folder.path}"):
         if as_json:
             print(json.dumps(held, indent=2))
@@ -769,7 +777,7 @@ def _again(one: Any, name: str, given: Sequence[str], seed: int) -> str:
     """The command that repeats a try of the attack on a scenario with such changes and seed."""
     seeds = [change for change in one.changes if change.startswith("seed=")]
     others = [change for change in one.changes if change not in seeds]
-    sets = [word for change in (*given, *others) for word in ("--set", change)]
+    sets = [*given, *(word for change in others for word in ("--set", change))]
     only = [] if one.changes else ["--only", one.name]
     number = seeds[0].removeprefix("seed=") if seeds else str(seed)
     return shlex.join(["certify" if one.changes else "attack", name, *sets, "--seed", number, *only])

@@ -168,15 +168,15 @@ def _mend(settings: Settings, refusal: str, progress: Callable[[str], None]) -> 
             with contextlib.suppress(ScenarioError):
                 team = study.plan(changed, "C1").world.team
                 bent.append((max(_conditions(changed, team, starts.at_rest(changed, team)).values()), typed))
-        if bent:
+        if bent and min(bent)[0] < JACOBIAN_MOST:
             return (f"arms are straight or folded over the contacts that they hold; {min(bent)[1]} bends them",)
+        return (
+            "no contacts that were tried, nearer together or farther apart, let arms follow the payload: turn the rest "
+            "of joints (agent_types: rest_rad), or give arms joints about other axes",
+        )
     for words, change in (
         ("cannot hover", "raise agent_types: thrust_max_N, lower payload.mass_kg, or add an agent"),
         ("rank", "move a contact (agents: contacts_m) away from the line through the others"),
-        (
-            "grasp Jacobian",
-            "move each agent's contacts (agents: contacts_m) nearer together or farther apart: they bend arms",
-        ),
         ("joints for", "give the agent more joints (agent_types: joints), or fewer arms"),
     ):
         if words in refusal:
@@ -210,7 +210,7 @@ def _mass(settings: Settings, truth: Team, nominal: Team) -> Finding:
     for mass, alike in itertools.groupby(names, key=lambda name: f"{agents[name]:.4g}"):
         first, *others = alike
         said += (
-            f", {first} to {others[-1]} {mass} kg each"
+            f", {len(others) + 1} agents from {first} to {others[-1]} of {mass} kg each"
             if len(others) > 1
             else "".join(f", {name} {mass} kg" for name in (first, *others))
         )
@@ -387,12 +387,12 @@ def _labels(settings: Settings, nominal: Team) -> Iterator[Finding]:
     gains = dict(zip(roster.agent_names(settings), itertools.chain(*pilots.echoes(settings, nominal)), strict=True))
     loudest = max(gains, key=lambda name: gains[name])
     if (part := echo.heeded(gains[loudest])) < 1:
-        known = np.isfinite(gains[loudest])
-        hears = (
-            f"hears {gains[loudest]:.2g} of its own motion"
-            if known
-            else ("has straight arms where its joints are stated to rest, and what it hears of itself is not known")
-        )
+        if np.isfinite(gains[loudest]):
+            hears = f"hears {gains[loudest]:.2g} of its own motion"
+        elif np.any(settings.gravity_mps2):
+            hears = "has straight arms where its joints are stated to rest, and what it hears of itself is not known"
+        else:
+            hears = "has no weight, so that its thrust may turn any way"
         yield Finding(
             "labels",
             f"{loudest} {hears}: F, H and C4 follow {f'{100 * part:.2g}%' if part else 'none'} of its labels' rate, "

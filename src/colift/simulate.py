@@ -394,20 +394,24 @@ def fly_plan(
         wall["simulation"] += time.perf_counter() - began
         seen(rows)
         began = time.perf_counter()
-        if done in due and done < ticks and not stopped:
-            if coming is None:
+        asked = done in due and done < ticks
+        while not stopped:
+            if coming and coming[0] <= done:
+                _, oracle, update = coming
+                coming = None
+                setup = dataclasses.replace(setup, pilot=dataclasses.replace(plan.pilot, oracle=oracle))
+                bands = band.bands(oracle, plan.stated, len(updates) + 1)
+                held.append(Held(first=done, oracle=oracle, bands=bands, doubts=update.doubts))
+                updates.append(dataclasses.replace(update, ready=done * dt))
+            elif asked and coming is None:
+                asked = False
                 learned, update = school.teach(oracle, loop.memory.recorder, done * dt, fit=due[done])
                 taken = time.perf_counter() - began if plan.latency is None else plan.latency
                 coming = done + round(taken / dt), learned, update
             else:
-                busy.append(done * dt)
-        if coming and coming[0] <= done and not stopped:
-            _, oracle, update = coming
-            coming = None
-            setup = dataclasses.replace(setup, pilot=dataclasses.replace(plan.pilot, oracle=oracle))
-            bands = band.bands(oracle, plan.stated, len(updates) + 1)
-            held.append(Held(first=done, oracle=oracle, bands=bands, doubts=update.doubts))
-            updates.append(dataclasses.replace(update, ready=done * dt))
+                break
+        if asked and not stopped:
+            busy.append(done * dt)
         wall["fit"] += time.perf_counter() - began
         progress(done * dt)
     rows, began = jax.tree.map(lambda *x: np.concatenate(x), *flown), time.perf_counter()

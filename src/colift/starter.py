@@ -180,11 +180,15 @@ def _reach(robot: urdf.Robot, links: list[str], r: np.ndarray) -> tuple[np.ndarr
 
 BENDS = (0.0, 0.4, -0.4, 0.8, -0.8, 1.2, -1.2)  # rad, at which joints that turn are tried
 CONDITION_MOST = 30.0  # of tips by base and joints: beyond it arms are straight, or nearly
+BENT_MOST = 200.0  # what a rest must reach to be written
 TRIED = 3000
 
 
 def _bent(robot: urdf.Robot, links: list[str]) -> np.ndarray:
-    """Joint positions, rad or m, with which tips can go all ways: zero if they can there, else the best of some."""
+    """Joint positions, rad or m, with which tips can go all ways: zero if they can there, else the best of some.
+
+    Joints' limits are not read; zero as well where no bend helps.
+    """
 
     def condition(r: np.ndarray) -> float:
         moved = _reach(robot, links, r)[1]
@@ -192,8 +196,8 @@ def _bent(robot: urdf.Robot, links: list[str]) -> np.ndarray:
         return values[0] / max(values[min(len(values), 3 * len(links)) - 1], 1e-12)
 
     def cost(r: np.ndarray) -> float:
-        z = _reach(robot, links, r)[0][:, 2]  # m, level, and not far from the base, about which an agent pitches
-        return condition(r) + np.ptp(z) / 0.01 + abs(z.mean()) / 0.01 + np.abs(r).sum()
+        tips = _reach(robot, links, r)[0]  # m: level, and about the base, about which an agent pitches
+        return condition(r) + np.ptp(tips[:, 2]) / 0.01 + np.abs(tips.mean(0)).sum() / 0.01 + np.abs(r).sum()
 
     zero = np.zeros(len(robot.joints))
     turning = [k for k, joint in enumerate(robot.joints) if not joint.prismatic]
@@ -205,7 +209,8 @@ def _bent(robot: urdf.Robot, links: list[str]) -> np.ndarray:
         tried = np.random.default_rng(0).choice(BENDS, (TRIED, len(turning)))
     rests = np.zeros((len(tried), len(zero)))
     rests[:, turning] = tried
-    return min(rests, key=cost)
+    best = min(rests, key=cost)
+    return best if condition(best) < BENT_MOST else zero  # axes that are parallel: `check` says so
 
 
 def _rests(robot: urdf.Robot, r: np.ndarray) -> str:

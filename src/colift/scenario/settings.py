@@ -796,7 +796,7 @@ class Baselines(Section):
     """Prior deviation of the payload's inertia error, baseline P."""
     ridge: Annotated[of.Deviation, of_unit("label noise over weight, squared")] = 0.3
     """What a squared weight of the basis costs beside a squared label error, for forces, baseline R."""
-    ridge_moment: Annotated[of.Deviation, of_unit("label noise over weight, squared")] | None = None
+    ridge_moment: Annotated[of.Deviation | None, of_unit("label noise over weight, squared")] = None
     """For moments and joints; as for forces if absent."""
 
 
