@@ -78,7 +78,7 @@ MUTANTS = {
         "fly.py", "past + now.clock.dt * rate", "past - now.clock.dt * rate", "fly", "integral_action"
     ),
     "wrench observer explains the first tick": Mutant(
-        "fly.py", "now.ticks * blend(", "blend(", "fly", "wrench_observer"
+        "fly.py", "now.ticks * jnp.repeat(", "jnp.repeat(", "fly", "wrench_observer"
     ),
     "last sample left out": Mutant("learn.py", "(t <= self.end + 1e-9)", "(t < self.end - 1e-9)", "fly", "their_rate"),
     # estimation
