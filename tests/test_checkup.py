@@ -127,7 +127,7 @@ def test_little_thrust_is_bad_with_how_much_it_should_be(monkeypatch: pytest.Mon
 
 
 def test_a_team_that_has_no_thrust_to_spare_is_not_told_to_share_it_or_to_fly_slower(monkeypatch: pytest.MonkeyPatch):
-    """At 8 kg hover takes 83 % of all the thrust: no place of contacts leaves 20 %, and no reference."""
+    """Where hover leaves less than is asked of all thrust together no place of contacts helps, and no reference."""
     monkeypatch.setattr(modes, "monodromy", no_rest)
     limits = light.SAMPLE.limits.model_copy(update={"thrust_margin": 0.3})
     few = checkup.check(heavier(7.0).model_copy(update={"limits": limits}))
@@ -137,8 +137,8 @@ def test_a_team_that_has_no_thrust_to_spare_is_not_told_to_share_it_or_to_fly_sl
 
 
 def test_what_is_alike_in_a_team_is_said_once():
-    thirty = scenario.parse(starter.text("many", 12, 0), "many.yaml")
-    said = checkup._mass(thirty, *roster.team(thirty)).says
+    many = scenario.parse(starter.text("many", 12, 0), "many.yaml")
+    said = checkup._mass(many, *roster.team(many)).says
     assert "12 agents from agent_1 to agent_12 of 1.5 kg each" in said
 
 

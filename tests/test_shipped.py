@@ -13,9 +13,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from colift import analyse, checkup, gp, grasp, scenario, simulate, study
+from colift import checkup, gp, grasp, scenario
 from colift.dynamics import CONSISTENT
 from colift.scenario import roster
+from evidence import redundant
 from tests import shipped
 
 ROOT = Path(__file__).parents[1]
@@ -95,7 +96,6 @@ def test_where_jax_was_in_use_before_a_warning_says_what_may_be_wrong():
 
 
 TEAMS = ("beam", "trio", "uneven", "plate", "seven", "hover", "heavy", "turning")
-CASES = ("C1", "C2", "C3", "C4")
 
 
 @pytest.mark.parametrize("name", TEAMS)
@@ -115,12 +115,11 @@ def test_a_team_that_ships_stands_on_a_grasp_that_bears_every_wrench_and_lifts_i
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("name", ["beam", "trio", "uneven", "seven"])
+@pytest.mark.parametrize("name", redundant.TEAMS)
 def test_teams_with_joints_beyond_need_or_two_arms_err_less_from_case_to_case(name: str):
     """e_p falls from C1 to C4, and C3's Psi is below C1's; that of C2 need not be, as docs/own_team.md says."""
-    flights = {case: simulate.fly_plan(of) for case, of in study.plans(scenario.load(name), CASES).items()}
-    assert not any(flight.stopped for flight in flights.values())
-    halves = [analyse.second_half(flights[case].rows) for case in CASES]
-    e_p, Psi = [analyse.norm_rms(half.e_p) for half in halves], [half.Psi.mean() for half in halves]
+    found = redundant.fly(f"{name} 0")
+    assert not any(each["stopped"] for each in found.values())
+    e_p, Psi = ([found[case][error] for case in redundant.CASES] for error in ("e_p_rms_m", "Psi_mean"))
     assert all(a > b for a, b in itertools.pairwise(e_p)), e_p
     assert Psi[2] < Psi[0]

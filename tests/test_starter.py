@@ -6,11 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from colift import checkup, grasp, scenario, starter
-from colift import urdf as urdf_file
 from colift.__main__ import app
 from colift.scenario import roster, starts
 
@@ -128,28 +126,6 @@ def test_where_no_bend_lets_arms_follow_joints_stay_at_zero_and_check_says_what_
     done = CliRunner().invoke(app, ["new", str(made), "--agents", "2", "--urdf", str(file)])
     assert done.exit_code == 0, done.stderr
     assert "    # rest_rad" in made.read_text()
-
-
-@pytest.mark.parametrize("seed", range(4))
-def test_where_tips_are_and_how_they_move_are_those_of_any_tree(seed: int):
-    rng = np.random.default_rng(seed)
-    joints = tuple(
-        urdf_file.Joint(
-            name=f"j{k}",
-            parent=int(rng.integers(0, k + 1)),
-            prismatic=bool(rng.random() < 0.3),
-            position=rng.normal(size=3),
-            rotation=Rotation.random(random_state=rng).as_matrix(),
-            axis=(axis := rng.normal(size=3)) / np.linalg.norm(axis),
-        )
-        for k in range(5)
-    )
-    places = {f"l{k}": urdf_file.Placement(body=k, rotation=np.eye(3), position=rng.normal(size=3)) for k in range(6)}
-    robot, r = urdf_file.Robot(file="f", bodies=(), joints=joints, links=places), rng.normal(size=5)
-    _, moved = starter._reach(robot, list(places), r)
-    for k, e in enumerate(np.eye(5)):
-        ahead, behind = (starter._reach(robot, list(places), r + step * e)[0] for step in (1e-6, -1e-6))
-        np.testing.assert_allclose(moved[:, :, k], (ahead - behind) / 2e-6, atol=1e-8)
 
 
 @pytest.mark.parametrize(

@@ -305,6 +305,12 @@ def doctor(as_json: Json = False) -> None:
         raise typer.Exit(UNSOUND)
 
 
+def _write_new(file: Path, text: str) -> None:
+    """Raises OSError where there is such a file."""
+    with file.open("x", encoding="utf-8") as opened:
+        opened.write(text)
+
+
 @app.command()
 def new(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="The file to write, as my_team.yaml.")],
@@ -331,8 +337,7 @@ def new(
             text = starter.from_urdf(name, agents, urdf, file.parent)
         if file.exists():
             raise _fail(f"{file}: exists; it is not overwritten")
-        with file.open("x", encoding="utf-8") as opened:
-            opened.write(text)
+        _write_new(file, text)
     except (ValueError, OSError) as error:
         raise _fail(_one_line(error)) from None
     with _printed(""):
@@ -362,12 +367,6 @@ def check(name: ScenarioName, changes: Changes = None, quiet: Quiet = False, as_
                 print(line)
     if not found.sound:
         raise typer.Exit(UNSOUND)
-
-
-def _write_new(file: Path, text: str) -> None:
-    """Raises OSError where there is such a file."""
-    with file.open("x", encoding="utf-8") as opened:
-        opened.write(text)
 
 
 @app.command()

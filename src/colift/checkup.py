@@ -249,9 +249,8 @@ def _joints(settings: Settings, truth: Team, z: State) -> Iterator[Finding]:
     conditions, advice = _conditions(settings, truth, z), []
     kinds = {agent.name: agent.type for agent in settings.agents}
     for name, agent, r, _ in grasp.each(truth, z, roster.agent_names(settings)):
-        _, share = grasp.weakest(agent, r)
-        if conditions[name] > JACOBIAN_MOST and len(share):
-            k = int(np.argmax(share))
+        if conditions[name] > JACOBIAN_MOST and len(r):
+            k = int(np.argmax(grasp.weakest(agent, r)[1]))
             joint = settings.agent_types[kinds[name]].joints[k].name
             advice.append(
                 f"{name}: turn the rest of joint {joint} away from {float(r[k]):.3g} "

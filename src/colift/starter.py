@@ -10,10 +10,12 @@ import os
 import re
 from pathlib import Path
 
+import jax.numpy as jnp
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from colift import urdf
+from colift import agent as ag
+from colift import grasp, urdf
+from colift.model import Agent
 
 
 @dataclasses.dataclass(frozen=True)
@@ -131,8 +133,9 @@ def from_urdf(name: str, agents: int, file: Path, folder: Path) -> str:
     if len(tips) * agents < 3:
         raise ValueError(f"--agents {agents}: each holds the payload at {len(tips)}, and three contacts are needed")
     mass = sum(body.mass for body in robot.bodies)
-    r = _bent(robot, tips)
-    points = _reach(robot, tips, r)[0]
+    own = urdf.agent(robot, tips, np.zeros((len(tips), 3)), 1.0)
+    r = _bent(own)
+    points = _reach(own, r)
     path = json.dumps(os.path.relpath(file, folder), ensure_ascii=False)
     hands = "\n".join(
         f"      - {{link: {json.dumps(link, ensure_ascii=False)}, name: hand_{k + 1}}}" for k, link in enumerate(tips)
@@ -156,52 +159,34 @@ def _tips(robot: urdf.Robot) -> list[str]:
     return [max((link for link in robot.links if robot.tip(link)[0] == k), key=far) for k in ends]
 
 
-def _reach(robot: urdf.Robot, links: list[str], r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Where links are in the base's frame with joints at r, m, and how they move with joints, `(links, 3, joints)`."""
-    frames, origins, axes = [(np.eye(3), np.zeros(3))], [], []
-    for joint, value in zip(robot.joints, r, strict=True):
-        R, p = frames[joint.parent]
-        R, p = R @ joint.rotation, p + R @ joint.position
-        origins.append(p)
-        axes.append(R @ joint.axis)
-        turn = np.eye(3) if joint.prismatic else Rotation.from_rotvec(value * joint.axis).as_matrix()
-        frames.append((R @ turn, p + (value * axes[-1] if joint.prismatic else 0.0)))
-    points, moved = [], np.zeros((len(links), 3, len(r)))
-    for i, link in enumerate(links):
-        body, point = robot.tip(link)
-        points.append(frames[body][1] + frames[body][0] @ point)
-        while body:
-            k = body - 1
-            lever = points[-1] - origins[k]
-            moved[i, :, k] = axes[k] if robot.joints[k].prismatic else np.cross(axes[k], lever)
-            body = robot.joints[k].parent
-    return np.array(points), moved
-
-
 BENDS = (0.0, 0.4, -0.4, 0.8, -0.8, 1.2, -1.2)  # rad, at which joints that turn are tried
 CONDITION_MOST = 30.0  # of tips by base and joints: beyond it arms are straight, or nearly
 BENT_MOST = 200.0  # what a rest must reach to be written
 TRIED = 3000
 
 
-def _bent(robot: urdf.Robot, links: list[str]) -> np.ndarray:
+def _reach(own: Agent, r: np.ndarray) -> np.ndarray:
+    """Where an agent's tips are in its base's frame, `(arms, 3)`, m."""
+    return np.asarray(ag.geometry(own, jnp.asarray(r)).point[-own.tree.arms :])
+
+
+def _bent(own: Agent) -> np.ndarray:
     """Joint positions, rad or m, with which tips can go all ways: zero if they can there, else the best of some.
 
     Joints' limits are not read; zero as well where no bend helps.
     """
 
     def condition(r: np.ndarray) -> float:
-        moved = _reach(robot, links, r)[1]
-        values = np.linalg.svd(np.vstack([np.hstack([np.eye(3), each]) for each in moved]), compute_uv=False)
-        return values[0] / max(values[min(len(values), 3 * len(links)) - 1], 1e-12)
+        values, _ = grasp.weakest(own, r)
+        return values[0] / max(values[-1], 1e-12)
 
     def cost(r: np.ndarray) -> float:
-        tips = _reach(robot, links, r)[0]  # m: level, and about the base, about which an agent pitches
+        tips = _reach(own, r)  # level, and about the base, about which an agent pitches
         return condition(r) + np.ptp(tips[:, 2]) / 0.01 + np.abs(tips.mean(0)).sum() / 0.01 + np.abs(r).sum()
 
-    zero = np.zeros(len(robot.joints))
-    turning = [k for k, joint in enumerate(robot.joints) if not joint.prismatic]
-    if 3 + len(zero) < 3 * len(links) or condition(zero) < CONDITION_MOST or not turning:
+    zero, arms = np.zeros(own.tree.joints), own.tree.arms
+    turning = [k for k, slides in enumerate(own.tree.prismatic) if not slides]
+    if 3 + len(zero) < 3 * arms or condition(zero) < CONDITION_MOST or not turning:
         return zero  # fewer joints than a grasp asks for are refused by `check`, in words
     if len(BENDS) ** len(turning) <= TRIED:
         tried = np.array(list(itertools.product(BENDS, repeat=len(turning))))
