@@ -422,7 +422,7 @@ def gains(loop: Variation, held: Sequence[Body], progress: Progress = lambda _wh
     M, own = np.zeros((len(at), many, len(at), many)), np.empty((len(at), many))
     for some in np.array_split(np.arange(len(at)), max(1, len(at) // BLOCK)):
         progress(f"the tube, until {loop.t[at[some[-1]]]:.3g} s")
-        L = [_moved(loop, b, body, at[some])[:, :, : at[some[-1]] + 1] for b, body in enumerate(held)]
+        L = _moved(loop, held, at[some])
         for body, by, (P, c) in zip(held, L, tube.ellipsoids(held, L), strict=True):
             for i in range(len(body.beta)):
                 S, g = tube.slopes(body, i, body.x[at[some]], P.sum(0))
@@ -443,10 +443,13 @@ def _tube(loop: Variation, held: Sequence[Body], progress: Progress) -> tuple[Tu
     return Tube(difference[of.of_nodes(len(loop.nodes))], contraction), ""
 
 
-def _moved(loop: Variation, b: int, body: Body, nodes: NDArray[np.intp]) -> Matrix:
-    """What f~ adds to what the models of a body see at nodes of the twin."""
-    L = variation.weights(loop, loop.of("payload" if b == 0 else f"agent {b - 1}"), nodes)
-    return tube.seen(body.x[nodes], L) if b == 0 else L
+def _moved(loop: Variation, held: Sequence[Body], nodes: NDArray[np.intp]) -> list[Matrix]:
+    """What f~ until the last of some nodes of the twin adds to what the models of each body see at these."""
+    names = ["payload", *(f"agent {j}" for j in range(len(held) - 1))]
+    L = variation.weights(loop, loop.of(*names), nodes)[:, :, : nodes[-1] + 1]
+    ends = np.cumsum([loop.of(name).size for name in names])
+    payload, *agents = np.split(L, ends[:-1], axis=1)
+    return [tube.seen(held[0].x[nodes], payload), *agents]
 
 
 def _rho(held: Sequence[Body]) -> Matrix:

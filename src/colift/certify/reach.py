@@ -12,12 +12,14 @@ from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import lapack
 
 from colift import gp
 from colift.gp import likelihood, recovery
 
 Matrix = NDArray[np.float64]
 
+SPANNED = 1e-12  # of the greatest variance along a path, beyond which columns of its factor are bounded, not taken
 NEGLIGIBLE = 1e-3  # share of a row's bound below which an output keeps its band
 
 
@@ -34,6 +36,32 @@ class Body:
     x: Matrix  # (path, dimensions), what the models see along the path
 
 
+@dataclasses.dataclass(frozen=True)
+class Factor:
+    """`L S L^T <= |L R|^2 + (|L| e)^2` for every row L: R of few columns, e the root of the diagonal that it leaves."""
+
+    R: Matrix  # (path, rank)
+    e: Matrix  # (path,)
+
+    def squares(self, L: Matrix) -> Matrix:
+        """`L S L^T` of rows, at most; L: (..., path)."""
+        return np.sum((L @ self.R) ** 2, axis=-1) + (np.abs(L) @ self.e) ** 2
+
+    def products(self, L: Matrix) -> Matrix:
+        """`L S L^T`, at most; L: (..., rows, path)."""
+        spanned = L @ self.R
+        # what is left is no more than its trace times the identity
+        return spanned @ np.swapaxes(spanned, -1, -2) + (self.e @ self.e) * (L @ np.swapaxes(L, -1, -2))
+
+
+def factor(S: Matrix) -> Factor:
+    """Cholesky's, with pivots, of a covariance along a path: of smooth functions few columns are more than rounding."""
+    lower, pivots, rank, _ = lapack.dpstrf(S, tol=SPANNED * np.diagonal(S).max(), lower=1)
+    R = np.empty((len(S), rank))
+    R[pivots - 1] = np.tril(lower)[:, :rank]
+    return Factor(R, np.sqrt(np.maximum(np.diagonal(S) - (R * R).sum(1), 0.0)))
+
+
 def by_band(body: Body, weights: Matrix) -> tuple[Matrix, Matrix]:
     """`(l(m - mu), sigma(l))` of each output's contribution l, both `(times, rows, outputs)`, for `bound`.
 
@@ -43,8 +71,7 @@ def by_band(body: Body, weights: Matrix) -> tuple[Matrix, Matrix]:
     off = shift(body)
     for i in range(len(body.beta)):
         L = np.ascontiguousarray(weights[..., body.columns.start + i])
-        S = covariance(body.companion, i, body.x)
-        sigma[..., i] = np.sqrt(np.maximum(np.sum((L @ S) * L, axis=-1), 0.0))
+        sigma[..., i] = np.sqrt(factor(covariance(body.companion, i, body.x)).squares(L))
         moved[..., i] = L @ off[:, i]
     return moved, sigma
 
@@ -72,7 +99,7 @@ def by_recovery(body: Body, weights: Matrix, band: Matrix, progress: Callable[[]
             continue
         of = allowed(body, i)
         L = weights[..., body.columns.start + i][:, matters].reshape(-1, len(body.x))
-        k, square = of.correlations(body.x) @ L.T, np.sum((L @ correlation(body.model, i, body.x, body.x)) * L, 1)
+        k, square = of.correlations(body.x) @ L.T, factor(correlation(body.model, i, body.x, body.x)).squares(L)
         mass, centre = np.abs(L).sum(1), L @ (mu[:, i] - offset(body)[i])
         for side, sign in enumerate((1, -1)):
             value = (recovery.least(of, sign * k, square, mass) - sign * centre).reshape(-1, len(matters))

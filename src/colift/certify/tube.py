@@ -89,10 +89,11 @@ def ellipsoids(held: Sequence[Body], L: Sequence[Matrix]) -> list[tuple[Matrix, 
         off = reach.offset(body) - reach.mean(body.model, body.x[:end])
         for i in range(len(body.beta)):
             j, allowed = body.columns.start + i, reach.allowed(body, i)
-            C, X = reach.correlation(body.model, i, body.x[:end], body.x[:end]), allowed.correlations(body.x[:end])
+            C = reach.factor(reach.correlation(body.model, i, body.x[:end], body.x[:end]))
+            X = allowed.correlations(body.x[:end])
             rows = [np.ascontiguousarray(of[..., j]) for of in L]
             k = [np.swapaxes(of @ X.T, 1, 2) for of in rows]
-            square = [(of.reshape(-1, end) @ C).reshape(of.shape) @ np.swapaxes(of, 1, 2) for of in rows]
+            square = [C.products(of) for of in rows]
             taken = np.concatenate([of * size for of, size in zip(k, each, strict=True)], axis=2)
             trace = sum(np.einsum("tff,f->t", of, size**2) for of, size in zip(square, each, strict=True))
             around = ellipsoid.narrow(allowed, taken, np.asarray(trace))

@@ -33,6 +33,7 @@ Matrix = NDArray[np.float64]
 Nodes = Sequence[int] | NDArray[np.integer]
 
 STEP = 0.04  # s, at most, between nodes
+CARRIED = 16  # nodes over which what many outputs answer to is taken at once
 
 
 class Ended(ValueError):
@@ -249,13 +250,27 @@ def weights(of: Variation, rows: Nodes, at: Nodes) -> Matrix:
     L = np.zeros((len(at), many, len(of.nodes), m))
     for t, k in enumerate(at):
         L[t, :, k] = of.D[k, rows]
-    for k in reversed(range(int(at.max(initial=0)))):
-        later = slice(int(np.searchsorted(at, k, side="right")), None)
-        flat = adjoint[later].reshape(-1, n)
-        for node, B in ((k, of.B[k, 0]), (k + 1, of.B[k, 1])):
-            L[later, :, node] += (flat @ B).reshape(-1, many, m)
-        adjoint[later] = (flat @ of.A[k]).reshape(-1, many, n)
+    ends = sorted({*range(0, int(at.max(initial=0)), CARRIED), *map(int, at)})
+    for start, end in reversed(list(itertools.pairwise(ends))):
+        later = slice(int(np.searchsorted(at, end)), None)
+        flat, (A, B) = adjoint[later].reshape(-1, n), _carried(of, start, end)
+        L[later, :, start : end + 1] += (flat @ B).reshape(-1, many, end - start + 1, m)
+        adjoint[later] = (flat @ A).reshape(-1, many, n)
     return L
+
+
+def _carried(of: Variation, start: int, end: int) -> tuple[Matrix, Matrix]:
+    """What the state at a node, and `f~` from there to another, make of the state at that: `x_end = A x + B f~`.
+
+    B: (states, (end - start + 1) inputs).
+    """
+    n, m = of.B.shape[2:]
+    A, B = np.eye(n), np.zeros((n, end - start + 1, m))
+    for k in reversed(range(start, end)):
+        B[:, k - start] += A @ of.B[k, 0]
+        B[:, k - start + 1] += A @ of.B[k, 1]
+        A = A @ of.A[k]
+    return A, B.reshape(n, -1)
 
 
 def deviations(of: Variation, rows: Nodes) -> Matrix:
