@@ -223,3 +223,32 @@ def test_slopes_are_those_of_the_kernel_and_of_the_posterior_s_mean(output):
     X = jnp.asarray(np.asarray(model.X)[:DATA])
     k = jax.jacfwd(lambda a: jnp.exp(-0.5 * (((a[None] - X) / ls[None]) ** 2).sum(1)))
     np.testing.assert_allclose(reach.slope(model, output, x), jax.vmap(k)(jnp.asarray(x)), atol=1e-12)
+
+
+def test_squares_and_products_by_a_factor_are_no_less_than_those_of_the_covariance_and_next_to_them():
+    """Along a path of many near points, whose covariance has few columns that are more than rounding."""
+    rng = np.random.default_rng(3)
+    x = np.stack([np.sin(np.linspace(0, 6, 120) + phase) for phase in (0.0, 1.0, 2.5)], axis=1)
+    S = 2.0 * np.exp(-0.5 * cdist(x, x, "sqeuclidean"))
+    of, L = reach.factor(S), rng.normal(size=(4, 7, 120)) * rng.choice([1e-3, 1.0], size=(4, 7, 1))
+    assert of.R.shape[1] < 40
+    squares, products = np.sum((L @ S) * L, axis=-1), L @ S @ np.swapaxes(L, 1, 2)
+    rounding = 1e-12 * np.abs(L).sum(-1) ** 2
+    assert (of.squares(L) >= squares - rounding).all()
+    np.testing.assert_allclose(of.squares(L), squares, rtol=1e-6, atol=1e-10)
+    assert np.linalg.eigvalsh(of.products(L) - products).min() >= -rounding.max()
+    np.testing.assert_allclose(of.products(L), products, rtol=1e-6, atol=1e-7)
+
+
+def test_what_a_factor_leaves_out_is_bounded_where_it_leaves_much(monkeypatch):
+    """With columns only until a tenth of the greatest variance is left."""
+    monkeypatch.setattr(reach, "SPANNED", 0.1)
+    rng = np.random.default_rng(4)
+    x = rng.uniform(-3, 3, (60, 2))
+    S = np.exp(-0.5 * cdist(x, x, "sqeuclidean"))
+    of, L = reach.factor(S), rng.normal(size=(5, 6, 60))
+    assert of.R.shape[1] < 40
+    squares, products = np.sum((L @ S) * L, axis=-1), L @ S @ np.swapaxes(L, 1, 2)
+    assert (of.squares(L) >= squares).all()
+    assert (of.squares(L) > 1.01 * squares).any()
+    assert np.linalg.eigvalsh(of.products(L) - products).min() >= 0
