@@ -56,7 +56,10 @@ class Factor:
 
 def factor(S: Matrix) -> Factor:
     """Cholesky's, with pivots, of a covariance along a path: of smooth functions few columns are more than rounding."""
-    lower, pivots, rank, _ = lapack.dpstrf(S, tol=SPANNED * np.diagonal(S).max(), lower=1)
+    # scipy's stubs do not have it
+    lower, pivots, rank, _ = lapack.dpstrf(  # ty: ignore[missing-attribute]
+        S, tol=SPANNED * np.diagonal(S).max(), lower=1
+    )
     R = np.empty((len(S), rank))
     R[pivots - 1] = np.tril(lower)[:, :rank]
     return Factor(R, np.sqrt(np.maximum(np.diagonal(S) - (R * R).sum(1), 0.0)))
