@@ -1,0 +1,71 @@
+"""The certificate of other flights than those of `certified`: each holds what it says, or says why it says nothing.
+
+Tries of `colift attack`, each kind of flight of its own: other forces, late updates, starts far off, faster and slower
+paths, the study's noise, other control rates, weaker rotors; unknown forces that norm and labels allow and that make
+errors great; and other teams in the world of `certified`, with their own payload, gains and allocation.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections import Counter
+from typing import Any
+
+from colift import attack, scenario
+from colift.certify.certificate import ERRORS
+from colift.scenario import Settings
+from evidence import collect
+
+SEED, ROUNDS = 300, 3  # neither the scenario nor other proofs have this seed
+TEAMS = ("trio", "uneven", "leader_block", "beam", "seven")
+
+
+def fly(item: str) -> list[dict[str, Any]]:
+    """The tries of an item: `unknown K`, all unknown forces of a round; a kind of flight and K; or a team and K."""
+    kind, k = item.rsplit(" ", 1)
+    if kind == "unknown":
+        return tries(_settings(), [f"{each} {k}" for each in attack.UNKNOWN])
+    if kind in TEAMS:
+        return tries(team(kind), [f"seed {k}"])
+    return tries(_settings(), [item])
+
+
+def tries(settings: Settings, names: list[str]) -> list[dict[str, Any]]:
+    """What is kept of each."""
+    return [{**dataclasses.asdict(one), "breaks": one.breaks} for one in attack.attack(settings, names)]
+
+
+def team(name: str) -> Settings:
+    """Another scenario's team, payload, gains and allocation in the world of `certified`, with its filters."""
+    base, other = _settings(), scenario.load(name)
+    filters = {each: getattr(base.control, each) for each in ("fusion_Hz", "joint_filter_Hz")}
+    return base.model_copy(
+        update={each: getattr(other, each) for each in ("agent_types", "agents", "payload", "allocation")}
+        | {"name": f"certified_{name}", "control": other.control.model_copy(update=filters)}
+    )
+
+
+def _settings() -> Settings:
+    return scenario.load("certified").model_copy(update={"seed": SEED})
+
+
+def main() -> bool:
+    """Print the worst of each kind and why some have no radius; nothing may break one."""
+    flights = [f"{kind} {k}" for k in range(ROUNDS) for kind in attack.OTHERS]
+    items = [*flights, *(f"unknown {k}" for k in range(ROUNDS)), *(f"{name} {k}" for k in range(2) for name in TEAMS)]
+    found = collect("variants", items, fly)
+    of: dict[str, list[dict[str, Any]]] = {}
+    for item in items:
+        of.setdefault(item.rsplit(" ", 1)[0], []).extend(found[item])
+    for kind, each in of.items():
+        held = [one for one in each if one["ratios"]]
+        worst = ", ".join(f"{e} {max(one['ratios'].get(e, 0.0) for one in held):.3f}" for e in ERRORS) if held else ""
+        left, components = (sum(one[key] for one in held) for key in ("left", "components"))
+        print(f"{kind:13} {len(held)} of {len(each)} have radii: {worst}; beyond spans {left} of {components}")
+        for why, many in Counter(one["says"] for one in each if one["says"]).items():
+            print(f"    {many}: {why}")
+    return not any(one["breaks"] for each in of.values() for one in each)
+
+
+if __name__ == "__main__":
+    main()
