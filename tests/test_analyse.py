@@ -141,14 +141,15 @@ def test_errors_of_stated_size_lie_outside_of_1_96_deviations_one_time_in_twenty
     made, rng = flight(6, shape), np.random.default_rng(7)
     sigma, at = made.sigma, np.arange(0, shape.time, 5)
     n = made.rows.f_x.shape[1]
-    rows = with_rows(made.rows, fresh=None, unrest_L=None, unrest_x=None)
+    rows = with_rows(made.rows, fresh=None, unrest_L=None, unrest_x=None, said_L=None, said_x=None)
     s = np.hypot(sigma.payload, sigma.payload_label)
     if listens:
         g = rng.uniform(0, 1, shape.time)
-        u = rng.uniform(0.1, 3, (shape.time, 6))
-        rows = with_rows(rows, fresh=g, unrest_L=u, unrest_x=np.zeros((shape.time, n, 3)))
+        u, d = rng.uniform(0.1, 3, (2, shape.time, 6))
+        none = np.zeros((shape.time, n, 3))
+        rows = with_rows(rows, fresh=g, unrest_L=u, unrest_x=none, said_L=d, said_x=none)
         g = g[at, None]
-        s = np.sqrt(g**2 * u[at] ** 2 + (1 - g) ** 2 * sigma.payload**2 + sigma.payload_label**2)
+        s = np.sqrt(g**2 * u[at] ** 2 + (1 - g) ** 2 * (sigma.payload**2 + d[at] ** 2) + sigma.payload_label**2)
     f_L = rows.f_L_hat.copy()
     f_L[at] += s * rng.normal(size=s.shape)
     f_x = rows.f_x_hat + 0.5

@@ -218,6 +218,31 @@ def test_labels_are_late_by_their_delay_times_their_rate():
     np.testing.assert_allclose(np.asarray(news.unrest.payload.F)[-1], 3.0 * delay, rtol=1e-6)
 
 
+def test_labels_that_come_now_and_then_are_as_late_again_as_half_of_the_longest_silence_lately():
+    t = DT * np.arange(TICKS)
+    on = np.arange(TICKS) % 10 == 0
+    labels = np.tile((3.0 * t)[:, None], (1, 6))
+    news = heard(listener(hold=1.0, span=10.0), lambda _k: plan().pilot.oracle, np.zeros((TICKS, 3)), labels, on)
+    delay = 2 / (2 * np.pi * CORNERS["label"]) + 1 / (2 * np.pi * CORNERS["tip_force"])
+    late, unrest = (np.asarray(x.payload.F)[-10:] for x in (news.late, news.unrest))
+    np.testing.assert_allclose(late, (1 + 0.5 * 9 * DT / delay) * unrest, rtol=1e-2)  # the silence is nine ticks
+    always = np.ones(TICKS)
+    news = heard(listener(span=0.02), lambda _k: plan().pilot.oracle, np.zeros((TICKS, 3)), labels, always)
+    np.testing.assert_array_equal(news.late.payload.F, news.unrest.payload.F)
+
+
+def test_what_labels_said_beyond_the_mean_is_kept_when_they_stop():
+    """Of labels that swing about a mean of nothing, the root of their mean square."""
+    t = DT * np.arange(TICKS)
+    stop = TICKS // 2
+    labels = np.tile((0.8 * np.sin(2 * np.pi * 20 * t))[:, None], (1, 6))
+    on = np.arange(TICKS) < stop
+    news = heard(listener(span=0.1), lambda _k: plan().pilot.oracle, np.zeros((TICKS, 3)), labels, on)
+    said = np.asarray(news.said.payload.F)[:, 0]
+    assert 0.3 * 0.8 < said[stop - 1] < 0.8
+    np.testing.assert_array_equal(said[stop:], np.full(TICKS - stop, said[stop - 1]))
+
+
 def test_what_has_changed_for_good_is_counted_anew_where_a_body_s_model_is_another():
     """An oracle that takes in what labels said leaves nothing to keep when they stop; one that does not leaves all."""
     labels, p = np.full((TICKS, 6), 2.0), np.zeros((TICKS, 3))

@@ -53,22 +53,25 @@ def certify(
     return Certified(plan=ready, flight=flight, loop=loop, linear=linear, certificate=found)
 
 
-def challenge(made: Certified, rounds: int = 2, progress: Callable[[str], None] = lambda _what: None) -> Certified:
+def challenge(made: Certified, rounds: int = 3, progress: Callable[[str], None] = lambda _what: None) -> Certified:
     """The certificate against the worst unknown forces that norm and data allow, recomputed on the run they produce.
 
-    Each round makes them worst along the path of the round before. Raises as `certify`.
+    They are worst first where and towards where the span of e_p reaches farthest, which is a corner that no single
+    unknown need reach; in each round after that where the run before was farthest, along its path. The run that was
+    farthest counts. Raises as `certify`.
     """
-    current = made
+    found, far, worst = made.certificate, 0.0, made.flight.rows
+    when, direction, rows = found.when, found.direction, worst
     for k in range(rounds):
         progress(f"adversary, round {k + 1}")
-        found = current.certificate
-        e_p = adversary.functional(made.loop, "e_p", found.when, found.direction)
-        unknown = adversary.adversary(made.plan, made.flight, made.loop.nodes, current.flight.rows, e_p)
+        e_p = adversary.functional(made.loop, "e_p", when, direction)
+        unknown = adversary.adversary(made.plan, made.flight, made.loop.nodes, rows, e_p)
         rows, _ = variation.flown(certificate.under(made.plan, unknown), made.loop.schedule)
-        flight = dataclasses.replace(made.flight, rows=rows)
-        found = certificate.certify(made.plan, flight, made.loop, ("energy", "recovery"), before=found.before)
-        current = dataclasses.replace(made, flight=flight, certificate=found)
-    return current
+        when, direction, size = certificate.farthest(rows, found.window)
+        far, worst = (size, rows) if size > far else (far, worst)
+    flight = dataclasses.replace(made.flight, rows=worst)
+    found = certificate.certify(made.plan, flight, made.loop, ("energy", "recovery"), before=found.before)
+    return dataclasses.replace(made, flight=flight, certificate=found)
 
 
 def save_certificate(

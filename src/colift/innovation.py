@@ -32,13 +32,23 @@ class News:
     rate: Residual  # N/s and N m/s, of the label less alpha times the mean
     fresh: Scalar  # 1 while labels come, if now and then; falls to 0 when they stop, and r to its running mean
     unrest: Residual  # N and N m, by how much labels are late: RMS over the last span of their delay times their rate
+    late: Residual  # N and N m, the same for labels that are as late again as half of the longest silence lately
+    said: Residual  # N and N m, what labels say beyond the mean: RMS over their last span
 
 
 def no_news(team: Team, t: Scalar) -> News:
     """Before any label."""
     none = no_force(team)
     return News(
-        t=t, r=none, mean=none, trust=jax.tree.map(jnp.ones_like, none), rate=none, fresh=jnp.ones(()), unrest=none
+        t=t,
+        r=none,
+        mean=none,
+        trust=jax.tree.map(jnp.ones_like, none),
+        rate=none,
+        fresh=jnp.ones(()),
+        unrest=none,
+        late=none,
+        said=none,
     )
 
 
@@ -68,6 +78,7 @@ class Heard:
     average: Residual
     gap: Scalar  # s, the longest silence that a label ended, forgotten within ten spans
     unrest: Residual  # N^2 and (N m)^2
+    said: Residual  # N^2 and (N m)^2
     fresh: Scalar
     warm: Scalar  # 0 before the first tick, 1 after
 
@@ -109,6 +120,7 @@ class Listener:
             average=none,
             gap=jnp.zeros(()),
             unrest=none,
+            said=none,
             fresh=jnp.ones(()),
             warm=jnp.zeros(()),
         )
@@ -148,6 +160,7 @@ class Listener:
         delay = self.filters.delay()
         squares = jax.tree.map(lambda x: (delay * x) * (delay * x), rate)
         unrest = _low(past.unrest, squares, -jnp.expm1(-dt / self.span))
+        said = _low(past.said, jax.tree.map(jnp.square, r), b_span)  # stands still where the labels do
         heard = Heard(
             k=oracle.k,
             f=f,
@@ -161,6 +174,7 @@ class Listener:
             average=average,
             gap=gap,
             unrest=unrest,
+            said=said,
             fresh=fresh,
             warm=jnp.ones(()),
         )
@@ -172,6 +186,8 @@ class Listener:
             rate=rate,
             fresh=fresh,
             unrest=jax.tree.map(jnp.sqrt, unrest),
+            late=jax.tree.map(lambda of: (1 + gap / (2 * delay)) * jnp.sqrt(of), unrest),
+            said=jax.tree.map(jnp.sqrt, said),
         )
         return heard, news
 

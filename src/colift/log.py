@@ -92,9 +92,11 @@ SIGNALS = {
     "trust_x": Signal(EACH, "1", "world", "how much of what the map of an agent's f_x changes is used"),
     "unrest_L": Signal(FORCE, NEWTON, SPLIT, "by how much labels of the payload are late, RMS of late"),
     "unrest_x": Signal(EACH, "N", "world", "by how much labels of an agent's f_x are late, RMS of late"),
+    "said_L": Signal(FORCE, NEWTON, SPLIT, "what labels of the payload say beyond what is learned, RMS of late"),
+    "said_x": Signal(EACH, "N", "world", "what labels of an agent's f_x say beyond what is learned, RMS of late"),
     "fresh": Signal((), "1", "none", "1 where labels correct, 0 where they have stopped and their mean does"),
 }
-"""Every field of `simulate.Row` but its time; the last seven are those of pilots that listen to labels."""
+"""Every field of `simulate.Row` but its time; the last nine are those of pilots that listen to labels."""
 
 DEVIATIONS = {
     "sigma_f_L": Signal(FORCE, NEWTON, SPLIT, "posterior deviation of the payload residual f_uk,L"),
@@ -198,20 +200,22 @@ def sampled(rows: Row, sigma: Sigma) -> np.ndarray:
 def predictive(rows: Row, sigma: Sigma) -> tuple[np.ndarray, np.ndarray]:
     """Deviations that errors of what is used for `f_L` and `f_x` should have, `(time, 6)` and `(time, agents, 3)`.
 
-    `sqrt(g^2 u^2 + (1 - g)^2 s^2 + b^2)`: s of the posterior, b of what labels are constantly off as data sheets state;
-    where labels correct (g = `fresh`, else 0) what is learned need not be right, and u says how late they are.
+    `sqrt(g^2 u^2 + (1 - g)^2 (s^2 + d^2) + b^2)`: s of the posterior, b of what labels are constantly off as data sheets
+    state. Where labels correct (g = `fresh`, else 0) what is learned need not be right, and u says how late they are.
+    Where they have stopped it need not either: d is what they said beyond it until then.
     """
     s, b = (
         (payload, np.concatenate([group[..., :3] for group in groups], axis=1))
         for payload, groups in ((sigma.payload, sigma.agents), (sigma.payload_label, sigma.agents_label))
     )
-    if rows.fresh is None or rows.unrest_L is None or rows.unrest_x is None:
+    u, d = (rows.unrest_L, rows.unrest_x), (rows.said_L, rows.said_x)
+    if rows.fresh is None or u[0] is None or u[1] is None or d[0] is None or d[1] is None:
         return np.hypot(s[0], b[0]), np.hypot(s[1], b[1])
     at = sampled(rows, sigma)
-    g, u = rows.fresh[at][:, None], (rows.unrest_L[at], rows.unrest_x[at])
-    payload = np.sqrt((g * u[0]) ** 2 + ((1 - g) * s[0]) ** 2 + b[0] ** 2)
+    g = rows.fresh[at][:, None]
+    payload = np.sqrt((g * u[0][at]) ** 2 + (1 - g) ** 2 * (s[0] ** 2 + d[0][at] ** 2) + b[0] ** 2)
     g = g[:, None]
-    return payload, np.sqrt((g * u[1]) ** 2 + ((1 - g) * s[1]) ** 2 + b[1] ** 2)
+    return payload, np.sqrt((g * u[1][at]) ** 2 + (1 - g) ** 2 * (s[1] ** 2 + d[1][at] ** 2) + b[1] ** 2)
 
 
 def norms(sigma: Sigma) -> dict[str, np.ndarray]:

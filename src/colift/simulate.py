@@ -98,6 +98,8 @@ class Row:
     trust_x: Float[Array, "*time agents 3"] | None = None
     unrest_L: Float[Array, "*time 6"] | None = None
     unrest_x: Float[Array, "*time agents 3"] | None = None
+    said_L: Float[Array, "*time 6"] | None = None
+    said_x: Float[Array, "*time agents 3"] | None = None
     fresh: Float[Array, "*time"] | None = None
 
 
@@ -242,7 +244,7 @@ def _news(news: innovation.News) -> dict[str, Array]:
     def parts(of: Residual) -> tuple[Array, Array]:
         return jnp.concatenate([of.payload.F, of.payload.tau]), jnp.concatenate([agent.f_x for agent in of.agents])
 
-    told = {"r": news.r, "trust": news.trust, "unrest": news.unrest}
+    told = {"r": news.r, "trust": news.trust, "unrest": news.late, "said": news.said}
     split = {f"{name}_{body}": x for name, of in told.items() for body, x in zip("Lx", parts(of), strict=True)}
     return split | {"fresh": news.fresh}
 

@@ -532,6 +532,16 @@ def _norms(errors: Matrix) -> dict[str, float]:
     return {error: float(size) if np.isfinite(size) else float("inf") for error, size in sizes.items()}
 
 
+def farthest(rows: simulate.Row, window: tuple[float, float]) -> tuple[float, Matrix, float]:
+    """When in a window e_p is greatest, s, towards where, a unit vector, and how great, m."""
+    t = _np(rows.t)
+    late = (t >= window[0]) & (t <= window[1])
+    e_p = _np(rows.e_p)[late]
+    sizes = np.linalg.norm(e_p, axis=1)
+    k = int(np.argmax(sizes))
+    return float(t[late][k]), e_p[k] / sizes[k], float(sizes[k])
+
+
 def _first(held: Sequence[Body], flight: simulate.Flight, loop: Variation, L: Matrix) -> Matrix:
     """`sum_k L_k f~(q(t_k))`, (times, 12): what f~ along the flight adds to its twin's errors, to first order."""
     joints = [body.columns.stop - body.columns.start - 6 for body in held[1:]]
