@@ -200,9 +200,9 @@ def sampled(rows: Row, sigma: Sigma) -> np.ndarray:
 def predictive(rows: Row, sigma: Sigma) -> tuple[np.ndarray, np.ndarray]:
     """Deviations that errors of what is used for `f_L` and `f_x` should have, `(time, 6)` and `(time, agents, 3)`.
 
-    `sqrt(g^2 u^2 + (1 - g)^2 (s^2 + d^2) + b^2)`: s of the posterior, b of what labels are constantly off as data sheets
-    state. Where labels correct (g = `fresh`, else 0) what is learned need not be right, and u says how late they are.
-    Where they have stopped it need not either: d is what they said beyond it until then.
+    `sqrt(g^2 u^2 + (1 - g)^2 (s^2 + d^2) + b^2)`: s of the posterior, b of what labels are constantly off as data
+    sheets state. Where labels correct (g = `fresh`, else 0) what is learned need not be right, and u says how late they
+    are. Where they have stopped it need not either: d is what they said beyond it until then.
     """
     s, b = (
         (payload, np.concatenate([group[..., :3] for group in groups], axis=1))
