@@ -141,13 +141,13 @@ def test_errors_of_stated_size_lie_outside_of_1_96_deviations_one_time_in_twenty
     made, rng = flight(6, shape), np.random.default_rng(7)
     sigma, at = made.sigma, np.arange(0, shape.time, 5)
     n = made.rows.f_x.shape[1]
-    rows = with_rows(made.rows, fresh=None, unrest_L=None, unrest_x=None, said_L=None, said_x=None)
+    rows = with_rows(made.rows, comes=None, late_L=None, late_x=None, left_L=None, left_x=None)
     s = np.hypot(sigma.payload, sigma.payload_label)
     if listens:
-        g = rng.uniform(0, 1, shape.time)
+        g = rng.integers(0, 2, shape.time).astype(float)
         u, d = rng.uniform(0.1, 3, (2, shape.time, 6))
         none = np.zeros((shape.time, n, 3))
-        rows = with_rows(rows, fresh=g, unrest_L=u, unrest_x=none, said_L=d, said_x=none)
+        rows = with_rows(rows, comes=g, late_L=u, late_x=none, left_L=d, left_x=none)
         g = g[at, None]
         s = np.sqrt(g**2 * u[at] ** 2 + (1 - g) ** 2 * (sigma.payload**2 + d[at] ** 2) + sigma.payload_label**2)
     f_L = rows.f_L_hat.copy()

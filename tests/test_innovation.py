@@ -218,29 +218,53 @@ def test_labels_are_late_by_their_delay_times_their_rate():
     np.testing.assert_allclose(np.asarray(news.unrest.payload.F)[-1], 3.0 * delay, rtol=1e-6)
 
 
-def test_labels_that_come_now_and_then_are_as_late_again_as_half_of_the_longest_silence_lately():
+def test_labels_that_come_now_and_then_are_as_late_again_as_they_are_old():
+    """Of labels every tenth tick the last one is up to nine ticks old, four and a half on average."""
     t = DT * np.arange(TICKS)
-    on = np.arange(TICKS) % 10 == 0
     labels = np.tile((3.0 * t)[:, None], (1, 6))
-    news = heard(listener(hold=1.0, span=10.0), lambda _k: plan().pilot.oracle, np.zeros((TICKS, 3)), labels, on)
     delay = 2 / (2 * np.pi * CORNERS["label"]) + 1 / (2 * np.pi * CORNERS["tip_force"])
-    late, unrest = (np.asarray(x.payload.F)[-10:] for x in (news.late, news.unrest))
-    np.testing.assert_allclose(late, (1 + 0.5 * 9 * DT / delay) * unrest, rtol=1e-2)  # the silence is nine ticks
-    always = np.ones(TICKS)
-    news = heard(listener(span=0.02), lambda _k: plan().pilot.oracle, np.zeros((TICKS, 3)), labels, always)
-    np.testing.assert_array_equal(news.late.payload.F, news.unrest.payload.F)
+
+    def late(on: np.ndarray) -> np.ndarray:
+        held = labels[np.maximum.accumulate(np.where(on > 0, np.arange(TICKS), 0))]
+        news = heard(listener(hold=1.0, span=0.005), lambda _k: plan().pilot.oracle, np.zeros((TICKS, 3)), held, on)
+        return np.asarray(news.late.payload.F)[-10:].mean()
+
+    always, tenth = late(np.ones(TICKS)), late(np.arange(TICKS) % 10 == 0)
+    np.testing.assert_allclose(always, 3.0 * delay, rtol=1e-6)
+    np.testing.assert_allclose(tenth, 3.0 * (delay + 4.5 * DT), rtol=0.05)
 
 
-def test_what_labels_said_beyond_the_mean_is_kept_when_they_stop():
-    """Of labels that swing about a mean of nothing, the root of their mean square."""
+@pytest.mark.parametrize("fade", [0.005, np.inf])
+def test_once_labels_stop_what_they_said_beyond_what_is_used_is_kept(fade):
+    """Of labels that swing about nothing: the root of their mean square, or about the one that is held."""
     t = DT * np.arange(TICKS)
     stop = TICKS // 2
-    labels = np.tile((0.8 * np.sin(2 * np.pi * 20 * t))[:, None], (1, 6))
+    labels = np.tile((0.8 * np.sin(2 * np.pi * 20 * np.minimum(t, t[stop - 1])))[:, None], (1, 6))
     on = np.arange(TICKS) < stop
-    news = heard(listener(span=0.1), lambda _k: plan().pilot.oracle, np.zeros((TICKS, 3)), labels, on)
-    said = np.asarray(news.said.payload.F)[:, 0]
-    assert 0.3 * 0.8 < said[stop - 1] < 0.8
-    np.testing.assert_array_equal(said[stop:], np.full(TICKS - stop, said[stop - 1]))
+    oracle = plan().pilot.oracle
+    news = heard(listener(fade=fade, span=0.1), lambda _k: oracle, np.zeros((TICKS, 3)), labels, on)
+    left, r = (np.asarray(x.payload.F)[:, 0] for x in (news.left, news.r))
+    np.testing.assert_array_equal(news.comes, on)
+    swing, used = 0.8 / np.sqrt(2), r[-1]
+    np.testing.assert_allclose(left[-1], np.hypot(swing, used), rtol=0.2)
+    np.testing.assert_allclose(left[stop + 50 :], left[-1], rtol=1e-3)
+
+
+def test_what_another_oracle_says_more_is_taken_from_what_labels_said():
+    labels = np.full((TICKS, 6), 0.6)
+    on = np.arange(TICKS) < TICKS // 2
+    base = plan().pilot.oracle
+
+    def oracle(k: Any) -> Any:
+        new = (k >= 3 * TICKS // 4).astype(int)
+        offset = base.payload.hyper.offset + 0.5 * new.astype(float)
+        hyper = dataclasses.replace(base.payload.hyper, offset=offset)
+        return dataclasses.replace(base, payload=dataclasses.replace(base.payload, hyper=hyper), k=base.k + new)
+
+    news = heard(listener(fade=0.005, span=0.02), oracle, np.zeros((TICKS, 3)), labels, on)
+    left, used = (np.asarray(x.payload.F)[:, 0] for x in (news.left, news.r))
+    np.testing.assert_allclose(left[TICKS // 2 + 50], 0.6 - used[TICKS // 2 + 50], atol=0.01)
+    np.testing.assert_allclose(left[-1], 0.1, atol=0.01)
 
 
 def test_what_has_changed_for_good_is_counted_anew_where_a_body_s_model_is_another():

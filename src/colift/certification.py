@@ -58,15 +58,20 @@ def challenge(made: Certified, rounds: int = 3, progress: Callable[[str], None] 
 
     They are worst first where and towards where the span of e_p reaches farthest, which is a corner that no single
     unknown need reach; in each round after that where the run before was farthest, along its path. The run that was
-    farthest counts. Raises as `certify`.
+    farthest counts, of those before one that fails. Raises as `certify`, ValueError where the first fails.
     """
-    found, far, worst = made.certificate, 0.0, made.flight.rows
+    found, far, worst = made.certificate, -np.inf, made.flight.rows
     when, direction, rows = found.when, found.direction, worst
     for k in range(rounds):
         progress(f"adversary, round {k + 1}")
         e_p = adversary.functional(made.loop, "e_p", when, direction)
-        unknown = adversary.adversary(made.plan, made.flight, made.loop.nodes, rows, e_p)
-        rows, _ = variation.flown(certificate.under(made.plan, unknown), made.loop.schedule)
+        try:
+            unknown = adversary.adversary(made.plan, made.flight, made.loop.nodes, rows, e_p)
+            rows, _ = variation.flown(certificate.under(made.plan, unknown), made.loop.schedule)
+        except (ValueError, RuntimeError) as error:
+            if k:
+                break
+            raise ValueError(f"no adversary: {error}") from None
         when, direction, size = certificate.farthest(rows, found.window)
         far, worst = (size, rows) if size > far else (far, worst)
     flight = dataclasses.replace(made.flight, rows=worst)

@@ -32,8 +32,9 @@ class News:
     rate: Residual  # N/s and N m/s, of the label less alpha times the mean
     fresh: Scalar  # 1 while labels come, if now and then; falls to 0 when they stop, and r to its running mean
     unrest: Residual  # N and N m, by how much labels are late: RMS over the last span of their delay times their rate
-    late: Residual  # N and N m, the same for labels that are as late again as half of the longest silence lately
-    said: Residual  # N and N m, what labels say beyond the mean: RMS over their last span
+    comes: Scalar  # 1 while labels come, 0 once they have stopped
+    late: Residual  # N and N m, as unrest, over the last span of labels, which are as late again as they are old
+    left: Residual  # N and N m, what labels said of late beyond mean and r: RMS over their last span
 
 
 def no_news(team: Team, t: Scalar) -> News:
@@ -47,8 +48,9 @@ def no_news(team: Team, t: Scalar) -> News:
         rate=none,
         fresh=jnp.ones(()),
         unrest=none,
+        comes=jnp.ones(()),
         late=none,
-        said=none,
+        left=none,
     )
 
 
@@ -77,8 +79,11 @@ class Heard:
     elapsed: Scalar  # s since then
     average: Residual
     gap: Scalar  # s, the longest silence that a label ended, forgotten within ten spans
+    age: Scalar  # s, of the last label while they come: mean over ten spans
     unrest: Residual  # N^2 and (N m)^2
-    said: Residual  # N^2 and (N m)^2
+    late: Residual  # N^2 and (N m)^2
+    level: Residual  # N and N m, mean of r over the last span of labels
+    said: Residual  # N^2 and (N m)^2, of its square
     fresh: Scalar
     warm: Scalar  # 0 before the first tick, 1 after
 
@@ -119,7 +124,10 @@ class Listener:
             elapsed=jnp.ones(()),
             average=none,
             gap=jnp.zeros(()),
+            age=jnp.zeros(()),
             unrest=none,
+            late=none,
+            level=none,
             said=none,
             fresh=jnp.ones(()),
             warm=jnp.zeros(()),
@@ -160,7 +168,13 @@ class Listener:
         delay = self.filters.delay()
         squares = jax.tree.map(lambda x: (delay * x) * (delay * x), rate)
         unrest = _low(past.unrest, squares, -jnp.expm1(-dt / self.span))
-        said = _low(past.said, jax.tree.map(jnp.square, r), b_span)  # stands still where the labels do
+        # stand still where the labels do
+        late = _low(past.late, squares, b_span)
+        level = _low(past.level, r, from_the_first(past.warm, b_span))
+        said = _low(past.said, jax.tree.map(jnp.square, r), from_the_first(past.warm, b_span))
+        age = past.age + speaking * -jnp.expm1(-dt / (10 * self.span)) * (silent - past.age)
+        as_old = 1 + age / delay
+        left = jax.tree.map(lambda q, m, x: jnp.sqrt(jnp.maximum(q - 2 * x * m + x * x, 0.0)), said, level, used)
         heard = Heard(
             k=oracle.k,
             f=f,
@@ -173,7 +187,10 @@ class Listener:
             elapsed=elapsed,
             average=average,
             gap=gap,
+            age=age,
             unrest=unrest,
+            late=late,
+            level=level,
             said=said,
             fresh=fresh,
             warm=jnp.ones(()),
@@ -186,8 +203,9 @@ class Listener:
             rate=rate,
             fresh=fresh,
             unrest=jax.tree.map(jnp.sqrt, unrest),
-            late=jax.tree.map(lambda of: (1 + gap / (2 * delay)) * jnp.sqrt(of), unrest),
-            said=jax.tree.map(jnp.sqrt, said),
+            comes=speaking,
+            late=jax.tree.map(lambda of: as_old * jnp.sqrt(of), late),
+            left=left,
         )
         return heard, news
 
@@ -208,6 +226,8 @@ def _taken_over(past: Heard, f: Residual, k: Int[Array, ""]) -> Heard:
         before=(less(past.before[0]), plus(past.before[1])),
         moved=dataclasses.replace(past.moved, mean=plus(past.moved.mean)),
         average=jax.tree.map(lambda of, m: jnp.where(of != 0, 0.0, m), more, past.average),
+        level=less(past.level),
+        said=jax.tree.map(lambda q, m, of: q - 2 * of * m + of * of, past.said, past.level, more),
     )
 
 

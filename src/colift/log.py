@@ -90,13 +90,14 @@ SIGNALS = {
         FORCE, "1 (F), 1 (tau)", SPLIT, "how much of what the map of the payload changes is used: as labels do"
     ),
     "trust_x": Signal(EACH, "1", "world", "how much of what the map of an agent's f_x changes is used"),
-    "unrest_L": Signal(FORCE, NEWTON, SPLIT, "by how much labels of the payload are late, RMS of late"),
-    "unrest_x": Signal(EACH, "N", "world", "by how much labels of an agent's f_x are late, RMS of late"),
-    "said_L": Signal(FORCE, NEWTON, SPLIT, "what labels of the payload say beyond what is learned, RMS of late"),
-    "said_x": Signal(EACH, "N", "world", "what labels of an agent's f_x say beyond what is learned, RMS of late"),
+    "late_L": Signal(FORCE, NEWTON, SPLIT, "by how much labels of the payload are late, with their age, RMS of late"),
+    "late_x": Signal(EACH, "N", "world", "by how much labels of an agent's f_x are late, with their age, RMS of late"),
+    "left_L": Signal(FORCE, NEWTON, SPLIT, "what labels of the payload said beyond what is used now, RMS of late"),
+    "left_x": Signal(EACH, "N", "world", "what labels of an agent's f_x said beyond what is used now, RMS of late"),
     "fresh": Signal((), "1", "none", "1 where labels correct, 0 where they have stopped and their mean does"),
+    "comes": Signal((), "1", "none", "1 while labels come, if now and then, 0 once they have stopped"),
 }
-"""Every field of `simulate.Row` but its time; the last nine are those of pilots that listen to labels."""
+"""Every field of `simulate.Row` but its time; the last ten are those of pilots that listen to labels."""
 
 DEVIATIONS = {
     "sigma_f_L": Signal(FORCE, NEWTON, SPLIT, "posterior deviation of the payload residual f_uk,L"),
@@ -200,22 +201,21 @@ def sampled(rows: Row, sigma: Sigma) -> np.ndarray:
 def predictive(rows: Row, sigma: Sigma) -> tuple[np.ndarray, np.ndarray]:
     """Deviations that errors of what is used for `f_L` and `f_x` should have, `(time, 6)` and `(time, agents, 3)`.
 
-    `sqrt(g^2 u^2 + (1 - g)^2 (s^2 + d^2) + b^2)`: s of the posterior, b of what labels are constantly off as data
-    sheets state. Where labels correct (g = `fresh`, else 0) what is learned need not be right, and u says how late they
-    are. Where they have stopped it need not either: d is what they said beyond it until then.
+    `sqrt(u^2 + b^2)` while labels correct, `sqrt(s^2 + d^2 + b^2)` once they have stopped: s of the posterior, b of
+    what labels are constantly off as data sheets state. What is learned need not be right: u says how late labels are
+    that correct it, d what they said until they stopped beyond what is used since.
     """
     s, b = (
         (payload, np.concatenate([group[..., :3] for group in groups], axis=1))
         for payload, groups in ((sigma.payload, sigma.agents), (sigma.payload_label, sigma.agents_label))
     )
-    u, d = (rows.unrest_L, rows.unrest_x), (rows.said_L, rows.said_x)
-    if rows.fresh is None or u[0] is None or u[1] is None or d[0] is None or d[1] is None:
+    u, d = (rows.late_L, rows.late_x), (rows.left_L, rows.left_x)
+    if rows.comes is None or u[0] is None or u[1] is None or d[0] is None or d[1] is None:
         return np.hypot(s[0], b[0]), np.hypot(s[1], b[1])
     at = sampled(rows, sigma)
-    g = rows.fresh[at][:, None]
-    payload = np.sqrt((g * u[0][at]) ** 2 + (1 - g) ** 2 * (s[0] ** 2 + d[0][at] ** 2) + b[0] ** 2)
-    g = g[:, None]
-    return payload, np.sqrt((g * u[1][at]) ** 2 + (1 - g) ** 2 * (s[1] ** 2 + d[1][at] ** 2) + b[1] ** 2)
+    come = rows.comes[at][:, None] > 0
+    payload = np.hypot(np.where(come, u[0][at], np.hypot(s[0], d[0][at])), b[0])
+    return payload, np.hypot(np.where(come[:, None], u[1][at], np.hypot(s[1], d[1][at])), b[1])
 
 
 def norms(sigma: Sigma) -> dict[str, np.ndarray]:

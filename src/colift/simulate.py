@@ -96,11 +96,12 @@ class Row:
     r_x: Float[Array, "*time agents 3"] | None = None
     trust_L: Float[Array, "*time 6"] | None = None
     trust_x: Float[Array, "*time agents 3"] | None = None
-    unrest_L: Float[Array, "*time 6"] | None = None
-    unrest_x: Float[Array, "*time agents 3"] | None = None
-    said_L: Float[Array, "*time 6"] | None = None
-    said_x: Float[Array, "*time agents 3"] | None = None
+    late_L: Float[Array, "*time 6"] | None = None
+    late_x: Float[Array, "*time agents 3"] | None = None
+    left_L: Float[Array, "*time 6"] | None = None
+    left_x: Float[Array, "*time agents 3"] | None = None
     fresh: Float[Array, "*time"] | None = None
+    comes: Float[Array, "*time"] | None = None
 
 
 def residual(nominal: Team, z: State, a: dynamics.Acceleration, lam: tuple, inputs: Inputs) -> Residual:
@@ -244,9 +245,9 @@ def _news(news: innovation.News) -> dict[str, Array]:
     def parts(of: Residual) -> tuple[Array, Array]:
         return jnp.concatenate([of.payload.F, of.payload.tau]), jnp.concatenate([agent.f_x for agent in of.agents])
 
-    told = {"r": news.r, "trust": news.trust, "unrest": news.late, "said": news.said}
+    told = {"r": news.r, "trust": news.trust, "late": news.late, "left": news.left}
     split = {f"{name}_{body}": x for name, of in told.items() for body, x in zip("Lx", parts(of), strict=True)}
-    return split | {"fresh": news.fresh}
+    return split | {"fresh": news.fresh, "comes": news.comes}
 
 
 def advance(setup: Setup, loop: Loop, noise: Any, ticks: Int[Array, ""]) -> tuple[Loop, Row]:

@@ -310,7 +310,7 @@ def _memory(data: dict[str, Any]) -> Iterator[Mistake]:
 
 def log_numbers(data: dict[str, Any]) -> int:
     """Numbers that the log holds of one tick, at most: of the payload, each agent, joint and contact."""
-    return 98 + 49 * len(_items(data, "agents")) + 6 * _joints(data) + 12 * len(contacts(data))
+    return 99 + 49 * len(_items(data, "agents")) + 6 * _joints(data) + 12 * len(contacts(data))
 
 
 def model_outputs(data: dict[str, Any]) -> int:
