@@ -250,23 +250,6 @@ def test_once_labels_stop_what_they_said_beyond_what_is_used_is_kept(fade):
     np.testing.assert_allclose(left[stop + 50 :], left[-1], rtol=1e-3)
 
 
-def test_what_another_oracle_says_more_is_taken_from_what_labels_said():
-    labels = np.full((TICKS, 6), 0.6)
-    on = np.arange(TICKS) < TICKS // 2
-    base = plan().pilot.oracle
-
-    def oracle(k: Any) -> Any:
-        new = (k >= 3 * TICKS // 4).astype(int)
-        offset = base.payload.hyper.offset + 0.5 * new.astype(float)
-        hyper = dataclasses.replace(base.payload.hyper, offset=offset)
-        return dataclasses.replace(base, payload=dataclasses.replace(base.payload, hyper=hyper), k=base.k + new)
-
-    news = heard(listener(fade=0.005, span=0.02), oracle, np.zeros((TICKS, 3)), labels, on)
-    left, used = (np.asarray(x.payload.F)[:, 0] for x in (news.left, news.r))
-    np.testing.assert_allclose(left[TICKS // 2 + 50], 0.6 - used[TICKS // 2 + 50], atol=0.01)
-    np.testing.assert_allclose(left[-1], 0.1, atol=0.01)
-
-
 def test_what_has_changed_for_good_is_counted_anew_where_a_body_s_model_is_another():
     """An oracle that takes in what labels said leaves nothing to keep when they stop; one that does not leaves all."""
     labels, p = np.full((TICKS, 6), 2.0), np.zeros((TICKS, 3))

@@ -226,8 +226,6 @@ def _taken_over(past: Heard, f: Residual, k: Int[Array, ""]) -> Heard:
         before=(less(past.before[0]), plus(past.before[1])),
         moved=dataclasses.replace(past.moved, mean=plus(past.moved.mean)),
         average=jax.tree.map(lambda of, m: jnp.where(of != 0, 0.0, m), more, past.average),
-        level=less(past.level),
-        said=jax.tree.map(lambda q, m, of: q - 2 * of * m + of * of, past.said, past.level, more),
     )
 
 
