@@ -207,7 +207,7 @@ WRONG = [  # what is written, what instead, the line that answers
     (
         "duration_s: 20",
         "duration_s: 3000",
-        "the log of this team at 500 Hz would take 3.22 GB; 2 GB are allowed, 1866 s",
+        "the log of this team at 500 Hz would take 3.37 GB; 2 GB are allowed, 1779 s",
     ),
     ("capacity: 256", "capacity: 2283", "the 24 outputs of the models would take 1 GB; 1 GB are allowed, 2282 points"),
     ("capacity: 256", "capacity: 1", "learning.capacity: must be from 2 to 20000 (a fit takes two"),
