@@ -27,7 +27,7 @@ from colift.gp.training import checked
 # The result is for the stated ones all the same, and the less room, the closer it is to the best.
 MARGINS = (1e-6, 1e-5, 1e-4, 1e-3)
 SINGLE = np.float32  # of the iterates of `least`: whatever they are, they bound
-ROUND = 50  # iterations of `least` between two looks at what they gained
+ROUND = 100  # iterations of `least` between two looks at what they gained; some gain nothing in fifty, and then much
 GAIN = 1e-3  # of the largest value f can have, that a round must gain somewhere for another to follow
 ROUNDS = 20
 TOGETHER = 256  # functionals of `least` at a time: what is read and written stays in a core's cache
