@@ -35,7 +35,7 @@ def fly(item: str) -> dict[str, Any]:
     _linear[noise] = made.linear
     out = figures(made)
     if kind == "adversary":
-        out["adversary"] = figures(certification.challenge(made, 2))
+        out["adversary"] = figures(certification.challenge(made))
     return out
 
 

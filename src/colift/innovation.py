@@ -151,7 +151,8 @@ class Listener:
         y = _label(labelled)
         r = jax.tree.map(jnp.subtract, y, outer)
         b_span = on * -jnp.expm1(-waited / self.span)
-        average = _low(past.average, r, from_the_first(past.warm, b_span))
+        b_mean = from_the_first(past.warm, b_span)
+        average = _low(past.average, r, b_mean)
         moved = _moved(past.moved, y, outer, b, past.warm * b_span)
         silent, ended = (1 - on) * waited, on * (waited - dt)
         gap = jnp.maximum(past.gap * jnp.exp(-dt / (10 * self.span)), ended)
@@ -170,8 +171,8 @@ class Listener:
         unrest = _low(past.unrest, squares, -jnp.expm1(-dt / self.span))
         # stand still where the labels do
         late = _low(past.late, squares, b_span)
-        level = _low(past.level, r, from_the_first(past.warm, b_span))
-        said = _low(past.said, jax.tree.map(jnp.square, r), from_the_first(past.warm, b_span))
+        level = _low(past.level, r, b_mean)
+        said = _low(past.said, jax.tree.map(jnp.square, r), b_mean)
         age = past.age + speaking * -jnp.expm1(-dt / (10 * self.span)) * (silent - past.age)
         as_old = 1 + age / delay
         left = jax.tree.map(lambda q, m, x: jnp.sqrt(jnp.maximum(q - 2 * x * m + x * x, 0.0)), said, level, used)
