@@ -46,7 +46,7 @@ def tries(settings: Settings, names: list[str]) -> list[dict[str, Any]]:
 
 
 def team(name: str) -> Settings:
-    """Another scenario's team, payload, gains, allocation and control rate in the world and with the filters of `certified`."""
+    """Another scenario's team, payload, gains, allocation and rate in the world of `certified`, with its filters."""
     base, other = _settings(), scenario.load(name)
     filters = {each: getattr(base.control, each) for each in ("fusion_Hz", "joint_filter_Hz")}
     return base.model_copy(
