@@ -218,6 +218,28 @@ def test_labels_are_late_by_their_delay_times_their_rate():
     np.testing.assert_allclose(np.asarray(news.unrest.payload.F)[-1], 3.0 * delay, rtol=1e-6)
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_what_a_correction_leaves_is_at_most_the_labels_delay_times_the_greatest_rate_and_their_error(seed):
+    """`|f - r| <= D sup|df/dt| + sup|error|` of what a map lacks, twice the first with the lead; on a ramp it is met."""
+    rng = np.random.default_rng(seed)
+    f = low(low(rng.normal(size=(TICKS, 6)).cumsum(axis=0), rng.uniform(1, 30)), 5.0)
+    rate, delay = np.abs(np.diff(f, axis=0)).max(axis=0) / DT, float(FILTERS.delay())
+    off = 0.01 * rng.uniform(-1, 1, size=f.shape)
+    none, always = offset(0.0), np.ones(TICKS)
+
+    def late(x: np.ndarray) -> innovation.News:
+        return heard(listener(), lambda _k: none, np.zeros((TICKS, 3)), low(low(low(x, 50.0), 8.0), 8.0), always)
+
+    r = six(late(f + off).r.payload)
+    assert (np.abs(f - r) <= delay * rate + 0.01 + 1e-12).all()
+    exact = late(f)
+    ahead = six(exact.r.payload) + delay * six(exact.rate.payload)
+    assert (np.abs(f - ahead) <= 2 * delay * rate + 1e-12).all()
+    ramp = np.outer(np.arange(TICKS) * DT, np.linspace(-2, 2, 6))
+    left = (ramp - six(late(ramp).r.payload))[-1]
+    np.testing.assert_allclose(left, (delay - 1.5 * DT) * np.linspace(-2, 2, 6), rtol=1e-2)
+
+
 def test_labels_that_come_now_and_then_are_as_late_again_as_they_are_old():
     """Of labels every tenth tick the last one is up to nine ticks old, four and a half on average."""
     t = DT * np.arange(TICKS)
