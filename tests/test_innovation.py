@@ -220,7 +220,7 @@ def test_labels_are_late_by_their_delay_times_their_rate():
 
 @pytest.mark.parametrize("seed", range(3))
 def test_what_a_correction_leaves_is_at_most_the_labels_delay_times_the_greatest_rate_and_their_error(seed):
-    """`|f - r| <= D sup|df/dt| + sup|error|` of what a map lacks, twice the first with the lead; on a ramp it is met."""
+    """`|f - r| <= D sup|df/dt| + sup|error|` of what a map lacks, twice the first with the lead; met on a ramp."""
     rng = np.random.default_rng(seed)
     f = low(low(rng.normal(size=(TICKS, 6)).cumsum(axis=0), rng.uniform(1, 30)), 5.0)
     rate, delay = np.abs(np.diff(f, axis=0)).max(axis=0) / DT, float(FILTERS.delay())
