@@ -20,7 +20,7 @@ GRID: dict[str, list[dict[str, float]]] = {  # settings of the scenario
         {"baselines.mass_kg": m, "baselines.first_moment_kgm": c, "baselines.inertia_kgm2": J}
         for m, c, J in ((0.5, 5e-3, 3e-3), (0.5, 1e-4, 1e-4), (0.5, 1e-6, 1e-6), (0.5, 1e-8, 1e-8), (0.1, 1e-6, 1e-6))
     ],
-    "F": [{"innovation.lead_s": s, "learning.filter_Hz": f} for f in (5.0, 8.0, 12.0) for s in (0.0, 0.02, 0.04)],
+    "F": [{"innovation.lead_s": s, "learning.filter_Hz": f} for f in (5.0, 8.0, 12.0) for s in (0.0, 0.02, 0.04, 0.06)],
     "R": [
         *(
             {"baselines.ridge": r, "baselines.ridge_moment": m}
