@@ -240,10 +240,13 @@ def test_figure_7_draws_what_labels_say_where_they_stop_and_when_the_world_chang
     heard = ds.assign(
         r_L=(("time", "wrench"), rng.normal(size=(ds.sizes["time"], 6))),
         r_x=(ds.f_x.dims, rng.normal(size=ds.f_x.shape)),
+        trust_L=(("time", "wrench"), rng.uniform(size=(ds.sizes["time"], 6))),
         fresh=("time", np.where((ds.time > 5) & (ds.time < 7), 0.0, 1.0)),
     ).assign_attrs(**told, world_changed="2.5 s: payload; 4.5 s: payload, front")
     figure = view.reaction({"C3": heard}, TOLD)
-    error, payload, agents, points = figure.axes
+    error, payload, agents, used, points = figure.axes
+    np.testing.assert_allclose(used.lines[0].get_ydata(), np.mean(heard.trust_L, axis=1), rtol=1e-14)
+    np.testing.assert_array_equal(used.lines[1].get_ydata(), heard.fresh)
     np.testing.assert_allclose(payload.lines[0].get_ydata(), np.linalg.norm(heard.r_L[:, :3], axis=1), rtol=1e-14)
     for line, name in zip(agents.lines, heard.agent.values, strict=False):
         np.testing.assert_allclose(line.get_ydata(), np.linalg.norm(heard.r_x.sel(agent=name), axis=1), rtol=1e-14)
@@ -262,7 +265,8 @@ def test_figure_7_draws_what_labels_say_where_they_stop_and_when_the_world_chang
     calm = heard.assign(fresh=heard.fresh * 0 + 1)
     calm.attrs |= {"world_changed": "", "update_points_agents": 2 * np.array(heard.attrs["update_points_payload"])}
     explained = {text.get_text() for text in view.reaction({"C3": calm}, TOLD).legends[0].get_texts()}
-    assert explained == set(calm.agent.values), "what is not shown is not explained"
+    always = {"used of the payload's map", "used of the correction"}
+    assert explained == {*calm.agent.values, *always}, "what is not shown is not explained"
 
 
 def test_flights_of_one_tick_are_drawn(cases):

@@ -195,12 +195,13 @@ def _explain(figure: Figure, ds: xr.Dataset, internal: bool) -> None:
 
 
 def reaction(cases: panel.Cases, told: Mapping[str, str]) -> Figure:
-    """Figure 7: of cases that listen, the error, what labels say beyond the map, and how many points the map has.
+    """Figure 7: of cases that listen, the error, what labels say beyond the map, how much of either is used, points.
 
-    Shaded where labels have stopped and what they said has faded; a red line where the world was found to have changed.
+    What is used of the payload's map is that of its changes, the mean over force and moment. Shaded where labels have
+    stopped and what they said has faded; a red line where the world was found to have changed.
     """
-    figure = Figure(figsize=(look.PAGE * max(1, len(cases) / panel.COLUMNS), 5.0))
-    grid = figure.subplots(4, len(cases), sharex=True, sharey="row", squeeze=False)
+    figure = Figure(figsize=(look.PAGE * max(1, len(cases) / panel.COLUMNS), 6.0))
+    grid = figure.subplots(5, len(cases), sharex=True, sharey="row", squeeze=False)
     for column, (name, ds) in zip(grid.T, cases.items(), strict=True):
         t, agents = panel.thin(ds, ds.time), ds.agent.values.tolist()
         column[0].plot(t, panel.thin(ds, panel.rms(ds, panel.norm(ds.e_p))), color=look.of(name).color)
@@ -209,7 +210,9 @@ def reaction(cases: panel.Cases, told: Mapping[str, str]) -> Figure:
             color, dashes = panel.body(name, k, len(agents))
             r = panel.norm(ds.r_x.sel(agent=agent))
             column[2].plot(t, panel.thin(ds, r), color=color, linestyle=dashes, linewidth=0.9, label=agent)
-        _points(column[3], name, ds)
+        column[3].plot(t, panel.thin(ds, ds.trust_L.mean("wrench")), color=look.of(name).color, linewidth=0.9)
+        column[3].plot(t, panel.thin(ds, ds.fresh), color=look.of(name).color, linestyle=look.DOTS)
+        _points(column[4], name, ds)
         for ax in column:
             panel.shade_all(ax, ds.time.values, ds.fresh.values < 0.5)
             for said in filter(None, str(ds.attrs["world_changed"]).split("; ")):
@@ -217,17 +220,21 @@ def reaction(cases: panel.Cases, told: Mapping[str, str]) -> Figure:
         column[0].set_title(panel.title(name, ds, told))
         panel.time_axis(column[-1], cases)
     panel.log_scale(grid[0, 0])
-    grid[3, 0].set_ylim(bottom=0)
+    grid[3, 0].set_ylim(-0.05, 1.05)
+    grid[4, 0].set_ylim(bottom=0)
     labels = [
         r"$\|e_p\|$ [m]" + f"\n({panel.WINDOW:g} s RMS)",
         "payload:\n" + r"label $-$ map [N]",
         "agents:\n" + r"label $-$ map [N]",
+        "used [1]",
         "points of a body",
     ]
     for row, label in zip(grid, labels, strict=True):
         row[0].set_ylabel(label)
     figure.align_ylabels(grid[:, 0])
     handles = panel.agents(cases)
+    handles.append((Line2D([], [], color=panel.GREY), "used of the payload's map"))
+    handles.append((Line2D([], [], color=panel.GREY, linestyle=look.DOTS), "used of the correction"))
     if any(len(_counts(ds)) > 1 for ds in cases.values()):
         handles.append((Line2D([], [], color=panel.GREY), "payload's points"))
         handles.append((Line2D([], [], color=panel.GREY, linestyle=look.DOTS), "an agent's points"))
@@ -236,7 +243,7 @@ def reaction(cases: panel.Cases, told: Mapping[str, str]) -> Figure:
     if any(ds.attrs["world_changed"] for ds in cases.values()):
         handles.append((Line2D([], [], **CHANGED), "the world has changed"))
     if handles:
-        figure.legend(*zip(*handles, strict=True), loc="outside lower center", ncols=min(6, len(handles)))
+        figure.legend(*zip(*handles, strict=True), loc="outside lower center", ncols=min(4, len(handles)))
     return figure
 
 
