@@ -28,7 +28,7 @@ CAPTIONS = {
     "figure_4_forces": "Figure 4. Contact forces as estimated, over the truth, and internal forces",
     "figure_5_rho_bar": "Figure 5. Radii over the true errors of prediction",
     "figure_6_certificate": "Figure 6. Certified radius and observed error of position, and where the slack comes from",
-    "figure_7_reaction": "Figure 7. Memory and reflex: the error, what labels say beyond the map, what is used, the map's points",
+    "figure_7_reaction": "Figure 7. Memory and reflex: the error, what labels say beyond the map, what is used, points",
 }
 STYLE = """
 :root { color-scheme: light dark; --text: #22262b; --quiet: #5c646d; --line: #d3d8dd; --paper: #fff; --bad: #b3261e; }
