@@ -242,8 +242,7 @@ def reaction(cases: panel.Cases, told: Mapping[str, str]) -> Figure:
         handles.append((Patch(color=panel.ACTIVE, linewidth=0), "the correction has faded"))
     if any(ds.attrs["world_changed"] for ds in cases.values()):
         handles.append((Line2D([], [], **CHANGED), "the world has changed"))
-    if handles:
-        figure.legend(*zip(*handles, strict=True), loc="outside lower center", ncols=min(4, len(handles)))
+    figure.legend(*zip(*handles, strict=True), loc="outside lower center", ncols=min(4, len(handles)))
     return figure
 
 
