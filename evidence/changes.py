@@ -22,6 +22,17 @@ MOTORS = (
     "actuators={kind: motors, bandwidth_Hz: 8, delay_s: 0.006}",
     "nominal.actuators={bandwidth_Hz: 8, delay_s: 0.006}",
 )
+LAPS = (  # of 24 s, which a budget of samples does not cover
+    "reference.period_s=24",
+    "duration_s=80",
+    "learning.end_s=30",
+    "learning.update_times_s=[6, 12, 18, 24, 30]",
+)
+INTO = (  # the loop lies beside the jets until 14 s, among them from 17 s on
+    "reference.center_m=[-3, 0, 2]",
+    "reference.leaves={shift_m: [3, 0, 0], start_s: 14, over_s: 3}",
+    "duration_s=60",
+)
 WORLDS: dict[str, tuple[str, tuple[str, ...], float]] = {  # scenario, changes, s from which errors count
     "home": ("paper", (), 10.0),
     "wind": ("paper", WIND, 14.0),
@@ -33,6 +44,9 @@ WORLDS: dict[str, tuple[str, tuple[str, ...], float]] = {  # scenario, changes, 
     "outdoors": ("outdoors", (), 14.0),
     "jets": ("jets", (), 10.0),
     "motors": ("paper", MOTORS, 10.0),
+    "laps": ("paper", LAPS, 54.0),
+    "laps lost": ("paper", (*LAPS, LOST.format(55)), 56.0),
+    "into jets": ("jets", INTO, 35.0),
 }
 CASES = ("C1", "C3", "R", "F", "F led", "H", "C4", "O")
 LED = "innovation.lead_s=0.04"

@@ -263,7 +263,9 @@ PLACE = {True: slice(0, 3), False: slice(9, 12)}  # of features: the payload's, 
 
 def placed(given: Lesson) -> Map:
     """What C4 learns of these data."""
-    oracle, _, covariances = place.teach(given.oracle, given.recorded, given.of_place, given.mean, {}, {})
+    oracle, _, covariances = place.teach(
+        given.oracle, given.recorded, given.of_place, given.mean, {}, learn.raw(given.recorded)
+    )
     return Map(oracle, place.doubts(oracle, given.recorded, covariances, {}))
 
 

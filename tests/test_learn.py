@@ -222,6 +222,39 @@ def test_a_renewed_oracle_is_the_posterior_of_newer_samples_under_what_was_fitte
         np.testing.assert_array_equal(body.hyper.lengthscales, was.hyper.lengthscales)
 
 
+def test_of_more_samples_than_a_budget_allows_those_stay_that_tell_most_and_none_is_taken_twice(taught):
+    """A path that was flown once is not forgotten while the team stays in one place for twice the budget."""
+    oracle, _ = taught
+    path, agents = samples(7, CAPACITY // 2, 24, 6), samples(8, 30, 24, 9, (2,))
+    nothing = jax.tree.map(jnp.zeros_like, both(path, agents))
+    kept = learn.kept(oracle, nothing, both(path, agents), -1.0, 5.0, 20.0, {})
+    for body, expected in learn.raw(both(path, agents)).items():
+        for one, other in zip(learn.raw(kept)[body], expected, strict=True):
+            np.testing.assert_array_equal(one, other)
+    place = samples(9, 1, 24, 6)
+    for k in range(3):
+        again = [jnp.broadcast_to(x[:1], x.shape) for x in (place.X, place.Y)]
+        t = jnp.asarray(10.0 * (k + 1) + 0.1 * np.arange(CAPACITY))
+        here = dataclasses.replace(place, X=again[0], Y=again[1], t=t, n=jnp.asarray(CAPACITY))
+        kept = learn.kept(oracle, kept, both(here, agents), 10.0 * (k + 1) - 1, 10.0 * (k + 2), 20.0, {})
+    _, _, t = learn.raw(kept)["payload"]
+    assert len(t) == CAPACITY
+    assert (t < 5).sum() == CAPACITY // 2
+    assert t[-CAPACITY // 2 :].min() > 29  # of samples that tell the same the newest
+    assert [len(learn.raw(kept)[0, j][2]) for j in range(2)] == [30, 30]  # none was taken a second time
+
+
+def test_where_the_world_has_changed_samples_of_before_go_first(taught):
+    oracle, _ = taught
+    load, agents = samples(7, CAPACITY, 24, 6), samples(8, 30, 24, 9, (2,))
+    one = jax.tree.map(lambda x: jnp.broadcast_to(x[:1], x.shape) if x.ndim == 2 else x, samples(9, 20, 24, 6))
+    kept = learn.kept(oracle, jax.tree.map(jnp.zeros_like, both(load, agents)), both(load, agents), -1.0, 5.0, 20.0, {})
+    change = {"payload": learn.changed(oracle, "payload", 9.9)}
+    later = dataclasses.replace(one, t=one.t + 10.0)
+    t = learn.raw(learn.kept(oracle, kept, both(later, agents), 9.0, 12.0, 20.0, change))["payload"][2]
+    assert (t > 9).sum() == 20
+
+
 def test_samples_come_in_the_order_of_time_whatever_row_they_were_written_to(taught):
     """A buffer whose oldest rows were overwritten is no longer in order; of a changed body only newer ones count."""
     oracle, _ = taught
@@ -239,6 +272,19 @@ def test_samples_come_in_the_order_of_time_whatever_row_they_were_written_to(tau
     assert len(t) == 20
     np.testing.assert_array_equal(Y, load.Y[20:40])
     np.testing.assert_array_equal(X, learn.payload_features(load.X[20:40]))
+
+
+def test_samples_left_out_surprise_a_model_that_does_not_fit_them_and_no_other(taught):
+    oracle, _ = taught
+    model = oracle.payload
+    assert 0.2 < learn.left_out(model, 30) < 2
+    each = [gp.condition(np.delete(model.X[:30], k, 0), np.delete(model.Y[:30], k, 0), model.hyper) for k in (28, 29)]
+    said = [gp.predict(one, model.X[k][None]) for one, k in zip(each, (28, 29), strict=True)]
+    v = np.asarray(model.hyper.noise_variance)
+    by_hand = [(model.Y[k] - m[0]) ** 2 / (s[0] + v) for (m, s), k in zip(said, (28, 29), strict=True)]
+    np.testing.assert_allclose(learn.left_out(model, 2), np.mean(by_hand), rtol=1e-6)
+    jumps = np.asarray(model.Y[:30]) + 20.0 * (-1.0) ** np.arange(30)[:, None]
+    assert learn.left_out(gp.condition(model.X[:30], jumps, model.hyper), 30) > 10
 
 
 def test_once_the_world_has_changed_the_map_keeps_its_shape_where_the_team_has_not_been_again(taught):

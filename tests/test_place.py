@@ -81,10 +81,13 @@ def nothing() -> learn.Oracle:
     )
 
 
+BODIES = ("payload", (0, 0), (0, 1))
+
+
 @pytest.fixture(scope="module")
 def taught() -> tuple[learn.Oracle, learn.Fits, dict]:
     """What is learned of one flight."""
-    return place.teach(nothing(), flown(0), training(), MEAN, {}, {})
+    return place.teach(nothing(), flown(0), training(), MEAN, {}, BODIES)
 
 
 def test_mass_drag_and_thrust_are_told_from_a_field_within_what_their_covariance_allows(taught):
@@ -136,7 +139,7 @@ def test_errors_elsewhere_are_within_the_deviations_that_a_mean_s_doubt_is_part_
     squares, bare = [], []
     for seed in range(6):
         recorded, fast = flown(10 + seed), flown(50 + seed, times=2.0)
-        oracle, _, covariances = place.teach(nothing(), recorded, training(), MEAN, {}, {})
+        oracle, _, covariances = place.teach(nothing(), recorded, training(), MEAN, {}, BODIES)
         doubts = place.doubts(oracle, recorded, covariances, {})
         for body in ("payload", (0, 1)):
             (Z, left, _), x = learn.samples(oracle, fast)[body], learn.raw(fast)[body][0]
@@ -151,10 +154,10 @@ def test_errors_elsewhere_are_within_the_deviations_that_a_mean_s_doubt_is_part_
     assert np.mean(bare) > np.mean(squares)
 
 
-def test_a_body_whose_world_has_changed_keeps_its_mean_and_hyperparameters(taught):
+def test_a_body_that_is_not_asked_for_keeps_its_mean_and_hyperparameters(taught):
     oracle, fits, _ = taught
     change = {"payload": learn.changed(oracle, "payload", 5.0)}
-    later, now, covariances = place.teach(oracle, flown(1), training(), MEAN, fits, change)
+    later, now, covariances = place.teach(oracle, flown(1), training(), MEAN, fits, {(0, 0), (0, 1)}, change)
     np.testing.assert_array_equal(later.theta, oracle.theta)
     np.testing.assert_array_equal(later.known.payload, oracle.known.payload)
     np.testing.assert_array_equal(later.payload.hyper.lengthscales, oracle.payload.hyper.lengthscales)

@@ -4,14 +4,21 @@ from __future__ import annotations
 
 import dataclasses
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from colift import learn, place, school
-from tests.test_learn import TRAINING, both, prior, samples
+from colift import gp, learn, place, school
+from tests.test_learn import CAPACITY, TRAINING, both, prior, samples
 
 MEAN = place.Mean(payload=np.ones(14), agents=np.ones(5))
 IDENTIFY = school.Identify(noise=np.full(6, 0.1), prior=np.full(10, 0.1))
+
+
+def going_on(enough: int) -> school.School:
+    """Of a flight whose learning does not end."""
+    given = school.Renewals(times=(), surprise=3.0, settle=0.0, enough=enough, age=20.0, payload=IDENTIFY, mean=MEAN)
+    return school.School(None, None, given)
 
 
 @pytest.mark.parametrize(("enough", "changed"), [(60, ("payload",)), (150, ())])
@@ -20,11 +27,113 @@ def test_what_contradicts_a_model_of_enough_samples_is_another_world(enough, cha
     load, agents = samples(0, 40, 24, 6), samples(1, 40, 24, 9, (2,))
     first = [dataclasses.replace(data, n=data.n - 10) for data in (load, agents)]
     oracle, _ = learn.teach(prior(), both(*first), TRAINING, {})
-    given = school.Renewals(times=(), surprise=3.0, settle=0.0, enough=enough, payload=IDENTIFY, mean=MEAN)
-    taught = school.School(None, None, given)
+    taught = going_on(enough)
     taught.usual = {body: [1.0] for body in ("payload", (0, 0), (0, 1))}
     taught.last = 2.95
     other = dataclasses.replace(load, Y=load.Y.at[30:].add(50.0))
     _, update = taught.teach(oracle, both(other, agents), 4.0, fit=False)
     assert update.changed == changed
     assert update.failed == ""
+
+
+def early() -> tuple[gp.Data, gp.Data]:
+    """40 samples of a payload and of two agents, from 0.1 s on."""
+    each = samples(0, 40, 24, 6), samples(1, 40, 24, 9, (2,))
+    load, agents = (dataclasses.replace(data, t=data.t + 0.1) for data in each)
+    return load, agents
+
+
+def test_what_was_learned_once_is_known_when_its_samples_are_no_longer_the_newest():
+    """Three budgets of samples, each elsewhere: the recorder holds the last alone."""
+    taught = going_on(1000)
+    load, agents = early()
+    oracle, _ = learn.teach(prior(), both(load, agents), TRAINING, {})
+    asked = learn.payload_features(load.X[:40:4])
+    before = gp.predict(oracle.payload, asked)
+    oracle, update = taught.teach(oracle, both(load, agents), 4.0, fit=False)
+    assert update.n == {"payload": 40, "agents": 80}
+    for k in (1, 2):
+        hover = [jnp.broadcast_to(x[k][None], x.shape) for x in (load.X, load.Y)]
+        newest = dataclasses.replace(load, X=hover[0], Y=hover[1], t=load.t + 10.0 * k)
+        oracle, update = taught.teach(oracle, both(newest, agents), 10.0 * k + 4, fit=False)
+    assert update.n["payload"] == CAPACITY
+    after = gp.predict(oracle.payload, asked)
+    np.testing.assert_allclose(after[0], before[0], atol=0.05)
+    assert float(after[1].max()) < 3 * float(before[1].max())
+
+
+def test_where_learning_fails_samples_are_not_lost(monkeypatch):
+    """The oracle stays as it was, the update says why, and the next one takes what this one could not."""
+    taught, (load, agents) = going_on(1000), early()
+    oracle, _ = learn.teach(prior(), both(load, agents), TRAINING, {})
+    with monkeypatch.context() as patch:
+        patch.setattr(learn, "renew", lambda *_: (_ for _ in ()).throw(ValueError("no factor")))
+        same, update = taught.teach(oracle, both(load, agents), 4.0, fit=False)
+    assert same is oracle
+    assert "no factor" in update.failed
+    _, update = taught.teach(oracle, both(load, agents), 5.0, fit=False)
+    assert update.failed == ""
+    assert update.n["payload"] == 40
+
+
+@pytest.mark.parametrize(("since", "over"), [(2.0, True), (3.5, False)])
+def test_a_change_is_over_at_a_fit_once_no_sample_of_before_is_left(since, over):
+    """Of 80 samples 48 stay: 61 are of after 2 s, 46 of after 3.5 s."""
+    taught, (load, agents) = going_on(1000), early()
+    oracle, _ = learn.teach(prior(), both(load, agents), TRAINING, {})
+    taught.changes = {"payload": learn.changed(oracle, "payload", since)}
+    taught.teach(oracle, both(load, agents), 5.0, fit=False)
+    assert "payload" in taught.changes
+    later = dataclasses.replace(load, t=load.t + 4.0)
+    taught.teach(oracle, both(later, agents), 9.0, fit=True)
+    assert ("payload" not in taught.changes) == over
+
+
+@pytest.mark.parametrize("misfit", [True, False])
+def test_a_model_that_waits_is_not_asked_and_a_new_one_is_held_against_its_own_samples(misfit):
+    """What contradicts it is another world at 4 s, and nothing at 8 s, while the model of before waits for enough.
+
+    Labels that jump from sample to sample, which no model of these length-scales fits, are a misfit at 12 s; where
+    they are smooth and go elsewhere at 12 s that is another world again.
+    """
+    taught = going_on(40)
+    taught.usual = {body: [1.0] for body in ("payload", (0, 0), (0, 1))}
+    load, agents = early()
+    oracle, _ = learn.teach(prior(), both(load, agents), TRAINING, {})
+    taught.data, taught.last = both(load, agents), 4.0
+    jumps = 50.0 * (-1.0) ** np.arange(CAPACITY)[:, None] * np.ones(6)
+
+    def more(k):
+        """Of the k-th four seconds; of the second only some, so that there are too few."""
+        off = jumps if misfit else np.full((CAPACITY, 6), -80.0 if k == 3 else 50.0)
+        late = dataclasses.replace(load, Y=load.Y + jnp.asarray(off), t=load.t + 4.0 * k)
+        return both(late, dataclasses.replace(agents, t=agents.t + 4.0 * k, n=jnp.zeros(2, int)))
+
+    oracle, update = taught.teach(oracle, more(1), 8.0, fit=False)
+    assert update.changed == ("payload",)
+    assert taught.waiting == {"payload"}
+    assert oracle.payload.n == 40  # the model of before
+    fewer = more(2)
+    fewer = dataclasses.replace(fewer, payload=dataclasses.replace(fewer.payload, n=jnp.asarray(20)))
+    oracle, update = taught.teach(oracle, fewer, 12.0, fit=False)
+    assert update.changed == update.misfits == ()
+    assert taught.waiting == {"payload"}
+    oracle, update = taught.teach(oracle, more(3), 16.0, fit=False)
+    assert update.changed == (() if misfit else ("payload",))
+    assert update.misfits == (("payload",) if misfit else ())
+    assert ("payload" in taught.changes) != misfit
+    if misfit:
+        assert learn.raw(taught.data)["payload"][2].min() > 4.0  # what is left of before is gone
+
+
+def test_what_surprises_long_after_a_change_is_another_one():
+    taught = going_on(30)
+    taught.usual = {body: [1.0] for body in ("payload", (0, 0), (0, 1))}
+    load, agents = early()
+    oracle, _ = learn.teach(prior(), both(load, agents), TRAINING, {})
+    taught.data, taught.last = both(load, agents), 4.0
+    taught.changes = {"payload": learn.changed(oracle, "payload", 0.05)}
+    late = dataclasses.replace(load, Y=load.Y + 50.0, t=load.t + 4.0)
+    _, update = taught.teach(oracle, both(late, agents), 8.0, fit=False)
+    assert update.changed == ("payload",)
+    assert taught.changes["payload"].since > 4.0

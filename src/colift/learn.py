@@ -424,6 +424,51 @@ def raw(recorded: Recorded) -> dict[Body, Samples]:
     return out
 
 
+def kept(
+    oracle: Oracle, before: Recorded, recorded: Recorded, after: float, now: float, span: float, changes: Changes
+) -> Recorded:
+    """The data sets with what was recorded since `after`, s; of too many samples those that tell most (host).
+
+    As `gp.thinned` has it, with noise that counts as `1 + age / span` times what it is, so that of two samples that
+    tell the same the newer one stays. Where a body's world has changed those before it go first.
+    """
+    held, new = raw(before), raw(recorded)
+
+    def of(body: Body) -> Samples:
+        model, fresh = of_body(oracle, body), new[body][2] > after + 1e-9
+        x, Y, t = (np.concatenate([old, more[fresh]]) for old, more in zip(held[body], new[body], strict=True))
+        since = changes[body].since if body in changes else -np.inf
+        Z = features(oracle.features, body, x)
+        stays = gp.thinned(Z, model.hyper, model.capacity, 1 + (now - t) / span, first=t < since)
+        return x[stays], Y[stays], t[stays]
+
+    return _recorded(before, side_by_side(of, held))
+
+
+def since(recorded: Recorded, start: Mapping[Body, float]) -> Recorded:
+    """The data sets without what bodies recorded before a time of their own, s (host)."""
+    left = {}
+    for body, of in raw(recorded).items():
+        late = of[2] >= start.get(body, -np.inf)
+        left[body] = of[0][late], of[1][late], of[2][late]
+    return _recorded(recorded, left)
+
+
+def _recorded(like: Recorded, samples: Mapping[Body, Samples]) -> Recorded:
+    """Data sets of these samples."""
+
+    def data(like: gp.Data, of: Samples) -> gp.Data:
+        n = len(of[2])
+        X, Y, t = (jnp.asarray(np.pad(x, ((0, like.t.shape[-1] - n), *[(0, 0)] * (x.ndim - 1)))) for x in of)
+        return dataclasses.replace(like, X=X, Y=Y, t=t, n=jnp.asarray(n))
+
+    groups = []
+    for i, group in enumerate(like.agents):
+        each = [data(jax.tree.map(lambda x, j=j: x[j], group), samples[i, j]) for j in range(len(group.n))]
+        groups.append(jax.tree.map(lambda *x: jnp.stack(x), *each))
+    return dataclasses.replace(like, payload=data(like.payload, samples["payload"]), agents=tuple(groups))
+
+
 def samples(oracle: Oracle, recorded: Recorded, changes: Changes = MappingProxyType({})) -> dict[Body, Samples]:
     """`(X, Y, t)` of every body in the order of time, X features, Y what the GPs are to explain: labels less `beside`.
 
@@ -477,14 +522,14 @@ def shifted(change: Change, X: np.ndarray, Y: np.ndarray) -> gp.GP:
 
 
 def amended(old: gp.GP, X: np.ndarray, Y: np.ndarray) -> gp.GP:
-    """A model of samples since a change, and of as many of those before it as the budget has room for (host).
+    """A model of samples since a change, and of those before it that tell most, as the budget has room (host).
 
     old: as `shifted`. Where the team has not been again the map keeps its shape.
     """
     n = int(old.n)
-    kept = slice(max(0, n - old.capacity + len(X)), n)
-    both = (np.concatenate([np.asarray(before)[kept], new]) for before, new in ((old.X, X), (old.Y, Y)))
-    return gp.condition(*both, old.hyper, old.capacity)
+    Z, both = (np.concatenate([np.asarray(before)[:n], new]) for before, new in ((old.X, X), (old.Y, Y)))
+    stays = gp.thinned(Z, old.hyper, old.capacity, np.ones(len(Z)), first=np.arange(len(Z)) < n)
+    return gp.condition(Z[stays], both[stays], old.hyper, old.capacity)
 
 
 def heavier(
@@ -534,6 +579,16 @@ def teach(oracle: Oracle, recorded: Recorded, training: Training | None, last: F
     learned = side_by_side(study, found)
     fits = {**last, **{body: fit for body, (fit, _) in learned.items() if fit is not None}}
     return with_bodies(oracle, {body: model for body, (_, model) in learned.items()}), fits
+
+
+def left_out(model: gp.GP, newest: int) -> float:
+    """Mean of `(y - f)^2` over its predicted variance of a model's newest samples, each left out; 1 if it fits (host).
+
+    Rasmussen and Williams 2006, Eqs. 5.11 and 5.12.
+    """
+    off, variance = (np.asarray(x) for x in gp.leave_one_out(model))
+    n = int(model.n)
+    return float((off**2 / variance)[:, max(0, n - newest) : n].mean())
 
 
 def side_by_side(study: Callable[[Body], T], bodies: Collection[Body]) -> dict[Body, T]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Collection, Mapping, Sequence
+from types import MappingProxyType
 
 import jax
 import jax.numpy as jnp
@@ -63,14 +64,16 @@ def teach(
     training: learn.Training,
     mean: Mean,
     last: learn.Fits,
-    changes: learn.Changes,
+    bodies: Collection[learn.Body],
+    changes: learn.Changes = MappingProxyType({}),
     waiting: Collection[learn.Body] = (),
 ) -> tuple[learn.Oracle, learn.Fits, dict[learn.Body, np.ndarray]]:
-    """The oracle on the data so far, means and hyperparameters fitted anew, with the means' covariances (host).
+    """The oracle on the data so far, means and hyperparameters of bodies fitted anew, with the means' covariances.
 
-    Bodies whose world has changed keep theirs: what is left of the world before is no data for a mean.
+    Of bodies whose world has not changed: what is left of the world before is no data for a mean. The others are
+    renewed. Host.
     """
-    found = {body: (x, Y) for body, (x, Y, _) in learn.raw(recorded).items() if len(x) > 1 and body not in changes}
+    found = {body: (x, Y) for body, (x, Y, _) in learn.raw(recorded).items() if len(x) > 1 and body in bodies}
     learned = learn.side_by_side(lambda body: _fit(oracle, body, *found[body], training, mean, last.get(body)), found)
     models = {}
     for body, (fit, beta, _) in learned.items():

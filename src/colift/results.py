@@ -6,7 +6,7 @@ import platform
 import shlex
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from importlib.metadata import version
 from pathlib import Path
@@ -126,11 +126,8 @@ def dataset(settings: Settings, case: str, flight: simulate.Flight, flown: simul
         "unused": "; ".join(flight.unused),
         "update_points_payload": [update.n["payload"] for update in flight.updates],
         "update_points_agents": [update.n["agents"] for update in flight.updates],
-        "world_changed": "; ".join(
-            f"{update.t:g} s: {', '.join(_body_name(settings, body) for body in update.changed)}"
-            for update in flight.updates
-            if update.changed
-        ),
+        "world_changed": _when(settings, ((update.t, update.changed) for update in flight.updates)),
+        "fitted_anew": _when(settings, ((update.t, update.misfits) for update in flight.updates)),
         "T_end_s": settings.learning.end_s,
         **{f"limit_{name}": value for name, value in _limits(settings, flown).items() if value is not None},
         **{f"rho_{name}": value for name, value in rests_on.items()},
@@ -144,6 +141,11 @@ def dataset(settings: Settings, case: str, flight: simulate.Flight, flown: simul
         attrs=attrs,
         sigma=flight.sigma,
     )
+
+
+def _when(settings: Settings, of: Iterable[tuple[float, Sequence[learn.Body]]]) -> str:
+    """At which times for whom, in words."""
+    return "; ".join(f"{t:g} s: {', '.join(_body_name(settings, body) for body in who)}" for t, who in of if who)
 
 
 def _limits(settings: Settings, plan: simulate.Plan) -> dict[str, Any]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import dataclasses
 import logging
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -18,7 +19,9 @@ log = logging.getLogger(__name__)
 
 @dataclasses.dataclass(frozen=True)
 class Renewals:
-    """Oracles that go on: the newest samples every so often; where the world has changed, the older ones amended.
+    """Oracles that go on: newer samples every so often; where the world has changed, the older ones amended.
+
+    Of all samples so far those are kept that tell most, the newer ones rather (`learn.kept`).
 
     As long as labels correct it, a model from before the change does better than one of few new samples, and flies on.
     Once they are silent the new samples speak where the team has been again.
@@ -28,6 +31,7 @@ class Renewals:
     surprise: float  # mean of `place.surprise` above which a body's world has changed, over what is usual for it
     settle: float  # s after the first sample that surprises, until which those that come speak of no world
     enough: int  # samples after a change for a new model; until then what surprises is the same change
+    age: float  # s, after which the noise of a sample counts twice when it is decided which are kept
     mean: place.Mean  # of what maps hold beside GPs of the place
     payload: Identify  # of what a payload that has changed differs from its model
 
@@ -57,6 +61,7 @@ class Update:
     fits: learn.Fits
     theta: np.ndarray  # (10,)
     changed: tuple[learn.Body, ...] = ()  # whose older samples are amended from now on
+    misfits: tuple[learn.Body, ...] = ()  # whose are gone, and whose hyperparameters and means are fitted anew
     doubts: place.Doubts = dataclasses.field(default_factory=dict)
     failed: str = ""  # why the oracle before it stays
 
@@ -74,16 +79,16 @@ class School:
         self.covariances: dict[learn.Body, np.ndarray] = {}  # of means
         self.doubts: place.Doubts = {}
         self.waiting: set[learn.Body] = set()  # those that have seen too little since for a new model
+        self.misfits: tuple[learn.Body, ...] = ()  # those whose first model since does not fit
         self.last = 0.0  # s, of the newest samples that an oracle has seen
+        self.data: learn.Recorded | None = None  # kept of all samples until then, where learning goes on
 
     def teach(self, oracle: learn.Oracle, recorded: learn.Recorded, t: float, fit: bool) -> tuple[learn.Oracle, Update]:
         """The oracle of what was recorded until t, s: GPs, with hyperparameters fitted or kept, or parameters.
 
         Where a fit fails the oracle stays as it was, and the update says why.
         """
-        failed = ""
-        changed = () if self.renewals is None else self._look(oracle, recorded, self.renewals)
-        n = {"payload": int(recorded.payload.n), "agents": sum(int(data.n.sum()) for data in recorded.agents)}
+        failed, changed = "", ()
         try:
             if isinstance(self.identify, Regress):
                 oracle = learn.regress(oracle, recorded, self.identify.ridge)
@@ -93,13 +98,16 @@ class School:
                 theta, _ = learn.identify(X, Y, given.noise, given.prior)
                 oracle = dataclasses.replace(oracle, theta=jnp.asarray(theta))
             elif self.renewals is not None:
-                oracle = self._renew(oracle, recorded, self.renewals, fit)
+                changed = self._look(oracle, recorded, self.renewals)
+                oracle = self._renew(oracle, recorded, self.renewals, t, fit)
             else:
                 oracle, self.fits = learn.teach(oracle, recorded, self.training, self.fits)
+            self.last = t
         except (ValueError, np.linalg.LinAlgError) as error:
             failed = f"what was learned at t = {t:.3f} s is not used: {error}"
             log.warning("%s", failed)
-        self.last = t
+        seen = self.data or recorded
+        n = {"payload": int(seen.payload.n), "agents": sum(int(data.n.sum()) for data in seen.agents)}
         update = Update(
             t=t,
             ready=t,
@@ -107,43 +115,75 @@ class School:
             fits=self.fits,
             theta=np.asarray(oracle.theta),
             changed=changed,
+            misfits=self.misfits,
             doubts=self.doubts,
             failed=failed,
         )
         return oracle, update
 
-    def _renew(self, oracle: learn.Oracle, recorded: learn.Recorded, given: Renewals, fit: bool) -> learn.Oracle:
+    def _renew(
+        self, oracle: learn.Oracle, recorded: learn.Recorded, given: Renewals, t: float, fit: bool
+    ) -> learn.Oracle:
         """The oracle with what has been said since the last look; the same one where that is nothing new."""
         said, waited = recorded.newest() > self.last, self.waiting
         self.waiting = self.waiting if said else set()
         if not said and not waited:
             return oracle
-        oracle = self._heavier(oracle, recorded)
-        if fit and self.training is not None:
+        before = jax.tree.map(jnp.zeros_like, recorded) if self.data is None else self.data
+        data = learn.kept(oracle, before, recorded, self.last, t, given.age, self.changes)
+        data = self._over(data, fit)
+        oracle = self._heavier(oracle, data)
+        bodies = [body for body in (learn.raw(data) if fit else self.misfits) if body not in self.changes]
+        if bodies and self.training is not None:
             oracle, self.fits, new = place.teach(
-                oracle, recorded, self.training, given.mean, self.fits, self.changes, self.waiting
+                oracle, data, self.training, given.mean, self.fits, bodies, self.changes, self.waiting
             )
             self.covariances |= new
         else:
-            oracle = learn.renew(oracle, recorded, self.changes, self.waiting)
-        self.doubts = place.doubts(oracle, recorded, self.covariances, self.changes)
+            oracle = learn.renew(oracle, data, self.changes, self.waiting)
+        self.doubts = place.doubts(oracle, data, self.covariances, self.changes)
+        self.data = data
         return oracle
 
+    def _over(self, data: learn.Recorded, fit: bool) -> learn.Recorded:
+        """The samples without those of before changes that are over: of misfits, and where none is left at a fit."""
+        seen = learn.raw(data)
+        alone = {body for body, change in self.changes.items() if seen[body][2].min() >= change.since}
+        over = {*self.misfits, *(alone if fit else ())}
+        since = {body: self.changes[body].since for body in self.misfits}
+        self.changes = {body: change for body, change in self.changes.items() if body not in over}
+        return learn.since(data, since) if since else data
+
     def _look(self, oracle: learn.Oracle, recorded: learn.Recorded, given: Renewals) -> tuple[learn.Body, ...]:
-        """The bodies for which the world has changed since the last look, each noted with the first that said so."""
-        found, seen = [], learn.raw(recorded)
-        few = {body for body, change in self.changes.items() if (seen[body][2] >= change.since).sum() < given.enough}
-        for body, (t, off) in place.surprise(oracle, recorded, self.doubts, self.last).items():
-            if body in few or int(learn.of_body(oracle, body).n) < given.enough / 3:  # it knows no world yet
+        """The bodies for which the world has changed since the last look, each noted with the first that said so.
+
+        While a model of before a change waits it is not asked. When there are enough for a new one that one is, held
+        against its own samples, each left out: where these surprise as much as the newest do it is no other world but
+        a misfit, whose hyperparameters and mean are to be fitted anew, of samples since.
+        """
+        found, misfits, seen = [], [], learn.raw(recorded)
+        since = {body: int((seen[body][2] >= change.since).sum()) for body, change in self.changes.items()}
+        few = {body for body, n in since.items() if n < given.enough}
+        new = self.waiting - few
+        asked = learn.renew(oracle, self.data, self.changes, few) if new and self.data is not None else oracle
+
+        def most(before: list[float]) -> float:
+            return given.surprise * max(1.0, float(np.median(before))) if before else np.inf
+
+        for body, (t, off) in place.surprise(asked, recorded, self.doubts, self.last).items():
+            model, score = learn.of_body(asked, body), float(off.mean())
+            if body in few or int(model.n) < given.enough / 3:  # it knows no world yet
                 continue
-            before = self.usual.setdefault(body, [])
-            most = given.surprise * max(1.0, np.median(before)) if before else np.inf
-            if off.mean() > most:
-                self.changes[body] = learn.changed(oracle, body, float(t[np.argmax(off > most)]) + given.settle)
+            usual = self.usual.setdefault(body, [])
+            before = [learn.left_out(model, since[body])] if body in new else usual
+            if score > most(before):
+                self.changes[body] = learn.changed(oracle, body, float(t[np.argmax(off > most(before))]) + given.settle)
                 found.append(body)
+            elif score > most(usual):
+                misfits.append(body)
             else:
-                before.append(off.mean())
-        self.waiting = few | set(found)
+                usual.append(score)
+        self.misfits, self.waiting = tuple(misfits), few | set(found)
         return tuple(found)
 
     def _heavier(self, oracle: learn.Oracle, recorded: learn.Recorded) -> learn.Oracle:

@@ -134,21 +134,24 @@ def _as(case: str, c1: simulate.Plan, settings: Settings) -> simulate.Plan:
 
 
 def _going_on(plan: simulate.Plan, settings: Settings, payload: school.Identify) -> simulate.Plan:
-    """The plan with learning that does not end: maps of the place, renewed every so often with the newest samples."""
+    """The plan with learning that does not end: maps of the place, renewed, and fitted anew, every so often."""
     given = settings.innovation
-    first = settings.learning.update_times_s[0]
+    first, last = settings.learning.update_times_s[0], settings.learning.update_times_s[-1]
     times = np.arange(first, settings.duration_s, given.renew_s)[1:]
+    fits = np.arange(last, settings.duration_s, given.refit_s)[1:]
     recorder = dataclasses.replace(plan.pilot.recorder, end=jnp.asarray(np.inf), policy=gp.first_in_first_out)
     oracle = dataclasses.replace(plan.pilot.oracle, known=learn.no_air(plan.pilot.team.sizes))
     return dataclasses.replace(
         plan,
         pilot=dataclasses.replace(plan.pilot, recorder=recorder, oracle=oracle),
+        updates=(*plan.updates, *fits.tolist()),
         training=priors.of_place(settings, plan.pilot.team),
         renewals=school.Renewals(
             times=tuple(times.tolist()),
             surprise=given.surprise,
             settle=given.settle_s,
             enough=given.enough,
+            age=given.age_s,
             payload=payload,
             mean=priors.mean(settings),
         ),

@@ -7,6 +7,7 @@ training    hyperparameters from data (host)
 posterior   condition, mean, variance, predict, append, remove, and what a data set tells
 parametric  GPs beside a mean function linear in parameters that outputs share (host)
 data        data policies of a fixed budget, update schedules
+thinning    which of too many points to keep (host)
 store       a GP in a file
 bounds      how far the mean may be from the function, and what each bound assumes
 recovery    the tightest bound under bounded noise, by a conic program (host)
@@ -34,6 +35,7 @@ from colift.gp.posterior import (
     variance,
 )
 from colift.gp.store import load, save
+from colift.gp.thinning import thinned
 from colift.gp.training import Fit, both, fit, fit_shared, spread
 
 __all__ = [
@@ -78,5 +80,6 @@ __all__ = [
     "remove",
     "save",
     "spread",
+    "thinned",
     "variance",
 ]

@@ -821,7 +821,12 @@ class Innovation(Section):
     span_s: of.Span = 0.5
     """Of that mean."""
     renew_s: of.Span = 1.0
-    """How often C4's models take in their newest samples, hyperparameters kept."""
+    """How often C4's models take in new samples, hyperparameters kept."""
+    refit_s: of.Span = 10.0
+    """How often, after the last of `learning.update_times_s`, C4 fits hyperparameters and means anew."""
+    age_s: of.Span = 20.0
+    """Of more samples than `learning.capacity` C4 keeps those that tell most; those that are so old as if they were
+    twice as noisy."""
     surprise: of.Factor = 3.0
     """Mean square of new labels off what was predicted, in predictive variances, over its usual value (or 1, if that is
     less), above which the world has changed for a body: C4 amends its older samples by what the new ones say."""
