@@ -40,7 +40,18 @@ def early() -> tuple[gp.Data, gp.Data]:
     """40 samples of a payload and of two agents, from 0.1 s on."""
     each = samples(0, 40, 24, 6), samples(1, 40, 24, 9, (2,))
     load, agents = (dataclasses.replace(data, t=data.t + 0.1) for data in each)
-    return load, agents
+    return first(load, 40), first(agents, 40)
+
+
+def first(data: gp.Data, n: int) -> gp.Data:
+    """The first n samples; as in flight, rows that are not in use have no time."""
+    t = np.where(np.arange(data.t.shape[-1]) < n, data.t, 0.0)
+    return dataclasses.replace(data, t=jnp.asarray(t), n=jnp.full(data.n.shape, n))
+
+
+def later(data: gp.Data, by: float) -> gp.Data:
+    """The same samples, so many seconds later."""
+    return first(dataclasses.replace(data, t=data.t + by), int(data.n.max()))
 
 
 def test_what_was_learned_once_is_known_when_its_samples_are_no_longer_the_newest():
@@ -54,7 +65,7 @@ def test_what_was_learned_once_is_known_when_its_samples_are_no_longer_the_newes
     assert update.n == {"payload": 40, "agents": 80}
     for k in (1, 2):
         hover = [jnp.broadcast_to(x[k][None], x.shape) for x in (load.X, load.Y)]
-        newest = dataclasses.replace(load, X=hover[0], Y=hover[1], t=load.t + 10.0 * k)
+        newest = dataclasses.replace(later(load, 10.0 * k), X=hover[0], Y=hover[1])
         oracle, update = taught.teach(oracle, both(newest, agents), 10.0 * k + 4, fit=False)
     assert update.n["payload"] == CAPACITY
     after = gp.predict(oracle.payload, asked)
@@ -62,41 +73,71 @@ def test_what_was_learned_once_is_known_when_its_samples_are_no_longer_the_newes
     assert float(after[1].max()) < 3 * float(before[1].max())
 
 
-def test_where_learning_fails_samples_are_not_lost(monkeypatch):
-    """The oracle stays as it was, the update says why, and the next one takes what this one could not."""
+def test_where_learning_fails_nothing_is_lost(monkeypatch):
+    """The oracle stays as it was, the update says why, and the next look finds and learns what this one could not."""
     taught, (load, agents) = going_on(1000), early()
     oracle, _ = learn.teach(prior(), both(load, agents), TRAINING, {})
+    taught.renewals = dataclasses.replace(taught.renewals, enough=60)
+    taught.usual = {body: [1.0] for body in ("payload", (0, 0), (0, 1))}
+    other = both(dataclasses.replace(load, Y=load.Y + 50.0), agents)
     with monkeypatch.context() as patch:
         patch.setattr(learn, "renew", lambda *_: (_ for _ in ()).throw(ValueError("no factor")))
-        same, update = taught.teach(oracle, both(load, agents), 4.0, fit=False)
+        same, update = taught.teach(oracle, other, 4.0, fit=False)
     assert same is oracle
     assert "no factor" in update.failed
-    _, update = taught.teach(oracle, both(load, agents), 5.0, fit=False)
+    assert update.changed == update.misfits == ()
+    assert not taught.changes
+    assert taught.usual["payload"] == [1.0]
+    _, update = taught.teach(oracle, other, 5.0, fit=False)
     assert update.failed == ""
-    assert update.n["payload"] == 40
+    assert update.changed == ("payload",)
+    assert update.n == {"payload": 40, "agents": 80}
+
+
+def test_a_sample_of_the_very_tick_of_a_look_is_seen_by_the_next_one():
+    """What is recorded at that tick comes after the look, with its time."""
+    taught, (load, agents) = going_on(1000), early()
+    oracle, _ = learn.teach(prior(), both(load, agents), TRAINING, {})
+    at = float(load.t[39])
+    taught.teach(oracle, both(first(load, 39), first(agents, 39)), at, fit=False)
+    _, update = taught.teach(oracle, both(load, agents), at + 1, fit=False)
+    assert update.n == {"payload": 40, "agents": 80}
+
+
+def test_a_change_is_not_over_while_a_model_of_before_waits():
+    taught, (load, agents) = going_on(60), early()
+    oracle, _ = learn.teach(prior(), both(load, agents), TRAINING, {})
+    taught.teach(oracle, both(load, agents), 4.2, fit=False)
+    taught.changes, taught.waiting = {"payload": learn.changed(oracle, "payload", 4.3)}, {"payload"}
+    after = both(later(load, 10.0), later(agents, 10.0))
+    taught.teach(oracle, after, 15.0, fit=True)
+    assert "payload" in taught.changes
+    taught.teach(oracle, after, 16.0, fit=False)
 
 
 @pytest.mark.parametrize(("since", "over"), [(2.0, True), (3.5, False)])
 def test_a_change_is_over_at_a_fit_once_no_sample_of_before_is_left(since, over):
     """Of 80 samples 48 stay: 61 are of after 2 s, 46 of after 3.5 s."""
-    taught, (load, agents) = going_on(1000), early()
+    taught, (load, agents) = going_on(20), early()
     oracle, _ = learn.teach(prior(), both(load, agents), TRAINING, {})
     taught.changes = {"payload": learn.changed(oracle, "payload", since)}
     taught.teach(oracle, both(load, agents), 5.0, fit=False)
     assert "payload" in taught.changes
-    later = dataclasses.replace(load, t=load.t + 4.0)
-    taught.teach(oracle, both(later, agents), 9.0, fit=True)
+    taught.teach(oracle, both(later(load, 4.0), agents), 9.0, fit=True)
     assert ("payload" not in taught.changes) == over
 
 
 @pytest.mark.parametrize("misfit", [True, False])
-def test_a_model_that_waits_is_not_asked_and_a_new_one_is_held_against_its_own_samples(misfit):
+def test_a_model_that_waits_is_not_asked_and_a_new_one_is_held_against_its_own_samples(misfit, monkeypatch):
     """What contradicts it is another world at 4 s, and nothing at 8 s, while the model of before waits for enough.
 
     Labels that jump from sample to sample, which no model of these length-scales fits, are a misfit at 12 s; where
     they are smooth and go elsewhere at 12 s that is another world again.
     """
-    taught = going_on(40)
+    fitted = []
+    monkeypatch.setattr(place, "teach", lambda oracle, *given: fitted.append(given[4]) or (oracle, {}, {}))
+    taught = going_on(45)
+    taught.training = TRAINING
     taught.usual = {body: [1.0] for body in ("payload", (0, 0), (0, 1))}
     load, agents = early()
     oracle, _ = learn.teach(prior(), both(load, agents), TRAINING, {})
@@ -106,22 +147,21 @@ def test_a_model_that_waits_is_not_asked_and_a_new_one_is_held_against_its_own_s
     def more(k):
         """Of the k-th four seconds; of the second only some, so that there are too few."""
         off = jumps if misfit else np.full((CAPACITY, 6), -80.0 if k == 3 else 50.0)
-        late = dataclasses.replace(load, Y=load.Y + jnp.asarray(off), t=load.t + 4.0 * k)
-        return both(late, dataclasses.replace(agents, t=agents.t + 4.0 * k, n=jnp.zeros(2, int)))
+        late = dataclasses.replace(later(load, 4.0 * k), Y=load.Y + jnp.asarray(off))
+        return both(first(late, 20 if k == 2 else 40), first(agents, 0))
 
     oracle, update = taught.teach(oracle, more(1), 8.0, fit=False)
     assert update.changed == ("payload",)
     assert taught.waiting == {"payload"}
     assert oracle.payload.n == 40  # the model of before
-    fewer = more(2)
-    fewer = dataclasses.replace(fewer, payload=dataclasses.replace(fewer.payload, n=jnp.asarray(20)))
-    oracle, update = taught.teach(oracle, fewer, 12.0, fit=False)
+    oracle, update = taught.teach(oracle, more(2), 12.0, fit=False)
     assert update.changed == update.misfits == ()
     assert taught.waiting == {"payload"}
     oracle, update = taught.teach(oracle, more(3), 16.0, fit=False)
     assert update.changed == (() if misfit else ("payload",))
     assert update.misfits == (("payload",) if misfit else ())
     assert ("payload" in taught.changes) != misfit
+    assert fitted == ([["payload"]] if misfit else [])
     if misfit:
         assert learn.raw(taught.data)["payload"][2].min() > 4.0  # what is left of before is gone
 
@@ -133,7 +173,7 @@ def test_what_surprises_long_after_a_change_is_another_one():
     oracle, _ = learn.teach(prior(), both(load, agents), TRAINING, {})
     taught.data, taught.last = both(load, agents), 4.0
     taught.changes = {"payload": learn.changed(oracle, "payload", 0.05)}
-    late = dataclasses.replace(load, Y=load.Y + 50.0, t=load.t + 4.0)
+    late = dataclasses.replace(later(load, 4.0), Y=load.Y + 50.0)
     _, update = taught.teach(oracle, both(late, agents), 8.0, fit=False)
     assert update.changed == ("payload",)
     assert taught.changes["payload"].since > 4.0

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import logging
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -80,7 +81,7 @@ class School:
         self.doubts: place.Doubts = {}
         self.waiting: set[learn.Body] = set()  # those that have seen too little since for a new model
         self.misfits: tuple[learn.Body, ...] = ()  # those whose first model since does not fit
-        self.last = 0.0  # s, of the newest samples that an oracle has seen
+        self.last = 0.0  # s, of the newest sample that an oracle has seen
         self.data: learn.Recorded | None = None  # kept of all samples until then, where learning goes on
 
     def teach(self, oracle: learn.Oracle, recorded: learn.Recorded, t: float, fit: bool) -> tuple[learn.Oracle, Update]:
@@ -88,7 +89,7 @@ class School:
 
         Where a fit fails the oracle stays as it was, and the update says why.
         """
-        failed, changed = "", ()
+        failed, changed, before = "", (), self._memory()
         try:
             if isinstance(self.identify, Regress):
                 oracle = learn.regress(oracle, recorded, self.identify.ridge)
@@ -102,9 +103,10 @@ class School:
                 oracle = self._renew(oracle, recorded, self.renewals, t, fit)
             else:
                 oracle, self.fits = learn.teach(oracle, recorded, self.training, self.fits)
-            self.last = t
+            self.last = max(self.last, recorded.newest())
         except (ValueError, np.linalg.LinAlgError) as error:
-            failed = f"what was learned at t = {t:.3f} s is not used: {error}"
+            failed, changed = f"what was learned at t = {t:.3f} s is not used: {error}", ()
+            vars(self).update(before)
             log.warning("%s", failed)
         seen = self.data or recorded
         n = {"payload": int(seen.payload.n), "agents": sum(int(data.n.sum()) for data in seen.agents)}
@@ -120,6 +122,12 @@ class School:
             failed=failed,
         )
         return oracle, update
+
+    def _memory(self) -> dict[str, Any]:
+        """What it knows, for the case that it learns nothing; copies of what is changed in place."""
+        usual = {body: [*of] for body, of in self.usual.items()}
+        copies = {"usual": usual, "changes": {**self.changes}, "covariances": {**self.covariances}}
+        return vars(self) | copies | {"misfits": ()}
 
     def _renew(
         self, oracle: learn.Oracle, recorded: learn.Recorded, given: Renewals, t: float, fit: bool
@@ -148,7 +156,7 @@ class School:
     def _over(self, data: learn.Recorded, fit: bool) -> learn.Recorded:
         """The samples without those of before changes that are over: of misfits, and where none is left at a fit."""
         seen = learn.raw(data)
-        alone = {body for body, change in self.changes.items() if seen[body][2].min() >= change.since}
+        alone = {body for body, change in self.changes.items() if seen[body][2].min() >= change.since} - self.waiting
         over = {*self.misfits, *(alone if fit else ())}
         since = {body: self.changes[body].since for body in self.misfits}
         self.changes = {body: change for body, change in self.changes.items() if body not in over}
@@ -161,7 +169,7 @@ class School:
         against its own samples, each left out: where these surprise as much as the newest do it is no other world but
         a misfit, whose hyperparameters and mean are to be fitted anew, of samples since.
         """
-        found, misfits, seen = [], [], learn.raw(recorded)
+        found, misfits, seen = [], [], learn.raw(self.data or recorded)
         since = {body: int((seen[body][2] >= change.since).sum()) for body, change in self.changes.items()}
         few = {body for body, n in since.items() if n < given.enough}
         new = self.waiting - few
@@ -177,9 +185,9 @@ class School:
             usual = self.usual.setdefault(body, [])
             before = [learn.left_out(model, since[body])] if body in new else usual
             if score > most(before):
-                self.changes[body] = learn.changed(oracle, body, float(t[np.argmax(off > most(before))]) + given.settle)
+                self.changes[body] = learn.changed(asked, body, float(t[np.argmax(off > most(before))]) + given.settle)
                 found.append(body)
-            elif score > most(usual):
+            elif score > most(usual) and self.training is not None:
                 misfits.append(body)
             else:
                 usual.append(score)

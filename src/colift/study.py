@@ -150,7 +150,7 @@ def _going_on(plan: simulate.Plan, settings: Settings, payload: school.Identify)
             times=tuple(times.tolist()),
             surprise=given.surprise,
             settle=given.settle_s,
-            enough=given.enough,
+            enough=min(given.enough, settings.learning.capacity),
             age=given.age_s,
             payload=payload,
             mean=priors.mean(settings),

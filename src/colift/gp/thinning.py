@@ -8,7 +8,7 @@ from scipy.linalg.blas import dsyr
 from scipy.linalg.lapack import dpotrf, dpotri
 
 from colift.gp.hyper import Hyper
-from colift.gp.likelihood import gram, not_positive_definite
+from colift.gp.likelihood import gram, not_positive_definite, one_thread
 
 
 def thinned(X: ArrayLike, hyper: Hyper, budget: int, noise: ArrayLike, first: ArrayLike) -> np.ndarray:
@@ -25,9 +25,16 @@ def thinned(X: ArrayLike, hyper: Hyper, budget: int, noise: ArrayLike, first: Ar
     stays = np.ones(len(X), bool)
     if may.sum() <= len(X) - budget:  # all of them go
         stays, may = ~may, ~may
-    going = stays.sum() - budget
-    if going <= 0:
-        return stays
+    if stays.sum() > budget:
+        with one_thread(len(X)):
+            stays[_told_by_others(X, hyper, int(stays.sum()) - budget, noise, may, stays)] = False
+    return stays
+
+
+def _told_by_others(
+    X: np.ndarray, hyper: Hyper, going: int, noise: np.ndarray, may: np.ndarray, stays: np.ndarray
+) -> np.ndarray:
+    """So many of those that may go, of the points that are left."""
     left, own = np.flatnonzero(may), may[stays]
     kinds, outputs = np.unique(_kinds(hyper), axis=0, return_counts=True)  # outputs with the same hyperparameters
     P = [_inverse(X[stays], noise[stays], kind, hyper)[np.ix_(own, own)] for kind in kinds]
@@ -40,8 +47,7 @@ def thinned(X: ArrayLike, hyper: Hyper, budget: int, noise: ArrayLike, first: Ar
             row = np.concatenate([p[k, :k], p[k:, k]])
             P[i] = dsyr(-1 / row[k], row, lower=1, a=p, overwrite_a=1)
         gone[k] = True
-    stays[left[gone]] = False
-    return stays
+    return left[gone]
 
 
 def _kinds(hyper: Hyper) -> np.ndarray:
