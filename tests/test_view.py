@@ -242,7 +242,7 @@ def test_figure_7_draws_what_labels_say_where_they_stop_and_when_the_world_chang
         r_x=(ds.f_x.dims, rng.normal(size=ds.f_x.shape)),
         trust_L=(("time", "wrench"), rng.uniform(size=(ds.sizes["time"], 6))),
         fresh=("time", np.where((ds.time > 5) & (ds.time < 7), 0.0, 1.0)),
-    ).assign_attrs(**told, world_changed="2.5 s: payload; 4.5 s: payload, front")
+    ).assign_attrs(**told, world_changed="2.5 s: payload; 4.5 s: payload, front", fitted_anew="6.5 s: rear")
     figure = view.reaction({"C3": heard}, TOLD)
     error, payload, agents, used, points = figure.axes
     np.testing.assert_allclose(used.lines[0].get_ydata(), np.mean(heard.trust_L, axis=1), rtol=1e-14)
@@ -252,6 +252,7 @@ def test_figure_7_draws_what_labels_say_where_they_stop_and_when_the_world_chang
         np.testing.assert_allclose(line.get_ydata(), np.linalg.norm(heard.r_x.sel(agent=name), axis=1), rtol=1e-14)
     for ax in figure.axes:
         assert [line.get_xdata()[0] for line in ax.lines if line.get_color() == view.CHANGED["color"]] == [2.5, 4.5]
+        assert [line.get_xdata()[0] for line in ax.lines if line.get_color() == view.FITTED["color"]] == [6.5]
         (shaded,) = ax.collections
         x = shaded.get_paths()[0].vertices[:, 0]
         assert (x.min(), x.max()) == pytest.approx((5, 7), abs=0.06)
@@ -261,9 +262,18 @@ def test_figure_7_draws_what_labels_say_where_they_stop_and_when_the_world_chang
     names = {path.stem for path in view.figures({"C3": heard, "C1": cases["C1"]}, TOLD, tmp_path)}
     assert "figure_7_reaction" in names
     explained = {text.get_text() for text in figure.legends[0].get_texts()}
-    assert {"an agent's points", "the correction has faded", "the world has changed"} <= explained
+    assert {
+        "an agent's points",
+        "the correction has faded",
+        "the world has changed",
+        "a misfit is fitted anew",
+    } <= explained
     calm = heard.assign(fresh=heard.fresh * 0 + 1)
-    calm.attrs |= {"world_changed": "", "update_points_agents": 2 * np.array(heard.attrs["update_points_payload"])}
+    calm.attrs |= {
+        "world_changed": "",
+        "fitted_anew": "",
+        "update_points_agents": 2 * np.array(heard.attrs["update_points_payload"]),
+    }
     explained = {text.get_text() for text in view.reaction({"C3": calm}, TOLD).legends[0].get_texts()}
     always = {"used of the payload's map", "used of the correction"}
     assert explained == {*calm.agent.values, *always}, "what is not shown is not explained"

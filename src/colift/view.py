@@ -21,6 +21,8 @@ MARKS = 9  # on a line, so that it is told from others in black and white
 BAND = 0.3  # opacity of the range of a noisy signal
 TRUTH: dict[str, Any] = {"color": "0.72", "linewidth": 2.8, "solid_capstyle": "butt"}
 CHANGED: dict[str, Any] = {"color": "#CC3311", "linewidth": 1.0, "linestyle": (0, (4, 2))}
+FITTED: dict[str, Any] = {"color": "#0077BB", "linewidth": 1.0, "linestyle": (0, (1, 1.5))}
+EVENTS = {"world_changed": (CHANGED, "the world has changed"), "fitted_anew": (FITTED, "a misfit is fitted anew")}
 STOPPED: dict[str, Any] = {"marker": "x", "markersize": 6, "linestyle": "none", "clip_on": False}
 
 
@@ -215,8 +217,9 @@ def reaction(cases: panel.Cases, told: Mapping[str, str]) -> Figure:
         _points(column[4], name, ds)
         for ax in column:
             panel.shade_all(ax, ds.time.values, ds.fresh.values < 0.5)
-            for said in filter(None, str(ds.attrs["world_changed"]).split("; ")):
-                ax.axvline(float(said.split(" s:")[0]), **CHANGED)
+            for event, (style, _) in EVENTS.items():
+                for said in filter(None, str(ds.attrs.get(event, "")).split("; ")):
+                    ax.axvline(float(said.split(" s:")[0]), **style)
         column[0].set_title(panel.title(name, ds, told))
         panel.time_axis(column[-1], cases)
     panel.log_scale(grid[0, 0])
@@ -240,8 +243,9 @@ def reaction(cases: panel.Cases, told: Mapping[str, str]) -> Figure:
         handles.append((Line2D([], [], color=panel.GREY, linestyle=look.DOTS), "an agent's points"))
     if any((ds.fresh.values < 0.5).any() for ds in cases.values()):
         handles.append((Patch(color=panel.ACTIVE, linewidth=0), "the correction has faded"))
-    if any(ds.attrs["world_changed"] for ds in cases.values()):
-        handles.append((Line2D([], [], **CHANGED), "the world has changed"))
+    for event, (style, what) in EVENTS.items():
+        if any(ds.attrs.get(event) for ds in cases.values()):
+            handles.append((Line2D([], [], **style), what))
     figure.legend(*zip(*handles, strict=True), loc="outside lower center", ncols=min(4, len(handles)))
     return figure
 
