@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from colift import analyse, band, simulate, study
+from colift import analyse, band, scenario, simulate, study
 from colift.scenario import ScenarioError
 from colift.scenario.settings import Added, Innovation
 from tests import light
@@ -51,6 +51,15 @@ def light_flight(case: str) -> simulate.Flight:
         innovation=Innovation(renew_s=0.5, enough=40),
     )
     return simulate.fly_plan(study.plan(settings, case))
+
+
+def test_after_its_stated_times_c4_goes_on_fitting_and_asks_no_more_samples_than_it_has_room_for():
+    given = scenario.load("paper", ["duration_s=35", "innovation.refit_s=8", "learning.capacity=100"])
+    plan = study.plan(given, "C4")
+    assert plan.updates == pytest.approx((2, 4, 6, 8, 10, 18, 26, 34))
+    assert plan.renewals is not None
+    assert plan.renewals.enough == 100
+    assert study.plan(given, "H").updates == pytest.approx((2, 4, 6, 8, 10))
 
 
 @pytest.mark.long

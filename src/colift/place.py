@@ -70,7 +70,7 @@ def teach(
 ) -> tuple[learn.Oracle, learn.Fits, dict[learn.Body, np.ndarray]]:
     """The oracle on the data so far, means and hyperparameters of bodies fitted anew, with the means' covariances.
 
-    Of bodies whose world has not changed: what is left of the world before is no data for a mean. The others are
+    None of those is to be one whose world has changed, as what is left of before is no data for a mean. All others are
     renewed. Host.
     """
     found = {body: (x, Y) for body, (x, Y, _) in learn.raw(recorded).items() if len(x) > 1 and body in bodies}

@@ -121,7 +121,7 @@ def _put(data: Data, x: Array, y: Array, t: Array, offered: Array, slot: Array) 
 def informative(
     gp: GP, x: Float[Array, " dimensions"], y: Float[Array, " outputs"], gate: Float[Array, ""]
 ) -> tuple[GP, Bool[Array, ""]]:
-    """Keep the points the posterior knows least about, and whether this one is kept (the default policy).
+    """Keep the points the posterior knows least about, and whether this one is kept.
 
     A point's novelty is its posterior variance over the signal variance, the largest over the outputs; that of a
     kept point is its own with itself left out. A point below `gate` (in (0, 1)) is refused; a full GP gives up its
