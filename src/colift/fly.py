@@ -243,14 +243,12 @@ class Corrected:
     """Another predictor as far as labels go along with it, and what they say beyond.
 
     `m + alpha (f_hat - m) + r + (w lead + s) r'`, s ahead of now: m the mean as late as labels, alpha how much of its
-    changes they make as well, r' the rate of the label less alpha m. `w = max(0, 1 - noise v / unrest^2)` is how much
-    of that rate is no noise, v the oracle's variance of labels. Of an agent r' is the part that it may follow without
-    hearing itself (`colift.echo`).
+    changes they make as well, r' the rate of the label less alpha m, w how much of such rates came true before. Of an
+    agent r' is the part that it may follow without hearing itself (`colift.echo`).
     """
 
     predictor: Predictor
     lead: Scalar  # s, for the delay of labels
-    noise: Scalar  # labels' white noise leaves 4; 0: w is 1
     heeded: tuple[Float[Array, "agents"], ...]  # 0 to 1, by group
 
     def begin(self, team: Team) -> Any:
@@ -268,14 +266,13 @@ class Corrected:
         f = self.predictor.predict(memory, oracle, now, to)
         news, s = now.news, now.clock.t - now.news.t
 
-        def corrected(f: Array, m: Array, alpha: Array, r: Array, rate: Array, unrest: Array, v: Array) -> Array:
-            w = jnp.maximum(0.0, 1 - self.noise * v / jnp.maximum(unrest * unrest, 1e-30))
+        def corrected(f: Array, m: Array, alpha: Array, r: Array, rate: Array, w: Array) -> Array:
             return m + alpha * (f - m) + r + (w * self.lead + s) * rate
 
         agents = zip(news.rate.agents, self.heeded, strict=True)
         heeded = tuple(jax.tree.map(functools.partial(jnp.multiply, c[:, None]), of) for of, c in agents)
-        rate, v = dataclasses.replace(news.rate, agents=heeded), innovation.noise(oracle)
-        return jax.tree.map(corrected, f, news.mean, news.trust, news.r, rate, news.unrest, v)
+        rate = dataclasses.replace(news.rate, agents=heeded)
+        return jax.tree.map(corrected, f, news.mean, news.trust, news.r, rate, news.ahead)
 
 
 @pytree

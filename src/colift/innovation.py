@@ -31,23 +31,24 @@ class News:
     trust: Residual  # alpha, 0 to 1: how much of what the mean changes labels change as well; 1 where they have stopped
     rate: Residual  # N/s and N m/s, of the label less alpha times the mean
     fresh: Scalar  # 1 while labels come, if now and then; falls to 0 when they stop, and r to its running mean
-    unrest: Residual  # N and N m, by how much labels are late: RMS over the last span of their delay times their rate
+    ahead: Residual  # w, 0 to 1: how much of the rate is to be trusted for the labels' delay, as it came true before
     comes: Scalar  # 1 while labels come, 0 once they have stopped
-    late: Residual  # N and N m, as unrest, over the last span of labels, which are as late again as they are old
+    late: Residual  # N and N m, by how much labels are late, and again as old as they are: RMS over their last span
     left: Residual  # N and N m, what labels said of late beyond mean and r: RMS over their last span
 
 
 def no_news(team: Team, t: Scalar) -> News:
     """Before any label."""
     none = no_force(team)
+    whole = jax.tree.map(jnp.ones_like, none)
     return News(
         t=t,
         r=none,
         mean=none,
-        trust=jax.tree.map(jnp.ones_like, none),
+        trust=whole,
         rate=none,
         fresh=jnp.ones(()),
-        unrest=none,
+        ahead=whole,
         comes=jnp.ones(()),
         late=none,
         left=none,
@@ -65,6 +66,18 @@ class Moved:
 
 
 @pytree
+class Foretold:
+    """What was to come by the rate of labels, one delay of theirs ago, and how far such things came true."""
+
+    age: Scalar  # s, since then
+    trust: Residual  # alpha, as it was then
+    rest: Residual  # the label less alpha times the mean
+    rate: Residual  # of that
+    products: Residual  # (N, N m)^2, means over ten spans of what came times what was foretold, and of that alone
+    squares: Residual
+
+
+@pytree
 class Heard:
     """What a listener keeps between ticks."""
 
@@ -76,11 +89,11 @@ class Heard:
     r: Residual
     before: tuple[Residual, Residual]  # r and the late mean before the last label
     moved: Moved
+    foretold: Foretold
     elapsed: Scalar  # s since then
     average: Residual
     gap: Scalar  # s, the longest silence that a label ended, forgotten within ten spans
     age: Scalar  # s, of the last label while they come: mean over ten spans
-    unrest: Residual  # N^2 and (N m)^2
     late: Residual  # N^2 and (N m)^2
     level: Residual  # N and N m, mean of r over the last span of labels
     said: Residual  # N^2 and (N m)^2, of its square
@@ -101,13 +114,18 @@ class Listener:
     A mean that was true at its places need not be true at this time. With d y, d f what label and late mean are off
     the same behind one filter more, `alpha = (1 + n <d y d f> / v) / (1 + n <d f d f> / v)`, within 0 and 1 and n the
     doubt, is how much of the mean's changes labels make as well; means over the last span.
+
+    A rate may be noise. Each delay of labels it is held against what they did since: with g the label less alpha times
+    the mean, D g what it has become more and d its age times its rate of then, `w = n <D g d> / (c (v + n <d d>))`,
+    within 0 and 1 and c the coherence, is how much of a rate is to be trusted; means over ten spans.
     """
 
     filters: Filters
     hold: Scalar  # s
     fade: Scalar  # s; inf: r is held
     span: Scalar  # s
-    doubt: Scalar  # n: a mean that has moved by less than the variance of labels over n is trusted
+    doubt: Scalar  # n: a mean that has moved by less than the variance of labels over n is trusted, a rate is not
+    coherence: Scalar  # c, of the square of what rates foretell: the share that comes true where w is 1
 
     def begin(self, team: Team) -> Heard:
         """Nothing heard yet."""
@@ -121,11 +139,11 @@ class Listener:
             r=none,
             before=(none, none),
             moved=Moved(label=none, mean=none, products=none, squares=none),
+            foretold=Foretold(age=jnp.zeros(()), trust=none, rest=none, rate=none, products=none, squares=none),
             elapsed=jnp.ones(()),
             average=none,
             gap=jnp.zeros(()),
             age=jnp.zeros(()),
-            unrest=none,
             late=none,
             level=none,
             said=none,
@@ -164,13 +182,13 @@ class Listener:
         elapsed = jnp.where(on > 0, waited, past.elapsed + dt)
         by = past.warm * fresh / elapsed
         rate = jax.tree.map(lambda r, m, r_0, m_0, a: by * (r - r_0 + (1 - a) * (m - m_0)), r, outer, *before, trust)
+        delay = self.filters.delay()
+        foretold = _foretold(past.foretold, y, outer, trust, rate, on * past.warm, dt, delay, 10 * self.span)
+        ahead = jax.tree.map(self._ahead, foretold.products, foretold.squares, v)
         lasting = jax.tree.map(lambda m, v: m * m * m / (m * m + 4 * v), average, v)
         used = jax.tree.map(lambda r, left: left + fresh * (r - left), r, lasting)
-        delay = self.filters.delay()
-        squares = jax.tree.map(lambda x: (delay * x) * (delay * x), rate)
-        unrest = _low(past.unrest, squares, -jnp.expm1(-dt / self.span))
         # stand still where the labels do
-        late = _low(past.late, squares, b_span)
+        late = _low(past.late, jax.tree.map(lambda x: (delay * x) * (delay * x), rate), b_span)
         level = _low(past.level, r, b_mean)
         said = _low(past.said, jax.tree.map(jnp.square, r), b_mean)
         age = past.age + speaking * -jnp.expm1(-dt / (10 * self.span)) * (silent - past.age)
@@ -185,11 +203,11 @@ class Listener:
             r=r,
             before=before,
             moved=moved,
+            foretold=foretold,
             elapsed=elapsed,
             average=average,
             gap=gap,
             age=age,
-            unrest=unrest,
             late=late,
             level=level,
             said=said,
@@ -203,7 +221,7 @@ class Listener:
             trust=trust,
             rate=rate,
             fresh=fresh,
-            unrest=jax.tree.map(jnp.sqrt, unrest),
+            ahead=ahead,
             comes=speaking,
             late=jax.tree.map(lambda of: as_old * jnp.sqrt(of), late),
             left=left,
@@ -213,11 +231,16 @@ class Listener:
     def _alpha(self, c: Array, s: Array, v: Array) -> Array:
         return jnp.clip((v + self.doubt * c) / (v + self.doubt * s), 0.0, 1.0)
 
+    def _ahead(self, c: Array, s: Array, v: Array) -> Array:
+        whole = self.coherence * (v + self.doubt * s)
+        return (jnp.clip(self.doubt * c, 0.0, whole) + 1e-30) / (whole + 1e-30)  # 1 where no coherence is asked
+
 
 def _taken_over(past: Heard, f: Residual, k: Int[Array, ""]) -> Heard:
     """The memory as if the oracle k, whose mean now is f, had been there before, but for a constant."""
     more = jax.tree.map(lambda new, old: jnp.where((k != past.k) & (past.warm > 0), new - old, 0.0), f, past.f)
     plus, less = (lambda x: jax.tree.map(jnp.add, x, more)), (lambda x: jax.tree.map(jnp.subtract, x, more))
+    trusted = jax.tree.map(jnp.multiply, past.foretold.trust, more)
     return dataclasses.replace(
         past,
         copy=plus(past.copy),
@@ -226,6 +249,7 @@ def _taken_over(past: Heard, f: Residual, k: Int[Array, ""]) -> Heard:
         r=less(past.r),
         before=(less(past.before[0]), plus(past.before[1])),
         moved=dataclasses.replace(past.moved, mean=plus(past.moved.mean)),
+        foretold=dataclasses.replace(past.foretold, rest=jax.tree.map(jnp.subtract, past.foretold.rest, trusted)),
         average=jax.tree.map(lambda of, m: jnp.where(of != 0, 0.0, m), more, past.average),
     )
 
@@ -239,6 +263,37 @@ def _moved(past: Moved, y: Residual, mean: Residual, b: Scalar, b_span: Scalar) 
         mean=slow,
         products=_low(past.products, jax.tree.map(jnp.multiply, dy, df), b_span),
         squares=_low(past.squares, jax.tree.map(jnp.multiply, df, df), b_span),
+    )
+
+
+def _foretold(
+    past: Foretold,
+    y: Residual,
+    mean: Residual,
+    trust: Residual,
+    rate: Residual,
+    on: Scalar,
+    dt: Scalar,
+    delay: Scalar,
+    span: Scalar,
+) -> Foretold:
+    """The memory after the label y: where what was foretold is as old as labels are late it is held against that."""
+    age = past.age + dt
+    due = on * (age > delay - 1e-9)
+    b = due * -jnp.expm1(-age / span)
+    came = jax.tree.map(lambda y, m, a, g: y - a * m - g, y, mean, past.trust, past.rest)
+    told = jax.tree.map(lambda r: age * r, past.rate)
+
+    def now(new: Residual, old: Residual) -> Residual:
+        return jax.tree.map(lambda new, old: jnp.where(due > 0, new, old), new, old)
+
+    return Foretold(
+        age=(1 - due) * age,
+        trust=now(trust, past.trust),
+        rest=now(jax.tree.map(lambda y, m, a: y - a * m, y, mean, trust), past.rest),
+        rate=now(rate, past.rate),
+        products=_low(past.products, jax.tree.map(jnp.multiply, came, told), b),
+        squares=_low(past.squares, jax.tree.map(jnp.square, told), b),
     )
 
 

@@ -35,7 +35,7 @@ NEUTRAL = 1e-6  # rad/s, below which a rate is rounding: of |z|, divided by the 
 
 POSE = r"\.world\.z\.(payload\.[Rp]|agents\[\d+\]\.[Rxr])"
 LEARNING = r"\.recorder\.|\.estimator\.(agents\[\d+\]\.)?bias\b|\.(warm|fresh|silent|ticks)$"
-SECOND = r"\.listener\.(unrest|late|said|gap|age|moved\.(products|squares))"  # of the second order at rest
+SECOND = r"\.listener\.(late|said|gap|age|foretold|moved\.(products|squares))"  # of the second order at rest
 SENSORS = r"\.extra\[\d+\]\.(age|due|bias)\b"  # their clocks and drifts, which stand still
 LABELS = r"\.estimator\.(agents\[\d+\]\.)?(momenta|carried|known|label|state)\b"
 

@@ -117,7 +117,7 @@ def listening(settings: s.Settings, flying: fly.LeaderFollower, held: bool) -> f
     """The same with its predictions corrected by labels.
 
     A held correction stays when labels stop, is carried ahead by `lead_s`, and trusts what is learned; any other fades,
-    is carried ahead by the labels' whole delay, as far as its rate is no noise, and doubts.
+    is carried ahead by the labels' whole delay, as far as such rates came true, and doubts.
     """
     given, filters = settings.innovation, _filters(settings)
     listener = innovation.Listener(
@@ -126,10 +126,11 @@ def listening(settings: s.Settings, flying: fly.LeaderFollower, held: bool) -> f
         fade=array(np.inf if held else given.fade_s),
         span=array(given.span_s),
         doubt=array(0.0 if held else given.doubt),
+        coherence=array(0.0 if held else given.coherence),
     )
-    lead, noise = (array(given.lead_s), 0.0) if held else (filters.delay(), given.noise)
+    lead = array(given.lead_s) if held else filters.delay()
     heeded = tuple(array([echo.heeded(gain) for gain in group]) for group in echoes(settings, flying.team))
-    predictor = fly.Corrected(predictor=flying.predictor, lead=lead, noise=array(noise), heeded=heeded)
+    predictor = fly.Corrected(predictor=flying.predictor, lead=lead, heeded=heeded)
     return dataclasses.replace(flying, listener=listener, predictor=predictor)
 
 

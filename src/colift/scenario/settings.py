@@ -805,12 +805,12 @@ class Innovation(Section):
 
     lead_s: of.Time = 0.02
     """By how much the correction of F and H is carried ahead along its rate, for the delay of labels."""
-    noise: of.Factor = 24.0
-    """C4 carries its correction ahead by the whole delay of labels where the square of what that changes is far above
-    so many variances of labels, and not at all where it is below. Noise alone leaves 4."""
+    coherence: of.Coherence = 0.5
+    """C4 carries its correction ahead by the whole delay of labels where so much, in the square, of what their rates
+    foretold came true; where less did, as much less far. Of what noise foretells next to nothing comes true."""
     doubt: of.Factor = 10.0
     """C4's map is used as far as labels move with it once it has moved by more than the variance of labels over so
-    many: in the square, from one label filter's memory to the next."""
+    many: in the square, from one label filter's memory to the next. A rate that foretells less counts for nothing."""
     patience_s: of.Span = 0.02
     """How old a reading of the tips may be for a label."""
     hold_s: of.Time = 0.2
