@@ -1,12 +1,13 @@
 """What a change of the world does to memory, reflex and both: the tables of docs/learning.md, second by second.
 
 With motors that lag and outdoors every case flies eleven seeds, through jets three; elsewhere, and at home, one:
-`evidence orderings` flies eleven there. F flies as it ships, and led by what is best for it at home (`evidence
+`evidence orderings` flies eleven there. `outdoors` has the same gusts on each of them, `gusts` other ones. F flies as it ships, and led by what is best for it at home (`evidence
 baselines`).
 """
 
 from __future__ import annotations
 
+import json
 from typing import Any
 
 import numpy as np
@@ -42,6 +43,7 @@ WORLDS: dict[str, tuple[str, tuple[str, ...], float]] = {  # scenario, changes, 
     "wind lost": ("paper", (*WIND, LOST.format(16)), 17.0),
     "mass lost": ("payload_added", (LOST.format(17),), 17.0),
     "outdoors": ("outdoors", (), 14.0),
+    "gusts": ("outdoors", (), 14.0),  # and those that are drawn
     "jets": ("jets", (), 10.0),
     "motors": ("paper", MOTORS, 10.0),
     "laps": ("paper", LAPS, 54.0),
@@ -50,7 +52,18 @@ WORLDS: dict[str, tuple[str, tuple[str, ...], float]] = {  # scenario, changes, 
 }
 CASES = ("C1", "C3", "R", "F", "F led", "H", "C4", "O")
 LED = "innovation.lead_s=0.04"
-SEEDS = {"motors": range(11), "outdoors": range(11), "jets": range(3)}  # 0 alone elsewhere
+SEEDS = {"motors": range(11), "outdoors": range(11), "gusts": range(11), "jets": range(3)}  # 0 alone elsewhere
+
+
+def gusts(seed: int) -> tuple[str, ...]:
+    """The gusts of `outdoors` with periods 0.5 to 2 times as long and any phase."""
+    rng = np.random.default_rng((2027, seed))
+    wind = next(of for of in scenario.load("outdoors").disturbances if of.name == "load_wind")
+    waves = [
+        gust.model_dump() | {"period_s": gust.period_s * 2 ** rng.uniform(-1, 1), "phase_deg": rng.uniform(-180, 180)}
+        for gust in wind.gusts
+    ]
+    return tuple(f"disturbances.{name}.gusts={json.dumps(waves)}" for name in ("load_wind", "agent_wind"))
 
 
 def fly(item: str) -> dict[str, Any]:
@@ -58,7 +71,8 @@ def fly(item: str) -> dict[str, Any]:
     world, case, seed = item.split(": ")
     name, changes, late = WORLDS[world]
     case, *led = case.split()
-    settings = scenario.load(name, [AHEAD, *changes, f"seed={seed}", *(LED for _ in led)])
+    drawn = gusts(int(seed)) if world == "gusts" else ()
+    settings = scenario.load(name, [AHEAD, *changes, *drawn, f"seed={seed}", *(LED for _ in led)])
     flight = simulate.fly_plan(study.plan(settings, case))
     rows = flight.rows
     seconds = range(int(rows.t[-1]) + 1)

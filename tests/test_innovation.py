@@ -74,8 +74,10 @@ def heard(
     return jax.jit(lambda: jax.lax.scan(tick, listener.begin(team), steps)[1])()
 
 
-def listener(fade: float = np.inf, span: float = 0.5, hold: float = 0.0, doubt: float = 0.0) -> innovation.Listener:
-    given = {"fade": fade, "span": span, "hold": hold, "doubt": doubt}
+def listener(
+    fade: float = np.inf, span: float = 0.5, hold: float = 0.0, doubt: float = 0.0, coherence: float = 0.0
+) -> innovation.Listener:
+    given = {"fade": fade, "span": span, "hold": hold, "doubt": doubt, "coherence": coherence}
     return innovation.Listener(filters=FILTERS, **{name: jnp.array(x) for name, x in given.items()})
 
 
@@ -220,7 +222,7 @@ def test_labels_are_late_by_their_delay_times_their_rate():
     labels = np.tile((3.0 * t)[:, None], (1, 6))
     news = heard(listener(span=0.02), lambda _k: plan().pilot.oracle, np.zeros((TICKS, 3)), labels, np.ones(TICKS))
     delay = 2 / (2 * np.pi * CORNERS["label"]) + 1 / (2 * np.pi * CORNERS["tip_force"])
-    np.testing.assert_allclose(np.asarray(news.unrest.payload.F)[-1], 3.0 * delay, rtol=1e-6)
+    np.testing.assert_allclose(np.asarray(news.late.payload.F)[-1], 3.0 * delay, rtol=1e-6)
 
 
 def corrected(f: np.ndarray) -> innovation.News:
@@ -306,7 +308,7 @@ class Nothing(fly.Learned):
         return no_force(now.team)
 
 
-def predicted(last: innovation.News, noise: float, of: fly.Learned) -> Wrench:
+def predicted(last: innovation.News, of: fly.Learned) -> Wrench:
     """The payload's residual as it is predicted, the map being another's."""
     pilot = plan().pilot
     q_hat = observed(jnp.zeros(3), jnp.zeros(6), jnp.ones(()), jnp.array(DT))
@@ -315,33 +317,89 @@ def predicted(last: innovation.News, noise: float, of: fly.Learned) -> Wrench:
     now = fly.Now(team=pilot.team, clock=clock, m=None, q_hat=q_hat, d=d, W=W, ticks=jnp.ones(()), news=last)
     to = control.Command(a=jnp.zeros(3), alpha=jnp.zeros(3), jerk=jnp.zeros(3))
     heeded = tuple(jnp.ones(size) for size in pilot.team.sizes)
-    predictor = fly.Corrected(predictor=of, lead=FILTERS.delay(), noise=jnp.array(noise), heeded=heeded)
+    predictor = fly.Corrected(predictor=of, lead=FILTERS.delay(), heeded=heeded)
     return predictor.predict((), offset(0.0), now, to).payload
 
 
-def carried(news: innovation.News, noise: float) -> np.ndarray:
+def carried(news: innovation.News) -> np.ndarray:
     """By what part of the labels' delay each output of the payload is carried ahead."""
     last = jax.tree.map(lambda x: x[-1], news)
-    f = predicted(last, noise, Nothing())
+    f = predicted(last, Nothing())
     more = np.concatenate([f.F - last.r.payload.F, f.tau - last.r.payload.tau])
     return more / np.concatenate([last.rate.payload.F, last.rate.payload.tau]) / float(FILTERS.delay())
 
 
-def test_a_correction_is_carried_ahead_as_far_as_its_rate_is_no_noise():
-    """White noise behind the labels' filter is not carried; a swing far above it is, whole."""
-    rng, n = np.random.default_rng(1), 3000
-    deviation = np.sqrt(variances())
-    white = np.stack([low(low(x, 8.0), 8.0) for x in rng.normal(size=(6, n))], axis=1)
-    white *= deviation / white[500:].std(axis=0)
-    swing = 1e3 * deviation * np.sin(2 * np.pi * DT * np.arange(n)[:, None])
-    of_white, of_swing = (
-        heard(listener(), lambda _k: offset(0.0), np.zeros((n, 3)), labels, np.ones(n)) for labels in (white, swing)
-    )
-    assert carried(of_white, 24.0).max() < 1e-9
-    assert 0.99 < carried(of_swing, 24.0).min() <= 1
-    np.testing.assert_allclose(carried(of_white, 0.0), 1, rtol=1e-9)
-    left = np.concatenate([of_white.unrest.payload.F, of_white.unrest.payload.tau], axis=1)[500:]
-    assert (left**2 / deviation**2).mean() == pytest.approx((float(FILTERS.delay()) * 2 * np.pi * 8.0) ** 2, rel=0.15)
+def foretold(labels: np.ndarray, coherence: float, on: np.ndarray | None = None) -> innovation.News:
+    """The news of these labels, beyond a map that says nothing."""
+    on = np.ones(len(labels)) if on is None else on
+    given = listener(doubt=10.0, coherence=coherence)
+    return heard(given, lambda _k: offset(0.0), np.zeros((len(labels), 3)), labels, on)
+
+
+def as_defined(labels: np.ndarray, coherence: float) -> np.ndarray:
+    """w, tick by tick, written anew: a rate is held against the label one delay later, then the next one is."""
+    v, delay, span = variances(), float(FILTERS.delay()), 5.0
+    every = int(np.ceil(delay / DT - 1e-6))
+    rate, h = np.diff(labels, axis=0, prepend=labels[:1]) / DT, np.exp(-2 * np.pi * CORNERS["label"] * delay)
+    c, s, w, then, known = np.zeros(6), np.zeros(6), [], None, 0.0
+    for k in range(len(labels)):
+        if k > 0 and (k + 1) % every == 0:
+            b = 1 - np.exp(-(every - (then is None)) * DT / span)  # the first tick only begins
+            known += b * (1 - known)
+            if then is not None:
+                told = every * DT * rate[then]
+                c, s = c + b * ((labels[k] - labels[then]) * told - c), s + b * (told**2 - s)
+            then = k
+        w.append(np.clip(known * 10 * (c - h * s) / (1 - h) / (coherence * (v + 10 * s)), 0, 1))
+    return np.array(w)
+
+
+def test_how_much_of_a_rate_is_trusted_is_how_much_of_such_rates_came_true():
+    """By means written anew: `sin(omega D) / (omega D)` of a swing, less what noise foretells of itself, of noise nothing."""
+    rng, t = np.random.default_rng(1), DT * np.arange(6000)
+    late, h = DT * np.ceil(float(FILTERS.delay()) / DT), np.exp(-2 * np.pi * CORNERS["label"] * float(FILTERS.delay()))
+    white = np.stack([low(low(x, 8.0), 8.0) for x in rng.normal(size=(6, len(t)))], axis=1)
+    white *= np.sqrt(variances()) / white[500:].std(axis=0)
+    swing = lambda hertz: 1e3 * np.sqrt(variances()) * np.sin(2 * np.pi * hertz * t)[:, None]  # noqa: E731
+    for labels, hertz in ((swing(0.5), 0.5), (swing(5.0), 5.0), (swing(10.0), 10.0), (white, None)):
+        for coherence in (0.5, 1.0):
+            w = six(foretold(labels, coherence).ahead.payload)
+            np.testing.assert_allclose(w, as_defined(labels, coherence), atol=1e-9)
+        known = 1 - np.exp(-t[-1] / 5)
+        came_true = 0.0 if hertz is None else max(0.0, known * (np.sinc(2 * hertz * late) - h) / (1 - h))
+        np.testing.assert_allclose(w[-1], came_true, atol=0.08, err_msg="with a coherence of 1")
+
+
+def test_a_correction_is_carried_ahead_as_far_as_its_rate_is_trusted():
+    """Half of a swing's square may be noise; of who asks for no coherence the whole rate is."""
+    rng, t = np.random.default_rng(1), DT * np.arange(3000)
+    white = np.stack([low(low(x, 8.0), 8.0) for x in rng.normal(size=(6, len(t)))], axis=1)
+    swing = 1e3 * np.sin(2 * np.pi * t)[:, None]
+    assert carried(foretold(white, 0.5)).max() < 0.2
+    np.testing.assert_allclose(carried(foretold(0 * white + swing, 0.5)), 1, atol=1e-6)
+    np.testing.assert_allclose(carried(foretold(white, 0.0)), 1, rtol=1e-9)
+
+
+def test_labels_that_stop_neither_prove_nor_disprove_what_was_foretold():
+    t = DT * np.arange(3000)
+    labels = np.tile((10 * np.sin(2 * np.pi * 0.5 * np.minimum(t, 4.0)))[:, None], (1, 6))
+    w = six(foretold(labels, 1.0, (t < 4.0).astype(float)).ahead.payload)
+    assert w[1990].min() > 0.5
+    np.testing.assert_array_equal(w[2000:], np.broadcast_to(w[2000], w[2000:].shape))
+
+
+def test_another_oracle_is_nothing_that_came_true():
+    """What it says more is no movement of what labels say beyond the mean."""
+    t = DT * np.arange(3000)
+    labels = np.tile((10 * np.sin(2 * np.pi * 0.5 * t))[:, None], (1, 6))
+
+    def oracle(k: jax.Array) -> learn.Oracle:
+        later = (k >= 1520).astype(int)
+        return offset(50.0 * later.astype(float), later)
+
+    given, p = listener(doubt=10.0, coherence=1.0), np.zeros((len(t), 3))
+    one, other = (heard(given, of, p, labels, np.ones(len(t))) for of in (lambda _k: offset(0.0), oracle))
+    np.testing.assert_allclose(six(one.ahead.payload), six(other.ahead.payload), atol=1e-6)
 
 
 def moved(gain: float, doubt: float, on: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray, innovation.News]:
@@ -409,7 +467,7 @@ def test_a_map_that_is_not_trusted_is_not_used():
             mean=jax.tree.map(lambda x: jnp.full_like(x, 2.0), like),
             trust=jax.tree.map(lambda x, alpha=alpha: jnp.full_like(x, alpha), like),
         )
-        np.testing.assert_allclose(predicted(last, 0.0, Far()).F, expected, rtol=1e-12)
+        np.testing.assert_allclose(predicted(last, Far()).F, expected, rtol=1e-12)
 
 
 def test_another_oracle_does_not_change_how_far_the_map_is_trusted():

@@ -294,7 +294,7 @@ def test_second_moments_of_what_labels_say_are_no_motion():
     carried = modes._take(simulate.start(paper.plan("F").setup, z()))
     of_listener = [key for key in carried if ".listener." in key]
     assert any(".moved.label." in key for key in of_listener)
-    second = ("unrest", "late", "said", "age", "gap", "moved.products", "moved.squares")
+    second = ("late", "said", "age", "gap", "foretold", "moved.products", "moved.squares")
     assert not [key for key in of_listener if any(f".listener.{word}" in key for word in second)]
 
 

@@ -7,6 +7,7 @@ The innovation does: `r = F y - F f_hat`, F the filter that labels go through, s
 from __future__ import annotations
 
 import dataclasses
+import functools
 
 import jax
 import jax.numpy as jnp
@@ -70,6 +71,7 @@ class Foretold:
     """What was to come by the rate of labels, one delay of theirs ago, and how far such things came true."""
 
     age: Scalar  # s, since then
+    known: Scalar  # 0 before any was held against labels; 1 once they have come for ten spans and more
     trust: Residual  # alpha, as it was then
     rest: Residual  # the label less alpha times the mean
     rate: Residual  # of that
@@ -116,8 +118,10 @@ class Listener:
     doubt, is how much of the mean's changes labels make as well; means over the last span.
 
     A rate may be noise. Each delay of labels it is held against what they did since: with g the label less alpha times
-    the mean, D g what it has become more and d its age times its rate of then, `w = n <D g d> / (c (v + n <d d>))`,
-    within 0 and 1 and c the coherence, is how much of a rate is to be trusted; means over ten spans.
+    the mean, D g what it has become more and d its age times its rate of then, `s = n <(D g - h d) d> / (1 - h)` is the
+    square of what came true, h = `exp(-2 pi label delay)` what white noise behind two lags foretells of itself, and
+    `w = s / (c (v + n <d d>))`, within 0 and 1 and c the coherence, how much of a rate is to be trusted; means over ten
+    spans, from nothing on.
     """
 
     filters: Filters
@@ -139,7 +143,9 @@ class Listener:
             r=none,
             before=(none, none),
             moved=Moved(label=none, mean=none, products=none, squares=none),
-            foretold=Foretold(age=jnp.zeros(()), trust=none, rest=none, rate=none, products=none, squares=none),
+            foretold=Foretold(
+                age=jnp.zeros(()), known=jnp.zeros(()), trust=none, rest=none, rate=none, products=none, squares=none
+            ),
             elapsed=jnp.ones(()),
             average=none,
             gap=jnp.zeros(()),
@@ -184,7 +190,7 @@ class Listener:
         rate = jax.tree.map(lambda r, m, r_0, m_0, a: by * (r - r_0 + (1 - a) * (m - m_0)), r, outer, *before, trust)
         delay = self.filters.delay()
         foretold = _foretold(past.foretold, y, outer, trust, rate, on * past.warm, dt, delay, 10 * self.span)
-        ahead = jax.tree.map(self._ahead, foretold.products, foretold.squares, v)
+        ahead = jax.tree.map(functools.partial(self._ahead, foretold.known), foretold.products, foretold.squares, v)
         lasting = jax.tree.map(lambda m, v: m * m * m / (m * m + 4 * v), average, v)
         used = jax.tree.map(lambda r, left: left + fresh * (r - left), r, lasting)
         # stand still where the labels do
@@ -231,9 +237,11 @@ class Listener:
     def _alpha(self, c: Array, s: Array, v: Array) -> Array:
         return jnp.clip((v + self.doubt * c) / (v + self.doubt * s), 0.0, 1.0)
 
-    def _ahead(self, c: Array, s: Array, v: Array) -> Array:
+    def _ahead(self, known: Scalar, c: Array, s: Array, v: Array) -> Array:
+        of_noise = jnp.exp(-2 * jnp.pi * self.filters.label * self.filters.delay())
+        true = jnp.maximum(0.0, known * self.doubt * (c - of_noise * s)) / (1 - of_noise)
         whole = self.coherence * (v + self.doubt * s)
-        return (jnp.clip(self.doubt * c, 0.0, whole) + 1e-30) / (whole + 1e-30)  # 1 where no coherence is asked
+        return (jnp.minimum(true, whole) + 1e-30) / (whole + 1e-30)  # 1 where no coherence is asked
 
 
 def _taken_over(past: Heard, f: Residual, k: Int[Array, ""]) -> Heard:
@@ -279,7 +287,7 @@ def _foretold(
 ) -> Foretold:
     """The memory after the label y: where what was foretold is as old as labels are late it is held against that."""
     age = past.age + dt
-    due = on * (age > delay - 1e-9)
+    due = on * (age > delay - 1e-9).astype(float)
     b = due * -jnp.expm1(-age / span)
     came = jax.tree.map(lambda y, m, a, g: y - a * m - g, y, mean, past.trust, past.rest)
     told = jax.tree.map(lambda r: age * r, past.rate)
@@ -289,6 +297,7 @@ def _foretold(
 
     return Foretold(
         age=(1 - due) * age,
+        known=past.known + b * (1 - past.known),
         trust=now(trust, past.trust),
         rest=now(jax.tree.map(lambda y, m, a: y - a * m, y, mean, trust), past.rest),
         rate=now(rate, past.rate),
