@@ -71,7 +71,7 @@ class Foretold:
     """What was to come by the rate of labels, one delay of theirs ago, and how far such things came true."""
 
     age: Scalar  # s, since then
-    known: Scalar  # 0 before any was held against labels; 1 once they have come for ten spans and more
+    known: Scalar  # 0 at first, 1 once labels have come for ten spans and more
     trust: Residual  # alpha, as it was then
     rest: Residual  # the label less alpha times the mean
     rate: Residual  # of that
