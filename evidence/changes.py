@@ -1,8 +1,8 @@
 """What a change of the world does to memory, reflex and both: the tables of docs/learning.md, second by second.
 
 With motors that lag and outdoors every case flies eleven seeds, through jets three; elsewhere, and at home, one:
-`evidence orderings` flies eleven there. `outdoors` has the same gusts on each of them, `gusts` other ones. F flies as it ships, and led by what is best for it at home (`evidence
-baselines`).
+`evidence orderings` flies eleven there. `outdoors` has the same gusts on each of them, `gusts` other ones. F flies as
+it ships, and led by what is best for it at home (`evidence baselines`).
 """
 
 from __future__ import annotations

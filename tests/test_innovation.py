@@ -355,7 +355,7 @@ def as_defined(labels: np.ndarray, coherence: float) -> np.ndarray:
 
 
 def test_how_much_of_a_rate_is_trusted_is_how_much_of_such_rates_came_true():
-    """By means written anew: `sin(omega D) / (omega D)` of a swing, less what noise foretells of itself, of noise nothing."""
+    """By means written anew. Of a swing it is `sin(omega D) / (omega D)`, less what noise foretells of itself."""
     rng, t = np.random.default_rng(1), DT * np.arange(6000)
     late, h = DT * np.ceil(float(FILTERS.delay()) / DT), np.exp(-2 * np.pi * CORNERS["label"] * float(FILTERS.delay()))
     white = np.stack([low(low(x, 8.0), 8.0) for x in rng.normal(size=(6, len(t)))], axis=1)
@@ -366,7 +366,7 @@ def test_how_much_of_a_rate_is_trusted_is_how_much_of_such_rates_came_true():
         np.testing.assert_allclose(w, as_defined(labels, 1.0), atol=1e-9)
         known = 1 - np.exp(-t[-1] / 5)
         came_true = 0.0 if hertz is None else max(0.0, known * (np.sinc(2 * hertz * late) - h) / (1 - h))
-        np.testing.assert_allclose(w[-1], came_true, atol=0.08, )
+        np.testing.assert_allclose(w[-1], came_true, atol=0.08)
 
 
 def test_a_correction_is_carried_ahead_as_far_as_its_rate_is_trusted():
