@@ -40,7 +40,7 @@ def low(x: np.ndarray, hertz: float) -> np.ndarray:
 
 def filtered(x: np.ndarray) -> np.ndarray:
     """Behind the filters that labels go through."""
-    return low(low(low(x, CORNERS["tip_force"]), CORNERS["label"]), CORNERS["label"])
+    return behind_the_labels_filter(low(x, CORNERS["tip_force"]))
 
 
 def observed(p: Any, y: Any, on: Any, waited: Any) -> Estimate:
@@ -329,6 +329,10 @@ def carried(news: innovation.News) -> np.ndarray:
     return more / np.concatenate([last.rate.payload.F, last.rate.payload.tau]) / float(FILTERS.delay())
 
 
+def behind_the_labels_filter(x: np.ndarray) -> np.ndarray:
+    return low(low(x, CORNERS["label"]), CORNERS["label"])
+
+
 def foretold(labels: np.ndarray, coherence: float, on: np.ndarray | None = None) -> innovation.News:
     """The news of these labels, beyond a map that says nothing."""
     on = np.ones(len(labels)) if on is None else on
@@ -358,7 +362,7 @@ def test_how_much_of_a_rate_is_trusted_is_how_much_of_such_rates_came_true():
     """By means written anew. Of a swing it is `sin(omega D) / (omega D)`, less what noise foretells of itself."""
     rng, t = np.random.default_rng(1), DT * np.arange(6000)
     late, h = DT * np.ceil(float(FILTERS.delay()) / DT), np.exp(-2 * np.pi * CORNERS["label"] * float(FILTERS.delay()))
-    white = np.stack([low(low(x, 8.0), 8.0) for x in rng.normal(size=(6, len(t)))], axis=1)
+    white = behind_the_labels_filter(rng.normal(size=(len(t), 6)))
     white *= np.sqrt(variances()) / white[500:].std(axis=0)
     swing = lambda hertz: 1e3 * np.sqrt(variances()) * np.sin(2 * np.pi * hertz * t)[:, None]  # noqa: E731
     for labels, hertz in ((swing(0.5), 0.5), (swing(5.0), 5.0), (white, None)):
@@ -372,7 +376,7 @@ def test_how_much_of_a_rate_is_trusted_is_how_much_of_such_rates_came_true():
 def test_a_correction_is_carried_ahead_as_far_as_its_rate_is_trusted():
     """Half of a swing's square may be noise; of who asks for no coherence the whole rate is."""
     rng, t = np.random.default_rng(1), DT * np.arange(3000)
-    white = np.stack([low(low(x, 8.0), 8.0) for x in rng.normal(size=(6, len(t)))], axis=1)
+    white = behind_the_labels_filter(rng.normal(size=(len(t), 6)))
     swing = 1e3 * np.sin(2 * np.pi * t)[:, None]
     assert carried(foretold(white, 0.5)).max() < 0.2
     np.testing.assert_allclose(carried(foretold(0 * white + swing, 0.5)), 1, atol=1e-6)
