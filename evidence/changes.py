@@ -8,6 +8,7 @@ it ships, and led by what is best for it at home (`evidence baselines`).
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -34,25 +35,6 @@ INTO = (  # the loop lies beside the jets until 14 s, among them from 17 s on
     "reference.leaves={shift_m: [3, 0, 0], start_s: 14, over_s: 3}",
     "duration_s=60",
 )
-WORLDS: dict[str, tuple[str, tuple[str, ...], float]] = {  # scenario, changes, s from which errors count
-    "home": ("paper", (), 10.0),
-    "wind": ("paper", WIND, 14.0),
-    "mass": ("payload_added", (), 16.0),
-    "path": ("path_leaves", (), 11.0),
-    "lost": ("labels_lost", (), 13.0),
-    "wind lost": ("paper", (*WIND, LOST.format(16)), 17.0),
-    "mass lost": ("payload_added", (LOST.format(17),), 17.0),
-    "outdoors": ("outdoors", (), 14.0),
-    "gusts": ("outdoors", (), 14.0),  # and those that are drawn
-    "jets": ("jets", (), 10.0),
-    "motors": ("paper", MOTORS, 10.0),
-    "laps": ("paper", LAPS, 54.0),
-    "laps lost": ("paper", (*LAPS, LOST.format(55)), 56.0),
-    "into jets": ("jets", INTO, 35.0),
-}
-CASES = ("C1", "C3", "R", "F", "F led", "H", "C4", "O")
-LED = "innovation.lead_s=0.04"
-SEEDS = {"motors": range(11), "outdoors": range(11), "gusts": range(11), "jets": range(3)}  # 0 alone elsewhere
 
 
 def gusts(seed: int) -> tuple[str, ...]:
@@ -66,13 +48,35 @@ def gusts(seed: int) -> tuple[str, ...]:
     return tuple(f"disturbances.{name}.gusts={json.dumps(waves)}" for name in ("load_wind", "agent_wind"))
 
 
+Changes = tuple[str, ...] | Callable[[int], tuple[str, ...]]  # or those of a seed
+WORLDS: dict[str, tuple[str, Changes, float]] = {  # scenario, changes, s from which errors count
+    "home": ("paper", (), 10.0),
+    "wind": ("paper", WIND, 14.0),
+    "mass": ("payload_added", (), 16.0),
+    "path": ("path_leaves", (), 11.0),
+    "lost": ("labels_lost", (), 13.0),
+    "wind lost": ("paper", (*WIND, LOST.format(16)), 17.0),
+    "mass lost": ("payload_added", (LOST.format(17),), 17.0),
+    "outdoors": ("outdoors", (), 14.0),
+    "gusts": ("outdoors", gusts, 14.0),
+    "jets": ("jets", (), 10.0),
+    "motors": ("paper", MOTORS, 10.0),
+    "laps": ("paper", LAPS, 54.0),
+    "laps lost": ("paper", (*LAPS, LOST.format(55)), 56.0),
+    "into jets": ("jets", INTO, 35.0),
+}
+CASES = ("C1", "C3", "R", "F", "F led", "H", "C4", "O")
+LED = "innovation.lead_s=0.04"
+SEEDS = {"motors": range(11), "outdoors": range(11), "gusts": range(11), "jets": range(3)}  # 0 alone elsewhere
+
+
 def fly(item: str) -> dict[str, Any]:
     """e_p by the second and over what counts, m; how many newtons of forces are above 20 Hz; what went wrong."""
     world, case, seed = item.split(": ")
     name, changes, late = WORLDS[world]
     case, *led = case.split()
-    drawn = gusts(int(seed)) if world == "gusts" else ()
-    settings = scenario.load(name, [AHEAD, *changes, *drawn, f"seed={seed}", *(LED for _ in led)])
+    made = changes(int(seed)) if callable(changes) else changes
+    settings = scenario.load(name, [AHEAD, *made, f"seed={seed}", *(LED for _ in led)])
     flight = simulate.fly_plan(study.plan(settings, case))
     rows = flight.rows
     seconds = range(int(rows.t[-1]) + 1)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -20,6 +21,7 @@ from colift.model import Clock, Residual, Team, Wrench, agent_force, no_force
 from colift.pytree import pytree
 
 Scalar = Float[Array, ""]
+T = TypeVar("T")
 
 
 @pytree
@@ -117,11 +119,11 @@ class Listener:
     the same behind one filter more, `alpha = (1 + n <d y d f> / v) / (1 + n <d f d f> / v)`, within 0 and 1 and n the
     doubt, is how much of the mean's changes labels make as well; means over the last span.
 
-    A rate may be noise. Each delay of labels it is held against what they did since: with g the label less alpha times
-    the mean, D g what it has become more and d its age times its rate of then, `s = n <(D g - h d) d> / (1 - h)` is the
-    square of what came true, h = `exp(-2 pi label delay)` what white noise behind two lags foretells of itself, and
-    `w = s / (c (v + n <d d>))`, within 0 and 1 and c the coherence, how much of a rate is to be trusted; means over ten
-    spans, from nothing on.
+    A rate may be noise. Each delay of labels, while they come, it is held against what they did since: with g the
+    label less alpha times the mean, D g what it has become more and d its age times its rate of then,
+    `s = n <(D g - h d) d> / (1 - h)` is the square of what came true, h = `exp(-2 pi label delay)` what white noise
+    behind two lags foretells of itself, and `w = s / (c (v + n <d d>))`, within 0 and 1 and c the coherence, how much
+    of a rate is to be trusted; means over ten spans, from nothing on.
     """
 
     filters: Filters
@@ -184,12 +186,12 @@ class Listener:
         fresh = past.fresh + -jnp.expm1(-dt / self.fade) * (speaking - past.fresh)
         v = noise(oracle)
         trust = jax.tree.map(lambda c, s, v: 1 + fresh * (self._alpha(c, s, v) - 1), moved.products, moved.squares, v)
-        before = jax.tree.map(lambda new, old: jnp.where(on > 0, new, old), (past.r, past.outer), past.before)
+        before = _if(on, (past.r, past.outer), past.before)
         elapsed = jnp.where(on > 0, waited, past.elapsed + dt)
         by = past.warm * fresh / elapsed
         rate = jax.tree.map(lambda r, m, r_0, m_0, a: by * (r - r_0 + (1 - a) * (m - m_0)), r, outer, *before, trust)
         delay = self.filters.delay()
-        foretold = _foretold(past.foretold, y, outer, trust, rate, on * past.warm, dt, delay, 10 * self.span)
+        foretold = self._held_against(past.foretold, y, outer, trust, rate, on * past.warm, past.fresh, dt)
         ahead = jax.tree.map(functools.partial(self._ahead, foretold.known), foretold.products, foretold.squares, v)
         lasting = jax.tree.map(lambda m, v: m * m * m / (m * m + 4 * v), average, v)
         used = jax.tree.map(lambda r, left: left + fresh * (r - left), r, lasting)
@@ -234,6 +236,38 @@ class Listener:
         )
         return heard, news
 
+    def _held_against(
+        self,
+        past: Foretold,
+        y: Residual,
+        mean: Residual,
+        trust: Residual,
+        rate: Residual,
+        on: Scalar,
+        fresh: Scalar,
+        dt: Scalar,
+    ) -> Foretold:
+        """The memory after the label y, against which what was foretold is held once it is as old as labels are late.
+
+        As far as labels were fresh: a rate from before they stopped says nothing of when they come again.
+        """
+        age = past.age + dt
+        due = on * (age > self.filters.delay() - 1e-9).astype(float)
+        b = due * fresh * -jnp.expm1(-age / (10 * self.span))
+        rest = functools.partial(jax.tree.map, lambda y, m, a: y - a * m, y, mean)
+        came = jax.tree.map(jnp.subtract, rest(past.trust), past.rest)
+        told = jax.tree.map(lambda r: age * r, past.rate)
+        then = _if(due, (trust, rest(trust), rate), (past.trust, past.rest, past.rate))
+        return Foretold(
+            age=(1 - due) * age,
+            known=past.known + b * (1 - past.known),
+            trust=then[0],
+            rest=then[1],
+            rate=then[2],
+            products=_low(past.products, jax.tree.map(jnp.multiply, came, told), b),
+            squares=_low(past.squares, jax.tree.map(jnp.square, told), b),
+        )
+
     def _alpha(self, c: Array, s: Array, v: Array) -> Array:
         return jnp.clip((v + self.doubt * c) / (v + self.doubt * s), 0.0, 1.0)
 
@@ -274,36 +308,8 @@ def _moved(past: Moved, y: Residual, mean: Residual, b: Scalar, b_span: Scalar) 
     )
 
 
-def _foretold(
-    past: Foretold,
-    y: Residual,
-    mean: Residual,
-    trust: Residual,
-    rate: Residual,
-    on: Scalar,
-    dt: Scalar,
-    delay: Scalar,
-    span: Scalar,
-) -> Foretold:
-    """The memory after the label y: where what was foretold is as old as labels are late it is held against that."""
-    age = past.age + dt
-    due = on * (age > delay - 1e-9).astype(float)
-    b = due * -jnp.expm1(-age / span)
-    came = jax.tree.map(lambda y, m, a, g: y - a * m - g, y, mean, past.trust, past.rest)
-    told = jax.tree.map(lambda r: age * r, past.rate)
-
-    def now(new: Residual, old: Residual) -> Residual:
-        return jax.tree.map(lambda new, old: jnp.where(due > 0, new, old), new, old)
-
-    return Foretold(
-        age=(1 - due) * age,
-        known=past.known + b * (1 - past.known),
-        trust=now(trust, past.trust),
-        rest=now(jax.tree.map(lambda y, m, a: y - a * m, y, mean, trust), past.rest),
-        rate=now(rate, past.rate),
-        products=_low(past.products, jax.tree.map(jnp.multiply, came, told), b),
-        squares=_low(past.squares, jax.tree.map(jnp.square, told), b),
-    )
+def _if(on: Scalar, new: T, old: T) -> T:
+    return jax.tree.map(lambda new, old: jnp.where(on > 0, new, old), new, old)
 
 
 def _low(past: Residual, now: Residual, b: Scalar) -> Residual:

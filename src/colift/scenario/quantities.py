@@ -146,7 +146,9 @@ Factor = Annotated[Number, Field(ge=1.01, le=100), because("at 1 nothing is lear
 Norm = Annotated[Number, Field(ge=1e-6, le=1e6), because("signal deviations; beyond it the prior says nothing")]
 Ratio = Annotated[Number, Field(ge=0, le=100), because("a hundred times what it is a share of")]
 Share = Annotated[Number, Field(ge=0, le=0.99), because("a share of what there is")]
-Coherence = Annotated[Number, Field(ge=0.01, le=1), because("no more than all comes true; of noise a hundredth does")]
+Coherence = Annotated[
+    Number, Field(ge=0.01, le=1), because("no more than all comes true; where nothing is asked, noise is trusted")
+]
 Confidence = Annotated[Number, Field(gt=0, lt=1), because("a probability")]
 Capacity = Annotated[
     Count, Field(ge=2, le=20_000), because("a fit takes two; the posterior's matrices grow with the square")
