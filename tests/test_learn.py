@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.linalg import eigh
 from scipy.spatial.transform import Rotation
 from sklearn.linear_model import Ridge
 
 from colift import gp, learn
-from colift.model import PayloadState
+from colift.model import Payload, PayloadState
 
 CAPACITY = 48
 record = jax.jit(gp.first_come)
@@ -313,31 +314,6 @@ def test_once_the_world_has_changed_the_map_keeps_its_shape_where_the_team_has_n
     np.testing.assert_allclose(alone.payload.Y, full.Y)
 
 
-def test_mass_put_on_a_payload_is_identified_beyond_the_model_before_and_taken_from_its_labels(taught):
-    oracle, _ = taught
-    rng = np.random.default_rng(5)
-    load = samples(0, 30, 24, 6)
-    turns = Rotation.from_rotvec(0.3 * rng.normal(size=(CAPACITY, 3))).as_matrix().reshape(-1, 9)
-    X = load.X.at[:, 6:15].set(turns).at[:, 20].add(9.81)
-    theta = np.array([-0.3, *np.zeros(9)])
-    felt = jax.vmap(lambda x: learn.regressor(learn.state_of(x), x[18:21], x[21:24]) @ theta)(X)
-    told = gp.predict(oracle.payload, learn.payload_features(X))[0]
-    heavier = dataclasses.replace(load, X=X, Y=told + felt, t=load.t + 10.0)
-    recorded = both(heavier, samples(1, 30, 24, 9, (2,)))
-    change = learn.changed(oracle, "payload", 9.0)
-    prior = np.array([0.5, *[1e-6] * 9])
-    found = learn.heavier(oracle, change, recorded, np.full(6, 0.1), prior)
-    np.testing.assert_allclose(found, theta, atol=1e-3)
-    before = jnp.asarray(theta / 3)
-    third = dataclasses.replace(change, theta=before)  # a third of it was known: what is left is added
-    more = learn.heavier(oracle, third, recorded, np.full(6, 0.1), prior)
-    np.testing.assert_allclose(more, theta, atol=1e-3)
-    later = dataclasses.replace(third, since=99.0)  # nothing has been recorded since
-    np.testing.assert_array_equal(learn.heavier(oracle, later, recorded, np.full(6, 0.1), prior), before)
-    left = learn.samples(dataclasses.replace(oracle, theta=jnp.asarray(theta)), recorded)["payload"][1]
-    np.testing.assert_allclose(left, told[:30], atol=1e-9)
-
-
 def test_drag_and_thrust_act_on_forces_and_the_payload_s_drag_at_its_lever(taught):
     oracle, _ = taught
     air = learn.Air(payload=jnp.array([0.5, 0.1, -0.2, 0.3]), agents=(jnp.array([[0.2, 1.5], [0.0, -1.0]]),))
@@ -421,6 +397,7 @@ def labelled(rng: np.random.Generator, X: np.ndarray, theta: np.ndarray, sigma: 
 
 
 SIGMA = np.array([0.1] * 3 + [0.02] * 3)
+NOISE = SIGMA[:, None, None] ** 2 * np.eye(200)
 PRIOR = np.array([1.0] + [0.1] * 3 + [0.1] * 6)
 
 
@@ -428,7 +405,7 @@ def test_identification_recovers_all_parameters_of_a_turning_payload():
     rng = np.random.default_rng(7)
     theta = np.array([-0.3, 0.02, -0.05, 0.01, -0.01, 0.03, 0.02, 0.005, -0.004, 0.01])
     X = motions(rng, 200, turning=1.0)
-    found, left = learn.identify(X, labelled(rng, X, theta, SIGMA), SIGMA, PRIOR)
+    found, left = learn.identify(learn.regressors(X), labelled(rng, X, theta, SIGMA), NOISE, PRIOR)
     assert (left < 0.2).all()
     assert (np.abs(found - theta) < 5 * left * PRIOR).all()  # five posterior deviations
     assert abs(found[0] - theta[0]) < 0.01
@@ -438,7 +415,7 @@ def test_at_a_constant_attitude_mass_is_found_and_inertia_keeps_its_prior():
     rng = np.random.default_rng(8)
     theta = np.array([-0.3, 0.02, -0.05, 0.0, *[0.05] * 6])
     X = motions(rng, 200, turning=0.0)
-    found, left = learn.identify(X, labelled(rng, X, theta, SIGMA), SIGMA, PRIOR)
+    found, left = learn.identify(learn.regressors(X), labelled(rng, X, theta, SIGMA), NOISE, PRIOR)
     assert abs(found[0] - theta[0]) < 0.01
     assert left[0] < 0.01
     np.testing.assert_allclose(found[4:], 0, atol=1e-12)
@@ -446,6 +423,31 @@ def test_at_a_constant_attitude_mass_is_found_and_inertia_keeps_its_prior():
 
 
 def test_without_excitation_identification_stays_at_its_prior():
-    found, left = learn.identify(np.zeros((0, 24)), np.zeros((0, 6)), SIGMA, PRIOR)
+    found, left = learn.identify(np.zeros((0, 6, 10)), np.zeros((0, 6)), np.zeros((6, 0, 0)), PRIOR)
     np.testing.assert_array_equal(found, 0)
     np.testing.assert_array_equal(left, 1)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_what_is_identified_leaves_a_body_of_a_tenth_of_the_inertia_at_least(seed):
+    """By what it pushes against, `regressor` at rest; what leaves more than that is as it was."""
+    rng = np.random.default_rng(seed)
+    J = np.diag(rng.uniform(0.01, 2.0, 3))
+    believed = Payload(mass=jnp.asarray(rng.uniform(0.5, 5.0)), inertia=jnp.asarray(J))
+    theta = rng.normal(size=10) * np.array([1.0, *[0.2] * 3, *[0.3] * 6])
+    rest = PayloadState(R=jnp.eye(3), p=jnp.zeros(3), omega=jnp.zeros(3), v=jnp.zeros(3))
+
+    def inertia(theta: np.ndarray) -> np.ndarray:
+        of = lambda e: regressor(rest, e[:3], e[3:]) @ theta  # noqa: E731
+        return np.asarray(jax.vmap(of, out_axes=1)(jnp.eye(6)))
+
+    whole = inertia(np.array([float(believed.mass), 0, 0, 0, J[0, 0], J[1, 1], J[2, 2], 0, 0, 0]))
+    left = lambda theta: eigh(whole - inertia(theta), whole, eigvals_only=True)[0]  # noqa: E731
+    found = learn.possible(theta, believed)
+    if left(theta) >= 0.1:
+        np.testing.assert_array_equal(found, theta)
+    else:
+        np.testing.assert_allclose(left(found), 0.1, rtol=1e-9)
+        np.testing.assert_allclose(found, theta * (found[0] / theta[0]), rtol=1e-9)
+        assert 0 < found[0] / theta[0] < 1
+    np.testing.assert_allclose(learn.possible(0.01 * theta, believed), 0.01 * theta, rtol=1e-12)

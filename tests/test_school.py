@@ -9,15 +9,16 @@ import numpy as np
 import pytest
 
 from colift import gp, learn, place, school
+from colift.model import Payload
 from tests.test_learn import CAPACITY, TRAINING, both, prior, samples
 
 MEAN = place.Mean(payload=np.ones(14), agents=np.ones(5))
-IDENTIFY = school.Identify(noise=np.full(6, 0.1), prior=np.full(10, 0.1))
+BELIEVED = Payload(mass=jnp.ones(()), inertia=jnp.eye(3))
 
 
 def going_on(enough: int) -> school.School:
     """Of a flight whose learning does not end."""
-    given = school.Renewals(times=(), surprise=3.0, settle=0.0, enough=enough, age=20.0, payload=IDENTIFY, mean=MEAN)
+    given = school.Renewals(times=(), surprise=3.0, settle=0.0, enough=enough, age=20.0, mean=MEAN, believed=BELIEVED)
     return school.School(None, None, given)
 
 

@@ -17,6 +17,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
+from scipy.linalg import block_diag, eigh
 from threadpoolctl import threadpool_limits
 
 from colift import gp, interrupt, so3
@@ -25,6 +26,7 @@ from colift.measurement import Measurement
 from colift.model import (
     AgentForce,
     AgentState,
+    Payload,
     PayloadState,
     Residual,
     State,
@@ -356,18 +358,36 @@ def agents_mean(oracle: Oracle, x: tuple[Float[Array, "agents inputs"], ...]) ->
     return tuple(out)
 
 
-def identify(X: np.ndarray, Y: np.ndarray, sigma: np.ndarray, prior: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The payload's parameter errors from its labels, by least squares with a prior deviation on each parameter.
-
-    Minimizes `sum |(Y - Y(x) theta) / sigma|^2 + |theta / prior|^2`; a direction that the motion does not excite
-    keeps its prior. Returns theta and, per parameter, how much of the prior's deviation remains (1: not excited).
-    """
+def regressors(X: np.ndarray) -> np.ndarray:
+    """`Y(x)`, (samples, 6, 10), at payload samples (host)."""
     q = jax.vmap(state_of)(jnp.asarray(X))
-    A = np.asarray(jax.vmap(regressor)(q, jnp.asarray(X[:, 18:21]), jnp.asarray(X[:, 21:24])))
-    A = (A / sigma[None, :, None] * prior[None, None, :]).reshape(-1, 10)
-    b = (Y / sigma[None, :]).reshape(-1)
-    H = A.T @ A + np.eye(10)
+    return np.asarray(jax.vmap(regressor)(q, jnp.asarray(X[:, 18:21]), jnp.asarray(X[:, 21:24])))
+
+
+def identify(Phi: np.ndarray, Y: np.ndarray, K: np.ndarray, prior: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Parameters from labels, by least squares with a prior deviation on each parameter (host).
+
+    Minimizes `sum_i e_i^T K_i^-1 e_i + |theta / prior|^2`, e the errors `Y - Phi theta` and K_i the covariance of
+    output i's, `(outputs, samples, samples)`; a direction that the motion does not excite keeps its prior. Returns
+    theta and, per parameter, how much of the prior's deviation remains (1: not excited).
+    """
+    L = np.linalg.cholesky(K)
+    A = np.linalg.solve(L, (Phi * prior).swapaxes(0, 1)).reshape(-1, len(prior))
+    b = np.linalg.solve(L, Y.T[:, :, None]).reshape(-1)
+    H = A.T @ A + np.eye(len(prior))
     return prior * np.linalg.solve(H, A.T @ b), np.sqrt(np.diag(np.linalg.inv(H)))
+
+
+def possible(theta: np.ndarray, believed: Payload) -> np.ndarray:
+    """`theta` as far as it leaves a body: `s theta`, s the greatest within 0 and 1 with `M - s M(theta) >= M / 10`.
+
+    M is the `(6, 6)` inertia of the payload as believed, `M(theta) = [[m I, -hat(m c)], [hat(m c), J]]`. Where less
+    than nothing is left a command pushes the wrong way, whatever the gains (host).
+    """
+    h, (xx, yy, zz, xy, xz, yz) = np.asarray(so3.hat(jnp.asarray(theta[1:4]))), theta[4:]
+    more = np.block([[theta[0] * np.eye(3), -h], [h, np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])]])
+    M = block_diag(float(believed.mass) * np.eye(3), believed.inertia)
+    return theta * (0.9 / max(0.9, eigh(more, M, eigvals_only=True)[-1]))
 
 
 def state_of(x: Float[Array, "24"]) -> PayloadState:
@@ -530,18 +550,6 @@ def amended(old: gp.GP, X: np.ndarray, Y: np.ndarray) -> gp.GP:
     Z, both = (np.concatenate([np.asarray(before)[:n], new]) for before, new in ((old.X, X), (old.Y, Y)))
     stays = gp.thinned(Z, old.hyper, old.capacity, np.ones(len(Z)), first=np.arange(len(Z)) < n)
     return gp.condition(Z[stays], both[stays], old.hyper, old.capacity)
-
-
-def heavier(
-    oracle: Oracle, change: Change, recorded: Recorded, sigma: np.ndarray, prior: np.ndarray
-) -> Float[Array, "10"]:
-    """`theta` since the payload's world has changed: more by what `identify` finds in labels less the model (host)."""
-    before = dataclasses.replace(oracle, theta=change.theta)
-    (x, _, t), (Z, left, _) = raw(recorded)["payload"], samples(before, recorded, {"payload": change})["payload"]
-    if not len(left):
-        return change.theta
-    more, _ = identify(x[t >= change.since], left - told(change.model, Z)[0], sigma, prior)
-    return change.theta + jnp.asarray(more)
 
 
 def told(model: gp.GP, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

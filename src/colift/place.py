@@ -19,6 +19,7 @@ from jaxtyping import Array, Float
 from scipy.spatial.distance import cdist
 
 from colift import gp, learn
+from colift.model import Payload
 
 BLOCKS = {True: ((0, 1, 2), (3, 4, 5)), False: ((0, 1, 2),)}  # outputs that share hyperparameters: payload's, agent's
 ROWS = 128  # samples whose regressors are computed at once, or twice as many, ..: few shapes, few programs
@@ -116,6 +117,25 @@ def doubt(model: gp.GP, unsure: Unsure, Z: np.ndarray, Phi: np.ndarray) -> np.nd
         g = Phi[:, i] - k @ told
         out[:, i] = np.einsum("np,pq,nq->n", g, unsure.covariance, g, optimize=True)
     return out
+
+
+def heavier(
+    oracle: learn.Oracle, change: learn.Change, recorded: learn.Recorded, mean: Mean, believed: Payload
+) -> learn.Oracle:
+    """The oracle with what a payload whose world has changed has more of mass and first moments than before (host).
+
+    A GP cannot hold that where the team has not been: it goes with the acceleration. What else labels since then say
+    beyond the model from before is a field of the place like that one, and noise.
+    """
+    before = dataclasses.replace(oracle, theta=change.theta)
+    x, _, t = learn.raw(recorded)["payload"]
+    Z, Y, _ = learn.samples(before, recorded, {"payload": change})["payload"]
+    theta = np.array(change.theta)
+    if len(Y):
+        Phi, K = regressors(x[t >= change.since], payload=True)[:, :, :4], gp.grams(Z, change.model.hyper)
+        more, _ = learn.identify(Phi, Y - learn.told(change.model, Z)[0], K, mean.payload[:4])
+        theta[:4] += more
+    return dataclasses.replace(oracle, theta=jnp.asarray(learn.possible(theta, believed)))
 
 
 def surprise(

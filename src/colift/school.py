@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from colift import learn, place
+from colift.model import Payload
 
 log = logging.getLogger(__name__)
 
@@ -34,7 +35,7 @@ class Renewals:
     enough: int  # samples after a change for a new model; until then what surprises is the same change
     age: float  # s, after which the noise of a sample counts twice when it is decided which are kept
     mean: place.Mean  # of what maps hold beside GPs of the place
-    payload: Identify  # of what a payload that has changed differs from its model
+    believed: Payload
 
 
 @dataclasses.dataclass(frozen=True)
@@ -43,6 +44,7 @@ class Identify:
 
     noise: np.ndarray  # (6,) deviation of the payload's labels, N and N m
     prior: np.ndarray  # (10,) deviation of each rigid-body parameter
+    believed: Payload
 
 
 @dataclasses.dataclass(frozen=True)
@@ -96,8 +98,9 @@ class School:
             elif self.identify is not None:
                 n_L, given = int(recorded.payload.n), self.identify
                 X, Y = np.asarray(recorded.payload.X)[:n_L], np.asarray(recorded.payload.Y)[:n_L]
-                theta, _ = learn.identify(X, Y, given.noise, given.prior)
-                oracle = dataclasses.replace(oracle, theta=jnp.asarray(theta))
+                K = given.noise[:, None, None] ** 2 * np.eye(n_L)
+                theta, _ = learn.identify(learn.regressors(X), Y, K, given.prior)
+                oracle = dataclasses.replace(oracle, theta=jnp.asarray(learn.possible(theta, given.believed)))
             elif self.renewals is not None:
                 changed = self._look(oracle, recorded, self.renewals)
                 oracle = self._renew(oracle, recorded, self.renewals, t, fit)
@@ -140,7 +143,8 @@ class School:
         before = jax.tree.map(jnp.zeros_like, recorded) if self.data is None else self.data
         data = learn.kept(oracle, before, recorded, self.last, t, given.age, self.changes)
         data = self._over(data, fit)
-        oracle = self._heavier(oracle, data)
+        if "payload" in self.changes:
+            oracle = place.heavier(oracle, self.changes["payload"], data, given.mean, given.believed)
         bodies = [body for body in (learn.raw(data) if fit else self.misfits) if body not in self.changes]
         if bodies and self.training is not None:
             oracle, self.fits, new = place.teach(
@@ -193,15 +197,3 @@ class School:
                 usual.append(score)
         self.misfits, self.waiting = tuple(misfits), few | set(found)
         return tuple(found)
-
-    def _heavier(self, oracle: learn.Oracle, recorded: learn.Recorded) -> learn.Oracle:
-        """The oracle with what a payload whose world has changed has more of mass and inertia than its model before.
-
-        A GP cannot hold that where the team has not been: it goes with the acceleration.
-        """
-        change, renewals = self.changes.get("payload"), self.renewals
-        if change is None or renewals is None:
-            return oracle
-        given = renewals.payload
-        theta = learn.heavier(oracle, change, recorded, given.noise, given.prior)
-        return dataclasses.replace(oracle, theta=theta)

@@ -123,17 +123,17 @@ def _as(case: str, c1: simulate.Plan, settings: Settings) -> simulate.Plan:
             pilot = pilots.listening(settings, pilots.ahead(settings, pilot), held=case != "C4")
     prior = np.array([rival.mass_kg, *[rival.first_moment_kgm] * 3, *[rival.inertia_kgm2] * 6])
     noise = np.array([given.payload.force_noise_N] * 3 + [given.payload.moment_noise_Nm] * 3)
-    parameters = school.Identify(noise=noise, prior=prior)
+    parameters = school.Identify(noise=noise, prior=prior, believed=pilot.team.payload)
     made = dataclasses.replace(
         c1,
         pilot=pilot,
         updates=given.update_times_s if learns else (),
         identify={"P": parameters, "R": school.Regress(ridge=ridge)}.get(case),
     )
-    return _going_on(made, settings, parameters) if case == "C4" else made
+    return _going_on(made, settings) if case == "C4" else made
 
 
-def _going_on(plan: simulate.Plan, settings: Settings, payload: school.Identify) -> simulate.Plan:
+def _going_on(plan: simulate.Plan, settings: Settings) -> simulate.Plan:
     """The plan with learning that does not end: maps of the place, renewed, and fitted anew, every so often."""
     given = settings.innovation
     first, last = settings.learning.update_times_s[0], settings.learning.update_times_s[-1]
@@ -152,7 +152,7 @@ def _going_on(plan: simulate.Plan, settings: Settings, payload: school.Identify)
             settle=given.settle_s,
             enough=min(given.enough, settings.learning.capacity),
             age=given.age_s,
-            payload=payload,
+            believed=plan.pilot.team.payload,
             mean=priors.mean(settings),
         ),
     )

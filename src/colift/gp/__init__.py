@@ -16,7 +16,7 @@ ellipsoid   bounds of many functionals at once under bounded noise (host)
 
 from colift.gp import bounds, ellipsoid, recovery
 from colift.gp.data import AtTimes, Data, OnGain, Policy, Uniform, empty, first_come, first_in_first_out, informative
-from colift.gp.hyper import UNSEEN, Belief, Box, Hyper, hyperparameters, of_outputs
+from colift.gp.hyper import UNSEEN, Belief, Box, Hyper, grams, hyperparameters, of_outputs
 from colift.gp.kernel import Kernel, SquaredExponential
 from colift.gp.parametric import Parametric, fit_parametric
 from colift.gp.posterior import (
@@ -65,6 +65,7 @@ __all__ = [
     "fit",
     "fit_parametric",
     "fit_shared",
+    "grams",
     "hyperparameters",
     "information_gain",
     "informative",

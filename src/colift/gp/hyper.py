@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 from numpy.typing import ArrayLike
 
 from colift.gp.kernel import DEFAULT_KERNEL, Kernel
-from colift.gp.likelihood import least_noise, not_positive_definite
+from colift.gp.likelihood import gram, least_noise, not_positive_definite
 from colift.pytree import pytree
 
 UNSEEN = 1e50
@@ -131,6 +131,12 @@ def check(hyper: Hyper, points: int = 1) -> None:
     small = np.flatnonzero(v < least_noise(points) * s)
     if small.size:
         raise ValueError(f"output {small[0]}: " + not_positive_definite(points, s[small[0]], v[small[0]]))
+
+
+def grams(X: np.ndarray, hyper: Hyper) -> np.ndarray:
+    """`(outputs, N, N)`, the covariance of labels of each output at the points X `(N, dimensions)`: its `gram`."""
+    each = zip(*map(np.asarray, (hyper.signal_variance, hyper.lengthscales, hyper.noise_variance)), strict=True)
+    return np.stack([gram(X, *of, hyper.kernel) for of in each])
 
 
 def of_outputs(hyper: Hyper, outputs: slice) -> Hyper:
