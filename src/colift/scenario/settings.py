@@ -805,7 +805,7 @@ class Innovation(Section):
 
     lead_s: of.Time = 0.02
     """By how much the correction of F and H is carried ahead along its rate, for the delay of labels."""
-    coherence: of.Coherence = 0.5
+    coherence: of.Coherence = 0.2
     """C4 carries its correction ahead by the whole delay of labels where so much, in the square, of what their rates
     foretold came true; where less did, as much less far. Of what noise foretells next to nothing comes true."""
     doubt: of.Factor = 10.0
