@@ -100,7 +100,7 @@ def lesson(seed: int) -> Lesson:
         fits=school.fits,
         training=plan.training,
         of_place=of_place,
-        mean=priors.mean(given),
+        mean=priors.mean(given, plan.pilot.team),
     )
 
 
@@ -297,7 +297,8 @@ def field(given: Lesson) -> Map:
         hyper = with_block(given.fits[body].hyper, body, FORCE, blocks[0].covariance(found.logs[0]), k)
         if body == "payload":
             hyper = with_block(hyper, body, REST, blocks[1].covariance(found.logs[1]), 0)
-        oracle, constants = place.with_mean(oracle, body, beta), beta[8 if body == "payload" else 2 :]
+        oracle = place.with_mean(oracle, body, beta, given.mean.believed)
+        constants = beta[8 if body == "payload" else 2 :]
         hyper = dataclasses.replace(hyper, offset=hyper.offset.at[: len(constants)].set(constants))
         rest = Y - explained(oracle, body, X)
         model = gp.condition(seen(given, body, X), rest, hyper, given.oracle.payload.capacity)

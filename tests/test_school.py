@@ -12,13 +12,13 @@ from colift import gp, learn, place, school
 from colift.model import Payload
 from tests.test_learn import CAPACITY, TRAINING, both, prior, samples
 
-MEAN = place.Mean(payload=np.ones(14), agents=np.ones(5))
 BELIEVED = Payload(mass=jnp.ones(()), inertia=jnp.eye(3))
+MEAN = place.Mean(payload=np.ones(14), agents=np.ones(5), believed=BELIEVED)
 
 
 def going_on(enough: int) -> school.School:
     """Of a flight whose learning does not end."""
-    given = school.Renewals(times=(), surprise=3.0, settle=0.0, enough=enough, age=20.0, mean=MEAN, believed=BELIEVED)
+    given = school.Renewals(times=(), surprise=3.0, settle=0.0, enough=enough, age=20.0, mean=MEAN)
     return school.School(None, None, given)
 
 
@@ -178,3 +178,14 @@ def test_what_surprises_long_after_a_change_is_another_one():
     _, update = taught.teach(oracle, both(late, agents), 8.0, fit=False)
     assert update.changed == ("payload",)
     assert taught.changes["payload"].since > 4.0
+
+
+def test_parameters_that_leave_no_body_are_not_believed():
+    """Labels that ask for more inertia than there is: as much of it goes as a tenth allows, and mass stays as told."""
+    load, agents = samples(0, 40, 24, 6), samples(1, 40, 24, 9, (2,))
+    theta = np.array([0.2, 0, 0, 0, 2.0, 0, 0, 0, 0, 0])
+    Y = load.Y.at[:].set(learn.inertial(np.asarray(load.X)) @ theta)
+    given = school.Identify(noise=np.full(6, 0.01), prior=np.full(10, 1.0), believed=BELIEVED)
+    taught, _ = school.School(None, given, None).teach(prior(), both(dataclasses.replace(load, Y=Y), agents), 4.0, True)
+    np.testing.assert_allclose(taught.theta[0], 0.2, atol=0.01)
+    np.testing.assert_allclose(taught.theta[4], 0.9, atol=0.01)

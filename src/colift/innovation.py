@@ -191,7 +191,8 @@ class Listener:
         by = past.warm * fresh / elapsed
         rate = jax.tree.map(lambda r, m, r_0, m_0, a: by * (r - r_0 + (1 - a) * (m - m_0)), r, outer, *before, trust)
         delay = self.filters.delay()
-        foretold = self._held_against(past.foretold, y, outer, trust, rate, on * past.warm, past.fresh, dt)
+        went_on = past.warm * (ended <= jnp.maximum(self.hold, 2 * past.gap) + 1e-9).astype(float)  # until this label
+        foretold = self._held_against(past.foretold, y, outer, trust, rate, on, went_on, dt)
         ahead = jax.tree.map(functools.partial(self._ahead, foretold.known), foretold.products, foretold.squares, v)
         lasting = jax.tree.map(lambda m, v: m * m * m / (m * m + 4 * v), average, v)
         used = jax.tree.map(lambda r, left: left + fresh * (r - left), r, lasting)
@@ -244,26 +245,26 @@ class Listener:
         trust: Residual,
         rate: Residual,
         on: Scalar,
-        fresh: Scalar,
+        went_on: Scalar,
         dt: Scalar,
     ) -> Foretold:
         """The memory after the label y, against which what was foretold is held once it is as old as labels are late.
 
-        As far as labels were fresh: a rate from before they stopped says nothing of when they come again.
+        As long as they went on: a rate from before they stopped says nothing of when they come again.
         """
         age = past.age + dt
         due = on * (age > self.filters.delay() - 1e-9).astype(float)
-        b = due * fresh * -jnp.expm1(-age / (10 * self.span))
+        b = due * went_on * -jnp.expm1(-age / (10 * self.span))
         rest = functools.partial(jax.tree.map, lambda y, m, a: y - a * m, y, mean)
         came = jax.tree.map(jnp.subtract, rest(past.trust), past.rest)
         told = jax.tree.map(lambda r: age * r, past.rate)
-        then = _if(due, (trust, rest(trust), rate), (past.trust, past.rest, past.rate))
+        trust, left, rate = _if(due, (trust, rest(trust), rate), (past.trust, past.rest, past.rate))
         return Foretold(
             age=(1 - due) * age,
             known=past.known + b * (1 - past.known),
-            trust=then[0],
-            rest=then[1],
-            rate=then[2],
+            trust=trust,
+            rest=left,
+            rate=rate,
             products=_low(past.products, jax.tree.map(jnp.multiply, came, told), b),
             squares=_low(past.squares, jax.tree.map(jnp.square, told), b),
         )

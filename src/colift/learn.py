@@ -17,7 +17,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
-from scipy.linalg import block_diag, eigh
+from scipy.linalg import block_diag, eigvalsh
 from threadpoolctl import threadpool_limits
 
 from colift import gp, interrupt, so3
@@ -358,7 +358,7 @@ def agents_mean(oracle: Oracle, x: tuple[Float[Array, "agents inputs"], ...]) ->
     return tuple(out)
 
 
-def regressors(X: np.ndarray) -> np.ndarray:
+def inertial(X: np.ndarray) -> np.ndarray:
     """`Y(x)`, (samples, 6, 10), at payload samples (host)."""
     q = jax.vmap(state_of)(jnp.asarray(X))
     return np.asarray(jax.vmap(regressor)(q, jnp.asarray(X[:, 18:21]), jnp.asarray(X[:, 21:24])))
@@ -371,23 +371,31 @@ def identify(Phi: np.ndarray, Y: np.ndarray, K: np.ndarray, prior: np.ndarray) -
     output i's, `(outputs, samples, samples)`; a direction that the motion does not excite keeps its prior. Returns
     theta and, per parameter, how much of the prior's deviation remains (1: not excited).
     """
-    L = np.linalg.cholesky(K)
-    A = np.linalg.solve(L, (Phi * prior).swapaxes(0, 1)).reshape(-1, len(prior))
-    b = np.linalg.solve(L, Y.T[:, :, None]).reshape(-1)
-    H = A.T @ A + np.eye(len(prior))
-    return prior * np.linalg.solve(H, A.T @ b), np.sqrt(np.diag(np.linalg.inv(H)))
+    A = (Phi * prior).swapaxes(0, 1)
+    T = np.linalg.solve(K, A)
+    H = np.einsum("inp,inq->pq", A, T) + np.eye(len(prior))
+    return prior * np.linalg.solve(H, np.einsum("inp,ni->p", T, Y)), np.sqrt(np.diag(np.linalg.inv(H)))
 
 
 def possible(theta: np.ndarray, believed: Payload) -> np.ndarray:
-    """`theta` as far as it leaves a body: `s theta`, s the greatest within 0 and 1 with `M - s M(theta) >= M / 10`.
+    """`theta` as far as it leaves a body, `M - M(theta) >= M / 10` (host).
 
-    M is the `(6, 6)` inertia of the payload as believed, `M(theta) = [[m I, -hat(m c)], [hat(m c), J]]`. Where less
-    than nothing is left a command pushes the wrong way, whatever the gains (host).
+    M is the `(6, 6)` inertia of the payload as believed, `M(theta) = [[m I, -hat(m c)], [hat(m c), J]]`. What is told
+    least goes first: J is scaled down, then `m c` with it, then all. Where less than nothing is left a command pushes
+    the wrong way, whatever the gains.
     """
-    h, (xx, yy, zz, xy, xz, yz) = np.asarray(so3.hat(jnp.asarray(theta[1:4]))), theta[4:]
-    more = np.block([[theta[0] * np.eye(3), -h], [h, np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])]])
     M = block_diag(float(believed.mass) * np.eye(3), believed.inertia)
-    return theta * (0.9 / max(0.9, eigh(more, M, eigvals_only=True)[-1]))
+    for first in (4, 1, 0):
+        stays, goes = np.where(np.arange(10) < first, theta, 0.0), np.where(np.arange(10) < first, 0.0, theta)
+        room = 0.9 * M - _spatial(stays)
+        if eigvalsh(room)[0] > 0:
+            break
+    return stays + goes / max(1.0, eigvalsh(_spatial(goes), room)[-1])
+
+
+def _spatial(theta: np.ndarray) -> np.ndarray:
+    h, (xx, yy, zz, xy, xz, yz) = np.asarray(so3.hat(jnp.asarray(theta[1:4]))), theta[4:]
+    return np.block([[theta[0] * np.eye(3), -h], [h, np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])]])
 
 
 def state_of(x: Float[Array, "24"]) -> PayloadState:

@@ -28,10 +28,11 @@ PLACE = {"p_x", "p_y", "p_z", "x_x", "x_y", "x_z"}  # features
 
 @dataclasses.dataclass(frozen=True)
 class Mean:
-    """Prior deviations of what a mean holds."""
+    """Prior deviations of what a mean holds, and the payload as it is believed to be, of which a tenth is left."""
 
     payload: np.ndarray  # (14,) mass, kg, first moments, kg m, drag, N s/m, its lever's, N s, constants, N and N m
     agents: np.ndarray  # (5,) drag, N s/m, thrust, N, constants, N
+    believed: Payload
 
 
 @dataclasses.dataclass(frozen=True)
@@ -78,7 +79,7 @@ def teach(
     learned = learn.side_by_side(lambda body: _fit(oracle, body, *found[body], training, mean, last.get(body)), found)
     models = {}
     for body, (fit, beta, _) in learned.items():
-        oracle = with_mean(oracle, body, beta)
+        oracle = with_mean(oracle, body, beta, mean.believed)
         models[body] = dataclasses.replace(learn.of_body(oracle, body), hyper=fit.hyper)
     fits = {**last, **{body: fit for body, (fit, _, _) in learned.items()}}
     taught = learn.renew(learn.with_bodies(oracle, models), recorded, changes, waiting)
@@ -119,13 +120,11 @@ def doubt(model: gp.GP, unsure: Unsure, Z: np.ndarray, Phi: np.ndarray) -> np.nd
     return out
 
 
-def heavier(
-    oracle: learn.Oracle, change: learn.Change, recorded: learn.Recorded, mean: Mean, believed: Payload
-) -> learn.Oracle:
+def heavier(oracle: learn.Oracle, change: learn.Change, recorded: learn.Recorded, mean: Mean) -> learn.Oracle:
     """The oracle with what a payload whose world has changed has more of mass and first moments than before (host).
 
     A GP cannot hold that where the team has not been: it goes with the acceleration. What else labels since then say
-    beyond the model from before is a field of the place like that one, and noise.
+    beyond the model from before is a function of what that one looks at, and noise.
     """
     before = dataclasses.replace(oracle, theta=change.theta)
     x, _, t = learn.raw(recorded)["payload"]
@@ -135,7 +134,7 @@ def heavier(
         Phi, K = regressors(x[t >= change.since], payload=True)[:, :, :4], gp.grams(Z, change.model.hyper)
         more, _ = learn.identify(Phi, Y - learn.told(change.model, Z)[0], K, mean.payload[:4])
         theta[:4] += more
-    return dataclasses.replace(oracle, theta=jnp.asarray(learn.possible(theta, believed)))
+    return dataclasses.replace(oracle, theta=jnp.asarray(learn.possible(theta, mean.believed)))
 
 
 def surprise(
@@ -233,12 +232,12 @@ def _of_agent(x: Float[Array, "samples inputs"]) -> Float[Array, "samples 3 5"]:
     return jax.vmap(one)(x)
 
 
-def with_mean(oracle: learn.Oracle, body: learn.Body, beta: np.ndarray) -> learn.Oracle:
+def with_mean(oracle: learn.Oracle, body: learn.Body, beta: np.ndarray, believed: Payload) -> learn.Oracle:
     """The oracle with what a body's mean holds, but for its constants, which are the GP's offset."""
     air = oracle.known
     assert isinstance(air, learn.Air)
     if isinstance(body, str):
-        theta = jnp.zeros(10).at[:4].set(beta[:4])
+        theta = jnp.asarray(learn.possible(np.concatenate([beta[:4], np.zeros(6)]), believed))
         return dataclasses.replace(oracle, theta=theta, known=dataclasses.replace(air, payload=jnp.asarray(beta[4:8])))
     i, j = body
     agents = (*air.agents[:i], air.agents[i].at[j].set(beta[:2]), *air.agents[i + 1 :])

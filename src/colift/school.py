@@ -35,7 +35,6 @@ class Renewals:
     enough: int  # samples after a change for a new model; until then what surprises is the same change
     age: float  # s, after which the noise of a sample counts twice when it is decided which are kept
     mean: place.Mean  # of what maps hold beside GPs of the place
-    believed: Payload
 
 
 @dataclasses.dataclass(frozen=True)
@@ -44,7 +43,7 @@ class Identify:
 
     noise: np.ndarray  # (6,) deviation of the payload's labels, N and N m
     prior: np.ndarray  # (10,) deviation of each rigid-body parameter
-    believed: Payload
+    believed: Payload  # of which a tenth is always left
 
 
 @dataclasses.dataclass(frozen=True)
@@ -99,7 +98,7 @@ class School:
                 n_L, given = int(recorded.payload.n), self.identify
                 X, Y = np.asarray(recorded.payload.X)[:n_L], np.asarray(recorded.payload.Y)[:n_L]
                 K = given.noise[:, None, None] ** 2 * np.eye(n_L)
-                theta, _ = learn.identify(learn.regressors(X), Y, K, given.prior)
+                theta, _ = learn.identify(learn.inertial(X), Y, K, given.prior)
                 oracle = dataclasses.replace(oracle, theta=jnp.asarray(learn.possible(theta, given.believed)))
             elif self.renewals is not None:
                 changed = self._look(oracle, recorded, self.renewals)
@@ -144,7 +143,7 @@ class School:
         data = learn.kept(oracle, before, recorded, self.last, t, given.age, self.changes)
         data = self._over(data, fit)
         if "payload" in self.changes:
-            oracle = place.heavier(oracle, self.changes["payload"], data, given.mean, given.believed)
+            oracle = place.heavier(oracle, self.changes["payload"], data, given.mean)
         bodies = [body for body in (learn.raw(data) if fit else self.misfits) if body not in self.changes]
         if bodies and self.training is not None:
             oracle, self.fits, new = place.teach(

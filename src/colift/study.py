@@ -152,8 +152,7 @@ def _going_on(plan: simulate.Plan, settings: Settings) -> simulate.Plan:
             settle=given.settle_s,
             enough=min(given.enough, settings.learning.capacity),
             age=given.age_s,
-            believed=plan.pilot.team.payload,
-            mean=priors.mean(settings),
+            mean=priors.mean(settings, plan.pilot.team),
         ),
     )
 

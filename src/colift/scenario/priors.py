@@ -88,7 +88,7 @@ def of_place(settings: s.Settings, nominal: Team) -> learn.Training | None:
     )
 
 
-def mean(settings: s.Settings) -> place.Mean:
+def mean(settings: s.Settings, nominal: Team) -> place.Mean:
     """What is believed of the means of these maps before any data."""
     given, parameters, load, agent = (
         settings.innovation,
@@ -104,6 +104,7 @@ def mean(settings: s.Settings) -> place.Mean:
             + [constant * load.moment_Nm] * 3
         ),
         agents=np.array([drag, given.thrust_N, *[constant * agent.force_N] * 3]),
+        believed=nominal.payload,
     )
 
 

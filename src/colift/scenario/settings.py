@@ -807,7 +807,7 @@ class Innovation(Section):
     """By how much the correction of F and H is carried ahead along its rate, for the delay of labels."""
     coherence: of.Coherence = 0.2
     """C4 carries its correction ahead by the whole delay of labels where so much, in the square, of what their rates
-    foretold came true; where less did, as much less far. Of what noise foretells next to nothing comes true."""
+    foretold came true; where less did, as much less far. Of what noise foretells nothing comes true on average."""
     doubt: of.Factor = 10.0
     """C4's map is used as far as labels move with it once it has moved by more than the variance of labels over so
     many: in the square, from one label filter's memory to the next. A rate that foretells less counts for nothing."""
