@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from gp_problems import problem
 from sklearn.gaussian_process import GaussianProcessRegressor
-from sklearn.gaussian_process.kernels import ConstantKernel, Matern, RationalQuadratic, WhiteKernel
+from sklearn.gaussian_process.kernels import RBF, ConstantKernel, Matern, RationalQuadratic, WhiteKernel
 
 from colift import gp
 from colift.gp.likelihood import log_marginal
@@ -145,3 +145,12 @@ def test_a_file_holds_no_kernel_of_one_s_own(tmp_path):
     with pytest.raises(ValueError, match="the kernel is Rough: a file holds SquaredExponential alone"):
         gp.save(model, tmp_path / "model.npz")
     assert not list(tmp_path.iterdir())
+
+
+def test_the_covariance_of_labels_is_scikit_learn_s_of_every_output():
+    rng = np.random.default_rng(3)
+    X = rng.normal(size=(12, 2))
+    hyper = gp.hyperparameters([2.0, 0.5], [[0.4, 1.5], [2.0, 0.7]], [0.1, 0.3])
+    found = gp.grams(X, hyper)
+    for K, s, scale, v in zip(found, (2.0, 0.5), ([0.4, 1.5], [2.0, 0.7]), (0.1, 0.3), strict=True):
+        np.testing.assert_allclose(K, (ConstantKernel(s) * RBF(scale) + WhiteKernel(v))(X), rtol=1e-12)
