@@ -133,7 +133,24 @@ MUTANTS = {
         "gp/data.py", "kept = sound & (slot < len(data.X))", "kept = sound", "learn", "data_grow"
     ),
     "identification: prior counted twice": Mutant(
-        "learn.py", "A.T @ A + np.eye(10)", "A.T @ A + 2 * np.eye(10)", "learn", "identification or excitation"
+        "learn.py",
+        "A, T) + np.eye(len(prior))",
+        "A, T) + 2 * np.eye(len(prior))",
+        "learn",
+        "identification or excitation",
+    ),
+    "identification: less than nothing may be left": Mutant(
+        "learn.py", "stays + goes / max(", "stays + goes / min(", "learn", "leaves_a_body"
+    ),
+    "identification: a field is taken for mass": Mutant(
+        "place.py",
+        "K = regressors(x[t >= change.since], payload=True)[:, :, :4], gp.grams(Z, change.model.hyper)",
+        "K = regressors(x[t >= change.since], payload=True)[:, :, :4], 0.05 * np.tile(np.eye(len(Z)), (6, 1, 1))",
+        "place",
+        "goes_with_the_place",
+    ),
+    "innovation: a rate counts after silence": Mutant(
+        "innovation.py", "b = due * went_on * -jnp", "b = due * -jnp", "innovation", "before_labels_stopped"
     ),
     "features: speeds in the wrong order": Mutant(
         "learn.py",
