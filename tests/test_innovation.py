@@ -391,30 +391,29 @@ def test_labels_that_stop_neither_prove_nor_disprove_what_was_foretold():
     np.testing.assert_array_equal(w[2000:], np.broadcast_to(w[2000], w[2000:].shape))
 
 
-@pytest.mark.parametrize("silence", [0.5, 1.0, 2.0])
-@pytest.mark.parametrize("jump", [0.0, 100.0])
-def test_a_rate_from_before_labels_stopped_is_held_against_nothing_when_they_come_again(silence, jump):
-    """However far labels have gone meanwhile, and however short of nothing trust in them has become."""
+def trusted_across(silence: float, jump: float) -> tuple[np.ndarray, np.ndarray]:
+    """w of a swing before labels are silent for so long, s, and at the first that comes again, so much higher."""
     t = DT * np.arange(4000)
     on = (t < 4.0) | (t >= 4.0 + silence)
     last = np.maximum.accumulate(np.where(on, np.arange(len(t)), 0))
     labels = np.tile((10 * np.sin(2 * np.pi * 0.5 * t) + jump * (t > 4.0))[last][:, None], (1, 6))
     given = listener(doubt=10.0, coherence=1.0, fade=0.3, hold=0.2)
     w = six(heard(given, lambda _k: offset(0.0), np.zeros((len(t), 3)), labels, on).ahead.payload)
-    again = int(np.flatnonzero(on & (t > 4.0))[0])
-    assert w[1999].min() > 0.5
-    np.testing.assert_array_equal(w[again], w[1999])
+    return w[1999], w[int(np.flatnonzero(on & (t > 4.0))[0])]
+
+
+@pytest.mark.parametrize("silence", [0.5, 1.0, 2.0])
+@pytest.mark.parametrize("jump", [0.0, 100.0])
+def test_a_rate_from_before_labels_stopped_is_held_against_nothing_when_they_come_again(silence, jump):
+    """However far labels have gone meanwhile, and however short of nothing trust in them has become."""
+    before, again = trusted_across(silence, jump)
+    assert before.min() > 0.5
+    np.testing.assert_array_equal(again, before)
 
 
 def test_a_pause_that_is_no_end_of_labels_counts():
-    t = DT * np.arange(2500)
-    on = (t < 4.0) | (t >= 4.1)
-    last = np.maximum.accumulate(np.where(on, np.arange(len(t)), 0))
-    labels = np.tile((10 * np.sin(2 * np.pi * 0.5 * t) + 100 * (t > 4.0))[last][:, None], (1, 6))
-    given = listener(doubt=10.0, coherence=1.0, fade=0.3, hold=0.2)
-    w = six(heard(given, lambda _k: offset(0.0), np.zeros((len(t), 3)), labels, on).ahead.payload)
-    again = int(np.flatnonzero(on & (t > 4.0))[0])
-    assert (np.abs(w[again] - w[1999]) > 0.1).all()
+    before, again = trusted_across(0.1, 100.0)
+    assert (np.abs(again - before) > 0.1).all()
 
 
 def test_another_oracle_is_nothing_that_came_true():
