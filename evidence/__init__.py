@@ -1,96 +1,44 @@
-"""Proofs that take longer than a test: each writes one dated JSON file under `evidence/results`, and can be resumed.
+"""Long-running evidence: each module computes one dated JSON file under `evidence/results` and can be resumed.
 
-A proof is a module here with `main()`. It keeps what it has computed in its result file, item by item. The file names
-the commit that it was computed at and the files that it rests on, each with git's digest. Once one of these files is
-another, and only then, a run computes afresh; `./dev evidence status` says which results are behind, and by what. A
-Python file whose docstrings, comments or layout alone have changed is the same.
+A module here has `main()` and stores what it computes item by item. The result file names the command, the machine, the
+commit and the files that the result depends on (`evidence.dependencies`), each with git's digest. Items are computed
+anew only when one of these files has changed. A change of docstrings, comments or layout of a Python file, or of hashes
+of a lock file, is no change.
+
+    ./dev evidence NAME ...      computes or resumes results
+    ./dev evidence status        lists results that are older than their code, and pages that quote them
+    ./dev evidence restamp       replays one item of each such result and stamps it where the item is bit-equal
 """
 
 from __future__ import annotations
 
-import ast
 import datetime as dt
-import hashlib
+import functools
 import json
 import platform
+import re
 import subprocess
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
 from colift import disk
 from colift.native import build
+from evidence import dependencies
 
 ROOT = Path(__file__).parents[1]
 RESULTS = ROOT / "evidence" / "results"
-PACKAGES = {"colift": "src/colift", "evidence": "evidence", "tests": "tests", "benchmarks": "benchmarks"}
-SCENARIOS = "src/colift/scenarios"
 
 
 def rests_on(proof: Path, root: Path = ROOT) -> dict[str, str]:
-    """The project's files behind a proof or a benchmark, relative to the root, and git's digest of each.
-
-    The module itself, what it imports, what that imports, and so on; data files that one of them names and that lie
-    beside it; scenarios that the proof names; the folders in its `RUNS`, if it starts programs of theirs. An import
-    inside a function is not followed: those are for figures.
-    """
-    record = root / "evidence" / "__init__.py"  # how results are kept changes none
-    found, left = set(), {proof}
-    while left:
-        path = left.pop()
-        found.add(path)
-        tree = ast.parse(path.read_text())
-        found |= {beside for word in _words(tree) if (beside := path.parent / word).is_file()}
-        left |= set(_imported(tree, root)) - found - {record}
-    tree = ast.parse(proof.read_text())
-    found |= {path for path in (root / SCENARIOS).glob("*.yaml") if path.stem in _words(tree)}
-    found |= {path for folder in _runs(tree) for path in (root / folder).rglob("*") if path.suffix in SOURCE}
-    found.discard(record)
-    return {path.relative_to(root).as_posix(): _digest(path) for path in sorted(found)}
-
-
-def _words(tree: ast.AST) -> set[str]:
-    """Strings of a module that may be the name of a file or of a scenario."""
-    nodes = (node.value for node in ast.walk(tree) if isinstance(node, ast.Constant))
-    return {value for value in nodes if isinstance(value, str) and value and set(value) <= NAME}
-
-
-def _runs(tree: ast.Module) -> tuple[str, ...]:
-    """The folders in a module's `RUNS`, none if it has no such line."""
-    for node in tree.body:
-        if isinstance(node, ast.Assign) and [ast.unparse(target) for target in node.targets] == ["RUNS"]:
-            return ast.literal_eval(node.value)
-    return ()
-
-
-SOURCE = {".py", ".yaml", ".h"}
-NAME = set("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_.-")
-
-
-def _imported(tree: ast.Module, root: Path) -> Iterator[Path]:
-    """Files of the modules that a module imports at its top, and of the packages that hold them."""
-    for node in tree.body:
-        names = []
-        if isinstance(node, ast.Import):
-            names = [alias.name for alias in node.names]
-        elif isinstance(node, ast.ImportFrom) and node.module:
-            names = [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
-        for name in names:
-            parts = name.split(".")
-            yield from filter(None, (_file(parts[:n], root) for n in range(1, len(parts) + 1)))
-
-
-def _file(parts: list[str], root: Path) -> Path | None:
-    if parts[0] not in PACKAGES:
-        return None
-    at = root.joinpath(PACKAGES[parts[0]], *parts[1:])
-    return next(filter(Path.is_file, (at / "__init__.py", at.with_suffix(".py"))), None)
+    """Return the project's files behind a proof or a benchmark, relative to the root, and git's digest of each."""
+    files = sorted(dependencies.closure(proof, root))
+    return {path.relative_to(root).as_posix(): _digest(path) for path in files}
 
 
 def _digest(path: Path) -> str:
     """What git calls the content of a file: `git hash-object`."""
-    content = path.read_bytes()
-    return hashlib.sha1(b"blob %d\0" % len(content) + content, usedforsecurity=False).hexdigest()
+    return dependencies.digest(path.read_bytes())
 
 
 def head() -> str | None:
@@ -125,31 +73,91 @@ def _cpuinfo() -> list[str]:
 
 
 def behind(name: str) -> list[str]:
-    """The files that are no longer those a result was computed from; empty for one that holds today."""
-    then, now = stored(name).get("files", {}), rests_on(ROOT / "evidence" / f"{name}.py")
+    """Return the files that are no longer those a result was computed from; empty for one that holds today.
+
+    Results of before lock files were recorded are compared with the locks of their commit.
+    """
+    made, now = _record(name), rests_on(ROOT / "evidence" / f"{name}.py")
+    then = made.get("files", {})
+    locks = {path for path in now if path.startswith(dependencies.LOCKS)}
+    if locks and not any(path in then for path in locks) and made.get("commit"):
+        then = then | {
+            path: of for path, of in _listed(ROOT, made["commit"], dependencies.LOCKS).items() if path in locks
+        }
     changed = (path for path in then | now if then.get(path) != now.get(path))
-    return sorted(path for path in changed if not (path in then and path in now and _same_code(then[path], path)))
+    return sorted(path for path in changed if not (path in then and path in now and _same(then[path], path)))
 
 
-def _same_code(digest: str, path: str) -> bool:
-    """Whether a Python file does what the one of git's digest did: its code is the same, whatever it says of it."""
-    before = _git("cat-file", "blob", digest) if path.endswith(".py") else None
-    return before is not None and _code(before) == _code((ROOT / path).read_text())
+@functools.cache
+def _listed(root: Path, commit: str, folder: str) -> dict[str, str]:
+    """The files below a folder of a commit and git's digest of each; none where git has no such commit."""
+    del root
+    lines = (_git("ls-tree", "-r", commit, "--", folder) or "").splitlines()
+    return {line.split("\t")[1]: line.split()[2] for line in lines}
 
 
-def _code(text: str) -> str:
-    """A module without its docstrings, comments and layout."""
-    tree = ast.parse(text)
-    for node in ast.walk(tree):
-        body = getattr(node, "body", None)
-        if isinstance(body, list):
-            node.body = [one for one in body if not (isinstance(one, ast.Expr) and isinstance(one.value, ast.Constant))]
-    return ast.dump(tree)
+def _same(digest: str, path: str) -> bool:
+    """Whether a file says what the one of git's digest said, see `dependencies.meaning`."""
+    before, suffix = _blob(ROOT, digest) if path.endswith((".py", ".txt")) else None, Path(path).suffix
+    if before is None:
+        return False
+    return dependencies.meaning(before, suffix) == dependencies.meaning((ROOT / path).read_text(), suffix)
+
+
+@functools.cache
+def _blob(root: Path, digest: str) -> str | None:
+    del root
+    return _git("cat-file", "blob", digest)
+
+
+def _record(name: str) -> dict[str, Any]:
+    return json.loads((RESULTS / f"{name}.json").read_text())
 
 
 def stored(name: str) -> dict[str, Any]:
-    """What a result file holds."""
-    return json.loads((RESULTS / f"{name}.json").read_text())
+    """Return what a result file holds, its items under the names of today (`evidence/renamed.json`)."""
+    made = _record(name)
+    return made | {"items": renamed(made["items"])}
+
+
+def renamed(value: Any) -> Any:
+    """Return stored items with keys of earlier versions replaced, see `evidence/renamed.json`.
+
+    `words` maps words of keys (bounded by anything but letters, digits and `_`), `keys` maps whole keys, `values` maps
+    whole texts that are values.
+    """
+    if isinstance(value, dict):
+        return {_renamed(key): renamed(one) for key, one in value.items()}
+    if isinstance(value, list):
+        return [renamed(one) for one in value]
+    return _names()["values"].get(value, value) if isinstance(value, str) else value
+
+
+@functools.cache
+def _names() -> dict[str, dict[str, str]]:
+    table = json.loads(RENAMED.read_text()) if RENAMED.exists() else {}
+    return {"words": {}, "keys": {}, "values": {}} | table
+
+
+@functools.cache
+def _renamed(key: str) -> str:
+    if key in (keys := _names()["keys"]):
+        return keys[key]
+    return re.sub(r"\w+", lambda word: _names()["words"].get(word[0], word[0]), key)
+
+
+RENAMED = Path(__file__).with_name("renamed.json")
+
+
+class Replayed(BaseException):
+    """The end of a proof of which one item alone was computed, see `evidence.restamp`."""
+
+    def __init__(self, item: str, value: Any) -> None:
+        super().__init__(item)
+        self.item, self.value = item, value
+
+
+replay: str | None = None  # the item that `collect` is to compute alone, without a look at what is stored
 
 
 def collect(name: str, items: Iterable[str], compute: Callable[[str], Any]) -> dict[str, Any]:
@@ -157,6 +165,10 @@ def collect(name: str, items: Iterable[str], compute: Callable[[str], Any]) -> d
 
     Raises SystemExit where a file that the proof rests on is not committed: nobody could repeat the result.
     """
+    if replay is not None:
+        if replay not in (items := list(items)):
+            raise LookupError(f"{name} has no item {replay!r}; there are {', '.join(items[:5])}, ...")
+        raise Replayed(replay, compute(replay))
     path = RESULTS / f"{name}.json"
     found = stored(name)["items"] if path.exists() and not behind(name) else {}
     left = [item for item in items if item not in found]

@@ -1,4 +1,4 @@
-"""`python -m evidence [NAME ...]`: run or resume all proofs, or those named; `status` says which results are behind."""
+"""`python -m evidence [NAME ...]`: computes or resumes all results, or those named; also `status` and `restamp`."""
 
 from __future__ import annotations
 
@@ -7,38 +7,23 @@ import pkgutil
 import sys
 
 import evidence
+from evidence import dependencies, restamp, status
 
 
 def proofs() -> list[str]:
     """The names of all proofs."""
-    return sorted(m.name for m in pkgutil.iter_modules(evidence.__path__) if m.name != "__main__")
-
-
-TOLD = 5  # changed files that are named
-
-
-def status() -> None:
-    """Print, for each proof, when its result was made, and which files have changed since, its own first."""
-    for name in proofs():
-        if not (evidence.RESULTS / f"{name}.json").exists():
-            print(f"{name:<12} no result yet")
-            continue
-        made, changed = evidence.stored(name), evidence.behind(name)
-        at = f"{made['date']} at {(made.get('commit') or 'no commit')[:10]}"
-        changed.sort(key=lambda path: not path.startswith("evidence/"))
-        more = f" and {len(changed) - TOLD} more" * (len(changed) > TOLD)
-        since = f"since then changed: {', '.join(changed[:TOLD])}{more}" if changed else "nothing changed since"
-        print(f"{name:<12} {at}: {since}")
+    return sorted(m.name for m in pkgutil.iter_modules(evidence.__path__) if m.name not in dependencies.TOOLS)
 
 
 def main(names: list[str]) -> int:
     """Run the proofs; the status is 1 if one of them does not hold, 2 for a name that does not exist."""
-    if names == ["status"]:
-        status()
-        return 0
+    if names[:1] == ["status"]:
+        return status.main(names[1:], proofs())
+    if names[:1] == ["restamp"]:
+        return restamp.main(names[1:], proofs())
     unknown = [name for name in names if name not in proofs()]
     if unknown:
-        print(f"no proof {', '.join(unknown)}; there are {', '.join(proofs())}, and status", file=sys.stderr)
+        print(f"no proof {', '.join(unknown)}; there are {', '.join(proofs())}, status and restamp", file=sys.stderr)
         return 2
     held = [(name, importlib.import_module(f"evidence.{name}").main()) for name in names or proofs()]
     for name, holds in held:

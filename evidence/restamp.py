@@ -1,0 +1,237 @@
+"""`./dev evidence restamp [NAME ...]`: shows by one replayed item that a result still follows from the code.
+
+For each result that is older than its code, one stored item is computed anew by the proof's own item function, in a
+process of its own, and compared with what is stored under today's names (`evidence/renamed.json`):
+
+- equal: the result is stamped with today's files and commit; its items are stored under today's names;
+- different: the result stays stale, and the first difference is recorded and printed;
+- longer than the limit, or not computable here: the result is left alone.
+
+A stamp keeps the date, the machine and the commit of the computation (`computed`), and states which item was replayed
+(`replayed`). It shows that item alone; the other items are taken to follow from the same code.
+
+Two numbers are equal where all their bits are. Two kinds of field are exempt:
+
+- `UNCOMPARED`: wall-clock times, memory, and versions of other software;
+- `MESSAGES`: texts for people. They are compared by whether there is one.
+
+Each outcome is written at once, whole or not at all. The next run goes on from there: results that hold are skipped,
+and a replay is not repeated for the same code unless `--again` is given.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import datetime as dt
+import hashlib
+import importlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import evidence
+
+LIMIT_S = 600.0
+UNCOMPARED = {
+    *("wall_s", "cpu_s", "ours_cpu_s", "cpu_over_ours", "cost_s", "took_s", "at_s", "s", "median_us", "p999_us"),
+    *("largest_process_MB", "versions", "compiler", "drake"),
+}
+MESSAGES = {"says", "said", "stopped", "warnings", "wrong", "failures", "skipped", "seen_by"}
+ITEMS = {  # the item that is replayed, where it is not the first that is stored: cheap, and of much of the code
+    "certified": "101",
+    "changes": "home: adaptive: 0",
+    "engines": "C3",
+    "generalization": "place: home: 0",
+    "plant": "flight, plain",
+    "react": "10",
+    "starts": "3 x 1",
+}
+NONE = "absent"
+
+
+class Difference(NamedTuple):
+    """One value that a replay did not repeat: where it is, and what is stored and computed there."""
+
+    key: str
+    old: Any
+    new: Any
+
+    def __str__(self) -> str:
+        return f"{self.key}: stored {_short(self.old)}, computed {_short(self.new)}"
+
+
+def _short(value: Any) -> str:
+    text = json.dumps(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def differences(old: Any, new: Any, at: str = "") -> Iterator[Difference]:
+    """Yield the values in which two items differ, in the order in which they are stored.
+
+    Args:
+        old: The stored item, under today's names.
+        new: The computed item.
+        at: The key of both, for what is yielded.
+    """
+    if isinstance(old, dict) and isinstance(new, dict):
+        for key in [*old, *(key for key in new if key not in old)]:
+            where, a, b = f"{at}.{key}".lstrip("."), old.get(key, NONE), new.get(key, NONE)
+            if key in UNCOMPARED:
+                continue
+            if key in MESSAGES and key in old and key in new:
+                if bool(a) != bool(b):
+                    yield Difference(where, a, b)
+                continue
+            yield from differences(a, b, where)
+    elif isinstance(old, list) and isinstance(new, list) and len(old) == len(new):
+        for k, (a, b) in enumerate(zip(old, new, strict=True)):
+            yield from differences(a, b, f"{at}[{k}]")
+    elif old != new or (type(old) is not type(new) and not _numbers(old, new)):
+        yield Difference(at or "value", old, new)
+
+
+def _numbers(*values: Any) -> bool:
+    return all(isinstance(value, int | float) and not isinstance(value, bool) for value in values)
+
+
+def relative(found: list[Difference]) -> float | None:
+    """Return the largest relative difference of numbers; None where something else differs."""
+    if not all(_numbers(one.old, one.new) for one in found):
+        return None
+    return max(abs(one.old - one.new) / max(abs(one.old), abs(one.new)) for one in found)
+
+
+def code(files: Mapping[str, str]) -> str:
+    """Return one digest of all files behind a result."""
+    return hashlib.sha256(json.dumps(sorted(files.items())).encode()).hexdigest()[:16]
+
+
+class Unreplayed(Exception):
+    """An item that could not be computed, and why."""
+
+
+def computed(name: str, item: str, limit_s: float) -> tuple[Any, float]:
+    """Return an item of a result computed anew in a process of its own, and the time that it took [s].
+
+    Raises:
+        Unreplayed: If it takes longer than the limit or ends with an error.
+    """
+    began = time.monotonic()
+    with tempfile.TemporaryDirectory() as folder:
+        out = Path(folder) / "item.json"
+        command = [sys.executable, "-m", "evidence.restamp", name, item, str(out)]
+        # a session of its own, so that what the item starts ends with it
+        run = subprocess.Popen(
+            command,
+            cwd=evidence.ROOT,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+        )
+        try:
+            _, said = run.communicate(timeout=limit_s)
+        except BaseException as end:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(run.pid, signal.SIGKILL)
+            run.wait()
+            if isinstance(end, subprocess.TimeoutExpired):
+                raise Unreplayed(f"takes longer than {limit_s:g} s") from None
+            raise
+        if not out.exists():
+            lines = [line for line in said.splitlines() if line.strip()]
+            raise Unreplayed(f"ends with status {run.returncode}: {lines[-1] if lines else 'no message'}")
+        return json.loads(out.read_text()), time.monotonic() - began
+
+
+def restamp(name: str, item: str | None = None, limit_s: float = LIMIT_S, again: bool = False) -> tuple[bool, str]:
+    """Replay one item of a result and stamp the result where the item is equal.
+
+    Args:
+        name: The result.
+        item: The item; see `ITEMS` for the default.
+        limit_s: The longest time that the replay may take [s].
+        again: Whether to repeat a replay that was different for the same code.
+
+    Returns:
+        Whether the result holds for today's code, and a line that says what was found.
+    """
+    if not (evidence.RESULTS / f"{name}.json").exists():
+        return False, "no result"
+    if not evidence.behind(name):
+        return True, "nothing changed since"
+    made, files = evidence.stored(name), evidence.rests_on(evidence.ROOT / "evidence" / f"{name}.py")
+    if changed := evidence.uncommitted(files):
+        return False, f"left alone: not committed: {', '.join(changed[:3])}"
+    before = made.get("replayed", {})
+    if before.get("code") == code(files) and not again and item in (None, before["item"]):
+        return False, f"stale, as replayed on {before['date']}: {Difference(*before['difference'])}"
+    item = item or ITEMS.get(name, next(iter(made["items"])))
+    if item not in made["items"]:
+        return False, f"left alone: no item {item!r} is stored"
+    try:
+        value, seconds = computed(name, item, limit_s)
+    except Unreplayed as why:
+        return False, f"left alone: item {item!r} {why}"
+    found = list(differences(made["items"][item], value))
+    replayed = {
+        "item": item,
+        "date": dt.date.today().isoformat(),
+        "machine": evidence.machine(),
+        "code": code(files),
+        "equal": not found,
+        "difference": list(found[0]) if found else None,
+    }
+    path = evidence.RESULTS / f"{name}.json"
+    if found:
+        evidence.save(path, json.loads(path.read_text()) | {"replayed": replayed})
+        size = relative(found)
+        spread = "" if size is None else f", relative differences up to {size:.1e}"
+        return False, f"stale: item {item!r} differs in {len(found)} values{spread}; first {found[0]}"
+    origin = made.get("computed") or {key: made[key] for key in ("commit", "date")}
+    stamp = {"commit": evidence.head(), "files": files, "computed": origin, "replayed": replayed}
+    evidence.save(path, made | stamp | {"items": made["items"]})
+    return True, f"stamped: item {item!r} is equal, replayed in {seconds:.0f} s"
+
+
+def main(arguments: list[str], names: list[str]) -> int:
+    """Restamp results, one line each; the status is 1 where one of them stays behind, 2 for a name that is none."""
+    parser = argparse.ArgumentParser(prog="evidence restamp", description="replay one item of each stale result")
+    parser.add_argument("names", nargs="*", metavar="NAME", help="results; all where none is named")
+    parser.add_argument("--item", help="the stored item to replay, for one NAME")
+    parser.add_argument("--limit", type=float, default=LIMIT_S, help="longest replay [s]")
+    parser.add_argument("--again", action="store_true", help="repeat replays that were different for the same code")
+    options = parser.parse_args(arguments)
+    if unknown := [name for name in options.names if name not in names]:
+        parser.error(f"no result {', '.join(unknown)}; there are {', '.join(names)}")
+    if options.item and len(options.names) != 1:
+        parser.error("--item needs one NAME")
+    good = True
+    for name in options.names or names:
+        holds, line = restamp(name, options.item, options.limit, options.again)
+        print(f"{name:<14} {line}", flush=True)
+        good &= holds
+    return 0 if good else 1
+
+
+def replay(name: str, item: str, out: Path) -> None:
+    """Compute one item of a proof and write it as JSON."""
+    evidence.replay = item
+    try:
+        importlib.import_module(f"evidence.{name}").main()
+    except evidence.Replayed as done:
+        evidence.save(out, done.value)
+    else:
+        raise SystemExit(f"{name} ended without item {item!r}")
+
+
+if __name__ == "__main__":
+    replay(sys.argv[1], sys.argv[2], Path(sys.argv[3]))

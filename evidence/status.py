@@ -1,0 +1,87 @@
+"""`./dev evidence status`: results that are older than their code, and pages that quote them.
+
+A page quotes a result where it contains one of two markers, which HTML comments hide from readers:
+
+- ``<!-- evidence: NAME [NAME ...] -->``: the page states figures of these results in its own text or tables;
+- ``<!-- table: NAME[+NAME ...].TABLE -->``: a table that `docs/results_tables.py` makes of these results.
+
+The exit status is 1 where a page quotes a result that is missing or older than its code, and 2 for an unknown name.
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import evidence
+
+TOLD = 5  # changed files that are named
+MARKER = re.compile(r"<!--\s*(evidence|table):\s*(.*?)\s*-->")
+BUILT = {"_build", "_generated"}  # folders of pages that are made
+
+
+def pages(root: Path) -> Iterator[Path]:
+    """Yield the README and all pages of the documentation."""
+    yield from filter(Path.is_file, [root / "README.md"])
+    yield from sorted(path for path in (root / "docs").rglob("*.md") if not BUILT & set(path.parts))
+
+
+def quoted(text: str) -> set[str]:
+    """Return the names of the results that a page quotes by its markers."""
+    found: set[str] = set()
+    for kind, said in MARKER.findall(text):
+        found |= set(re.split(r"[\s,]+", said) if kind == "evidence" else said.partition(".")[0].split("+"))
+    return found
+
+
+def state(name: str) -> tuple[bool, str]:
+    """Return whether a result holds for today's code, and a line that says why or why not."""
+    if not (evidence.RESULTS / f"{name}.json").exists():
+        return False, "no result yet"
+    made, changed = evidence.stored(name), evidence.behind(name)
+    at = f"{made['date']} at {(made.get('commit') or 'no commit')[:10]}"
+    if replay := made.get("replayed"):
+        at += f", {evidence_of(replay)}"
+    if not changed:
+        return True, f"{at}: nothing changed since"
+    changed.sort(key=lambda path: not path.startswith("evidence/"))
+    more = f" and {len(changed) - TOLD} more" * (len(changed) > TOLD)
+    return False, f"{at}: since then changed: {', '.join(changed[:TOLD])}{more}"
+
+
+def evidence_of(replay: dict) -> str:
+    """Return in words what a replay of one item showed."""
+    shown = "equal" if replay["equal"] else "different"
+    return f"item {replay['item']!r} replayed {replay['date']}: {shown}"
+
+
+def main(arguments: list[str], names: list[str]) -> int:
+    """Print the state of each result, then each page that quotes one that does not hold.
+
+    Args:
+        arguments: Names of results; all where empty.
+        names: The names of all results.
+
+    Returns:
+        The exit status.
+    """
+    if unknown := [name for name in arguments if name not in names]:
+        print(f"no result {', '.join(unknown)}; there are {', '.join(names)}", file=sys.stderr)
+        return 2
+    states = {name: state(name) for name in arguments or names}
+    width = max(12, *map(len, states))
+    for name, (_, line) in states.items():
+        print(f"{name:<{width}} {line}")
+    bad = 0
+    for page in pages(evidence.ROOT):
+        where = page.relative_to(evidence.ROOT).as_posix()
+        for name in sorted(quoted(page.read_text())):
+            if name not in names:
+                print(f"{where}: quotes {name}, which is no result")
+                bad += 1
+            elif name in states and not states[name][0]:
+                print(f"{where}: quotes {name}, which is older than its code or missing")
+                bad += 1
+    return 1 if bad else 0

@@ -1,0 +1,39 @@
+"""Targets of the evidence: what is measured, the limit, and whether it is met. Printed by proofs, shown by pages."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+
+class Target(NamedTuple):
+    """One target: `measured` is to be at most `most`, or at least `least` where `most` is None."""
+
+    what: str
+    measured: float
+    most: float | None = None
+    least: float | None = None
+    unit: str = ""
+    note: str = ""  # spread and numbers of flights, for people
+
+    @property
+    def met(self) -> bool:
+        """Whether the measured value keeps the limits that are stated."""
+        above = self.least is None or self.measured >= self.least
+        return bool(above and (self.most is None or self.measured <= self.most))
+
+    def __str__(self) -> str:
+        unit, note = f" {self.unit}" * bool(self.unit), f" ({self.note})" * bool(self.note)
+        return f"{self.what}: {self.measured:.3g}{unit}, {self.limit}{note}{'' if self.met else '; missed'}"
+
+    @property
+    def limit(self) -> str:
+        """The limits in words."""
+        limits = (("at least", self.least), ("at most", self.most))
+        return ", ".join(f"{word} {value:g}" for word, value in limits if value is not None)
+
+
+def missed(targets: Iterable[Target]) -> str:
+    """Return the names of the targets that are not met, or that all are."""
+    names = ", ".join(target.what for target in targets if not target.met)
+    return f"missed: {names}" if names else "all targets"
