@@ -12,7 +12,7 @@ from functools import cached_property
 
 from checks.prose import PLACEHOLDER
 
-_ALLOW = re.compile(r"#\s*checks:\s*allow\b[:\s]*(.*)$")
+_ALLOW = re.compile(r"#\s*checks:\s*allow\b[:\s]*(.*)$", re.MULTILINE)
 _INLINE_CODE = re.compile(r"``[^`]+``|`[^`\n]+(?:\n[^`\n]+)?`|\$[^$\s][^$\n]*\$")
 _HELP_KEYWORDS = frozenset({"description", "epilog", "help", "short_help"})
 _LAYOUT = frozenset(
@@ -69,12 +69,18 @@ class PythonSource:
     text: str
     name: str
     tree: ast.Module = field(init=False, repr=False)
-    _tokens: list[tokenize.TokenInfo] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         """Parse the file."""
         self.tree = ast.parse(self.text, self.name)
-        self._tokens = list(tokenize.generate_tokens(io.StringIO(self.text).readline))
+
+    @cached_property
+    def _tokens(self) -> list[tokenize.TokenInfo]:
+        return list(tokenize.generate_tokens(io.StringIO(self.text).readline))
+
+    @cached_property
+    def _nodes(self) -> list[ast.AST]:
+        return list(ast.walk(self.tree))
 
     @cached_property
     def identifiers(self) -> tuple[Identifier, ...]:
@@ -86,7 +92,7 @@ class PythonSource:
         """Docstrings of the module, classes, functions and attributes."""
         return tuple(
             Text("docstring", node.lineno, node.end_lineno or node.lineno, node.value.value)
-            for node in ast.walk(self.tree)
+            for node in self._nodes
             if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
         )
 
@@ -113,7 +119,7 @@ class PythonSource:
         """String values of keyword arguments such as `help` and `description`."""
         return tuple(
             Text("help", part.lineno, part.end_lineno or part.lineno, part.value)
-            for node in ast.walk(self.tree)
+            for node in self._nodes
             if isinstance(node, ast.keyword) and node.arg in _HELP_KEYWORDS
             for part in ast.walk(node.value)
             if isinstance(part, ast.Constant) and isinstance(part.value, str)
@@ -134,7 +140,7 @@ class PythonSource:
     @cached_property
     def functions(self) -> tuple[FunctionNode, ...]:
         """All functions and methods, nested ones included."""
-        return tuple(node for node in ast.walk(self.tree) if isinstance(node, FunctionNode))
+        return tuple(node for node in self._nodes if isinstance(node, FunctionNode))
 
     @cached_property
     def exceptions(self) -> dict[int, frozenset[str]]:
@@ -143,6 +149,8 @@ class PythonSource:
         A comment behind code holds for its own line, and a comment on its own line also for the line below.
         """
         allowed: dict[int, frozenset[str]] = {}
+        if not _ALLOW.search(self.text):
+            return allowed
         for token in self._tokens:
             match = _ALLOW.search(token.string) if token.type == tokenize.COMMENT else None
             if match:
@@ -156,6 +164,8 @@ class PythonSource:
     @property
     def exception_count(self) -> int:
         """Number of exception comments."""
+        if not _ALLOW.search(self.text):
+            return 0
         return sum(bool(token.type == tokenize.COMMENT and _ALLOW.search(token.string)) for token in self._tokens)
 
     def allows(self, lines: range, *entries: str) -> bool:

@@ -48,6 +48,7 @@ class BannedWord:
     suggestion: str
 
 
+@cache
 def name_words(name: str) -> frozenset[str]:
     """Split an identifier at underscores and changes of case.
 
