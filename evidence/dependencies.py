@@ -236,9 +236,8 @@ def _normal(name: str) -> str:
 @functools.cache
 def pins(text: str) -> dict[str, str]:
     """Return the versions that a lock file pins, by package; hashes, comments and order do not matter."""
-    found = (
-        re.match(r"([A-Za-z0-9._-]+)(?:\[[^]]*\])?==([^\s;\\]+)\s*(.*?)\s*\\?$", line) for line in text.splitlines()
-    )
+    lines = (re.split(r"--hash|\\|#", line)[0].strip() for line in text.splitlines())
+    found = (re.match(r"([A-Za-z0-9._-]+)(?:\[[^]]*\])?==([^\s;]+)\s*(.*)$", line) for line in lines)
     return {_normal(one[1]): f"{one[2]} {one[3]}".strip() for one in found if one}
 
 

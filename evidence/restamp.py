@@ -10,7 +10,8 @@ process of its own, and compared with what is stored under today's names (`evide
 A stamp keeps the date, the machine and the commit of the computation (`computed`), and states which item was replayed
 (`replayed`). It shows that item alone; the other items are taken to follow from the same code.
 
-Two numbers are equal where all their bits are. Two kinds of field are exempt:
+Two numbers are equal where all their bits are; `--within REL` allows a relative difference, which the stamp then
+states. Two kinds of field are exempt:
 
 - `UNCOMPARED`: wall-clock times, memory, and versions of other software;
 - `MESSAGES`: texts for people. They are compared by whether there is one.
@@ -106,7 +107,7 @@ def relative(found: list[Difference]) -> float | None:
     """Return the largest relative difference of numbers; None where something else differs."""
     if not all(_numbers(one.old, one.new) for one in found):
         return None
-    return max(abs(one.old - one.new) / max(abs(one.old), abs(one.new)) for one in found)
+    return max((abs(one.old - one.new) / max(abs(one.old), abs(one.new)) for one in found), default=0.0)
 
 
 def code(files: Mapping[str, str]) -> str:
@@ -128,31 +129,26 @@ def computed(name: str, item: str, limit_s: float) -> tuple[Any, float]:
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "item.json"
         command = [sys.executable, "-m", "evidence.restamp", name, item, str(out)]
-        # a session of its own, so that what the item starts ends with it
-        run = subprocess.Popen(
-            command,
-            cwd=evidence.ROOT,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.PIPE,
-            text=True,
-            start_new_session=True,
-        )
-        try:
-            _, said = run.communicate(timeout=limit_s)
-        except BaseException as end:
-            with contextlib.suppress(ProcessLookupError):
-                os.killpg(run.pid, signal.SIGKILL)
-            run.wait()
-            if isinstance(end, subprocess.TimeoutExpired):
-                raise Unreplayed(f"takes longer than {limit_s:g} s") from None
-            raise
+        streams = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE, "text": True}
+        # in a session of its own, so that what the item starts ends with it
+        with subprocess.Popen(command, cwd=evidence.ROOT, start_new_session=True, **streams) as run:
+            try:
+                _, said = run.communicate(timeout=limit_s)
+            except BaseException as end:
+                with contextlib.suppress(ProcessLookupError):
+                    os.killpg(run.pid, signal.SIGKILL)
+                if isinstance(end, subprocess.TimeoutExpired):
+                    raise Unreplayed(f"takes longer than {limit_s:g} s") from None
+                raise
         if not out.exists():
             lines = [line for line in said.splitlines() if line.strip()]
             raise Unreplayed(f"ends with status {run.returncode}: {lines[-1] if lines else 'no message'}")
         return json.loads(out.read_text()), time.monotonic() - began
 
 
-def restamp(name: str, item: str | None = None, limit_s: float = LIMIT_S, again: bool = False) -> tuple[bool, str]:
+def restamp(
+    name: str, item: str | None = None, limit_s: float = LIMIT_S, again: bool = False, within: float = 0.0
+) -> tuple[bool, str]:
     """Replay one item of a result and stamp the result where the item is equal.
 
     Args:
@@ -160,6 +156,7 @@ def restamp(name: str, item: str | None = None, limit_s: float = LIMIT_S, again:
         item: The item; see `ITEMS` for the default.
         limit_s: The longest time that the replay may take [s].
         again: Whether to repeat a replay that was different for the same code.
+        within: The relative difference up to which numbers count as equal.
 
     Returns:
         Whether the result holds for today's code, and a line that says what was found.
@@ -181,25 +178,27 @@ def restamp(name: str, item: str | None = None, limit_s: float = LIMIT_S, again:
         value, seconds = computed(name, item, limit_s)
     except Unreplayed as why:
         return False, f"left alone: item {item!r} {why}"
-    found = list(differences(made["items"][item], value))
+    every = list(differences(made["items"][item], value))
+    found = every if (size := relative(every)) is None or size > within else []
     replayed = {
         "item": item,
         "date": dt.date.today().isoformat(),
         "machine": evidence.machine(),
         "code": code(files),
         "equal": not found,
+        "relative_difference": size,
         "difference": list(found[0]) if found else None,
     }
     path = evidence.RESULTS / f"{name}.json"
     if found:
         evidence.save(path, json.loads(path.read_text()) | {"replayed": replayed})
-        size = relative(found)
         spread = "" if size is None else f", relative differences up to {size:.1e}"
         return False, f"stale: item {item!r} differs in {len(found)} values{spread}; first {found[0]}"
     origin = made.get("computed") or {key: made[key] for key in ("commit", "date")}
     stamp = {"commit": evidence.head(), "files": files, "computed": origin, "replayed": replayed}
     evidence.save(path, made | stamp | {"items": made["items"]})
-    return True, f"stamped: item {item!r} is equal, replayed in {seconds:.0f} s"
+    equal = f"equal to {size:.1e}" if every else "equal"
+    return True, f"stamped: item {item!r} is {equal}, replayed in {seconds:.0f} s"
 
 
 def main(arguments: list[str], names: list[str]) -> int:
@@ -209,6 +208,7 @@ def main(arguments: list[str], names: list[str]) -> int:
     parser.add_argument("--item", help="the stored item to replay, for one NAME")
     parser.add_argument("--limit", type=float, default=LIMIT_S, help="longest replay [s]")
     parser.add_argument("--again", action="store_true", help="repeat replays that were different for the same code")
+    parser.add_argument("--within", type=float, default=0.0, metavar="REL", help="relative difference that is equal")
     options = parser.parse_args(arguments)
     if unknown := [name for name in options.names if name not in names]:
         parser.error(f"no result {', '.join(unknown)}; there are {', '.join(names)}")
@@ -216,7 +216,7 @@ def main(arguments: list[str], names: list[str]) -> int:
         parser.error("--item needs one NAME")
     good = True
     for name in options.names or names:
-        holds, line = restamp(name, options.item, options.limit, options.again)
+        holds, line = restamp(name, options.item, options.limit, options.again, options.within)
         print(f"{name:<14} {line}", flush=True)
         good &= holds
     return 0 if good else 1

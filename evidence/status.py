@@ -53,7 +53,8 @@ def state(name: str) -> tuple[bool, str]:
 
 def evidence_of(replay: dict) -> str:
     """Return in words what a replay of one item showed."""
-    shown = "equal" if replay["equal"] else "different"
+    apart = f" to {replay['relative_difference']:.1e}" if replay.get("relative_difference") else ""
+    shown = f"equal{apart}" if replay["equal"] else "different"
     return f"item {replay['item']!r} replayed {replay['date']}: {shown}"
 
 

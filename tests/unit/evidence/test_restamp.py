@@ -1,0 +1,109 @@
+"""Results stamped by one replayed item."""
+
+from __future__ import annotations
+
+import pytest
+
+import evidence
+from evidence import restamp
+
+
+def stored(x: float, **more: object) -> dict:
+    """An item as the proof stored it under an earlier name of its case."""
+    return {"C4": {"e_p_rms_m": x, "wall_s": 3.0, "stopped": ""}, "n": [1, 2]} | more
+
+
+def test_equal_item_stamps_the_result(store, change):
+    """The stamp has today's files and commit, the items today's names, the computation its own date and commit."""
+    store({"1": stored(2 / 3), "2": stored(5.0)})
+    computed_at = evidence.head()
+    change()
+    assert evidence.behind("proof") == ["benchmarks/model.py"]
+    holds, line = restamp.restamp("proof")
+    assert holds
+    assert line.startswith("stamped: item '1' is equal, replayed in ")
+    made = evidence._record("proof")
+    assert made["computed"] == {"commit": computed_at, "date": "2026-01-02"}
+    assert made["commit"] == evidence.head() != computed_at
+    assert made["replayed"]["item"] == "1"
+    assert list(made["items"]["2"]) == ["adaptive", "n"]
+    assert made["items"]["1"]["adaptive"]["wall_s"] == 3.0
+    assert evidence.behind("proof") == []
+    assert restamp.restamp("proof") == (True, "nothing changed since")
+
+
+def test_different_item_leaves_the_result_stale(store, change):
+    """The first difference is told and recorded; the same code is replayed again only when asked."""
+    store({"1": stored(0.5)})
+    before = evidence._record("proof")
+    change()
+    holds, line = restamp.restamp("proof")
+    assert not holds
+    assert "adaptive.e_p_rms_m: stored 0.5, computed 0.6666666666666666" in line
+    after = evidence._record("proof")
+    assert {key: after[key] for key in before} == before
+    assert after["replayed"]["difference"] == ["adaptive.e_p_rms_m", 0.5, 2 / 3]
+    assert "as replayed on" in restamp.restamp("proof")[1]
+    assert "differs in 1 values" in restamp.restamp("proof", again=True)[1]
+    assert restamp.restamp("proof", again=True, within=0.5)[0]
+    assert evidence._record("proof")["replayed"]["relative_difference"] == pytest.approx(0.25)
+
+
+@pytest.mark.parametrize(
+    ("item", "limit_s", "why"),
+    [
+        ("slow", 6.0, "takes longer than 6 s"),
+        ("broken", 60.0, "ends with status 1: ValueError: not computable"),
+        ("3", 60.0, "no item '3' is stored"),
+        ("other", 60.0, "proof has no item 'other'"),
+    ],
+)
+def test_item_that_cannot_be_replayed_is_left_alone(store, change, item, limit_s, why):
+    """The result file stays as it is."""
+    store({name: stored(1.0) for name in ("1", "slow", "broken", "other")})
+    change()
+    before = evidence._record("proof")
+    holds, line = restamp.restamp("proof", item, limit_s)
+    assert not holds
+    assert "left alone" in line
+    assert why in line
+    assert evidence._record("proof") == before
+
+
+def test_uncommitted_code_is_not_stamped(project, store):
+    """A stamp names a commit from which the result can be repeated."""
+    store({"1": stored(2 / 3)})
+    (project / "benchmarks" / "model.py").write_text("def scale(x):\n    return x * 2.0 / 3\n")
+    assert restamp.restamp("proof") == (False, "left alone: not committed: benchmarks/model.py")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "keys"),
+    [
+        ({"a": 1.0, "cpu_s": 1}, {"a": 1, "cpu_s": 2}, []),
+        ({"a": 0.1}, {"a": 0.1 + 1e-18}, []),
+        ({"a": 0.1}, {"a": 0.1 + 2e-17}, ["a"]),
+        ({"a": {"b": [1, 2]}}, {"a": {"b": [1, 3]}}, ["a.b[1]"]),
+        ({"a": [1]}, {"a": [1, 2]}, ["a"]),
+        ({"a": True}, {"a": 1}, ["a"]),
+        ({"a": None}, {"b": None}, ["a", "b"]),
+        ({"stopped": "thrust at its limit"}, {"stopped": "saturated"}, []),
+        ({"stopped": ""}, {"stopped": "saturated"}, ["stopped"]),
+        (0.5, 0.25, ["value"]),
+    ],
+)
+def test_differences_of_items(old, new, keys):
+    """Times, versions and the words of messages do not count, all else does."""
+    assert [one.key for one in restamp.differences(old, new)] == keys
+
+
+def test_command_states_each_result_in_one_line(project, store, capsys):
+    """The status is 1 where a result stays behind, 2 for an unknown name."""
+    store({"1": stored(2 / 3)})
+    assert restamp.main([], ["proof", "layered"]) == 1
+    said = capsys.readouterr().out.splitlines()
+    assert [line.split(maxsplit=1) for line in said] == [["proof", "nothing changed since"], ["layered", "no result"]]
+    assert restamp.main(["proof"], ["proof"]) == 0
+    for wrong in (["another"], ["--item", "1"]):
+        with pytest.raises(SystemExit):
+            restamp.main(wrong, ["proof"])
