@@ -49,7 +49,7 @@ def versions() -> dict[str, str]:
 
 def record(name: str, outcome: Outcome, seconds: float, took: float, folder: Path) -> Path:
     """Write what a benchmark found, whole or not at all."""
-    from colift.disk import write_json
+    from colift.runtime.atomic_write import write_json
     from evidence import head, machine, rests_on, uncommitted
 
     folder.mkdir(parents=True, exist_ok=True)

@@ -15,7 +15,8 @@ import mujoco.rollout
 import numpy as np
 
 from benchmarks import Outcome, microseconds, peers, plant, ratios, rounds, table
-from colift import dynamics, native
+from colift import codegen
+from colift.simulation import contact_dynamics
 
 TEAMS, STEPS, THREADS = 1024, 25, 2
 
@@ -29,7 +30,7 @@ def teams(case: plant.Case) -> plant.Case:
     (agents,) = z.agents
     turning = replace(agents, omega=jnp.asarray(rng.normal(0, 0.1, agents.omega.shape)))
     payload = replace(z.payload, v=jnp.asarray(rng.normal(0, 0.1, z.payload.v.shape)))
-    z = jax.jit(jax.vmap(dynamics.project))(team, replace(z, agents=(turning,), payload=payload))
+    z = jax.jit(jax.vmap(contact_dynamics.project))(team, replace(z, agents=(turning,), payload=payload))
     return team, z, inputs
 
 
@@ -38,7 +39,7 @@ def run(seconds: float) -> Outcome:
     case = plant.carried(2)
     varied = teams(case)
     leaves, tree = jax.tree.flatten(varied)
-    ours = native.compile(
+    ours = codegen.compile(
         lambda *x: jax.tree.leaves(plant.rollout(STEPS)(*jax.tree.unflatten(tree, x), jnp.array(plant.DT))),
         threads=THREADS,
     )

@@ -18,8 +18,9 @@ import numpy as np
 
 import colift
 from benchmarks import Outcome, ratios, rounds
-from colift import gp, native, scenario, simulate, starter
-from colift.scenario import Settings
+from colift import codegen, gp, scenario
+from colift.closed_loop import simulator
+from colift.scenario import Settings, template
 
 TICKS = 250  # half a second
 FLIGHTS = 256
@@ -38,7 +39,7 @@ def full(model: gp.GP, rng: np.random.Generator) -> gp.GP:
     )
 
 
-def ready(settings: Settings) -> tuple[simulate.Setup, simulate.Loop, Any]:
+def ready(settings: Settings) -> tuple[simulator.Setup, simulator.Loop, Any]:
     """C3 with full oracles, at its start, and the noise of half a second."""
     plan = colift.plan(settings, "C3")
     rng, oracle = np.random.default_rng(0), plan.pilot.oracle
@@ -46,10 +47,10 @@ def ready(settings: Settings) -> tuple[simulate.Setup, simulate.Loop, Any]:
         oracle, payload=full(oracle.payload, rng), agents=tuple(full(group, rng) for group in oracle.agents)
     )
     setup = dataclasses.replace(plan, pilot=dataclasses.replace(plan.pilot, oracle=oracle)).setup
-    return setup, simulate.start(setup, plan.z), plan.world.draw(jax.random.key(0), TICKS)
+    return setup, simulator.start(setup, plan.z), plan.world.draw(jax.random.key(0), TICKS)
 
 
-def many(setup: simulate.Setup, loop: simulate.Loop, noise: Any) -> Callable[[], object]:
+def many(setup: simulator.Setup, loop: simulator.Loop, noise: Any) -> Callable[[], object]:
     """Half a second of flights that differ in noise and unknown forces."""
     ticks, rng = jnp.asarray(TICKS), np.random.default_rng(1)
     shares = jnp.asarray(rng.uniform(0.5, 1.0, FLIGHTS))
@@ -59,9 +60,9 @@ def many(setup: simulate.Setup, loop: simulate.Loop, noise: Any) -> Callable[[],
 
     def one(share: jax.Array, noise: Any) -> Any:
         world = dataclasses.replace(setup.world, acting=share)
-        return simulate._advance(dataclasses.replace(setup, world=world), loop, noise, ticks)[0]
+        return simulator._advance(dataclasses.replace(setup, world=world), loop, noise, ticks)[0]
 
-    run = jax.jit(jax.vmap(native.compile(one, threads=1)))
+    run = jax.jit(jax.vmap(codegen.compile(one, threads=1)))
     return lambda: jax.block_until_ready(run(shares, drawn))
 
 
@@ -69,13 +70,13 @@ def growth(seconds: float) -> tuple[dict[str, Any], dict[str, bool]]:
     """CPU time of a tick an agent, native, of teams of N; ratios to N = 4, and seconds to compile and fly once."""
     contenders, first = {}, {}
     for n in AGENTS:
-        setup, loop, noise = ready(scenario.parse(starter.text("team", n, 2), "team.yaml"))
+        setup, loop, noise = ready(scenario.parse(template.text("team", n, 2), "team.yaml"))
         ticks, began = jnp.asarray(TICKS), time.perf_counter()
-        end, _ = simulate.advance(setup, loop, noise, ticks)
+        end, _ = simulator.advance(setup, loop, noise, ticks)
         first[n] = time.perf_counter() - began
         if int(end.tick) < TICKS:
             raise RuntimeError(f"N = {n}: the flight ended after {int(end.tick)} of {TICKS} ticks")
-        fly = simulate.program(setup, loop, noise, ticks)
+        fly = simulator.program(setup, loop, noise, ticks)
         contenders[str(n)] = (lambda fly=fly, given=(setup, loop, noise, ticks): jax.block_until_ready(fly(*given)), n)
     times = rounds({n: (once, TICKS * agents) for n, (once, agents) in contenders.items()}, seconds, time.process_time)
     to_4, figures = ratios(times, "4"), {}
@@ -91,9 +92,9 @@ def growth(seconds: float) -> tuple[dict[str, Any], dict[str, bool]]:
 def run(seconds: float) -> Outcome:
     """Ratios to JAX's loop in the same run; times real time; growth with the team."""
     setup, loop, noise = ready(colift.load("paper"))
-    ticks, by_jax = jnp.asarray(TICKS), jax.jit(simulate._advance)
+    ticks, by_jax = jnp.asarray(TICKS), jax.jit(simulator._advance)
     contenders = {
-        "native": (lambda: jax.block_until_ready(simulate.advance(setup, loop, noise, ticks)), TICKS),
+        "native": (lambda: jax.block_until_ready(simulator.advance(setup, loop, noise, ticks)), TICKS),
         "JAX": (lambda: jax.block_until_ready(by_jax(setup, loop, noise, ticks)), TICKS),
         f"{FLIGHTS} at once, native, one core": (many(setup, loop, noise), TICKS * FLIGHTS),
     }

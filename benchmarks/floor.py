@@ -18,15 +18,17 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from benchmarks import Outcome, gp, plant, rounds
-from colift import agent as ag
-from colift import dynamics, native
-from colift.model import Agent, AgentState, State, Team, no_force
-from colift.native import liveness
-from colift.native.blocks import Function, Over, Scan
-from colift.native.graph import Graph
-from colift.native.interpret import interpret
-from colift.native.mapped import trace
-from colift.over import over
+from colift import codegen
+from colift.codegen import liveness
+from colift.codegen.blocks import Function, Over, Scan
+from colift.codegen.graph import Graph
+from colift.codegen.interpret import interpret
+from colift.codegen.vmap_primitive import trace
+from colift.math.vmap import over
+from colift.models import aerial_manipulator
+from colift.models.parameters import Agent, Team
+from colift.models.state import AgentState, State, no_force
+from colift.simulation import contact_dynamics
 
 ARITHMETIC = ("add", "sub", "mul", "div", "sqrt")
 BATCH = 1024
@@ -60,30 +62,32 @@ def _count(function: Function, need: liveness.Live) -> Counter[str]:
 def stages() -> dict[str, Callable[..., Any]]:
     """One evaluation, further and further: what a stage adds to the count of the one before is its own."""
 
-    def geometry(team: Team, z: State, _u: dynamics.Inputs) -> Any:
-        return over(ag.geometry)(team.groups[0], z.agents[0].r)
+    def geometry(team: Team, z: State, _u: contact_dynamics.Inputs) -> Any:
+        return over(aerial_manipulator.geometry)(team.groups[0], z.agents[0].r)
 
-    def mass(team: Team, z: State, _u: dynamics.Inputs) -> Any:
-        return over(lambda agent, r: ag.reduce(agent, ag.geometry(agent, r)))(team.groups[0], z.agents[0].r)
+    def mass(team: Team, z: State, _u: contact_dynamics.Inputs) -> Any:
+        return over(lambda agent, r: aerial_manipulator.reduce(agent, aerial_manipulator.geometry(agent, r)))(
+            team.groups[0], z.agents[0].r
+        )
 
-    def bias(team: Team, z: State, _u: dynamics.Inputs) -> Any:
+    def bias(team: Team, z: State, _u: contact_dynamics.Inputs) -> Any:
         def one(agent: Agent, a: AgentState) -> Any:
-            g = ag.geometry(agent, a.r)
-            q = ag.reduce(agent, g)
-            return q, ag.bias(agent, g, q, a.omega, a.r_dot)
+            g = aerial_manipulator.geometry(agent, a.r)
+            q = aerial_manipulator.reduce(agent, g)
+            return q, aerial_manipulator.bias(agent, g, q, a.omega, a.r_dot)
 
         return over(one)(team.groups[0], z.agents[0])
 
-    def forced(team: Team, z: State, u: dynamics.Inputs) -> Any:
+    def forced(team: Team, z: State, u: contact_dynamics.Inputs) -> Any:
         f = no_force(team).agents[0]
-        of_agents = over(dynamics._forced, in_axes=(0, 0, None, 0, 0, None))
+        of_agents = over(contact_dynamics._forced, in_axes=(0, 0, None, 0, 0, None))
         return of_agents(team.groups[0], z.agents[0], z.payload, u[0], f, team.gravity)
 
-    def eliminated(team: Team, z: State, u: dynamics.Inputs) -> Any:
-        return over(dynamics._eliminate)(forced(team, z, u))
+    def eliminated(team: Team, z: State, u: contact_dynamics.Inputs) -> Any:
+        return over(contact_dynamics._eliminate)(forced(team, z, u))
 
-    def whole(team: Team, z: State, u: dynamics.Inputs) -> Any:
-        return dynamics.accelerate(team, z, u, no_force(team))
+    def whole(team: Team, z: State, u: contact_dynamics.Inputs) -> Any:
+        return contact_dynamics.accelerate(team, z, u, no_force(team))
 
     return {
         "geometry of the tree": geometry,
@@ -104,13 +108,13 @@ def run(seconds: float) -> Outcome:
         rows[name] = Counter({op: so_far[op] - before[op] for op in so_far})
         before = so_far
     rows["one evaluation"] = before
-    rows["projection"] = operations(dynamics.project, *case[:2])
+    rows["projection"] = operations(contact_dynamics.project, *case[:2])
     rows["one step"] = operations(plant.step, *case, jnp.array(plant.DT))
     with threadpool_limits(1):
         rate = gp.dgemm_rate()
     args = (*case, jnp.array(plant.DT))
-    one = jax.jit(native.compile(plant.rollout(200), threads=1))
-    many = jax.jit(jax.vmap(native.compile(plant.rollout(5), threads=1)))
+    one = jax.jit(codegen.compile(plant.rollout(200), threads=1))
+    many = jax.jit(jax.vmap(codegen.compile(plant.rollout(5), threads=1)))
     tiled = jax.tree.map(lambda x: jnp.repeat(x[None], BATCH, 0), args)
     times = rounds(
         {

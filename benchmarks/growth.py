@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 
 from benchmarks import Outcome, plant, ratios, rounds
-from colift import native
+from colift import codegen
 
 AGENTS = (2, 4, 8, 16, 32, 64)
 DT = 1e-4  # s
@@ -24,7 +24,7 @@ def contender(agents: int, samples: int) -> tuple[Callable[[], object], int, flo
     """A run, the steps times agents it does, and the seconds it took to trace, emit, compile and run it once."""
     leaves, tree = jax.tree.flatten(plant.carried(agents))
     steps = max(STEPS // agents // samples, 10)
-    run = native.compile(
+    run = codegen.compile(
         lambda *x: jax.tree.leaves(plant.rollout(steps)(*jax.tree.unflatten(tree, x), jnp.array(DT))), threads=1
     )
     args = leaves if samples == 1 else [jnp.repeat(x[None], samples, 0) for x in leaves]

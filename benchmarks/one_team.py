@@ -17,7 +17,8 @@ import mujoco
 import numpy as np
 
 from benchmarks import Outcome, microseconds, peers, plant, ratios, rounds, table
-from colift import grasp, native
+from colift import codegen
+from colift.models import grasp
 
 STEPS = 500
 
@@ -28,8 +29,8 @@ def run(seconds: float) -> Outcome:
     nudge = jnp.array([[0.02, 0.05, 0.01], [0.0, 0.03, -0.01]])  # N m: so that it moves
     case = team, z, (replace(inputs, tau=inputs.tau + nudge),)
     args = (*case, jnp.array(plant.DT))
-    ours = jax.jit(native.compile(plant.rollout(STEPS), threads=1))
-    called = native.compile(plant.step, threads=1)
+    ours = jax.jit(codegen.compile(plant.rollout(STEPS), threads=1))
+    called = codegen.compile(plant.step, threads=1)
     looped = jax.jit(
         lambda team, z, u, dt: jax.lax.scan(lambda z, _: (called(team, z, u, dt), None), z, None, STEPS)[0]
     )

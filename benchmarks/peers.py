@@ -10,8 +10,9 @@ import numpy as np
 import pinocchio as pin
 
 from benchmarks.plant import DT, Case
-from colift import agent as ag
-from colift.model import Team, no_force
+from colift.models import aerial_manipulator
+from colift.models.parameters import Team
+from colift.models.state import no_force
 from tests.pinocchio_team import PinocchioTeam
 
 
@@ -53,7 +54,7 @@ def mujoco_state(model: mujoco.MjModel, case: Case) -> mujoco.MjData:
     """A level state, and the inputs, in MuJoCo's coordinates. Anchors are set from the payload's contacts."""
     team, z, (u,) = case
     (group,), (a,) = team.groups, z.agents
-    origin = a.x - jax.vmap(ag.center_of_mass)(group, a.r)
+    origin = a.x - jax.vmap(aerial_manipulator.center_of_mass)(group, a.r)
     level = np.array([1.0, 0, 0, 0])
     data = mujoco.MjData(model)
     data.qpos = np.concatenate(
@@ -99,7 +100,9 @@ def pinocchio_evaluations(case: Case) -> Callable[[], None]:
 def mujoco_velocities(cases: Case) -> np.ndarray:
     """Of level teams on a leading axis, in MuJoCo's coordinates: body origins (world), body rates, joints."""
     (group,), (a,), load = cases[0].groups, cases[1].agents, cases[1].payload
-    moving = jax.vmap(jax.vmap(lambda agent, r, r_dot: jax.jvp(lambda r: ag.center_of_mass(agent, r), (r,), (r_dot,))))
+    moving = jax.vmap(
+        jax.vmap(lambda agent, r, r_dot: jax.jvp(lambda r: aerial_manipulator.center_of_mass(agent, r), (r,), (r_dot,)))
+    )
     com, com_dot = (np.asarray(x) for x in jax.jit(moving)(group, a.r, a.r_dot))
     omega = np.asarray(a.omega)
     origin = np.asarray(a.v) - com_dot - np.cross(omega, com)

@@ -11,7 +11,9 @@ import shutil
 import sys
 from pathlib import Path
 
-from colift import log, picture, spread, study
+from colift.closed_loop import log
+from colift.scenario import experiment
+from colift.visualization import rendering, seed_figures
 
 FROM = {
     "study_tracking": "figure_1_tracking",
@@ -22,7 +24,7 @@ here, out = Path(__file__).with_name("figures"), Path(sys.argv[1])
 for name, figure in FROM.items():
     shutil.copy(out / f"{figure}.png", here / f"{name}.png")
 seeds = json.loads((here.parents[1] / "evidence" / "results" / "orderings.json").read_text())["items"]
-spread.spread(list(seeds.values()), study.ALL, out / "study_seeds")
+seed_figures.spread(list(seeds.values()), experiment.ALL, out / "study_seeds")
 shutil.copy(out / "study_seeds.png", here)
-drawn = [picture.sketch(log.load(out / f"{case}.nc"), f"{case}: {study.ALL[case]}") for case in ("C1", "C3")]
-picture.film(drawn, here / "flight.gif", speed=4.0, dots=80)
+drawn = [rendering.sketch(log.load(out / f"{case}.nc"), f"{case}: {experiment.ALL[case]}") for case in ("C1", "C3")]
+rendering.film(drawn, here / "flight.gif", speed=4.0, dots=80)

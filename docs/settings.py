@@ -3,9 +3,9 @@
 from pathlib import Path
 
 from colift.scenario import Settings
-from colift.scenario.describe import markdown
 from colift.scenario.from_csv import WaypointsFromFile
 from colift.scenario.from_urdf import AgentTypeFromUrdf
+from colift.scenario.schema_docs import markdown
 
 page = Path(__file__).with_name("scenarios.md")
 head, mark, _ = page.read_text(encoding="utf-8").partition("<!-- settings -->\n")

@@ -22,8 +22,8 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
-from colift import disk
-from colift.native import build
+from colift.codegen import build
+from colift.runtime import atomic_write
 from evidence import dependencies
 
 ROOT = Path(__file__).parents[1]
@@ -187,4 +187,4 @@ def collect(name: str, items: Iterable[str], compute: Callable[[str], Any]) -> d
 def save(path: Path, value: Any) -> None:
     """Write JSON, whole or not at all."""
     path.parent.mkdir(exist_ok=True)
-    disk.write(path, (json.dumps(value, indent=1, allow_nan=False) + "\n").encode())
+    atomic_write.write(path, (json.dumps(value, indent=1, allow_nan=False) + "\n").encode())

@@ -5,7 +5,10 @@ from __future__ import annotations
 import functools
 from typing import Any
 
-from colift import analyse, scenario, simulate, study
+from colift import scenario
+from colift.analysis import metrics
+from colift.closed_loop.flight import fly_plan
+from colift.scenario import experiment
 from evidence import collect
 
 SEEDS = (100, 101, 102)
@@ -38,9 +41,9 @@ def fly(item: str) -> float:
     total = 0.0
     for seed in SEEDS:
         changes = [f"{name}={value}" for name, value in GRID[case][int(k)].items()]
-        plan = study.plan(scenario.load("paper", [f"seed={seed}", *changes]), case)
-        flight = simulate.fly_plan(plan)
-        found = analyse.summary(flight, plan.world.team, plan.pilot.team)
+        plan = experiment.plan(scenario.load("paper", [f"seed={seed}", *changes]), case)
+        flight = fly_plan(plan)
+        found = metrics.summary(flight, plan.world.team, plan.pilot.team)
         total += 10.0 if flight.stopped else found["e_p_rms_m"]
     return total / len(SEEDS)
 

@@ -13,9 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from colift import certification, scenario
-from colift.certify.certificate import ERRORS
+from colift import scenario
+from colift.certification.certificate import ERRORS
 from colift.scenario import Settings
+from colift.workflows import certification
 from evidence import collect
 
 RUNS, FIRST = 200, 100  # seeds 100 to 299: the scenario was made with others

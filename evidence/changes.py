@@ -13,7 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from colift import analyse, scenario, simulate, study
+from colift import scenario
+from colift.analysis import metrics
+from colift.closed_loop.flight import fly_plan
+from colift.scenario import experiment
 from evidence import collect, orderings
 from evidence.targets import Target, missed
 
@@ -79,15 +82,15 @@ def fly(item: str) -> dict[str, Any]:
     case, *led = case.split()
     made = changes(int(seed)) if callable(changes) else changes
     settings = scenario.load(name, [AHEAD, *made, f"seed={seed}", *(LED for _ in led)])
-    flight = simulate.fly_plan(study.plan(settings, case))
+    flight = fly_plan(experiment.plan(settings, case))
     rows = flight.rows
     seconds = range(int(rows.t[-1]) + 1)
-    by = [analyse.norm_rms(rows.e_p[(rows.t >= k) & (rows.t < k + 1)]) for k in seconds]
+    by = [metrics.norm_rms(rows.e_p[(rows.t >= k) & (rows.t < k + 1)]) for k in seconds]
     return {
-        "e_p_rms_m": analyse.norm_rms(rows.e_p[rows.t >= late]) if rows.t[-1] > late else None,
+        "e_p_rms_m": metrics.norm_rms(rows.e_p[rows.t >= late]) if rows.t[-1] > late else None,
         "by_second_m": by,
-        "delta_W_rms_N": analyse.norm_rms(rows.delta_W[rows.t >= late][:, :3]) if rows.t[-1] > late else None,
-        "chatter_N": analyse.chatter(analyse.second_half(rows)),
+        "delta_W_rms_N": metrics.norm_rms(rows.delta_W[rows.t >= late][:, :3]) if rows.t[-1] > late else None,
+        "chatter_N": metrics.chatter(metrics.second_half(rows)),
         "stopped": flight.stopped,
         "changed_s": [update.t for update in flight.updates if update.changed],
     }

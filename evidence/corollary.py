@@ -13,8 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from colift import certification, scenario, tightness
-from colift.certify import certificate, reach
+from colift import scenario
+from colift.certification import certificate, reachability
+from colift.visualization import certificate_figures
+from colift.workflows import certification
 from evidence import collect
 
 RATES = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)  # samples a second, over 16.5 s
@@ -32,7 +34,7 @@ def fly(seed: int, rate: float) -> dict[str, Any]:
     )
     found = made.certificate
     (payload, *_) = certificate.bodies(made.plan, made.flight, made.loop.rows, made.loop.nodes, "energy")
-    radius = reach.greatest(payload).max(0)
+    radius = reachability.greatest(payload).max(0)
     return {
         "n": int(made.flight.oracle.payload.n),
         "observed_m": found.observed["e_p"],
@@ -68,7 +70,7 @@ def main() -> bool:
         r"greatest $\sigma$": over(lambda run: run["payload_deviation"][0]),
         r"greatest $\beta\sigma$": over(lambda run: run["payload_radius"][0]),
     }
-    tightness.shrinkage(over(lambda run: run["n"]), radii, over(lambda run: run["floor_m"]), parts, FIGURE)
+    certificate_figures.shrinkage(over(lambda run: run["n"]), radii, over(lambda run: run["floor_m"]), parts, FIGURE)
     for name, radius in radii.items():
         print(f"{name:28}" + "".join(f"{1e3 * each:8.2f}" for each in radius) + "  mm")
     return all(

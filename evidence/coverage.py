@@ -18,9 +18,9 @@ from jaxtyping import Array, Float, Key
 from scipy.stats import binomtest
 
 from colift import gp
-from colift.gp import bounds
-from colift.gp.bounds import Assumption
-from colift.gp.recovery import recover
+from colift.gp import error_bounds
+from colift.gp.error_bounds import Assumption
+from colift.gp.optimal_recovery import recover
 from evidence import collect
 
 DRAWS, CHUNK = 1000, 100
@@ -106,14 +106,14 @@ def forgets_the_noise(p: gp.GP, norm: float) -> Float[Array, " outputs"]:
 
 def radii(p: gp.GP, deviation: Array, norm: float, R: float) -> dict[str, Array]:
     """The radius of every bound on the grid, by its name and confidence."""
-    betas = {"energy": bounds.energy(p, norm, NOISE), "forgets the noise": forgets_the_noise(p, norm)}
+    betas = {"energy": error_bounds.energy(p, norm, NOISE), "forgets the noise": forgets_the_noise(p, norm)}
     found = {}
     for c in CONFIDENCES:
-        betas[f"abbasi_yadkori {c}"] = bounds.abbasi_yadkori(p, norm, R, c)
-        betas[f"chowdhury_gopalan {c}"] = bounds.chowdhury_gopalan(p, norm, R, c, POINTS)
-        betas[f"fiedler {c}"] = bounds.fiedler(p, norm, R, c)
-        betas[f"srinivas {c}"] = bounds.srinivas(p, norm, c, bounds.greatest_gain(HYPER, p.n + 1))
-        found[f"fiedler_fixed {c}"] = jax.vmap(lambda x, c=c: bounds.fiedler_fixed(p, x, norm, R, c)[0])(GRID)
+        betas[f"abbasi_yadkori {c}"] = error_bounds.abbasi_yadkori(p, norm, R, c)
+        betas[f"chowdhury_gopalan {c}"] = error_bounds.chowdhury_gopalan(p, norm, R, c, POINTS)
+        betas[f"fiedler {c}"] = error_bounds.fiedler(p, norm, R, c)
+        betas[f"srinivas {c}"] = error_bounds.srinivas(p, norm, c, error_bounds.greatest_gain(HYPER, p.n + 1))
+        found[f"fiedler_fixed {c}"] = jax.vmap(lambda x, c=c: error_bounds.fiedler_fixed(p, x, norm, R, c)[0])(GRID)
     return found | {name: beta[0] * deviation for name, beta in betas.items()}
 
 
@@ -177,7 +177,7 @@ def _finite(value: float) -> float:
 
 def claims(bound: str, kind: str, inputs: str) -> bool:
     """Whether a bound claims to hold for data of that kind."""
-    return bound in bounds.ASSUMES and not bounds.unmet(bound, CERTAIN | NOISES[kind] | INPUTS[inputs])
+    return bound in error_bounds.ASSUMES and not error_bounds.unmet(bound, CERTAIN | NOISES[kind] | INPUTS[inputs])
 
 
 def summarize(chunks: dict[str, dict[str, dict[str, float]]]) -> dict[str, dict[str, object]]:

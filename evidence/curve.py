@@ -19,8 +19,12 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from colift import analyse, look, scenario, simulate, study
-from colift.environment import Transport, Transports, reward
+from colift import scenario
+from colift.analysis import metrics
+from colift.closed_loop.flight import fly_plan
+from colift.integrations.gymnasium_env import Transport, Transports, reward
+from colift.scenario import experiment
+from colift.visualization import style
 from evidence import ROOT, collect
 
 SEEDS = ("0", "1", "2", "3", "4")
@@ -68,11 +72,11 @@ def flown(case: str) -> dict[str, Any]:
     """A case's own flights, without any environment: return, RMS e_p over the second half, m, and flights lost."""
     returns, errors, lost = [], [], 0
     for seed in range(FIRST, FIRST + JUDGED):
-        plan = study.plan(scenario.load(SCENARIO).model_copy(update={"seed": seed}), case)
-        flight = simulate.fly_plan(plan)
+        plan = experiment.plan(scenario.load(SCENARIO).model_copy(update={"seed": seed}), case)
+        flight = fly_plan(plan)
         ticks, rows = round(SETTINGS["step_s"] / plan.dt), flight.rows
         returns.append(float(np.asarray(reward(rows.e_p, rows.e_R))[ticks:].sum() / ticks))
-        errors.append(analyse.norm_rms(analyse.second_half(rows).e_p))
+        errors.append(metrics.norm_rms(metrics.second_half(rows).e_p))
         lost += bool(flight.stopped)
     return {"return": returns, "e_p_rms_m": errors, "lost": lost}
 
@@ -168,15 +172,15 @@ def draw(found: dict[str, Any], path: Path) -> None:
     """The learning curve as a figure: median and range of the seeds against flight time, cases as lines."""
     curves = [found[seed] for seed in SEEDS]
     minutes = [of["steps"] * SETTINGS["step_s"] / 60 for of in curves[0]]
-    with look.style():
-        figure = Figure(figsize=(look.PAGE, 2.4))
+    with style.style():
+        figure = Figure(figsize=(style.PAGE, 2.4))
         kinds = (("e_p_rms_m", 1e3, "RMS $e_p$, second half [mm]"), ("return", 1.0, "return [1]"))
         for ax, (kind, scale, label) in zip(figure.subplots(1, 2), kinds, strict=True):
             each = scale * np.array([[np.mean(of[kind]) for of in curve] for curve in curves])
             ax.fill_between(minutes, each.min(0), each.max(0), color="0.8", linewidth=0)
             ax.plot(minutes, np.median(each, axis=0), "ko-", clip_on=False, label="PPO, median and range of 5 seeds")
             for case in CASES:
-                at, shown = scale * np.mean(found[case][kind]), look.of(case)
+                at, shown = scale * np.mean(found[case][kind]), style.of(case)
                 ax.axhline(at, color=shown.color, linestyle=shown.dashes)
                 ax.annotate(NAMES[case], (minutes[-1], at), (5, 0), textcoords="offset points", va="center", fontsize=7)
             ax.set(xlabel="flight time flown to learn [min]", ylabel=label, xlim=(0, minutes[-1]))

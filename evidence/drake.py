@@ -24,10 +24,16 @@ import numpy as np
 from jaxtyping import Array, Float
 from scipy.spatial.transform import Rotation
 
-from colift import engine, mjcf, scenario, simulate, study
-from colift.dynamics import Acceleration, AgentAcceleration
-from colift.model import Inputs, Residual, State, Team, Unknown, agent_names
-from colift.pytree import pytree, static
+from colift import scenario
+from colift.closed_loop import signals
+from colift.closed_loop.flight import Plan, fly_plan
+from colift.math.pytree import pytree, static
+from colift.models import mjcf
+from colift.models.parameters import Team, agent_names
+from colift.models.state import Inputs, Residual, State, Unknown
+from colift.scenario import experiment
+from colift.simulation import mujoco_plant
+from colift.simulation.contact_dynamics import Acceleration, AgentAcceleration
 from evidence import collect
 from evidence.engines import TARGETS, apart
 
@@ -55,9 +61,11 @@ class Drake:
         """As `engine.Mujoco.accelerate`."""
         like = tuple(AgentAcceleration(v_dot=q.v, xi_dot=jnp.concatenate([q.omega, q.r_dot], axis=1)) for q in z.agents)
         contacts = tuple(group.contact for group in team.groups)
-        results = [jnp.zeros(6), *engine._join(like), *engine._join(contacts)]
-        a_L, *of_agents, lam = engine._ask(self.hosts.accelerate, results, z, inputs, f, self.h)
-        return Acceleration(agents=engine._part(like, of_agents), payload=a_L), engine._part(contacts, [lam])
+        results = [jnp.zeros(6), *mujoco_plant._join(like), *mujoco_plant._join(contacts)]
+        a_L, *of_agents, lam = mujoco_plant._ask(self.hosts.accelerate, results, z, inputs, f, self.h)
+        return Acceleration(agents=mujoco_plant._part(like, of_agents), payload=a_L), mujoco_plant._part(
+            contacts, [lam]
+        )
 
     def step(
         self,
@@ -72,9 +80,9 @@ class Drake:
         def one(k: Array, z: State) -> State:
             load, kind = jax.tree.flatten(z.payload)
             f = residual(z, k.astype(dt.dtype) * self.h)
-            after = engine._ask(self.hosts.step, engine._state_rows(z), z, inputs, f, self.h)
+            after = mujoco_plant._ask(self.hosts.step, mujoco_plant._state_rows(z), z, inputs, f, self.h)
             rows, of_load = after[: -len(load)], after[-len(load) :]
-            return State(agents=engine._part(z.agents, rows), payload=kind.unflatten(of_load))
+            return State(agents=mujoco_plant._part(z.agents, rows), payload=kind.unflatten(of_load))
 
         return jax.lax.fori_loop(0, jnp.round(dt / self.h).astype(int), one, z)
 
@@ -255,24 +263,24 @@ class Host:
         return tuple(np.ravel(x) for x in agents + load)
 
 
-def fly(plan: simulate.Plan, plant: Drake | None = None) -> tuple[simulate.Row, float]:
+def fly(plan: Plan, plant: Drake | None = None) -> tuple[signals.Row, float]:
     """A flight, in ours where no other plant is given; and the processor time it took, s, compilation included."""
     if plant:
         plan = dataclasses.replace(plan, world=dataclasses.replace(plan.world, plant=plant))
     began = time.process_time()
-    flight = simulate.fly_plan(plan)
+    flight = fly_plan(plan)
     if flight.stopped:
         raise SystemExit(f"drake: {flight.stopped}")
     return flight.rows, time.process_time() - began
 
 
-def extrapolated(rows: Sequence[simulate.Row]) -> simulate.Row:
+def extrapolated(rows: Sequence[signals.Row]) -> signals.Row:
     """Three flights, each at half the step of the one before, taken to a step of zero."""
     taken = {name: (np.array([1, -6, 8]) / 3) @ _stacked(rows, name) for name in HELD}
     return dataclasses.replace(rows[-1], **{k: x.reshape(getattr(rows[-1], k).shape) for k, x in taken.items()})
 
 
-def _stacked(rows: Sequence[simulate.Row], name: str) -> np.ndarray:
+def _stacked(rows: Sequence[signals.Row], name: str) -> np.ndarray:
     return np.stack([np.asarray(getattr(row, name)).ravel() for row in rows])
 
 
@@ -280,7 +288,7 @@ def judge(_: str) -> dict[str, Any]:
     """Every step against ours, and what they go to; how the payload's path goes there."""
     from importlib.metadata import version
 
-    plan = dataclasses.replace(study.plan(scenario.load("paper"), "C1"), duration=DURATION)
+    plan = dataclasses.replace(experiment.plan(scenario.load("paper"), "C1"), duration=DURATION)
     steps_s = [plan.dt / n for n in SUBSTEPS]
     hosts = Hosts(plan.world.team, plan.z, steps_s)
     flights = [fly(plan, Drake(h=jnp.asarray(h), hosts=hosts)) for h in steps_s]

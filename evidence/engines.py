@@ -15,7 +15,12 @@ import mujoco
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
-from colift import analyse, engine, mjcf, scenario, simulate, study
+from colift import scenario
+from colift.analysis import metrics
+from colift.closed_loop import flight, signals
+from colift.models import mjcf
+from colift.scenario import experiment
+from colift.simulation import mujoco_plant
 from evidence import collect
 
 CASES = ("C1", "C2", "C3")
@@ -35,16 +40,16 @@ SETTINGS = {  # substeps, integrator, time constant in substeps (MuJoCo takes no
 }
 
 
-def fly(plan: simulate.Plan, plant: engine.Mujoco | None) -> tuple[simulate.Flight, float]:
+def fly(plan: flight.Plan, plant: mujoco_plant.Mujoco | None) -> tuple[flight.Flight, float]:
     """A flight, and the processor time of its ticks, s: compiled by a first flight of one tick."""
     if plant:
         plan = dataclasses.replace(plan, world=dataclasses.replace(plan.world, plant=plant))
-    simulate.fly_plan(dataclasses.replace(plan, duration=plan.dt))
+    flight.fly_plan(dataclasses.replace(plan, duration=plan.dt))
     began = time.process_time()
-    return simulate.fly_plan(plan), time.process_time() - began
+    return flight.fly_plan(plan), time.process_time() - began
 
 
-def apart(a: simulate.Row, b: simulate.Row) -> dict[str, float]:
+def apart(a: signals.Row, b: signals.Row) -> dict[str, float]:
     """Largest distance of positions and angle of attitudes at any time; contact forces below 10 Hz, of the force.
 
     Forces: the RMS over contacts and time, and each contact's largest difference over its largest force.
@@ -67,11 +72,11 @@ def apart(a: simulate.Row, b: simulate.Row) -> dict[str, float]:
 def case(name: str) -> dict[str, Any]:
     """One case of the study in both engines: figures of merit, and how far they are apart."""
     settings = scenario.load("paper")
-    plan = study.plan(settings, name)
+    plan = experiment.plan(settings, name)
     ours, ours_s = fly(plan, None)
-    theirs, theirs_s = fly(plan, engine.plant(plan.world.team, plan.z, plan.dt))
+    theirs, theirs_s = fly(plan, mujoco_plant.plant(plan.world.team, plan.z, plan.dt))
     team = plan.world.team, plan.pilot.team
-    found = {who: analyse.summary(flight, *team)["e_p_rms_m"] for who, flight in (("ours", ours), ("mujoco", theirs))}
+    found = {who: metrics.summary(flight, *team)["e_p_rms_m"] for who, flight in (("ours", ours), ("mujoco", theirs))}
     stopped = ours.stopped or theirs.stopped
     return {
         "e_p_rms_m": found,
@@ -84,12 +89,12 @@ def case(name: str) -> dict[str, Any]:
 def compare_settings() -> dict[str, Any]:
     """The first seconds of C1 under every setting, against ours."""
     settings = scenario.load("paper")
-    plan = dataclasses.replace(study.plan(settings, "C1"), duration=SHORT_S)
+    plan = dataclasses.replace(experiment.plan(settings, "C1"), duration=SHORT_S)
     ours, ours_s = fly(plan, None)
     dt, found = plan.dt, {}
     for name, (substeps, integrator, constant, impedance) in SETTINGS.items():
         softness = mjcf.Softness(time_constant=constant * dt / substeps, impedance=impedance)
-        plant = engine.plant(plan.world.team, plan.z, dt, substeps, softness)
+        plant = mujoco_plant.plant(plan.world.team, plan.z, dt, substeps, softness)
         plant.host.model.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{integrator}")
         theirs, seconds = fly(plan, plant)
         found[name] = apart(theirs.rows, ours.rows) | {"cpu_over_ours": seconds / ours_s}

@@ -2,7 +2,7 @@
 
 All learn from one flight of C3 on `paper`, which looks ahead, until its last update:
 `full` are the paper's GPs; `relevant` drops from each output every feature whose length-scale is above `FAR` deviations
-of it over the data, and fits anew; `place` is what C4 learns (`colift.place`): a mean of mass, first moments, drag and
+of it over the data, and fits anew; `place` is what C4 learns (`colift.onboard.learning.semiparametric`): a mean of mass, first moments, drag and
 rotors' thrust, and, for forces and the payload's moment, GPs of the place alone; `rigid` has this mean and the paper's
 GPs of the rest; `field` is `place` with one field of forces in the world, `cov = (g_b g_c + o_b^2 [b = c]) k(x, z)` of
 bodies b and c.
@@ -22,9 +22,20 @@ import numpy as np
 from jax.scipy.linalg import solve_triangular
 from scipy.optimize import minimize
 
-from colift import analyse, gp, learn, limits, place, scenario, simulate, study
-from colift.scenario import Settings, pilots, priors
-from colift.school import School
+from colift import gp, scenario
+from colift.analysis import metrics
+from colift.closed_loop import flight, signals, simulator, termination
+from colift.onboard.learning import (
+    identification,
+    mean_functions,
+    model_update,
+    recorder,
+    residual_model,
+    semiparametric,
+)
+from colift.onboard.learning.features import Body, features
+from colift.onboard.learning.online_learner import School
+from colift.scenario import Settings, controllers, experiment, priors
 from evidence import collect
 
 WIND = "disturbances.{}.mean_mps=[-0.8, 1.6, 0]"
@@ -56,22 +67,22 @@ def settings(condition: str, seed: int) -> Settings:
 class Lesson:
     """What a flight taught: the oracle of its last update, the data that it rests on and its fits."""
 
-    oracle: learn.Oracle
-    recorded: learn.Recorded
-    fits: learn.Fits
-    training: learn.Training  # of the paper's GPs
-    of_place: learn.Training
-    mean: place.Mean
+    oracle: residual_model.Oracle
+    recorded: recorder.Recorded
+    fits: model_update.Fits
+    training: model_update.Training  # of the paper's GPs
+    of_place: model_update.Training
+    mean: semiparametric.Mean
 
 
-def flown(plan: simulate.Plan, until: float, loop: simulate.Loop, oracle: learn.Oracle) -> tuple[Any, Any]:
+def flown(plan: flight.Plan, until: float, loop: simulator.Loop, oracle: residual_model.Oracle) -> tuple[Any, Any]:
     """The loop at a time, s, whose oracle is frozen meanwhile, and what was logged; deviations along it take longer."""
     setup = dataclasses.replace(plan.setup, pilot=dataclasses.replace(plan.pilot, oracle=oracle))
-    room, key, logged = simulate.chunk(plan), jax.random.fold_in(jax.random.key(plan.seed), 2), []
+    room, key, logged = flight.chunk(plan), jax.random.fold_in(jax.random.key(plan.seed), 2), []
     done, ticks = int(loop.tick), round(until / plan.dt)
     while done < ticks and not int(loop.ended):
         noise = DRAW(plan.world, jax.random.fold_in(key, done), room)
-        loop, rows = simulate.advance(setup, loop, noise, jnp.asarray(min(room, ticks - done)))
+        loop, rows = simulator.advance(setup, loop, noise, jnp.asarray(min(room, ticks - done)))
         logged.append(jax.tree.map(lambda x, n=int(loop.tick) - done: np.asarray(x)[:n], rows))
         done = int(loop.tick)
     return loop, jax.tree.map(lambda *x: np.concatenate(x), *logged)
@@ -84,14 +95,14 @@ DRAW = jax.jit(lambda world, key, ticks: world.draw(key, ticks), static_argnums=
 def lesson(seed: int) -> Lesson:
     """C3 at home until its last update."""
     given = settings("home", seed)
-    plan = study.plan(given, "C3")
+    plan = experiment.plan(given, "C3")
     school, oracle = School(plan.training, plan.identify, plan.renewals), plan.pilot.oracle
-    loop = simulate.start(plan.setup, plan.z)
+    loop = simulator.start(plan.setup, plan.z)
     for t in plan.updates:
         loop, _ = flown(plan, t, loop, oracle)
         oracle, _ = school.teach(oracle, loop.memory.recorder, t, fit=True)
     assert plan.training is not None
-    oracle = dataclasses.replace(oracle, known=learn.no_air(plan.pilot.team.sizes))  # one program for all
+    oracle = dataclasses.replace(oracle, known=mean_functions.no_air(plan.pilot.team.sizes))  # one program for all
     of_place = priors.of_place(given, plan.pilot.team)
     assert of_place is not None
     return Lesson(
@@ -108,8 +119,8 @@ def lesson(seed: int) -> Lesson:
 class Map:
     """An oracle, and by body what is not known of its mean."""
 
-    oracle: learn.Oracle
-    doubts: place.Doubts = dataclasses.field(default_factory=dict)
+    oracle: residual_model.Oracle
+    doubts: semiparametric.Doubts = dataclasses.field(default_factory=dict)
 
 
 @functools.cache
@@ -129,18 +140,18 @@ def learned(model: str, seed: int) -> Map:
             return field(given)
 
 
-def bodies(given: Lesson) -> Iterator[tuple[learn.Body, np.ndarray, np.ndarray]]:
+def bodies(given: Lesson) -> Iterator[tuple[Body, np.ndarray, np.ndarray]]:
     """Every body's raw samples and labels, the payload first."""
-    for body, (X, Y, _) in learn.raw(given.recorded).items():
+    for body, (X, Y, _) in model_update.raw(given.recorded).items():
         yield body, X, Y
 
 
-def seen(given: Lesson, body: learn.Body, X: np.ndarray) -> np.ndarray:
+def seen(given: Lesson, body: Body, X: np.ndarray) -> np.ndarray:
     """The paper's features of a body's samples."""
-    return learn.features(given.oracle.features, body, X)
+    return features(given.oracle.features, body, X)
 
 
-def with_models(oracle: learn.Oracle, models: dict[learn.Body, gp.GP], **more: Any) -> learn.Oracle:
+def with_models(oracle: residual_model.Oracle, models: dict[Body, gp.GP], **more: Any) -> residual_model.Oracle:
     """The oracle with other GPs of all bodies."""
     groups = []
     for i, group in enumerate(oracle.agents):
@@ -149,7 +160,7 @@ def with_models(oracle: learn.Oracle, models: dict[learn.Body, gp.GP], **more: A
     return dataclasses.replace(oracle, payload=models["payload"], agents=tuple(groups), **more)
 
 
-def relevant(given: Lesson) -> learn.Oracle:
+def relevant(given: Lesson) -> residual_model.Oracle:
     """Of each output only features within `FAR` deviations, its hyperparameters fitted anew."""
     models = {}
     for body, X, Y in bodies(given):
@@ -263,27 +274,27 @@ PLACE = {True: slice(0, 3), False: slice(9, 12)}  # of features: the payload's, 
 
 def placed(given: Lesson) -> Map:
     """What C4 learns of these data."""
-    oracle, _, covariances = place.teach(
-        given.oracle, given.recorded, given.of_place, given.mean, {}, learn.raw(given.recorded)
+    oracle, _, covariances = semiparametric.teach(
+        given.oracle, given.recorded, given.of_place, given.mean, {}, model_update.raw(given.recorded)
     )
-    return Map(oracle, place.doubts(oracle, given.recorded, covariances, {}))
+    return Map(oracle, semiparametric.doubts(oracle, given.recorded, covariances, {}))
 
 
-def regression(given: Lesson, body: learn.Body, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def regression(given: Lesson, body: Body, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Basis of a body's mean `(n, 3 or 6, parameters)` and the prior deviation of its parameters."""
     payload = isinstance(body, str)
-    return place.regressors(X, payload), given.mean.payload if payload else given.mean.agents
+    return semiparametric.regressors(X, payload), given.mean.payload if payload else given.mean.agents
 
 
-Member = tuple[learn.Body, np.ndarray, np.ndarray]
+Member = tuple[Body, np.ndarray, np.ndarray]
 FORCE, REST = slice(0, 3), slice(3, 6)
 
 
 def field(given: Lesson) -> Map:
     """The mean and GPs of the place, forces of all bodies in one field."""
     members, oracle = list(bodies(given)), given.oracle
-    models: dict[learn.Body, gp.GP] = {}
-    doubts: dict[learn.Body, place.Unsure] = {}
+    models: dict[Body, gp.GP] = {}
+    doubts: dict[Body, semiparametric.Unsure] = {}
     means = [regression(given, body, X) for body, X, _ in members]
     first = np.cumsum([0, *(len(prior) for _, prior in means)])
     own = [slice(a, b) for a, b in itertools.pairwise(first)]
@@ -297,13 +308,13 @@ def field(given: Lesson) -> Map:
         hyper = with_block(given.fits[body].hyper, body, FORCE, blocks[0].covariance(found.logs[0]), k)
         if body == "payload":
             hyper = with_block(hyper, body, REST, blocks[1].covariance(found.logs[1]), 0)
-        oracle = place.with_mean(oracle, body, beta, given.mean.believed)
+        oracle = semiparametric.with_mean(oracle, body, beta, given.mean.believed)
         constants = beta[8 if body == "payload" else 2 :]
         hyper = dataclasses.replace(hyper, offset=hyper.offset.at[: len(constants)].set(constants))
         rest = Y - explained(oracle, body, X)
         model = gp.condition(seen(given, body, X), rest, hyper, given.oracle.payload.capacity)
         models[body], told = joined(model, whitened(model, Phis[k]), body, k, blocks[0], found)
-        doubts[body] = place.Unsure(told=told, covariance=found.covariance)
+        doubts[body] = semiparametric.Unsure(told=told, covariance=found.covariance)
     return Map(with_models(oracle, models), doubts)
 
 
@@ -325,7 +336,7 @@ def block(given: Lesson, members: Sequence[Member], Phis: Sequence[np.ndarray], 
     )
 
 
-def with_block(hyper: gp.Hyper, body: learn.Body, outputs: slice, covariance: tuple[Any, Any, Any], k: int) -> gp.Hyper:
+def with_block(hyper: gp.Hyper, body: Body, outputs: slice, covariance: tuple[Any, Any, Any], k: int) -> gp.Hyper:
     """Hyperparameters of a body with three outputs as the k-th body of a block has them."""
     length, B, noise = covariance
     scale = hyper.lengthscales.at[outputs].set(gp.UNSEEN).at[outputs, PLACE[body == "payload"]].set(length)
@@ -343,9 +354,7 @@ def whitened(model: gp.GP, Phi: np.ndarray) -> np.ndarray:
     return np.stack([w.T @ (w @ Phi[:, i]) for i, w in enumerate(W)])
 
 
-def joined(
-    own: gp.GP, told: np.ndarray, body: learn.Body, k: int, block: Block, found: Fitted
-) -> tuple[gp.GP, np.ndarray]:
+def joined(own: gp.GP, told: np.ndarray, body: Body, k: int, block: Block, found: Fitted) -> tuple[gp.GP, np.ndarray]:
     """A body's GP, and `whitened`, with forces from all bodies' data, weighed by their covariance with this one."""
     N, (m, D) = len(block.x), own.hyper.lengthscales.shape
     mine = np.flatnonzero(block.body == k)
@@ -374,8 +383,8 @@ def joined(
 def rigid(given: Lesson) -> Map:
     """The mean of `place`, and the paper's GPs of what it leaves."""
     base = placed(given).oracle
-    models: dict[learn.Body, gp.GP] = {}
-    doubts: dict[learn.Body, place.Unsure] = {}
+    models: dict[Body, gp.GP] = {}
+    doubts: dict[Body, semiparametric.Unsure] = {}
     for body, X, Y in bodies(given):
         rest, Z = Y - explained(base, body, X), seen(given, body, X)
         fit = gp.fit(
@@ -389,31 +398,33 @@ def rigid(given: Lesson) -> Map:
         Phi, prior = regression(given, body, X)
         told = whitened(models[body], Phi)
         A = sum((Phi[:, i].T @ told[i] for i in range(Phi.shape[1])), np.diag(1 / prior**2))
-        doubts[body] = place.Unsure(told=told, covariance=np.linalg.inv(A))
+        doubts[body] = semiparametric.Unsure(told=told, covariance=np.linalg.inv(A))
     return Map(with_models(base, models), doubts)
 
 
-def explained(oracle: learn.Oracle, body: learn.Body, X: np.ndarray) -> np.ndarray:
+def explained(oracle: residual_model.Oracle, body: Body, X: np.ndarray) -> np.ndarray:
     """What an oracle's mean says beside its GPs at a body's raw samples."""
     known, x = oracle.known, jnp.asarray(X)
     assert known is not None
     if isinstance(body, str):
-        inertial = jax.vmap(lambda x: learn.regressor(learn.state_of(x), x[18:21], x[21:24]) @ oracle.theta)(x)
+        inertial = jax.vmap(
+            lambda x: identification.regressor(identification.state_of(x), x[18:21], x[21:24]) @ oracle.theta
+        )(x)
         return np.asarray(jax.vmap(known.on_payload)(x) + inertial)
     i, j = body
     size = len(oracle.agents[i].n)
     return np.asarray(jax.vmap(lambda one: known.on_agents(i, jnp.broadcast_to(one[None], (size, *one.shape)))[j])(x))
 
 
-def plan(case: str, condition: str, seed: int) -> simulate.Plan:
+def plan(case: str, condition: str, seed: int) -> flight.Plan:
     """A case in a condition; a frozen oracle takes in nothing."""
     given = settings(condition, seed)
     if case in ("O", "F"):
-        return study.plan(given, case)
+        return experiment.plan(given, case)
     model, _, labels = case.partition(" with ")
-    made = study.plan(given, "C1")
+    made = experiment.plan(given, "C1")
     pilot = dataclasses.replace(made.pilot, oracle=learned(model, seed).oracle)
-    return dataclasses.replace(made, pilot=pilots.listening(given, pilot, held=True) if labels else pilot)
+    return dataclasses.replace(made, pilot=controllers.listening(given, pilot, held=True) if labels else pilot)
 
 
 EVERY = 50  # ticks between two states at which densities are taken
@@ -427,16 +438,16 @@ def fly(item: str) -> dict[str, Any]:
     """
     case, condition, seed = item.split(": ")
     made = plan(case, condition, int(seed))
-    loop, rows = flown(made, made.duration, simulate.start(made.setup, made.z), made.pilot.oracle)
-    stopped, rows = limits.Cause(int(loop.ended)).name if int(loop.ended) else "", analyse.second_half(rows)
-    found: dict[str, Any] = {"stopped": stopped, "e_p_rms_m": analyse.norm_rms(rows.e_p)}
+    loop, rows = flown(made, made.duration, simulator.start(made.setup, made.z), made.pilot.oracle)
+    stopped, rows = termination.Cause(int(loop.ended)).name if int(loop.ended) else "", metrics.second_half(rows)
+    found: dict[str, Any] = {"stopped": stopped, "e_p_rms_m": metrics.norm_rms(rows.e_p)}
     if case != "O" and not stopped:
         e_L, e_x = rows.f_L_hat - rows.f_L, rows.f_x_hat - rows.f_x
         found |= {
-            "payload_force_N": analyse.norm_rms(e_L[:, :3]),
-            "payload_moment_Nm": analyse.norm_rms(e_L[:, 3:]),
+            "payload_force_N": metrics.norm_rms(e_L[:, :3]),
+            "payload_moment_Nm": metrics.norm_rms(e_L[:, 3:]),
             "agents_force_N": float(np.sqrt((e_x**2).sum(2).mean())),
-            "team_force_N": analyse.norm_rms(e_L[:, :3] + e_x.sum(1)),
+            "team_force_N": metrics.norm_rms(e_L[:, :3] + e_x.sum(1)),
         }
     if case not in ("O", "F") and not stopped:
         bias = settings(condition, int(seed)).sensors.tip_force_bias_N
@@ -445,9 +456,9 @@ def fly(item: str) -> dict[str, Any]:
     return found
 
 
-def densities(made: simulate.Plan, known: Map, rows: simulate.Row, bias: float) -> dict[str, float]:
+def densities(made: flight.Plan, known: Map, rows: signals.Row, bias: float) -> dict[str, float]:
     """Mean negative log densities of the true residual: payload's forces, its moments, agents' forces."""
-    team, (x, agents) = made.pilot.team, simulate.inputs(made.world.team, rows)
+    team, (x, agents) = made.pilot.team, signals.inputs(made.world.team, rows)
     a = rows.a_L - np.concatenate([np.asarray(team.gravity), np.zeros(3)])
     c = np.concatenate([np.asarray(group.contact).reshape(-1, 3) for group in team.groups])
     by_bias = bias**2 * np.concatenate([np.full(3, len(c)), ((c**2).sum(1, keepdims=True) - c**2).sum(0)])
@@ -468,19 +479,19 @@ def densities(made: simulate.Plan, known: Map, rows: simulate.Row, bias: float) 
     }
 
 
-def density(known: Map, body: learn.Body, model: gp.GP, X: np.ndarray, f: np.ndarray, bias: np.ndarray) -> np.ndarray:
+def density(known: Map, body: Body, model: gp.GP, X: np.ndarray, f: np.ndarray, bias: np.ndarray) -> np.ndarray:
     """`-log N(f; mean, variance)` of the first outputs of a body, nats, by time and output."""
     features, m = known.oracle.features, f.shape[1]
     Z = features.payload(jnp.asarray(X)) if body == "payload" else features.agent(jnp.asarray(X))
     mean, variance = (np.asarray(x)[:, :m] for x in gp.predict(model, Z))
     variance = variance + np.asarray(model.hyper.noise_variance)[:m] + bias
     if body in known.doubts:
-        unsure, Phi = known.doubts[body], place.regressors(X, body == "payload")
+        unsure, Phi = known.doubts[body], semiparametric.regressors(X, body == "payload")
         many, before = len(unsure.covariance), list(known.doubts).index(body)
         if Phi.shape[2] < many:  # of one field, with the parameters of all bodies
             at = 14 + 5 * (before - 1) if before else 0
             Phi = np.pad(Phi, ((0, 0), (0, 0), (at, many - at - Phi.shape[2])))
-        variance = variance + place.doubt(model, unsure, np.asarray(Z), Phi)[:, :m]
+        variance = variance + semiparametric.doubt(model, unsure, np.asarray(Z), Phi)[:, :m]
     off = f - mean - explained(known.oracle, body, X)[:, :m]
     return 0.5 * (off**2 / variance + np.log(2 * np.pi * variance))
 

@@ -22,17 +22,17 @@ from typing import Any, NamedTuple
 import h5py
 import matplotlib.image
 
-import colift.__main__
-from colift import folder, interrupt
+import colift.scenario
+from colift.runtime import run_directory, signals
 from evidence import collect
 
 RUNS = ("src",)  # in processes of their own
-ALLOWED = 2 * interrupt.GRACE  # s, from the signal to the end; the machine may be busy with other things
-SCENARIOS = Path(colift.__main__.__file__).parent / "scenarios"
+ALLOWED = 2 * signals.GRACE  # s, from the signal to the end; the machine may be busy with other things
+SCENARIOS = Path(colift.scenario.__file__).parent / "library"
 COLIFT = """
 import signal
 signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in a shell's background, which colift respects
-from colift.__main__ import main
+from colift.cli.app import main
 main()
 """
 
@@ -160,7 +160,7 @@ def _read(path: Path) -> None:
     """Raises ValueError or OSError for a file that is not whole."""
     if path.name.startswith("."):
         raise ValueError("should have been cleared up")
-    if folder.run_of(path) is None:
+    if run_directory.run_of(path) is None:
         raise ValueError("names no run")
     content = path.read_bytes()
     if path.suffix == ".nc":

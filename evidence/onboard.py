@@ -15,8 +15,11 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from colift import export, scenario, simulate, study
-from colift.native import build
+from colift import scenario
+from colift.closed_loop.flight import fly_plan
+from colift.codegen import build
+from colift.integrations import c_export
+from colift.scenario import experiment
 from evidence import collect
 
 TICKS, REPEATS = 2000, 15  # 30000 ticks of 2 ms are 60 s
@@ -59,10 +62,10 @@ def exported() -> Path:
     """The folder of the paper's C3, once."""
     folder = Path(WORK.name)
     settings = scenario.load("paper")
-    plan = study.plan(settings, "C3")
-    flight = simulate.fly_plan(plan)
+    plan = experiment.plan(settings, "C3")
+    flight = fly_plan(plan)
     assert not flight.stopped
-    export.c(plan, flight.oracle, TICKS, folder, "paper, C3")
+    c_export.c(plan, flight.oracle, TICKS, folder, "paper, C3")
     return folder
 
 

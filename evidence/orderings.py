@@ -7,12 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from colift import analyse, scenario, simulate, study
+from colift import scenario
+from colift.analysis import metrics
+from colift.closed_loop.flight import fly_plan
+from colift.scenario import experiment
 from evidence import collect
 from evidence.targets import Target
 
 SEEDS = range(11)  # 0 is the default
-CASES = tuple(study.ALL)
+CASES = tuple(experiment.ALL)
 
 
 def fly(seed: int) -> dict[str, Any]:
@@ -20,9 +23,9 @@ def fly(seed: int) -> dict[str, Any]:
     settings = scenario.load("paper").model_copy(update={"seed": seed})
     out = {}
     for case in CASES:
-        plan = study.plan(settings, case)
-        flight = simulate.fly_plan(plan)
-        out[case] = analyse.summary(flight, plan.world.team, plan.pilot.team) | {"wall_s": flight.wall}
+        plan = experiment.plan(settings, case)
+        flight = fly_plan(plan)
+        out[case] = metrics.summary(flight, plan.world.team, plan.pilot.team) | {"wall_s": flight.wall}
     return out
 
 

@@ -19,8 +19,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from colift import dynamics, grasp, scenario, simulate, so3, study
-from colift.model import AgentForce, AgentInput, Residual, State, Team, Tree, Wrench, no_force
+from colift import scenario
+from colift.closed_loop.flight import fly_plan
+from colift.math import so3
+from colift.models import grasp
+from colift.models.parameters import Team, Tree
+from colift.models.state import AgentForce, AgentInput, Residual, State, Wrench, no_force
+from colift.scenario import experiment
+from colift.simulation import contact_dynamics
 from evidence import collect
 from tests import motion, teams
 from tests.pinocchio_team import PinocchioTeam
@@ -77,7 +83,7 @@ def random_team(seed: int) -> tuple[Team, State, int]:
             return team, z, refused
 
 
-accelerate = jax.jit(dynamics.accelerate)
+accelerate = jax.jit(contact_dynamics.accelerate)
 
 
 def agreement(seed: int) -> dict[str, object]:
@@ -167,7 +173,7 @@ def flight(name: str) -> dict[str, object]:
         start = settings.start.model_copy(update={"attitude_error_deg": (0.0, 0.0, 90.0)})
         agents = tuple(agent.model_copy(update={"yaw_deg": 90.0}) for agent in settings.agents)
         settings = settings.model_copy(update={"start": start, "agents": agents})
-    rows = (flown := simulate.fly_plan(study.plan(settings, "C1"))).rows
+    rows = (flown := fly_plan(experiment.plan(settings, "C1"))).rows
     cosine = (np.einsum("tij,ij->t", rows.R_L, rows.R_L[0]) - 1) / 2
     return {
         "stopped": flown.stopped,
@@ -225,7 +231,7 @@ def shaken(team: Team, home: State, key: Array) -> tuple[Array, Array, Array, Ar
 
         def one(_: int, carry: tuple) -> tuple:
             z, Phi, Phi_dot, turn, speed = carry
-            z = dynamics.project(team, dynamics.integrate(team, z, inputs, residual, jnp.array(1e-3)))
+            z = contact_dynamics.project(team, contact_dynamics.integrate(team, z, inputs, residual, jnp.array(1e-3)))
             cosine = (jnp.trace(z.payload.R.T @ home.payload.R) - 1) / 2
             return (
                 z,

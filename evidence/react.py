@@ -14,8 +14,11 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from colift import analyse, log, scenario, simulate, study
-from colift.scenario import Settings
+from colift import scenario
+from colift.analysis import metrics
+from colift.closed_loop import log
+from colift.closed_loop.flight import Flight, Plan, fly_plan
+from colift.scenario import Settings, experiment
 from evidence import collect
 from evidence.targets import Target
 
@@ -66,43 +69,43 @@ def draw(sample: int) -> tuple[Settings, dict[str, Any]]:
 def fly(item: str) -> dict[str, Any]:
     """Of each case of a sample: the RMS error of position after the changes, m, chatter, and why it ended, if early."""
     settings, asked = draw(int(item))
-    plans = study.plans(settings, (*CASES, *(["H"] if asked["dead_s"] else [])))
+    plans = experiment.plans(settings, (*CASES, *(["H"] if asked["dead_s"] else [])))
     plans["F led"] = led(settings)
     if asked["dead_s"]:
         plans["faded"] = faded(plans["H"], settings)
     cases = {case: flown(plan) for case, plan in plans.items()}
     if cases["C4"]["stopped"]:
-        cases["C1"] = flown(study.plan(settings, "C1"))
+        cases["C1"] = flown(experiment.plan(settings, "C1"))
     return {"asked": asked, **cases}
 
 
-def led(settings: Settings) -> simulate.Plan:
+def led(settings: Settings) -> Plan:
     """The plan of F whose correction is carried ahead as is best at home."""
     longer = settings.innovation.model_copy(update={"lead_s": LEAD})
-    return study.plan(settings.model_copy(update={"innovation": longer}), "F")
+    return experiment.plan(settings.model_copy(update={"innovation": longer}), "F")
 
 
-def faded(held: simulate.Plan, settings: Settings) -> simulate.Plan:
+def faded(held: Plan, settings: Settings) -> Plan:
     """The plan of H with a correction that fades to its running mean as C4's does, where labels stop."""
     listener = dataclasses.replace(held.pilot.listener, fade=jnp.asarray(settings.innovation.fade_s))
     return dataclasses.replace(held, pilot=dataclasses.replace(held.pilot, listener=listener))
 
 
-def flown(plan: simulate.Plan) -> dict[str, Any]:
+def flown(plan: Plan) -> dict[str, Any]:
     """What is kept of a flight."""
-    flight = simulate.fly_plan(plan)
+    flight = fly_plan(plan)
     rows, late = flight.rows, flight.rows.t >= AFTER
     soon = late & (rows.t < AFTER + 1)
     return {
-        "e_p_rms_m": analyse.norm_rms(rows.e_p[late]) if late.any() else None,
-        "e_p_soon_m": analyse.norm_rms(rows.e_p[soon]) if soon.any() else None,
+        "e_p_rms_m": metrics.norm_rms(rows.e_p[late]) if late.any() else None,
+        "e_p_soon_m": metrics.norm_rms(rows.e_p[soon]) if soon.any() else None,
         "stopped": flight.stopped,
-        "chatter_N": analyse.chatter(analyse.second_half(rows)),
+        "chatter_N": metrics.chatter(metrics.second_half(rows)),
         "outside": {name: surprised(flight, *span) for name, span in (("second_half", HALF), ("changing", CHANGING))},
     }
 
 
-def surprised(flight: simulate.Flight, start: float, end: float) -> float | None:
+def surprised(flight: Flight, start: float, end: float) -> float | None:
     """The share of samples from start to end, s, whose error is over 1.96 predictive deviations, of all forces."""
     at = log.sampled(flight.rows, flight.sigma)
     now = (flight.sigma.t >= start) & (flight.sigma.t < end)

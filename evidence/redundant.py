@@ -11,7 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from colift import analyse, scenario, simulate, study
+from colift import scenario
+from colift.analysis import metrics
+from colift.closed_loop.flight import fly_plan
+from colift.scenario import experiment
 from evidence import collect
 
 TEAMS = ("seven", "beam", "trio", "uneven")
@@ -24,10 +27,10 @@ def fly(item: str) -> dict[str, Any]:
     """By case, RMS of e_p and the mean of Psi over the second half, or why it ended early."""
     team, seed, *changes = item.split()
     found = {}
-    for case, plan in study.plans(scenario.load(team, [f"seed={seed}", *changes]), CASES).items():
-        flight = simulate.fly_plan(plan)
-        half = analyse.second_half(flight.rows)
-        errors = {"e_p_rms_m": analyse.norm_rms(half.e_p), "Psi_mean": float(np.mean(half.Psi))}
+    for case, plan in experiment.plans(scenario.load(team, [f"seed={seed}", *changes]), CASES).items():
+        flight = fly_plan(plan)
+        half = metrics.second_half(flight.rows)
+        errors = {"e_p_rms_m": metrics.norm_rms(half.e_p), "Psi_mean": float(np.mean(half.Psi))}
         found[case] = {"stopped": flight.stopped} | ({} if flight.stopped else errors)
     return found
 

@@ -17,9 +17,12 @@ from typing import Any
 
 import numpy as np
 
-from colift import attack, certification, scenario, simulate, study
-from colift.certify import adversary, certificate, reach, tube, variation
-from colift.certify.certificate import ERRORS
+from colift import scenario
+from colift.certification import adversary, certificate, linearized_trajectory, reachability, tube
+from colift.certification.certificate import ERRORS
+from colift.closed_loop.flight import Flight, fly_plan
+from colift.scenario import experiment
+from colift.workflows import certification, falsification
 from evidence import collect
 
 SEEDS = tuple(range(100, 104))
@@ -39,7 +42,7 @@ def calibration(k: int) -> dict[str, Any]:
     """What each error reached in the window, flight by flight, and s."""
     begun, reached = time.perf_counter(), []
     for seed in range(FROM + k * AT_ONCE, FROM + (k + 1) * AT_ONCE):
-        flight = simulate.fly_plan(study.plan(_settings(seed), "C3"))
+        flight = fly_plan(experiment.plan(_settings(seed), "C3"))
         late = flight.rows.t >= _from(flight)
         reached.append({error: _size(getattr(flight.rows, error)[late]) for error in ERRORS})
     return {"reached": reached, "cost_s": time.perf_counter() - begun}
@@ -56,9 +59,9 @@ def compared(seed: int) -> dict[str, Any]:
     reached = {"drawn itself": dict(found.observed)}
     for name in TRIES:
         kind, number = name.rsplit(" ", 1)
-        L = attack.UNKNOWN[kind](made, int(number), np.random.default_rng((seed, int(number), *kind.encode())))
+        L = falsification.UNKNOWN[kind](made, int(number), np.random.default_rng((seed, int(number), *kind.encode())))
         forces = adversary.adversary(made.plan, made.flight, loop.nodes, loop.rows, L)
-        rows, _ = variation.flown(certificate.under(made.plan, forces), made.flight.held, seed=seed)
+        rows, _ = linearized_trajectory.flown(certificate.under(made.plan, forces), made.flight.held, seed=seed)
         late = rows.t >= found.window[0] - 1e-9
         reached[name] = {error: _size(getattr(rows, error)[late]) for error in ERRORS}
     radii = {name: dict(each.tube) for name, each in found.radii.items()} | others
@@ -72,7 +75,7 @@ def rivals(made: certification.Certified) -> dict[str, dict[str, float]]:
     """
     loop, window = made.loop, made.certificate.window
     held = certificate.bodies(made.plan, made.flight, loop.rows, loop.nodes, "energy")
-    rho = np.concatenate([reach.greatest(body) for body in held], axis=1)
+    rho = np.concatenate([reachability.greatest(body) for body in held], axis=1)
     gains = certificate.gains(loop, held)
     cells = np.stack([rho[part].max(0) for part in np.split(np.arange(len(rho)), gains.at[:-1] + 1)])
     all_of = np.full_like(rho, np.inf)
@@ -85,7 +88,7 @@ def rivals(made: certification.Certified) -> dict[str, dict[str, float]]:
     small = np.abs(np.linalg.eigvals(gain)).max() < 1
     constant = np.linalg.solve(np.eye(len(gain)) - gain, rho.max(0)) if small else np.full(len(gain), np.inf)
     at = np.flatnonzero(loop.t >= window[0] - 1e-9)
-    L = np.abs(variation.weights(loop, loop.of(*ERRORS), at))
+    L = np.abs(linearized_trajectory.weights(loop, loop.of(*ERRORS), at))
     base = np.concatenate([getattr(loop.rows, error)[loop.nodes[at]] for error in ERRORS], axis=1)
     return {
         "pointwise": _radii(base, np.einsum("trki,ki->tr", L, all_of)),
@@ -102,7 +105,7 @@ def _settings(seed: int) -> scenario.Settings:
     return scenario.load("certified").model_copy(update={"seed": seed})
 
 
-def _from(flight: simulate.Flight) -> float:
+def _from(flight: Flight) -> float:
     """The last round of the reference, s."""
     return flight.rows.t[-1] - 8.0 + 1e-9
 

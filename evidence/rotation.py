@@ -15,8 +15,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Key
 
-from colift import so3
-from colift.certify import rotation
+from colift.certification import attitude_bound
+from colift.math import so3
 from evidence import collect
 
 STEPS, SETTLED = 500, 9.0  # steps of a run, and how many times its slowest time constant it lasts
@@ -125,7 +125,7 @@ def textbook(k_R: float, k_omega: float, rho: float) -> float:
 def compare(damping: float, size: float, count: int, rounds: int) -> dict[str, float]:
     """Certified bounds over what the search found, of `e_R` and `e_omega`, for one loop and size of disturbance."""
     k_R, k_omega = STIFFNESS, 2 * damping * STIFFNESS**0.5
-    bound = rotation.ultimate(k_R, k_omega, size * k_R)
+    bound = attitude_bound.ultimate(k_R, k_omega, size * k_R)
     h = horizon(k_R, k_omega) / STEPS
     found = search(jax.random.key(0), k_R, k_omega, size * k_R, h, count, rounds)
     angle = float(np.arcsin(found["e_R"]))

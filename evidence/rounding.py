@@ -17,7 +17,10 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_info
 
-from colift import analyse, scenario, simulate, study
+from colift import scenario
+from colift.analysis import metrics
+from colift.closed_loop.flight import fly_plan
+from colift.scenario import experiment
 from evidence import collect
 
 SEEDS = (0, 3)
@@ -63,9 +66,9 @@ def show(seed: int) -> None:
         "blas": sorted({lib["architecture"] for lib in threadpool_info() if "architecture" in lib})
     }
     for case in CASES:
-        plan = study.plan(settings, case)
-        flight = simulate.fly_plan(plan)
-        merit = analyse.summary(flight, plan.world.team, plan.pilot.team)
+        plan = experiment.plan(settings, case)
+        flight = fly_plan(plan)
+        merit = metrics.summary(flight, plan.world.team, plan.pilot.team)
         found[case] = {name: merit[name] for name in FIGURES}
     print(json.dumps(found))
 

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from colift import analyse, checkup, scenario, simulate, starter, study
+from colift import scenario
+from colift.analysis import metrics, preflight
+from colift.closed_loop.flight import fly_plan
+from colift.scenario import experiment, template
 from evidence import collect
 
 TEAMS = ((2, 2), (3, 2), (3, 1), (4, 1), (6, 0), (3, 0))  # agents, arms of each
@@ -13,14 +16,14 @@ TEAMS = ((2, 2), (3, 2), (3, 1), (4, 1), (6, 0), (3, 0))  # agents, arms of each
 def fly(item: str) -> dict[str, Any]:
     """The checkup's verdict and the RMS position error of each case over the second half, m."""
     agents, arms = map(int, item.split(" x "))
-    settings = scenario.parse(starter.text("team", agents, arms), "team.yaml")
-    found = checkup.check(settings)
+    settings = scenario.parse(template.text("team", agents, arms), "team.yaml")
+    found = preflight.check(settings)
     errors = {}
     for case in ("C1", "C2", "C3"):
-        plan = study.plan(settings, case)
-        flight = simulate.fly_plan(plan)
+        plan = experiment.plan(settings, case)
+        flight = fly_plan(plan)
         errors[case] = (
-            None if flight.stopped else analyse.summary(flight, plan.world.team, plan.pilot.team)["e_p_rms_m"]
+            None if flight.stopped else metrics.summary(flight, plan.world.team, plan.pilot.team)["e_p_rms_m"]
         )
     return {"sound": found.sound, "says": found.lines(), "e_p_rms_m": errors}
 

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from colift.certify import translation
-from colift.certify.gain import Matrix
+from colift.certification import translation_bound
+from colift.certification.peak_gain import Matrix
 from evidence import collect
 
 DRAWS = 40  # gains of each kind
@@ -54,7 +54,7 @@ def compare(damping: str, mixing: str) -> dict[str, float]:
     reached, looser = [], []
     for seed in range(DRAWS):
         K_p, K_v = gains(seed, damping, mixing)
-        bound = translation.ultimate(K_p, K_v, 1.0)
+        bound = translation_bound.ultimate(K_p, K_v, 1.0)
         reached.append(max(peak.bound / peak.reached for peak in (bound.e_p, bound.e_v)))
         looser.append(textbook(K_p, K_v) / bound.e_p.bound)
     low, middle, high = np.quantile(looser, [0.0, 0.5, 1.0])

@@ -10,8 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from colift import analyse, checkup, scenario, simulate, starter, study, tune
-from colift.scenario import Settings
+from colift import scenario
+from colift.analysis import gain_tuning, metrics, preflight
+from colift.closed_loop.flight import fly_plan
+from colift.scenario import Settings, experiment, template
 from evidence import collect
 
 TEAMS = ("seven", "trio", "beam", "uneven", "plate")
@@ -21,8 +23,8 @@ SLOWEST = ("slowest_mode_1ps", "slowest_mode_late_1ps", "slowest_mode_learned_1p
 
 def fly(item: str) -> dict[str, Any]:
     """The loops of one team with each kind of gains, and the RMS errors of each case over the second half."""
-    before, after, spent = tune.tune(as_new(scenario.load(item)))
-    found = checkup.check(after.settings)
+    before, after, spent = gain_tuning.tune(as_new(scenario.load(item)))
+    found = preflight.check(after.settings)
     by_chance = chance(before, spent)
     kinds = {"hand": before, "tuned": after, "random": by_chance}
     return {
@@ -32,7 +34,7 @@ def fly(item: str) -> dict[str, Any]:
         **{
             kind: {
                 "control": of.settings.control.model_dump(mode="json"),
-                **tune.numbers(of),
+                **gain_tuning.numbers(of),
                 "flown": flown(of.settings),
                 "held_out": flown(held_out(of.settings)),
             }
@@ -43,24 +45,24 @@ def fly(item: str) -> dict[str, Any]:
 
 def as_new(settings: Settings) -> Settings:
     """With the gains that `colift new` writes."""
-    control = scenario.parse(starter.text("new", 3, 1), "new.yaml").control
-    gains = {name: getattr(control, name) for name in tune.names(settings)}
+    control = scenario.parse(template.text("new", 3, 1), "new.yaml").control
+    gains = {name: getattr(control, name) for name in gain_tuning.names(settings)}
     return settings.model_copy(update={"control": settings.control.model_copy(update=gains)})
 
 
-def chance(before: tune.Loop, spent: tune.Spent) -> tune.Loop:
+def chance(before: gain_tuning.Loop, spent: gain_tuning.Spent) -> gain_tuning.Loop:
     """The best of as many loops and flights, with gains drawn evenly, as logarithms, from where `tune` looks.
 
     All loops are looked at, then the fastest are flown.
     """
     rng, drawn = np.random.default_rng(0), [before]
-    low, high = tune.room(before)
+    low, high = gain_tuning.room(before)
     for _ in range(spent.loops - 1):
         steps = rng.uniform(low, high)
         with contextlib.suppress(ValueError):  # no rest
-            drawn.append(tune.loop(tune.scaled(before.settings, steps)))
+            drawn.append(gain_tuning.loop(gain_tuning.scaled(before.settings, steps)))
     drawn.sort(key=lambda of: of.cost)
-    flown = [of for of in map(tune.flown, drawn[: spent.flights]) if isinstance(of, tune.Flown)]
+    flown = [of for of in map(gain_tuning.flown, drawn[: spent.flights]) if isinstance(of, gain_tuning.Flown)]
     return min(flown, key=lambda of: of.cost).loop if flown else drawn[0]
 
 
@@ -74,9 +76,9 @@ def held_out(settings: Settings) -> Settings:
 def flown(settings: Settings) -> dict[str, dict[str, float] | str]:
     """By case, RMS errors, or why it ended early."""
     errors: dict[str, dict[str, float] | str] = {}
-    for case, plan in study.plans(settings, CASES).items():
-        flight = simulate.fly_plan(plan)
-        summary = analyse.summary(flight, plan.world.team, plan.pilot.team)
+    for case, plan in experiment.plans(settings, CASES).items():
+        flight = fly_plan(plan)
+        summary = metrics.summary(flight, plan.world.team, plan.pilot.team)
         errors[case] = flight.stopped or {name: summary[name] for name in ("e_p_rms_m", "e_R_rms", "Psi_mean")}
     return errors
 

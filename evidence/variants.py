@@ -12,14 +12,15 @@ import math
 from collections import Counter
 from typing import Any
 
-from colift import attack, scenario
-from colift.certify.certificate import ERRORS
+from colift import scenario
+from colift.certification.certificate import ERRORS
 from colift.scenario import Settings
+from colift.workflows import falsification
 from evidence import collect
 from evidence.certified import noisy
 
 SEED, ROUNDS = 300, 3  # neither the scenario nor other proofs have this seed
-NOISE = "paper"  # the scenario whose sensors one kind has, see `colift.attack`
+NOISE = "paper"  # the scenario whose sensors one kind has, see `colift.workflows.falsification`
 TEAMS = ("trio", "uneven", "leader_block", "beam", "seven")
 
 
@@ -28,7 +29,7 @@ def fly(item: str) -> list[dict[str, Any]]:
     `sensors` with the filters that go with such noise; or a team and K."""
     kind, k = item.rsplit(" ", 1)
     if kind == "unknown":
-        return tries(_settings(), [f"{each} {k}" for each in attack.UNKNOWN])
+        return tries(_settings(), [f"{each} {k}" for each in falsification.UNKNOWN])
     if kind in TEAMS:
         return tries(team(kind), [f"seed {k}"])
     if kind == "filtered":
@@ -39,7 +40,7 @@ def fly(item: str) -> list[dict[str, Any]]:
 def tries(settings: Settings, names: list[str]) -> list[dict[str, Any]]:
     """What is kept of each; ratios of flights that end early within finite radii are null."""
     out = []
-    for one in attack.attack(settings, names):
+    for one in falsification.attack(settings, names):
         ratios = {error: ratio if math.isfinite(ratio) else None for error, ratio in one.ratios.items()}
         out.append({**dataclasses.asdict(one), "ratios": ratios, "breaks": one.breaks})
     return out
@@ -61,13 +62,13 @@ def _settings() -> Settings:
 
 def main() -> bool:
     """Print the worst of each kind and why some have no radius: none may be broken, or be missing without a reason."""
-    flights = [f"{kind} {k}" for k in range(ROUNDS) for kind in (*attack.OTHERS, "filtered")]
+    flights = [f"{kind} {k}" for k in range(ROUNDS) for kind in (*falsification.OTHERS, "filtered")]
     items = [*flights, *(f"unknown {k}" for k in range(ROUNDS)), *(f"{name} {k}" for k in range(2) for name in TEAMS)]
     found = collect("variants", items, fly)
     of: dict[str, list[dict[str, Any]]] = {}
     for item in items:
         of.setdefault(item.rsplit(" ", 1)[0], []).extend(found[item])
-    holds = attack.STUDY_NOISE == NOISE
+    holds = falsification.STUDY_NOISE == NOISE
     for kind, each in of.items():
         held = [one for one in each if one["ratios"] and None not in one["ratios"].values()]
         worst = {e: max((one["ratios"][e] for one in held if e in one["ratios"]), default=None) for e in ERRORS}

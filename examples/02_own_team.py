@@ -10,8 +10,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from colift import dynamics, grasp, model
-from colift.model import Agent, AgentInput, AgentState, Payload, PayloadState, State, Team, Tree
+from colift.models import grasp, parameters, state, validation
+from colift.models.parameters import Agent, Payload, Team, Tree
+from colift.models.state import AgentInput, AgentState, PayloadState, State
+from colift.simulation import contact_dynamics
 
 NAMES = ("rear", "front", "middle")
 STEP = 1e-3  # s
@@ -52,8 +54,8 @@ def one_arm(contact: list[float]) -> Agent:
 
 def build() -> Team:
     """Agents of one `Tree` are stacked in a group, whatever their numbers; a team is a tuple of groups."""
-    pair = model.stack([two_arms([[x, 0.36, 0.05], [x, -0.36, 0.05]]) for x in (-0.5, 0.5)])
-    single = model.stack([one_arm([0.0, 0.0, 0.1])])
+    pair = parameters.stack([two_arms([[x, 0.36, 0.05], [x, -0.36, 0.05]]) for x in (-0.5, 0.5)])
+    single = parameters.stack([one_arm([0.0, 0.0, 0.1])])
     return Team(
         groups=(pair, single),
         payload=Payload(mass=jnp.array(1.5), inertia=jnp.diag(jnp.array([0.04, 0.15, 0.18]))),
@@ -78,13 +80,13 @@ def start(team: Team) -> State:
         ),
         payload=PayloadState(R=jnp.eye(3), p=jnp.zeros(3), omega=jnp.zeros(3), v=jnp.zeros(3)),
     )
-    model.check(team, NAMES)
-    z = dynamics.consistent(team, guess, NAMES)
+    validation.check(team, NAMES)
+    z = contact_dynamics.consistent(team, guess, NAMES)
     grasp.check(team, z, NAMES)
     return z
 
 
-def inputs(team: Team) -> dynamics.Inputs:
+def inputs(team: Team) -> contact_dynamics.Inputs:
     """Every agent carries its own weight and an equal share of the payload's."""
     share = team.payload.mass / sum(team.sizes)
     return tuple(
@@ -96,8 +98,8 @@ def inputs(team: Team) -> dynamics.Inputs:
 @jax.jit
 def step(team: Team, z: State) -> State:
     """One step of order 4, then the nearest state on the grasp. `team` is an argument: new numbers do not recompile."""
-    free = dynamics.integrate(team, z, inputs(team), lambda _z, _t: model.no_force(team), jnp.array(STEP))
-    return dynamics.project(team, free)
+    free = contact_dynamics.integrate(team, z, inputs(team), lambda _z, _t: state.no_force(team), jnp.array(STEP))
+    return contact_dynamics.project(team, free)
 
 
 def main() -> None:
@@ -107,7 +109,7 @@ def main() -> None:
     print("t [s]   " + "".join(f"{label:>24}" for label in labels))
     for k in range(201):
         if k % 50 == 0:
-            _, lam = jax.jit(dynamics.accelerate)(team, z, inputs(team), model.no_force(team))
+            _, lam = jax.jit(contact_dynamics.accelerate)(team, z, inputs(team), state.no_force(team))
             forces = np.asarray(grasp.join(lam))
             print(f"{k * STEP:5.3f}   " + "".join(f"{x:8.3f}{y:8.3f}{f:8.3f}" for x, y, f in forces))
         z = step(team, z)

@@ -1,6 +1,6 @@
 """An unknown force of your own, with time and memory: a squall on a plate that three vehicles carry.
 
-A force is a `colift.pytree.pytree` of the methods of `colift.disturbance.Law`, and a `Mount` says where it attacks. In
+A force is a `colift.math.pytree.pytree` of the methods of `colift.simulation.disturbances.Law`, and a `Mount` says where it attacks. In
 a scenario file it is one of `disturbances`, of the kind `own`. Run it with `python examples/03_own_disturbance.py`.
 """
 
@@ -15,15 +15,16 @@ import numpy as np
 from jaxtyping import Array, Float
 
 import colift
-from colift import disturbance, simulate
-from colift.pytree import pytree
+from colift.closed_loop import flight
+from colift.math.pytree import pytree
+from colift.simulation import disturbances
 
 Scalar = Float[Array, ""]
 PLATE = Path(__file__).with_name("plate.yaml")
 
 
 @pytree
-class Squall(disturbance.Law):
+class Squall(disturbances.Law):
     """A wind that swells and sinks, and air that follows it with a lag: `w' = (gust sin t - w) / lag`."""
 
     gust: Float[Array, "3"]  # m/s, world frame
@@ -31,21 +32,21 @@ class Squall(disturbance.Law):
     drag: Scalar  # N s/m
     time_invariant: ClassVar[bool] = False  # every certificate of a flight under it says so
 
-    def __call__(self, at: disturbance.Motion, t: Scalar, memory: Any) -> tuple[Any, Any]:
+    def __call__(self, at: disturbances.Motion, t: Scalar, memory: Any) -> tuple[Any, Any]:
         """Force, N, and torque, N m, both in the world frame, on a point that moves as `at` says."""
         return self.drag * (memory - at.v), jnp.zeros(3)
 
     def begin(self) -> Any:
         return jnp.zeros(3)
 
-    def after(self, at: disturbance.Motion, t: Scalar, memory: Any, dt: Scalar) -> Any:
+    def after(self, at: disturbances.Motion, t: Scalar, memory: Any, dt: Scalar) -> Any:
         return memory + dt / self.lag * (self.gust * jnp.sin(t) - memory)
 
 
-def blown(plan: simulate.Plan, law: disturbance.Law) -> simulate.Plan:
+def blown(plan: flight.Plan, law: disturbances.Law) -> flight.Plan:
     """The plan with one more unknown force, 10 cm ahead of the payload's centre of mass."""
     world = plan.world
-    mount = disturbance.Mount(name="squall", law=law, point=jnp.array([0.1, 0.0, 0.0]))
+    mount = disturbances.Mount(name="squall", law=law, point=jnp.array([0.1, 0.0, 0.0]))
     sources = dataclasses.replace(world.sources, payload=(*world.sources.payload, mount))
     return dataclasses.replace(plan, world=dataclasses.replace(world, sources=sources))
 

@@ -1,6 +1,6 @@
 """Parts of your own in a flight: a leader, an allocator, an estimator and a sensor for three vehicles with a plate.
 
-Each is a `colift.pytree.pytree` with the methods of a class in `colift.fly` or `colift.sensor`; the rest of the flight
+Each is a `colift.math.pytree.pytree` with the methods of a class in `colift.fly` or `colift.simulation.sensors`; the rest of the flight
 stays as the scenario says. Run it with `python examples/04_own_parts.py`.
 """
 
@@ -15,10 +15,16 @@ import numpy as np
 from jaxtyping import Array, Float
 
 import colift
-from colift import allocate, control, estimate, fly, grasp, sensor, simulate
-from colift.measurement import Measurement
-from colift.model import AgentInput, Clock, Team, Wrench
-from colift.pytree import pytree
+from colift.closed_loop import flight
+from colift.math.pytree import pytree
+from colift.models import grasp
+from colift.models.measurement import Measurement
+from colift.models.parameters import Team
+from colift.models.state import AgentInput, Clock, Wrench
+from colift.onboard import interfaces
+from colift.onboard.control import allocation, tracking
+from colift.onboard.estimation import state_estimator
+from colift.simulation import sensors
 
 Scalar = Float[Array, ""]
 PLATE = Path(__file__).with_name("plate.yaml")
@@ -28,13 +34,13 @@ PLATE = Path(__file__).with_name("plate.yaml")
 class Gentle:
     """A leader that asks for no more than so much acceleration: `a = a_0 limit / max(limit, |a_0|)`."""
 
-    leader: fly.Leader
+    leader: interfaces.Leader
     limit: Scalar  # m/s^2
 
     def begin(self) -> Any:
         return self.leader.begin()
 
-    def lead(self, memory: Any, now: fly.Now) -> tuple[control.Command, Any]:
+    def lead(self, memory: Any, now: interfaces.Now) -> tuple[tracking.Command, Any]:
         to, memory = self.leader.lead(memory, now)
         size = jnp.sqrt((to.a * to.a).sum() + 1e-12)
         return dataclasses.replace(to, a=to.a * self.limit / jnp.maximum(size, self.limit)), memory
@@ -46,13 +52,13 @@ class Weighted:
 
     inverse: Float[Array, "rows 6"]
 
-    def allocate(self, now: fly.Now, W: Wrench, W_dot: Wrench) -> fly.Forces:
+    def allocate(self, now: interfaces.Now, W: Wrench, W_dot: Wrench) -> interfaces.Forces:
         none = jnp.zeros(0)
-        plan = allocate.Allocation(
+        plan = allocation.Allocation(
             inverse=self.inverse, kernel=jnp.zeros((len(self.inverse), 0)), offset=jnp.zeros(len(self.inverse))
         )
-        lam, lam_dot = (allocate.apply(plan, now.q_hat.payload.R, wrench, none) for wrench in (W, W_dot))
-        return fly.Forces(lam=lam, lam_dot=lam_dot, eta=none)
+        lam, lam_dot = (allocation.apply(plan, now.q_hat.payload.R, wrench, none) for wrench in (W, W_dot))
+        return interfaces.Forces(lam=lam, lam_dot=lam_dot, eta=none)
 
 
 def weighted(team: Team, weights: np.ndarray) -> Weighted:
@@ -66,14 +72,14 @@ def weighted(team: Team, weights: np.ndarray) -> Weighted:
 class Trusting:
     """An estimator that takes pose and velocity of the payload as they are measured, and the rest as colift's."""
 
-    estimator: fly.Estimator
+    estimator: interfaces.Estimator
 
     def begin(self, team: Team, first: Measurement) -> Any:
         return self.estimator.begin(team, first)
 
     def observe(
         self, team: Team, memory: Any, m: Measurement, applied: tuple[AgentInput, ...], clock: Clock
-    ) -> tuple[estimate.Estimate, Any]:
+    ) -> tuple[state_estimator.Estimate, Any]:
         q_hat, memory = self.estimator.observe(team, memory, m, applied, clock)
         read = m.payload
         load = dataclasses.replace(q_hat.payload, p=read.p, v=read.v, R=read.R)
@@ -81,7 +87,7 @@ class Trusting:
 
 
 @pytree
-class Slow(sensor.Extra):
+class Slow(sensors.Extra):
     """A positioning system that reports the payload at every so many ticks, and holds its last report in between."""
 
     every: Scalar  # s
@@ -90,7 +96,7 @@ class Slow(sensor.Extra):
         return jnp.zeros(()), m.payload.p
 
     def read(
-        self, m: Measurement, truth: sensor.Truth, clock: Clock, memory: Any, noise: Any
+        self, m: Measurement, truth: sensors.Truth, clock: Clock, memory: Any, noise: Any
     ) -> tuple[Measurement, Any]:
         last, p = memory
         due = clock.t - last >= self.every - 1e-9
@@ -99,7 +105,7 @@ class Slow(sensor.Extra):
         return m, (last, p)
 
 
-def changed(plan: simulate.Plan) -> simulate.Plan:
+def changed(plan: flight.Plan) -> flight.Plan:
     """The plan with every part above in its place."""
     pilot, world = plan.pilot, plan.world
     return dataclasses.replace(

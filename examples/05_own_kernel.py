@@ -1,7 +1,7 @@
 """Features and a kernel of your own in what a flight learns: what the payload feels by where it is and how fast.
 
-A kernel is a `colift.pytree.pytree` with a `__call__` of the squared distance in length-scales; features are a
-`colift.learn.Features`. In a scenario file they are `parts.features` and `parts.kernel`; here they take the place of
+A kernel is a `colift.math.pytree.pytree` with a `__call__` of the squared distance in length-scales; features are a
+`colift.onboard.learning.features.Features`. In a scenario file they are `parts.features` and `parts.kernel`; here they take the place of
 the paper's in Python. Run it with `python examples/05_own_kernel.py`.
 """
 
@@ -15,8 +15,10 @@ import numpy as np
 from jaxtyping import Array, Float
 
 import colift
-from colift import gp, learn, simulate
-from colift.pytree import pytree
+from colift import gp
+from colift.closed_loop import flight
+from colift.math.pytree import pytree
+from colift.onboard.learning import features
 
 PLATE = Path(__file__).with_name("plate.yaml")
 
@@ -32,17 +34,17 @@ class Heavy(gp.Kernel):
 
 
 @pytree
-class Motion(learn.Plain):
+class Motion(features.Plain):
     """Of the payload position and velocity alone; of the agents what the paper takes."""
 
     def payload(self, x: Float[Array, "*batch inputs"]) -> Float[Array, "*batch 6"]:
         return x[..., :6]
 
     def payload_names(self) -> tuple[str, ...]:
-        return learn.PAYLOAD_FEATURES[:6]
+        return features.PAYLOAD_FEATURES[:6]
 
 
-def taught(plan: simulate.Plan, kernel: gp.Kernel) -> simulate.Plan:
+def taught(plan: flight.Plan, kernel: gp.Kernel) -> flight.Plan:
     """The plan with that kernel of those features for the payload's model."""
     oracle, training = plan.pilot.oracle, plan.training
     assert training is not None

@@ -23,7 +23,7 @@ def main() -> None:
     model = gp.condition(X, Y, fit.hyper, capacity=64)
     at = jnp.array([[-1.0], [0.5], [5.0]])
     mean, variance = gp.predict(model, at)
-    beta = gp.bounds.energy(model, norm=4.0, noise_bound=NOISE)
+    beta = gp.error_bounds.energy(model, norm=4.0, noise_bound=NOISE)
     for x, mu, s in zip(at[:, 0], mean, jnp.sqrt(variance), strict=True):
         told = ", ".join(f"{m:+.3f} +- {b * d:.3f}" for m, b, d in zip(mu, beta, s, strict=True))
         print(f"x = {x:+.1f}: {told} for certain, if the norm is at most 4 and no value errs by more than {NOISE}")

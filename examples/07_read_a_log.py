@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 import colift
-from colift import log
+from colift.closed_loop import log
 
 PLATE = Path(__file__).with_name("plate.yaml")
 

@@ -7,7 +7,7 @@ minute or two.
 from __future__ import annotations
 
 import colift
-from colift import certification
+from colift.workflows import certification
 
 
 def main() -> None:

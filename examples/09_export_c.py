@@ -12,7 +12,7 @@ import tempfile
 from pathlib import Path
 
 import colift
-from colift import export
+from colift.integrations import c_export
 
 PLATE = Path(__file__).with_name("plate.yaml")
 TICKS = 250
@@ -24,7 +24,7 @@ def main() -> None:
     flight = colift.fly_plan(plan)
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
-        export.c(plan, flight.oracle, TICKS, folder, "plate, C3")
+        c_export.c(plan, flight.oracle, TICKS, folder, "plate, C3")
         for file in sorted(folder.iterdir()):
             print(f"{file.name:16} {file.stat().st_size / 1e3:8.1f} kB")
         if (compiler := shutil.which("cc")) is None:

@@ -15,7 +15,8 @@ import jax.numpy as jnp
 import numpy as np
 
 import colift
-from colift import native, simulate
+from colift import codegen
+from colift.closed_loop import signals, simulator
 
 PLATE = Path(__file__).with_name("plate.yaml")
 FLIGHTS, TICKS = 8, 1000
@@ -25,15 +26,15 @@ def main() -> None:
     """Fly the batch for two seconds, and print where each payload is."""
     plan = colift.plan(colift.load(PLATE), "C1")
     setup, noise = plan.setup, plan.world.draw(jax.random.key(0), TICKS)
-    begun = simulate.start(setup, plan.z)
+    begun = simulator.start(setup, plan.z)
 
-    def fly(setup: simulate.Setup, begun: simulate.Loop, noise: Any, share: jax.Array) -> simulate.Row:
+    def fly(setup: simulator.Setup, begun: simulator.Loop, noise: Any, share: jax.Array) -> signals.Row:
         """One flight under that share of all unknown forces."""
         blown = dataclasses.replace(setup, world=dataclasses.replace(setup.world, acting=share))
-        return jax.lax.scan(lambda loop, drawn: simulate.tick(blown, loop, drawn), begun, noise)[1]
+        return jax.lax.scan(lambda loop, drawn: simulator.tick(blown, loop, drawn), begun, noise)[1]
 
     shares = jnp.linspace(0.0, 2.0, FLIGHTS)
-    rows = jax.jit(jax.vmap(native.compile(fly), in_axes=(None, None, None, 0)))(setup, begun, noise, shares)
+    rows = jax.jit(jax.vmap(codegen.compile(fly), in_axes=(None, None, None, 0)))(setup, begun, noise, shares)
     for share, p, p_d in zip(shares, rows.p[:, -1], rows.p_d[:, -1], strict=True):
         off = 1000 * np.linalg.norm(p - p_d)
         print(f"{share:4.0%} of the unknown forces: {off:6.1f} mm off after {float(rows.t[0, -1]):.2f} s")

@@ -1,4 +1,4 @@
-// Bundles src/main.js into ../src/colift/playback.js, or into the file that is named; the same input, the same bytes.
+// Bundles src/main.js into ../src/colift/visualization/playback.js, or into the file that is named; the same input, the same bytes.
 import { readFileSync } from "node:fs";
 import { fileURLToPath } from "node:url";
 import { build } from "esbuild";
@@ -9,7 +9,7 @@ const licence = (name) => readFileSync(here(`node_modules/${name}/LICENSE`), "ut
 await build({
   absWorkingDir: here("."),
   entryPoints: ["src/main.js"],
-  outfile: process.argv[2] ?? here("../src/colift/playback.js"),
+  outfile: process.argv[2] ?? here("../src/colift/visualization/playback.js"),
   bundle: true,
   minify: true,
   format: "iife",

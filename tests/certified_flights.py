@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import functools
 
-from colift import certification, scenario
+from colift import scenario
 from colift.scenario import Settings
+from colift.workflows import certification
 from tests import light
 
 NAMES = ("energy", "srinivas", "recovery")

@@ -98,9 +98,9 @@ def style() -> Iterator[None]:
     """What `figures` sets around each of them."""
     import matplotlib as mpl
 
-    from colift import look
+    from colift.visualization.style import STYLE
 
-    with mpl.rc_context(look.STYLE):
+    with mpl.rc_context(STYLE):
         yield
 
 
@@ -112,7 +112,7 @@ AS_SHIPPED = (  # files that test what gcc makes, and those that call it often
 @pytest.fixture(autouse=True, scope="module")
 def _compiled_quickly(request: pytest.FixtureRequest) -> Iterator[None]:
     """Elsewhere neither gcc nor XLA optimizes: the same numbers to rounding, sooner."""
-    from colift.native import build
+    from colift.codegen import build
 
     levels = build.FAST, build.QUICK
     quickly = Path(request.path).stem.removeprefix("test_") not in AS_SHIPPED
@@ -136,7 +136,7 @@ def _forget_a_test() -> Iterator[None]:
 def _forget_beyond(gigabytes: float) -> None:
     if _resident_GB() > gigabytes:
         jax.clear_caches()
-        for name, kept in (("colift.simulate", "_compiled"), ("colift.native", "_target")):
+        for name, kept in (("colift.simulate", "_compiled"), ("colift.codegen", "_target")):
             if name in sys.modules:
                 getattr(sys.modules[name], kept).cache_clear()
         gc.collect()

@@ -11,8 +11,9 @@ import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 
-from colift import log
-from colift.simulate import Row, Sigma
+from colift.closed_loop import log
+from colift.closed_loop.signals import Row
+from colift.onboard.learning.prediction_uncertainty import Sigma
 
 
 class Shape(NamedTuple):

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from colift import study
+from colift.scenario import experiment
 from tests import flights, played
 
 LONG = flights.PAPER._replace(time=400, period=0.05)  # 20 s
 CASES = ("C1", "C2", "C3")
 RIVALS = ("I", "DOB", "P", "O")
-TOLD = study.CASES | study.BASELINES
+TOLD = experiment.CASES | experiment.BASELINES
 
 
 def cases() -> dict[str, xr.Dataset]:

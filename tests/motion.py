@@ -10,9 +10,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from colift import agent as ag
-from colift import dynamics, grasp
-from colift.model import AgentInput, Inputs, Residual, State, Team, no_force
+from colift.models import aerial_manipulator, grasp
+from colift.models.parameters import Team
+from colift.models.state import AgentInput, Inputs, Residual, State, no_force
+from colift.simulation import contact_dynamics
 from tests import teams
 from tests.pinocchio_team import PinocchioTeam
 
@@ -34,7 +35,7 @@ def thrown(seed: int, structure: tuple = teams.POOL[2]) -> tuple[Team, State]:
 def thrown_reference(seed: int) -> tuple[Team, State]:
     """The reference team at about 1 m/s and 1 rad/s, every velocity that the grasp allows excited."""
     team = teams.reference_team()
-    z = dynamics.consistent(team, teams.reference_guess())
+    z = contact_dynamics.consistent(team, teams.reference_guess())
     oracle, rng = PinocchioTeam(team), np.random.default_rng(seed)
     q, v = oracle.coordinates(z)
     A = oracle.jacobian(q)
@@ -50,7 +51,9 @@ def energy(team: Team, z: State) -> tuple[jax.Array, jax.Array]:
     for group, a in zip(team.groups, z.agents, strict=True):
         xi = jnp.concatenate([a.omega, a.r_dot], axis=1)
         mass = group.mass.sum(1)
-        kinetic += (xi * jax.vmap(ag.momenta)(group, a.r, xi)).sum() / 2 + (mass * (a.v * a.v).sum(1)).sum() / 2
+        kinetic += (xi * jax.vmap(aerial_manipulator.momenta)(group, a.r, xi)).sum() / 2 + (
+            mass * (a.v * a.v).sum(1)
+        ).sum() / 2
         potential -= (mass * (a.x @ team.gravity)).sum()
     return kinetic, potential
 
@@ -62,7 +65,7 @@ def momentum(team: Team, z: State) -> jax.Array:
     L = jnp.cross(load.p, P) + load.R @ team.payload.inertia @ load.omega
     for group, a in zip(team.groups, z.agents, strict=True):
         xi = jnp.concatenate([a.omega, a.r_dot], axis=1)
-        mu = jax.vmap(ag.momenta)(group, a.r, xi)[:, :3]
+        mu = jax.vmap(aerial_manipulator.momenta)(group, a.r, xi)[:, :3]
         p = group.mass.sum(1)[:, None] * a.v
         P, L = P + p.sum(0), L + (jnp.cross(a.x, p) + (a.R @ mu[:, :, None])[:, :, 0]).sum(0)
     return jnp.concatenate([P, L])
@@ -70,8 +73,8 @@ def momentum(team: Team, z: State) -> jax.Array:
 
 def step(team: Team, z: State, inputs: Inputs, f: Residual, dt: jax.Array, projected: jax.Array) -> State:
     """One step; the projection may be left out."""
-    z = dynamics.integrate(team, z, inputs, lambda _z, _t: f, dt)
-    return jax.lax.cond(projected, lambda z: dynamics.project(team, z), lambda z: z, z)
+    z = contact_dynamics.integrate(team, z, inputs, lambda _z, _t: f, dt)
+    return jax.lax.cond(projected, lambda z: contact_dynamics.project(team, z), lambda z: z, z)
 
 
 @jax.jit
@@ -91,8 +94,8 @@ def track(
 
     def inner(_: int, carry: tuple) -> tuple:
         z, work, rough = carry
-        free = dynamics.integrate(team, z, inputs, lambda _z, _t: f, dt)
-        z = jax.lax.cond(projected, lambda z: dynamics.project(team, z), lambda z: z, free)
+        free = contact_dynamics.integrate(team, z, inputs, lambda _z, _t: f, dt)
+        z = jax.lax.cond(projected, lambda z: contact_dynamics.project(team, z), lambda z: z, free)
         added = sum(energy(team, z)) - sum(energy(team, free))
         return z, work + added, rough + jnp.abs(added)
 
@@ -143,7 +146,7 @@ def convergence(team: Team, z: State, seed: int, projected: bool, hover: float =
 
     def end(steps: int) -> tuple[np.ndarray, np.ndarray]:
         final = run(team, z, inputs, f, jnp.array(0.4 / steps), jnp.array(steps), jnp.array(projected))
-        _, lam = jax.jit(dynamics.accelerate)(team, final, inputs, f)
+        _, lam = jax.jit(contact_dynamics.accelerate)(team, final, inputs, f)
         return np.concatenate([np.ravel(x) for x in jax.tree.leaves(final)]), np.asarray(grasp.join(lam)).ravel()
 
     counts = [20, 40, 80, 160, 320]
@@ -160,7 +163,7 @@ def arrival(team: Team, z: State, inputs: Inputs, f: Residual, *, steps: int) ->
     dt = jnp.array(1e-3)
 
     def body(z: State, _: None) -> tuple[State, None]:
-        return dynamics.project(team, dynamics.integrate(team, z, inputs, lambda _z, _t: f, dt)), None
+        return contact_dynamics.project(team, contact_dynamics.integrate(team, z, inputs, lambda _z, _t: f, dt)), None
 
     z, _ = jax.lax.scan(body, z, None, length=steps)
     parts = [x.ravel() for x in jax.tree.leaves(z)]

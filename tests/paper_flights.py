@@ -10,23 +10,27 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from colift import disturbance, dynamics, scenario, simulate, study
-from colift.model import AgentInput, AgentState, PayloadState, Residual, State, Team
-from colift.scenario import Settings, roster
-from colift.world import Simulated
+from colift import scenario
+from colift.closed_loop import signals
+from colift.closed_loop.flight import Flight, Plan, fly_plan
+from colift.models.parameters import Team
+from colift.models.state import AgentInput, AgentState, PayloadState, Residual, State
+from colift.scenario import Settings, experiment, team
+from colift.simulation import contact_dynamics, disturbances
+from colift.simulation.world import Simulated
 
 SETTINGS: Settings = scenario.load("paper")
-NAMES = roster.agent_names(SETTINGS)
+NAMES = team.agent_names(SETTINGS)
 SHORT = {"duration": 9.0, "updates": (2.0, 3.5, 5.0, 6.0)}  # the paper's study, told sooner
 
 
 @functools.cache
-def plan(case: str) -> simulate.Plan:
+def plan(case: str) -> Plan:
     """A case of the study as shipped."""
-    return study.plan(SETTINGS, case)
+    return experiment.plan(SETTINGS, case)
 
 
-def shortened(case: str, eta: bool = True) -> simulate.Plan:
+def shortened(case: str, eta: bool = True) -> Plan:
     """A case with the updates and the internal forces moved into nine seconds; without the latter where asked."""
     full = plan(case)
     eta_on = float(eta) * full.pilot.allocator.internal.eta
@@ -35,14 +39,14 @@ def shortened(case: str, eta: bool = True) -> simulate.Plan:
     return dataclasses.replace(full, duration=SHORT["duration"], updates=updates)
 
 
-def flight(case: str, eta: bool = True) -> simulate.Flight:
+def flight(case: str, eta: bool = True) -> Flight:
     """The flight of `shortened`, flown once a process."""
     return _flight(case, eta)
 
 
 @functools.cache
-def _flight(case: str, eta: bool) -> simulate.Flight:
-    return simulate.fly_plan(shortened(case, eta))
+def _flight(case: str, eta: bool) -> Flight:
+    return fly_plan(shortened(case, eta))
 
 
 def number(x: float) -> jax.Array:
@@ -50,63 +54,63 @@ def number(x: float) -> jax.Array:
     return jnp.array(x, dtype=float)
 
 
-def with_pilot(plan: simulate.Plan, **parts: Any) -> simulate.Plan:
+def with_pilot(plan: Plan, **parts: Any) -> Plan:
     """The plan with some of what flies replaced."""
     return dataclasses.replace(plan, pilot=dataclasses.replace(plan.pilot, **parts))
 
 
-def with_gains(plan: simulate.Plan, **gains: Any) -> simulate.Plan:
+def with_gains(plan: Plan, **gains: Any) -> Plan:
     """The plan with other gains of leader and agents."""
     new = dataclasses.replace(plan.pilot.leader.gains, **gains)
     leader, realizer = (dataclasses.replace(part, gains=new) for part in (plan.pilot.leader, plan.pilot.realizer))
     return with_pilot(plan, leader=leader, realizer=realizer)
 
 
-def with_filters(plan: simulate.Plan, **filters: Any) -> simulate.Plan:
+def with_filters(plan: Plan, **filters: Any) -> Plan:
     """The plan with other filters on board."""
     of = plan.pilot.estimator
     return with_pilot(plan, estimator=dataclasses.replace(of, filters=dataclasses.replace(of.filters, **filters)))
 
 
-def with_internal(plan: simulate.Plan, **parts: Any) -> simulate.Plan:
+def with_internal(plan: Plan, **parts: Any) -> Plan:
     """The plan with another internal force."""
     of = plan.pilot.allocator
     return with_pilot(plan, allocator=dataclasses.replace(of, internal=dataclasses.replace(of.internal, **parts)))
 
 
-def with_world(plan: simulate.Plan, **parts: Any) -> simulate.Plan:
+def with_world(plan: Plan, **parts: Any) -> Plan:
     """The plan with some of the truth replaced."""
     return dataclasses.replace(plan, world=dataclasses.replace(plan.world, **parts))
 
 
-def quiet(plan: simulate.Plan) -> simulate.Plan:
+def quiet(plan: Plan) -> Plan:
     """The plan with sensors that have neither noise nor bias; their bandwidth stays."""
     sensors = jax.tree.map(jnp.zeros_like, plan.world.sensors)
     sensors = dataclasses.replace(sensors, tip_force_bandwidth=plan.world.sensors.tip_force_bandwidth)
     return with_world(plan, sensors=sensors, lam_bias=jax.tree.map(jnp.zeros_like, plan.world.lam_bias))
 
 
-def exact(plan: simulate.Plan) -> simulate.Plan:
+def exact(plan: Plan) -> Plan:
     """The plan with nothing to estimate: no noise, measured poses and velocities taken as they are."""
     return with_filters(quiet(plan), fusion=number(1e6), joint=number(200.0))
 
 
-def believed(plan: simulate.Plan) -> simulate.Plan:
+def believed(plan: Plan) -> Plan:
     """The plan with the nominal team as the truth: all that remains unknown are the disturbances."""
     return with_world(plan, team=plan.pilot.team)
 
 
-def fly(plan: simulate.Plan, duration: float) -> simulate.Flight:
+def fly(plan: Plan, duration: float) -> Flight:
     """The plan flown for some seconds."""
-    return simulate.fly_plan(dataclasses.replace(plan, duration=duration))
+    return fly_plan(dataclasses.replace(plan, duration=duration))
 
 
-def states(team: Team, rows: simulate.Row) -> tuple[State, tuple[AgentInput, ...]]:
+def states(team: Team, rows: signals.Row) -> tuple[State, tuple[AgentInput, ...]]:
     """The states and inputs of a log, time leading every leaf, for a team of one group."""
     (group,), (size,) = team.groups, team.sizes
     joints = (size, group.tree.joints)
 
-    def one(row: simulate.Row) -> tuple[State, tuple[AgentInput, ...]]:
+    def one(row: signals.Row) -> tuple[State, tuple[AgentInput, ...]]:
         agents = AgentState(
             R=row.R,
             x=row.x,
@@ -128,12 +132,12 @@ ROOM = 250
 @jax.jit
 @functools.partial(jax.vmap, in_axes=(None, None, 0, 0))
 def _answer(world: Simulated, nominal: Team, z: State, inputs: tuple[AgentInput, ...]) -> tuple[jax.Array, Residual]:
-    f = disturbance.at_start(world.sources, world.team, z)
-    a, lam = dynamics.accelerate(world.team, z, inputs, f)
-    return a.payload, simulate.residual(nominal, z, a, lam, inputs)
+    f = disturbances.at_start(world.sources, world.team, z)
+    a, lam = contact_dynamics.accelerate(world.team, z, inputs, f)
+    return a.payload, signals.residual(nominal, z, a, lam, inputs)
 
 
-def answer(plan: simulate.Plan, z: State, inputs: tuple[AgentInput, ...]) -> tuple[jax.Array, Residual]:
+def answer(plan: Plan, z: State, inputs: tuple[AgentInput, ...]) -> tuple[jax.Array, Residual]:
     """The payload's acceleration, and what the nominal equations leave over, of many states under many inputs."""
     n = len(z.payload.p)
     parts = []

@@ -14,7 +14,8 @@ import numpy as np
 import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
-from colift.model import AgentInput, Residual, State, Team, Tree
+from colift.models.parameters import Team, Tree
+from colift.models.state import AgentInput, Residual, State
 
 
 def take(group: object, j: int) -> SimpleNamespace:

@@ -8,19 +8,24 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from colift import log, scenario, simulate, study
-from colift.scenario import roster
+from colift import scenario
+from colift.closed_loop import log, signals
+from colift.closed_loop.flight import fly_plan
+from colift.onboard.learning import prediction_uncertainty
+from colift.scenario import experiment, team
 from tests import flights, light
 
 PAPER = scenario.load("paper")
 CASES = {"C1": "no learning", "C3": "payload and agent learning"}
 
 
-def labelled(rows: simulate.Row, sigma: simulate.Sigma, told: scenario.Settings, **attrs: Any) -> xr.Dataset:
+def labelled(
+    rows: signals.Row, sigma: prediction_uncertainty.Sigma, told: scenario.Settings, **attrs: Any
+) -> xr.Dataset:
     """A log as a study writes it, of what pages are made of."""
     stated = {"stopped": "", "complete": 1, "update_times_s": [], "T_end_s": told.learning.end_s, "version": "0.1.0"}
     stated |= {"scenario_json": told.model_dump_json(exclude_none=True), "run": flights.RUN, "case": "C1"}
-    names = (roster.agent_names(told), roster.joint_names(told), roster.contact_names(told))
+    names = (team.agent_names(told), team.joint_names(told), team.contact_names(told))
     named = dict(zip(("agents", "joints", "contacts"), names, strict=True))
     return log.dataset(rows, sigma=sigma, attrs=stated | attrs, **named)
 
@@ -38,8 +43,8 @@ def told() -> scenario.Settings:
 def flown() -> dict[str, xr.Dataset]:
     """Two cases of it."""
     found = {}
-    for case, plan in study.plans(told(), tuple(CASES)).items():
-        flight = simulate.fly_plan(plan)
+    for case, plan in experiment.plans(told(), tuple(CASES)).items():
+        flight = fly_plan(plan)
         assert not flight.stopped
         updates = [update.t for update in flight.updates]
         found[case] = labelled(flight.rows, flight.sigma, told(), update_times_s=updates, case=case)

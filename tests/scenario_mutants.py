@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from colift import scenario
-from colift.scenario.read import SHIPPED
+from colift.scenario.loading import SHIPPED
 
 SAMPLE = Path(__file__).parent / "sample_scenario.yaml"
 TEXTS = [(SHIPPED / f"{name}.yaml").read_text(encoding="utf-8") for name in scenario.names()]

@@ -9,7 +9,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from colift import gp, grasp, log
+from colift import gp
+from colift.closed_loop import log
+from colift.models import grasp
 from tests import paper_flights
 
 

@@ -10,7 +10,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from colift.model import Agent, AgentState, Payload, PayloadState, State, Team, Tree
+from colift.models.parameters import Agent, Payload, Team, Tree
+from colift.models.state import AgentState, PayloadState, State
 
 WAIST_TWO_ARMS = Tree(parents=(0, 1, 1), prismatic=(False, False, False), tips=(2, 3))
 CHAIN = Tree(parents=(0, 1, 2), prismatic=(False, False, False), tips=(3,))

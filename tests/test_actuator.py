@@ -10,25 +10,25 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import linprog
 
-from colift import actuator
-from colift.lag import Lag
-from colift.model import AgentInput, Clock
+from colift.models.actuator_lag import Lag
+from colift.models.state import AgentInput, Clock
+from colift.simulation import actuators
 
 DT = 0.002
 CLOCK = Clock(t=jnp.array(0.0), dt=jnp.array(DT))
 
 
-def command(u: float, tau: object = (0.0, 0.0, 0.0)) -> actuator.Inputs:
+def command(u: float, tau: object = (0.0, 0.0, 0.0)) -> actuators.Inputs:
     """The same of two agents; a joint follows the thrust."""
     both = jnp.tile(jnp.array(tau, dtype=float), (2, 1))
     return (AgentInput(u=jnp.full(2, u, dtype=float), tau=both, tau_r=jnp.full((2, 1), u, dtype=float)),)
 
 
-def free() -> actuator.Box:
-    return actuator.Box(thrust_max=jnp.full(2, 1e3), torque_max=jnp.full(2, jnp.inf))
+def free() -> actuators.Box:
+    return actuators.Box(thrust_max=jnp.full(2, 1e3), torque_max=jnp.full(2, jnp.inf))
 
 
-def played(of: actuator.Ideal, commands: list[actuator.Inputs]) -> list[AgentInput]:
+def played(of: actuators.Ideal, commands: list[actuators.Inputs]) -> list[AgentInput]:
     """What acts, tick by tick, after the first command has acted for ever."""
     memory, out = of.begin(commands[0]), []
     for each in commands:
@@ -39,7 +39,7 @@ def played(of: actuator.Ideal, commands: list[actuator.Inputs]) -> list[AgentInp
 
 def test_ideal_actuators_do_what_they_are_told():
     for acting, (told,) in zip(
-        played(actuator.Ideal(), [command(3), command(5)]), [command(3), command(5)], strict=True
+        played(actuators.Ideal(), [command(3), command(5)]), [command(3), command(5)], strict=True
     ):
         jax.tree.map(np.testing.assert_array_equal, acting, told)
 
@@ -47,7 +47,7 @@ def test_ideal_actuators_do_what_they_are_told():
 @pytest.mark.parametrize("delay", [0, 1, 4])
 def test_a_step_arrives_after_the_delay_and_rises_as_a_first_order_lag(delay):
     hertz, ticks = 8.0, 40
-    motors = actuator.Motors(lag=Lag(bandwidth=jnp.array(hertz), delay=delay), limits=(free(),))
+    motors = actuators.Motors(lag=Lag(bandwidth=jnp.array(hertz), delay=delay), limits=(free(),))
     step = [command(10), *[command(20, (1.0, -2.0, 0.5))] * ticks]
     for k, acting in enumerate(played(motors, step)):
         risen = 1 - np.exp(-2 * np.pi * hertz * DT * max(0, k - delay))
@@ -57,14 +57,14 @@ def test_a_step_arrives_after_the_delay_and_rises_as_a_first_order_lag(delay):
 
 
 def test_a_box_limits_thrust_and_torque():
-    box = actuator.Box(thrust_max=jnp.array([5.0, 50.0]), torque_max=jnp.array([1.0, 0.1]))
+    box = actuators.Box(thrust_max=jnp.array([5.0, 50.0]), torque_max=jnp.array([1.0, 0.1]))
     u, tau = box(jnp.array([7.0, -1.0]), jnp.array([[2.0, -0.5, -3.0], [0.05, 0.2, -0.2]]))
     np.testing.assert_array_equal(u, [5.0, 0.0])
     np.testing.assert_allclose(tau, [[1.0, -0.5, -1.0], [0.05, 0.1, -0.1]])
 
 
-def ring(count: int, most: float = 5.0) -> actuator.Rotors:
-    return actuator.rotors(count, arm=0.3, yaw=0.02, force_max=jnp.array([most]))
+def ring(count: int, most: float = 5.0) -> actuators.Rotors:
+    return actuators.rotors(count, arm=0.3, yaw=0.02, force_max=jnp.array([most]))
 
 
 wrenches = st.tuples(st.floats(-5, 40), *[st.floats(-3, 3)] * 2, st.floats(-0.6, 0.6)).map(np.array)
@@ -127,4 +127,4 @@ def test_what_the_rotors_can_give_they_give(count, asked):
 @pytest.mark.parametrize("count", [2, 3, 5])
 def test_rings_that_cannot_turn_about_every_axis_are_refused(count):
     with pytest.raises(ValueError, match="an even number of four or more"):
-        actuator.rotors(count, 0.3, 0.02, jnp.array([5.0]))
+        actuators.rotors(count, 0.3, 0.02, jnp.array([5.0]))

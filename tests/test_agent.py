@@ -10,9 +10,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from colift import agent as ag
-from colift import so3
-from colift.model import Agent, AgentState, Tree
+from colift.math import so3
+from colift.models import aerial_manipulator
+from colift.models.parameters import Agent, Tree
+from colift.models.state import AgentState
 from tests import teams
 from tests.mujoco_agent import MujocoAgent
 from tests.pinocchio_team import FreeAgent, take
@@ -23,9 +24,9 @@ SEEDS = range(4)
 @jax.jit
 def everything(agent: Agent, state: AgentState) -> dict[str, object]:
     """All that the module says about a state, compiled once a tree."""
-    g = ag.geometry(agent, state.r)
-    q = ag.reduce(agent, g)
-    h, kappa = ag.bias(agent, g, q, state.omega, state.r_dot)
+    g = aerial_manipulator.geometry(agent, state.r)
+    q = aerial_manipulator.reduce(agent, g)
+    h, kappa = aerial_manipulator.bias(agent, g, q, state.omega, state.r_dot)
     xi = jnp.concatenate([state.omega, state.r_dot])
     along = lambda f: jax.jvp(f, (state.r,), (state.r_dot,))[1]  # noqa: E731
     return {
@@ -33,13 +34,15 @@ def everything(agent: Agent, state: AgentState) -> dict[str, object]:
         "q": q,
         "h": h,
         "kappa": kappa,
-        "tips": ag.tips(agent, state),
-        "s": ag.center_of_mass(agent, state.r),
-        "momenta": ag.momenta(agent, state.r, xi),
-        "drift": ag.momentum_drift(agent, state.r, xi),
-        "M_bar_dot": along(lambda r: ag.reduce(agent, ag.geometry(agent, r)).M_bar),
-        "J_rho": jax.jacfwd(lambda r: ag.reduce(agent, ag.geometry(agent, r)).rho)(state.r),
-        "J_s": jax.jacfwd(lambda r: ag.center_of_mass(agent, r))(state.r),
+        "tips": aerial_manipulator.tips(agent, state),
+        "s": aerial_manipulator.center_of_mass(agent, state.r),
+        "momenta": aerial_manipulator.momenta(agent, state.r, xi),
+        "drift": aerial_manipulator.momentum_drift(agent, state.r, xi),
+        "M_bar_dot": along(lambda r: aerial_manipulator.reduce(agent, aerial_manipulator.geometry(agent, r)).M_bar),
+        "J_rho": jax.jacfwd(lambda r: aerial_manipulator.reduce(agent, aerial_manipulator.geometry(agent, r)).rho)(
+            state.r
+        ),
+        "J_s": jax.jacfwd(lambda r: aerial_manipulator.center_of_mass(agent, r))(state.r),
         "rho_ddot": _second_derivative(agent, state),
     }
 
@@ -48,7 +51,7 @@ def _second_derivative(agent: Agent, state: AgentState) -> jax.Array:
     """`R^T d^2/dt^2 (R rho)` with constant body rate and joint rates."""
 
     def at(t: jax.Array) -> jax.Array:
-        rho = ag.reduce(agent, ag.geometry(agent, state.r + t * state.r_dot)).rho
+        rho = aerial_manipulator.reduce(agent, aerial_manipulator.geometry(agent, state.r + t * state.r_dot)).rho
         return rho @ so3.exp(t * state.omega).T
 
     first = lambda t: jax.jvp(at, (t,), (jnp.ones(()),))[1]  # noqa: E731
@@ -157,7 +160,7 @@ def test_drift_by_finite_differences(case: SimpleNamespace) -> None:
 
 @jax.jit
 def mass_matrix(agent: Agent, r: jax.Array) -> jax.Array:
-    return ag.reduce(agent, ag.geometry(agent, r)).M_bar
+    return aerial_manipulator.reduce(agent, aerial_manipulator.geometry(agent, r)).M_bar
 
 
 def test_angular_momentum_is_pinocchios(case: SimpleNamespace) -> None:

@@ -8,12 +8,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from colift import allocate, grasp
-from colift.model import Wrench
+from colift.models import grasp
+from colift.models.state import Wrench
+from colift.onboard.control import allocation
 
 SQUARE = np.array([[0.5, 0.36, 0.05], [0.5, -0.36, 0.05], [-0.5, 0.36, 0.05], [-0.5, -0.36, 0.05]])
 seeds = st.integers(0, 10**6)
-apply = jax.jit(allocate.apply)
+apply = jax.jit(allocation.apply)
 
 
 def dense_G(c: np.ndarray, R: np.ndarray) -> np.ndarray:
@@ -30,19 +31,19 @@ def contacts(rng: np.random.Generator, count: int) -> np.ndarray:
             return c
 
 
-def strategy(rng: np.random.Generator, kind: str) -> tuple[np.ndarray, allocate.Allocation, list[int]]:
+def strategy(rng: np.random.Generator, kind: str) -> tuple[np.ndarray, allocation.Allocation, list[int]]:
     """Random contacts and an allocation over them; the rows that carry the wrench."""
     if kind == "balanced":
         c = contacts(rng, int(rng.integers(3, 7)))
-        return c, allocate.balanced(c), list(range(len(c)))
+        return c, allocation.balanced(c), list(range(len(c)))
     leaders, followers = contacts(rng, int(rng.integers(3, 5))), contacts(rng, int(rng.integers(0, 4)))
     c = np.concatenate([leaders, followers])
     shuffled = rng.permutation(len(c))
     chosen = [int(np.flatnonzero(shuffled == i)[0]) for i in range(len(leaders))]
-    return c[shuffled], allocate.leader_follower(c[shuffled], chosen), chosen
+    return c[shuffled], allocation.leader_follower(c[shuffled], chosen), chosen
 
 
-def draw(rng: np.random.Generator, plan: allocate.Allocation) -> tuple[np.ndarray, Wrench, np.ndarray]:
+def draw(rng: np.random.Generator, plan: allocation.Allocation) -> tuple[np.ndarray, Wrench, np.ndarray]:
     """A random attitude, wrench and internal-force input."""
     W = Wrench(F=jnp.array(10 * rng.normal(size=3)), tau=jnp.array(rng.normal(size=3)))
     return Rotation.random(random_state=rng).as_matrix(), W, 5 * rng.normal(size=plan.kernel.shape[1])
@@ -103,14 +104,14 @@ def test_internal_recovers_the_eta_of_an_internal_force(seed):
     rng = np.random.default_rng(seed)
     c, plan, _ = strategy(rng, "balanced")
     pairs = [(0, 1, rng.normal()), (1, 2, rng.normal()), (0, 2, 1.0)]
-    lam = allocate.squeeze(c, pairs)
+    lam = allocation.squeeze(c, pairs)
     np.testing.assert_allclose(dense_G(c, np.eye(3)) @ lam.ravel(), 0, atol=1e-12)
-    eta = allocate.internal(plan, lam)
+    eta = allocation.internal(plan, lam)
     np.testing.assert_allclose(np.asarray(plan.kernel) @ eta, lam.ravel(), atol=1e-12)
 
 
 def test_a_squeeze_presses_contacts_together():
-    lam = allocate.squeeze(SQUARE, [(0, 2, 1.5)])
+    lam = allocation.squeeze(SQUARE, [(0, 2, 1.5)])
     np.testing.assert_allclose(lam[[0, 2]], [[-1.5, 0, 0], [1.5, 0, 0]])
     assert not lam[[1, 3]].any()
 
@@ -118,39 +119,39 @@ def test_a_squeeze_presses_contacts_together():
 def test_a_leader_block_that_cannot_carry_every_wrench_is_refused_with_its_rank():
     for leaders, rank in (([0], 3), ([0, 3], 5)):
         with pytest.raises(ValueError, match=rf"leader block \(contacts .*rank {rank}.*rank 6"):
-            allocate.leader_follower(SQUARE, leaders)
+            allocation.leader_follower(SQUARE, leaders)
     row = np.outer([0, 1, 2, 3], [1.0, 0.2, 0])
     with pytest.raises(ValueError, match=r"leader block.*rank 5"):
-        allocate.leader_follower(np.concatenate([row, SQUARE]), [0, 1, 2])
+        allocation.leader_follower(np.concatenate([row, SQUARE]), [0, 1, 2])
     with pytest.raises(ValueError, match=r"the grasp .*rank 5"):
-        allocate.balanced(row)
+        allocation.balanced(row)
 
 
 @pytest.mark.parametrize("leaders", [[0, 1, 1], [0, 1, 4], [-1, 0, 1]])
 def test_leaders_must_exist_and_be_named_once(leaders):
     with pytest.raises(ValueError, match="each must be one of 0 to 3, named once"):
-        allocate.leader_follower(SQUARE, leaders)
+        allocation.leader_follower(SQUARE, leaders)
 
 
 def test_on_two_agents_with_two_arms_the_paper_s_split_leaves_no_internal_force_and_says_so():
-    plan = allocate.leader_follower(SQUARE, [0, 1, 2])
+    plan = allocation.leader_follower(SQUARE, [0, 1, 2])
     assert plan.kernel.shape == (12, 0)
     with pytest.raises(ValueError, match=r"no eta exists; use three or more follower contacts"):
-        allocate.internal(plan, allocate.squeeze(SQUARE, [(0, 2, 1.0)]))
+        allocation.internal(plan, allocation.squeeze(SQUARE, [(0, 2, 1.0)]))
 
 
 def test_an_internal_force_outside_the_kernel_is_refused_with_its_size():
-    plan = allocate.leader_follower(np.concatenate([SQUARE[:3], -SQUARE[:3]]), [0, 1, 2])
+    plan = allocation.leader_follower(np.concatenate([SQUARE[:3], -SQUARE[:3]]), [0, 1, 2])
     with pytest.raises(ValueError, match=r"outside the allocation's kernel \(by up to 1 N\)"):
-        allocate.internal(plan, allocate.squeeze(np.concatenate([SQUARE[:3], -SQUARE[:3]]), [(0, 2, 1.0)]))
+        allocation.internal(plan, allocation.squeeze(np.concatenate([SQUARE[:3], -SQUARE[:3]]), [(0, 2, 1.0)]))
     with pytest.raises(ValueError, match="outside the allocation's kernel"):
-        allocate.internal(allocate.balanced(SQUARE), np.ones((4, 3)))
+        allocation.internal(allocation.balanced(SQUARE), np.ones((4, 3)))
 
 
 def test_lam_f0_is_a_force_of_the_followers_and_must_be_internal():
     c = np.concatenate([SQUARE[:3], -SQUARE[:3]])
-    lam_f0 = allocate.squeeze(-SQUARE[:3], [(0, 1, 2.0), (1, 2, -0.7)])
-    plan = allocate.leader_follower(c, [0, 1, 2], lam_f0)
+    lam_f0 = allocation.squeeze(-SQUARE[:3], [(0, 1, 2.0), (1, 2, -0.7)])
+    plan = allocation.leader_follower(c, [0, 1, 2], lam_f0)
     W = Wrench(F=jnp.array([1.0, 2, 3]), tau=jnp.array([0.1, 0.2, 0.3]))
     eta = jnp.zeros(plan.kernel.shape[1])
     R = Rotation.from_euler("xyz", [0.3, -0.4, 0.5]).as_matrix()
@@ -158,6 +159,6 @@ def test_lam_f0_is_a_force_of_the_followers_and_must_be_internal():
     np.testing.assert_allclose(lam[3:], lam_f0 @ R.T, atol=1e-12)
     np.testing.assert_allclose(dense_G(c, R) @ lam.ravel(), [*W.F, *W.tau], atol=1e-12)
     with pytest.raises(ValueError, match="not an internal force: it puts the wrench"):
-        allocate.leader_follower(c, [0, 1, 2], lam_f0 + np.array([0, 0, 0.1]))
+        allocation.leader_follower(c, [0, 1, 2], lam_f0 + np.array([0, 0, 0.1]))
     with pytest.raises(ValueError, match="one force for each of the 3 follower contacts"):
-        allocate.leader_follower(c, [0, 1, 2], lam_f0[:2])
+        allocation.leader_follower(c, [0, 1, 2], lam_f0[:2])

@@ -10,33 +10,39 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from colift import analyse, band, log, simulate
-from colift.model import Team
-from colift.scenario import roster
+from colift.analysis import metrics
+from colift.closed_loop import log
+from colift.closed_loop.flight import Flight
+from colift.closed_loop.signals import Row
+from colift.models.parameters import Team
+from colift.onboard.learning import confidence_bounds, prediction_uncertainty
+from colift.scenario import team
 from tests import flights
 from tests import paper_flights as paper
 
 SHAPE = flights.PAPER._replace(time=240)
-TRUTH, NOMINAL = roster.team(paper.SETTINGS)
+TRUTH, NOMINAL = team.team(paper.SETTINGS)
 CONTACTS = [np.array(c) for agent in paper.SETTINGS.agents for c in agent.contacts_m]
 
 
-def with_rows(rows: simulate.Row, **signals: np.ndarray | None) -> simulate.Row:
+def with_rows(rows: Row, **signals: np.ndarray | None) -> Row:
     """The log with some signals replaced, of the shapes that `Row` states, or left out."""
     given = jax.tree.map(jnp.asarray, signals)
     return jax.tree.map(np.array, dataclasses.replace(jax.tree.map(jnp.asarray, rows), **given))
 
 
-def flight(seed: int, shape: flights.Shape = SHAPE, **rows: np.ndarray) -> simulate.Flight:
+def flight(seed: int, shape: flights.Shape = SHAPE, **rows: np.ndarray) -> Flight:
     """A random flight, with some signals of its log stated."""
     rng = np.random.default_rng(seed)
     attitudes = Rotation.random(shape.time, random_state=seed).as_matrix()
     made = with_rows(flights.rows(rng, shape), **({"R_L_hat": attitudes, "R_L": attitudes} | rows))
     beta = [rng.uniform(1, 5, (n, 6 + joints)) for n, joints, _ in shape.groups]
     oracle = paper.plan("C1").pilot.oracle
-    bands = band.Bands(companion=oracle, payload=jnp.arange(6.0), agents=tuple(jnp.asarray(b) for b in beta))
-    held = simulate.Held(first=0, oracle=oracle, bands=bands)
-    return simulate.Flight(rows=made, sigma=flights.sigma(rng, shape), updates=(), stopped="", held=(held,), wall={})
+    bands = confidence_bounds.Bands(
+        companion=oracle, payload=jnp.arange(6.0), agents=tuple(jnp.asarray(b) for b in beta)
+    )
+    held = prediction_uncertainty.Held(first=0, oracle=oracle, bands=bands)
+    return Flight(rows=made, sigma=flights.sigma(rng, shape), updates=(), stopped="", held=(held,), wall={})
 
 
 def wrench(lam: np.ndarray, R: np.ndarray) -> np.ndarray:
@@ -54,12 +60,12 @@ def wrench(lam: np.ndarray, R: np.ndarray) -> np.ndarray:
 def test_norm_rms_is_the_root_of_the_mean_square_of_the_norms():
     x = np.random.default_rng(0).normal(size=(7, 2, 3))
     squares = [sum(v * v for v in sample.flat) for sample in x]
-    assert analyse.norm_rms(x) == pytest.approx((sum(squares) / 7) ** 0.5, rel=1e-14)
+    assert metrics.norm_rms(x) == pytest.approx((sum(squares) / 7) ** 0.5, rel=1e-14)
 
 
 def test_the_summary_is_of_the_second_half_but_for_what_must_hold_always():
     made = flight(1)
-    found = analyse.summary(made, TRUTH, NOMINAL)
+    found = metrics.summary(made, TRUTH, NOMINAL)
     late = slice(120, None)
     rows = made.rows
     assert found["e_p_rms_m"] == pytest.approx(np.sqrt((rows.e_p[late] ** 2).sum() / 120), rel=1e-12)
@@ -89,11 +95,11 @@ def test_chatter_is_what_contact_forces_have_above_20_hertz(hertz, share):
     lam = np.zeros((shape.time, 4, 3))
     lam[:, 2, 1] = 30 + 2 * np.sin(2 * np.pi * hertz * t)
     lam[:, 0, 0] = 5 * np.sin(2 * np.pi * 0.5 * t)
-    assert analyse.chatter(flight(2, shape, lam=lam).rows) == pytest.approx(share * 2 / 2**0.5, abs=0.02)
+    assert metrics.chatter(flight(2, shape, lam=lam).rows) == pytest.approx(share * 2 / 2**0.5, abs=0.02)
 
 
 def test_flights_too_short_to_filter_have_no_chatter():
-    assert np.isnan(analyse.chatter(flight(2, SHAPE._replace(time=99)).rows))
+    assert np.isnan(metrics.chatter(flight(2, SHAPE._replace(time=99)).rows))
 
 
 def test_consistency_and_identity_find_the_tick_that_breaks_them():
@@ -102,13 +108,13 @@ def test_consistency_and_identity_find_the_tick_that_breaks_them():
     W_d = np.stack([wrench(lam_cmd[k], R[k]) for k in range(SHAPE.time)])
     delta_W = np.stack([wrench(lam[k], R[k]) for k in range(SHAPE.time)]) - W_d
     rows = with_rows(made.rows, W_d=W_d, delta_W=delta_W)
-    assert analyse.consistency(rows, NOMINAL) < 1e-12
-    assert analyse.identity(rows, NOMINAL) < 1e-12
+    assert metrics.consistency(rows, NOMINAL) < 1e-12
+    assert metrics.identity(rows, NOMINAL) < 1e-12
     W_d[77] += [0, 0.3, 0, 0, 0, 0.4]
     delta_W[5] += [0.6, 0, 0, 0.8, 0, 0]
     rows = with_rows(made.rows, W_d=W_d, delta_W=delta_W)
-    assert analyse.consistency(rows, NOMINAL) == pytest.approx(0.5, rel=1e-9)
-    assert analyse.identity(rows, NOMINAL) == pytest.approx(1.0, rel=1e-9)
+    assert metrics.consistency(rows, NOMINAL) == pytest.approx(0.5, rel=1e-9)
+    assert metrics.identity(rows, NOMINAL) == pytest.approx(1.0, rel=1e-9)
 
 
 def test_correlations_are_pearson_s_and_of_a_constant_there_is_none():
@@ -118,7 +124,7 @@ def test_correlations_are_pearson_s_and_of_a_constant_there_is_none():
     mismatch = np.linalg.norm(made.rows.delta_W[at], axis=1)
     centred = [x - x.mean() for x in (sigma_A, mismatch)]
     expected = (centred[0] @ centred[1]) / np.sqrt((centred[0] @ centred[0]) * (centred[1] @ centred[1]))
-    found = analyse.correlations(made)["sigma_A_delta_W"]
+    found = metrics.correlations(made)["sigma_A_delta_W"]
     assert found["run"] == pytest.approx(expected, rel=1e-9)
     late = slice(len(at) // 2, None)
     assert found["second_half"] == pytest.approx(np.corrcoef(sigma_A[late], mismatch[late])[0, 1], rel=1e-9)
@@ -126,9 +132,9 @@ def test_correlations_are_pearson_s_and_of_a_constant_there_is_none():
     e_p = np.zeros_like(made.rows.e_p)
     e_p[at, 0] = 0.1 + 2 * np.linalg.norm(made.sigma.payload, axis=1)
     told = dataclasses.replace(made, rows=with_rows(made.rows, e_p=e_p))
-    assert analyse.correlations(told)["sigma_L_e_p"]["run"] == pytest.approx(1.0, abs=1e-12)
+    assert metrics.correlations(told)["sigma_L_e_p"]["run"] == pytest.approx(1.0, abs=1e-12)
     flat = dataclasses.replace(made.sigma, payload=np.ones_like(made.sigma.payload))
-    assert analyse.correlations(dataclasses.replace(made, sigma=flat))["sigma_L_e_p"]["run"] is None
+    assert metrics.correlations(dataclasses.replace(made, sigma=flat))["sigma_L_e_p"]["run"] is None
 
 
 # Predictive deviations ------------------------------------------------------------------------------------------------
@@ -154,7 +160,7 @@ def test_errors_of_stated_size_lie_outside_of_1_96_deviations_one_time_in_twenty
     f_L[at] += s * rng.normal(size=s.shape)
     f_x = rows.f_x_hat + 0.5
     told = dataclasses.replace(made, rows=with_rows(rows, f_L=f_L, f_x=f_x))
-    found = analyse.outside(told)
+    found = metrics.outside(told)
     np.testing.assert_allclose(found["payload"]["share"], 0.05, atol=0.02)
     np.testing.assert_allclose(found["payload"]["error_over_deviation"], 1.0, atol=0.05)
     group, label = sigma.agents[0][..., :3], sigma.agents_label[0][..., :3]
@@ -170,7 +176,7 @@ def test_errors_of_stated_size_lie_outside_of_1_96_deviations_one_time_in_twenty
 @pytest.mark.parametrize("shape", [SHAPE, flights.MIXED._replace(time=200)])
 def test_bounded_counts_errors_above_their_radii_body_by_body(shape):
     made = flight(5, shape)
-    found = analyse.bounded(made)
+    found = metrics.bounded(made)
     ds = log.dataset(made.rows, sigma=made.sigma, attrs={}, **shape.names)
     at = np.searchsorted(ds.time, ds.time_sigma)
 
@@ -204,7 +210,7 @@ def test_bounded_counts_errors_above_their_radii_body_by_body(shape):
 def test_where_there_is_no_radius_nothing_is_above_it_and_nothing_is_tight():
     made = flight(6)
     sigma = dataclasses.replace(made.sigma, payload_radius=np.full_like(made.sigma.payload_radius, np.inf))
-    found = analyse.bounded(dataclasses.replace(made, sigma=sigma))["payload"]
+    found = metrics.bounded(dataclasses.replace(made, sigma=sigma))["payload"]
     assert found["exceeded_share"] == {"plain": 0, "force": 0, "moment": 0, "any_output": 0}
     assert found["tightness_median"] == np.inf
 
@@ -238,7 +244,7 @@ def test_shares_of_the_residual_tell_parameters_constants_and_what_varies_apart(
     sine, constant = np.outer(np.sin(phase), [0.1, 0.2, 0.3, 0.04, 0.05, 0.06]), np.array([1, 0, -2, 0, 0.5, 0])
     f_L = inertial + constant + sine
     rows = flight(7, SHAPE._replace(time=n), f_L=f_L, a_L=a_L, omega_L=omega, R_L=R).rows
-    found = analyse.residual_shares(rows, TRUTH, nominal)
+    found = metrics.residual_shares(rows, TRUTH, nominal)
     np.testing.assert_allclose(found["payload"]["varying_rms"], np.array([0.1, 0.2, 0.3, 0.04, 0.05, 0.06]) / 2**0.5)
     np.testing.assert_allclose(found["payload"]["mean"], f_L.mean(0), atol=1e-12)
     power = (f_L**2).mean(0)
@@ -247,10 +253,10 @@ def test_shares_of_the_residual_tell_parameters_constants_and_what_varies_apart(
 
 
 def test_mismatch_is_nominal_less_true_in_the_regressor_s_order():
-    theta = analyse.mismatch(TRUTH, NOMINAL)
+    theta = metrics.mismatch(TRUTH, NOMINAL)
     np.testing.assert_allclose(theta, [-0.3, 0, 0, 0, -0.01, -0.03, -0.03, 0, 0, 0], atol=1e-15)
     J = np.array([[0.05, 0.001, 0.002], [0.001, 0.2, 0.003], [0.002, 0.003, 0.2]])
-    theta = analyse.mismatch(TRUTH, heavier(TRUTH, 2.0, J))
+    theta = metrics.mismatch(TRUTH, heavier(TRUTH, 2.0, J))
     np.testing.assert_allclose(theta, [0.5, 0, 0, 0, 0.01, 0.05, 0.02, 0.001, 0.002, 0.003], atol=1e-15)
 
 
@@ -260,10 +266,10 @@ def test_mismatch_is_nominal_less_true_in_the_regressor_s_order():
 def test_a_step_that_is_too_long_is_said_with_when_and_how_much():
     rows = flight(8).rows
     fine = np.full(SHAPE.time, 9e-10)
-    assert analyse.coarse(with_rows(rows, Phi_dot=fine)) == ""
+    assert metrics.coarse(with_rows(rows, Phi_dot=fine)) == ""
     fine[[100, 150, 200]] = 2e-9, 3e-7, 4e-8
-    said = analyse.coarse(with_rows(rows, Phi_dot=fine))
+    said = metrics.coarse(with_rows(rows, Phi_dot=fine))
     assert "from t = 0.200 s" in said
     assert "3e-07 m/s at t = 0.300 s" in said
-    found = analyse.summary(flight(8, Phi_dot=fine), TRUTH, NOMINAL)
+    found = metrics.summary(flight(8, Phi_dot=fine), TRUTH, NOMINAL)
     assert found["warnings"] == [said]

@@ -11,9 +11,11 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from colift import __main__, attack, certification, scenario
-from colift.certify import variation
-from colift.certify.certificate import ERRORS
+from colift import scenario
+from colift.certification import linearized_trajectory
+from colift.certification.certificate import ERRORS
+from colift.cli import app
+from colift.workflows import certification, falsification
 from tests import certified_flights
 from tests.certified_flights import made, short
 
@@ -26,20 +28,20 @@ def certified(monkeypatch) -> None:
 
 
 def test_a_round_is_every_kind_once_and_each_follows_from_its_name():
-    names = attack.names(short(), 2)
-    assert len(set(names)) == len(names) == 2 * (len(attack.UNKNOWN) + len(attack.OTHERS))
+    names = falsification.names(short(), 2)
+    assert len(set(names)) == len(names) == 2 * (len(falsification.UNKNOWN) + len(falsification.OTHERS))
     hover = scenario.load(
         "turning", ["reference={kind: waypoints, poses: [{t_s: 0, p_m: [0, 0, 2]}, {t_s: 9, p_m: [1, 0, 2]}]}"]
     )
-    assert "path 0" not in attack.names(hover, 1)
+    assert "path 0" not in falsification.names(hover, 1)
     for name in ("worst 0", "drawn", "drawn -1", "path 0", "drawn x"):
         with pytest.raises(ValueError, match=r"is no try: must be one of worst e_p, .*'worst e_p 0'"):
-            list(attack.attack(hover, [name]))
+            list(falsification.attack(hover, [name]))
 
 
 def test_unknown_forces_that_norm_and_labels_allow_break_no_radius(certified):
     tries = ["worst e_p 0", "worst e_omega 1", "drawn 0", "swinging 0", "swinging 1"]
-    found = list(attack.attack(short(), tries))
+    found = list(falsification.attack(short(), tries))
     assert [one.name for one in found] == tries
     for one in found:
         assert set(one.ratios) == set(ERRORS)
@@ -48,7 +50,7 @@ def test_unknown_forces_that_norm_and_labels_allow_break_no_radius(certified):
         assert one.changes == ()
     assert found[0].ratios["e_p"] > 0.3  # the adversary comes near
     assert found[3].ratios != found[4].ratios
-    assert next(attack.attack(short(), tries[3:4])) == found[3]
+    assert next(falsification.attack(short(), tries[3:4])) == found[3]
 
 
 def test_a_radius_that_is_too_small_is_found_out(certified, monkeypatch):
@@ -66,7 +68,7 @@ def test_a_radius_that_is_too_small_is_found_out(certified, monkeypatch):
     wrong = dataclasses.replace(of, radii={"recovery": small}, spans={"tube": narrow, "run": narrow})
     broken = dataclasses.replace(made(), certificate=wrong)
     monkeypatch.setattr(certification, "certify", lambda *_, **__: broken)
-    one = next(attack.attack(short(), ["worst e_p 0"]))
+    one = next(falsification.attack(short(), ["worst e_p 0"]))
     assert one.breaks
     assert one.ratios["e_p"] > 1
     assert one.left > 0
@@ -74,16 +76,16 @@ def test_a_radius_that_is_too_small_is_found_out(certified, monkeypatch):
 
 def test_a_run_that_ends_early_within_finite_radii_breaks_them(certified, monkeypatch):
     def ends(*_, **__):
-        raise variation.Ended("the twin ended at t = 1 s: distance")
+        raise linearized_trajectory.Ended("the twin ended at t = 1 s: distance")
 
-    monkeypatch.setattr(variation, "flown", ends)
-    one = next(attack.attack(short(), ["drawn 0"]))
+    monkeypatch.setattr(linearized_trajectory, "flown", ends)
+    one = next(falsification.attack(short(), ["drawn 0"]))
     assert one.breaks
     assert one.worst == math.inf
     assert one.says.endswith("distance")
 
 
-@pytest.mark.parametrize("kind", attack.OTHERS)
+@pytest.mark.parametrize("kind", falsification.OTHERS)
 @pytest.mark.parametrize("name", ["certified", "paper", "trio"])
 def test_other_flights_are_scenarios_that_differ_where_they_say(name, kind):
     """Every change is read, three rounds of them differ, and nothing else is another."""
@@ -91,7 +93,7 @@ def test_other_flights_are_scenarios_that_differ_where_they_say(name, kind):
     seen = set()
     for k in range(3):
         rng = np.random.default_rng((settings.seed, k, *kind.encode()))
-        changes = attack.OTHERS[kind](settings, k, rng)
+        changes = falsification.OTHERS[kind](settings, k, rng)
         changed = scenario.parse(scenario.text(settings), settings.name, changes)
         sections = {change.split("=")[0].split(".")[0] for change in changes}
         for section, value in settings:
@@ -104,7 +106,7 @@ def test_other_flights_are_scenarios_that_differ_where_they_say(name, kind):
 def test_another_flight_is_held_against_its_own_radii_and_refused_in_words(monkeypatch):
     of = certified_flights.late()
     monkeypatch.setattr(certification, "certify", lambda *_, **__: of)
-    one = next(attack.attack(short(), ["late update 0"]))
+    one = next(falsification.attack(short(), ["late update 0"]))
     radii, observed = of.certificate.radii["energy"], of.certificate.observed
     assert one.ratios["e_p"] == observed["e_p"] / min(radii.run["e_p"], radii.tube["e_p"])
     assert not one.breaks
@@ -114,7 +116,7 @@ def test_another_flight_is_held_against_its_own_radii_and_refused_in_words(monke
         raise ValueError("no certificate: the flight stopped:\n it tips over")
 
     monkeypatch.setattr(certification, "certify", refuses)
-    one = next(attack.attack(short(), ["start 0"]))
+    one = next(falsification.attack(short(), ["start 0"]))
     assert one.says == "refused: no certificate: the flight stopped: it tips over"
     assert (one.ratios, one.breaks) == ({}, False)
 
@@ -122,14 +124,14 @@ def test_another_flight_is_held_against_its_own_radii_and_refused_in_words(monke
 def test_what_was_tried_is_told_with_how_to_repeat_it_and_kept(tmp_path, monkeypatch):
     ratios = {"e_p": 0.5, "e_v": 0.25, "e_R": 0.125, "e_omega": 0.0625}
     given = [
-        attack.Try("drawn 0", (), ratios, 0, 12, ""),
-        attack.Try("start 0", ("start.position_error_m=[1, 0, 0]",), {**ratios, "e_v": 1.5}, 3, 12, ""),
-        attack.Try("seed 0", ("seed=1004",), {**ratios, "e_R": 0.75}, 0, 12, ""),
-        attack.Try("rate 0", ("control_Hz=100",), {}, 0, 0, "refused: too slow"),
+        falsification.Try("drawn 0", (), ratios, 0, 12, ""),
+        falsification.Try("start 0", ("start.position_error_m=[1, 0, 0]",), {**ratios, "e_v": 1.5}, 3, 12, ""),
+        falsification.Try("seed 0", ("seed=1004",), {**ratios, "e_R": 0.75}, 0, 12, ""),
+        falsification.Try("rate 0", ("control_Hz=100",), {}, 0, 0, "refused: too slow"),
     ]
-    monkeypatch.setattr(attack, "attack", lambda *_: iter(given))
+    monkeypatch.setattr(falsification, "attack", lambda *_: iter(given))
     asked = ["attack", "certified", "--seed", "3", "--set", "duration_s=30", "--out", str(tmp_path)]
-    result = CliRunner().invoke(__main__.app, asked, catch_exceptions=False)
+    result = CliRunner().invoke(app.app, asked, catch_exceptions=False)
     assert result.exit_code == 1
     lines = result.stdout.splitlines()
     again = "certified --set duration_s=30"
@@ -146,6 +148,6 @@ def test_what_was_tried_is_told_with_how_to_repeat_it_and_kept(tmp_path, monkeyp
 
 def test_a_name_that_is_no_try_is_said_with_those_that_are(tmp_path):
     asked = ["attack", "certified", "--only", "worst", "--out", str(tmp_path)]
-    result = CliRunner().invoke(__main__.app, asked)
+    result = CliRunner().invoke(app.app, asked)
     assert result.exit_code == 2
     assert "'worst' is no try: must be one of worst e_p" in result.stderr

@@ -16,8 +16,10 @@ from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from scipy.spatial.transform import Rotation
 
-from colift import bag, log, scenario
-from colift.scenario import roster
+from colift import scenario
+from colift.closed_loop import log
+from colift.integrations import ros2_bag
+from colift.scenario import team as team_module
 from tests import flights, pinocchio_team
 
 TOLD = scenario.load("paper")
@@ -35,9 +37,9 @@ def ds() -> xr.Dataset:
     e_R = np.stack([Q[:, 2, 1] - Q[:, 1, 2], Q[:, 0, 2] - Q[:, 2, 0], Q[:, 1, 0] - Q[:, 0, 1]], axis=1) / 2
     Psi = (3 - np.trace(Q, axis1=1, axis2=2)) / 2
     attrs = {"scenario_json": TOLD.model_dump_json(exclude_none=True), "run": flights.RUN, "case": "C1", "R_d": R_d}
-    names = {"agents": roster.agent_names(TOLD), "joints": roster.joint_names(TOLD)}
+    names = {"agents": team_module.agent_names(TOLD), "joints": team_module.joint_names(TOLD)}
     made = log.dataset(
-        rows, sigma=flights.sigma(rng, SHAPE), attrs={}, contacts=roster.contact_names(TOLD), **names
+        rows, sigma=flights.sigma(rng, SHAPE), attrs={}, contacts=team_module.contact_names(TOLD), **names
     ).assign_attrs(**attrs)
     made.R.values[:] = turned["R"].reshape(12, 2, 3, 3)
     made.R_L.values[:], made.e_R.values[:], made.Psi.values[:] = R_L, e_R, Psi
@@ -47,7 +49,7 @@ def ds() -> xr.Dataset:
 @pytest.fixture(scope="module")
 def path(ds: xr.Dataset, tmp_path_factory: pytest.TempPathFactory) -> Path:
     file = tmp_path_factory.mktemp("bag") / "C1.mcap"
-    file.write_bytes(bag.document(ds))
+    file.write_bytes(ros2_bag.document(ds))
     return file
 
 
@@ -78,9 +80,9 @@ def matrix(q: Any) -> np.ndarray:
 
 def test_topics_and_times(ds: xr.Dataset, messages: dict[str, list[Any]]) -> None:
     names = {"payload/pose", "payload/reference", "payload/wrench_desired", "tf"}
-    for agent in roster.agent_names(TOLD):
+    for agent in team_module.agent_names(TOLD):
         names |= {f"{agent}/{x}" for x in ("pose", "wrench", "joint_states")}
-    names |= {f"{contact}/force" for contact in roster.contact_names(TOLD)}
+    names |= {f"{contact}/force" for contact in team_module.contact_names(TOLD)}
     assert set(messages) == {f"/{name}" for name in names}
     assert {len(each) for each in messages.values()} == {len(ds.time)}
     stamps = [m.header.stamp.sec + 1e-9 * m.header.stamp.nanosec for m in messages["/payload/pose"]]
@@ -96,8 +98,8 @@ def test_poses_of_payload_and_reference(ds: xr.Dataset, messages: dict[str, list
 
 
 def test_an_agent_s_pose_is_its_base_s(ds: xr.Dataset, messages: dict[str, list[Any]]) -> None:
-    team, _ = roster.team(TOLD)
-    for j, name in enumerate(roster.agent_names(TOLD)):
+    team, _ = team_module.team(TOLD)
+    for j, name in enumerate(team_module.agent_names(TOLD)):
         agent = pinocchio_team.FreeAgent(pinocchio_team.take(team.groups[0], j))
         for k, m in enumerate(messages[f"/{name}/pose"]):
             still = {"omega": np.zeros(3), "v": np.zeros(3), "r_dot": np.zeros(3)}
@@ -169,4 +171,4 @@ def test_mcap_s_reader_finds_the_same_bytes(ds: xr.Dataset, path: Path) -> None:
 def test_names_that_ros_cannot_tell_apart_are_refused(ds: xr.Dataset) -> None:
     names = ["n-1", "n_1"]
     with pytest.raises(ValueError, match="n_1: more than one frame of that name"):
-        bag.document(ds.assign_coords(agent=names))
+        ros2_bag.document(ds.assign_coords(agent=names))

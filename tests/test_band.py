@@ -12,13 +12,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from colift import band, gp, learn
-from colift.gp.bounds import Assumption
+from colift import gp
+from colift.gp.error_bounds import Assumption
+from colift.onboard.learning import confidence_bounds, residual_model
+from colift.onboard.learning.features import payload_features
 
 OUTPUTS, CAPACITY, INPUTS = 6, 24, 20
 VARIANCE, NOISE = 0.49, 1e-4
 X_TEST = np.random.default_rng(1).uniform(-2, 2, (200, INPUTS))
-along = jax.jit(jax.vmap(band.radius, in_axes=(None, None, None, 0)))
+along = jax.jit(jax.vmap(confidence_bounds.radius, in_axes=(None, None, None, 0)))
 means = jax.jit(jax.vmap(gp.mean, in_axes=(None, 0)))
 
 
@@ -41,22 +43,24 @@ def labelled(rng: np.random.Generator, norm: float, eps: np.ndarray, n: int = CA
     return f, gp.condition(X, Y, hyper(), CAPACITY)
 
 
-def stated(bound: str = "energy", norm: float = 2.0, eps: float = 0.1, **other: object) -> band.Stated:
+def stated(bound: str = "energy", norm: float = 2.0, eps: float = 0.1, **other: object) -> confidence_bounds.Stated:
     given = {"bound": bound, "confidence": 0.95, "norm": norm, "payload": np.full(6, eps)}
-    return band.Stated(**(given | {"agents": (np.full((2, 9), eps),)} | other))
+    return confidence_bounds.Stated(**(given | {"agents": (np.full((2, 9), eps),)} | other))
 
 
-def oracle(payload: gp.GP, seed: int = 0, n: int = 10) -> learn.Oracle:
+def oracle(payload: gp.GP, seed: int = 0, n: int = 10) -> residual_model.Oracle:
     """An oracle with that payload model, and a group of two agents whose labels are noise."""
     rng = np.random.default_rng(seed)
     agents = [gp.condition(rng.normal(size=(n, 24)), rng.normal(size=(n, 9)), hyper(9, 24), CAPACITY) for _ in range(2)]
-    return learn.Oracle(payload=payload, agents=(jax.tree.map(lambda *x: jnp.stack(x), *agents),), theta=jnp.zeros(10))
+    return residual_model.Oracle(
+        payload=payload, agents=(jax.tree.map(lambda *x: jnp.stack(x), *agents),), theta=jnp.zeros(10)
+    )
 
 
 # They hold ------------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("bound", band.ALONG)
+@pytest.mark.parametrize("bound", confidence_bounds.ALONG)
 def test_the_error_of_a_model_is_within_the_radius_wherever_it_is_asked(bound):
     """Noise at the limit of what is assumed; the model's own noise variance is far too small."""
     closest = 0.0
@@ -64,8 +68,8 @@ def test_the_error_of_a_model_is_within_the_radius_wherever_it_is_asked(bound):
         rng = np.random.default_rng(seed)
         norm, eps = rng.uniform(0.5, 4), rng.uniform(0.02, 0.5, OUTPUTS)
         f, model = labelled(rng, norm, eps)
-        other = band.companion(model, bound, norm, eps)
-        beta = band.factor(other, bound, norm, eps, 0.95)
+        other = confidence_bounds.companion(model, bound, norm, eps)
+        beta = confidence_bounds.factor(other, bound, norm, eps, 0.95)
         radius = along(model, other, beta, jnp.asarray(X_TEST))
         error = np.abs(means(f, jnp.asarray(X_TEST)) - means(model, jnp.asarray(X_TEST)))
         assert (error <= radius).all()
@@ -80,8 +84,8 @@ def test_a_norm_or_label_error_that_is_stated_too_small_is_found_out():
         rng = np.random.default_rng(seed)
         eps = np.full(OUTPUTS, 0.2)
         f, model = labelled(rng, 3.0, eps)
-        other = band.companion(model, "energy", 1.0, eps / 10)
-        beta = band.factor(other, "energy", 1.0, eps / 10, 0.95)
+        other = confidence_bounds.companion(model, "energy", 1.0, eps / 10)
+        beta = confidence_bounds.factor(other, "energy", 1.0, eps / 10, 0.95)
         radius = along(model, other, beta, jnp.asarray(X_TEST))
         error = np.abs(means(f, jnp.asarray(X_TEST)) - means(model, jnp.asarray(X_TEST)))
         wrong += int((np.isinf(radius) | (error > radius)).any(0).sum())
@@ -93,9 +97,9 @@ def test_a_companion_is_tighter_than_the_model_whose_noise_is_fitted():
     eps = np.full(OUTPUTS, 0.2)
     _, model = labelled(rng, 2.0, eps)
     x = jnp.asarray(X_TEST)
-    other = band.companion(model, "energy", 2.0, eps)
-    tight = along(model, other, band.factor(other, "energy", 2.0, eps, 0.95), x)
-    plain = along(model, model, band.factor(model, "energy", 2.0, eps, 0.95), x)
+    other = confidence_bounds.companion(model, "energy", 2.0, eps)
+    tight = along(model, other, confidence_bounds.factor(other, "energy", 2.0, eps, 0.95), x)
+    plain = along(model, model, confidence_bounds.factor(model, "energy", 2.0, eps, 0.95), x)
     assert np.median(tight) < 0.5 * np.median(plain)
 
 
@@ -116,7 +120,7 @@ def test_the_energy_radius_is_its_equation_at_the_noise_that_evens_norm_and_nois
     rng = np.random.default_rng(2)
     eps = rng.uniform(0.1, 0.4, OUTPUTS)
     _, model = labelled(rng, 2.0, eps, n=17)
-    held = band.bands(oracle(model), stated(payload=eps), 3)
+    held = confidence_bounds.bands(oracle(model), stated(payload=eps), 3)
     radius = along(model, held.companion.payload, held.payload, jnp.asarray(X_TEST[:5]))
     for i, k in np.ndindex(OUTPUTS, 5):
         v = 17 * eps[i] ** 2 / 2.0**2
@@ -133,7 +137,7 @@ def test_each_update_body_and_output_has_its_share_of_the_confidence(k):
     rng = np.random.default_rng(3)
     _, model = labelled(rng, 2.0, np.full(OUTPUTS, 0.1), n=15)
     full = oracle(model)
-    held = band.bands(full, stated("abbasi_yadkori"), k)
+    held = confidence_bounds.bands(full, stated("abbasi_yadkori"), k)
 
     def beta(K: np.ndarray, outputs: int) -> float:
         failure = 0.05 * 6 / (math.pi * k) ** 2 / (3 * outputs)  # three bodies
@@ -148,24 +152,24 @@ def test_each_update_body_and_output_has_its_share_of_the_confidence(k):
         np.testing.assert_allclose(held.agents[0][j], beta(K, 9), rtol=1e-9)
 
 
-@given(norm=st.floats(0.1, 10), k=st.integers(1, 4), bound=st.sampled_from(band.ALONG))
+@given(norm=st.floats(0.1, 10), k=st.integers(1, 4), bound=st.sampled_from(confidence_bounds.ALONG))
 @settings(max_examples=15)
 def test_before_any_data_beta_is_the_norm_whatever_the_bound(norm, k, bound):
     empty = gp.prior(hyper(), CAPACITY)
-    held = band.bands(oracle(empty), stated(bound, norm=norm), k)
+    held = confidence_bounds.bands(oracle(empty), stated(bound, norm=norm), k)
     np.testing.assert_array_equal(held.payload, norm)
-    radius = band.radius(empty, held.companion.payload, held.payload, jnp.zeros(INPUTS))
+    radius = confidence_bounds.radius(empty, held.companion.payload, held.payload, jnp.zeros(INPUTS))
     np.testing.assert_allclose(radius, norm * math.sqrt(VARIANCE), rtol=1e-12)
 
 
 def test_an_oracle_with_data_is_of_an_update_and_one_without_needs_none():
     _, model = labelled(np.random.default_rng(0), 2.0, np.full(OUTPUTS, 0.1))
     with pytest.raises(ValueError, match="updates count from 1"):
-        band.bands(oracle(model), stated(), 0)
+        confidence_bounds.bands(oracle(model), stated(), 0)
     empty = oracle(gp.prior(hyper(), CAPACITY))
     none = gp.prior(hyper(9, 24), CAPACITY)
     bare = dataclasses.replace(empty, agents=(jax.tree.map(lambda x: jnp.stack([x, x]), none),))
-    held = band.bands(bare, stated(), 0)
+    held = confidence_bounds.bands(bare, stated(), 0)
     np.testing.assert_array_equal(held.agents[0], np.full((2, 9), 2.0))
     assert held.companion.agents[0] is bare.agents[0]
 
@@ -174,17 +178,19 @@ def test_paths_of_samples_give_the_radius_of_each():
     rng = np.random.default_rng(4)
     _, model = labelled(rng, 2.0, np.full(OUTPUTS, 0.1))
     full = oracle(model)
-    held = band.bands(full, stated(norm=9.0, eps=1.5), 1)
+    held = confidence_bounds.bands(full, stated(norm=9.0, eps=1.5), 1)
     x = rng.normal(size=(3, 24))
-    together = band.payload_radius(full, held, jnp.asarray(x))
-    features = learn.payload_features(jnp.asarray(x))
-    each = [band.radius(model, held.companion.payload, held.payload, features[k]) for k in range(3)]
+    together = confidence_bounds.payload_radius(full, held, jnp.asarray(x))
+    features = payload_features(jnp.asarray(x))
+    each = [confidence_bounds.radius(model, held.companion.payload, held.payload, features[k]) for k in range(3)]
     np.testing.assert_allclose(together, each, rtol=1e-12)
     path = rng.normal(size=(3, 2, 24))
-    group = band.agent_radius(full.agents[0], held.companion.agents[0], held.agents[0], jnp.asarray(path))
+    group = confidence_bounds.agent_radius(full.agents[0], held.companion.agents[0], held.agents[0], jnp.asarray(path))
     for t, j in np.ndindex(3, 2):
         one, other = (jax.tree.map(lambda x, j=j: x[j], g) for g in (full.agents[0], held.companion.agents[0]))
-        np.testing.assert_allclose(group[t, j], band.radius(one, other, held.agents[0][j], jnp.asarray(path[t, j])))
+        np.testing.assert_allclose(
+            group[t, j], confidence_bounds.radius(one, other, held.agents[0][j], jnp.asarray(path[t, j]))
+        )
 
 
 # What they rest on ----------------------------------------------------------------------------------------------------
@@ -194,9 +200,9 @@ def test_data_that_contradict_what_is_stated_leave_no_radius():
     rng = np.random.default_rng(6)
     X = rng.uniform(-2, 2, (20, INPUTS))
     model = gp.condition(X, rng.choice([-3.0, 3.0], (20, OUTPUTS)), hyper(), CAPACITY)
-    held = band.bands(oracle(model), stated(norm=0.5, eps=0.01), 1)
+    held = confidence_bounds.bands(oracle(model), stated(norm=0.5, eps=0.01), 1)
     assert np.isinf(held.payload).all()
-    at_data = band.radius(model, held.companion.payload, held.payload, jnp.asarray(X[0]))
+    at_data = confidence_bounds.radius(model, held.companion.payload, held.payload, jnp.asarray(X[0]))
     assert np.isinf(at_data).all()  # and not NaN, however small the deviation is there
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from colift import cache
+from colift.runtime import cache
 
 RUN = (
     "import colift, jax; print(jax.jit(lambda x: x * 3.0 + 1.0)(2.0), jax.config.{}); assert jax.config.jax_enable_x64"

@@ -16,8 +16,11 @@ import pytest
 from rich.console import Console
 from typer.testing import CliRunner
 
-from colift import __main__, certification, folder, look, results
-from colift.certify import certificate, interface
+from colift.certification import agent_iss, certificate
+from colift.cli import app
+from colift.runtime import run_directory
+from colift.visualization import style
+from colift.workflows import certification, study
 from tests.certified_flights import NAMES, made, short
 
 
@@ -31,7 +34,7 @@ def exceeded() -> certification.Certified:
     )
 
 
-LAYER = interface.Interface(np.ones(2), 1.0, np.ones((2, 4)), np.ones(2), np.ones((2, 4)))
+LAYER = agent_iss.Interface(np.ones(2), 1.0, np.ones((2, 4)), np.ones(2), np.ones((2, 4)))
 
 
 def table_of(printed: str) -> list[list[str]]:
@@ -42,11 +45,11 @@ def table_of(printed: str) -> list[list[str]]:
 @pytest.fixture
 def save(tmp_path, monkeypatch):
     """`save_certificate` under a name that is no word of a certificate, without the interface's long gains."""
-    monkeypatch.setattr(interface, "interface", lambda _loop, _floor: LAYER)
+    monkeypatch.setattr(agent_iss, "interface", lambda _loop, _floor: LAYER)
     settings = short().model_copy(update={"name": "short"})
 
     def saved(all_of: certification.Certified, against: certification.Certified | None = None) -> dict[str, Any]:
-        with results.claim(settings, tmp_path) as out:
+        with study.claim(settings, tmp_path) as out:
             return certification.save_certificate(settings, all_of, against, out)
 
     return saved
@@ -62,14 +65,14 @@ def drawn(monkeypatch) -> list[str]:
         texts.extend(text.get_text() for text in figure.findobj(matplotlib.text.Text) if text.get_visible())
         return [path]
 
-    monkeypatch.setattr(look, "save", save)
+    monkeypatch.setattr(style, "save", save)
     return texts
 
 
 def test_a_certificate_is_saved_whole_and_told_in_a_table(tmp_path, capsys, save):
-    (tmp_path / "summary.json").write_text(folder.run_name("0.1.0", "another"))
+    (tmp_path / "summary.json").write_text(run_directory.run_name("0.1.0", "another"))
     told = save(made(), made())
-    assert {folder.run_of(path) for path in tmp_path.iterdir()} == {told["run"]}
+    assert {run_directory.run_of(path) for path in tmp_path.iterdir()} == {told["run"]}
     assert json.loads((tmp_path / "certificate.json").read_text()) == told
     assert {path.name for path in tmp_path.iterdir()} == {
         "certificate.json",
@@ -83,7 +86,7 @@ def test_a_certificate_is_saved_whole_and_told_in_a_table(tmp_path, capsys, save
             assert told["radii"][name]["tightness"]["run"][error] == (ratio if np.isfinite(ratio) else None)
     assert told["adversary"]["radius_over_adversary"] == told["radii"]["recovery"]["tightness"]["run"]["e_p"]
     assert told["exceeded"] == []
-    __main__._report_certificate(told, tmp_path)
+    app._report_certificate(told, tmp_path)
     printed, said = capsys.readouterr()
     assert said == ""
     for bound in NAMES:
@@ -97,7 +100,7 @@ def test_what_is_assumed_stands_in_table_json_and_figure_and_the_word_certified_
     for radii in told["radii"].values():
         assert ", ".join(radii["assumed"]) == text
         assert radii["status"] == "assumed"
-    __main__._report_certificate(told, tmp_path)
+    app._report_certificate(told, tmp_path)
     printed = capsys.readouterr().out
     assert f"assumed: {text}" in printed
     assert [(row[0], row[1], row[-1]) for row in table_of(printed)] == [
@@ -114,7 +117,7 @@ def test_an_error_above_its_radius_is_said_first_and_the_status_is_1(tmp_path, m
     del save  # for the interface
     known = [made(), exceeded()]
     monkeypatch.setattr(certification, "certify", lambda *_, **__: known.pop())
-    result = CliRunner().invoke(__main__.app, ["certify", "certified", "--out", str(tmp_path)], catch_exceptions=False)
+    result = CliRunner().invoke(app.app, ["certify", "certified", "--out", str(tmp_path)], catch_exceptions=False)
     assert result.exit_code == 1
     found = exceeded().certificate
     observed, radius = 1e3 * found.observed["e_p"], 1e3 * found.radii["energy"].tube["e_p"]
@@ -133,7 +136,7 @@ def test_an_error_above_its_radius_is_said_first_and_the_status_is_1(tmp_path, m
     told = json.loads((tmp_path / "certificate.json").read_text())
     assert told["exceeded"] == [{"flight": "this", **dataclasses.asdict(each)} for each in found.exceeded]
     assert any(text.startswith("observed above a radius: $e_p$") for text in drawn)
-    result = CliRunner().invoke(__main__.app, ["certify", "certified", "--out", str(tmp_path)], catch_exceptions=False)
+    result = CliRunner().invoke(app.app, ["certify", "certified", "--out", str(tmp_path)], catch_exceptions=False)
     assert result.exit_code == 0
     assert all(line.startswith("certifying certified") for line in result.stderr.splitlines())
 
@@ -152,8 +155,8 @@ def test_the_example_prints_the_radii_of_its_flight_and_fails_where_one_is_excee
 
 def test_an_error_above_its_radius_is_said_in_red(tmp_path, monkeypatch, save):
     terminal = Console(file=io.StringIO(), force_terminal=True, color_system="standard", width=200)
-    monkeypatch.setattr(__main__, "errors", terminal)
-    __main__._report_certificate(save(exceeded()), tmp_path)
+    monkeypatch.setattr(app, "errors", terminal)
+    app._report_certificate(save(exceeded()), tmp_path)
     lines = terminal.file.getvalue().splitlines()
     assert len(lines) == len({each.error for each in exceeded().certificate.exceeded})
     assert all(line.startswith("\x1b[31m") for line in lines)
@@ -164,7 +167,7 @@ def test_an_adversary_that_exceeds_its_radius_breaks_the_certificate_too(tmp_pat
     beyond = dataclasses.replace(made().certificate, observed=observed)
     told = save(made(), dataclasses.replace(made(), certificate=beyond))
     assert {each["flight"] for each in told["exceeded"]} == {"adversary"}
-    __main__._report_certificate(told, tmp_path)
+    app._report_certificate(told, tmp_path)
     printed, said = capsys.readouterr()
     assert said.startswith("e_p of the adversary's run is above its radius: observed ")
     assert " exceeded" not in printed
@@ -179,7 +182,7 @@ def test_what_has_no_radius_has_no_row(tmp_path, capsys, save, drawn):
     }
     before = dataclasses.replace(all_of.certificate.before, tube=None, no_tube="it feeds itself")
     lost = dataclasses.replace(all_of.certificate, radii=radii, before=before)
-    __main__._report_certificate(save(dataclasses.replace(all_of, certificate=lost)), tmp_path)
+    app._report_certificate(save(dataclasses.replace(all_of, certificate=lost)), tmp_path)
     printed = capsys.readouterr().out
     assert [row[1] for row in table_of(printed)] == ["this"] * len(NAMES)
     assert not re.search(r"\bany\b(?! run: it feeds)", printed)
@@ -191,7 +194,7 @@ def test_what_has_no_radius_has_no_row(tmp_path, capsys, save, drawn):
     nothing = certificate.certify(small, all_of.flight, all_of.loop, ("energy", "recovery"))
     told = save(dataclasses.replace(all_of, plan=small, certificate=nothing))
     assert told["exceeded"] == []
-    __main__._report_certificate(told, tmp_path)
+    app._report_certificate(told, tmp_path)
     printed = capsys.readouterr().out
     assert table_of(printed) == []
     assert not re.search("none|assumed|nan|inf", printed)

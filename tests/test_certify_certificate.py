@@ -11,22 +11,27 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from colift import actuator, fly, gp, lag, learn, sensor, simulate
-from colift.certify import adversary, assumed, certificate, interface, reach, variation
-from colift.gp import recovery
-from colift.gp.bounds import Assumption
+from colift import gp
+from colift.certification import adversary, agent_iss, assumptions, certificate, linearized_trajectory, reachability
+from colift.closed_loop import flight, signals
+from colift.gp import optimal_recovery
+from colift.gp.error_bounds import Assumption
+from colift.models import actuator_lag
+from colift.onboard.control import agent_controllers, payload_controllers
+from colift.onboard.learning import features, residual_model, residual_predictors
+from colift.simulation import actuators, sensors
 from tests import light
 from tests.certified_flights import LAST, NAMES, late, made
 from tests.paper_flights import number, plan, with_pilot, with_world
 
 
-def seen(plan: simulate.Plan, rows: simulate.Row) -> list[np.ndarray]:
+def seen(plan: flight.Plan, rows: signals.Row) -> list[np.ndarray]:
     """What the learned maps see along a flight, body by body."""
-    x, (agents,) = simulate.inputs(plan.world.team, rows)
-    return [np.asarray(learn.payload_features(jnp.asarray(x))), *np.swapaxes(agents, 0, 1)]
+    x, (agents,) = signals.inputs(plan.world.team, rows)
+    return [np.asarray(features.payload_features(jnp.asarray(x))), *np.swapaxes(agents, 0, 1)]
 
 
-def models(oracle: learn.Oracle) -> list[gp.GP]:
+def models(oracle: residual_model.Oracle) -> list[gp.GP]:
     """Body by body."""
     return [oracle.payload, *(jax.tree.map(lambda x, j=j: x[j], oracle.agents[0]) for j in range(len(light.NAMES)))]
 
@@ -119,7 +124,7 @@ def test_every_body_s_unknown_is_within_its_band_along_the_path(key):
         np.testing.assert_allclose(body.x, x[path], atol=1e-12)
         points = jnp.asarray(x[path])
         apart = np.abs(np.asarray(means(f, points)) - np.asarray(means(model, points)))
-        assert (apart <= reach.greatest(body)).all()
+        assert (apart <= reachability.greatest(body)).all()
 
 
 def test_what_is_unknown_on_the_run_is_as_near_that_of_the_twin_s_path_as_the_tube_says():
@@ -144,7 +149,7 @@ def test_what_is_unknown_on_the_run_is_as_near_that_of_the_twin_s_path_as_the_tu
 
 def test_what_is_assumed_is_what_the_flight_does_not_cover_and_what_the_bound_needs():
     """Labels and norm are the scenario's; five seconds after the last update are too short for a round of eight."""
-    flown = (assumed.FIRST_ORDER, assumed.ROUND)
+    flown = (assumptions.FIRST_ORDER, assumptions.ROUND)
     all_of = made()
     for radii in all_of.certificate.radii.values():
         assert radii.assumed == flown
@@ -154,10 +159,14 @@ def test_what_is_assumed_is_what_the_flight_does_not_cover_and_what_the_bound_ne
     team = all_of.plan.pilot.team
     weak = dataclasses.replace(team.groups[0], thrust_max=jnp.array([40.0, 40.0, 16.0]))
     pressed = with_pilot(all_of.plan, team=dataclasses.replace(team, groups=(weak,)))
-    assert energy(pressed).radii["energy"].assumed == (assumed.FIRST_ORDER, assumed.SATURATION, assumed.ROUND)
+    assert energy(pressed).radii["energy"].assumed == (
+        assumptions.FIRST_ORDER,
+        assumptions.SATURATION,
+        assumptions.ROUND,
+    )
 
 
-def energy(plan: simulate.Plan) -> certificate.Certificate:
+def energy(plan: flight.Plan) -> certificate.Certificate:
     """Of the flight, by the energy bound alone, under another plan."""
     return certificate.certify(plan, made().flight, made().loop, ("energy",))
 
@@ -180,7 +189,9 @@ def test_errors_count_over_the_last_round_of_a_reference_that_has_one():
 def test_noise_that_moves_the_loop_otherwise_than_to_first_order_is_refused(monkeypatch):
     of = made()
     sensors = dataclasses.replace(of.plan.world.sensors, attitude=jnp.asarray(2e-3))
-    monkeypatch.setattr(variation, "deviations", lambda loop, rows: np.full((len(loop.nodes), len(rows)), 1e-6))
+    monkeypatch.setattr(
+        linearized_trajectory, "deviations", lambda loop, rows: np.full((len(loop.nodes), len(rows)), 1e-6)
+    )
     monkeypatch.setattr(certificate, "_quantile", lambda *_: 1.0)
     with pytest.raises(
         ValueError, match=r"noise of sensors alone moves e_\w+ by \S+, where to first order it is 1e-06"
@@ -193,7 +204,9 @@ def test_noise_adds_its_quantile_to_every_component(monkeypatch):
     """As many deviations as the confidence asks for, all components and ticks together."""
     of, quiet, _ = made(), made().certificate, energy_spans()
     assert set(quiet.noise.values()) == {0.0}
-    monkeypatch.setattr(variation, "deviations", lambda loop, rows: np.full((len(loop.nodes), len(rows)), 1e-5))
+    monkeypatch.setattr(
+        linearized_trajectory, "deviations", lambda loop, rows: np.full((len(loop.nodes), len(rows)), 1e-5)
+    )
     noisy = energy(of.plan)
     ticks = int((of.flight.rows.t >= quiet.window[0] - 1e-9).sum())
     sigmas = norm.isf((1 - of.plan.stated.confidence) / (2 * 12 * ticks))
@@ -235,7 +248,7 @@ def test_where_no_function_passes_optimal_recovery_is_left_out_with_the_reason(m
     def failed(*_: object) -> None:
         raise ValueError("the data contradict norm and noise_bound")
 
-    monkeypatch.setattr(recovery, "least", failed)
+    monkeypatch.setattr(optimal_recovery, "least", failed)
     all_of = made()
     found = certificate.certify(all_of.plan, all_of.flight, all_of.loop, ("recovery",))
     assert set(found.radii) == {"energy"}
@@ -279,7 +292,7 @@ def test_slack_goes_from_the_paper_s_reasoning_down_to_what_was_observed():
     rows = all_of.linear.rows("delta_W")
     steady = all_of.linear.D[rows] - all_of.linear.C[rows] @ np.linalg.solve(all_of.linear.A, all_of.linear.B)
     kappa = np.array([[np.linalg.norm(steady[h, c], 2) for c in all_of.linear.bodies] for h in (slice(3), slice(3, 6))])
-    layer = interface.Interface(alpha=np.ones(2), gamma=1.0, kappa=kappa, vartheta=vartheta, static=kappa)
+    layer = agent_iss.Interface(alpha=np.ones(2), gamma=1.0, kappa=kappa, vartheta=vartheta, static=kappa)
     slack = certificate.slack(all_of.plan, all_of.flight, all_of.loop, layer, found)
     paper, energy, both, *_ = slack.values()
     e_p = {
@@ -319,7 +332,9 @@ def test_the_adversary_keeps_norm_and_labels_and_comes_near_the_bound_where_it_i
         x = jnp.asarray(body.x)
         left_over.append(np.asarray(means(f, x)) - np.asarray(means(body.model, x)))
     at = np.searchsorted(loop.t, found.t - 1e-9)
-    told = np.einsum("trki,ki->tr", variation.weights(loop, loop.of("e_p"), at), np.concatenate(left_over, axis=1))
+    told = np.einsum(
+        "trki,ki->tr", linearized_trajectory.weights(loop, loop.of("e_p"), at), np.concatenate(left_over, axis=1)
+    )
     e_p = loop.rows.e_p[loop.nodes][at] + told
     assert (np.linalg.norm(e_p, axis=1) <= found.bound).all()
     k = int(np.argmax(found.bound))
@@ -334,7 +349,7 @@ def test_an_update_shortly_before_errors_count_breaks_no_radius():
         assert span.left(found.errors) == 0
 
 
-def of_another_kernel(oracle: learn.Oracle) -> learn.Oracle:
+def of_another_kernel(oracle: residual_model.Oracle) -> residual_model.Oracle:
     hyper = dataclasses.replace(oracle.payload.hyper, kernel=gp.Kernel())
     return dataclasses.replace(oracle, payload=dataclasses.replace(oracle.payload, hyper=hyper))
 
@@ -343,21 +358,28 @@ def of_another_kernel(oracle: learn.Oracle) -> learn.Oracle:
     ("change", "named"),
     [
         (
-            lambda p: with_pilot(p, leader=fly.Integral(leader=p.pilot.leader, K_i=number(0.1), k_i=number(0.1))),
+            lambda p: with_pilot(
+                p, leader=payload_controllers.Integral(leader=p.pilot.leader, K_i=number(0.1), k_i=number(0.1))
+            ),
             "leader Integral",
         ),
         (
-            lambda p: with_pilot(p, predictor=fly.Observed(predictor=p.pilot.predictor, bandwidth=jnp.full(2, 2.0))),
+            lambda p: with_pilot(
+                p, predictor=residual_predictors.Observed(predictor=p.pilot.predictor, bandwidth=jnp.full(2, 2.0))
+            ),
             "predictor Observed",
         ),
         (lambda p: with_pilot(p, oracle=of_another_kernel(p.pilot.oracle)), "kernel Kernel"),
-        (lambda p: with_pilot(p, realizer=fly.Anticipating(**vars(p.pilot.realizer))), "realizer Anticipating"),
         (
-            lambda p: with_world(p, actuators=actuator.Motors(lag=lag.Lag(bandwidth=number(8.0)), limits=())),
+            lambda p: with_pilot(p, realizer=agent_controllers.Anticipating(**vars(p.pilot.realizer))),
+            "realizer Anticipating",
+        ),
+        (
+            lambda p: with_world(p, actuators=actuators.Motors(lag=actuator_lag.Lag(bandwidth=number(8.0)), limits=())),
             "actuators Motors",
         ),
         (
-            lambda p: with_world(p, extra=(sensor.Drifting(of=("payload.p",), rate=number(0.1), start=number(0.0)),)),
+            lambda p: with_world(p, extra=(sensors.Drifting(of=("payload.p",), rate=number(0.1), start=number(0.0)),)),
             "sensor 0 Drifting",
         ),
     ],

@@ -15,9 +15,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.distance import cdist
 
-from colift import band, gp
-from colift.certify import reach
-from colift.gp import recovery
+from colift import gp
+from colift.certification import reachability
+from colift.gp import optimal_recovery
+from colift.onboard.learning import confidence_bounds
 
 seeds = st.integers(0, 2**31)
 DIMENSIONS, OUTPUTS, DATA, PATH, ROWS, FIRST = 3, 2, 9, 14, 2, 1  # FIRST: the body's first column of the loop's inputs
@@ -38,7 +39,7 @@ def convolved(H: np.ndarray) -> np.ndarray:
 class Problem:
     """A body's unknown, known to the test alone."""
 
-    body: reach.Body
+    body: reachability.Body
     f: gp.GP
     L: np.ndarray  # (times, rows, path, inputs)
     eps: np.ndarray
@@ -68,9 +69,9 @@ def problem(seed: int, bound: str = "energy", bias: float = 0.0) -> Problem:
     f = gp.expansion(hyper, centers, w * (norm / np.asarray(gp.norm(f)))[:, None], DATA + 2)
     sign = np.where(rng.uniform(size=(DATA, OUTPUTS)) < 0.5 + 0.5 * bias, 1.0, -1.0)
     model = gp.condition(X, np.asarray(means(f, jnp.asarray(X))) + eps * sign, hyper, DATA + 2)
-    companion = band.companion(model, bound, norm, eps)
-    beta = np.asarray(band.factor(companion, bound, norm, eps, 0.95))
-    body = reach.Body(slice(FIRST, FIRST + OUTPUTS), model, companion, beta, norm, eps, x)
+    companion = confidence_bounds.companion(model, bound, norm, eps)
+    beta = np.asarray(confidence_bounds.factor(companion, bound, norm, eps, 0.95))
+    body = reachability.Body(slice(FIRST, FIRST + OUTPUTS), model, companion, beta, norm, eps, x)
     H = np.exp(-0.2 * np.arange(PATH))[:, None, None] * rng.normal(size=(PATH, ROWS, FIRST + OUTPUTS + 1))
     return Problem(body, f, convolved(H), eps)
 
@@ -81,7 +82,7 @@ def test_the_band_of_a_functional_holds(seed, bound, bias):
     if bound != "energy":
         bias = 0.0  # its noise has no mean
     p = problem(seed, bound, bias)
-    upper, lower = reach.bound(p.body.beta, *reach.by_band(p.body, p.L))
+    upper, lower = reachability.bound(p.body.beta, *reachability.by_band(p.body, p.L))
     assert upper.shape == (len(AT), ROWS, OUTPUTS)
     true = p.true()
     assert (true <= upper).all()
@@ -94,10 +95,10 @@ def test_the_band_of_a_functional_is_not_idle():
     for seed in range(12):
         p = problem(seed)
         norm, eps = p.body.norm / 3, p.eps / 10
-        companion = band.companion(p.body.model, "energy", norm, eps)
-        beta = np.asarray(band.factor(companion, "energy", norm, eps, 0.95))
+        companion = confidence_bounds.companion(p.body.model, "energy", norm, eps)
+        beta = np.asarray(confidence_bounds.factor(companion, "energy", norm, eps, 0.95))
         wrong = dataclasses.replace(p.body, companion=companion, beta=np.where(np.isinf(beta), norm, beta))
-        upper, lower = reach.bound(wrong.beta, *reach.by_band(wrong, p.L))
+        upper, lower = reachability.bound(wrong.beta, *reachability.by_band(wrong, p.L))
         outside += ((p.true() > upper) | (-p.true() > lower)).any()
     assert outside >= 4
 
@@ -107,8 +108,8 @@ def test_the_band_of_a_functional_is_not_idle():
 def test_the_band_of_a_functional_is_attained_by_a_function_that_spends_norm_and_noise(seed):
     """`g = m + beta k_n(., l) / sigma(l)` has `|g|^2 + |Y - g(X)|^2 / v = B^2 + n eps^2 / v`: all it may have."""
     p = problem(seed)
-    moved, sigma = reach.by_band(p.body, p.L)
-    upper, _ = reach.bound(p.body.beta, moved, sigma)
+    moved, sigma = reachability.by_band(p.body, p.L)
+    upper, _ = reachability.bound(p.body.beta, moved, sigma)
     X, Y, h = np.asarray(p.body.companion.X)[:DATA], np.asarray(p.body.companion.Y)[:DATA], p.body.companion.hyper
     time, row = 2, 1
     mu = np.asarray(means(p.body.model, jnp.asarray(p.body.x)))
@@ -129,8 +130,8 @@ def test_the_band_of_a_functional_is_attained_by_a_function_that_spends_norm_and
 
 def test_data_that_contradict_what_is_stated_have_no_bound():
     p = problem(3)
-    spans = reach.by_band(p.body, p.L)
-    found = reach.bound(np.array([np.inf, p.body.beta[1]]), *spans)
+    spans = reachability.by_band(p.body, p.L)
+    found = reachability.bound(np.array([np.inf, p.body.beta[1]]), *spans)
     assert np.isinf(found[..., 0]).all()
     assert np.isfinite(found[..., 1]).all()
 
@@ -140,8 +141,8 @@ def test_data_that_contradict_what_is_stated_have_no_bound():
 
 def recovered(p: Problem) -> tuple[np.ndarray, np.ndarray]:
     """The band, and what recovery makes of it."""
-    limit = reach.bound(p.body.beta, *reach.by_band(p.body, p.L))
-    return limit, reach.by_recovery(p.body, p.L, limit)
+    limit = reachability.bound(p.body.beta, *reachability.by_band(p.body, p.L))
+    return limit, reachability.by_recovery(p.body, p.L, limit)
 
 
 @given(seeds, st.sampled_from([0.0, 1.0]))
@@ -167,7 +168,7 @@ def test_recovery_is_that_of_the_whole_functional_at_all_times():
         for row in range(ROWS):
             for i in range(OUTPUTS):
                 ell = p.L[a, row, :, FIRST + i]
-                best = recovery.recover(X, Y, hyper, i, p.body.norm, float(p.eps[i]), x, ell)
+                best = optimal_recovery.recover(X, Y, hyper, i, p.body.norm, float(p.eps[i]), x, ell)
                 expected = np.array([best.upper - ell @ mu[:, i], ell @ mu[:, i] - best.lower])
                 size = limit[:, a, row, i].sum()
                 assert (found[:, a, row, i] >= np.minimum(expected, limit[:, a, row, i]) - 1e-5 * size).all()
@@ -177,8 +178,8 @@ def test_recovery_is_that_of_the_whole_functional_at_all_times():
 def test_an_output_that_contributes_next_to_nothing_keeps_its_band():
     p, told = problem(7), []
     p.L[..., FIRST] *= 1e-7
-    limit = reach.bound(p.body.beta, *reach.by_band(p.body, p.L))
-    found = reach.by_recovery(p.body, p.L, limit, lambda: told.append(1))
+    limit = reachability.bound(p.body.beta, *reachability.by_band(p.body, p.L))
+    found = reachability.by_recovery(p.body, p.L, limit, lambda: told.append(1))
     np.testing.assert_array_equal(found[..., 0], limit[..., 0])
     assert (found[..., 1] < limit[..., 1]).any()
     assert len(told) == 1
@@ -192,11 +193,11 @@ def test_an_output_that_contributes_next_to_nothing_keeps_its_band():
 def test_the_greatest_along_the_path_is_that_of_every_sample_alone(seed):
     """A functional of one sample with weight one; and it holds."""
     p = problem(seed)
-    found = reach.greatest(p.body)
+    found = reachability.greatest(p.body)
     assert found.shape == (PATH, OUTPUTS)
     single = np.repeat(np.eye(PATH)[:, None, :, None], FIRST + OUTPUTS, axis=3)
-    moved, sigma = reach.by_band(p.body, single)
-    both = reach.bound(p.body.beta, moved, sigma)[:, :, 0]
+    moved, sigma = reachability.by_band(p.body, single)
+    both = reachability.bound(p.body.beta, moved, sigma)[:, :, 0]
     np.testing.assert_allclose(found, both.max(0), rtol=1e-9)
     x = jnp.asarray(p.body.x)
     assert (np.abs(np.asarray(means(p.f, x)) - np.asarray(means(p.body.model, x))) <= found).all()
@@ -207,7 +208,7 @@ def test_deviations_of_single_samples_are_the_posterior_s(output):
     p = problem(1)
     x = jnp.asarray(p.body.x)
     variance = np.asarray(jax.vmap(gp.variance, (None, 0))(p.body.companion, x))[:, output]
-    S = reach.covariance(p.body.companion, output, p.body.x)
+    S = reachability.covariance(p.body.companion, output, p.body.x)
     np.testing.assert_allclose(np.diagonal(S), variance, atol=1e-10)
     assert np.linalg.eigvalsh(S).min() > -1e-10
 
@@ -218,11 +219,11 @@ def test_slopes_are_those_of_the_kernel_and_of_the_posterior_s_mean(output):
     p = problem(2)
     model, x = p.body.companion, p.body.x[:4]
     slope = jax.vmap(jax.jacfwd(gp.mean, argnums=1), (None, 0))(model, jnp.asarray(x))
-    np.testing.assert_allclose(reach.gradient(model, output, x), slope[:, output], atol=1e-9)
+    np.testing.assert_allclose(reachability.gradient(model, output, x), slope[:, output], atol=1e-9)
     ls = np.asarray(model.hyper.lengthscales)[output]
     X = jnp.asarray(np.asarray(model.X)[:DATA])
     k = jax.jacfwd(lambda a: jnp.exp(-0.5 * (((a[None] - X) / ls[None]) ** 2).sum(1)))
-    np.testing.assert_allclose(reach.slope(model, output, x), jax.vmap(k)(jnp.asarray(x)), atol=1e-12)
+    np.testing.assert_allclose(reachability.slope(model, output, x), jax.vmap(k)(jnp.asarray(x)), atol=1e-12)
 
 
 def test_squares_and_products_by_a_factor_are_no_less_than_those_of_the_covariance_and_next_to_them():
@@ -230,7 +231,7 @@ def test_squares_and_products_by_a_factor_are_no_less_than_those_of_the_covarian
     rng = np.random.default_rng(3)
     x = np.stack([np.sin(np.linspace(0, 6, 120) + phase) for phase in (0.0, 1.0, 2.5)], axis=1)
     S = 2.0 * np.exp(-0.5 * cdist(x, x, "sqeuclidean"))
-    of, L = reach.factor(S), rng.normal(size=(4, 7, 120)) * rng.choice([1e-3, 1.0], size=(4, 7, 1))
+    of, L = reachability.factor(S), rng.normal(size=(4, 7, 120)) * rng.choice([1e-3, 1.0], size=(4, 7, 1))
     assert of.R.shape[1] < 40
     squares, products = np.sum((L @ S) * L, axis=-1), L @ S @ np.swapaxes(L, 1, 2)
     rounding = 1e-12 * np.abs(L).sum(-1) ** 2
@@ -242,11 +243,11 @@ def test_squares_and_products_by_a_factor_are_no_less_than_those_of_the_covarian
 
 def test_what_a_factor_leaves_out_is_bounded_where_it_leaves_much(monkeypatch):
     """With columns only until a tenth of the greatest variance is left."""
-    monkeypatch.setattr(reach, "SPANNED", 0.1)
+    monkeypatch.setattr(reachability, "SPANNED", 0.1)
     rng = np.random.default_rng(4)
     x = rng.uniform(-3, 3, (60, 2))
     S = np.exp(-0.5 * cdist(x, x, "sqeuclidean"))
-    of, L = reach.factor(S), rng.normal(size=(5, 6, 60))
+    of, L = reachability.factor(S), rng.normal(size=(5, 6, 60))
     assert of.R.shape[1] < 40
     squares, products = np.sum((L @ S) * L, axis=-1), L @ S @ np.swapaxes(L, 1, 2)
     assert (of.squares(L) >= squares).all()

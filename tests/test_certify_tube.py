@@ -9,8 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from colift import band, gp, learn
-from colift.certify import reach, tube
+from colift import gp
+from colift.certification import reachability, tube
+from colift.onboard.learning import confidence_bounds, features
 
 seeds = st.integers(0, 2**31)
 means = jax.jit(jax.vmap(gp.mean, (None, 0)))
@@ -27,7 +28,7 @@ def test_what_the_payload_s_models_see_moves_with_the_state_as_the_features_deri
     found = tube.seen(x, L)
     assert found.shape == (3, 20, 2, 4)
     for t in range(3):
-        J = jax.jacfwd(learn.payload_features)(jnp.asarray(x[t]))
+        J = jax.jacfwd(features.payload_features)(jnp.asarray(x[t]))
         np.testing.assert_allclose(found[t], np.einsum("fd,dki->fki", J, L[t]), atol=1e-9)
 
 
@@ -38,7 +39,7 @@ def test_at_rest_speeds_have_no_direction_and_no_slope():
 # How fast what is left varies -----------------------------------------------------------------------------------------
 
 
-def body(seed: int) -> tuple[reach.Body, gp.GP, np.random.Generator]:
+def body(seed: int) -> tuple[reachability.Body, gp.GP, np.random.Generator]:
     """Functions of the stated norm with labels that err by eps; the model's noise variance is not the companion's."""
     rng = np.random.default_rng(seed)
     outputs, dimensions, n = 3, 4, 10
@@ -49,9 +50,9 @@ def body(seed: int) -> tuple[reach.Body, gp.GP, np.random.Generator]:
     f = gp.expansion(hyper, centers, w * (norm / np.asarray(gp.norm(gp.expansion(hyper, centers, w))))[:, None], n)
     Y = np.asarray(means(f, jnp.asarray(X))) + eps * rng.choice([-1.0, 1.0], (n, outputs))
     model = gp.condition(X, Y, hyper, n)
-    companion = band.companion(model, "energy", norm, eps)
-    beta = np.asarray(band.factor(companion, "energy", norm, eps, 0.95))
-    return reach.Body(slice(0, outputs), model, companion, beta, norm, eps, X), f, rng
+    companion = confidence_bounds.companion(model, "energy", norm, eps)
+    beta = np.asarray(confidence_bounds.factor(companion, "energy", norm, eps, 0.95))
+    return reachability.Body(slice(0, outputs), model, companion, beta, norm, eps, X), f, rng
 
 
 def moved_by(rng: np.random.Generator, times: int) -> np.ndarray:
@@ -81,11 +82,11 @@ def test_slopes_and_displacements_are_no_wider_than_the_energy_bound_has_them(se
     """Of the same data with one weight for all labels: the trace, which is what is made small."""
     of, _, rng = body(seed)
     path = np.cumsum(rng.normal(size=(9, 4)) * 0.3, axis=0)
-    along = reach.Body(slice(0, 3), of.model, of.companion, of.beta, of.norm, of.eps, path)
+    along = reachability.Body(slice(0, 3), of.model, of.companion, of.beta, of.norm, of.eps, path)
     L, x = rng.normal(size=(5, 4, 9, 3)), rng.normal(size=(5, 4))
     ((P, _),) = tube.ellipsoids([along], [L])
     for i in range(3):
-        K = of.beta[i] ** 2 * reach.covariance(of.companion, i, path)
+        K = of.beta[i] ** 2 * reachability.covariance(of.companion, i, path)
         wide = np.einsum("tfk,kl,tel->tfe", L[..., i], K, L[..., i])
         taken = (np.asarray(of.model.hyper.lengthscales) ** -2.0).mean(0)
         trace, widest = (np.einsum("tff,f->t", each, taken) for each in (P[i], wide))
@@ -97,7 +98,7 @@ def test_slopes_and_displacements_are_no_wider_than_the_energy_bound_has_them(se
             continue
         h = 1e-4
         ends = x[t] + h * np.concatenate([np.eye(4), -np.eye(4)])
-        C = reach.covariance(of.companion, 0, ends)
+        C = reachability.covariance(of.companion, 0, ends)
         D = np.concatenate([np.eye(4), -np.eye(4)], axis=1) / (2 * h)
         wide = of.beta[0] ** 2 * D @ C @ D.T
         assert np.trace(S[t] @ M[t] @ S[t].T) <= np.trace(wide @ M[t]) * (1 + 1e-4)
@@ -112,7 +113,7 @@ def test_the_bound_is_reached_where_there_are_no_data():
     f = gp.expansion(hyper, ends, [[1.0, -1.0]])
     f = gp.expansion(hyper, ends, norm / float(gp.norm(f)[0]) * np.array([[1.0, -1.0]]))
     values = np.asarray(means(f, jnp.asarray(ends)))
-    of = reach.Body(slice(0, 1), prior, prior, np.array([norm]), norm, np.array([0.1]), ends)
+    of = reachability.Body(slice(0, 1), prior, prior, np.array([norm]), norm, np.array([0.1]), ends)
     slope = float(values[0, 0] - values[1, 0]) / (2 * h)
     S, g = tube.slopes(of, 0, np.zeros((1, 2)), np.eye(2)[None])
     assert slope == pytest.approx(np.linalg.norm(S[0] @ np.array([ls[0], 0.0])), rel=1e-4)
@@ -135,7 +136,7 @@ def test_what_the_unknown_on_the_path_makes_of_the_features_is_within_its_ellips
     """In every direction and through every slope; of greatest eigenvalues the bound is a third above at most."""
     of, f, rng = body(seed)
     path = np.cumsum(rng.normal(size=(9, 4)) * 0.3, axis=0)
-    along = reach.Body(slice(0, 3), of.model, of.companion, of.beta, of.norm, of.eps, path)
+    along = reachability.Body(slice(0, 3), of.model, of.companion, of.beta, of.norm, of.eps, path)
     x, L = rng.normal(size=(5, 4)), rng.normal(size=(5, 4, 9, 3))
     ((P, c),) = tube.ellipsoids([along], [L])
     left = np.asarray(means(f, jnp.asarray(path)) - means(of.model, jnp.asarray(path)))

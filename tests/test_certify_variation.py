@@ -11,8 +11,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from colift import gp, simulate
-from colift.certify import certificate, variation
+from colift import gp
+from colift.certification import certificate, linearized_trajectory
+from colift.closed_loop import flight, signals, simulator
 from tests.certified_flights import LAST, late, made
 from tests.paper_flights import with_world
 
@@ -26,17 +27,17 @@ def test_under_its_own_oracles_at_their_times_a_flight_is_the_flight():
     """Without noise, and without a school; labels alone differ, which nobody hears."""
     of = made()
     plan = dataclasses.replace(of.plan, updates=())
-    rows, loops = variation.flown(plan, of.flight.held, [0, 1000])
+    rows, loops = linearized_trajectory.flown(plan, of.flight.held, [0, 1000])
     for name in ("e_p", "e_omega", "u", "lam", "f_L_hat", "f_x_hat", "tau_r"):
         np.testing.assert_array_equal(getattr(rows, name), getattr(of.flight.rows, name), err_msg=name)
     assert [int(loop.tick) for loop in loops] == [0, 1000]
 
 
-def unknown(of: object, rows: simulate.Row) -> np.ndarray:
+def unknown(of: object, rows: signals.Row) -> np.ndarray:
     """`f~` at the states of a flight: the drawn forces less the last oracle's means, (ticks, inputs)."""
     (function,), oracle = of.plan.world.sources.functions, of.flight.oracle
     truth, means = function.oracle, jax.jit(jax.vmap(gp.mean, (None, 0)))
-    x, (agents,) = simulate.inputs(of.plan.world.team, rows)
+    x, (agents,) = signals.inputs(of.plan.world.team, rows)
     first = oracle.features.payload(jnp.asarray(x))
     parts = [means(truth.payload, first) - means(oracle.payload, first)]
     for j in range(agents.shape[1]):
@@ -52,7 +53,7 @@ def test_what_the_unknown_forces_bring_about_is_their_sum_with_the_weights(fligh
     loop, names = of.loop, ("e_p", "e_v", "e_R", "e_omega", "u")
     at = np.arange(10, len(loop.nodes), 7)
     told = np.einsum(
-        "trki,ki->tr", variation.weights(loop, loop.of(*names), at), unknown(of, of.flight.rows)[loop.nodes]
+        "trki,ki->tr", linearized_trajectory.weights(loop, loop.of(*names), at), unknown(of, of.flight.rows)[loop.nodes]
     )
     ticks = loop.nodes[at]
     found = [np.asarray(getattr(of.flight.rows, name) - getattr(loop.rows, name))[ticks] for name in names]
@@ -66,18 +67,18 @@ def test_nothing_else_that_a_loop_remembers_moves_a_command_or_the_plant():
     of = made()
     plan = dataclasses.replace(certificate.under(of.plan, of.flight.oracle), duration=8.0)
     nodes = np.array([1500])
-    rows, (loop,) = variation.flown(plan, of.flight.held, nodes)
+    rows, (loop,) = linearized_trajectory.flown(plan, of.flight.held, nodes)
     setup = dataclasses.replace(plan.setup, pilot=dataclasses.replace(plan.pilot, oracle=of.flight.oracle))
     rng = np.random.default_rng(0)
     other = jax.tree.map(lambda x: x + rng.normal(size=x.shape) if x.dtype == float else x, loop)
-    other = variation._with(other, variation._moving(loop))
+    other = linearized_trajectory._with(other, linearized_trajectory._moving(loop))
     warm = {"silent": loop.memory.estimator.silent, "warm": loop.memory.estimator.warm}
     memory = dataclasses.replace(other.memory, estimator=dataclasses.replace(other.memory.estimator, **warm))
     memory = dataclasses.replace(memory, ticks=loop.memory.ticks, recorder=loop.memory.recorder)
     other = dataclasses.replace(other, memory=memory)
-    quiet = jax.tree.map(jnp.zeros_like, plan.world.draw(jax.random.key(0), simulate.chunk(plan)))
-    (a, seen), (b, same) = (simulate.advance(setup, one, quiet, jnp.asarray(3)) for one in (loop, other))
-    jax.tree.map(np.testing.assert_array_equal, variation._moving(a), variation._moving(b))
+    quiet = jax.tree.map(jnp.zeros_like, plan.world.draw(jax.random.key(0), flight.chunk(plan)))
+    (a, seen), (b, same) = (simulator.advance(setup, one, quiet, jnp.asarray(3)) for one in (loop, other))
+    jax.tree.map(np.testing.assert_array_equal, linearized_trajectory._moving(a), linearized_trajectory._moving(b))
     np.testing.assert_array_equal(seen.u, same.u)
     assert not np.array_equal(a.memory.estimator.known, b.memory.estimator.known)
     np.testing.assert_array_equal(seen.p[0], rows.p[1500])
@@ -93,13 +94,13 @@ def test_what_noise_brings_about_has_the_deviations_that_are_told():
     sensors = dataclasses.replace(of.plan.world.sensors, **noisy)
     schedule = of.flight.held
     plan = with_world(certificate.under(of.plan, of.flight.oracle), sensors=sensors)
-    loop = variation.along(plan, schedule, noisy=True)
+    loop = linearized_trajectory.along(plan, schedule, noisy=True)
     np.testing.assert_array_equal(loop.rows.p, of.loop.rows.p)
     plan = dataclasses.replace(plan, pilot=dataclasses.replace(plan.pilot, oracle=of.flight.oracle))
-    flown = [simulate.fly_plan(dataclasses.replace(plan, seed=seed)).rows for seed in range(3)]
-    alone, _ = variation.flown(plan, [dataclasses.replace(of.flight.held[-1], first=0)])
+    flown = [flight.fly_plan(dataclasses.replace(plan, seed=seed)).rows for seed in range(3)]
+    alone, _ = linearized_trajectory.flown(plan, [dataclasses.replace(of.flight.held[-1], first=0)])
     for name in certificate.ERRORS:
-        told = variation.deviations(loop, loop.of(name))[loop.t > 5]
+        told = linearized_trajectory.deviations(loop, loop.of(name))[loop.t > 5]
         seen = np.concatenate([np.asarray(getattr(rows, name) - getattr(alone, name))[rows.t > 5] for rows in flown])
         ratio = np.sqrt((seen**2).mean() / (told**2).mean())
         assert 0.8 < ratio < 1.25, name
@@ -109,18 +110,20 @@ def test_a_twin_that_meets_a_limit_has_no_variation():
     of = made()
     plan = certificate.under(of.plan, of.flight.oracle)
     near = dataclasses.replace(plan, limits=dataclasses.replace(plan.limits, distance=jnp.asarray(1e-4)))
-    with pytest.raises(variation.Ended, match=r"the twin ended at t = .* s: distance"):
-        variation.flown(near, of.flight.held)
+    with pytest.raises(linearized_trajectory.Ended, match=r"the twin ended at t = .* s: distance"):
+        linearized_trajectory.flown(near, of.flight.held)
 
 
 # Against the recursion ------------------------------------------------------------------------------------------------
 
 
-def system(rng: np.random.Generator, nodes: int = 9, n: int = 5, m: int = 3, r: int = 4) -> variation.Variation:
+def system(
+    rng: np.random.Generator, nodes: int = 9, n: int = 5, m: int = 3, r: int = 4
+) -> linearized_trajectory.Variation:
     """A random one, whose outputs are named a and b."""
     A, B = rng.normal(size=(nodes - 1, n, n)) / n, rng.normal(size=(nodes - 1, 2, n, m))
     half = rng.normal(size=(nodes - 1, n, n))
-    return variation.Variation(
+    return linearized_trajectory.Variation(
         schedule=(),
         rows=made().loop.rows,  # of which nothing is asked
         nodes=np.arange(nodes),
@@ -146,7 +149,7 @@ def test_weights_are_what_the_recursion_gives(seed):
         if k < 8:
             x = of.A[k] @ x + of.B[k, 0] @ f[k] + of.B[k, 1] @ f[k + 1]
     at = np.sort(rng.choice(9, 4, replace=False))
-    L = variation.weights(of, of.of("b"), at)
+    L = linearized_trajectory.weights(of, of.of("b"), at)
     np.testing.assert_allclose(np.einsum("trki,ki->tr", L, f), np.array(y)[at][:, 1:], atol=1e-12)
 
 
@@ -154,7 +157,7 @@ def test_weights_are_what_the_recursion_gives(seed):
 @settings(max_examples=12)
 def test_deviations_are_those_of_the_dense_covariance(seed):
     of = system(np.random.default_rng(seed))
-    for k, told in enumerate(variation.deviations(of, of.of("a", "b"))):
+    for k, told in enumerate(linearized_trajectory.deviations(of, of.of("a", "b"))):
         total, onward = np.zeros((4, 4)), np.eye(5)
         for j in reversed(range(k)):
             total += of.C[k] @ onward @ of.N[j] @ onward.T @ of.C[k].T
@@ -168,7 +171,7 @@ def test_a_stride_is_its_ticks_one_after_another(seed, ticks):
     """With derivatives that go straight from one to the other, and an unknown that does."""
     rng, n, m = np.random.default_rng(seed), 4, 2
     first, last = rng.normal(size=(2, n, n + m + 3)) / n
-    A, B, N = variation._stride(first, last, ticks, n, m)
+    A, B, N = linearized_trajectory._stride(first, last, ticks, n, m)
     x0, f = rng.normal(size=n), rng.normal(size=(2, m))
     x, P = x0, np.zeros((n, n))
     for j in range(ticks):

@@ -12,22 +12,23 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from colift import checkup, modes, scenario, starter, study
-from colift.__main__ import app
-from colift.scenario import Settings, limits, roster, starts
+from colift import scenario
+from colift.analysis import preflight, stability
+from colift.cli.app import app
+from colift.scenario import Settings, experiment, initial_states, team, template, termination
 from tests import light
 
 NO_WIND = {"disturbances": ()}
 
 
 @functools.cache
-def found(name: str) -> checkup.Checkup:
+def found(name: str) -> preflight.Checkup:
     """Of the smallest team; with one gain that its sampled loop does not bear."""
     control = light.SAMPLE.control.model_copy(update={"agent_k_omega": 40.0} if name == "wild" else {})
-    return checkup.check(light.settings(control=control))
+    return preflight.check(light.settings(control=control))
 
 
-def finding(of: checkup.Checkup, subject: str) -> checkup.Finding:
+def finding(of: preflight.Checkup, subject: str) -> preflight.Finding:
     (one,) = [each for each in of.findings if each.subject == subject]
     return one
 
@@ -70,10 +71,10 @@ def test_a_mode_that_grows_is_bad_and_the_change_that_is_said_steadies_it():
 
 @pytest.mark.long
 def test_too_little_delay_margin_is_bad_with_the_gain_that_gives_more(monkeypatch: pytest.MonkeyPatch):
-    every = list(checkup._gains(light.settings()))
-    monkeypatch.setattr(checkup, "DELAY_LEAST", 0.02)
-    monkeypatch.setattr(checkup, "_gains", lambda _: [each for each in every if "agent_k_omega" in each[0]])
-    late = finding(checkup.check(light.settings()), "delay")
+    every = list(preflight._gains(light.settings()))
+    monkeypatch.setattr(preflight, "DELAY_LEAST", 0.02)
+    monkeypatch.setattr(preflight, "_gains", lambda _: [each for each in every if "agent_k_omega" in each[0]])
+    late = finding(preflight.check(light.settings()), "delay")
     margin = re.fullmatch(r"--set control\.agent_k_omega=19\.6 makes it (\S+) s", late.advice[0])
     assert margin
     assert float(margin[1]) > late.numbers["margin_s"]
@@ -83,8 +84,8 @@ def test_a_delay_margin_that_is_not_known_is_said_and_not_called_bad(monkeypatch
     def unknown(*_: object) -> None:
         raise ValueError("what the pilot remembers does not move every command by itself")
 
-    monkeypatch.setattr(modes, "delay_margin", unknown)
-    said = checkup._delay(light.settings(), {}, np.eye(1), print)
+    monkeypatch.setattr(stability, "delay_margin", unknown)
+    said = preflight._delay(light.settings(), {}, np.eye(1), print)
     assert said.says.endswith("is not known: what the pilot remembers does not move every command by itself")
     assert (said.advice, said.numbers) == ((), {"margin_s": None})
 
@@ -93,19 +94,19 @@ def test_the_thrust_along_a_reference_that_stands_still_is_that_of_hovering():
     still = light.settings(
         reference=light.SAMPLE.reference.model_copy(update={"amplitude_m": (0.0, 0.0, 0.0)}), **NO_WIND
     )
-    plan = study.plan(still, "C1")
+    plan = experiment.plan(still, "C1")
     truth = plan.world.team
-    path = checkup.thrust_along(plan, starts.at_rest(still, truth), np.array([0.0, 7.0]))
-    hover = limits.hover(still, truth, plan.pilot, plan.world.sources)
+    path = preflight.thrust_along(plan, initial_states.at_rest(still, truth), np.array([0.0, 7.0]))
+    hover = termination.hover(still, truth, plan.pilot, plan.world.sources)
     np.testing.assert_allclose(path, [hover, hover], rtol=1e-12)
 
 
 def test_the_thrust_along_a_reference_lifts_all_masses_as_the_payload_moves():
     up = light.SAMPLE.reference.model_copy(update={"amplitude_m": (0.0, 0.0, 0.3), "swing_deg": (0.0, 0.0, 0.0)})
     settings = light.settings(reference=up, **NO_WIND)
-    plan = study.plan(settings, "C1")
+    plan = experiment.plan(settings, "C1")
     t = np.linspace(0, 10, 7)
-    need = checkup.thrust_along(plan, starts.at_rest(settings, plan.world.team), t).sum(1)
+    need = preflight.thrust_along(plan, initial_states.at_rest(settings, plan.world.team), t).sum(1)
     a = np.array([plan.pilot.path.at(jnp.asarray(x)).a[2] for x in t])
     np.testing.assert_allclose(need, 6.0 * (9.81 + a), rtol=1e-9)
     assert np.ptp(a) > 0.1
@@ -117,8 +118,8 @@ def heavier(kg: float) -> Settings:
 
 
 def test_little_thrust_is_bad_with_how_much_it_should_be(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(modes, "monodromy", no_rest)
-    seen = checkup.check(heavier(7.0))
+    monkeypatch.setattr(stability, "monodromy", no_rest)
+    seen = preflight.check(heavier(7.0))
     thrust = finding(seen, "thrust")
     assert [line.split(":")[0] for line in thrust.advice] == ["hover", "reference"]
     need = max(thrust.numbers["hover_N"].values())
@@ -128,32 +129,35 @@ def test_little_thrust_is_bad_with_how_much_it_should_be(monkeypatch: pytest.Mon
 
 def test_a_team_that_has_no_thrust_to_spare_is_not_told_to_share_it_or_to_fly_slower(monkeypatch: pytest.MonkeyPatch):
     """Where hover leaves less than is asked of all thrust together no place of contacts helps, and no reference."""
-    monkeypatch.setattr(modes, "monodromy", no_rest)
+    monkeypatch.setattr(stability, "monodromy", no_rest)
     limits = light.SAMPLE.limits.model_copy(update={"thrust_margin": 0.3})
-    few = checkup.check(heavier(7.0).model_copy(update={"limits": limits}))
+    few = preflight.check(heavier(7.0).model_copy(update={"limits": limits}))
     hover, reference = finding(few, "thrust").advice
     assert "lower payload.mass_kg, or add an agent" in hover
     assert not any(word in line for word in ("contacts", "slower") for line in (hover, reference))
 
 
 def test_what_is_alike_in_a_team_is_said_once():
-    many = scenario.parse(starter.text("many", 12, 0), "many.yaml")
-    said = checkup._mass(many, *roster.team(many)).says
+    many = scenario.parse(template.text("many", 12, 0), "many.yaml")
+    said = preflight._mass(many, *team.team(many)).says
     assert "12 agents from agent_1 to agent_12 of 1.5 kg each" in said
 
 
 def test_arms_that_hang_straight_over_their_contacts_are_told_contacts_that_bend_them(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(modes, "monodromy", no_rest)
+    monkeypatch.setattr(stability, "monodromy", no_rest)
     changes = [f"agent_types.two_arms.joints.{joint}.rest_rad=0" for joint in ("left", "right")]
     changes += [f"agents.{name}.contacts_m=[[{x}, 0.08, 0.05], [{x}, -0.08, 0.05]]" for name, x in CONTACTS.items()]
-    refused = finding(checkup.check(scenario.load("paper", changes)), "refused")
+    refused = finding(preflight.check(scenario.load("paper", changes)), "refused")
     assert "front: grasp Jacobian is nearly singular" in refused.says
     (advice,) = refused.advice
     better = re.findall(r"--set '([^']*)'", advice)
     assert len(better) == 2
     settings = scenario.load("paper", [*changes, *better])
-    truth, _ = roster.team(settings)
-    assert max(checkup._conditions(settings, truth, starts.at_rest(settings, truth)).values()) < checkup.JACOBIAN_MOST
+    truth, _ = team.team(settings)
+    assert (
+        max(preflight._conditions(settings, truth, initial_states.at_rest(settings, truth)).values())
+        < preflight.JACOBIAN_MOST
+    )
 
 
 CONTACTS = {"front": 0.5, "rear": -0.5}
@@ -162,12 +166,12 @@ CONTACTS = {"front": 0.5, "rear": -0.5}
 def test_agents_whose_stated_rest_is_straight_follow_no_rate_of_labels():
     changes = [f"agent_types.two_arms.joints.{joint}.rest_rad=0" for joint in ("left", "right")]
     straight = scenario.load("paper", changes)  # their contacts bend them: the team can be built
-    (said,) = checkup._labels(straight, roster.team(straight)[1])
+    (said,) = preflight._labels(straight, team.team(straight)[1])
     assert "front has straight arms where its joints are stated to rest" in said.says
     assert "follow none" in said.says
     json.dumps(said.numbers, allow_nan=False)
     falling = scenario.load("paper", ["gravity_mps2=[0, 0, 0]"])
-    (said,) = checkup._labels(falling, roster.team(falling)[1])
+    (said,) = preflight._labels(falling, team.team(falling)[1])
     assert "front has no weight" in said.says
 
 
@@ -176,25 +180,25 @@ def no_rest(*_: object) -> None:
 
 
 def test_what_cannot_be_built_is_said_with_what_to_change():
-    refused = checkup.check(heavier(20.0))
+    refused = preflight.check(heavier(20.0))
     assert "cannot hover" in finding(refused, "refused").says
     assert "thrust_max_N" in finding(refused, "refused").advice[0]
     agents = [
         agent.model_copy(update={"contacts_m": ((x, 0.02 * (x == 0.0), 0.03),)})
         for agent, x in zip(light.settings().agents, (0.4, 0.0, -0.4), strict=True)
     ]
-    line = finding(checkup.check(light.settings(agents=agents)), "contacts")
-    assert line.numbers["condition"] > checkup.CONDITION_MOST
+    line = finding(preflight.check(light.settings(agents=agents)), "contacts")
+    assert line.numbers["condition"] > preflight.CONDITION_MOST
     assert "move n1/hook away from it" in line.advice[0]
 
 
 def test_joints_near_a_singular_grasp_are_named(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(modes, "monodromy", no_rest)
+    monkeypatch.setattr(stability, "monodromy", no_rest)
     change = "agent_types.two_arms.joints.1.rest_rad=0.03", "agent_types.two_arms.joints.2.rest_rad=-0.03"
     contacts = [f"agents.{i}.contacts_m=[[{x}, 0.089, 0.05], [{x}, -0.089, 0.05]]" for i, x in ((0, 0.5), (1, -0.5))]
     settings = scenario.load("paper", (*change, *contacts))
-    joints = finding(checkup.check(settings), "joints")
-    assert joints.numbers["condition"]["front"] > checkup.JACOBIAN_MOST
+    joints = finding(preflight.check(settings), "joints")
+    assert joints.numbers["condition"]["front"] > preflight.JACOBIAN_MOST
     assert re.match(r"front: turn the rest of joint \w+ away from \S+ \(agent_types.two_arms.joints", joints.advice[0])
 
 
@@ -203,7 +207,7 @@ def test_the_command_prints_the_findings_and_its_status_says_whether_all_is_soun
     *rest, last = good.findings
     bad = dataclasses.replace(good, findings=(*rest, dataclasses.replace(last, advice=("another gain",))))
     for here, status in [(good, 0), (bad, 1)]:
-        monkeypatch.setattr(checkup, "check", lambda _settings, _say, here=here: here)
+        monkeypatch.setattr(preflight, "check", lambda _settings, _say, here=here: here)
         said = CliRunner().invoke(app, ["check", "paper"])
         assert said.exit_code == status
         assert said.stdout.splitlines() == here.lines()
@@ -214,28 +218,28 @@ def test_the_command_prints_the_findings_and_its_status_says_whether_all_is_soun
     assert CliRunner().invoke(app, ["check", "paper", "--set", "payload.mass_kg=x"]).exit_code == 2
 
 
-def moving(rate: float, joint: float, load: float) -> modes.Modes:
+def moving(rate: float, joint: float, load: float) -> stability.Modes:
     """Two modes: the payload's at 2 1/s, and one at a rate that moves a joint of `beam` and the payload so far."""
     joints = np.zeros((2, 12))
     joints[:, 4] = 0.1, joint
     payload = np.zeros((2, 6))
     payload[:, 3] = 1.0, load
-    return modes.Modes(
+    return stability.Modes(
         eigenvalues=np.array([-2.0, -rate + 1j]), payload=payload, attitude=np.zeros((2, 4, 3)), joints=joints
     )
 
 
 def test_joints_beyond_need_that_return_too_slowly_are_bad_and_named(monkeypatch):
     beam, say = scenario.load("beam", ("control.posture=5",)), lambda _what: None
-    monkeypatch.setattr(checkup, "_quicker", lambda _settings, rate, joint, _say: (f"{rate} {joint}",))
-    (slow,) = checkup._posture(beam, moving(2.4, 1.0, 0.1), say)
+    monkeypatch.setattr(preflight, "_quicker", lambda _settings, rate, joint, _say: (f"{rate} {joint}",))
+    (slow,) = preflight._posture(beam, moving(2.4, 1.0, 0.1), say)
     assert slow.says == "joints beyond need return at 2.4 1/s, slowest agent_2/shoulder; control.posture = 5"
     assert slow.advice == ("2.4 agent_2/shoulder",)
-    (fast,) = checkup._posture(beam, moving(2.6, 1.0, 0.1), say)
+    (fast,) = preflight._posture(beam, moving(2.6, 1.0, 0.1), say)
     assert fast.advice == ()
-    assert not list(checkup._posture(beam, moving(0.1, 1.0, 1.0), say))  # the payload's own: its gains are to blame
-    assert not list(checkup._posture(scenario.load("paper"), moving(0.1, 1.0, 0.1), say))
-    (held,) = checkup._posture(scenario.load("beam", ("control.posture=0",)), moving(2.6, 1.0, 0.1), say)
+    assert not list(preflight._posture(beam, moving(0.1, 1.0, 1.0), say))  # the payload's own: its gains are to blame
+    assert not list(preflight._posture(scenario.load("paper"), moving(0.1, 1.0, 0.1), say))
+    (held,) = preflight._posture(scenario.load("beam", ("control.posture=0",)), moving(2.6, 1.0, 0.1), say)
     assert held.advice
 
 
@@ -255,22 +259,22 @@ def test_what_lets_joints_return_sooner_is_tried(monkeypatch, rates, advice):
     """First what reaches half of what is stated; else what is sooner than now."""
     beam = scenario.load("beam", ("control.posture=5", "control.agent_k_R=250", "control.agent_k_omega=28"))
 
-    def at_rest(changed: scenario.Settings) -> modes.Modes:
+    def at_rest(changed: scenario.Settings) -> stability.Modes:
         rate = rates(changed.control, changed.agent_types != beam.agent_types)
         if np.isnan(rate):
             raise ValueError("no rest")
         return moving(rate, 1.0, 0.1)
 
-    monkeypatch.setattr(checkup, "_at_rest", at_rest)
-    said = checkup._quicker(beam, 1.0, "agent_2/shoulder", lambda _what: None)
+    monkeypatch.setattr(preflight, "_at_rest", at_rest)
+    said = preflight._quicker(beam, 1.0, "agent_2/shoulder", lambda _what: None)
     assert len(said) == len(advice)
     assert all(part in line for part, line in zip(advice, said, strict=True))
 
 
 def test_agents_that_hear_themselves_are_named_and_others_are_not():
     quiet, loud = scenario.load("trio"), scenario.load("seven")
-    assert not list(checkup._labels(quiet, roster.team(quiet)[1]))
-    (said,) = checkup._labels(loud, roster.team(loud)[1])
+    assert not list(preflight._labels(quiet, team.team(quiet)[1]))
+    (said,) = preflight._labels(loud, team.team(loud)[1])
     assert (
         said.says == "agent_1 hears 0.78 of its own motion: F, H and C4 follow 43% of its labels' rate, and gusts later"
     )

@@ -10,18 +10,20 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from colift import reference, simulate, so3
+from colift.closed_loop import flight, signals
+from colift.math import so3
+from colift.trajectories import base
 from tests import paper_flights as paper
 
 
 @functools.cache
-def flown() -> tuple[simulate.Plan, simulate.Row]:
+def flown() -> tuple[flight.Plan, signals.Row]:
     """Two seconds of C1 with sensors that see the truth, so that the leader acts on the true errors."""
     plan = paper.exact(paper.plan("C1"))
     return plan, paper.fly(plan, 2.0).rows
 
 
-def setpoints(plan: simulate.Plan, rows: simulate.Row) -> reference.Setpoint:
+def setpoints(plan: flight.Plan, rows: signals.Row) -> base.Setpoint:
     return jax.vmap(plan.pilot.path.at)(jnp.asarray(rows.t))
 
 

@@ -13,9 +13,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from colift import agent as ag
-from colift import control, dynamics, grasp, reference, so3
-from colift.model import AgentForce, PayloadState, Residual, State, Team, Tree, Wrench
+from colift.math import so3
+from colift.models import aerial_manipulator, grasp
+from colift.models.parameters import Team, Tree
+from colift.models.state import AgentForce, PayloadState, Residual, State, Wrench
+from colift.onboard.control import attitude as attitude_module
+from colift.onboard.control import preview, realization, redundancy, setpoints, tracking
+from colift.simulation import contact_dynamics
+from colift.trajectories import base
 from tests import teams
 from tests.pinocchio_team import PinocchioTeam
 
@@ -26,7 +31,7 @@ STRUCTURES = [
     ((teams.SLIDING_ARM, 2), (teams.SLIDING_ARMS, 1)),
     ((teams.WAIST_TWO_ARMS, 1), (teams.CHAIN, 1), (teams.SEVEN, 1)),
 ]
-GAINS = control.Gains(
+GAINS = tracking.Gains(
     K_p=jnp.diag(jnp.array([5.0, 6, 7])),
     K_v=jnp.diag(jnp.array([4.0, 5, 6])),
     k_R=jnp.array(60.0),
@@ -36,16 +41,16 @@ GAINS = control.Gains(
     posture=jnp.array(2.0),
 )
 ROUNDING = 1e-7  # joints beyond need are shared out by weights of 1e-4 to 1e2, which costs six digits
-accelerate = jax.jit(dynamics.accelerate)
-attitude = jax.jit(control.attitude)
+accelerate = jax.jit(contact_dynamics.accelerate)
+attitude = jax.jit(attitude_module.attitude)
 
 
 @jax.jit
 @functools.partial(jax.vmap, in_axes=(0, None, None, 0, None, None, 0, 0))
 def realize(agent, gains, gravity, q, load, to, share, f):
     """As the paper has it, its attitude included."""
-    turn = control.aligned(agent, gravity, to, share, f)
-    return control.realize(agent, gains, gravity, q, load, to, share, f, turn)
+    turn = attitude_module.aligned(agent, gravity, to, share, f)
+    return realization.realize(agent, gains, gravity, q, load, to, share, f, turn)
 
 
 @dataclasses.dataclass
@@ -54,8 +59,8 @@ class Task:
 
     team: Team
     z: State
-    to: control.Command
-    shares: tuple[control.Share, ...]
+    to: tracking.Command
+    shares: tuple[setpoints.Share, ...]
     f: Residual
 
 
@@ -68,14 +73,14 @@ def task(seed: int, structure: tuple) -> Task:
     for size, group in zip(team.sizes, team.groups, strict=True):
         n, n_r = group.tree.arms, group.tree.joints
         lam = 5 * draw(size, n, 3)
-        shares.append(control.Share(lam=lam, lam_dot=draw(size, n, 3), heading=draw(size), rest=draw(size, n_r)))
+        shares.append(setpoints.Share(lam=lam, lam_dot=draw(size, n, 3), heading=draw(size), rest=draw(size, n_r)))
         forces.append(AgentForce(f_x=draw(size, 3), f_w=0.1 * draw(size, 3), f_r=0.1 * draw(size, n_r)))
     load = Wrench(F=draw(3), tau=0.1 * draw(3))
     # Newton and Euler for the payload, in plain NumPy
     R, w, J = (np.asarray(x) for x in (z.payload.R, z.payload.omega, team.payload.inertia))
     lam = np.concatenate([np.asarray(s.lam).reshape(-1, 3) for s in shares])
     moment = np.cross(np.asarray(grasp.contacts(team)), lam @ R).sum(0) + load.tau - np.cross(w, J @ w)
-    to = control.Command(
+    to = tracking.Command(
         a=team.gravity + (jnp.array(lam.sum(0)) + load.F) / team.payload.mass,
         alpha=jnp.array(np.linalg.solve(J, moment)),
         jerk=draw(3),
@@ -83,7 +88,7 @@ def task(seed: int, structure: tuple) -> Task:
     return Task(team=team, z=z, to=to, shares=tuple(shares), f=Residual(agents=tuple(forces), payload=load))
 
 
-def commands(job: Task, gains: control.Gains = GAINS) -> tuple:
+def commands(job: Task, gains: tracking.Gains = GAINS) -> tuple:
     """What `realize` asks of every agent."""
     team, z = job.team, job.z
     return tuple(
@@ -101,7 +106,7 @@ def pushed(job: Task, d: list[np.ndarray]) -> Residual:
     return dataclasses.replace(job.f, agents=agents)
 
 
-def aligned(job: Task, inputs: tuple) -> tuple[dynamics.Acceleration, np.ndarray, np.ndarray]:
+def aligned(job: Task, inputs: tuple) -> tuple[contact_dynamics.Acceleration, np.ndarray, np.ndarray]:
     """The plant under the lateral forces that its thrusts lack: motion, contact forces, the forces given.
 
     An aligned thrust needs none. Contact forces are affine in them, so least squares finds those that come
@@ -194,16 +199,16 @@ def test_the_lean_moves_the_centre_of_mass_as_the_posture_of_its_joints_asks(see
     agent = jax.tree.map(lambda x: x[0], teams.team(rng, ONE_ARM).groups[0])
     q = teams.agent_state(rng, teams.CHAIN, speed=0.0)
     zero, g = jnp.zeros(3), jnp.array([0.0, 0, -9.81])
-    to = control.Command(a=zero, alpha=zero, jerk=zero)
+    to = tracking.Command(a=zero, alpha=zero, jerk=zero)
     off = 0.2 * rng.normal(size=3)
-    share = control.Share(
+    share = setpoints.Share(
         lam=jnp.zeros((1, 3)), lam_dot=jnp.zeros((1, 3)), heading=jnp.array(0.4), rest=q.r - jnp.asarray(off)
     )
     none = AgentForce(f_x=zero, f_w=zero, f_r=zero)
-    turn = control.aligned(agent, g, to, share, none)
+    turn = attitude_module.aligned(agent, g, to, share, none)
     q = dataclasses.replace(q, R=turn.R)
-    p = ag.reduce(agent, ag.geometry(agent, q.r))
-    leaned, _ = control._leaned(agent, GAINS, g, q, to, share, none, p, turn)
+    p = aerial_manipulator.reduce(agent, aerial_manipulator.geometry(agent, q.r))
+    leaned, _ = redundancy._leaned(agent, GAINS, g, q, to, share, none, p, turn)
     r_dd = -(float(GAINS.posture) ** 2) * off
     lift = -np.asarray(turn.R) @ np.asarray(p.tip)[0, :, 3:] @ r_dd  # m/s^2; the tip stays
     f = lift - np.asarray(g)
@@ -219,10 +224,10 @@ def test_joints_give_way_to_what_moves_neither_tips_nor_the_centre_of_mass_and_t
     """Torques `H z` with `B z = 0` leave the motion to accelerate by z, those of forces at the tips do not."""
     job = task(seed, ((LONG_CHAIN, 1), (teams.RIGID, 2)))
     agent, q = (jax.tree.map(lambda x: x[0], groups[0]) for groups in (job.team.groups, job.z.agents))
-    p = ag.reduce(agent, ag.geometry(agent, q.r))
+    p = aerial_manipulator.reduce(agent, aerial_manipulator.geometry(agent, q.r))
     B, H = np.asarray(p.tip)[0, :, 3:], np.asarray(p.M_bar)[3:, 3:]
     z, c = np.linalg.svd(B)[2][3:].T @ np.random.default_rng(seed).normal(size=4), np.array([0.3, -0.2, 0.1])
-    give = lambda f_r: np.asarray(control._yielding(agent, p, jnp.asarray(f_r)))  # noqa: E731
+    give = lambda f_r: np.asarray(redundancy._yielding(agent, p, jnp.asarray(f_r)))  # noqa: E731
     np.testing.assert_allclose(give(H @ z + B.T @ c), z, atol=1e-8)
     np.testing.assert_allclose(B @ give(np.ones(7)), 0, atol=1e-8)
     _, missed, _ = aligned(job, commands(job))
@@ -236,11 +241,11 @@ def test_joints_of_a_planar_arm_give_way_in_its_plane():
     agent = jax.tree.map(lambda x: x[0], teams.team(rng, ((planar, 1), (teams.RIGID, 2))).groups[0])
     turned, axes = jnp.tile(jnp.eye(3), (4, 1, 1)), jnp.tile(jnp.array([0.0, 1, 0]), (4, 1))
     agent = dataclasses.replace(agent, joint_rotation=turned, joint_axis=axes)
-    p = ag.reduce(agent, ag.geometry(agent, jnp.array([0.4, -0.7, 0.5, 0.3])))
+    p = aerial_manipulator.reduce(agent, aerial_manipulator.geometry(agent, jnp.array([0.4, -0.7, 0.5, 0.3])))
     B, H = np.asarray(p.tip)[0, :, 3:], np.asarray(p.M_bar)[3:, 3:]
     assert np.abs(B[1]).max() < 1e-15
     z = np.linalg.svd(B)[2][2:].T @ np.array([1.0, -2.0])
-    np.testing.assert_allclose(control._yielding(agent, p, jnp.asarray(H @ z)), z, atol=1e-8)
+    np.testing.assert_allclose(redundancy._yielding(agent, p, jnp.asarray(H @ z)), z, atol=1e-8)
 
 
 # The leader -----------------------------------------------------------------------------------------------------------
@@ -252,9 +257,9 @@ class Pursuit:
 
     q: PayloadState
     a: jax.Array  # m/s^2, of the payload
-    d: reference.Setpoint
+    d: base.Setpoint
 
-    def after(self, h: float, alpha: jax.Array) -> tuple[PayloadState, reference.Setpoint]:
+    def after(self, h: float, alpha: jax.Array) -> tuple[PayloadState, base.Setpoint]:
         """Both, h seconds on, to second order; alpha turns the payload, rad/s^2."""
         q, d = self.q, self.d
         turned = so3.exp(h * q.omega + h * h / 2 * alpha)
@@ -278,11 +283,11 @@ def pursuit(seed: int) -> Pursuit:
     rng = np.random.default_rng(seed)
     v = lambda: jnp.array(rng.normal(size=3))  # noqa: E731
     R = lambda: so3.exp(v())  # noqa: E731
-    d = reference.Setpoint(p=v(), v=v(), a=v(), j=v(), R=R(), omega=v(), omega_dot=v())
+    d = base.Setpoint(p=v(), v=v(), a=v(), j=v(), R=R(), omega=v(), omega_dot=v())
     return Pursuit(q=PayloadState(R=R(), p=v(), omega=v(), v=v()), a=v(), d=d)
 
 
-command = jax.jit(control.command)
+command = jax.jit(tracking.command)
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -317,7 +322,7 @@ def test_the_wrench_moves_the_payload_as_commanded(seed):
     team = teams.team(rng, STRUCTURES[1])
     f = Wrench(F=jnp.array(rng.normal(size=3)), tau=jnp.array(rng.normal(size=3)))
     to = command(GAINS, of.q, of.a, of.d)
-    W = control.wrench(team.payload, team.gravity, of.q, to, f)
+    W = tracking.wrench(team.payload, team.gravity, of.q, to, f)
     J, w = np.asarray(team.payload.inertia), np.asarray(of.q.omega)
     a = (np.asarray(W.F) + f.F) / float(team.payload.mass) + team.gravity
     alpha = np.linalg.solve(J, np.asarray(W.tau) + f.tau - np.cross(w, J @ w))
@@ -349,7 +354,7 @@ def test_the_attitude_has_finite_gradients(f, heading):
     np.testing.assert_allclose(along, 0, atol=1e-9)
 
 
-gradient = jax.jit(jax.jacfwd(control.attitude))
+gradient = jax.jit(jax.jacfwd(attitude_module.attitude))
 
 
 # Looking ahead --------------------------------------------------------------------------------------------------------
@@ -360,8 +365,11 @@ def test_a_turn_has_the_rates_of_the_attitude_along_the_force(seed):
     rng = np.random.default_rng(seed)
     f = np.array([0.0, 0.0, 20.0]) + rng.normal(size=3), 5 * rng.normal(size=3), 20 * rng.normal(size=3)
     heading, h = jnp.array(rng.normal()), 1e-3
-    turn = control.turning(jnp.stack([jnp.asarray(x) for x in f]), heading)
-    R = [np.asarray(control.attitude(jnp.asarray(f[0] + s * f[1] + s**2 * f[2] / 2), heading)) for s in (-h, 0, h)]
+    turn = attitude_module.turning(jnp.stack([jnp.asarray(x) for x in f]), heading)
+    R = [
+        np.asarray(attitude_module.attitude(jnp.asarray(f[0] + s * f[1] + s**2 * f[2] / 2), heading))
+        for s in (-h, 0, h)
+    ]
     np.testing.assert_allclose(turn.R, R[1], atol=1e-14)
     turned = [np.asarray(so3.vee(jnp.asarray(b.T @ a))) for a, b in zip(R, R[::-1], strict=True)]
     np.testing.assert_allclose(turn.omega, -turned[0] / (2 * h), atol=1e-4)
@@ -380,20 +388,20 @@ def test_without_a_swing_the_rates_are_those_of_what_is_asked_ahead(seed):
     body = dataclasses.replace(body, tip=body.com[:1], contact=jnp.zeros((1, 3)))
     q = jax.tree.map(lambda x: x[0], z.agents[0])
     step, c = 0.03, rng.normal(size=(5, 3)) * np.array([1, 1, 1, 2, 6])[:, None] + [[0, 0, 20], *[[0, 0, 0]] * 4]
-    at = step * control.NODES
+    at = step * preview.NODES
     f = sum(c[k] * at[:, None] ** k for k in range(5))  # what is asked ahead, N
     asked = np.asarray(body.mass).sum() * (rng.normal(size=(5, 3)) - np.asarray(team.gravity))
     still = dataclasses.replace(z.payload, omega=jnp.zeros(3))
     load = jax.tree.map(lambda x: jnp.broadcast_to(x, (5, *x.shape)), still)
     a = asked / float(body.mass.sum()) + np.asarray(team.gravity)
-    to = jax.vmap(lambda a: control.Command(a=a, alpha=jnp.zeros(3), jerk=jnp.zeros(3)))(jnp.asarray(a))
+    to = jax.vmap(lambda a: tracking.Command(a=a, alpha=jnp.zeros(3), jerk=jnp.zeros(3)))(jnp.asarray(a))
     none = AgentForce(f_x=jnp.zeros(3), f_w=jnp.zeros(3), f_r=jnp.zeros(0))
-    share = control.Share(
+    share = setpoints.Share(
         lam=jnp.asarray((f - asked)[2:3]), lam_dot=jnp.zeros((1, 3)), heading=jnp.array(0.3), rest=jnp.zeros(0)
     )
-    ahead = control.Ahead(step=jnp.array(step), load=load, to=to, f=jnp.asarray(f))
+    ahead = preview.Ahead(step=jnp.array(step), load=load, to=to, f=jnp.asarray(f))
     now = jax.tree.map(lambda x: x[2], to)
-    turn = control.anticipated(body, team.gravity, q, now, share, none, ahead)
-    expected = control.turning(jnp.asarray(np.stack([c[0], c[1], 2 * c[2]])), share.heading)
+    turn = preview.anticipated(body, team.gravity, q, now, share, none, ahead)
+    expected = attitude_module.turning(jnp.asarray(np.stack([c[0], c[1], 2 * c[2]])), share.heading)
     for name in ("R", "omega", "omega_dot"):
         np.testing.assert_allclose(getattr(turn, name), getattr(expected, name), atol=1e-7, err_msg=name)

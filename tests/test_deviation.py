@@ -11,10 +11,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from colift import agent as ag
-from colift import deviation, grasp, scenario
-from colift.deviation import Biases, Walk
-from colift.model import State, Team, flat_agent
+from colift import scenario
+from colift.models import aerial_manipulator, grasp
+from colift.models.parameters import Team
+from colift.models.state import State, flat_agent
+from colift.onboard.learning import prediction_uncertainty
+from colift.onboard.learning.prediction_uncertainty import Biases, Walk
 from colift.scenario import assumptions
 from tests import teams
 
@@ -37,7 +39,7 @@ def test_the_deviation_of_a_payload_s_label_is_that_of_drawn_biases(seed, case):
     a = 0.2 * rng.normal(size=(DRAWS, 3))
     F = m * a - b.sum(1)
     tau = -np.cross(c, b @ R).sum(1)
-    found = deviation.of_payload_labels(team, Biases(tips=Walk(1.0), payload=Walk(0.2)), np.zeros(1))[0]
+    found = prediction_uncertainty.of_payload_labels(team, Biases(tips=Walk(1.0), payload=Walk(0.2)), np.zeros(1))[0]
     np.testing.assert_allclose(np.concatenate([F, tau], axis=1).std(0), found, rtol=0.1)
 
 
@@ -48,11 +50,13 @@ def test_the_deviation_of_an_agent_s_label_is_that_of_drawn_biases(seed, case):
     team, z = team_and_state(rng, case)
     for group, q in zip(team.groups, z.agents, strict=True):
         x = jax.vmap(flat_agent)(q)[None]
-        levers = [np.asarray(each) for each in deviation._levers(group, x)]
-        found = deviation.of_agent_labels(Biases(tips=Walk(0.1), agents=Walk(0.2)), np.zeros(1), *levers)[0]
+        levers = [np.asarray(each) for each in prediction_uncertainty._levers(group, x)]
+        found = prediction_uncertainty.of_agent_labels(Biases(tips=Walk(0.1), agents=Walk(0.2)), np.zeros(1), *levers)[
+            0
+        ]
         for j in range(len(q.r)):
             one = jax.tree.map(lambda leaf, j=j: leaf[j], group)
-            p = ag.reduce(one, ag.geometry(one, q.r[j]))
+            p = aerial_manipulator.reduce(one, aerial_manipulator.geometry(one, q.r[j]))
             b = 0.1 * rng.normal(size=(DRAWS, one.tree.arms, 3))
             moment = np.einsum("aik,nai->nk", np.asarray(p.tip), b)
             force = b.sum(1) + 0.2 * float(p.mass) * rng.normal(size=(DRAWS, 3))

@@ -14,16 +14,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from colift import disturbance, gp, learn
-from colift.model import PayloadState, State
-from colift.pytree import pytree
+from colift import gp
+from colift.math.pytree import pytree
+from colift.models.state import PayloadState, State
+from colift.onboard.learning import residual_model
+from colift.simulation import disturbances
 from tests import teams
 from tests.pinocchio_team import take
 
 STRUCTURE = ((teams.SEVEN, 2),)
 seeds = st.integers(0, 10**6)
-forces = jax.jit(disturbance.at_start)
-on_payload = jax.jit(lambda mounts, q: disturbance.on_payload(mounts, q, NOW, tuple(m.law.begin() for m in mounts)))
+forces = jax.jit(disturbances.at_start)
+on_payload = jax.jit(lambda mounts, q: disturbances.on_payload(mounts, q, NOW, tuple(m.law.begin() for m in mounts)))
 NOW = jnp.zeros(())
 
 
@@ -37,27 +39,27 @@ def scalar(rng: np.random.Generator) -> jax.Array:
     return jnp.array(rng.uniform(0.5, 2))
 
 
-def wind(rng: np.random.Generator) -> disturbance.Wind:
+def wind(rng: np.random.Generator) -> disturbances.Wind:
     """Drag in a field with two gusts."""
     gust, wave = (jnp.array(rng.normal(size=(2, 3))) for _ in range(2))
     phase = jnp.array(rng.normal(size=2))
     linear, quadratic = scalar(rng), scalar(rng)
-    return disturbance.Wind(linear=linear, quadratic=quadratic, mean=vector(rng), gust=gust, wave=wave, phase=phase)
+    return disturbances.Wind(linear=linear, quadratic=quadratic, mean=vector(rng), gust=gust, wave=wave, phase=phase)
 
 
 LAWS = {
-    "constant": lambda rng: disturbance.Constant(force=vector(rng), torque=vector(rng)),
+    "constant": lambda rng: disturbances.Constant(force=vector(rng), torque=vector(rng)),
     "wind": wind,
-    "tether": lambda rng: disturbance.Tether(anchor=vector(rng, 3), stiffness=scalar(rng), length=jnp.array(0.3)),
-    "jet": lambda rng: disturbance.Jet(force=vector(rng), center=vector(rng), width=scalar(rng)),
-    "rotor_bias": lambda rng: disturbance.RotorBias(thrust=scalar(rng), torque=vector(rng)),
+    "tether": lambda rng: disturbances.Tether(anchor=vector(rng, 3), stiffness=scalar(rng), length=jnp.array(0.3)),
+    "jet": lambda rng: disturbances.Jet(force=vector(rng), center=vector(rng), width=scalar(rng)),
+    "rotor_bias": lambda rng: disturbances.RotorBias(thrust=scalar(rng), torque=vector(rng)),
 }
 
 
-def motion(rng: np.random.Generator, **parts: object) -> disturbance.Motion:
+def motion(rng: np.random.Generator, **parts: object) -> disturbances.Motion:
     """A random motion of a point, some of it given."""
     at = {"x": vector(rng), "v": vector(rng), "R": jnp.array(teams.rotation(rng)), "omega": vector(rng)}
-    return disturbance.Motion(**(at | parts))
+    return disturbances.Motion(**(at | parts))
 
 
 # Virtual work ---------------------------------------------------------------------------------------------------------
@@ -85,8 +87,8 @@ def test_the_generalized_force_does_the_work_of_its_force_and_torque():
     h = 1e-6
     for body in (0, 3, 7):
         force, torque, point = rng.normal(size=(3, 3))
-        law = disturbance.Constant(force=jnp.array(force), torque=jnp.array(torque))
-        mount = disturbance.AgentMount(
+        law = disturbances.Constant(force=jnp.array(force), torque=jnp.array(torque))
+        mount = disturbances.AgentMount(
             body=body,
             law=on_both(law),
             point=jnp.tile(jnp.array(point), (2, 1)),
@@ -110,16 +112,16 @@ def test_the_generalized_force_does_the_work_of_its_force_and_torque():
             np.testing.assert_allclose(of_ours, force @ (ahead - behind) / (2 * h) + torque @ rate, atol=1e-8)
 
 
-def on_both(law: disturbance.Law) -> disturbance.Law:
+def on_both(law: disturbances.Law) -> disturbances.Law:
     """The law with the axis of a group of two."""
     return jax.tree.map(lambda x: jnp.broadcast_to(x, (2, *x.shape)), law)
 
 
-def sources(mounts: tuple = (), payload: tuple = ()) -> disturbance.Disturbances:
+def sources(mounts: tuple = (), payload: tuple = ()) -> disturbances.Disturbances:
     """These sources on the agents of `STRUCTURE` and on the payload, without friction."""
     none = jnp.zeros((2, 7))
-    friction = disturbance.JointFriction(viscous=none, coulomb=none, speed=none + 1)
-    return disturbance.Disturbances(payload=payload, agents=(mounts,), joints=(friction,))
+    friction = disturbances.JointFriction(viscous=none, coulomb=none, speed=none + 1)
+    return disturbances.Disturbances(payload=payload, agents=(mounts,), joints=(friction,))
 
 
 def test_a_law_is_told_how_its_point_moves():
@@ -127,11 +129,11 @@ def test_a_law_is_told_how_its_point_moves():
     rng = np.random.default_rng(6)
     team, z = teams.team(rng, STRUCTURE), teams.free_state(rng, STRUCTURE)
     none = jnp.zeros((0, 3))
-    drag = disturbance.Wind(
+    drag = disturbances.Wind(
         linear=jnp.array(1.0), quadratic=jnp.array(0.0), mean=jnp.zeros(3), gust=none, wave=none, phase=none[:, 0]
     )
     point, h = rng.normal(size=(2, 3)), 1e-6
-    mount = disturbance.AgentMount(body=5, law=on_both(drag), point=jnp.array(point), active=jnp.ones(2))
+    mount = disturbances.AgentMount(body=5, law=on_both(drag), point=jnp.array(point), active=jnp.ones(2))
     f = forces(sources((mount,)), team, z).agents[0]
     for j in range(2):
         agent, q = take(team.groups[0], j), take(z.agents[0], j)
@@ -151,10 +153,10 @@ def test_on_the_payload_force_and_moment_do_the_work_of_the_law(name):
     rng = np.random.default_rng(7)
     q, point, h = teams.payload_state(rng), rng.normal(size=3), 1e-6
     law = LAWS[name](rng)
-    W = on_payload((disturbance.Mount(law=law, point=jnp.array(point)),), q)
+    W = on_payload((disturbances.Mount(law=law, point=jnp.array(point)),), q)
     R = np.asarray(q.R)
     v = q.v + R @ np.cross(q.omega, point)
-    force, torque = law(disturbance.Motion(x=q.p + q.R @ point, v=v, R=q.R, omega=q.omega), NOW, ())
+    force, torque = law(disturbances.Motion(x=q.p + q.R @ point, v=v, R=q.R, omega=q.omega), NOW, ())
     np.testing.assert_allclose(W.F, force, atol=1e-12)
     for e, of_ours in zip(np.eye(3), W.tau, strict=True):
         ahead, behind = (R @ Rotation.from_rotvec(s * e).as_matrix() @ point for s in (h, -h))
@@ -164,7 +166,7 @@ def test_on_the_payload_force_and_moment_do_the_work_of_the_law(name):
 def test_sources_add_up():
     rng = np.random.default_rng(8)
     q = teams.payload_state(rng)
-    mounts = tuple(disturbance.Mount(law=make(rng), point=vector(rng)) for make in LAWS.values())
+    mounts = tuple(disturbances.Mount(law=make(rng), point=vector(rng)) for make in LAWS.values())
     total = on_payload(mounts, q)
     each = [on_payload((mount,), q) for mount in mounts]
     np.testing.assert_allclose(total.F, sum(W.F for W in each), atol=1e-12)
@@ -192,7 +194,7 @@ def test_drag_dissipates_relative_to_the_air(seed):
 def test_the_tether_is_conservative():
     """Its force is the gradient of `-k (d - l)^2 / 2`, so its work around any loop is zero."""
     rng = np.random.default_rng(9)
-    law = disturbance.Tether(anchor=jnp.zeros(3), stiffness=jnp.array(2.0), length=jnp.array(0.8))
+    law = disturbances.Tether(anchor=jnp.zeros(3), stiffness=jnp.array(2.0), length=jnp.array(0.8))
     force = jax.jit(jax.vmap(lambda x: law(motion(rng, x=x), NOW, ())[0]))
     s = 2 * np.pi * np.arange(2000) / 2000
     loop = np.stack([np.cos(s) + 0.3, 0.7 * np.sin(2 * s), 0.4 * np.sin(s + 1)], axis=1)  # slack and taut
@@ -239,7 +241,7 @@ def test_laws_are_smooth_where_they_act(name):
 def test_rotors_push_along_the_body_s_third_axis():
     rng = np.random.default_rng(12)
     at = motion(rng)
-    law = disturbance.RotorBias(thrust=jnp.array(-1.5), torque=jnp.array([0.1, 0.2, 0.3]))
+    law = disturbances.RotorBias(thrust=jnp.array(-1.5), torque=jnp.array([0.1, 0.2, 0.3]))
     force, torque = law(at, NOW, ())
     np.testing.assert_allclose(at.R.T @ force, [0, 0, -1.5], atol=1e-12)
     np.testing.assert_allclose(torque, [0.1, 0.2, 0.3])
@@ -249,7 +251,7 @@ def test_joint_friction_opposes_every_joint():
     rng = np.random.default_rng(13)
     team, z = teams.team(rng, STRUCTURE), teams.free_state(rng, STRUCTURE)
     viscous, coulomb = (jnp.array(rng.uniform(0.1, 1, (2, 7))) for _ in range(2))
-    friction = disturbance.JointFriction(viscous=viscous, coulomb=coulomb, speed=jnp.full((2, 7), 1e-3))
+    friction = disturbances.JointFriction(viscous=viscous, coulomb=coulomb, speed=jnp.full((2, 7), 1e-3))
     f = forces(dataclasses.replace(sources(), joints=(friction,)), team, z).agents[0]
     r_dot = z.agents[0].r_dot
     assert np.all(f.f_r * r_dot < 0)
@@ -265,7 +267,7 @@ def test_every_law_says_that_it_does_not_depend_on_time(name):
 
 
 @pytree
-class Turning(disturbance.Constant):
+class Turning(disturbances.Constant):
     """A law that says it changes with time."""
 
     time_invariant: ClassVar[bool] = False
@@ -273,16 +275,16 @@ class Turning(disturbance.Constant):
 
 def test_active_sources_that_change_with_time_are_named_once():
     rng = np.random.default_rng(15)
-    steady = disturbance.Mount(name="steady", law=wind(rng), point=vector(rng))
+    steady = disturbances.Mount(name="steady", law=wind(rng), point=vector(rng))
     turning = Turning(force=vector(rng), torque=vector(rng))
-    on_load = [disturbance.Mount(name=name, law=turning, point=vector(rng)) for name in ("gust", "")]
+    on_load = [disturbances.Mount(name=name, law=turning, point=vector(rng)) for name in ("gust", "")]
 
-    def on_agents(name: str, active: list[float]) -> disturbance.AgentMount:
+    def on_agents(name: str, active: list[float]) -> disturbances.AgentMount:
         law = on_both(turning)
-        return disturbance.AgentMount(body=0, name=name, law=law, point=jnp.ones((2, 3)), active=jnp.array(active))
+        return disturbances.AgentMount(body=0, name=name, law=law, point=jnp.ones((2, 3)), active=jnp.array(active))
 
-    def varying(*payload: disturbance.Mount, agents: tuple[disturbance.AgentMount, ...] = ()) -> tuple[str, ...]:
-        return disturbance.varying(dataclasses.replace(sources(agents), payload=payload))
+    def varying(*payload: disturbances.Mount, agents: tuple[disturbances.AgentMount, ...] = ()) -> tuple[str, ...]:
+        return disturbances.varying(dataclasses.replace(sources(agents), payload=payload))
 
     assert varying() == ()
     assert varying(steady) == ()
@@ -299,7 +301,7 @@ def test_weather_is_a_wind_whose_mean_turns_and_whose_gusts_travel():
     still = {"rate": jnp.zeros(2), "angle": jnp.array(0.0), "start": jnp.array(2.0), "over": jnp.array(0.5)}
     at = motion(rng)
     law = jax.jit(lambda law, t: law(at, t, ())[0])
-    turning = disturbance.Weather(wind=steady, **still | {"angle": jnp.array(np.pi / 2)})
+    turning = disturbances.Weather(wind=steady, **still | {"angle": jnp.array(np.pi / 2)})
     np.testing.assert_allclose(law(turning, jnp.array(1.9)), law(steady, NOW), rtol=1e-12)
     x, y, z = np.asarray(steady.mean)
     turned = dataclasses.replace(steady, mean=jnp.array([-y, x, z]))
@@ -307,7 +309,7 @@ def test_weather_is_a_wind_whose_mean_turns_and_whose_gusts_travel():
     halfway = law(turning, jnp.array(2.25))
     half = Rotation.from_rotvec([0, 0, np.pi / 4]).apply([x, y, z])
     np.testing.assert_allclose(halfway, law(dataclasses.replace(steady, mean=jnp.array(half)), NOW), rtol=1e-9)
-    gusting = disturbance.Weather(wind=steady, **still | {"rate": jnp.array([2 * np.pi / 3, 2 * np.pi / 6])})
+    gusting = disturbances.Weather(wind=steady, **still | {"rate": jnp.array([2 * np.pi / 3, 2 * np.pi / 6])})
     np.testing.assert_allclose(law(gusting, jnp.array(6.0)), law(steady, NOW), rtol=1e-9)
     assert np.abs(law(gusting, jnp.array(1.0)) - law(steady, NOW)).max() > 1e-3
     assert not gusting.time_invariant
@@ -329,11 +331,11 @@ def test_functions_add_their_value_at_the_true_state_to_the_named_sources():
     """Each output a sum of kernels, term by term in NumPy; two functions, and a wind beside them."""
     rng = np.random.default_rng(11)
     team, z = teams.team(rng, STRUCTURE), teams.free_state(rng, STRUCTURE)
-    blow = disturbance.Mount(law=wind(rng), point=vector(rng))
+    blow = disturbances.Mount(law=wind(rng), point=vector(rng))
     named = dataclasses.replace(sources(), payload=(blow,))
     joints = team.groups[0].tree.joints
 
-    def drawn() -> tuple[learn.Oracle, list[tuple]]:
+    def drawn() -> tuple[residual_model.Oracle, list[tuple]]:
         parts = []
 
         def one(outputs: int, dimensions: int) -> gp.GP:
@@ -345,7 +347,7 @@ def test_functions_add_their_value_at_the_true_state_to_the_named_sources():
 
         payload, agents = one(6, 20), [one(6 + joints, 18 + 2 * joints) for _ in range(2)]
         group = jax.tree.map(lambda *x: jnp.stack(x), *agents)
-        return learn.Oracle(payload=payload, agents=(group,), theta=jnp.zeros(10)), parts
+        return residual_model.Oracle(payload=payload, agents=(group,), theta=jnp.zeros(10)), parts
 
     def value(part: tuple, x: np.ndarray) -> np.ndarray:
         s, ls, Z, w = part
@@ -358,7 +360,11 @@ def test_functions_add_their_value_at_the_true_state_to_the_named_sources():
 
     (first, parts), (second, others) = drawn(), drawn()
     found = forces(
-        dataclasses.replace(named, functions=(learn.Function(oracle=first), learn.Function(oracle=second))), team, z
+        dataclasses.replace(
+            named, functions=(residual_model.Function(oracle=first), residual_model.Function(oracle=second))
+        ),
+        team,
+        z,
     )
     alone = forces(named, team, z)
     q = jax.tree.map(np.asarray, z.payload)

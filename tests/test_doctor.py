@@ -8,9 +8,10 @@ import jax
 import pytest
 from typer.testing import CliRunner
 
-from colift import cache, doctor
-from colift.__main__ import app
-from colift.native import build
+from colift.cli import doctor
+from colift.cli.app import app
+from colift.codegen import build
+from colift.runtime import cache
 
 
 def test_a_machine_on_which_all_works_has_no_problem():

@@ -22,13 +22,15 @@ import typer
 from ruamel.yaml import YAML
 from typer.testing import CliRunner
 
-from colift import __main__, scenario, starter
+from colift import scenario
+from colift.cli import app
+from colift.scenario import template
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
-COLIFT = typer.main.get_command(__main__.app)
+COLIFT = typer.main.get_command(app.app)
 RUN = {("new",), ("list",), ("show",), ("export", "mjcf")}  # what answers in a second or two
 ELSEWHERE = {  # examples that another module runs, which has the flight or the oracle for them
     "02_own_team": "test_examples.py",
@@ -116,7 +118,7 @@ def run(words: list[str], folder: Path) -> None:
     if path in RUN:
         if path == ("new",):
             Path(given["file"]).unlink(missing_ok=True)
-        done = CliRunner().invoke(__main__.app, words[1:])
+        done = CliRunner().invoke(app.app, words[1:])
         assert done.exit_code == 0, done.output
     elif "name" in given:
         scenario.load(given["name"], given.get("changes") or ())
@@ -128,7 +130,7 @@ def run(words: list[str], folder: Path) -> None:
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """What a page begins with."""
-    (tmp_path / "my_team.yaml").write_text(starter.text("my_team", 3, 0))
+    (tmp_path / "my_team.yaml").write_text(template.text("my_team", 3, 0))
     arms = "".join(ARM.format(side=side, y=y) for side, y in (("left", 0.08), ("right", -0.08)))
     (tmp_path / "vehicles").mkdir()
     for name in ("vehicle.urdf", "vehicles/two_arms.urdf"):

@@ -9,13 +9,16 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from colift import dynamics, grasp, so3
-from colift.model import AgentForce, AgentInput, Residual, State, Team, Wrench
+from colift.math import so3
+from colift.models import grasp
+from colift.models.parameters import Team
+from colift.models.state import AgentForce, AgentInput, Residual, State, Wrench
+from colift.simulation import contact_dynamics
 from tests import motion, teams
 from tests.pinocchio_team import PinocchioTeam
 
-accelerate, project = jax.jit(dynamics.accelerate), jax.jit(dynamics.project)
-integrate = jax.jit(lambda team, z, inputs, f, dt: dynamics.integrate(team, z, inputs, lambda _z, _t: f, dt))
+accelerate, project = jax.jit(contact_dynamics.accelerate), jax.jit(contact_dynamics.project)
+integrate = jax.jit(lambda team, z, inputs, f, dt: contact_dynamics.integrate(team, z, inputs, lambda _z, _t: f, dt))
 MIXED = teams.POOL[5]  # (n, n_r) = (2, 3), (1, 3), (3, 7) together
 
 
@@ -107,8 +110,8 @@ def test_how_agents_are_grouped_does_not_matter() -> None:
 def strayed(z: State, size: float, seed: int = 0) -> State:
     """A state off the grasp by about `size` in every coordinate."""
     rng = np.random.default_rng(seed)
-    shift = jax.tree.map(lambda x: jnp.array(size * rng.normal(size=x.shape)), dynamics.no_shift(z))
-    return jax.jit(dynamics.move)(z, shift)
+    shift = jax.tree.map(lambda x: jnp.array(size * rng.normal(size=x.shape)), contact_dynamics.no_shift(z))
+    return jax.jit(contact_dynamics.move)(z, shift)
 
 
 def off(team: Team, z: State) -> float:
@@ -152,7 +155,7 @@ def test_consistent_start_from_a_guess_holds_payload_and_attitudes() -> None:
     team, guess = teams.reference_team(), teams.reference_guess()
     load = dataclasses.replace(guess.payload, v=jnp.array([1.0, 0.5, 0.2]), omega=jnp.array([0.1, 0.0, 0.3]))
     guess = dataclasses.replace(guess, payload=load)
-    z = dynamics.consistent(team, guess)
+    z = contact_dynamics.consistent(team, guess)
     assert off(team, z) <= 1e-12
     np.testing.assert_allclose(z.payload.p, load.p, atol=1e-6)
     np.testing.assert_allclose(z.payload.v, load.v, atol=1e-4)
@@ -162,14 +165,14 @@ def test_consistent_start_from_a_guess_holds_payload_and_attitudes() -> None:
 @pytest.mark.parametrize("seed", range(3))
 def test_consistent_start_of_random_teams(seed: int) -> None:
     team, z = random_team(seed, MIXED)
-    assert off(team, dynamics.consistent(team, strayed(z, 0.02, seed))) <= 1e-12
+    assert off(team, contact_dynamics.consistent(team, strayed(z, 0.02, seed))) <= 1e-12
 
 
 def test_start_out_of_reach_is_refused_with_what_remains() -> None:
     team, guess = teams.reference_team(), teams.reference_guess()
     far = dataclasses.replace(team.groups[0], contact=team.groups[0].contact.at[1].mul(3.0))
     with pytest.raises(ValueError, match=r"cannot be made consistent .* front arm 2: [\d.]+ m, 0 m/s") as e:
-        dynamics.consistent(dataclasses.replace(team, groups=(far,)), guess, ("rear", "front"))
+        contact_dynamics.consistent(dataclasses.replace(team, groups=(far,)), guess, ("rear", "front"))
     assert "1e-12 m" in str(e.value)
 
 
@@ -177,7 +180,7 @@ def test_start_that_is_no_rotation_is_refused() -> None:
     team, guess = teams.reference_team(), teams.reference_guess()
     bent = dataclasses.replace(guess, agents=(dataclasses.replace(guess.agents[0], R=-guess.agents[0].R),))
     with pytest.raises(ValueError, match="the attitude R of rear is not a rotation matrix"):
-        dynamics.consistent(team, bent, ("rear", "front"))
+        contact_dynamics.consistent(team, bent, ("rear", "front"))
 
 
 # Motion ------------------------------------------------------------------------------------------------------------

@@ -14,8 +14,11 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from colift import analyse, environment, fly, limits, simulate
-from colift.environment import Transport, Transports
+from colift.analysis import metrics
+from colift.closed_loop import simulator, termination
+from colift.integrations import gymnasium_env
+from colift.integrations.gymnasium_env import Transport, Transports
+from colift.onboard import interfaces
 from tests import light
 
 STEP = 0.02  # s
@@ -60,7 +63,7 @@ def test_what_is_asked_for_is_added_to_the_desired_wrench(alone: Transport) -> N
     def asked(wrench: jax.Array) -> np.ndarray:
         leader = dataclasses.replace(task.setup.pilot.leader, wrench=wrench)
         setup = dataclasses.replace(task.setup, pilot=dataclasses.replace(task.setup.pilot, leader=leader))
-        return np.asarray(simulate.advance(setup, alone._loop, noise, jnp.asarray(task.ticks))[1].W_d[0])
+        return np.asarray(simulator.advance(setup, alone._loop, noise, jnp.asarray(task.ticks))[1].W_d[0])
 
     most = np.array([2.0] * 3 + [0.2] * 3)
     np.testing.assert_allclose(asked(action * most) - asked(jnp.zeros(6)), np.asarray(action) * most, atol=1e-12)
@@ -72,30 +75,30 @@ def test_an_action_acts_and_is_cut_at_one(alone: Transport) -> None:
         return np.stack([alone.step(np.array(action, np.float32))[0] for _ in range(5)])
 
     pushed = flown([0, 0, 1, 0, 0, 0])
-    at = list(environment.BOUNDS).index("e_v") * 3 + 2
+    at = list(gymnasium_env.BOUNDS).index("e_v") * 3 + 2
     assert pushed[-1, at] > flown([0, 0, 0, 0, 0, 0])[-1, at] + 0.005
     np.testing.assert_array_equal(flown([0, 0, 7, 0, 0, 0]), pushed)
 
 
 def test_what_is_seen_is_the_pilot_s_not_the_truth(alone: Transport) -> None:
     """It is a function of `fly.Now`, and differs from the truth by what the sensors do."""
-    assert list(inspect.signature(environment.observed).parameters) == ["now"]
-    assert isinstance(alone.task.setup.pilot.leader, fly.Leader)
+    assert list(inspect.signature(gymnasium_env.observed).parameters) == ["now"]
+    assert isinstance(alone.task.setup.pilot.leader, interfaces.Leader)
     alone.reset(seed=3)
     before = alone._loop
     seen, _, _, _, info = alone.step(np.zeros(6, np.float32))
     seed = jnp.array([alone._noise, alone._steps - 1])
     setup, ticks = alone.task.setup, alone.task.ticks
     noise = setup.world.draw(jax.random.fold_in(jax.random.key(seed[0]), seed[1]), ticks)
-    rows = simulate.advance(setup, before, noise, jnp.asarray(ticks))[1]
-    off = np.abs(seen[:3] * environment.BOUNDS["e_p"] - np.asarray(rows.e_p[-1]))
+    rows = simulator.advance(setup, before, noise, jnp.asarray(ticks))[1]
+    off = np.abs(seen[:3] * gymnasium_env.BOUNDS["e_p"] - np.asarray(rows.e_p[-1]))
     assert (off > 0).all()
     assert off.max() < 0.01
-    np.testing.assert_allclose(info["e_p_m"], analyse.norm_rms(np.asarray(rows.e_p)))
+    np.testing.assert_allclose(info["e_p_m"], metrics.norm_rms(np.asarray(rows.e_p)))
 
 
 def test_the_reward_is_one_without_errors_and_half_at_the_stated_ones(alone: Transport) -> None:
-    step = lambda e_p, e_R: environment.reward(jnp.asarray([e_p]), jnp.asarray([e_R]))  # noqa: E731
+    step = lambda e_p, e_R: gymnasium_env.reward(jnp.asarray([e_p]), jnp.asarray([e_R]))  # noqa: E731
     zero = [0.0, 0.0, 0.0]
     assert float(step(zero, zero)[0]) == 1
     np.testing.assert_allclose(step([0.0, 0.03, 0.04], zero), 0.5)
@@ -113,13 +116,13 @@ def test_an_episode_ends_with_the_limit_that_was_met(path: Path) -> None:
     """Pushed away from the reference, the payload meets the limit of its distance; then nothing moves any more."""
     env = Transport(str(path), changes=["limits.distance_m=0.21", "duration_s=1"], step_s=STEP, force_N=60.0)
     seen, info = env.reset(seed=5)
-    assert info["cause"] == limits.Cause.NONE
+    assert info["cause"] == termination.Cause.NONE
     away = np.concatenate([np.sign(seen[:3]), np.zeros(3)]).astype(np.float32)
     terminated = False
     while not terminated:
         seen, reward, terminated, truncated, info = env.step(away)
         assert not truncated
-    assert info["cause"] == limits.Cause.DISTANCE
+    assert info["cause"] == termination.Cause.DISTANCE
     assert env.observation_space.contains(seen)
     again, reward, terminated, *_ = env.step(away)
     assert (reward, terminated) == (0, True)
@@ -177,7 +180,7 @@ def test_stable_baselines_3_sees_the_next_episode_s_beginning_with_an_end(many: 
 
 
 def test_gymnasium_makes_both(path: Path) -> None:
-    name, given = "colift.environment:colift/Transport-v0", {"scenario": str(path)}
+    name, given = "colift.integrations.gymnasium_env:colift/Transport-v0", {"scenario": str(path)}
     assert isinstance(gymnasium.make(name, **given).unwrapped, Transport)
     assert isinstance(gymnasium.make_vec(name, 2, vectorization_mode="vector_entry_point", **given), Transports)
 

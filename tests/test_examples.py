@@ -8,7 +8,7 @@ import re
 import numpy as np
 import pytest
 
-from colift.model import no_force
+from colift.models.state import no_force
 from tests.pinocchio_team import PinocchioTeam
 
 own_team = importlib.import_module("examples.02_own_team")

@@ -13,9 +13,12 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from colift import export, learn, simulate, study
-from colift.__main__ import app
-from colift.native import build
+from colift.cli.app import app
+from colift.closed_loop import flight, simulator
+from colift.codegen import build
+from colift.integrations import c_export
+from colift.onboard.learning import residual_model
+from colift.scenario import experiment
 from tests import light
 
 TICKS = 500
@@ -30,10 +33,10 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """C3 of the smallest team with what it learned in two seconds, and what followed."""
     path = tmp_path_factory.mktemp("c")
     learning = light.SAMPLE.learning.model_copy(update={"update_times_s": [2.0], "max_iterations": 5})
-    plan = study.plan(light.settings(learning=learning, sensors={}), "C3")
-    flown = simulate.fly_plan(dataclasses.replace(plan, duration=2.1))
+    plan = experiment.plan(light.settings(learning=learning, sensors={}), "C3")
+    flown = flight.fly_plan(dataclasses.replace(plan, duration=2.1))
     assert int(flown.oracle.payload.n) > 10
-    export.c(plan, flown.oracle, TICKS, path, "light, C3")
+    c_export.c(plan, flown.oracle, TICKS, path, "light, C3")
     return path
 
 
@@ -117,13 +120,13 @@ def test_what_was_learned_is_a_block_of_its_own(folder: Path):
 
 @pytest.mark.long
 def test_a_replay_is_the_flight_that_native_code_flies():
-    plan = study.plan(light.settings(), "C1")
-    _, flown = export.replay(plan, plan.pilot.oracle, 50)
+    plan = experiment.plan(light.settings(), "C1")
+    _, flown = c_export.replay(plan, plan.pilot.oracle, 50)
     setup = plan.setup
     noise = plan.world.draw(jax.random.key(plan.seed), 50)
-    _, rows = simulate.advance(setup, simulate.start(setup, plan.z), noise, jax.numpy.asarray(50))
+    _, rows = simulator.advance(setup, simulator.start(setup, plan.z), noise, jax.numpy.asarray(50))
     np.testing.assert_allclose(np.asarray(flown.command[0].u), rows.u, atol=1e-9)
-    assert isinstance(plan.pilot.oracle, learn.Oracle)
+    assert isinstance(plan.pilot.oracle, residual_model.Oracle)
 
 
 def test_on_the_command_line_an_unknown_case_is_one_line_and_status_2(tmp_path: Path):

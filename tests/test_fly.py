@@ -11,36 +11,33 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from colift import (
-    allocate,
-    control,
-    disturbance,
-    estimate,
-    fly,
-    learn,
-    reference,
-    sensor,
-    simulate,
-    study,
-)
-from colift.model import Wrench, flat_payload, no_force
+from colift.closed_loop import signals, simulator
+from colift.closed_loop.flight import Plan, fly_plan
+from colift.models.state import Wrench, flat_payload, no_force
+from colift.onboard import controller, interfaces
+from colift.onboard.control import agent_controllers, allocation, payload_controllers, tracking
+from colift.onboard.estimation import state_estimator
+from colift.onboard.learning import recorder, residual_model, residual_predictors
+from colift.scenario import experiment
+from colift.simulation import disturbances, sensors
+from colift.trajectories import base
 from tests import paper_flights
 from tests.paper_flights import ROOM, SETTINGS, exact, number, plan, with_pilot
 
 DT = 1 / SETTINGS.control_Hz
 
 
-def flown(plan: simulate.Plan, chunks: int = 1) -> tuple[simulate.Loop, simulate.Row]:
+def flown(plan: Plan, chunks: int = 1) -> tuple[simulator.Loop, signals.Row]:
     """The loop after some half seconds, and its log."""
-    loop, rows = simulate.start(plan.setup, plan.z), []
+    loop, rows = simulator.start(plan.setup, plan.z), []
     noise = plan.world.draw(jax.random.key(0), ROOM)
     for _ in range(chunks):
-        loop, some = simulate.advance(plan.setup, loop, noise, jnp.asarray(ROOM))
+        loop, some = simulator.advance(plan.setup, loop, noise, jnp.asarray(ROOM))
         rows.append(jax.tree.map(np.asarray, some))
     return loop, jax.tree.map(lambda *x: np.concatenate(x), *rows)
 
 
-def recording(case: str, **parts: Any) -> simulate.Plan:
+def recording(case: str, **parts: Any) -> Plan:
     """A case with its recorder changed."""
     of = plan(case)
     return with_pilot(of, recorder=dataclasses.replace(of.pilot.recorder, **parts))
@@ -76,20 +73,20 @@ def test_recording_ends_at_the_capacity():
 def test_of_a_calibration_rig_true_states_and_bounded_labels_are_recorded():
     """The sensors are noisy, the labels are the true residual off by the rig's error, the inputs the true states."""
     of = recording("C3", start=number(0.06), every=number(0.05))
-    of = with_pilot(paper_flights.believed(of), recorder=learn.FromRig(**vars(of.pilot.recorder)))
+    of = with_pilot(paper_flights.believed(of), recorder=recorder.FromRig(**vars(of.pilot.recorder)))
     rng = np.random.default_rng(0)
     error = jax.tree.map(lambda x: jnp.array(rng.uniform(0.01, 0.1, x.shape)), no_force(of.world.team))
-    of = paper_flights.with_world(of, extra=(sensor.Rig(error=error),))
+    of = paper_flights.with_world(of, extra=(sensors.Rig(error=error),))
     loop, rows = flown(of)
     n = int(loop.memory.recorder.payload.n)
     assert n == 9  # 0.06, 0.11, .. 0.46 s
     rows = jax.tree.map(lambda x: x[np.round(np.asarray(loop.memory.recorder.payload.t)[:n] / DT).astype(int)], rows)
-    payload, (agents,) = simulate.inputs(of.world.team, rows)
+    payload, (agents,) = signals.inputs(of.world.team, rows)
     np.testing.assert_allclose(loop.memory.recorder.payload.X[:n, :18], payload, atol=1e-12)
     assert not loop.memory.recorder.payload.X[:n, 18:].any()  # accelerations are not an input of the learned map
     np.testing.assert_allclose(loop.memory.recorder.agents[0].X[:, :n].transpose(1, 0, 2), agents, atol=1e-12)
     z, _ = paper_flights.states(of.world.team, rows)
-    f = jax.jit(jax.vmap(disturbance.at_start, in_axes=(None, None, 0)))(of.world.sources, of.world.team, z)
+    f = jax.jit(jax.vmap(disturbances.at_start, in_axes=(None, None, 0)))(of.world.sources, of.world.team, z)
     off = np.asarray(loop.memory.recorder.payload.Y)[:n] - np.concatenate([f.payload.F, f.payload.tau], axis=1)
     bound = np.concatenate([error.payload.F, error.payload.tau])
     np.testing.assert_allclose(np.abs(off), np.tile(bound, (n, 1)), rtol=1e-8)
@@ -108,7 +105,7 @@ def test_of_a_calibration_rig_true_states_and_bounded_labels_are_recorded():
 setpoints = jax.jit(jax.vmap(lambda path, t: path.at(t), in_axes=(None, 0)))
 
 
-def commanded(rows: simulate.Row, leader: fly.Geometric, path: reference.Reference) -> np.ndarray:
+def commanded(rows: signals.Row, leader: payload_controllers.Geometric, path: base.Reference) -> np.ndarray:
     """`a_cmd` of the paper's law, with the true errors."""
     a_d = np.array(setpoints(path, jnp.asarray(rows.t)).a)
     return a_d - rows.e_p @ np.asarray(leader.gains.K_p) - rows.e_v @ np.asarray(leader.gains.K_v)
@@ -159,7 +156,7 @@ def test_the_parametric_part_is_evaluated_at_the_commanded_acceleration():
     of = exact(plan("O"))
     _, rows = flown(of)
     z, _ = paper_flights.states(of.world.team, rows)
-    told = jax.jit(jax.vmap(disturbance.at_start, in_axes=(None, None, 0)))(of.world.sources, of.world.team, z).payload
+    told = jax.jit(jax.vmap(disturbances.at_start, in_axes=(None, None, 0)))(of.world.sources, of.world.team, z).payload
     nominal = of.pilot.team
     dm = float(nominal.payload.mass - of.world.team.payload.mass)
     expected = told.F + dm * (commanded(rows, of.pilot.leader, of.pilot.path) - np.asarray(nominal.gravity))
@@ -167,39 +164,41 @@ def test_the_parametric_part_is_evaluated_at_the_commanded_acceleration():
 
 
 def test_residuals_known_exactly_are_told_to_case_O_alone():
-    for case in study.CASES | study.BASELINES:
-        assert isinstance(plan(case).pilot.predictor, fly.Known) == (case == "O")
+    for case in experiment.CASES | experiment.BASELINES:
+        assert isinstance(plan(case).pilot.predictor, residual_predictors.Known) == (case == "O")
         assert not np.any(plan(case).pilot.oracle.theta)
 
 
 def test_predictions_are_the_frozen_oracle_s_at_the_estimated_state():
     """Between updates one oracle predicts, whatever is recorded meanwhile; before the first it predicts zero."""
     of = dataclasses.replace(exact(plan("C3")), duration=2.0, updates=(1.0,))
-    flight = simulate.fly_plan(of)
+    flight = fly_plan(of)
     rows = flight.rows
     after = rows.t >= 1.0 - 1e-9
     assert not rows.f_L_hat[~after].any()
     assert not rows.f_x_hat[~after].any()
     z, _ = paper_flights.states(of.world.team, jax.tree.map(lambda x: x[after], rows))
     x = jax.vmap(flat_payload, in_axes=(0, None))(z.payload, jnp.zeros(6))
-    W = jax.jit(jax.vmap(learn.payload_mean, in_axes=(None, 0)))(flight.oracle, x)
+    W = jax.jit(jax.vmap(residual_model.payload_mean, in_axes=(None, 0)))(flight.oracle, x)
     np.testing.assert_allclose(rows.f_L_hat[after], np.concatenate([W.F, W.tau], axis=1), atol=1e-6)
     assert np.abs(W.F).max() > 0.1
 
 
 @functools.partial(jax.jit, static_argnums=0)
-def _realized(lam_dot_of: Any, pilot: fly.LeaderFollower, now: fly.Now, lam: jax.Array) -> Any:
+def _realized(lam_dot_of: Any, pilot: controller.LeaderFollower, now: interfaces.Now, lam: jax.Array) -> Any:
     """What agents are asked when the rate of their forces is that of an allocation, given the forces themselves."""
-    to = control.command(pilot.leader.gains, now.q_hat.payload, now.q_hat.a_L[:3], now.d)
-    forces = fly.Forces(lam=lam, lam_dot=lam_dot_of(pilot, now.q_hat, to), eta=pilot.allocator.internal.eta)
+    to = tracking.command(pilot.leader.gains, now.q_hat.payload, now.q_hat.a_L[:3], now.d)
+    forces = interfaces.Forces(lam=lam, lam_dot=lam_dot_of(pilot, now.q_hat, to), eta=pilot.allocator.internal.eta)
     return pilot.realizer.realize(now, to, forces, no_force(pilot.team))[0]
 
 
-def _rate_by_differences(pilot: fly.LeaderFollower, q_hat: estimate.Estimate, to: control.Command) -> jax.Array:
+def _rate_by_differences(
+    pilot: controller.LeaderFollower, q_hat: state_estimator.Estimate, to: tracking.Command
+) -> jax.Array:
     """How the allocated forces change with the wrench `m jerk`, by differences of whole allocations."""
     m, h, R = pilot.team.payload.mass, 0.5, q_hat.payload.R
     eta, plan = jnp.zeros_like(pilot.allocator.internal.eta), pilot.allocator.allocation
-    ends = [allocate.apply(plan, R, Wrench(F=m * (to.a + s * to.jerk), tau=jnp.zeros(3)), eta) for s in (h, -h)]
+    ends = [allocation.apply(plan, R, Wrench(F=m * (to.a + s * to.jerk), tau=jnp.zeros(3)), eta) for s in (h, -h)]
     return (ends[0] - ends[1]) / (2 * h)
 
 
@@ -216,7 +215,7 @@ def test_the_attitude_s_feed_forward_takes_the_rate_of_the_allocated_forces_with
     _, rows = flown(of)
     z, _ = paper_flights.states(of.world.team, jax.tree.map(lambda x: x[100:101], rows))
     z = jax.tree.map(lambda x: x[0], z)
-    now = fly.known(of.pilot, z, jnp.array([0.5, -1.0, 0.3, 0, 0, 0]), number(100 * DT))
+    now = controller.known(of.pilot, z, jnp.array([0.5, -1.0, 0.3, 0, 0, 0]), number(100 * DT))
     inputs, _, decided = jax.jit(lambda pilot, now: pilot.decide((), (), now))(of.pilot, now)
     assert np.abs(offset).max() > 0.1
     expected = _realized(_rate_by_differences, of.pilot, now, decided.lam_cmd)
@@ -244,7 +243,7 @@ def test_internal_forces_follow_their_pulse():
     of = paper_flights.with_internal(of, start=number(0.1), end=number(0.4), ramp=number(0.1))
     internal = of.pilot.allocator.internal
     _, rows = flown(of)
-    height = reference.pulse(jnp.asarray(rows.t), internal.start, internal.end, internal.ramp)
+    height = base.pulse(jnp.asarray(rows.t), internal.start, internal.end, internal.ramp)
     np.testing.assert_allclose(rows.eta, np.outer(height, internal.eta), atol=1e-12)
     assert np.linalg.norm(rows.eta, axis=1).max() >= 1
 
@@ -258,9 +257,9 @@ def test_looking_ahead_a_team_without_unknowns_keeps_to_its_path():
     of = exact(plan("C1"))
     of = dataclasses.replace(of, world=dataclasses.replace(of.world, team=of.pilot.team, acting=number(0.0)))
     ours, gains = of.pilot.realizer, of.pilot.leader.gains
-    far = fly.Anticipating(gains=gains, heading=ours.heading, rest=ours.rest)
+    far = agent_controllers.Anticipating(gains=gains, heading=ours.heading, rest=ours.rest)
     flights = [
-        simulate.fly_plan(dataclasses.replace(x, duration=6.0))
+        fly_plan(dataclasses.replace(x, duration=6.0))
         for x in (of, with_pilot(of, realizer=far, look_ahead=number(0.03)))
     ]
     late = [np.linalg.norm(flight.rows.e_p[-1000:], axis=1).max() for flight in flights]
@@ -271,6 +270,6 @@ def test_looking_ahead_a_team_without_unknowns_keeps_to_its_path():
 def test_a_realizer_that_needs_to_look_ahead_says_so():
     of = plan("C1")
     ours = of.pilot.realizer
-    far = fly.Anticipating(gains=ours.gains, heading=ours.heading, rest=ours.rest)
+    far = agent_controllers.Anticipating(gains=ours.gains, heading=ours.heading, rest=ours.rest)
     with pytest.raises(ValueError, match="needs a pilot that looks ahead"):
-        simulate.fly_plan(dataclasses.replace(with_pilot(of, realizer=far), duration=0.01))
+        fly_plan(dataclasses.replace(with_pilot(of, realizer=far), duration=0.01))

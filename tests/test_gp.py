@@ -19,7 +19,7 @@ from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel
 
 from colift import gp
-from colift.gp import posterior, store
+from colift.gp import posterior, serialization
 from colift.gp.likelihood import least_noise_to_grow
 
 seeds = st.integers(0, 2**31)
@@ -528,7 +528,7 @@ def test_an_input_of_another_shape_is_refused_in_words(shape, unchecked):
         lambda: gp.informative(p, x, y, gate),
         lambda: gp.first_in_first_out(data, x, y, T, NOW),
         lambda: gp.Uniform(key=key)(data, x, y, T, NOW),
-        lambda: gp.bounds.radius(p, x, jnp.ones(3)),
+        lambda: gp.error_bounds.radius(p, x, jnp.ones(3)),
     ]
     for call in calls:
         with pytest.raises(ValueError, match=rf"x has shape {re.escape(str(shape))}: must be an array of shape \(4,\)"):
@@ -684,12 +684,12 @@ def test_a_damaged_file_is_refused_in_one_way_or_read_whole(tmp_path):
                 content[at:at] = rng.bytes(int(rng.integers(1, 9)))
         return bytes(content)
 
-    arrays = store._arrays(whole)
+    arrays = serialization._arrays(whole)
     refused = 0
     for k in range(3000):
         try:
-            read = store._arrays(damaged(k))
-            store._check(read)
+            read = serialization._arrays(damaged(k))
+            serialization._check(read)
         except ValueError as error:
             assert str(error)
             refused += 1

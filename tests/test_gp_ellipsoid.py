@@ -9,14 +9,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from colift import band, gp
-from colift.gp import ellipsoid, recovery
+from colift import gp
+from colift.gp import ellipsoid, optimal_recovery
+from colift.onboard.learning import confidence_bounds
 
 seeds = st.integers(0, 2**31)
 means = jax.jit(jax.vmap(gp.mean, (None, 0)))
 
 
-def drawn(seed: int, n: int = 12) -> tuple[recovery.Consistent, gp.GP, gp.GP, np.random.Generator]:
+def drawn(seed: int, n: int = 12) -> tuple[optimal_recovery.Consistent, gp.GP, gp.GP, np.random.Generator]:
     """What is allowed, the function that gave the labels, of the stated norm, and the posterior of the energy bound."""
     rng = np.random.default_rng(seed)
     s, eps, norm = rng.uniform(0.2, 3), rng.uniform(0.01, 0.3), rng.uniform(0.5, 3)
@@ -28,15 +29,15 @@ def drawn(seed: int, n: int = 12) -> tuple[recovery.Consistent, gp.GP, gp.GP, np
     Y = np.asarray(means(f, jnp.asarray(X))) + eps * rng.choice([-1.0, 1.0], (n, 1))
     model = gp.condition(X, Y, hyper, n)
     return (
-        recovery.consistent(X, Y, hyper, 0, norm, eps),
+        optimal_recovery.consistent(X, Y, hyper, 0, norm, eps),
         f,
-        band.companion(model, "energy", norm, np.array([eps])),
+        confidence_bounds.companion(model, "energy", norm, np.array([eps])),
         rng,
     )
 
 
 def functionals(
-    allowed: recovery.Consistent, rng: np.random.Generator, sets: int, rows: int
+    allowed: optimal_recovery.Consistent, rng: np.random.Generator, sets: int, rows: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Weighted sums of values at points: these, weights (sets, rows, points), k and square."""
     Z, a = rng.uniform(-2, 2, (6, 2)), rng.normal(size=(sets, rows, 6))
@@ -60,7 +61,7 @@ def test_every_function_that_norm_and_data_allow_is_inside_in_every_direction(se
     wide = np.sqrt(np.einsum("tdr,trs,tds->td", n, covariance, n))
     assert (off <= wide * (1 + 1e-9)).all()
     for t in range(4):
-        best = recovery.recover(
+        best = optimal_recovery.recover(
             allowed.U * allowed.lengthscales,
             allowed.r[:, None] * allowed.unit,
             gp.hyperparameters(allowed.signal_variance, allowed.lengthscales, 1e-2),
@@ -80,13 +81,15 @@ def widths(seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     allowed, _, energy, rng = drawn(seed)
     Z, a, k, square = functionals(allowed, rng, 5, 1)
     half = allowed.unit * np.sqrt(ellipsoid.narrow(allowed, k, square[:, 0, 0]).covariance(k, square)[:, 0, 0])
-    beta = float(band.factor(energy, "energy", allowed.norm, np.array([allowed.eps * allowed.unit]), 0.95)[0])
+    beta = float(
+        confidence_bounds.factor(energy, "energy", allowed.norm, np.array([allowed.eps * allowed.unit]), 0.95)[0]
+    )
     s, ls, X = allowed.signal_variance, allowed.lengthscales, np.asarray(energy.X)
     c, to = (s * np.exp(-0.5 * (((x[:, None] - Z) / ls) ** 2).sum(-1)) for x in (Z, X))
     solved = np.asarray(energy.W)[0] @ to @ a[:, 0].T
     wide = beta * np.sqrt(np.einsum("tp,pq,tq->t", a[:, 0], c, a[:, 0]) - (solved * solved).sum(0))
     ends = [
-        [recovery.greatest(allowed, sign * k[t, :, 0], square[t, 0, 0], 10.0).value for t in range(5)]
+        [optimal_recovery.greatest(allowed, sign * k[t, :, 0], square[t, 0, 0], 10.0).value for t in range(5)]
         for sign in (1, -1)
     ]
     return half, wide, np.sum(ends, axis=0) / 2
@@ -115,7 +118,7 @@ def test_rounding_puts_nothing_outside_and_contradicts_nothing(n, eps):
         f = K @ c
         r = f + eps * (1 - 1e-9) * rng.choice([-1.0, 1.0], n)
         hyper = gp.hyperparameters(1.0, [1.0, 1.0], 1e-4)
-        allowed = recovery.consistent(X, r[:, None], hyper, 0, 1.0 + 1e-9, eps)
+        allowed = optimal_recovery.consistent(X, r[:, None], hyper, 0, 1.0 + 1e-9, eps)
         a = np.concatenate([np.eye(n)[:2], rng.normal(size=(4, n))])[:, None]
         k, square = np.swapaxes(a @ K, 1, 2), a @ K @ np.swapaxes(a, 1, 2)
         of = ellipsoid.narrow(allowed, k, square[:, 0, 0])
@@ -164,7 +167,7 @@ def test_a_functional_of_nothing_has_no_width():
 def test_data_that_contradict_norm_and_errors_are_refused():
     X = np.array([[0.0], [0.01]])
     hyper = gp.hyperparameters(1.0, [1.0], 1e-4)
-    allowed = recovery.consistent(X, np.array([[1.0], [-1.0]]), hyper, 0, 1.0, 0.01)
+    allowed = optimal_recovery.consistent(X, np.array([[1.0], [-1.0]]), hyper, 0, 1.0, 0.01)
     k = allowed.correlations(X).T[None, :, :1]
     with pytest.raises(ValueError, match="contradict norm and noise_bound"):
         ellipsoid.narrow(allowed, k, np.ones(1))

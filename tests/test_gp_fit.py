@@ -16,7 +16,7 @@ from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
 from colift import gp
-from colift.gp import parametric
+from colift.gp import semiparametric
 from colift.gp.likelihood import log_marginal, squares
 
 seeds = st.integers(0, 2**31)
@@ -443,17 +443,17 @@ def test_the_marginal_likelihood_is_that_of_a_dense_normal_and_its_slope_that_of
     X, _, Phi, _, _ = body(seed, N=12)
     Phi, Y = np.concatenate([Phi, Phi[:, ::-1]], axis=1), rng.normal(size=(12, 4))
     belief = believed(outputs=4, lengthscale=rng.uniform(0.5, 2, 2))
-    parts = [parametric._part(X, outputs, belief) for outputs in ([0, 1], [2, 3])]
+    parts = [semiparametric._part(X, outputs, belief) for outputs in ([0, 1], [2, 3])]
     t, kernel = rng.normal(size=6) - [1, 0, 2, 1, 0, 2], belief.median.kernel
-    value, slope, theta, covariance = parametric.marginal(t, parts, Y, Phi, PRIOR, kernel)
-    hyper = parametric._hyper(t, parts, 2, kernel)
+    value, slope, theta, covariance = semiparametric.marginal(t, parts, Y, Phi, PRIOR, kernel)
+    hyper = semiparametric._hyper(t, parts, 2, kernel)
     C = whole(X, hyper, Phi, PRIOR, range(4))
     y, B = Y.T.reshape(-1), Phi.transpose(1, 0, 2).reshape(-1, 3)
     assert value == pytest.approx(multivariate_normal(cov=C).logpdf(y), rel=1e-9)
     gain = np.linalg.solve(C, B * PRIOR**2).T  # of the posterior of jointly normal parameters and data
     np.testing.assert_allclose(theta, gain @ y, rtol=1e-6)
     np.testing.assert_allclose(covariance, np.diag(PRIOR**2) - gain @ (B * PRIOR**2), rtol=1e-5, atol=1e-9)
-    of = lambda t: parametric.marginal(t, parts, Y, Phi, PRIOR, kernel)[0]  # noqa: E731
+    of = lambda t: semiparametric.marginal(t, parts, Y, Phi, PRIOR, kernel)[0]  # noqa: E731
     by_differences = [(of(t + h) - of(t - h)) / 2e-5 for h in 1e-5 * np.eye(6)]
     np.testing.assert_allclose(slope, by_differences, rtol=1e-5, atol=1e-5)
 

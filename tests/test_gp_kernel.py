@@ -14,7 +14,7 @@ from sklearn.gaussian_process.kernels import RBF, ConstantKernel, Matern, Ration
 
 from colift import gp
 from colift.gp.likelihood import log_marginal
-from colift.pytree import pytree
+from colift.math.pytree import pytree
 
 
 @pytree
@@ -129,7 +129,7 @@ def test_optimal_recovery_holds_for_a_function_of_the_kernel_s_space():
     at = lambda points: np.asarray(gp.predict(truth, jnp.asarray(points))[0])  # noqa: E731
     Y = at(X) + 0.05 * rng.choice([-1.0, 1.0], size=(30, 1))
     for point in x:
-        found = gp.recovery.recover(X, Y, hyper, 0, float(gp.norm(truth)[0]), 0.05, point[None])
+        found = gp.optimal_recovery.recover(X, Y, hyper, 0, float(gp.norm(truth)[0]), 0.05, point[None])
         assert found.lower - 1e-9 <= at(point[None])[0, 0] <= found.upper + 1e-9
 
 

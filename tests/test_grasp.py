@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from colift import dynamics, grasp
-from colift.model import AgentInput, State, Team, Tree, Wrench, no_force
+from colift.models import grasp
+from colift.models.parameters import Team, Tree
+from colift.models.state import AgentInput, State, Wrench, no_force
+from colift.simulation import contact_dynamics
 from tests import teams
 from tests.pinocchio_team import PinocchioTeam
 
@@ -95,7 +97,7 @@ def test_constraint_velocity_is_the_derivative_of_the_constraint(structure: tupl
                 for a in z.agents
             )
             load = jnp.concatenate([t * z.payload.omega, t * z.payload.v, jnp.zeros(6)])
-            return grasp.Phi(team, dynamics.move(z, dynamics.Shift(agents=agents, payload=load)))
+            return grasp.Phi(team, contact_dynamics.move(z, contact_dynamics.Shift(agents=agents, payload=load)))
 
         return jax.jvp(at, (jnp.zeros(()),), (jnp.ones(()),))[1]
 

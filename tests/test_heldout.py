@@ -6,18 +6,18 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from colift import heldout, simulate, study
-from colift.scenario import ScenarioError, Settings
-from colift.scenario import paths as built
-from colift.scenario.settings import Lissajous
+from colift.closed_loop import flight
+from colift.scenario import ScenarioError, Settings, experiment, trajectories
+from colift.scenario.schema import Lissajous
+from colift.workflows import generalization
 from tests import light
 
 
 def test_paths_are_the_same_curve_backwards_larger_and_moved():
     settings = light.settings()
-    own = built.path(settings)
-    other = {name: built.path(there) for name, there in heldout.paths(settings).items()}
-    assert list(other) == list(heldout.PATHS)
+    own = trajectories.path(settings)
+    other = {name: trajectories.path(there) for name, there in generalization.paths(settings).items()}
+    assert list(other) == list(generalization.PATHS)
     given = settings.reference
     assert isinstance(given, Lissajous)
     center, amplitude, period, phase = map(
@@ -36,16 +36,16 @@ def test_a_reference_that_is_no_such_curve_is_refused():
     poses = [{"t_s": 0.0, "p_m": [0.0, 0.0, 1.0]}, {"t_s": 4.0, "p_m": [1.0, 0.0, 1.0]}]
     told = light.settings().model_dump() | {"reference": {"kind": "waypoints", "poses": poses}}
     with pytest.raises(ScenarioError, match=r"reference\.kind = waypoints: .* lissajous"):
-        heldout.paths(Settings.model_validate(told))
+        generalization.paths(Settings.model_validate(told))
 
 
 @pytest.mark.long
 def test_what_flies_there_has_the_map_and_learns_no_more():
     settings = light.settings()
-    plan = study.plan(settings, "C3")
-    first = simulate.fly_plan(plan)
-    there = heldout.frozen(heldout.plans(settings, ("C3",))["moved"]["C3"], first.oracle)
-    second = simulate.fly_plan(there)
+    plan = experiment.plan(settings, "C3")
+    first = flight.fly_plan(plan)
+    there = generalization.frozen(generalization.plans(settings, ("C3",))["moved"]["C3"], first.oracle)
+    second = flight.fly_plan(there)
     assert not second.updates
     assert not second.stopped
     assert second.oracle is first.oracle

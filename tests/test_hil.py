@@ -14,8 +14,11 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 from scipy.spatial.transform import Rotation
 
-from colift import hil, px4, simulate, study
-from colift.measurement import AgentReading
+from colift.closed_loop import simulator
+from colift.closed_loop.flight import Plan, _draw
+from colift.integrations import px4_frames, px4_hil
+from colift.models.measurement import AgentReading
+from colift.scenario import experiment
 from tests import light
 
 TICKS = 100
@@ -57,41 +60,41 @@ class StandIn:
 
 
 @pytest.fixture(scope="module")
-def plan() -> simulate.Plan:
-    return dataclasses.replace(study.plan(light.settings(), "C1"), duration=TICKS * 0.002)
+def plan() -> Plan:
+    return dataclasses.replace(experiment.plan(light.settings(), "C1"), duration=TICKS * 0.002)
 
 
-def flown(plan: simulate.Plan, **given: int) -> tuple[list, list[StandIn]]:
+def flown(plan: Plan, **given: int) -> tuple[list, list[StandIn]]:
     """Every tick of a flight, and the autopilots after it."""
     most = [float(x) for group in plan.world.team.groups for x in group.thrust_max]
-    with hil.listening(len(most), 0) as servers:
+    with px4_hil.listening(len(most), 0) as servers:
         ports = [server.getsockname()[1] for server in servers]
         stand_ins = [StandIn(port, queue.SimpleQueue(), u, **given) for port, u in zip(ports, most, strict=True)]
         threads = [threading.Thread(target=each.run, daemon=True) for each in stand_ins]
         for thread in threads:
             thread.start()
         try:
-            with hil.connected(servers, 30.0) as links:
+            with px4_hil.connected(servers, 30.0) as links:
                 ask = lambda j, wanted: stand_ins[j].asked.put(wanted)  # noqa: E731
-                return list(hil.fly(plan, links, ask)), stand_ins
+                return list(px4_hil.fly(plan, links, ask)), stand_ins
         finally:
             for thread in threads:
                 thread.join(30)
 
 
 @pytest.fixture(scope="module")
-def flight(plan: simulate.Plan) -> tuple[list, list[StandIn]]:
+def flight(plan: Plan) -> tuple[list, list[StandIn]]:
     return flown(plan)
 
 
 @pytest.mark.long
-def test_the_team_flies_as_without_autopilots(plan: simulate.Plan, flight: tuple[list, list[StandIn]]) -> None:
+def test_the_team_flies_as_without_autopilots(plan: Plan, flight: tuple[list, list[StandIn]]) -> None:
     """What goes out as setpoints in FRD and comes back as signals of rotors is the thrust and torque that were asked.
 
     But for signals of 32 bits, 6e-8 of a rotor's force.
     """
-    noise = simulate._draw(plan.world, jax.random.fold_in(jax.random.fold_in(jax.random.key(plan.seed), 2), 0), 250)
-    _, rows = simulate.advance(plan.setup, simulate.start(plan.setup, plan.z), noise, jnp.asarray(TICKS))
+    noise = _draw(plan.world, jax.random.fold_in(jax.random.fold_in(jax.random.key(plan.seed), 2), 0), 250)
+    _, rows = simulator.advance(plan.setup, simulator.start(plan.setup, plan.z), noise, jnp.asarray(TICKS))
     ticks, _ = flight
     assert [t for t, _ in ticks] == pytest.approx(list(0.002 * np.arange(TICKS)))
     for k, (_, truth) in enumerate(ticks):
@@ -116,7 +119,7 @@ def test_the_world_waits_until_all_are_armed_and_then_keeps_step(flight: tuple[l
 
 
 @pytest.mark.long
-def test_an_autopilot_that_goes_is_said(plan: simulate.Plan) -> None:
+def test_an_autopilot_that_goes_is_said(plan: Plan) -> None:
     with pytest.raises((ConnectionError, OSError)):
         flown(plan, quits=20)
 
@@ -129,8 +132,8 @@ def test_what_is_sent_is_the_reading_in_px4_s_frames_and_units() -> None:
         R=jnp.array(R.as_matrix()), x=jnp.array(x), v=jnp.array(v), omega=jnp.array(omega), a=jnp.array(a),
         r=jnp.zeros(0), lam=jnp.zeros((1, 3)),
     )  # fmt: skip
-    home = px4.HOME
-    sensor, state, gps = hil.messages(reading, 123, True, home)
+    home = px4_frames.HOME
+    sensor, state, gps = px4_hil.messages(reading, 123, True, home)
     assert {m.time_usec for m in (sensor, state, gps)} == {123}
     np.testing.assert_allclose([sensor.xacc, sensor.yacc, sensor.zacc], a * [1, -1, -1])
     np.testing.assert_allclose([sensor.xgyro, sensor.ygyro, sensor.zgyro], omega * [1, -1, -1])
@@ -149,15 +152,15 @@ def test_what_is_sent_is_the_reading_in_px4_s_frames_and_units() -> None:
 
 
 def test_only_this_computer_is_listened_to() -> None:
-    with hil.listening(2, 0) as servers:
+    with px4_hil.listening(2, 0) as servers:
         assert {server.getsockname()[0] for server in servers} == {"127.0.0.1"}
         with (
             pytest.raises(TimeoutError, match=r"no autopilot has come to 127.0.0.1:\d+ in 0.01 s"),
-            hil.connected(servers, 0.01),
+            px4_hil.connected(servers, 0.01),
         ):
             pass
 
 
-def test_as_many_autopilots_as_agents(plan: simulate.Plan) -> None:
+def test_as_many_autopilots_as_agents(plan: Plan) -> None:
     with pytest.raises(ValueError, match="0 autopilots for 3 agents"):
-        next(hil.fly(plan, []))
+        next(px4_hil.fly(plan, []))

@@ -12,9 +12,14 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from colift import control, fly, gp, innovation, learn, scenario, simulate, study
-from colift.estimate import Estimate, Filters, Labelled
-from colift.model import Clock, PayloadState, Residual, Wrench, no_force
+from colift import gp, scenario
+from colift.closed_loop import flight
+from colift.models.state import Clock, PayloadState, Residual, Wrench, no_force
+from colift.onboard import interfaces
+from colift.onboard.control import tracking
+from colift.onboard.estimation.state_estimator import Estimate, Filters, Labelled
+from colift.onboard.learning import features, residual_correction, residual_model, residual_predictors
+from colift.scenario import experiment
 from tests import light
 
 DT, TICKS = 0.002, 400
@@ -23,9 +28,9 @@ FILTERS = Filters(**{name: jnp.array(hertz) for name, hertz in CORNERS.items()})
 
 
 @functools.cache
-def plan() -> simulate.Plan:
+def plan() -> flight.Plan:
     """A light team's, made when it is first asked for."""
-    return study.plan(light.settings(), "C4")
+    return experiment.plan(light.settings(), "C4")
 
 
 def blend(hertz: float) -> float:
@@ -56,8 +61,8 @@ def observed(p: Any, y: Any, on: Any, waited: Any) -> Estimate:
 
 
 def heard(
-    listener: innovation.Listener, oracle: Any, p: np.ndarray, labels: np.ndarray, fresh: np.ndarray
-) -> innovation.News:
+    listener: residual_correction.Listener, oracle: Any, p: np.ndarray, labels: np.ndarray, fresh: np.ndarray
+) -> residual_correction.News:
     """The news along a path of the payload, tick by tick; `oracle(k)` is the one of tick k, by its payload's offset."""
 
     def tick(memory: Any, now: tuple) -> tuple:
@@ -76,18 +81,18 @@ def heard(
 
 def listener(
     fade: float = np.inf, span: float = 0.5, hold: float = 0.0, doubt: float = 0.0, coherence: float = 0.0
-) -> innovation.Listener:
+) -> residual_correction.Listener:
     given = {"fade": fade, "span": span, "hold": hold, "doubt": doubt, "coherence": coherence}
-    return innovation.Listener(filters=FILTERS, **{name: jnp.array(x) for name, x in given.items()})
+    return residual_correction.Listener(filters=FILTERS, **{name: jnp.array(x) for name, x in given.items()})
 
 
 def variances() -> np.ndarray:
     """Of the payload's labels."""
-    v = innovation.noise(plan().pilot.oracle).payload
+    v = residual_correction.noise(plan().pilot.oracle).payload
     return np.concatenate([v.F, v.tau])
 
 
-def offset(mean: Any, k: Any = 0) -> learn.Oracle:
+def offset(mean: Any, k: Any = 0) -> residual_model.Oracle:
     """An oracle of update k that predicts a constant wrench."""
     hyper = dataclasses.replace(plan().pilot.oracle.payload.hyper, offset=jnp.full(6, mean))
     return dataclasses.replace(
@@ -100,11 +105,11 @@ def test_the_innovation_is_the_label_less_the_mean_behind_the_labels_filters():
     rng = np.random.default_rng(0)
     p = np.cumsum(rng.normal(size=(TICKS, 3)), axis=0) * 0.05
     x = np.concatenate([p, np.zeros((TICKS, 3)), np.tile(np.eye(3).ravel(), (TICKS, 1)), np.zeros((TICKS, 9))], axis=1)
-    seen = np.asarray(learn.payload_features(jnp.asarray(x[::40])))
+    seen = np.asarray(features.payload_features(jnp.asarray(x[::40])))
     hyper, capacity = plan().pilot.oracle.payload.hyper, plan().pilot.oracle.payload.capacity
     model = gp.condition(seen, rng.normal(size=(len(seen), 6)), hyper, capacity)
     taught = dataclasses.replace(plan().pilot.oracle, payload=model)
-    W = jax.vmap(learn.payload_mean, (None, 0))(taught, jnp.asarray(x))
+    W = jax.vmap(residual_model.payload_mean, (None, 0))(taught, jnp.asarray(x))
     f = np.concatenate([W.F, W.tau], axis=1)
     more = rng.normal(size=(TICKS, 6)).cumsum(axis=0) * 0.1
     labels = filtered(f) + more
@@ -144,7 +149,7 @@ def test_what_another_oracle_says_more_is_taken_from_the_innovation_at_once():
     """Map and innovation together do not notice: their sum stays where labels are."""
     labels, p = np.full((TICKS, 6), 2.0), np.zeros((TICKS, 3))
 
-    def oracle(k: jax.Array) -> learn.Oracle:
+    def oracle(k: jax.Array) -> residual_model.Oracle:
         later = (k >= 200).astype(int)
         return offset(0.5 + later.astype(float), later)
 
@@ -225,7 +230,7 @@ def test_labels_are_late_by_their_delay_times_their_rate():
     np.testing.assert_allclose(np.asarray(news.late.payload.F)[-1], 3.0 * delay, rtol=1e-6)
 
 
-def corrected(f: np.ndarray) -> innovation.News:
+def corrected(f: np.ndarray) -> residual_correction.News:
     """The news of a listener whose map lacks f, as labels tell it tick by tick."""
     none = offset(0.0)
     return heard(listener(), lambda _k: none, np.zeros((TICKS, 3)), filtered(f), np.ones(TICKS))
@@ -290,7 +295,7 @@ def test_what_has_changed_for_good_is_counted_anew_where_a_body_s_model_is_anoth
     on = np.arange(TICKS) < 210
     for taken_in, left in ((2.0, 0.0), (0.0, 2.0)):
 
-        def oracle(k: jax.Array, taken_in: float = taken_in) -> learn.Oracle:
+        def oracle(k: jax.Array, taken_in: float = taken_in) -> residual_model.Oracle:
             later = (k >= 200).astype(int)
             return offset(taken_in * later.astype(float), later)
 
@@ -300,28 +305,30 @@ def test_what_has_changed_for_good_is_counted_anew_where_a_body_s_model_is_anoth
         np.testing.assert_allclose(np.asarray(news.r.payload.F)[-1, 0], expected, atol=0.01)
 
 
-class Nothing(fly.Learned):
+class Nothing(residual_predictors.Learned):
     """A predictor that predicts nothing."""
 
-    def predict(self, memory: Any, oracle: learn.Oracle, now: fly.Now, to: control.Command) -> Residual:
+    def predict(
+        self, memory: Any, oracle: residual_model.Oracle, now: interfaces.Now, to: tracking.Command
+    ) -> Residual:
         """Nothing."""
         return no_force(now.team)
 
 
-def predicted(last: innovation.News, of: fly.Learned) -> Wrench:
+def predicted(last: residual_correction.News, of: residual_predictors.Learned) -> Wrench:
     """The payload's residual as it is predicted, the map being another's."""
     pilot = plan().pilot
     q_hat = observed(jnp.zeros(3), jnp.zeros(6), jnp.ones(()), jnp.array(DT))
     d, W = pilot.path.at(last.t), Wrench(F=jnp.zeros(3), tau=jnp.zeros(3))
     clock = Clock(t=last.t, dt=jnp.array(DT))
-    now = fly.Now(team=pilot.team, clock=clock, m=None, q_hat=q_hat, d=d, W=W, ticks=jnp.ones(()), news=last)
-    to = control.Command(a=jnp.zeros(3), alpha=jnp.zeros(3), jerk=jnp.zeros(3))
+    now = interfaces.Now(team=pilot.team, clock=clock, m=None, q_hat=q_hat, d=d, W=W, ticks=jnp.ones(()), news=last)
+    to = tracking.Command(a=jnp.zeros(3), alpha=jnp.zeros(3), jerk=jnp.zeros(3))
     heeded = tuple(jnp.ones(size) for size in pilot.team.sizes)
-    predictor = fly.Corrected(predictor=of, lead=FILTERS.delay(), heeded=heeded)
+    predictor = residual_predictors.Corrected(predictor=of, lead=FILTERS.delay(), heeded=heeded)
     return predictor.predict((), offset(0.0), now, to).payload
 
 
-def carried(news: innovation.News) -> np.ndarray:
+def carried(news: residual_correction.News) -> np.ndarray:
     """By what part of the labels' delay each output of the payload is carried ahead."""
     last = jax.tree.map(lambda x: x[-1], news)
     f = predicted(last, Nothing())
@@ -333,7 +340,7 @@ def behind_the_labels_filter(x: np.ndarray) -> np.ndarray:
     return low(low(x, CORNERS["label"]), CORNERS["label"])
 
 
-def foretold(labels: np.ndarray, coherence: float, on: np.ndarray | None = None) -> innovation.News:
+def foretold(labels: np.ndarray, coherence: float, on: np.ndarray | None = None) -> residual_correction.News:
     """The news of these labels, beyond a map that says nothing."""
     on = np.ones(len(labels)) if on is None else on
     given = listener(doubt=10.0, coherence=coherence)
@@ -421,7 +428,7 @@ def test_another_oracle_is_nothing_that_came_true():
     t = DT * np.arange(3000)
     labels = np.tile((10 * np.sin(2 * np.pi * 0.5 * t))[:, None], (1, 6))
 
-    def oracle(k: jax.Array) -> learn.Oracle:
+    def oracle(k: jax.Array) -> residual_model.Oracle:
         later = (k >= 1520).astype(int)
         return offset(50.0 * later.astype(float), later)
 
@@ -430,19 +437,21 @@ def test_another_oracle_is_nothing_that_came_true():
     np.testing.assert_allclose(six(one.ahead.payload), six(other.ahead.payload), atol=1e-6)
 
 
-def moved(gain: float, doubt: float, on: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray, innovation.News]:
+def moved(
+    gain: float, doubt: float, on: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray, residual_correction.News]:
     """The payload's late mean along a path, labels that move `gain` times as far and noise, and the news of both."""
     rng = np.random.default_rng(2)
     t = DT * np.arange(2 * TICKS)
     p = np.stack([np.sin(2 * np.pi * t / 0.4), np.cos(2 * np.pi * t / 0.3), 0 * t], axis=1)
     x = np.concatenate([p, 0 * p, np.tile(np.eye(3).ravel(), (len(t), 1)), np.zeros((len(t), 9))], axis=1)
-    seen = np.asarray(learn.payload_features(jnp.asarray(x[::40])))
+    seen = np.asarray(features.payload_features(jnp.asarray(x[::40])))
     y = 20 * np.sqrt(variances()) * np.stack([p[::40, i % 2] for i in range(6)], axis=1)
     taught = dataclasses.replace(
         plan().pilot.oracle,
         payload=gp.condition(seen, y, plan().pilot.oracle.payload.hyper, plan().pilot.oracle.payload.capacity),
     )
-    W = jax.vmap(learn.payload_mean, (None, 0))(taught, jnp.asarray(x))
+    W = jax.vmap(residual_model.payload_mean, (None, 0))(taught, jnp.asarray(x))
     mean = low(low(low(np.concatenate([W.F, W.tau], axis=1), 50.0), 8.0), 8.0)
     labels = 3.0 + gain * mean + 0.1 * np.sqrt(variances()) * rng.normal(size=mean.shape)
     on = np.ones(len(t)) if on is None else on
@@ -483,14 +492,16 @@ def test_a_map_that_is_not_trusted_is_not_used():
     class Far(Nothing):
         """Predicts seven of everything."""
 
-        def predict(self, memory: Any, oracle: learn.Oracle, now: fly.Now, to: control.Command) -> Residual:
+        def predict(
+            self, memory: Any, oracle: residual_model.Oracle, now: interfaces.Now, to: tracking.Command
+        ) -> Residual:
             """Seven."""
             return jax.tree.map(lambda x: jnp.full_like(x, 7.0), no_force(now.team))
 
     like = no_force(plan().pilot.team)
     for alpha, expected in ((0.0, 3.0), (0.5, 3.0 + 0.5 * (7 - 2)), (1.0, 7.0 + 1.0)):
         last = dataclasses.replace(
-            innovation.no_news(plan().pilot.team, jnp.zeros(())),
+            residual_correction.no_news(plan().pilot.team, jnp.zeros(())),
             r=jax.tree.map(jnp.ones_like, like),
             mean=jax.tree.map(lambda x: jnp.full_like(x, 2.0), like),
             trust=jax.tree.map(lambda x, alpha=alpha: jnp.full_like(x, alpha), like),

@@ -10,7 +10,7 @@ import time
 
 import pytest
 
-from colift import interrupt
+from colift.runtime import signals
 
 BEGIN = """
 import gc, os, signal, sys, threading, time
@@ -131,24 +131,24 @@ print("went on")
 
 
 def test_handlers_are_restored_and_errors_pass(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(interrupt, "SIGNALS", (signal.SIGTERM, signal.SIGUSR1))  # SIGINT may be ignored
-    before = [signal.getsignal(number) for number in interrupt.SIGNALS]
+    monkeypatch.setattr(signals, "SIGNALS", (signal.SIGTERM, signal.SIGUSR1))  # SIGINT may be ignored
+    before = [signal.getsignal(number) for number in signals.SIGNALS]
     threads = threading.active_count()
-    with interrupt.heeded():
+    with signals.heeded():
         assert signal.getsignal(signal.SIGTERM) is not before[0]
-    with pytest.raises(ValueError, match="as it was"), interrupt.heeded():
+    with pytest.raises(ValueError, match="as it was"), signals.heeded():
         raise ValueError("as it was")
-    assert [signal.getsignal(number) for number in interrupt.SIGNALS] == before
+    assert [signal.getsignal(number) for number in signals.SIGNALS] == before
     assert threading.active_count() == threads
     assert signal.set_wakeup_fd(-1) == -1
-    interrupt.check()
+    signals.check()
 
 
 def test_off_the_main_thread_no_signal_is_taken():
     before, seen = signal.getsignal(signal.SIGTERM), []
 
     def elsewhere() -> None:
-        with interrupt.heeded():
+        with signals.heeded():
             seen.append(signal.getsignal(signal.SIGTERM))
 
     thread = threading.Thread(target=elsewhere)
@@ -159,5 +159,5 @@ def test_off_the_main_thread_no_signal_is_taken():
 
 def test_without_a_command_line_there_is_nothing_to_heed():
     began = time.monotonic()
-    interrupt.check()
+    signals.check()
     assert time.monotonic() - began < 1

@@ -7,8 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from colift.lag import Lag
-from colift.model import AgentInput
+from colift.models.actuator_lag import Lag
+from colift.models.state import AgentInput
 
 DT = jnp.array(0.002)
 

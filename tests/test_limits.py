@@ -9,9 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from colift import allocate, limits
-from colift.limits import Cause, Limits, Watched
-from colift.model import AgentForce, Residual, Wrench
+from colift.closed_loop import termination
+from colift.closed_loop.termination import Cause, Limits, Watched
+from colift.models.state import AgentForce, Residual, Wrench
+from colift.onboard.control import allocation
 from tests import teams
 
 AGENTS = 3
@@ -24,7 +25,7 @@ LIMITS = Limits(
     tilt=jnp.array(1.2),
     saturation=jnp.array(2.0),
 )
-exceeded = jax.jit(limits.exceeded)
+exceeded = jax.jit(termination.exceeded)
 
 
 def watched(
@@ -115,7 +116,7 @@ def test_a_flight_within_its_limits_goes_on_and_where_there_are_none_whatever_it
 def test_the_sentence_names_who_is_worst_by_how_much_and_the_setting(part, value, said):
     now = watched(*(value if k == part else x for k, x in enumerate(FINE)))
     cause = Cause(int(exceeded(LIMITS, now)))
-    assert limits.sentence(cause, LIMITS, jax.tree.map(np.asarray, now), 1.5, NAMES) == said
+    assert termination.sentence(cause, LIMITS, jax.tree.map(np.asarray, now), 1.5, NAMES) == said
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -124,7 +125,7 @@ def test_hovering_thrusts_hold_up_the_team_against_all_that_pulls(seed):
     rng = np.random.default_rng(seed)
     team = teams.reference_team(3)
     c = np.array([point for group in team.groups for agent in group.contact for point in np.asarray(agent)])
-    plan = allocate.balanced(c)
+    plan = allocation.balanced(c)
     R = teams.rotation(rng)
     eta, F, tau, f_x = rng.normal(size=12), rng.normal(size=3), 0.1 * rng.normal(size=3), rng.normal(size=(3, 3))
     f = Residual(
@@ -132,8 +133,8 @@ def test_hovering_thrusts_hold_up_the_team_against_all_that_pulls(seed):
         payload=Wrench(F=jnp.asarray(F), tau=jnp.asarray(tau)),
     )
     W = Wrench(F=-team.payload.mass * team.gravity - f.payload.F, tau=-f.payload.tau)
-    asked = allocate.apply(plan, jnp.asarray(R), W, jnp.asarray(eta))
-    u = np.asarray(limits.hover(team, asked, f))
+    asked = allocation.apply(plan, jnp.asarray(R), W, jnp.asarray(eta))
+    u = np.asarray(termination.hover(team, asked, f))
     pull = np.array([0, 0, -9.81])
     G = np.concatenate([np.concatenate([np.eye(3), np.cross(np.eye(3), point)]) for point in c], axis=1)
     wanted = -np.concatenate([R.T @ (1.5 * pull + F), tau])

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from colift import linalg
+from colift.math import linalg
 
 solve = jax.jit(linalg.solve)
 

@@ -13,7 +13,8 @@ import pytest
 import xarray as xr
 from scipy.linalg import sqrtm
 
-from colift import disk, log
+from colift.closed_loop import log
+from colift.runtime import atomic_write
 from tests import flights
 
 DIMENSIONS = {"time": "time", "agents": "agent", "joints": "joint", "contacts": "contact", "eta": "eta_index"}
@@ -183,7 +184,7 @@ def test_an_interrupted_write_leaves_what_was_there(tmp_path, monkeypatch):
 
     monkeypatch.setattr(os, "fsync", interrupt)
     with pytest.raises(KeyboardInterrupt):
-        disk.write(path, b"after")
+        atomic_write.write(path, b"after")
     assert path.read_bytes() == b"before"
     assert names(tmp_path) == ["summary.json"]
 

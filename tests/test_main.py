@@ -16,9 +16,15 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from colift import __main__, folder, log, native, results, scenario, study, urdf, view
-from colift.__main__ import app
-from colift.scenario import roster
+from colift import codegen, scenario
+from colift.cli import app
+from colift.cli.app import app
+from colift.closed_loop import log
+from colift.models import urdf
+from colift.runtime import run_directory
+from colift.scenario import experiment, team
+from colift.visualization import study_figures
+from colift.workflows import study
 from tests import flights, light
 
 PROMISED = {
@@ -37,7 +43,7 @@ def invoke(*arguments: str) -> tuple[int, str]:
 @pytest.fixture(autouse=True)
 def _no_figures(monkeypatch: pytest.MonkeyPatch) -> None:
     """`flown` has drawn them; ten seconds of every other study are saved."""
-    monkeypatch.setattr(view, "figures", lambda *_: [])
+    monkeypatch.setattr(study_figures, "figures", lambda *_: [])
 
 
 def test_an_unknown_scenario_is_one_line_and_status_2():
@@ -59,24 +65,24 @@ def test_settings_complete_by_their_paths_entries_of_lists_by_name():
     ctx = typer.Context(click.Command("run"))
     for name, found in (("paper", ["payload.mass_kg="]), (None, ["payload.mass_kg="]), ("papr", [])):
         ctx.params = {"name": name}
-        assert __main__._setting_paths(ctx, "payload.m") == found
-    paths = __main__._leaves(scenario.load("paper").model_dump(mode="json"))
+        assert app._setting_paths(ctx, "payload.m") == found
+    paths = app._leaves(scenario.load("paper").model_dump(mode="json"))
     assert "disturbances.load_wind.mean_mps" in paths
     assert all(scenario.load("paper", [f"{path}={value}"]) for path, value in (("agents.rear.yaw_deg", 3), ("seed", 1)))
 
 
 def test_a_run_that_ends_before_learning_does_ends_it_and_says_so(capsys: pytest.CaptureFixture[str]):
-    short = __main__._settings("paper", (), 5.0)
+    short = app._settings("paper", (), 5.0)
     assert (short.duration_s, short.learning.end_s, short.learning.update_times_s) == (5.0, 5.0, (2.0, 4.0))
-    assert __main__._settings("paper", (), 12.0).learning == scenario.load("paper").learning
-    assert __main__._settings("paper", ["learning.end_s=4", "learning.update_times_s=[2]"], 4.5).learning.end_s == 4
-    longer = __main__._settings("paper", ["learning.end_s=25", "learning.update_times_s=[2, 24]"], 30.0)
+    assert app._settings("paper", (), 12.0).learning == scenario.load("paper").learning
+    assert app._settings("paper", ["learning.end_s=4", "learning.update_times_s=[2]"], 4.5).learning.end_s == 4
+    longer = app._settings("paper", ["learning.end_s=25", "learning.update_times_s=[2, 24]"], 30.0)
     assert longer.learning.update_times_s == (2.0, 24.0)
     capsys.readouterr()
-    assert __main__._settings("paper", (), 1.5).learning.end_s == 1.5
+    assert app._settings("paper", (), 1.5).learning.end_s == 1.5
     assert "nothing is learned in 1.5 s: the first update is at 2 s" in capsys.readouterr().err
     with pytest.raises(scenario.ScenarioError) as refused:
-        __main__._settings("paper", (), -1.0)
+        app._settings("paper", (), -1.0)
     assert str(refused.value).count("\n") == 0
 
 
@@ -102,7 +108,7 @@ def test_a_file_that_cannot_be_read_is_one_line_and_status_2(tmp_path: Path):
     ],
 )
 def test_a_broken_file_is_one_line_and_status_2(written: str, instead: str, answer: str, tmp_path: Path):
-    text = (Path(scenario.__file__).parent.parent / "scenarios" / "paper.yaml").read_text()
+    text = (Path(scenario.__file__).parent / "library" / "paper.yaml").read_text()
     assert written in text
     path = tmp_path / "broken.yaml"
     path.write_text(text.replace(written, instead, 1))
@@ -131,7 +137,7 @@ def test_a_folder_that_cannot_be_written_is_one_line_and_status_2_before_any_fli
 
 
 def test_a_folder_that_another_process_writes_to_is_refused_before_any_flight(tmp_path: Path):
-    with results.claim(scenario.load("paper"), tmp_path):
+    with study.claim(scenario.load("paper"), tmp_path):
         for command in ("study", "certify"):
             status, said = invoke(command, "paper", "--out", str(tmp_path))
             assert (status, said.count("\n")) == (2, 1)
@@ -147,14 +153,14 @@ def test_a_folder_with_a_file_of_someone_else_in_the_way_is_refused_before_any_f
 
 
 def test_a_scenario_that_cannot_be_flown_leaves_the_results_that_there_were(tmp_path: Path):
-    (tmp_path / "C1.nc").write_text(folder.run_name("0.1.0", "another"))
+    (tmp_path / "C1.nc").write_text(run_directory.run_name("0.1.0", "another"))
     status, _ = invoke("study", "papr", "--out", str(tmp_path))
     assert status == 2
     assert [file.name for file in tmp_path.iterdir()] == ["C1.nc"]
 
 
 def test_internal_forces_that_do_not_exist_are_refused_with_the_reason(tmp_path: Path):
-    text = (Path(scenario.__file__).parent.parent / "scenarios" / "paper.yaml").read_text()
+    text = (Path(scenario.__file__).parent / "library" / "paper.yaml").read_text()
     split = "  kind: leader_follower\n  leader_contacts: [front/left, front/right, rear/left]"
     path = tmp_path / "split.yaml"
     path.write_text(text.replace("  kind: balanced", split))
@@ -167,9 +173,9 @@ def test_what_a_compiler_that_fails_says_comes_without_a_traceback_and_status_2(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     def plans(settings: scenario.Settings, cases: object) -> None:
-        raise native.CompilerError("cc --version:\nexit status 1")
+        raise codegen.CompilerError("cc --version:\nexit status 1")
 
-    monkeypatch.setattr(study, "plans", plans)
+    monkeypatch.setattr(experiment, "plans", plans)
     status, said = invoke("study", "paper", "--out", str(tmp_path))
     assert (status, said.splitlines()[1:]) == (2, ["cc --version:", "exit status 1"])
 
@@ -179,7 +185,7 @@ def test_an_engine_takes_the_place_of_the_scenario_s(given, flown, tmp_path, mon
     def plans(settings: scenario.Settings, cases: object) -> None:
         raise scenario.ScenarioError(f"by {settings.plant.kind}")
 
-    monkeypatch.setattr(study, "plans", plans)
+    monkeypatch.setattr(experiment, "plans", plans)
     status, said = invoke("study", "paper", *given, "--out", str(tmp_path))
     assert (status, said.splitlines()[-1]) == (2, f"by {flown}")
 
@@ -198,8 +204,8 @@ def test_a_duration_that_ends_before_learning_does_is_said(
     def plans(settings: scenario.Settings, *_: object) -> None:
         raise scenario.ScenarioError(f"until {settings.learning.end_s:g} s")
 
-    monkeypatch.setattr(study, "plan", plans)
-    monkeypatch.setattr(study, "plans", plans)
+    monkeypatch.setattr(experiment, "plan", plans)
+    monkeypatch.setattr(experiment, "plans", plans)
     status, said = invoke(*command, "paper", "--duration", "5", "--out", str(tmp_path / "out"))
     first, *_, last = said.splitlines()
     assert (status, first) == (2, "warning: learning ends with the run, at 5 s (learning.end_s is 10)")
@@ -216,8 +222,8 @@ def test_flights_are_written_beside_their_logs_and_replaced_with_them(kind: str,
         assert (result.exit_code, result.output) == (0, f"C2.{kind}: in {tmp_path}\n")
     written = tmp_path / f"C2.{kind}"
     assert holds in written.read_bytes()
-    assert folder.run_of(written) == flights.RUN
-    assert folder.files(tmp_path, results.FLOWN) == sorted([tmp_path / "C2.nc", written])
+    assert run_directory.run_of(written) == flights.RUN
+    assert run_directory.files(tmp_path, study.FLOWN) == sorted([tmp_path / "C2.nc", written])
 
 
 @pytest.mark.parametrize("kind", ["csv", "mcap"])
@@ -248,7 +254,7 @@ def test_each_type_of_agent_is_written_as_urdf(tmp_path: Path):
     assert [joint.name for joint in robot.joints] == [joint.name for joint in kind.joints]
     assert {f"{arm.name}_tip" for arm in kind.arms} < set(robot.links)
     back = urdf.agent(robot, [f"{arm.name}_tip" for arm in kind.arms], told.agents[0].contacts_m, kind.thrust_max_N)
-    for found, expected in zip(*map(jax.tree.leaves, (back, roster.kinds(told).popitem()[1])), strict=True):
+    for found, expected in zip(*map(jax.tree.leaves, (back, team.kinds(told).popitem()[1])), strict=True):
         np.testing.assert_allclose(found, expected, atol=1e-15)
 
 
@@ -297,14 +303,14 @@ def test_a_study_leaves_what_it_promises_and_nothing_half_written(flown: Path):
 
 
 def test_every_file_names_the_run_and_is_known_to_be_a_study_s(flown: Path):
-    assert set(flown.iterdir()) == set(folder.files(flown, results.FLOWN))
+    assert set(flown.iterdir()) == set(run_directory.files(flown, study.FLOWN))
     run = json.loads((flown / "summary.json").read_text())["run"]
     settings = scenario.load(str(flown.parent / "short.yaml"))
-    with results.claim(settings.model_copy(update={"seed": 7}), flown) as out:
+    with study.claim(settings.model_copy(update={"seed": 7}), flown) as out:
         assert out.run == run
-    with results.claim(settings, flown) as out:
+    with study.claim(settings, flown) as out:
         assert out.run != run
-    assert {folder.run_of(file) for file in flown.iterdir()} == {run}
+    assert {run_directory.run_of(file) for file in flown.iterdir()} == {run}
 
 
 def test_the_summary_holds_what_it_promises(flown: Path):
@@ -354,7 +360,7 @@ def test_a_study_can_be_played(flown: Path, tmp_path: Path):
         shutil.copy(flown / f"{case}.nc", tmp_path)
     status, said = invoke("view", str(tmp_path))
     assert (status, said) == (0, "")
-    assert folder.run_of(tmp_path / "view.html") == folder.run_of(flown / "C1.nc")
+    assert run_directory.run_of(tmp_path / "view.html") == run_directory.run_of(flown / "C1.nc")
     assert log.load(flown / "C1.nc").attrs["scenario_json"].startswith('{"name":"sample"')
 
 
@@ -363,11 +369,11 @@ def test_a_run_that_fails_is_saved_marked_incomplete_and_status_1(tmp_path: Path
     path, out = light.write(tmp_path / "wild.yaml", control=wild), tmp_path / "out"
     out.mkdir()
     for name in ("I.nc", "figure_6_certificate.pdf", "notes"):
-        (out / name).write_text(f"of another run: {folder.run_name('0.1.0', 'another')}")
+        (out / name).write_text(f"of another run: {run_directory.run_name('0.1.0', 'another')}")
     status, said = invoke("study", str(path), "--out", str(out))
     assert status == 1
     assert f"{out} holds results of another run: they are replaced" in said
-    assert set(out.iterdir()) - set(folder.files(out, results.FLOWN)) == {out / "notes"}
+    assert set(out.iterdir()) - set(run_directory.files(out, study.FLOWN)) == {out / "notes"}
     assert not (out / "I.nc").exists()
     summary = json.loads((out / "summary.json").read_text())
     assert "warning: unstable at rest" in said.partition("C1")[0]
@@ -409,7 +415,7 @@ def test_one_case_is_flown_alone_and_quietly_and_its_summary_is_printed_as_json(
 
 def test_help_loads_nothing_that_it_does_not_need():
     code = (
-        "import sys; from typer.testing import CliRunner; from colift.__main__ import app\n"
+        "import sys; from typer.testing import CliRunner; from colift.cli.app import app\n"
         "done = CliRunner().invoke(app, ['study', '--help'])\n"
         "assert done.exit_code == 0 and '--baselines' in done.output, done.output\n"
         "heavy = ('matplotlib', 'scipy', 'xarray', 'colift.scenario', 'colift.simulate')\n"
@@ -448,8 +454,8 @@ def test_where_no_bar_can_be_drawn_a_case_says_when_it_begins_how_far_it_is_and_
 ):
     said = []
     for every in (1e9, 0.0):
-        monkeypatch.setattr(__main__, "EVERY", every)
-        progress = __main__._lines({"C1": "no learning"}, 20.0)
+        monkeypatch.setattr(app, "EVERY", every)
+        progress = app._lines({"C1": "no learning"}, 20.0)
         for t in (0.0, 0.5, 1.0, 20.0):
             progress("C1", t)
         said.append(capsys.readouterr().err.splitlines())
@@ -462,7 +468,7 @@ SHOW = """
 import signal, sys
 signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored where the tests run in a shell's background
 from pathlib import Path
-import colift.__main__ as command
+import colift.cli.app as command
 numbers = {key: 1.0 for _, _, key, *_ in command.COLUMNS} | {"complete": True, "stopped": "", "warnings": []}
 summary = {"scenario": "ladung \\u03bb", "seed": 1, "cases": {"C1": numbers}}
 @command.app.command()

@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from colift import agent as ag
-from colift import mjcf, scenario
-from colift.__main__ import app
-from colift.scenario import roster, starts
+from colift import scenario
+from colift.cli.app import app
+from colift.models import aerial_manipulator, mjcf
+from colift.scenario import initial_states, team
 from tests import teams
 from tests.pinocchio_team import PinocchioTeam, take
 
@@ -110,7 +110,9 @@ def test_the_mass_matrix_is_ours_in_mujocos_coordinates(case: SimpleNamespace) -
 
 @jax.jit
 def reduced(group: object, state: object) -> tuple[jax.Array, jax.Array, jax.Array]:
-    q = jax.vmap(lambda agent, r: ag.reduce(agent, ag.geometry(agent, r)))(group, state.r)
+    q = jax.vmap(lambda agent, r: aerial_manipulator.reduce(agent, aerial_manipulator.geometry(agent, r)))(
+        group, state.r
+    )
     return q.mass, q.M_bar, q.base
 
 
@@ -162,8 +164,8 @@ def test_the_command_writes_the_scenarios_names_start_and_limits(tmp_path: Path)
         assert {m.site(name).id, m.site(f"payload/{name}").id} == {connect.obj1id[0], connect.obj2id[0]}
     np.testing.assert_array_equal(m.actuator("front thrust").ctrlrange, [0, 50])
     settings = scenario.load("paper")
-    truth, _ = roster.team(settings)
-    z = starts.start(settings, truth)
+    truth, _ = team.team(settings)
+    z = initial_states.start(settings, truth)
     np.testing.assert_array_equal(d.joint("payload").qpos[:3], z.payload.p)
     np.testing.assert_allclose(d.body("rear").subtree_com, z.agents[0].x[1], atol=1e-14)
     np.testing.assert_array_equal(m.opt.gravity, settings.gravity_mps2)
@@ -212,5 +214,5 @@ def test_names_must_be_as_many_as_there_are() -> None:
 
 
 def test_mujoco_is_not_needed_to_write_a_model() -> None:
-    code = "import sys, colift.mjcf; sys.exit('mujoco' in sys.modules)"
+    code = "import sys, colift.models.mjcf; sys.exit('mujoco' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], timeout=300, check=False).returncode == 0

@@ -10,8 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from colift import model
-from colift.model import Agent, Team, Tree
+from colift.models import validation
+from colift.models.parameters import Agent, Team, Tree
 from tests import teams
 
 
@@ -50,20 +50,20 @@ REFUSED = [
 @pytest.mark.parametrize(("change", "message"), REFUSED)
 def test_unphysical_parameters_are_refused(change: Callable[[Agent], Agent], message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        model.check(changed(change), ("left", "right"))
+        validation.check(changed(change), ("left", "right"))
 
 
 def test_physical_parameters_pass() -> None:
-    model.check(teams.reference_team(3))
+    validation.check(teams.reference_team(3))
     for structure in teams.POOL:
-        model.check(teams.team(np.random.default_rng(0), structure))
+        validation.check(teams.team(np.random.default_rng(0), structure))
 
 
 def test_payload_is_checked() -> None:
     team = teams.reference_team()
     heavy = dataclasses.replace(team.payload, mass=jnp.array(-1.0))
     with pytest.raises(ValueError, match="the payload: mass -1 kg"):
-        model.check(dataclasses.replace(team, payload=heavy))
+        validation.check(dataclasses.replace(team, payload=heavy))
 
 
 def test_numbers_do_not_recompile_but_structure_does() -> None:

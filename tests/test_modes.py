@@ -10,47 +10,49 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from colift import modes, sensor, simulate, study
-from colift.model import State
-from colift.scenario import starts
+from colift.analysis import stability
+from colift.closed_loop import flight, signals, simulator
+from colift.models.state import State
+from colift.scenario import experiment, initial_states
+from colift.simulation import sensors
 from tests import light
 from tests import paper_flights as paper
 
 
 @functools.cache
-def rest() -> tuple[modes.Carried, np.ndarray]:
+def rest() -> tuple[stability.Carried, np.ndarray]:
     """The study's rest, and its derivative."""
-    return modes.monodromy(plan(), z())
+    return stability.monodromy(plan(), z())
 
 
-def plan(hertz: float = 500.0) -> simulate.Plan:
+def plan(hertz: float = 500.0) -> flight.Plan:
     return dataclasses.replace(paper.plan("C1"), dt=1 / hertz)
 
 
 @functools.cache
 def z() -> State:
-    return starts.at_rest(paper.SETTINGS, paper.plan("C1").world.team)
+    return initial_states.at_rest(paper.SETTINGS, paper.plan("C1").world.team)
 
 
 @functools.cache
-def at_500_hertz() -> modes.Modes:
-    return modes.at_rest(plan(), z())
+def at_500_hertz() -> stability.Modes:
+    return stability.at_rest(plan(), z())
 
 
-def flown(of: simulate.Plan, x: modes.Carried, d: np.ndarray, ticks: int) -> np.ndarray:
+def flown(of: flight.Plan, x: stability.Carried, d: np.ndarray, ticks: int) -> np.ndarray:
     """Coordinates around x, so many ticks after d, of the loop as it flies with nothing unknown and no noise."""
-    of = dataclasses.replace(of, world=modes._alone(of.world))
-    noise = of.world.draw(jax.random.key(0), simulate.chunk(of))
-    loop = simulate.start(of.setup, z())
-    loop, _ = simulate.advance(of.setup, loop, noise, jnp.asarray(1))
-    at = jax.tree.map(lambda leaf: leaf[0], modes._move(x, jnp.asarray(d[None])))
+    of = dataclasses.replace(of, world=stability._alone(of.world))
+    noise = of.world.draw(jax.random.key(0), flight.chunk(of))
+    loop = simulator.start(of.setup, z())
+    loop, _ = simulator.advance(of.setup, loop, noise, jnp.asarray(1))
+    at = jax.tree.map(lambda leaf: leaf[0], stability._move(x, jnp.asarray(d[None])))
     # the clock goes on, but the reference of the first quarter of a second moves by less than 1e-6 m
     still = paper.with_pilot(of, path=dataclasses.replace(of.pilot.path, amplitude=jnp.zeros(3)))
-    loop = dataclasses.replace(modes._put(loop, at), tick=jnp.zeros((), int))
-    loop, _ = simulate.advance(still.setup, loop, noise, jnp.asarray(ticks))
+    loop = dataclasses.replace(stability._put(loop, at), tick=jnp.zeros((), int))
+    loop, _ = simulator.advance(still.setup, loop, noise, jnp.asarray(ticks))
     assert int(loop.tick) == ticks
-    y = jax.tree.map(lambda leaf: leaf[None], modes._take(loop))
-    return np.asarray(modes._coordinates(x, y))[0]
+    y = jax.tree.map(lambda leaf: leaf[None], stability._take(loop))
+    return np.asarray(stability._coordinates(x, y))[0]
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -68,9 +70,9 @@ def test_a_tiny_disturbance_goes_the_way_the_modes_say(seed):
 
 
 @functools.cache
-def settled() -> simulate.Row:
+def settled() -> signals.Row:
     """A whole flight with nothing unknown but the bodies' parameters, the reference at rest, no noise."""
-    of = dataclasses.replace(plan(), world=modes._alone(plan().world))
+    of = dataclasses.replace(plan(), world=stability._alone(plan().world))
     still = dataclasses.replace(of.pilot.path, amplitude=jnp.zeros(3))
     alone = paper.with_internal(of, eta=jnp.zeros_like(of.pilot.allocator.internal.eta))
     return paper.fly(paper.with_pilot(alone, path=still), 14.0).rows
@@ -103,10 +105,10 @@ def test_a_team_that_flies_is_not_called_unstable():
 
 @pytest.mark.long
 def test_a_leader_with_a_memory_adds_its_own_modes():
-    def slow(found: modes.Modes) -> int:
+    def slow(found: stability.Modes) -> int:
         return int((found.eigenvalues.real > -50).sum())  # rad/s; some are gone within a tick or two
 
-    with_integral = modes.at_rest(paper.with_pilot(plan(), leader=paper.plan("I").pilot.leader), z())
+    with_integral = stability.at_rest(paper.with_pilot(plan(), leader=paper.plan("I").pilot.leader), z())
     assert slow(with_integral) == slow(at_500_hertz()) + 6
     assert with_integral.stable
 
@@ -117,10 +119,10 @@ def test_too_slow_a_control_rate_is_called_unstable_and_is(monkeypatch):
 
     The loop as it flies follows the mode that grows, for as long as it is small.
     """
-    monkeypatch.setattr(simulate, "CHUNK", 12.5)  # as many ticks as half a second has at 500 Hz: one program
+    monkeypatch.setattr(flight, "CHUNK", 12.5)  # as many ticks as half a second has at 500 Hz: one program
     slow = plan(20.0)
-    x, M = modes.monodromy(slow, z())
-    found = modes.at_rest(slow, z())
+    x, M = stability.monodromy(slow, z())
+    found = stability.at_rest(slow, z())
     assert not found.stable
     values, vectors = np.linalg.eig(M)
     worst = int(np.argmax(np.abs(values)))
@@ -135,7 +137,7 @@ def test_too_slow_a_control_rate_is_called_unstable_and_is(monkeypatch):
 def test_no_rest_is_said():
     nowhere = dataclasses.replace(paper.plan("C1").pilot.path, center=jnp.full(3, np.nan))
     with pytest.raises(ValueError, match="no rest near the start of its reference"):
-        modes.at_rest(paper.with_pilot(plan(), path=nowhere), z())
+        stability.at_rest(paper.with_pilot(plan(), path=nowhere), z())
 
 
 def modes_of(y: np.ndarray, dt: float) -> np.ndarray:
@@ -157,38 +159,40 @@ def test_modes_name_what_moves():
     shape = np.zeros((2, 6))
     shape[0, 4] = 1.0
     none = {"attitude": np.zeros((2, 0, 3)), "joints": np.zeros((2, 0))}
-    found = modes.Modes(eigenvalues=np.array([0.3 + 2j, -1 + 0j]), payload=shape, **none)
+    found = stability.Modes(eigenvalues=np.array([0.3 + 2j, -1 + 0j]), payload=shape, **none)
     assert not found.stable
     assert found.slowest() == "+0.30 +2.00i rad/s, seen most in p_y"
-    unseen = modes.Modes(eigenvalues=np.array([-0.3 + 2j]), payload=np.full((1, 6), 0.01), **none)
+    unseen = stability.Modes(eigenvalues=np.array([-0.3 + 2j]), payload=np.full((1, 6), 0.01), **none)
     assert unseen.stable
     assert "the agents' attitudes" in unseen.slowest()
-    assert not modes.Modes(eigenvalues=np.array([-1e-9 + 0j]), payload=shape, **none).stable
+    assert not stability.Modes(eigenvalues=np.array([-1e-9 + 0j]), payload=shape, **none).stable
 
 
 # Delay ----------------------------------------------------------------------------------------------------------------
 
 
 @functools.cache
-def three_bodies(delay_s: float = 0.0) -> tuple[modes.Carried, np.ndarray]:
+def three_bodies(delay_s: float = 0.0) -> tuple[stability.Carried, np.ndarray]:
     """Rest and derivative of the smallest team, whose commands are all the later by a delay."""
     motors = {"kind": "motors", "bandwidth_Hz": 1e6, "delay_s": delay_s}
     settings = light.settings(actuators=motors)
-    plan = study.plan(settings, "C1")
-    return modes.monodromy(plan, starts.at_rest(settings, plan.world.team))
+    plan = experiment.plan(settings, "C1")
+    return stability.monodromy(plan, initial_states.at_rest(settings, plan.world.team))
 
 
 @pytest.mark.long
 def test_from_where_a_loop_has_settled_the_rest_is_the_same():
-    plan = study.plan(light.settings(), "C1")
-    setup, loop, noise = modes._begun(plan, starts.at_rest(light.settings(), plan.world.team))
-    settled = modes._settled(setup, loop, noise)
+    plan = experiment.plan(light.settings(), "C1")
+    setup, loop, noise = stability._begun(plan, initial_states.at_rest(light.settings(), plan.world.team))
+    settled = stability._settled(setup, loop, noise)
     assert int(settled.tick) == int(loop.tick), "its clock was held"
-    apart = modes._coordinates(modes._take(loop), jax.tree.map(lambda leaf: leaf[None], modes._take(settled)))
+    apart = stability._coordinates(
+        stability._take(loop), jax.tree.map(lambda leaf: leaf[None], stability._take(settled))
+    )
     assert np.abs(apart).max() > 1e-3, "rest is off the reference by what is not known of the payload"
-    rests = [modes._rest(setup, of, noise) for of in (loop, settled)]
+    rests = [stability._rest(setup, of, noise) for of in (loop, settled)]
     (x, _), (y, _) = (found for found in rests if found)
-    between = modes._coordinates(x, jax.tree.map(lambda leaf: leaf[None], y))
+    between = stability._coordinates(x, jax.tree.map(lambda leaf: leaf[None], y))
     np.testing.assert_allclose(between, 0, atol=1e-6)
 
 
@@ -196,37 +200,37 @@ def test_from_where_a_loop_has_settled_the_rest_is_the_same():
 def test_the_delay_margin_ends_where_the_loop_that_has_a_delay_is_unstable():
     """The delay that actuators can have, of all that they move: the team has no joints."""
     x, M = three_bodies()
-    ticks = modes.delay_margin(x, M, 25)
+    ticks = stability.delay_margin(x, M, 25)
     assert 1 <= ticks < 25
-    command, world = modes._rows_of(x, r"\.memory\.sent.*"), modes._rows_of(x, r"\.world.*")
+    command, world = stability._rows_of(x, r"\.memory\.sent.*"), stability._rows_of(x, r"\.world.*")
     memory = np.setdiff1d(np.arange(len(M)), world)
     B = np.zeros((len(M), len(command)))
     B[world] = M[np.ix_(world, memory)] @ np.linalg.pinv(M[np.ix_(command, memory)])
-    appended = [np.linalg.eigvals(modes._delayed(M, B, M[command], k)) for k in (ticks, ticks + 1)]
+    appended = [np.linalg.eigvals(stability._delayed(M, B, M[command], k)) for k in (ticks, ticks + 1)]
     within = np.linalg.eigvals(three_bodies((ticks + 1) / 500)[1])
     slow = [values[np.abs(values) > 0.5] for values in (appended[1], within)]
     assert len(slow[0]) == len(slow[1]) > 20
     apart = np.abs(slow[0][:, None] - slow[1])
     assert max(apart.min(0).max(), apart.min(1).max()) < 1e-4
     assert np.abs(appended[0]).max() < 1 < np.abs(within).max()
-    assert modes.delay_margin(x, M, ticks - 1) == ticks - 1
-    assert modes.delay_margin(x, 1.1 * M, 25) == -1
+    assert stability.delay_margin(x, M, ticks - 1) == ticks - 1
+    assert stability.delay_margin(x, 1.1 * M, 25) == -1
 
 
 @pytest.mark.long
 def test_the_gain_margin_ends_where_the_loop_of_stronger_or_weaker_commands_is_unstable():
     x, M = three_bodies()
-    least, greatest = modes.gain_margin(x, M)
+    least, greatest = stability.gain_margin(x, M)
     assert least < 1 < greatest
-    B, K = modes._commands(x, M)
+    B, K = stability._commands(x, M)
     radius = lambda g: np.abs(np.linalg.eigvals(M + (g - 1) * B @ K)).max()  # noqa: E731
     for end, beyond in ((least, 0.98), (greatest, 1.02)):
         assert radius(end) < 1
-        assert radius(end * beyond) >= 1 or max(end, 1 / end) > 0.999 * modes.GAIN_MOST
-    assert greatest < modes.GAIN_MOST, "some gain is too much"
-    assert np.isnan(modes.gain_margin(x, 1.1 * M)).all()
-    found = modes.margins(x, M, 0.002)
-    assert found.delay == pytest.approx(0.002 * modes.delay_margin(x, M, 25))
+        assert radius(end * beyond) >= 1 or max(end, 1 / end) > 0.999 * stability.GAIN_MOST
+    assert greatest < stability.GAIN_MOST, "some gain is too much"
+    assert np.isnan(stability.gain_margin(x, 1.1 * M)).all()
+    found = stability.margins(x, M, 0.002)
+    assert found.delay == pytest.approx(0.002 * stability.delay_margin(x, M, 25))
     assert f"{greatest:.3g} times as strong" in found.says()
 
 
@@ -234,16 +238,16 @@ def test_the_gain_margin_ends_where_the_loop_of_stronger_or_weaker_commands_is_u
 def test_a_memory_that_moves_no_command_has_no_delay_margin():
     x, M = three_bodies()
     M = M.copy()
-    M[np.ix_(modes._rows_of(x, r"\.memory\.sent.*"), modes._rows_of(x, r"\.memory.*"))] = 0
+    M[np.ix_(stability._rows_of(x, r"\.memory\.sent.*"), stability._rows_of(x, r"\.memory.*"))] = 0
     with pytest.raises(ValueError, match="does not move every command"):
-        modes.delay_margin(x, M, 5)
+        stability.delay_margin(x, M, 5)
 
 
 @pytest.mark.long
 def test_a_command_that_next_to_nothing_moves_counts_on_neither_side_of_its_threshold():
     """Of a team that `tune` came by, one command's singular value was 0.9e-7 by the memory and 1.4e-7 by all."""
     x, M = three_bodies()
-    sent, world = (modes._rows_of(x, where) for where in (r"\.memory\.sent\[\d+\]\..*", r"\.world\..*"))
+    sent, world = (stability._rows_of(x, where) for where in (r"\.memory\.sent\[\d+\]\..*", r"\.world\..*"))
     memory = np.setdiff1d(np.arange(len(M)), world)
     U, s, V = np.linalg.svd(M[np.ix_(sent, memory)], full_matrices=False)
     s[-1] = 0.9e-7 * s[0]
@@ -253,34 +257,34 @@ def test_a_command_that_next_to_nothing_moves_counts_on_neither_side_of_its_thre
     M[np.ix_(sent, world[:1])] += 1.1e-7 * s[0] * U[:, -1:]
     ranks = [np.linalg.matrix_rank(K, rtol=1e-7) for K in (M[np.ix_(sent, memory)], M[sent])]
     assert ranks[0] < ranks[1]
-    assert np.isfinite(modes.delayed(x, M, 2)).all()
+    assert np.isfinite(stability.delayed(x, M, 2)).all()
 
 
 @pytest.mark.long
 def test_the_slowest_mode_of_a_loop_that_is_a_little_different_is_known_to_first_order():
     x, M = three_bodies()
-    now = modes.of(x, M, 1 / 500).rate[0]
+    now = stability.of(x, M, 1 / 500).rate[0]
     for factor in (1.0, 1.1):
         settings = light.settings(
             actuators={"kind": "motors", "bandwidth_Hz": 1e6, "delay_s": 0.0},
             control=light.SAMPLE.control.model_copy(update={"k_omega": 14.0 * factor, "agent_k_omega": 28.0 * factor}),
         )
-        plan = study.plan(settings, "C1")
-        z = starts.at_rest(settings, plan.world.team)
-        true = modes.at_rest(plan, z).rate[0]
-        assert abs(modes.estimate(plan, z, x, M) - true) < 0.3 * abs(true - now) + 1e-3 * abs(now)
+        plan = experiment.plan(settings, "C1")
+        z = initial_states.at_rest(settings, plan.world.team)
+        true = stability.at_rest(plan, z).rate[0]
+        assert abs(stability.estimate(plan, z, x, M) - true) < 0.3 * abs(true - now) + 1e-3 * abs(now)
     assert abs(true - now) > 0.02 * abs(now)
 
 
 def test_sensors_with_a_clock_of_their_own_read_at_every_tick_of_the_rest():
     """The loop's clock is held there: theirs would never be due again, and a drift would start at every tick."""
-    of, number = study.plan(light.settings(), "C1"), functools.partial(jnp.array, dtype=float)
-    rare = sensor.Intermittent(of=("payload.p", "agents.x"), every=number(0.05), loss=number(0.5), until=number(1.0))
-    drift = sensor.Drifting(of=("payload.R", "agents.lam"), rate=number(0.1), start=number(0.1))
+    of, number = experiment.plan(light.settings(), "C1"), functools.partial(jnp.array, dtype=float)
+    rare = sensors.Intermittent(of=("payload.p", "agents.x"), every=number(0.05), loss=number(0.5), until=number(1.0))
+    drift = sensors.Drifting(of=("payload.R", "agents.lam"), rate=number(0.1), start=number(0.1))
 
-    def rates(*extra: sensor.Extra) -> np.ndarray:
+    def rates(*extra: sensors.Extra) -> np.ndarray:
         plan = dataclasses.replace(of, world=dataclasses.replace(of.world, extra=extra))
-        return modes.at_rest(plan, of.z).eigenvalues[:12].real  # of the slowest
+        return stability.at_rest(plan, of.z).eigenvalues[:12].real  # of the slowest
 
     expected = rates()
     np.testing.assert_allclose(rates(drift, rare), expected, atol=1e-4)
@@ -291,7 +295,7 @@ def test_sensors_with_a_clock_of_their_own_read_at_every_tick_of_the_rest():
 
 def test_second_moments_of_what_labels_say_are_no_motion():
     """At rest they are nothing to first order; as coordinates they went negative on the way there."""
-    carried = modes._take(simulate.start(paper.plan("F").setup, z()))
+    carried = stability._take(simulator.start(paper.plan("F").setup, z()))
     of_listener = [key for key in carried if ".listener." in key]
     assert any(".moved.label." in key for key in of_listener)
     second = ("late", "said", "age", "gap", "foretold", "moved.products", "moved.squares")
@@ -301,7 +305,7 @@ def test_second_moments_of_what_labels_say_are_no_motion():
 @pytest.mark.long
 @pytest.mark.parametrize("case", ["F", "C4"])
 def test_a_loop_that_hears_labels_rests_and_decays_as_the_one_without(case):
-    heard = modes.at_rest(paper.plan(case), z())
+    heard = stability.at_rest(paper.plan(case), z())
     assert heard.stable
     alone, slowest = at_500_hertz().eigenvalues[0], heard.eigenvalues[0]  # of a pair either may come first
     np.testing.assert_allclose([slowest.real, abs(slowest.imag)], [alone.real, abs(alone.imag)], rtol=0.2)

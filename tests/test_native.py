@@ -11,11 +11,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from colift import dynamics, native, so3
-from colift.model import AgentInput, no_force
-from colift.native.interpret import RULES
-from colift.native.mapped import trace
-from colift.over import over
+from colift import codegen
+from colift.codegen.interpret import RULES
+from colift.codegen.vmap_primitive import trace
+from colift.math import so3
+from colift.math.vmap import over
+from colift.models.state import AgentInput, no_force
+from colift.simulation import contact_dynamics
 from tests import teams
 from tests.pinocchio_team import PinocchioTeam
 
@@ -35,7 +37,7 @@ def assert_close(got, want, tolerance=1e-12):
 def emitted(f, *args, batched):
     """The C of a function."""
     leaves, tree = jax.tree.flatten(args)
-    return native.source(trace(f, tree, leaves)[0], batched=batched)
+    return codegen.source(trace(f, tree, leaves)[0], batched=batched)
 
 
 def spread(rng, args):
@@ -54,9 +56,9 @@ def spread(rng, args):
 
 def check(f, *args, tolerance=1e-12):
     """`native.compile(f)` is `f`, alone and in a batch."""
-    assert_close(jax.jit(native.compile(f))(*args), jax.jit(f)(*args), tolerance)
+    assert_close(jax.jit(codegen.compile(f))(*args), jax.jit(f)(*args), tolerance)
     batch = spread(np.random.default_rng(0), args)
-    assert_close(jax.jit(jax.vmap(native.compile(f)))(*batch), jax.jit(jax.vmap(f))(*batch), tolerance)
+    assert_close(jax.jit(jax.vmap(codegen.compile(f)))(*batch), jax.jit(jax.vmap(f))(*batch), tolerance)
 
 
 A = jnp.asarray(np.random.default_rng(1).normal(size=(4, 4)))
@@ -217,7 +219,7 @@ def test_sine_and_cosine_are_exact_to_rounding():
     zeros = np.arange(-2000, 2000) * np.pi / 2
     x = np.concatenate([rng.normal(size=4000) * 10.0 ** rng.uniform(-15, 6, 4000), zeros, zeros * (1 + 1e-15),
                         [0.0, -0.0, 99999.9, 1e5, 1e22, np.inf, -np.inf, np.nan]])  # fmt: skip
-    f = native.compile(lambda x: (jnp.sin(x), jnp.cos(x)))
+    f = codegen.compile(lambda x: (jnp.sin(x), jnp.cos(x)))
     with np.errstate(invalid="ignore"):
         want = np.sin(x), np.cos(x)
     for got in (jax.vmap(f)(jnp.asarray(x)), zip(*(f(jnp.asarray(v)) for v in x[::200]), strict=True)):
@@ -228,7 +230,7 @@ def test_sine_and_cosine_are_exact_to_rounding():
 
 def test_small_angles_keep_relative_accuracy():
     x = 10.0 ** -np.arange(1.0, 300.0)
-    np.testing.assert_allclose(jax.vmap(native.compile(jnp.sin))(jnp.asarray(x)), np.sin(x), rtol=3e-16, atol=0)
+    np.testing.assert_allclose(jax.vmap(codegen.compile(jnp.sin))(jnp.asarray(x)), np.sin(x), rtol=3e-16, atol=0)
 
 
 def test_not_a_number_spreads_as_in_jax():
@@ -239,9 +241,9 @@ def test_not_a_number_spreads_as_in_jax():
         return extremes, jnp.argmax(x), jnp.argmin(x), x.sum(), jnp.sign(x), x < y, x != x, jnp.sqrt(x)
 
     for a, b in ((x, x[::-1]), (jnp.zeros(4), x), (x, jnp.zeros(4))):
-        jax.tree.map(np.testing.assert_array_equal, native.compile(f)(a, b), f(a, b))
+        jax.tree.map(np.testing.assert_array_equal, codegen.compile(f)(a, b), f(a, b))
     many = jnp.stack([x, x[::-1], jnp.zeros(4)]), jnp.stack([x[::-1], x, x])
-    jax.tree.map(np.testing.assert_array_equal, jax.vmap(native.compile(f))(*many), jax.vmap(f)(*many))
+    jax.tree.map(np.testing.assert_array_equal, jax.vmap(codegen.compile(f))(*many), jax.vmap(f)(*many))
 
 
 # batches
@@ -259,7 +261,7 @@ def test_any_argument_may_be_shared(axes):
     rng = np.random.default_rng(0)
     args = [x if d is None else jnp.moveaxis(y, 0, d) for x, y, d in zip(PLAIN, spread(rng, PLAIN), axes, strict=True)]
     args[2] = args[2].astype(float)
-    got, want = (jax.jit(jax.vmap(f, in_axes=axes))(*args) for f in (native.compile(plain), plain))
+    got, want = (jax.jit(jax.vmap(f, in_axes=axes))(*args) for f in (codegen.compile(plain), plain))
     assert_close(got, want)
 
 
@@ -271,20 +273,20 @@ def test_nested_batches():
     def twice(f):
         return jax.vmap(jax.vmap(f, in_axes=(0, None, 0, None)), in_axes=(None, 0, 0, None))
 
-    assert_close(twice(native.compile(plain))(a, b, k, PLAIN[3]), twice(plain)(a, b, k, PLAIN[3]))
+    assert_close(twice(codegen.compile(plain))(a, b, k, PLAIN[3]), twice(plain)(a, b, k, PLAIN[3]))
 
 
 @pytest.mark.parametrize("size", [0, 1, 7, 8, 9, 257])
 def test_batches_of_any_size_on_any_number_of_threads(size):
     rng = np.random.default_rng(size)
     a = jnp.asarray(rng.normal(size=(size, 3)))
-    one, four = (jax.jit(jax.vmap(native.compile(so3.exp, threads=t)))(a) for t in (1, 4))
+    one, four = (jax.jit(jax.vmap(codegen.compile(so3.exp, threads=t)))(a) for t in (1, 4))
     np.testing.assert_array_equal(one, four)
     assert_close(one, jax.vmap(so3.exp)(a))
 
 
 def test_inside_a_scan_of_a_batch():
-    step = native.compile(lambda z, u: so3.exp(u) @ z)
+    step = codegen.compile(lambda z, u: so3.exp(u) @ z)
 
     def run(step):
         z = jnp.broadcast_to(jnp.eye(3), (4, 3, 3))
@@ -295,7 +297,7 @@ def test_inside_a_scan_of_a_batch():
 
 
 def test_native_inside_native():
-    inner = native.compile(so3.exp)
+    inner = codegen.compile(so3.exp)
     check(lambda a: inner(a) @ inner(2 * a), jnp.array([0.1, 0.2, 0.3]))
 
 
@@ -304,7 +306,7 @@ def test_derivatives_are_those_of_jax():
     def f(a, b):
         return (jnp.cos(b) @ a).sum() + jnp.sin(b).prod()
 
-    g, (a, b) = native.compile(f), PLAIN[:2]
+    g, (a, b) = codegen.compile(f), PLAIN[:2]
     for d in (jax.grad, jax.jacfwd, jax.hessian):
         assert_close(jax.jit(d(g, argnums=(0, 1)))(a, b), d(f, argnums=(0, 1))(a, b))
     many = spread(np.random.default_rng(0), (a, b))
@@ -458,8 +460,8 @@ def test_a_native_function_batched_inside_a_native_function():
     def one(x: jax.Array, y: jax.Array) -> jax.Array:
         return jnp.sin(x).sum() * y
 
-    inner = native.compile(one)
-    outer = native.compile(lambda x, y: jax.vmap(jax.vmap(inner, in_axes=(0, None)), in_axes=(None, 0))(x, y))
+    inner = codegen.compile(one)
+    outer = codegen.compile(lambda x, y: jax.vmap(jax.vmap(inner, in_axes=(0, None)), in_axes=(None, 0))(x, y))
     x, y = jnp.arange(12.0).reshape(3, 4), jnp.arange(2.0)
     assert_close(outer(x, y), jax.vmap(jax.vmap(one, in_axes=(0, None)), in_axes=(None, 0))(x, y))
 
@@ -502,11 +504,11 @@ def test_constants_fold_and_dead_code_is_dropped():
 
 def test_what_is_folded_is_zero_of_not_a_number_too():
     """The one place where native values are not JAX's: a literal zero times or over x, and x - x, as real numbers."""
-    f = native.compile(lambda x: (0.0 * x, 0.0 / x, x - x, (x + 1.0) - (1.0 + x)))
+    f = codegen.compile(lambda x: (0.0 * x, 0.0 / x, x - x, (x + 1.0) - (1.0 + x)))
     for x in (jnp.nan, jnp.inf, 0.0):
         assert f(jnp.array(x)) == (0.0, 0.0, 0.0, 0.0)
     y = jnp.array(0.0)
-    assert all(np.isnan(native.compile(lambda x, y: (y * x, x + y * x, x - y - x))(jnp.array(jnp.nan), y)))
+    assert all(np.isnan(codegen.compile(lambda x, y: (y * x, x + y * x, x - y - x))(jnp.array(jnp.nan), y)))
 
 
 def test_equal_expressions_are_computed_once():
@@ -518,34 +520,34 @@ def test_equal_expressions_are_computed_once():
 
 
 def test_unknown_operations_are_named_with_their_place():
-    with pytest.raises(native.UnsupportedPrimitive, match=r"'sort' is not supported, at .*test_native\.py"):
-        jax.jit(native.compile(lambda x: jnp.sort(x)))(X)
+    with pytest.raises(codegen.UnsupportedPrimitive, match=r"'sort' is not supported, at .*test_native\.py"):
+        jax.jit(codegen.compile(lambda x: jnp.sort(x)))(X)
 
 
 def test_what_is_too_large_to_write_out_is_refused():
-    with pytest.raises(native.UnsupportedPrimitive, match="'cumsum' would be 60000 statements of C"):
-        jax.jit(native.compile(jnp.cumsum))(jnp.ones(60_000))
+    with pytest.raises(codegen.UnsupportedPrimitive, match="'cumsum' would be 60000 statements of C"):
+        jax.jit(codegen.compile(jnp.cumsum))(jnp.ones(60_000))
 
 
 def test_other_platforms_get_jax():
-    traced = jax.jit(native.compile(so3.exp)).trace(X[1:])
+    traced = jax.jit(codegen.compile(so3.exp)).trace(X[1:])
     assert "colift_" in traced.lower(lowering_platforms=("cpu",)).as_text()
     assert "colift_" not in traced.lower(lowering_platforms=("cuda",)).as_text()
 
 
 def test_single_precision_is_refused():
     with pytest.raises(TypeError, match=r"float64.*got float32"):
-        jax.jit(native.compile(jnp.sin))(jnp.ones(3, jnp.float32))
+        jax.jit(codegen.compile(jnp.sin))(jnp.ones(3, jnp.float32))
 
 
 def test_traced_closures_are_refused():
     with pytest.raises(TypeError, match="closes over a traced value"):
-        jax.jit(lambda s: native.compile(lambda x: x * s)(X))(2.0)
+        jax.jit(lambda s: codegen.compile(lambda x: x * s)(X))(2.0)
 
 
 def test_threads_must_be_positive():
     with pytest.raises(ValueError, match="threads: 0; at least 1"):
-        native.compile(jnp.sin, threads=0)
+        codegen.compile(jnp.sin, threads=0)
 
 
 # the plant
@@ -553,7 +555,7 @@ def test_threads_must_be_positive():
 
 def plant_step(team, z, inputs, f, dt):
     """One step of the plant on the grasp."""
-    return dynamics.project(team, dynamics.integrate(team, z, inputs, lambda z, _: f, dt))
+    return contact_dynamics.project(team, contact_dynamics.integrate(team, z, inputs, lambda z, _: f, dt))
 
 
 @pytest.mark.parametrize("structure", [teams.POOL[2], pytest.param(teams.POOL[6], marks=pytest.mark.long)])
@@ -574,12 +576,12 @@ def test_plant(structure):
         samples.append((team, z, inputs, no_force(team), jnp.array(1e-4)))
     by_jax = jax.jit(plant_step)
     want = [by_jax(*sample) for sample in samples]
-    by_native = jax.jit(native.compile(plant_step))
+    by_native = jax.jit(codegen.compile(plant_step))
     for sample, result in zip(samples, want, strict=True):
         assert_close(by_native(*sample), result)
     flat = [jax.tree.leaves(sample) for sample in samples]  # a batch of teams is no team: it has no annotated shapes
     batch = [jnp.stack(x) for x in zip(*flat, strict=True)]
     results = [jnp.stack(x) for x in zip(*map(jax.tree.leaves, want), strict=True)]
     tree = jax.tree.structure(samples[0])
-    step = native.compile(lambda *x: jax.tree.leaves(plant_step(*jax.tree.unflatten(tree, x))))
+    step = codegen.compile(lambda *x: jax.tree.leaves(plant_step(*jax.tree.unflatten(tree, x))))
     assert_close(jax.jit(jax.vmap(step))(*batch), results)

@@ -14,8 +14,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from colift import native, so3
-from colift.native import build
+from colift import codegen
+from colift.codegen import build
+from colift.math import so3
 
 X = jnp.asarray([0.3, -0.2, 0.7])
 
@@ -24,7 +25,14 @@ X = jnp.asarray([0.3, -0.2, 0.7])
 def new_process(monkeypatch, tmp_path):
     """An empty cache, and nothing known of this host."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    known = native._target, native._say_what_is_lost, build._say_what_is_lost, build._own, build.compiler, build.machine
+    known = (
+        codegen._target,
+        codegen._say_what_is_lost,
+        build._say_what_is_lost,
+        build._own,
+        build.compiler,
+        build.machine,
+    )
     for f in known:
         f.cache_clear()
     yield
@@ -69,11 +77,11 @@ def ask(number: int) -> int:
 
 
 def test_compiled_code_is_kept(folder, compilations):
-    jax.jit(native.compile(lambda x: so3.exp(x) * 3))(X)
+    jax.jit(codegen.compile(lambda x: so3.exp(x) * 3))(X)
     assert len(compilations) == 1
     assert [path.suffix for path in folder.iterdir()] == [".so"]
-    native._target.cache_clear()
-    jax.jit(native.compile(lambda x: so3.exp(x) * 3))(X)
+    codegen._target.cache_clear()
+    jax.jit(codegen.compile(lambda x: so3.exp(x) * 3))(X)
     assert len(compilations) == 1
 
 
@@ -180,7 +188,7 @@ def test_a_cache_that_is_only_read_is_read(folder, compilations, monkeypatch, ca
 def to_jax(caplog) -> str:
     """The one line said while JAX does the work."""
     for f, args in ((so3.exp, (X,)), (lambda x: so3.log(so3.exp(x)), (X,))):
-        np.testing.assert_allclose(jax.jit(native.compile(f))(*args), f(*args), atol=1e-14)
+        np.testing.assert_allclose(jax.jit(codegen.compile(f))(*args), f(*args), atol=1e-14)
     (line,) = warnings(caplog)
     return line
 
@@ -247,7 +255,7 @@ def test_the_compiler_may_be_words(monkeypatch, compilations):
 def test_a_compiler_that_does_not_work_is_one_error(text, said, cc, folder):
     cc(text)
     with pytest.raises(build.CompilerError, match=said):
-        jax.jit(native.compile(so3.exp))(X)
+        jax.jit(codegen.compile(so3.exp))(X)
     assert not folder.exists() or list(folder.iterdir()) == []
 
 
@@ -260,7 +268,7 @@ def test_an_open_quotation_is_named(monkeypatch):
 def test_a_failing_compiler_is_quoted(folder, monkeypatch):
     monkeypatch.setattr(build, "FLAGS", ("--no-such-flag",))
     with pytest.raises(build.CompilerError, match="no-such-flag"):
-        jax.jit(native.compile(lambda x: so3.exp(x) * 4))(X)
+        jax.jit(codegen.compile(lambda x: so3.exp(x) * 4))(X)
     assert list(folder.iterdir()) == []
 
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from colift import native
+from colift import codegen
 
 KINDS = {"int64": (1 - 2**53, 2**53 - 1), "int32": (-(2**31), 2**31 - 1), "uint32": (0, 2**32 - 1)}
 REFUSED = (jax.errors.JaxRuntimeError, ValueError)  # which of them is JAX's choice, by how it runs a call
@@ -42,7 +42,7 @@ def exactly(name: str, a: int, b: int) -> list[int]:
     }[name]  # fmt: skip
 
 
-COMPILED = {name: native.compile(f) for name, f in STEPS.items()}
+COMPILED = {name: codegen.compile(f) for name, f in STEPS.items()}
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -67,7 +67,7 @@ def test_a_step_is_jax_s_or_refused(kind, data):
 
 
 def test_one_sample_of_a_batch_is_enough_and_says_nothing_of_the_next_call():
-    square = jax.jit(jax.vmap(native.compile(lambda k: k * k, threads=2)))
+    square = jax.jit(jax.vmap(codegen.compile(lambda k: k * k, threads=2)))
     k = np.arange(300)
     assert (np.asarray(square(jnp.asarray(k))) == k**2).all()
     for at in (0, 7, 150, 299):
@@ -79,9 +79,9 @@ def test_one_sample_of_a_batch_is_enough_and_says_nothing_of_the_next_call():
 
 
 def test_arguments_and_conversions_are_checked():
-    scaled = native.compile(lambda k: k.astype(float) * 2.0)
+    scaled = codegen.compile(lambda k: k.astype(float) * 2.0)
     assert scaled(jnp.asarray(2**53 - 1)) == 2.0 * (2**53 - 1)
-    whole = native.compile(lambda x: x.astype(jnp.int32))
+    whole = codegen.compile(lambda x: x.astype(jnp.int32))
     assert whole(jnp.asarray(-2147483648.9)) == -(2**31)
     for f, x in ((scaled, jnp.asarray(2**53)), (whole, jnp.asarray(2.0**31)), (whole, jnp.asarray(np.nan))):
         with pytest.raises(REFUSED, match="an integer left"):
@@ -90,14 +90,14 @@ def test_arguments_and_conversions_are_checked():
 
 def test_what_is_known_is_refused_where_it_is_written():
     with pytest.raises(OverflowError, match=r"an int64 would be 2\d+; .* carried exactly, at .*test_native_integers"):
-        native.compile(lambda k: k + jnp.asarray(2**53 - 1) * jnp.asarray(3))(jnp.asarray(1))
+        codegen.compile(lambda k: k + jnp.asarray(2**53 - 1) * jnp.asarray(3))(jnp.asarray(1))
     with pytest.raises(OverflowError, match=f"the integer {2**63 - 1} is no double"):
-        native.compile(lambda k: k < jnp.asarray(2**63 - 1))(jnp.asarray(1))
-    with pytest.raises(native.UnsupportedPrimitive, match="got int8"):
-        native.compile(lambda k: k.astype(jnp.int8).astype(float))(jnp.asarray(1))
+        codegen.compile(lambda k: k < jnp.asarray(2**63 - 1))(jnp.asarray(1))
+    with pytest.raises(codegen.UnsupportedPrimitive, match="got int8"):
+        codegen.compile(lambda k: k.astype(jnp.int8).astype(float))(jnp.asarray(1))
 
 
 def test_integers_are_chosen_by_computed_indices():
     k = jnp.asarray([4, 5, 6])
     f = lambda k: tuple(jnp.take(k, jnp.argmax(k) + 7, mode=mode) for mode in ("clip", "fill")) + (k[jnp.argmin(k)],)  # noqa: E731
-    assert list(map(int, native.compile(f)(k))) == list(map(int, f(k)))
+    assert list(map(int, codegen.compile(f)(k))) == list(map(int, f(k)))

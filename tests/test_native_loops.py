@@ -11,14 +11,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from colift import gp, native
-from colift.native import split
+from colift import codegen, gp
+from colift.codegen import outlining
 from tests.test_native import assert_close, check, emitted
 
 
 def both(f, *args):
     """`f` natively and in JAX, alone."""
-    assert_close(jax.jit(native.compile(f))(*args), jax.jit(f)(*args))
+    assert_close(jax.jit(codegen.compile(f))(*args), jax.jit(f)(*args))
 
 
 @pytest.mark.long
@@ -64,7 +64,7 @@ def test_while_writes_to_its_carry(ticks):
     x, log = jnp.array([0.3, -0.1, 0.2]), jnp.zeros((5, 3)) - 1
     both(f, x, jnp.array(ticks), log)
     many = jnp.asarray(np.random.default_rng(0).normal(size=(6, 3))), jnp.arange(6), jnp.tile(log, (6, 1, 1))
-    assert_close(jax.jit(jax.vmap(native.compile(f)))(*many), jax.jit(jax.vmap(f))(*many))
+    assert_close(jax.jit(jax.vmap(codegen.compile(f)))(*many), jax.jit(jax.vmap(f))(*many))
 
 
 def test_a_log_is_written_in_place():
@@ -103,11 +103,11 @@ def test_large_branches_are_branches():
 
     A = jnp.asarray(np.random.default_rng(0).normal(size=(6, 6)))
     assert "else if (which <= 1.0)" in emitted(f, jnp.array(1), A, batched=False)
-    natively, by_jax = jax.jit(native.compile(f)), jax.jit(f)
+    natively, by_jax = jax.jit(codegen.compile(f)), jax.jit(f)
     for k in (-1, 0, 1, 2, 5):
         assert_close(natively(jnp.array(k), A), by_jax(jnp.array(k), A))
     ks = jnp.arange(-1, 6)
-    many = jax.jit(jax.vmap(native.compile(f), in_axes=(0, None)))(ks, A)
+    many = jax.jit(jax.vmap(codegen.compile(f), in_axes=(0, None)))(ks, A)
     assert_close(many, jax.jit(jax.vmap(f, in_axes=(0, None)))(ks, A))
 
 
@@ -151,7 +151,7 @@ def test_reductions_of_nothing_and_of_what_is_no_number():
         y = jnp.sqrt(x + 1) * x
         return y[:0].sum(0), y[:, :0].max(1, initial=-1.0), y.sum(1), y.max(0), y.min(), (y > 0).all(), y[:0] @ y
 
-    jax.tree.map(np.testing.assert_array_equal, native.compile(f)(x), jax.jit(f)(x))
+    jax.tree.map(np.testing.assert_array_equal, codegen.compile(f)(x), jax.jit(f)(x))
 
 
 def test_posterior_means_are_loops():
@@ -167,12 +167,12 @@ def test_posterior_means_are_loops():
     assert emitted(f, stacked, x, batched=False).count("\n") < 2000
     flat, tree = jax.tree.flatten((stacked, x))  # a batch of models is no model: it has no annotated shapes
     g = lambda *leaves: f(*jax.tree.unflatten(tree, leaves))  # noqa: E731
-    assert_close(jax.jit(native.compile(g))(*flat), jax.jit(g)(*flat), 1e-11)
+    assert_close(jax.jit(codegen.compile(g))(*flat), jax.jit(g)(*flat), 1e-11)
 
 
 def test_exponentials_are_exact_to_rounding():
     x = np.concatenate([np.linspace(-746, 711, 4001), [0.0, -0.0, 1e-300, np.inf, -np.inf, np.nan, 709.78, -745.1]])
-    f = native.compile(jnp.exp)
+    f = codegen.compile(jnp.exp)
     for got in (jax.vmap(f)(jnp.asarray(x)), jnp.stack([f(jnp.asarray(v)) for v in x[::97]])):
         want = np.array([math.inf if v > 709.79 else math.exp(v) for v in (x if got.size == x.size else x[::97])])
         np.testing.assert_allclose(got, want, rtol=4e-16, atol=2.3e-308)  # XLA runs with denormals flushed to zero
@@ -180,7 +180,7 @@ def test_exponentials_are_exact_to_rounding():
 
 def test_long_functions_are_cut(monkeypatch):
     """What is cut computes the same: values and masks that are used further on lie in the frame."""
-    monkeypatch.setattr(split, "LONGEST", 40)
+    monkeypatch.setattr(outlining, "LONGEST", 40)
     A = jnp.asarray(np.random.default_rng(0).normal(size=(6, 6)))
 
     def f(A):

@@ -16,15 +16,16 @@ import pytest
 from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 
-from colift import node, scenario, study
-from colift.measurement import Measurement
-from colift.model import Clock
-from colift.scenario import roster
+from colift import scenario
+from colift.integrations import ros2_node
+from colift.models.measurement import Measurement
+from colift.models.state import Clock
+from colift.scenario import experiment, team
 from tests import light
 
 ROS = get_typestore(Stores.ROS2_JAZZY)
 TOLD = scenario.load("paper")
-NAMES = node.names(TOLD)
+NAMES = ros2_node.names(TOLD)
 
 
 def kind(name: str) -> Any:
@@ -36,7 +37,7 @@ def vector(v: np.ndarray, of: str = "Vector3") -> Any:
     return kind(of)(*map(float, v))
 
 
-def said(m: Measurement, of: node.Names) -> dict[str, Any]:
+def said(m: Measurement, of: ros2_node.Names) -> dict[str, Any]:
     """A measurement as the messages of ROS that tell it."""
     header = ROS.types["std_msgs/msg/Header"](ROS.types["builtin_interfaces/msg/Time"](0, 0), "")
     m = jax.tree.map(np.asarray, m)
@@ -64,9 +65,9 @@ def said(m: Measurement, of: node.Names) -> dict[str, Any]:
 @pytest.fixture(scope="module")
 def measured() -> tuple[Any, Measurement]:
     """The paper's nominal team, and a measurement of it with every number random."""
-    truth, nominal = roster.team(TOLD)
+    truth, nominal = team.team(TOLD)
     rng = np.random.default_rng(0)
-    like = node._still(truth)
+    like = ros2_node._still(truth)
     drawn = jax.tree.map(lambda x: jnp.asarray(rng.normal(size=x.shape)), like)
 
     def turned(x: jax.Array) -> jax.Array:
@@ -79,9 +80,9 @@ def measured() -> tuple[Any, Measurement]:
 def test_a_measurement_is_what_the_messages_say(measured: tuple[Any, Measurement]) -> None:
     team, m = measured
     heard = said(m, NAMES)
-    assert heard.keys() == node.topics(NAMES).keys()
-    assert {topic: type(x).__name__.rpartition("__")[2] for topic, x in heard.items()} == node.topics(NAMES)
-    found = node.measurement(team, NAMES, heard)
+    assert heard.keys() == ros2_node.topics(NAMES).keys()
+    assert {topic: type(x).__name__.rpartition("__")[2] for topic, x in heard.items()} == ros2_node.topics(NAMES)
+    found = ros2_node.measurement(team, NAMES, heard)
     assert jax.tree.structure(found) == jax.tree.structure(m)
     for one, other in zip(jax.tree.leaves(found), jax.tree.leaves(m), strict=True):
         np.testing.assert_allclose(one, other, atol=1e-15)
@@ -95,7 +96,7 @@ def test_what_cannot_be_flown_with_is_refused(measured: tuple[Any, Measurement])
         heard = copy.deepcopy(said(m, NAMES))
         change(heard[topic])
         with pytest.raises(ValueError) as caught:  # noqa: PT011
-            node.measurement(team, NAMES, heard)
+            ros2_node.measurement(team, NAMES, heard)
         return str(caught.value)
 
     assert "x " in answer(f"/{agent}/pose", lambda x: setattr(x.pose.position, "y", np.nan))
@@ -108,8 +109,8 @@ def test_what_cannot_be_flown_with_is_refused(measured: tuple[Any, Measurement])
 def test_its_ticks_are_the_pilot_s() -> None:
     """Through messages and back, against the pilot itself: three ticks of a team at rest, then moved."""
     told = light.settings()
-    plan, of = study.plan(told, "C1"), node.names(told)
-    tick, pilot = node.Tick(plan, of), plan.pilot
+    plan, of = experiment.plan(told, "C1"), ros2_node.names(told)
+    tick, pilot = ros2_node.Tick(plan, of), plan.pilot
     m, memory = plan.world.rest(plan.z), None
     begin, step = jax.jit(pilot.begin), jax.jit(pilot.tick)
     for k in range(3):
@@ -127,8 +128,8 @@ def test_its_ticks_are_the_pilot_s() -> None:
 
 def test_names_are_those_of_ros() -> None:
     agents = [agent.model_dump() | {"name": f"n-{i}"} for i, agent in enumerate(light.settings().agents)]
-    of = node.names(light.settings(agents=agents))
-    assert of == node.Names(agents=("n_0", "n_1", "n_2"), joints=((), (), ()), arms=(("hook",),) * 3)
+    of = ros2_node.names(light.settings(agents=agents))
+    assert of == ros2_node.Names(agents=("n_0", "n_1", "n_2"), joints=((), (), ()), arms=(("hook",),) * 3)
 
 
 @pytest.mark.filterwarnings("ignore:module 'sre_:DeprecationWarning")  # of ROS's parser of parameters
@@ -139,7 +140,7 @@ def test_with_ros_it_commands_while_it_hears_and_then_no_more() -> None:
     from geometry_msgs.msg import WrenchStamped
 
     told = light.settings()
-    plan, of = study.plan(told, "C1"), node.names(told)
+    plan, of = experiment.plan(told, "C1"), ros2_node.names(told)
     messages, commanded, over = said(plan.world.rest(plan.z), of), [], threading.Event()
 
     def feed() -> None:
@@ -161,7 +162,7 @@ def test_with_ros_it_commands_while_it_hears_and_then_no_more() -> None:
     thread.start()
     try:
         with pytest.raises(TimeoutError, match=r"silent for 0\.1 s: nothing more is commanded"):
-            node.spin(plan, of, 120.0)
+            ros2_node.spin(plan, of, 120.0)
     finally:
         over.set()
         thread.join(10)

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import pytest
 
-from colift import outlook, study
+from colift.analysis import feasibility
+from colift.scenario import experiment
 from tests import paper_flights as paper
 
 
 def test_what_is_known_before_a_flight_is_the_slowest_mode_and_how_much_thrust_is_left():
     plan = {"C1": paper.plan("C1")}
-    ahead = outlook.outlook(paper.SETTINGS, plan)
+    ahead = feasibility.outlook(paper.SETTINGS, plan)
     assert ahead.warnings == ()
     assert ahead.summary["slowest_mode"]["stable"]
     assert ahead.summary["slowest_mode"]["rad_s"][0] < 0
@@ -19,7 +20,7 @@ def test_what_is_known_before_a_flight_is_the_slowest_mode_and_how_much_thrust_i
     assert margins["gain"][0] < 0.8 < 1.2 < margins["gain"][1]
     assert margins["says"].startswith("commands may come")
     assert list(ahead.hover) == ["front", "rear"]
-    narrow = outlook.outlook(paper.lighter(30.0), {"C1": study.plan(paper.lighter(30.0), "C1")})
+    narrow = feasibility.outlook(paper.lighter(30.0), {"C1": experiment.plan(paper.lighter(30.0), "C1")})
     assert [warning.partition(" N of ")[2] for warning in narrow.warnings] == [
         "the 30 N of front; what is left, 5.5%, is below limits.thrust_margin = 0.1",
         "the 30 N of rear; what is left, 7.1%, is below limits.thrust_margin = 0.1",
@@ -28,7 +29,9 @@ def test_what_is_known_before_a_flight_is_the_slowest_mode_and_how_much_thrust_i
 
 @pytest.mark.long
 def test_a_loop_that_is_unstable_at_rest_is_a_warning_before_the_flight():
-    ahead = outlook.outlook(paper.SETTINGS, {"C1": paper.with_gains(paper.plan("C1"), agent_k_omega=paper.number(1e3))})
+    ahead = feasibility.outlook(
+        paper.SETTINGS, {"C1": paper.with_gains(paper.plan("C1"), agent_k_omega=paper.number(1e3))}
+    )
     (warning,) = ahead.warnings
     assert warning.startswith("unstable at rest on the reference: slowest mode +")
     assert ahead.summary["slowest_mode"]["stable"] is False

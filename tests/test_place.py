@@ -10,13 +10,22 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from colift import gp, learn, place
-from colift.model import Payload
+from colift import gp
+from colift.models.parameters import Payload
+from colift.onboard.learning import (
+    features,
+    identification,
+    mean_functions,
+    model_update,
+    recorder,
+    residual_model,
+    semiparametric,
+)
 from tests.test_learn import STATED, TRAINING, both, prior, samples
 
 ROOM, N = 128, 100
 MASS, C, K = -0.4, 0.3, 0.8
-MEAN = place.Mean(
+MEAN = semiparametric.Mean(
     payload=np.array([0.5, *[0.05] * 3, 0.5, *[0.2] * 3, *[3.0] * 3, *[0.6] * 3]),
     agents=np.array([0.5, 2.0, 3, 3, 3]),
     believed=Payload(mass=jnp.asarray(1.2), inertia=jnp.diag(jnp.array([0.03, 0.12, 0.15]))),
@@ -28,7 +37,7 @@ def field(p: np.ndarray) -> np.ndarray:
     return np.stack([np.sin(2 * p[..., 0]), np.cos(2 * p[..., 1]), 0.5 * np.sin(p[..., 0] + p[..., 1])], axis=-1)
 
 
-def flown(seed: int, times: float = 1.0) -> learn.Recorded:
+def flown(seed: int, times: float = 1.0) -> recorder.Recorded:
     """What a payload and two agents with three joints record where mass, drag and thrust act beside the field.
 
     Not always equally fast: on one loop at one speed, velocity and acceleration are functions of the place.
@@ -63,24 +72,24 @@ def flown(seed: int, times: float = 1.0) -> learn.Recorded:
     return both(data(*payload), data(*agents))
 
 
-def training() -> learn.Training:
+def training() -> model_update.Training:
     """Of maps that see the place alone."""
-    names = (learn.PAYLOAD_FEATURES, learn.agent_feature_names(3))
-    (load, agent), plain = (TRAINING.payload, TRAINING.agents[0]), learn.Plain()
+    names = (features.PAYLOAD_FEATURES, features.agent_feature_names(3))
+    (load, agent), plain = (TRAINING.payload, TRAINING.agents[0]), features.Plain()
     assert plain.payload_names() == names[0]
     return dataclasses.replace(
         TRAINING,
-        payload=place.of_place(load, names[0], payload=True),
-        agents=(place.of_place(agent, names[1], payload=False),),
+        payload=semiparametric.of_place(load, names[0], payload=True),
+        agents=(semiparametric.of_place(agent, names[1], payload=False),),
         max_iterations=60,
     )
 
 
-def nothing() -> learn.Oracle:
+def nothing() -> residual_model.Oracle:
     """Before any data, with room."""
     agents = jax.tree.map(lambda x: jnp.stack([x, x]), gp.prior(STATED[9], ROOM))
-    return learn.Oracle(
-        payload=gp.prior(STATED[6], ROOM), agents=(agents,), theta=jnp.zeros(10), known=learn.no_air([2])
+    return residual_model.Oracle(
+        payload=gp.prior(STATED[6], ROOM), agents=(agents,), theta=jnp.zeros(10), known=mean_functions.no_air([2])
     )
 
 
@@ -88,9 +97,9 @@ BODIES = ("payload", (0, 0), (0, 1))
 
 
 @pytest.fixture(scope="module")
-def taught() -> tuple[learn.Oracle, learn.Fits, dict]:
+def taught() -> tuple[residual_model.Oracle, model_update.Fits, dict]:
     """What is learned of one flight."""
-    return place.teach(nothing(), flown(0), training(), MEAN, {}, BODIES)
+    return semiparametric.teach(nothing(), flown(0), training(), MEAN, {}, BODIES)
 
 
 def test_mass_drag_and_thrust_are_told_from_a_field_within_what_their_covariance_allows(taught):
@@ -111,12 +120,12 @@ def test_forces_see_the_place_alone_and_moments_and_joints_of_agents_everything(
     oracle, fits, _ = taught
     seen = {
         name
-        for name, scale in zip(learn.PAYLOAD_FEATURES, oracle.payload.hyper.lengthscales[0], strict=True)
+        for name, scale in zip(features.PAYLOAD_FEATURES, oracle.payload.hyper.lengthscales[0], strict=True)
         if scale < 1e3
     }
     assert seen == {"p_x", "p_y", "p_z"}
     scale = oracle.agents[0].hyper.lengthscales[0]
-    names = np.array(learn.agent_feature_names(3))
+    names = np.array(features.agent_feature_names(3))
     assert set(names[np.asarray(scale[0]) < 1e3]) == {"x_x", "x_y", "x_z"}
     assert (np.asarray(scale[3:]) < 1e3).all()
     assert fits[0, 0].lengthscales.shape == (9, 24)
@@ -125,13 +134,15 @@ def test_forces_see_the_place_alone_and_moments_and_joints_of_agents_everything(
 
 def test_elsewhere_in_the_same_field_and_twice_as_fast_it_holds_where_a_map_of_all_features_does_not(taught):
     oracle, fast = taught[0], flown(5, times=2.0)
-    full, _ = learn.teach(nothing(), flown(0), TRAINING, {})
+    full, _ = model_update.teach(nothing(), flown(0), TRAINING, {})
     errors = {}
     for name, of in (("place", oracle), ("full", full)):
-        left = learn.samples(of, fast)
+        left = model_update.samples(of, fast)
         for body in ("payload", (0, 0)):
             X, Y, _ = left[body]
-            errors[name, body] = np.sqrt(((Y - learn.told(learn.of_body(of, body), X)[0])[:, :3] ** 2).mean())
+            errors[name, body] = np.sqrt(
+                ((Y - residual_model.told(residual_model.of_body(of, body), X)[0])[:, :3] ** 2).mean()
+            )
     for body in ("payload", (0, 0)):
         assert errors["place", body] < 0.5 * errors["full", body]
         assert errors["place", body] < 0.15
@@ -142,14 +153,14 @@ def test_errors_elsewhere_are_within_the_deviations_that_a_mean_s_doubt_is_part_
     squares, bare = [], []
     for seed in range(6):
         recorded, fast = flown(10 + seed), flown(50 + seed, times=2.0)
-        oracle, _, covariances = place.teach(nothing(), recorded, training(), MEAN, {}, BODIES)
-        doubts = place.doubts(oracle, recorded, covariances, {})
+        oracle, _, covariances = semiparametric.teach(nothing(), recorded, training(), MEAN, {}, BODIES)
+        doubts = semiparametric.doubts(oracle, recorded, covariances, {})
         for body in ("payload", (0, 1)):
-            (Z, left, _), x = learn.samples(oracle, fast)[body], learn.raw(fast)[body][0]
-            model = learn.of_body(oracle, body)
-            mean, variance = learn.told(model, Z)
+            (Z, left, _), x = model_update.samples(oracle, fast)[body], model_update.raw(fast)[body][0]
+            model = residual_model.of_body(oracle, body)
+            mean, variance = residual_model.told(model, Z)
             variance = variance + np.asarray(model.hyper.noise_variance)
-            more = place.doubt(model, doubts[body], Z, place.regressors(x, isinstance(body, str)))
+            more = semiparametric.doubt(model, doubts[body], Z, semiparametric.regressors(x, isinstance(body, str)))
             assert (more >= 0).all()
             squares.append(((left - mean) ** 2 / (variance + more))[:, :3].mean())
             bare.append(((left - mean) ** 2 / variance)[:, :3].mean())
@@ -159,66 +170,66 @@ def test_errors_elsewhere_are_within_the_deviations_that_a_mean_s_doubt_is_part_
 
 def test_a_body_that_is_not_asked_for_keeps_its_mean_and_hyperparameters(taught):
     oracle, fits, _ = taught
-    change = {"payload": learn.changed(oracle, "payload", 5.0)}
-    later, now, covariances = place.teach(oracle, flown(1), training(), MEAN, fits, {(0, 0), (0, 1)}, change)
+    change = {"payload": model_update.changed(oracle, "payload", 5.0)}
+    later, now, covariances = semiparametric.teach(oracle, flown(1), training(), MEAN, fits, {(0, 0), (0, 1)}, change)
     np.testing.assert_array_equal(later.theta, oracle.theta)
     np.testing.assert_array_equal(later.known.payload, oracle.known.payload)
     np.testing.assert_array_equal(later.payload.hyper.lengthscales, oracle.payload.hyper.lengthscales)
     assert now["payload"] is fits["payload"]
     assert set(covariances) == {(0, 0), (0, 1)}
     assert np.any(later.known.agents[0] != oracle.known.agents[0])
-    assert set(place.doubts(later, flown(1), covariances, change)) == {(0, 0), (0, 1)}
+    assert set(semiparametric.doubts(later, flown(1), covariances, change)) == {(0, 0), (0, 1)}
 
 
 def test_features_of_one_s_own_without_a_place_stay_as_they_are():
     belief = TRAINING.payload
-    assert place.of_place(belief, [f"feature_{i}" for i in range(20)], payload=True) is belief
+    assert semiparametric.of_place(belief, [f"feature_{i}" for i in range(20)], payload=True) is belief
 
 
 def test_what_contradicts_the_oracle_surprises_and_what_is_merely_new_does_not():
     """In predictive variances: samples of the same functions near the data, of other functions there, and far away."""
     load, agents = samples(0, 30, 24, 6), samples(1, 30, 24, 9, (2,))
-    oracle, _ = learn.teach(prior(), both(load, agents), TRAINING, {})
-    same = place.surprise(oracle, both(load, agents), {}, 1.0)
+    oracle, _ = model_update.teach(prior(), both(load, agents), TRAINING, {})
+    same = semiparametric.surprise(oracle, both(load, agents), {}, 1.0)
     assert set(same) == {"payload", (0, 0), (0, 1)}
     assert max(off.mean() for _, off in same.values()) < 4
     np.testing.assert_allclose(same["payload"][0], load.t[11:30])
     other = dataclasses.replace(load, Y=load.Y.at[20:].add(10.0))
-    t, off = place.surprise(oracle, both(other, agents), {}, 1.0)["payload"]
+    t, off = semiparametric.surprise(oracle, both(other, agents), {}, 1.0)["payload"]
     assert off.mean() > 25
     assert t[np.argmax(off > 25)] == pytest.approx(2.0)
-    np.testing.assert_array_equal(place.surprise(oracle, both(other, agents), {}, 1.0)[0, 0][1], same[0, 0][1])
+    np.testing.assert_array_equal(semiparametric.surprise(oracle, both(other, agents), {}, 1.0)[0, 0][1], same[0, 0][1])
     far = dataclasses.replace(load, X=load.X + 1e3)
-    assert place.surprise(oracle, both(far, agents), {}, 1.0)["payload"][1].mean() < 4
-    assert place.surprise(oracle, both(load, agents), {}, 9.0) == {}  # nothing is newer
-    assert place.surprise(prior(), both(load, agents), {}, 1.0) == {}  # nothing was predicted
+    assert semiparametric.surprise(oracle, both(far, agents), {}, 1.0)["payload"][1].mean() < 4
+    assert semiparametric.surprise(oracle, both(load, agents), {}, 9.0) == {}  # nothing is newer
+    assert semiparametric.surprise(prior(), both(load, agents), {}, 1.0) == {}  # nothing was predicted
 
 
-def since(theta: np.ndarray) -> tuple[learn.Oracle, learn.Recorded]:
+def since(theta: np.ndarray) -> tuple[residual_model.Oracle, recorder.Recorded]:
     """An oracle of some data, and what was recorded since: what it says, and theta's share."""
     rng = np.random.default_rng(5)
     load, others = samples(0, 30, 24, 6), samples(1, 30, 24, 9, (2,))
-    oracle, _ = learn.teach(prior(), both(load, others), None, {})
+    oracle, _ = model_update.teach(prior(), both(load, others), None, {})
     turns = Rotation.from_rotvec(0.3 * rng.normal(size=(len(load.X), 3))).as_matrix().reshape(-1, 9)
     X = load.X.at[:, 6:15].set(turns).at[:, 20].add(9.81)
-    felt = learn.inertial(np.asarray(X)) @ theta
-    told = gp.predict(oracle.payload, learn.payload_features(X))[0]
+    felt = identification.inertial(np.asarray(X)) @ theta
+    told = gp.predict(oracle.payload, features.payload_features(X))[0]
     return oracle, both(dataclasses.replace(load, X=X, Y=told + felt, t=load.t + 10.0), others)
 
 
 def test_mass_put_on_a_payload_is_identified_beyond_the_model_before_and_taken_from_its_labels():
     theta = np.array([-0.3, *np.zeros(9)])
     oracle, recorded = since(theta)
-    change = learn.changed(oracle, "payload", 9.0)
+    change = model_update.changed(oracle, "payload", 9.0)
     alone = dataclasses.replace(MEAN, payload=np.array([5.0, *[1e-6] * 13]))  # 0.5 kg pulls by two grams
-    np.testing.assert_allclose(place.heavier(oracle, change, recorded, alone).theta, theta, atol=1e-3)
-    np.testing.assert_allclose(place.heavier(oracle, change, recorded, MEAN).theta, theta, atol=2e-3)
+    np.testing.assert_allclose(semiparametric.heavier(oracle, change, recorded, alone).theta, theta, atol=1e-3)
+    np.testing.assert_allclose(semiparametric.heavier(oracle, change, recorded, MEAN).theta, theta, atol=2e-3)
     third = dataclasses.replace(change, theta=jnp.asarray(theta / 3))  # a third of it was known: what is left is added
-    np.testing.assert_allclose(place.heavier(oracle, third, recorded, alone).theta, theta, atol=1e-3)
+    np.testing.assert_allclose(semiparametric.heavier(oracle, third, recorded, alone).theta, theta, atol=1e-3)
     later = dataclasses.replace(third, since=99.0)  # nothing has been recorded since
-    np.testing.assert_array_equal(place.heavier(oracle, later, recorded, MEAN).theta, third.theta)
-    left = learn.samples(dataclasses.replace(oracle, theta=jnp.asarray(theta)), recorded)["payload"][1]
-    told = gp.predict(oracle.payload, learn.payload_features(recorded.payload.X))[0]
+    np.testing.assert_array_equal(semiparametric.heavier(oracle, later, recorded, MEAN).theta, third.theta)
+    left = model_update.samples(dataclasses.replace(oracle, theta=jnp.asarray(theta)), recorded)["payload"][1]
+    told = gp.predict(oracle.payload, features.payload_features(recorded.payload.X))[0]
     np.testing.assert_allclose(left, told[:30], atol=1e-9)
 
 
@@ -231,11 +242,11 @@ def test_what_goes_with_the_place_is_neither_mass_nor_a_first_moment():
     Y = np.concatenate([turned, np.cross([0.1, 0.3, 0.2], turned)], axis=1)  # of a point off the centre
     other = dataclasses.replace(recorded, payload=dataclasses.replace(load, Y=jnp.asarray(Y)))
     oracle = nothing()
-    model = gp.condition(learn.payload_features(load.X[:2] + 50.0), np.zeros((2, 6)), hyper, oracle.payload.capacity)
+    model = gp.condition(features.payload_features(load.X[:2] + 50.0), np.zeros((2, 6)), hyper, oracle.payload.capacity)
     oracle = dataclasses.replace(oracle, payload=model)
-    theta = place.heavier(oracle, learn.changed(oracle, "payload", 0.0), other, MEAN).theta
+    theta = semiparametric.heavier(oracle, model_update.changed(oracle, "payload", 0.0), other, MEAN).theta
     noise = np.asarray(hyper.noise_variance)[:, None, None] * np.eye(n)
-    alone, _ = learn.identify(learn.inertial(X[:n])[:, :, :4], Y[:n], noise, MEAN.payload[:4])
+    alone, _ = identification.identify(identification.inertial(X[:n])[:, :, :4], Y[:n], noise, MEAN.payload[:4])
     assert abs(theta[0]) < 0.5 * abs(alone[0])
     assert np.abs(theta[1:4]).max() < 0.5 * np.abs(alone[1:4]).max()
     np.testing.assert_array_equal(theta[4:], 0)
@@ -243,5 +254,5 @@ def test_what_goes_with_the_place_is_neither_mass_nor_a_first_moment():
 
 def test_a_payload_that_would_weigh_nothing_is_believed_to_weigh_a_tenth():
     oracle, recorded = since(np.array([1.5, *np.zeros(9)]))
-    theta = place.heavier(oracle, learn.changed(oracle, "payload", 9.0), recorded, MEAN).theta
+    theta = semiparametric.heavier(oracle, model_update.changed(oracle, "payload", 9.0), recorded, MEAN).theta
     np.testing.assert_allclose(theta[0], 0.9 * 1.2, rtol=1e-3)

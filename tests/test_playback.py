@@ -19,9 +19,13 @@ import xarray as xr
 from PIL import Image
 from typer.testing import CliRunner
 
-from colift import folder, log, playback, results, scenario, scene, study
-from colift.__main__ import app
-from colift.scenario import roster
+from colift import scenario
+from colift.cli.app import app
+from colift.closed_loop import log
+from colift.runtime import run_directory
+from colift.scenario import experiment, team
+from colift.visualization import playback, scene
+from colift.workflows import study
 from tests import browser, flights, light, played
 from tests.played import CASES, random_log
 
@@ -65,10 +69,10 @@ def embedded(text: str) -> dict[str, Any]:
 
 def test_the_page_holds_the_frames_and_names_the_run(made, flown, told):
     text = made.read_text()
-    assert folder.run_of(made) == flights.RUN
+    assert run_directory.run_of(made) == flights.RUN
     written = embedded(text)
     assert (written["scenario"], written["seed"], written["run"]) == (told.name, told.seed, flights.RUN)
-    truth, _ = roster.team(told)
+    truth, _ = team.team(told)
     for case, ds in flown.items():
         (found,) = [each for each in written["cases"] if each["name"] == case]
         for name, track in (scene.frames(ds, truth) | scene.curves(ds)).items():
@@ -76,7 +80,7 @@ def test_the_page_holds_the_frames_and_names_the_run(made, flown, told):
         assert found["t"] == pytest.approx(ds.time.values[scene.rows(ds)], abs=1e-6)
         assert found["marks"]["updates"] == pytest.approx(np.atleast_1d(ds.attrs["update_times_s"]))
     shape = written["shape"]
-    assert [contact["name"] for contact in shape["contacts"]] == list(roster.contact_names(told))
+    assert [contact["name"] for contact in shape["contacts"]] == list(team.contact_names(told))
     assert [agent["name"] for agent in shape["agents"]] == list(light.NAMES)
     assert {len(agent["rotors_m"]) for agent in shape["agents"]} == {4}
     assert shape["links"] == [[0, 1], [2, 3], [4, 5]]  # the hooks
@@ -106,7 +110,7 @@ def test_the_longest_arrows_fit_the_team():
 
 def test_twenty_seconds_of_three_cases_take_two_megabytes_at_most():
     ds = random_log(flights.PAPER._replace(time=10_000))
-    assert len(playback.page(dict.fromkeys(("C1", "C2", "C3"), ds), study.CASES)) < 2e6
+    assert len(playback.page(dict.fromkeys(("C1", "C2", "C3"), ds), experiment.CASES)) < 2e6
 
 
 def test_a_page_asks_for_nothing_and_no_name_ends_it_early():
@@ -166,13 +170,13 @@ def test_the_command_says_where_the_page_is_and_opens_it_only_if_asked(tmp_path,
 
 
 def test_the_next_study_removes_the_page(made):
-    assert made in folder.files(made.parent, results.FLOWN)
+    assert made in run_directory.files(made.parent, study.FLOWN)
 
 
 # The bundle -----------------------------------------------------------------------------------------------------------
 
 SOURCES = ROOT / "playback"
-BUNDLE = ROOT / "src" / "colift" / "playback.js"
+BUNDLE = ROOT / "src" / "colift" / "visualization" / "playback.js"
 LOCK = json.loads((SOURCES / "package-lock.json").read_text())
 
 

@@ -316,7 +316,7 @@ def test_the_tests_themselves_are_strict():
     assert jax.config.jax_numpy_dtype_promotion == "strict"
     assert jax.config.jax_numpy_rank_promotion == "raise"
     assert "error" in PROJECT["tool"]["pytest"]["ini_options"]["filterwarnings"]
-    hat = importlib.import_module("colift.so3").hat
+    hat = importlib.import_module("colift.math.so3").hat
     with pytest.raises(Exception, match="Type-check error"):
         hat(jax.numpy.zeros(4))
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
-from colift import px4
+from colift.integrations import px4_frames
 
 vectors = arrays(float, 3, elements=st.floats(-100, 100))
 seeds = st.integers(0, 2**31)
@@ -17,13 +17,13 @@ EAST, NORTH, UP = np.eye(3)
 
 
 def test_the_axes_by_name() -> None:
-    np.testing.assert_array_equal(px4.world(np.eye(3)), [[0, 1, 0], [1, 0, 0], [0, 0, -1]])
-    np.testing.assert_array_equal(px4.body(np.eye(3)), [[1, 0, 0], [0, -1, 0], [0, 0, -1]])
+    np.testing.assert_array_equal(px4_frames.world(np.eye(3)), [[0, 1, 0], [1, 0, 0], [0, 0, -1]])
+    np.testing.assert_array_equal(px4_frames.body(np.eye(3)), [[1, 0, 0], [0, -1, 0], [0, 0, -1]])
 
 
 @given(vectors)
 def test_each_map_is_its_own_inverse_and_a_rotation(v: np.ndarray) -> None:
-    for turn, matrix in ((px4.world, px4.WORLD), (px4.body, px4.BODY)):
+    for turn, matrix in ((px4_frames.world, px4_frames.WORLD), (px4_frames.body, px4_frames.BODY)):
         np.testing.assert_array_equal(turn(turn(v)), v)
         assert np.linalg.det(matrix) == 1
 
@@ -32,8 +32,8 @@ def test_each_map_is_its_own_inverse_and_a_rotation(v: np.ndarray) -> None:
 def test_an_attitude_maps_what_it_turns(seed: int, v: np.ndarray) -> None:
     """`R' body(v) = world(R v)`, which defines it; and back."""
     R = Rotation.random(random_state=seed).as_matrix()
-    np.testing.assert_allclose(px4.attitude(R) @ px4.body(v), px4.world(R @ v), atol=1e-12)
-    np.testing.assert_allclose(px4.attitude(px4.attitude(R)), R, atol=1e-15)
+    np.testing.assert_allclose(px4_frames.attitude(R) @ px4_frames.body(v), px4_frames.world(R @ v), atol=1e-12)
+    np.testing.assert_allclose(px4_frames.attitude(px4_frames.attitude(R)), R, atol=1e-15)
 
 
 @pytest.mark.parametrize(
@@ -52,16 +52,16 @@ def test_heading_pitch_and_roll_are_a_pilot_s(
     """Clockwise from north, nose up and right wing down are positive in NED and FRD."""
     R = np.stack([nose, left, np.cross(nose, left)], axis=1)
     expected = Rotation.from_euler("ZYX", [yaw, pitch, roll], degrees=True).as_matrix()
-    np.testing.assert_allclose(px4.attitude(R), expected, atol=1e-12)
+    np.testing.assert_allclose(px4_frames.attitude(R), expected, atol=1e-12)
 
 
 @given(st.sampled_from([0.0, 1.0]) | st.floats(1e-3, 1), st.floats(0, 1))
 def test_a_signal_and_its_share_of_the_force_are_inverse(s: float, f: float) -> None:
-    frame = px4.Airframe(x=(0.1,), y=(0.1,), yaw=(0.0,), quadratic=f)
-    np.testing.assert_allclose(px4.signal(frame, px4.share(frame, np.array([s]))), s, atol=1e-7)
-    np.testing.assert_allclose(px4.share(frame, px4.signal(frame, np.array([s]))), s, atol=1e-12)
-    assert px4.share(frame, np.array([-s])) == 0
-    assert px4.signal(frame, np.array([1 + s])) == pytest.approx(1)
+    frame = px4_frames.Airframe(x=(0.1,), y=(0.1,), yaw=(0.0,), quadratic=f)
+    np.testing.assert_allclose(px4_frames.signal(frame, px4_frames.share(frame, np.array([s]))), s, atol=1e-7)
+    np.testing.assert_allclose(px4_frames.share(frame, px4_frames.signal(frame, np.array([s]))), s, atol=1e-12)
+    assert px4_frames.share(frame, np.array([-s])) == 0
+    assert px4_frames.signal(frame, np.array([1 + s])) == pytest.approx(1)
 
 
 def test_rotors_turn_the_vehicle_as_they_should() -> None:
@@ -73,41 +73,41 @@ def test_rotors_turn_the_vehicle_as_they_should() -> None:
     ):
         signals = np.full(4, 0.5)
         signals[list(louder)] += 0.1
-        u, tau = px4.wrench(px4.QUAD_X, signals, 40.0)
+        u, tau = px4_frames.wrench(px4_frames.QUAD_X, signals, 40.0)
         assert u == pytest.approx(22)
         np.testing.assert_allclose(tau / np.linalg.norm(tau), torque, atol=1e-12)
 
 
 @given(st.floats(8, 32), arrays(float, 3, elements=st.floats(-0.2, 0.2)), st.floats(0, 1))
 def test_controls_give_the_wrench_back(u: float, tau: np.ndarray, f: float) -> None:
-    frame = px4.Airframe(px4.QUAD_X.x, px4.QUAD_X.y, px4.QUAD_X.yaw, f)
-    signals = px4.controls(frame, u, tau, 40.0)
+    frame = px4_frames.Airframe(px4_frames.QUAD_X.x, px4_frames.QUAD_X.y, px4_frames.QUAD_X.yaw, f)
+    signals = px4_frames.controls(frame, u, tau, 40.0)
     assert ((signals >= 0) & (signals <= 1)).all()
-    found, torque = px4.wrench(frame, signals, 40.0)
+    found, torque = px4_frames.wrench(frame, signals, 40.0)
     np.testing.assert_allclose([found, *torque], [u, *tau], atol=1e-12)
 
 
 def test_setpoints_are_shares() -> None:
-    np.testing.assert_array_equal(px4.thrust_setpoint(30.0, 40.0), [0, 0, -0.75])
-    most = px4.wrench(px4.QUAD_X, np.array([0.0, 1.0, 1.0, 0.0]), 40.0)[1]
-    np.testing.assert_allclose(px4.torque_setpoint(px4.QUAD_X, most, 40.0), [1, 0, 0], atol=1e-15)
-    most = px4.wrench(px4.QUAD_X, np.array([1.0, 0.0, 1.0, 0.0]), 40.0)[1]
-    np.testing.assert_allclose(px4.torque_setpoint(px4.QUAD_X, most, 40.0), [0, 1, 0], atol=1e-15)
+    np.testing.assert_array_equal(px4_frames.thrust_setpoint(30.0, 40.0), [0, 0, -0.75])
+    most = px4_frames.wrench(px4_frames.QUAD_X, np.array([0.0, 1.0, 1.0, 0.0]), 40.0)[1]
+    np.testing.assert_allclose(px4_frames.torque_setpoint(px4_frames.QUAD_X, most, 40.0), [1, 0, 0], atol=1e-15)
+    most = px4_frames.wrench(px4_frames.QUAD_X, np.array([1.0, 0.0, 1.0, 0.0]), 40.0)[1]
+    np.testing.assert_allclose(px4_frames.torque_setpoint(px4_frames.QUAD_X, most, 40.0), [0, 1, 0], atol=1e-15)
 
 
 @given(vectors)
 def test_places_on_earth_are_as_far_apart_as_in_the_world(p: np.ndarray) -> None:
     """By the haversine formula between two places, to the format's centimetre."""
-    lat, lon, alt = px4.geodetic(px4.HOME, p) * [1e-7, 1e-7, 1e-3]
-    a, b = np.deg2rad([lat, px4.HOME.latitude])
-    c = np.deg2rad(lon - px4.HOME.longitude)
+    lat, lon, alt = px4_frames.geodetic(px4_frames.HOME, p) * [1e-7, 1e-7, 1e-3]
+    a, b = np.deg2rad([lat, px4_frames.HOME.latitude])
+    c = np.deg2rad(lon - px4_frames.HOME.longitude)
     haversine = np.sin((a - b) / 2) ** 2 + np.cos(a) * np.cos(b) * np.sin(c / 2) ** 2
-    far = 2 * px4.EARTH * np.arcsin(np.sqrt(haversine))
+    far = 2 * px4_frames.EARTH * np.arcsin(np.sqrt(haversine))
     assert far == pytest.approx(np.hypot(p[0], p[1]), abs=0.02)
-    assert alt - px4.HOME.altitude == pytest.approx(p[2], abs=6e-4)
-    assert np.sign(lat - px4.HOME.latitude) in (0, np.sign(p[1]))
+    assert alt - px4_frames.HOME.altitude == pytest.approx(p[2], abs=6e-4)
+    assert np.sign(lat - px4_frames.HOME.latitude) in (0, np.sign(p[1]))
 
 
 @pytest.mark.parametrize(("altitude", "hPa"), [(0.0, 1013.25), (1000.0, 898.75), (5000.0, 540.20)])
 def test_pressure_is_the_standard_atmosphere_s(altitude: float, hPa: float) -> None:
-    assert px4.pressure(altitude) == pytest.approx(hPa, abs=0.05)
+    assert px4_frames.pressure(altitude) == pytest.approx(hPa, abs=0.05)

@@ -10,16 +10,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from colift import reference, so3
+from colift.math import so3
+from colift.trajectories import base, departure, lissajous, minimum_snap
 
 at = jax.jit(lambda path, t: path.at(t))
-pulse = jax.jit(reference.pulse)
+pulse = jax.jit(base.pulse)
 
 
-def random_path(seed: int) -> reference.Lissajous:
+def random_path(seed: int) -> lissajous.Lissajous:
     """A path with random numbers, ramped up in one to four seconds."""
     rng = np.random.default_rng(seed)
-    return reference.Lissajous(
+    return lissajous.Lissajous(
         center=jnp.array(rng.normal(size=3)),
         amplitude=jnp.array(rng.normal(size=3)),
         period=jnp.array(rng.uniform(3, 8, 3)),
@@ -32,22 +33,22 @@ def random_path(seed: int) -> reference.Lissajous:
     )
 
 
-def swinging(seed: int) -> reference.Lissajous:
+def swinging(seed: int) -> lissajous.Lissajous:
     """The same, and the attitude swings."""
     rng = np.random.default_rng(seed)
     turned = so3.exp(jnp.array(rng.normal(size=3)))
     return dataclasses.replace(random_path(seed), R=turned, swing=jnp.array(rng.uniform(-1, 1, 3)))
 
 
-def legs(seed: int) -> tuple[reference.Waypoints, np.ndarray, np.ndarray]:
+def legs(seed: int) -> tuple[minimum_snap.Waypoints, np.ndarray, np.ndarray]:
     """A path through random poses, the times and the poses."""
     rng = np.random.default_rng(seed)
     t = np.cumsum(rng.uniform(0.3, 2, rng.integers(2, 6)))
     p, theta = rng.normal(size=(len(t), 3)), 0.5 * rng.normal(size=(len(t), 3))
-    return reference.waypoints(t, p, theta), t, np.concatenate([p, theta], axis=1)
+    return minimum_snap.waypoints(t, p, theta), t, np.concatenate([p, theta], axis=1)
 
 
-def values(path: reference.Lissajous, t: float) -> np.ndarray:
+def values(path: lissajous.Lissajous, t: float) -> np.ndarray:
     """Position, velocity, acceleration and jerk by row."""
     d = at(path, jnp.array(t))
     return np.stack([d.p, d.v, d.a, d.j])
@@ -121,7 +122,7 @@ def test_no_other_curve_through_the_poses_has_less_snap(seed):
 )
 def test_times_that_no_path_can_have_are_refused(t, said):
     with pytest.raises(ValueError, match=said):
-        reference.waypoints(np.array(t), np.zeros((len(t), 3)), np.zeros((len(t), 3)))
+        minimum_snap.waypoints(np.array(t), np.zeros((len(t), 3)), np.zeros((len(t), 3)))
 
 
 @given(seed=st.integers(0, 10**6))
@@ -138,7 +139,7 @@ def test_a_path_that_leaves_is_the_same_until_then_and_smooth():
     path = dataclasses.replace(swinging(3), ramp=jnp.array(1.0))
     shift, swing = jnp.array([1.0, -2.0, 0.5]), jnp.array([0.1, 0.2, -0.1])
     numbers = {"start": 2.0, "over": 1.5, "swing_start": 5.0, "swing_period": 3.0}
-    off = reference.Leaving(path=path, shift=shift, swing=swing, **{k: jnp.array(x) for k, x in numbers.items()})
+    off = departure.Leaving(path=path, shift=shift, swing=swing, **{k: jnp.array(x) for k, x in numbers.items()})
     for t in (0.5, 2.0):
         jax.tree.map(
             lambda a, b: np.testing.assert_allclose(a, b, atol=1e-12), at(off, jnp.array(t)), at(path, jnp.array(t))
@@ -165,7 +166,7 @@ def test_after_the_ramp_it_is_the_lissajous_figure():
 
 
 def test_the_smooth_step_has_three_vanishing_derivatives_at_both_ends():
-    d = reference.smooth_step
+    d = base.smooth_step
     for order in range(4):
         expected = [0.0, 0.0, 1.0, 1.0] if order == 0 else [0.0] * 4
         inside = [jnp.array(s) for s in (-0.3, 1e-12, 1 - 1e-12, 1.4)]
@@ -175,10 +176,10 @@ def test_the_smooth_step_has_three_vanishing_derivatives_at_both_ends():
 
 @given(a=st.floats(-0.5, 1.5), b=st.floats(-0.5, 1.5))
 def test_the_smooth_step_rises_and_is_symmetric(a, b):
-    low, high = (float(reference.smooth_step(jnp.array(s))) for s in sorted((a, b)))
+    low, high = (float(base.smooth_step(jnp.array(s))) for s in sorted((a, b)))
     assert low <= high + 1e-15
-    mirrored = float(reference.smooth_step(jnp.array(1 - a)))
-    assert mirrored + float(reference.smooth_step(jnp.array(a))) == pytest.approx(1, abs=1e-12)
+    mirrored = float(base.smooth_step(jnp.array(1 - a)))
+    assert mirrored + float(base.smooth_step(jnp.array(a))) == pytest.approx(1, abs=1e-12)
 
 
 def test_a_pulse_is_zero_outside_one_inside_and_half_in_the_middle_of_its_flanks():

@@ -13,8 +13,12 @@ from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 from typer.testing import CliRunner
 
-from colift import folder, log, report, results, scenario
-from colift.__main__ import app
+from colift import scenario
+from colift.cli.app import app
+from colift.closed_loop import log
+from colift.runtime import run_directory
+from colift.visualization import report
+from colift.workflows import study
 from tests import browser, flights, played
 
 SUMMARY = {
@@ -67,7 +71,7 @@ def made(out: Path) -> str:
 def test_a_report_holds_what_was_run_table_figures_playback_and_settings(out):
     text = made(out)
     assert html.escape(SUMMARY["command"]) in text
-    assert folder.run_of(out / "report.html") == flights.RUN
+    assert run_directory.run_of(out / "report.html") == flights.RUN
     assert "jax 0.10.1" in text
     assert "nothing: every case flew to its end within its limits." in text
     assert text.index("Beware") < text.index("What was run") < text.index("Second half") < text.index("Playback")
@@ -80,7 +84,7 @@ def test_a_report_holds_what_was_run_table_figures_playback_and_settings(out):
     settings = re.search(r"<pre>(.*?)</pre>", text, re.DOTALL)
     assert settings
     assert scenario.parse(html.unescape(settings[1]), "report") == played.told()
-    assert (out / "report.html") in folder.files(out, results.FLOWN)  # the next study removes it
+    assert (out / "report.html") in run_directory.files(out, study.FLOWN)  # the next study removes it
 
 
 def test_a_report_asks_for_nothing_and_no_name_of_a_scenario_ends_it_early(out):

@@ -13,44 +13,49 @@ import pytest
 from jax.flatten_util import ravel_pytree
 from scipy.linalg import expm
 
-from colift import dynamics, fly, gp, grasp, learn, model, response, scenario
-from colift.model import Residual, State, no_force
-from colift.response import OUTPUTS
-from colift.scenario import pilots, roster, settings, starts
+from colift import gp, scenario
+from colift.closed_loop import linearization
+from colift.closed_loop.linearization import OUTPUTS
+from colift.models import grasp, state
+from colift.models.state import Residual, State, no_force
+from colift.onboard import controller
+from colift.onboard.learning import features, residual_model
+from colift.scenario import controllers, initial_states, schema, team
+from colift.simulation import contact_dynamics
 from tests import teams
 
 SIZES = np.repeat([0.5, 0.05, 0.5, 0.05, 0.02, 0.5, 0.05, 0.02], 3)  # N and N m, of a flat residual of the study's team
 
 
 @functools.cache
-def study() -> tuple[fly.LeaderFollower, State]:
+def study() -> tuple[controller.LeaderFollower, State]:
     """The study's pilot with an oracle without data, and the nominal team at rest on the reference."""
     given = scenario.load("paper")
     small = given.learning.model_copy(update={"capacity": 2})
-    given = given.model_copy(update={"start": settings.Start(), "learning": small})
-    _, nominal = roster.team(given)
-    return pilots.pilot(given, nominal), starts.start(given, nominal)
+    given = given.model_copy(update={"start": schema.Start(), "learning": small})
+    _, nominal = team.team(given)
+    return controllers.pilot(given, nominal), initial_states.start(given, nominal)
 
 
 @functools.cache
-def learned() -> learn.Oracle:
+def learned() -> residual_model.Oracle:
     """An oracle that predicts nothing at rest, but a spring and a damper on the payload off it."""
     pilot, z = study()
     oracle = pilot.oracle
-    hyper, x = oracle.payload.hyper, np.asarray(learn.payload_features(model.flat_payload(z.payload, jnp.zeros(6))))
+    hyper, x = oracle.payload.hyper, np.asarray(features.payload_features(state.flat_payload(z.payload, jnp.zeros(6))))
     apart = 0.3 * np.asarray(hyper.lengthscales)[0] * np.eye(20)[[0, 3]].sum(0)
     w = np.array([8.0, 3.0, -5.0, 6.0, 2.0, -7.0])[:, None] * np.array([1.0, -1.0])
     return dataclasses.replace(oracle, payload=gp.expansion(hyper, np.stack([x + apart, x - apart]), w))
 
 
 @functools.cache
-def loop(knows: bool = False) -> response.Response:
+def loop(knows: bool = False) -> linearization.Response:
     """The response of `study`, or of the loop that knows more."""
     pilot, z = study()
-    return response.linearize(dataclasses.replace(pilot, oracle=learned()) if knows else pilot, z)
+    return linearization.linearize(dataclasses.replace(pilot, oracle=learned()) if knows else pilot, z)
 
 
-def closed(pilot: fly.LeaderFollower, z: State, f: Residual) -> tuple[Any, Any, Any]:
+def closed(pilot: controller.LeaderFollower, z: State, f: Residual) -> tuple[Any, Any, Any]:
     """Acceleration, contact forces and desired wrench, the measured acceleration being the one that is caused.
 
     The law is affine in it, and only its first three components enter.
@@ -58,9 +63,9 @@ def closed(pilot: fly.LeaderFollower, z: State, f: Residual) -> tuple[Any, Any, 
     team = pilot.team
 
     def under(a: jax.Array) -> tuple[Any, Any, Any]:
-        now = fly.known(pilot, z, a, jnp.zeros(()))
+        now = controller.known(pilot, z, a, jnp.zeros(()))
         inputs, _, decided = pilot.decide((), (), now)
-        return *dynamics.accelerate(team, z, inputs, f), decided.W_d
+        return *contact_dynamics.accelerate(team, z, inputs, f), decided.W_d
 
     found = jax.lax.map(lambda a: under(a)[0].payload[:3], jnp.concatenate([jnp.zeros((1, 6)), jnp.eye(3, 6)]))
     slope = (found[1:] - found[:1]).T
@@ -68,30 +73,30 @@ def closed(pilot: fly.LeaderFollower, z: State, f: Residual) -> tuple[Any, Any, 
 
 
 @jax.jit
-def rates(pilot: fly.LeaderFollower, z: State, shift: jax.Array, f: jax.Array) -> tuple[Any, ...]:
+def rates(pilot: controller.LeaderFollower, z: State, shift: jax.Array, f: jax.Array) -> tuple[Any, ...]:
     """How the local coordinates around z change at a shift, and what the outputs are made of."""
-    d = ravel_pytree(dynamics.no_shift(z))[1](shift)
-    at = dynamics.move(z, d)
-    a, lam, W_d = closed(pilot, at, response.unflatten(pilot.team, f))
-    return ravel_pytree(dynamics.rate(at, d, a))[0], a.payload, lam, W_d, at
+    d = ravel_pytree(contact_dynamics.no_shift(z))[1](shift)
+    at = contact_dynamics.move(z, d)
+    a, lam, W_d = closed(pilot, at, linearization.unflatten(pilot.team, f))
+    return ravel_pytree(contact_dynamics.rate(at, d, a))[0], a.payload, lam, W_d, at
 
 
 @jax.jit
-def step(pilot: fly.LeaderFollower, z: State, f: jax.Array, dt: jax.Array) -> State:
+def step(pilot: controller.LeaderFollower, z: State, f: jax.Array, dt: jax.Array) -> State:
     """One step of order 4 of the closed loop, the control acting at every stage."""
-    zero, unravel = ravel_pytree(dynamics.no_shift(z))
+    zero, unravel = ravel_pytree(contact_dynamics.no_shift(z))
 
     def stage(carry: tuple[jax.Array, jax.Array], node: jax.Array) -> tuple[tuple[jax.Array, jax.Array], None]:
         slope, total = carry
         d = unravel(dt * node[0] * slope)
-        at = dynamics.move(z, d)
-        a, _, _ = closed(pilot, at, response.unflatten(pilot.team, f))
-        slope = ravel_pytree(dynamics.rate(at, d, a))[0]
+        at = contact_dynamics.move(z, d)
+        a, _, _ = closed(pilot, at, linearization.unflatten(pilot.team, f))
+        slope = ravel_pytree(contact_dynamics.rate(at, d, a))[0]
         return (slope, total + dt * node[1] * slope), None
 
     nodes = jnp.array([[0.0, 1 / 6], [0.5, 1 / 3], [0.5, 1 / 3], [1.0, 1 / 6]])
     (_, total), _ = jax.lax.scan(stage, (zero, zero), nodes)
-    return dynamics.move(z, unravel(total))
+    return contact_dynamics.move(z, unravel(total))
 
 
 def errors(z: State) -> np.ndarray:
@@ -128,9 +133,9 @@ def test_a_residual_comes_back_from_its_row_and_every_body_has_its_columns(struc
     rng = np.random.default_rng(0)
     team = teams.team(rng, structure)
     f = jax.tree.map(lambda x: jnp.asarray(rng.normal(size=x.shape)), no_force(team))
-    row = response.flatten(f)
-    jax.tree.map(np.testing.assert_array_equal, response.unflatten(team, row), f)
-    columns = response.bodies(team)
+    row = linearization.flatten(f)
+    jax.tree.map(np.testing.assert_array_equal, linearization.unflatten(team, row), f)
+    columns = linearization.bodies(team)
     assert [c.start for c in columns] == [0, *(c.stop for c in columns[:-1])]
     assert columns[-1].stop == len(row)
     np.testing.assert_array_equal(row[columns[0]], np.concatenate([f.payload.F, f.payload.tau]))
@@ -163,11 +168,11 @@ def test_its_states_are_all_the_motions_that_the_grasp_allows():
     free = 6 + 3 * 2  # the payload's velocities and the agents' attitudes (the tree's joints follow)
     assert T.shape[1] == 2 * free
     np.testing.assert_allclose(T.T @ T, np.eye(2 * free), atol=1e-12)
-    unravel, h = ravel_pytree(dynamics.no_shift(z))[1], 1e-5
+    unravel, h = ravel_pytree(contact_dynamics.no_shift(z))[1], 1e-5
 
     @jax.jit
     def gap(d: jax.Array) -> tuple[jax.Array, jax.Array]:
-        at = dynamics.move(z, unravel(d))
+        at = contact_dynamics.move(z, unravel(d))
         return grasp.Phi(pilot.team, at), grasp.Phi_dot(pilot.team, at)
 
     for direction in T.T:
@@ -221,8 +226,8 @@ def test_modes_are_those_of_the_loop_by_differences():
 def test_a_steady_force_on_the_payload_is_shared_as_the_design_measured():
     """`delta_W = -M_A (M_L + M_A)^-1 f~_L` with thrusts aligned: -0.71 upwards, -0.83 along the team, at 1.5 kg."""
     pilot, z = study()
-    truth, _ = roster.team(scenario.load("paper"))
-    found = response.linearize(dataclasses.replace(pilot, team=truth), z)
+    truth, _ = team.team(scenario.load("paper"))
+    found = linearization.linearize(dataclasses.replace(pilot, team=truth), z)
     rows = found.rows("delta_W")
     steady = found.D[rows] - found.C[rows] @ np.linalg.solve(found.A, found.B)
     np.testing.assert_allclose(np.diag(steady)[[2, 0]], [-0.71, -0.83], atol=0.005)
@@ -255,7 +260,7 @@ def test_a_small_constant_residual_brings_about_what_the_response_says():
 
 
 @functools.cache
-def legs() -> settings.Settings:
+def legs() -> schema.Settings:
     """Three agents of the scenario `beam`, each with one arm of three joints, round a payload."""
     given = scenario.load("beam")
     agents = [
@@ -288,7 +293,7 @@ def test_joints_beyond_need_return_to_rest_as_fast_as_is_stated(seed):
             "control": given.control.model_copy(update={"posture": rate}),
         }
     )
-    _, nominal = roster.team(changed)
-    pilot, z = pilots.pilot(changed, nominal), starts.at_rest(changed, nominal)
-    slowest = np.linalg.eigvals(response.linearize(pilot, z).A).real.max()
+    _, nominal = team.team(changed)
+    pilot, z = controllers.pilot(changed, nominal), initial_states.at_rest(changed, nominal)
+    slowest = np.linalg.eigvals(linearization.linearize(pilot, z).A).real.max()
     assert slowest < -min(rate / 2, 2.0)

@@ -14,11 +14,11 @@ from ruamel.yaml.comments import CommentedMap, CommentedSeq
 
 from colift import scenario
 from colift.scenario import ScenarioError, Settings
-from colift.scenario.describe import markdown
 from colift.scenario.from_csv import WaypointsFromFile
 from colift.scenario.from_urdf import AgentTypeFromUrdf
-from colift.scenario.read import SHIPPED
-from colift.scenario.settings import AgentType, Body, Revolute
+from colift.scenario.loading import SHIPPED
+from colift.scenario.schema import AgentType, Body, Revolute
+from colift.scenario.schema_docs import markdown
 
 SAMPLE = (Path(__file__).parent / "sample_scenario.yaml").read_text(encoding="utf-8")
 BODY = {"mass_kg": 1.0}

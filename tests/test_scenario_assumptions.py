@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
-from colift import scenario, study
-from colift.model import no_force
-from colift.scenario import ScenarioError, assumptions, roster
+from colift import scenario
+from colift.models.state import no_force
+from colift.scenario import ScenarioError, assumptions, experiment, team
 from tests.varied import changed
 
 
 def test_error_bounds_rest_on_what_the_scenario_states():
     s = scenario.load("paper")
-    _, nominal = roster.team(s)
+    _, nominal = team.team(s)
     stated = assumptions.stated(s, nominal, no_force(nominal))
     given = s.certificate
     assert (stated.bound, stated.confidence, stated.norm) == ("energy", 0.95, 6)
@@ -25,7 +25,7 @@ def test_error_bounds_rest_on_what_the_scenario_states():
 
 def test_label_errors_that_are_not_stated_are_three_deviations_of_the_prior_s_noise():
     s = changed("paper", certificate={})
-    _, nominal = roster.team(s)
+    _, nominal = team.team(s)
     stated = assumptions.stated(s, nominal, no_force(nominal))
     noise = s.learning.agents
     np.testing.assert_allclose(stated.payload, [0.3] * 3 + [0.06] * 3)
@@ -35,7 +35,7 @@ def test_label_errors_that_are_not_stated_are_three_deviations_of_the_prior_s_no
 
 def test_in_the_certified_scenario_nothing_is_assumed_unless_it_is_changed():
     def assumed(**sections: object) -> tuple[str, ...]:
-        return study.plan(changed("certified", **sections), "C1").stated.assumed
+        return experiment.plan(changed("certified", **sections), "C1").stated.assumed
 
     certified = scenario.load("certified")
     assert certified.drawn is not None
@@ -59,4 +59,4 @@ def test_in_the_certified_scenario_nothing_is_assumed_unless_it_is_changed():
 def test_a_label_error_of_zero_is_refused():
     learning = scenario.load("certified").learning.model_dump() | {"rig_error": 0.0}
     with pytest.raises(ScenarioError, match=r"certificate: label error .* must be positive"):
-        study.plan(changed("certified", learning=learning), "C1")
+        experiment.plan(changed("certified", learning=learning), "C1")

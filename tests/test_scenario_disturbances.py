@@ -2,18 +2,18 @@
 
 import numpy as np
 
-from colift import disturbance
-from colift.scenario import disturbances, roster
+from colift.scenario import disturbances, team
+from colift.simulation.disturbances import at_start
 from tests import teams
 from tests.varied import mixed
 
 
 def test_sources_act_on_the_agents_and_bodies_that_they_name():
-    truth, _ = roster.team(mixed())
+    truth, _ = team.team(mixed())
     z = teams.free_state(
         np.random.default_rng(0), tuple((g.tree, n) for g, n in zip(truth.groups, truth.sizes, strict=True))
     )
-    felt = disturbance.at_start(disturbances.disturbances(mixed()), truth, z)
+    felt = at_start(disturbances.disturbances(mixed()), truth, z)
     up = [np.asarray(q.R[:, :, 2]) for q in z.agents]
     np.testing.assert_allclose(felt.agents[0].f_x, 0.5 * up[0] + np.array([[0, 0, 0], [1, 2, 3]]))
     np.testing.assert_allclose(felt.agents[1].f_x, 0.5 * up[1])

@@ -12,7 +12,7 @@ import pytest
 import colift
 from colift import scenario
 from colift.scenario import ScenarioError, Settings
-from colift.scenario.own import beside
+from colift.scenario.plugins import beside
 from tests import light
 
 SAMPLE = (Path(__file__).parent / "sample_scenario.yaml").read_text(encoding="utf-8")
@@ -344,8 +344,8 @@ def test_of_two_modules_of_one_name_the_other_is_refused(folder, tmp_path):
     ("more", "says"),
     [
         (f"parts: {{leader: {part('Nothing')}}}", "parts.leader: parts_of_test_own:Nothing built a value of type dict"),
-        (f"plant: {own('Nothing')}", "which is no colift.world.Plant"),
-        (f"actuators: {own('Nothing')}", "which is no colift.actuator.Ideal"),
+        (f"plant: {own('Nothing')}", "which is no colift.simulation.world.Plant"),
+        (f"actuators: {own('Nothing')}", "which is no colift.simulation.actuators.Ideal"),
     ],
 )
 def test_what_is_built_must_be_a_part(folder, more, says):

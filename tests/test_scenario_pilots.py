@@ -5,8 +5,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from colift import grasp, scenario
-from colift.scenario import ScenarioError, pilots, roster, worlds
+from colift import scenario
+from colift.models import grasp
+from colift.scenario import ScenarioError, controllers, team, world
 from tests.varied import changed
 
 
@@ -15,8 +16,8 @@ def test_internal_forces_of_shipped_scenarios_are_felt_and_leave_the_wrench_alon
     s = scenario.load(name)
     if s.allocation.internal is None:
         pytest.skip("asks for none")
-    _, nominal = roster.team(s)
-    plan, internal = pilots.allocation(s, nominal)
+    _, nominal = team.team(s)
+    plan, internal = controllers.allocation(s, nominal)
     lam = np.asarray(plan.kernel @ internal.eta)
     assert np.linalg.norm(lam) >= 1
     assert np.linalg.norm(lam.reshape(-1, 3), axis=1).max() >= 0.5
@@ -30,24 +31,24 @@ def test_asking_for_internal_forces_that_do_not_exist_is_an_error_that_says_so()
     internal = scenario.load("paper").allocation.internal
     assert internal is not None
     s = changed("paper", allocation=leaders)
-    _, nominal = roster.team(s)
-    assert pilots.allocation(s, nominal)[0].kernel.shape == (12, 0)
+    _, nominal = team.team(s)
+    assert controllers.allocation(s, nominal)[0].kernel.shape == (12, 0)
     with pytest.raises(ScenarioError, match="no internal force"):
-        pilots.allocation(changed("paper", allocation=leaders | {"internal": internal.model_dump()}), nominal)
+        controllers.allocation(changed("paper", allocation=leaders | {"internal": internal.model_dump()}), nominal)
 
 
 def test_a_leader_block_that_cannot_carry_every_wrench_is_refused():
     s = changed("paper", allocation={"kind": "leader_follower", "leader_contacts": ["front/left", "front/right"]})
     with pytest.raises(ScenarioError, match="rank 5"):
-        pilots.allocation(s, roster.team(s)[1])
+        controllers.allocation(s, team.team(s)[1])
 
 
 def test_sensors_and_pilot_are_in_SI():
     s = scenario.load("paper")
-    noise = worlds.sensors(s)
+    noise = world.sensors(s)
     np.testing.assert_allclose(noise.attitude, 0.2 * np.pi / 180)
     np.testing.assert_allclose(noise.joint, 0.1 * np.pi / 180)
-    pilot = pilots.pilot(s, roster.team(s)[1])
+    pilot = controllers.pilot(s, team.team(s)[1])
     np.testing.assert_allclose(pilot.recorder.every, 1 / s.learning.sample_Hz)
     np.testing.assert_array_equal(pilot.leader.gains.K_p, np.diag(s.control.K_p))
     assert not bool(pilot.recorder.payload)
@@ -57,7 +58,7 @@ def test_sensors_and_pilot_are_in_SI():
 def test_a_look_ahead_is_the_realizer_s_and_the_pilot_s():
     settings = scenario.load("paper")
     far = settings.model_copy(update={"control": settings.control.model_copy(update={"look_ahead_s": 0.03})})
-    _, nominal = roster.team(settings)
-    ours, theirs = pilots.pilot(settings, nominal), pilots.pilot(far, nominal)
+    _, nominal = team.team(settings)
+    ours, theirs = controllers.pilot(settings, nominal), controllers.pilot(far, nominal)
     assert (type(ours.realizer).__name__, ours.look_ahead) == ("Aligned", None)
     assert (type(theirs.realizer).__name__, float(theirs.look_ahead)) == ("Anticipating", 0.03)

@@ -5,14 +5,15 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from colift import grasp, scenario
-from colift.scenario import roster
+from colift import scenario
+from colift.models import grasp
+from colift.scenario import team
 from tests import teams
 from tests.varied import mixed
 
 
 def test_the_study_has_the_reference_team():
-    truth, nominal = roster.team(scenario.load("paper"))
+    truth, nominal = team.team(scenario.load("paper"))
     expected = teams.reference_team()
     order = jnp.array([1, 0])  # the scenario counts from the front
     group = jax.tree.map(lambda leaf: leaf[order], expected.groups[0])
@@ -25,20 +26,20 @@ def test_the_study_has_the_reference_team():
 
 
 def test_agents_of_one_structure_form_a_group_and_names_follow():
-    truth, nominal = roster.team(mixed())
-    assert roster.agent_names(mixed()) == ("a", "c", "b")
-    assert roster.contact_names(mixed()) == ("a/a0", "c/a0", "b/a0", "b/a1")
+    truth, nominal = team.team(mixed())
+    assert team.agent_names(mixed()) == ("a", "c", "b")
+    assert team.contact_names(mixed()) == ("a/a0", "c/a0", "b/a0", "b/a1")
     assert truth.sizes == (2, 1)
     np.testing.assert_array_equal(grasp.contacts(truth), [[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, 1, 0.1]])
     assert truth.groups[0].tree.prismatic == (True,)
     assert truth.groups[1].tree.tips == (2, 0)
     np.testing.assert_allclose(truth.groups[1].joint_axis[0], [[0, 0.6, 0.8]] * 2)
-    np.testing.assert_allclose(np.concatenate(roster.heading(mixed())), [0, -np.pi / 2, np.pi / 2])
-    np.testing.assert_array_equal(roster.rest(mixed())[0], [[0.3], [0]])
+    np.testing.assert_allclose(np.concatenate(team.heading(mixed())), [0, -np.pi / 2, np.pi / 2])
+    np.testing.assert_array_equal(team.rest(mixed())[0], [[0.3], [0]])
     assert nominal.groups[0].mass[1, 1] == 0.2
     assert truth.groups[0].mass[1, 1] == nominal.groups[0].mass[0, 1] == 0.1
 
 
 def test_roll_pitch_yaw_are_about_the_fixed_axes_in_this_order():
     expected = Rotation.from_euler("xyz", [10, 20, 30], degrees=True).as_matrix()
-    np.testing.assert_allclose(roster.team(mixed())[0].groups[0].joint_rotation[1, 0], expected, atol=1e-15)
+    np.testing.assert_allclose(team.team(mixed())[0].groups[0].joint_rotation[1, 0], expected, atol=1e-15)

@@ -4,8 +4,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from colift import grasp, scenario, so3
-from colift.scenario import paths, roster, starts
+from colift import scenario
+from colift.math import so3
+from colift.models import grasp
+from colift.scenario import initial_states, team, trajectories
 
 LONG = {"beam", "seven", "leader_block"}  # longer to build than a test should take
 
@@ -15,10 +17,10 @@ LONG = {"beam", "seven", "leader_block"}  # longer to build than a test should t
 )
 def test_shipped_scenarios_start_on_the_manifold_as_far_off_as_they_say(name):
     s = scenario.load(name)
-    truth, _ = roster.team(s)
-    z = starts.start(s, truth)
+    truth, _ = team.team(s)
+    z = initial_states.start(s, truth)
     assert np.abs(grasp.Phi(truth, z)).max() <= 1e-10
     assert np.abs(grasp.Phi_dot(truth, z)).max() <= 1e-10
-    d = paths.path(s).at(jnp.zeros(()))
+    d = trajectories.path(s).at(jnp.zeros(()))
     np.testing.assert_allclose(z.payload.p - d.p, s.start.position_error_m, atol=1e-3)
     np.testing.assert_allclose(so3.log(d.R.T @ z.payload.R), np.deg2rad(s.start.attitude_error_deg), atol=1e-3)

@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from colift import agent as ag
-from colift import disturbance, grasp, scenario, scene
-from colift.model import PayloadState
-from colift.scenario import disturbances, paths, roster, starts
+from colift import scenario
+from colift.models import aerial_manipulator, grasp
+from colift.models.state import PayloadState
+from colift.scenario import disturbances, initial_states, team, trajectories
+from colift.simulation.disturbances import begin, on_payload
+from colift.visualization import scene
 from tests import flights, played
 from tests.played import PAPER, random_log
 
@@ -27,8 +29,8 @@ def flown() -> dict[str, xr.Dataset]:
 
 
 def test_bases_joints_and_tips_are_where_the_kinematics_put_them():
-    truth, _ = roster.team(PAPER)
-    z = starts.start(PAPER, truth)
+    truth, _ = team.team(PAPER)
+    z = initial_states.start(PAPER, truth)
     (state,) = z.agents
     ds = random_log()
     for name, x in {"R": state.R, "x": state.x, "r": state.r.ravel(), "p": z.payload.p, "R_L": z.payload.R}.items():
@@ -37,8 +39,8 @@ def test_bases_joints_and_tips_are_where_the_kinematics_put_them():
     nodes = shown["nodes"][-1].reshape(2, 6, 3)  # base, waist, left, right, two tips
     for j in range(2):
         agent, own = jax.tree.map(lambda leaf, j=j: leaf[j], (truth.groups[0], state))
-        np.testing.assert_allclose(nodes[j, 4:], ag.tips(agent, own), atol=1e-12)
-        base = np.asarray(own.x - own.R @ ag.center_of_mass(agent, own.r))
+        np.testing.assert_allclose(nodes[j, 4:], aerial_manipulator.tips(agent, own), atol=1e-12)
+        base = np.asarray(own.x - own.R @ aerial_manipulator.center_of_mass(agent, own.r))
         np.testing.assert_allclose(shown["base"][-1, j], base, atol=1e-12)
         np.testing.assert_allclose(nodes[j, :2], [base, base], atol=1e-12)  # the waist turns about the base's origin
         np.testing.assert_allclose(np.linalg.norm(nodes[j, 4:] - nodes[j, 2:4], axis=1), 0.3, rtol=1e-12)
@@ -48,7 +50,7 @@ def test_bases_joints_and_tips_are_where_the_kinematics_put_them():
 
 
 def test_the_tips_stay_on_the_payload_along_a_flight(flown, told):
-    truth, _ = roster.team(told)
+    truth, _ = team.team(told)
     for ds in flown.values():
         at, shown = ds.isel(time=scene.rows(ds)), scene.frames(ds, truth)
         contacts = np.asarray(grasp.contacts(truth))
@@ -57,10 +59,10 @@ def test_the_tips_stay_on_the_payload_along_a_flight(flown, told):
 
 
 def test_the_reference_is_the_scenario_s_and_the_disturbance_what_its_laws_give(flown, told):
-    truth, _ = roster.team(told)
+    truth, _ = team.team(told)
     ds = flown["C1"]
     at, shown = ds.isel(time=scene.rows(ds)), scene.frames(ds, truth)
-    path, sources = paths.path(told), disturbances.disturbances(told)
+    path, sources = trajectories.path(told), disturbances.disturbances(told)
     setpoint = jax.jit(jax.vmap(path.at))(jnp.asarray(at.time.values))
     np.testing.assert_allclose(shown["p_d"], setpoint.p, atol=1e-12)
     w, x, y, z = np.moveaxis(shown["q_d"], -1, 0)
@@ -70,8 +72,8 @@ def test_the_reference_is_the_scenario_s_and_the_disturbance_what_its_laws_give(
     @jax.jit
     @jax.vmap
     def force(p, R, v, omega, t):
-        memory = disturbance.begin(sources, truth).payload
-        return disturbance.on_payload(sources.payload, PayloadState(p=p, R=R, v=v, omega=omega), t, memory).F
+        memory = begin(sources, truth).payload
+        return on_payload(sources.payload, PayloadState(p=p, R=R, v=v, omega=omega), t, memory).F
 
     moving = [jnp.asarray(at[name].values) for name in ("p", "R_L", "v", "omega_L")]
     np.testing.assert_allclose(shown["disturbance"], force(*moving, jnp.asarray(at.time.values)), atol=1e-6)

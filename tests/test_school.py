@@ -8,18 +8,19 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from colift import gp, learn, place, school
-from colift.model import Payload
+from colift import gp
+from colift.models.parameters import Payload
+from colift.onboard.learning import features, identification, model_update, online_learner, semiparametric
 from tests.test_learn import CAPACITY, TRAINING, both, prior, samples
 
 BELIEVED = Payload(mass=jnp.ones(()), inertia=jnp.eye(3))
-MEAN = place.Mean(payload=np.ones(14), agents=np.ones(5), believed=BELIEVED)
+MEAN = semiparametric.Mean(payload=np.ones(14), agents=np.ones(5), believed=BELIEVED)
 
 
-def going_on(enough: int) -> school.School:
+def going_on(enough: int) -> online_learner.School:
     """Of a flight whose learning does not end."""
-    given = school.Renewals(times=(), surprise=3.0, settle=0.0, enough=enough, age=20.0, mean=MEAN)
-    return school.School(None, None, given)
+    given = online_learner.Renewals(times=(), surprise=3.0, settle=0.0, enough=enough, age=20.0, mean=MEAN)
+    return online_learner.School(None, None, given)
 
 
 @pytest.mark.parametrize(("enough", "changed"), [(60, ("payload",)), (150, ())])
@@ -27,7 +28,7 @@ def test_what_contradicts_a_model_of_enough_samples_is_another_world(enough, cha
     """A model of 30 samples is one where 60 are enough, and knows no world yet where 150 are."""
     load, agents = samples(0, 40, 24, 6), samples(1, 40, 24, 9, (2,))
     first = [dataclasses.replace(data, n=data.n - 10) for data in (load, agents)]
-    oracle, _ = learn.teach(prior(), both(*first), TRAINING, {})
+    oracle, _ = model_update.teach(prior(), both(*first), TRAINING, {})
     taught = going_on(enough)
     taught.usual = {body: [1.0] for body in ("payload", (0, 0), (0, 1))}
     taught.last = 2.95
@@ -59,8 +60,8 @@ def test_what_was_learned_once_is_known_when_its_samples_are_no_longer_the_newes
     """Three budgets of samples, each elsewhere: the recorder holds the last alone."""
     taught = going_on(1000)
     load, agents = early()
-    oracle, _ = learn.teach(prior(), both(load, agents), TRAINING, {})
-    asked = learn.payload_features(load.X[:40:4])
+    oracle, _ = model_update.teach(prior(), both(load, agents), TRAINING, {})
+    asked = features.payload_features(load.X[:40:4])
     before = gp.predict(oracle.payload, asked)
     oracle, update = taught.teach(oracle, both(load, agents), 4.0, fit=False)
     assert update.n == {"payload": 40, "agents": 80}
@@ -77,12 +78,12 @@ def test_what_was_learned_once_is_known_when_its_samples_are_no_longer_the_newes
 def test_where_learning_fails_nothing_is_lost(monkeypatch):
     """The oracle stays as it was, the update says why, and the next look finds and learns what this one could not."""
     taught, (load, agents) = going_on(1000), early()
-    oracle, _ = learn.teach(prior(), both(load, agents), TRAINING, {})
+    oracle, _ = model_update.teach(prior(), both(load, agents), TRAINING, {})
     taught.renewals = dataclasses.replace(taught.renewals, enough=60)
     taught.usual = {body: [1.0] for body in ("payload", (0, 0), (0, 1))}
     other = both(dataclasses.replace(load, Y=load.Y + 50.0), agents)
     with monkeypatch.context() as patch:
-        patch.setattr(learn, "renew", lambda *_: (_ for _ in ()).throw(ValueError("no factor")))
+        patch.setattr(model_update, "renew", lambda *_: (_ for _ in ()).throw(ValueError("no factor")))
         same, update = taught.teach(oracle, other, 4.0, fit=False)
     assert same is oracle
     assert "no factor" in update.failed
@@ -98,7 +99,7 @@ def test_where_learning_fails_nothing_is_lost(monkeypatch):
 def test_a_sample_of_the_very_tick_of_a_look_is_seen_by_the_next_one():
     """What is recorded at that tick comes after the look, with its time."""
     taught, (load, agents) = going_on(1000), early()
-    oracle, _ = learn.teach(prior(), both(load, agents), TRAINING, {})
+    oracle, _ = model_update.teach(prior(), both(load, agents), TRAINING, {})
     at = float(load.t[39])
     taught.teach(oracle, both(first(load, 39), first(agents, 39)), at, fit=False)
     _, update = taught.teach(oracle, both(load, agents), at + 1, fit=False)
@@ -107,9 +108,9 @@ def test_a_sample_of_the_very_tick_of_a_look_is_seen_by_the_next_one():
 
 def test_a_change_is_not_over_while_a_model_of_before_waits():
     taught, (load, agents) = going_on(60), early()
-    oracle, _ = learn.teach(prior(), both(load, agents), TRAINING, {})
+    oracle, _ = model_update.teach(prior(), both(load, agents), TRAINING, {})
     taught.teach(oracle, both(load, agents), 4.2, fit=False)
-    taught.changes, taught.waiting = {"payload": learn.changed(oracle, "payload", 4.3)}, {"payload"}
+    taught.changes, taught.waiting = {"payload": model_update.changed(oracle, "payload", 4.3)}, {"payload"}
     after = both(later(load, 10.0), later(agents, 10.0))
     taught.teach(oracle, after, 15.0, fit=True)
     assert "payload" in taught.changes
@@ -120,8 +121,8 @@ def test_a_change_is_not_over_while_a_model_of_before_waits():
 def test_a_change_is_over_at_a_fit_once_no_sample_of_before_is_left(since, over):
     """Of 80 samples 48 stay: 61 are of after 2 s, 46 of after 3.5 s."""
     taught, (load, agents) = going_on(20), early()
-    oracle, _ = learn.teach(prior(), both(load, agents), TRAINING, {})
-    taught.changes = {"payload": learn.changed(oracle, "payload", since)}
+    oracle, _ = model_update.teach(prior(), both(load, agents), TRAINING, {})
+    taught.changes = {"payload": model_update.changed(oracle, "payload", since)}
     taught.teach(oracle, both(load, agents), 5.0, fit=False)
     assert "payload" in taught.changes
     taught.teach(oracle, both(later(load, 4.0), agents), 9.0, fit=True)
@@ -136,12 +137,12 @@ def test_a_model_that_waits_is_not_asked_and_a_new_one_is_held_against_its_own_s
     they are smooth and go elsewhere at 12 s that is another world again.
     """
     fitted = []
-    monkeypatch.setattr(place, "teach", lambda oracle, *given: fitted.append(given[4]) or (oracle, {}, {}))
+    monkeypatch.setattr(semiparametric, "teach", lambda oracle, *given: fitted.append(given[4]) or (oracle, {}, {}))
     taught = going_on(45)
     taught.training = TRAINING
     taught.usual = {body: [1.0] for body in ("payload", (0, 0), (0, 1))}
     load, agents = early()
-    oracle, _ = learn.teach(prior(), both(load, agents), TRAINING, {})
+    oracle, _ = model_update.teach(prior(), both(load, agents), TRAINING, {})
     taught.data, taught.last = both(load, agents), 4.0
     jumps = 50.0 * (-1.0) ** np.arange(CAPACITY)[:, None] * np.ones(6)
 
@@ -164,16 +165,16 @@ def test_a_model_that_waits_is_not_asked_and_a_new_one_is_held_against_its_own_s
     assert ("payload" in taught.changes) != misfit
     assert fitted == ([["payload"]] if misfit else [])
     if misfit:
-        assert learn.raw(taught.data)["payload"][2].min() > 4.0  # what is left of before is gone
+        assert model_update.raw(taught.data)["payload"][2].min() > 4.0  # what is left of before is gone
 
 
 def test_what_surprises_long_after_a_change_is_another_one():
     taught = going_on(30)
     taught.usual = {body: [1.0] for body in ("payload", (0, 0), (0, 1))}
     load, agents = early()
-    oracle, _ = learn.teach(prior(), both(load, agents), TRAINING, {})
+    oracle, _ = model_update.teach(prior(), both(load, agents), TRAINING, {})
     taught.data, taught.last = both(load, agents), 4.0
-    taught.changes = {"payload": learn.changed(oracle, "payload", 0.05)}
+    taught.changes = {"payload": model_update.changed(oracle, "payload", 0.05)}
     late = dataclasses.replace(later(load, 4.0), Y=load.Y + 50.0)
     _, update = taught.teach(oracle, both(late, agents), 8.0, fit=False)
     assert update.changed == ("payload",)
@@ -184,8 +185,10 @@ def test_parameters_that_leave_no_body_are_not_believed():
     """Labels that ask for more inertia than there is: as much of it goes as a tenth allows, and mass stays as told."""
     load, agents = samples(0, 40, 24, 6), samples(1, 40, 24, 9, (2,))
     theta = np.array([0.2, 0, 0, 0, 2.0, 0, 0, 0, 0, 0])
-    Y = jnp.asarray(learn.inertial(np.asarray(load.X)) @ theta)
-    given = school.Identify(noise=np.full(6, 0.01), prior=np.full(10, 1.0), believed=BELIEVED)
-    taught, _ = school.School(None, given, None).teach(prior(), both(dataclasses.replace(load, Y=Y), agents), 4.0, True)
+    Y = jnp.asarray(identification.inertial(np.asarray(load.X)) @ theta)
+    given = online_learner.Identify(noise=np.full(6, 0.01), prior=np.full(10, 1.0), believed=BELIEVED)
+    taught, _ = online_learner.School(None, given, None).teach(
+        prior(), both(dataclasses.replace(load, Y=Y), agents), 4.0, True
+    )
     np.testing.assert_allclose(taught.theta[0], 0.2, atol=0.01)
     np.testing.assert_allclose(taught.theta[4], 0.9, atol=0.01)

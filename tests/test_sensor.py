@@ -11,9 +11,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from colift import dynamics, sensor
-from colift.measurement import Measurement
-from colift.model import AgentInput, Clock, Residual, State, Team, no_force
+from colift.models.measurement import Measurement
+from colift.models.parameters import Team
+from colift.models.state import AgentInput, Clock, Residual, State, no_force
+from colift.simulation import contact_dynamics
+from colift.simulation import sensors as sensors_module
 from tests import teams
 from tests.pinocchio_team import PinocchioTeam
 
@@ -33,13 +35,13 @@ DEVIATIONS = {
 
 
 @functools.cache
-def sensors() -> sensor.Sensors:
+def sensors() -> sensors_module.Sensors:
     """Sensors with these deviations."""
-    return sensor.Sensors(**{name: jnp.array(value) for name, value in DEVIATIONS.items()})
+    return sensors_module.Sensors(**{name: jnp.array(value) for name, value in DEVIATIONS.items()})
 
 
 @functools.cache
-def case(seed: int = 3) -> tuple[Team, State, sensor.Truth]:
+def case(seed: int = 3) -> tuple[Team, State, sensors_module.Truth]:
     """A moving team on its grasp, and what its sensors are exposed to."""
     rng = np.random.default_rng(seed)
     team, z = PinocchioTeam(teams.team(rng, STRUCTURE)).on_grasp(teams.free_state(rng, STRUCTURE))
@@ -53,13 +55,13 @@ def inputs() -> tuple[AgentInput, ...]:
     return (AgentInput(u=20 + draw(2), tau=0.1 * draw(2, 3), tau_r=0.1 * draw(2, 3)),)
 
 
-accelerate, sense = jax.jit(dynamics.accelerate), jax.jit(sensor.sense)
+accelerate, sense = jax.jit(contact_dynamics.accelerate), jax.jit(sensors_module.sense)
 
 
-def exposed(team: Team, z: State) -> sensor.Truth:
+def exposed(team: Team, z: State) -> sensors_module.Truth:
     """What the sensors of a team feel at z under `inputs`."""
     a, lam = accelerate(team, z, inputs(), no_force(team))
-    return sensor.Truth(
+    return sensors_module.Truth(
         z=z,
         v_dot=tuple(x.v_dot for x in a.agents),
         xi_dot=tuple(x.xi_dot for x in a.agents),
@@ -78,9 +80,9 @@ def residual(team: Team) -> Residual:
 CLOCK = Clock(t=jnp.array(0.0), dt=jnp.array(0.002))
 
 
-def no_noise(team: Team) -> sensor.Noise:
+def no_noise(team: Team) -> sensors_module.Noise:
     """One tick without noise."""
-    return jax.tree.map(lambda x: jnp.zeros(x.shape[1:]), sensor.draw(team, jax.random.key(0), 1))
+    return jax.tree.map(lambda x: jnp.zeros(x.shape[1:]), sensors_module.draw(team, jax.random.key(0), 1))
 
 
 def no_bias(team: Team) -> tuple[jax.Array, ...]:
@@ -91,8 +93,8 @@ def no_bias(team: Team) -> tuple[jax.Array, ...]:
 def readings() -> Measurement:
     """Many readings of one instant, without bias."""
     team, _, truth = case()
-    many = jax.jit(jax.vmap(sensor.sense, in_axes=(None, None, None, None, 0)))
-    return many(team, sensors(), no_bias(team), truth, sensor.draw(team, jax.random.key(1), TICKS))
+    many = jax.jit(jax.vmap(sensors_module.sense, in_axes=(None, None, None, None, 0)))
+    return many(team, sensors(), no_bias(team), truth, sensors_module.draw(team, jax.random.key(1), TICKS))
 
 
 def ideal() -> Measurement:
@@ -128,7 +130,7 @@ def test_attitude_noise_is_a_small_rotation_in_the_body_frame():
 
 
 def test_noise_is_white_and_no_two_channels_share_it():
-    noise = sensor.draw(case()[0], jax.random.key(2), TICKS)
+    noise = sensors_module.draw(case()[0], jax.random.key(2), TICKS)
     x = np.concatenate([np.asarray(leaf).reshape(TICKS, -1) for leaf in jax.tree.leaves(noise)], axis=1)
     bound = 6 / np.sqrt(TICKS)
     correlation = np.corrcoef(x.T) - np.eye(x.shape[1])
@@ -138,11 +140,11 @@ def test_noise_is_white_and_no_two_channels_share_it():
 
 def test_the_tips_bias_is_constant_and_drawn_once_an_axis():
     team, _, truth = case()
-    offset = sensor.bias(team, sensors(), jax.random.key(4))
+    offset = sensors_module.bias(team, sensors(), jax.random.key(4))
     biased = sense(team, sensors(), offset, truth, no_noise(team))
     np.testing.assert_allclose(biased.agents[0].lam - ideal().agents[0].lam, offset[0], atol=1e-12)
-    np.testing.assert_array_equal(offset[0], sensor.bias(team, sensors(), jax.random.key(4))[0])
-    drawn = np.concatenate([sensor.bias(team, sensors(), jax.random.key(k))[0].ravel() for k in range(200)])
+    np.testing.assert_array_equal(offset[0], sensors_module.bias(team, sensors(), jax.random.key(4))[0])
+    drawn = np.concatenate([sensors_module.bias(team, sensors(), jax.random.key(k))[0].ravel() for k in range(200)])
     assert drawn.std() == pytest.approx(DEVIATIONS["tip_force_bias"], rel=5 / np.sqrt(2 * len(drawn)))
 
 
@@ -175,7 +177,7 @@ def test_a_tip_feels_its_force_in_the_frame_of_its_body():
 def test_an_accelerometer_reads_the_rate_of_its_velocity_less_gravity():
     team, z, _ = case()
     f, h, u = no_force(team), 1e-4, inputs()
-    step = jax.jit(lambda z, dt: dynamics.integrate(team, z, u, lambda z, _: f, dt))
+    step = jax.jit(lambda z, dt: contact_dynamics.integrate(team, z, u, lambda z, _: f, dt))
     ends = [
         sense(team, sensors(), no_bias(team), exposed(team, step(z, jnp.array(s))), no_noise(team)) for s in (h, -h)
     ]
@@ -192,7 +194,7 @@ def test_an_accelerometer_reads_the_rate_of_its_velocity_less_gravity():
 def test_noise_depends_on_the_key_and_the_structure_alone():
     team, _, _ = case()
     other = dataclasses.replace(team, gravity=2 * team.gravity)
-    a, b, c = (sensor.draw(t, jax.random.key(k), 5) for t, k in ((team, 0), (other, 0), (team, 1)))
+    a, b, c = (sensors_module.draw(t, jax.random.key(k), 5) for t, k in ((team, 0), (other, 0), (team, 1)))
     for x, y, z in zip(*map(jax.tree.leaves, (a, b, c)), strict=True):
         np.testing.assert_array_equal(x, y)
         same = np.asarray(x) == np.asarray(z)
@@ -206,7 +208,7 @@ def test_the_rig_reports_the_true_state_and_labels_that_err_by_as_much_as_stated
     team, z, truth = case()
     rng = np.random.default_rng(9)
     rig = jax.tree.map(lambda x: jnp.array(rng.uniform(0.1, 1, x.shape)), no_force(team))
-    held = sensor.Rig(error=rig)
+    held = sensors_module.Rig(error=rig)
     noise, m = held.draw(team, jax.random.key(2), TICKS), ideal()
     sample = jax.vmap(lambda drawn: held.read(m, truth, CLOCK, (), drawn)[0])(noise).rig
     for told, state in zip(jax.tree.leaves(sample.z), jax.tree.leaves(z), strict=True):
@@ -226,7 +228,7 @@ def test_the_rig_reports_the_true_state_and_labels_that_err_by_as_much_as_stated
 
 def test_without_noise_the_rig_reports_the_residual_itself():
     team, _, truth = case()
-    held, none = sensor.Rig(error=no_force(team)), no_force(team)
+    held, none = sensors_module.Rig(error=no_force(team)), no_force(team)
     m, _ = held.read(ideal(), truth, CLOCK, (), none)
     jax.tree.map(np.testing.assert_array_equal, m.rig.f, truth.f)
 
@@ -234,7 +236,7 @@ def test_without_noise_the_rig_reports_the_residual_itself():
 # Readings that come seldom, late or not at all, and biases that walk --------------------------------------------------
 
 
-def streamed(of: sensor.Extra, ticks: int = 400, seed: int = 0) -> Measurement:
+def streamed(of: sensors_module.Extra, ticks: int = 400, seed: int = 0) -> Measurement:
     """What a sensor makes of a payload that moves by a metre a second along x, tick by tick."""
     team, _, truth = case()
     first = ideal()
@@ -255,9 +257,9 @@ def streamed(of: sensor.Extra, ticks: int = 400, seed: int = 0) -> Measurement:
 
 def intermittent(
     of: tuple[str, ...], every: float = 0.002, loss: float = 0.0, until: float = np.inf, delay: int = 0
-) -> sensor.Intermittent:
+) -> sensors_module.Intermittent:
     numbers = {name: jnp.array(x) for name, x in {"every": every, "loss": loss, "until": until}.items()}
-    return sensor.Intermittent(of=of, delay=delay, **numbers)
+    return sensors_module.Intermittent(of=of, delay=delay, **numbers)
 
 
 def test_a_sensor_that_dies_holds_its_last_reading_and_ages():
@@ -297,7 +299,9 @@ def test_with_every_reading_lost_the_first_is_held_for_ever():
 @pytest.mark.long
 def test_a_bias_walks_as_the_root_of_time_and_turns_attitudes_about_themselves():
     rate, ticks = 0.01, 100
-    of = sensor.Drifting(of=("payload.v", "agents.lam", "payload.R"), rate=jnp.array(rate), start=jnp.array(rate))
+    of = sensors_module.Drifting(
+        of=("payload.v", "agents.lam", "payload.R"), rate=jnp.array(rate), start=jnp.array(rate)
+    )
     runs = [streamed(of, ticks, seed) for seed in range(40)]
     ends = np.array([np.asarray(m.payload.v[-1] - ideal().payload.v) for m in runs])
     ends = np.concatenate([ends.ravel(), *(np.ravel(m.agents[0].lam[-1] - ideal().agents[0].lam) for m in runs)])

@@ -13,9 +13,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from colift import checkup, gp, grasp, scenario
-from colift.dynamics import CONSISTENT
-from colift.scenario import roster
+from colift import gp, scenario
+from colift.analysis import preflight
+from colift.models import grasp
+from colift.scenario import team
+from colift.simulation.contact_dynamics import CONSISTENT
 from evidence import redundant
 from tests import shipped
 
@@ -102,9 +104,9 @@ TEAMS = ("beam", "trio", "uneven", "plate", "seven", "hover", "heavy", "turning"
 def test_a_team_that_ships_stands_on_a_grasp_that_bears_every_wrench_and_lifts_its_weight(name: str):
     """That it starts on its grasp is seen in test_scenario_starts.py; `./dev evidence tuned` flies the first five."""
     given = scenario.load(name)
-    truth, _ = roster.team(given)
+    truth, _ = team.team(given)
     values = grasp.singular_values(truth, length=float(np.sqrt((np.asarray(grasp.contacts(truth)) ** 2).sum(1).mean())))
-    assert values[0] < checkup.CONDITION_MOST * values[-1]
+    assert values[0] < preflight.CONDITION_MOST * values[-1]
     have = np.concatenate([np.asarray(group.thrust_max) for group in truth.groups])
     load = float(truth.payload.mass)
     weight = 9.81 * (load + sum(float(group.mass.sum()) for group in truth.groups))

@@ -12,14 +12,19 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from colift import analyse, disturbance, limits, school, simulate, study
-from colift.pytree import pytree
+from colift.analysis import metrics
+from colift.closed_loop import signals, simulator, termination
+from colift.closed_loop.flight import SIGMA_EVERY, Flight, Plan, fly_plan
+from colift.math.pytree import pytree
+from colift.onboard.learning import online_learner
+from colift.scenario import experiment
+from colift.simulation import disturbances
 from tests import light, paper_flights
 from tests.paper_flights import NAMES, believed, exact, fly, number, plan, with_pilot, with_world
 
 
 @pytest.fixture(scope="module")
-def flight() -> simulate.Flight:
+def flight() -> Flight:
     """A second of case C1 as shipped, with noise."""
     return fly(plan("C1"), 1.0)
 
@@ -31,7 +36,7 @@ def test_with_the_right_parameters_the_residual_is_what_the_sources_do():
     of = believed(plan("C1"))
     rows = fly(of, 0.5).rows
     z, _ = paper_flights.states(of.world.team, rows)
-    f = jax.jit(jax.vmap(disturbance.at_start, in_axes=(None, None, 0)))(of.world.sources, of.world.team, z)
+    f = jax.jit(jax.vmap(disturbances.at_start, in_axes=(None, None, 0)))(of.world.sources, of.world.team, z)
     np.testing.assert_allclose(rows.f_L, np.concatenate([f.payload.F, f.payload.tau], axis=1), atol=1e-9)
     (g,) = f.agents
     np.testing.assert_allclose(rows.f_x, g.f_x, atol=1e-9)
@@ -43,7 +48,7 @@ def test_with_the_right_parameters_the_residual_is_what_the_sources_do():
 def test_mass_and_inertia_mismatch_add_to_the_residual_what_they_take_from_inertia(flight):
     of, rows = plan("C1"), flight.rows
     z, _ = paper_flights.states(of.world.team, rows)
-    F = jax.jit(jax.vmap(disturbance.at_start, in_axes=(None, None, 0)))(of.world.sources, of.world.team, z).payload
+    F = jax.jit(jax.vmap(disturbances.at_start, in_axes=(None, None, 0)))(of.world.sources, of.world.team, z).payload
     nominal, truth = of.pilot.team.payload, of.world.team.payload
     dm, dJ = float(nominal.mass - truth.mass), np.asarray(nominal.inertia - truth.inertia)
     w = rows.omega_L
@@ -101,7 +106,7 @@ def test_contact_forces_are_read_back_with_the_noise_of_the_tips(flight):
 # Repetition -----------------------------------------------------------------------------------------------------------
 
 
-def same(a: simulate.Row, b: simulate.Row) -> None:
+def same(a: signals.Row, b: signals.Row) -> None:
     """Every number of two logs is the same, to the last bit."""
     for field in dataclasses.fields(a):
         np.testing.assert_array_equal(getattr(a, field.name), getattr(b, field.name), err_msg=field.name)
@@ -119,7 +124,7 @@ def test_another_seed_gives_another_noise_on_the_same_start(flight):
 
 def test_noise_does_not_depend_on_when_updates_cut_the_run(flight):
     cut = dataclasses.replace(plan("C1"), duration=1.0, updates=(0.302, 0.7))  # C1 has no data: nothing is learned
-    stopped = simulate.fly_plan(cut)
+    stopped = fly_plan(cut)
     assert [update.t for update in stopped.updates] == pytest.approx([0.302, 0.7])
     same(flight.rows, stopped.rows)
 
@@ -133,7 +138,7 @@ def test_until_the_first_update_all_cases_fly_the_same(flight):
 def test_updates_come_at_their_ticks_with_the_data_until_then():
     of = dataclasses.replace(plan("C3"), duration=1.3, updates=(0.7, 1.1))
     seen = []
-    flight = simulate.fly_plan(of, seen.append)
+    flight = fly_plan(of, seen.append)
     assert [update.t for update in flight.updates] == pytest.approx([0.7, 1.1])
     # from 0.3 s on, 25 a second; the sample of the tick of an update comes after it
     assert [update.n for update in flight.updates] == [{"payload": n, "agents": 2 * n} for n in (10, 20)]
@@ -152,18 +157,18 @@ def test_updates_come_at_their_ticks_with_the_data_until_then():
 def test_what_is_learned_flies_when_it_is_ready_and_not_before(latency, monkeypatch):
     """None: as long as teaching takes here, which a clock that is turned says. An update due meanwhile is left out."""
     of = dataclasses.replace(plan("C3"), duration=1.3, updates=(0.5, 0.6, 0.9), latency=latency, training=None)
-    teach = school.School.teach
+    teach = online_learner.School.teach
 
     def slowly(*given, **more):
         shift[0] += 0.3
         return teach(*given, **more)
 
-    shift, clock = [0.0], simulate.time.perf_counter
+    shift, clock = [0.0], time.perf_counter
     began = clock()
     if latency is None:
-        monkeypatch.setattr(simulate.time, "perf_counter", lambda: began + shift[0])
-        monkeypatch.setattr(school.School, "teach", slowly)
-    flight = simulate.fly_plan(of)
+        monkeypatch.setattr(time, "perf_counter", lambda: began + shift[0])
+        monkeypatch.setattr(online_learner.School, "teach", slowly)
+    flight = fly_plan(of)
     assert [update.t for update in flight.updates] == pytest.approx([0.5, 0.9])
     assert [update.ready for update in flight.updates] == pytest.approx([0.8, 1.2])
     heard = np.abs(flight.rows.f_L_hat).max(1) > 0
@@ -174,25 +179,25 @@ def test_what_is_learned_flies_when_it_is_ready_and_not_before(latency, monkeypa
 
 def test_what_is_ready_when_the_next_is_due_flies_and_the_next_is_learned():
     of = dataclasses.replace(plan("C3"), duration=1.2, updates=(0.5, 0.8), latency=0.3, training=None)
-    flight = simulate.fly_plan(of)
+    flight = fly_plan(of)
     assert [update.ready for update in flight.updates] == pytest.approx([0.8, 1.1])
     assert not flight.unused
 
 
 def test_what_is_not_ready_when_the_flight_ends_is_said():
     of = dataclasses.replace(plan("C3"), duration=0.7, updates=(0.5,), latency=0.3, training=None)
-    flight = simulate.fly_plan(of)
+    flight = fly_plan(of)
     assert not flight.updates
     assert flight.unused == ("what was learned at t = 0.500 s was not ready when the flight ended",)
-    assert flight.unused[0] in analyse.summary(flight, of.world.team, of.pilot.team)["warnings"]
+    assert flight.unused[0] in metrics.summary(flight, of.world.team, of.pilot.team)["warnings"]
 
 
 def test_a_fit_that_fails_leaves_the_oracle_as_it_was_and_says_so(monkeypatch):
     def failing(*_given, **_more):
         raise ValueError("no such luck")
 
-    monkeypatch.setattr(simulate.learn, "teach", failing)
-    flight = simulate.fly_plan(dataclasses.replace(plan("C3"), duration=1.0, updates=(0.7,)))
+    monkeypatch.setattr(model_update, "teach", failing)
+    flight = fly_plan(dataclasses.replace(plan("C3"), duration=1.0, updates=(0.7,)))
     assert flight.updates[0].failed == "what was learned at t = 0.700 s is not used: no such luck"
     assert flight.unused == (flight.updates[0].failed,)
     assert not flight.rows.f_L_hat.any()
@@ -200,7 +205,7 @@ def test_a_fit_that_fails_leaves_the_oracle_as_it_was_and_says_so(monkeypatch):
 
 def test_deviations_come_at_their_rate_and_are_the_prior_s_before_any_data(flight):
     sigma = flight.sigma
-    np.testing.assert_allclose(np.diff(sigma.t), simulate.SIGMA_EVERY, atol=1e-12)
+    np.testing.assert_allclose(np.diff(sigma.t), SIGMA_EVERY, atol=1e-12)
     assert sigma.t[0] == 0
     given = paper_flights.SETTINGS.learning
     stated = np.repeat([given.payload.force_N, given.payload.moment_Nm], 3)
@@ -211,7 +216,7 @@ def test_deviations_come_at_their_rate_and_are_the_prior_s_before_any_data(fligh
 # Runs that stop -------------------------------------------------------------------------------------------------------
 
 
-def limited(of: simulate.Plan, **beyond: Any) -> simulate.Plan:
+def limited(of: Plan, **beyond: Any) -> Plan:
     """The plan with no limits but some."""
     free = {
         "grip": -1.0,
@@ -223,11 +228,11 @@ def limited(of: simulate.Plan, **beyond: Any) -> simulate.Plan:
     }
     of_agents = {"grip": jnp.full(2, float(beyond.pop("grip", free.pop("grip"))))}
     numbers = {k: number(x) for k, x in (free | beyond).items()}
-    return dataclasses.replace(of, limits=limits.Limits(**of_agents, **numbers))
+    return dataclasses.replace(of, limits=termination.Limits(**of_agents, **numbers))
 
 
 @functools.cache
-def falling() -> tuple[simulate.Plan, simulate.Flight]:
+def falling() -> tuple[Plan, Flight]:
     """A team whose rotors give less than its weight, without limits; and its flight."""
     of = limited(exact(plan("C1")))
     (group,) = of.pilot.team.groups
@@ -236,7 +241,7 @@ def falling() -> tuple[simulate.Plan, simulate.Flight]:
     return of, fly(of, 1.0)
 
 
-def watched(rows: simulate.Row) -> dict[str, np.ndarray]:
+def watched(rows: signals.Row) -> dict[str, np.ndarray]:
     """What the limits are about, `(time, bodies)`, written out another way; oriented so that more is worse."""
     turned = Rotation.from_matrix(np.asarray(plan("C1").pilot.path.R).T @ rows.R_L).magnitude()
     up = np.einsum("tjik,k->tji", rows.R, [0, 0, 1.0])
@@ -327,11 +332,11 @@ def test_a_flight_with_frozen_oracles_in_native_code_is_jax_s():
     oracle = fly(of, 4.0).oracle
     assert int(oracle.payload.n) > 10
     setup = with_pilot(of, oracle=oracle).setup
-    by_native = by_jax = simulate.start(setup, of.z)
-    jax_s = jax.jit(simulate._advance)
+    by_native = by_jax = simulator.start(setup, of.z)
+    jax_s = jax.jit(simulator._advance)
     for k in range(2):
         noise = of.world.draw(jax.random.key(k), paper_flights.ROOM)
-        by_native, rows = simulate.advance(setup, by_native, noise, jnp.asarray(paper_flights.ROOM))
+        by_native, rows = simulator.advance(setup, by_native, noise, jnp.asarray(paper_flights.ROOM))
         by_jax, same = jax_s(setup, by_jax, noise, jnp.asarray(paper_flights.ROOM))
         assert jax.tree.structure(rows) == jax.tree.structure(same)
         for field in dataclasses.fields(rows):
@@ -341,21 +346,21 @@ def test_a_flight_with_frozen_oracles_in_native_code_is_jax_s():
 
 
 @pytree
-class Asking(disturbance.Law):
+class Asking(disturbances.Law):
     """A force that a Python function says, which no C code can call."""
 
-    def __call__(self, at: disturbance.Motion, t: Any, memory: Any) -> tuple[Any, Any]:
+    def __call__(self, at: disturbances.Motion, t: Any, memory: Any) -> tuple[Any, Any]:
         force = jax.pure_callback(lambda v: -0.1 * np.asarray(v), jax.ShapeDtypeStruct((3,), float), at.v)
         return force, jnp.zeros(3)
 
 
 @pytest.mark.long
 def test_a_part_that_native_code_cannot_call_is_flown_by_jax(caplog):
-    of = study.plan(light.settings(), "C1")
-    mount = disturbance.Mount(name="asked", law=Asking(), point=jnp.zeros(3))
+    of = experiment.plan(light.settings(), "C1")
+    mount = disturbances.Mount(name="asked", law=Asking(), point=jnp.zeros(3))
     sources = dataclasses.replace(of.world.sources, payload=(*of.world.sources.payload, mount))
     with caplog.at_level("INFO", logger="colift.simulate"):
-        flown = simulate.fly_plan(dataclasses.replace(with_world(of, sources=sources), duration=0.02))
+        flown = fly_plan(dataclasses.replace(with_world(of, sources=sources), duration=0.02))
     assert flown.stopped == ""
     assert "flown by JAX" in caplog.text
     assert "pure_callback" in caplog.text

@@ -12,7 +12,7 @@ import pytest
 import scipy.linalg
 from scipy.spatial.transform import Rotation
 
-from colift import so3
+from colift.math import so3
 
 ANGLES = (0.0, 1e-12, 1e-7, 1e-3, 0.00999, 0.01001, 0.5, 2.0, 3.0, np.pi - 1e-4, np.pi - 1e-8)
 

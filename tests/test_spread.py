@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from colift import spread
+from colift.visualization import seed_figures
 from tests.made_up import TOLD
 
 
 def test_the_spread_over_seeds_has_a_mark_for_each_and_a_line_at_the_median(tmp_path):
-    merits = dict.fromkeys(spread.MERITS, 0.0)
+    merits = dict.fromkeys(seed_figures.MERITS, 0.0)
     found = [{case: dict.fromkeys(merits, 0.001 * (k + 1)) for case in ("C1", "O", "mine")} for k in range(5)]
-    files = spread.spread(found, TOLD, tmp_path / "seeds")
+    files = seed_figures.spread(found, TOLD, tmp_path / "seeds")
     assert [file.name for file in files] == ["seeds.pdf", "seeds.png"]
-    figure = spread._spread(found, TOLD)
+    figure = seed_figures._spread(found, TOLD)
     for ax in figure.axes:
         marks, medians = ax.lines[::2], ax.lines[1::2]
         assert [len(line.get_xdata()) for line in marks] == [5, 5, 5]

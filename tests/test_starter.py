@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from colift import checkup, grasp, scenario, starter
-from colift.__main__ import app
-from colift.scenario import roster, starts
+from colift import scenario
+from colift.analysis import preflight
+from colift.cli.app import app
+from colift.models import grasp
+from colift.scenario import initial_states, team, template
 
 VEHICLE = """<robot name="two hands">
   <link name="base"><inertial><mass value="1.5"/>
@@ -37,7 +39,7 @@ def test_what_is_written_is_sound(tmp_path: Path):
     assert written.stdout == f"{file}: {agents} agents; next: colift check {file}\n"
     settings = scenario.load(file)
     assert (settings.name, len(settings.agents)) == ("my_team", agents)
-    found = checkup.check(settings)
+    found = preflight.check(settings)
     assert found.sound, "\n".join(found.lines())
 
 
@@ -46,13 +48,13 @@ def test_what_is_written_is_sound(tmp_path: Path):
 def test_vehicles_stand_apart_around_the_plate_on_their_contacts(agents: int, arms: int):
     if arms < 2 and agents < 3:
         with pytest.raises(ValueError, match=rf"--agents 2: must be from 3 to 100 with --arms {arms}"):
-            starter.text("t", agents, arms)
+            template.text("t", agents, arms)
         return
-    settings = scenario.parse(starter.text("t", agents, arms), "t.yaml")
+    settings = scenario.parse(template.text("t", agents, arms), "t.yaml")
     places = np.array([np.mean(agent.contacts_m, axis=0) for agent in settings.agents])
     apart = np.linalg.norm(places[:, None] - places, axis=2) + 10 * np.eye(agents)
     assert apart.min() > (1.0 if arms == 2 else 0.49)
-    values = grasp.singular_values(roster.team(settings)[0], length=0.5)
+    values = grasp.singular_values(team.team(settings)[0], length=0.5)
     assert values[0] < 6 * values[-1]
 
 
@@ -78,8 +80,8 @@ def test_nothing_is_overwritten_and_the_ending_is_yaml(tmp_path: Path):
 
 @pytest.mark.parametrize(("stem", "name"), [("team", "team"), ("my team", "my_team"), ("2nd", "_2nd"), ("Ä", "_")])
 def test_any_file_s_name_gives_a_scenario_s(stem: str, name: str):
-    assert starter.name_of(Path("there") / f"{stem}.yaml") == name
-    assert scenario.parse(starter.text(name, 2, 2), "t.yaml").name == name
+    assert template.name_of(Path("there") / f"{stem}.yaml") == name
+    assert scenario.parse(template.text(name, 2, 2), "t.yaml").name == name
 
 
 def urdf(folder: Path, *arms: str) -> Path:
@@ -98,8 +100,8 @@ def test_a_vehicle_from_urdf_stands_with_its_hands_on_the_plate(tmp_path: Path):
     assert 'urdf: "../vehicle.urdf"' in made.read_text()
     settings = scenario.load(made)
     assert [arm.name for arm in settings.agent_types["vehicle"].arms] == ["hand_1"]
-    truth, _ = roster.team(settings)
-    z = starts.at_rest(settings, truth)
+    truth, _ = team.team(settings)
+    z = initial_states.at_rest(settings, truth)
     assert np.abs(np.asarray(z.agents[0].r)).max() < 1e-6
 
 
@@ -111,10 +113,10 @@ def test_arms_that_are_straight_at_zero_are_bent_and_the_contacts_are_where_thei
     assert done.exit_code == 0, done.stderr
     settings = scenario.load(made)
     assert [joint.rest_rad for joint in settings.agent_types["vehicle"].joints] == [0.0, 1.2, -1.2]
-    truth, _ = roster.team(settings)
-    z = starts.at_rest(settings, truth)
+    truth, _ = team.team(settings)
+    z = initial_states.at_rest(settings, truth)
     np.testing.assert_allclose(np.asarray(z.agents[0].r)[0], [0.0, 1.2, -1.2], atol=1e-3)
-    assert all(condition < 20 for condition in checkup._conditions(settings, truth, z).values())
+    assert all(condition < 20 for condition in preflight._conditions(settings, truth, z).values())
 
 
 def test_where_no_bend_lets_arms_follow_joints_stay_at_zero_and_check_says_what_is_missing(tmp_path: Path):

@@ -9,9 +9,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from colift import analyse, band, scenario, simulate, study
-from colift.scenario import ScenarioError
-from colift.scenario.settings import Added, Innovation
+from colift import scenario
+from colift.analysis import metrics
+from colift.closed_loop import flight
+from colift.onboard.learning import confidence_bounds
+from colift.scenario import ScenarioError, experiment
+from colift.scenario.schema import Added, Innovation
 from tests import light
 from tests import paper_flights as paper
 
@@ -20,7 +23,7 @@ from tests import paper_flights as paper
 def found() -> dict[str, dict]:
     """Figures of merit of the three cases."""
     plan = paper.plan("C1")
-    return {case: analyse.summary(paper.flight(case), plan.world.team, plan.pilot.team) for case in ("C1", "C2", "C3")}
+    return {case: metrics.summary(paper.flight(case), plan.world.team, plan.pilot.team) for case in ("C1", "C2", "C3")}
 
 
 def test_cases_differ_in_what_they_record_and_in_nothing_else():
@@ -35,14 +38,14 @@ def test_cases_differ_in_what_they_record_and_in_nothing_else():
 
 def test_an_unknown_case_is_refused_with_those_there_are():
     with pytest.raises(KeyError, match=r"C5.*C1, C2, C3, C4, I, DOB, P, O, F, R, H"):
-        study.plans(paper.SETTINGS, ("C5",))
+        experiment.plans(paper.SETTINGS, ("C5",))
 
 
 # What goes beyond the paper -------------------------------------------------------------------------------------------
 
 
 @functools.cache
-def light_flight(case: str) -> simulate.Flight:
+def light_flight(case: str) -> flight.Flight:
     """The smallest team, on whose payload some mass is put once it has learned."""
     settings = light.settings(
         duration_s=4.0,
@@ -50,22 +53,22 @@ def light_flight(case: str) -> simulate.Flight:
         added=Added(mass_kg=0.3, start_s=2.2),
         innovation=Innovation(renew_s=0.5, enough=40),
     )
-    return simulate.fly_plan(study.plan(settings, case))
+    return flight.fly_plan(experiment.plan(settings, case))
 
 
 def test_after_its_stated_times_c4_goes_on_fitting_and_asks_no_more_samples_than_it_has_room_for():
     given = scenario.load("paper", ["duration_s=35", "innovation.refit_s=8", "learning.capacity=100"])
-    plan = study.plan(given, "C4")
+    plan = experiment.plan(given, "C4")
     assert plan.updates == pytest.approx((2, 4, 6, 8, 10, 18, 26, 34))
     assert plan.renewals is not None
     assert plan.renewals.enough == 100
-    assert study.plan(given, "H").updates == pytest.approx((2, 4, 6, 8, 10))
+    assert experiment.plan(given, "H").updates == pytest.approx((2, 4, 6, 8, 10))
 
 
 @pytest.mark.long
 def test_labels_bring_a_team_back_whose_payload_has_become_heavier():
     flights = {case: light_flight(case) for case in ("C1", "F", "H", "C4")}
-    e_p = {case: analyse.norm_rms(flight.rows.e_p[flight.rows.t > 3.0]) for case, flight in flights.items()}
+    e_p = {case: metrics.norm_rms(flight.rows.e_p[flight.rows.t > 3.0]) for case, flight in flights.items()}
     assert not any(flight.stopped for flight in flights.values())
     assert max(e_p[case] for case in ("F", "H", "C4")) < 0.3 * e_p["C1"]
 
@@ -94,7 +97,7 @@ def test_what_labels_say_is_logged_and_carried_ahead():
     f = light_flight("F").rows
     np.testing.assert_allclose(f.fresh, 1.0)
     # what F predicts is what labels say, carried ahead along its rate
-    ahead = float(study.plan(light.settings(), "F").pilot.predictor.lead)
+    ahead = float(experiment.plan(light.settings(), "F").pilot.predictor.lead)
     rate = np.diff(f.r_L, axis=0) / float(f.t[1])
     np.testing.assert_allclose(f.f_L_hat[1:], f.r_L[1:] + ahead * rate, atol=1e-9)
 
@@ -106,13 +109,13 @@ def test_a_team_that_cannot_carry_its_weight_is_refused_before_it_flies():
     """Agents of 1.84 kg with half of 1.5 kg each, a clamp of 1.2 N, and rotors that give 1.5 N less than asked."""
     weight = 9.81 * (2 * 1.84 + 1.5)
     with pytest.raises(ScenarioError, match="cannot hover") as refused:
-        study.plans(paper.lighter(weight / 4), ("C1",))
+        experiment.plans(paper.lighter(weight / 4), ("C1",))
     said = str(refused.value)
     assert "front needs 28.35 N of 12.7 N, rear needs 27.88 N of 12.7 N" in said
     need = float(said.rpartition("need ")[2].split()[0])
     assert weight + 1.2 < need < weight + 1.2 + 1.5 + 1.55 + 3
     with pytest.raises(ScenarioError) as refused:
-        study.plans(paper.lighter(28.0), ("C1",))
+        experiment.plans(paper.lighter(28.0), ("C1",))
     assert "front needs" in str(refused.value)
     assert "rear needs" not in str(refused.value)
 
@@ -173,7 +176,7 @@ def test_figure_5_radii_are_those_of_the_bands_at_the_true_states():
     late = np.flatnonzero(sigma.t > 6.0)[::40]
     at = [int(np.argmin(np.abs(rows.t - t))) for t in sigma.t[late]]
     x = np.concatenate([rows.p, rows.v, rows.R_L.reshape(-1, 9), rows.omega_L, np.zeros((len(rows.t), 6))], axis=1)[at]
-    radius = band.payload_radius(flight.oracle, flight.bands, jnp.asarray(x))
+    radius = confidence_bounds.payload_radius(flight.oracle, flight.bands, jnp.asarray(x))
     np.testing.assert_allclose(sigma.payload_radius[late], radius, rtol=1e-9)
     assert len(late) > 3
 
@@ -193,7 +196,7 @@ def test_lemma_2_and_the_interface_identity_hold_in_flight(found: dict[str, dict
     for case in ("C1", "C2", "C3"):
         assert found[case]["wrench_consistency_max"] <= 1e-9
         assert found[case]["interface_identity_max"] <= 1e-9
-    assert analyse.consistency(paper.flight("C1", eta=False).rows, nominal) <= 1e-9
+    assert metrics.consistency(paper.flight("C1", eta=False).rows, nominal) <= 1e-9
 
 
 def test_proposition_1_the_grasp_is_invariant_in_flight(found: dict[str, dict]):

@@ -8,8 +8,8 @@ import pytest
 from rich.console import Console
 from rich.table import Table
 
-from colift.__main__ import COLUMNS
-from colift.tables import cell, show
+from colift.cli.app import COLUMNS
+from colift.cli.tables import cell, show
 
 
 def shown(columns: int, encoding: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> str:

@@ -15,10 +15,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from colift import agent as ag
-from colift import scenario, urdf
-from colift.model import Agent
-from colift.scenario import ScenarioError, roster
+from colift import scenario
+from colift.models import aerial_manipulator, urdf
+from colift.models.parameters import Agent
+from colift.scenario import ScenarioError, team
 from tests import pinocchio_team, teams
 
 
@@ -86,7 +86,7 @@ def test_mass_matrix_and_tips_are_pinocchios(seed: int) -> None:
     order = np.concatenate([[3, 4, 5], index]).astype(int)
     lin, mixed = full[:3, :3], full[:3][:, order]
     expected = full[np.ix_(order, order)] - mixed.T @ np.linalg.solve(lin, mixed)
-    reduced = jax.jit(lambda a, r: ag.reduce(a, ag.geometry(a, r)))(agent, state.r)
+    reduced = jax.jit(lambda a, r: aerial_manipulator.reduce(a, aerial_manipulator.geometry(a, r)))(agent, state.r)
     np.testing.assert_allclose(reduced.M_bar, expected, atol=1e-9 * np.abs(expected).max())
     np.testing.assert_allclose(reduced.mass, pin.computeTotalMass(model), rtol=1e-12)
 
@@ -391,13 +391,13 @@ def written(tmp_path: Path) -> Path:
 
 def test_a_scenario_from_urdf_is_the_one_in_plain_numbers(written: Path) -> None:
     settings, plain = scenario.load(written), scenario.parse(SAMPLE, "sample.yaml")
-    for ours, expected in zip(roster.team(settings), roster.team(plain), strict=True):
+    for ours, expected in zip(team.team(settings), team.team(plain), strict=True):
         assert jax.tree.structure(ours) == jax.tree.structure(expected)
         for a, b in zip(jax.tree.leaves(ours), jax.tree.leaves(expected), strict=True):
             np.testing.assert_allclose(a, b, atol=1e-15)
-    assert roster.joint_names(settings) == roster.joint_names(plain)
-    assert roster.contact_names(settings)[:2] == ("front/left_hand", "front/right")
-    np.testing.assert_array_equal(roster.rest(settings)[0], roster.rest(plain)[0])
+    assert team.joint_names(settings) == team.joint_names(plain)
+    assert team.contact_names(settings)[:2] == ("front/left_hand", "front/right")
+    np.testing.assert_array_equal(team.rest(settings)[0], team.rest(plain)[0])
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -409,7 +409,7 @@ def test_a_scenario_and_python_read_one_agent_alike(seed: int, written: Path) ->
     told = written.read_text(encoding="utf-8")
     kind = FROM_URDF.replace("left_hand, {link: right, name: right", f"{tips[0]}, {{link: {tips[1]}, name: right")
     told = told.replace(FROM_URDF, re.sub("    rest.*\n", "", kind)).replace("/left_hand", f"/{tips[0]}")
-    truth, _ = roster.team(scenario.parse(told, str(written)))
+    truth, _ = team.team(scenario.parse(told, str(written)))
     robot = urdf.load(written.parent / "vehicles" / "two.urdf")
     agent = urdf.agent(robot, [tips[0], (tips[1], [0.0, 0.0, -0.3])], np.asarray(truth.groups[0].contact[1]), 50.0)
     assert agent.tree == truth.groups[0].tree
@@ -454,7 +454,7 @@ def test_a_scenario_chooses_what_becomes_of_joints_that_follow(written: Path) ->
     ):
         scenario.parse(told.replace("    tips:", "    mimic: forzen\n    tips:"), str(written))
     free = scenario.parse(told.replace("    tips:", "    mimic: independent\n    tips:"), str(written))
-    assert roster.joint_names(free)[:3] == ("front/waist", "front/left", "front/right")
+    assert team.joint_names(free)[:3] == ("front/waist", "front/left", "front/right")
     frozen = told.replace("    tips:", "    mimic: frozen\n    tips:").replace(", right: -1.2}", "}")
     (kind,) = scenario.parse(frozen, str(written)).agent_types.values()
     assert [joint.name for joint in kind.joints] == ["waist", "left"]

@@ -10,18 +10,21 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from colift import fly, learn, sensor, simulate
-from colift.measurement import Measurement
-from colift.model import Clock, State, Team, no_force
-from colift.pytree import pytree
-from colift.world import Simulated
+from colift.closed_loop import flight, simulator
+from colift.math.pytree import pytree
+from colift.models.measurement import Measurement
+from colift.models.parameters import Team
+from colift.models.state import Clock, State, no_force
+from colift.onboard.learning import recorder, residual_predictors
+from colift.simulation import sensors
+from colift.simulation.world import Simulated
 from tests import paper_flights
 from tests.paper_flights import plan
 
 TICKS = 150
 
 
-def other_world(of: simulate.Plan, by: float = 1.5) -> Simulated:
+def other_world(of: flight.Plan, by: float = 1.5) -> Simulated:
     """Another truth: a heavier payload and agents, winds `by` times as large, sensors without noise."""
     team = of.world.team
     load = dataclasses.replace(team.payload, mass=1.3 * team.payload.mass, inertia=1.2 * team.payload.inertia)
@@ -67,19 +70,19 @@ def fly_on() -> Any:
     """
 
     @jax.jit
-    def run(setup: simulate.Setup, begun: simulate.Loop, noise: Any) -> Any:
-        def step(loop: simulate.Loop, now: Any) -> Any:
+    def run(setup: simulator.Setup, begun: simulator.Loop, noise: Any) -> Any:
+        def step(loop: simulator.Loop, now: Any) -> Any:
             clock = Clock(t=loop.tick.astype(setup.dt.dtype) * setup.dt, dt=setup.dt)
             m, _ = setup.world.sense(loop.world, clock, now)
-            loop, row = simulate.tick(setup, loop, now)
+            loop, row = simulator.tick(setup, loop, now)
             return loop, (loop.memory, row, m)
 
         return jax.lax.scan(step, begun, noise)[1]
 
-    def fly(of: simulate.Plan, world: Simulated, recorded: Any = None) -> Any:
+    def fly(of: flight.Plan, world: Simulated, recorded: Any = None) -> Any:
         recorder = dataclasses.replace(of.pilot.recorder, start=paper_flights.number(0.0))
         of = paper_flights.with_pilot(of, recorder=recorder)
-        begun = simulate.start(of.setup, of.z)  # one start for all: only the ticks differ
+        begun = simulator.start(of.setup, of.z)  # one start for all: only the ticks differ
         drawn = world.draw(jax.random.key(0), TICKS)
         if recorded is None:  # what is recorded is rounded otherwise than what flies: compare replays with replays
             shape = jax.eval_shape(lambda: world.rest(of.z))
@@ -144,8 +147,8 @@ def test_the_ways_around_the_sensors_that_a_study_may_open_would_be_seen(fly_on)
     """They can fail, too, where samples come from a rig, or where the pilot is told the exact residual."""
     of = plan("C3")
     error = jax.tree.map(jnp.zeros_like, no_force(of.world.team))
-    at_rig = paper_flights.with_pilot(of, recorder=learn.FromRig(**vars(of.pilot.recorder)))
-    at_rig = paper_flights.with_world(at_rig, extra=(sensor.Rig(error=error),))
+    at_rig = paper_flights.with_pilot(of, recorder=recorder.FromRig(**vars(of.pilot.recorder)))
+    at_rig = paper_flights.with_world(at_rig, extra=(sensors.Rig(error=error),))
     stream = fly_on(at_rig, at_rig.world)[2]
     leaks = changed(fly_on(at_rig, at_rig.world, stream), fly_on(at_rig, other_world(at_rig), stream))
     assert leaks == [f".recorder.{name}" for name in ("payload.X", "payload.Y", "agents[0].X", "agents[0].Y")]
@@ -157,4 +160,4 @@ def test_no_case_of_the_paper_has_a_sensor_that_knows_the_truth():
         m = plan(case).world.rest(plan(case).z)
         assert m.rig is None
         assert m.more == {}
-        assert type(plan(case).pilot.predictor) is fly.Learned
+        assert type(plan(case).pilot.predictor) is residual_predictors.Learned

@@ -19,8 +19,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from colift import scene, study, watch
-from colift.scenario import roster
+from colift.scenario import experiment, team
+from colift.visualization import live_view, scene
 from tests import browser, light, played
 
 CASE = "C3"
@@ -42,7 +42,7 @@ def watched() -> Iterator[dict[str, Any]]:
         seen["address"] = address
         reader.start()
 
-    with watch.flying(told, study.plan(told, CASE), CASE, "as in the tests", ready) as flight:
+    with live_view.flying(told, experiment.plan(told, CASE), CASE, "as in the tests", ready) as flight:
         reader.join(60)
         yield seen | {"flight": flight}
 
@@ -66,7 +66,7 @@ def test_the_stream_holds_every_frame_once_as_the_log_does(watched):
     assert [each["from"] for each in said] == [0, *(each["known"] for each in said[:-1])]
     flight = watched["flight"]
     ds = played.labelled(flight.rows, flight.sigma, told, update_times_s=[0.8], case=CASE)
-    expected = scene.frames(ds, roster.team(told)[0]) | scene.curves(ds)
+    expected = scene.frames(ds, team.team(told)[0]) | scene.curves(ds)
     for name in said[0]["tracks"]:
         track = np.concatenate([numbers(each["tracks"][name]) for each in said if each["tracks"]])
         np.testing.assert_array_equal(track, expected[name].astype("<f4"), err_msg=name)

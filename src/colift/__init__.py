@@ -76,7 +76,7 @@ import sys
 import warnings
 from typing import Any
 
-from colift import cache
+from colift.runtime import cache
 
 
 def _programs() -> dict[str, str]:

@@ -14,11 +14,11 @@ recovery    the tightest bound under bounded noise, by a conic program (host)
 ellipsoid   bounds of many functionals at once under bounded noise (host)
 """
 
-from colift.gp import bounds, ellipsoid, recovery
-from colift.gp.data import AtTimes, Data, OnGain, Policy, Uniform, empty, first_come, first_in_first_out, informative
-from colift.gp.hyper import UNSEEN, Belief, Box, Hyper, grams, hyperparameters, of_outputs
-from colift.gp.kernel import Kernel, SquaredExponential
-from colift.gp.parametric import Parametric, fit_parametric
+from colift.gp import ellipsoid, error_bounds, optimal_recovery
+from colift.gp.dataset import AtTimes, Data, OnGain, Policy, Uniform, empty, first_come, first_in_first_out, informative
+from colift.gp.fitting import Fit, both, fit, fit_shared, spread
+from colift.gp.hyperparameters import UNSEEN, Belief, Box, Hyper, grams, hyperparameters, of_outputs
+from colift.gp.kernels import Kernel, SquaredExponential
 from colift.gp.posterior import (
     GP,
     append,
@@ -34,9 +34,9 @@ from colift.gp.posterior import (
     remove,
     variance,
 )
-from colift.gp.store import load, save
-from colift.gp.thinning import thinned
-from colift.gp.training import Fit, both, fit, fit_shared, spread
+from colift.gp.semiparametric import Parametric, fit_parametric
+from colift.gp.serialization import load, save
+from colift.gp.subset_selection import thinned
 
 __all__ = [
     "GP",

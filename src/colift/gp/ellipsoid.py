@@ -13,7 +13,7 @@ import dataclasses
 
 import numpy as np
 
-from colift.gp.recovery import CONTRADICT, Consistent
+from colift.gp.optimal_recovery import CONTRADICT, Consistent
 
 ROUNDS, GAIN = 30, 0.01  # at most so many, and no other after one in which fewer than half of the sets gain so much
 MANY = 160  # labels beyond which they keep one weight: each round takes the cube of their number

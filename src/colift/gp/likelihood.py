@@ -11,7 +11,7 @@ from scipy.linalg.lapack import dpotrf, dpotri
 from scipy.spatial.distance import cdist
 from threadpoolctl import ThreadpoolController
 
-from colift.gp.kernel import DEFAULT_KERNEL, Kernel
+from colift.gp.kernels import DEFAULT_KERNEL, Kernel
 
 LOG_2PI = float(np.log(2 * np.pi))
 BLAS = ThreadpoolController()  # of the libraries loaded by now: NumPy's and SciPy's

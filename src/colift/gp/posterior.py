@@ -16,10 +16,10 @@ from jaxtyping import Array, Bool, Float, Int
 from numpy.typing import ArrayLike
 from scipy.linalg.lapack import dpotrf, dtrtri
 
-from colift.gp.hyper import Hyper, check
+from colift.gp.fitting import LARGEST, checked
+from colift.gp.hyperparameters import Hyper, check
 from colift.gp.likelihood import LOG_2PI, gram, least_noise_to_grow, not_positive_definite, one_thread
-from colift.gp.training import LARGEST, checked
-from colift.pytree import pytree
+from colift.math.pytree import pytree
 
 # Of `predict`: most points in a block, strips of W, and the blocks from which strips repay their copying; measured.
 BLOCK, STRIPS, MANY = 64, 8, 8

@@ -24,10 +24,10 @@ draws       unknown forces of known norm
 assumptions what is stated of the unknown, and what of it holds by construction
 """
 
-from colift.scenario.mistake import ScenarioError
-from colift.scenario.read import SUFFIXES, load, names, parse, shipped
-from colift.scenario.settings import Section, Settings
-from colift.scenario.write import text, with_control
+from colift.scenario.dumping import text, with_control
+from colift.scenario.errors import ScenarioError
+from colift.scenario.loading import SUFFIXES, load, names, parse, shipped
+from colift.scenario.schema import Section, Settings
 
 __all__ = [
     "SUFFIXES",

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from colift import band, deviation
-from colift.gp.bounds import Assumption
-from colift.model import Residual, Team
-from colift.scenario import settings as s
-from colift.scenario.mistake import ScenarioError
+from colift.gp.error_bounds import Assumption
+from colift.models.parameters import Team
+from colift.models.state import Residual
+from colift.onboard.learning import confidence_bounds, prediction_uncertainty
+from colift.scenario import schema
+from colift.scenario.errors import ScenarioError
 
 
-def stated(settings: s.Settings, nominal: Team, rig: Residual) -> band.Stated:
+def stated(settings: schema.Settings, nominal: Team, rig: Residual) -> confidence_bounds.Stated:
     """What the scenario states of the unknown functions and of their labels, and what of it is true by construction.
 
     `rig` is the calibration rig's largest error. Raises ScenarioError for a label error that is not positive.
@@ -30,7 +31,7 @@ def stated(settings: s.Settings, nominal: Team, rig: Residual) -> band.Stated:
         agents = of_agents if given.agents is None else agents
         within = all((a >= b).all() for a, b in zip([payload, *agents], [of_payload, *of_agents], strict=True))
     try:
-        return band.Stated(
+        return confidence_bounds.Stated(
             bound=given.bound,
             confidence=given.confidence,
             norm=given.norm,
@@ -42,18 +43,18 @@ def stated(settings: s.Settings, nominal: Team, rig: Residual) -> band.Stated:
         raise ScenarioError(f"{settings.name}: certificate: {error}") from None
 
 
-def biases(settings: s.Settings) -> deviation.Biases:
+def biases(settings: schema.Settings) -> prediction_uncertainty.Biases:
     """What the sensors' data sheets state of constant and wandering errors of what labels are made of."""
-    tips = deviation.Walk(start=settings.sensors.tip_force_bias_N)
-    found = {"agents.lam": tips, "payload.a": deviation.Walk(), "agents.a": deviation.Walk()}
+    tips = prediction_uncertainty.Walk(start=settings.sensors.tip_force_bias_N)
+    found = {"agents.lam": tips, "payload.a": prediction_uncertainty.Walk(), "agents.a": prediction_uncertainty.Walk()}
     for each in settings.sensors.then:
-        if isinstance(each, s.Drifting):
+        if isinstance(each, schema.Drifting):
             for name in found.keys() & set(each.of):
-                found[name] += deviation.Walk(start=each.start, rate=each.rate)
-    return deviation.Biases(tips=found["agents.lam"], payload=found["payload.a"], agents=found["agents.a"])
+                found[name] += prediction_uncertainty.Walk(start=each.start, rate=each.rate)
+    return prediction_uncertainty.Biases(tips=found["agents.lam"], payload=found["payload.a"], agents=found["agents.a"])
 
 
-def _met(settings: s.Settings, within: bool) -> frozenset[Assumption]:
+def _met(settings: schema.Settings, within: bool) -> frozenset[Assumption]:
     """What the scenario makes true by construction of what bounds need; what is not here is assumed.
 
     within: whether no label errs by more than is stated, which only a calibration rig can promise.
@@ -61,7 +62,7 @@ def _met(settings: s.Settings, within: bool) -> frozenset[Assumption]:
     given, learning = settings.certificate, settings.learning
     rig, fixed = learning.samples == "rig", learning.hyperparameters == "stated"
     drawn = settings.drawn is not None and settings.drawn.norm <= given.norm
-    alone = not settings.disturbances and settings.nominal == s.Nominal()
+    alone = not settings.disturbances and settings.nominal == schema.Nominal()
     holds = {
         Assumption.NORM: drawn and fixed and alone,  # nothing is unknown but functions of that norm for that kernel
         Assumption.BOUNDED: within,
@@ -75,11 +76,11 @@ def _met(settings: s.Settings, within: bool) -> frozenset[Assumption]:
     return frozenset(assumption for assumption, true in holds.items() if true)
 
 
-def _label_errors(given: s.LabelError | None, prior: s.Prior, joints: int) -> np.ndarray:
+def _label_errors(given: schema.LabelError | None, prior: schema.Prior, joints: int) -> np.ndarray:
     """`(6 + joints,)` as stated, or three of the prior's deviations of label noise."""
     source = [3 * prior.force_noise_N, 3 * prior.moment_noise_Nm] if given is None else [given.force_N, given.moment_Nm]
-    if isinstance(given, s.AgentLabelError):
+    if isinstance(given, schema.AgentLabelError):
         source.append(given.joint_Nm)
-    elif isinstance(prior, s.AgentPrior):
+    elif isinstance(prior, schema.AgentPrior):
         source.append(3 * prior.joint_noise_Nm)
     return np.repeat(source, [3, 3, joints][: len(source)])

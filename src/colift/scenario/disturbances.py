@@ -8,20 +8,31 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from colift import disturbance
-from colift.scenario import roster
-from colift.scenario import settings as s
-from colift.scenario.references import bodies
-from colift.scenario.values import array, built, rows
+from colift.scenario import schema, team
+from colift.scenario.conversion import array, built, rows
+from colift.scenario.cross_checks import bodies
+from colift.simulation.disturbances import (
+    AgentMount,
+    Constant,
+    Disturbances,
+    Jet,
+    JointFriction,
+    Law,
+    Mount,
+    RotorBias,
+    Tether,
+    Weather,
+    Wind,
+)
 
 
-def disturbances(settings: s.Settings) -> disturbance.Disturbances:
+def disturbances(settings: schema.Settings) -> Disturbances:
     """The sources of the truth, mounted."""
-    teams = roster.groups(settings)
+    teams = team.groups(settings)
     laws = _laws(settings)
-    return disturbance.Disturbances(
+    return Disturbances(
         payload=tuple(
-            disturbance.Mount(name=source.name, law=_law(source), point=array(source.point_m))
+            Mount(name=source.name, law=_law(source), point=array(source.point_m))
             for source in laws
             if source.acts_on == "payload"
         ),
@@ -30,11 +41,11 @@ def disturbances(settings: s.Settings) -> disturbance.Disturbances:
     )
 
 
-def _laws(settings: s.Settings) -> list[s.Law]:
-    return [source for source in settings.disturbances if not isinstance(source, s.JointFriction)]
+def _laws(settings: schema.Settings) -> list[schema.Law]:
+    return [source for source in settings.disturbances if not isinstance(source, schema.JointFriction)]
 
 
-def _mounts(settings: s.Settings, source: s.Law, group: list[s.Agent]) -> Iterator[disturbance.AgentMount]:
+def _mounts(settings: schema.Settings, source: schema.Law, group: list[schema.Agent]) -> Iterator[AgentMount]:
     """A source on a group: one mount for each body index that its body has in the types of the group."""
     carriers: dict[int, list[float]] = {}
     for k, agent in enumerate(group):
@@ -44,11 +55,11 @@ def _mounts(settings: s.Settings, source: s.Law, group: list[s.Agent]) -> Iterat
     law = jax.tree.map(lambda x: jnp.asarray(np.broadcast_to(x, (len(group), *x.shape))), _law(source))
     for body, active in carriers.items():
         point = array([source.point_m] * len(group))
-        yield disturbance.AgentMount(body=body, name=source.name, law=law, point=point, active=array(active))
+        yield AgentMount(body=body, name=source.name, law=law, point=point, active=array(active))
 
 
-def _friction(settings: s.Settings, group: list[s.Agent]) -> disturbance.JointFriction:
-    rubbing = [source for source in settings.disturbances if isinstance(source, s.JointFriction)]
+def _friction(settings: schema.Settings, group: list[schema.Agent]) -> JointFriction:
+    rubbing = [source for source in settings.disturbances if isinstance(source, schema.JointFriction)]
     joints = len(settings.agent_types[group[0].type].joints)
     table = np.tile([0.0, 0.0, 1.0], (len(group), 1))  # no friction; the speed then has no effect
     for k, agent in enumerate(group):
@@ -56,15 +67,15 @@ def _friction(settings: s.Settings, group: list[s.Agent]) -> disturbance.JointFr
             if source.acts_on in ("agents", agent.name):
                 table[k] = source.viscous_Nms, source.coulomb_Nm, source.speed_radps
     viscous, coulomb, speed = (jnp.asarray(np.tile(column[:, None], (1, joints))) for column in table.T)
-    return disturbance.JointFriction(viscous=viscous, coulomb=coulomb, speed=speed)
+    return JointFriction(viscous=viscous, coulomb=coulomb, speed=speed)
 
 
-def _law(source: s.Law) -> disturbance.Law:
+def _law(source: schema.Law) -> Law:
     return LAWS[type(source)](source)
 
 
-def _wind(source: s.Wind) -> disturbance.Wind | disturbance.Weather:
-    wind = disturbance.Wind(
+def _wind(source: schema.Wind) -> Wind | Weather:
+    wind = Wind(
         linear=array(source.linear_Nspm),
         quadratic=array(source.quadratic_Ns2pm2),
         mean=array(source.mean_mps),
@@ -74,8 +85,8 @@ def _wind(source: s.Wind) -> disturbance.Wind | disturbance.Weather:
     )
     if source.turn is None and all(gust.period_s is None for gust in source.gusts):
         return wind
-    turn = s.Turn(angle_deg=0.0, start_s=0.0) if source.turn is None else source.turn
-    return disturbance.Weather(
+    turn = schema.Turn(angle_deg=0.0, start_s=0.0) if source.turn is None else source.turn
+    return Weather(
         wind=wind,
         rate=array([0.0 if gust.period_s is None else 2 * np.pi / gust.period_s for gust in source.gusts]),
         angle=jnp.deg2rad(array(turn.angle_deg)),
@@ -84,13 +95,13 @@ def _wind(source: s.Wind) -> disturbance.Wind | disturbance.Weather:
     )
 
 
-LAWS: dict[type, Callable[..., disturbance.Law]] = {
-    s.Constant: lambda x: disturbance.Constant(force=array(x.force_N), torque=array(x.torque_Nm)),
-    s.Wind: _wind,
-    s.Tether: lambda x: disturbance.Tether(
+LAWS: dict[type, Callable[..., Law]] = {
+    schema.Constant: lambda x: Constant(force=array(x.force_N), torque=array(x.torque_Nm)),
+    schema.Wind: _wind,
+    schema.Tether: lambda x: Tether(
         anchor=array(x.anchor_m), stiffness=array(x.stiffness_Npm), length=array(x.length_m)
     ),
-    s.Jet: lambda x: disturbance.Jet(force=array(x.force_N), center=array(x.center_m), width=array(x.width_m)),
-    s.RotorBias: lambda x: disturbance.RotorBias(thrust=array(x.thrust_N), torque=array(x.torque_Nm)),
-    s.OwnLaw: lambda x: built(x, f"disturbances: {x.name}", disturbance.Law),
+    schema.Jet: lambda x: Jet(force=array(x.force_N), center=array(x.center_m), width=array(x.width_m)),
+    schema.RotorBias: lambda x: RotorBias(thrust=array(x.thrust_N), torque=array(x.torque_Nm)),
+    schema.OwnLaw: lambda x: built(x, f"disturbances: {x.name}", Law),
 }

@@ -7,9 +7,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Literal
 
-from colift.scenario.mistake import Mistake, ScenarioError, among, shown
-from colift.scenario.references import MOST
-from colift.scenario.settings import Pose, Section
+from colift.scenario.cross_checks import MOST
+from colift.scenario.errors import Mistake, ScenarioError, among, shown
+from colift.scenario.schema import Pose, Section
 
 PLACE, TURN = ("t_s", "x_m", "y_m", "z_m"), ("roll_deg", "pitch_deg", "yaw_deg")
 

@@ -10,11 +10,11 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BeforeValidator, Field
 
-from colift import urdf
-from colift.scenario import quantities as of
-from colift.scenario.mistake import Mistake, ScenarioError, among, shown
-from colift.scenario.references import MOST
-from colift.scenario.settings import NAME, ZERO, AgentType, Name, Section
+from colift.models import urdf
+from colift.scenario import fields
+from colift.scenario.cross_checks import MOST
+from colift.scenario.errors import Mistake, ScenarioError, among, shown
+from colift.scenario.schema import NAME, ZERO, AgentType, Name, Section
 
 
 class Tip(Section):
@@ -24,7 +24,7 @@ class Tip(Section):
     """A link of the file."""
     name: Name | None = None
     """Names the arm; the link's name if left out."""
-    offset_m: of.BodyPoint = ZERO
+    offset_m: fields.BodyPoint = ZERO
     """Contact point, in the link's frame."""
 
 
@@ -38,16 +38,16 @@ class AgentTypeFromUrdf(Section):
 
     urdf: str
     """Path of the file, relative to the scenario's."""
-    thrust_max_N: of.Thrust
+    thrust_max_N: fields.Thrust
     """The largest thrust; a command beyond it is cut there, and the tick is marked."""
     tips: Annotated[tuple[Annotated[Tip, BeforeValidator(_link)], ...], Field(min_length=1, max_length=MOST)]
     """Links that hold the payload, one arm each: a link's name, or a tip with an offset."""
     mimic: Literal["frozen", "independent"] | None = None
     """Joints with `<mimic>`, which the equations do not have: `frozen` where the joint they follow rests, or
     `independent`, each moving on its own; without it a file that has such joints is refused."""
-    rest_rad: dict[str, of.JointAngle] = Field(default_factory=dict, max_length=MOST)
+    rest_rad: dict[str, fields.JointAngle] = Field(default_factory=dict, max_length=MOST)
     """Position at rest of joints that turn, by name; 0 where left out."""
-    rest_m: dict[str, of.BodyLength] = Field(default_factory=dict, max_length=MOST)
+    rest_m: dict[str, fields.BodyLength] = Field(default_factory=dict, max_length=MOST)
     """Position at rest of joints that slide, by name; 0 where left out."""
 
 

@@ -9,26 +9,28 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from colift import gp, learn, place
-from colift.model import Team
-from colift.scenario import settings as s
-from colift.scenario.mistake import ScenarioError
-from colift.scenario.values import built
+from colift import gp
+from colift.models.parameters import Team
+from colift.onboard.learning import model_update, residual_model, semiparametric
+from colift.onboard.learning.features import Features, Plain
+from colift.scenario import schema
+from colift.scenario.conversion import built
+from colift.scenario.errors import ScenarioError
 
 
-def features(settings: s.Settings) -> learn.Features:
+def features(settings: schema.Settings) -> Features:
     """What GPs see of a sample. Raises ScenarioError for features of one's own that are none."""
     given = settings.parts.features
-    return learn.Plain() if given is None else built(given, "parts.features", learn.Features)
+    return Plain() if given is None else built(given, "parts.features", Features)
 
 
-def kernel(settings: s.Settings) -> gp.Kernel:
+def kernel(settings: schema.Settings) -> gp.Kernel:
     """Of all models, the payload's and the agents'. Raises ScenarioError for one of one's own that is none."""
     given = settings.parts.kernel
     return gp.SquaredExponential() if given is None else built(given, "parts.kernel", gp.Kernel)
 
 
-def prior(settings: s.Settings, nominal: Team) -> learn.Oracle:
+def prior(settings: schema.Settings, nominal: Team) -> residual_model.Oracle:
     """The oracle before any data: it predicts zero, with the deviations that the scenario states.
 
     Raises ScenarioError for noise that is too small beside the signal for that many points.
@@ -41,7 +43,7 @@ def prior(settings: s.Settings, nominal: Team) -> learn.Oracle:
         except ValueError as error:
             raise ScenarioError(f"{settings.name}: learning.{name}: {error}") from None
 
-    return learn.Oracle(
+    return residual_model.Oracle(
         features=seen,
         payload=before("payload", seen.payload_names()),
         agents=tuple(
@@ -55,17 +57,17 @@ def prior(settings: s.Settings, nominal: Team) -> learn.Oracle:
     )
 
 
-def training(settings: s.Settings, nominal: Team) -> learn.Training | None:
+def training(settings: schema.Settings, nominal: Team) -> model_update.Training | None:
     """How fits are made: about the priors of `prior`, within the scenario's bounds; None where they stay as stated."""
     given = settings.learning
     if given.hyperparameters == "stated":
         return None
     (least, greatest), seen, of = given.lengthscale_bounds, features(settings), kernel(settings)
 
-    def belief(stated: s.Prior, features: Sequence[str]) -> gp.Belief:
+    def belief(stated: schema.Prior, features: Sequence[str]) -> gp.Belief:
         return gp.Belief(_hyper(stated, features, of), factor=given.prior_factor, least=least, greatest=greatest)
 
-    return learn.Training(
+    return model_update.Training(
         payload=belief(given.payload, seen.payload_names()),
         agents=tuple(belief(given.agents, seen.agent_names(group.tree.joints)) for group in nominal.groups),
         restarts=given.restarts,
@@ -73,7 +75,7 @@ def training(settings: s.Settings, nominal: Team) -> learn.Training | None:
     )
 
 
-def of_place(settings: s.Settings, nominal: Team) -> learn.Training | None:
+def of_place(settings: schema.Settings, nominal: Team) -> model_update.Training | None:
     """As `training`, of maps that see the place alone where `place.teach` has a mean for the rest."""
     fits, seen = training(settings, nominal), features(settings)
     if fits is None:
@@ -81,14 +83,15 @@ def of_place(settings: s.Settings, nominal: Team) -> learn.Training | None:
     groups = zip(fits.agents, nominal.groups, strict=True)
     return dataclasses.replace(
         fits,
-        payload=place.of_place(fits.payload, seen.payload_names(), payload=True),
+        payload=semiparametric.of_place(fits.payload, seen.payload_names(), payload=True),
         agents=tuple(
-            place.of_place(belief, seen.agent_names(group.tree.joints), payload=False) for belief, group in groups
+            semiparametric.of_place(belief, seen.agent_names(group.tree.joints), payload=False)
+            for belief, group in groups
         ),
     )
 
 
-def mean(settings: s.Settings, nominal: Team) -> place.Mean:
+def mean(settings: schema.Settings, nominal: Team) -> semiparametric.Mean:
     """What is believed of the means of these maps before any data."""
     given, parameters, load, agent = (
         settings.innovation,
@@ -97,7 +100,7 @@ def mean(settings: s.Settings, nominal: Team) -> place.Mean:
         settings.learning.agents,
     )
     drag, constant = given.drag_Nspm, given.constant
-    return place.Mean(
+    return semiparametric.Mean(
         payload=np.array(
             [parameters.mass_kg, *[parameters.first_moment_kgm] * 3, drag, *[drag * given.drag_lever_m] * 3]
             + [constant * load.force_N] * 3
@@ -108,10 +111,10 @@ def mean(settings: s.Settings, nominal: Team) -> place.Mean:
     )
 
 
-def _hyper(given: s.Prior, features: Sequence[str], kernel: gp.Kernel) -> gp.Hyper:
+def _hyper(given: schema.Prior, features: Sequence[str], kernel: gp.Kernel) -> gp.Hyper:
     """Forces, moments, then joints: variances from the stated deviations, length-scales of rates and of the rest."""
     signal, noise, counts = [given.force_N, given.moment_Nm], [given.force_noise_N, given.moment_noise_Nm], [3, 3]
-    if isinstance(given, s.AgentPrior):
+    if isinstance(given, schema.AgentPrior):
         joints = sum(name.startswith("r_dot") for name in features)
         signal, noise, counts = [*signal, given.joint_Nm], [*noise, given.joint_noise_Nm], [3, 3, joints]
     rates = [name.startswith(("omega", "|omega|", "r_dot")) for name in features]

@@ -11,8 +11,8 @@ from typing import Any, Literal
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails, InitErrorDetails, PydanticCustomError
 
-from colift.scenario.describe import Schema, span, unit_of
-from colift.scenario.mistake import Mistake, Place, ScenarioError, closest, shown
+from colift.scenario.errors import Mistake, Place, ScenarioError, closest, shown
+from colift.scenario.schema_docs import Schema, span, unit_of
 
 MOST_TOLD = 100  # mistakes that one message lists
 

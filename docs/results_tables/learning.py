@@ -1,0 +1,257 @@
+"""Tables of tracking, changes, random environments, generalization and reinforcement learning."""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+import numpy as np
+
+from results_tables import CASES, items, limits, markdown, number, spread, table, targets
+
+
+def _named(case: str) -> tuple[str, str]:
+    return f"`{case}`", CASES.get(case, "-")
+
+
+def _mm(values: Any) -> np.ndarray:
+    return 1e3 * np.array([np.inf if x is None else x for x in values], dtype=float)
+
+
+# Tracking -------------------------------------------------------------------------------------------------------------
+
+METRICS = {
+    "e_p_rms_m": ("position error [mm]", 1e3),
+    "e_R_rms": ("attitude error [mrad]", 1e3),
+    "delta_W_force_rms_N": ("wrench mismatch, force [N]", 1.0),
+    "e_lam_rms_N": ("contact force error [N]", 1.0),
+    "lam_hf_rms_N": ("contact forces above 20 Hz [N]", 1.0),
+}
+
+
+@table("orderings")
+def position_errors() -> str:
+    """RMS position error of each case over the second half: median and range over seeds."""
+    found = list(items("orderings").values())
+    rows = []
+    for case in sorted(found[0], key=lambda case: -np.median([seed[case]["e_p_rms_m"] for seed in found])):
+        x = _mm(seed[case]["e_p_rms_m"] for seed in found)
+        complete = sum(seed[case]["complete"] for seed in found)
+        rows.append((*_named(case), np.median(x), x.min(), x.max(), len(x), f"{complete} of {len(x)}"))
+    return markdown(("case", "meaning", "median [mm]", "least", "greatest", "n", "complete flights"), rows)
+
+
+@table("orderings")
+def metrics() -> str:
+    """Medians over seeds of further metrics of each case."""
+    found = list(items("orderings").values())
+    rows = [
+        (*_named(case), *(scale * float(np.median([seed[case][key] for seed in found])) for key, (_, scale) in METRICS.items()))
+        for case in found[0]
+    ]
+    return markdown(("case", "meaning", *(name for name, _ in METRICS.values())), rows)
+
+
+@table("orderings")
+def study_targets() -> str:
+    """Targets of the study, each with the number of seeds on which it is met."""
+    proof, found = importlib.import_module("evidence.orderings"), items("orderings")
+    met = {seed: proof.targets(each) for seed, each in found.items()}
+    others = [seed for seed in met if seed != "0"]
+    rows = []
+    for name in met["0"]:
+        count = sum(met[seed][name] for seed in others)
+        good = met["0"][name] and count >= 9
+        rows.append((STUDY_TARGETS.get(name, name), met["0"][name], f"{count} of {len(others)}", good))
+    return markdown(("target", "met on seed 0", "met on other seeds (at least 9)", "met"), rows)
+
+
+STUDY_TARGETS = {
+    "e_p": "position error: C2 at most 0.5 of C1, C3 at most 0.6 of C2 and 0.2 of C1",
+    "Psi": "attitude error function falls from C1 to C2 to C3",
+    "delta_W": "wrench mismatch: C2 below C1, C3 at most 0.5 of C2",
+    "sigma_L": "predictive standard deviation of the payload: C2 and C3 below C1",
+    "sigma_A": "predictive standard deviation of the agents: C1 and C2 equal, C3 below C2",
+    "constraint": "constraint residuals at most 1e-10",
+    "wrench": "wrench consistency within 1e-9",
+    "chatter": "contact forces above 20 Hz at most 0.2 N RMS",
+    "data": "at least 200 samples and 4 updates",
+    "varying": "the residual varies by at least 0.3 N and 0.03 N m RMS",
+}
+
+
+@table("orderings")
+def adaptive_targets() -> str:
+    """Targets of `adaptive` over all seeds."""
+    proof, found = importlib.import_module("evidence.orderings"), list(items("orderings").values())
+    e, mismatch = (
+        {case: np.array([seed[case][key] for seed in found]) for case in found[0]}
+        for key in ("e_p_rms_m", "delta_W_force_rms_N")
+    )
+    return targets(proof.adaptive_targets(e, mismatch))
+
+
+# Changes --------------------------------------------------------------------------------------------------------------
+
+WORLDS = {
+    "home": "no change",
+    "wind": "wind direction turns by 180 degrees",
+    "mass": "payload mass changes",
+    "path": "reference leaves the region of the data",
+    "lost": "force labels lost",
+    "wind lost": "wind turns, then labels lost",
+    "mass lost": "payload mass changes, then labels lost",
+    "outdoors": "outdoor wind, same gusts on all seeds",
+    "gusts": "outdoor wind, other gusts on each seed",
+    "jets": "spatially fixed jets",
+    "motors": "motors with lag and delay",
+    "laps": "laps of 24 s",
+    "laps lost": "laps of 24 s, labels lost",
+    "into jets": "reference moves into the jets",
+}
+
+
+def _errors(world: str) -> dict[str, np.ndarray]:
+    """Position errors by case, mm; infinite where a flight ended early."""
+    found: dict[str, list[float]] = {}
+    for item, one in items("changes").items():
+        at, case, _ = item.split(": ")
+        if at == world:
+            found.setdefault(case, []).append(np.inf if one["stopped"] or one["e_p_rms_m"] is None else one["e_p_rms_m"])
+    return {case: 1e3 * np.array(errors) for case, errors in found.items()}
+
+
+@table("changes")
+def errors_by_world() -> str:
+    """RMS position error after each change: median and range over seeds."""
+    worlds = dict.fromkeys(item.split(": ")[0] for item in items("changes"))
+    cases = list(_errors("home"))
+    rows = []
+    for world in worlds:
+        e = _errors(world)
+        rows.append((f"`{world}`", WORLDS.get(world, "-"), len(e[cases[0]]), *(spread(e[case]) for case in cases)))
+    return markdown(("change", "meaning", "n", *(f"`{case}` [mm]" for case in cases)), rows)
+
+
+@table("changes")
+def changes_targets() -> str:
+    """Targets of `adaptive` after changes."""
+    return targets(importlib.import_module("evidence.changes").targets(items("changes")))
+
+
+# Random environments --------------------------------------------------------------------------------------------------
+
+
+@table("react")
+def random_errors() -> str:
+    """RMS position error after the changes over all samples in which no compared flight ended early."""
+    found = list(items("react").values())
+    rows = []
+    for case in ("C3", "label_feedback", "label_feedback led", "adaptive", "true_residual"):
+        ended = sum(bool(one[case]["stopped"]) for one in found)
+        e = _mm(one[case]["e_p_rms_m"] for one in found if not one[case]["stopped"])
+        rows.append((*_named(case), np.median(e), np.quantile(e, 0.9), e.max(), len(found), ended))
+    return markdown(("case", "meaning", "median [mm]", "90 %", "greatest", "n", "ended early"), rows)
+
+
+@table("react")
+def random_targets() -> str:
+    """Targets of `adaptive` in random environments."""
+    return targets(importlib.import_module("evidence.react").targets(items("react")))
+
+
+# Generalization -------------------------------------------------------------------------------------------------------
+
+CONDITIONS = {
+    "home": "condition of training",
+    "wind": "mean wind turned by 90 degrees",
+    "speed": "faster reference",
+    "larger": "larger reference",
+    "moved": "reference moved by 0.3 m",
+    "backwards": "reference in the other direction",
+    "payload": "heavier payload, nominal parameters unchanged",
+    "weighed": "heavier payload, nominal parameters updated",
+    "attitude": "reference with attitude motion",
+}
+OTHER_LAW = ("wind", "payload")  # conditions in which the residual is another function
+
+
+def _generalized() -> dict[str, dict[str, np.ndarray]]:
+    """Position errors by condition and model, m, one number a seed."""
+    found: dict[str, dict[str, list[float]]] = {}
+    for item, one in items("generalization").items():
+        model, condition, _ = item.split(": ")
+        error = one["e_p_rms_m"]
+        found.setdefault(condition, {}).setdefault(model, []).append(np.nan if error is None else error)
+    return {condition: {model: np.array(e) for model, e in of.items()} for condition, of in found.items()}
+
+
+@table("generalization")
+def ratios() -> str:
+    """Position error of each frozen model over that of `true_residual`: median and range over seeds."""
+    found = _generalized()
+    models = [model for model in found["home"] if model != "true_residual"]
+    rows = []
+    for condition, of in found.items():
+        known = of["true_residual"]
+        rows.append(
+            (f"`{condition}`", CONDITIONS.get(condition, "-"), len(known), *(spread(of[model] / known) for model in models))
+        )
+    return markdown(("condition", "meaning", "n", *(f"`{model}`" for model in models)), rows)
+
+
+@table("generalization")
+def generalization_target() -> str:
+    """The target: one frozen model within twice `true_residual` where the residual is the same function."""
+    found = _generalized()
+    models = [model for model in limits("generalization")["MODELS"] if model in found["home"]]
+    worst = {
+        model: max(
+            float(np.median(of[model] / of["true_residual"])) for condition, of in found.items() if condition not in OTHER_LAW
+        )
+        for model in models
+    }
+    best = min(worst, key=lambda model: worst[model])
+    rows = [
+        (f"`{model}`", ratio, "at most 2 for one model", bool(ratio <= 2), model == best) for model, ratio in worst.items()
+    ]
+    return markdown(("frozen model", "largest median ratio to `true_residual`", "limit", "within limit", "best"), rows)
+
+
+# Reinforcement learning -----------------------------------------------------------------------------------------------
+
+
+def _evaluations() -> list[list[dict[str, Any]]]:
+    """Evaluations of every learner, one list a seed."""
+    return [items("curve")[seed] for seed in limits("curve")["SEEDS"]]
+
+
+@table("curve")
+def learning_curve() -> str:
+    """Position error and return of PPO while it learns, beside the cases."""
+    rows: list[tuple[Any, ...]] = []
+    for case in ("C1", "integral", "C3"):
+        one = items("curve")[case]
+        e, returns = _mm(one["e_p_rms_m"]), one["return"]
+        rows.append((f"`{case}`", CASES[case], "-", np.mean(e), float(np.mean(returns)), 1, one["lost"]))
+    step_s, curves = limits("curve")["SETTINGS"]["step_s"], _evaluations()
+    for each in zip(*curves, strict=True):
+        e = [float(np.mean(_mm(one["e_p_rms_m"]))) for one in each]
+        returns = [float(np.mean(one["return"])) for one in each]
+        minutes = number(each[0]["steps"] * step_s / 60)
+        rows.append(("PPO", "policy network", minutes, spread(e), spread(returns), len(each), sum(one["lost"] for one in each)))
+    header = ("method", "meaning", "training flight time [min]", "position error [mm]", "return", "training seeds", "flights lost")
+    return markdown(header, rows)
+
+
+@table("curve")
+def learning_target() -> str:
+    """The target: every learner ends below the error without action and loses no flight."""
+    none = float(min(_mm(items("curve")["C1"]["e_p_rms_m"])))
+    last = [curve[-1] for curve in _evaluations()]
+    worst, lost = float(max(_mm(e for one in last for e in one["e_p_rms_m"]))), sum(one["lost"] for one in last)
+    rows = [
+        ("greatest final position error of PPO [mm]", worst, f"below {number(none)} (C1)", worst < none),
+        ("flights lost by the final policies", lost, "0", lost == 0),
+    ]
+    return markdown(("target", "measured", "limit", "met"), rows)

@@ -1,0 +1,198 @@
+"""Closes the loop: truth, sensors, flight software, log; and the updates of the learned models at times t_k."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from colift.math import so3
+from colift.math.pytree import pytree
+from colift.models import grasp, inverse_dynamics
+from colift.models.parameters import Agent, Team
+from colift.models.state import AgentForce, AgentInput, AgentState, Inputs, Residual, State, Wrench
+from colift.onboard import interfaces
+from colift.onboard.learning import residual_correction
+from colift.simulation import contact_dynamics
+from colift.simulation.world import Truth
+
+Scalar = Float[Array, ""]
+
+
+@pytree
+class Row:
+    """What the log keeps of one tick; agents, joints and contacts of all groups in a row."""
+
+    t: Float[Array, "*time"]
+    p: Float[Array, "*time 3"]
+    v: Float[Array, "*time 3"]
+    R_L: Float[Array, "*time 3 3"]
+    omega_L: Float[Array, "*time 3"]
+    a_L: Float[Array, "*time 6"]
+    p_d: Float[Array, "*time 3"]
+    e_p: Float[Array, "*time 3"]
+    e_v: Float[Array, "*time 3"]
+    e_R: Float[Array, "*time 3"]
+    e_omega: Float[Array, "*time 3"]
+    Psi: Float[Array, "*time"]
+    R: Float[Array, "*time agents 3 3"]
+    x: Float[Array, "*time agents 3"]
+    omega: Float[Array, "*time agents 3"]
+    x_dot: Float[Array, "*time agents 3"]
+    r: Float[Array, "*time joints"]
+    r_dot: Float[Array, "*time joints"]
+    u: Float[Array, "*time agents"]
+    tau: Float[Array, "*time agents 3"]
+    tau_r: Float[Array, "*time joints"]
+    saturated: Bool[Array, "*time agents"]
+    lam: Float[Array, "*time contacts 3"]
+    lam_cmd: Float[Array, "*time contacts 3"]
+    lam_hat: Float[Array, "*time contacts 3"]
+    R_L_hat: Float[Array, "*time 3 3"]
+    W_d: Float[Array, "*time 6"]
+    delta_W: Float[Array, "*time 6"]
+    eta: Float[Array, "*time eta"]
+    f_L: Float[Array, "*time 6"]
+    f_L_hat: Float[Array, "*time 6"]
+    f_x: Float[Array, "*time agents 3"]
+    f_w: Float[Array, "*time agents 3"]
+    f_r: Float[Array, "*time joints"]
+    f_x_hat: Float[Array, "*time agents 3"]
+    f_w_hat: Float[Array, "*time agents 3"]
+    f_r_hat: Float[Array, "*time joints"]
+    Phi: Float[Array, "*time"]
+    Phi_dot: Float[Array, "*time"]
+    singular: Float[Array, "*time agents"]
+    # of pilots that listen to labels
+    r_L: Float[Array, "*time 6"] | None = None
+    r_x: Float[Array, "*time agents 3"] | None = None
+    trust_L: Float[Array, "*time 6"] | None = None
+    trust_x: Float[Array, "*time agents 3"] | None = None
+    late_L: Float[Array, "*time 6"] | None = None
+    late_x: Float[Array, "*time agents 3"] | None = None
+    left_L: Float[Array, "*time 6"] | None = None
+    left_x: Float[Array, "*time agents 3"] | None = None
+    fresh: Float[Array, "*time"] | None = None
+    comes: Float[Array, "*time"] | None = None
+
+
+def residual(nominal: Team, z: State, a: contact_dynamics.Acceleration, lam: tuple, inputs: Inputs) -> Residual:
+    """What the nominal equations leave over when the truth accelerates by `a`: the labels without any error.
+
+    It is `f_uk` itself where the parameters are right, and holds the mass and inertia mismatch where they are not.
+    """
+    q, g = z.payload, nominal.gravity
+    W = grasp.wrench(grasp.contacts(nominal), q.R, grasp.join(lam))
+    known = inverse_dynamics.payload(nominal.payload, a.payload[:3] - g, a.payload[3:], q.omega)
+    agents = tuple(
+        jax.vmap(_agent_residual, in_axes=(0, 0, 0, 0, 0, None))(group, state, acc, part, u, g)
+        for group, state, acc, part, u in zip(nominal.groups, z.agents, a.agents, lam, inputs, strict=True)
+    )
+    return Residual(agents=agents, payload=Wrench(F=known.F - W.F, tau=known.tau - W.tau))
+
+
+def _agent_residual(
+    agent: Agent,
+    q: AgentState,
+    a: contact_dynamics.AgentAcceleration,
+    lam: Float[Array, "arms 3"],
+    u: AgentInput,
+    gravity: Float[Array, "3"],
+) -> AgentForce:
+    force, Q, thrust = inverse_dynamics.agent(agent, q, a.v_dot - gravity, a.xi_dot, lam)
+    Q = Q - jnp.concatenate([u.tau, u.tau_r]) - u.u * thrust
+    return AgentForce(f_x=force - u.u * q.R[:, 2], f_w=Q[:3], f_r=Q[3:])
+
+
+def _row(team: Team, nominal: Team, t: Scalar, truth: Truth, decided: interfaces.Telemetry) -> Row:
+    z, a, inputs = truth.z, truth.a, truth.inputs
+    q, d = z.payload, decided.d
+    force = grasp.join(truth.lam)
+    # the mismatch at the attitude the allocator used, so that delta_W = G e_lam holds exactly
+    W = grasp.wrench(grasp.contacts(nominal), decided.q_hat.payload.R, force)
+    f = residual(nominal, z, a, truth.lam, inputs)
+    f_hat = decided.f_hat
+    vec = lambda W: jnp.concatenate([W.F, W.tau])  # noqa: E731
+    agents = lambda parts: jnp.concatenate(list(parts))  # noqa: E731
+    joints = lambda parts: jnp.concatenate([x.reshape(-1) for x in parts])  # noqa: E731
+    return Row(
+        t=t,
+        p=q.p,
+        v=q.v,
+        R_L=q.R,
+        omega_L=q.omega,
+        a_L=a.payload,
+        p_d=d.p,
+        e_p=q.p - d.p,
+        e_v=q.v - d.v,
+        e_R=so3.e_R(q.R, d.R),
+        e_omega=so3.e_omega(q.R, q.omega, d.R, d.omega),
+        Psi=so3.Psi(q.R, d.R),
+        R=agents(s.R for s in z.agents),
+        x=agents(s.x for s in z.agents),
+        omega=agents(s.omega for s in z.agents),
+        x_dot=agents(s.v for s in z.agents),
+        r=joints(s.r for s in z.agents),
+        r_dot=joints(s.r_dot for s in z.agents),
+        u=agents(u.u for u in inputs),
+        tau=agents(u.tau for u in inputs),
+        tau_r=joints(u.tau_r for u in inputs),
+        saturated=agents(decided.saturated),
+        lam=force,
+        lam_cmd=decided.lam_cmd,
+        lam_hat=grasp.join(decided.q_hat.lam),
+        R_L_hat=decided.q_hat.payload.R,
+        W_d=vec(decided.W_d),
+        delta_W=vec(W) - vec(decided.W_d),
+        eta=decided.eta,
+        f_L=vec(f.payload),
+        f_L_hat=vec(f_hat.payload),
+        f_x=agents(x.f_x for x in f.agents),
+        f_w=agents(x.f_w for x in f.agents),
+        f_r=joints(x.f_r for x in f.agents),
+        f_x_hat=agents(x.f_x for x in f_hat.agents),
+        f_w_hat=agents(x.f_w for x in f_hat.agents),
+        f_r_hat=joints(x.f_r for x in f_hat.agents),
+        Phi=jnp.abs(grasp.Phi(team, z)).max(),
+        Phi_dot=jnp.abs(grasp.Phi_dot(team, z)).max(),
+        singular=contact_dynamics.grip(team, z),
+        **({} if (news := decided.news) is None else _news(news)),
+    )
+
+
+def _news(news: residual_correction.News) -> dict[str, Array]:
+    def parts(of: Residual) -> tuple[Array, Array]:
+        return jnp.concatenate([of.payload.F, of.payload.tau]), jnp.concatenate([agent.f_x for agent in of.agents])
+
+    told = {"r": news.r, "trust": news.trust, "late": news.late, "left": news.left}
+    split = {f"{name}_{body}": x for name, of in told.items() for body, x in zip("Lx", parts(of), strict=True)}
+    return split | {"fresh": news.fresh, "comes": news.comes}
+
+
+def inputs(team: Team, rows: Row) -> tuple[np.ndarray, tuple[np.ndarray, ...]]:
+    """The learned maps' inputs at the true states of a flight: `(time, 18)`, and `(time, agents, inputs)` by group."""
+    time = len(rows.t)
+    agents, first, joint = [], 0, 0
+    for size, group in zip(team.sizes, team.groups, strict=True):
+        one, many = slice(first, first + size), slice(joint, joint + size * group.tree.joints)
+        r, r_dot = (a[:, many].reshape(time, size, -1) for a in (rows.r, rows.r_dot))
+        R, x, omega, v = (a[:, one] for a in (rows.R, rows.x, rows.omega, rows.x_dot))
+        agents.append(np.concatenate([R.reshape(time, size, 9), x, r, omega, v, r_dot], axis=2))
+        first, joint = one.stop, many.stop
+    payload = np.concatenate([rows.p, rows.v, rows.R_L.reshape(time, 9), rows.omega_L], axis=1)
+    return payload, tuple(agents)
+
+
+EFFECTS = ("a_L", "lam", "delta_W", "f_L", "f_x", "f_w", "f_r")  # what follows from everything else in a tick
+
+
+def _admittance(team: Team, r: np.ndarray, agent: int) -> np.ndarray:
+    """Of one agent, counted through the groups, as are the joints of all agents in r."""
+    for size, group in zip(team.sizes, team.groups, strict=True):
+        joints = group.tree.joints
+        if agent < size:
+            own = jnp.asarray(r[agent * joints : (agent + 1) * joints])
+            return np.asarray(grasp.admittance(jax.tree.map(lambda x, j=agent: x[j], group), own))
+        agent, r = agent - size, r[size * joints :]
+    raise IndexError(f"agent {agent} beyond the team")

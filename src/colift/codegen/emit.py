@@ -1,0 +1,268 @@
+"""From graphs to C: what is needed, in what order, over how many lanes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from colift.codegen import calls, outlining
+from colift.codegen.blocks import Function, Nodes, Scan, While
+from colift.codegen.graph import COMPARE
+from colift.codegen.layout import Place, Shape, number, runs
+from colift.codegen.liveness import Live
+
+BINARY = {"add": "+", "sub": "-", "mul": "*", "div": "/", "and": "&", "or": "|"}
+STACK = 1 << 18  # bytes of arrays in one function; more are allocated
+
+
+class Source:
+    """A C translation unit in the making: each distinct function once."""
+
+    def __init__(self, agent_lanes: int = 1, stack: int = STACK) -> None:
+        self.agent_lanes = agent_lanes  # agents or points beside each other, where samples are not
+        self.stack = stack
+        self.widths: set[int] = {1}
+        self.names: dict[str, str] = {}
+
+    def add(self, function: Function, need: Live, shape: Shape) -> str:
+        """Emit a function; its name."""
+        self.widths.add(shape.lanes)
+        text = Body(self, function, need, shape).text()
+        return self.names.setdefault(text, f"f{len(self.names)}")
+
+    def functions(self) -> str:
+        """All functions, callees first."""
+        return outlining.pieces([text.replace("@name", name) for text, name in self.names.items()])
+
+
+class Body:
+    """One function: statements in the order a depth-first walk from the outputs needs them."""
+
+    def __init__(self, source: Source, function: Function, need: Live, shape: Shape) -> None:
+        self.source, self.function, self.g, self.need, self.shape = source, function, function.graph, need, shape
+        self.lanes = shape.lanes
+        self.names: dict[int, str] = {}
+        self.lines: list[outlining.Line] = []
+        self.room = 0  # elements of the frame m, where arrays lie
+        self.packs: dict[tuple, Place] = {}
+        self.arrays: dict[tuple[int, int], Place] = {}  # (block, output)
+        self.done: set[int] = set()  # blocks emitted
+        self.last: dict[int, Place] = {}  # blocks that write to an input, in place and at the end
+        self.counter = 0
+
+    def text(self) -> str:
+        outputs, need, shape = self.function.outputs, self.need, self.shape
+        own = [k for k in range(len(outputs)) if need.needed[k].any() and k not in {*shape.kept, *dict(shape.written)}]
+        for k, j in shape.written:
+            self.last[self._block_of(outputs[k])] = Place(f"a{j}")
+        direct = self._direct(own)
+        for k in own:
+            if k in direct:
+                self.require(outputs[k][:1])
+            else:
+                self.fill(Place(f"o{k}"), outputs[k], np.flatnonzero(need.needed[k]))
+        calls.write_last(self)
+        w, written = self.lanes, {j for _, j in shape.written}
+        parameters = {
+            f"a{k}": f"{'' if k in written else 'const '}V_{1 if k in shape.thin else w} *restrict a{k}"
+            for k, used in enumerate(need.used)
+            if used.any() or k in written
+        }
+        parameters |= {f"o{k}": f"V_{w} *restrict o{k}" for k in own}
+        if shape.guard:
+            parameters["go"] = f"const M_{w} *restrict go"
+        return outlining.assemble(self.lines, parameters, w, self.room, self.source.stack)
+
+    def _block_of(self, nodes: Nodes) -> int:
+        """The block whose output some nodes are."""
+        element = self.g.element(int(nodes[0]))
+        assert element is not None
+        return element[2]
+
+    def _direct(self, own: Sequence[int]) -> set[int]:
+        """Outputs that are one whole array of a block: the block writes them itself."""
+        direct = set()
+        for k in own:
+            out = self.function.outputs[k]
+            element = self.g.element(int(out[0]))
+            if element is None or element[0] != "out" or element[3] != 0:
+                continue
+            _, array, block, _ = element
+            b = self.g.blocks[block]
+            carried = isinstance(b, While) or (isinstance(b, Scan) and array < b.carry)
+            whole = b.outputs[array] == out.size and (np.diff(out) == 1).all()
+            if whole and not carried and (block, array) not in self.arrays and block not in self.last:
+                self.arrays[block, array] = Place(f"o{k}")
+                direct.add(k)
+        return direct
+
+    # values
+
+    def value(self, node: int) -> str:
+        """The C expression of a node, after the statements it needs."""
+        self.require(np.array([node]))
+        return self.expression(node)
+
+    def expression(self, node: int) -> str:
+        """The C expression of a node whose statements are there."""
+        if node in self.names:
+            return self.names[node]
+        element = self.g.element(node)
+        assert element is not None
+        kind, array, block, index = element
+        place = self.place(kind, array, block)
+        return f"splat_{self.lanes}({place[index]})" if place.thin else place[index]
+
+    def place(self, kind: str, array: int, block: int) -> Place:
+        """Where an input, or a block's output, lies."""
+        thin = self.lanes > 1 and array in self.shape.thin
+        return Place(f"a{array}", 0, thin) if kind == "in" else self.arrays[block, array]
+
+    def require(self, nodes: Nodes) -> None:
+        """Emit what nodes need; a block is ~number on the stack."""
+        stack = self._missing(nodes)
+        while stack:
+            top = stack[-1]
+            block, is_block = ~top, top < 0
+            if (block in self.done) if is_block else (top in self.names):
+                stack.pop()
+                continue
+            before = self._arguments(block) if is_block else self._missing_of(top)
+            if before:
+                stack += reversed(before)
+                continue
+            stack.pop()
+            if is_block:
+                self.done.add(block)
+                calls.emit(self, block)
+            else:
+                self._emit(top)
+
+    def _missing_of(self, node: int) -> list[int]:
+        missing = []
+        for n in self.g.arguments(node):
+            if n in self.names:
+                continue
+            element = self.g.element(n)
+            if element is None:
+                missing.append(n)
+            elif element[0] == "out" and element[2] not in self.done:
+                missing.append(~element[2])
+        return missing
+
+    def _missing(self, nodes: Nodes) -> list[int]:
+        at = self.g.places(nodes)
+        missing = [n for n in nodes[at < 0].tolist() if n not in self.names]
+        blocks = {self.g.ranges[k][4] for k in set(at[at >= 0].tolist())}
+        return missing + [~b for b in sorted(blocks) if b >= 0 and b not in self.done]
+
+    def _arguments(self, block: int) -> list[int]:
+        b, call = self.g.blocks[block], self.need.calls[block]
+        return [n for arg, mask in zip(b.inputs, call.used, strict=True) for n in self._missing(arg[mask])]
+
+    def _emit(self, node: int) -> None:
+        op, *args = self.g.code[node]
+        w = self.lanes
+        if op == "const":
+            self.names[node] = number(args[0]) if w == 1 else f"splat_{w}({number(args[0])})"
+            return
+        x = [self.expression(a) for a in args]
+        if op in ("true", "false"):
+            zero = f"splat_{w}(0.0)"
+            self.names[node] = f"{'eq' if op == 'true' else 'ne'}_{w}({zero}, {zero})"
+            return
+        if op in ("sin", "cos"):
+            self._sincos(args[0], x[0])
+            return
+        if op in BINARY:
+            code = f"{x[0]} {BINARY[op]} {x[1]}"
+        elif op == "neg":
+            code = f"-{x[0]}"
+        elif op == "not":
+            code = f"~{x[0]}"
+        elif op in COMPARE:
+            code = f"{op}_{w}({x[0]}, {x[1]})"
+        elif op in ("nonzero", "flag"):
+            code = f"ne_{w}({x[0]}, splat_{w}(0.0))"
+        elif op == "select":
+            code = f"sel_{w}({x[0]}, {x[1]}, {x[2]})"
+        else:
+            code = f"{op}_{w}({', '.join(x)})"
+        name, mask = self.name("x"), self.g.is_mask(node)
+        self.say(f"const {'M' if mask else 'V'}_{w} {name} = {code};", {name: mask})
+        self.names[node] = name
+
+    def _sincos(self, argument: int, x: str) -> None:
+        s, c = self.name("x"), self.name("x")
+        self.say(f"V_{self.lanes} {s}, {c}; sincos_{self.lanes}({x}, &{s}, &{c});", {s: False, c: False})
+        self.names[self.g.make("sin", argument)] = s
+        self.names[self.g.make("cos", argument)] = c
+
+    def name(self, letter: str) -> str:
+        """A name of C that is new in this function."""
+        self.counter += 1
+        return f"{letter}{self.counter}"
+
+    def say(self, text: str, defines: dict[str, bool] | None = None) -> None:
+        """Add a statement; `defines` are the names of its values, and whether they are masks."""
+        self.lines.append(outlining.Line(text, defines or {}))
+
+    # arrays
+
+    def array(self, size: int) -> Place:
+        """Room for an array."""
+        self.room += size
+        return Place("m", self.room - size)
+
+    def pack(self, nodes: Nodes, mask: np.ndarray, *, fresh: bool = False) -> Place:
+        """Where nodes lie side by side, those in the mask at least; `fresh`: where nothing else is."""
+        at = np.flatnonzero(mask)
+        self.require(nodes[at])
+        if not fresh and (found := self._lying(nodes, at)) is not None:
+            return found
+        key = (nodes.tobytes(), mask.tobytes())
+        if fresh or key not in self.packs:
+            place = self.array(len(nodes))
+            self.fill(place, nodes, at)
+            if fresh:
+                return place
+            self.packs[key] = place
+        return self.packs[key]
+
+    def _lying(self, nodes: Nodes, at: np.ndarray) -> Place | None:
+        """Where nodes lie side by side already."""
+        ranges = self.g.places(nodes[[at[0], at[-1]]])
+        if ranges[0] < 0 or ranges[0] != ranges[1] or not (nodes[at] - at == nodes[at[0]] - at[0]).all():
+            return None
+        start, _, kind, array, block = self.g.ranges[int(ranges[0])]
+        place, shift = self.place(kind, array, block), int(nodes[at[0]] - at[0]) - start
+        return None if place.thin or shift < 0 else place + shift
+
+    def fill(self, to: Place, nodes: Nodes, at: np.ndarray) -> None:
+        """Store nodes into an array: those that lie in a row elsewhere, are one number or are known, by a loop."""
+        self.require(nodes[at])
+        w = self.lanes
+        for kind, first, n, step in runs(self.g.places(nodes[at]), nodes[at], at, self.g.known(nodes[at])):
+            k, value = int(at[first]), self.expression(int(nodes[at[first]]))
+            if kind == "row" and n > 3:
+                start, _, of, array, block = self.g.ranges[int(self.g.places(nodes[at[first : first + 1]])[0])]
+                source = self.place(of, array, block) + (int(nodes[k]) - start)
+                if step == 1 and not source.thin:
+                    self.say(f"memcpy({to + k}, {source}, {n} * sizeof(V_{w}));")
+                else:
+                    value = f"({source})[e * {step}]"
+                    value = f"splat_{w}({value})" if source.thin else value
+                    self.say(f"for (long e = 0; e < {n}; e++) ({to + k})[e] = {value};")
+            elif kind == "same" and n > 3:
+                self.say(f"for (long e = 0; e < {n}; e++) ({to + k})[e] = {value};")
+            elif kind == "known" and n > 3:
+                numbers = self.g.numbers(nodes[at[first : first + n]])
+                assert numbers is not None
+                table = ", ".join(map(number, numbers.tolist()))
+                each = "t[e]" if w == 1 else f"splat_{w}(t[e])"
+                self.say(f"{{ static const real t[] = {{{table}}}; "
+                         f"for (long e = 0; e < {n}; e++) ({to + k})[e] = {each}; }}")  # fmt: skip
+            else:
+                for i in range(first, first + n):
+                    self.say(f"{to[int(at[i])]} = {self.expression(int(nodes[at[i]]))};")

@@ -1,0 +1,52 @@
+"""The identity of a function before its code is written: what the code is made of."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+from collections.abc import Iterator
+from importlib import resources
+from typing import Any
+
+import jax
+import jax.core
+import numpy as np
+from jax.extend import core
+
+
+def digest(jaxpr: core.ClosedJaxpr) -> str:
+    """Differs where equations, constants, JAX's version or this package do; equal for what is traced alike.
+
+    Constants are read by their bytes, as text leaves out digits of arrays.
+    """
+    found = hashlib.sha256()
+    for part in (jax.__version__, _package(), str(jaxpr)):
+        found.update(part.encode() + b"\0")
+    for value in (*jaxpr.consts, *_constants(jaxpr.jaxpr)):
+        array = np.asarray(value)
+        found.update(f"{array.dtype} {array.shape} ".encode() + array.tobytes())
+    return found.hexdigest()
+
+
+def _constants(jaxpr: core.Jaxpr) -> Iterator[Any]:
+    """Literals, and the constants of the functions inside."""
+    for eqn in jaxpr.eqns:
+        yield from (v.val for v in eqn.invars if isinstance(v, core.Literal))
+        for param in eqn.params.values():
+            for inner in param if isinstance(param, (tuple, list)) else (param,):
+                if isinstance(inner, core.ClosedJaxpr):
+                    yield from inner.consts
+                    yield from _constants(inner.jaxpr)
+                elif isinstance(inner, core.Jaxpr):
+                    yield from _constants(inner)
+                elif isinstance(inner, np.ndarray):
+                    yield inner
+
+
+@functools.cache
+def _package() -> str:
+    """A digest of the files that write the code."""
+    files = sorted(
+        (file for file in resources.files("colift.codegen").iterdir() if file.is_file()), key=lambda f: f.name
+    )
+    return hashlib.sha256(b"\0".join(file.name.encode() + file.read_bytes() for file in files)).hexdigest()

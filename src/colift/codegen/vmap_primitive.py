@@ -1,0 +1,76 @@
+"""`colift.math.vmap.over` as a primitive that keeps its body; its value, derivatives and batching are those of `vmap`."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import jax
+import jax.core
+from jax.extend import core
+from jax.interpreters import ad, batching, mlir
+
+from colift.math.vmap import kept_by
+
+over_p = core.Primitive("over")
+over_p.multiple_results = True
+
+
+def trace(f: Callable[..., Any], tree: Any, leaves: Sequence[Any]) -> tuple[core.ClosedJaxpr, Any]:
+    """The jaxpr of `f` on the leaves of its arguments, maps over agents kept, and the structure of its result."""
+    out = None
+
+    def flat(*x: Any) -> list[Any]:
+        nonlocal out
+        values, out = jax.tree.flatten(f(*jax.tree.unflatten(tree, x)))
+        return values
+
+    with kept_by(_keep):
+        return jax.make_jaxpr(flat)(*leaves), out
+
+
+def _keep(f: Callable[..., Any], axes: Sequence[int | None], args: Sequence[Any]) -> Any:
+    leaves, tree = jax.tree.flatten(args)
+    maps = tuple(axis == 0 for axis, arg in zip(axes, args, strict=True) for _ in jax.tree.leaves(arg))
+    one = [
+        jax.ShapeDtypeStruct(leaf.shape[1:] if m else leaf.shape, leaf.dtype)
+        for leaf, m in zip(leaves, maps, strict=True)
+    ]
+    body, out = trace(f, tree, one)
+    # what the body closes over becomes a shared argument, since it may be traced itself
+    shared = (False,) * len(body.consts)
+    results = over_p.bind(*body.consts, *leaves, jaxpr=body.jaxpr, mapped=shared + maps)
+    return jax.tree.unflatten(out, results)
+
+
+def _vmapped(*args: Any, jaxpr: core.Jaxpr, mapped: tuple[bool, ...]) -> list[Any]:
+    def body(*args: Any) -> list[Any]:
+        consts = len(jaxpr.constvars)
+        return jax.core.eval_jaxpr(jaxpr, args[:consts], *args[consts:])
+
+    return jax.vmap(body, in_axes=tuple(0 if m else None for m in mapped))(*args)
+
+
+def _jvp(primals: Sequence[Any], tangents: Sequence[Any], **params: Any) -> tuple[Any, Any]:
+    return jax.jvp(functools.partial(_vmapped, **params), tuple(primals), tuple(map(ad.instantiate_zeros, tangents)))
+
+
+def _batch(args: Sequence[Any], dims: Sequence[int | None], **params: Any) -> tuple[Any, Sequence[int]]:
+    out = jax.vmap(functools.partial(_vmapped, **params), in_axes=tuple(dims))(*args)
+    return out, [0] * len(out)
+
+
+over_p.def_impl(_vmapped)
+over_p.def_abstract_eval(
+    lambda *args, jaxpr, mapped: [
+        jax.core.ShapedArray((_size(args, mapped), *v.aval.shape), v.aval.dtype) for v in jaxpr.outvars
+    ]
+)
+mlir.register_lowering(over_p, mlir.lower_fun(_vmapped, multiple_results=True))
+ad.primitive_jvps[over_p] = _jvp
+batching.primitive_batchers[over_p] = _batch
+
+
+def _size(args: Sequence[Any], mapped: Sequence[bool]) -> int:
+    return next(a.shape[0] for a, m in zip(args, mapped, strict=True) if m)

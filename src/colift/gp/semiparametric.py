@@ -1,0 +1,202 @@
+"""GPs beside a mean function that is linear in parameters which outputs share (the paper's remark).
+
+`y_i(x) = phi_i(x) theta + f_i(x) + noise`, `theta ~ N(0, diag(prior)^2)`: parameters and hyperparameters are found
+together, and the GP then takes `Y - Phi theta`. The basis values are data here; what they mean (mass, first moments,
+drag) is the caller's.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import jax.numpy as jnp
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg.lapack import dpotrf, dpotri
+from scipy.optimize import minimize
+
+from colift.gp.fitting import FTOL, GTOL, checked
+from colift.gp.hyperparameters import UNSEEN, Belief, Hyper
+from colift.gp.kernels import Kernel
+from colift.gp.likelihood import LOG_2PI, least_noise, not_positive_definite, one_thread, squares
+
+
+@dataclasses.dataclass(frozen=True)
+class Parametric:
+    """What outputs over one mean come to."""
+
+    hyper: Hyper
+    """Zero offset: a constant is a column of Phi."""
+    theta: np.ndarray
+    """`(parameters,)`, unit of y over unit of phi; where the data do not excite one, its prior's zero."""
+    covariance: np.ndarray
+    """`(parameters, parameters)`, of their error."""
+    log_likelihood: np.ndarray
+    """`(outputs,)`, nats: each output's share of its group's, given theta."""
+    evaluations: int
+    """Evaluations of the likelihood and its gradient."""
+    converged: bool
+    """Whether the tolerance was met within `max_iterations`."""
+
+
+def fit_parametric(
+    X: ArrayLike,
+    Y: ArrayLike,
+    Phi: ArrayLike,
+    prior: ArrayLike,
+    groups: Sequence[Sequence[int]],
+    belief: Belief,
+    *,
+    start: Hyper | None = None,
+    max_iterations: int = 100,
+) -> Parametric:
+    """Mode of the posterior of hyperparameters, theta integrated out, and theta's mean under them.
+
+    X: `(N, dimensions)`, Y: `(N, outputs)`, Phi: `(N, outputs, parameters)`, prior: `(parameters,)` deviations. The
+    outputs of a group share signal and noise variance and one factor on the length-scales of the belief's medians, its
+    first output's; an input at `UNSEEN` there is not looked at. Beliefs as in `Belief`, of each of the three once.
+    Raises ValueError for data that are not finite or shapes that disagree.
+    """
+    X, Y, Phi, prior = _checked(X, Y, Phi, prior)
+    parts = [_part(X, list(outputs), belief) for outputs in groups]
+    centers = [part.logarithms(belief.median) for part in parts]
+    starts = centers if start is None else [part.logarithms(start) for part in parts]
+    deviation = np.log(belief.factor) * np.tile([2.0, 1.0, 2.0], len(parts))  # a variance has twice the logarithm
+    center, kernel = np.concatenate(centers), belief.median.kernel
+
+    def negative(t: np.ndarray) -> tuple[float, np.ndarray]:
+        value, slope, _, _ = marginal(t, parts, Y, Phi, prior, kernel)
+        off = (t - center) / deviation
+        return 0.5 * float(off @ off) - value, off / deviation - slope
+
+    bounds = np.concatenate([part.bounds for part in parts])
+    options = {"maxiter": max_iterations, "ftol": FTOL, "gtol": GTOL}
+    with one_thread(len(X)):
+        first = np.clip(np.concatenate(starts), *bounds.T)
+        found = minimize(negative, first, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
+        _, _, theta, covariance = marginal(found.x, parts, Y, Phi, prior, kernel)
+        likelihood = _given(found.x, parts, Y - Phi @ theta, kernel)
+    return Parametric(
+        hyper=_hyper(found.x, parts, X.shape[1], kernel),
+        theta=theta,
+        covariance=covariance,
+        log_likelihood=likelihood,
+        evaluations=found.nfev,
+        converged=bool(found.success),
+    )
+
+
+@dataclasses.dataclass(frozen=True)
+class Part:
+    """Outputs that share `(log s, log factor, log v)`."""
+
+    outputs: list[int]
+    columns: np.ndarray  # of X that they look at
+    lengthscales: np.ndarray  # at a factor of 1
+    r2: np.ndarray  # (N, N), squares of distances in those
+    bounds: np.ndarray  # (3, 2)
+
+    def logarithms(self, given: Hyper) -> np.ndarray:
+        """Of a hyperparameter set, what this part has."""
+        i = self.outputs[0]
+        ratio = np.asarray(given.lengthscales)[i, self.columns] / self.lengthscales
+        return np.log([float(given.signal_variance[i]), np.exp(np.log(ratio).mean()), float(given.noise_variance[i])])
+
+
+def _part(X: np.ndarray, outputs: list[int], belief: Belief) -> Part:
+    median = np.asarray(belief.median.lengthscales)[outputs[0]]
+    columns = np.flatnonzero(median < UNSEEN)
+    shape = median[columns]
+    r2 = np.empty((len(X), len(X)))
+    squares(X[:, columns] / shape, r2)
+    signal = np.log(float(belief.median.signal_variance[outputs[0]]))
+    wide = 2 * np.log(1e3)  # a variance may be a million times what is believed, or as much less
+    factor = np.log([belief.least / shape.max(), belief.greatest / shape.min()])
+    noise = np.log(float(belief.median.noise_variance[outputs[0]]))
+    least = signal + np.log(least_noise(len(X))) + wide
+    limits = [[signal - wide, signal + wide], factor, [max(noise - wide, least), noise + wide]]
+    return Part(outputs=outputs, columns=columns, lengthscales=shape, r2=r2, bounds=np.array(limits))
+
+
+def marginal(
+    t: np.ndarray, parts: Sequence[Part], Y: np.ndarray, Phi: np.ndarray, prior: np.ndarray, kernel: Kernel
+) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
+    """`log N(y; 0, C)`, `C = K + Phi diag(prior)^2 Phi^T`, its gradient, and theta's mean and covariance.
+
+    With `A = diag(prior)^-2 + Phi^T K^-1 Phi`: `theta = A^-1 Phi^T K^-1 y`, `C^-1 y = K^-1 (y - Phi theta)`,
+    `|C| = |K| |A| |diag(prior)|^2`, and the gradient is `1/2 tr((a a^T - C^-1) dK/dt)`, `a = C^-1 y`,
+    `C^-1 = K^-1 - K^-1 Phi A^-1 Phi^T K^-1` (Rasmussen and Williams 2006, Section 2.7 and Eq. 5.9).
+    """
+    N, p = len(Y), len(prior)
+    A, b, log_det, done = np.diag(1 / prior**2), np.zeros(p), 2 * np.log(prior).sum(), []
+    for part, (s, factor, v) in zip(parts, np.exp(t).reshape(-1, 3), strict=True):
+        E, slope = kernel.on_host(part.r2 / factor**2)
+        L, info = dpotrf((s * E + v * np.eye(N)).T, lower=1, clean=1)
+        if info:
+            raise ValueError(not_positive_definite(N, s, v))
+        log_det += len(part.outputs) * 2 * np.log(np.diagonal(L)).sum()
+        P, _ = dpotri(L, lower=1)
+        P = np.tril(P) + np.tril(P, -1).T
+        T = np.einsum("ab,bqp->aqp", P, Phi[:, part.outputs], optimize=True)  # K^-1 Phi
+        A += np.einsum("aqp,aqr->pr", Phi[:, part.outputs], T, optimize=True)
+        b += np.einsum("aqp,aq->p", T, Y[:, part.outputs], optimize=True)
+        done.append((E, slope, P, T))
+    factor_A = cho_factor(A, lower=True)
+    theta, covariance = cho_solve(factor_A, b), cho_solve(factor_A, np.eye(p))
+    log_det += 2 * np.log(np.diagonal(factor_A[0])).sum()
+    value, gradient = -0.5 * (log_det + Y.size * LOG_2PI), np.empty(len(t))
+    for k, (part, (E, slope, P, T)) in enumerate(zip(parts, done, strict=True)):
+        s, factor, v = np.exp(t[3 * k : 3 * k + 3])
+        R = Y[:, part.outputs] - Phi[:, part.outputs] @ theta
+        a = P @ R
+        value -= 0.5 * float(np.vdot(Y[:, part.outputs], a))
+        M = a @ a.T - len(part.outputs) * P + np.einsum("aqp,pr,bqr->ab", T, covariance, T, optimize=True)
+        gradient[3 * k : 3 * k + 3] = (
+            0.5 * s * np.vdot(M, E),
+            0.5 * s * np.vdot(M, slope * part.r2) / factor**2,
+            0.5 * v * np.trace(M),
+        )
+    return value, gradient, theta, covariance
+
+
+def _given(t: np.ndarray, parts: Sequence[Part], R: np.ndarray, kernel: Kernel) -> np.ndarray:
+    """Log likelihood of each output's `Y - Phi theta`, nats."""
+    N, out = len(R), np.empty(R.shape[1])
+    for part, (s, factor, v) in zip(parts, np.exp(t).reshape(-1, 3), strict=True):
+        E, _ = kernel.on_host(part.r2 / factor**2)
+        chol = cho_factor(s * E + v * np.eye(N), lower=True)
+        log_det = 2 * np.log(np.diagonal(chol[0])).sum()
+        for i in part.outputs:
+            out[i] = -0.5 * (float(R[:, i] @ cho_solve(chol, R[:, i])) + log_det + N * LOG_2PI)
+    return out
+
+
+def _hyper(t: np.ndarray, parts: Sequence[Part], dimensions: int, kernel: Kernel) -> Hyper:
+    m = sum(len(part.outputs) for part in parts)
+    signal, noise, scale = np.empty(m), np.empty(m), np.full((m, dimensions), UNSEEN)
+    for part, (s, factor, v) in zip(parts, np.exp(t).reshape(-1, 3), strict=True):
+        signal[part.outputs], noise[part.outputs] = s, v
+        scale[np.array(part.outputs)[:, None], part.columns] = factor * part.lengthscales
+    return Hyper(
+        kernel=kernel,
+        signal_variance=jnp.asarray(signal),
+        lengthscales=jnp.asarray(scale),
+        noise_variance=jnp.asarray(noise),
+        offset=jnp.zeros(m),
+    )
+
+
+def _checked(
+    X: ArrayLike, Y: ArrayLike, Phi: ArrayLike, prior: ArrayLike
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    X, Y = checked(X, Y)
+    Phi, prior = np.asarray(Phi, dtype=float), np.asarray(prior, dtype=float)
+    if Phi.ndim != 3 or Phi.shape[:2] != Y.shape or not np.isfinite(Phi).all():
+        raise ValueError(f"Phi {Phi.shape}: must be finite and (N, outputs, parameters) = ({len(Y)}, {Y.shape[1]}, ..)")
+    if prior.shape != Phi.shape[2:] or not ((prior > 0) & np.isfinite(prior)).all():
+        raise ValueError(
+            f"prior {prior.tolist()}: must be positive and finite, one for each of {Phi.shape[2]} parameters"
+        )
+    return X, Y, Phi, prior

@@ -1,0 +1,71 @@
+"""The nouns: parameters and states of a team, as immutable PyTrees.
+
+Frames: world unless the name says otherwise; body rates are in the body's own frame. Agents that share a
+`Tree` (joints and arms, not numbers) are stacked on a leading `agents` axis in one group; a team is a tuple
+of such groups, so unlike agents need no padding. Two values of one type `Team` exist in a run: the truth,
+which the plant integrates, and the nominal one, which flies.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import jax
+import numpy as np
+from jaxtyping import ArrayLike
+
+from colift.models.parameters import Team, agent_names
+
+
+def check(team: Team, names: Sequence[str] = ()) -> None:
+    """Raise `ValueError` with name and numbers unless every body is physical and every joint frame is one; on the host.
+
+    Masses are positive, inertias symmetric, positive definite and within the triangle inequality (no principal moment
+    exceeds the sum of the others), joint axes unit vectors, joint frames rotations, thrusts positive, points finite.
+    """
+    if not np.isfinite(team.gravity).all():
+        raise ValueError(f"gravity {np.asarray(team.gravity).tolist()} m/s^2 is not finite")
+    check_body("the payload", team.payload.mass, team.payload.inertia)
+    groups = [jax.tree.map(np.asarray, group) for group in team.groups]
+    agents = [(group, j) for group, size in zip(groups, team.sizes, strict=True) for j in range(size)]
+    for name, (group, j) in zip(agent_names(team, names), agents, strict=True):
+        for i in range(group.tree.joints + 1):
+            check_body(f"{name}, body {i}", group.mass[j, i], group.inertia[j, i])
+        if not 0 < group.thrust_max[j] < np.inf:
+            raise ValueError(f"{name}: thrust_max {group.thrust_max[j]:g} N is not positive and finite")
+        for what in ("com", "joint_position", "tip", "contact"):
+            if not np.isfinite(points := np.asarray(getattr(group, what)[j])).all():
+                raise ValueError(f"{name}: {what} {points.tolist()} m is not finite")
+        for k in range(group.tree.joints):
+            axis, R = np.asarray(group.joint_axis[j, k]), np.asarray(group.joint_rotation[j, k])
+            if not abs(np.linalg.norm(axis) - 1) <= 1e-9:
+                raise ValueError(f"{name}, joint {k}: joint_axis {axis.tolist()} is not a unit vector")
+            if not (np.allclose(R.T @ R, np.eye(3), atol=1e-9) and np.linalg.det(R) > 0):
+                raise ValueError(f"{name}, joint {k}: joint_rotation {R.tolist()} is not a rotation matrix")
+
+
+def check_mass(body: str, mass: ArrayLike) -> None:
+    """Raise `ValueError`, which begins with `body`, for a mass (kg) that is not positive and finite."""
+    m = float(np.asarray(mass))
+    if not (np.isfinite(m) and m > 0):
+        raise ValueError(f"{body}: mass {m:g} kg is not positive{'' if np.isfinite(m) else ' and finite'}")
+
+
+def check_body(body: str, mass: ArrayLike, inertia: ArrayLike) -> None:
+    """Raise `ValueError`, which begins with `body`, for a mass (kg) and an inertia (kg m^2) that no rigid body has."""
+    check_mass(body, mass)
+    J = np.asarray(inertia)
+    if J.shape != (3, 3) or not np.isfinite(J).all():
+        raise ValueError(f"{body}: inertia {J.tolist()} kg m^2 is not three rows of three finite numbers")
+    if not np.allclose(J, J.T, rtol=0, atol=1e-9 * np.abs(J).max()):
+        raise ValueError(f"{body}: inertia {J.tolist()} kg m^2 is not symmetric")
+    a, b, c = np.linalg.eigvalsh(J)
+    if not a > 0:
+        raise ValueError(
+            f"{body}: inertia is not positive definite: principal moments {a:.4g}, {b:.4g}, {c:.4g} kg m^2"
+        )
+    if c > (a + b) * (1 + 1e-9):
+        raise ValueError(
+            f"{body}: inertia breaks the triangle inequality: principal moments {a:.4g}, {b:.4g}, {c:.4g} kg m^2, "
+            f"and {c:.4g} > {a + b:.4g}"
+        )

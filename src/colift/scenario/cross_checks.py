@@ -1,0 +1,374 @@
+"""What one section of a scenario says about another: names that must exist, counts and times that must agree.
+
+Works on plain data, valid or not, so that these mistakes are reported together with those within the sections:
+where a part is missing or of the wrong kind, what depends on it is left alone.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator
+from typing import Any
+
+from colift.scenario.errors import Mistake, Place, among, shown
+
+MOST = 100  # entries of a list: agents, joints, sources, ...; what compiles in minutes is well below
+LOG_BYTES, MODEL_BYTES = 2e9, 1e9  # a run holds its log three times at its end, and a laptop has 8 GB
+LONGEST_WAVE = 1e4  # m
+LEAST_LEG = 0.01  # s between two poses
+
+AGENTS_ONLY = ("rotor_bias", "joint_friction")
+
+
+def mistakes(data: dict[str, Any]) -> list[Mistake]:
+    """Every contradiction between the sections of a scenario, as `(place, sentence)`."""
+    return [
+        *_agent_types(data),
+        *_agents(data),
+        *_nominal(data),
+        *_disturbances(data),
+        *_allocation(data),
+        *_times(data),
+        *_rates(data),
+        *_lengthscales(data),
+        *_flanks(data),
+        *_waves(data),
+        *_memory(data),
+        *_limits(data),
+        *_poses(data),
+        *_delays(data),
+        *_added(data),
+    ]
+
+
+def _part(data: Any, *place: int | str) -> Any:
+    """What is at a place, or None."""
+    for key in place:
+        try:
+            data = data[key]
+        except (KeyError, IndexError, TypeError):
+            return None
+    return data
+
+
+def _items(data: Any, *place: int | str) -> list[Any]:
+    """The entries of a list; of one that is longer than allowed, none."""
+    found = _part(data, *place)
+    return list(found) if isinstance(found, list | tuple) and len(found) <= MOST else []
+
+
+def _named(data: Any, *place: int | str) -> dict[str, Any]:
+    found = _part(data, *place)
+    return found if isinstance(found, dict) and len(found) <= MOST else {}
+
+
+def _names(items: list[Any]) -> list[str]:
+    return [name for item in items if isinstance(name := _part(item, "name"), str)]
+
+
+def _repeated(items: list[Any], place: Place) -> Iterator[Mistake]:
+    seen: set[Any] = set()
+    for i, item in enumerate(items):
+        name = _part(item, "name")
+        if isinstance(name, str) and name in seen:
+            yield (*place, i, "name"), f"{shown(name)} is used twice"
+        elif isinstance(name, str):
+            seen.add(name)
+
+
+def bodies(kind: Any) -> list[str]:
+    """Names of an agent type's bodies, base first."""
+    return ["base", *_names(_items(kind, "joints"))]
+
+
+def contacts(data: dict[str, Any]) -> list[str]:
+    """`agent/arm` of every contact, in the order of the file."""
+    kinds = _named(data, "agent_types")
+    return [
+        f"{name}/{arm}"
+        for agent in _items(data, "agents")
+        if isinstance(name := _part(agent, "name"), str)
+        for arm in _names(_items(kinds, str(_part(agent, "type")), "arms"))
+    ]
+
+
+def _agent_types(data: dict[str, Any]) -> Iterator[Mistake]:
+    for key, kind in _named(data, "agent_types").items():
+        place: Place = ("agent_types", key)
+        joints, arms = _items(kind, "joints"), _items(kind, "arms")
+        yield from _repeated(joints, (*place, "joints"))
+        yield from _repeated(arms, (*place, "arms"))
+        for i, joint in enumerate(joints):
+            parent, above = _part(joint, "parent"), ["base", *_names(joints[:i])]
+            if _part(joint, "name") == "base":
+                yield (*place, "joints", i, "name"), "'base' names the vehicle itself"
+            if isinstance(parent, str) and parent not in above:
+                yield (*place, "joints", i, "parent"), among(parent, above, "a body listed above this joint")
+        for i, arm in enumerate(arms):
+            body = _part(arm, "joint")
+            if isinstance(body, str) and body not in bodies(kind):
+                yield (*place, "arms", i, "joint"), among(body, bodies(kind), "a body of this agent type")
+
+
+def _agents(data: dict[str, Any]) -> Iterator[Mistake]:
+    agents, kinds = _items(data, "agents"), _named(data, "agent_types")
+    yield from _repeated(agents, ("agents",))
+    for i, agent in enumerate(agents):
+        if _part(agent, "name") in ("payload", "agents"):
+            yield ("agents", i, "name"), f"{_part(agent, 'name')!r} has a meaning of its own"
+        kind = _part(agent, "type")
+        if isinstance(kind, str) and kinds and kind not in kinds:
+            yield ("agents", i, "type"), among(kind, kinds, "one of agent_types")
+        held, arms = _part(agent, "contacts_m"), _part(kinds, str(kind), "arms")
+        if isinstance(held, list | tuple) and isinstance(arms, list | tuple) and len(held) != len(arms):
+            yield (
+                ("agents", i, "contacts_m"),
+                f"must hold one contact for each of the {len(arms)} arms of {shown(kind)}, got {len(held)}",
+            )
+
+
+def _nominal(data: dict[str, Any]) -> Iterator[Mistake]:
+    kinds = _named(data, "agent_types")
+    for key, believed in _named(data, "nominal", "agent_types").items():
+        if kinds and key not in kinds:
+            yield ("nominal", "agent_types", key), among(key, kinds, "one of agent_types")
+            continue
+        joints = bodies(_part(kinds, key))[1:]
+        for joint in _named(believed, "joints"):
+            if joint not in joints:
+                yield ("nominal", "agent_types", key, "joints", joint), among(joint, joints, "a joint of this type")
+
+
+def _disturbances(data: dict[str, Any]) -> Iterator[Mistake]:
+    sources, agents = _items(data, "disturbances"), _items(data, "agents")
+    yield from _repeated(sources, ("disturbances",))
+    for i, source in enumerate(sources):
+        place: Place = ("disturbances", i)
+        on, body, kind = _part(source, "acts_on"), _part(source, "body"), _part(source, "kind")
+        if not isinstance(on, str):
+            continue
+        known = ["payload", "agents", *_names(agents)]
+        if on not in known:
+            yield (*place, "acts_on"), among(on, known, "the payload, all agents or one of them")
+        elif on == "payload" and kind in AGENTS_ONLY:
+            yield (*place, "acts_on"), f"{kind} acts on agents, not on the payload"
+        elif on == "payload":
+            if body not in (None, "base"):
+                yield (*place, "body"), "must be left out: the payload is one body"
+        elif isinstance(body, str):
+            for agent in agents:
+                here = bodies(_part(data, "agent_types", str(_part(agent, "type"))))
+                if on in ("agents", _part(agent, "name")) and body not in here:
+                    yield (*place, "body"), among(body, here, f"a body of agent {shown(_part(agent, 'name'))}")
+    yield from _frictions(sources, _names(agents))
+
+
+def _frictions(sources: list[Any], agents: list[str]) -> Iterator[Mistake]:
+    rubbed: dict[str, str] = {}
+    for i, source in enumerate(sources):
+        if _part(source, "kind") != "joint_friction":
+            continue
+        for agent in agents:
+            if _part(source, "acts_on") in ("agents", agent):
+                if agent in rubbed:
+                    yield (
+                        ("disturbances", i, "acts_on"),
+                        f"agent {shown(agent)} has joint friction from {shown(rubbed[agent])}",
+                    )
+                    break
+                rubbed[agent] = str(_part(source, "name"))
+
+
+def _allocation(data: dict[str, Any]) -> Iterator[Mistake]:
+    known = contacts(data)
+    leaders = _items(data, "allocation", "leader_contacts")
+    for i, contact in enumerate(leaders):
+        place: Place = ("allocation", "leader_contacts", i)
+        if isinstance(contact, str) and contact not in known:
+            yield place, among(contact, known, "a contact")
+        elif contact in leaders[:i]:
+            yield place, f"{shown(contact)} is named twice"
+    offset = _part(data, "allocation", "lam_f0_N")
+    followers = len(known) - len(leaders)
+    if isinstance(offset, list | tuple) and len(offset) != followers:
+        yield (
+            ("allocation", "lam_f0_N"),
+            f"must hold one force for each of the {followers} follower contacts, got {len(offset)}",
+        )
+    for i, pair in enumerate(_items(data, "allocation", "internal", "pairs")):
+        ends = [pair[k] for k in (0, 1)] if isinstance(pair, list | tuple) and len(pair) > 1 else []
+        for k, contact in enumerate(ends):
+            if isinstance(contact, str) and contact not in known:
+                yield ("allocation", "internal", "pairs", i, k), among(contact, known, "a contact")
+            elif isinstance(contact, str) and k == 1 and contact == ends[0]:
+                yield ("allocation", "internal", "pairs", i, k), "must be another contact than the first of the pair"
+
+
+UPDATES = ("learning", "update_times_s")
+
+
+def _times(data: dict[str, Any]) -> Iterator[Mistake]:
+    duration = _number(data, "duration_s")
+    start, end = _number(data, "learning", "start_s"), _number(data, "learning", "end_s")
+    if end > duration:
+        yield ("learning", "end_s"), f"must not exceed duration_s = {duration:g}, got {end:g}"
+    if start >= end:
+        yield ("learning", "start_s"), f"must be less than end_s = {end:g}, got {start:g}"
+    sample = _number(data, "learning", "sample_Hz")
+    times = [_number(data, "learning", "update_times_s", i) for i in range(len(_items(data, *UPDATES)))]
+    for i, (before, t) in enumerate(itertools.pairwise([start, *times])):
+        if t > end:
+            yield (*UPDATES, i), f"must not exceed end_s = {end:g}, got {t:g}"
+        if t <= before:
+            first = f"start_s = {start:g}, or there are no data"
+            yield (*UPDATES, i), f"must exceed {f'the one before, {before:g}' if i else first}, got {t:g}"
+        elif (t - before) * sample < 1 - 1e-9:
+            since = "the one before" if i else "start_s"
+            yield (*UPDATES, i), f"must be a period of sample_Hz = {sample:g} after {since}, {before:g}, got {t:g}"
+
+
+def _lengthscales(data: dict[str, Any]) -> Iterator[Mistake]:
+    low, high = (_number(data, "learning", "lengthscale_bounds", k) for k in (0, 1))
+    if low >= high:
+        yield ("learning", "lengthscale_bounds", 1), f"must exceed the least, {low:g}, got {high:g}"
+    for body, name in itertools.product(("payload", "agents"), ("lengthscale", "rate_lengthscale")):
+        given = _number(data, "learning", body, name)
+        if given < low or given > high:
+            yield ("learning", body, name), f"must lie within lengthscale_bounds = [{low:g}, {high:g}], got {given:g}"
+
+
+def _rates(data: dict[str, Any]) -> Iterator[Mistake]:
+    """Nothing is recorded between ticks, and no filter of the second order turns faster than every other tick."""
+    control = _number(data, "control_Hz")
+    sample = _number(data, "learning", "sample_Hz")
+    if sample > control:
+        yield ("learning", "sample_Hz"), f"must not exceed control_Hz = {control:g}, got {sample:g}"
+    for place in (("learning", "filter_Hz"), ("control", "joint_filter_Hz")):
+        corner = _number(data, *place)
+        if corner > control / 2:
+            yield place, f"must not exceed half of control_Hz, {control / 2:g}, got {corner:g}"
+    duration, ramp = _number(data, "duration_s"), _number(data, "reference", "ramp_s")
+    if _named(data, "drawn") and _part(data, "reference", "kind") == "own":
+        yield ("drawn",), "must be left out: its centres lie along a reference that colift knows"
+    if _named(data, "drawn") and ramp >= duration:
+        yield (
+            ("reference", "ramp_s"),
+            f"must be less than duration_s = {duration:g}: the centres of `drawn` lie beyond, got {ramp:g}",
+        )
+
+
+def _flanks(data: dict[str, Any]) -> Iterator[Mistake]:
+    begin, over = _number(data, "allocation", "internal", "start_s"), _number(data, "allocation", "internal", "end_s")
+    if 2 * _number(data, "allocation", "internal", "ramp_s") > over - begin:
+        yield ("allocation", "internal", "ramp_s"), f"two flanks must fit between start_s and end_s, {over - begin:g} s"
+
+
+def _waves(data: dict[str, Any]) -> Iterator[Mistake]:
+    """A force at one point says nothing of waves shorter than the body; waves without end are a mean wind."""
+    size = _size(data)
+    for i, source in enumerate(_items(data, "disturbances")):
+        for k in range(len(_items(source, "gusts"))):
+            wave = [_number(source, "gusts", k, "wave_radpm", axis) for axis in range(3)]
+            k_abs = math.hypot(*wave)  # NaN where it is no vector
+            place: Place = ("disturbances", i, "gusts", k, "wave_radpm")
+            if k_abs * LONGEST_WAVE < 2 * math.pi:
+                yield (
+                    place,
+                    f"has a wavelength above {LONGEST_WAVE / 1e3:g} km, which is a mean wind: say it in mean_mps",
+                )
+            elif _part(source, "acts_on") == "payload" and k_abs * size > 2 * math.pi:
+                length = f"{2 * math.pi / k_abs:.3g} m"
+                yield place, f"has a wavelength of {length}, less than the {size:.3g} m between the payload's contacts"
+
+
+def _size(data: dict[str, Any]) -> float:
+    """Largest distance between two contacts, m; 0 where there are none."""
+    places = [
+        ("agents", i, "contacts_m", k)
+        for i, agent in enumerate(_items(data, "agents"))
+        for k in range(len(_items(agent, "contacts_m")))
+    ]
+    held = [[_number(data, *place, axis) for axis in range(3)] for place in places[:MOST]]
+    return max((math.dist(a, b) for a, b in itertools.combinations(held, 2) if math.isfinite(sum(a + b))), default=0.0)
+
+
+def _memory(data: dict[str, Any]) -> Iterator[Mistake]:
+    """The log grows with duration and rate, the models with the square of their data."""
+    duration, rate = _number(data, "duration_s"), _number(data, "control_Hz")
+    log = 8 * duration * rate * log_numbers(data)
+    if log > LOG_BYTES:
+        most = f"{LOG_BYTES / 1e9:g} GB are allowed, {LOG_BYTES / log * duration:.4g} s"
+        yield ("duration_s",), f"the log of this team at {rate:g} Hz would take {log / 1e9:.3g} GB; {most}"
+    outputs = model_outputs(data)
+    for place in (("learning", "capacity"), ("drawn", "centers")):
+        models = 8 * outputs * _number(data, *place) ** 2
+        if models > MODEL_BYTES:
+            most = f"{MODEL_BYTES / 1e9:g} GB are allowed, {math.isqrt(int(MODEL_BYTES / 8 / outputs))} points"
+            yield place, f"the {outputs} outputs of the models would take {models / 1e9:.3g} GB; {most}"
+
+
+def log_numbers(data: dict[str, Any]) -> int:
+    """Numbers that the log holds of one tick, at most: of the payload, each agent, joint and contact."""
+    return 99 + 49 * len(_items(data, "agents")) + 6 * _joints(data) + 12 * len(contacts(data))
+
+
+def model_outputs(data: dict[str, Any]) -> int:
+    """Outputs of all models: six of the payload and of each agent, one of each joint."""
+    return 6 * (1 + len(_items(data, "agents"))) + _joints(data)
+
+
+def _joints(data: dict[str, Any]) -> int:
+    kinds = _named(data, "agent_types")
+    return sum(len(_items(kinds, str(_part(agent, "type")), "joints")) for agent in _items(data, "agents"))
+
+
+def _number(data: Any, *place: int | str) -> float:
+    """The number at a place; NaN, which compares as false with everything, where there is none to reckon with."""
+    found = _part(data, *place)
+    fits = isinstance(found, int | float) and not isinstance(found, bool) and abs(found) <= 1e100
+    return float(found) if fits else math.nan
+
+
+def _poses(data: dict[str, Any]) -> Iterator[Mistake]:
+    """A payload is in one place at a time, and takes some time to the next."""
+    times = [_number(data, "reference", "poses", i, "t_s") for i in range(len(_items(data, "reference", "poses")))]
+    for i, (before, now) in enumerate(itertools.pairwise(times), start=1):
+        if now < before + LEAST_LEG:
+            yield (
+                ("reference", "poses", i, "t_s"),
+                f"must be {LEAST_LEG:g} s or more after the pose before, {before:g}, got {now:g}",
+            )
+
+
+def _delays(data: dict[str, Any]) -> Iterator[Mistake]:
+    """What is late waits for whole ticks, of which not too many are kept; nothing is read between ticks."""
+    rate = _number(data, "control_Hz")
+    readings = [("sensors", "then", i) for i in range(len(_items(data, "sensors", "then")))]
+    for place in (("actuators",), ("nominal", "actuators"), *readings):
+        delay, taken = _number(data, *place, "delay_s"), _number(data, *place, "rate_Hz")
+        ticks = delay * rate
+        if ticks > MOST:
+            yield (*place, "delay_s"), f"must be at most {MOST} ticks of {1 / rate:g} s, got {delay:g}"
+        elif abs(ticks - round(ticks if math.isfinite(ticks) else 0)) > 1e-6:
+            near = [f"{k / rate:g}" for k in (math.floor(ticks), math.ceil(ticks))]
+            yield (*place, "delay_s"), f"must be whole ticks of {1 / rate:g} s: {' or '.join(near)}, got {delay:g}"
+        if taken > rate:
+            yield (*place, "rate_Hz"), f"must not exceed control_Hz = {rate:g}, got {taken:g}"
+
+
+def _added(data: dict[str, Any]) -> Iterator[Mistake]:
+    """What is taken off a payload leaves some of it, and MuJoCo's model is made once."""
+    added, mass = _number(data, "added", "mass_kg"), _number(data, "payload", "mass_kg")
+    if mass + added <= 0:
+        yield ("added", "mass_kg"), f"must leave some of payload.mass_kg = {mass:g}, got {added:g}"
+    if not math.isnan(added) and _part(data, "plant", "kind") == "mujoco":
+        yield ("added",), "the plant mujoco has a payload that does not change; take kind: rigid"
+
+
+def _limits(data: dict[str, Any]) -> Iterator[Mistake]:
+    """A start beyond a limit would end the flight at once."""
+    for start, limit, unit in (("position_error_m", "distance_m", "m"), ("attitude_error_deg", "attitude_deg", "deg")):
+        size = math.hypot(*(_number(data, "start", start, i) for i in range(3)))
+        if size > (most := _number(data, "limits", limit)):
+            yield ("start", start), f"is {size:.4g} {unit} from the reference, beyond limits.{limit} = {most:g}"

@@ -1,0 +1,57 @@
+"""Settings as a scenario file."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping
+from typing import Any
+
+from ruamel.yaml import YAML
+from ruamel.yaml.comments import CommentedMap, CommentedSeq
+from ruamel.yaml.error import YAMLError
+
+from colift.scenario.errors import ScenarioError
+from colift.scenario.schema import Settings
+
+
+def text(settings: Settings) -> str:
+    """The YAML that states every setting, defaults too and other files' contents in plain numbers; `parse` reads it."""
+    yaml = YAML()
+    yaml.default_flow_style = None  # what holds no other section or list stands on one line
+    yaml.width = 120
+    out = io.StringIO()
+    yaml.dump(settings.model_dump(mode="json", exclude_none=True), out)
+    return out.getvalue()
+
+
+def with_control(written: str, control: Mapping[str, Any]) -> str:
+    """A scenario's text with other entries in its section `control`, everything else and the comments as they are.
+
+    Raises ScenarioError for a text without such a section.
+    """
+    yaml = YAML()
+    yaml.preserve_quotes = True
+    yaml.width = 4096  # lines stay as long as they are
+    yaml.indent(mapping=2, sequence=4, offset=2)
+    try:
+        data = yaml.load(written)
+    except YAMLError as error:
+        raise ScenarioError(f"not valid YAML: {' '.join(str(error).split())}") from None
+    section = data.get("control") if isinstance(data, CommentedMap) else None
+    if not isinstance(section, CommentedMap):
+        raise ScenarioError("there is no section `control` whose gains could be written")
+    section.update({name: _flat(value) for name, value in control.items()})
+    out = io.StringIO()
+    yaml.dump(data, out)
+    return out.getvalue()
+
+
+def _flat(value: Any) -> Any:
+    """A list on one line; one number where all three are the same."""
+    if not isinstance(value, tuple):
+        return value
+    if len(set(value)) == 1:
+        return value[0]
+    entries = CommentedSeq(value)
+    entries.fa.set_flow_style()
+    return entries

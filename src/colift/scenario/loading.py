@@ -1,0 +1,169 @@
+"""From a YAML file to settings, or to every mistake in it at once, each with its line."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Sequence
+from importlib import resources
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import TypeAdapter, ValidationError
+from pydantic_core import ErrorDetails
+
+from colift.scenario import from_csv, from_urdf, plugins, validation, yaml_tree
+from colift.scenario.cross_checks import mistakes
+from colift.scenario.errors import Mistake, Place, ScenarioError, closest, shown
+from colift.scenario.from_csv import WaypointsFromFile
+from colift.scenario.from_urdf import AgentTypeFromUrdf
+from colift.scenario.schema import Section, Settings
+
+SHIPPED = resources.files("colift.scenario") / "library"
+SUFFIXES = (".yaml", ".yml")
+SETTINGS = TypeAdapter(Settings)
+
+
+def names() -> list[str]:
+    """Names of the shipped scenarios."""
+    return sorted(Path(file.name).stem for file in SHIPPED.iterdir() if file.name.endswith(SUFFIXES))
+
+
+def shipped(name: str) -> str:
+    """The text of a shipped scenario, with its comments; `name` as `names` has it."""
+    return (SHIPPED / f"{name}.yaml").read_text(encoding="utf-8")
+
+
+def load(name_or_path: str | Path, changes: Sequence[str] = ()) -> Settings:
+    """The settings of a shipped scenario, by name, or of a YAML file, by path.
+
+    changes: what takes the place of what the file says, before anything is checked: `payload.mass_kg=2`.
+    Raises ScenarioError: an unknown name, a file that cannot be read, or every mistake in it, one a line, as
+    `file:line: path [unit]: what is allowed`, or `--set path ...` of what was changed.
+    """
+    given = str(name_or_path)
+    if given in names():
+        return parse(shipped(given), f"{given}.yaml", changes)
+    file = given if len(given) <= 200 else f"{given[:200]}..."
+    try:
+        path = Path(given).expanduser()
+        if not given or (path.suffix not in SUFFIXES and not path.exists()):
+            raise _unknown(given)
+        with path.open("rb") as opened:
+            raw = opened.read(yaml_tree.MOST_BYTES + 1)
+        return parse(raw.decode("utf-8-sig"), file, changes)
+    except OSError as error:
+        raise ScenarioError(f"{file}: cannot be read: {error.strerror or error}") from None
+    except UnicodeDecodeError as error:
+        line = error.object.count(b"\n", 0, error.start) + 1
+        raise ScenarioError(f"{file}:{line}: cannot be read: not UTF-8 text (byte {error.start})") from None
+    except ScenarioError:
+        raise
+    except (ValueError, RuntimeError) as error:  # a NUL in the path, the home of nobody
+        raise ScenarioError(f"{shown(given)}: cannot be read: {error}") from None
+
+
+def _unknown(given: str) -> ScenarioError:
+    return ScenarioError(
+        f"there is no scenario {shown(given)} (shipped: {', '.join(names())}; or the path of a .yaml file)"
+        f"{closest(given, names())}"
+    )
+
+
+def parse(text: str, file: str, changes: Sequence[str] = ()) -> Settings:
+    """The settings that a text states; `file` names it in messages. Raises ScenarioError as `load` does."""
+    written = functools.reduce(yaml_tree.changed, changes, _whole(text, file))
+    data, elsewhere = _expanded(written.data, Path(file).parent)
+    unread = {place[: 2 if place[0] == "agent_types" else 1] for place, _ in elsewhere}
+    found: dict[Place, list[str | ErrorDetails]] = {}
+    for place, sentence in (*written.wrong, *elsewhere):
+        found.setdefault(place, []).append(sentence)
+    try:
+        with plugins.beside(Path(file).parent):
+            settings = SETTINGS.validate_python(data)
+    except ValidationError as error:
+        wrong = [e for e in validation.errors(error) if not {e["loc"][:1], e["loc"][:2]} & unread]
+        _add(found, [(validation.place(data, e["loc"], e["type"]), e) for e in wrong])
+        # references are checked by the model only once all sections are valid: check them here as well
+        _add(found, [] if unread else mistakes(data))
+    else:
+        if not found:
+            return settings
+    raise _told(found, written)
+
+
+DEEPEST = 4  # files that each say only where they differ from the next
+
+
+def _whole(text: str, file: str, depth: int = 0) -> yaml_tree.Tree:
+    """What a text states, with what it takes from the scenario that it says it is `like`."""
+    written = yaml_tree.read(text, file)
+    base = written.data.get("like")
+    if base is None:
+        return written
+    at = written.at(("like",))
+    if not isinstance(base, str):
+        raise ScenarioError(f"{at} like: must be the name of a shipped scenario or the path of a .yaml file")
+    if depth == DEEPEST:
+        raise ScenarioError(f"{at} like: {DEEPEST} files that are like one another are enough")
+    if base in names():
+        return yaml_tree.like(_whole(shipped(base), f"{base}.yaml", depth + 1), written)
+    path = Path(file).parent / base
+    try:
+        theirs = path.read_bytes().decode("utf-8-sig") if path.suffix in SUFFIXES else None
+    except (OSError, ValueError) as error:
+        raise ScenarioError(f"{at} like: {shown(base)} cannot be read: {error}") from None
+    if theirs is None:
+        raise ScenarioError(f"{at} like: {_unknown(base)}")
+    return yaml_tree.like(_whole(theirs, str(path), depth + 1), written)
+
+
+def _add(found: dict[Place, list[str | ErrorDetails]], more: Sequence[tuple[Place, str | ErrorDetails]]) -> None:
+    """Adds mistakes where none is told yet: what follows from one is not another."""
+    before = set(found)
+    for place, said in more:
+        if place not in before:
+            found.setdefault(place, []).append(said)
+
+
+def _told(found: dict[Place, list[str | ErrorDetails]], written: yaml_tree.Tree) -> ScenarioError:
+    """The first mistakes in the order of the file, each once."""
+    schema = validation.of(Settings)
+    told, count = [], sum(len(said) for said in found.values())
+    ahead = sorted(((place, said) for place in found for said in found[place]), key=lambda it: written.line(it[0]))
+    for place, said in ahead[: validation.MOST_TOLD]:
+        words = said if isinstance(said, str) else validation.sentence(said, schema)
+        told.append(f"{written.at(place)} {validation.where(place, schema)}: {words}")
+    return ScenarioError("\n".join([*dict.fromkeys(told), *validation.more(count)]))
+
+
+def _expanded(data: dict[str, Any], folder: Path) -> tuple[dict[str, Any], list[Mistake]]:
+    """The data with what stands in other files in plain numbers, where without mistakes; and the mistakes."""
+    kinds, path, wrong = data.get("agent_types"), data.get("reference"), []
+    if isinstance(kinds, dict):
+        written = dict(kinds)
+        for name, kind in kinds.items():
+            if isinstance(kind, dict) and "urdf" in kind:
+                written[name], found = _read(AgentTypeFromUrdf, from_urdf.expand, kind, folder)
+                wrong += [(("agent_types", name, *place), sentence) for place, sentence in found]
+        data = data | {"agent_types": written}
+    if isinstance(path, dict) and path.get("kind") == "waypoints" and "file" in path:
+        expanded, found = _read(WaypointsFromFile, from_csv.expand, path, folder)
+        wrong += [(("reference", *place), sentence) for place, sentence in found]
+        data = data | {"reference": expanded}
+    return data, wrong
+
+
+G = TypeVar("G", bound=Section)
+
+
+def _read(
+    section: type[G],
+    expand: Callable[[G, Path], tuple[dict[str, Any], list[Mistake]]],
+    written: dict[str, Any],
+    folder: Path,
+) -> tuple[dict[str, Any], list[Mistake]]:
+    """A section that names a file, in plain numbers, and its mistakes; what it then holds is not looked at."""
+    try:
+        return expand(TypeAdapter(section).validate_python(written), folder)
+    except ValidationError as error:
+        return written, validation.mistakes(error, section, written)[: validation.MOST_TOLD]

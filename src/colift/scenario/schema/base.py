@@ -1,0 +1,141 @@
+"""What a scenario may say: one frozen model a section, units in the names, a sentence for every setting.
+
+World frame unless a description says otherwise. The words and defaults here are the reference page
+(docs/scenarios.md) and the help of the error messages; there is no second list.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Any, Literal, TypeVar
+
+import numpy as np
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    SerializeAsAny,
+    WithJsonSchema,
+    model_validator,
+)
+
+from colift.scenario import fields, plugins
+from colift.scenario.errors import shown
+from colift.scenario.validation import told
+
+
+def _inertia(given: Any) -> Any:
+    """Three principal moments, six entries (xx, yy, zz, xy, xz, yz), or three rows, as three rows."""
+    if not isinstance(given, Sequence) or isinstance(given, str):
+        return given
+    if len(given) == 6:
+        xx, yy, zz, xy, xz, yz = given
+        return ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz))
+    if len(given) == 3 and not any(isinstance(row, Sequence) for row in given):
+        return tuple(tuple(value if i == k else 0.0 for k in range(3)) for i, value in enumerate(given))
+    return given
+
+
+def _physical(rows: Rows) -> Rows:
+    """Refuses what no rigid body has: asymmetry, a principal moment that is not positive, or above the other two."""
+    J = np.array(rows)
+    if not np.allclose(J, J.T, rtol=1e-12, atol=0):
+        raise ValueError("must be symmetric")
+    a, b, c = np.linalg.eigvalsh(J)
+    if a <= 0:
+        raise ValueError(f"must be positive definite; its principal moments are {a:.4g}, {b:.4g}, {c:.4g}")
+    if c > (a + b) * (1 + 1e-9):
+        raise ValueError(
+            f"breaks the triangle inequality: of its principal moments {a:.4g}, {b:.4g}, {c:.4g} "
+            "the largest exceeds the sum of the others, which no rigid body has"
+        )
+    return rows
+
+
+def _module_and_name(part: str) -> str:
+    if not re.fullmatch(PART, part):
+        raise ValueError(f"must be `module:Name`, got {shown(part)}")
+    return part
+
+
+def _even(count: int) -> int:
+    if count % 2:
+        raise ValueError(f"must be even: rotors turn in turns, got {count}")
+    return count
+
+
+def _nonzero(axis: fields.Axis) -> fields.Axis:
+    if not any(abs(x) >= 1e-6 for x in axis):
+        raise ValueError(f"must not be zero: one entry must be 1e-6 or more, got {list(axis)}")
+    return axis
+
+
+NAME = r"^[A-Za-z_][A-Za-z0-9_-]*$"
+PART = r"[A-Za-z_][A-Za-z0-9_]*(\.[A-Za-z_][A-Za-z0-9_]*)*:[A-Za-z_][A-Za-z0-9_]*"
+Name = Annotated[str, Field(strict=True, pattern=NAME, max_length=100)]
+Row = tuple[fields.InertiaEntry, fields.InertiaEntry, fields.InertiaEntry]
+Rows = tuple[Row, Row, Row]
+Inertia = Annotated[Rows, BeforeValidator(_inertia), AfterValidator(_physical)]
+Vector = tuple[float, float, float]
+ZERO: Vector = (0.0, 0.0, 0.0)
+
+
+S = TypeVar("S", bound="Section")
+
+
+class Section(BaseModel):
+    """A part of a scenario: no unknown settings, no change after validation."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
+
+    def __init__(self, **given: Any) -> None:
+        """Raises ScenarioError, one line a mistake."""
+        with told(type(self)):
+            super().__init__(**given)
+
+    # pydantic then builds the sections inside by itself, and finds all mistakes at once
+    __init__.__pydantic_base_init__ = True  # ty: ignore[missing-attribute]
+
+    @classmethod
+    def model_validate(cls: type[S], obj: Any, **how: Any) -> S:
+        """As `pydantic.BaseModel`, but raises ScenarioError, one line a mistake."""
+        with told(cls):
+            return super().model_validate(obj, **how)
+
+    @classmethod
+    def model_validate_json(cls: type[S], json_data: str | bytes | bytearray, **how: Any) -> S:
+        """As `pydantic.BaseModel`, but raises ScenarioError, one line a mistake."""
+        with told(cls):
+            return super().model_validate_json(json_data, **how)
+
+    def model_copy(self: S, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> S:
+        """As `pydantic.BaseModel`, but what is updated is checked; raises ScenarioError, one line a mistake."""
+        return type(self).model_validate({**dict(self), **update}) if update else super().model_copy(deep=deep)
+
+
+class Part(Section):
+    """A part of one's own. Reading the scenario imports the module, which runs it (docs/change_a_part.md)."""
+
+    part: Annotated[str, Field(strict=True, max_length=200), AfterValidator(_module_and_name)]
+    """`module:Name`: a class that extends `colift.scenario.Section` and has a `build`, in a module beside the file."""
+    settings: Annotated[SerializeAsAny[Section], WithJsonSchema({"type": "object"}), Field(default_factory=Section)]
+    """Settings of the part; its class says which there are."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _with_settings(cls, given: Any) -> Any:
+        """The settings as the part's class has them."""
+        named = given.get("part") if isinstance(given, Mapping) else None
+        if not isinstance(named, str) or not re.fullmatch(PART, named):
+            return given  # which is told by the fields
+        return {**given, "settings": plugins.settings(named, given.get("settings", {}), Section)}
+
+
+class Own(Part):
+    """A part of one's own, as a variant beside ours. Reading the scenario imports its module, which runs it."""
+
+    kind: Literal["own"]
+    """Which variant."""

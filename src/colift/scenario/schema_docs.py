@@ -1,0 +1,228 @@
+"""The settings as a reference: where each is, its unit, meaning and default, read from the models themselves."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from typing import Any
+
+from pydantic import BaseModel
+
+from colift.scenario.errors import Place
+
+UNITS = {
+    "kg": "kg",
+    "kgm": "kg m",
+    "kgm2": "kg m²",
+    "m": "m",
+    "mps": "m/s",
+    "mps2": "m/s²",
+    "rad": "rad",
+    "radps": "rad/s",
+    "radpm": "rad/m",
+    "deg": "deg",
+    "s": "s",
+    "Hz": "Hz",
+    "N": "N",
+    "Nm": "N m",
+    "Nms": "N m s/rad",
+    "Npm": "N/m",
+    "Nspm": "N s/m",
+    "Ns2pm2": "N s²/m²",
+}
+
+
+def unit_of(setting: dict[str, Any], place: Place) -> str:
+    """The unit of a setting, as it says itself or by the last word of its name; empty where it has none."""
+    named = [key for key in place if isinstance(key, str)]
+    if "unit" in setting:
+        return setting["unit"]
+    word = named[-1].rpartition("_")[2] if named and "_" in named[-1] else ""
+    return UNITS.get(word, "")
+
+
+class Schema:
+    """The JSON schema of a model, by place in the data."""
+
+    def __init__(self, model: type[BaseModel]) -> None:
+        self._root = model.model_json_schema()
+
+    def at(self, place: Place) -> dict[str, Any]:
+        """What is known of the setting at a place; of a plain list's entry, what is known of the list."""
+        node = self._root
+        for key in place:
+            inside = self._inside(node, key)
+            if isinstance(key, str) or any("properties" in variant for variant in self._variants(inside)):
+                node = inside
+        return node
+
+    def leaf(self, loc: Place) -> dict[str, Any]:
+        """What is known of the value at a location as pydantic gives it, down to an entry of a list."""
+        node = self._root
+        for key in loc:
+            node = self._inside(node, key)
+        return node
+
+    def is_variant(self, loc: Place, key: int | str) -> bool:
+        """Whether a step of a location as pydantic gives it names a variant of a union, not a setting."""
+        variants = self._variants(self.leaf(loc))
+        return any(
+            key not in variant.get("properties", {}) and self._names(variant, key)
+            for variant in variants
+            if len(variants) > 1
+        )
+
+    def ranges(self) -> dict[tuple[str, str], list[str]]:
+        """The settings of each `(range, why)`, as `Section.setting`, in the order of the page."""
+        found: dict[tuple[str, str], list[str]] = {}
+        for section, _, rows in self.sections():
+            for key, node, _ in rows:
+                for leaf in _leaves(node):
+                    if "why" in leaf:
+                        found.setdefault((span(leaf), leaf["why"]), []).append(f"{section}.{key}")
+        return found
+
+    def settings_beside(self, loc: Place) -> list[str]:
+        """Names of the settings of the section that holds the last part of `loc`."""
+        node = self._root
+        for key in loc[:-1]:
+            node = self._inside(node, key)
+        return [name for variant in self._variants(node) for name in variant.get("properties", {})]
+
+    def sections(self) -> Iterator[tuple[str, str, list[tuple[str, dict[str, Any], bool]]]]:
+        """`(name, description, [(setting, schema, required)])` of the model and then of its sections."""
+        for name, node in [(self._root["title"], self._root), *self._root.get("$defs", {}).items()]:
+            needed = node.get("required", [])
+            rows = [(key, inner, key in needed) for key, inner in node.get("properties", {}).items()]
+            yield name, node.get("description", ""), rows
+
+    def kind(self, node: dict[str, Any]) -> str:
+        """What a setting holds, in words; sections by their name."""
+        if "$ref" in node:
+            name = node["$ref"].rpartition("/")[2]
+            return f"[{name}](#{name.lower()})"
+        options = node.get("oneOf") or node.get("anyOf")
+        if options:
+            return " or ".join(self.kind(option) for option in options if option.get("type") != "null")
+        if "const" in node:
+            return f"`{node['const']}`"
+        if "enum" in node:
+            return " or ".join(f"`{value}`" for value in node["enum"])
+        entries = next(iter(node.get("patternProperties", {}).values()), node.get("additionalProperties"))
+        if node.get("type") == "object" and isinstance(entries, dict):
+            return f"by name: {self.kind(entries)}"
+        if "prefixItems" in node:
+            inner = {self.kind(item) for item in node["prefixItems"]}
+            return f"list of {len(node['prefixItems'])}: {', '.join(sorted(inner))}"
+        if "items" in node:
+            return f"list: {self.kind(node['items'])}"
+        word = {"number": "number", "integer": "whole number", "string": "text"}.get(node.get("type", ""), "")
+        return f"{word} {span(node)}".strip()
+
+    def _variants(self, node: dict[str, Any]) -> list[dict[str, Any]]:
+        """The models that a node may be, references resolved."""
+        options = node.get("oneOf") or node.get("anyOf") or [node]
+        out = []
+        for option in options:
+            target = option
+            while "$ref" in target:
+                target = self._root["$defs"][target["$ref"].rpartition("/")[2]]
+            out += self._variants(target) if "oneOf" in target or "anyOf" in target else [target]
+        return out
+
+    @staticmethod
+    def _names(variant: dict[str, Any], key: int | str) -> bool:
+        return any(inner.get("const") == key for inner in variant.get("properties", {}).values())
+
+    def _inside(self, node: dict[str, Any], key: int | str) -> dict[str, Any]:
+        """One step down: a setting, an entry of a list or of a mapping, or the variant that `kind` or `type` names."""
+        variants = self._variants(node)
+        for variant in variants if len(variants) > 1 else []:
+            if self._names(variant, key):
+                return variant
+        for variant in variants:
+            if key in variant.get("properties", {}):
+                return variant["properties"][key]
+            if isinstance(key, int) and key < len(variant.get("prefixItems", [])):
+                return variant["prefixItems"][key]
+            if isinstance(key, int) and "items" in variant:
+                return variant["items"]
+            entries = [variant.get("additionalProperties"), *variant.get("patternProperties", {}).values()]
+            for entry in entries:
+                if isinstance(key, str) and isinstance(entry, dict):
+                    return entry
+        return {}
+
+
+def span(node: dict[str, Any]) -> str:
+    """The range of a number: `from 0.1 to 5`; empty where it has none."""
+    if "exclusiveMinimum" in node and "exclusiveMaximum" in node:
+        return f"between {_digits(node['exclusiveMinimum'])} and {_digits(node['exclusiveMaximum'])}"
+    if "minimum" in node and "maximum" in node:
+        return f"from {_digits(node['minimum'])} to {_digits(node['maximum'])}"
+    return ""
+
+
+def _digits(bound: float | int) -> str:
+    """As a person writes it: 1e6, not 1e+06."""
+    whole = isinstance(bound, int) and bound > 10**6
+    return str(bound) if whole else re.sub(r"e([+-])0*", lambda m: "e" + m[1].strip("+"), f"{bound:g}")
+
+
+def _leaves(node: dict[str, Any]) -> Iterator[dict[str, Any]]:
+    """The numbers that a setting holds, those of its lists too."""
+    yield node
+    inside = [*node.get("prefixItems", []), *node.get("anyOf", []), node.get("items"), node.get("additionalProperties")]
+    for entry in inside:
+        if isinstance(entry, dict):
+            yield from _leaves(entry)
+
+
+def markdown(*models: type[BaseModel]) -> str:
+    """The reference page of models' settings: one table a section, each model before its own sections."""
+    schemas = [Schema(model) for model in models]
+    return "\n".join([*(_tables(schema) for schema in schemas), _ranges(schemas)])
+
+
+def _ranges(schemas: list[Schema]) -> str:
+    """Why each range ends where it does, and which settings have it."""
+    found: dict[tuple[str, str], list[str]] = {}
+    for schema in schemas:
+        for key, names in schema.ranges().items():
+            found.setdefault(key, []).extend(names)
+    lines = ["## Ranges", "", "Why a number may not be further out.", "", "| range | why | settings |", "|---|---|---|"]
+    lines += [
+        f"| {a} | {why} | {', '.join(f'`{name}`' for name in dict.fromkeys(names))} |"
+        for (a, why), names in found.items()
+    ]
+    return "\n".join([*lines, ""])
+
+
+def _tables(schema: Schema) -> str:
+    lines = []
+    for name, about, rows in schema.sections():
+        lines += [
+            f"## {name}",
+            "",
+            about,
+            "",
+            "| setting | value | unit | default | meaning |",
+            "|---|---|---|---|---|",
+        ]
+        for key, node, needed in rows:
+            cells = (
+                f"`{key}`",
+                schema.kind(node),
+                unit_of(node, (key,)),
+                "required" if needed else _default(node.get("default")),
+                " ".join(node.get("description", "").split()),
+            )
+            lines.append("| " + " | ".join(cells) + " |")
+        lines.append("")
+    return "\n".join(lines)
+
+
+def _default(value: Any) -> str:
+    if value is None or value in ([], {}):
+        return "none"
+    return "as below" if isinstance(value, dict) else f"`{value}`"

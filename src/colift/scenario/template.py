@@ -1,0 +1,288 @@
+"""The text of a scenario to begin with: a team around a plate, commented, which `check` finds sound."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import json
+import math
+import os
+import re
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+
+from colift.models import aerial_manipulator, grasp, urdf
+from colift.models.parameters import Agent
+
+
+@dataclasses.dataclass(frozen=True)
+class Vehicle:
+    """An agent type as a scenario writes it."""
+
+    name: str
+    text: str
+    mass: float  # kg
+    held: tuple[tuple[float, float, float], ...]  # m, where its tips are: ahead, to the left of it, above their mean
+
+
+VEHICLES = {  # by arms
+    0: Vehicle(
+        name="body",
+        mass=1.5,
+        held=((0.0, 0.0, 0.0),),
+        text="""\
+  body:  # a single body that holds the plate itself, by a hook below it
+    base: {mass_kg: 1.5, inertia_kgm2: [0.02, 0.02, 0.035]}
+    thrust_max_N: 40
+    arms:
+      - {name: hook, joint: base, tip_m: [0, 0, -0.1]}
+""",
+    ),
+    1: Vehicle(
+        name="one_arm",
+        mass=1.63,
+        held=((0.0, 0.0, 0.0),),
+        text="""\
+  one_arm:  # an arm that hangs below on two joints
+    base: {mass_kg: 1.5, inertia_kgm2: [0.02, 0.02, 0.035]}
+    thrust_max_N: 40
+    joints:  # more than one contact needs: free to swing, they return to rest, control.posture says how fast
+      - name: roll
+        type: revolute
+        axis: [1, 0, 0]
+        body: {mass_kg: 0.03, inertia_kgm2: [1.0e-5, 1.0e-5, 1.0e-5]}
+      - name: pitch
+        type: revolute
+        parent: roll
+        axis: [0, 1, 0]
+        body: {mass_kg: 0.1, com_m: [0, 0, -0.1], inertia_kgm2: [3.3e-4, 3.3e-4, 1.0e-5]}
+    arms:  # long ones let joints return sooner
+      - {name: tip, joint: pitch, tip_m: [0, 0, -0.2]}
+""",
+    ),
+    2: Vehicle(
+        name="two_arms",
+        mass=1.84,
+        held=((0.0, 0.36, 0.0), (0.0, -0.36, 0.0)),
+        text="""\
+  two_arms:
+    base: {mass_kg: 1.5, inertia_kgm2: [0.02, 0.02, 0.035]}
+    thrust_max_N: 50
+    joints:  # 3 n - 3 for n arms, or more: fewer could not follow the payload
+      - name: waist
+        type: revolute
+        axis: [0, 0, 1]
+        body: {mass_kg: 0.1, inertia_kgm2: [1.0e-4, 1.0e-4, 1.0e-4]}
+      - name: left
+        type: revolute
+        parent: waist
+        position_m: [0, 0.08, 0]
+        axis: [1, 0, 0]
+        rest_rad: 1.2  # from straight down, outwards; 0 and pi/2 are singular
+        body: &arm {mass_kg: 0.12, com_m: [0, 0, -0.15], inertia_kgm2: [9.0e-4, 9.0e-4, 1.0e-5]}
+      - name: right
+        type: revolute
+        parent: waist
+        position_m: [0, -0.08, 0]
+        axis: [1, 0, 0]
+        rest_rad: -1.2
+        body: *arm
+    arms:
+      - {name: left, joint: left, tip_m: [0, 0, -0.3]}
+      - {name: right, joint: right, tip_m: [0, 0, -0.3]}
+""",
+    ),
+}
+
+
+def name_of(file: Path) -> str:
+    """What a scenario in a file is called: the file's name without its ending, as far as a name allows."""
+    name = re.sub(r"[^A-Za-z0-9_-]", "_", file.stem)[:100]
+    return name if re.match(r"[A-Za-z_]", name) else f"_{name}"[:100]
+
+
+def text(name: str, agents: int, arms: int) -> str:
+    """A scenario of so many agents, each with 0 (it holds the plate itself), 1 or 2 arms, evenly around a plate.
+
+    Raises ValueError for a team that cannot turn the plate about every axis, and for arms that there is no type for.
+    """
+    if arms not in VEHICLES:
+        raise ValueError(f"--arms {arms}: must be 0 (single bodies that hold the plate themselves), 1 or 2")
+    least = 2 if arms == 2 else 3
+    if not least <= agents <= 100:
+        raise ValueError(
+            f"--agents {agents}: must be from {least} to 100 with --arms {arms}: "
+            "three contacts that are not collinear turn the payload about every axis"
+        )
+    return _scenario(name, VEHICLES[arms], agents)
+
+
+def from_urdf(name: str, agents: int, file: Path, folder: Path) -> str:
+    """The same of vehicles read from a URDF file, which stands in the scenario by its path from `folder`.
+
+    The bodies that carry no other are taken to hold the plate, joints at zero or, where arms are straight there, bent.
+    Raises OSError and ValueError as `urdf.load` does, ValueError for a team that cannot turn the plate about each axis.
+    """
+    robot = urdf.load(file)
+    tips = _tips(robot)
+    if agents > 100:
+        raise ValueError(f"--agents {agents}: must be at most 100")
+    if len(tips) * agents < 3:
+        raise ValueError(f"--agents {agents}: each holds the payload at {len(tips)}, and three contacts are needed")
+    mass = sum(body.mass for body in robot.bodies)
+    own = urdf.agent(robot, tips, np.zeros((len(tips), 3)), 1.0)
+    r = _bent(own)
+    points = _reach(own, r)
+    path = json.dumps(os.path.relpath(file, folder), ensure_ascii=False)
+    hands = "\n".join(
+        f"      - {{link: {json.dumps(link, ensure_ascii=False)}, name: hand_{k + 1}}}" for k, link in enumerate(tips)
+    )
+    kind = f"""\
+  vehicle:
+    urdf: {path}
+    thrust_max_N: {2 * 9.81 * (1.3 * mass):.3g}
+    tips:  # links that hold the payload: these carry no other; are they the hands?
+{hands}
+{_rests(robot, r)}"""
+    held = tuple((float(x), float(y), float(z)) for x, y, z in points - [0, 0, points[:, 2].mean()])
+    return _scenario(name, Vehicle("vehicle", kind, mass, held), agents)
+
+
+def _tips(robot: urdf.Robot) -> list[str]:
+    """One link of every body that carries no other, the farthest out; where there is none but the base, its own."""
+    carried = {joint.parent for joint in robot.joints}
+    ends = [k for k in range(len(robot.bodies)) if k not in carried]
+    far = lambda link: float(np.linalg.norm(robot.tip(link)[1]))  # noqa: E731
+    return [max((link for link in robot.links if robot.tip(link)[0] == k), key=far) for k in ends]
+
+
+BENDS = (0.0, 0.4, -0.4, 0.8, -0.8, 1.2, -1.2)  # rad, at which joints that turn are tried
+CONDITION_MOST = 30.0  # of tips by base and joints: beyond it arms are straight, or nearly
+BENT_MOST = 200.0  # what a rest must reach to be written
+TRIED = 3000
+
+
+def _reach(own: Agent, r: np.ndarray) -> np.ndarray:
+    """Where an agent's tips are in its base's frame, `(arms, 3)`, m."""
+    return np.asarray(aerial_manipulator.geometry(own, jnp.asarray(r)).point[-own.tree.arms :])
+
+
+def _bent(own: Agent) -> np.ndarray:
+    """Joint positions, rad or m, with which tips can go all ways: zero if they can there, else the best of some.
+
+    Joints' limits are not read; zero as well where no bend helps.
+    """
+
+    def condition(r: np.ndarray) -> float:
+        values, _ = grasp.weakest(own, r)
+        return values[0] / max(values[-1], 1e-12)
+
+    def cost(r: np.ndarray) -> float:
+        tips = _reach(own, r)  # level, and about the base, about which an agent pitches
+        return condition(r) + np.ptp(tips[:, 2]) / 0.01 + np.abs(tips.mean(0)).sum() / 0.01 + np.abs(r).sum()
+
+    zero, arms = np.zeros(own.tree.joints), own.tree.arms
+    turning = [k for k, slides in enumerate(own.tree.prismatic) if not slides]
+    if 3 + len(zero) < 3 * arms or condition(zero) < CONDITION_MOST or not turning:
+        return zero  # fewer joints than a grasp asks for are refused by `check`, in words
+    if len(BENDS) ** len(turning) <= TRIED:
+        tried = np.array(list(itertools.product(BENDS, repeat=len(turning))))
+    else:
+        tried = np.random.default_rng(0).choice(BENDS, (TRIED, len(turning)))
+    rests = np.zeros((len(tried), len(zero)))
+    rests[:, turning] = tried
+    best = min(rests, key=cost)
+    return best if condition(best) < BENT_MOST else zero  # axes that are parallel: `check` says so
+
+
+def _rests(robot: urdf.Robot, r: np.ndarray) -> str:
+    """The line that says where joints rest: bent where zero would not do, else how it would be said."""
+    if not r.any():
+        return "    # rest_rad: {joint: 0.5}  # where joints rest; 0 where left out\n"
+    bent = ", ".join(f"{json.dumps(joint.name)}: {x:g}" for joint, x in zip(robot.joints, r, strict=True) if x)
+    return f"    rest_rad: {{{bent}}}  # at zero these arms are straight, and could not follow the payload\n"
+
+
+def _scenario(name: str, vehicle: Vehicle, agents: int) -> str:
+    """Vehicles evenly on a circle, as wide apart as their rotors need, and a round plate that reaches beyond it."""
+    width = 2 * max(abs(y) for _, y, _ in vehicle.held) + 0.5  # m, with the rotors
+    radius = max(0.5, 0.5 * width / math.sin(math.pi / agents)) if agents > 1 else 0.0
+    members = "".join(_member(f"agent_{i + 1}", vehicle, 360 * i / agents, radius) for i in range(agents))
+    wave = 2 * math.pi / (4 * radius + 2 * width)  # rad/m; longer than the payload, on which it attacks at one point
+    mass = round(0.3 * vehicle.mass * agents, 2)
+    inertia = mass * (radius + 0.1) ** 2 / 4  # of a round plate; a body needs some thickness, so less about the axis
+    return f"""\
+# A scenario to begin with, written by `colift new`. What to change first: the vehicle, where it holds the payload, the
+# payload, the path. After every change `colift check {name}.yaml` says whether it is sound, and what to change if not;
+# `colift study {name}.yaml` flies it. Every setting, its unit and its default: docs/scenarios.md.
+name: {name}
+description: {agents} agents around a plate.
+duration_s: 24
+control_Hz: 500
+seed: 0
+
+agent_types:  # frames: x forward, y left, z up, thrust along z
+{vehicle.text}
+agents:  # contacts in the payload's frame, one for each arm; no three on one line
+{members}
+payload: {{mass_kg: {mass:g}, inertia_kgm2: [{inertia:.4g}, {inertia:.4g}, {1.9 * inertia:.4g}]}}
+
+nominal:  # what the controller believes where it is wrong, and has to learn
+  payload: {{mass_kg: {0.8 * mass:.4g}, inertia_kgm2: [{0.8 * inertia:.4g}, {0.8 * inertia:.4g}, {1.52 * inertia:.4g}]}}
+
+start:
+  position_error_m: [0.05, -0.05, 0.05]
+
+reference:
+  kind: lissajous
+  center_m: [0, 0, 2]
+  amplitude_m: [0.5, 0.4, 0.2]
+  period_s: 8
+  phase_deg: [0, 90, 30]
+  ramp_s: 3  # from rest
+
+disturbances:  # unknown to the controller
+  - name: wind
+    kind: wind
+    acts_on: payload
+    point_m: [0.1, 0.1, 0]
+    linear_Nspm: 0.3
+    mean_mps: [1.5, 0.8, 0]
+    gusts:
+      - {{amplitude_mps: [1, 0.4, 0.5], wave_radpm: [{wave:.3g}, 0, 0], phase_deg: -75}}
+  - {{name: rotors, kind: rotor_bias, acts_on: agents, thrust_N: -1, torque_Nm: [0.02, -0.02, 0.01]}}
+
+control:  # a slow mode: K_p, K_v; a fast one that grows: agent_k_omega, K_v lower
+  K_p: 5
+  K_v: 4.2
+  k_R: 60
+  k_omega: 14
+  agent_k_R: 250
+  agent_k_omega: 28
+  posture: 5  # of joints that contacts leave free
+  fusion_Hz: 5
+  joint_filter_Hz: 20
+
+allocation: {{kind: balanced}}
+
+learning:
+  update_times_s: [2, 4, 6, 8, 10, 12]
+  start_s: 0.3
+  end_s: 12  # a whole lap after the ramp, so that the models meet all of the path
+  sample_Hz: 20
+  filter_Hz: 8
+  capacity: 256
+  payload: {{force_N: 1, moment_Nm: 0.2, force_noise_N: 0.1, moment_noise_Nm: 0.02}}
+  agents:
+    {{force_N: 1, moment_Nm: 0.1, joint_Nm: 0.1, force_noise_N: 0.1, moment_noise_Nm: 0.01, joint_noise_Nm: 0.01}}
+"""
+
+
+def _member(name: str, vehicle: Vehicle, deg: float, radius: float) -> str:
+    """One agent, its nose turned outwards, its contacts where its tips reach."""
+    c, s = math.cos(math.radians(deg)), math.sin(math.radians(deg))
+    places = ((c * (radius + x) - s * y, s * (radius + x) + c * y, 0.05 + z) for x, y, z in vehicle.held)
+    points = [f"[{x:.4f}, {y:.4f}, {float(f'{z:.4f}'):g}]" for x, y, z in places]
+    return f"  - {{name: {name}, type: {vehicle.name}, yaw_deg: {deg:g}, contacts_m: [{', '.join(points)}]}}\n"

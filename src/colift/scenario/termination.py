@@ -1,0 +1,74 @@
+"""What a scenario's flight may not exceed, and the thrust that hovering takes of what there is."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from colift.closed_loop import termination
+from colift.models import grasp
+from colift.models.parameters import Team
+from colift.models.state import Residual, State, Wrench
+from colift.onboard import controller
+from colift.scenario import initial_states, schema, team
+from colift.scenario.conversion import array
+from colift.scenario.errors import ScenarioError
+from colift.simulation import disturbances
+
+
+def bounds(settings: schema.Settings, truth: Team, z: State) -> termination.Limits:
+    """What the flight from z may not exceed."""
+    given = settings.limits
+    return termination.Limits(
+        grip=given.grip * _grip(truth, z),
+        distance=array(given.distance_m),
+        height=array(-np.inf if given.height_m is None else given.height_m),
+        attitude=_limit_rad(given.attitude_deg),
+        tilt=_limit_rad(given.tilt_deg),
+        saturation=array(given.saturation_s),
+    )
+
+
+_grip = jax.jit(grasp.grip)
+
+
+def _limit_rad(deg: float) -> Array:
+    """180 deg is no limit: an angle that is computed may exceed pi by rounding."""
+    return array(np.inf if deg == 180 else np.deg2rad(deg))
+
+
+def hover(
+    settings: schema.Settings, truth: Team, flying: controller.LeaderFollower, sources: disturbances.Disturbances
+) -> np.ndarray:
+    """`(agents,)` thrust that hovering on the reference takes in truth, N, with or without internal forces, the larger.
+
+    Raises ScenarioError where it is more than the agents have.
+    """
+    z, given = initial_states.at_rest(settings, truth), settings.allocation.internal
+    f, moments = _acting(sources, truth, z), [0.0] if given is None else [0.0, (given.start_s + given.end_s) / 2]
+    need = np.max([_hovering(truth, flying, z, f, array(t)) for t in moments], axis=0)
+    have = np.concatenate([group.thrust_max for group in truth.groups])
+    names = team.agent_names(settings)
+    short = [
+        f"{name} needs {u:.4g} N of {most:.4g} N" for name, u, most in zip(names, need, have, strict=True) if u > most
+    ]
+    if short:
+        raise ScenarioError(
+            f"{settings.name}: the team cannot hover on its reference: {', '.join(short)} (agent_types: thrust_max_N); "
+            f"all agents together need {need.sum():.4g} N and have {have.sum():.4g} N"
+        )
+    return need
+
+
+_acting = jax.jit(disturbances.at_start)
+
+
+@jax.jit
+def _hovering(truth: Team, flying: controller.LeaderFollower, z: State, f: Residual, t: Array) -> Array:
+    """`(agents,)` thrust at rest, N, with the internal forces of time t, s."""
+    W = Wrench(F=-truth.payload.mass * truth.gravity - f.payload.F, tau=-f.payload.tau)
+    steady = Wrench(F=jnp.zeros(3), tau=jnp.zeros(3))
+    forces = flying.allocator.allocate(controller.known(flying, z, jnp.zeros(6), t), W, steady)
+    return termination.hover(truth, forces.lam, f)
