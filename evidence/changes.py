@@ -133,7 +133,7 @@ def targets(found: dict[str, Any]) -> list[Target]:
     for world in UNCHANGED:
         e, seeds = errors(found, world), SEEDS.get(world, (0,))
         W = {case: np.array([found[f"{world}: {case}: {seed}"]["delta_W_rms_N"] for seed in seeds]) for case in CASES}
-        asked += [one._replace(what=f"{world}: {one.what}") for one in orderings.targets_of_C4(e, W)]
+        asked += [one._replace(what=f"{world}: {one.what}") for one in orderings.adaptive_targets(e, W)]
     return asked
 
 

@@ -53,7 +53,7 @@ def targets(found: dict[str, Any]) -> dict[str, bool]:
     }
 
 
-def targets_of_C4(e: Mapping[str, np.ndarray], mismatch: Mapping[str, np.ndarray]) -> list[Target]:
+def adaptive_targets(e: Mapping[str, np.ndarray], mismatch: Mapping[str, np.ndarray]) -> list[Target]:
     """Targets of C4 where nothing changes; e_p, m, and wrench mismatch of each case on all seeds, in their order."""
     over, seeds = e["C4"] / e["O"], len(e["C4"])
     mismatches = np.median(mismatch["C4"]) / np.median(mismatch["C3"])
@@ -86,7 +86,7 @@ def main() -> bool:
     every = list(flown.values())
     e = {case: np.array([found[case]["e_p_rms_m"] for found in every]) for case in CASES}
     mismatch = {case: np.array([found[case]["delta_W_force_rms_N"] for found in every]) for case in CASES}
-    asked = targets_of_C4(e, mismatch)
+    asked = adaptive_targets(e, mismatch)
     for target in asked:
         print(f"all seeds, {target}")
     others = [met[str(seed)] for seed in SEEDS if seed]
