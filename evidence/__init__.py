@@ -2,8 +2,8 @@
 
 A module here has `main()` and stores what it computes item by item. The result file names the command, the machine, the
 commit and the files that the result depends on (`evidence.dependencies`), each with git's digest. Items are computed
-anew only when one of these files has changed. A change of docstrings, comments or layout of a Python file, or of hashes
-of a lock file, is no change.
+again only when one of these files has changed. Changes of docstrings, comments and layout of Python files, and of hashes
+of lock files, do not count.
 
     ./dev evidence NAME ...      computes or resumes results
     ./dev evidence status        lists results that are older than their code, and pages that quote them
@@ -54,7 +54,7 @@ def uncommitted(files: Iterable[str]) -> list[str]:
 
 
 def _git(*words: str) -> str | None:
-    """What git says in the project's folder, or None where there is no git or no repository."""
+    """The output of git in the project's folder, or None where there is no git or no repository."""
     try:
         return subprocess.run(["git", *words], cwd=ROOT, capture_output=True, text=True, check=True).stdout
     except (subprocess.CalledProcessError, FileNotFoundError):
@@ -75,7 +75,7 @@ def _cpuinfo() -> list[str]:
 def behind(name: str) -> list[str]:
     """Return the files that are no longer those a result was computed from; empty for one that holds today.
 
-    Results of before lock files were recorded are compared with the locks of their commit.
+    Results that do not contain lock files are compared with the locks of their commit.
     """
     made, now = _record(name), rests_on(ROOT / "evidence" / f"{name}.py")
     then = made.get("files", {})
@@ -97,7 +97,7 @@ def _listed(root: Path, commit: str, folder: str) -> dict[str, str]:
 
 
 def _same(digest: str, path: str) -> bool:
-    """Whether a file says what the one of git's digest said, see `dependencies.meaning`."""
+    """Whether a file has the same meaning as the one of git's digest, see `dependencies.meaning`."""
     before, suffix = _blob(ROOT, digest) if path.endswith((".py", ".txt")) else None, Path(path).suffix
     if before is None:
         return False

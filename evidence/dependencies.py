@@ -56,7 +56,7 @@ def closure(proof: Path, root: Path) -> set[Path]:
 
 @functools.cache
 def _tree(path: Path, changed: int, size: int) -> ast.Module:
-    del changed, size  # a file that is written anew is parsed anew
+    del changed, size  # a file that is written again is parsed again
     return ast.parse(path.read_text())
 
 

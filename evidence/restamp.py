@@ -1,6 +1,6 @@
 """`./dev evidence restamp [NAME ...]`: shows by one replayed item that a result still follows from the code.
 
-For each result that is older than its code, one stored item is computed anew by the proof's own item function, in a
+For each result that is older than its code, one stored item is computed again by the proof's own item function, in a
 process of its own, and compared with what is stored under today's names (`evidence/renamed.json`):
 
 - equal: the result is stamped with today's files and commit; its items are stored under today's names;
@@ -120,7 +120,7 @@ class Unreplayed(Exception):
 
 
 def computed(name: str, item: str, limit_s: float) -> tuple[Any, float]:
-    """Return an item of a result computed anew in a process of its own, and the time that it took [s].
+    """Return an item of a result, computed again in a process of its own, and the time that it took [s].
 
     Raises:
         Unreplayed: If it takes longer than the limit or ends with an error.
@@ -159,7 +159,7 @@ def restamp(
         within: The relative difference up to which numbers count as equal.
 
     Returns:
-        Whether the result holds for today's code, and a line that says what was found.
+        Whether the result holds for today's code, and a line that states what was found.
     """
     if not (evidence.RESULTS / f"{name}.json").exists():
         return False, "no result"

@@ -37,7 +37,7 @@ def quoted(text: str) -> set[str]:
 
 
 def state(name: str) -> tuple[bool, str]:
-    """Return whether a result holds for today's code, and a line that says why or why not."""
+    """Return whether a result holds for today's code, and a line that states why or why not."""
     if not (evidence.RESULTS / f"{name}.json").exists():
         return False, "no result yet"
     made, changed = evidence.stored(name), evidence.behind(name)

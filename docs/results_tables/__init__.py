@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import ast
 import functools
-import json
 import re
 import sys
 from collections.abc import Callable, Iterable, Sequence
@@ -77,13 +76,15 @@ def text(cell: Cell) -> str:
 
 
 def number(x: float, digits: int = 3) -> str:
-    """Return a number with some significant digits, without an exponent between 0.001 and 100 000."""
+    """Return a number with some significant digits, or all of a whole number; no exponent from 0.001 to 100 000."""
     if not np.isfinite(x):
         return "none"
-    if x and not 1e-3 <= abs(x) < 1e5:
+    if x == round(x) and abs(x) < 1e5:
+        return str(round(x))
+    if not 1e-3 <= abs(x) < 1e5:
         mantissa, exponent = f"{x:.{digits - 1}e}".split("e")
         return f"{mantissa.rstrip('0').rstrip('.')}e{int(exponent)}"
-    before = int(np.floor(np.log10(abs(x)))) + 1 if x else 1
+    before = int(np.floor(np.log10(abs(x)))) + 1
     return f"{x:.{max(0, digits - before)}f}"
 
 
@@ -132,7 +133,10 @@ def targets(asked: Iterable[Any]) -> str:
     header = ("target", "measured", "limit", "met", "spread")
     return markdown(
         header,
-        ((one.what, f"{number(one.measured)} {one.unit}".strip(), one.limit, one.met, one.note or None) for one in asked),
+        (
+            (one.what, f"{number(one.measured)} {one.unit}".strip(), one.limit, one.met, one.note or None)
+            for one in asked
+        ),
     )
 
 
@@ -207,7 +211,6 @@ def main(arguments: Sequence[str]) -> int:
         if not check:
             path.write_text(after)
     return 1 if check and stale else 0
-
 
 
 from results_tables import certificate, learning, plant, summary, teams  # noqa: E402, F401

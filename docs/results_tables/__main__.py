@@ -5,6 +5,6 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-import results_tables  # noqa: E402
+import results_tables
 
 sys.exit(results_tables.main(sys.argv[1:]))

@@ -46,7 +46,10 @@ def metrics() -> str:
     """Medians over seeds of further metrics of each case."""
     found = list(items("orderings").values())
     rows = [
-        (*_named(case), *(scale * float(np.median([seed[case][key] for seed in found])) for key, (_, scale) in METRICS.items()))
+        (
+            *_named(case),
+            *(scale * float(np.median([seed[case][key] for seed in found])) for key, (_, scale) in METRICS.items()),
+        )
         for case in found[0]
     ]
     return markdown(("case", "meaning", *(name for name, _ in METRICS.values())), rows)
@@ -117,7 +120,9 @@ def _errors(world: str) -> dict[str, np.ndarray]:
     for item, one in items("changes").items():
         at, case, _ = item.split(": ")
         if at == world:
-            found.setdefault(case, []).append(np.inf if one["stopped"] or one["e_p_rms_m"] is None else one["e_p_rms_m"])
+            found.setdefault(case, []).append(
+                np.inf if one["stopped"] or one["e_p_rms_m"] is None else one["e_p_rms_m"]
+            )
     return {case: 1e3 * np.array(errors) for case, errors in found.items()}
 
 
@@ -195,7 +200,12 @@ def ratios() -> str:
     for condition, of in found.items():
         known = of["true_residual"]
         rows.append(
-            (f"`{condition}`", CONDITIONS.get(condition, "-"), len(known), *(spread(of[model] / known) for model in models))
+            (
+                f"`{condition}`",
+                CONDITIONS.get(condition, "-"),
+                len(known),
+                *(spread(of[model] / known) for model in models),
+            )
         )
     return markdown(("condition", "meaning", "n", *(f"`{model}`" for model in models)), rows)
 
@@ -207,13 +217,16 @@ def generalization_target() -> str:
     models = [model for model in limits("generalization")["MODELS"] if model in found["home"]]
     worst = {
         model: max(
-            float(np.median(of[model] / of["true_residual"])) for condition, of in found.items() if condition not in OTHER_LAW
+            float(np.median(of[model] / of["true_residual"]))
+            for condition, of in found.items()
+            if condition not in OTHER_LAW
         )
         for model in models
     }
     best = min(worst, key=lambda model: worst[model])
     rows = [
-        (f"`{model}`", ratio, "at most 2 for one model", bool(ratio <= 2), model == best) for model, ratio in worst.items()
+        (f"`{model}`", ratio, "at most 2 for one model", bool(ratio <= 2), "yes" if model == best else "no")
+        for model, ratio in worst.items()
     ]
     return markdown(("frozen model", "largest median ratio to `true_residual`", "limit", "within limit", "best"), rows)
 
@@ -239,8 +252,18 @@ def learning_curve() -> str:
         e = [float(np.mean(_mm(one["e_p_rms_m"]))) for one in each]
         returns = [float(np.mean(one["return"])) for one in each]
         minutes = number(each[0]["steps"] * step_s / 60)
-        rows.append(("PPO", "policy network", minutes, spread(e), spread(returns), len(each), sum(one["lost"] for one in each)))
-    header = ("method", "meaning", "training flight time [min]", "position error [mm]", "return", "training seeds", "flights lost")
+        rows.append(
+            ("PPO", "policy network", minutes, spread(e), spread(returns), len(each), sum(one["lost"] for one in each))
+        )
+    header = (
+        "method",
+        "meaning",
+        "training flight time [min]",
+        "position error [mm]",
+        "return",
+        "training seeds",
+        "flights lost",
+    )
     return markdown(header, rows)
 
 

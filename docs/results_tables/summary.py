@@ -1,0 +1,168 @@
+"""The table of all claims, and the table of the README."""
+
+from __future__ import annotations
+
+import importlib
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from results_tables import CASES, items, limits, markdown, number, record, table
+from results_tables.certificate import METHODS, _array, _runs
+from results_tables.learning import _errors, _generalized, _mm
+
+
+def _median(case: str) -> float:
+    return float(np.median(_mm(seed[case]["e_p_rms_m"] for seed in items("orderings").values())))
+
+
+def _seeds(name: str) -> str:
+    """The number of items whose names begin with a seed, and their range."""
+    seeds = sorted({int(word) for item in items(name) for word in item.split()[:1] if word.isdigit()})
+    return f"{len(seeds)}, seeds {seeds[0]} to {seeds[-1]}"
+
+
+def _bound(method: str) -> str:
+    found = items("rivals")
+    each = [one for item, one in found.items() if item.startswith("seed ")]
+    drawn = next(iter(each[0]["reached"]))
+    past = [run["e_p"] for item, one in found.items() if item.startswith("calibration ") for run in one["reached"]]
+    rank = math.ceil((len(past) + 1) * limits("rivals")["CONFIDENCE"]) - 1
+    quantile = sorted(past)[rank]
+    bounds = [quantile if method == "conformal" else one["radii"][method]["e_p"] for one in each]
+    return number(
+        float(np.median([bound / one["reached"][drawn]["e_p"] for one, bound in zip(each, bounds, strict=True)]))
+    )
+
+
+def _rivals() -> str:
+    seeds = [item.split()[1] for item in items("rivals") if item.startswith("seed ")]
+    return f"{len(seeds)}, seeds {seeds[0]} to {seeds[-1]}"
+
+
+def _nominal() -> str:
+    return number(float(np.median(100 * _array(_runs(), "floor", "e_p") / _array(_runs(), "observed", "e_p"))))
+
+
+def _met(name: str) -> str:
+    targets = importlib.import_module(f"evidence.{name}").targets(items(name))
+    return f"{sum(target.met for target in targets)} of {len(targets)}"
+
+
+def _frozen() -> str:
+    found, models = _generalized(), limits("generalization")["MODELS"]
+    ratios = {
+        model: max(
+            float(np.median(of[model] / of["true_residual"]))
+            for name, of in found.items()
+            if name not in ("wind", "payload")
+        )
+        for model in models
+    }
+    return number(min(ratios.values()))
+
+
+def _rate() -> str:
+    rows = [row for row in items("coverage")["summary"]["table"].values() if row["claims"]]
+    return f"{sum(row['rate'] <= row['allowed'] for row in rows)} of {len(rows)}"
+
+
+def _policy() -> str:
+    last = [items("curve")[seed][-1]["e_p_rms_m"] for seed in limits("curve")["SEEDS"]]
+    return number(float(np.median([np.mean(_mm(e)) for e in last])))
+
+
+def _sound(name: str) -> str:
+    found = items(name).values()
+    return f"{sum(one['sound'] for one in found)} of {len(found)}"
+
+
+def _claims() -> Iterator[tuple[str, str, str, str, str, str]]:
+    """Yield result, page, claim, metric, value, and n with seeds."""
+    error, seeds = "RMS position error, median [mm]", _seeds("orderings")
+    for case in ("C1", "C2", "C3", "adaptive", "true_residual"):
+        claim = f"tracking, `{case}` ({CASES[case]})"
+        yield "orderings", "tracking", claim, error, number(_median(case)), seeds
+    n = f"{len(items('changes'))} runs"
+    yield "changes", "changes", "`adaptive` after changes", "targets met", _met("changes"), n
+    n = f"{len(items('react'))} draws"
+    yield "react", "random_environments", "`adaptive` in random environments", "targets met", _met("react"), n
+    found = _generalized()
+    n = f"{len(found)} conditions, {len(found['home']['true_residual'])} seeds"
+    metric = "best model, largest median ratio to `true_residual`"
+    yield "generalization", "generalization", "frozen models in other conditions", metric, _frozen(), n
+    yield from _bounds()
+    yield from _simulation()
+    n = f"{len(limits('curve')['SEEDS'])} training seeds"
+    metric = "final RMS position error, median [mm]"
+    yield "curve", "reinforcement_learning", "reinforcement learning (PPO)", metric, _policy(), n
+    metric = "teams that pass the safety check"
+    for result, claim in (("starts", "teams of `colift init`"), ("tuned", "gains of `colift tune`")):
+        yield result, "starts_and_tuning", claim, metric, _sound(result), f"{len(items(result))} teams"
+
+
+def _bounds() -> Iterator[tuple[str, str, str, str, str, str]]:
+    """As `_claims`, of error bounds."""
+    metric, page = "position error bound over observed error, median", "certificate"
+    for method in METHODS:
+        yield "rivals", page, f"error bound by {METHODS[method]}", metric, _bound(method), _rivals()
+    metric = "nominal position error over observed error, median [%]"
+    yield "certified", page, "share of the nominal trajectory in the error", metric, _nominal(), f"{len(_runs())} draws"
+    metric, n = (
+        "settings with at most the allowed failure rate",
+        f"{items('coverage')['summary']['draws']} draws a setting",
+    )
+    yield "coverage", page, "GP error bounds", metric, _rate(), n
+
+
+def _simulation() -> Iterator[tuple[str, str, str, str, str, str]]:
+    """As `_claims`, of the plant and of generated code."""
+    row = items("plant")["summary"]["table"]["agreement"]
+    metric, n = "largest relative error", f"{row['count']} teams"
+    yield "plant", "plant", "plant against Pinocchio", metric, number(row["worst"]), n
+    apart = items("engines")["C1"]["apart"]["position_m"]
+    metric = "largest difference of position [um]"
+    yield "engines", "plant", "plant against MuJoCo, `C1`", metric, number(1e6 * apart), "1, seed 0"
+    apart = items("drake")["C1"]["extrapolated"]["position_m"]
+    metric = "largest difference of position, extrapolated [um]"
+    yield "drake", "plant", "plant against Drake, `C1`", metric, number(1e6 * apart), "1, seed 0"
+    one = items("onboard")["x86-64, AVX2"]
+    metric, n = "time of a control step, median [us]", f"{int(one['steps'])} steps"
+    yield "onboard", "onboard_code", "generated C code, AVX2", metric, number(one["median_us"]), n
+
+
+ALL = (
+    *("orderings", "changes", "react", "generalization", "rivals", "certified", "coverage", "plant", "engines"),
+    *("drake", "onboard", "curve", "starts", "tuned"),
+)
+
+
+@table("+".join(ALL))
+def claims() -> str:
+    """One row a claim: metric, value, n, seeds, command, page."""
+    rows = [
+        (claim, metric, value, n, f"`{record(result)['command']}`", f"[{page}]({page}.md)")
+        for result, page, claim, metric, value, n in _claims()
+    ]
+    return markdown(("claim", "metric", "value", "n, seeds", "command", "page"), rows)
+
+
+@table("changes+react")
+def readme() -> str:
+    """Median position error of five cases: nominal, wind change, loss of labels, random environments."""
+    worlds = [_errors(world) for world in ("home", "wind", "lost")]
+    found = list(items("react").values())
+    rows: list[tuple[Any, ...]] = []
+    for case in ("C1", "C3", "label_feedback", "adaptive", "true_residual"):
+        random = [1e3 * one[case]["e_p_rms_m"] for one in found if case in one and not one[case]["stopped"]]
+        e = [
+            *(float(np.median(world[case])) for world in worlds),
+            float(np.median(random)) if len(random) > 1 else None,
+        ]
+        rows.append((f"`{case}`", CASES[case], *(None if x is None else number(x) for x in e)))
+    n = [len(world["C1"]) for world in worlds]
+    names = ("nominal", "wind change", "sensor loss", "random environments")
+    heads = [f"{name} (n = {count})" for name, count in zip(names, (*n, len(found)), strict=True)]
+    return markdown(("case", "meaning", *heads), rows)

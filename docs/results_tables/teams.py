@@ -1,0 +1,101 @@
+"""Tables of generated teams, gain tuning, redundant joints and tuned baselines."""
+
+from __future__ import annotations
+
+import itertools
+from typing import Any
+
+import numpy as np
+
+from results_tables import CASES, items, limits, markdown, number, table
+
+KINDS = {"hand": "default gains", "tuned": "tuned", "random": "random search, same budget"}
+
+
+@table("starts")
+def generated_teams() -> str:
+    """Teams of `colift init`: safety check, and position error of C1 to C3."""
+    rows = []
+    for item, one in items("starts").items():
+        e = [one["e_p_rms_m"][case] for case in ("C1", "C2", "C3")]
+        falls = None not in e and e[0] > e[1] > e[2]
+        rows.append((item, one["sound"], *(None if x is None else 1e3 * x for x in e), bool(falls and one["sound"])))
+    return markdown(("agents x arms", "safety check passed", *_columns("C1", "C2", "C3"), "met"), rows)
+
+
+def _columns(*cases: str) -> tuple[str, ...]:
+    return tuple(f"`{case}` ({CASES[case]}) [mm]" for case in cases)
+
+
+@table("tuned")
+def tuned_gains() -> str:
+    """Gains before and after tuning, and by random search: decay rate, cost, and position errors."""
+    slowest = limits("tuned")["SLOWEST"]
+    rows = []
+    for team, one in items("tuned").items():
+        cost = {}
+        for kind in KINDS:
+            rate, moved = max(one[kind][name] for name in slowest), one[kind]["displacement_C1_m"]
+            cost[kind] = np.inf if isinstance(moved, str) else moved / -rate
+        for kind, meaning in KINDS.items():
+            rate = -max(one[kind][name] for name in slowest)
+            flown, other = (_errors(one[kind][where]) for where in ("flown", "held_out"))
+            met = None
+            if kind == "tuned":
+                met = bool(one["sound"] and cost["tuned"] < min(cost["hand"], cost["random"]) and flown[1] and other[1])
+            rows.append((f"`{team}`", meaning, rate, cost[kind], flown[0], other[0], met))
+    header = (
+        "team",
+        "gains",
+        "slowest decay rate [1/s]",
+        "cost [m s]",
+        "C1, C2, C3 [mm]",
+        "held-out: C1, C2, C3 [mm]",
+        "met",
+    )
+    return markdown(header, rows)
+
+
+def _errors(flown: dict[str, Any]) -> tuple[str, bool]:
+    """Position errors of C1 to C3, mm, and whether they fall."""
+    e = [np.inf if isinstance(one, str) else 1e3 * one["e_p_rms_m"] for one in flown.values()]
+    return ", ".join("ended early" if np.isinf(x) else number(x) for x in e), bool(
+        np.isfinite(e).all() and e[0] > e[1] > e[2]
+    )
+
+
+@table("redundant")
+def redundant_joints() -> str:
+    """Teams with redundant joints or two arms an agent: position error of each case."""
+    cases = ("C1", "C2", "C3", "adaptive")
+    rows = []
+    for item, one in items("redundant").items():
+        team, seed, *changes = item.split()
+        stopped = [case for case in cases if one[case]["stopped"]]
+        e = [None if one[case]["stopped"] else 1e3 * one[case]["e_p_rms_m"] for case in cases]
+        order = e[1:] if changes else e
+        falls = not stopped and all(a > b for a, b in itertools.pairwise(order))
+        rows.append((f"`{team}`", int(seed), "no" if changes else "yes", *e, bool(falls)))
+    return markdown(("team", "seed", "force sensor bias", *_columns(*cases), "errors fall"), rows)
+
+
+@table("baselines")
+def baseline_tuning() -> str:
+    """Baselines on the tuning seeds: best position error of the grid, and number of settings."""
+    grids: dict[str, list[float]] = {}
+    for item, error in items("baselines").items():
+        grids.setdefault(item.rsplit(" ", 1)[0], []).append(1e3 * error)
+    seeds = limits("baselines")["SEEDS"]
+    rows = [
+        (
+            f"`{case}`",
+            CASES[case],
+            len(grid),
+            min(grid),
+            float(np.median(grid)),
+            max(grid),
+            f"{seeds[0]} to {seeds[-1]}",
+        )
+        for case, grid in grids.items()
+    ]
+    return markdown(("case", "meaning", "settings", "best [mm]", "median [mm]", "worst [mm]", "seeds"), rows)
