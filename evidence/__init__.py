@@ -2,8 +2,8 @@
 
 A module here has `main()` and stores what it computes item by item. The result file names the command, the machine, the
 commit and the files that the result depends on (`evidence.dependencies`), each with git's digest. Items are computed
-again only when one of these files has changed. Changes of docstrings, comments and layout of Python files, and of hashes
-of lock files, do not count.
+again only when one of these files has changed. Changes of docstrings, comments and layout of Python files do not count,
+and of lock files only the pinned versions do.
 
     ./dev evidence NAME ...      computes or resumes results
     ./dev evidence status        lists results that are older than their code, and pages that quote them
@@ -22,7 +22,6 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
-from colift.codegen import build
 from colift.runtime import atomic_write
 from evidence import dependencies
 
@@ -63,6 +62,8 @@ def _git(*words: str) -> str | None:
 
 def machine() -> str:
     """The processor and how many of its cores this process may use."""
+    from colift.codegen import build  # it imports JAX, which `status` does without
+
     names = [line.split(":", 1)[1].strip() for line in _cpuinfo() if line.startswith("model name")]
     return f"{names[0] if names else platform.machine()}, {build.cores()} cores"
 
