@@ -49,7 +49,7 @@ def versions() -> dict[str, str]:
 
 def record(name: str, outcome: Outcome, seconds: float, took: float, folder: Path) -> Path:
     """Write what a benchmark found, whole or not at all."""
-    from colift.runtime.atomic_write import write_json
+    from colift.runtime.atomic_write import write_json_atomic
     from evidence import head, machine, rests_on, uncommitted
 
     folder.mkdir(parents=True, exist_ok=True)
@@ -71,7 +71,7 @@ def record(name: str, outcome: Outcome, seconds: float, took: float, folder: Pat
         "left_out": list(outcome.left_out),
         "figures": outcome.figures,
     }
-    write_json(content, path)
+    write_json_atomic(content, path)
     return path
 
 
@@ -99,7 +99,7 @@ def main(arguments: list[str]) -> int:
         print(f"== {name}: {title(name)}", flush=True)
         start = time.perf_counter()
         outcome = importlib.import_module(f"benchmarks.{name}").run(options.seconds)
-        for sentence in outcome.left_out:
+        for sentence in outcome.unavailable_bounds:
             print(f"left out: {sentence}")
         for sentence, met in outcome.targets.items():
             print("met   " if met else "MISSED", sentence)

@@ -25,12 +25,12 @@ def teams(case: plant.Case) -> plant.Case:
     """Every number on a leading axis: masses of the agents' bodies and velocities differ."""
     rng = np.random.default_rng(0)
     team, z, inputs = jax.tree.map(lambda x: jnp.repeat(x[None], TEAMS, 0), case)
-    mass = team.groups[0].mass * rng.uniform(0.9, 1.1, team.groups[0].mass.shape)
-    team = replace(team, groups=(replace(team.groups[0], mass=mass),))
+    mass = team.agent_groups[0].mass * rng.uniform(0.9, 1.1, team.agent_groups[0].mass.shape)
+    team = replace(team, agent_groups=(replace(team.agent_groups[0], mass=mass),))
     (agents,) = z.agents
     turning = replace(agents, omega=jnp.asarray(rng.normal(0, 0.1, agents.omega.shape)))
     payload = replace(z.payload, v=jnp.asarray(rng.normal(0, 0.1, z.payload.v.shape)))
-    z = jax.jit(jax.vmap(contact_dynamics.project))(team, replace(z, agents=(turning,), payload=payload))
+    z = jax.jit(jax.vmap(contact_dynamics.project_to_constraints))(team, replace(z, agents=(turning,), payload=payload))
     return team, z, inputs
 
 

@@ -20,14 +20,14 @@ import colift
 from benchmarks import Outcome, ratios, rounds
 from colift import codegen, gp, scenario
 from colift.closed_loop import simulator
-from colift.scenario import Settings, template
+from colift.scenario import Scenario, template
 
 TICKS = 250  # half a second
 FLIGHTS = 256
 AGENTS = (2, 4, 8, 16)
 
 
-def full(model: gp.GP, rng: np.random.Generator) -> gp.GP:
+def full(model: gp.GPPosterior, rng: np.random.Generator) -> gp.GPPosterior:
     """A posterior with as many points as it can hold."""
     n = model.X.shape[-2]
     alpha = rng.normal(size=model.alpha.shape) * 1e-3
@@ -35,22 +35,24 @@ def full(model: gp.GP, rng: np.random.Generator) -> gp.GP:
         model,
         X=jnp.asarray(rng.normal(size=model.X.shape)),
         alpha=jnp.asarray(alpha),
-        n=jnp.full(model.n.shape, n),
+        num_points=jnp.full(model.num_points.shape, n),
     )
 
 
-def ready(settings: Settings) -> tuple[simulator.Setup, simulator.Loop, Any]:
+def ready(settings: Scenario) -> tuple[simulator.LoopConfig, simulator.LoopState, Any]:
     """C3 with full oracles, at its start, and the noise of half a second."""
-    plan = colift.plan(settings, "C3")
-    rng, oracle = np.random.default_rng(0), plan.pilot.oracle
+    plan = colift.make_experiment(settings, "C3")
+    rng, oracle = np.random.default_rng(0), plan.controller.residual_model
     oracle = dataclasses.replace(
         oracle, payload=full(oracle.payload, rng), agents=tuple(full(group, rng) for group in oracle.agents)
     )
-    setup = dataclasses.replace(plan, pilot=dataclasses.replace(plan.pilot, oracle=oracle)).setup
-    return setup, simulator.start(setup, plan.z), plan.world.draw(jax.random.key(0), TICKS)
+    setup = dataclasses.replace(
+        plan, controller=dataclasses.replace(plan.controller, residual_model=oracle)
+    ).loop_config
+    return setup, simulator.reset(setup, plan.initial_state), plan.world.sample_noise(jax.random.key(0), TICKS)
 
 
-def many(setup: simulator.Setup, loop: simulator.Loop, noise: Any) -> Callable[[], object]:
+def many(setup: simulator.LoopConfig, loop: simulator.LoopState, noise: Any) -> Callable[[], object]:
     """Half a second of flights that differ in noise and unknown forces."""
     ticks, rng = jnp.asarray(TICKS), np.random.default_rng(1)
     shares = jnp.asarray(rng.uniform(0.5, 1.0, FLIGHTS))
@@ -59,7 +61,7 @@ def many(setup: simulator.Setup, loop: simulator.Loop, noise: Any) -> Callable[[
     )
 
     def one(share: jax.Array, noise: Any) -> Any:
-        world = dataclasses.replace(setup.world, acting=share)
+        world = dataclasses.replace(setup.world, disturbance_scale=share)
         return simulator._advance(dataclasses.replace(setup, world=world), loop, noise, ticks)[0]
 
     run = jax.jit(jax.vmap(codegen.compile(one, threads=1)))
@@ -70,13 +72,13 @@ def growth(seconds: float) -> tuple[dict[str, Any], dict[str, bool]]:
     """CPU time of a tick an agent, native, of teams of N; ratios to N = 4, and seconds to compile and fly once."""
     contenders, first = {}, {}
     for n in AGENTS:
-        setup, loop, noise = ready(scenario.parse(template.text("team", n, 2), "team.yaml"))
+        setup, loop, noise = ready(scenario.parse(template.scenario_template("team", n, 2), "team.yaml"))
         ticks, began = jnp.asarray(TICKS), time.perf_counter()
-        end, _ = simulator.advance(setup, loop, noise, ticks)
+        end, _ = simulator.rollout(setup, loop, noise, ticks)
         first[n] = time.perf_counter() - began
         if int(end.tick) < TICKS:
             raise RuntimeError(f"N = {n}: the flight ended after {int(end.tick)} of {TICKS} ticks")
-        fly = simulator.program(setup, loop, noise, ticks)
+        fly = simulator.compile_rollout(setup, loop, noise, ticks)
         contenders[str(n)] = (lambda fly=fly, given=(setup, loop, noise, ticks): jax.block_until_ready(fly(*given)), n)
     times = rounds({n: (once, TICKS * agents) for n, (once, agents) in contenders.items()}, seconds, time.process_time)
     to_4, figures = ratios(times, "4"), {}
@@ -91,10 +93,10 @@ def growth(seconds: float) -> tuple[dict[str, Any], dict[str, bool]]:
 
 def run(seconds: float) -> Outcome:
     """Ratios to JAX's loop in the same run; times real time; growth with the team."""
-    setup, loop, noise = ready(colift.load("paper"))
+    setup, loop, noise = ready(colift.payload("paper"))
     ticks, by_jax = jnp.asarray(TICKS), jax.jit(simulator._advance)
     contenders = {
-        "native": (lambda: jax.block_until_ready(simulator.advance(setup, loop, noise, ticks)), TICKS),
+        "native": (lambda: jax.block_until_ready(simulator.rollout(setup, loop, noise, ticks)), TICKS),
         "JAX": (lambda: jax.block_until_ready(by_jax(setup, loop, noise, ticks)), TICKS),
         f"{FLIGHTS} at once, native, one core": (many(setup, loop, noise), TICKS * FLIGHTS),
     }

@@ -24,10 +24,10 @@ from colift.codegen.blocks import Function, Over, Scan
 from colift.codegen.graph import Graph
 from colift.codegen.interpret import interpret
 from colift.codegen.vmap_primitive import trace
-from colift.math.vmap import over
+from colift.math.vmap import vmap_agents
 from colift.models import aerial_manipulator
-from colift.models.parameters import Agent, Team
-from colift.models.state import AgentState, State, no_force
+from colift.models.parameters import AerialManipulator, Team
+from colift.models.state import AgentState, State, zero_residual
 from colift.simulation import contact_dynamics
 
 ARITHMETIC = ("add", "sub", "mul", "div", "sqrt")
@@ -62,32 +62,32 @@ def _count(function: Function, need: liveness.Live) -> Counter[str]:
 def stages() -> dict[str, Callable[..., Any]]:
     """One evaluation, further and further: what a stage adds to the count of the one before is its own."""
 
-    def geometry(team: Team, z: State, _u: contact_dynamics.Inputs) -> Any:
-        return over(aerial_manipulator.geometry)(team.groups[0], z.agents[0].r)
+    def geometry(team: Team, z: State, _u: contact_dynamics.TeamInputs) -> Any:
+        return vmap_agents(aerial_manipulator.forward_kinematics)(team.agent_groups[0], z.agents[0].r)
 
-    def mass(team: Team, z: State, _u: contact_dynamics.Inputs) -> Any:
-        return over(lambda agent, r: aerial_manipulator.reduce(agent, aerial_manipulator.geometry(agent, r)))(
-            team.groups[0], z.agents[0].r
-        )
+    def mass(team: Team, z: State, _u: contact_dynamics.TeamInputs) -> Any:
+        return vmap_agents(
+            lambda agent, r: aerial_manipulator.centroidal_model(agent, aerial_manipulator.forward_kinematics(agent, r))
+        )(team.agent_groups[0], z.agents[0].r)
 
-    def bias(team: Team, z: State, _u: contact_dynamics.Inputs) -> Any:
-        def one(agent: Agent, a: AgentState) -> Any:
-            g = aerial_manipulator.geometry(agent, a.r)
-            q = aerial_manipulator.reduce(agent, g)
-            return q, aerial_manipulator.bias(agent, g, q, a.omega, a.r_dot)
+    def bias(team: Team, z: State, _u: contact_dynamics.TeamInputs) -> Any:
+        def one(agent: AerialManipulator, a: AgentState) -> Any:
+            g = aerial_manipulator.forward_kinematics(agent, a.r)
+            q = aerial_manipulator.centroidal_model(agent, g)
+            return q, aerial_manipulator.bias_forces(agent, g, q, a.omega, a.r_dot)
 
-        return over(one)(team.groups[0], z.agents[0])
+        return vmap_agents(one)(team.agent_groups[0], z.agents[0])
 
-    def forced(team: Team, z: State, u: contact_dynamics.Inputs) -> Any:
-        f = no_force(team).agents[0]
-        of_agents = over(contact_dynamics._forced, in_axes=(0, 0, None, 0, 0, None))
-        return of_agents(team.groups[0], z.agents[0], z.payload, u[0], f, team.gravity)
+    def forced(team: Team, z: State, u: contact_dynamics.TeamInputs) -> Any:
+        f = zero_residual(team).agents[0]
+        of_agents = vmap_agents(contact_dynamics._forced, in_axes=(0, 0, None, 0, 0, None))
+        return of_agents(team.agent_groups[0], z.agents[0], z.payload, u[0], f, team.gravity)
 
-    def eliminated(team: Team, z: State, u: contact_dynamics.Inputs) -> Any:
-        return over(contact_dynamics._eliminate)(forced(team, z, u))
+    def eliminated(team: Team, z: State, u: contact_dynamics.TeamInputs) -> Any:
+        return vmap_agents(contact_dynamics._eliminate)(forced(team, z, u))
 
-    def whole(team: Team, z: State, u: contact_dynamics.Inputs) -> Any:
-        return contact_dynamics.accelerate(team, z, u, no_force(team))
+    def whole(team: Team, z: State, u: contact_dynamics.TeamInputs) -> Any:
+        return contact_dynamics.forward_dynamics(team, z, u, zero_residual(team))
 
     return {
         "geometry of the tree": geometry,
@@ -108,7 +108,7 @@ def run(seconds: float) -> Outcome:
         rows[name] = Counter({op: so_far[op] - before[op] for op in so_far})
         before = so_far
     rows["one evaluation"] = before
-    rows["projection"] = operations(contact_dynamics.project, *case[:2])
+    rows["projection"] = operations(contact_dynamics.project_to_constraints, *case[:2])
     rows["one step"] = operations(plant.step, *case, jnp.array(plant.DT))
     with threadpool_limits(1):
         rate = gp.dgemm_rate()

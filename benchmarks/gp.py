@@ -20,7 +20,7 @@ from threadpoolctl import threadpool_limits
 
 from benchmarks import Outcome, ratios, rounds
 from colift import gp
-from colift.gp.likelihood import log_marginal, one_thread
+from colift.gp.likelihood import log_marginal_likelihood, single_thread_blas
 
 OUTPUTS, INPUTS = 6, 20
 SIZES = (200, 500, 1000, 2000)
@@ -35,11 +35,11 @@ def dgemm_rate() -> float:
     return 2 * 1500**3 / rounds({"dgemm": (lambda: A @ A, 1)}, 0.5)["dgemm"].min()
 
 
-def data(N: int) -> tuple[np.ndarray, np.ndarray, gp.Hyper]:
+def data(N: int) -> tuple[np.ndarray, np.ndarray, gp.Hyperparameters]:
     rng = np.random.default_rng(N)
     X = rng.normal(size=(N, INPUTS))
     Y = np.sin(X[:, :OUTPUTS]) + 0.3 * X[:, OUTPUTS : 2 * OUTPUTS] + 0.1 * rng.normal(size=(N, OUTPUTS))
-    return X, Y, gp.hyperparameters(np.ones(OUTPUTS), rng.uniform(2, 8, (OUTPUTS, INPUTS)), 0.01)
+    return X, Y, gp.make_hyperparameters(np.ones(OUTPUTS), rng.uniform(2, 8, (OUTPUTS, INPUTS)), 0.01)
 
 
 def likelihood(N: int, peer: object, seconds: float) -> tuple[dict[str, np.ndarray], float]:
@@ -51,8 +51,8 @@ def likelihood(N: int, peer: object, seconds: float) -> tuple[dict[str, np.ndarr
     columns = [np.asfortranarray(Y[:, [i]]) for i in range(OUTPUTS)]
 
     def ours() -> list[tuple[float, np.ndarray]]:
-        with one_thread(N):
-            return [log_marginal(theta, X, y, scratch) for theta, y in zip(thetas, columns, strict=True)]
+        with single_thread_blas(N):
+            return [log_marginal_likelihood(theta, X, y, scratch) for theta, y in zip(thetas, columns, strict=True)]
 
     scratch = np.empty((2, N, N))
     contenders, expected = {"colift": ours}, ours()
@@ -104,15 +104,15 @@ def tick_of_24_means(N: int, seconds: float) -> tuple[dict[str, np.ndarray], flo
     """A payload of 6 outputs and two agents of 9, each on its own 20 inputs, in a scan of 1000 ticks; s a tick."""
     rng = np.random.default_rng(0)
 
-    def posterior(outputs: int) -> gp.GP:
-        hyper = gp.hyperparameters(np.ones(outputs), rng.uniform(2, 8, (outputs, INPUTS)), 0.01)
+    def posterior(outputs: int) -> gp.GPPosterior:
+        hyper = gp.make_hyperparameters(np.ones(outputs), rng.uniform(2, 8, (outputs, INPUTS)), 0.01)
         return gp.condition(rng.normal(size=(N, INPUTS)), rng.normal(size=(N, outputs)), hyper)
 
     payload = posterior(6)
     agents = jax.tree.map(lambda *leaves: jnp.stack(leaves), posterior(9), posterior(9))
 
     @jax.jit
-    def run(payload: gp.GP, agents: gp.GP) -> jax.Array:
+    def run(payload: gp.GPPosterior, agents: gp.GPPosterior) -> jax.Array:
         def tick(x: jax.Array, _: None) -> tuple[jax.Array, None]:
             total = gp.mean(payload, x[0]).sum() + jax.vmap(gp.mean)(agents, x[1:]).sum()
             return x + 1e-6 * total, None  # the next tick needs this one
@@ -138,7 +138,7 @@ def queries(N: int, points: int, seconds: float) -> tuple[dict[str, np.ndarray],
         return [model.predict(x, return_std=True) for model in models]
 
     @jax.jit
-    def apart(posterior: gp.GP, x: jax.Array) -> tuple[jax.Array, jax.Array]:
+    def apart(posterior: gp.GPPosterior, x: jax.Array) -> tuple[jax.Array, jax.Array]:
         return jax.vmap(gp.mean, (None, 0))(posterior, x), jax.vmap(gp.variance, (None, 0))(posterior, x)
 
     mean, variance = gp.predict(posterior, given)
@@ -160,8 +160,8 @@ def refused(N: int, seconds: float) -> tuple[dict[str, np.ndarray], float]:
     posterior = gp.condition(X, Y, hyper)
     near, y = jnp.asarray(X[:100] + 1e-3), jnp.asarray(Y[:100])
 
-    def offered(posterior: gp.GP, xy: tuple[jax.Array, jax.Array]) -> tuple[gp.GP, jax.Array]:
-        return gp.informative(posterior, *xy, jnp.asarray(0.9))
+    def offered(posterior: gp.GPPosterior, xy: tuple[jax.Array, jax.Array]) -> tuple[gp.GPPosterior, jax.Array]:
+        return gp.max_variance_subset(posterior, *xy, jnp.asarray(0.9))
 
     def variance(carry: jax.Array, x: jax.Array) -> tuple[jax.Array, None]:
         return carry + gp.variance(posterior, x + 1e-9 * carry)[0], None

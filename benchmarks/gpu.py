@@ -46,7 +46,7 @@ def measure(device: jax.Device, batches: Iterable[int], steps: int, seconds: flo
 
 def _masses(case: plant.Case) -> list[bool]:
     """Which leaves are masses and inertias of the agents: scaled together, so that every body stays physical."""
-    (group,) = case[0].groups
+    (group,) = case[0].agent_groups
     return [x is group.mass or x is group.inertia for x in jax.tree.leaves(case)]
 
 

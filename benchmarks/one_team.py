@@ -57,8 +57,8 @@ def run(seconds: float) -> Outcome:
     by_mujoco()
     mujoco.mj_forward(model, data)
     gaps = {
-        "native": float(jnp.abs(grasp.Phi(team, end)).max()),
-        "JAX": float(jnp.abs(grasp.Phi(team, by_jax(*args))).max()),
+        "native": float(jnp.abs(grasp.constraint_residual(team, end)).max()),
+        "JAX": float(jnp.abs(grasp.constraint_residual(team, by_jax(*args))).max()),
         "MuJoCo RK4": float(np.abs(data.efc_pos[: data.ne]).max()),
     }
     apart = float(np.linalg.norm(np.asarray(end.payload.p) - data.qpos[-7:-4]))

@@ -12,7 +12,7 @@ import pinocchio as pin
 from benchmarks.plant import DT, Case
 from colift.models import aerial_manipulator
 from colift.models.parameters import Team
-from colift.models.state import no_force
+from colift.models.state import zero_residual
 from tests.pinocchio_team import PinocchioTeam
 
 
@@ -20,7 +20,7 @@ def mujoco_team(team: Team) -> mujoco.MjModel:
     """The same team in MuJoCo: contacts are `connect` constraints."""
     numbers = lambda x: " ".join(repr(float(v)) for v in np.ravel(x))  # noqa: E731
     bodies, motors, grips = [], [], []
-    (group,) = team.groups
+    (group,) = team.agent_groups
     for j in range(team.sizes[0]):
         a = jax.tree.map(lambda x, j=j: np.asarray(x)[j], group)
 
@@ -38,7 +38,7 @@ def mujoco_team(team: Team) -> mujoco.MjModel:
         gears = ["0 0 1 0 0 0", "0 0 0 1 0 0", "0 0 0 0 1 0", "0 0 0 0 0 1"]
         motors += [f'<motor site="s{j}" gear="{gear}"/>' for gear in gears]
         motors += [f'<motor joint="j{j}{i}"/>' for i in (1, 2, 3)]
-        ends = zip(group.tree.tips, a.tip, strict=True)
+        ends = zip(group.tree.tip_bodies, a.tip_position, strict=True)
         grips += [f'<connect body1="a{j}b{i}" body2="load" anchor="{numbers(tip)}"/>' for i, tip in ends]
     J = np.asarray(team.payload.inertia)
     return mujoco.MjModel.from_xml_string(f"""
@@ -53,7 +53,7 @@ def mujoco_team(team: Team) -> mujoco.MjModel:
 def mujoco_state(model: mujoco.MjModel, case: Case) -> mujoco.MjData:
     """A level state, and the inputs, in MuJoCo's coordinates. Anchors are set from the payload's contacts."""
     team, z, (u,) = case
-    (group,), (a,) = team.groups, z.agents
+    (group,), (a,) = team.agent_groups, z.agents
     origin = a.x - jax.vmap(aerial_manipulator.center_of_mass)(group, a.r)
     level = np.array([1.0, 0, 0, 0])
     data = mujoco.MjData(model)
@@ -65,7 +65,7 @@ def mujoco_state(model: mujoco.MjModel, case: Case) -> mujoco.MjData:
         ]
     )
     data.ctrl = np.concatenate([u.u[:, None], u.tau, u.tau_r], axis=1).ravel()
-    model.eq_data[:, 3:6] = np.asarray(group.contact).reshape(-1, 3)
+    model.eq_data[:, 3:6] = np.asarray(group.contact_position).reshape(-1, 3)
     return data
 
 
@@ -74,7 +74,7 @@ def pinocchio_evaluations(case: Case) -> Callable[[], None]:
     team, z, inputs = case
     peer = PinocchioTeam(team)
     q, v = peer.coordinates(z)
-    tau = peer.force(q, z, inputs, no_force(team))
+    tau = peer.force(q, z, inputs, zero_residual(team))
     model, data = peer.model, peer.model.createData()
     frames = [(model.frames[a], model.frames[b]) for a, b in zip(peer.tips, peer.contacts, strict=True)]
     grips = pin.StdVec_RigidConstraintModel()
@@ -99,7 +99,7 @@ def pinocchio_evaluations(case: Case) -> Callable[[], None]:
 
 def mujoco_velocities(cases: Case) -> np.ndarray:
     """Of level teams on a leading axis, in MuJoCo's coordinates: body origins (world), body rates, joints."""
-    (group,), (a,), load = cases[0].groups, cases[1].agents, cases[1].payload
+    (group,), (a,), load = cases[0].agent_groups, cases[1].agents, cases[1].payload
     moving = jax.vmap(
         jax.vmap(lambda agent, r, r_dot: jax.jvp(lambda r: aerial_manipulator.center_of_mass(agent, r), (r,), (r_dot,)))
     )

@@ -10,26 +10,26 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 
 from colift.models.parameters import Team
-from colift.models.state import AgentInput, State, no_force
+from colift.models.state import AgentInput, State, zero_residual
 from colift.simulation import contact_dynamics
 from tests import teams
 
 DT = 1e-3  # s
 
-Case = tuple[Team, State, contact_dynamics.Inputs]
+Case = tuple[Team, State, contact_dynamics.TeamInputs]
 
 
-def step(team: Team, z: State, inputs: contact_dynamics.Inputs, dt: jax.Array) -> State:
+def step(team: Team, z: State, inputs: contact_dynamics.TeamInputs, dt: jax.Array) -> State:
     """RK4 and the projection."""
-    return contact_dynamics.project(
-        team, contact_dynamics.integrate(team, z, inputs, lambda _z, _t: no_force(team), dt)
+    return contact_dynamics.project_to_constraints(
+        team, contact_dynamics.rkmk4_step(team, z, inputs, lambda _z, _t: zero_residual(team), dt)
     )
 
 
 def rollout(steps: int) -> Callable[..., State]:
     """Many steps, one call."""
 
-    def run(team: Team, z: State, inputs: contact_dynamics.Inputs, dt: jax.Array) -> State:
+    def run(team: Team, z: State, inputs: contact_dynamics.TeamInputs, dt: jax.Array) -> State:
         return jax.lax.scan(lambda z, _: (step(team, z, inputs, dt), None), z, None, length=steps)[0]
 
     return run
@@ -38,12 +38,12 @@ def rollout(steps: int) -> Callable[..., State]:
 def hover(agents: int) -> Case:
     """The reference team at rest, and the inputs that hold it there."""
     team = teams.reference_team(agents)
-    z = contact_dynamics.consistent(team, teams.reference_guess(agents))
+    z = contact_dynamics.consistent_initial_state(team, teams.reference_guess(agents))
     zero = (AgentInput(u=jnp.zeros(agents), tau=jnp.zeros((agents, 3)), tau_r=jnp.zeros((agents, 3))),)
     flat, tree = ravel_pytree(zero)
 
     def acceleration(flat: jax.Array) -> jax.Array:
-        return ravel_pytree(contact_dynamics.accelerate(team, z, tree(flat), no_force(team))[0])[0]
+        return ravel_pytree(contact_dynamics.forward_dynamics(team, z, tree(flat), zero_residual(team))[0])[0]
 
     b, A = jax.jit(lambda x: (acceleration(x), jax.jacfwd(acceleration)(x)))(flat)
     return team, z, tree(jnp.asarray(np.linalg.lstsq(np.asarray(A), -np.asarray(b), rcond=None)[0]))
@@ -52,6 +52,6 @@ def hover(agents: int) -> Case:
 def carried(agents: int) -> Case:
     """The reference team with N agents at rest, each pulling up by its share of the weight."""
     team = teams.reference_team(agents)
-    weight = 9.81 * (team.groups[0].mass.sum() + team.payload.mass)
+    weight = 9.81 * (team.agent_groups[0].mass.sum() + team.payload.mass)
     share = AgentInput(u=jnp.full(agents, weight / agents), tau=jnp.zeros((agents, 3)), tau_r=jnp.zeros((agents, 3)))
-    return team, contact_dynamics.consistent(team, teams.reference_guess(agents)), (share,)
+    return team, contact_dynamics.consistent_initial_state(team, teams.reference_guess(agents)), (share,)

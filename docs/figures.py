@@ -24,7 +24,10 @@ here, out = Path(__file__).with_name("figures"), Path(sys.argv[1])
 for name, figure in FROM.items():
     shutil.copy(out / f"{figure}.png", here / f"{name}.png")
 seeds = json.loads((here.parents[1] / "evidence" / "results" / "orderings.json").read_text())["items"]
-seed_figures.spread(list(seeds.values()), experiment.ALL, out / "study_seeds")
+seed_figures.plot_seed_spread(list(seeds.values()), experiment.ALL_CASES, out / "study_seeds")
 shutil.copy(out / "study_seeds.png", here)
-drawn = [rendering.sketch(log.load(out / f"{case}.nc"), f"{case}: {experiment.ALL[case]}") for case in ("C1", "C3")]
-rendering.film(drawn, here / "flight.gif", speed=4.0, dots=80)
+drawn = [
+    rendering.render_data(log.load(out / f"{case}.nc"), f"{case}: {experiment.ALL_CASES[case]}")
+    for case in ("C1", "C3")
+]
+rendering.render_video(drawn, here / "flight.gif", speed=4.0, dots=80)

@@ -188,4 +188,4 @@ def collect(name: str, items: Iterable[str], compute: Callable[[str], Any]) -> d
 def save(path: Path, value: Any) -> None:
     """Write JSON, whole or not at all."""
     path.parent.mkdir(exist_ok=True)
-    atomic_write.write(path, (json.dumps(value, indent=1, allow_nan=False) + "\n").encode())
+    atomic_write.write_atomic(path, (json.dumps(value, indent=1, allow_nan=False) + "\n").encode())

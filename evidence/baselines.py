@@ -7,7 +7,7 @@ from typing import Any
 
 from colift import scenario
 from colift.analysis import metrics
-from colift.closed_loop.flight import fly_plan
+from colift.closed_loop.flight import run_experiment
 from colift.scenario import experiment
 from evidence import collect
 
@@ -41,10 +41,10 @@ def fly(item: str) -> float:
     total = 0.0
     for seed in SEEDS:
         changes = [f"{name}={value}" for name, value in GRID[case][int(k)].items()]
-        plan = experiment.plan(scenario.load("paper", [f"seed={seed}", *changes]), case)
-        flight = fly_plan(plan)
-        found = metrics.summary(flight, plan.world.team, plan.pilot.team)
-        total += 10.0 if flight.stopped else found["e_p_rms_m"]
+        plan = experiment.make_experiment(scenario.load_scenario("paper", [f"seed={seed}", *changes]), case)
+        flight = run_experiment(plan)
+        found = metrics.summary(flight, plan.world.team, plan.controller.team)
+        total += 10.0 if flight.termination_reason else found["e_p_rms_m"]
     return total / len(SEEDS)
 
 
@@ -52,7 +52,7 @@ def main() -> bool:
     """Fly the grids; the shipped scenario must hold settings within 5 % of each grid's best."""
     items = [f"{case} {k}" for case, grid in GRID.items() for k in range(len(grid))]
     found = collect("baselines", items, fly)
-    shipped = scenario.load("paper").model_dump()
+    shipped = scenario.load_scenario("paper").model_dump()
 
     def value(name: str) -> Any:
         return functools.reduce(lambda section, key: section[key], name.split("."), shipped)

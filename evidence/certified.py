@@ -15,7 +15,7 @@ import numpy as np
 
 from colift import scenario
 from colift.certification.certificate import ERRORS
-from colift.scenario import Settings
+from colift.scenario import Scenario
 from colift.workflows import certification
 from evidence import collect
 
@@ -30,45 +30,45 @@ _linear: dict[bool, Any] = {}  # the team's response, without and with noise, th
 def fly(item: str) -> dict[str, Any]:
     """One flight with its radii: `seed`, `seed adversary` with that of its adversary as well, or `seed noise`."""
     seed, kind = int(item.split()[0]), item.partition(" ")[2]
-    noise, settings = kind == "noise", scenario.load("certified")
+    noise, settings = kind == "noise", scenario.load_scenario("certified")
     settings = (noisy(settings) if noise else settings).model_copy(update={"seed": seed})
     made = certification.certify(settings, _linear.get(noise), NAMES)
-    _linear[noise] = made.linear
+    _linear[noise] = made.equilibrium_linearization
     out = figures(made)
     if kind == "adversary":
-        out["adversary"] = figures(certification.challenge(made))
+        out["adversary"] = figures(certification.test_with_adversary(made))
     return out
 
 
-def noisy(settings: Settings) -> Settings:
+def noisy(settings: Scenario) -> Scenario:
     """With the sensors of `paper` and the filters that go with them."""
-    theirs = scenario.load("paper")
+    theirs = scenario.load_scenario("paper")
     filters = {name: getattr(theirs.control, name) for name in ("fusion_Hz", "joint_filter_Hz")}
     control = settings.control.model_copy(update=filters)
     return settings.model_copy(update={"sensors": theirs.sensors, "control": control})
 
 
-def figures(made: certification.Certified) -> dict[str, Any]:
+def figures(made: certification.CertificationResult) -> dict[str, Any]:
     """What is kept of a certificate; m, m/s, 1 and rad/s."""
     found = made.certificate
     return {
-        "n": int(made.flight.oracle.payload.n),
+        "n": int(made.flight.model.payload.num_points),
         "varies": varies(made),
         "observed": dict(found.observed),
-        "floor": dict(found.floor),
-        "unknown": dict(found.unknown),
-        "beyond": dict(found.beyond),
-        "contraction": found.before.tube.contraction if found.before.tube else None,
+        "floor": dict(found.nominal_error),
+        "unknown": dict(found.disturbance_response),
+        "beyond": dict(found.linearization_error),
+        "contraction": found.a_priori.tube.contraction if found.a_priori.tube else None,
         "components": found.errors.size,
-        "components_left": {key: span.left(found.errors) for key, span in found.spans.items()},
-        "radii": {name: {"run": dict(r.run), "tube": dict(r.tube)} for name, r in found.radii.items()},
-        "assumed": list(found.radii["recovery"].assumed),
+        "components_left": {key: span.num_outside(found.errors) for key, span in found.intervals.items()},
+        "radii": {name: {"run": dict(r.a_posteriori), "tube": dict(r.a_priori)} for name, r in found.radii.items()},
+        "assumed": list(found.radii["recovery"].assumptions),
     }
 
 
-def varies(made: certification.Certified) -> dict[str, float]:
+def varies(made: certification.CertificationResult) -> dict[str, float]:
     """Half of the way between least and greatest residual in the window, least of all channels; N and N m."""
-    rows, window = made.flight.rows, made.certificate.window
+    rows, window = made.flight.records, made.certificate.window
     late = (rows.t >= window[0]) & (rows.t <= window[1])
     payload, agents = (np.ptp(np.asarray(f)[late], axis=0) / 2 for f in (rows.f_L, rows.f_x))
     return {"payload_N": payload[:3].min(), "payload_Nm": payload[3:].min(), "agents_N": agents.min()}

@@ -15,7 +15,7 @@ import numpy as np
 
 from colift import scenario
 from colift.analysis import metrics
-from colift.closed_loop.flight import fly_plan
+from colift.closed_loop.flight import run_experiment
 from colift.scenario import experiment
 from evidence import collect, orderings
 from evidence.targets import Target, missed
@@ -44,7 +44,7 @@ INTO = (  # the loop lies beside the jets until 14 s, among them from 17 s on
 def gusts(seed: int) -> tuple[str, ...]:
     """The gusts of `outdoors` with periods 0.5 to 2 times as long and any phase."""
     rng = np.random.default_rng((2027, seed))
-    wind = next(of for of in scenario.load("outdoors").disturbances if of.name == "load_wind")
+    wind = next(of for of in scenario.load_scenario("outdoors").disturbances if of.name == "load_wind")
     waves = [
         gust.model_dump() | {"period_s": gust.period_s * 2 ** rng.uniform(-1, 1), "phase_deg": rng.uniform(-180, 180)}
         for gust in wind.gusts
@@ -81,18 +81,18 @@ def fly(item: str) -> dict[str, Any]:
     name, changes, late = WORLDS[world]
     case, *led = case.split()
     made = changes(int(seed)) if callable(changes) else changes
-    settings = scenario.load(name, [AHEAD, *made, f"seed={seed}", *(LED for _ in led)])
-    flight = fly_plan(experiment.plan(settings, case))
-    rows = flight.rows
+    settings = scenario.load_scenario(name, [AHEAD, *made, f"seed={seed}", *(LED for _ in led)])
+    flight = run_experiment(experiment.make_experiment(settings, case))
+    rows = flight.records
     seconds = range(int(rows.t[-1]) + 1)
-    by = [metrics.norm_rms(rows.e_p[(rows.t >= k) & (rows.t < k + 1)]) for k in seconds]
+    by = [metrics.rms_norm(rows.e_p[(rows.t >= k) & (rows.t < k + 1)]) for k in seconds]
     return {
-        "e_p_rms_m": metrics.norm_rms(rows.e_p[rows.t >= late]) if rows.t[-1] > late else None,
+        "e_p_rms_m": metrics.rms_norm(rows.e_p[rows.t >= late]) if rows.t[-1] > late else None,
         "by_second_m": by,
-        "delta_W_rms_N": metrics.norm_rms(rows.delta_W[rows.t >= late][:, :3]) if rows.t[-1] > late else None,
-        "chatter_N": metrics.chatter(metrics.second_half(rows)),
-        "stopped": flight.stopped,
-        "changed_s": [update.t for update in flight.updates if update.changed],
+        "delta_W_rms_N": metrics.rms_norm(rows.delta_W[rows.t >= late][:, :3]) if rows.t[-1] > late else None,
+        "chatter_N": metrics.high_frequency_rms(metrics.second_half(rows)),
+        "stopped": flight.termination_reason,
+        "changed_s": [update.t for update in flight.updates if update.change_points],
     }
 
 

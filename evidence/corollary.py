@@ -27,21 +27,29 @@ FIGURE = Path(__file__).parents[1] / "docs" / "figures" / "corollary"
 
 def fly(seed: int, rate: float) -> dict[str, Any]:
     """One flight, with its radii, whose samples are taken at that rate."""
-    settings = scenario.load("certified")
+    settings = scenario.load_scenario("certified")
     learning = settings.learning.model_copy(update={"sample_Hz": rate, "capacity": CAPACITY})
     made = certification.certify(
         settings.model_copy(update={"seed": seed, "learning": learning}), names=("energy", "recovery")
     )
     found = made.certificate
-    (payload, *_) = certificate.bodies(made.plan, made.flight, made.loop.rows, made.loop.nodes, "energy")
-    radius = reachability.greatest(payload).max(0)
+    (payload, *_) = certificate.body_models(
+        made.plan, made.flight, made.nominal_linearization.records, made.nominal_linearization.nodes, "energy"
+    )
+    radius = reachability.max_error(payload).max(0)
     return {
-        "n": int(made.flight.oracle.payload.n),
+        "n": int(made.flight.model.payload.num_points),
         "observed_m": found.observed["e_p"],
-        "floor_m": found.floor["e_p"],
-        "unknown_m": found.unknown["e_p"],
-        "energy_m": {"run": found.radii["energy"].run["e_p"], "tube": _number(found.radii["energy"].tube["e_p"])},
-        "recovery_m": {"run": found.radii["recovery"].run["e_p"], "tube": _number(found.radii["recovery"].tube["e_p"])},
+        "floor_m": found.nominal_error["e_p"],
+        "unknown_m": found.disturbance_response["e_p"],
+        "energy_m": {
+            "run": found.radii["energy"].a_posteriori["e_p"],
+            "tube": _number(found.radii["energy"].a_priori["e_p"]),
+        },
+        "recovery_m": {
+            "run": found.radii["recovery"].a_posteriori["e_p"],
+            "tube": _number(found.radii["recovery"].a_priori["e_p"]),
+        },
         "payload_beta": payload.beta.tolist(),
         "payload_radius": radius.tolist(),
         "payload_deviation": (radius / payload.beta).tolist(),
@@ -70,7 +78,9 @@ def main() -> bool:
         r"greatest $\sigma$": over(lambda run: run["payload_deviation"][0]),
         r"greatest $\beta\sigma$": over(lambda run: run["payload_radius"][0]),
     }
-    certificate_figures.shrinkage(over(lambda run: run["n"]), radii, over(lambda run: run["floor_m"]), parts, FIGURE)
+    certificate_figures.plot_bound_vs_data(
+        over(lambda run: run["n"]), radii, over(lambda run: run["floor_m"]), parts, FIGURE
+    )
     for name, radius in radii.items():
         print(f"{name:28}" + "".join(f"{1e3 * each:8.2f}" for each in radius) + "  mm")
     return all(

@@ -19,8 +19,8 @@ from scipy.stats import binomtest
 
 from colift import gp
 from colift.gp import error_bounds
-from colift.gp.error_bounds import Assumption
-from colift.gp.optimal_recovery import recover
+from colift.gp.error_bounds import BoundAssumption
+from colift.gp.optimal_recovery import recovery_interval
 from evidence import collect
 
 DRAWS, CHUNK = 1000, 100
@@ -29,19 +29,19 @@ RECOVERED_FROM, RECOVERED_AT = 40, 4  # data of optimal recovery, and inputs it 
 DIMENSIONS, CENTRES, CANDIDATES = 2, 12, 64
 NORMS, NOISE = (2.0, 0.2), 0.2  # B, and eps or R; the signal's variance is 1. The small B leaves mostly noise
 CONFIDENCES = (0.5, 0.95)
-HYPER = gp.hyperparameters(1.0, [0.5] * DIMENSIONS, NOISE**2)
+HYPER = gp.make_hyperparameters(1.0, [0.5] * DIMENSIONS, NOISE**2)
 AXIS = np.linspace(-1, 1, 20)
 GRID = jnp.asarray(np.stack(np.meshgrid(AXIS, AXIS), axis=-1).reshape(-1, DIMENSIONS))
 
-CERTAIN = {Assumption.NORM, Assumption.STATED, Assumption.HORIZON}
+CERTAIN = {BoundAssumption.RKHS_NORM, BoundAssumption.FIXED_HYPERPARAMETERS, BoundAssumption.HORIZON}
 NOISES = {
-    "two-point": {Assumption.WITHIN_MODEL, Assumption.ZERO_MEAN, Assumption.INDEPENDENT},
-    "Gaussian": {Assumption.SUB_GAUSSIAN, Assumption.INDEPENDENT},
-    "filtered and biased": {Assumption.WITHIN_MODEL},
+    "two-point": {BoundAssumption.WITHIN_MODEL, BoundAssumption.ZERO_MEAN, BoundAssumption.INDEPENDENT},
+    "Gaussian": {BoundAssumption.SUB_GAUSSIAN, BoundAssumption.INDEPENDENT},
+    "filtered and biased": {BoundAssumption.WITHIN_MODEL},
 }
 # R as repeated measurements at one input would show it: of the filtered noise about its mean.
 DEVIATION = {"two-point": NOISE, "Gaussian": NOISE, "filtered and biased": 0.092 * NOISE}
-INPUTS = {"fixed": {Assumption.FIXED}, "adaptive": {Assumption.PREDICTABLE}}
+INPUTS = {"fixed": {BoundAssumption.FIXED_DESIGN}, "adaptive": {BoundAssumption.PREDICTABLE_INPUTS}}
 
 
 def correlation(X: Float[Array, "a d"], Z: Float[Array, "b d"]) -> Float[Array, "a b"]:
@@ -86,7 +86,7 @@ def gather(key: Key[Array, ""], kind: str, inputs: str, norm: float) -> tuple[Ar
         X = U[:, 0]
         return Z, a, X, jax.vmap(visit)(X, w)
 
-    def step(carry: tuple[gp.GP, Array, Array], new: tuple[Array, Array]) -> tuple[tuple, tuple[Array, Array]]:
+    def step(carry: tuple[gp.GPPosterior, Array, Array], new: tuple[Array, Array]) -> tuple[tuple, tuple[Array, Array]]:
         p, last, surprise = carry
         U, w = new
         hope = jax.vmap(lambda u: gp.mean(p, u)[0] + 2 * jnp.sqrt(gp.variance(p, u)[0]))(U)
@@ -98,27 +98,29 @@ def gather(key: Key[Array, ""], kind: str, inputs: str, norm: float) -> tuple[Ar
     return Z, a, X, y
 
 
-def forgets_the_noise(p: gp.GP, norm: float) -> Float[Array, " outputs"]:
+def forgets_the_noise(p: gp.GPPosterior, norm: float) -> Float[Array, " outputs"]:
     """`sqrt(B^2 - ||mean||^2)`, right for data without noise only; `||mean||^2 = r^T alpha - v |alpha|^2`."""
     square = jnp.sum(p.Y[:, 0] * p.alpha[0]) - NOISE**2 * jnp.sum(p.alpha[0] ** 2)
     return jnp.sqrt(jnp.maximum(norm**2 - square, 0.0))[None]
 
 
-def radii(p: gp.GP, deviation: Array, norm: float, R: float) -> dict[str, Array]:
+def radii(p: gp.GPPosterior, deviation: Array, norm: float, R: float) -> dict[str, Array]:
     """The radius of every bound on the grid, by its name and confidence."""
-    betas = {"energy": error_bounds.energy(p, norm, NOISE), "forgets the noise": forgets_the_noise(p, norm)}
+    betas = {"energy": error_bounds.bounded_energy(p, norm, NOISE), "forgets the noise": forgets_the_noise(p, norm)}
     found = {}
     for c in CONFIDENCES:
         betas[f"abbasi_yadkori {c}"] = error_bounds.abbasi_yadkori(p, norm, R, c)
         betas[f"chowdhury_gopalan {c}"] = error_bounds.chowdhury_gopalan(p, norm, R, c, POINTS)
         betas[f"fiedler {c}"] = error_bounds.fiedler(p, norm, R, c)
-        betas[f"srinivas {c}"] = error_bounds.srinivas(p, norm, c, error_bounds.greatest_gain(HYPER, p.n + 1))
+        betas[f"srinivas {c}"] = error_bounds.srinivas(
+            p, norm, c, error_bounds.max_information_gain(HYPER, p.num_points + 1)
+        )
         found[f"fiedler_fixed {c}"] = jax.vmap(lambda x, c=c: error_bounds.fiedler_fixed(p, x, norm, R, c)[0])(GRID)
     return found | {name: beta[0] * deviation for name, beta in betas.items()}
 
 
 @functools.partial(jax.jit, static_argnums=(3, 4))
-def judge(p: gp.GP, Z: Array, a: Array, norm: float, R: float) -> dict[str, tuple[Array, Array]]:
+def judge(p: gp.GPPosterior, Z: Array, a: Array, norm: float, R: float) -> dict[str, tuple[Array, Array]]:
     """For every bound the greatest error over radius on the grid, and the median of radius over error."""
     mean, deviation = jax.vmap(lambda x: (gp.mean(p, x)[0], jnp.sqrt(gp.variance(p, x)[0])))(GRID)
     error = jnp.abs(correlation(GRID, Z) @ a - mean)
@@ -134,7 +136,7 @@ def recovered(key: Key[Array, ""], Z: Array, a: Array, X: np.ndarray, y: np.ndar
     p = gp.condition(X, y[:, None], HYPER)
     worst, ratios = 0.0, []
     for x, f in zip(inputs, correlation(inputs, Z) @ a, strict=True):
-        possible = recover(X, y[:, None], HYPER, 0, norm, NOISE, x[None])
+        possible = recovery_interval(X, y[:, None], HYPER, 0, norm, NOISE, x[None])
         mean, middle = float(gp.mean(p, x)[0]), (possible.upper + possible.lower) / 2
         worst = max(worst, abs(float(f) - middle) / (possible.upper - middle))
         ratios.append(possible.radius(mean) / abs(float(f) - mean))
@@ -177,7 +179,9 @@ def _finite(value: float) -> float:
 
 def claims(bound: str, kind: str, inputs: str) -> bool:
     """Whether a bound claims to hold for data of that kind."""
-    return bound in error_bounds.ASSUMES and not error_bounds.unmet(bound, CERTAIN | NOISES[kind] | INPUTS[inputs])
+    return bound in error_bounds.REQUIRED_ASSUMPTIONS and not error_bounds.unsatisfied(
+        bound, CERTAIN | NOISES[kind] | INPUTS[inputs]
+    )
 
 
 def summarize(chunks: dict[str, dict[str, dict[str, float]]]) -> dict[str, dict[str, object]]:

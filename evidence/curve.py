@@ -21,8 +21,8 @@ from matplotlib.figure import Figure
 
 from colift import scenario
 from colift.analysis import metrics
-from colift.closed_loop.flight import fly_plan
-from colift.integrations.gymnasium_env import Transport, Transports, reward
+from colift.closed_loop.flight import run_experiment
+from colift.integrations.gymnasium_env import TransportEnv, TransportVecEnv, reward
 from colift.scenario import experiment
 from colift.visualization import style
 from evidence import ROOT, collect
@@ -64,7 +64,7 @@ def checked() -> list[str]:
         raise SystemExit(MISSING) from error
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always")
-        check_env(Transport(SCENARIO, **SETTINGS), skip_render_check=True)
+        check_env(TransportEnv(SCENARIO, **SETTINGS), skip_render_check=True)
     return [str(each.message) for each in told]
 
 
@@ -72,12 +72,12 @@ def flown(case: str) -> dict[str, Any]:
     """A case's own flights, without any environment: return, RMS e_p over the second half, m, and flights lost."""
     returns, errors, lost = [], [], 0
     for seed in range(FIRST, FIRST + JUDGED):
-        plan = experiment.plan(scenario.load(SCENARIO).model_copy(update={"seed": seed}), case)
-        flight = fly_plan(plan)
-        ticks, rows = round(SETTINGS["step_s"] / plan.dt), flight.rows
+        plan = experiment.make_experiment(scenario.load_scenario(SCENARIO).model_copy(update={"seed": seed}), case)
+        flight = run_experiment(plan)
+        ticks, rows = round(SETTINGS["step_s"] / plan.dt), flight.records
         returns.append(float(np.asarray(reward(rows.e_p, rows.e_R))[ticks:].sum() / ticks))
-        errors.append(metrics.norm_rms(metrics.second_half(rows).e_p))
-        lost += bool(flight.stopped)
+        errors.append(metrics.rms_norm(metrics.second_half(rows).e_p))
+        lost += bool(flight.termination_reason)
     return {"return": returns, "e_p_rms_m": errors, "lost": lost}
 
 
@@ -90,7 +90,7 @@ def learned(seed: int) -> list[dict[str, Any]]:
     except ModuleNotFoundError as error:
         raise SystemExit(MISSING) from error
     torch.set_num_threads(1)
-    seen = VecNormalize(adapted(Transports(FLIGHTS, SCENARIO, **SETTINGS)), gamma=PPO["gamma"])
+    seen = VecNormalize(adapted(TransportVecEnv(FLIGHTS, SCENARIO, **SETTINGS)), gamma=PPO["gamma"])
     others = judge()
     model, found = Learner("MlpPolicy", seen, seed=seed, device="cpu", **PPO), []
 
@@ -98,13 +98,13 @@ def learned(seed: int) -> list[dict[str, Any]]:
         return model.predict(seen.normalize_obs(observed), deterministic=True)[0]
 
     for _ in range(0, ROUNDS, EVERY):
-        model.learn(EVERY * FLIGHTS * (others.task.steps - 1), reset_num_timesteps=False)
+        model.learn(EVERY * FLIGHTS * (others.task.max_episode_steps - 1), reset_num_timesteps=False)
         found.append({"steps": model.num_timesteps, **judged(others, act)})
         print(f"curve: seed {seed}: {found[-1]}", flush=True)
     return found
 
 
-def adapted(flights: Transports) -> Any:
+def adapted(flights: TransportVecEnv) -> Any:
     """Our flights as Stable-Baselines3's `VecEnv`, which wants the next episode's first observation with an end.
 
     Gymnasium's shows it after one step more, so that step is flown at once where all end together, as they do here.
@@ -147,20 +147,20 @@ def adapted(flights: Transports) -> Any:
     return Adapted(flights.num_envs, flights.single_observation_space, flights.single_action_space)
 
 
-def judge() -> Transports:
+def judge() -> TransportVecEnv:
     """The flights of an evaluation."""
-    return Transports(JUDGED, SCENARIO, **SETTINGS)
+    return TransportVecEnv(JUDGED, SCENARIO, **SETTINGS)
 
 
-def judged(flights: Transports, act: Any) -> dict[str, Any]:
+def judged(flights: TransportVecEnv, act: Any) -> dict[str, Any]:
     """Flights under what `act` does with what is seen: as `flown`, of the environment's own rewards and errors."""
     seen, goods, errors, lost = flights.reset(seed=FIRST)[0], [], [], np.zeros(flights.num_envs, bool)
-    for _ in range(flights.task.steps - 1):
+    for _ in range(flights.task.max_episode_steps - 1):
         seen, good, ended, _, info = flights.step(act(seen))
         goods.append(good)
         errors.append(info["e_p_m"])
         lost |= ended
-    late = np.array(errors)[flights.task.steps // 2 - 1 :]
+    late = np.array(errors)[flights.task.max_episode_steps // 2 - 1 :]
     return {
         "return": np.sum(goods, axis=0).tolist(),
         "e_p_rms_m": np.sqrt((late**2).mean(0)).tolist(),
@@ -172,7 +172,7 @@ def draw(found: dict[str, Any], path: Path) -> None:
     """The learning curve as a figure: median and range of the seeds against flight time, cases as lines."""
     curves = [found[seed] for seed in SEEDS]
     minutes = [of["steps"] * SETTINGS["step_s"] / 60 for of in curves[0]]
-    with style.style():
+    with style.style_context():
         figure = Figure(figsize=(style.PAGE, 2.4))
         kinds = (("e_p_rms_m", 1e3, "RMS $e_p$, second half [mm]"), ("return", 1.0, "return [1]"))
         for ax, (kind, scale, label) in zip(figure.subplots(1, 2), kinds, strict=True):
@@ -180,7 +180,7 @@ def draw(found: dict[str, Any], path: Path) -> None:
             ax.fill_between(minutes, each.min(0), each.max(0), color="0.8", linewidth=0)
             ax.plot(minutes, np.median(each, axis=0), "ko-", clip_on=False, label="PPO, median and range of 5 seeds")
             for case in CASES:
-                at, shown = scale * np.mean(found[case][kind]), style.of(case)
+                at, shown = scale * np.mean(found[case][kind]), style.style_of(case)
                 ax.axhline(at, color=shown.color, linestyle=shown.dashes)
                 ax.annotate(NAMES[case], (minutes[-1], at), (5, 0), textcoords="offset points", va="center", fontsize=7)
             ax.set(xlabel="flight time flown to learn [min]", ylabel=label, xlim=(0, minutes[-1]))

@@ -26,11 +26,11 @@ from scipy.spatial.transform import Rotation
 
 from colift import scenario
 from colift.closed_loop import signals
-from colift.closed_loop.flight import Plan, fly_plan
+from colift.closed_loop.flight import Experiment, run_experiment
 from colift.math.pytree import pytree, static
 from colift.models import mjcf
 from colift.models.parameters import Team, agent_names
-from colift.models.state import Inputs, Residual, State, Unknown
+from colift.models.state import ResidualForces, ResidualFunctionType, State, TeamInputs
 from colift.scenario import experiment
 from colift.simulation import mujoco_plant
 from colift.simulation.contact_dynamics import Acceleration, AgentAcceleration
@@ -55,12 +55,12 @@ class Drake:
         self,
         team: Team,
         z: State,
-        inputs: Inputs,
-        f: Residual,
+        inputs: TeamInputs,
+        f: ResidualForces,
     ) -> tuple[Acceleration, tuple[Float[Array, "_agents _arms 3"], ...]]:
         """As `engine.Mujoco.accelerate`."""
         like = tuple(AgentAcceleration(v_dot=q.v, xi_dot=jnp.concatenate([q.omega, q.r_dot], axis=1)) for q in z.agents)
-        contacts = tuple(group.contact for group in team.groups)
+        contacts = tuple(group.contact_position for group in team.agent_groups)
         results = [jnp.zeros(6), *mujoco_plant._join(like), *mujoco_plant._join(contacts)]
         a_L, *of_agents, lam = mujoco_plant._ask(self.hosts.accelerate, results, z, inputs, f, self.h)
         return Acceleration(agents=mujoco_plant._part(like, of_agents), payload=a_L), mujoco_plant._part(
@@ -71,8 +71,8 @@ class Drake:
         self,
         team: Team,  # noqa: ARG002
         z: State,
-        inputs: Inputs,
-        residual: Unknown,
+        inputs: TeamInputs,
+        residual: ResidualFunctionType,
         dt: Float[Array, ""],
     ) -> State:
         """As `engine.Mujoco.step`."""
@@ -112,17 +112,17 @@ class Host:
             raise SystemExit(MISSING) from error
         self.h, self.by_rate, self.names = h, JacobianWrtVariable.kV, agent_names(team)
         self.plant = plant = MultibodyPlant(h)
-        self.own = self._read(Parser(plant), ET.fromstring(mjcf.document(team, z)))
+        self.own = self._read(Parser(plant), ET.fromstring(mjcf.to_mjcf(team, z)))
         joints, parts = iter(mjcf.joint_names(team)), []
         self.tips: list[list[tuple[Any, np.ndarray]]] = []
         payload = plant.GetBodyByName("payload")
-        for group, size in zip(team.groups, team.sizes, strict=True):
+        for group, size in zip(team.agent_groups, team.sizes, strict=True):
             for j, name in enumerate(self.names[len(parts) : len(parts) + size]):
                 agent = jax.tree.map(lambda x, j=j: np.asarray(x)[j], group)
                 moved = [next(joints) for _ in range(agent.tree.joints)]
                 bodies = [plant.GetBodyByName(body) for body in (name, *moved)]
-                tips = [(bodies[tip], at) for tip, at in zip(agent.tree.tips, agent.tip, strict=True)]
-                for (body, at), held in zip(tips, agent.contact, strict=True):
+                tips = [(bodies[tip], at) for tip, at in zip(agent.tree.tip_bodies, agent.tip_position, strict=True)]
+                for (body, at), held in zip(tips, agent.contact_position, strict=True):
                     plant.AddBallConstraint(body, at, payload, held)
                 self.tips.append(tips)
                 parts.append((bodies[0], moved, float(agent.mass.sum())))
@@ -263,24 +263,24 @@ class Host:
         return tuple(np.ravel(x) for x in agents + load)
 
 
-def fly(plan: Plan, plant: Drake | None = None) -> tuple[signals.Row, float]:
+def fly(plan: Experiment, plant: Drake | None = None) -> tuple[signals.StepRecord, float]:
     """A flight, in ours where no other plant is given; and the processor time it took, s, compilation included."""
     if plant:
         plan = dataclasses.replace(plan, world=dataclasses.replace(plan.world, plant=plant))
     began = time.process_time()
-    flight = fly_plan(plan)
-    if flight.stopped:
-        raise SystemExit(f"drake: {flight.stopped}")
-    return flight.rows, time.process_time() - began
+    flight = run_experiment(plan)
+    if flight.termination_reason:
+        raise SystemExit(f"drake: {flight.termination_reason}")
+    return flight.records, time.process_time() - began
 
 
-def extrapolated(rows: Sequence[signals.Row]) -> signals.Row:
+def extrapolated(rows: Sequence[signals.StepRecord]) -> signals.StepRecord:
     """Three flights, each at half the step of the one before, taken to a step of zero."""
     taken = {name: (np.array([1, -6, 8]) / 3) @ _stacked(rows, name) for name in HELD}
     return dataclasses.replace(rows[-1], **{k: x.reshape(getattr(rows[-1], k).shape) for k, x in taken.items()})
 
 
-def _stacked(rows: Sequence[signals.Row], name: str) -> np.ndarray:
+def _stacked(rows: Sequence[signals.StepRecord], name: str) -> np.ndarray:
     return np.stack([np.asarray(getattr(row, name)).ravel() for row in rows])
 
 
@@ -288,9 +288,9 @@ def judge(_: str) -> dict[str, Any]:
     """Every step against ours, and what they go to; how the payload's path goes there."""
     from importlib.metadata import version
 
-    plan = dataclasses.replace(experiment.plan(scenario.load("paper"), "C1"), duration=DURATION)
+    plan = dataclasses.replace(experiment.make_experiment(scenario.load_scenario("paper"), "C1"), duration=DURATION)
     steps_s = [plan.dt / n for n in SUBSTEPS]
-    hosts = Hosts(plan.world.team, plan.z, steps_s)
+    hosts = Hosts(plan.world.team, plan.initial_state, steps_s)
     flights = [fly(plan, Drake(h=jnp.asarray(h), hosts=hosts)) for h in steps_s]
     ours, ours_s = fly(plan)
     rows = [row for row, _ in flights]

@@ -40,16 +40,16 @@ SETTINGS = {  # substeps, integrator, time constant in substeps (MuJoCo takes no
 }
 
 
-def fly(plan: flight.Plan, plant: mujoco_plant.Mujoco | None) -> tuple[flight.Flight, float]:
+def fly(plan: flight.Experiment, plant: mujoco_plant.MujocoPlant | None) -> tuple[flight.FlightResult, float]:
     """A flight, and the processor time of its ticks, s: compiled by a first flight of one tick."""
     if plant:
         plan = dataclasses.replace(plan, world=dataclasses.replace(plan.world, plant=plant))
-    flight.fly_plan(dataclasses.replace(plan, duration=plan.dt))
+    flight.run_experiment(dataclasses.replace(plan, duration=plan.dt))
     began = time.process_time()
-    return flight.fly_plan(plan), time.process_time() - began
+    return flight.run_experiment(plan), time.process_time() - began
 
 
-def apart(a: signals.Row, b: signals.Row) -> dict[str, float]:
+def apart(a: signals.StepRecord, b: signals.StepRecord) -> dict[str, float]:
     """Largest distance of positions and angle of attitudes at any time; contact forces below 10 Hz, of the force.
 
     Forces: the RMS over contacts and time, and each contact's largest difference over its largest force.
@@ -71,16 +71,16 @@ def apart(a: signals.Row, b: signals.Row) -> dict[str, float]:
 
 def case(name: str) -> dict[str, Any]:
     """One case of the study in both engines: figures of merit, and how far they are apart."""
-    settings = scenario.load("paper")
-    plan = experiment.plan(settings, name)
+    settings = scenario.load_scenario("paper")
+    plan = experiment.make_experiment(settings, name)
     ours, ours_s = fly(plan, None)
-    theirs, theirs_s = fly(plan, mujoco_plant.plant(plan.world.team, plan.z, plan.dt))
-    team = plan.world.team, plan.pilot.team
+    theirs, theirs_s = fly(plan, mujoco_plant.mujoco_plant(plan.world.team, plan.initial_state, plan.dt))
+    team = plan.world.team, plan.controller.team
     found = {who: metrics.summary(flight, *team)["e_p_rms_m"] for who, flight in (("ours", ours), ("mujoco", theirs))}
-    stopped = ours.stopped or theirs.stopped
+    stopped = ours.termination_reason or theirs.termination_reason
     return {
         "e_p_rms_m": found,
-        "apart": None if stopped else apart(theirs.rows, ours.rows),
+        "apart": None if stopped else apart(theirs.records, ours.records),
         "stopped": stopped,
         "cpu_s": {"ours": ours_s, "mujoco": theirs_s},
     }
@@ -88,16 +88,16 @@ def case(name: str) -> dict[str, Any]:
 
 def compare_settings() -> dict[str, Any]:
     """The first seconds of C1 under every setting, against ours."""
-    settings = scenario.load("paper")
-    plan = dataclasses.replace(experiment.plan(settings, "C1"), duration=SHORT_S)
+    settings = scenario.load_scenario("paper")
+    plan = dataclasses.replace(experiment.make_experiment(settings, "C1"), duration=SHORT_S)
     ours, ours_s = fly(plan, None)
     dt, found = plan.dt, {}
     for name, (substeps, integrator, constant, impedance) in SETTINGS.items():
-        softness = mjcf.Softness(time_constant=constant * dt / substeps, impedance=impedance)
-        plant = mujoco_plant.plant(plan.world.team, plan.z, dt, substeps, softness)
+        softness = mjcf.ContactSoftness(time_constant=constant * dt / substeps, impedance=impedance)
+        plant = mujoco_plant.mujoco_plant(plan.world.team, plan.initial_state, dt, substeps, softness)
         plant.host.model.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{integrator}")
         theirs, seconds = fly(plan, plant)
-        found[name] = apart(theirs.rows, ours.rows) | {"cpu_over_ours": seconds / ours_s}
+        found[name] = apart(theirs.records, ours.records) | {"cpu_over_ours": seconds / ours_s}
     return found
 
 

@@ -33,9 +33,9 @@ from colift.onboard.learning import (
     residual_model,
     semiparametric,
 )
-from colift.onboard.learning.features import Body, features
-from colift.onboard.learning.online_learner import School
-from colift.scenario import Settings, controllers, experiment, priors
+from colift.onboard.learning.features import BodyKey, compute_features
+from colift.onboard.learning.online_learner import OnlineLearner
+from colift.scenario import Scenario, controllers, experiment, priors
 from evidence import collect
 
 WIND = "disturbances.{}.mean_mps=[-0.8, 1.6, 0]"
@@ -57,61 +57,70 @@ SEEDS = range(3)
 FAR = 10.0
 
 
-def settings(condition: str, seed: int) -> Settings:
+def settings(condition: str, seed: int) -> Scenario:
     """The paper's scenario in another condition, looking ahead."""
-    ahead = scenario.load("paper").innovation.look_ahead_s
-    return scenario.load("paper", [f"control.look_ahead_s={ahead}", *CONDITIONS[condition], f"seed={seed}"])
+    ahead = scenario.load_scenario("paper").innovation.look_ahead_s
+    return scenario.load_scenario("paper", [f"control.look_ahead_s={ahead}", *CONDITIONS[condition], f"seed={seed}"])
 
 
 @dataclasses.dataclass(frozen=True)
 class Lesson:
     """What a flight taught: the oracle of its last update, the data that it rests on and its fits."""
 
-    oracle: residual_model.Oracle
-    recorded: recorder.Recorded
+    oracle: residual_model.ResidualModel
+    recorded: recorder.RecorderState
     fits: model_update.Fits
-    training: model_update.Training  # of the paper's GPs
-    of_place: model_update.Training
-    mean: semiparametric.Mean
+    training: model_update.FitOptions  # of the paper's GPs
+    of_place: model_update.FitOptions
+    mean: semiparametric.MeanPrior
 
 
-def flown(plan: flight.Plan, until: float, loop: simulator.Loop, oracle: residual_model.Oracle) -> tuple[Any, Any]:
+def flown(
+    plan: flight.Experiment, until: float, loop: simulator.LoopState, oracle: residual_model.ResidualModel
+) -> tuple[Any, Any]:
     """The loop at a time, s, whose oracle is frozen meanwhile, and what was logged; deviations along it take longer."""
-    setup = dataclasses.replace(plan.setup, pilot=dataclasses.replace(plan.pilot, oracle=oracle))
-    room, key, logged = flight.chunk(plan), jax.random.fold_in(jax.random.key(plan.seed), 2), []
+    setup = dataclasses.replace(
+        plan.loop_config, controller=dataclasses.replace(plan.controller, residual_model=oracle)
+    )
+    room, key, logged = flight.ticks_per_chunk(plan), jax.random.fold_in(jax.random.key(plan.seed), 2), []
     done, ticks = int(loop.tick), round(until / plan.dt)
-    while done < ticks and not int(loop.ended):
+    while done < ticks and not int(loop.termination):
         noise = DRAW(plan.world, jax.random.fold_in(key, done), room)
-        loop, rows = simulator.advance(setup, loop, noise, jnp.asarray(min(room, ticks - done)))
+        loop, rows = simulator.rollout(setup, loop, noise, jnp.asarray(min(room, ticks - done)))
         logged.append(jax.tree.map(lambda x, n=int(loop.tick) - done: np.asarray(x)[:n], rows))
         done = int(loop.tick)
     return loop, jax.tree.map(lambda *x: np.concatenate(x), *logged)
 
 
-DRAW = jax.jit(lambda world, key, ticks: world.draw(key, ticks), static_argnums=2)
+DRAW = jax.jit(lambda world, key, ticks: world.sample_noise(key, ticks), static_argnums=2)
 
 
 @functools.cache
 def lesson(seed: int) -> Lesson:
     """C3 at home until its last update."""
     given = settings("home", seed)
-    plan = experiment.plan(given, "C3")
-    school, oracle = School(plan.training, plan.identify, plan.renewals), plan.pilot.oracle
-    loop = simulator.start(plan.setup, plan.z)
-    for t in plan.updates:
+    plan = experiment.make_experiment(given, "C3")
+    school, oracle = (
+        OnlineLearner(plan.fit_options, plan.identification, plan.online_updates),
+        plan.controller.residual_model,
+    )
+    loop = simulator.reset(plan.loop_config, plan.initial_state)
+    for t in plan.update_times:
         loop, _ = flown(plan, t, loop, oracle)
-        oracle, _ = school.teach(oracle, loop.memory.recorder, t, fit=True)
-    assert plan.training is not None
-    oracle = dataclasses.replace(oracle, known=mean_functions.no_air(plan.pilot.team.sizes))  # one program for all
-    of_place = priors.of_place(given, plan.pilot.team)
+        oracle, _ = school.update(oracle, loop.controller.recorder, t, fit=True)
+    assert plan.fit_options is not None
+    oracle = dataclasses.replace(
+        oracle, mean_function=mean_functions.zero_drag_thrust(plan.controller.team.sizes)
+    )  # one program for all
+    of_place = priors.position_only_options(given, plan.controller.team)
     assert of_place is not None
     return Lesson(
         oracle=oracle,
-        recorded=loop.memory.recorder,
+        recorded=loop.controller.recorder,
         fits=school.fits,
-        training=plan.training,
+        training=plan.fit_options,
         of_place=of_place,
-        mean=priors.mean(given, plan.pilot.team),
+        mean=priors.mean_prior(given, plan.controller.team),
     )
 
 
@@ -119,8 +128,8 @@ def lesson(seed: int) -> Lesson:
 class Map:
     """An oracle, and by body what is not known of its mean."""
 
-    oracle: residual_model.Oracle
-    doubts: semiparametric.Doubts = dataclasses.field(default_factory=dict)
+    oracle: residual_model.ResidualModel
+    doubts: semiparametric.MeanUncertainties = dataclasses.field(default_factory=dict)
 
 
 @functools.cache
@@ -140,38 +149,40 @@ def learned(model: str, seed: int) -> Map:
             return field(given)
 
 
-def bodies(given: Lesson) -> Iterator[tuple[Body, np.ndarray, np.ndarray]]:
+def bodies(given: Lesson) -> Iterator[tuple[BodyKey, np.ndarray, np.ndarray]]:
     """Every body's raw samples and labels, the payload first."""
-    for body, (X, Y, _) in model_update.raw(given.recorded).items():
+    for body, (X, Y, _) in model_update.samples_by_body(given.recorded).items():
         yield body, X, Y
 
 
-def seen(given: Lesson, body: Body, X: np.ndarray) -> np.ndarray:
+def seen(given: Lesson, body: BodyKey, X: np.ndarray) -> np.ndarray:
     """The paper's features of a body's samples."""
-    return features(given.oracle.features, body, X)
+    return compute_features(given.oracle.features, body, X)
 
 
-def with_models(oracle: residual_model.Oracle, models: dict[Body, gp.GP], **more: Any) -> residual_model.Oracle:
+def with_models(
+    oracle: residual_model.ResidualModel, models: dict[BodyKey, gp.GPPosterior], **more: Any
+) -> residual_model.ResidualModel:
     """The oracle with other GPs of all bodies."""
     groups = []
     for i, group in enumerate(oracle.agents):
-        each = [models[i, j] for j in range(len(group.n))]
+        each = [models[i, j] for j in range(len(group.num_points))]
         groups.append(jax.tree.map(lambda *x: jnp.stack(x), *each))
     return dataclasses.replace(oracle, payload=models["payload"], agents=tuple(groups), **more)
 
 
-def relevant(given: Lesson) -> residual_model.Oracle:
+def relevant(given: Lesson) -> residual_model.ResidualModel:
     """Of each output only features within `FAR` deviations, its hyperparameters fitted anew."""
     models = {}
     for body, X, Y in bodies(given):
-        Z, before, stated = seen(given, body, X), given.fits[body], given.training.of(body)
+        Z, before, stated = seen(given, body, X), given.fits[body], given.training.prior_for(body)
         hyper = before.hyper
         for i, scale in enumerate(before.lengthscales):
             kept = np.flatnonzero(scale < max(FAR, 1.001 * scale.min()))
             fit = gp.fit(
                 Z[:, kept],
                 Y[:, i : i + 1],
-                belief=dataclasses.replace(stated, median=alone(stated.median, i, kept)),
+                hyperprior=dataclasses.replace(stated, median=alone(stated.median, i, kept)),
                 start=alone(hyper, i, kept),
                 restarts=given.training.restarts,
                 max_iterations=given.training.max_iterations,
@@ -179,22 +190,25 @@ def relevant(given: Lesson) -> residual_model.Oracle:
             hyper = dataclasses.replace(
                 hyper,
                 signal_variance=hyper.signal_variance.at[i].set(fit.hyper.signal_variance[0]),
-                lengthscales=hyper.lengthscales.at[i].set(gp.UNSEEN).at[i, kept].set(fit.hyper.lengthscales[0]),
+                lengthscales=hyper.lengthscales.at[i]
+                .set(gp.INACTIVE_LENGTHSCALE)
+                .at[i, kept]
+                .set(fit.hyper.lengthscales[0]),
                 noise_variance=hyper.noise_variance.at[i].set(fit.hyper.noise_variance[0]),
             )
         models[body] = gp.condition(Z, Y, hyper, given.oracle.payload.capacity)
     return with_models(given.oracle, models)
 
 
-def alone(hyper: gp.Hyper, i: int, kept: np.ndarray) -> gp.Hyper:
+def alone(hyper: gp.Hyperparameters, i: int, kept: np.ndarray) -> gp.Hyperparameters:
     """One output's hyperparameters over some features."""
     one = slice(i, i + 1)
-    return gp.Hyper(
+    return gp.Hyperparameters(
         kernel=hyper.kernel,
         signal_variance=hyper.signal_variance[one],
         lengthscales=hyper.lengthscales[one, kept],
         noise_variance=hyper.noise_variance[one],
-        offset=hyper.offset[one],
+        constant_mean=hyper.constant_mean[one],
     )
 
 
@@ -274,27 +288,27 @@ PLACE = {True: slice(0, 3), False: slice(9, 12)}  # of features: the payload's, 
 
 def placed(given: Lesson) -> Map:
     """What C4 learns of these data."""
-    oracle, _, covariances = semiparametric.teach(
-        given.oracle, given.recorded, given.of_place, given.mean, {}, model_update.raw(given.recorded)
+    oracle, _, covariances = semiparametric.fit(
+        given.oracle, given.recorded, given.of_place, given.mean, {}, model_update.samples_by_body(given.recorded)
     )
-    return Map(oracle, semiparametric.doubts(oracle, given.recorded, covariances, {}))
+    return Map(oracle, semiparametric.mean_uncertainties(oracle, given.recorded, covariances, {}))
 
 
-def regression(given: Lesson, body: Body, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def regression(given: Lesson, body: BodyKey, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Basis of a body's mean `(n, 3 or 6, parameters)` and the prior deviation of its parameters."""
     payload = isinstance(body, str)
-    return semiparametric.regressors(X, payload), given.mean.payload if payload else given.mean.agents
+    return semiparametric.mean_regressors(X, payload), given.mean.payload if payload else given.mean.agents
 
 
-Member = tuple[Body, np.ndarray, np.ndarray]
+Member = tuple[BodyKey, np.ndarray, np.ndarray]
 FORCE, REST = slice(0, 3), slice(3, 6)
 
 
 def field(given: Lesson) -> Map:
     """The mean and GPs of the place, forces of all bodies in one field."""
     members, oracle = list(bodies(given)), given.oracle
-    models: dict[Body, gp.GP] = {}
-    doubts: dict[Body, semiparametric.Unsure] = {}
+    models: dict[BodyKey, gp.GPPosterior] = {}
+    doubts: dict[BodyKey, semiparametric.MeanUncertainty] = {}
     means = [regression(given, body, X) for body, X, _ in members]
     first = np.cumsum([0, *(len(prior) for _, prior in means)])
     own = [slice(a, b) for a, b in itertools.pairwise(first)]
@@ -302,25 +316,25 @@ def field(given: Lesson) -> Map:
         np.pad(Phi, ((0, 0), (0, 0), (at.start, first[-1] - at.stop))) for (Phi, _), at in zip(means, own, strict=True)
     ]
     blocks = [block(given, members, Phis, FORCE), block(given, members[:1], Phis, REST)]
-    found = fitted(blocks, np.concatenate([prior for _, prior in means]), given.training.payload.factor)
+    found = fitted(blocks, np.concatenate([prior for _, prior in means]), given.training.payload.scale_factor)
     for k, (body, X, Y) in enumerate(members):
         beta = found.parameters[own[k]]
         hyper = with_block(given.fits[body].hyper, body, FORCE, blocks[0].covariance(found.logs[0]), k)
         if body == "payload":
             hyper = with_block(hyper, body, REST, blocks[1].covariance(found.logs[1]), 0)
-        oracle = semiparametric.with_mean(oracle, body, beta, given.mean.believed)
+        oracle = semiparametric.set_mean_parameters(oracle, body, beta, given.mean.nominal_payload)
         constants = beta[8 if body == "payload" else 2 :]
-        hyper = dataclasses.replace(hyper, offset=hyper.offset.at[: len(constants)].set(constants))
+        hyper = dataclasses.replace(hyper, constant_mean=hyper.constant_mean.at[: len(constants)].set(constants))
         rest = Y - explained(oracle, body, X)
         model = gp.condition(seen(given, body, X), rest, hyper, given.oracle.payload.capacity)
         models[body], told = joined(model, whitened(model, Phis[k]), body, k, blocks[0], found)
-        doubts[body] = semiparametric.Unsure(told=told, covariance=found.covariance)
+        doubts[body] = semiparametric.MeanUncertainty(weighted_regressors=told, covariance=found.covariance)
     return Map(with_models(oracle, models), doubts)
 
 
 def block(given: Lesson, members: Sequence[Member], Phis: Sequence[np.ndarray], outputs: slice) -> Block:
     """The same three outputs of some bodies."""
-    stated = [given.training.of(body).median for body, _, _ in members]
+    stated = [given.training.prior_for(body).median for body, _, _ in members]
     deviation, noise = (
         np.sqrt([np.asarray(getattr(hyper, name))[outputs.start] for hyper in stated])
         for name in ("signal_variance", "noise_variance")
@@ -336,10 +350,14 @@ def block(given: Lesson, members: Sequence[Member], Phis: Sequence[np.ndarray], 
     )
 
 
-def with_block(hyper: gp.Hyper, body: Body, outputs: slice, covariance: tuple[Any, Any, Any], k: int) -> gp.Hyper:
+def with_block(
+    hyper: gp.Hyperparameters, body: BodyKey, outputs: slice, covariance: tuple[Any, Any, Any], k: int
+) -> gp.Hyperparameters:
     """Hyperparameters of a body with three outputs as the k-th body of a block has them."""
     length, B, noise = covariance
-    scale = hyper.lengthscales.at[outputs].set(gp.UNSEEN).at[outputs, PLACE[body == "payload"]].set(length)
+    scale = (
+        hyper.lengthscales.at[outputs].set(gp.INACTIVE_LENGTHSCALE).at[outputs, PLACE[body == "payload"]].set(length)
+    )
     return dataclasses.replace(
         hyper,
         signal_variance=hyper.signal_variance.at[outputs].set(B[k, k]),
@@ -348,13 +366,15 @@ def with_block(hyper: gp.Hyper, body: Body, outputs: slice, covariance: tuple[An
     )
 
 
-def whitened(model: gp.GP, Phi: np.ndarray) -> np.ndarray:
+def whitened(model: gp.GPPosterior, Phi: np.ndarray) -> np.ndarray:
     """`K_i^-1 Phi_i` of the outputs that Phi has: (outputs, points, parameters)."""
-    W = np.asarray(model.W)[: Phi.shape[1], : len(Phi), : len(Phi)]
+    W = np.asarray(model.inverse_cholesky)[: Phi.shape[1], : len(Phi), : len(Phi)]
     return np.stack([w.T @ (w @ Phi[:, i]) for i, w in enumerate(W)])
 
 
-def joined(own: gp.GP, told: np.ndarray, body: Body, k: int, block: Block, found: Fitted) -> tuple[gp.GP, np.ndarray]:
+def joined(
+    own: gp.GPPosterior, told: np.ndarray, body: BodyKey, k: int, block: Block, found: Fitted
+) -> tuple[gp.GPPosterior, np.ndarray]:
     """A body's GP, and `whitened`, with forces from all bodies' data, weighed by their covariance with this one."""
     N, (m, D) = len(block.x), own.hyper.lengthscales.shape
     mine = np.flatnonzero(block.body == k)
@@ -363,18 +383,18 @@ def joined(own: gp.GP, told: np.ndarray, body: Body, k: int, block: Block, found
     X, Y, W, alpha = np.zeros((N, D)), np.zeros((N, m)), np.zeros((m, N, N)), np.zeros((m, N))
     X[:, PLACE[body == "payload"]] = block.x
     X[mine], Y[mine], alpha[:, mine] = np.asarray(own.X)[:n], np.asarray(own.Y)[:n], np.asarray(own.alpha)[:, :n]
-    W[:, mine[:, None], mine] = np.asarray(own.W)[:, :n, :n]
+    W[:, mine[:, None], mine] = np.asarray(own.inverse_cholesky)[:, :n, :n]
     W[:3] = inverse * weight
     alpha[:3] = ((block.Y - block.Phi @ found.parameters).T @ inverse.T @ inverse) * weight
     more = np.zeros((len(told), N, told.shape[2]))
     more[:, mine] = told
     more[:3] = [(inverse.T @ (inverse @ block.Phi[:, i])) * weight[:, None] for i in range(3)]
-    model = gp.GP(
+    model = gp.GPPosterior(
         hyper=own.hyper,
         X=jnp.asarray(X),
         Y=jnp.asarray(Y),
-        n=jnp.asarray(N),
-        W=jnp.asarray(W),
+        num_points=jnp.asarray(N),
+        inverse_cholesky=jnp.asarray(W),
         alpha=jnp.asarray(alpha),
     )
     return model, more
@@ -383,14 +403,14 @@ def joined(own: gp.GP, told: np.ndarray, body: Body, k: int, block: Block, found
 def rigid(given: Lesson) -> Map:
     """The mean of `place`, and the paper's GPs of what it leaves."""
     base = placed(given).oracle
-    models: dict[Body, gp.GP] = {}
-    doubts: dict[Body, semiparametric.Unsure] = {}
+    models: dict[BodyKey, gp.GPPosterior] = {}
+    doubts: dict[BodyKey, semiparametric.MeanUncertainty] = {}
     for body, X, Y in bodies(given):
         rest, Z = Y - explained(base, body, X), seen(given, body, X)
         fit = gp.fit(
             Z,
             rest,
-            belief=given.training.of(body),
+            hyperprior=given.training.prior_for(body),
             restarts=given.training.restarts,
             max_iterations=given.training.max_iterations,
         )
@@ -398,33 +418,38 @@ def rigid(given: Lesson) -> Map:
         Phi, prior = regression(given, body, X)
         told = whitened(models[body], Phi)
         A = sum((Phi[:, i].T @ told[i] for i in range(Phi.shape[1])), np.diag(1 / prior**2))
-        doubts[body] = semiparametric.Unsure(told=told, covariance=np.linalg.inv(A))
+        doubts[body] = semiparametric.MeanUncertainty(weighted_regressors=told, covariance=np.linalg.inv(A))
     return Map(with_models(base, models), doubts)
 
 
-def explained(oracle: residual_model.Oracle, body: Body, X: np.ndarray) -> np.ndarray:
+def explained(oracle: residual_model.ResidualModel, body: BodyKey, X: np.ndarray) -> np.ndarray:
     """What an oracle's mean says beside its GPs at a body's raw samples."""
-    known, x = oracle.known, jnp.asarray(X)
+    known, x = oracle.mean_function, jnp.asarray(X)
     assert known is not None
     if isinstance(body, str):
         inertial = jax.vmap(
-            lambda x: identification.regressor(identification.state_of(x), x[18:21], x[21:24]) @ oracle.theta
+            lambda x: (
+                identification.inertial_regressor(identification.payload_state_from_input(x), x[18:21], x[21:24])
+                @ oracle.inertial_parameters
+            )
         )(x)
-        return np.asarray(jax.vmap(known.on_payload)(x) + inertial)
+        return np.asarray(jax.vmap(known.payload_mean)(x) + inertial)
     i, j = body
-    size = len(oracle.agents[i].n)
-    return np.asarray(jax.vmap(lambda one: known.on_agents(i, jnp.broadcast_to(one[None], (size, *one.shape)))[j])(x))
+    size = len(oracle.agents[i].num_points)
+    return np.asarray(jax.vmap(lambda one: known.agent_means(i, jnp.broadcast_to(one[None], (size, *one.shape)))[j])(x))
 
 
-def plan(case: str, condition: str, seed: int) -> flight.Plan:
+def plan(case: str, condition: str, seed: int) -> flight.Experiment:
     """A case in a condition; a frozen oracle takes in nothing."""
     given = settings(condition, seed)
     if case in ("O", "F"):
-        return experiment.plan(given, case)
+        return experiment.make_experiment(given, case)
     model, _, labels = case.partition(" with ")
-    made = experiment.plan(given, "C1")
-    pilot = dataclasses.replace(made.pilot, oracle=learned(model, seed).oracle)
-    return dataclasses.replace(made, pilot=controllers.listening(given, pilot, held=True) if labels else pilot)
+    made = experiment.make_experiment(given, "C1")
+    pilot = dataclasses.replace(made.controller, residual_model=learned(model, seed).oracle)
+    return dataclasses.replace(
+        made, controller=controllers.with_innovation_filter(given, pilot, held=True) if labels else pilot
+    )
 
 
 EVERY = 50  # ticks between two states at which densities are taken
@@ -438,16 +463,21 @@ def fly(item: str) -> dict[str, Any]:
     """
     case, condition, seed = item.split(": ")
     made = plan(case, condition, int(seed))
-    loop, rows = flown(made, made.duration, simulator.start(made.setup, made.z), made.pilot.oracle)
-    stopped, rows = termination.Cause(int(loop.ended)).name if int(loop.ended) else "", metrics.second_half(rows)
-    found: dict[str, Any] = {"stopped": stopped, "e_p_rms_m": metrics.norm_rms(rows.e_p)}
+    loop, rows = flown(
+        made, made.duration, simulator.reset(made.loop_config, made.initial_state), made.controller.residual_model
+    )
+    stopped, rows = (
+        termination.TerminationCause(int(loop.termination)).name if int(loop.termination) else "",
+        metrics.second_half(rows),
+    )
+    found: dict[str, Any] = {"stopped": stopped, "e_p_rms_m": metrics.rms_norm(rows.e_p)}
     if case != "O" and not stopped:
         e_L, e_x = rows.f_L_hat - rows.f_L, rows.f_x_hat - rows.f_x
         found |= {
-            "payload_force_N": metrics.norm_rms(e_L[:, :3]),
-            "payload_moment_Nm": metrics.norm_rms(e_L[:, 3:]),
+            "payload_force_N": metrics.rms_norm(e_L[:, :3]),
+            "payload_moment_Nm": metrics.rms_norm(e_L[:, 3:]),
             "agents_force_N": float(np.sqrt((e_x**2).sum(2).mean())),
-            "team_force_N": metrics.norm_rms(e_L[:, :3] + e_x.sum(1)),
+            "team_force_N": metrics.rms_norm(e_L[:, :3] + e_x.sum(1)),
         }
     if case not in ("O", "F") and not stopped:
         bias = settings(condition, int(seed)).sensors.tip_force_bias_N
@@ -456,17 +486,17 @@ def fly(item: str) -> dict[str, Any]:
     return found
 
 
-def densities(made: flight.Plan, known: Map, rows: signals.Row, bias: float) -> dict[str, float]:
+def densities(made: flight.Experiment, known: Map, rows: signals.StepRecord, bias: float) -> dict[str, float]:
     """Mean negative log densities of the true residual: payload's forces, its moments, agents' forces."""
-    team, (x, agents) = made.pilot.team, signals.inputs(made.world.team, rows)
+    team, (x, agents) = made.controller.team, signals.model_inputs(made.world.team, rows)
     a = rows.a_L - np.concatenate([np.asarray(team.gravity), np.zeros(3)])
-    c = np.concatenate([np.asarray(group.contact).reshape(-1, 3) for group in team.groups])
+    c = np.concatenate([np.asarray(group.contact_position).reshape(-1, 3) for group in team.agent_groups])
     by_bias = bias**2 * np.concatenate([np.full(3, len(c)), ((c**2).sum(1, keepdims=True) - c**2).sum(0)])
     load = density(
         known, "payload", known.oracle.payload, np.concatenate([x, a], axis=1), np.asarray(rows.f_L), by_bias
     )
     forces, first = [], 0
-    for i, (group, X) in enumerate(zip(team.groups, agents, strict=True)):
+    for i, (group, X) in enumerate(zip(team.agent_groups, agents, strict=True)):
         by_bias = np.full(3, bias**2 * group.tree.arms)
         for j in range(X.shape[1]):
             model = jax.tree.map(lambda x, j=j: x[j], known.oracle.agents[i])
@@ -479,19 +509,21 @@ def densities(made: flight.Plan, known: Map, rows: signals.Row, bias: float) -> 
     }
 
 
-def density(known: Map, body: Body, model: gp.GP, X: np.ndarray, f: np.ndarray, bias: np.ndarray) -> np.ndarray:
+def density(
+    known: Map, body: BodyKey, model: gp.GPPosterior, X: np.ndarray, f: np.ndarray, bias: np.ndarray
+) -> np.ndarray:
     """`-log N(f; mean, variance)` of the first outputs of a body, nats, by time and output."""
     features, m = known.oracle.features, f.shape[1]
     Z = features.payload(jnp.asarray(X)) if body == "payload" else features.agent(jnp.asarray(X))
     mean, variance = (np.asarray(x)[:, :m] for x in gp.predict(model, Z))
     variance = variance + np.asarray(model.hyper.noise_variance)[:m] + bias
     if body in known.doubts:
-        unsure, Phi = known.doubts[body], semiparametric.regressors(X, body == "payload")
+        unsure, Phi = known.doubts[body], semiparametric.mean_regressors(X, body == "payload")
         many, before = len(unsure.covariance), list(known.doubts).index(body)
         if Phi.shape[2] < many:  # of one field, with the parameters of all bodies
             at = 14 + 5 * (before - 1) if before else 0
             Phi = np.pad(Phi, ((0, 0), (0, 0), (at, many - at - Phi.shape[2])))
-        variance = variance + semiparametric.doubt(model, unsure, np.asarray(Z), Phi)[:, :m]
+        variance = variance + semiparametric.mean_variance(model, unsure, np.asarray(Z), Phi)[:, :m]
     off = f - mean - explained(known.oracle, body, X)[:, :m]
     return 0.5 * (off**2 / variance + np.log(2 * np.pi * variance))
 

@@ -27,7 +27,7 @@ from colift.runtime import run_directory, signals
 from evidence import collect
 
 RUNS = ("src",)  # in processes of their own
-ALLOWED = 2 * signals.GRACE  # s, from the signal to the end; the machine may be busy with other things
+ALLOWED = 2 * signals.GRACE_PERIOD  # s, from the signal to the end; the machine may be busy with other things
 SCENARIOS = Path(colift.scenario.__file__).parent / "library"
 COLIFT = """
 import signal
@@ -160,7 +160,7 @@ def _read(path: Path) -> None:
     """Raises ValueError or OSError for a file that is not whole."""
     if path.name.startswith("."):
         raise ValueError("should have been cleared up")
-    if run_directory.run_of(path) is None:
+    if run_directory.read_run_id(path) is None:
         raise ValueError("names no run")
     content = path.read_bytes()
     if path.suffix == ".nc":

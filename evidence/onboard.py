@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from colift import scenario
-from colift.closed_loop.flight import fly_plan
+from colift.closed_loop.flight import run_experiment
 from colift.codegen import build
 from colift.integrations import c_export
 from colift.scenario import experiment
@@ -61,11 +61,11 @@ SECTIONS {
 def exported() -> Path:
     """The folder of the paper's C3, once."""
     folder = Path(WORK.name)
-    settings = scenario.load("paper")
-    plan = experiment.plan(settings, "C3")
-    flight = fly_plan(plan)
-    assert not flight.stopped
-    c_export.c(plan, flight.oracle, TICKS, folder, "paper, C3")
+    settings = scenario.load_scenario("paper")
+    plan = experiment.make_experiment(settings, "C3")
+    flight = run_experiment(plan)
+    assert not flight.termination_reason
+    c_export.export_c(plan, flight.model, TICKS, folder, "paper, C3")
     return folder
 
 

@@ -9,23 +9,23 @@ import numpy as np
 
 from colift import scenario
 from colift.analysis import metrics
-from colift.closed_loop.flight import fly_plan
+from colift.closed_loop.flight import run_experiment
 from colift.scenario import experiment
 from evidence import collect
 from evidence.targets import Target
 
 SEEDS = range(11)  # 0 is the default
-CASES = tuple(experiment.ALL)
+CASES = tuple(experiment.ALL_CASES)
 
 
 def fly(seed: int) -> dict[str, Any]:
     """The cases' figures of merit for one seed."""
-    settings = scenario.load("paper").model_copy(update={"seed": seed})
+    settings = scenario.load_scenario("paper").model_copy(update={"seed": seed})
     out = {}
     for case in CASES:
-        plan = experiment.plan(settings, case)
-        flight = fly_plan(plan)
-        out[case] = metrics.summary(flight, plan.world.team, plan.pilot.team) | {"wall_s": flight.wall}
+        plan = experiment.make_experiment(settings, case)
+        flight = run_experiment(plan)
+        out[case] = metrics.summary(flight, plan.world.team, plan.controller.team) | {"wall_s": flight.wall_time}
     return out
 
 

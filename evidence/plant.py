@@ -20,11 +20,11 @@ import numpy as np
 from jaxtyping import Array
 
 from colift import scenario
-from colift.closed_loop.flight import fly_plan
+from colift.closed_loop.flight import run_experiment
 from colift.math import so3
 from colift.models import grasp
-from colift.models.parameters import Team, Tree
-from colift.models.state import AgentForce, AgentInput, Residual, State, Wrench, no_force
+from colift.models.parameters import KinematicTree, Team
+from colift.models.state import AgentInput, GeneralizedForce, ResidualForces, State, Wrench, zero_residual
 from colift.scenario import experiment
 from colift.simulation import contact_dynamics
 from evidence import collect
@@ -44,19 +44,19 @@ SEEDS = {"agreement": 50, "energy": 8, "slowed": 8, "order": 3, "residual": 2, "
 # Agreement with Pinocchio ---------------------------------------------------------------------------------------------
 
 
-def random_tree(rng: np.random.Generator) -> Tree:
+def random_tree(rng: np.random.Generator) -> KinematicTree:
     """One to three arms on different bodies of a random tree of up to seven joints, a quarter of them sliding."""
     arms = int(rng.integers(1, 4))
     joints = int(rng.integers(max(0, 3 * arms - 3), 8))
     tips = sorted(int(i) for i in rng.choice(joints + 1, size=min(arms, joints + 1), replace=False))
-    return Tree(
+    return KinematicTree(
         parents=tuple(int(rng.integers(0, k + 1)) for k in range(joints)),
         prismatic=tuple(bool(x) for x in rng.uniform(size=joints) < 0.25),
-        tips=tuple(tips),
+        tip_bodies=tuple(tips),
     )
 
 
-def random_structure(rng: np.random.Generator, agents: int) -> tuple[tuple[Tree, int], ...]:
+def random_structure(rng: np.random.Generator, agents: int) -> tuple[tuple[KinematicTree, int], ...]:
     """So many agents on one or two random trees."""
     first = int(rng.integers(1, agents + 1))
     trees = random_tree(rng), random_tree(rng)
@@ -76,14 +76,14 @@ def random_team(seed: int) -> tuple[Team, State, int]:
         rng = np.random.default_rng((seed, refused, 1))
         team, z = PinocchioTeam(teams.team(rng, structure)).on_grasp(teams.free_state(rng, structure))
         try:
-            grasp.check(team, z)
+            grasp.check_grasp(team, z)
         except ValueError:
             refused += 1
         else:
             return team, z, refused
 
 
-accelerate = jax.jit(contact_dynamics.accelerate)
+accelerate = jax.jit(contact_dynamics.forward_dynamics)
 
 
 def agreement(seed: int) -> dict[str, object]:
@@ -91,10 +91,10 @@ def agreement(seed: int) -> dict[str, object]:
     team, z, refused = random_team(seed)
     rng = np.random.default_rng(seed + 1000)
     draw = lambda *shape: jnp.array(rng.normal(size=shape))  # noqa: E731
-    shapes = [(size, group.tree.joints) for size, group in zip(team.sizes, team.groups, strict=True)]
+    shapes = [(size, group.tree.joints) for size, group in zip(team.sizes, team.agent_groups, strict=True)]
     inputs = tuple(AgentInput(u=20 + 5 * draw(n), tau=draw(n, 3), tau_r=draw(n, k)) for n, k in shapes)
-    f = Residual(
-        agents=tuple(AgentForce(f_x=draw(n, 3), f_w=draw(n, 3), f_r=draw(n, k)) for n, k in shapes),
+    f = ResidualForces(
+        agents=tuple(GeneralizedForce(f_x=draw(n, 3), f_w=draw(n, 3), f_r=draw(n, k)) for n, k in shapes),
         payload=Wrench(F=draw(3), tau=draw(3)),
     )
     expected = PinocchioTeam(team).accelerate(z, inputs, f)
@@ -102,13 +102,15 @@ def agreement(seed: int) -> dict[str, object]:
     relative = lambda x, y: float(np.abs(np.asarray(x) - y).max() / np.abs(y).max())  # noqa: E731
     xi = [x for group in a.agents for x in np.asarray(group.xi_dot)]
     errors = {
-        "lam": relative(grasp.join(lam), expected.lam),
+        "lam": relative(grasp.stack_contacts(lam), expected.lam),
         "payload": relative(a.payload, expected.payload),
         "v_dot": relative(np.concatenate([np.asarray(g.v_dot) for g in a.agents]), np.array(expected.v_dot)),
         "xi_dot": max(relative(x, y) for x, y in zip(xi, expected.xi_dot, strict=True)),
     }
     return {
-        "agents": [[n, group.tree.arms, group.tree.joints] for n, group in zip(team.sizes, team.groups, strict=True)],
+        "agents": [
+            [n, group.tree.arms, group.tree.joints] for n, group in zip(team.sizes, team.agent_groups, strict=True)
+        ],
         "refused_before": refused,
         "condition": expected.condition,
         "allowed": 1e-9 if expected.condition <= 1e6 else 1e-15 * expected.condition,
@@ -138,7 +140,7 @@ def energy(name: str, seed: int) -> dict[str, object]:
 
 def drifts(team: Team, z: State) -> dict[str, object]:
     """Drifts over 10 s at 1 ms: gravity on and off, projection on and off."""
-    mass = float(team.payload.mass + sum(group.mass.sum() for group in team.groups))
+    mass = float(team.payload.mass + sum(group.mass.sum() for group in team.agent_groups))
     found: dict[str, object] = {}
     for falling in (True, False):
         for projected in (True, False):
@@ -165,7 +167,7 @@ def drifts(team: Team, z: State) -> dict[str, object]:
 
 def flight(name: str) -> dict[str, object]:
     """60 s of the paper's closed loop: plain, with thrust at its limit, with the payload turned through 90 degrees."""
-    settings = scenario.load("paper").model_copy(update={"duration_s": 60.0})
+    settings = scenario.load_scenario("paper").model_copy(update={"duration_s": 60.0})
     if name == "saturated":
         kinds = {key: kind.model_copy(update={"thrust_max_N": 27.5}) for key, kind in settings.agent_types.items()}
         settings = settings.model_copy(update={"agent_types": kinds})
@@ -173,10 +175,10 @@ def flight(name: str) -> dict[str, object]:
         start = settings.start.model_copy(update={"attitude_error_deg": (0.0, 0.0, 90.0)})
         agents = tuple(agent.model_copy(update={"yaw_deg": 90.0}) for agent in settings.agents)
         settings = settings.model_copy(update={"start": start, "agents": agents})
-    rows = (flown := fly_plan(experiment.plan(settings, "C1"))).rows
+    rows = (flown := run_experiment(experiment.make_experiment(settings, "C1"))).records
     cosine = (np.einsum("tij,ij->t", rows.R_L, rows.R_L[0]) - 1) / 2
     return {
-        "stopped": flown.stopped,
+        "stopped": flown.termination_reason,
         "duration_s": float(rows.t[-1]),
         "saturated": float(rows.saturated.mean()),
         "turned_deg": float(np.rad2deg(np.arccos(np.clip(cosine, -1, 1))).max()),
@@ -185,7 +187,7 @@ def flight(name: str) -> dict[str, object]:
     }
 
 
-def springs(z: State, at: State, R: Array) -> Residual:
+def springs(z: State, at: State, R: Array) -> ResidualForces:
     """What holds a team near the pose `at`, turned by R about the origin: springs and dampers on every freedom.
 
     Those of the joints are soft: limbs of 1e-4 kg m^2 would make a stiff damper unstable at 1 ms.
@@ -197,14 +199,14 @@ def springs(z: State, at: State, R: Array) -> Residual:
         tau=20 * back(load.R, R @ home.R) - 4 * load.omega,
     )
     agents = tuple(
-        AgentForce(
+        GeneralizedForce(
             f_x=-2 * a.v,
             f_w=20 * jax.vmap(back)(a.R, R @ b.R) - 2 * a.omega,
             f_r=b.r - a.r - 0.02 * a.r_dot,
         )
         for a, b in zip(z.agents, at.agents, strict=True)
     )
-    return Residual(agents=agents, payload=payload)
+    return ResidualForces(agents=agents, payload=payload)
 
 
 @jax.jit
@@ -214,7 +216,7 @@ def shaken(team: Team, home: State, key: Array) -> tuple[Array, Array, Array, Ar
     Thrust is 0 or at its limit, torques +-1 N m on bases and +-0.1 N m on joints. The largest position and velocity
     residuals, the largest turn of the payload, rad, and its largest speed, m/s.
     """
-    still = no_force(team)
+    still = zero_residual(team)
 
     def hold(carry: tuple, k: Array) -> tuple[tuple, None]:
         draw = lambda i, shape: jax.random.rademacher(jax.random.fold_in(jax.random.fold_in(key, k), i), shape, float)  # noqa: E731
@@ -224,19 +226,21 @@ def shaken(team: Team, home: State, key: Array) -> tuple[Array, Array, Array, Ar
                 tau=draw(3 * i + 1, (n, 3)),
                 tau_r=0.1 * draw(3 * i + 2, (n, group.tree.joints)),
             )
-            for i, (n, group) in enumerate(zip(team.sizes, team.groups, strict=True))
+            for i, (n, group) in enumerate(zip(team.sizes, team.agent_groups, strict=True))
         )
         R = so3.exp(jnp.array([0.0, 0.0, 1.0]) * 2 * jnp.clip(k * 0.05 / 30, 0.0, 1.0))
         residual = lambda z, _: jax.tree.map(jnp.add, still, springs(z, home, R))  # noqa: E731
 
         def one(_: int, carry: tuple) -> tuple:
             z, Phi, Phi_dot, turn, speed = carry
-            z = contact_dynamics.project(team, contact_dynamics.integrate(team, z, inputs, residual, jnp.array(1e-3)))
+            z = contact_dynamics.project_to_constraints(
+                team, contact_dynamics.rkmk4_step(team, z, inputs, residual, jnp.array(1e-3))
+            )
             cosine = (jnp.trace(z.payload.R.T @ home.payload.R) - 1) / 2
             return (
                 z,
-                jnp.maximum(Phi, jnp.abs(grasp.Phi(team, z)).max()),
-                jnp.maximum(Phi_dot, jnp.abs(grasp.Phi_dot(team, z)).max()),
+                jnp.maximum(Phi, jnp.abs(grasp.constraint_residual(team, z)).max()),
+                jnp.maximum(Phi_dot, jnp.abs(grasp.constraint_rate(team, z)).max()),
                 jnp.maximum(turn, jnp.arccos(jnp.clip(cosine, -1.0, 1.0))),
                 jnp.maximum(speed, jnp.linalg.norm(z.payload.v)),
             )

@@ -17,8 +17,8 @@ import numpy as np
 from colift import scenario
 from colift.analysis import metrics
 from colift.closed_loop import log
-from colift.closed_loop.flight import Flight, Plan, fly_plan
-from colift.scenario import Settings, experiment
+from colift.closed_loop.flight import Experiment, FlightResult, run_experiment
+from colift.scenario import Scenario, experiment
 from evidence import collect
 from evidence.targets import Target
 
@@ -30,7 +30,7 @@ CHANGE, AFTER = 13.0, 14.5  # s
 HALF, CHANGING = (10.0, 20.0), (CHANGE, CHANGE + 1)  # s
 
 
-def draw(sample: int) -> tuple[Settings, dict[str, Any]]:
+def draw(sample: int) -> tuple[Scenario, dict[str, Any]]:
     """The settings of a sample, and what is told of it."""
     rng = np.random.default_rng((2026, sample))
     asked = {
@@ -44,7 +44,7 @@ def draw(sample: int) -> tuple[Settings, dict[str, Any]]:
         "dead_s": 16.0 if rng.random() < 0.3 else None,
         "noise": float(rng.uniform(0.5, 3.0)),
     }
-    base = scenario.load("paper")
+    base = scenario.load_scenario("paper")
     data = base.model_dump()
     for source in data["disturbances"]:
         if source["kind"] == "wind":
@@ -63,54 +63,59 @@ def draw(sample: int) -> tuple[Settings, dict[str, Any]]:
     data["sensors"]["then"] = [lost | {"until_s": asked["dead_s"]}]
     data["control"]["look_ahead_s"] = base.innovation.look_ahead_s
     data["seed"] = 1000 + sample
-    return Settings.model_validate(data), asked
+    return Scenario.model_validate(data), asked
 
 
 def fly(item: str) -> dict[str, Any]:
     """Of each case of a sample: the RMS error of position after the changes, m, chatter, and why it ended, if early."""
     settings, asked = draw(int(item))
-    plans = experiment.plans(settings, (*CASES, *(["H"] if asked["dead_s"] else [])))
+    plans = experiment.make_experiments(settings, (*CASES, *(["H"] if asked["dead_s"] else [])))
     plans["F led"] = led(settings)
     if asked["dead_s"]:
         plans["faded"] = faded(plans["H"], settings)
     cases = {case: flown(plan) for case, plan in plans.items()}
     if cases["C4"]["stopped"]:
-        cases["C1"] = flown(experiment.plan(settings, "C1"))
+        cases["C1"] = flown(experiment.make_experiment(settings, "C1"))
     return {"asked": asked, **cases}
 
 
-def led(settings: Settings) -> Plan:
+def led(settings: Scenario) -> Experiment:
     """The plan of F whose correction is carried ahead as is best at home."""
     longer = settings.innovation.model_copy(update={"lead_s": LEAD})
-    return experiment.plan(settings.model_copy(update={"innovation": longer}), "F")
+    return experiment.make_experiment(settings.model_copy(update={"innovation": longer}), "F")
 
 
-def faded(held: Plan, settings: Settings) -> Plan:
+def faded(held: Experiment, settings: Scenario) -> Experiment:
     """The plan of H with a correction that fades to its running mean as C4's does, where labels stop."""
-    listener = dataclasses.replace(held.pilot.listener, fade=jnp.asarray(settings.innovation.fade_s))
-    return dataclasses.replace(held, pilot=dataclasses.replace(held.pilot, listener=listener))
+    listener = dataclasses.replace(
+        held.controller.innovation_filter, decay_time=jnp.asarray(settings.innovation.fade_s)
+    )
+    return dataclasses.replace(held, controller=dataclasses.replace(held.controller, innovation_filter=listener))
 
 
-def flown(plan: Plan) -> dict[str, Any]:
+def flown(plan: Experiment) -> dict[str, Any]:
     """What is kept of a flight."""
-    flight = fly_plan(plan)
-    rows, late = flight.rows, flight.rows.t >= AFTER
+    flight = run_experiment(plan)
+    rows, late = flight.records, flight.records.t >= AFTER
     soon = late & (rows.t < AFTER + 1)
     return {
-        "e_p_rms_m": metrics.norm_rms(rows.e_p[late]) if late.any() else None,
-        "e_p_soon_m": metrics.norm_rms(rows.e_p[soon]) if soon.any() else None,
-        "stopped": flight.stopped,
-        "chatter_N": metrics.chatter(metrics.second_half(rows)),
+        "e_p_rms_m": metrics.rms_norm(rows.e_p[late]) if late.any() else None,
+        "e_p_soon_m": metrics.rms_norm(rows.e_p[soon]) if soon.any() else None,
+        "stopped": flight.termination_reason,
+        "chatter_N": metrics.high_frequency_rms(metrics.second_half(rows)),
         "outside": {name: surprised(flight, *span) for name, span in (("second_half", HALF), ("changing", CHANGING))},
     }
 
 
-def surprised(flight: Flight, start: float, end: float) -> float | None:
+def surprised(flight: FlightResult, start: float, end: float) -> float | None:
     """The share of samples from start to end, s, whose error is over 1.96 predictive deviations, of all forces."""
-    at = log.sampled(flight.rows, flight.sigma)
-    now = (flight.sigma.t >= start) & (flight.sigma.t < end)
-    errors = flight.rows.f_L - flight.rows.f_L_hat, flight.rows.f_x - flight.rows.f_x_hat
-    off = [np.abs(e[at][now]) / s[now] for e, s in zip(errors, log.predictive(flight.rows, flight.sigma), strict=True)]
+    at = log.uncertainty_indices(flight.records, flight.uncertainty)
+    now = (flight.uncertainty.t >= start) & (flight.uncertainty.t < end)
+    errors = flight.records.f_L - flight.records.f_L_hat, flight.records.f_x - flight.records.f_x_hat
+    off = [
+        np.abs(e[at][now]) / s[now]
+        for e, s in zip(errors, log.predictive_std(flight.records, flight.uncertainty), strict=True)
+    ]
     return float(np.mean([(x > 1.96).mean() for x in off])) if now.any() else None
 
 

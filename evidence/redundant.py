@@ -13,7 +13,7 @@ import numpy as np
 
 from colift import scenario
 from colift.analysis import metrics
-from colift.closed_loop.flight import fly_plan
+from colift.closed_loop.flight import run_experiment
 from colift.scenario import experiment
 from evidence import collect
 
@@ -27,11 +27,13 @@ def fly(item: str) -> dict[str, Any]:
     """By case, RMS of e_p and the mean of Psi over the second half, or why it ended early."""
     team, seed, *changes = item.split()
     found = {}
-    for case, plan in experiment.plans(scenario.load(team, [f"seed={seed}", *changes]), CASES).items():
-        flight = fly_plan(plan)
-        half = metrics.second_half(flight.rows)
-        errors = {"e_p_rms_m": metrics.norm_rms(half.e_p), "Psi_mean": float(np.mean(half.Psi))}
-        found[case] = {"stopped": flight.stopped} | ({} if flight.stopped else errors)
+    for case, plan in experiment.make_experiments(
+        scenario.load_scenario(team, [f"seed={seed}", *changes]), CASES
+    ).items():
+        flight = run_experiment(plan)
+        half = metrics.second_half(flight.records)
+        errors = {"e_p_rms_m": metrics.rms_norm(half.e_p), "Psi_mean": float(np.mean(half.Psi))}
+        found[case] = {"stopped": flight.termination_reason} | ({} if flight.termination_reason else errors)
     return found
 
 

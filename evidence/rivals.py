@@ -20,7 +20,7 @@ import numpy as np
 from colift import scenario
 from colift.certification import adversary, certificate, linearized_trajectory, reachability, tube
 from colift.certification.certificate import ERRORS
-from colift.closed_loop.flight import Flight, fly_plan
+from colift.closed_loop.flight import FlightResult, run_experiment
 from colift.scenario import experiment
 from colift.workflows import certification, falsification
 from evidence import collect
@@ -42,9 +42,9 @@ def calibration(k: int) -> dict[str, Any]:
     """What each error reached in the window, flight by flight, and s."""
     begun, reached = time.perf_counter(), []
     for seed in range(FROM + k * AT_ONCE, FROM + (k + 1) * AT_ONCE):
-        flight = fly_plan(experiment.plan(_settings(seed), "C3"))
-        late = flight.rows.t >= _from(flight)
-        reached.append({error: _size(getattr(flight.rows, error)[late]) for error in ERRORS})
+        flight = run_experiment(experiment.make_experiment(_settings(seed), "C3"))
+        late = flight.records.t >= _from(flight)
+        reached.append({error: _size(getattr(flight.records, error)[late]) for error in ERRORS})
     return {"reached": reached, "cost_s": time.perf_counter() - begun}
 
 
@@ -52,44 +52,48 @@ def compared(seed: int) -> dict[str, Any]:
     """Radii for any run by each certificate, m, m/s, 1 and rad/s, and what flights reach."""
     begun = time.perf_counter()
     made = certification.certify(_settings(seed), names=("energy", "recovery"))
-    ours, found, loop = time.perf_counter() - begun, made.certificate, made.loop
+    ours, found, loop = time.perf_counter() - begun, made.certificate, made.nominal_linearization
     begun = time.perf_counter()
     others = rivals(made)
     theirs = time.perf_counter() - begun
     reached = {"drawn itself": dict(found.observed)}
     for name in TRIES:
         kind, number = name.rsplit(" ", 1)
-        L = falsification.UNKNOWN[kind](made, int(number), np.random.default_rng((seed, int(number), *kind.encode())))
-        forces = adversary.adversary(made.plan, made.flight, loop.nodes, loop.rows, L)
-        rows, _ = linearized_trajectory.flown(certificate.under(made.plan, forces), made.flight.held, seed=seed)
+        L = falsification.ADVERSARIAL_DISTURBANCE[kind](
+            made, int(number), np.random.default_rng((seed, int(number), *kind.encode()))
+        )
+        forces = adversary.worst_case_residual(made.plan, made.flight, loop.nodes, loop.records, L)
+        rows, _ = linearized_trajectory.simulate_nominal(
+            certificate.nominal_experiment(made.plan, forces), made.flight.model_intervals, seed=seed
+        )
         late = rows.t >= found.window[0] - 1e-9
         reached[name] = {error: _size(getattr(rows, error)[late]) for error in ERRORS}
-    radii = {name: dict(each.tube) for name, each in found.radii.items()} | others
+    radii = {name: dict(each.a_priori) for name, each in found.radii.items()} | others
     return {"radii": radii, "reached": reached, "cost_s": {"ours": ours, "pointwise, L1": theirs}}
 
 
-def rivals(made: certification.Certified) -> dict[str, dict[str, float]]:
+def rivals(made: certification.CertificationResult) -> dict[str, dict[str, float]]:
     """Radii of the pointwise tube and of the bound by L1 norms; infinite where there is none.
 
     `e^0 + sum_k |L_k| (rho + d)(t_k)`, `d = M (rho + d)`; and `e^0 + sum_k |L_k| r`, `r = (1 - sup sum M)^-1 sup rho`.
     """
-    loop, window = made.loop, made.certificate.window
-    held = certificate.bodies(made.plan, made.flight, loop.rows, loop.nodes, "energy")
-    rho = np.concatenate([reachability.greatest(body) for body in held], axis=1)
-    gains = certificate.gains(loop, held)
-    cells = np.stack([rho[part].max(0) for part in np.split(np.arange(len(rho)), gains.at[:-1] + 1)])
+    loop, window = made.nominal_linearization, made.certificate.window
+    held = certificate.body_models(made.plan, made.flight, loop.records, loop.nodes, "energy")
+    rho = np.concatenate([reachability.max_error(body) for body in held], axis=1)
+    gains = certificate.tube_gains(loop, held)
+    cells = np.stack([rho[part].max(0) for part in np.split(np.arange(len(rho)), gains.nodes[:-1] + 1)])
     all_of = np.full_like(rho, np.inf)
     try:
-        d, _ = tube.solve(gains.M, np.einsum("tisj,sj->ti", gains.M, cells))
-        all_of = rho + d[gains.of_nodes(len(rho))]
+        d, _ = tube.solve_tube(gains.M, np.einsum("tisj,sj->ti", gains.M, cells))
+        all_of = rho + d[gains.cell_index(len(rho))]
     except ValueError:  # it has no tube
         pass
     gain = gains.M.sum(2).max(0)
     small = np.abs(np.linalg.eigvals(gain)).max() < 1
     constant = np.linalg.solve(np.eye(len(gain)) - gain, rho.max(0)) if small else np.full(len(gain), np.inf)
     at = np.flatnonzero(loop.t >= window[0] - 1e-9)
-    L = np.abs(linearized_trajectory.weights(loop, loop.of(*ERRORS), at))
-    base = np.concatenate([getattr(loop.rows, error)[loop.nodes[at]] for error in ERRORS], axis=1)
+    L = np.abs(linearized_trajectory.adjoint_weights(loop, loop.output_rows(*ERRORS), at))
+    base = np.concatenate([getattr(loop.records, error)[loop.nodes[at]] for error in ERRORS], axis=1)
     return {
         "pointwise": _radii(base, np.einsum("trki,ki->tr", L, all_of)),
         "L1": _radii(base, L.sum(2) @ constant),
@@ -101,13 +105,13 @@ def _radii(base: np.ndarray, reach: np.ndarray) -> dict[str, float]:
     return {error: _size(corner[:, 3 * i : 3 * i + 3]) for i, error in enumerate(ERRORS)}
 
 
-def _settings(seed: int) -> scenario.Settings:
-    return scenario.load("certified").model_copy(update={"seed": seed})
+def _settings(seed: int) -> scenario.Scenario:
+    return scenario.load_scenario("certified").model_copy(update={"seed": seed})
 
 
-def _from(flight: Flight) -> float:
+def _from(flight: FlightResult) -> float:
     """The last round of the reference, s."""
-    return flight.rows.t[-1] - 8.0 + 1e-9
+    return flight.records.t[-1] - 8.0 + 1e-9
 
 
 def _size(x: np.ndarray) -> float:

@@ -125,7 +125,7 @@ def textbook(k_R: float, k_omega: float, rho: float) -> float:
 def compare(damping: float, size: float, count: int, rounds: int) -> dict[str, float]:
     """Certified bounds over what the search found, of `e_R` and `e_omega`, for one loop and size of disturbance."""
     k_R, k_omega = STIFFNESS, 2 * damping * STIFFNESS**0.5
-    bound = attitude_bound.ultimate(k_R, k_omega, size * k_R)
+    bound = attitude_bound.ultimate_bound(k_R, k_omega, size * k_R)
     h = horizon(k_R, k_omega) / STEPS
     found = search(jax.random.key(0), k_R, k_omega, size * k_R, h, count, rounds)
     angle = float(np.arcsin(found["e_R"]))
@@ -134,7 +134,7 @@ def compare(damping: float, size: float, count: int, rounds: int) -> dict[str, f
         "angle": bound.angle / angle,
         "Psi": bound.Psi / (1 - float(np.cos(angle))),
         "e_omega": bound.e_omega / float(found["e_omega"]),
-        "by_trap": bound.by_trap / angle,
+        "by_trap": bound.lyapunov_bound / angle,
         "textbook": textbook(k_R, k_omega, size * k_R) / float(found["e_R"]),
     }
 

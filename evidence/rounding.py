@@ -19,7 +19,7 @@ from threadpoolctl import threadpool_info
 
 from colift import scenario
 from colift.analysis import metrics
-from colift.closed_loop.flight import fly_plan
+from colift.closed_loop.flight import run_experiment
 from colift.scenario import experiment
 from evidence import collect
 
@@ -61,14 +61,14 @@ def apart(item: str) -> dict[str, Any]:
 
 def show(seed: int) -> None:
     """Fly the cases of one seed under this process's settings and print the figures as JSON, on the last line."""
-    settings = scenario.load("paper").model_copy(update={"seed": seed})
+    settings = scenario.load_scenario("paper").model_copy(update={"seed": seed})
     found: dict[str, Any] = {
         "blas": sorted({lib["architecture"] for lib in threadpool_info() if "architecture" in lib})
     }
     for case in CASES:
-        plan = experiment.plan(settings, case)
-        flight = fly_plan(plan)
-        merit = metrics.summary(flight, plan.world.team, plan.pilot.team)
+        plan = experiment.make_experiment(settings, case)
+        flight = run_experiment(plan)
+        merit = metrics.summary(flight, plan.world.team, plan.controller.team)
         found[case] = {name: merit[name] for name in FIGURES}
     print(json.dumps(found))
 

@@ -6,7 +6,7 @@ from typing import Any
 
 from colift import scenario
 from colift.analysis import metrics, preflight
-from colift.closed_loop.flight import fly_plan
+from colift.closed_loop.flight import run_experiment
 from colift.scenario import experiment, template
 from evidence import collect
 
@@ -16,16 +16,18 @@ TEAMS = ((2, 2), (3, 2), (3, 1), (4, 1), (6, 0), (3, 0))  # agents, arms of each
 def fly(item: str) -> dict[str, Any]:
     """The checkup's verdict and the RMS position error of each case over the second half, m."""
     agents, arms = map(int, item.split(" x "))
-    settings = scenario.parse(template.text("team", agents, arms), "team.yaml")
-    found = preflight.check(settings)
+    settings = scenario.parse(template.scenario_template("team", agents, arms), "team.yaml")
+    found = preflight.run_preflight(settings)
     errors = {}
     for case in ("C1", "C2", "C3"):
-        plan = experiment.plan(settings, case)
-        flight = fly_plan(plan)
+        plan = experiment.make_experiment(settings, case)
+        flight = run_experiment(plan)
         errors[case] = (
-            None if flight.stopped else metrics.summary(flight, plan.world.team, plan.pilot.team)["e_p_rms_m"]
+            None
+            if flight.termination_reason
+            else metrics.summary(flight, plan.world.team, plan.controller.team)["e_p_rms_m"]
         )
-    return {"sound": found.sound, "says": found.lines(), "e_p_rms_m": errors}
+    return {"sound": found.passed, "says": found.format_report(), "e_p_rms_m": errors}
 
 
 def main() -> bool:

@@ -54,8 +54,8 @@ def compare(damping: str, mixing: str) -> dict[str, float]:
     reached, looser = [], []
     for seed in range(DRAWS):
         K_p, K_v = gains(seed, damping, mixing)
-        bound = translation_bound.ultimate(K_p, K_v, 1.0)
-        reached.append(max(peak.bound / peak.reached for peak in (bound.e_p, bound.e_v)))
+        bound = translation_bound.ultimate_bound(K_p, K_v, 1.0)
+        reached.append(max(peak.bound / peak.lower_bound for peak in (bound.e_p, bound.e_v)))
         looser.append(textbook(K_p, K_v) / bound.e_p.bound)
     low, middle, high = np.quantile(looser, [0.0, 0.5, 1.0])
     return {

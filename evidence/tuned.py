@@ -12,8 +12,8 @@ import numpy as np
 
 from colift import scenario
 from colift.analysis import gain_tuning, metrics, preflight
-from colift.closed_loop.flight import fly_plan
-from colift.scenario import Settings, experiment, template
+from colift.closed_loop.flight import run_experiment
+from colift.scenario import Scenario, experiment, template
 from evidence import collect
 
 TEAMS = ("seven", "trio", "beam", "uneven", "plate")
@@ -23,18 +23,18 @@ SLOWEST = ("slowest_mode_1ps", "slowest_mode_late_1ps", "slowest_mode_learned_1p
 
 def fly(item: str) -> dict[str, Any]:
     """The loops of one team with each kind of gains, and the RMS errors of each case over the second half."""
-    before, after, spent = gain_tuning.tune(as_new(scenario.load(item)))
-    found = preflight.check(after.settings)
+    before, after, spent = gain_tuning.tune(as_new(scenario.load_scenario(item)))
+    found = preflight.run_preflight(after.settings)
     by_chance = chance(before, spent)
     kinds = {"hand": before, "tuned": after, "random": by_chance}
     return {
-        "sound": found.sound,
-        "says": found.lines(),
+        "sound": found.passed,
+        "says": found.format_report(),
         "spent": spent._asdict(),
         **{
             kind: {
                 "control": of.settings.control.model_dump(mode="json"),
-                **gain_tuning.numbers(of),
+                **gain_tuning.summary_values(of),
                 "flown": flown(of.settings),
                 "held_out": flown(held_out(of.settings)),
             }
@@ -43,43 +43,49 @@ def fly(item: str) -> dict[str, Any]:
     }
 
 
-def as_new(settings: Settings) -> Settings:
+def as_new(settings: Scenario) -> Scenario:
     """With the gains that `colift new` writes."""
-    control = scenario.parse(template.text("new", 3, 1), "new.yaml").control
-    gains = {name: getattr(control, name) for name in gain_tuning.names(settings)}
+    control = scenario.parse(template.scenario_template("new", 3, 1), "new.yaml").control
+    gains = {name: getattr(control, name) for name in gain_tuning.tunable_gains(settings)}
     return settings.model_copy(update={"control": settings.control.model_copy(update=gains)})
 
 
-def chance(before: gain_tuning.Loop, spent: gain_tuning.Spent) -> gain_tuning.Loop:
+def chance(before: gain_tuning.LoopDesign, spent: gain_tuning.EvaluationBudget) -> gain_tuning.LoopDesign:
     """The best of as many loops and flights, with gains drawn evenly, as logarithms, from where `tune` looks.
 
     All loops are looked at, then the fastest are flown.
     """
     rng, drawn = np.random.default_rng(0), [before]
-    low, high = gain_tuning.room(before)
-    for _ in range(spent.loops - 1):
+    low, high = gain_tuning.search_bounds(before)
+    for _ in range(spent.linearizations - 1):
         steps = rng.uniform(low, high)
         with contextlib.suppress(ValueError):  # no rest
-            drawn.append(gain_tuning.loop(gain_tuning.scaled(before.settings, steps)))
+            drawn.append(gain_tuning.linearize_scenario(gain_tuning.scale_gains(before.settings, steps)))
     drawn.sort(key=lambda of: of.cost)
-    flown = [of for of in map(gain_tuning.flown, drawn[: spent.flights]) if isinstance(of, gain_tuning.Flown)]
+    flown = [
+        of
+        for of in map(gain_tuning.simulate_cost, drawn[: spent.simulations])
+        if isinstance(of, gain_tuning.FlightCost)
+    ]
     return min(flown, key=lambda of: of.cost).loop if flown else drawn[0]
 
 
-def held_out(settings: Settings) -> Settings:
+def held_out(settings: Scenario) -> Scenario:
     """Another seed, and the reference a quarter faster."""
     path = settings.reference
     faster = path.model_copy(update={"period_s": tuple(0.8 * period for period in path.period_s)})
     return settings.model_copy(update={"seed": settings.seed + 1000, "reference": faster})
 
 
-def flown(settings: Settings) -> dict[str, dict[str, float] | str]:
+def flown(settings: Scenario) -> dict[str, dict[str, float] | str]:
     """By case, RMS errors, or why it ended early."""
     errors: dict[str, dict[str, float] | str] = {}
-    for case, plan in experiment.plans(settings, CASES).items():
-        flight = fly_plan(plan)
-        summary = metrics.summary(flight, plan.world.team, plan.pilot.team)
-        errors[case] = flight.stopped or {name: summary[name] for name in ("e_p_rms_m", "e_R_rms", "Psi_mean")}
+    for case, plan in experiment.make_experiments(settings, CASES).items():
+        flight = run_experiment(plan)
+        summary = metrics.summary(flight, plan.world.team, plan.controller.team)
+        errors[case] = flight.termination_reason or {
+            name: summary[name] for name in ("e_p_rms_m", "e_R_rms", "Psi_mean")
+        }
     return errors
 
 

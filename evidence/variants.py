@@ -14,7 +14,7 @@ from typing import Any
 
 from colift import scenario
 from colift.certification.certificate import ERRORS
-from colift.scenario import Settings
+from colift.scenario import Scenario
 from colift.workflows import falsification
 from evidence import collect
 from evidence.certified import noisy
@@ -29,7 +29,7 @@ def fly(item: str) -> list[dict[str, Any]]:
     `sensors` with the filters that go with such noise; or a team and K."""
     kind, k = item.rsplit(" ", 1)
     if kind == "unknown":
-        return tries(_settings(), [f"{each} {k}" for each in falsification.UNKNOWN])
+        return tries(_settings(), [f"{each} {k}" for each in falsification.ADVERSARIAL_DISTURBANCE])
     if kind in TEAMS:
         return tries(team(kind), [f"seed {k}"])
     if kind == "filtered":
@@ -37,18 +37,18 @@ def fly(item: str) -> list[dict[str, Any]]:
     return tries(_settings(), [item])
 
 
-def tries(settings: Settings, names: list[str]) -> list[dict[str, Any]]:
+def tries(settings: Scenario, names: list[str]) -> list[dict[str, Any]]:
     """What is kept of each; ratios of flights that end early within finite radii are null."""
     out = []
-    for one in falsification.attack(settings, names):
+    for one in falsification.falsify(settings, names):
         ratios = {error: ratio if math.isfinite(ratio) else None for error, ratio in one.ratios.items()}
-        out.append({**dataclasses.asdict(one), "ratios": ratios, "breaks": one.breaks})
+        out.append({**dataclasses.asdict(one), "ratios": ratios, "breaks": one.is_violated})
     return out
 
 
-def team(name: str) -> Settings:
+def team(name: str) -> Scenario:
     """Another scenario's team, payload, gains, allocation and rate in the world of `certified`, with its filters."""
-    base, other = _settings(), scenario.load(name)
+    base, other = _settings(), scenario.load_scenario(name)
     filters = {each: getattr(base.control, each) for each in ("fusion_Hz", "joint_filter_Hz")}
     return base.model_copy(
         update={each: getattr(other, each) for each in ("agent_types", "agents", "payload", "allocation", "control_Hz")}
@@ -56,13 +56,13 @@ def team(name: str) -> Settings:
     )
 
 
-def _settings() -> Settings:
-    return scenario.load("certified").model_copy(update={"seed": SEED})
+def _settings() -> Scenario:
+    return scenario.load_scenario("certified").model_copy(update={"seed": SEED})
 
 
 def main() -> bool:
     """Print the worst of each kind and why some have no radius: none may be broken, or be missing without a reason."""
-    flights = [f"{kind} {k}" for k in range(ROUNDS) for kind in (*falsification.OTHERS, "filtered")]
+    flights = [f"{kind} {k}" for k in range(ROUNDS) for kind in (*falsification.TRIAL_KINDS, "filtered")]
     items = [*flights, *(f"unknown {k}" for k in range(ROUNDS)), *(f"{name} {k}" for k in range(2) for name in TEAMS)]
     found = collect("variants", items, fly)
     of: dict[str, list[dict[str, Any]]] = {}

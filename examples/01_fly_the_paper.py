@@ -13,13 +13,13 @@ import colift
 
 def main(scenario: str = "paper", *changes: str) -> None:
     """Fly C1, C2 and C3 from the same start under the same unknown forces and noise."""
-    settings = colift.load(scenario, changes)
+    settings = colift.payload(scenario, changes)
     for case in ("C1", "C2", "C3"):
-        plan = colift.plan(settings, case)
-        flight = colift.fly_plan(plan)
-        found = colift.summary(flight, plan.world.team, plan.pilot.team)
+        plan = colift.make_experiment(settings, case)
+        flight = colift.run_experiment(plan)
+        found = colift.summary(flight, plan.world.team, plan.controller.team)
         print(
-            f"{case}: {flight.rows.t[-1]:.1f} s, {len(flight.updates)} updates, {flight.stopped or 'complete'}; ",
+            f"{case}: {flight.records.t[-1]:.1f} s, {len(flight.updates)} updates, {flight.termination_reason or 'complete'}; ",
             end="",
         )
         print(f"position {1e3 * found['e_p_rms_m']:.1f} mm, attitude {1e3 * found['e_R_rms']:.1f} mrad off (RMS)")

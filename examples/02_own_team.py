@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from colift.models import grasp, parameters, state, validation
-from colift.models.parameters import Agent, Payload, Team, Tree
+from colift.models.parameters import AerialManipulator, KinematicTree, Payload, Team
 from colift.models.state import AgentInput, AgentState, PayloadState, State
 from colift.simulation import contact_dynamics
 
@@ -20,44 +20,44 @@ STEP = 1e-3  # s
 ROD = np.diag([9e-4, 9e-4, 1e-5])  # kg m^2, an arm of 0.12 kg and 0.3 m
 
 
-def two_arms(contact: list[list[float]]) -> Agent:
+def two_arms(contact: list[list[float]]) -> AerialManipulator:
     """Joint k moves body k + 1; body 0 is the base. The waist turns about z, the arms on it about x."""
-    return Agent(
-        tree=Tree(parents=(0, 1, 1), prismatic=(False, False, False), tips=(2, 3)),
+    return AerialManipulator(
+        tree=KinematicTree(parents=(0, 1, 1), prismatic=(False, False, False), tip_bodies=(2, 3)),
         mass=jnp.array([1.5, 0.1, 0.12, 0.12]),  # kg
         com=jnp.array([[0.0, 0, 0], [0, 0, 0], [0, 0, -0.15], [0, 0, -0.15]]),  # m
         inertia=jnp.array([np.diag([0.02, 0.02, 0.035]), 1e-4 * np.eye(3), ROD, ROD]),
         joint_position=jnp.array([[0, 0, 0], [0, 0.08, 0], [0, -0.08, 0]]),
         joint_rotation=jnp.array([np.eye(3)] * 3),
         joint_axis=jnp.array([[0.0, 0, 1], [1, 0, 0], [1, 0, 0]]),
-        tip=jnp.array([[0, 0, -0.3], [0, 0, -0.3]]),
-        contact=jnp.array(contact),
+        tip_position=jnp.array([[0, 0, -0.3], [0, 0, -0.3]]),
+        contact_position=jnp.array(contact),
         thrust_max=jnp.array(50.0),  # N
     )
 
 
-def one_arm(contact: list[float]) -> Agent:
+def one_arm(contact: list[float]) -> AerialManipulator:
     """A boom that pitches and slides out."""
-    return Agent(
-        tree=Tree(parents=(0, 1), prismatic=(False, True), tips=(2,)),
+    return AerialManipulator(
+        tree=KinematicTree(parents=(0, 1), prismatic=(False, True), tip_bodies=(2,)),
         mass=jnp.array([1.0, 0.08, 0.05]),
         com=jnp.array([[0.0, 0, 0], [0, 0, -0.05], [0, 0, -0.1]]),
         inertia=jnp.array([np.diag([0.012, 0.012, 0.02]), 1e-4 * np.eye(3), 1e-4 * np.eye(3)]),
         joint_position=jnp.array([[0, 0, -0.05], [0, 0, -0.05]]),
         joint_rotation=jnp.array([np.eye(3)] * 2),
         joint_axis=jnp.array([[0.0, 1, 0], [0, 0, -1]]),
-        tip=jnp.array([[0, 0, -0.15]]),
-        contact=jnp.array([contact]),
+        tip_position=jnp.array([[0, 0, -0.15]]),
+        contact_position=jnp.array([contact]),
         thrust_max=jnp.array(30.0),
     )
 
 
 def build() -> Team:
     """Agents of one `Tree` are stacked in a group, whatever their numbers; a team is a tuple of groups."""
-    pair = parameters.stack([two_arms([[x, 0.36, 0.05], [x, -0.36, 0.05]]) for x in (-0.5, 0.5)])
-    single = parameters.stack([one_arm([0.0, 0.0, 0.1])])
+    pair = parameters.stack_agents([two_arms([[x, 0.36, 0.05], [x, -0.36, 0.05]]) for x in (-0.5, 0.5)])
+    single = parameters.stack_agents([one_arm([0.0, 0.0, 0.1])])
     return Team(
-        groups=(pair, single),
+        agent_groups=(pair, single),
         payload=Payload(mass=jnp.array(1.5), inertia=jnp.diag(jnp.array([0.04, 0.15, 0.18]))),
         gravity=jnp.array([0.0, 0, -9.81]),
     )
@@ -80,37 +80,37 @@ def start(team: Team) -> State:
         ),
         payload=PayloadState(R=jnp.eye(3), p=jnp.zeros(3), omega=jnp.zeros(3), v=jnp.zeros(3)),
     )
-    validation.check(team, NAMES)
-    z = contact_dynamics.consistent(team, guess, NAMES)
-    grasp.check(team, z, NAMES)
+    validation.validate_team(team, NAMES)
+    z = contact_dynamics.consistent_initial_state(team, guess, NAMES)
+    grasp.check_grasp(team, z, NAMES)
     return z
 
 
-def inputs(team: Team) -> contact_dynamics.Inputs:
+def inputs(team: Team) -> contact_dynamics.TeamInputs:
     """Every agent carries its own weight and an equal share of the payload's."""
     share = team.payload.mass / sum(team.sizes)
     return tuple(
         AgentInput(u=9.81 * (group.mass.sum(1) + share), tau=jnp.zeros((n, 3)), tau_r=jnp.zeros((n, group.tree.joints)))
-        for n, group in zip(team.sizes, team.groups, strict=True)
+        for n, group in zip(team.sizes, team.agent_groups, strict=True)
     )
 
 
 @jax.jit
 def step(team: Team, z: State) -> State:
     """One step of order 4, then the nearest state on the grasp. `team` is an argument: new numbers do not recompile."""
-    free = contact_dynamics.integrate(team, z, inputs(team), lambda _z, _t: state.no_force(team), jnp.array(STEP))
-    return contact_dynamics.project(team, free)
+    free = contact_dynamics.rkmk4_step(team, z, inputs(team), lambda _z, _t: state.zero_residual(team), jnp.array(STEP))
+    return contact_dynamics.project_to_constraints(team, free)
 
 
 def main() -> None:
     """Print the contact forces on the payload, N, world frame, every 50 ms."""
     team = build()
-    z, labels = start(team), grasp.labels(team, NAMES)
+    z, labels = start(team), grasp.contact_names(team, NAMES)
     print("t [s]   " + "".join(f"{label:>24}" for label in labels))
     for k in range(201):
         if k % 50 == 0:
-            _, lam = jax.jit(contact_dynamics.accelerate)(team, z, inputs(team), state.no_force(team))
-            forces = np.asarray(grasp.join(lam))
+            _, lam = jax.jit(contact_dynamics.forward_dynamics)(team, z, inputs(team), state.zero_residual(team))
+            forces = np.asarray(grasp.stack_contacts(lam))
             print(f"{k * STEP:5.3f}   " + "".join(f"{x:8.3f}{y:8.3f}{f:8.3f}" for x, y, f in forces))
         z = step(team, z)
 

@@ -24,7 +24,7 @@ PLATE = Path(__file__).with_name("plate.yaml")
 
 
 @pytree
-class Squall(disturbances.Law):
+class Squall(disturbances.DisturbanceModel):
     """A wind that swells and sinks, and air that follows it with a lag: `w' = (gust sin t - w) / lag`."""
 
     gust: Float[Array, "3"]  # m/s, world frame
@@ -32,30 +32,30 @@ class Squall(disturbances.Law):
     drag: Scalar  # N s/m
     time_invariant: ClassVar[bool] = False  # every certificate of a flight under it says so
 
-    def __call__(self, at: disturbances.Motion, t: Scalar, memory: Any) -> tuple[Any, Any]:
+    def __call__(self, at: disturbances.PointKinematics, t: Scalar, memory: Any) -> tuple[Any, Any]:
         """Force, N, and torque, N m, both in the world frame, on a point that moves as `at` says."""
         return self.drag * (memory - at.v), jnp.zeros(3)
 
     def begin(self) -> Any:
         return jnp.zeros(3)
 
-    def after(self, at: disturbances.Motion, t: Scalar, memory: Any, dt: Scalar) -> Any:
+    def after(self, at: disturbances.PointKinematics, t: Scalar, memory: Any, dt: Scalar) -> Any:
         return memory + dt / self.lag * (self.gust * jnp.sin(t) - memory)
 
 
-def blown(plan: flight.Plan, law: disturbances.Law) -> flight.Plan:
+def blown(plan: flight.Experiment, law: disturbances.DisturbanceModel) -> flight.Experiment:
     """The plan with one more unknown force, 10 cm ahead of the payload's centre of mass."""
     world = plan.world
-    mount = disturbances.Mount(name="squall", law=law, point=jnp.array([0.1, 0.0, 0.0]))
-    sources = dataclasses.replace(world.sources, payload=(*world.sources.payload, mount))
-    return dataclasses.replace(plan, world=dataclasses.replace(world, sources=sources))
+    mount = disturbances.PayloadDisturbance(name="squall", model=law, point=jnp.array([0.1, 0.0, 0.0]))
+    sources = dataclasses.replace(world.disturbances, payload=(*world.disturbances.payload, mount))
+    return dataclasses.replace(plan, world=dataclasses.replace(world, disturbances=sources))
 
 
 def main() -> None:
     """Fly two seconds without and with it, and say how far apart the payloads end, and how hard it pushed."""
-    plan = dataclasses.replace(colift.plan(colift.load(PLATE), "C1"), duration=2.0)
+    plan = dataclasses.replace(colift.make_experiment(colift.payload(PLATE), "C1"), duration=2.0)
     squall = Squall(gust=jnp.array([6.0, 3.0, 0.0]), lag=jnp.array(0.5), drag=jnp.array(0.4))
-    calm, rough = (colift.fly_plan(of).rows for of in (plan, blown(plan, squall)))
+    calm, rough = (colift.run_experiment(of).records for of in (plan, blown(plan, squall)))
     pushed = np.linalg.norm((rough.f_L - calm.f_L)[:, :3], axis=1).max()
     print(f"{1e3 * np.linalg.norm(rough.p[-1] - calm.p[-1]):.0f} mm apart after {rough.t[-1]:.1f} s; ", end="")
     print(f"what is unknown differs by up to {pushed:.2f} N")

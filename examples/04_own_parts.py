@@ -20,7 +20,7 @@ from colift.math.pytree import pytree
 from colift.models import grasp
 from colift.models.measurement import Measurement
 from colift.models.parameters import Team
-from colift.models.state import AgentInput, Clock, Wrench
+from colift.models.state import AgentInput, ControlClock, Wrench
 from colift.onboard import interfaces
 from colift.onboard.control import allocation, tracking
 from colift.onboard.estimation import state_estimator
@@ -34,14 +34,14 @@ PLATE = Path(__file__).with_name("plate.yaml")
 class Gentle:
     """A leader that asks for no more than so much acceleration: `a = a_0 limit / max(limit, |a_0|)`."""
 
-    leader: interfaces.Leader
+    leader: interfaces.PayloadController
     limit: Scalar  # m/s^2
 
     def begin(self) -> Any:
-        return self.leader.begin()
+        return self.leader.init()
 
-    def lead(self, memory: Any, now: interfaces.Now) -> tuple[tracking.Command, Any]:
-        to, memory = self.leader.lead(memory, now)
+    def lead(self, memory: Any, now: interfaces.ControlContext) -> tuple[tracking.AccelerationCommand, Any]:
+        to, memory = self.leader.compute(memory, now)
         size = jnp.sqrt((to.a * to.a).sum() + 1e-12)
         return dataclasses.replace(to, a=to.a * self.limit / jnp.maximum(size, self.limit)), memory
 
@@ -52,18 +52,18 @@ class Weighted:
 
     inverse: Float[Array, "rows 6"]
 
-    def allocate(self, now: interfaces.Now, W: Wrench, W_dot: Wrench) -> interfaces.Forces:
+    def allocate(self, now: interfaces.ControlContext, W: Wrench, W_dot: Wrench) -> interfaces.ContactForceCommand:
         none = jnp.zeros(0)
-        plan = allocation.Allocation(
-            inverse=self.inverse, kernel=jnp.zeros((len(self.inverse), 0)), offset=jnp.zeros(len(self.inverse))
+        plan = allocation.AllocationMap(
+            right_inverse=self.inverse, nullspace=jnp.zeros((len(self.inverse), 0)), offset=jnp.zeros(len(self.inverse))
         )
-        lam, lam_dot = (allocation.apply(plan, now.q_hat.payload.R, wrench, none) for wrench in (W, W_dot))
-        return interfaces.Forces(lam=lam, lam_dot=lam_dot, eta=none)
+        lam, lam_dot = (allocation.allocate(plan, now.estimate.payload.R, wrench, none) for wrench in (W, W_dot))
+        return interfaces.ContactForceCommand(lam=lam, lam_dot=lam_dot, eta=none)
 
 
 def weighted(team: Team, weights: np.ndarray) -> Weighted:
     """`W^-1 G^T (G W^-1 G^T)^-1`: a contact of weight 4 gives half of what one of weight 1 does, where it can."""
-    G = np.asarray(grasp.matrix(grasp.contacts(team), jnp.eye(3)))
+    G = np.asarray(grasp.grasp_matrix(grasp.contact_points(team), jnp.eye(3)))
     spared = np.repeat(1 / weights, 3)
     return Weighted(inverse=jnp.asarray(spared[:, None] * G.T @ np.linalg.inv(G * spared @ G.T)))
 
@@ -75,19 +75,19 @@ class Trusting:
     estimator: interfaces.Estimator
 
     def begin(self, team: Team, first: Measurement) -> Any:
-        return self.estimator.begin(team, first)
+        return self.estimator.init(team, first)
 
     def observe(
-        self, team: Team, memory: Any, m: Measurement, applied: tuple[AgentInput, ...], clock: Clock
-    ) -> tuple[state_estimator.Estimate, Any]:
-        q_hat, memory = self.estimator.observe(team, memory, m, applied, clock)
+        self, team: Team, memory: Any, m: Measurement, applied: tuple[AgentInput, ...], clock: ControlClock
+    ) -> tuple[state_estimator.StateEstimate, Any]:
+        q_hat, memory = self.estimator.update(team, memory, m, applied, clock)
         read = m.payload
         load = dataclasses.replace(q_hat.payload, p=read.p, v=read.v, R=read.R)
         return dataclasses.replace(q_hat, payload=load), memory
 
 
 @pytree
-class Slow(sensors.Extra):
+class Slow(sensors.SensorModel):
     """A positioning system that reports the payload at every so many ticks, and holds its last report in between."""
 
     every: Scalar  # s
@@ -96,24 +96,24 @@ class Slow(sensors.Extra):
         return jnp.zeros(()), m.payload.p
 
     def read(
-        self, m: Measurement, truth: sensors.Truth, clock: Clock, memory: Any, noise: Any
+        self, m: Measurement, truth: sensors.SensedState, clock: ControlClock, memory: Any, noise: Any
     ) -> tuple[Measurement, Any]:
         last, p = memory
         due = clock.t - last >= self.every - 1e-9
         last, p = jnp.where(due, clock.t, last), jnp.where(due, m.payload.p, p)
-        m = dataclasses.replace(m, payload=dataclasses.replace(m.payload, p=p), more=m.more | {"last_report_s": last})
+        m = dataclasses.replace(m, payload=dataclasses.replace(m.payload, p=p), extra=m.extra | {"last_report_s": last})
         return m, (last, p)
 
 
-def changed(plan: flight.Plan) -> flight.Plan:
+def changed(plan: flight.Experiment) -> flight.Experiment:
     """The plan with every part above in its place."""
-    pilot, world = plan.pilot, plan.world
+    pilot, world = plan.controller, plan.world
     return dataclasses.replace(
         plan,
-        world=dataclasses.replace(world, extra=(*world.extra, Slow(every=jnp.array(0.02)))),
-        pilot=dataclasses.replace(
+        world=dataclasses.replace(world, sensor_models=(*world.sensor_models, Slow(every=jnp.array(0.02)))),
+        controller=dataclasses.replace(
             pilot,
-            leader=Gentle(leader=pilot.leader, limit=jnp.array(0.2)),
+            payload_controller=Gentle(leader=pilot.payload_controller, limit=jnp.array(0.2)),
             allocator=weighted(pilot.team, np.array([1.0, 1.0, 4.0])),
             estimator=Trusting(estimator=pilot.estimator),
         ),
@@ -122,9 +122,9 @@ def changed(plan: flight.Plan) -> flight.Plan:
 
 def main() -> None:
     """Fly two seconds with the paper's parts and with these, and say how they differ."""
-    plan = dataclasses.replace(colift.plan(colift.load(PLATE), "C1"), duration=2.0)
+    plan = dataclasses.replace(colift.make_experiment(colift.payload(PLATE), "C1"), duration=2.0)
     for of, what in ((plan, "the paper's parts"), (changed(plan), "parts of one's own")):
-        rows = colift.fly_plan(of).rows
+        rows = colift.run_experiment(of).records
         sideways = np.linalg.norm(rows.lam[-1, 2, :2])
         print(f"{what:>20}: {1e3 * np.linalg.norm(rows.e_p[-1]):.0f} mm off after {rows.t[-1]:.1f} s, ", end="")
         print(f"the third contact is pushed sideways with {sideways:.2f} N")

@@ -34,7 +34,7 @@ class Heavy(gp.Kernel):
 
 
 @pytree
-class Motion(features.Plain):
+class Motion(features.DefaultFeatures):
     """Of the payload position and velocity alone; of the agents what the paper takes."""
 
     def payload(self, x: Float[Array, "*batch inputs"]) -> Float[Array, "*batch 6"]:
@@ -44,9 +44,9 @@ class Motion(features.Plain):
         return features.PAYLOAD_FEATURES[:6]
 
 
-def taught(plan: flight.Plan, kernel: gp.Kernel) -> flight.Plan:
+def taught(plan: flight.Experiment, kernel: gp.Kernel) -> flight.Experiment:
     """The plan with that kernel of those features for the payload's model."""
-    oracle, training = plan.pilot.oracle, plan.training
+    oracle, training = plan.controller.residual_model, plan.fit_options
     assert training is not None
     median = training.payload.median
     hyper = dataclasses.replace(median, kernel=kernel, lengthscales=median.lengthscales[:, :6])
@@ -54,16 +54,16 @@ def taught(plan: flight.Plan, kernel: gp.Kernel) -> flight.Plan:
     belief = dataclasses.replace(training.payload, median=hyper)
     return dataclasses.replace(
         plan,
-        pilot=dataclasses.replace(plan.pilot, oracle=seen),
-        training=dataclasses.replace(training, payload=belief),
+        controller=dataclasses.replace(plan.controller, residual_model=seen),
+        fit_options=dataclasses.replace(training, payload=belief),
     )
 
 
 def main() -> None:
     """Fly C2 for two seconds, learn from the first 1.5, and say what the labels told."""
-    plan = dataclasses.replace(colift.plan(colift.load(PLATE), "C2"), duration=2.0, updates=(1.5,))
-    flight = colift.fly_plan(taught(plan, Heavy(a=jnp.array(1.0))))
-    fit, rows = flight.updates[0].fits["payload"], flight.rows
+    plan = dataclasses.replace(colift.make_experiment(colift.payload(PLATE), "C2"), duration=2.0, update_times=(1.5,))
+    flight = colift.run_experiment(taught(plan, Heavy(a=jnp.array(1.0))))
+    fit, rows = flight.updates[0].fits["payload"], flight.records
     print(f"{flight.updates[0].n['payload']} samples, {type(fit.hyper.kernel).__name__}; ", end="")
     print(f"log likelihoods {np.array2string(fit.log_likelihood, precision=1)}")
     left = np.linalg.norm((rows.f_L - rows.f_L_hat)[:, :3], axis=1)

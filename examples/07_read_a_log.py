@@ -19,17 +19,17 @@ PLATE = Path(__file__).with_name("plate.yaml")
 
 def main() -> None:
     """Fly, save, read, and ask: how far off, who carries how much, what was learned when."""
-    settings = colift.load(PLATE)
-    plan = dataclasses.replace(colift.plan(settings, "C3"), duration=2.0, updates=(1.0,))
-    flight = colift.fly_plan(plan)
+    settings = colift.payload(PLATE)
+    plan = dataclasses.replace(colift.make_experiment(settings, "C3"), duration=2.0, update_times=(1.0,))
+    flight = colift.run_experiment(plan)
     with tempfile.TemporaryDirectory() as folder:
-        log.save(colift.dataset(settings, "C3", flight, plan), Path(folder) / "C3.nc")
+        log.save(colift.flight_dataset(settings, "C3", flight, plan), Path(folder) / "C3.nc")
         ds = log.load(Path(folder) / "C3.nc")
     print(f"{ds.attrs['scenario']}, {ds.attrs['case']}: {len(ds.data_vars)} signals, {ds.sizes['time']} ticks")
     late = ds.sel(time=slice(1.5, None))
     off = np.sqrt((late.e_p**2).sum("axis")).mean()
     print(f"{ds.e_p.attrs['long_name']}, {ds.e_p.attrs['frame']} frame: {1e3 * float(off):.1f} mm, mean from 1.5 s on")
-    for contact in ds.contact.values:
+    for contact in ds.contact_position.values:
         carried = late.lam.sel(contact=contact, axis="z").mean()
         print(f"{contact} carries {float(carried):.2f} {ds.lam.attrs['units']} of the payload's weight")
     before, after = (float(ds.sigma_L_force.sel(time_sigma=t, method="nearest")) for t in (0.5, 1.5))

@@ -12,11 +12,11 @@ from colift.workflows import certification
 
 def main() -> None:
     """Print the radius of every error of the flown path, what was observed, and what the radii rest on."""
-    made = certification.certify(colift.load("certified"), names=("energy", "recovery"))
+    made = certification.certify(colift.payload("certified"), names=("energy", "recovery"))
     found = made.certificate
     first, last = found.window
     for bound, radii in found.radii.items():
-        for error, radius in radii.run.items():
+        for error, radius in radii.a_posteriori.items():
             seen = found.observed[error]
             print(f"{bound:>8}, {error:>7}: at most {radius:.3g}, observed {seen:.3g} from {first:.0f} to {last:.0f} s")
         print(f"{'':>8}  assumed: {', '.join(radii.assumed)}")

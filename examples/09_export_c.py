@@ -20,11 +20,11 @@ TICKS = 250
 
 def main() -> None:
     """Say what was written, and by how much the program's commands differ from Python's."""
-    plan = dataclasses.replace(colift.plan(colift.load(PLATE), "C3"), duration=2.0, updates=(1.0,))
-    flight = colift.fly_plan(plan)
+    plan = dataclasses.replace(colift.make_experiment(colift.payload(PLATE), "C3"), duration=2.0, update_times=(1.0,))
+    flight = colift.run_experiment(plan)
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
-        c_export.c(plan, flight.oracle, TICKS, folder, "plate, C3")
+        c_export.export_c(plan, flight.model, TICKS, folder, "plate, C3")
         for file in sorted(folder.iterdir()):
             print(f"{file.name:16} {file.stat().st_size / 1e3:8.1f} kB")
         if (compiler := shutil.which("cc")) is None:

@@ -24,14 +24,16 @@ FLIGHTS, TICKS = 8, 1000
 
 def main() -> None:
     """Fly the batch for two seconds, and print where each payload is."""
-    plan = colift.plan(colift.load(PLATE), "C1")
-    setup, noise = plan.setup, plan.world.draw(jax.random.key(0), TICKS)
-    begun = simulator.start(setup, plan.z)
+    plan = colift.make_experiment(colift.payload(PLATE), "C1")
+    setup, noise = plan.loop_config, plan.world.sample_noise(jax.random.key(0), TICKS)
+    begun = simulator.reset(setup, plan.initial_state)
 
-    def fly(setup: simulator.Setup, begun: simulator.Loop, noise: Any, share: jax.Array) -> signals.Row:
+    def fly(
+        setup: simulator.LoopConfig, begun: simulator.LoopState, noise: Any, share: jax.Array
+    ) -> signals.StepRecord:
         """One flight under that share of all unknown forces."""
-        blown = dataclasses.replace(setup, world=dataclasses.replace(setup.world, acting=share))
-        return jax.lax.scan(lambda loop, drawn: simulator.tick(blown, loop, drawn), begun, noise)[1]
+        blown = dataclasses.replace(setup, world=dataclasses.replace(setup.world, disturbance_scale=share))
+        return jax.lax.scan(lambda loop, drawn: simulator.step(blown, loop, drawn), begun, noise)[1]
 
     shares = jnp.linspace(0.0, 2.0, FLIGHTS)
     rows = jax.jit(jax.vmap(codegen.compile(fly), in_axes=(None, None, None, 0)))(setup, begun, noise, shares)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 
 from colift import scenario
-from colift.scenario import Settings
+from colift.scenario import Scenario
 from colift.workflows import certification
 from tests import light
 
@@ -13,28 +13,28 @@ NAMES = ("energy", "srinivas", "recovery")
 LAST = 4.0  # s, the last update
 
 
-def of_light_team(updates: tuple[float, ...], duration_s: float) -> Settings:
+def of_light_team(updates: tuple[float, ...], duration_s: float) -> Scenario:
     """The shipped scenario, shorter and on a smaller path, with the team whose flights compile sooner."""
-    given, team = scenario.load("certified").model_dump(), light.settings().model_dump()
+    given, team = scenario.load_scenario("certified").model_dump(), light.settings().model_dump()
     given |= {name: team[name] for name in ("agent_types", "agents")} | {"duration_s": duration_s}
     given["learning"] |= {"update_times_s": updates, "end_s": updates[-1], "capacity": 12}
     given["drawn"] |= {"centers": 12, "least": 0.0}
     given["reference"] |= {"amplitude_m": (0.5, 0.4, 0.2), "ramp_s": 2.0}
-    return Settings.model_validate(given)
+    return Scenario.model_validate(given)
 
 
-def short() -> Settings:
+def short() -> Scenario:
     """With updates at 2 s and 4 s of 9 s."""
     return of_light_team((2.0, LAST), 9.0)
 
 
 @functools.cache
-def made() -> certification.Certified:
+def made() -> certification.CertificationResult:
     """The flight, its twin and its certificate."""
     return certification.certify(short(), names=NAMES)
 
 
 @functools.cache
-def late() -> certification.Certified:
+def late() -> certification.CertificationResult:
     """Nothing is learned until half a second before errors count: a deviation at the update is far from gone."""
-    return certification.certify(of_light_team((LAST,), LAST + 1), made().linear, ("energy",))
+    return certification.certify(of_light_team((LAST,), LAST + 1), made().equilibrium_linearization, ("energy",))

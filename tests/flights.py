@@ -12,8 +12,8 @@ import numpy as np
 import xarray as xr
 
 from colift.closed_loop import log
-from colift.closed_loop.signals import Row
-from colift.onboard.learning.prediction_uncertainty import Sigma
+from colift.closed_loop.signals import StepRecord
+from colift.onboard.learning.prediction_uncertainty import PredictionUncertainty
 
 
 class Shape(NamedTuple):
@@ -52,34 +52,34 @@ MIXED = Shape(groups=((2, 3, 2), (1, 0, 1), (1, 4, 3)), eta=18)
 
 def axes(field: str) -> list[str]:
     """The axes that `Row` states for a field, in its annotation."""
-    stated = re.search(r"Array, ['\"](.*?)['\"]", str(Row.__annotations__[field]))
+    stated = re.search(r"Array, ['\"](.*?)['\"]", str(StepRecord.__annotations__[field]))
     assert stated
     return stated[1].replace("*", "").split()
 
 
-def rows(rng: np.random.Generator, shape: Shape) -> Row:
+def rows(rng: np.random.Generator, shape: Shape) -> StepRecord:
     """A random log of the shapes that `Row` states."""
     sizes = shape.sizes
     leaves = {
         field.name: rng.normal(size=[sizes[axis] if axis in sizes else int(axis) for axis in axes(field.name)])
-        for field in dataclasses.fields(Row)
+        for field in dataclasses.fields(StepRecord)
     }
     leaves["t"] = shape.period * np.arange(shape.time)
     leaves["saturated"] = leaves["saturated"] > 1
     leaves["Psi"] = np.abs(leaves["Psi"])
     # built of JAX arrays, so that the annotations are checked; in a flight the leaves are NumPy's too
-    return jax.tree.map(np.array, Row(**{name: jnp.asarray(x) for name, x in leaves.items()}))
+    return jax.tree.map(np.array, StepRecord(**{name: jnp.asarray(x) for name, x in leaves.items()}))
 
 
-def sigma(rng: np.random.Generator, shape: Shape, every: int = 5) -> Sigma:
+def sigma(rng: np.random.Generator, shape: Shape, every: int = 5) -> PredictionUncertainty:
     """Random deviations and radii at every so many ticks."""
     t = shape.period * np.arange(0, shape.time, every)
-    return Sigma(
+    return PredictionUncertainty(
         t=t,
-        payload=rng.uniform(0.1, 1, (len(t), 6)),
-        agents=tuple(rng.uniform(0.1, 1, (len(t), n, 6 + joints)) for n, joints, _ in shape.groups),
-        payload_label=rng.uniform(0.05, 0.1, (len(t), 6)),
-        agents_label=tuple(rng.uniform(0.05, 0.1, (len(t), n, 6 + joints)) for n, joints, _ in shape.groups),
+        payload_std=rng.uniform(0.1, 1, (len(t), 6)),
+        agent_std=tuple(rng.uniform(0.1, 1, (len(t), n, 6 + joints)) for n, joints, _ in shape.groups),
+        payload_label_bias=rng.uniform(0.05, 0.1, (len(t), 6)),
+        agent_label_bias=tuple(rng.uniform(0.05, 0.1, (len(t), n, 6 + joints)) for n, joints, _ in shape.groups),
         payload_radius=rng.uniform(1, 9, (len(t), 6)),
         agents_radius=tuple(rng.uniform(1, 9, (len(t), n, 6 + joints)) for n, joints, _ in shape.groups),
     )

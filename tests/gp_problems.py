@@ -17,7 +17,7 @@ def problem(seed: int, N: int = 40, dimensions: int = 4, outputs: int = 3, noise
     F = np.sin(Z @ rng.normal(size=(dimensions, outputs))) + 0.3 * Z[:, :1] ** 2
     X = (Z + rng.normal(size=dimensions)) * x_scale
     Y = (F + noise**0.5 * rng.normal(size=F.shape) + rng.normal(size=outputs)) * y_scale
-    hyper = gp.hyperparameters(
+    hyper = gp.make_hyperparameters(
         rng.uniform(0.5, 2, outputs) * y_scale**2,
         rng.uniform(0.7, 4, (outputs, dimensions)) * x_scale,
         noise * y_scale**2,
@@ -34,7 +34,7 @@ def arrays(hyper, i):
         float(hyper.signal_variance[i]),
         np.asarray(hyper.lengthscales[i]),
         float(hyper.noise_variance[i]),
-        float(hyper.offset[i]),
+        float(hyper.constant_mean[i]),
     )
 
 

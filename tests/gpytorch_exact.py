@@ -46,7 +46,9 @@ class Model(gpytorch.models.ExactGP):
 
     def set(self, hyper):
         """Take stated hyperparameters."""
-        values = [np.array(a) for a in (hyper.signal_variance, hyper.lengthscales, hyper.noise_variance, hyper.offset)]
+        values = [
+            np.array(a) for a in (hyper.signal_variance, hyper.lengthscales, hyper.noise_variance, hyper.constant_mean)
+        ]
         s, ls, v, offset = (torch.as_tensor(a) for a in values)
         self.covar_module.outputscale = s
         self.covar_module.base_kernel.lengthscale = ls[:, None, :]

@@ -6,13 +6,13 @@ from pathlib import Path
 from typing import Any
 
 from colift import scenario
-from colift.scenario import Settings
+from colift.scenario import Scenario
 
-SAMPLE = scenario.load(Path(__file__).parent / "sample_scenario.yaml")
+SAMPLE = scenario.load_scenario(Path(__file__).parent / "sample_scenario.yaml")
 CONTACTS = ((0.4, 0.0, 0.03), (-0.2, 0.35, 0.03), (-0.2, -0.35, 0.03))
 
 
-def settings(**changes: Any) -> Settings:
+def settings(**changes: Any) -> Scenario:
     """The sample scenario, flown by that team, with some settings changed."""
     base = {"mass_kg": 1.5, "inertia_kgm2": [0.02, 0.02, 0.035]}
     arms = [{"name": "hook", "joint": "base", "tip_m": [0.0, 0.0, -0.1]}]

@@ -11,7 +11,7 @@ from tests import flights, played
 LONG = flights.PAPER._replace(time=400, period=0.05)  # 20 s
 CASES = ("C1", "C2", "C3")
 RIVALS = ("I", "DOB", "P", "O")
-TOLD = experiment.CASES | experiment.BASELINES
+TOLD = experiment.PAPER_CASES | experiment.BASELINES
 
 
 def cases() -> dict[str, xr.Dataset]:

@@ -12,17 +12,17 @@ import numpy as np
 
 from colift.models import aerial_manipulator, grasp
 from colift.models.parameters import Team
-from colift.models.state import AgentInput, Inputs, Residual, State, no_force
+from colift.models.state import AgentInput, ResidualForces, State, TeamInputs, zero_residual
 from colift.simulation import contact_dynamics
 from tests import teams
 from tests.pinocchio_team import PinocchioTeam
 
 
-def idle(team: Team) -> Inputs:
+def idle(team: Team) -> TeamInputs:
     """No thrust, no torques."""
     return tuple(
         AgentInput(u=jnp.zeros(n), tau=jnp.zeros((n, 3)), tau_r=jnp.zeros((n, group.tree.joints)))
-        for n, group in zip(team.sizes, team.groups, strict=True)
+        for n, group in zip(team.sizes, team.agent_groups, strict=True)
     )
 
 
@@ -35,7 +35,7 @@ def thrown(seed: int, structure: tuple = teams.POOL[2]) -> tuple[Team, State]:
 def thrown_reference(seed: int) -> tuple[Team, State]:
     """The reference team at about 1 m/s and 1 rad/s, every velocity that the grasp allows excited."""
     team = teams.reference_team()
-    z = contact_dynamics.consistent(team, teams.reference_guess())
+    z = contact_dynamics.consistent_initial_state(team, teams.reference_guess())
     oracle, rng = PinocchioTeam(team), np.random.default_rng(seed)
     q, v = oracle.coordinates(z)
     A = oracle.jacobian(q)
@@ -48,7 +48,7 @@ def energy(team: Team, z: State) -> tuple[jax.Array, jax.Array]:
     load, J = z.payload, team.payload.inertia
     kinetic = team.payload.mass * (load.v @ load.v) / 2 + load.omega @ J @ load.omega / 2
     potential = -team.payload.mass * (team.gravity @ load.p)
-    for group, a in zip(team.groups, z.agents, strict=True):
+    for group, a in zip(team.agent_groups, z.agents, strict=True):
         xi = jnp.concatenate([a.omega, a.r_dot], axis=1)
         mass = group.mass.sum(1)
         kinetic += (xi * jax.vmap(aerial_manipulator.momenta)(group, a.r, xi)).sum() / 2 + (
@@ -63,7 +63,7 @@ def momentum(team: Team, z: State) -> jax.Array:
     load = z.payload
     P = team.payload.mass * load.v
     L = jnp.cross(load.p, P) + load.R @ team.payload.inertia @ load.omega
-    for group, a in zip(team.groups, z.agents, strict=True):
+    for group, a in zip(team.agent_groups, z.agents, strict=True):
         xi = jnp.concatenate([a.omega, a.r_dot], axis=1)
         mu = jax.vmap(aerial_manipulator.momenta)(group, a.r, xi)[:, :3]
         p = group.mass.sum(1)[:, None] * a.v
@@ -71,15 +71,15 @@ def momentum(team: Team, z: State) -> jax.Array:
     return jnp.concatenate([P, L])
 
 
-def step(team: Team, z: State, inputs: Inputs, f: Residual, dt: jax.Array, projected: jax.Array) -> State:
+def step(team: Team, z: State, inputs: TeamInputs, f: ResidualForces, dt: jax.Array, projected: jax.Array) -> State:
     """One step; the projection may be left out."""
-    z = contact_dynamics.integrate(team, z, inputs, lambda _z, _t: f, dt)
-    return jax.lax.cond(projected, lambda z: contact_dynamics.project(team, z), lambda z: z, z)
+    z = contact_dynamics.rkmk4_step(team, z, inputs, lambda _z, _t: f, dt)
+    return jax.lax.cond(projected, lambda z: contact_dynamics.project_to_constraints(team, z), lambda z: z, z)
 
 
 @jax.jit
 def run(
-    team: Team, z: State, inputs: Inputs, f: Residual, dt: jax.Array, steps: jax.Array, projected: jax.Array
+    team: Team, z: State, inputs: TeamInputs, f: ResidualForces, dt: jax.Array, steps: jax.Array, projected: jax.Array
 ) -> State:
     """The state after a number of steps under constant inputs."""
     return jax.lax.fori_loop(0, steps, lambda _, z: step(team, z, inputs, f, dt, projected), z)
@@ -90,12 +90,12 @@ def track(
     team: Team, z: State, dt: jax.Array, projected: jax.Array, *, samples: int, every: int
 ) -> tuple[State, dict[str, jax.Array]]:
     """A free motion, sampled; `work` is what the projection added to the energy, `rough` its absolute sum, J."""
-    inputs, f = idle(team), no_force(team)
+    inputs, f = idle(team), zero_residual(team)
 
     def inner(_: int, carry: tuple) -> tuple:
         z, work, rough = carry
-        free = contact_dynamics.integrate(team, z, inputs, lambda _z, _t: f, dt)
-        z = jax.lax.cond(projected, lambda z: contact_dynamics.project(team, z), lambda z: z, free)
+        free = contact_dynamics.rkmk4_step(team, z, inputs, lambda _z, _t: f, dt)
+        z = jax.lax.cond(projected, lambda z: contact_dynamics.project_to_constraints(team, z), lambda z: z, free)
         added = sum(energy(team, z)) - sum(energy(team, free))
         return z, work + added, rough + jnp.abs(added)
 
@@ -110,9 +110,9 @@ def track(
             "kinetic": kinetic,
             "potential": potential,
             "momentum": momentum(team, z),
-            "Phi": jnp.abs(grasp.Phi(team, z)).max(),
-            "Phi_dot": jnp.abs(grasp.Phi_dot(team, z)).max(),
-            "grip": grasp.grip(team, z).min(),
+            "Phi": jnp.abs(grasp.constraint_residual(team, z)).max(),
+            "Phi_dot": jnp.abs(grasp.constraint_rate(team, z)).max(),
+            "grip": grasp.min_delassus_singular_value(team, z).min(),
             "rate": jnp.stack([jnp.abs(x).max() for a in z.agents for x in (a.omega, a.r_dot) if x.size]).max(),
             "work": work,
             "rough": rough,
@@ -123,10 +123,10 @@ def track(
     return z, jax.tree.map(lambda first, rest: jnp.concatenate([first[None], rest]), observe(start), seen)
 
 
-def forced(team: Team, seed: int, hover: float = 1.0) -> tuple[Inputs, Residual]:
+def forced(team: Team, seed: int, hover: float = 1.0) -> tuple[TeamInputs, ResidualForces]:
     """Constant inputs about a share of hover and a constant force on the payload."""
-    rng, f = np.random.default_rng(seed), no_force(team)
-    mass = float(team.payload.mass + sum(group.mass.sum() for group in team.groups))
+    rng, f = np.random.default_rng(seed), zero_residual(team)
+    mass = float(team.payload.mass + sum(group.mass.sum() for group in team.agent_groups))
     hover *= 9.81 * mass / sum(team.sizes)
     inputs = tuple(
         AgentInput(
@@ -134,7 +134,7 @@ def forced(team: Team, seed: int, hover: float = 1.0) -> tuple[Inputs, Residual]
             tau=jnp.array(0.02 * rng.normal(size=(n, 3))),
             tau_r=jnp.array(0.05 * rng.normal(size=(n, group.tree.joints))),
         )
-        for n, group in zip(team.sizes, team.groups, strict=True)
+        for n, group in zip(team.sizes, team.agent_groups, strict=True)
     )
     pull = dataclasses.replace(f.payload, F=jnp.array(rng.normal(size=3)))
     return inputs, dataclasses.replace(f, payload=pull)
@@ -146,8 +146,10 @@ def convergence(team: Team, z: State, seed: int, projected: bool, hover: float =
 
     def end(steps: int) -> tuple[np.ndarray, np.ndarray]:
         final = run(team, z, inputs, f, jnp.array(0.4 / steps), jnp.array(steps), jnp.array(projected))
-        _, lam = jax.jit(contact_dynamics.accelerate)(team, final, inputs, f)
-        return np.concatenate([np.ravel(x) for x in jax.tree.leaves(final)]), np.asarray(grasp.join(lam)).ravel()
+        _, lam = jax.jit(contact_dynamics.forward_dynamics)(team, final, inputs, f)
+        return np.concatenate([np.ravel(x) for x in jax.tree.leaves(final)]), np.asarray(
+            grasp.stack_contacts(lam)
+        ).ravel()
 
     counts = [20, 40, 80, 160, 320]
     state, force = end(5120)
@@ -158,25 +160,27 @@ def convergence(team: Team, z: State, seed: int, projected: bool, hover: float =
 
 
 @functools.partial(jax.jit, static_argnames="steps")
-def arrival(team: Team, z: State, inputs: Inputs, f: Residual, *, steps: int) -> jax.Array:
+def arrival(team: Team, z: State, inputs: TeamInputs, f: ResidualForces, *, steps: int) -> jax.Array:
     """A smooth number that depends on everything: where payload and agents are, and how fast, after some steps."""
     dt = jnp.array(1e-3)
 
     def body(z: State, _: None) -> tuple[State, None]:
-        return contact_dynamics.project(team, contact_dynamics.integrate(team, z, inputs, lambda _z, _t: f, dt)), None
+        return contact_dynamics.project_to_constraints(
+            team, contact_dynamics.rkmk4_step(team, z, inputs, lambda _z, _t: f, dt)
+        ), None
 
     z, _ = jax.lax.scan(body, z, None, length=steps)
     parts = [x.ravel() for x in jax.tree.leaves(z)]
     return sum(jnp.sin((1.0 + i) * part + 0.1 * jnp.arange(float(len(part)))).sum() for i, part in enumerate(parts))
 
 
-def _varied(s: jax.Array, case: tuple) -> tuple[Team, State, Inputs, Residual]:
+def _varied(s: jax.Array, case: tuple) -> tuple[Team, State, TeamInputs, ResidualForces]:
     """The case with masses, inertias, velocities, inputs and forces changed by s; positions stay on the grasp."""
     team, z, inputs, f, turns, F = case
     scale = lambda x, k: x * (1 + s * k)  # noqa: E731
     groups = tuple(
         dataclasses.replace(group, mass=scale(group.mass, 0.3), inertia=scale(group.inertia, -0.2))
-        for group in team.groups
+        for group in team.agent_groups
     )
     load = dataclasses.replace(team.payload, mass=scale(team.payload.mass, 0.5))
     faster = tuple(
@@ -188,7 +192,7 @@ def _varied(s: jax.Array, case: tuple) -> tuple[Team, State, Inputs, Residual]:
         for u, (_, tau) in zip(inputs, turns, strict=True)
     )
     pulled = dataclasses.replace(f, payload=dataclasses.replace(f.payload, F=f.payload.F + s * F))
-    varied = dataclasses.replace(team, groups=groups, payload=load)
+    varied = dataclasses.replace(team, agent_groups=groups, payload=load)
     return varied, dataclasses.replace(z, agents=faster), commanded, pulled
 
 

@@ -12,41 +12,41 @@ import numpy as np
 
 from colift import scenario
 from colift.closed_loop import signals
-from colift.closed_loop.flight import Flight, Plan, fly_plan
+from colift.closed_loop.flight import Experiment, FlightResult, run_experiment
 from colift.models.parameters import Team
-from colift.models.state import AgentInput, AgentState, PayloadState, Residual, State
-from colift.scenario import Settings, experiment, team
+from colift.models.state import AgentInput, AgentState, PayloadState, ResidualForces, State
+from colift.scenario import Scenario, experiment, team
 from colift.simulation import contact_dynamics, disturbances
-from colift.simulation.world import Simulated
+from colift.simulation.world import SimulatedWorld
 
-SETTINGS: Settings = scenario.load("paper")
+SETTINGS: Scenario = scenario.load_scenario("paper")
 NAMES = team.agent_names(SETTINGS)
 SHORT = {"duration": 9.0, "updates": (2.0, 3.5, 5.0, 6.0)}  # the paper's study, told sooner
 
 
 @functools.cache
-def plan(case: str) -> Plan:
+def plan(case: str) -> Experiment:
     """A case of the study as shipped."""
-    return experiment.plan(SETTINGS, case)
+    return experiment.make_experiment(SETTINGS, case)
 
 
-def shortened(case: str, eta: bool = True) -> Plan:
+def shortened(case: str, eta: bool = True) -> Experiment:
     """A case with the updates and the internal forces moved into nine seconds; without the latter where asked."""
     full = plan(case)
-    eta_on = float(eta) * full.pilot.allocator.internal.eta
+    eta_on = float(eta) * full.controller.allocator.internal.eta
     full = with_internal(full, start=jnp.array(4.0), end=jnp.array(7.0), eta=eta_on)
-    updates = SHORT["updates"] if full.updates else ()
-    return dataclasses.replace(full, duration=SHORT["duration"], updates=updates)
+    updates = SHORT["updates"] if full.update_times else ()
+    return dataclasses.replace(full, duration=SHORT["duration"], update_times=updates)
 
 
-def flight(case: str, eta: bool = True) -> Flight:
+def flight(case: str, eta: bool = True) -> FlightResult:
     """The flight of `shortened`, flown once a process."""
     return _flight(case, eta)
 
 
 @functools.cache
-def _flight(case: str, eta: bool) -> Flight:
-    return fly_plan(shortened(case, eta))
+def _flight(case: str, eta: bool) -> FlightResult:
+    return run_experiment(shortened(case, eta))
 
 
 def number(x: float) -> jax.Array:
@@ -54,63 +54,66 @@ def number(x: float) -> jax.Array:
     return jnp.array(x, dtype=float)
 
 
-def with_pilot(plan: Plan, **parts: Any) -> Plan:
+def with_pilot(plan: Experiment, **parts: Any) -> Experiment:
     """The plan with some of what flies replaced."""
-    return dataclasses.replace(plan, pilot=dataclasses.replace(plan.pilot, **parts))
+    return dataclasses.replace(plan, controller=dataclasses.replace(plan.controller, **parts))
 
 
-def with_gains(plan: Plan, **gains: Any) -> Plan:
+def with_gains(plan: Experiment, **gains: Any) -> Experiment:
     """The plan with other gains of leader and agents."""
-    new = dataclasses.replace(plan.pilot.leader.gains, **gains)
-    leader, realizer = (dataclasses.replace(part, gains=new) for part in (plan.pilot.leader, plan.pilot.realizer))
-    return with_pilot(plan, leader=leader, realizer=realizer)
+    new = dataclasses.replace(plan.controller.payload_controller.gains, **gains)
+    leader, realizer = (
+        dataclasses.replace(part, gains=new)
+        for part in (plan.controller.payload_controller, plan.controller.agent_controller)
+    )
+    return with_pilot(plan, payload_controller=leader, agent_controller=realizer)
 
 
-def with_filters(plan: Plan, **filters: Any) -> Plan:
+def with_filters(plan: Experiment, **filters: Any) -> Experiment:
     """The plan with other filters on board."""
-    of = plan.pilot.estimator
+    of = plan.controller.estimator
     return with_pilot(plan, estimator=dataclasses.replace(of, filters=dataclasses.replace(of.filters, **filters)))
 
 
-def with_internal(plan: Plan, **parts: Any) -> Plan:
+def with_internal(plan: Experiment, **parts: Any) -> Experiment:
     """The plan with another internal force."""
-    of = plan.pilot.allocator
+    of = plan.controller.allocator
     return with_pilot(plan, allocator=dataclasses.replace(of, internal=dataclasses.replace(of.internal, **parts)))
 
 
-def with_world(plan: Plan, **parts: Any) -> Plan:
+def with_world(plan: Experiment, **parts: Any) -> Experiment:
     """The plan with some of the truth replaced."""
     return dataclasses.replace(plan, world=dataclasses.replace(plan.world, **parts))
 
 
-def quiet(plan: Plan) -> Plan:
+def quiet(plan: Experiment) -> Experiment:
     """The plan with sensors that have neither noise nor bias; their bandwidth stays."""
     sensors = jax.tree.map(jnp.zeros_like, plan.world.sensors)
     sensors = dataclasses.replace(sensors, tip_force_bandwidth=plan.world.sensors.tip_force_bandwidth)
-    return with_world(plan, sensors=sensors, lam_bias=jax.tree.map(jnp.zeros_like, plan.world.lam_bias))
+    return with_world(plan, sensors=sensors, tip_force_bias=jax.tree.map(jnp.zeros_like, plan.world.tip_force_bias))
 
 
-def exact(plan: Plan) -> Plan:
+def exact(plan: Experiment) -> Experiment:
     """The plan with nothing to estimate: no noise, measured poses and velocities taken as they are."""
-    return with_filters(quiet(plan), fusion=number(1e6), joint=number(200.0))
+    return with_filters(quiet(plan), complementary=number(1e6), joint=number(200.0))
 
 
-def believed(plan: Plan) -> Plan:
+def believed(plan: Experiment) -> Experiment:
     """The plan with the nominal team as the truth: all that remains unknown are the disturbances."""
-    return with_world(plan, team=plan.pilot.team)
+    return with_world(plan, team=plan.controller.team)
 
 
-def fly(plan: Plan, duration: float) -> Flight:
+def fly(plan: Experiment, duration: float) -> FlightResult:
     """The plan flown for some seconds."""
-    return fly_plan(dataclasses.replace(plan, duration=duration))
+    return run_experiment(dataclasses.replace(plan, duration=duration))
 
 
-def states(team: Team, rows: signals.Row) -> tuple[State, tuple[AgentInput, ...]]:
+def states(team: Team, rows: signals.StepRecord) -> tuple[State, tuple[AgentInput, ...]]:
     """The states and inputs of a log, time leading every leaf, for a team of one group."""
-    (group,), (size,) = team.groups, team.sizes
+    (group,), (size,) = team.agent_groups, team.sizes
     joints = (size, group.tree.joints)
 
-    def one(row: signals.Row) -> tuple[State, tuple[AgentInput, ...]]:
+    def one(row: signals.StepRecord) -> tuple[State, tuple[AgentInput, ...]]:
         agents = AgentState(
             R=row.R,
             x=row.x,
@@ -131,20 +134,22 @@ ROOM = 250
 
 @jax.jit
 @functools.partial(jax.vmap, in_axes=(None, None, 0, 0))
-def _answer(world: Simulated, nominal: Team, z: State, inputs: tuple[AgentInput, ...]) -> tuple[jax.Array, Residual]:
-    f = disturbances.at_start(world.sources, world.team, z)
-    a, lam = contact_dynamics.accelerate(world.team, z, inputs, f)
-    return a.payload, signals.residual(nominal, z, a, lam, inputs)
+def _answer(
+    world: SimulatedWorld, nominal: Team, z: State, inputs: tuple[AgentInput, ...]
+) -> tuple[jax.Array, ResidualForces]:
+    f = disturbances.initial_forces(world.disturbances, world.team, z)
+    a, lam = contact_dynamics.forward_dynamics(world.team, z, inputs, f)
+    return a.payload, signals.true_residual(nominal, z, a, lam, inputs)
 
 
-def answer(plan: Plan, z: State, inputs: tuple[AgentInput, ...]) -> tuple[jax.Array, Residual]:
+def answer(plan: Experiment, z: State, inputs: tuple[AgentInput, ...]) -> tuple[jax.Array, ResidualForces]:
     """The payload's acceleration, and what the nominal equations leave over, of many states under many inputs."""
     n = len(z.payload.p)
     parts = []
     for first in range(0, n, ROOM):  # in pieces of one size: one program
         pick = np.minimum(np.arange(first, first + ROOM), n - 1)
         piece = jax.tree.map(lambda x, pick=pick: x[pick], (z, inputs))
-        parts.append(_answer(plan.world, plan.pilot.team, *piece))
+        parts.append(_answer(plan.world, plan.controller.team, *piece))
     return jax.tree.map(lambda *x: jnp.concatenate(x)[:n], *parts)
 
 
@@ -153,8 +158,8 @@ def rms(x: np.ndarray) -> float:
     return float(np.sqrt((np.asarray(x).reshape(len(x), -1) ** 2).sum(1).mean()))
 
 
-def lighter(newton: float) -> Settings:
+def lighter(newton: float) -> Scenario:
     """The study with weaker rotors."""
     data = SETTINGS.model_dump()
     data["agent_types"]["two_arms"]["thrust_max_N"] = newton
-    return Settings.model_validate(data)
+    return Scenario.model_validate(data)

@@ -14,14 +14,14 @@ import numpy as np
 import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
-from colift.models.parameters import Team, Tree
-from colift.models.state import AgentInput, Residual, State
+from colift.models.parameters import KinematicTree, Team
+from colift.models.state import AgentInput, ResidualForces, State
 
 
 def take(group: object, j: int) -> SimpleNamespace:
     """The fields of agent j of a group, as NumPy arrays."""
     fields = {field.name: getattr(group, field.name) for field in dataclasses.fields(group)}
-    return SimpleNamespace(**{k: x if isinstance(x, Tree) else np.asarray(x)[j] for k, x in fields.items()})
+    return SimpleNamespace(**{k: x if isinstance(x, KinematicTree) else np.asarray(x)[j] for k, x in fields.items()})
 
 
 def add_agent(model: pin.Model, agent: SimpleNamespace, name: str) -> list[int]:
@@ -42,9 +42,15 @@ def add_agent(model: pin.Model, agent: SimpleNamespace, name: str) -> list[int]:
     grow(0)
     return [
         model.addFrame(
-            pin.Frame(f"{name} tip {b}", body[i], 0, pin.SE3(np.eye(3), np.array(agent.tip[b])), pin.FrameType.OP_FRAME)
+            pin.Frame(
+                f"{name} tip {b}",
+                body[i],
+                0,
+                pin.SE3(np.eye(3), np.array(agent.tip_position[b])),
+                pin.FrameType.OP_FRAME,
+            )
         )
-        for b, i in enumerate(tree.tips)
+        for b, i in enumerate(tree.tip_bodies)
     ]
 
 
@@ -106,7 +112,9 @@ class PinocchioTeam:
 
     def __init__(self, team: Team) -> None:
         self.team = team
-        self.agents = [take(group, j) for group, size in zip(team.groups, team.sizes, strict=True) for j in range(size)]
+        self.agents = [
+            take(group, j) for group, size in zip(team.agent_groups, team.sizes, strict=True) for j in range(size)
+        ]
         self.free = [FreeAgent(agent) for agent in self.agents]
         self.model = pin.Model()
         self.tips = [f for j, agent in enumerate(self.agents) for f in add_agent(self.model, agent, f"agent {j}")]
@@ -118,7 +126,7 @@ class PinocchioTeam:
             self.model.addFrame(
                 pin.Frame(f"contact {i}", load, 0, pin.SE3(np.eye(3), np.array(c)), pin.FrameType.OP_FRAME)
             )
-            for i, c in enumerate(np.concatenate([np.array(agent.contact) for agent in self.agents]))
+            for i, c in enumerate(np.concatenate([np.array(agent.contact_position) for agent in self.agents]))
         ]
         self.data = self.model.createData()
         ends = np.cumsum([free.model.nv for free in self.free])
@@ -179,19 +187,19 @@ class PinocchioTeam:
         pin.framesForwardKinematics(self.model, self.data, self.coordinates(z)[0])
         points = np.array([self.data.oMf[f].translation for f in self.tips])
         c = (points - np.array(z.payload.p)) @ np.array(z.payload.R)
-        counts = [g.contact.shape[0] * g.contact.shape[1] for g in self.team.groups]
+        counts = [g.contact_position.shape[0] * g.contact_position.shape[1] for g in self.team.agent_groups]
         cuts = np.split(c, np.cumsum(counts)[:-1])
         groups = tuple(
-            dataclasses.replace(g, contact=jnp.array(part.reshape(g.contact.shape)))
-            for g, part in zip(self.team.groups, cuts, strict=True)
+            dataclasses.replace(g, contact_position=jnp.array(part.reshape(g.contact_position.shape)))
+            for g, part in zip(self.team.agent_groups, cuts, strict=True)
         )
-        team = dataclasses.replace(self.team, groups=groups)
+        team = dataclasses.replace(self.team, agent_groups=groups)
         other = PinocchioTeam(team)
         q, v = other.coordinates(z)
         A = other.jacobian(q)
         return team, other.state(z, v - np.linalg.pinv(A) @ (A @ v))
 
-    def accelerate(self, z: State, inputs: tuple[AgentInput, ...], f: Residual) -> Solution:
+    def accelerate(self, z: State, inputs: tuple[AgentInput, ...], f: ResidualForces) -> Solution:
         """Accelerations and contact forces: `[M A^T; A 0] [a; lam] = [tau - nle; -A_dot v]`."""
         q, v = self.coordinates(z)
         A = self.jacobian(q)
@@ -225,7 +233,7 @@ class PinocchioTeam:
             singular=np.linalg.svd(A @ np.linalg.solve(M, A.T), compute_uv=False),
         )
 
-    def force(self, q: np.ndarray, z: State, inputs: tuple[AgentInput, ...], f: Residual) -> np.ndarray:
+    def force(self, q: np.ndarray, z: State, inputs: tuple[AgentInput, ...], f: ResidualForces) -> np.ndarray:
         """Generalized forces in Pinocchio's coordinates, by virtual power."""
         tau, at, j = [], 0, 0
         for u, f_g, size in zip(inputs, f.agents, self.team.sizes, strict=True):

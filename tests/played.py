@@ -10,17 +10,17 @@ import xarray as xr
 
 from colift import scenario
 from colift.closed_loop import log, signals
-from colift.closed_loop.flight import fly_plan
+from colift.closed_loop.flight import run_experiment
 from colift.onboard.learning import prediction_uncertainty
 from colift.scenario import experiment, team
 from tests import flights, light
 
-PAPER = scenario.load("paper")
+PAPER = scenario.load_scenario("paper")
 CASES = {"C1": "no learning", "C3": "payload and agent learning"}
 
 
 def labelled(
-    rows: signals.Row, sigma: prediction_uncertainty.Sigma, told: scenario.Settings, **attrs: Any
+    rows: signals.StepRecord, sigma: prediction_uncertainty.PredictionUncertainty, told: scenario.Scenario, **attrs: Any
 ) -> xr.Dataset:
     """A log as a study writes it, of what pages are made of."""
     stated = {"stopped": "", "complete": 1, "update_times_s": [], "T_end_s": told.learning.end_s, "version": "0.1.0"}
@@ -31,7 +31,7 @@ def labelled(
 
 
 @functools.cache
-def told() -> scenario.Settings:
+def told() -> scenario.Scenario:
     """A short flight of the smallest team, with one update."""
     learning = light.SAMPLE.learning.model_copy(
         update={"update_times_s": (0.8,), "end_s": 0.8, "start_s": 0.1, "max_iterations": 2}
@@ -43,15 +43,15 @@ def told() -> scenario.Settings:
 def flown() -> dict[str, xr.Dataset]:
     """Two cases of it."""
     found = {}
-    for case, plan in experiment.plans(told(), tuple(CASES)).items():
-        flight = fly_plan(plan)
-        assert not flight.stopped
+    for case, plan in experiment.make_experiments(told(), tuple(CASES)).items():
+        flight = run_experiment(plan)
+        assert not flight.termination_reason
         updates = [update.t for update in flight.updates]
-        found[case] = labelled(flight.rows, flight.sigma, told(), update_times_s=updates, case=case)
+        found[case] = labelled(flight.records, flight.uncertainty, told(), update_times_s=updates, case=case)
     return found
 
 
-def random_log(shape: flights.Shape = flights.PAPER, told: scenario.Settings = PAPER) -> xr.Dataset:
+def random_log(shape: flights.Shape = flights.PAPER, told: scenario.Scenario = PAPER) -> xr.Dataset:
     """A made-up flight of the paper's team."""
     rng = np.random.default_rng(8)
     return labelled(flights.rows(rng, shape), flights.sigma(rng, shape), told)

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from colift import scenario
-from colift.scenario.loading import SHIPPED
+from colift.scenario.loading import SHIPPED_DIRECTORY
 
 SAMPLE = Path(__file__).parent / "sample_scenario.yaml"
-TEXTS = [(SHIPPED / f"{name}.yaml").read_text(encoding="utf-8") for name in scenario.names()]
+TEXTS = [(SHIPPED_DIRECTORY / f"{name}.yaml").read_text(encoding="utf-8") for name in scenario.shipped_names()]
 TEXTS.append(SAMPLE.read_text(encoding="utf-8"))
 
 NUMBERS = """0 -0.0 -1 1 2 20 1e-300 1e-12 1e-3 1e3 1e5 1e6 1e9 1e12 1e300 1.7e308 1e999 -1e999 .inf -.inf .nan 5e-324

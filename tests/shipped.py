@@ -23,36 +23,36 @@ def values() -> dict[str, np.ndarray]:
 def _flight() -> dict[str, np.ndarray]:
     """C3 for 0.6 s, told at 0.5 s by what it recorded from the start on; hyperparameters stay."""
     of = paper_flights.shortened("C3")
-    recorder = dataclasses.replace(of.pilot.recorder, start=paper_flights.number(0.0))
-    of = dataclasses.replace(paper_flights.with_pilot(of, recorder=recorder), updates=(0.5,), training=None)
+    recorder = dataclasses.replace(of.controller.recorder, start=paper_flights.number(0.0))
+    of = dataclasses.replace(paper_flights.with_pilot(of, recorder=recorder), update_times=(0.5,), fit_options=None)
     flight = paper_flights.fly(of, 0.6)
-    assert not flight.stopped
-    assert flight.updates[0].n["payload"] > 3
+    assert not flight.termination_reason
+    assert flight.updates[0].num_samples["payload"] > 3
     names = {
         "agents": paper_flights.NAMES,
-        "joints": [f"joint {k}" for k in range(flight.rows.r.shape[1])],
-        "contacts": [f"contact {k}" for k in range(flight.rows.lam.shape[1])],
+        "joints": [f"joint {k}" for k in range(flight.records.r.shape[1])],
+        "contacts": [f"contact {k}" for k in range(flight.records.lam.shape[1])],
     }
-    logged = log.dataset(flight.rows, sigma=flight.sigma, attrs={}, **names)
-    return _named({"log": {name: x.values for name, x in logged.items()}, "oracle": flight.oracle})
+    logged = log.dataset(flight.records, sigma=flight.uncertainty, attrs={}, **names)
+    return _named({"log": {name: x.values for name, x in logged.items()}, "oracle": flight.model})
 
 
 def _transformed() -> dict[str, np.ndarray]:
     """PyTrees mapped, stacked, batched by axes that are PyTrees, compiled, differentiated, taken apart and rebuilt."""
     of = paper_flights.plan("C3")
-    z, group = of.z, of.world.team.groups[0]
+    z, group = of.initial_state, of.world.team.agent_groups[0]
     _, tree = jax.tree.flatten(of.world)
     rng = np.random.default_rng(0)
-    hyper = gp.hyperparameters(2.0, [0.5, 1.5], 0.1)
+    hyper = gp.make_hyperparameters(2.0, [0.5, 1.5], 0.1)
     model = gp.condition(rng.normal(size=(9, 2)), rng.normal(size=(9, 1)), hyper, capacity=12)
     stacked = jax.tree.map(lambda x: jnp.stack([x, 2 * x]), hyper)
     axes = jax.tree.map(lambda _: 0, hyper)
 
-    def mean(hyper: gp.Hyper, x: jax.Array) -> jax.Array:
+    def mean(hyper: gp.Hyperparameters, x: jax.Array) -> jax.Array:
         return gp.mean(dataclasses.replace(model, hyper=hyper), x)
 
     x = jnp.array([0.3, -0.2])
-    slope = jax.jit(jax.jacfwd(lambda z: grasp.Phi(of.world.team, z)))(z)
+    slope = jax.jit(jax.jacfwd(lambda z: grasp.constraint_residual(of.world.team, z)))(z)
     return _named({
         "mapped": jax.tree.map(lambda a, b: a + b, group, group),
         "batched": jax.jit(jax.vmap(mean, in_axes=(axes, None)))(stacked, x),

@@ -10,19 +10,21 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from colift.models.parameters import Agent, Payload, Team, Tree
+from colift.models.parameters import AerialManipulator, KinematicTree, Payload, Team
 from colift.models.state import AgentState, PayloadState, State
 
-WAIST_TWO_ARMS = Tree(parents=(0, 1, 1), prismatic=(False, False, False), tips=(2, 3))
-CHAIN = Tree(parents=(0, 1, 2), prismatic=(False, False, False), tips=(3,))
-SLIDING_ARM = Tree(parents=(0, 1), prismatic=(False, True), tips=(2,))
-SLIDING_ARMS = Tree(parents=(0, 0, 1, 2), prismatic=(False, True, True, False), tips=(3, 4))
-THREE_ARMS = Tree(parents=(0, 0, 0), prismatic=(False, True, False), tips=(1, 2, 3))
-SEVEN = Tree(parents=(0, 1, 1, 2, 3, 0, 6), prismatic=(False,) * 3 + (True,) + (False,) * 3, tips=(4, 5, 7))
-RIGID = Tree(parents=(), prismatic=(), tips=(0,))
+WAIST_TWO_ARMS = KinematicTree(parents=(0, 1, 1), prismatic=(False, False, False), tip_bodies=(2, 3))
+CHAIN = KinematicTree(parents=(0, 1, 2), prismatic=(False, False, False), tip_bodies=(3,))
+SLIDING_ARM = KinematicTree(parents=(0, 1), prismatic=(False, True), tip_bodies=(2,))
+SLIDING_ARMS = KinematicTree(parents=(0, 0, 1, 2), prismatic=(False, True, True, False), tip_bodies=(3, 4))
+THREE_ARMS = KinematicTree(parents=(0, 0, 0), prismatic=(False, True, False), tip_bodies=(1, 2, 3))
+SEVEN = KinematicTree(
+    parents=(0, 1, 1, 2, 3, 0, 6), prismatic=(False,) * 3 + (True,) + (False,) * 3, tip_bodies=(4, 5, 7)
+)
+RIGID = KinematicTree(parents=(), prismatic=(), tip_bodies=(0,))
 TREES = (WAIST_TWO_ARMS, CHAIN, SLIDING_ARM, SLIDING_ARMS, THREE_ARMS, SEVEN, RIGID)
 
-POOL: tuple[tuple[tuple[Tree, int], ...], ...] = (  # (tree, agents) of each group
+POOL: tuple[tuple[tuple[KinematicTree, int], ...], ...] = (  # (tree, agents) of each group
     ((CHAIN, 1),),
     ((SEVEN, 1),),
     ((WAIST_TWO_ARMS, 2),),
@@ -53,11 +55,11 @@ def inertia(rng: np.random.Generator, mass: float, size: float) -> np.ndarray:
     return np.trace(second) * np.eye(3) - second
 
 
-def agent(rng: np.random.Generator, tree: Tree) -> Agent:
+def agent(rng: np.random.Generator, tree: KinematicTree) -> AerialManipulator:
     """An aerial manipulator with every number random; its contacts are set by `team_and_state`."""
     mass = np.concatenate([[rng.uniform(1, 2)], rng.uniform(0.05, 0.3, tree.joints)])
     axis = rng.normal(size=(tree.joints, 3))
-    return Agent(
+    return AerialManipulator(
         tree=tree,
         mass=jnp.array(mass),
         com=jnp.array(0.05 * rng.normal(size=(tree.joints + 1, 3))),
@@ -65,13 +67,13 @@ def agent(rng: np.random.Generator, tree: Tree) -> Agent:
         joint_position=jnp.array(0.15 * rng.normal(size=(tree.joints, 3))),
         joint_rotation=jnp.array(np.reshape([rotation(rng) for _ in range(tree.joints)], (-1, 3, 3))),
         joint_axis=jnp.array(axis / np.linalg.norm(axis, axis=1, keepdims=True)),
-        tip=jnp.array(0.2 * rng.normal(size=(tree.arms, 3))),
-        contact=jnp.zeros((tree.arms, 3)),
+        tip_position=jnp.array(0.2 * rng.normal(size=(tree.arms, 3))),
+        contact_position=jnp.zeros((tree.arms, 3)),
         thrust_max=jnp.array(50.0),
     )
 
 
-def agent_state(rng: np.random.Generator, tree: Tree, speed: float = 1.0) -> AgentState:
+def agent_state(rng: np.random.Generator, tree: KinematicTree, speed: float = 1.0) -> AgentState:
     """A random state of one free agent, about a metre from the origin."""
     return AgentState(
         R=jnp.array(rotation(rng)),
@@ -93,17 +95,17 @@ def payload_state(rng: np.random.Generator, speed: float = 1.0) -> PayloadState:
     )
 
 
-def team(rng: np.random.Generator, structure: tuple[tuple[Tree, int], ...]) -> Team:
+def team(rng: np.random.Generator, structure: tuple[tuple[KinematicTree, int], ...]) -> Team:
     """A random team without contacts."""
     mass = rng.uniform(1, 3)
     return Team(
-        groups=tuple(stack([agent(rng, tree) for _ in range(size)]) for tree, size in structure),
+        agent_groups=tuple(stack([agent(rng, tree) for _ in range(size)]) for tree, size in structure),
         payload=Payload(mass=jnp.array(mass), inertia=jnp.array(inertia(rng, mass, 0.3))),
         gravity=jnp.array(rng.normal(size=3) + [0, 0, -9.81]),
     )
 
 
-def free_state(rng: np.random.Generator, structure: tuple[tuple[Tree, int], ...]) -> State:
+def free_state(rng: np.random.Generator, structure: tuple[tuple[KinematicTree, int], ...]) -> State:
     """A random state of bodies that do not touch."""
     return State(
         agents=tuple(stack([agent_state(rng, tree) for _ in range(size)]) for tree, size in structure),
@@ -111,10 +113,10 @@ def free_state(rng: np.random.Generator, structure: tuple[tuple[Tree, int], ...]
     )
 
 
-def reference_agent(contact: list[list[float]]) -> Agent:
+def reference_agent(contact: list[list[float]]) -> AerialManipulator:
     """An agent of the reference team: a waist yawing about body z, two arms rolling about x (in numbers: the study)."""
     rod = np.diag([0.12 * 0.3**2 / 12, 0.12 * 0.3**2 / 12, 1e-5])
-    return Agent(
+    return AerialManipulator(
         tree=WAIST_TWO_ARMS,
         mass=jnp.array([1.5, 0.1, 0.12, 0.12]),
         com=jnp.array([[0.0, 0, 0], [0, 0, 0], [0, 0, -0.15], [0, 0, -0.15]]),
@@ -122,8 +124,8 @@ def reference_agent(contact: list[list[float]]) -> Agent:
         joint_position=jnp.array([[0, 0, 0], [0, 0.08, 0], [0, -0.08, 0]]),
         joint_rotation=jnp.array([np.eye(3)] * 3),
         joint_axis=jnp.array([[0.0, 0, 1], [1, 0, 0], [1, 0, 0]]),
-        tip=jnp.array([[0, 0, -0.3], [0, 0, -0.3]]),
-        contact=jnp.array(contact),
+        tip_position=jnp.array([[0, 0, -0.3], [0, 0, -0.3]]),
+        contact_position=jnp.array(contact),
         thrust_max=jnp.array(50.0),
     )
 
@@ -131,7 +133,7 @@ def reference_agent(contact: list[list[float]]) -> Agent:
 def reference_team(agents: int = 2) -> Team:
     """Alike agents in a row along x, each holding the payload on both sides."""
     return Team(
-        groups=(stack([reference_agent([[x, 0.36, 0.05], [x, -0.36, 0.05]]) for x in _row(agents)]),),
+        agent_groups=(stack([reference_agent([[x, 0.36, 0.05], [x, -0.36, 0.05]]) for x in _row(agents)]),),
         payload=Payload(mass=jnp.array(1.5), inertia=jnp.diag(jnp.array([0.04, 0.15, 0.18]))),
         gravity=jnp.array([0.0, 0, -9.81]),
     )

@@ -10,27 +10,27 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import linprog
 
-from colift.models.actuator_lag import Lag
-from colift.models.state import AgentInput, Clock
+from colift.models.actuator_lag import ActuatorLag
+from colift.models.state import AgentInput, ControlClock
 from colift.simulation import actuators
 
 DT = 0.002
-CLOCK = Clock(t=jnp.array(0.0), dt=jnp.array(DT))
+CLOCK = ControlClock(t=jnp.array(0.0), dt=jnp.array(DT))
 
 
-def command(u: float, tau: object = (0.0, 0.0, 0.0)) -> actuators.Inputs:
+def command(u: float, tau: object = (0.0, 0.0, 0.0)) -> actuators.TeamInputs:
     """The same of two agents; a joint follows the thrust."""
     both = jnp.tile(jnp.array(tau, dtype=float), (2, 1))
     return (AgentInput(u=jnp.full(2, u, dtype=float), tau=both, tau_r=jnp.full((2, 1), u, dtype=float)),)
 
 
-def free() -> actuators.Box:
-    return actuators.Box(thrust_max=jnp.full(2, 1e3), torque_max=jnp.full(2, jnp.inf))
+def free() -> actuators.BoxLimits:
+    return actuators.BoxLimits(thrust_max=jnp.full(2, 1e3), torque_max=jnp.full(2, jnp.inf))
 
 
-def played(of: actuators.Ideal, commands: list[actuators.Inputs]) -> list[AgentInput]:
+def played(of: actuators.IdealActuators, commands: list[actuators.TeamInputs]) -> list[AgentInput]:
     """What acts, tick by tick, after the first command has acted for ever."""
-    memory, out = of.begin(commands[0]), []
+    memory, out = of.init(commands[0]), []
     for each in commands:
         (acting,), memory = of(each, memory, CLOCK)
         out.append(acting)
@@ -39,7 +39,7 @@ def played(of: actuators.Ideal, commands: list[actuators.Inputs]) -> list[AgentI
 
 def test_ideal_actuators_do_what_they_are_told():
     for acting, (told,) in zip(
-        played(actuators.Ideal(), [command(3), command(5)]), [command(3), command(5)], strict=True
+        played(actuators.IdealActuators(), [command(3), command(5)]), [command(3), command(5)], strict=True
     ):
         jax.tree.map(np.testing.assert_array_equal, acting, told)
 
@@ -47,7 +47,7 @@ def test_ideal_actuators_do_what_they_are_told():
 @pytest.mark.parametrize("delay", [0, 1, 4])
 def test_a_step_arrives_after_the_delay_and_rises_as_a_first_order_lag(delay):
     hertz, ticks = 8.0, 40
-    motors = actuators.Motors(lag=Lag(bandwidth=jnp.array(hertz), delay=delay), limits=(free(),))
+    motors = actuators.LaggedMotors(lag=ActuatorLag(bandwidth=jnp.array(hertz), delay=delay), limits=(free(),))
     step = [command(10), *[command(20, (1.0, -2.0, 0.5))] * ticks]
     for k, acting in enumerate(played(motors, step)):
         risen = 1 - np.exp(-2 * np.pi * hertz * DT * max(0, k - delay))
@@ -57,14 +57,14 @@ def test_a_step_arrives_after_the_delay_and_rises_as_a_first_order_lag(delay):
 
 
 def test_a_box_limits_thrust_and_torque():
-    box = actuators.Box(thrust_max=jnp.array([5.0, 50.0]), torque_max=jnp.array([1.0, 0.1]))
+    box = actuators.BoxLimits(thrust_max=jnp.array([5.0, 50.0]), torque_max=jnp.array([1.0, 0.1]))
     u, tau = box(jnp.array([7.0, -1.0]), jnp.array([[2.0, -0.5, -3.0], [0.05, 0.2, -0.2]]))
     np.testing.assert_array_equal(u, [5.0, 0.0])
     np.testing.assert_allclose(tau, [[1.0, -0.5, -1.0], [0.05, 0.1, -0.1]])
 
 
-def ring(count: int, most: float = 5.0) -> actuators.Rotors:
-    return actuators.rotors(count, arm=0.3, yaw=0.02, force_max=jnp.array([most]))
+def ring(count: int, most: float = 5.0) -> actuators.RotorMixer:
+    return actuators.ring_mixer(count, arm=0.3, yaw=0.02, force_max=jnp.array([most]))
 
 
 wrenches = st.tuples(st.floats(-5, 40), *[st.floats(-3, 3)] * 2, st.floats(-0.6, 0.6)).map(np.array)
@@ -75,7 +75,7 @@ def test_rotors_stay_within_their_limits_and_give_up_yaw_first_then_tilt(count, 
     of = ring(count)
     u, tau = of(jnp.array(asked[:1]), jnp.array(asked[None, 1:]))
     got = np.concatenate([np.asarray(u), np.asarray(tau)[0]])
-    B = np.asarray(of.mix)
+    B = np.asarray(of.effectiveness)
     f = np.linalg.pinv(B) @ got
     assert f.min() > -1e-9
     assert f.max() < 5 + 1e-9
@@ -100,7 +100,7 @@ def test_of_four_rotors_tilt_and_yaw_are_the_most_that_can_be_had(asked):
     _, tau = of(jnp.array(asked[:1]), jnp.array(asked[None, 1:]))
     thrust = np.clip(asked[0], 0, 20)
     tilt, yaw = np.array([0, *asked[1:3], 0]), np.array([0, 0, 0, asked[3]])
-    f_tilt, f_yaw = (np.asarray(of.unmix) @ part for part in (tilt, yaw))
+    f_tilt, f_yaw = (np.asarray(of.mixer) @ part for part in (tilt, yaw))
 
     def most(base: np.ndarray, share: np.ndarray) -> float:
         A = np.concatenate([share, -share])[:, None]
@@ -116,9 +116,9 @@ def test_of_four_rotors_tilt_and_yaw_are_the_most_that_can_be_had(asked):
 @given(count=st.sampled_from([4, 6]), asked=wrenches)
 def test_what_the_rotors_can_give_they_give(count, asked):
     of = ring(count)
-    f = np.asarray(of.unmix) @ asked
+    f = np.asarray(of.mixer) @ asked
     if f.min() >= 0 and f.max() <= 5:
-        base = np.asarray(of.unmix)[:, :3] @ asked[:3]
+        base = np.asarray(of.mixer)[:, :3] @ asked[:3]
         u, tau = of(jnp.array(asked[:1]), jnp.array(asked[None, 1:]))
         if base.min() >= 0 and base.max() <= 5:  # thrust and tilt alone are within the limits as well
             np.testing.assert_allclose(np.concatenate([u, np.asarray(tau)[0]]), asked, atol=1e-9)
@@ -127,4 +127,4 @@ def test_what_the_rotors_can_give_they_give(count, asked):
 @pytest.mark.parametrize("count", [2, 3, 5])
 def test_rings_that_cannot_turn_about_every_axis_are_refused(count):
     with pytest.raises(ValueError, match="an even number of four or more"):
-        actuators.rotors(count, 0.3, 0.02, jnp.array([5.0]))
+        actuators.ring_mixer(count, 0.3, 0.02, jnp.array([5.0]))

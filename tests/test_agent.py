@@ -12,7 +12,7 @@ import pytest
 
 from colift.math import so3
 from colift.models import aerial_manipulator
-from colift.models.parameters import Agent, Tree
+from colift.models.parameters import AerialManipulator, KinematicTree
 from colift.models.state import AgentState
 from tests import teams
 from tests.mujoco_agent import MujocoAgent
@@ -22,11 +22,11 @@ SEEDS = range(4)
 
 
 @jax.jit
-def everything(agent: Agent, state: AgentState) -> dict[str, object]:
+def everything(agent: AerialManipulator, state: AgentState) -> dict[str, object]:
     """All that the module says about a state, compiled once a tree."""
-    g = aerial_manipulator.geometry(agent, state.r)
-    q = aerial_manipulator.reduce(agent, g)
-    h, kappa = aerial_manipulator.bias(agent, g, q, state.omega, state.r_dot)
+    g = aerial_manipulator.forward_kinematics(agent, state.r)
+    q = aerial_manipulator.centroidal_model(agent, g)
+    h, kappa = aerial_manipulator.bias_forces(agent, g, q, state.omega, state.r_dot)
     xi = jnp.concatenate([state.omega, state.r_dot])
     along = lambda f: jax.jvp(f, (state.r,), (state.r_dot,))[1]  # noqa: E731
     return {
@@ -34,24 +34,30 @@ def everything(agent: Agent, state: AgentState) -> dict[str, object]:
         "q": q,
         "h": h,
         "kappa": kappa,
-        "tips": aerial_manipulator.tips(agent, state),
+        "tips": aerial_manipulator.tip_positions(agent, state),
         "s": aerial_manipulator.center_of_mass(agent, state.r),
         "momenta": aerial_manipulator.momenta(agent, state.r, xi),
         "drift": aerial_manipulator.momentum_drift(agent, state.r, xi),
-        "M_bar_dot": along(lambda r: aerial_manipulator.reduce(agent, aerial_manipulator.geometry(agent, r)).M_bar),
-        "J_rho": jax.jacfwd(lambda r: aerial_manipulator.reduce(agent, aerial_manipulator.geometry(agent, r)).rho)(
-            state.r
+        "M_bar_dot": along(
+            lambda r: aerial_manipulator.centroidal_model(agent, aerial_manipulator.forward_kinematics(agent, r)).M_bar
         ),
+        "J_rho": jax.jacfwd(
+            lambda r: (
+                aerial_manipulator.centroidal_model(agent, aerial_manipulator.forward_kinematics(agent, r)).tip_from_com
+            )
+        )(state.r),
         "J_s": jax.jacfwd(lambda r: aerial_manipulator.center_of_mass(agent, r))(state.r),
         "rho_ddot": _second_derivative(agent, state),
     }
 
 
-def _second_derivative(agent: Agent, state: AgentState) -> jax.Array:
+def _second_derivative(agent: AerialManipulator, state: AgentState) -> jax.Array:
     """`R^T d^2/dt^2 (R rho)` with constant body rate and joint rates."""
 
     def at(t: jax.Array) -> jax.Array:
-        rho = aerial_manipulator.reduce(agent, aerial_manipulator.geometry(agent, state.r + t * state.r_dot)).rho
+        rho = aerial_manipulator.centroidal_model(
+            agent, aerial_manipulator.forward_kinematics(agent, state.r + t * state.r_dot)
+        ).tip_from_com
         return rho @ so3.exp(t * state.omega).T
 
     first = lambda t: jax.jvp(at, (t,), (jnp.ones(()),))[1]  # noqa: E731
@@ -60,7 +66,7 @@ def _second_derivative(agent: Agent, state: AgentState) -> jax.Array:
 
 @pytest.fixture(params=[(tree, seed) for tree in teams.TREES for seed in SEEDS], ids=str, scope="module")
 def case(request: pytest.FixtureRequest) -> SimpleNamespace:
-    tree: Tree
+    tree: KinematicTree
     tree, seed = request.param
     rng = np.random.default_rng(seed)
     agent, state = teams.agent(rng, tree), teams.agent_state(rng, tree)
@@ -87,7 +93,7 @@ def test_reduced_mass_matrix_is_the_schur_complement_of_M0(case: SimpleNamespace
     np.testing.assert_allclose(case.q.M_bar, schur, atol=1e-14)
     assert np.linalg.eigvalsh(np.asarray(case.q.M_bar))[0] > 0
     # couplings of errata row 3: M_vr = m d(base to CoM)/d(omega, r), in the base frame
-    m, s = float(case.q.mass), np.asarray(case.s)
+    m, s = float(case.q.mass), np.asarray(case.com_from_base)
     np.testing.assert_allclose(M[:3, :3], m * np.eye(3), atol=1e-14)
     np.testing.assert_allclose(M[:3, 3:], m * np.hstack([-np.asarray(so3.hat(jnp.array(s))), case.J_s]), atol=1e-14)
 
@@ -99,7 +105,7 @@ def test_mass_matrix_and_accelerations_are_mujocos(case: SimpleNamespace) -> Non
     M, R = mujoco_agent.mass_matrix(), case.arrays[1].R
     schur = M[3:, 3:] - M[3:, :3] @ np.linalg.solve(M[:3, :3], M[:3, 3:])
     np.testing.assert_allclose(case.q.M_bar, schur, atol=1e-10)  # MuJoCo keeps inertias as principal axes
-    np.testing.assert_allclose(M[:3, 3:], -float(case.q.mass) * R @ case.q.base, atol=1e-10)
+    np.testing.assert_allclose(M[:3, 3:], -float(case.q.mass) * R @ case.q.J_base, atol=1e-10)
     Q = np.random.default_rng(0).normal(size=len(case.xi))
     xi_dot = np.linalg.solve(np.asarray(case.q.M_bar), Q - case.h)
     np.testing.assert_allclose(xi_dot, mujoco_agent.xi_dot(Q), rtol=1e-8, atol=1e-8)
@@ -122,17 +128,19 @@ def test_tips_and_centre_of_mass_are_pinocchios(case: SimpleNamespace) -> None:
     np.testing.assert_allclose(case.tips, [free.data.oMf[f].translation for f in free.tips], atol=1e-14)
     pin.centerOfMass(free.model, free.data, q, v)
     np.testing.assert_allclose(free.data.com[0], case.arrays[1].x, atol=1e-14)
-    np.testing.assert_allclose(case.q.s, case.s, atol=1e-15)
-    np.testing.assert_allclose(case.s, case.arrays[1].R.T @ (case.arrays[1].x - q[:3]), atol=1e-14)
+    np.testing.assert_allclose(case.q.com_from_base, case.com_from_base, atol=1e-15)
+    np.testing.assert_allclose(case.com_from_base, case.arrays[1].R.T @ (case.arrays[1].x - q[:3]), atol=1e-14)
 
 
 def test_contact_jacobian(case: SimpleNamespace) -> None:
     """`B = [-hat(rho), d rho / d r]`, also of the base origin (`rho = -s`)."""
     n = case.agent.tree.arms
-    np.testing.assert_allclose(case.q.tip[:, :, :3], -so3.hat(case.q.rho), atol=1e-15)
-    np.testing.assert_allclose(case.q.tip[:, :, 3:], case.J_rho, atol=1e-14)
-    np.testing.assert_allclose(case.q.base, np.hstack([so3.hat(case.s), -np.asarray(case.J_s)]), atol=1e-14)
-    assert case.q.rho.shape == (n, 3)
+    np.testing.assert_allclose(case.q.J_tip[:, :, :3], -so3.hat(case.q.tip_from_com), atol=1e-15)
+    np.testing.assert_allclose(case.q.J_tip[:, :, 3:], case.J_rho, atol=1e-14)
+    np.testing.assert_allclose(
+        case.q.J_base, np.hstack([so3.hat(case.com_from_base), -np.asarray(case.J_s)]), atol=1e-14
+    )
+    assert case.q.tip_from_com.shape == (n, 3)
 
 
 def test_contact_acceleration(case: SimpleNamespace) -> None:
@@ -159,8 +167,8 @@ def test_drift_by_finite_differences(case: SimpleNamespace) -> None:
 
 
 @jax.jit
-def mass_matrix(agent: Agent, r: jax.Array) -> jax.Array:
-    return aerial_manipulator.reduce(agent, aerial_manipulator.geometry(agent, r)).M_bar
+def mass_matrix(agent: AerialManipulator, r: jax.Array) -> jax.Array:
+    return aerial_manipulator.centroidal_model(agent, aerial_manipulator.forward_kinematics(agent, r)).M_bar
 
 
 def test_angular_momentum_is_pinocchios(case: SimpleNamespace) -> None:

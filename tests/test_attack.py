@@ -28,73 +28,77 @@ def certified(monkeypatch) -> None:
 
 
 def test_a_round_is_every_kind_once_and_each_follows_from_its_name():
-    names = falsification.names(short(), 2)
-    assert len(set(names)) == len(names) == 2 * (len(falsification.UNKNOWN) + len(falsification.OTHERS))
-    hover = scenario.load(
+    names = falsification.trial_names(short(), 2)
+    assert (
+        len(set(names))
+        == len(names)
+        == 2 * (len(falsification.ADVERSARIAL_DISTURBANCE) + len(falsification.TRIAL_KINDS))
+    )
+    hover = scenario.load_scenario(
         "turning", ["reference={kind: waypoints, poses: [{t_s: 0, p_m: [0, 0, 2]}, {t_s: 9, p_m: [1, 0, 2]}]}"]
     )
-    assert "path 0" not in falsification.names(hover, 1)
+    assert "path 0" not in falsification.trial_names(hover, 1)
     for name in ("worst 0", "drawn", "drawn -1", "path 0", "drawn x"):
         with pytest.raises(ValueError, match=r"is no try: must be one of worst e_p, .*'worst e_p 0'"):
-            list(falsification.attack(hover, [name]))
+            list(falsification.falsify(hover, [name]))
 
 
 def test_unknown_forces_that_norm_and_labels_allow_break_no_radius(certified):
     tries = ["worst e_p 0", "worst e_omega 1", "drawn 0", "swinging 0", "swinging 1"]
-    found = list(falsification.attack(short(), tries))
+    found = list(falsification.falsify(short(), tries))
     assert [one.name for one in found] == tries
     for one in found:
         assert set(one.ratios) == set(ERRORS)
-        assert not one.breaks, one
-        assert one.components == made().certificate.errors.size
+        assert not one.is_violated, one
+        assert one.num_components == made().certificate.errors.size
         assert one.changes == ()
     assert found[0].ratios["e_p"] > 0.3  # the adversary comes near
     assert found[3].ratios != found[4].ratios
-    assert next(falsification.attack(short(), tries[3:4])) == found[3]
+    assert next(falsification.falsify(short(), tries[3:4])) == found[3]
 
 
 def test_a_radius_that_is_too_small_is_found_out(certified, monkeypatch):
     """With a tenth of the radius and of the spans' width the worst unknown is beyond both."""
     of = made().certificate
     recovery = of.radii["recovery"]
-    small = dataclasses.replace(recovery, tube={error: 0.1 * x for error, x in recovery.tube.items()})
-    center, span = made().loop.rows, of.spans["tube"]
+    small = dataclasses.replace(recovery, a_priori={error: 0.1 * x for error, x in recovery.a_priori.items()})
+    center, span = made().nominal_linearization.records, of.intervals["tube"]
     middle = np.concatenate([getattr(center, error) for error in ERRORS], axis=1)[
         np.searchsorted(center.t, of.t - 1e-9)
     ]
     narrow = dataclasses.replace(
         span, lower=middle + 0.1 * (span.lower - middle), upper=middle + 0.1 * (span.upper - middle)
     )
-    wrong = dataclasses.replace(of, radii={"recovery": small}, spans={"tube": narrow, "run": narrow})
+    wrong = dataclasses.replace(of, radii={"recovery": small}, intervals={"tube": narrow, "run": narrow})
     broken = dataclasses.replace(made(), certificate=wrong)
     monkeypatch.setattr(certification, "certify", lambda *_, **__: broken)
-    one = next(falsification.attack(short(), ["worst e_p 0"]))
-    assert one.breaks
+    one = next(falsification.falsify(short(), ["worst e_p 0"]))
+    assert one.is_violated
     assert one.ratios["e_p"] > 1
-    assert one.left > 0
+    assert one.violations > 0
 
 
 def test_a_run_that_ends_early_within_finite_radii_breaks_them(certified, monkeypatch):
     def ends(*_, **__):
-        raise linearized_trajectory.Ended("the twin ended at t = 1 s: distance")
+        raise linearized_trajectory.TerminatedEarly("the twin ended at t = 1 s: distance")
 
     monkeypatch.setattr(linearized_trajectory, "flown", ends)
-    one = next(falsification.attack(short(), ["drawn 0"]))
-    assert one.breaks
-    assert one.worst == math.inf
-    assert one.says.endswith("distance")
+    one = next(falsification.falsify(short(), ["drawn 0"]))
+    assert one.is_violated
+    assert one.max_ratio == math.inf
+    assert one.message.endswith("distance")
 
 
-@pytest.mark.parametrize("kind", falsification.OTHERS)
+@pytest.mark.parametrize("kind", falsification.TRIAL_KINDS)
 @pytest.mark.parametrize("name", ["certified", "paper", "trio"])
 def test_other_flights_are_scenarios_that_differ_where_they_say(name, kind):
     """Every change is read, three rounds of them differ, and nothing else is another."""
-    settings = scenario.load(name)
+    settings = scenario.load_scenario(name)
     seen = set()
     for k in range(3):
         rng = np.random.default_rng((settings.seed, k, *kind.encode()))
-        changes = falsification.OTHERS[kind](settings, k, rng)
-        changed = scenario.parse(scenario.text(settings), settings.name, changes)
+        changes = falsification.TRIAL_KINDS[kind](settings, k, rng)
+        changed = scenario.parse(scenario.to_yaml(settings), settings.name, changes)
         sections = {change.split("=")[0].split(".")[0] for change in changes}
         for section, value in settings:
             assert section in sections or getattr(changed, section) == value
@@ -106,28 +110,30 @@ def test_other_flights_are_scenarios_that_differ_where_they_say(name, kind):
 def test_another_flight_is_held_against_its_own_radii_and_refused_in_words(monkeypatch):
     of = certified_flights.late()
     monkeypatch.setattr(certification, "certify", lambda *_, **__: of)
-    one = next(falsification.attack(short(), ["late update 0"]))
+    one = next(falsification.falsify(short(), ["late update 0"]))
     radii, observed = of.certificate.radii["energy"], of.certificate.observed
-    assert one.ratios["e_p"] == observed["e_p"] / min(radii.run["e_p"], radii.tube["e_p"])
-    assert not one.breaks
+    assert one.ratios["e_p"] == observed["e_p"] / min(radii.a_posteriori["e_p"], radii.a_priori["e_p"])
+    assert not one.is_violated
     assert one.changes
 
     def refuses(*_, **__):
         raise ValueError("no certificate: the flight stopped:\n it tips over")
 
     monkeypatch.setattr(certification, "certify", refuses)
-    one = next(falsification.attack(short(), ["start 0"]))
-    assert one.says == "refused: no certificate: the flight stopped: it tips over"
-    assert (one.ratios, one.breaks) == ({}, False)
+    one = next(falsification.falsify(short(), ["start 0"]))
+    assert one.message == "refused: no certificate: the flight stopped: it tips over"
+    assert (one.ratios, one.is_violated) == ({}, False)
 
 
 def test_what_was_tried_is_told_with_how_to_repeat_it_and_kept(tmp_path, monkeypatch):
     ratios = {"e_p": 0.5, "e_v": 0.25, "e_R": 0.125, "e_omega": 0.0625}
     given = [
-        falsification.Try("drawn 0", (), ratios, 0, 12, ""),
-        falsification.Try("start 0", ("start.position_error_m=[1, 0, 0]",), {**ratios, "e_v": 1.5}, 3, 12, ""),
-        falsification.Try("seed 0", ("seed=1004",), {**ratios, "e_R": 0.75}, 0, 12, ""),
-        falsification.Try("rate 0", ("control_Hz=100",), {}, 0, 0, "refused: too slow"),
+        falsification.FalsificationTrial("drawn 0", (), ratios, 0, 12, ""),
+        falsification.FalsificationTrial(
+            "start 0", ("start.position_error_m=[1, 0, 0]",), {**ratios, "e_v": 1.5}, 3, 12, ""
+        ),
+        falsification.FalsificationTrial("seed 0", ("seed=1004",), {**ratios, "e_R": 0.75}, 0, 12, ""),
+        falsification.FalsificationTrial("rate 0", ("control_Hz=100",), {}, 0, 0, "refused: too slow"),
     ]
     monkeypatch.setattr(falsification, "attack", lambda *_: iter(given))
     asked = ["attack", "certified", "--seed", "3", "--set", "duration_s=30", "--out", str(tmp_path)]

@@ -22,7 +22,7 @@ from colift.integrations import ros2_bag
 from colift.scenario import team as team_module
 from tests import flights, pinocchio_team
 
-TOLD = scenario.load("paper")
+TOLD = scenario.load_scenario("paper")
 SHAPE = flights.Shape(groups=((2, 3, 2),), time=12)
 
 
@@ -49,7 +49,7 @@ def ds() -> xr.Dataset:
 @pytest.fixture(scope="module")
 def path(ds: xr.Dataset, tmp_path_factory: pytest.TempPathFactory) -> Path:
     file = tmp_path_factory.mktemp("bag") / "C1.mcap"
-    file.write_bytes(ros2_bag.document(ds))
+    file.write_bytes(ros2_bag.to_mcap(ds))
     return file
 
 
@@ -100,7 +100,7 @@ def test_poses_of_payload_and_reference(ds: xr.Dataset, messages: dict[str, list
 def test_an_agent_s_pose_is_its_base_s(ds: xr.Dataset, messages: dict[str, list[Any]]) -> None:
     team, _ = team_module.team(TOLD)
     for j, name in enumerate(team_module.agent_names(TOLD)):
-        agent = pinocchio_team.FreeAgent(pinocchio_team.take(team.groups[0], j))
+        agent = pinocchio_team.FreeAgent(pinocchio_team.take(team.agent_groups[0], j))
         for k, m in enumerate(messages[f"/{name}/pose"]):
             still = {"omega": np.zeros(3), "v": np.zeros(3), "r_dot": np.zeros(3)}
             r = ds.r.values[k, 3 * j : 3 * j + 3]
@@ -115,7 +115,7 @@ def test_wrenches_are_in_the_frames_they_name(ds: xr.Dataset, messages: dict[str
         frames = {t.child_frame_id: t for t in tf.transforms}
         R_L = matrix(frames["payload"].transform.rotation)
         for topic, F, tau in [("payload/wrench_desired", ds.W_d.values[k, :3], ds.W_d.values[k, 3:])] + [
-            (f"{name}/force", ds.lam.values[k, b], np.zeros(3)) for b, name in enumerate(ds.contact.values)
+            (f"{name}/force", ds.lam.values[k, b], np.zeros(3)) for b, name in enumerate(ds.contact_position.values)
         ]:
             m = messages[f"/{topic}"][k]
             assert m.header.frame_id == topic.rpartition("/")[0]
@@ -134,7 +134,7 @@ def test_frames_hang_together(ds: xr.Dataset, messages: dict[str, list[Any]]) ->
         frames = {t.child_frame_id: t for t in tf.transforms}
         assert {t.header.frame_id for t in tf.transforms} == {"world", "payload"}
         np.testing.assert_array_equal(xyz(frames["payload"].transform.translation), ds.p.values[k])
-        for name, at in zip(ds.contact.values, contacts, strict=True):
+        for name, at in zip(ds.contact_position.values, contacts, strict=True):
             assert frames[name].header.frame_id == "payload"
             np.testing.assert_array_equal(xyz(frames[name].transform.translation), at)
         for name in ds.agent.values:
@@ -171,4 +171,4 @@ def test_mcap_s_reader_finds_the_same_bytes(ds: xr.Dataset, path: Path) -> None:
 def test_names_that_ros_cannot_tell_apart_are_refused(ds: xr.Dataset) -> None:
     names = ["n-1", "n_1"]
     with pytest.raises(ValueError, match="n_1: more than one frame of that name"):
-        ros2_bag.document(ds.assign_coords(agent=names))
+        ros2_bag.to_mcap(ds.assign_coords(agent=names))

@@ -29,19 +29,19 @@ def process(code: str, *flags: str, **environment: str) -> tuple[str, str]:
 
 def test_the_folder_is_the_user_s(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "own"))
-    assert cache.folder("x") == tmp_path / "own" / "colift" / "x"
-    assert cache.folder("x").is_dir()
+    assert cache.cache_directory("x") == tmp_path / "own" / "colift" / "x"
+    assert cache.cache_directory("x").is_dir()
     monkeypatch.setenv("HOME", str(tmp_path))
     for not_absolute in ("", "here"):
         monkeypatch.setenv("XDG_CACHE_HOME", not_absolute)
-        assert cache.folder("y") == tmp_path / ".cache" / "colift" / "y"
+        assert cache.cache_directory("y") == tmp_path / ".cache" / "colift" / "y"
 
 
 def test_a_folder_that_cannot_be_made_is_named(tmp_path, monkeypatch):
     (tmp_path / "file").touch()
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
-    with pytest.raises(cache.Unwritable, match=r"file/colift/x: Not a directory"):
-        cache.folder("x")
+    with pytest.raises(cache.CacheUnavailable, match=r"file/colift/x: Not a directory"):
+        cache.cache_directory("x")
 
 
 def no_home() -> Path:
@@ -51,8 +51,8 @@ def no_home() -> Path:
 def test_a_user_without_a_home_is_told(monkeypatch):
     monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
     monkeypatch.setattr(Path, "home", no_home)
-    with pytest.raises(cache.Unwritable, match="no home folder"):
-        cache.folder("x")
+    with pytest.raises(cache.CacheUnavailable, match="no home folder"):
+        cache.cache_directory("x")
 
 
 def test_programs_that_cannot_be_kept_run_and_one_line_says_so(tmp_path):

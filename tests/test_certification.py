@@ -24,17 +24,17 @@ from colift.workflows import certification, study
 from tests.certified_flights import NAMES, made, short
 
 
-def exceeded() -> certification.Certified:
+def exceeded() -> certification.CertificationResult:
     """The flight by its energy bound, with errors that are said to be beyond it."""
     of = made()
     energy = of.certificate.radii["energy"]
-    observed = {error: 3 * radius for error, radius in energy.tube.items()}
+    observed = {error: 3 * radius for error, radius in energy.a_priori.items()}
     return dataclasses.replace(
         of, certificate=dataclasses.replace(of.certificate, radii={"energy": energy}, observed=observed)
     )
 
 
-LAYER = agent_iss.Interface(np.ones(2), 1.0, np.ones((2, 4)), np.ones(2), np.ones((2, 4)))
+LAYER = agent_iss.AgentIss(np.ones(2), 1.0, np.ones((2, 4)), np.ones(2), np.ones((2, 4)))
 
 
 def table_of(printed: str) -> list[list[str]]:
@@ -48,8 +48,10 @@ def save(tmp_path, monkeypatch):
     monkeypatch.setattr(agent_iss, "interface", lambda _loop, _floor: LAYER)
     settings = short().model_copy(update={"name": "short"})
 
-    def saved(all_of: certification.Certified, against: certification.Certified | None = None) -> dict[str, Any]:
-        with study.claim(settings, tmp_path) as out:
+    def saved(
+        all_of: certification.CertificationResult, against: certification.CertificationResult | None = None
+    ) -> dict[str, Any]:
+        with study.open_run_directory(settings, tmp_path) as out:
             return certification.save_certificate(settings, all_of, against, out)
 
     return saved
@@ -61,7 +63,7 @@ def drawn(monkeypatch) -> list[str]:
     texts: list[str] = []
 
     def save(figure, path, run):
-        figure.canvas.draw()
+        figure.canvas.sample_noise()
         texts.extend(text.get_text() for text in figure.findobj(matplotlib.text.Text) if text.get_visible())
         return [path]
 
@@ -70,9 +72,9 @@ def drawn(monkeypatch) -> list[str]:
 
 
 def test_a_certificate_is_saved_whole_and_told_in_a_table(tmp_path, capsys, save):
-    (tmp_path / "summary.json").write_text(run_directory.run_name("0.1.0", "another"))
+    (tmp_path / "summary.json").write_text(run_directory.run_id("0.1.0", "another"))
     told = save(made(), made())
-    assert {run_directory.run_of(path) for path in tmp_path.iterdir()} == {told["run"]}
+    assert {run_directory.read_run_id(path) for path in tmp_path.iterdir()} == {told["run"]}
     assert json.loads((tmp_path / "certificate.json").read_text()) == told
     assert {path.name for path in tmp_path.iterdir()} == {
         "certificate.json",
@@ -82,7 +84,7 @@ def test_a_certificate_is_saved_whole_and_told_in_a_table(tmp_path, capsys, save
     found = made().certificate
     for name, radii in found.radii.items():
         for error in certificate.ERRORS:
-            ratio = radii.run[error] / found.observed[error]
+            ratio = radii.a_posteriori[error] / found.observed[error]
             assert told["radii"][name]["tightness"]["run"][error] == (ratio if np.isfinite(ratio) else None)
     assert told["adversary"]["radius_over_adversary"] == told["radii"]["recovery"]["tightness"]["run"]["e_p"]
     assert told["exceeded"] == []
@@ -120,7 +122,7 @@ def test_an_error_above_its_radius_is_said_first_and_the_status_is_1(tmp_path, m
     result = CliRunner().invoke(app.app, ["certify", "certified", "--out", str(tmp_path)], catch_exceptions=False)
     assert result.exit_code == 1
     found = exceeded().certificate
-    observed, radius = 1e3 * found.observed["e_p"], 1e3 * found.radii["energy"].tube["e_p"]
+    observed, radius = 1e3 * found.observed["e_p"], 1e3 * found.radii["energy"].a_priori["e_p"]
     first = (
         f"e_p of this run is above its radius: observed {observed:.4g} mm, radius {radius:.4g} mm (energy, any run), "
     )
@@ -147,7 +149,7 @@ def test_the_example_prints_the_radii_of_its_flight_and_fails_where_one_is_excee
     monkeypatch.setattr(certification, "certify", lambda *_, **__: known.pop())
     runpy.run_path(example, run_name="__main__")
     said = capsys.readouterr().out
-    radius, seen = made().certificate.radii["recovery"].run["e_p"], made().certificate.observed["e_p"]
+    radius, seen = made().certificate.radii["recovery"].a_posteriori["e_p"], made().certificate.observed["e_p"]
     assert f"recovery,     e_p: at most {radius:.3g}, observed {seen:.3g}" in said
     with pytest.raises(SystemExit, match=r"above their radius: .*e_p"):
         runpy.run_path(example, run_name="__main__")
@@ -177,11 +179,13 @@ def test_what_has_no_radius_has_no_row(tmp_path, capsys, save, drawn):
     """No tube: no row for any run; data that contradict what is stated: no row at all, and the reason."""
     all_of = made()
     radii = {
-        name: dataclasses.replace(each, tube=dict.fromkeys(each.tube, np.inf), assumed=("S_X", *each.assumed))
+        name: dataclasses.replace(
+            each, a_priori=dict.fromkeys(each.a_priori, np.inf), assumptions=("S_X", *each.assumptions)
+        )
         for name, each in all_of.certificate.radii.items()
     }
-    before = dataclasses.replace(all_of.certificate.before, tube=None, no_tube="it feeds itself")
-    lost = dataclasses.replace(all_of.certificate, radii=radii, before=before)
+    before = dataclasses.replace(all_of.certificate.a_priori, tube=None, tube_failure="it feeds itself")
+    lost = dataclasses.replace(all_of.certificate, radii=radii, a_priori=before)
     app._report_certificate(save(dataclasses.replace(all_of, certificate=lost)), tmp_path)
     printed = capsys.readouterr().out
     assert [row[1] for row in table_of(printed)] == ["this"] * len(NAMES)
@@ -190,8 +194,10 @@ def test_what_has_no_radius_has_no_row(tmp_path, capsys, save, drawn):
     assert "assumed: S_X, first order" in printed
     assert not [text for text in drawn if "radius for any" in text]
     drawn.clear()
-    small = dataclasses.replace(all_of.plan, stated=dataclasses.replace(all_of.plan.stated, norm=0.05))
-    nothing = certificate.certify(small, all_of.flight, all_of.loop, ("energy", "recovery"))
+    small = dataclasses.replace(
+        all_of.plan, bound_assumptions=dataclasses.replace(all_of.plan.bound_assumptions, rkhs_norm=0.05)
+    )
+    nothing = certificate.certify(small, all_of.flight, all_of.nominal_linearization, ("energy", "recovery"))
     told = save(dataclasses.replace(all_of, plan=small, certificate=nothing))
     assert told["exceeded"] == []
     app._report_certificate(told, tmp_path)

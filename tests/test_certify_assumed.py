@@ -10,20 +10,20 @@ from colift.certification import assumptions
 from colift.closed_loop import flight
 from colift.scenario import disturbances, experiment
 from colift.simulation import sensors
-from colift.simulation.disturbances import Wind, varying
+from colift.simulation.disturbances import Wind, time_varying_names
 from tests import paper_flights as paper
 
 ALWAYS = (assumptions.FIRST_ORDER,)
 OTHER = ("tip_force_bandwidth",)
-READINGS = [x.name for x in dataclasses.fields(sensors.Sensors) if x.name not in OTHER]
+READINGS = [x.name for x in dataclasses.fields(sensors.SensorNoise) if x.name not in OTHER]
 
 
-def world(plan: flight.Plan, **parts: object) -> flight.Plan:
+def world(plan: flight.Experiment, **parts: object) -> flight.Experiment:
     """A plan in another world."""
     return dataclasses.replace(plan, world=dataclasses.replace(plan.world, **parts))
 
 
-def quiet(**deviations: float) -> flight.Plan:
+def quiet(**deviations: float) -> flight.Experiment:
     """The paper's C3 with exact sensors, but for those given."""
     given = dict.fromkeys(READINGS, 0.0) | deviations
     sensors = {name: paper.number(x) for name, x in given.items()}
@@ -31,57 +31,57 @@ def quiet(**deviations: float) -> flight.Plan:
     return world(plan, sensors=dataclasses.replace(plan.world.sensors, **sensors))
 
 
-def found(plan: flight.Plan, limited: bool = False, whole: bool = True) -> tuple[str, ...]:
+def found(plan: flight.Experiment, limited: bool = False, whole: bool = True) -> tuple[str, ...]:
     """What a certificate on it says."""
-    return assumptions.of_certificate(plan, limited, whole)
+    return assumptions.certificate_assumptions(plan, limited, whole)
 
 
 def test_with_any_name_the_word_is_assumed():
-    assert assumptions.word(()) == "certified"
-    assert assumptions.word(("norm",)) == "assumed"
+    assert assumptions.status_label(()) == "certified"
+    assert assumptions.status_label(("norm",)) == "assumed"
 
 
 def test_first_order_is_assumed_of_every_flight_and_the_rest_where_it_is_not_covered():
     assert found(quiet()) == ALWAYS
     assert found(paper.plan("C3")) == (*ALWAYS, assumptions.NOISE)
     assert found(quiet(), limited=True) == (*ALWAYS, assumptions.SATURATION)
-    assert found(quiet(), whole=False) == (*ALWAYS, assumptions.ROUND)
+    assert found(quiet(), whole=False) == (*ALWAYS, assumptions.PERIODICITY)
 
 
 @pytest.mark.parametrize("reading", READINGS)
 def test_any_noise_or_bias_of_a_reading_is_noise(reading):
-    assert assumptions.noisy(quiet(**{reading: 1e-6}).world.sensors)
+    assert assumptions.has_sensor_noise(quiet(**{reading: 1e-6}).world.sensors)
 
 
 def test_the_study_s_own_sensors_are_noisy_and_exact_ones_are_not():
-    assert assumptions.noisy(paper.plan("C3").world.sensors)
-    assert not assumptions.noisy(quiet().world.sensors)
+    assert assumptions.has_sensor_noise(paper.plan("C3").world.sensors)
+    assert not assumptions.has_sensor_noise(quiet().world.sensors)
 
 
 def test_a_source_that_changes_with_time_is_assumed_steady_by_its_name_in_certificate_and_radii(monkeypatch):
     """Its law says so: the settings' wind, made to."""
     plan = quiet()
-    assert varying(plan.world.sources) == ()
+    assert time_varying_names(plan.world.disturbances) == ()
     monkeypatch.setattr(Wind, "time_invariant", False)
     named = ("time invariance of load_wind", "time invariance of agent_wind")
     assert found(plan) == (*ALWAYS, *named)
-    assert assumptions.of_radii(plan)[-2:] == named
-    none = dataclasses.replace(plan.world.sources, payload=(), agents=((),))
-    assert found(world(plan, sources=none)) == ALWAYS
+    assert assumptions.radius_assumptions(plan)[-2:] == named
+    none = dataclasses.replace(plan.world.disturbances, payload=(), agents=((),))
+    assert found(world(plan, disturbances=none)) == ALWAYS
 
 
 def test_radii_along_a_run_rest_on_the_estimated_state_and_of_some_rivals_on_a_posterior_mean():
-    bound = paper.plan("C3").stated.assumed
+    bound = paper.plan("C3").bound_assumptions.assumed
     assert bound == ("norm", "energy")
-    assert assumptions.of_radii(quiet()) == (*bound, assumptions.SAMPLED)
-    cases = experiment.plans(paper.SETTINGS, (*experiment.CASES, *experiment.BASELINES))
+    assert assumptions.radius_assumptions(quiet()) == (*bound, assumptions.SAMPLED)
+    cases = experiment.make_experiments(paper.SETTINGS, (*experiment.PAPER_CASES, *experiment.BASELINES))
     for case, plan in cases.items():
         rival = case in ("DOB", "P", "O", "F", "R", "H")
         expected = (*bound, assumptions.NOISE, assumptions.SAMPLED, *((assumptions.MEAN,) if rival else ()))
-        assert assumptions.of_radii(plan) == expected, case
+        assert assumptions.radius_assumptions(plan) == expected, case
 
 
 def test_sources_carry_the_names_of_the_scenario():
-    sources = disturbances.disturbances(paper.SETTINGS)
+    sources = disturbances.make_disturbances(paper.SETTINGS)
     named = {mount.name for mount in (*sources.payload, *sources.agents[0])}
     assert named == {source.name for source in paper.SETTINGS.disturbances if source.kind != "joint_friction"}

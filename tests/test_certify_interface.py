@@ -15,15 +15,15 @@ from scipy.linalg import expm
 
 from colift.certification import agent_iss, peak_gain
 from colift.closed_loop import linearization
-from colift.closed_loop.linearization import OUTPUTS, Response
+from colift.closed_loop.linearization import OUTPUTS, LinearizedLoop
 from colift.models import grasp
-from colift.models.state import Residual
+from colift.models.state import ResidualForces
 from colift.simulation import contact_dynamics
 from tests import teams
 from tests.test_control import STRUCTURES, aligned, commands, task
 
 seeds = st.integers(0, 2**31)
-accelerate = jax.jit(contact_dynamics.accelerate)
+accelerate = jax.jit(contact_dynamics.forward_dynamics)
 
 
 # Static part ----------------------------------------------------------------------------------------------------------
@@ -51,10 +51,10 @@ def test_mismatch_and_acceleration_error_are_linear_in_what_is_not_compensated(s
         tilted = np.einsum("jik,jk->ji", np.asarray(q.R)[:, :, :2], d)
         parts.append(dataclasses.replace(f, f_x=f.f_x - jnp.asarray(tilted)))
         first += size
-    left = np.asarray(linearization.flatten(Residual(agents=tuple(parts), payload=unknown.payload)))
+    left = np.asarray(linearization.flatten(ResidualForces(agents=tuple(parts), payload=unknown.payload)))
 
-    D, K = (np.asarray(x) for x in agent_iss.static(job.team, job.z))
-    R, c = np.asarray(job.z.payload.R), np.asarray(grasp.contacts(job.team))
+    D, K = (np.asarray(x) for x in agent_iss.algebraic_gain(job.team, job.z))
+    R, c = np.asarray(job.z.payload.R), np.asarray(grasp.contact_points(job.team))
     forces = np.concatenate([np.asarray(x).reshape(-1, 3) for x in lam])
     asked = np.concatenate([np.asarray(share.lam).reshape(-1, 3) for share in job.shares])
     missed = np.concatenate([(forces - asked).sum(0), np.cross(c, (forces - asked) @ R).sum(0)])
@@ -69,8 +69,8 @@ def test_mismatch_and_acceleration_error_are_linear_in_what_is_not_compensated(s
 def at_rest() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Payload's columns of D and K, and its mass matrix, of the reference team on its grasp."""
     team = teams.reference_team()
-    z = contact_dynamics.consistent(team, teams.reference_guess())
-    D, K = (np.asarray(x)[:, :6] for x in agent_iss.static(team, z))
+    z = contact_dynamics.consistent_initial_state(team, teams.reference_guess())
+    D, K = (np.asarray(x)[:, :6] for x in agent_iss.algebraic_gain(team, z))
     M_L = np.diag([1.5, 1.5, 1.5, 0.04, 0.15, 0.18])
     return D, K, M_L
 
@@ -96,21 +96,21 @@ def test_the_reference_team_s_share_is_what_the_design_measured():
 BODIES = (slice(0, 6), slice(6, 10), slice(10, 13))
 
 
-def loop(seed: int) -> Response:
+def loop(seed: int) -> LinearizedLoop:
     """A random stable response with three bodies."""
     rng, states = np.random.default_rng(seed), 4
     A = rng.normal(size=(states, states))
     A -= (np.linalg.eigvals(A).real.max() + rng.uniform(0.5, 1.5)) * np.eye(states)
     rows = sum(OUTPUTS.values())
     B, C, D = (rng.normal(size=shape) for shape in ((states, 13), (rows, states), (rows, 13)))
-    return Response(A=A, B=B, C=C, D=0.3 * D, basis=np.eye(states), bodies=BODIES)
+    return LinearizedLoop(A=A, B=B, C=C, D=0.3 * D, basis=np.eye(states), bodies=BODIES)
 
 
-def simulated(found: Response, f: np.ndarray, step: float) -> np.ndarray:
+def simulated(found: LinearizedLoop, f: np.ndarray, step: float) -> np.ndarray:
     """delta_W before and after each step of held inputs, by the matrix exponential."""
     n = len(found.A)
     both = expm(np.block([[found.A, found.B], [np.zeros((13, n + 13))]]) * step)
-    rows, x, y = found.rows("delta_W"), np.zeros(n), []
+    rows, x, y = found.output_rows("delta_W"), np.zeros(n), []
     for now in f:
         y.append(found.C[rows] @ x + found.D[rows] @ now)
         x = both[:n, :n] @ x + both[:n, n:] @ now
@@ -122,7 +122,7 @@ def simulated(found: Response, f: np.ndarray, step: float) -> np.ndarray:
 @settings(max_examples=6)
 def test_no_unknown_forces_within_their_bounds_exceed_the_sum_over_bodies(seed):
     rng, found, step = np.random.default_rng(seed), loop(seed), 0.05
-    layer = agent_iss.interface(found, np.array([0.1, 0.2]))
+    layer = agent_iss.agent_iss_constants(found, np.array([0.1, 0.2]))
     np.testing.assert_array_equal(layer.vartheta, [0.1, 0.2])
     rho = rng.uniform(0.1, 2, 3)
     closest = 0.0
@@ -147,7 +147,7 @@ def test_no_unknown_forces_within_their_bounds_exceed_the_sum_over_bodies(seed):
 @settings(max_examples=4)
 def test_each_gain_is_reached_by_an_input_of_its_body_and_is_no_less_than_at_once_or_at_last(seed):
     found = loop(seed)
-    layer, rows = agent_iss.interface(found, np.zeros(2)), found.rows("delta_W")
+    layer, rows = agent_iss.agent_iss_constants(found, np.zeros(2)), found.output_rows("delta_W")
     steady = found.D[rows] - found.C[rows] @ np.linalg.solve(found.A, found.B)
     for half, part in enumerate((slice(0, 3), slice(3, 6))):
         for b, columns in enumerate(BODIES):
@@ -156,7 +156,7 @@ def test_each_gain_is_reached_by_an_input_of_its_body_and_is_no_less_than_at_onc
             assert layer.kappa[half, b] >= max(at_once, np.linalg.norm(steady[part, columns], 2))
             n = columns.stop - columns.start
             C, D = found.C[rows][part], found.D[rows][part, columns]
-            worst = peak_gain.continuous(found.A, found.B[:, columns], C, D, [n], [1.0])
+            worst = peak_gain.peak_gain_continuous(found.A, found.B[:, columns], C, D, [n], [1.0])
             f = np.zeros((len(worst.inputs), 13))
             f[:, columns] = worst.inputs
             y = simulated(found, f, worst.step)[-2, part]  # the last input acts through D alone
@@ -168,7 +168,7 @@ def test_each_gain_is_reached_by_an_input_of_its_body_and_is_no_less_than_at_onc
 def test_the_transient_of_any_state_stays_below_its_bound_and_may_reach_it(seed):
     """On times of its own, finer; gamma is below the slowest rate."""
     found = loop(seed)
-    layer, rows = agent_iss.interface(found, np.zeros(2)), found.rows("delta_W")
+    layer, rows = agent_iss.agent_iss_constants(found, np.zeros(2)), found.output_rows("delta_W")
     slowest = -np.linalg.eigvals(found.A).real.max()
     assert 0 < layer.gamma < slowest
     step = 0.013 / np.abs(np.linalg.eigvals(found.A)).max()
@@ -186,7 +186,7 @@ def test_the_transient_of_any_state_stays_below_its_bound_and_may_reach_it(seed)
 def test_an_unstable_loop_has_no_constants():
     found = loop(0)
     with pytest.raises(ValueError, match="unstable"):
-        agent_iss.interface(dataclasses.replace(found, A=found.A + 3 * np.eye(4)), np.zeros(2))
+        agent_iss.agent_iss_constants(dataclasses.replace(found, A=found.A + 3 * np.eye(4)), np.zeros(2))
 
 
 def test_forces_on_the_payload_alone_leave_a_wrench_of_their_own_sign():

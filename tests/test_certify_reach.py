@@ -39,8 +39,8 @@ def convolved(H: np.ndarray) -> np.ndarray:
 class Problem:
     """A body's unknown, known to the test alone."""
 
-    body: reachability.Body
-    f: gp.GP
+    body: reachability.BodyModel
+    f: gp.GPPosterior
     L: np.ndarray  # (times, rows, path, inputs)
     eps: np.ndarray
 
@@ -61,17 +61,17 @@ def problem(seed: int, bound: str = "energy", bias: float = 0.0) -> Problem:
     """Random kernels, function, data, path and loop."""
     rng = np.random.default_rng(seed)
     s, offset = rng.uniform(0.2, 3, OUTPUTS), rng.normal(size=OUTPUTS)
-    hyper = gp.hyperparameters(s, rng.uniform(0.7, 2, (OUTPUTS, DIMENSIONS)), 0.01 * s, offset)
+    hyper = gp.make_hyperparameters(s, rng.uniform(0.7, 2, (OUTPUTS, DIMENSIONS)), 0.01 * s, offset)
     centers, X = rng.uniform(-2, 2, (7, DIMENSIONS)), rng.uniform(-2, 2, (DATA, DIMENSIONS))
     x = np.cumsum(rng.normal(size=(PATH, DIMENSIONS)) * 0.3, axis=0)
     norm, eps, w = rng.uniform(0.5, 3), rng.uniform(0.02, 0.3, OUTPUTS) * s**0.5, rng.normal(size=(OUTPUTS, 7))
-    f = gp.expansion(hyper, centers, w)
-    f = gp.expansion(hyper, centers, w * (norm / np.asarray(gp.norm(f)))[:, None], DATA + 2)
+    f = gp.from_expansion(hyper, centers, w)
+    f = gp.from_expansion(hyper, centers, w * (norm / np.asarray(gp.rkhs_norm(f)))[:, None], DATA + 2)
     sign = np.where(rng.uniform(size=(DATA, OUTPUTS)) < 0.5 + 0.5 * bias, 1.0, -1.0)
     model = gp.condition(X, np.asarray(means(f, jnp.asarray(X))) + eps * sign, hyper, DATA + 2)
-    companion = confidence_bounds.companion(model, bound, norm, eps)
-    beta = np.asarray(confidence_bounds.factor(companion, bound, norm, eps, 0.95))
-    body = reachability.Body(slice(FIRST, FIRST + OUTPUTS), model, companion, beta, norm, eps, x)
+    companion = confidence_bounds.bound_posterior(model, bound, norm, eps)
+    beta = np.asarray(confidence_bounds.confidence_factor(companion, bound, norm, eps, 0.95))
+    body = reachability.BodyModel(slice(FIRST, FIRST + OUTPUTS), model, companion, beta, norm, eps, x)
     H = np.exp(-0.2 * np.arange(PATH))[:, None, None] * rng.normal(size=(PATH, ROWS, FIRST + OUTPUTS + 1))
     return Problem(body, f, convolved(H), eps)
 
@@ -82,7 +82,7 @@ def test_the_band_of_a_functional_holds(seed, bound, bias):
     if bound != "energy":
         bias = 0.0  # its noise has no mean
     p = problem(seed, bound, bias)
-    upper, lower = reachability.bound(p.body.beta, *reachability.by_band(p.body, p.L))
+    upper, lower = reachability.functional_bound(p.body.beta, *reachability.band_bound(p.body, p.L))
     assert upper.shape == (len(AT), ROWS, OUTPUTS)
     true = p.true()
     assert (true <= upper).all()
@@ -95,10 +95,10 @@ def test_the_band_of_a_functional_is_not_idle():
     for seed in range(12):
         p = problem(seed)
         norm, eps = p.body.norm / 3, p.eps / 10
-        companion = confidence_bounds.companion(p.body.model, "energy", norm, eps)
-        beta = np.asarray(confidence_bounds.factor(companion, "energy", norm, eps, 0.95))
-        wrong = dataclasses.replace(p.body, companion=companion, beta=np.where(np.isinf(beta), norm, beta))
-        upper, lower = reachability.bound(wrong.beta, *reachability.by_band(wrong, p.L))
+        companion = confidence_bounds.bound_posterior(p.body.model, "energy", norm, eps)
+        beta = np.asarray(confidence_bounds.confidence_factor(companion, "energy", norm, eps, 0.95))
+        wrong = dataclasses.replace(p.body, bound_posterior=companion, beta=np.where(np.isinf(beta), norm, beta))
+        upper, lower = reachability.functional_bound(wrong.beta, *reachability.band_bound(wrong, p.L))
         outside += ((p.true() > upper) | (-p.true() > lower)).any()
     assert outside >= 4
 
@@ -108,13 +108,19 @@ def test_the_band_of_a_functional_is_not_idle():
 def test_the_band_of_a_functional_is_attained_by_a_function_that_spends_norm_and_noise(seed):
     """`g = m + beta k_n(., l) / sigma(l)` has `|g|^2 + |Y - g(X)|^2 / v = B^2 + n eps^2 / v`: all it may have."""
     p = problem(seed)
-    moved, sigma = reachability.by_band(p.body, p.L)
-    upper, _ = reachability.bound(p.body.beta, moved, sigma)
-    X, Y, h = np.asarray(p.body.companion.X)[:DATA], np.asarray(p.body.companion.Y)[:DATA], p.body.companion.hyper
+    moved, sigma = reachability.band_bound(p.body, p.L)
+    upper, _ = reachability.functional_bound(p.body.beta, moved, sigma)
+    X, Y, h = (
+        np.asarray(p.body.bound_posterior.X)[:DATA],
+        np.asarray(p.body.bound_posterior.Y)[:DATA],
+        p.body.bound_posterior.hyper,
+    )
     time, row = 2, 1
     mu = np.asarray(means(p.body.model, jnp.asarray(p.body.x)))
     for i in range(OUTPUTS):
-        s, v, ls, offset = (np.asarray(a)[i] for a in (h.signal_variance, h.noise_variance, h.lengthscales, h.offset))
+        s, v, ls, offset = (
+            np.asarray(a)[i] for a in (h.signal_variance, h.noise_variance, h.lengthscales, h.constant_mean)
+        )
         both = np.vstack([X, p.body.x]) / ls
         K = s * np.exp(-0.5 * cdist(both, both, "sqeuclidean"))
         ell = p.L[time, row, :, FIRST + i]
@@ -130,8 +136,8 @@ def test_the_band_of_a_functional_is_attained_by_a_function_that_spends_norm_and
 
 def test_data_that_contradict_what_is_stated_have_no_bound():
     p = problem(3)
-    spans = reachability.by_band(p.body, p.L)
-    found = reachability.bound(np.array([np.inf, p.body.beta[1]]), *spans)
+    spans = reachability.band_bound(p.body, p.L)
+    found = reachability.functional_bound(np.array([np.inf, p.body.beta[1]]), *spans)
     assert np.isinf(found[..., 0]).all()
     assert np.isfinite(found[..., 1]).all()
 
@@ -141,8 +147,8 @@ def test_data_that_contradict_what_is_stated_have_no_bound():
 
 def recovered(p: Problem) -> tuple[np.ndarray, np.ndarray]:
     """The band, and what recovery makes of it."""
-    limit = reachability.bound(p.body.beta, *reachability.by_band(p.body, p.L))
-    return limit, reachability.by_recovery(p.body, p.L, limit)
+    limit = reachability.functional_bound(p.body.beta, *reachability.band_bound(p.body, p.L))
+    return limit, reachability.recovery_bound(p.body, p.L, limit)
 
 
 @given(seeds, st.sampled_from([0.0, 1.0]))
@@ -168,7 +174,7 @@ def test_recovery_is_that_of_the_whole_functional_at_all_times():
         for row in range(ROWS):
             for i in range(OUTPUTS):
                 ell = p.L[a, row, :, FIRST + i]
-                best = optimal_recovery.recover(X, Y, hyper, i, p.body.norm, float(p.eps[i]), x, ell)
+                best = optimal_recovery.recovery_interval(X, Y, hyper, i, p.body.norm, float(p.eps[i]), x, ell)
                 expected = np.array([best.upper - ell @ mu[:, i], ell @ mu[:, i] - best.lower])
                 size = limit[:, a, row, i].sum()
                 assert (found[:, a, row, i] >= np.minimum(expected, limit[:, a, row, i]) - 1e-5 * size).all()
@@ -178,8 +184,8 @@ def test_recovery_is_that_of_the_whole_functional_at_all_times():
 def test_an_output_that_contributes_next_to_nothing_keeps_its_band():
     p, told = problem(7), []
     p.L[..., FIRST] *= 1e-7
-    limit = reachability.bound(p.body.beta, *reachability.by_band(p.body, p.L))
-    found = reachability.by_recovery(p.body, p.L, limit, lambda: told.append(1))
+    limit = reachability.functional_bound(p.body.beta, *reachability.band_bound(p.body, p.L))
+    found = reachability.recovery_bound(p.body, p.L, limit, lambda: told.append(1))
     np.testing.assert_array_equal(found[..., 0], limit[..., 0])
     assert (found[..., 1] < limit[..., 1]).any()
     assert len(told) == 1
@@ -193,11 +199,11 @@ def test_an_output_that_contributes_next_to_nothing_keeps_its_band():
 def test_the_greatest_along_the_path_is_that_of_every_sample_alone(seed):
     """A functional of one sample with weight one; and it holds."""
     p = problem(seed)
-    found = reachability.greatest(p.body)
+    found = reachability.max_error(p.body)
     assert found.shape == (PATH, OUTPUTS)
     single = np.repeat(np.eye(PATH)[:, None, :, None], FIRST + OUTPUTS, axis=3)
-    moved, sigma = reachability.by_band(p.body, single)
-    both = reachability.bound(p.body.beta, moved, sigma)[:, :, 0]
+    moved, sigma = reachability.band_bound(p.body, single)
+    both = reachability.functional_bound(p.body.beta, moved, sigma)[:, :, 0]
     np.testing.assert_allclose(found, both.max(0), rtol=1e-9)
     x = jnp.asarray(p.body.x)
     assert (np.abs(np.asarray(means(p.f, x)) - np.asarray(means(p.body.model, x))) <= found).all()
@@ -207,8 +213,8 @@ def test_the_greatest_along_the_path_is_that_of_every_sample_alone(seed):
 def test_deviations_of_single_samples_are_the_posterior_s(output):
     p = problem(1)
     x = jnp.asarray(p.body.x)
-    variance = np.asarray(jax.vmap(gp.variance, (None, 0))(p.body.companion, x))[:, output]
-    S = reachability.covariance(p.body.companion, output, p.body.x)
+    variance = np.asarray(jax.vmap(gp.variance, (None, 0))(p.body.bound_posterior, x))[:, output]
+    S = reachability.covariance(p.body.bound_posterior, output, p.body.x)
     np.testing.assert_allclose(np.diagonal(S), variance, atol=1e-10)
     assert np.linalg.eigvalsh(S).min() > -1e-10
 
@@ -217,13 +223,13 @@ def test_deviations_of_single_samples_are_the_posterior_s(output):
 def test_slopes_are_those_of_the_kernel_and_of_the_posterior_s_mean(output):
     """By automatic differentiation."""
     p = problem(2)
-    model, x = p.body.companion, p.body.x[:4]
+    model, x = p.body.bound_posterior, p.body.x[:4]
     slope = jax.vmap(jax.jacfwd(gp.mean, argnums=1), (None, 0))(model, jnp.asarray(x))
     np.testing.assert_allclose(reachability.gradient(model, output, x), slope[:, output], atol=1e-9)
     ls = np.asarray(model.hyper.lengthscales)[output]
     X = jnp.asarray(np.asarray(model.X)[:DATA])
     k = jax.jacfwd(lambda a: jnp.exp(-0.5 * (((a[None] - X) / ls[None]) ** 2).sum(1)))
-    np.testing.assert_allclose(reachability.slope(model, output, x), jax.vmap(k)(jnp.asarray(x)), atol=1e-12)
+    np.testing.assert_allclose(reachability.kernel_gradient(model, output, x), jax.vmap(k)(jnp.asarray(x)), atol=1e-12)
 
 
 def test_squares_and_products_by_a_factor_are_no_less_than_those_of_the_covariance_and_next_to_them():
@@ -231,7 +237,7 @@ def test_squares_and_products_by_a_factor_are_no_less_than_those_of_the_covarian
     rng = np.random.default_rng(3)
     x = np.stack([np.sin(np.linspace(0, 6, 120) + phase) for phase in (0.0, 1.0, 2.5)], axis=1)
     S = 2.0 * np.exp(-0.5 * cdist(x, x, "sqeuclidean"))
-    of, L = reachability.factor(S), rng.normal(size=(4, 7, 120)) * rng.choice([1e-3, 1.0], size=(4, 7, 1))
+    of, L = reachability.low_rank_factor(S), rng.normal(size=(4, 7, 120)) * rng.choice([1e-3, 1.0], size=(4, 7, 1))
     assert of.R.shape[1] < 40
     squares, products = np.sum((L @ S) * L, axis=-1), L @ S @ np.swapaxes(L, 1, 2)
     rounding = 1e-12 * np.abs(L).sum(-1) ** 2
@@ -247,7 +253,7 @@ def test_what_a_factor_leaves_out_is_bounded_where_it_leaves_much(monkeypatch):
     rng = np.random.default_rng(4)
     x = rng.uniform(-3, 3, (60, 2))
     S = np.exp(-0.5 * cdist(x, x, "sqeuclidean"))
-    of, L = reachability.factor(S), rng.normal(size=(5, 6, 60))
+    of, L = reachability.low_rank_factor(S), rng.normal(size=(5, 6, 60))
     assert of.R.shape[1] < 40
     squares, products = np.sum((L @ S) * L, axis=-1), L @ S @ np.swapaxes(L, 1, 2)
     assert (of.squares(L) >= squares).all()

@@ -104,7 +104,7 @@ def test_peak_gains_are_the_areas_under_the_responses(damping, k_R):
         area += h / 2 * np.abs(power)
         power = power @ step
         area += h / 2 * np.abs(power)
-    np.testing.assert_allclose(attitude_bound.gains(k_R, k_omega), area.ravel(), rtol=2e-3)
+    np.testing.assert_allclose(attitude_bound.peak_gains(k_R, k_omega), area.ravel(), rtol=2e-3)
 
 
 @jax.jit
@@ -113,13 +113,13 @@ def fall(Q, w, a, c, k_R, k_omega, rho):
 
     def V(Q, w):
         e_R = so3.e_R(Q, jnp.eye(3))
-        return a * so3.Psi(Q, jnp.eye(3)) + (w * w).sum(-1) / 2 + c * (e_R * w).sum(-1)
+        return a * so3.attitude_error_function(Q, jnp.eye(3)) + (w * w).sum(-1) / 2 + c * (e_R * w).sum(-1)
 
     def one(Q, w):
         push = w + c * so3.e_R(Q, jnp.eye(3))  # dV / d e_omega: the worst d is along it
         d = rho * push / jnp.linalg.norm(push)
         value, V_dot = jax.jvp(V, (Q, w), evidence.error_rates(Q, w, d, k_R, k_omega))
-        return value, V_dot, so3.e_R(Q, jnp.eye(3)), so3.Psi(Q, jnp.eye(3))
+        return value, V_dot, so3.e_R(Q, jnp.eye(3)), so3.attitude_error_function(Q, jnp.eye(3))
 
     return jax.vmap(one)(Q, w)
 
@@ -129,13 +129,13 @@ def fall(Q, w, a, c, k_R, k_omega, rho):
 def test_V_falls_as_fast_as_is_said_against_the_worst_disturbance(seed, damping, size):
     """`V' <= -q + sqrt(q q_star)` everywhere, and `V' < 0` in the region above the ultimate level."""
     k_R, k_omega, rho = STIFFNESS, rate_gain(damping), size * STIFFNESS
-    region = attitude_bound.attraction(k_R, k_omega, rho)
+    region = attitude_bound.region_of_attraction(k_R, k_omega, rho)
     Q, w = errors(np.random.default_rng(seed), 4000, np.pi)
     V, V_dot, e_R, Psi = map(np.asarray, fall(Q, w, region.a, region.c, k_R, k_omega, rho))
     q = (k_omega - region.c) * np.sum(np.square(w), axis=-1) + region.c * k_R * (e_R**2).sum(-1)
     q_star = rho**2 * (1 / (k_omega - region.c) + region.c / k_R)
     assert (V_dot <= -q + np.sqrt(q * q_star) + 1e-6).all()
-    above = (region.level >= V) & (region.Psi_edge > Psi) & (region.settled < V)
+    above = (region.level >= V) & (region.Psi_edge > Psi) & (region.ultimate_level < V)
     assert above.sum() > 10
     assert (V_dot[above] < 0).all()
 
@@ -164,7 +164,7 @@ def test_bounds_are_close_to_the_worst_disturbance_found(damping, size):
 @settings(max_examples=9)
 def test_from_anywhere_in_the_region_flights_settle_within_the_bounds_and_from_rest_never_leave_them(seed, z, size):
     k_R, k_omega, rho = STIFFNESS, rate_gain(z), size * STIFFNESS
-    bound, rng = attitude_bound.ultimate(k_R, k_omega, rho), np.random.default_rng(seed)
+    bound, rng = attitude_bound.ultimate_bound(k_R, k_omega, rho), np.random.default_rng(seed)
     h = evidence.horizon(k_R, k_omega) / evidence.STEPS
     d = rho * evidence.starts(jax.random.key(seed), 64, k_R, h)
     angle, rate = fly(jnp.broadcast_to(jnp.eye(3), (64, 3, 3)), jnp.zeros((64, 3)), d, k_R, k_omega, h)
@@ -184,7 +184,7 @@ def test_from_anywhere_in_the_region_flights_settle_within_the_bounds_and_from_r
 @settings(max_examples=9)
 def test_no_flight_exceeds_the_bound_for_all_times(seed, z, angle_0, rate_0):
     k_R, k_omega, rho = STIFFNESS, rate_gain(z), 0.1 * STIFFNESS
-    angle_bound, rate_bound = attitude_bound.transient(k_R, k_omega, rho, angle_0, rate_0)
+    angle_bound, rate_bound = attitude_bound.transient_bound(k_R, k_omega, rho, angle_0, rate_0)
     assert np.isfinite(angle_bound)
     h = evidence.horizon(k_R, k_omega) / evidence.STEPS
     u = np.linalg.qr(np.random.default_rng(seed).normal(size=(64, 3, 2)))[0]
@@ -204,12 +204,12 @@ def test_no_flight_exceeds_the_bound_for_all_times(seed, z, angle_0, rate_0):
 @settings(max_examples=20)
 def test_the_unit_of_time_does_not_matter_and_more_disturbance_means_more_error(damping, size, scale):
     k_R, k_omega = STIFFNESS, rate_gain(damping)
-    one = attitude_bound.ultimate(k_R, k_omega, size * k_R)
-    other = attitude_bound.ultimate(k_R * scale**2, k_omega * scale, size * k_R * scale**2)
+    one = attitude_bound.ultimate_bound(k_R, k_omega, size * k_R)
+    other = attitude_bound.ultimate_bound(k_R * scale**2, k_omega * scale, size * k_R * scale**2)
     assert other.angle == pytest.approx(one.angle, rel=1e-6)
     assert other.e_omega == pytest.approx(one.e_omega * scale, rel=1e-6)
     assert other.region.angle_at_rest == pytest.approx(one.region.angle_at_rest, rel=1e-3)
-    more = attitude_bound.ultimate(k_R, k_omega, 1.1 * size * k_R)
+    more = attitude_bound.ultimate_bound(k_R, k_omega, 1.1 * size * k_R)
     assert more.angle >= 1.0999 * one.angle
     assert more.region.angle_at_rest < one.region.angle_at_rest
     assert one.e_R == pytest.approx(np.sin(one.angle))
@@ -217,7 +217,7 @@ def test_the_unit_of_time_does_not_matter_and_more_disturbance_means_more_error(
 
 
 def test_without_disturbance_nothing_is_left_and_nearly_every_attitude_is_covered():
-    nothing = attitude_bound.ultimate(60.0, 14.0, 0.0)
+    nothing = attitude_bound.ultimate_bound(60.0, 14.0, 0.0)
     assert nothing.angle == nothing.e_omega == nothing.angle_from_rest == 0.0
     assert nothing.region.angle_at_rest > np.radians(179.9)
 
@@ -226,12 +226,12 @@ def test_without_disturbance_nothing_is_left_and_nearly_every_attitude_is_covere
 @settings(max_examples=10)
 def test_too_great_a_disturbance_is_refused_with_the_greatest_that_is_not(damping):
     k_R, k_omega = STIFFNESS, rate_gain(damping)
-    greatest = attitude_bound.greatest_rho(k_R, k_omega)
+    greatest = attitude_bound.max_disturbance(k_R, k_omega)
     assert 0.2 * k_R < greatest < k_R
-    assert attitude_bound.ultimate(k_R, k_omega, greatest).region.angle_at_rest > 0
+    assert attitude_bound.ultimate_bound(k_R, k_omega, greatest).region.angle_at_rest > 0
     with pytest.raises(ValueError, match=f"no certificate for rho = .*up to rho = {greatest:.4g} rad"):
-        attitude_bound.ultimate(k_R, k_omega, greatest + 2e-4 * k_R)
-    assert attitude_bound.transient(k_R, k_omega, 2 * k_R, 0.0, 0.0) == (np.inf, np.inf)
+        attitude_bound.ultimate_bound(k_R, k_omega, greatest + 2e-4 * k_R)
+    assert attitude_bound.transient_bound(k_R, k_omega, 2 * k_R, 0.0, 0.0) == (np.inf, np.inf)
 
 
 @pytest.mark.parametrize(
@@ -244,12 +244,12 @@ def test_too_great_a_disturbance_is_refused_with_the_greatest_that_is_not(dampin
 )
 def test_gains_that_give_no_bound_are_refused(k_R, k_omega, rho, message):
     with pytest.raises(ValueError, match=message):
-        attitude_bound.ultimate(k_R, k_omega, rho)
+        attitude_bound.ultimate_bound(k_R, k_omega, rho)
 
 
 @given(dampings, sizes)
 @settings(max_examples=15)
 def test_textbook_constants_are_looser(damping, size):
     k_R, k_omega, rho = STIFFNESS, rate_gain(damping), size * STIFFNESS
-    bound = attitude_bound.ultimate(k_R, k_omega, rho)
+    bound = attitude_bound.ultimate_bound(k_R, k_omega, rho)
     assert evidence.textbook(k_R, k_omega, rho) > bound.e_R

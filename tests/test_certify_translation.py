@@ -34,13 +34,13 @@ def fly(K_p, K_v, d, h, e=None):
 @settings(max_examples=16)
 def test_the_bound_is_reached_by_its_bang_bang_disturbance_within_one_percent(seed, damping, mixing, rho):
     K_p, K_v = gains(seed, damping, mixing)
-    for which, peak in enumerate(vars(translation_bound.ultimate(K_p, K_v, rho)).values()):
+    for which, peak in enumerate(vars(translation_bound.ultimate_bound(K_p, K_v, rho)).values()):
         d = peak.inputs[:-1]  # the last acts through D, and there is none
         assert np.linalg.norm(d, axis=1).max() <= rho * (1 + 1e-12)
         reached = fly(K_p, K_v, d, peak.step)[-1, which]
-        assert reached == pytest.approx(peak.reached, rel=1e-4)
+        assert reached == pytest.approx(peak.lower_bound, rel=1e-4)
         assert reached <= peak.bound <= 1.002 * reached
-        assert peak.bound == pytest.approx(peak.shares.sum(), rel=2e-3)
+        assert peak.bound == pytest.approx(peak.contributions.sum(), rel=2e-3)
 
 
 @given(seeds, dampings, mixings)
@@ -48,7 +48,7 @@ def test_the_bound_is_reached_by_its_bang_bang_disturbance_within_one_percent(se
 def test_no_disturbance_within_its_bound_exceeds_it(seed, damping, mixing):
     """Rough, switching, turning and steady ones, at the bound at all times."""
     K_p, K_v = gains(seed, damping, mixing)
-    rng, bound = np.random.default_rng(seed), translation_bound.ultimate(K_p, K_v, 1.0)
+    rng, bound = np.random.default_rng(seed), translation_bound.ultimate_bound(K_p, K_v, 1.0)
     h, steps, runs = 0.01, 600, 200
     t, w = h * np.arange(steps)[:, None, None], rng.uniform(0.2, 10, (runs, 1))
     u, v = np.linalg.qr(rng.normal(size=(runs, 3, 2)))[0].transpose(2, 0, 1)
@@ -75,7 +75,7 @@ def test_equal_axes_have_the_gain_of_one_axis(k_p, zeta):
     expected = 1 / k_p
     if zeta < 1 - 1e-9:
         expected /= np.tanh(zeta * np.pi / 2 / np.sqrt(1 - zeta**2))
-    bound = translation_bound.ultimate(k_p, 2 * zeta * k_p**0.5, 1.0).e_p.bound
+    bound = translation_bound.ultimate_bound(k_p, 2 * zeta * k_p**0.5, 1.0).e_p.bound
     assert expected <= bound <= 1.001 * expected
 
 
@@ -99,8 +99,8 @@ def test_the_worst_direction_may_lie_between_the_axes():
         bounds=[(1e-9, 1)] * 3,
         constraints={"type": "eq", "fun": lambda w: w.sum() - 1},
     )
-    found = translation_bound.ultimate(np.diag(k_p), np.diag(k_v), 1.0).e_p
-    assert found.reached <= -best.fun * (1 + 1e-4)
+    found = translation_bound.ultimate_bound(np.diag(k_p), np.diag(k_v), 1.0).e_p
+    assert found.lower_bound <= -best.fun * (1 + 1e-4)
     assert -best.fun <= found.bound <= 1.002 * -best.fun
     assert found.bound > 1.05 * max(f(axis) for axis in np.eye(3))
 
@@ -109,7 +109,7 @@ def test_the_worst_direction_may_lie_between_the_axes():
 @settings(max_examples=15)
 def test_textbook_constants_are_looser(seed, damping, mixing):
     K_p, K_v = gains(seed, damping, mixing)
-    assert textbook(K_p, K_v) > translation_bound.ultimate(K_p, K_v, 1.0).e_p.bound
+    assert textbook(K_p, K_v) > translation_bound.ultimate_bound(K_p, K_v, 1.0).e_p.bound
 
 
 def stable(rng, n, columns, rows):
@@ -124,7 +124,7 @@ def test_in_discrete_time_groups_reach_the_bound_together_and_never_exceed_it(se
     rng = np.random.default_rng(seed)
     groups, rho = [1, 3, 2], rng.uniform(0, 2, 3)
     A, B, C, D = stable(rng, 6, 6, rows)
-    peak = peak_gain.discrete(A, B, C, D, groups, rho)
+    peak = peak_gain.peak_gain_discrete(A, B, C, D, groups, rho)
 
     def last(inputs):
         x = np.zeros(6)
@@ -136,7 +136,7 @@ def test_in_discrete_time_groups_reach_the_bound_together_and_never_exceed_it(se
     assert all(
         np.linalg.norm(part, axis=1).max() <= limit * (1 + 1e-12) for part, limit in zip(parts, rho, strict=True)
     )
-    assert last(peak.inputs) == pytest.approx(peak.reached, rel=1e-9)
+    assert last(peak.inputs) == pytest.approx(peak.lower_bound, rel=1e-9)
     assert last(peak.inputs) <= peak.bound <= 1.002 * last(peak.inputs)
     for _ in range(20):
         random = [rng.normal(size=part.shape) for part in parts]
@@ -154,7 +154,7 @@ def test_with_one_output_the_bound_is_the_sum_of_the_responses_norms(seed):
         h = (C @ power @ B)[0]
         expected += 2 * np.linalg.norm(h[:2]) + 0.5 * abs(h[2])
         power = power @ A
-    assert expected <= peak_gain.discrete(A, B, C, D, [2, 1], [2.0, 0.5]).bound <= 1.0001 * expected
+    assert expected <= peak_gain.peak_gain_discrete(A, B, C, D, [2, 1], [2.0, 0.5]).bound <= 1.0001 * expected
 
 
 @given(seeds)
@@ -164,12 +164,12 @@ def test_sampled_ever_finer_the_discrete_gain_is_the_continuous_one(seed):
     rng = np.random.default_rng(seed)
     A, B, C, _ = stable(rng, 4, 3, 2)
     A = A - (np.max(np.linalg.eigvals(A).real) + 0.3) * np.eye(4)
-    whole = peak_gain.continuous(A, B, C, None, [2, 1], [1.0, 0.3])
+    whole = peak_gain.peak_gain_continuous(A, B, C, None, [2, 1], [1.0, 0.3])
     h = 0.004
     both = expm(h * np.block([[A, B], [np.zeros((3, 7))]]))
-    sampled = peak_gain.discrete(both[:4, :4], both[:4, 4:], C, None, [2, 1], [1.0, 0.3])
-    assert sampled.reached <= whole.bound
-    assert whole.reached <= 1.02 * sampled.bound
+    sampled = peak_gain.peak_gain_discrete(both[:4, :4], both[:4, 4:], C, None, [2, 1], [1.0, 0.3])
+    assert sampled.lower_bound <= whole.bound
+    assert whole.lower_bound <= 1.02 * sampled.bound
 
 
 @pytest.mark.parametrize(
@@ -185,23 +185,23 @@ def test_sampled_ever_finer_the_discrete_gain_is_the_continuous_one(seed):
 )
 def test_gains_that_give_no_bound_are_refused(K_p, K_v, rho, message):
     with pytest.raises(ValueError, match=message):
-        translation_bound.ultimate(K_p, K_v, rho)
+        translation_bound.ultimate_bound(K_p, K_v, rho)
 
 
 def test_unstable_and_unresolvable_systems_are_refused():
     eye, one = np.eye(2), [1.0]
     with pytest.raises(ValueError, match="unstable: an eigenvalue has real part 0 1/s"):
-        peak_gain.continuous(np.array([[0.0, 1.0], [0.0, -1.0]]), eye, eye, None, [2], one)
+        peak_gain.peak_gain_continuous(np.array([[0.0, 1.0], [0.0, -1.0]]), eye, eye, None, [2], one)
     with pytest.raises(ValueError, match=r"unstable: an eigenvalue has modulus 1\.1"):
-        peak_gain.discrete(1.1 * eye, eye, eye, None, [2], one)
+        peak_gain.peak_gain_discrete(1.1 * eye, eye, eye, None, [2], one)
     with pytest.raises(ValueError, match="too slow to resolve"):
-        peak_gain.discrete((1 - 1e-9) * eye, eye, eye, None, [2], one)
+        peak_gain.peak_gain_discrete((1 - 1e-9) * eye, eye, eye, None, [2], one)
     with pytest.raises(ValueError, match="C has 4 rows"):
-        peak_gain.discrete(0.5 * eye, eye, np.ones((4, 2)), None, [2], one)
+        peak_gain.peak_gain_discrete(0.5 * eye, eye, np.ones((4, 2)), None, [2], one)
     with pytest.raises(ValueError, match="add up to the 2 columns of B"):
-        peak_gain.discrete(0.5 * eye, eye, eye, None, [1], one)
+        peak_gain.peak_gain_discrete(0.5 * eye, eye, eye, None, [1], one)
 
 
 def test_without_disturbance_nothing_is_left():
-    nothing = translation_bound.ultimate(5.0, 4.2, 0.0)
-    assert nothing.e_p.bound == nothing.e_v.bound == nothing.e_p.reached == 0.0
+    nothing = translation_bound.ultimate_bound(5.0, 4.2, 0.0)
+    assert nothing.e_p.bound == nothing.e_v.bound == nothing.e_p.lower_bound == 0.0

@@ -26,18 +26,18 @@ seeds = st.integers(0, 2**31)
 def test_under_its_own_oracles_at_their_times_a_flight_is_the_flight():
     """Without noise, and without a school; labels alone differ, which nobody hears."""
     of = made()
-    plan = dataclasses.replace(of.plan, updates=())
-    rows, loops = linearized_trajectory.flown(plan, of.flight.held, [0, 1000])
+    plan = dataclasses.replace(of.plan, update_times=())
+    rows, loops = linearized_trajectory.simulate_nominal(plan, of.flight.model_intervals, [0, 1000])
     for name in ("e_p", "e_omega", "u", "lam", "f_L_hat", "f_x_hat", "tau_r"):
-        np.testing.assert_array_equal(getattr(rows, name), getattr(of.flight.rows, name), err_msg=name)
+        np.testing.assert_array_equal(getattr(rows, name), getattr(of.flight.records, name), err_msg=name)
     assert [int(loop.tick) for loop in loops] == [0, 1000]
 
 
-def unknown(of: object, rows: signals.Row) -> np.ndarray:
+def unknown(of: object, rows: signals.StepRecord) -> np.ndarray:
     """`f~` at the states of a flight: the drawn forces less the last oracle's means, (ticks, inputs)."""
-    (function,), oracle = of.plan.world.sources.functions, of.flight.oracle
-    truth, means = function.oracle, jax.jit(jax.vmap(gp.mean, (None, 0)))
-    x, (agents,) = signals.inputs(of.plan.world.team, rows)
+    (function,), oracle = of.plan.world.disturbances.state_functions, of.flight.model
+    truth, means = function.model, jax.jit(jax.vmap(gp.mean, (None, 0)))
+    x, (agents,) = signals.model_inputs(of.plan.world.team, rows)
     first = oracle.features.payload(jnp.asarray(x))
     parts = [means(truth.payload, first) - means(oracle.payload, first)]
     for j in range(agents.shape[1]):
@@ -50,13 +50,15 @@ def unknown(of: object, rows: signals.Row) -> np.ndarray:
 def test_what_the_unknown_forces_bring_about_is_their_sum_with_the_weights(flight):
     """Of all errors, through the updates: sampling, estimator and means with their slopes are in it."""
     of = flight()
-    loop, names = of.loop, ("e_p", "e_v", "e_R", "e_omega", "u")
+    loop, names = of.nominal_linearization, ("e_p", "e_v", "e_R", "e_omega", "u")
     at = np.arange(10, len(loop.nodes), 7)
     told = np.einsum(
-        "trki,ki->tr", linearized_trajectory.weights(loop, loop.of(*names), at), unknown(of, of.flight.rows)[loop.nodes]
+        "trki,ki->tr",
+        linearized_trajectory.adjoint_weights(loop, loop.output_rows(*names), at),
+        unknown(of, of.flight.records)[loop.nodes],
     )
     ticks = loop.nodes[at]
-    found = [np.asarray(getattr(of.flight.rows, name) - getattr(loop.rows, name))[ticks] for name in names]
+    found = [np.asarray(getattr(of.flight.records, name) - getattr(loop.records, name))[ticks] for name in names]
     for one, part in zip(found, np.split(told, np.cumsum([x.shape[1] for x in found])[:-1], axis=1), strict=True):
         assert np.abs(one - part).max() < 0.03 * np.abs(one).max()
         after = loop.t[at] > LAST + 1.5
@@ -65,22 +67,24 @@ def test_what_the_unknown_forces_bring_about_is_their_sum_with_the_weights(fligh
 
 def test_nothing_else_that_a_loop_remembers_moves_a_command_or_the_plant():
     of = made()
-    plan = dataclasses.replace(certificate.under(of.plan, of.flight.oracle), duration=8.0)
+    plan = dataclasses.replace(certificate.nominal_experiment(of.plan, of.flight.model), duration=8.0)
     nodes = np.array([1500])
-    rows, (loop,) = linearized_trajectory.flown(plan, of.flight.held, nodes)
-    setup = dataclasses.replace(plan.setup, pilot=dataclasses.replace(plan.pilot, oracle=of.flight.oracle))
+    rows, (loop,) = linearized_trajectory.simulate_nominal(plan, of.flight.model_intervals, nodes)
+    setup = dataclasses.replace(
+        plan.loop_config, controller=dataclasses.replace(plan.controller, residual_model=of.flight.model)
+    )
     rng = np.random.default_rng(0)
     other = jax.tree.map(lambda x: x + rng.normal(size=x.shape) if x.dtype == float else x, loop)
     other = linearized_trajectory._with(other, linearized_trajectory._moving(loop))
-    warm = {"silent": loop.memory.estimator.silent, "warm": loop.memory.estimator.warm}
-    memory = dataclasses.replace(other.memory, estimator=dataclasses.replace(other.memory.estimator, **warm))
-    memory = dataclasses.replace(memory, ticks=loop.memory.ticks, recorder=loop.memory.recorder)
-    other = dataclasses.replace(other, memory=memory)
-    quiet = jax.tree.map(jnp.zeros_like, plan.world.draw(jax.random.key(0), flight.chunk(plan)))
-    (a, seen), (b, same) = (simulator.advance(setup, one, quiet, jnp.asarray(3)) for one in (loop, other))
+    warm = {"silent": loop.controller.estimator.time_since_label, "warm": loop.controller.estimator.initialized}
+    memory = dataclasses.replace(other.controller, estimator=dataclasses.replace(other.controller.estimator, **warm))
+    memory = dataclasses.replace(memory, initialized=loop.controller.initialized, recorder=loop.controller.recorder)
+    other = dataclasses.replace(other, controller=memory)
+    quiet = jax.tree.map(jnp.zeros_like, plan.world.sample_noise(jax.random.key(0), flight.ticks_per_chunk(plan)))
+    (a, seen), (b, same) = (simulator.rollout(setup, one, quiet, jnp.asarray(3)) for one in (loop, other))
     jax.tree.map(np.testing.assert_array_equal, linearized_trajectory._moving(a), linearized_trajectory._moving(b))
     np.testing.assert_array_equal(seen.u, same.u)
-    assert not np.array_equal(a.memory.estimator.known, b.memory.estimator.known)
+    assert not np.array_equal(a.controller.estimator.known, b.controller.estimator.known)
     np.testing.assert_array_equal(seen.p[0], rows.p[1500])
 
 
@@ -92,15 +96,17 @@ def test_what_noise_brings_about_has_the_deviations_that_are_told():
         ("position", "velocity", "attitude", "body_rate", "accelerometer", "joint"), jnp.asarray(1e-3)
     )
     sensors = dataclasses.replace(of.plan.world.sensors, **noisy)
-    schedule = of.flight.held
-    plan = with_world(certificate.under(of.plan, of.flight.oracle), sensors=sensors)
-    loop = linearized_trajectory.along(plan, schedule, noisy=True)
-    np.testing.assert_array_equal(loop.rows.p, of.loop.rows.p)
-    plan = dataclasses.replace(plan, pilot=dataclasses.replace(plan.pilot, oracle=of.flight.oracle))
-    flown = [flight.fly_plan(dataclasses.replace(plan, seed=seed)).rows for seed in range(3)]
-    alone, _ = linearized_trajectory.flown(plan, [dataclasses.replace(of.flight.held[-1], first=0)])
+    schedule = of.flight.model_intervals
+    plan = with_world(certificate.nominal_experiment(of.plan, of.flight.model), sensors=sensors)
+    loop = linearized_trajectory.linearize_along(plan, schedule, noisy=True)
+    np.testing.assert_array_equal(loop.records.p, of.nominal_linearization.records.p)
+    plan = dataclasses.replace(plan, controller=dataclasses.replace(plan.controller, residual_model=of.flight.model))
+    flown = [flight.run_experiment(dataclasses.replace(plan, seed=seed)).records for seed in range(3)]
+    alone, _ = linearized_trajectory.simulate_nominal(
+        plan, [dataclasses.replace(of.flight.model_intervals[-1], start_tick=0)]
+    )
     for name in certificate.ERRORS:
-        told = linearized_trajectory.deviations(loop, loop.of(name))[loop.t > 5]
+        told = linearized_trajectory.noise_std(loop, loop.output_rows(name))[loop.t > 5]
         seen = np.concatenate([np.asarray(getattr(rows, name) - getattr(alone, name))[rows.t > 5] for rows in flown])
         ratio = np.sqrt((seen**2).mean() / (told**2).mean())
         assert 0.8 < ratio < 1.25, name
@@ -108,10 +114,12 @@ def test_what_noise_brings_about_has_the_deviations_that_are_told():
 
 def test_a_twin_that_meets_a_limit_has_no_variation():
     of = made()
-    plan = certificate.under(of.plan, of.flight.oracle)
-    near = dataclasses.replace(plan, limits=dataclasses.replace(plan.limits, distance=jnp.asarray(1e-4)))
-    with pytest.raises(linearized_trajectory.Ended, match=r"the twin ended at t = .* s: distance"):
-        linearized_trajectory.flown(near, of.flight.held)
+    plan = certificate.nominal_experiment(of.plan, of.flight.model)
+    near = dataclasses.replace(
+        plan, termination_limits=dataclasses.replace(plan.termination_limits, max_distance=jnp.asarray(1e-4))
+    )
+    with pytest.raises(linearized_trajectory.TerminatedEarly, match=r"the twin ended at t = .* s: distance"):
+        linearized_trajectory.simulate_nominal(near, of.flight.model_intervals)
 
 
 # Against the recursion ------------------------------------------------------------------------------------------------
@@ -119,13 +127,13 @@ def test_a_twin_that_meets_a_limit_has_no_variation():
 
 def system(
     rng: np.random.Generator, nodes: int = 9, n: int = 5, m: int = 3, r: int = 4
-) -> linearized_trajectory.Variation:
+) -> linearized_trajectory.LinearizedTrajectory:
     """A random one, whose outputs are named a and b."""
     A, B = rng.normal(size=(nodes - 1, n, n)) / n, rng.normal(size=(nodes - 1, 2, n, m))
     half = rng.normal(size=(nodes - 1, n, n))
-    return linearized_trajectory.Variation(
-        schedule=(),
-        rows=made().loop.rows,  # of which nothing is asked
+    return linearized_trajectory.LinearizedTrajectory(
+        model_schedule=(),
+        records=made().nominal_linearization.records,  # of which nothing is asked
         nodes=np.arange(nodes),
         A=A,
         B=B,
@@ -149,7 +157,7 @@ def test_weights_are_what_the_recursion_gives(seed):
         if k < 8:
             x = of.A[k] @ x + of.B[k, 0] @ f[k] + of.B[k, 1] @ f[k + 1]
     at = np.sort(rng.choice(9, 4, replace=False))
-    L = linearized_trajectory.weights(of, of.of("b"), at)
+    L = linearized_trajectory.adjoint_weights(of, of.output_rows("b"), at)
     np.testing.assert_allclose(np.einsum("trki,ki->tr", L, f), np.array(y)[at][:, 1:], atol=1e-12)
 
 
@@ -157,7 +165,7 @@ def test_weights_are_what_the_recursion_gives(seed):
 @settings(max_examples=12)
 def test_deviations_are_those_of_the_dense_covariance(seed):
     of = system(np.random.default_rng(seed))
-    for k, told in enumerate(linearized_trajectory.deviations(of, of.of("a", "b"))):
+    for k, told in enumerate(linearized_trajectory.noise_std(of, of.output_rows("a", "b"))):
         total, onward = np.zeros((4, 4)), np.eye(5)
         for j in reversed(range(k)):
             total += of.C[k] @ onward @ of.N[j] @ onward.T @ of.C[k].T

@@ -15,27 +15,27 @@ from typer.testing import CliRunner
 from colift import scenario
 from colift.analysis import preflight, stability
 from colift.cli.app import app
-from colift.scenario import Settings, experiment, initial_states, team, template, termination
+from colift.scenario import Scenario, experiment, initial_states, team, template, termination
 from tests import light
 
 NO_WIND = {"disturbances": ()}
 
 
 @functools.cache
-def found(name: str) -> preflight.Checkup:
+def found(name: str) -> preflight.PreflightReport:
     """Of the smallest team; with one gain that its sampled loop does not bear."""
     control = light.SAMPLE.control.model_copy(update={"agent_k_omega": 40.0} if name == "wild" else {})
-    return preflight.check(light.settings(control=control))
+    return preflight.run_preflight(light.settings(control=control))
 
 
-def finding(of: preflight.Checkup, subject: str) -> preflight.Finding:
+def finding(of: preflight.PreflightReport, subject: str) -> preflight.Finding:
     (one,) = [each for each in of.findings if each.subject == subject]
     return one
 
 
 def test_a_team_that_flies_is_sound():
     good = found("good")
-    assert good.sound
+    assert good.passed
     assert [each.subject for each in good.findings] == [
         "mass",
         "contacts",
@@ -45,28 +45,28 @@ def test_a_team_that_flies_is_sound():
         "delay",
         "gain",
     ]
-    assert good.lines()[-1] == "sample: sound"
-    assert finding(good, "mass").numbers["total_kg"] == 6
-    assert "payload 1.5 kg (believed 1.2 kg), 3 agents from n0 to n2 of 1.5 kg each" in finding(good, "mass").says
-    assert finding(good, "contacts").numbers["rank"] == 6
-    assert 0.002 <= finding(good, "delay").numbers["margin_s"] <= 0.05
+    assert good.format_report()[-1] == "sample: sound"
+    assert finding(good, "mass").values["total_kg"] == 6
+    assert "payload 1.5 kg (believed 1.2 kg), 3 agents from n0 to n2 of 1.5 kg each" in finding(good, "mass").message
+    assert finding(good, "contacts").values["rank"] == 6
+    assert 0.002 <= finding(good, "delay").values["margin_s"] <= 0.05
     assert json.loads(json.dumps(good.summary))["mode"]["rad_s"][0] < 0
 
 
 @pytest.mark.long
 def test_a_mode_that_grows_is_bad_and_the_change_that_is_said_steadies_it():
     wild = found("wild")
-    assert not wild.sound
+    assert not wild.passed
     bad, also = [each for each in wild.findings if each.advice]
     assert (bad.subject, also.subject) == ("mode", "learned")
-    assert also.numbers["rad_s"] != bad.numbers["rad_s"]  # it rests elsewhere
-    assert "unstable" in bad.says
-    assert re.search(r"moves n\d in (roll|pitch|yaw)", bad.says)
+    assert also.values["rad_s"] != bad.values["rad_s"]  # it rests elsewhere
+    assert "unstable" in bad.message
+    assert re.search(r"moves n\d in (roll|pitch|yaw)", bad.message)
     assert not any(each.subject == "delay" for each in wild.findings)
     (rate,) = re.fullmatch(r"--set control\.agent_k_omega=28\.0 makes it ([+-]\S+) rad/s", bad.advice[0]).groups()
-    assert float(rate) == pytest.approx(finding(found("good"), "mode").numbers["rad_s"][0], abs=1e-2)
-    assert float(rate) < 0 < finding(wild, "mode").numbers["rad_s"][0]
-    assert wild.lines()[-1] == "sample: bad: mode, learned"
+    assert float(rate) == pytest.approx(finding(found("good"), "mode").values["rad_s"][0], abs=1e-2)
+    assert float(rate) < 0 < finding(wild, "mode").values["rad_s"][0]
+    assert wild.format_report()[-1] == "sample: bad: mode, learned"
 
 
 @pytest.mark.long
@@ -74,10 +74,10 @@ def test_too_little_delay_margin_is_bad_with_the_gain_that_gives_more(monkeypatc
     every = list(preflight._gains(light.settings()))
     monkeypatch.setattr(preflight, "DELAY_LEAST", 0.02)
     monkeypatch.setattr(preflight, "_gains", lambda _: [each for each in every if "agent_k_omega" in each[0]])
-    late = finding(preflight.check(light.settings()), "delay")
+    late = finding(preflight.run_preflight(light.settings()), "delay")
     margin = re.fullmatch(r"--set control\.agent_k_omega=19\.6 makes it (\S+) s", late.advice[0])
     assert margin
-    assert float(margin[1]) > late.numbers["margin_s"]
+    assert float(margin[1]) > late.values["margin_s"]
 
 
 def test_a_delay_margin_that_is_not_known_is_said_and_not_called_bad(monkeypatch: pytest.MonkeyPatch):
@@ -86,60 +86,60 @@ def test_a_delay_margin_that_is_not_known_is_said_and_not_called_bad(monkeypatch
 
     monkeypatch.setattr(stability, "delay_margin", unknown)
     said = preflight._delay(light.settings(), {}, np.eye(1), print)
-    assert said.says.endswith("is not known: what the pilot remembers does not move every command by itself")
-    assert (said.advice, said.numbers) == ((), {"margin_s": None})
+    assert said.message.endswith("is not known: what the pilot remembers does not move every command by itself")
+    assert (said.advice, said.values) == ((), {"margin_s": None})
 
 
 def test_the_thrust_along_a_reference_that_stands_still_is_that_of_hovering():
     still = light.settings(
         reference=light.SAMPLE.reference.model_copy(update={"amplitude_m": (0.0, 0.0, 0.0)}), **NO_WIND
     )
-    plan = experiment.plan(still, "C1")
+    plan = experiment.make_experiment(still, "C1")
     truth = plan.world.team
-    path = preflight.thrust_along(plan, initial_states.at_rest(still, truth), np.array([0.0, 7.0]))
-    hover = termination.hover(still, truth, plan.pilot, plan.world.sources)
+    path = preflight.thrust_profile(plan, initial_states.equilibrium_state(still, truth), np.array([0.0, 7.0]))
+    hover = termination.true_hover_thrust(still, truth, plan.controller, plan.world.disturbances)
     np.testing.assert_allclose(path, [hover, hover], rtol=1e-12)
 
 
 def test_the_thrust_along_a_reference_lifts_all_masses_as_the_payload_moves():
     up = light.SAMPLE.reference.model_copy(update={"amplitude_m": (0.0, 0.0, 0.3), "swing_deg": (0.0, 0.0, 0.0)})
     settings = light.settings(reference=up, **NO_WIND)
-    plan = experiment.plan(settings, "C1")
+    plan = experiment.make_experiment(settings, "C1")
     t = np.linspace(0, 10, 7)
-    need = preflight.thrust_along(plan, initial_states.at_rest(settings, plan.world.team), t).sum(1)
-    a = np.array([plan.pilot.path.at(jnp.asarray(x)).a[2] for x in t])
+    need = preflight.thrust_profile(plan, initial_states.equilibrium_state(settings, plan.world.team), t).sum(1)
+    a = np.array([plan.controller.reference.evaluate(jnp.asarray(x)).a[2] for x in t])
     np.testing.assert_allclose(need, 6.0 * (9.81 + a), rtol=1e-9)
     assert np.ptp(a) > 0.1
 
 
-def heavier(kg: float) -> Settings:
+def heavier(kg: float) -> Scenario:
     load = light.SAMPLE.payload.model_copy(update={"mass_kg": kg})
     return light.settings(payload=load, **NO_WIND)
 
 
 def test_little_thrust_is_bad_with_how_much_it_should_be(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(stability, "monodromy", no_rest)
-    seen = preflight.check(heavier(7.0))
+    seen = preflight.run_preflight(heavier(7.0))
     thrust = finding(seen, "thrust")
     assert [line.split(":")[0] for line in thrust.advice] == ["hover", "reference"]
-    need = max(thrust.numbers["hover_N"].values())
+    need = max(thrust.values["hover_N"].values())
     assert f"agent_types.body.thrust_max_N to {need / 0.9:.3g} or more" in thrust.advice[0]
-    assert "no rest" in finding(seen, "rest").says
+    assert "no rest" in finding(seen, "rest").message
 
 
 def test_a_team_that_has_no_thrust_to_spare_is_not_told_to_share_it_or_to_fly_slower(monkeypatch: pytest.MonkeyPatch):
     """Where hover leaves less than is asked of all thrust together no place of contacts helps, and no reference."""
     monkeypatch.setattr(stability, "monodromy", no_rest)
     limits = light.SAMPLE.limits.model_copy(update={"thrust_margin": 0.3})
-    few = preflight.check(heavier(7.0).model_copy(update={"limits": limits}))
+    few = preflight.run_preflight(heavier(7.0).model_copy(update={"limits": limits}))
     hover, reference = finding(few, "thrust").advice
     assert "lower payload.mass_kg, or add an agent" in hover
     assert not any(word in line for word in ("contacts", "slower") for line in (hover, reference))
 
 
 def test_what_is_alike_in_a_team_is_said_once():
-    many = scenario.parse(template.text("many", 12, 0), "many.yaml")
-    said = preflight._mass(many, *team.team(many)).says
+    many = scenario.parse(template.scenario_template("many", 12, 0), "many.yaml")
+    said = preflight._mass(many, *team.team(many)).message
     assert "12 agents from agent_1 to agent_12 of 1.5 kg each" in said
 
 
@@ -147,16 +147,16 @@ def test_arms_that_hang_straight_over_their_contacts_are_told_contacts_that_bend
     monkeypatch.setattr(stability, "monodromy", no_rest)
     changes = [f"agent_types.two_arms.joints.{joint}.rest_rad=0" for joint in ("left", "right")]
     changes += [f"agents.{name}.contacts_m=[[{x}, 0.08, 0.05], [{x}, -0.08, 0.05]]" for name, x in CONTACTS.items()]
-    refused = finding(preflight.check(scenario.load("paper", changes)), "refused")
-    assert "front: grasp Jacobian is nearly singular" in refused.says
+    refused = finding(preflight.run_preflight(scenario.load_scenario("paper", changes)), "refused")
+    assert "front: grasp Jacobian is nearly singular" in refused.message
     (advice,) = refused.advice
     better = re.findall(r"--set '([^']*)'", advice)
     assert len(better) == 2
-    settings = scenario.load("paper", [*changes, *better])
+    settings = scenario.load_scenario("paper", [*changes, *better])
     truth, _ = team.team(settings)
     assert (
-        max(preflight._conditions(settings, truth, initial_states.at_rest(settings, truth)).values())
-        < preflight.JACOBIAN_MOST
+        max(preflight._conditions(settings, truth, initial_states.equilibrium_state(settings, truth)).values())
+        < preflight.MAX_JACOBIAN_CONDITION
     )
 
 
@@ -165,14 +165,14 @@ CONTACTS = {"front": 0.5, "rear": -0.5}
 
 def test_agents_whose_stated_rest_is_straight_follow_no_rate_of_labels():
     changes = [f"agent_types.two_arms.joints.{joint}.rest_rad=0" for joint in ("left", "right")]
-    straight = scenario.load("paper", changes)  # their contacts bend them: the team can be built
+    straight = scenario.load_scenario("paper", changes)  # their contacts bend them: the team can be built
     (said,) = preflight._labels(straight, team.team(straight)[1])
-    assert "front has straight arms where its joints are stated to rest" in said.says
-    assert "follow none" in said.says
-    json.dumps(said.numbers, allow_nan=False)
-    falling = scenario.load("paper", ["gravity_mps2=[0, 0, 0]"])
+    assert "front has straight arms where its joints are stated to rest" in said.message
+    assert "follow none" in said.message
+    json.dumps(said.values, allow_nan=False)
+    falling = scenario.load_scenario("paper", ["gravity_mps2=[0, 0, 0]"])
     (said,) = preflight._labels(falling, team.team(falling)[1])
-    assert "front has no weight" in said.says
+    assert "front has no weight" in said.message
 
 
 def no_rest(*_: object) -> None:
@@ -180,15 +180,15 @@ def no_rest(*_: object) -> None:
 
 
 def test_what_cannot_be_built_is_said_with_what_to_change():
-    refused = preflight.check(heavier(20.0))
-    assert "cannot hover" in finding(refused, "refused").says
+    refused = preflight.run_preflight(heavier(20.0))
+    assert "cannot hover" in finding(refused, "refused").message
     assert "thrust_max_N" in finding(refused, "refused").advice[0]
     agents = [
         agent.model_copy(update={"contacts_m": ((x, 0.02 * (x == 0.0), 0.03),)})
         for agent, x in zip(light.settings().agents, (0.4, 0.0, -0.4), strict=True)
     ]
-    line = finding(preflight.check(light.settings(agents=agents)), "contacts")
-    assert line.numbers["condition"] > preflight.CONDITION_MOST
+    line = finding(preflight.run_preflight(light.settings(agents=agents)), "contacts")
+    assert line.values["condition"] > preflight.MAX_GRASP_CONDITION
     assert "move n1/hook away from it" in line.advice[0]
 
 
@@ -196,9 +196,9 @@ def test_joints_near_a_singular_grasp_are_named(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr(stability, "monodromy", no_rest)
     change = "agent_types.two_arms.joints.1.rest_rad=0.03", "agent_types.two_arms.joints.2.rest_rad=-0.03"
     contacts = [f"agents.{i}.contacts_m=[[{x}, 0.089, 0.05], [{x}, -0.089, 0.05]]" for i, x in ((0, 0.5), (1, -0.5))]
-    settings = scenario.load("paper", (*change, *contacts))
-    joints = finding(preflight.check(settings), "joints")
-    assert joints.numbers["condition"]["front"] > preflight.JACOBIAN_MOST
+    settings = scenario.load_scenario("paper", (*change, *contacts))
+    joints = finding(preflight.run_preflight(settings), "joints")
+    assert joints.values["condition"]["front"] > preflight.MAX_JACOBIAN_CONDITION
     assert re.match(r"front: turn the rest of joint \w+ away from \S+ \(agent_types.two_arms.joints", joints.advice[0])
 
 
@@ -210,7 +210,7 @@ def test_the_command_prints_the_findings_and_its_status_says_whether_all_is_soun
         monkeypatch.setattr(preflight, "check", lambda _settings, _say, here=here: here)
         said = CliRunner().invoke(app, ["check", "paper"])
         assert said.exit_code == status
-        assert said.stdout.splitlines() == here.lines()
+        assert said.stdout.splitlines() == here.format_report()
         data = CliRunner().invoke(app, ["check", "paper", "--json"])
         assert data.exit_code == status
         assert json.loads(data.stdout) == json.loads(json.dumps(here.summary))
@@ -230,16 +230,16 @@ def moving(rate: float, joint: float, load: float) -> stability.Modes:
 
 
 def test_joints_beyond_need_that_return_too_slowly_are_bad_and_named(monkeypatch):
-    beam, say = scenario.load("beam", ("control.posture=5",)), lambda _what: None
+    beam, say = scenario.load_scenario("beam", ("control.posture=5",)), lambda _what: None
     monkeypatch.setattr(preflight, "_quicker", lambda _settings, rate, joint, _say: (f"{rate} {joint}",))
     (slow,) = preflight._posture(beam, moving(2.4, 1.0, 0.1), say)
-    assert slow.says == "joints beyond need return at 2.4 1/s, slowest agent_2/shoulder; control.posture = 5"
+    assert slow.message == "joints beyond need return at 2.4 1/s, slowest agent_2/shoulder; control.posture = 5"
     assert slow.advice == ("2.4 agent_2/shoulder",)
     (fast,) = preflight._posture(beam, moving(2.6, 1.0, 0.1), say)
     assert fast.advice == ()
     assert not list(preflight._posture(beam, moving(0.1, 1.0, 1.0), say))  # the payload's own: its gains are to blame
-    assert not list(preflight._posture(scenario.load("paper"), moving(0.1, 1.0, 0.1), say))
-    (held,) = preflight._posture(scenario.load("beam", ("control.posture=0",)), moving(2.6, 1.0, 0.1), say)
+    assert not list(preflight._posture(scenario.load_scenario("paper"), moving(0.1, 1.0, 0.1), say))
+    (held,) = preflight._posture(scenario.load_scenario("beam", ("control.posture=0",)), moving(2.6, 1.0, 0.1), say)
     assert held.advice
 
 
@@ -257,9 +257,9 @@ def test_joints_beyond_need_that_return_too_slowly_are_bad_and_named(monkeypatch
 )
 def test_what_lets_joints_return_sooner_is_tried(monkeypatch, rates, advice):
     """First what reaches half of what is stated; else what is sooner than now."""
-    beam = scenario.load("beam", ("control.posture=5", "control.agent_k_R=250", "control.agent_k_omega=28"))
+    beam = scenario.load_scenario("beam", ("control.posture=5", "control.agent_k_R=250", "control.agent_k_omega=28"))
 
-    def at_rest(changed: scenario.Settings) -> stability.Modes:
+    def at_rest(changed: scenario.Scenario) -> stability.Modes:
         rate = rates(changed.control, changed.agent_types != beam.agent_types)
         if np.isnan(rate):
             raise ValueError("no rest")
@@ -272,11 +272,12 @@ def test_what_lets_joints_return_sooner_is_tried(monkeypatch, rates, advice):
 
 
 def test_agents_that_hear_themselves_are_named_and_others_are_not():
-    quiet, loud = scenario.load("trio"), scenario.load("seven")
+    quiet, loud = scenario.load_scenario("trio"), scenario.load_scenario("seven")
     assert not list(preflight._labels(quiet, team.team(quiet)[1]))
     (said,) = preflight._labels(loud, team.team(loud)[1])
     assert (
-        said.says == "agent_1 hears 0.78 of its own motion: F, H and C4 follow 43% of its labels' rate, and gusts later"
+        said.message
+        == "agent_1 hears 0.78 of its own motion: F, H and C4 follow 43% of its labels' rate, and gusts later"
     )
     assert not said.advice
-    assert set(said.numbers["gain"]) == {"agent_1", "agent_2", "agent_3"}
+    assert set(said.values["gain"]) == {"agent_1", "agent_2", "agent_3"}

@@ -15,8 +15,8 @@ from scipy.spatial.transform import Rotation
 
 from colift.math import so3
 from colift.models import aerial_manipulator, grasp
-from colift.models.parameters import Team, Tree
-from colift.models.state import AgentForce, PayloadState, Residual, State, Wrench
+from colift.models.parameters import KinematicTree, Team
+from colift.models.state import GeneralizedForce, PayloadState, ResidualForces, State, Wrench
 from colift.onboard.control import attitude as attitude_module
 from colift.onboard.control import preview, realization, redundancy, setpoints, tracking
 from colift.simulation import contact_dynamics
@@ -38,19 +38,19 @@ GAINS = tracking.Gains(
     k_omega=jnp.array(14.0),
     agent_k_R=jnp.array(25.0),
     agent_k_omega=jnp.array(8.0),
-    posture=jnp.array(2.0),
+    posture_bandwidth=jnp.array(2.0),
 )
 ROUNDING = 1e-7  # joints beyond need are shared out by weights of 1e-4 to 1e2, which costs six digits
-accelerate = jax.jit(contact_dynamics.accelerate)
-attitude = jax.jit(attitude_module.attitude)
+accelerate = jax.jit(contact_dynamics.forward_dynamics)
+attitude = jax.jit(attitude_module.attitude_from_thrust)
 
 
 @jax.jit
 @functools.partial(jax.vmap, in_axes=(0, None, None, 0, None, None, 0, 0))
 def realize(agent, gains, gravity, q, load, to, share, f):
     """As the paper has it, its attitude included."""
-    turn = attitude_module.aligned(agent, gravity, to, share, f)
-    return realization.realize(agent, gains, gravity, q, load, to, share, f, turn)
+    turn = attitude_module.thrust_attitude_setpoint(agent, gravity, to, share, f)
+    return realization.agent_inputs(agent, gains, gravity, q, load, to, share, f, turn)
 
 
 @dataclasses.dataclass
@@ -59,9 +59,9 @@ class Task:
 
     team: Team
     z: State
-    to: tracking.Command
-    shares: tuple[setpoints.Share, ...]
-    f: Residual
+    to: tracking.AccelerationCommand
+    shares: tuple[setpoints.AgentSetpoint, ...]
+    f: ResidualForces
 
 
 def task(seed: int, structure: tuple) -> Task:
@@ -70,22 +70,24 @@ def task(seed: int, structure: tuple) -> Task:
     team, z = PinocchioTeam(teams.team(rng, structure)).on_grasp(teams.free_state(rng, structure))
     draw = lambda *shape: jnp.array(rng.normal(size=shape))  # noqa: E731
     shares, forces = [], []
-    for size, group in zip(team.sizes, team.groups, strict=True):
+    for size, group in zip(team.sizes, team.agent_groups, strict=True):
         n, n_r = group.tree.arms, group.tree.joints
         lam = 5 * draw(size, n, 3)
-        shares.append(setpoints.Share(lam=lam, lam_dot=draw(size, n, 3), heading=draw(size), rest=draw(size, n_r)))
-        forces.append(AgentForce(f_x=draw(size, 3), f_w=0.1 * draw(size, 3), f_r=0.1 * draw(size, n_r)))
+        shares.append(
+            setpoints.AgentSetpoint(lam=lam, lam_dot=draw(size, n, 3), yaw=draw(size), nominal_posture=draw(size, n_r))
+        )
+        forces.append(GeneralizedForce(f_x=draw(size, 3), f_w=0.1 * draw(size, 3), f_r=0.1 * draw(size, n_r)))
     load = Wrench(F=draw(3), tau=0.1 * draw(3))
     # Newton and Euler for the payload, in plain NumPy
     R, w, J = (np.asarray(x) for x in (z.payload.R, z.payload.omega, team.payload.inertia))
     lam = np.concatenate([np.asarray(s.lam).reshape(-1, 3) for s in shares])
-    moment = np.cross(np.asarray(grasp.contacts(team)), lam @ R).sum(0) + load.tau - np.cross(w, J @ w)
-    to = tracking.Command(
+    moment = np.cross(np.asarray(grasp.contact_points(team)), lam @ R).sum(0) + load.tau - np.cross(w, J @ w)
+    to = tracking.AccelerationCommand(
         a=team.gravity + (jnp.array(lam.sum(0)) + load.F) / team.payload.mass,
         alpha=jnp.array(np.linalg.solve(J, moment)),
         jerk=draw(3),
     )
-    return Task(team=team, z=z, to=to, shares=tuple(shares), f=Residual(agents=tuple(forces), payload=load))
+    return Task(team=team, z=z, to=to, shares=tuple(shares), f=ResidualForces(agents=tuple(forces), payload=load))
 
 
 def commands(job: Task, gains: tracking.Gains = GAINS) -> tuple:
@@ -93,11 +95,11 @@ def commands(job: Task, gains: tracking.Gains = GAINS) -> tuple:
     team, z = job.team, job.z
     return tuple(
         realize(group, gains, team.gravity, q, z.payload, job.to, share, f)
-        for group, q, share, f in zip(team.groups, z.agents, job.shares, job.f.agents, strict=True)
+        for group, q, share, f in zip(team.agent_groups, z.agents, job.shares, job.f.agents, strict=True)
     )
 
 
-def pushed(job: Task, d: list[np.ndarray]) -> Residual:
+def pushed(job: Task, d: list[np.ndarray]) -> ResidualForces:
     """The residuals with lateral forces d, two an agent, along the base's own x and y."""
     agents = tuple(
         dataclasses.replace(f, f_x=f.f_x + jnp.einsum("jik,jk->ji", q.R[:, :, :2], jnp.array(part)))
@@ -117,9 +119,9 @@ def aligned(job: Task, inputs: tuple) -> tuple[contact_dynamics.Acceleration, np
 
     def lam(d: np.ndarray) -> np.ndarray:
         parts = np.split(d.reshape(-1, 2), np.cumsum(sizes)[:-1])
-        return np.asarray(grasp.join(accelerate(job.team, job.z, inputs, pushed(job, parts))[1])).ravel()
+        return np.asarray(grasp.stack_contacts(accelerate(job.team, job.z, inputs, pushed(job, parts))[1])).ravel()
 
-    asked = np.asarray(grasp.join(tuple(share.lam for share in job.shares))).ravel()
+    asked = np.asarray(grasp.stack_contacts(tuple(share.lam for share in job.shares))).ravel()
     zero = lam(np.zeros(count))
     A = np.stack([lam(e) - zero for e in np.eye(count)], axis=1)
     d = np.linalg.lstsq(A, asked - zero, rcond=None)[0]
@@ -151,7 +153,7 @@ def test_thrust_is_what_the_force_balance_asks_along_the_body_axis(seed, structu
     inputs = commands(job)
     a, _, d = aligned(job, inputs)
     v_dot = np.concatenate([np.asarray(x.v_dot) for x in a.agents])
-    parts = (each(job.team.groups), each(job.z.agents), each(job.shares), each(job.f.agents), each(inputs))
+    parts = (each(job.team.agent_groups), each(job.z.agents), each(job.shares), each(job.f.agents), each(inputs))
     for j, (agent, q, share, f, u) in enumerate(zip(*parts, strict=True)):
         force = float(agent.mass.sum()) * (v_dot[j] - job.team.gravity) + share.lam.sum(0) - f.f_x
         np.testing.assert_allclose(q.R.T @ force, [*d[2 * j : 2 * j + 2], u.u], atol=ROUNDING)
@@ -160,16 +162,18 @@ def test_thrust_is_what_the_force_balance_asks_along_the_body_axis(seed, structu
 @pytest.mark.parametrize(("seed", "structure"), CASES)
 def test_agents_turn_by_the_attitude_law(seed, structure):
     job = task(seed, structure)
-    a, _, _ = aligned(job, commands(job, dataclasses.replace(GAINS, posture=jnp.array(0.0))))  # which leans no thrust
+    a, _, _ = aligned(
+        job, commands(job, dataclasses.replace(GAINS, posture_bandwidth=jnp.array(0.0)))
+    )  # which leans no thrust
     turned = np.concatenate([np.asarray(x.xi_dot)[:, :3] for x in a.agents])
     k_R, k_w, h = float(GAINS.agent_k_R), float(GAINS.agent_k_omega), 1e-5
-    parts = zip(each(job.team.groups), each(job.z.agents), each(job.shares), each(job.f.agents), strict=True)
+    parts = zip(each(job.team.agent_groups), each(job.z.agents), each(job.shares), each(job.f.agents), strict=True)
     for j, (agent, q, share, f) in enumerate(parts):
         m = agent.mass.sum()
         f_dir = m * (job.to.a - job.team.gravity) + share.lam.sum(0) - f.f_x
         f_dot = m * job.to.jerk + share.lam_dot.sum(0)
-        R, R_d = np.asarray(q.R), np.asarray(attitude(f_dir, share.heading))
-        R_d_dot = (attitude(f_dir + h * f_dot, share.heading) - attitude(f_dir - h * f_dot, share.heading)) / (2 * h)
+        R, R_d = np.asarray(q.R), np.asarray(attitude(f_dir, share.yaw))
+        R_d_dot = (attitude(f_dir + h * f_dot, share.yaw) - attitude(f_dir - h * f_dot, share.yaw)) / (2 * h)
         omega_d = vee(R_d.T @ np.asarray(R_d_dot))
         expected = -k_R * vee(R_d.T @ R) - k_w * (q.omega - R.T @ R_d @ omega_d)
         np.testing.assert_allclose(turned[j], expected, atol=1e-6)
@@ -196,36 +200,36 @@ ONE_ARM = ((teams.CHAIN, 1), (teams.RIGID, 2))
 def test_the_lean_moves_the_centre_of_mass_as_the_posture_of_its_joints_asks(seed):
     """At rest, upright as the force is, joints off theirs: `m x_dd` across the thrust, x_dd of still tips."""
     rng = np.random.default_rng(seed)
-    agent = jax.tree.map(lambda x: x[0], teams.team(rng, ONE_ARM).groups[0])
+    agent = jax.tree.map(lambda x: x[0], teams.team(rng, ONE_ARM).agent_groups[0])
     q = teams.agent_state(rng, teams.CHAIN, speed=0.0)
     zero, g = jnp.zeros(3), jnp.array([0.0, 0, -9.81])
-    to = tracking.Command(a=zero, alpha=zero, jerk=zero)
+    to = tracking.AccelerationCommand(a=zero, alpha=zero, jerk=zero)
     off = 0.2 * rng.normal(size=3)
-    share = setpoints.Share(
-        lam=jnp.zeros((1, 3)), lam_dot=jnp.zeros((1, 3)), heading=jnp.array(0.4), rest=q.r - jnp.asarray(off)
+    share = setpoints.AgentSetpoint(
+        lam=jnp.zeros((1, 3)), lam_dot=jnp.zeros((1, 3)), yaw=jnp.array(0.4), nominal_posture=q.r - jnp.asarray(off)
     )
-    none = AgentForce(f_x=zero, f_w=zero, f_r=zero)
-    turn = attitude_module.aligned(agent, g, to, share, none)
+    none = GeneralizedForce(f_x=zero, f_w=zero, f_r=zero)
+    turn = attitude_module.thrust_attitude_setpoint(agent, g, to, share, none)
     q = dataclasses.replace(q, R=turn.R)
-    p = aerial_manipulator.reduce(agent, aerial_manipulator.geometry(agent, q.r))
+    p = aerial_manipulator.centroidal_model(agent, aerial_manipulator.forward_kinematics(agent, q.r))
     leaned, _ = redundancy._leaned(agent, GAINS, g, q, to, share, none, p, turn)
-    r_dd = -(float(GAINS.posture) ** 2) * off
-    lift = -np.asarray(turn.R) @ np.asarray(p.tip)[0, :, 3:] @ r_dd  # m/s^2; the tip stays
+    r_dd = -(float(GAINS.posture_bandwidth) ** 2) * off
+    lift = -np.asarray(turn.R) @ np.asarray(p.J_tip)[0, :, 3:] @ r_dd  # m/s^2; the tip stays
     f = lift - np.asarray(g)
     np.testing.assert_allclose(leaned.R[:, 2], f / np.linalg.norm(f), atol=0.01 * np.linalg.norm(lift) / 9.81)
     assert np.linalg.norm(np.cross(leaned.R[:, 2], turn.R[:, 2])) > 1e-3
 
 
-LONG_CHAIN = Tree(parents=tuple(range(7)), prismatic=(False,) * 7, tips=(7,))
+LONG_CHAIN = KinematicTree(parents=tuple(range(7)), prismatic=(False,) * 7, tip_bodies=(7,))
 
 
 @pytest.mark.parametrize("seed", [1, 2])
 def test_joints_give_way_to_what_moves_neither_tips_nor_the_centre_of_mass_and_to_nothing_else(seed):
     """Torques `H z` with `B z = 0` leave the motion to accelerate by z, those of forces at the tips do not."""
     job = task(seed, ((LONG_CHAIN, 1), (teams.RIGID, 2)))
-    agent, q = (jax.tree.map(lambda x: x[0], groups[0]) for groups in (job.team.groups, job.z.agents))
-    p = aerial_manipulator.reduce(agent, aerial_manipulator.geometry(agent, q.r))
-    B, H = np.asarray(p.tip)[0, :, 3:], np.asarray(p.M_bar)[3:, 3:]
+    agent, q = (jax.tree.map(lambda x: x[0], groups[0]) for groups in (job.team.agent_groups, job.z.agents))
+    p = aerial_manipulator.centroidal_model(agent, aerial_manipulator.forward_kinematics(agent, q.r))
+    B, H = np.asarray(p.J_tip)[0, :, 3:], np.asarray(p.M_bar)[3:, 3:]
     z, c = np.linalg.svd(B)[2][3:].T @ np.random.default_rng(seed).normal(size=4), np.array([0.3, -0.2, 0.1])
     give = lambda f_r: np.asarray(redundancy._yielding(agent, p, jnp.asarray(f_r)))  # noqa: E731
     np.testing.assert_allclose(give(H @ z + B.T @ c), z, atol=1e-8)
@@ -237,12 +241,14 @@ def test_joints_give_way_to_what_moves_neither_tips_nor_the_centre_of_mass_and_t
 def test_joints_of_a_planar_arm_give_way_in_its_plane():
     """Four joints about one axis: their tip cannot leave a plane, so B has a row of zeros."""
     rng = np.random.default_rng(0)
-    planar = Tree(parents=(0, 1, 2, 3), prismatic=(False,) * 4, tips=(4,))
-    agent = jax.tree.map(lambda x: x[0], teams.team(rng, ((planar, 1), (teams.RIGID, 2))).groups[0])
+    planar = KinematicTree(parents=(0, 1, 2, 3), prismatic=(False,) * 4, tip_bodies=(4,))
+    agent = jax.tree.map(lambda x: x[0], teams.team(rng, ((planar, 1), (teams.RIGID, 2))).agent_groups[0])
     turned, axes = jnp.tile(jnp.eye(3), (4, 1, 1)), jnp.tile(jnp.array([0.0, 1, 0]), (4, 1))
     agent = dataclasses.replace(agent, joint_rotation=turned, joint_axis=axes)
-    p = aerial_manipulator.reduce(agent, aerial_manipulator.geometry(agent, jnp.array([0.4, -0.7, 0.5, 0.3])))
-    B, H = np.asarray(p.tip)[0, :, 3:], np.asarray(p.M_bar)[3:, 3:]
+    p = aerial_manipulator.centroidal_model(
+        agent, aerial_manipulator.forward_kinematics(agent, jnp.array([0.4, -0.7, 0.5, 0.3]))
+    )
+    B, H = np.asarray(p.J_tip)[0, :, 3:], np.asarray(p.M_bar)[3:, 3:]
     assert np.abs(B[1]).max() < 1e-15
     z = np.linalg.svd(B)[2][2:].T @ np.array([1.0, -2.0])
     np.testing.assert_allclose(redundancy._yielding(agent, p, jnp.asarray(H @ z)), z, atol=1e-8)
@@ -257,9 +263,9 @@ class Pursuit:
 
     q: PayloadState
     a: jax.Array  # m/s^2, of the payload
-    d: base.Setpoint
+    d: base.PayloadSetpoint
 
-    def after(self, h: float, alpha: jax.Array) -> tuple[PayloadState, base.Setpoint]:
+    def after(self, h: float, alpha: jax.Array) -> tuple[PayloadState, base.PayloadSetpoint]:
         """Both, h seconds on, to second order; alpha turns the payload, rad/s^2."""
         q, d = self.q, self.d
         turned = so3.exp(h * q.omega + h * h / 2 * alpha)
@@ -283,11 +289,11 @@ def pursuit(seed: int) -> Pursuit:
     rng = np.random.default_rng(seed)
     v = lambda: jnp.array(rng.normal(size=3))  # noqa: E731
     R = lambda: so3.exp(v())  # noqa: E731
-    d = base.Setpoint(p=v(), v=v(), a=v(), j=v(), R=R(), omega=v(), omega_dot=v())
+    d = base.PayloadSetpoint(p=v(), v=v(), a=v(), j=v(), R=R(), omega=v(), omega_dot=v())
     return Pursuit(q=PayloadState(R=R(), p=v(), omega=v(), v=v()), a=v(), d=d)
 
 
-command = jax.jit(tracking.command)
+command = jax.jit(tracking.tracking_acceleration)
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -322,7 +328,7 @@ def test_the_wrench_moves_the_payload_as_commanded(seed):
     team = teams.team(rng, STRUCTURES[1])
     f = Wrench(F=jnp.array(rng.normal(size=3)), tau=jnp.array(rng.normal(size=3)))
     to = command(GAINS, of.q, of.a, of.d)
-    W = tracking.wrench(team.payload, team.gravity, of.q, to, f)
+    W = tracking.desired_wrench(team.payload, team.gravity, of.q, to, f)
     J, w = np.asarray(team.payload.inertia), np.asarray(of.q.omega)
     a = (np.asarray(W.F) + f.F) / float(team.payload.mass) + team.gravity
     alpha = np.linalg.solve(J, np.asarray(W.tau) + f.tau - np.cross(w, J @ w))
@@ -354,7 +360,7 @@ def test_the_attitude_has_finite_gradients(f, heading):
     np.testing.assert_allclose(along, 0, atol=1e-9)
 
 
-gradient = jax.jit(jax.jacfwd(attitude_module.attitude))
+gradient = jax.jit(jax.jacfwd(attitude_module.attitude_from_thrust))
 
 
 # Looking ahead --------------------------------------------------------------------------------------------------------
@@ -365,9 +371,9 @@ def test_a_turn_has_the_rates_of_the_attitude_along_the_force(seed):
     rng = np.random.default_rng(seed)
     f = np.array([0.0, 0.0, 20.0]) + rng.normal(size=3), 5 * rng.normal(size=3), 20 * rng.normal(size=3)
     heading, h = jnp.array(rng.normal()), 1e-3
-    turn = attitude_module.turning(jnp.stack([jnp.asarray(x) for x in f]), heading)
+    turn = attitude_module.attitude_trajectory(jnp.stack([jnp.asarray(x) for x in f]), heading)
     R = [
-        np.asarray(attitude_module.attitude(jnp.asarray(f[0] + s * f[1] + s**2 * f[2] / 2), heading))
+        np.asarray(attitude_module.attitude_from_thrust(jnp.asarray(f[0] + s * f[1] + s**2 * f[2] / 2), heading))
         for s in (-h, 0, h)
     ]
     np.testing.assert_allclose(turn.R, R[1], atol=1e-14)
@@ -382,26 +388,26 @@ def test_a_turn_has_the_rates_of_the_attitude_along_the_force(seed):
 def test_without_a_swing_the_rates_are_those_of_what_is_asked_ahead(seed):
     """A single body that bears the payload at its centre of mass: its own turning moves that nowhere."""
     rng = np.random.default_rng(seed)
-    structure = ((Tree(parents=(), prismatic=(), tips=(0,)), 1),)
+    structure = ((KinematicTree(parents=(), prismatic=(), tip_bodies=(0,)), 1),)
     team, z = teams.team(rng, structure), teams.free_state(rng, structure)
-    body = jax.tree.map(lambda x: x[0], team.groups[0])
-    body = dataclasses.replace(body, tip=body.com[:1], contact=jnp.zeros((1, 3)))
+    body = jax.tree.map(lambda x: x[0], team.agent_groups[0])
+    body = dataclasses.replace(body, J_tip=body.J_com[:1], contact_position=jnp.zeros((1, 3)))
     q = jax.tree.map(lambda x: x[0], z.agents[0])
     step, c = 0.03, rng.normal(size=(5, 3)) * np.array([1, 1, 1, 2, 6])[:, None] + [[0, 0, 20], *[[0, 0, 0]] * 4]
-    at = step * preview.NODES
+    at = step * preview.PREVIEW_NODES
     f = sum(c[k] * at[:, None] ** k for k in range(5))  # what is asked ahead, N
     asked = np.asarray(body.mass).sum() * (rng.normal(size=(5, 3)) - np.asarray(team.gravity))
     still = dataclasses.replace(z.payload, omega=jnp.zeros(3))
     load = jax.tree.map(lambda x: jnp.broadcast_to(x, (5, *x.shape)), still)
     a = asked / float(body.mass.sum()) + np.asarray(team.gravity)
-    to = jax.vmap(lambda a: tracking.Command(a=a, alpha=jnp.zeros(3), jerk=jnp.zeros(3)))(jnp.asarray(a))
-    none = AgentForce(f_x=jnp.zeros(3), f_w=jnp.zeros(3), f_r=jnp.zeros(0))
-    share = setpoints.Share(
-        lam=jnp.asarray((f - asked)[2:3]), lam_dot=jnp.zeros((1, 3)), heading=jnp.array(0.3), rest=jnp.zeros(0)
+    to = jax.vmap(lambda a: tracking.AccelerationCommand(a=a, alpha=jnp.zeros(3), jerk=jnp.zeros(3)))(jnp.asarray(a))
+    none = GeneralizedForce(f_x=jnp.zeros(3), f_w=jnp.zeros(3), f_r=jnp.zeros(0))
+    share = setpoints.AgentSetpoint(
+        lam=jnp.asarray((f - asked)[2:3]), lam_dot=jnp.zeros((1, 3)), yaw=jnp.array(0.3), nominal_posture=jnp.zeros(0)
     )
-    ahead = preview.Ahead(step=jnp.array(step), load=load, to=to, f=jnp.asarray(f))
+    ahead = preview.AgentPreview(step=jnp.array(step), payload=load, acceleration_cmd=to, f=jnp.asarray(f))
     now = jax.tree.map(lambda x: x[2], to)
-    turn = preview.anticipated(body, team.gravity, q, now, share, none, ahead)
-    expected = attitude_module.turning(jnp.asarray(np.stack([c[0], c[1], 2 * c[2]])), share.heading)
+    turn = preview.preview_attitude_setpoint(body, team.gravity, q, now, share, none, ahead)
+    expected = attitude_module.attitude_trajectory(jnp.asarray(np.stack([c[0], c[1], 2 * c[2]])), share.yaw)
     for name in ("R", "omega", "omega_dot"):
         np.testing.assert_allclose(getattr(turn, name), getattr(expected, name), atol=1e-7, err_msg=name)

@@ -24,8 +24,10 @@ from tests.pinocchio_team import take
 
 STRUCTURE = ((teams.SEVEN, 2),)
 seeds = st.integers(0, 10**6)
-forces = jax.jit(disturbances.at_start)
-on_payload = jax.jit(lambda mounts, q: disturbances.on_payload(mounts, q, NOW, tuple(m.law.begin() for m in mounts)))
+forces = jax.jit(disturbances.initial_forces)
+on_payload = jax.jit(
+    lambda mounts, q: disturbances.payload_wrench(mounts, q, NOW, tuple(m.model.init() for m in mounts))
+)
 NOW = jnp.zeros(())
 
 
@@ -48,18 +50,18 @@ def wind(rng: np.random.Generator) -> disturbances.Wind:
 
 
 LAWS = {
-    "constant": lambda rng: disturbances.Constant(force=vector(rng), torque=vector(rng)),
+    "constant": lambda rng: disturbances.ConstantWrench(force=vector(rng), torque=vector(rng)),
     "wind": wind,
     "tether": lambda rng: disturbances.Tether(anchor=vector(rng, 3), stiffness=scalar(rng), length=jnp.array(0.3)),
-    "jet": lambda rng: disturbances.Jet(force=vector(rng), center=vector(rng), width=scalar(rng)),
+    "jet": lambda rng: disturbances.GaussianJet(force=vector(rng), center=vector(rng), width=scalar(rng)),
     "rotor_bias": lambda rng: disturbances.RotorBias(thrust=scalar(rng), torque=vector(rng)),
 }
 
 
-def motion(rng: np.random.Generator, **parts: object) -> disturbances.Motion:
+def motion(rng: np.random.Generator, **parts: object) -> disturbances.PointKinematics:
     """A random motion of a point, some of it given."""
     at = {"x": vector(rng), "v": vector(rng), "R": jnp.array(teams.rotation(rng)), "omega": vector(rng)}
-    return disturbances.Motion(**(at | parts))
+    return disturbances.PointKinematics(**(at | parts))
 
 
 # Virtual work ---------------------------------------------------------------------------------------------------------
@@ -87,16 +89,16 @@ def test_the_generalized_force_does_the_work_of_its_force_and_torque():
     h = 1e-6
     for body in (0, 3, 7):
         force, torque, point = rng.normal(size=(3, 3))
-        law = disturbances.Constant(force=jnp.array(force), torque=jnp.array(torque))
-        mount = disturbances.AgentMount(
+        law = disturbances.ConstantWrench(force=jnp.array(force), torque=jnp.array(torque))
+        mount = disturbances.AgentDisturbance(
             body=body,
-            law=on_both(law),
+            model=on_both(law),
             point=jnp.tile(jnp.array(point), (2, 1)),
             active=jnp.array([1.0, 0.0]),
         )
         f = forces(sources((mount,)), team, z).agents[0]
         assert not any(np.any(leaf[1]) for leaf in jax.tree.leaves(f))  # the second agent does not carry it
-        agent, q = take(team.groups[0], 0), take(z.agents[0], 0)
+        agent, q = take(team.agent_groups[0], 0), take(z.agents[0], 0)
 
         def work(d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             """Point of attack and attitude of the body after a small motion (x, theta, r)."""
@@ -112,16 +114,16 @@ def test_the_generalized_force_does_the_work_of_its_force_and_torque():
             np.testing.assert_allclose(of_ours, force @ (ahead - behind) / (2 * h) + torque @ rate, atol=1e-8)
 
 
-def on_both(law: disturbances.Law) -> disturbances.Law:
+def on_both(law: disturbances.DisturbanceModel) -> disturbances.DisturbanceModel:
     """The law with the axis of a group of two."""
     return jax.tree.map(lambda x: jnp.broadcast_to(x, (2, *x.shape)), law)
 
 
-def sources(mounts: tuple = (), payload: tuple = ()) -> disturbances.Disturbances:
+def sources(mounts: tuple = (), payload: tuple = ()) -> disturbances.DisturbanceSet:
     """These sources on the agents of `STRUCTURE` and on the payload, without friction."""
     none = jnp.zeros((2, 7))
     friction = disturbances.JointFriction(viscous=none, coulomb=none, speed=none + 1)
-    return disturbances.Disturbances(payload=payload, agents=(mounts,), joints=(friction,))
+    return disturbances.DisturbanceSet(payload=payload, agents=(mounts,), joints=(friction,))
 
 
 def test_a_law_is_told_how_its_point_moves():
@@ -133,10 +135,10 @@ def test_a_law_is_told_how_its_point_moves():
         linear=jnp.array(1.0), quadratic=jnp.array(0.0), mean=jnp.zeros(3), gust=none, wave=none, phase=none[:, 0]
     )
     point, h = rng.normal(size=(2, 3)), 1e-6
-    mount = disturbances.AgentMount(body=5, law=on_both(drag), point=jnp.array(point), active=jnp.ones(2))
+    mount = disturbances.AgentDisturbance(body=5, model=on_both(drag), point=jnp.array(point), active=jnp.ones(2))
     f = forces(sources((mount,)), team, z).agents[0]
     for j in range(2):
-        agent, q = take(team.groups[0], j), take(z.agents[0], j)
+        agent, q = take(team.agent_groups[0], j), take(z.agents[0], j)
         ends = []
         for s in (h, -h):
             R = q.R @ Rotation.from_rotvec(s * q.omega).as_matrix()
@@ -153,10 +155,10 @@ def test_on_the_payload_force_and_moment_do_the_work_of_the_law(name):
     rng = np.random.default_rng(7)
     q, point, h = teams.payload_state(rng), rng.normal(size=3), 1e-6
     law = LAWS[name](rng)
-    W = on_payload((disturbances.Mount(law=law, point=jnp.array(point)),), q)
+    W = on_payload((disturbances.PayloadDisturbance(model=law, point=jnp.array(point)),), q)
     R = np.asarray(q.R)
     v = q.v + R @ np.cross(q.omega, point)
-    force, torque = law(disturbances.Motion(x=q.p + q.R @ point, v=v, R=q.R, omega=q.omega), NOW, ())
+    force, torque = law(disturbances.PointKinematics(x=q.p + q.R @ point, v=v, R=q.R, omega=q.omega), NOW, ())
     np.testing.assert_allclose(W.F, force, atol=1e-12)
     for e, of_ours in zip(np.eye(3), W.tau, strict=True):
         ahead, behind = (R @ Rotation.from_rotvec(s * e).as_matrix() @ point for s in (h, -h))
@@ -166,7 +168,7 @@ def test_on_the_payload_force_and_moment_do_the_work_of_the_law(name):
 def test_sources_add_up():
     rng = np.random.default_rng(8)
     q = teams.payload_state(rng)
-    mounts = tuple(disturbances.Mount(law=make(rng), point=vector(rng)) for make in LAWS.values())
+    mounts = tuple(disturbances.PayloadDisturbance(model=make(rng), point=vector(rng)) for make in LAWS.values())
     total = on_payload(mounts, q)
     each = [on_payload((mount,), q) for mount in mounts]
     np.testing.assert_allclose(total.F, sum(W.F for W in each), atol=1e-12)
@@ -267,7 +269,7 @@ def test_every_law_says_that_it_does_not_depend_on_time(name):
 
 
 @pytree
-class Turning(disturbances.Constant):
+class Turning(disturbances.ConstantWrench):
     """A law that says it changes with time."""
 
     time_invariant: ClassVar[bool] = False
@@ -275,16 +277,20 @@ class Turning(disturbances.Constant):
 
 def test_active_sources_that_change_with_time_are_named_once():
     rng = np.random.default_rng(15)
-    steady = disturbances.Mount(name="steady", law=wind(rng), point=vector(rng))
+    steady = disturbances.PayloadDisturbance(name="steady", model=wind(rng), point=vector(rng))
     turning = Turning(force=vector(rng), torque=vector(rng))
-    on_load = [disturbances.Mount(name=name, law=turning, point=vector(rng)) for name in ("gust", "")]
+    on_load = [disturbances.PayloadDisturbance(name=name, model=turning, point=vector(rng)) for name in ("gust", "")]
 
-    def on_agents(name: str, active: list[float]) -> disturbances.AgentMount:
+    def on_agents(name: str, active: list[float]) -> disturbances.AgentDisturbance:
         law = on_both(turning)
-        return disturbances.AgentMount(body=0, name=name, law=law, point=jnp.ones((2, 3)), active=jnp.array(active))
+        return disturbances.AgentDisturbance(
+            body=0, name=name, model=law, point=jnp.ones((2, 3)), active=jnp.array(active)
+        )
 
-    def varying(*payload: disturbances.Mount, agents: tuple[disturbances.AgentMount, ...] = ()) -> tuple[str, ...]:
-        return disturbances.varying(dataclasses.replace(sources(agents), payload=payload))
+    def varying(
+        *payload: disturbances.PayloadDisturbance, agents: tuple[disturbances.AgentDisturbance, ...] = ()
+    ) -> tuple[str, ...]:
+        return disturbances.time_varying_names(dataclasses.replace(sources(agents), payload=payload))
 
     assert varying() == ()
     assert varying(steady) == ()
@@ -301,7 +307,7 @@ def test_weather_is_a_wind_whose_mean_turns_and_whose_gusts_travel():
     still = {"rate": jnp.zeros(2), "angle": jnp.array(0.0), "start": jnp.array(2.0), "over": jnp.array(0.5)}
     at = motion(rng)
     law = jax.jit(lambda law, t: law(at, t, ())[0])
-    turning = disturbances.Weather(wind=steady, **still | {"angle": jnp.array(np.pi / 2)})
+    turning = disturbances.TimeVaryingWind(base_wind=steady, **still | {"angle": jnp.array(np.pi / 2)})
     np.testing.assert_allclose(law(turning, jnp.array(1.9)), law(steady, NOW), rtol=1e-12)
     x, y, z = np.asarray(steady.mean)
     turned = dataclasses.replace(steady, mean=jnp.array([-y, x, z]))
@@ -309,7 +315,9 @@ def test_weather_is_a_wind_whose_mean_turns_and_whose_gusts_travel():
     halfway = law(turning, jnp.array(2.25))
     half = Rotation.from_rotvec([0, 0, np.pi / 4]).apply([x, y, z])
     np.testing.assert_allclose(halfway, law(dataclasses.replace(steady, mean=jnp.array(half)), NOW), rtol=1e-9)
-    gusting = disturbances.Weather(wind=steady, **still | {"rate": jnp.array([2 * np.pi / 3, 2 * np.pi / 6])})
+    gusting = disturbances.TimeVaryingWind(
+        base_wind=steady, **still | {"rate": jnp.array([2 * np.pi / 3, 2 * np.pi / 6])}
+    )
     np.testing.assert_allclose(law(gusting, jnp.array(6.0)), law(steady, NOW), rtol=1e-9)
     assert np.abs(law(gusting, jnp.array(1.0)) - law(steady, NOW)).max() > 1e-3
     assert not gusting.time_invariant
@@ -331,23 +339,23 @@ def test_functions_add_their_value_at_the_true_state_to_the_named_sources():
     """Each output a sum of kernels, term by term in NumPy; two functions, and a wind beside them."""
     rng = np.random.default_rng(11)
     team, z = teams.team(rng, STRUCTURE), teams.free_state(rng, STRUCTURE)
-    blow = disturbances.Mount(law=wind(rng), point=vector(rng))
+    blow = disturbances.PayloadDisturbance(model=wind(rng), point=vector(rng))
     named = dataclasses.replace(sources(), payload=(blow,))
-    joints = team.groups[0].tree.joints
+    joints = team.agent_groups[0].tree.joints
 
-    def drawn() -> tuple[residual_model.Oracle, list[tuple]]:
+    def drawn() -> tuple[residual_model.ResidualModel, list[tuple]]:
         parts = []
 
-        def one(outputs: int, dimensions: int) -> gp.GP:
+        def one(outputs: int, dimensions: int) -> gp.GPPosterior:
             s, ls = rng.uniform(0.5, 2, outputs), rng.uniform(2, 4, (outputs, dimensions))
-            hyper = gp.hyperparameters(s, ls, 0.01)
+            hyper = gp.make_hyperparameters(s, ls, 0.01)
             Z, w = rng.normal(size=(4, dimensions)), rng.normal(size=(outputs, 4))
             parts.append((s, ls, Z, w))
-            return gp.expansion(hyper, Z, w)
+            return gp.from_expansion(hyper, Z, w)
 
         payload, agents = one(6, 20), [one(6 + joints, 18 + 2 * joints) for _ in range(2)]
         group = jax.tree.map(lambda *x: jnp.stack(x), *agents)
-        return residual_model.Oracle(payload=payload, agents=(group,), theta=jnp.zeros(10)), parts
+        return residual_model.ResidualModel(payload=payload, agents=(group,), inertial_parameters=jnp.zeros(10)), parts
 
     def value(part: tuple, x: np.ndarray) -> np.ndarray:
         s, ls, Z, w = part
@@ -361,7 +369,11 @@ def test_functions_add_their_value_at_the_true_state_to_the_named_sources():
     (first, parts), (second, others) = drawn(), drawn()
     found = forces(
         dataclasses.replace(
-            named, functions=(residual_model.Function(oracle=first), residual_model.Function(oracle=second))
+            named,
+            state_functions=(
+                residual_model.ResidualFunction(oracle=first),
+                residual_model.ResidualFunction(oracle=second),
+            ),
         ),
         team,
         z,

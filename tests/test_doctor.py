@@ -15,7 +15,7 @@ from colift.runtime import cache
 
 
 def test_a_machine_on_which_all_works_has_no_problem():
-    found = doctor.examine()
+    found = doctor.run_diagnostics()
     assert found["problems"] == []
     assert found["packages"]["jax"] == jax.__version__
     assert found["self_test"].startswith("native code agrees with JAX within")
@@ -30,7 +30,7 @@ def test_a_machine_on_which_all_works_has_no_problem():
 
 def test_no_compiler_and_no_cache_are_problems_with_status_1(monkeypatch: pytest.MonkeyPatch):
     def unwritable(name: str) -> None:
-        raise cache.Unwritable(f"{name}: Permission denied")
+        raise cache.CacheUnavailable(f"{name}: Permission denied")
 
     monkeypatch.setattr(build, "compiler", lambda: None)
     monkeypatch.setattr(cache, "folder", unwritable)
@@ -43,6 +43,6 @@ def test_no_compiler_and_no_cache_are_problems_with_status_1(monkeypatch: pytest
 
 def test_native_code_that_computes_something_else_is_a_problem(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(doctor.native, "compile", lambda f: lambda A: f(A) * 1.001)
-    found = doctor.examine()
+    found = doctor.run_diagnostics()
     assert found["self_test"] == "failed"
     assert "native code differs from JAX by 0.001" in found["problems"][0]

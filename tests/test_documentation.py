@@ -121,7 +121,7 @@ def run(words: list[str], folder: Path) -> None:
         done = CliRunner().invoke(app.app, words[1:])
         assert done.exit_code == 0, done.output
     elif "name" in given:
-        scenario.load(given["name"], given.get("changes") or ())
+        scenario.load_scenario(given["name"], given.get("changes") or ())
 
 
 # A page ---------------------------------------------------------------------------------------------------------------
@@ -130,7 +130,7 @@ def run(words: list[str], folder: Path) -> None:
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """What a page begins with."""
-    (tmp_path / "my_team.yaml").write_text(template.text("my_team", 3, 0))
+    (tmp_path / "my_team.yaml").write_text(template.scenario_template("my_team", 3, 0))
     arms = "".join(ARM.format(side=side, y=y) for side, y in (("left", 0.08), ("right", -0.08)))
     (tmp_path / "vehicles").mkdir()
     for name in ("vehicle.urdf", "vehicles/two_arms.urdf"):
@@ -167,7 +167,7 @@ def do(block: Block, page: Path, folder: Path, names: dict[str, Any]) -> None:
         case "yaml":
             with (folder / "fragment.yaml").open("w") as opened:
                 YAML(typ="safe").dump(merged(block.text), opened)
-            scenario.load("fragment.yaml")
+            scenario.load_scenario("fragment.yaml")
         case language:
             assert language == "text", f"a block of {language!r}: say sh, python, yaml or text"
 

@@ -12,23 +12,23 @@ import pytest
 from colift.math import so3
 from colift.models import grasp
 from colift.models.parameters import Team
-from colift.models.state import AgentForce, AgentInput, Residual, State, Wrench
+from colift.models.state import AgentInput, GeneralizedForce, ResidualForces, State, Wrench
 from colift.simulation import contact_dynamics
 from tests import motion, teams
 from tests.pinocchio_team import PinocchioTeam
 
-accelerate, project = jax.jit(contact_dynamics.accelerate), jax.jit(contact_dynamics.project)
-integrate = jax.jit(lambda team, z, inputs, f, dt: contact_dynamics.integrate(team, z, inputs, lambda _z, _t: f, dt))
+accelerate, project = jax.jit(contact_dynamics.forward_dynamics), jax.jit(contact_dynamics.project_to_constraints)
+integrate = jax.jit(lambda team, z, inputs, f, dt: contact_dynamics.rkmk4_step(team, z, inputs, lambda _z, _t: f, dt))
 MIXED = teams.POOL[5]  # (n, n_r) = (2, 3), (1, 3), (3, 7) together
 
 
-def random_forces(rng: np.random.Generator, team: Team) -> tuple[tuple[AgentInput, ...], Residual]:
+def random_forces(rng: np.random.Generator, team: Team) -> tuple[tuple[AgentInput, ...], ResidualForces]:
     """Random inputs about hover and random residual forces on every body."""
     draw = lambda *shape: jnp.array(rng.normal(size=shape))  # noqa: E731
-    shapes = [(size, group.tree.joints) for size, group in zip(team.sizes, team.groups, strict=True)]
+    shapes = [(size, group.tree.joints) for size, group in zip(team.sizes, team.agent_groups, strict=True)]
     inputs = tuple(AgentInput(u=20 + 5 * draw(n), tau=draw(n, 3), tau_r=draw(n, k)) for n, k in shapes)
-    f = Residual(
-        agents=tuple(AgentForce(f_x=draw(n, 3), f_w=draw(n, 3), f_r=draw(n, k)) for n, k in shapes),
+    f = ResidualForces(
+        agents=tuple(GeneralizedForce(f_x=draw(n, 3), f_w=draw(n, 3), f_r=draw(n, k)) for n, k in shapes),
         payload=Wrench(F=draw(3), tau=draw(3)),
     )
     return inputs, f
@@ -56,14 +56,14 @@ def test_accelerations_and_contact_forces_are_pinocchios(structure: tuple, seed:
     allowed = 1e-9 if expected.condition <= 1e6 else 1e-15 * expected.condition
     v_dot = np.concatenate([np.asarray(group.v_dot) for group in a.agents])
     xi_dot = [xi for group in a.agents for xi in np.asarray(group.xi_dot)]
-    assert relative(grasp.join(lam), expected.lam) < allowed
+    assert relative(grasp.stack_contacts(lam), expected.lam) < allowed
     assert relative(a.payload, expected.payload) < allowed
     assert relative(v_dot, np.array(expected.v_dot)) < allowed
     for ours, theirs in zip(xi_dot, expected.xi_dot, strict=True):
         assert relative(ours, theirs) < allowed
 
 
-def turned(team: Team, z: State, f: Residual, R: np.ndarray) -> tuple[Team, State, Residual]:
+def turned(team: Team, z: State, f: ResidualForces, R: np.ndarray) -> tuple[Team, State, ResidualForces]:
     """The same team, state and forces seen from a world frame turned by R."""
     R = jnp.array(R)
     agents = tuple(dataclasses.replace(a, R=R @ a.R, x=a.x @ R.T, v=a.v @ R.T) for a in z.agents)
@@ -71,7 +71,7 @@ def turned(team: Team, z: State, f: Residual, R: np.ndarray) -> tuple[Team, Stat
     forces = tuple(dataclasses.replace(part, f_x=part.f_x @ R.T) for part in f.agents)
     wrench = dataclasses.replace(f.payload, F=R @ f.payload.F)
     team = dataclasses.replace(team, gravity=R @ team.gravity)
-    return team, State(agents=agents, payload=load), Residual(agents=forces, payload=wrench)
+    return team, State(agents=agents, payload=load), ResidualForces(agents=forces, payload=wrench)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -82,7 +82,7 @@ def test_the_choice_of_world_frame_does_not_matter(seed: int) -> None:
     a, lam = accelerate(team, z, inputs, f)
     team, z, f = turned(team, z, f, R)
     b, lam_turned = accelerate(team, z, inputs, f)
-    assert relative(grasp.join(lam_turned), np.asarray(grasp.join(lam)) @ R.T) < 1e-11
+    assert relative(grasp.stack_contacts(lam_turned), np.asarray(grasp.stack_contacts(lam)) @ R.T) < 1e-11
     assert relative(b.payload[3:], np.asarray(a.payload[3:])) < 1e-11
     assert relative(b.payload[:3], R @ np.asarray(a.payload[:3])) < 1e-11
     for before, after in zip(a.agents, b.agents, strict=True):
@@ -97,11 +97,11 @@ def test_how_agents_are_grouped_does_not_matter() -> None:
     def apart(groups: tuple) -> tuple:
         return tuple(jax.tree.map(lambda x, j=j: x[j : j + 1], group) for group in groups for j in range(2))
 
-    split = dataclasses.replace(team, groups=apart(team.groups))
+    split = dataclasses.replace(team, agent_groups=apart(team.agent_groups))
     z = dataclasses.replace(z, agents=apart(z.agents))
     f = dataclasses.replace(f, agents=apart(f.agents))
     _, lam_apart = accelerate(split, z, apart(inputs), f)
-    assert relative(grasp.join(lam_apart), np.asarray(grasp.join(lam))) < 1e-12
+    assert relative(grasp.stack_contacts(lam_apart), np.asarray(grasp.stack_contacts(lam))) < 1e-12
 
 
 # The manifold ------------------------------------------------------------------------------------------------------
@@ -110,8 +110,8 @@ def test_how_agents_are_grouped_does_not_matter() -> None:
 def strayed(z: State, size: float, seed: int = 0) -> State:
     """A state off the grasp by about `size` in every coordinate."""
     rng = np.random.default_rng(seed)
-    shift = jax.tree.map(lambda x: jnp.array(size * rng.normal(size=x.shape)), contact_dynamics.no_shift(z))
-    return jax.jit(contact_dynamics.move)(z, shift)
+    shift = jax.tree.map(lambda x: jnp.array(size * rng.normal(size=x.shape)), contact_dynamics.zero_tangent(z))
+    return jax.jit(contact_dynamics.retract)(z, shift)
 
 
 def off(team: Team, z: State) -> float:
@@ -119,7 +119,7 @@ def off(team: Team, z: State) -> float:
     return max(float(jnp.abs(residual(team, z)).max()) for residual in (Phi, Phi_dot))
 
 
-Phi, Phi_dot = jax.jit(grasp.Phi), jax.jit(grasp.Phi_dot)
+Phi, Phi_dot = jax.jit(grasp.constraint_residual), jax.jit(grasp.constraint_rate)
 
 
 @pytest.mark.parametrize("structure", [teams.POOL[2], MIXED])
@@ -155,7 +155,7 @@ def test_consistent_start_from_a_guess_holds_payload_and_attitudes() -> None:
     team, guess = teams.reference_team(), teams.reference_guess()
     load = dataclasses.replace(guess.payload, v=jnp.array([1.0, 0.5, 0.2]), omega=jnp.array([0.1, 0.0, 0.3]))
     guess = dataclasses.replace(guess, payload=load)
-    z = contact_dynamics.consistent(team, guess)
+    z = contact_dynamics.consistent_initial_state(team, guess)
     assert off(team, z) <= 1e-12
     np.testing.assert_allclose(z.payload.p, load.p, atol=1e-6)
     np.testing.assert_allclose(z.payload.v, load.v, atol=1e-4)
@@ -165,14 +165,18 @@ def test_consistent_start_from_a_guess_holds_payload_and_attitudes() -> None:
 @pytest.mark.parametrize("seed", range(3))
 def test_consistent_start_of_random_teams(seed: int) -> None:
     team, z = random_team(seed, MIXED)
-    assert off(team, contact_dynamics.consistent(team, strayed(z, 0.02, seed))) <= 1e-12
+    assert off(team, contact_dynamics.consistent_initial_state(team, strayed(z, 0.02, seed))) <= 1e-12
 
 
 def test_start_out_of_reach_is_refused_with_what_remains() -> None:
     team, guess = teams.reference_team(), teams.reference_guess()
-    far = dataclasses.replace(team.groups[0], contact=team.groups[0].contact.at[1].mul(3.0))
+    far = dataclasses.replace(
+        team.agent_groups[0], contact_position=team.agent_groups[0].contact_position.at[1].mul(3.0)
+    )
     with pytest.raises(ValueError, match=r"cannot be made consistent .* front arm 2: [\d.]+ m, 0 m/s") as e:
-        contact_dynamics.consistent(dataclasses.replace(team, groups=(far,)), guess, ("rear", "front"))
+        contact_dynamics.consistent_initial_state(
+            dataclasses.replace(team, agent_groups=(far,)), guess, ("rear", "front")
+        )
     assert "1e-12 m" in str(e.value)
 
 
@@ -180,7 +184,7 @@ def test_start_that_is_no_rotation_is_refused() -> None:
     team, guess = teams.reference_team(), teams.reference_guess()
     bent = dataclasses.replace(guess, agents=(dataclasses.replace(guess.agents[0], R=-guess.agents[0].R),))
     with pytest.raises(ValueError, match="the attitude R of rear is not a rotation matrix"):
-        contact_dynamics.consistent(team, bent, ("rear", "front"))
+        contact_dynamics.consistent_initial_state(team, bent, ("rear", "front"))
 
 
 # Motion ------------------------------------------------------------------------------------------------------------
@@ -205,7 +209,7 @@ def test_energy_and_momentum_are_kept(falling: float, projected: bool) -> None:
     total = seen["kinetic"] + seen["potential"]
     assert np.abs(total - total[0]).max() < 1e-9 * seen["kinetic"].max()
     t = 0.1 * np.arange(21)[:, None]
-    mass = float(team.payload.mass + sum(group.mass.sum() for group in team.groups))
+    mass = float(team.payload.mass + sum(group.mass.sum() for group in team.agent_groups))
     fallen = seen["momentum"][:, :3] - mass * t * np.asarray(team.gravity)
     assert np.abs(fallen - fallen[0]).max() < 1e-10
     if falling == 0:

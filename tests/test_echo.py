@@ -12,19 +12,26 @@ import pytest
 from colift import scenario
 from colift.closed_loop import flight
 from colift.models import aerial_manipulator
-from colift.models.parameters import Agent
+from colift.models.parameters import AerialManipulator
 from colift.onboard.control import label_feedback, redundancy, tracking
-from colift.onboard.estimation.state_estimator import Filters
+from colift.onboard.estimation.state_estimator import FilterBandwidths
 from colift.scenario import experiment
 
 ARM = "agent_types.two_arms.joints.{}.body.{}={}"
 
 
-def parts(changes: list[str], name: str = "trio") -> tuple[Agent, jax.Array, tracking.Gains, Filters]:
+def parts(
+    changes: list[str], name: str = "trio"
+) -> tuple[AerialManipulator, jax.Array, tracking.Gains, FilterBandwidths]:
     """Agent, rest, gains and filters of a team's first agent, and of F."""
-    pilot = experiment.plan(scenario.load(name, changes), "F").pilot
-    agent = jax.tree.map(lambda x: x[0], pilot.team.groups[0])
-    return agent, pilot.realizer.rest[0][0], pilot.realizer.gains, pilot.listener.filters
+    pilot = experiment.make_experiment(scenario.load_scenario(name, changes), "F").controller
+    agent = jax.tree.map(lambda x: x[0], pilot.team.agent_groups[0])
+    return (
+        agent,
+        pilot.agent_controller.nominal_posture[0][0],
+        pilot.agent_controller.gains,
+        pilot.innovation_filter.filters,
+    )
 
 
 def arms(mass_kg: float, reach_m: float) -> list[str]:
@@ -36,46 +43,50 @@ def arms(mass_kg: float, reach_m: float) -> list[str]:
 def test_as_joints_fold_all_tips_move_as_one():
     """So the centre of mass can move against it, and they stay."""
     agent, rest, _, _ = parts([])
-    p = aerial_manipulator.reduce(agent, aerial_manipulator.geometry(agent, rest))
-    tips = p.tip[:, :, :3] + p.tip[:, :, 3:] @ redundancy.folded(agent, p)
+    p = aerial_manipulator.centroidal_model(agent, aerial_manipulator.forward_kinematics(agent, rest))
+    tips = p.J_tip[:, :, :3] + p.J_tip[:, :, 3:] @ redundancy.posture_tilt_jacobian(agent, p)
     np.testing.assert_allclose(tips[0], tips[1], atol=1e-10)
 
 
 def test_an_agent_hears_itself_the_more_the_heavier_and_longer_its_arms_are_and_not_without_joints():
-    base = label_feedback.gain(*parts([]), force=20.0)
+    base = label_feedback.label_loop_gain(*parts([]), force=20.0)
     assert (
         0
         < base
-        < label_feedback.gain(*parts(arms(0.12, 0.3)), force=20.0)
-        < label_feedback.gain(*parts(arms(0.25, 0.3)), force=20.0)
+        < label_feedback.label_loop_gain(*parts(arms(0.12, 0.3)), force=20.0)
+        < label_feedback.label_loop_gain(*parts(arms(0.25, 0.3)), force=20.0)
     )
-    assert label_feedback.gain(*parts([]), force=40.0) == pytest.approx(base / 2)
-    assert label_feedback.gain(*parts([], "plate"), force=20.0) == 0
-    assert label_feedback.gain(*parts([]), force=0.0) == np.inf
+    assert label_feedback.label_loop_gain(*parts([]), force=40.0) == pytest.approx(base / 2)
+    assert label_feedback.label_loop_gain(*parts([], "plate"), force=20.0) == 0
+    assert label_feedback.label_loop_gain(*parts([]), force=0.0) == np.inf
 
 
 def test_joint_rates_without_delay_are_no_echo_and_slow_labels_hear_less():
     agent, rest, gains, filters = parts([])
-    heard = label_feedback.gain(agent, rest, gains, filters, 20.0)
+    heard = label_feedback.label_loop_gain(agent, rest, gains, filters, 20.0)
     fast = dataclasses.replace(filters, joint=jnp.array(1e6))
     slow = dataclasses.replace(filters, label=filters.label / 2)
-    assert label_feedback.gain(agent, rest, gains, fast, 20.0) < 1e-3 * heard
-    assert label_feedback.gain(agent, rest, gains, slow, 20.0) < 0.5 * heard
+    assert label_feedback.label_loop_gain(agent, rest, gains, fast, 20.0) < 1e-3 * heard
+    assert label_feedback.label_loop_gain(agent, rest, gains, slow, 20.0) < 0.5 * heard
 
 
 def test_the_rate_is_heeded_whole_up_to_a_half_and_not_from_one():
-    np.testing.assert_allclose([label_feedback.heeded(g) for g in (0.0, 0.5, 0.75, 1.0, 3.0)], [1, 1, 0.5, 0, 0])
+    np.testing.assert_allclose(
+        [label_feedback.rate_attenuation(g) for g in (0.0, 0.5, 0.75, 1.0, 3.0)], [1, 1, 0.5, 0, 0]
+    )
 
 
 @pytest.mark.parametrize(("changes", "loud"), [([], False), (arms(0.25, 0.3), True)])
 def test_labels_leave_the_flight_stable_and_would_not_if_long_arms_heeded_them(changes, loud):
     """F, with arms that swing half a kilogram, is lost within a tenth of a second where it follows the rate in full."""
-    plan = dataclasses.replace(experiment.plan(scenario.load("trio", changes), "F"), duration=1.0)
-    predictor = plan.pilot.predictor
-    assert all(np.all(np.asarray(c) == (0.0 if loud else 1.0)) for c in predictor.heeded)
-    flown = flight.fly_plan(plan)
-    assert not flown.stopped
-    assert np.linalg.norm(np.asarray(flown.rows.e_p), axis=1).max() < 0.2
-    all_of_it = dataclasses.replace(predictor, heeded=tuple(jnp.ones_like(c) for c in predictor.heeded))
-    heeding = dataclasses.replace(plan, pilot=dataclasses.replace(plan.pilot, predictor=all_of_it))
-    assert bool(flight.fly_plan(heeding).stopped) == loud
+    plan = dataclasses.replace(experiment.make_experiment(scenario.load_scenario("trio", changes), "F"), duration=1.0)
+    predictor = plan.controller.predictor
+    assert all(np.all(np.asarray(c) == (0.0 if loud else 1.0)) for c in predictor.rate_attenuation)
+    flown = flight.run_experiment(plan)
+    assert not flown.termination_reason
+    assert np.linalg.norm(np.asarray(flown.records.e_p), axis=1).max() < 0.2
+    all_of_it = dataclasses.replace(
+        predictor, rate_attenuation=tuple(jnp.ones_like(c) for c in predictor.rate_attenuation)
+    )
+    heeding = dataclasses.replace(plan, controller=dataclasses.replace(plan.controller, predictor=all_of_it))
+    assert bool(flight.run_experiment(heeding).termination_reason) == loud

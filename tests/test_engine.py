@@ -16,7 +16,7 @@ import pytest
 from colift.closed_loop import signals
 from colift.models import grasp, mjcf
 from colift.models.parameters import Team
-from colift.models.state import AgentForce, AgentInput, Residual, State, Wrench
+from colift.models.state import AgentInput, GeneralizedForce, ResidualForces, State, Wrench
 from colift.scenario import experiment
 from colift.simulation import contact_dynamics, mujoco_plant
 from tests import light, motion, teams
@@ -26,23 +26,23 @@ STRUCTURES = (teams.POOL[2], teams.POOL[3])
 CASES = [(structure, seed) for structure in STRUCTURES for seed in range(3)]
 DT = 2e-3
 SOLVED = 1e-7  # N, N m: MuJoCo's solver stops where its cost falls by less than 1e-14; forces enter it squared
-in_mujoco = jax.jit(lambda plant, *args: plant.accelerate(*args), static_argnums=0)
-accelerate, left = jax.jit(contact_dynamics.accelerate), jax.jit(signals.residual)
+in_mujoco = jax.jit(lambda plant, *args: plant.forward_dynamics(*args), static_argnums=0)
+accelerate, left = jax.jit(contact_dynamics.forward_dynamics), jax.jit(signals.true_residual)
 
 
-def random_forces(rng: np.random.Generator, team: Team) -> tuple[contact_dynamics.Inputs, Residual]:
+def random_forces(rng: np.random.Generator, team: Team) -> tuple[contact_dynamics.TeamInputs, ResidualForces]:
     """Random inputs about hover and random residual forces on every body."""
     draw = lambda *shape: jnp.array(rng.normal(size=shape))  # noqa: E731
-    shapes = [(size, group.tree.joints) for size, group in zip(team.sizes, team.groups, strict=True)]
+    shapes = [(size, group.tree.joints) for size, group in zip(team.sizes, team.agent_groups, strict=True)]
     inputs = tuple(AgentInput(u=20 + 5 * draw(n), tau=draw(n, 3), tau_r=draw(n, k)) for n, k in shapes)
-    f = Residual(
-        agents=tuple(AgentForce(f_x=draw(n, 3), f_w=draw(n, 3), f_r=draw(n, k)) for n, k in shapes),
+    f = ResidualForces(
+        agents=tuple(GeneralizedForce(f_x=draw(n, 3), f_w=draw(n, 3), f_r=draw(n, k)) for n, k in shapes),
         payload=Wrench(F=draw(3), tau=draw(3)),
     )
     return inputs, f
 
 
-def pushed(structure: tuple, seed: int) -> tuple[Team, State, contact_dynamics.Inputs, Residual]:
+def pushed(structure: tuple, seed: int) -> tuple[Team, State, contact_dynamics.TeamInputs, ResidualForces]:
     """A random team at a random state under random forces."""
     team, z = motion.thrown(seed, structure)
     return team, z, *random_forces(np.random.default_rng(seed + 1000), team)
@@ -61,7 +61,7 @@ def near(found: object, expected: object, tolerance: float) -> None:
 def test_every_balance_holds_with_mujocos_accelerations_and_forces(structure: tuple, seed: int) -> None:
     """What our equations leave over is the residual that acts: exact, however soft the contacts are."""
     team, z, inputs, f = pushed(structure, seed)
-    a, lam = in_mujoco(mujoco_plant.plant(team, z), team, z, inputs, f)
+    a, lam = in_mujoco(mujoco_plant.mujoco_plant(team, z), team, z, inputs, f)
     near(left(team, z, a, lam, inputs), f, SOLVED)
 
 
@@ -69,8 +69,8 @@ def test_every_balance_holds_with_mujocos_accelerations_and_forces(structure: tu
 def test_contact_forces_are_those_of_rigid_contacts_but_for_the_softness(structure: tuple, seed: int) -> None:
     """`(A + S) lam = A lam_rigid`, with A and the rigid forces from Pinocchio and S as MuJoCo states it."""
     team, z, inputs, f = pushed(structure, seed)
-    plant, oracle = mujoco_plant.plant(team, z), PinocchioTeam(team)
-    lam = grasp.join(in_mujoco(plant, team, z, inputs, f)[1])
+    plant, oracle = mujoco_plant.mujoco_plant(team, z), PinocchioTeam(team)
+    lam = grasp.stack_contacts(in_mujoco(plant, team, z, inputs, f)[1])
     q, _ = oracle.coordinates(z)
     J = oracle.jacobian(q)
     A, S = J @ np.linalg.solve(oracle.mass_matrix(q), J.T), np.diag(plant.host.data.efc_R)
@@ -86,8 +86,8 @@ def test_what_differs_from_rigid_contacts_vanishes_with_the_softness() -> None:
     exact = accelerate(team, z, inputs, f)
     errors = []
     for d in (0.99, 0.999, 0.9999):
-        softness = mjcf.Softness(time_constant=1e-3, impedance=d)
-        found = in_mujoco(mujoco_plant.plant(team, z, softness=softness), team, z, inputs, f)
+        softness = mjcf.ContactSoftness(time_constant=1e-3, impedance=d)
+        found = in_mujoco(mujoco_plant.mujoco_plant(team, z, softness=softness), team, z, inputs, f)
         errors.append(
             [np.abs(a - b).max() for a, b in zip(jax.tree.leaves(found), jax.tree.leaves(exact), strict=True)]
         )
@@ -101,8 +101,8 @@ def test_what_differs_from_rigid_contacts_vanishes_with_the_softness() -> None:
 def test_inputs_and_residuals_do_the_same_work(structure: tuple, seed: int) -> None:
     """In MuJoCo's coordinates: `f_x . v + f_w . omega + f_r . r_dot`, `R e3 u . v_o + tau . omega + tau_r . r_dot`."""
     team, z, inputs, f = pushed(structure, seed)
-    host = mujoco_plant.plant(team, z).host
-    host.accelerate(*(np.asarray(x).ravel() for x in mujoco_plant._rows(z, inputs, f)))
+    host = mujoco_plant.mujoco_plant(team, z).host
+    host.forward_dynamics(*(np.asarray(x).ravel() for x in mujoco_plant._rows(z, inputs, f)))
     d = host.data
     applied = d.qfrc_smooth + d.qfrc_bias - d.qfrc_passive - d.qfrc_actuator
     load = z.payload
@@ -122,7 +122,7 @@ def test_inputs_and_residuals_do_the_same_work(structure: tuple, seed: int) -> N
 def test_states_survive_mujocos_coordinates(structure: tuple) -> None:
     rng = np.random.default_rng(7)
     team, z = teams.team(rng, structure), teams.free_state(rng, structure)
-    host = mujoco_plant.plant(team, z).host
+    host = mujoco_plant.mujoco_plant(team, z).host
     rows = [np.asarray(x).ravel() for x in mujoco_plant._state_rows(z)]
     host._place(*rows)
     for before, after in zip(rows, host._state(), strict=True):
@@ -134,10 +134,10 @@ def test_states_survive_mujocos_coordinates(structure: tuple) -> None:
 # In motion ------------------------------------------------------------------------------------------------------------
 
 
-def drag(c: jax.Array, z: State) -> Residual:
+def drag(c: jax.Array, z: State) -> ResidualForces:
     """A residual that depends on the state: linear drag, of the joints too."""
-    return Residual(
-        agents=tuple(AgentForce(f_x=-c * q.v, f_w=-c / 25 * q.omega, f_r=-c / 25 * q.r_dot) for q in z.agents),
+    return ResidualForces(
+        agents=tuple(GeneralizedForce(f_x=-c * q.v, f_w=-c / 25 * q.omega, f_r=-c / 25 * q.r_dot) for q in z.agents),
         payload=Wrench(F=-c * z.payload.v, tau=-c / 25 * z.payload.omega),
     )
 
@@ -146,18 +146,22 @@ STEPS = 250
 
 
 @jax.jit
-def ours(team: Team, z: State, inputs: contact_dynamics.Inputs, c: jax.Array) -> State:
+def ours(team: Team, z: State, inputs: contact_dynamics.TeamInputs, c: jax.Array) -> State:
     """The state after half a second, by our plant."""
 
     def step(_: int, z: State) -> State:
         unknown = lambda z, _: drag(c, z)  # noqa: E731
-        return contact_dynamics.project(team, contact_dynamics.integrate(team, z, inputs, unknown, jnp.array(DT)))
+        return contact_dynamics.project_to_constraints(
+            team, contact_dynamics.rkmk4_step(team, z, inputs, unknown, jnp.array(DT))
+        )
 
     return jax.lax.fori_loop(0, STEPS, step, z)
 
 
 @functools.partial(jax.jit, static_argnums=0)
-def mujocos(plant: mujoco_plant.Mujoco, team: Team, z: State, inputs: contact_dynamics.Inputs, c: jax.Array) -> State:
+def mujocos(
+    plant: mujoco_plant.MujocoPlant, team: Team, z: State, inputs: contact_dynamics.TeamInputs, c: jax.Array
+) -> State:
     """The state after half a second, by MuJoCo."""
     unknown = lambda z, _: drag(c, z)  # noqa: E731
     return jax.lax.fori_loop(0, STEPS, lambda _, z: plant.step(team, z, inputs, unknown, jnp.array(DT)), z)
@@ -170,11 +174,11 @@ def apart(a: State, b: State) -> float:
 
 
 @pytest.fixture(scope="module")
-def swing() -> tuple[Team, State, contact_dynamics.Inputs, list[mujoco_plant.Mujoco]]:
+def swing() -> tuple[Team, State, contact_dynamics.TeamInputs, list[mujoco_plant.MujocoPlant]]:
     """The reference team, thrown at 1 m/s and 1 rad/s under constant thrusts; plants of 1, 2 and 4 substeps."""
     team, z = motion.thrown_reference(2)
     inputs = tuple(dataclasses.replace(u, u=12.0 + u.u) for u in motion.idle(team))
-    return team, z, inputs, [mujoco_plant.plant(team, z, DT, substeps) for substeps in (1, 2, 4)]
+    return team, z, inputs, [mujoco_plant.mujoco_plant(team, z, DT, substeps) for substeps in (1, 2, 4)]
 
 
 @pytest.mark.long
@@ -203,10 +207,10 @@ def test_a_swing_with_drag_is_ours_to_first_order_in_the_substep_over_which_the_
 
 def test_an_answer_depends_on_no_call_before_and_batches_are_single_answers() -> None:
     team, z, inputs, f = pushed(teams.POOL[2], 0)
-    plant = mujoco_plant.plant(team, z)
+    plant = mujoco_plant.mujoco_plant(team, z)
     first = in_mujoco(plant, team, z, inputs, f)
     other = jax.tree.map(lambda x: 2 * x, f)
-    both = jax.vmap(plant.accelerate, in_axes=(None, None, None, 0))(
+    both = jax.vmap(plant.forward_dynamics, in_axes=(None, None, None, 0))(
         team, z, inputs, jax.tree.map(lambda *x: jnp.stack(x), other, f)
     )
     for a, b in zip(jax.tree.leaves(first), jax.tree.leaves(both), strict=True):
@@ -216,9 +220,9 @@ def test_an_answer_depends_on_no_call_before_and_batches_are_single_answers() ->
 
 def test_commands_are_not_limited_and_what_is_not_finite_stays_so() -> None:
     team, z, inputs, f = pushed(teams.POOL[2], 1)
-    plant = mujoco_plant.plant(team, z)
+    plant = mujoco_plant.mujoco_plant(team, z)
     strong = tuple(dataclasses.replace(u, u=10 * u.u) for u in inputs)
-    assert float(strong[0].u.max()) > float(team.groups[0].thrust_max.max())
+    assert float(strong[0].u.max()) > float(team.agent_groups[0].thrust_max.max())
     a, lam = in_mujoco(plant, team, z, strong, f)
     near(left(team, z, a, lam, strong), f, SOLVED)
     lost = dataclasses.replace(z, payload=dataclasses.replace(z.payload, v=z.payload.v * jnp.nan))
@@ -228,18 +232,18 @@ def test_commands_are_not_limited_and_what_is_not_finite_stays_so() -> None:
 
 def test_a_scenario_that_asks_for_mujoco_has_it_as_its_plant_as_stiff_as_its_substeps_allow() -> None:
     settings = light.settings(plant={"kind": "mujoco", "substeps": 2}, control_Hz=400.0)
-    plant = experiment.plan(settings, "C1").world.plant
-    assert isinstance(plant, mujoco_plant.Mujoco)
+    plant = experiment.make_experiment(settings, "C1").world.plant
+    assert isinstance(plant, mujoco_plant.MujocoPlant)
     assert plant.substeps == 2
     option = plant.host.model.opt
     assert option.timestep == pytest.approx(1 / 800)
-    assert mjcf.rigid(1 / 800).time_constant == pytest.approx(plant.host.model.eq_solref[0, 0])
+    assert mjcf.stiffest_contact(1 / 800).time_constant == pytest.approx(plant.host.model.eq_solref[0, 0])
 
 
 def test_what_no_plant_can_be_is_refused() -> None:
     team, z = motion.thrown_reference(0)
     with pytest.raises(ValueError, match="substeps = 0: must be at least 1"):
-        mujoco_plant.plant(team, z, substeps=0)
+        mujoco_plant.mujoco_plant(team, z, substeps=0)
 
 
 def test_without_mujoco_the_engine_says_what_to_install() -> None:

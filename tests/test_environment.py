@@ -17,7 +17,7 @@ from gymnasium.utils.env_checker import check_env
 from colift.analysis import metrics
 from colift.closed_loop import simulator, termination
 from colift.integrations import gymnasium_env
-from colift.integrations.gymnasium_env import Transport, Transports
+from colift.integrations.gymnasium_env import TransportEnv, TransportVecEnv
 from colift.onboard import interfaces
 from tests import light
 
@@ -34,42 +34,44 @@ def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def alone(path: Path) -> Transport:
-    return Transport(str(path), step_s=STEP)
+def alone(path: Path) -> TransportEnv:
+    return TransportEnv(str(path), step_s=STEP)
 
 
 @pytest.fixture(scope="module")
-def many(path: Path) -> Transports:
-    return Transports(3, str(path), step_s=STEP)
+def many(path: Path) -> TransportVecEnv:
+    return TransportVecEnv(3, str(path), step_s=STEP)
 
 
-def test_gymnasium_finds_no_fault(alone: Transport) -> None:
+def test_gymnasium_finds_no_fault(alone: TransportEnv) -> None:
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "The environment .* is different from the unwrapped version")
         check_env(alone, skip_render_check=True)
 
 
-def test_stable_baselines_3_finds_no_fault(alone: Transport) -> None:
+def test_stable_baselines_3_finds_no_fault(alone: TransportEnv) -> None:
     checker = pytest.importorskip("stable_baselines3.common.env_checker", reason="PyTorch: gigabytes")
     checker.check_env(alone, skip_render_check=True)
 
 
-def test_what_is_asked_for_is_added_to_the_desired_wrench(alone: Transport) -> None:
+def test_what_is_asked_for_is_added_to_the_desired_wrench(alone: TransportEnv) -> None:
     """Of two flights from one state under one noise, the first tick's `W_d` differs by the share of the limits."""
     task, action = alone.task, jnp.array([0.5, -1.0, 0.25, 1.0, 0.0, -0.3])
     alone.reset(seed=1)
-    noise = task.setup.world.draw(jax.random.key(0), task.ticks)
+    noise = task.setup.world.sample_noise(jax.random.key(0), task.frame_skip)
 
     def asked(wrench: jax.Array) -> np.ndarray:
-        leader = dataclasses.replace(task.setup.pilot.leader, wrench=wrench)
-        setup = dataclasses.replace(task.setup, pilot=dataclasses.replace(task.setup.pilot, leader=leader))
-        return np.asarray(simulator.advance(setup, alone._loop, noise, jnp.asarray(task.ticks))[1].W_d[0])
+        leader = dataclasses.replace(task.setup.controller.payload_controller, wrench=wrench)
+        setup = dataclasses.replace(
+            task.setup, controller=dataclasses.replace(task.setup.controller, payload_controller=leader)
+        )
+        return np.asarray(simulator.rollout(setup, alone._loop, noise, jnp.asarray(task.frame_skip))[1].W_d[0])
 
     most = np.array([2.0] * 3 + [0.2] * 3)
     np.testing.assert_allclose(asked(action * most) - asked(jnp.zeros(6)), np.asarray(action) * most, atol=1e-12)
 
 
-def test_an_action_acts_and_is_cut_at_one(alone: Transport) -> None:
+def test_an_action_acts_and_is_cut_at_one(alone: TransportEnv) -> None:
     def flown(action: list[float]) -> np.ndarray:
         alone.reset(seed=2)
         return np.stack([alone.step(np.array(action, np.float32))[0] for _ in range(5)])
@@ -80,24 +82,24 @@ def test_an_action_acts_and_is_cut_at_one(alone: Transport) -> None:
     np.testing.assert_array_equal(flown([0, 0, 7, 0, 0, 0]), pushed)
 
 
-def test_what_is_seen_is_the_pilot_s_not_the_truth(alone: Transport) -> None:
+def test_what_is_seen_is_the_pilot_s_not_the_truth(alone: TransportEnv) -> None:
     """It is a function of `fly.Now`, and differs from the truth by what the sensors do."""
-    assert list(inspect.signature(gymnasium_env.observed).parameters) == ["now"]
-    assert isinstance(alone.task.setup.pilot.leader, interfaces.Leader)
+    assert list(inspect.signature(gymnasium_env.observation).parameters) == ["now"]
+    assert isinstance(alone.task.setup.controller.payload_controller, interfaces.PayloadController)
     alone.reset(seed=3)
     before = alone._loop
     seen, _, _, _, info = alone.step(np.zeros(6, np.float32))
     seed = jnp.array([alone._noise, alone._steps - 1])
-    setup, ticks = alone.task.setup, alone.task.ticks
-    noise = setup.world.draw(jax.random.fold_in(jax.random.key(seed[0]), seed[1]), ticks)
-    rows = simulator.advance(setup, before, noise, jnp.asarray(ticks))[1]
+    setup, ticks = alone.task.setup, alone.task.frame_skip
+    noise = setup.world.sample_noise(jax.random.fold_in(jax.random.key(seed[0]), seed[1]), ticks)
+    rows = simulator.rollout(setup, before, noise, jnp.asarray(ticks))[1]
     off = np.abs(seen[:3] * gymnasium_env.BOUNDS["e_p"] - np.asarray(rows.e_p[-1]))
     assert (off > 0).all()
     assert off.max() < 0.01
-    np.testing.assert_allclose(info["e_p_m"], metrics.norm_rms(np.asarray(rows.e_p)))
+    np.testing.assert_allclose(info["e_p_m"], metrics.rms_norm(np.asarray(rows.e_p)))
 
 
-def test_the_reward_is_one_without_errors_and_half_at_the_stated_ones(alone: Transport) -> None:
+def test_the_reward_is_one_without_errors_and_half_at_the_stated_ones(alone: TransportEnv) -> None:
     step = lambda e_p, e_R: gymnasium_env.reward(jnp.asarray([e_p]), jnp.asarray([e_R]))  # noqa: E731
     zero = [0.0, 0.0, 0.0]
     assert float(step(zero, zero)[0]) == 1
@@ -106,7 +108,7 @@ def test_the_reward_is_one_without_errors_and_half_at_the_stated_ones(alone: Tra
     np.testing.assert_array_equal(step([np.nan, 0.0, 0.0], zero), 0.0)
 
 
-def test_an_episode_is_truncated_after_the_scenario_s_duration(alone: Transport) -> None:
+def test_an_episode_is_truncated_after_the_scenario_s_duration(alone: TransportEnv) -> None:
     alone.reset(seed=4)
     ends = [alone.step(alone.action_space.sample())[2:4] for _ in range(9)]
     assert ends == [(False, False)] * 8 + [(False, True)]
@@ -114,22 +116,22 @@ def test_an_episode_is_truncated_after_the_scenario_s_duration(alone: Transport)
 
 def test_an_episode_ends_with_the_limit_that_was_met(path: Path) -> None:
     """Pushed away from the reference, the payload meets the limit of its distance; then nothing moves any more."""
-    env = Transport(str(path), changes=["limits.distance_m=0.21", "duration_s=1"], step_s=STEP, force_N=60.0)
+    env = TransportEnv(str(path), changes=["limits.distance_m=0.21", "duration_s=1"], step_s=STEP, force_N=60.0)
     seen, info = env.reset(seed=5)
-    assert info["cause"] == termination.Cause.NONE
+    assert info["cause"] == termination.TerminationCause.NONE
     away = np.concatenate([np.sign(seen[:3]), np.zeros(3)]).astype(np.float32)
     terminated = False
     while not terminated:
         seen, reward, terminated, truncated, info = env.step(away)
         assert not truncated
-    assert info["cause"] == termination.Cause.DISTANCE
+    assert info["cause"] == termination.TerminationCause.DISTANCE
     assert env.observation_space.contains(seen)
     again, reward, terminated, *_ = env.step(away)
     assert (reward, terminated) == (0, True)
     np.testing.assert_array_equal(again, seen)
 
 
-def test_flights_side_by_side_are_those_flown_alone(alone: Transport, many: Transports) -> None:
+def test_flights_side_by_side_are_those_flown_alone(alone: TransportEnv, many: TransportVecEnv) -> None:
     rng = np.random.default_rng(6)
     seen, _ = many.reset(seed=7)
     first, _ = alone.reset(seed=8)
@@ -143,7 +145,7 @@ def test_flights_side_by_side_are_those_flown_alone(alone: Transport, many: Tran
     assert np.abs(seen[0] - seen[1]).max() > 1e-4
 
 
-def test_a_flight_that_is_over_begins_anew_in_the_next_step(many: Transports) -> None:
+def test_a_flight_that_is_over_begins_anew_in_the_next_step(many: TransportVecEnv) -> None:
     assert many.metadata["autoreset_mode"] == gymnasium.vector.AutoresetMode.NEXT_STEP
     first, _ = many.reset(seed=9)
     actions = np.ones((3, 6), np.float32)
@@ -160,7 +162,7 @@ def test_a_flight_that_is_over_begins_anew_in_the_next_step(many: Transports) ->
     np.testing.assert_array_equal(again, first)
 
 
-def test_stable_baselines_3_sees_the_next_episode_s_beginning_with_an_end(many: Transports) -> None:
+def test_stable_baselines_3_sees_the_next_episode_s_beginning_with_an_end(many: TransportVecEnv) -> None:
     pytest.importorskip("stable_baselines3", reason="PyTorch: gigabytes")
     from evidence import curve
 
@@ -181,8 +183,8 @@ def test_stable_baselines_3_sees_the_next_episode_s_beginning_with_an_end(many: 
 
 def test_gymnasium_makes_both(path: Path) -> None:
     name, given = "colift.integrations.gymnasium_env:colift/Transport-v0", {"scenario": str(path)}
-    assert isinstance(gymnasium.make(name, **given).unwrapped, Transport)
-    assert isinstance(gymnasium.make_vec(name, 2, vectorization_mode="vector_entry_point", **given), Transports)
+    assert isinstance(gymnasium.make(name, **given).unwrapped, TransportEnv)
+    assert isinstance(gymnasium.make_vec(name, 2, vectorization_mode="vector_entry_point", **given), TransportVecEnv)
 
 
 @pytest.mark.parametrize(
@@ -196,14 +198,14 @@ def test_gymnasium_makes_both(path: Path) -> None:
 )
 def test_what_cannot_be_is_refused(given: dict[str, float], answer: str, path: Path) -> None:
     with pytest.raises(ValueError, match=answer):
-        Transport(str(path), **given)
+        TransportEnv(str(path), **given)
 
 
 def test_a_case_that_learns_on_the_way_is_refused(path: Path) -> None:
     with pytest.raises(ValueError, match="case 'C3' learns on the way"):
-        Transport(str(path), case="C3")
+        TransportEnv(str(path), case="C3")
 
 
-def test_seeds_must_be_as_many_as_flights(many: Transports) -> None:
+def test_seeds_must_be_as_many_as_flights(many: TransportVecEnv) -> None:
     with pytest.raises(ValueError, match="seed: 2 given for 3 flights"):
         many.reset(seed=[1, 2])

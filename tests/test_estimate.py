@@ -16,7 +16,14 @@ from colift.closed_loop import flight, simulator
 from colift.math import filters
 from colift.models import inverse_dynamics, measurement
 from colift.models.parameters import Team
-from colift.models.state import AgentInput, Clock, State, flat_agent, flat_payload, no_force
+from colift.models.state import (
+    AgentInput,
+    ControlClock,
+    State,
+    flatten_agent_state,
+    flatten_payload_state,
+    zero_residual,
+)
 from colift.onboard.estimation import state_estimator
 from colift.simulation import contact_dynamics, sensors
 from tests import paper_flights, teams
@@ -35,11 +42,13 @@ TICKS = 200
 def passed(x: jax.Array, hertz: jax.Array, dt: jax.Array) -> jax.Array:
     """A signal through the low-pass, which has seen its first sample for ever."""
 
-    def step(memory: filters.LowPass, sample: jax.Array) -> tuple[filters.LowPass, jax.Array]:
-        memory = filters.smooth(memory, sample, filters.blend(hertz, dt))
-        return memory, memory.outer
+    def step(
+        memory: filters.SecondOrderLowPassState, sample: jax.Array
+    ) -> tuple[filters.SecondOrderLowPassState, jax.Array]:
+        memory = filters.update(memory, sample, filters.smoothing_factor(hertz, dt))
+        return memory, memory.stage2
 
-    return jax.lax.scan(step, filters.settle(x[0]), x)[1]
+    return jax.lax.scan(step, filters.steady_state(x[0]), x)[1]
 
 
 def test_the_low_pass_is_critically_damped():
@@ -59,10 +68,12 @@ def test_the_low_pass_halves_a_sine_at_its_corner():
 
 
 def test_what_a_filter_takes_of_a_sample_is_that_of_its_time_constant():
-    b = filters.blend(jnp.array(5.0), jnp.array(DT))
+    b = filters.smoothing_factor(jnp.array(5.0), jnp.array(DT))
     assert float(b) == pytest.approx(1 - np.exp(-2 * np.pi * 5 * DT), rel=1e-12)
     # n ticks at once or one by one: the same decay
-    assert (1 - float(b)) ** 7 == pytest.approx(1 - float(filters.blend(jnp.array(5.0), jnp.array(7 * DT))), rel=1e-12)
+    assert (1 - float(b)) ** 7 == pytest.approx(
+        1 - float(filters.smoothing_factor(jnp.array(5.0), jnp.array(7 * DT))), rel=1e-12
+    )
 
 
 @pytest.mark.parametrize("ticks", [1, 3, 50])
@@ -75,62 +86,64 @@ def test_a_rare_sample_is_taken_as_the_kalman_filter_of_a_random_walk_takes_it(t
         P += ticks * q
         K = P / (P + 1)
         P *= 1 - K
-    assert float(filters.after(jnp.array(b), jnp.array(float(ticks)))) == pytest.approx(K, rel=1e-9)
-    assert float(filters.after(jnp.array(1.0), jnp.array(float(ticks)))) == 1.0
+    assert float(filters.irregular_smoothing_factor(jnp.array(b), jnp.array(float(ticks)))) == pytest.approx(
+        K, rel=1e-9
+    )
+    assert float(filters.irregular_smoothing_factor(jnp.array(1.0), jnp.array(float(ticks)))) == 1.0
 
 
 def test_labels_that_come_now_and_then_follow_within_their_time_not_their_count():
     """A constant force is known to a tenth a second after it acts where one tick in fifty has a label."""
-    b, n = filters.blend(jnp.array(5.0), jnp.array(DT)), 50
-    memory = filters.settle(jnp.zeros(()))
+    b, n = filters.smoothing_factor(jnp.array(5.0), jnp.array(DT)), 50
+    memory = filters.steady_state(jnp.zeros(()))
     for _ in range(round(1 / DT / n)):
-        memory = filters.smooth(memory, jnp.ones(()), filters.after(b, jnp.array(float(n))))
-    assert float(memory.outer) > 0.9
-    counted = filters.settle(jnp.zeros(()))
+        memory = filters.update(memory, jnp.ones(()), filters.irregular_smoothing_factor(b, jnp.array(float(n))))
+    assert float(memory.stage2) > 0.9
+    counted = filters.steady_state(jnp.zeros(()))
     for _ in range(round(1 / DT / n)):
-        counted = filters.smooth(counted, jnp.ones(()), b)
-    assert float(counted.outer) < 0.5
+        counted = filters.update(counted, jnp.ones(()), b)
+    assert float(counted.stage2) < 0.5
 
 
 CORNERS = {"fusion": 5.0, "bias": 0.0, "joint": 20.0, "label": 8.0, "tip_force": 50.0}
-FILTERS = state_estimator.Filters(**{name: jnp.array(hertz) for name, hertz in CORNERS.items()})
+FILTERS = state_estimator.FilterBandwidths(**{name: jnp.array(hertz) for name, hertz in CORNERS.items()})
 
 
 def flown(
     noise: float, runs: int, seed: int = 0, hertz: float = 0.0
-) -> tuple[state_estimator.Pose, state_estimator.Pose, state_estimator.Pose]:
+) -> tuple[state_estimator.NavState, state_estimator.NavState, state_estimator.NavState]:
     """Bodies at constant rate and acceleration: truth, readings, and what the complementary filter makes of them."""
     rng = np.random.default_rng(seed)
     time = 400
     omega, a = np.array([0.3, -0.5, 0.8]), np.array([0.5, 1.0, -0.4])
     t = DT * np.arange(time)
     R = Rotation.from_rotvec(t[:, None] * omega).as_matrix()
-    truth = state_estimator.Pose(R=jnp.array(R), x=jnp.array(t[:, None] ** 2 / 2 * a), v=jnp.array(t[:, None] * a))
+    truth = state_estimator.NavState(R=jnp.array(R), x=jnp.array(t[:, None] ** 2 / 2 * a), v=jnp.array(t[:, None] * a))
 
     def errors(size: float) -> np.ndarray:
         return noise * size * rng.normal(size=(runs, time, 3))
 
     turned = R @ Rotation.from_rotvec(errors(0.003).reshape(-1, 3)).as_matrix().reshape(runs, time, 3, 3)
-    read = state_estimator.Pose(
+    read = state_estimator.NavState(
         R=jnp.array(turned),
         x=jnp.array(np.asarray(truth.x) + errors(0.002)),
         v=jnp.array(np.asarray(truth.v) + errors(0.01)),
     )
     gyro, accelerometer = jnp.array(omega + errors(0.01)), jnp.array(a + errors(0.05))
 
-    still = dataclasses.replace(FILTERS, bias=jnp.array(hertz))
+    still = dataclasses.replace(FILTERS, imu_bias=jnp.array(hertz))
 
-    def run(read: state_estimator.Pose, gyro: jax.Array, accelerometer: jax.Array) -> state_estimator.Pose:
-        def step(past: Any, now: tuple) -> tuple[Any, state_estimator.Pose]:
+    def run(read: state_estimator.NavState, gyro: jax.Array, accelerometer: jax.Array) -> state_estimator.NavState:
+        def step(past: Any, now: tuple) -> tuple[Any, state_estimator.NavState]:
             measured, omega, a = now
             # the filter takes the specific force in the body, which is told in the world here
             felt = past[0].R.T @ a
-            pose, bias, _, _ = state_estimator.fuse(
+            pose, bias, _, _ = state_estimator.complementary_update(
                 past, measured, omega, felt, jnp.zeros(3), still, jnp.ones(()), jnp.array(DT)
             )
             return (pose, bias), pose
 
-        first = jax.tree.map(lambda leaf: leaf[0], truth), state_estimator.no_bias()
+        first = jax.tree.map(lambda leaf: leaf[0], truth), state_estimator.zero_bias()
         rest = jax.tree.map(lambda leaf: leaf[1:], (read, gyro, accelerometer))
         return jax.lax.scan(step, first, rest)[1]
 
@@ -162,22 +175,22 @@ def test_the_complementary_filter_is_unbiased_and_quieter_than_its_readings():
 def test_constant_errors_of_gyroscope_and_accelerometer_are_learned_from_what_is_measured():
     """At rest, turned, under gravity: 20 s with biases of 0.02 rad/s and 0.1 m/s^2 and a corner of 0.1 Hz."""
     R = jnp.array(Rotation.from_rotvec([0.3, -0.2, 1.0]).as_matrix())
-    gravity, off = jnp.array([0.0, 0.0, -9.81]), state_estimator.Biases(
+    gravity, off = jnp.array([0.0, 0.0, -9.81]), state_estimator.ImuBias(
         omega=jnp.array([0.02, -0.01, 0.005]), a=jnp.array([0.1, -0.05, 0.02])
     )  # fmt: skip
-    rest = state_estimator.Pose(R=R, x=jnp.zeros(3), v=jnp.zeros(3))
+    rest = state_estimator.NavState(R=R, x=jnp.zeros(3), v=jnp.zeros(3))
 
     def last(hertz: float) -> tuple:
-        filters = dataclasses.replace(FILTERS, bias=jnp.array(hertz))
+        filters = dataclasses.replace(FILTERS, imu_bias=jnp.array(hertz))
 
         def step(past: Any, _: None) -> tuple[Any, None]:
             felt = -R.T @ gravity + off.a
-            pose, bias, _, _ = state_estimator.fuse(
+            pose, bias, _, _ = state_estimator.complementary_update(
                 past, rest, off.omega, felt, gravity, filters, jnp.ones(()), jnp.array(DT)
             )
             return (pose, bias), None
 
-        return jax.jit(lambda: jax.lax.scan(step, (rest, state_estimator.no_bias()), length=10_000)[0])()
+        return jax.jit(lambda: jax.lax.scan(step, (rest, state_estimator.zero_bias()), length=10_000)[0])()
 
     pose, bias = last(0.1)
     np.testing.assert_allclose(bias.omega, off.omega, atol=1e-3 * 0.02)
@@ -193,16 +206,19 @@ def test_constant_errors_of_gyroscope_and_accelerometer_are_learned_from_what_is
 
 @jax.jit
 def observed(
-    team: Team, filters: state_estimator.Filters, stream: measurement.Measurement, applied: tuple[AgentInput, ...]
-) -> tuple[state_estimator.Estimate, state_estimator.Memory]:
+    team: Team,
+    filters: state_estimator.FilterBandwidths,
+    stream: measurement.Measurement,
+    applied: tuple[AgentInput, ...],
+) -> tuple[state_estimator.StateEstimate, state_estimator.EstimatorState]:
     """Estimates and memories of all ticks of a stream of measurements."""
-    of = state_estimator.Estimator(filters=filters, patience=jnp.array(0.02))
+    of = state_estimator.ComplementaryFilter(filters=filters, max_reading_age=jnp.array(0.02))
 
-    def step(memory: state_estimator.Memory, m: measurement.Measurement) -> tuple:
-        q_hat, memory = of.observe(team, memory, m, applied, Clock(t=jnp.zeros(()), dt=jnp.array(DT)))
+    def step(memory: state_estimator.EstimatorState, m: measurement.Measurement) -> tuple:
+        q_hat, memory = of.update(team, memory, m, applied, ControlClock(t=jnp.zeros(()), dt=jnp.array(DT)))
         return memory, (q_hat, memory)
 
-    first = of.begin(team, jax.tree.map(lambda leaf: leaf[0], stream))
+    first = of.init(team, jax.tree.map(lambda leaf: leaf[0], stream))
     return jax.lax.scan(step, first, stream)[1]
 
 
@@ -212,21 +228,21 @@ def held() -> tuple[AgentInput, ...]:
 
 
 @functools.cache
-def still() -> tuple[Team, State, sensors.Truth, measurement.Measurement]:
+def still() -> tuple[Team, State, sensors.SensedState, measurement.Measurement]:
     """A team that moves with its joints at rest, what its sensors feel, and their reading, over and over."""
     rng = np.random.default_rng(2)
     team = teams.team(rng, STRUCTURE)
     team, z = PinocchioTeam(team).on_grasp(teams.free_state(rng, STRUCTURE))
     (q,) = z.agents
     z = dataclasses.replace(z, agents=(dataclasses.replace(q, r_dot=jnp.zeros_like(q.r_dot)),))
-    a, lam = jax.jit(contact_dynamics.accelerate)(team, z, held(), no_force(team))
-    truth = sensors.Truth(
-        z=z, v_dot=(a.agents[0].v_dot,), xi_dot=(a.agents[0].xi_dot,), a_L=a.payload, lam=lam, f=no_force(team)
+    a, lam = jax.jit(contact_dynamics.forward_dynamics)(team, z, held(), zero_residual(team))
+    truth = sensors.SensedState(
+        z=z, v_dot=(a.agents[0].v_dot,), xi_dot=(a.agents[0].xi_dot,), a_L=a.payload, lam=lam, f=zero_residual(team)
     )
-    names = {field.name for field in dataclasses.fields(sensors.Sensors)}
-    ideal = sensors.Sensors(**dict.fromkeys(names, jnp.array(0.0)))
-    noise = jax.tree.map(lambda x: x[0] * 0, sensors.draw(team, jax.random.key(0), 1))
-    m = jax.jit(sensors.sense)(team, ideal, (jnp.zeros((2, 2, 3)),), truth, noise)
+    names = {field.name for field in dataclasses.fields(sensors.SensorNoise)}
+    ideal = sensors.SensorNoise(**dict.fromkeys(names, jnp.array(0.0)))
+    noise = jax.tree.map(lambda x: x[0] * 0, sensors.sample_noise(team, jax.random.key(0), 1))
+    m = jax.jit(sensors.measure)(team, ideal, (jnp.zeros((2, 2, 3)),), truth, noise)
     return team, z, truth, jax.tree.map(lambda x: jnp.broadcast_to(x, (TICKS, *x.shape)), m)
 
 
@@ -272,7 +288,7 @@ def test_poses_are_moved_by_what_accelerometers_feel_and_by_gravity():
         return dataclasses.replace(m, payload=load, agents=(agents,))
 
     moving = jax.vmap(falling)(DT * jnp.arange(TICKS, dtype=float), stream)
-    slow = dataclasses.replace(FILTERS, fusion=jnp.array(0.01))  # so that readings pull next to nothing
+    slow = dataclasses.replace(FILTERS, complementary=jnp.array(0.01))  # so that readings pull next to nothing
     q_hat, memory = observed(team, slow, moving, held())
     np.testing.assert_allclose(q_hat.payload.v, moving.payload.v, atol=1e-10)
     np.testing.assert_allclose(q_hat.payload.p, moving.payload.p, atol=1e-10)
@@ -288,7 +304,7 @@ def test_estimates_and_labels_use_past_readings_only():
     now, then = (observed(team, FILTERS, s, held()) for s in (shaken, other))
     for a, b in zip(jax.tree.leaves(now), jax.tree.leaves(then), strict=True):
         np.testing.assert_array_equal(a[:120], b[:120])
-    assert np.abs(now[1].label.outer[-1] - then[1].label.outer[-1]).max() > 1e-3
+    assert np.abs(now[1].label.stage2[-1] - then[1].label.stage2[-1]).max() > 1e-3
 
 
 # Labels ---------------------------------------------------------------------------------------------------------------
@@ -310,9 +326,9 @@ def test_the_inputs_of_the_learned_maps_pass_the_labels_filter():
     shaken = jax.tree.map(lambda x: x + 0.01 * jnp.array(rng.normal(size=x.shape)), stream)
     q_hat, memory = observed(team, FILTERS, shaken, held())
     felt = np.asarray(q_hat.a_L) - np.concatenate([team.gravity, np.zeros(3)])
-    payload = jax.vmap(flat_payload)(q_hat.payload, jnp.asarray(felt))
-    agents = jax.vmap(jax.vmap(flat_agent))(q_hat.agents[0])
-    for inputs, found in ((payload, memory.state.outer), (agents, memory.agents[0].state.outer)):
+    payload = jax.vmap(flatten_payload_state)(q_hat.payload, jnp.asarray(felt))
+    agents = jax.vmap(jax.vmap(flatten_agent_state))(q_hat.agents[0])
+    for inputs, found in ((payload, memory.state.stage2), (agents, memory.agents[0].state.stage2)):
         expected = low_pass(low_pass(np.asarray(inputs), 8.0, DT), 8.0, DT)
         scale = np.abs(inputs).max()
         np.testing.assert_allclose(found, expected, atol=1e-10 * scale)
@@ -325,31 +341,31 @@ def test_what_the_payload_needs_passes_a_copy_of_the_tips_bandwidth():
     rng = np.random.default_rng(6)
     shaken = jax.tree.map(lambda x: x + 0.01 * jnp.array(rng.normal(size=x.shape)), stream)
     q_hat, memory = observed(team, FILTERS, shaken, held())
-    needed = jax.vmap(inverse_dynamics.payload, in_axes=(None, 0, 0, 0))(
+    needed = jax.vmap(inverse_dynamics.payload_inverse_dynamics, in_axes=(None, 0, 0, 0))(
         team.payload, q_hat.a_L[:, :3] - team.gravity[None], q_hat.a_L[:, 3:], q_hat.payload.omega
     )
     expected = low_pass(np.concatenate([needed.F, needed.tau], axis=1), 50.0, DT)
     np.testing.assert_allclose(memory.known, expected, atol=1e-10 * np.abs(expected).max())
 
 
-def labels(plan: flight.Plan, dt: float) -> tuple[np.ndarray, np.ndarray]:
+def labels(plan: flight.Experiment, dt: float) -> tuple[np.ndarray, np.ndarray]:
     """Recorded labels of payload and agents of 1.5 s of flight, and the filtered true residual at the same times."""
     every = dataclasses.replace(
-        plan.pilot.recorder,
-        every=number(0.01), start=number(0.3), payload=jnp.array(True), agents=jnp.array(True),
+        plan.controller.recorder,
+        sample_period=number(0.01), start=number(0.3), payload=jnp.array(True), agents=jnp.array(True),
     )  # fmt: skip
     plan = dataclasses.replace(paper_flights.with_pilot(plan, recorder=every), dt=dt)
-    world, filters = plan.world, plan.pilot.estimator.filters
-    loop, flown, room = simulator.start(plan.setup, plan.z), [], 250
-    noise = world.draw(jax.random.key(0), room)
+    world, filters = plan.world, plan.controller.estimator.filters
+    loop, flown, room = simulator.reset(plan.loop_config, plan.initial_state), [], 250
+    noise = world.sample_noise(jax.random.key(0), room)
     for _ in range(round(1.5 / dt) // room):
-        loop, rows = simulator.advance(plan.setup, loop, noise, jnp.array(room))
+        loop, rows = simulator.rollout(plan.loop_config, loop, noise, jnp.array(room))
         flown.append(rows)
     z, inputs = paper_flights.states(world.team, jax.tree.map(lambda *x: np.concatenate(x), *flown))
     # a tick's readings are taken under the command of the tick before
     z, inputs = jax.tree.map(lambda x: x[1:], z), jax.tree.map(lambda x: x[:-1], inputs)
     _, f = paper_flights.answer(plan, z, inputs)
-    (g,), load, data = f.agents, loop.memory.recorder.payload, loop.memory.recorder.agents[0]
+    (g,), load, data = f.agents, loop.controller.recorder.payload, loop.controller.recorder.agents[0]
     y = np.concatenate([f.payload.F, f.payload.tau, *(x.reshape(len(x), -1) for x in (g.f_x, g.f_w, g.f_r))], axis=1)
     for hertz in (float(filters.tip_force), float(filters.label), float(filters.label)):
         y = low_pass(y, hertz, dt)

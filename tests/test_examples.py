@@ -8,7 +8,7 @@ import re
 import numpy as np
 import pytest
 
-from colift.models.state import no_force
+from colift.models.state import zero_residual
 from tests.pinocchio_team import PinocchioTeam
 
 own_team = importlib.import_module("examples.02_own_team")
@@ -19,7 +19,7 @@ def test_the_own_team_prints_the_forces_that_pinocchio_finds(capsys: pytest.Capt
     head, first, *rest = capsys.readouterr().out.splitlines()
     team = own_team.build()
     z = own_team.start(team)
-    expected = PinocchioTeam(team).accelerate(z, own_team.inputs(team), no_force(team))
+    expected = PinocchioTeam(team).accelerate(z, own_team.inputs(team), zero_residual(team))
     printed = np.array([float(x) for x in re.findall(r"-?\d+\.\d+", first)[1:]])
     np.testing.assert_allclose(printed, expected.lam.ravel(), atol=1e-3)
     assert len(rest) == 4

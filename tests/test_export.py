@@ -33,10 +33,10 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """C3 of the smallest team with what it learned in two seconds, and what followed."""
     path = tmp_path_factory.mktemp("c")
     learning = light.SAMPLE.learning.model_copy(update={"update_times_s": [2.0], "max_iterations": 5})
-    plan = experiment.plan(light.settings(learning=learning, sensors={}), "C3")
-    flown = flight.fly_plan(dataclasses.replace(plan, duration=2.1))
-    assert int(flown.oracle.payload.n) > 10
-    c_export.c(plan, flown.oracle, TICKS, path, "light, C3")
+    plan = experiment.make_experiment(light.settings(learning=learning, sensors={}), "C3")
+    flown = flight.run_experiment(dataclasses.replace(plan, duration=2.1))
+    assert int(flown.model.payload.num_points) > 10
+    c_export.export_c(plan, flown.model, TICKS, path, "light, C3")
     return path
 
 
@@ -120,13 +120,13 @@ def test_what_was_learned_is_a_block_of_its_own(folder: Path):
 
 @pytest.mark.long
 def test_a_replay_is_the_flight_that_native_code_flies():
-    plan = experiment.plan(light.settings(), "C1")
-    _, flown = c_export.replay(plan, plan.pilot.oracle, 50)
-    setup = plan.setup
-    noise = plan.world.draw(jax.random.key(plan.seed), 50)
-    _, rows = simulator.advance(setup, simulator.start(setup, plan.z), noise, jax.numpy.asarray(50))
+    plan = experiment.make_experiment(light.settings(), "C1")
+    _, flown = c_export.replay(plan, plan.controller.residual_model, 50)
+    setup = plan.loop_config
+    noise = plan.world.sample_noise(jax.random.key(plan.seed), 50)
+    _, rows = simulator.rollout(setup, simulator.reset(setup, plan.initial_state), noise, jax.numpy.asarray(50))
     np.testing.assert_allclose(np.asarray(flown.command[0].u), rows.u, atol=1e-9)
-    assert isinstance(plan.pilot.oracle, residual_model.Oracle)
+    assert isinstance(plan.controller.residual_model, residual_model.ResidualModel)
 
 
 def test_on_the_command_line_an_unknown_case_is_one_line_and_status_2(tmp_path: Path):

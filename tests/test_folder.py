@@ -14,8 +14,8 @@ import pytest
 from colift.runtime import run_directory, signals
 from colift.workflows import study
 
-A, B = (run_directory.run_name("0.1.0", digest) for digest in ("seed 1", "seed 2"))
-NAMES = study.FLOWN + study.CERTIFIED
+A, B = (run_directory.run_id("0.1.0", digest) for digest in ("seed 1", "seed 2"))
+NAMES = study.STUDY_FILES + study.CERTIFICATE_FILES
 
 
 def fill(path: Path, run: str, names: tuple[str, ...]) -> None:
@@ -28,10 +28,10 @@ def names(path: Path) -> set[str]:
 
 
 def test_runs_of_other_settings_or_versions_have_other_names():
-    made = {run_directory.run_name(version, digest) for version in ("0.1.0", "0.2.0") for digest in ("a", "b")}
+    made = {run_directory.run_id(version, digest) for version in ("0.1.0", "0.2.0") for digest in ("a", "b")}
     assert len(made) == 4
     assert all(run_directory.NAME.fullmatch(name.encode()) for name in made)
-    assert run_directory.run_name("0.1.0", "a") == run_directory.run_name("0.1.0", "a")
+    assert run_directory.run_id("0.1.0", "a") == run_directory.run_id("0.1.0", "a")
 
 
 @pytest.mark.parametrize("before", [A, B])
@@ -40,11 +40,11 @@ def test_a_run_replaces_its_own_kind_and_what_is_of_another_run(tmp_path: Path, 
     fill(tmp_path, before, flown + certified)
     mine = {"notes.md", "figure_9_mine.pdf", "C9.nc"}
     fill(tmp_path, B, tuple(mine))
-    with run_directory.claim(tmp_path, A, NAMES) as out:
-        run_directory.clear(out, study.FLOWN, study.CERTIFIED)
+    with run_directory.lock_run_directory(tmp_path, A, NAMES) as out:
+        run_directory.remove_stale_files(out, study.STUDY_FILES, study.CERTIFICATE_FILES)
         assert names(tmp_path) - {run_directory.LOCK} == mine | (set(certified) if before == A else set())
-    with run_directory.claim(tmp_path, B, NAMES) as out:
-        run_directory.clear(out, study.CERTIFIED, study.FLOWN)
+    with run_directory.lock_run_directory(tmp_path, B, NAMES) as out:
+        run_directory.remove_stale_files(out, study.CERTIFICATE_FILES, study.STUDY_FILES)
     assert names(tmp_path) == mine
 
 
@@ -53,7 +53,7 @@ def test_a_file_in_the_way_that_colift_did_not_write_is_refused_and_nothing_is_t
     (tmp_path / "summary.json").write_text("{}")
     with (
         pytest.raises(OSError, match=r"holds summary\.json, which no run of colift wrote"),
-        run_directory.claim(tmp_path, A, NAMES),
+        run_directory.lock_run_directory(tmp_path, A, NAMES),
     ):
         pass
     assert names(tmp_path) == {"C1.nc", "summary.json"}
@@ -63,7 +63,7 @@ def test_a_folder_that_is_a_file_is_said_to_be_one(tmp_path: Path):
     (tmp_path / "out").write_text("")
     with (
         pytest.raises(OSError, match=r"cannot write to .*out: it is a file, not a folder"),
-        run_directory.claim(tmp_path / "out", A, NAMES),
+        run_directory.lock_run_directory(tmp_path / "out", A, NAMES),
     ):
         pass
 
@@ -72,7 +72,7 @@ def test_a_folder_that_is_a_file_is_said_to_be_one(tmp_path: Path):
 def test_a_folder_that_may_not_be_written_is_said_to_be_one(tmp_path: Path):
     tmp_path.chmod(0o500)
     with pytest.raises(OSError, match=r"cannot write to .*: Permission denied"):
-        run_directory.claim(tmp_path, A, NAMES).__enter__()
+        run_directory.lock_run_directory(tmp_path, A, NAMES).__enter__()
 
 
 # The lock -------------------------------------------------------------------------------------------------------------
@@ -85,9 +85,9 @@ def hold(path: Path, **changed: object) -> None:
 
 
 def test_two_do_not_write_into_one_folder(tmp_path: Path):
-    with run_directory.claim(tmp_path, A, NAMES):
+    with run_directory.lock_run_directory(tmp_path, A, NAMES):
         with pytest.raises(BlockingIOError, match=rf"is in use: process {os.getpid()} on ") as caught:
-            run_directory.claim(tmp_path, A, NAMES).__enter__()
+            run_directory.lock_run_directory(tmp_path, A, NAMES).__enter__()
         assert "\n" not in str(caught.value)
         assert names(tmp_path) == {run_directory.LOCK}
     assert names(tmp_path) == set()
@@ -95,7 +95,7 @@ def test_two_do_not_write_into_one_folder(tmp_path: Path):
 
 def test_the_lock_goes_with_the_block_however_it_ends(tmp_path: Path):
     for error in (ValueError, KeyboardInterrupt, signals.Interrupted):
-        with pytest.raises(error), run_directory.claim(tmp_path, A, NAMES):
+        with pytest.raises(error), run_directory.lock_run_directory(tmp_path, A, NAMES):
             raise error
         assert names(tmp_path) == set()
 
@@ -106,7 +106,7 @@ def test_the_lock_of_a_process_that_has_ended_is_taken_over(tmp_path: Path):
     # the number of the process may be in use again: then it began at another time
     for changed in ({"pid": ended.pid}, {"pid": 2**40}, {"began": "1"}):
         hold(tmp_path, **changed)
-        with run_directory.claim(tmp_path, A, NAMES):
+        with run_directory.lock_run_directory(tmp_path, A, NAMES):
             assert json.loads((tmp_path / run_directory.LOCK).read_text())["pid"] == os.getpid()
         assert names(tmp_path) == set()
 
@@ -116,19 +116,19 @@ def test_a_process_that_has_ended_but_was_not_waited_for_has_ended(tmp_path: Pat
     with subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE) as process:
         hold(tmp_path, pid=process.pid, began=run_directory._began(process.pid))
         with pytest.raises(BlockingIOError, match="in use"):
-            run_directory.claim(tmp_path, A, NAMES).__enter__()
+            run_directory.lock_run_directory(tmp_path, A, NAMES).__enter__()
         assert process.stdin
         process.stdin.write(b"\n")
         process.stdin.close()
         os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOWAIT)
-        with run_directory.claim(tmp_path, A, NAMES):
+        with run_directory.lock_run_directory(tmp_path, A, NAMES):
             pass
 
 
 @pytest.mark.parametrize("content", [b"", b"{", b"[]", b"{}", b'{"pid": "me"}', b"\xff"])
 def test_a_lock_that_names_nobody_is_taken_over(tmp_path: Path, content: bytes):
     (tmp_path / run_directory.LOCK).write_bytes(content)
-    with run_directory.claim(tmp_path, A, NAMES):
+    with run_directory.lock_run_directory(tmp_path, A, NAMES):
         pass
     assert names(tmp_path) == set()
 
@@ -136,14 +136,14 @@ def test_a_lock_that_names_nobody_is_taken_over(tmp_path: Path, content: bytes):
 def test_a_lock_of_another_computer_is_respected_and_it_is_said_how_to_end_it(tmp_path: Path):
     hold(tmp_path, host="elsewhere", pid=1)
     with pytest.raises(OSError, match=r"process 1 on elsewhere .* if that process has ended, remove .*colift\.lock"):
-        run_directory.claim(tmp_path, A, NAMES).__enter__()
+        run_directory.lock_run_directory(tmp_path, A, NAMES).__enter__()
     assert names(tmp_path) == {run_directory.LOCK}
 
 
 def test_what_killed_processes_left_half_written_goes(tmp_path: Path):
     for name in (".C1.nc.123.part", ".mine.part", "C1.nc.123.part"):
         (tmp_path / name).write_text("")
-    with run_directory.claim(tmp_path, A, NAMES):
+    with run_directory.lock_run_directory(tmp_path, A, NAMES):
         pass
     assert names(tmp_path) == {".mine.part", "C1.nc.123.part"}
 

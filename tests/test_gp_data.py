@@ -28,19 +28,19 @@ def offered(policy):
 
 def test_first_in_first_out_keeps_the_newest():
     X, Y = stream(23)
-    data, kept = feed(offered(gp.first_in_first_out), gp.empty(5, 2, 3), X, Y)
+    data, kept = feed(offered(gp.sliding_window), gp.empty_dataset(5, 2, 3), X, Y)
     assert kept.all()
-    assert (int(data.n), int(data.offered)) == (5, 23)
+    assert (int(data.n), int(data.num_seen)) == (5, 23)
     assert set(np.asarray(data.X[:, 0])) == {18.0, 19.0, 20.0, 21.0, 22.0}
     np.testing.assert_array_equal(data.Y[:, 2], 10 * data.X[:, 0] + 2)
-    part, _ = feed(offered(gp.first_in_first_out), gp.empty(5, 2, 3), X[:3], Y[:3])
+    part, _ = feed(offered(gp.sliding_window), gp.empty_dataset(5, 2, 3), X[:3], Y[:3])
     assert int(part.n) == 3
     np.testing.assert_array_equal(part.X[:3], X[:3])
 
 
 def test_uniform_keeps_each_point_equally_often():
     X, Y = stream(40)
-    runs = jax.vmap(lambda key: feed(offered(gp.Uniform(key=key)), gp.empty(8, 2, 3), X, Y)[0])
+    runs = jax.vmap(lambda key: feed(offered(gp.ReservoirSampling(key=key)), gp.empty_dataset(8, 2, 3), X, Y)[0])
     data = runs(jax.random.split(jax.random.key(0), 3000))
     assert (data.n == 8).all()
     counts = np.bincount(np.asarray(data.X[..., 0], dtype=int).ravel(), minlength=40)
@@ -55,16 +55,16 @@ def test_uniform_keeps_each_point_equally_often():
 def test_points_that_are_not_finite_are_refused(bad):
     X, Y = stream(3)
     Y = Y.at[1, 1].set(bad)
-    policies = [offered(gp.first_in_first_out), offered(gp.Uniform(key=jax.random.key(0)))]
+    policies = [offered(gp.sliding_window), offered(gp.ReservoirSampling(key=jax.random.key(0)))]
     for policy in policies:
-        data, kept = feed(policy, gp.empty(5, 2, 3), X, Y)
+        data, kept = feed(policy, gp.empty_dataset(5, 2, 3), X, Y)
         assert kept.tolist() == [True, False, True]
-        assert (int(data.n), int(data.offered)) == (2, 2)
+        assert (int(data.n), int(data.num_seen)) == (2, 2)
         assert jnp.isfinite(data.Y).all()
 
 
 def gated(gate):
-    return lambda p, x, y: gp.informative(p, x, y, jnp.asarray(gate))
+    return lambda p, x, y: gp.max_variance_subset(p, x, y, jnp.asarray(gate))
 
 
 def test_informative_refuses_what_it_knows():
@@ -75,11 +75,11 @@ def test_informative_refuses_what_it_knows():
     assert not kept[10:].any()  # seen
     _, kept = feed(gated(0.01), gp.prior(hyper, 30), X, Y.at[0, 0].set(jnp.nan))
     assert kept.tolist() == [False] + [True] * 9 + [True] + [False] * 19
-    assert int(p.n) == 10
+    assert int(p.num_points) == 10
 
 
 def test_informative_gives_up_its_most_redundant_point():
-    hyper = gp.hyperparameters(1.0, [1.0], 1e-4)
+    hyper = gp.make_hyperparameters(1.0, [1.0], 1e-4)
     X = jnp.asarray([0.0, 3.0, 6.0, 3.2, 9.0])[:, None]
     p, kept = feed(gated(1e-3), gp.prior(hyper, 4), X, jnp.sin(X))
     assert kept.all()
@@ -87,7 +87,7 @@ def test_informative_gives_up_its_most_redundant_point():
     assert left in ({0.0, 3.0, 6.0, 9.0}, {0.0, 3.2, 6.0, 9.0})
     fresh = gp.condition(p.X, p.Y, hyper)
     np.testing.assert_allclose(p.alpha, fresh.alpha, rtol=1e-8)
-    again, kept = gp.informative(p, jnp.asarray([8.9]), jnp.asarray([0.1]), jnp.asarray(1e-3))
+    again, kept = gp.max_variance_subset(p, jnp.asarray([8.9]), jnp.asarray([0.1]), jnp.asarray(1e-3))
     assert not bool(kept)  # less novel than any point held
     for a, b in zip(jax.tree.leaves(again), jax.tree.leaves(p), strict=True):
         np.testing.assert_array_equal(a, b)
@@ -100,21 +100,21 @@ def test_informative_covers_a_clustered_stream_better_than_the_newest_points():
     x[-100:] = rng.normal(0, 0.05, 100)
     X = jnp.asarray(x[:, None])
     Y = jnp.asarray(np.sin(2 * x[:, None]) + 0.02 * rng.normal(size=(600, 1)))
-    hyper = gp.hyperparameters(1.0, [0.7], 4e-4)
+    hyper = gp.make_hyperparameters(1.0, [0.7], 4e-4)
     queries = jnp.linspace(-3, 3, 100)[:, None]
 
     def error(p):
         return float(jnp.sqrt(jnp.mean((jax.vmap(gp.mean, (None, 0))(p, queries) - jnp.sin(2 * queries)) ** 2)))
 
     kept, _ = feed(gated(0.01), gp.prior(hyper, 20), X, Y)
-    newest, _ = feed(offered(gp.first_in_first_out), gp.empty(20, 1, 1), X, Y)
-    assert int(kept.n) <= 20
+    newest, _ = feed(offered(gp.sliding_window), gp.empty_dataset(20, 1, 1), X, Y)
+    assert int(kept.num_points) <= 20
     assert error(kept) < 0.1
     assert error(gp.condition(newest.X, newest.Y, hyper)) > 0.4
 
 
 def test_updates_at_times_until_the_end():
-    schedule = gp.AtTimes(times=(1.0, 2.0, 3.0, 9.0), end=3.0)
+    schedule = gp.ScheduledUpdate(times=(1.0, 2.0, 3.0, 9.0), end=3.0)
     ticks = np.arange(0, 12, 0.25)
     due = [now for since, now in itertools.pairwise(ticks) if schedule.due(since, now, 0.0)]
     assert due == [1.0, 2.0, 3.0]
@@ -122,16 +122,16 @@ def test_updates_at_times_until_the_end():
 
 
 def test_updates_on_gain_until_the_end():
-    schedule = gp.OnGain(least=2.0, end=3.0)
+    schedule = gp.InformationTriggeredUpdate(min_gain=2.0, end=3.0)
     assert schedule.due(0.0, 1.0, 2.0)
     assert not schedule.due(0.0, 1.0, 1.99)
     assert not schedule.due(0.0, 3.01, 50.0)
 
 
 def test_what_is_not_offered_changes_nothing_and_what_is_kept_says_when_it_came():
-    data = gp.empty(3, 1, 1)
+    data = gp.empty_dataset(3, 1, 1)
     for k, offer in enumerate([True, False, True]):
-        data, kept = gp.first_come(data, jnp.ones(1), jnp.ones(1), jnp.array(0.1 * k), jnp.array(offer))
+        data, kept = gp.keep_first(data, jnp.ones(1), jnp.ones(1), jnp.array(0.1 * k), jnp.array(offer))
         assert bool(kept) == offer
-    assert (int(data.n), int(data.offered)) == (2, 2)
+    assert (int(data.n), int(data.num_seen)) == (2, 2)
     np.testing.assert_allclose(data.t, [0.0, 0.2, 0.0])

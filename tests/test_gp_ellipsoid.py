@@ -17,27 +17,29 @@ seeds = st.integers(0, 2**31)
 means = jax.jit(jax.vmap(gp.mean, (None, 0)))
 
 
-def drawn(seed: int, n: int = 12) -> tuple[optimal_recovery.Consistent, gp.GP, gp.GP, np.random.Generator]:
+def drawn(
+    seed: int, n: int = 12
+) -> tuple[optimal_recovery.FeasibleSet, gp.GPPosterior, gp.GPPosterior, np.random.Generator]:
     """What is allowed, the function that gave the labels, of the stated norm, and the posterior of the energy bound."""
     rng = np.random.default_rng(seed)
     s, eps, norm = rng.uniform(0.2, 3), rng.uniform(0.01, 0.3), rng.uniform(0.5, 3)
     eps *= norm * s**0.5
-    hyper = gp.hyperparameters(s, rng.uniform(0.7, 2, 2), 1e-2 * s)
-    f = gp.expansion(hyper, rng.uniform(-2, 2, (8, 2)), rng.normal(size=(1, 8)))
-    f = gp.expansion(hyper, np.asarray(f.X), np.asarray(f.alpha) * norm / float(gp.norm(f)[0]))
+    hyper = gp.make_hyperparameters(s, rng.uniform(0.7, 2, 2), 1e-2 * s)
+    f = gp.from_expansion(hyper, rng.uniform(-2, 2, (8, 2)), rng.normal(size=(1, 8)))
+    f = gp.from_expansion(hyper, np.asarray(f.X), np.asarray(f.alpha) * norm / float(gp.rkhs_norm(f)[0]))
     X = rng.uniform(-2, 2, (n, 2))
     Y = np.asarray(means(f, jnp.asarray(X))) + eps * rng.choice([-1.0, 1.0], (n, 1))
     model = gp.condition(X, Y, hyper, n)
     return (
-        optimal_recovery.consistent(X, Y, hyper, 0, norm, eps),
+        optimal_recovery.feasible_set(X, Y, hyper, 0, norm, eps),
         f,
-        confidence_bounds.companion(model, "energy", norm, np.array([eps])),
+        confidence_bounds.bound_posterior(model, "energy", norm, np.array([eps])),
         rng,
     )
 
 
 def functionals(
-    allowed: optimal_recovery.Consistent, rng: np.random.Generator, sets: int, rows: int
+    allowed: optimal_recovery.FeasibleSet, rng: np.random.Generator, sets: int, rows: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Weighted sums of values at points: these, weights (sets, rows, points), k and square."""
     Z, a = rng.uniform(-2, 2, (6, 2)), rng.normal(size=(sets, rows, 6))
@@ -52,19 +54,19 @@ def test_every_function_that_norm_and_data_allow_is_inside_in_every_direction(se
     """Also for functionals that are not those it was made narrow for, and what optimal recovery reaches."""
     allowed, f, _, rng = drawn(seed)
     _, _, k, square = functionals(allowed, rng, 4, 2)
-    of = ellipsoid.narrow(allowed, k, np.trace(square, axis1=1, axis2=2))
+    of = ellipsoid.minimize_width(allowed, k, np.trace(square, axis1=1, axis2=2))
     Z, a, k, square = functionals(allowed, rng, 4, 3)
     value = a @ np.asarray(means(f, jnp.asarray(Z)))[:, 0] / allowed.unit
-    centre, covariance = of.centre(k), of.covariance(k, square)
+    centre, covariance = of.center(k), of.covariance(k, square)
     n = rng.normal(size=(4, 50, 3))
     off = np.abs(np.einsum("tdr,tr->td", n, value - centre))
     wide = np.sqrt(np.einsum("tdr,trs,tds->td", n, covariance, n))
     assert (off <= wide * (1 + 1e-9)).all()
     for t in range(4):
-        best = optimal_recovery.recover(
+        best = optimal_recovery.recovery_interval(
             allowed.U * allowed.lengthscales,
             allowed.r[:, None] * allowed.unit,
-            gp.hyperparameters(allowed.signal_variance, allowed.lengthscales, 1e-2),
+            gp.make_hyperparameters(allowed.signal_variance, allowed.lengthscales, 1e-2),
             0,
             allowed.norm,
             allowed.eps * allowed.unit,
@@ -80,16 +82,21 @@ def widths(seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Half of what one functional may vary by: of five ellipsoids, the energy bound's and optimal recovery."""
     allowed, _, energy, rng = drawn(seed)
     Z, a, k, square = functionals(allowed, rng, 5, 1)
-    half = allowed.unit * np.sqrt(ellipsoid.narrow(allowed, k, square[:, 0, 0]).covariance(k, square)[:, 0, 0])
+    half = allowed.unit * np.sqrt(ellipsoid.minimize_width(allowed, k, square[:, 0, 0]).covariance(k, square)[:, 0, 0])
     beta = float(
-        confidence_bounds.factor(energy, "energy", allowed.norm, np.array([allowed.eps * allowed.unit]), 0.95)[0]
+        confidence_bounds.confidence_factor(
+            energy, "energy", allowed.norm, np.array([allowed.eps * allowed.unit]), 0.95
+        )[0]
     )
     s, ls, X = allowed.signal_variance, allowed.lengthscales, np.asarray(energy.X)
     c, to = (s * np.exp(-0.5 * (((x[:, None] - Z) / ls) ** 2).sum(-1)) for x in (Z, X))
-    solved = np.asarray(energy.W)[0] @ to @ a[:, 0].T
+    solved = np.asarray(energy.inverse_cholesky)[0] @ to @ a[:, 0].T
     wide = beta * np.sqrt(np.einsum("tp,pq,tq->t", a[:, 0], c, a[:, 0]) - (solved * solved).sum(0))
     ends = [
-        [optimal_recovery.greatest(allowed, sign * k[t, :, 0], square[t, 0, 0], 10.0).value for t in range(5)]
+        [
+            optimal_recovery.maximize_functional(allowed, sign * k[t, :, 0], square[t, 0, 0], 10.0).value
+            for t in range(5)
+        ]
         for sign in (1, -1)
     ]
     return half, wide, np.sum(ends, axis=0) / 2
@@ -117,14 +124,14 @@ def test_rounding_puts_nothing_outside_and_contradicts_nothing(n, eps):
         c /= np.sqrt(c @ K @ c)
         f = K @ c
         r = f + eps * (1 - 1e-9) * rng.choice([-1.0, 1.0], n)
-        hyper = gp.hyperparameters(1.0, [1.0, 1.0], 1e-4)
-        allowed = optimal_recovery.consistent(X, r[:, None], hyper, 0, 1.0 + 1e-9, eps)
+        hyper = gp.make_hyperparameters(1.0, [1.0, 1.0], 1e-4)
+        allowed = optimal_recovery.feasible_set(X, r[:, None], hyper, 0, 1.0 + 1e-9, eps)
         a = np.concatenate([np.eye(n)[:2], rng.normal(size=(4, n))])[:, None]
         k, square = np.swapaxes(a @ K, 1, 2), a @ K @ np.swapaxes(a, 1, 2)
-        of = ellipsoid.narrow(allowed, k, square[:, 0, 0])
+        of = ellipsoid.minimize_width(allowed, k, square[:, 0, 0])
         wide = of.covariance(k, square)[:, 0, 0]
         assert (wide >= 0).all()
-        off = np.abs(a[:, 0] @ f / allowed.unit - of.centre(k)[:, 0])
+        off = np.abs(a[:, 0] @ f / allowed.unit - of.center(k)[:, 0])
         assert (off <= np.sqrt(wide) + 1e-9).all()
 
 
@@ -132,7 +139,7 @@ def test_weights_are_where_the_derivative_is_zero():
     """By differences: no weight could be changed for a smaller width, to first order."""
     allowed, _, _, rng = drawn(3)
     _, _, k, square = functionals(allowed, rng, 1, 1)
-    of = ellipsoid.narrow(allowed, k, square[:, 0, 0])
+    of = ellipsoid.minimize_width(allowed, k, square[:, 0, 0])
     least = float(of.covariance(k, square)[0, 0, 0])
     w = 1 / np.diag(np.linalg.inv(of.Q[0]) - allowed.K)
     for j in range(len(w)):
@@ -147,9 +154,9 @@ def test_labels_beyond_many_keep_one_weight(monkeypatch: pytest.MonkeyPatch):
     allowed, _, _, rng = drawn(4)
     _, _, k, square = functionals(allowed, rng, 3, 2)
     trace = np.trace(square, axis1=1, axis2=2)
-    narrow = ellipsoid.narrow(allowed, k, trace).covariance(k, square)
+    narrow = ellipsoid.minimize_width(allowed, k, trace).covariance(k, square)
     monkeypatch.setattr(ellipsoid, "MANY", 3)
-    one = ellipsoid.narrow(allowed, k, trace)
+    one = ellipsoid.minimize_width(allowed, k, trace)
     assert len(one.Q) == 1
     wide = one.covariance(k, square)
     assert wide.shape == narrow.shape
@@ -159,15 +166,15 @@ def test_labels_beyond_many_keep_one_weight(monkeypatch: pytest.MonkeyPatch):
 def test_a_functional_of_nothing_has_no_width():
     allowed, *_ = drawn(5)
     k, square = np.zeros((1, len(allowed.r), 1)), np.zeros(1)
-    of = ellipsoid.narrow(allowed, k, square)
+    of = ellipsoid.minimize_width(allowed, k, square)
     assert of.covariance(k, square[:, None, None])[0, 0, 0] == 0
-    assert of.centre(k)[0, 0] == 0
+    assert of.center(k)[0, 0] == 0
 
 
 def test_data_that_contradict_norm_and_errors_are_refused():
     X = np.array([[0.0], [0.01]])
-    hyper = gp.hyperparameters(1.0, [1.0], 1e-4)
-    allowed = optimal_recovery.consistent(X, np.array([[1.0], [-1.0]]), hyper, 0, 1.0, 0.01)
+    hyper = gp.make_hyperparameters(1.0, [1.0], 1e-4)
+    allowed = optimal_recovery.feasible_set(X, np.array([[1.0], [-1.0]]), hyper, 0, 1.0, 0.01)
     k = allowed.correlations(X).T[None, :, :1]
     with pytest.raises(ValueError, match="contradict norm and noise_bound"):
-        ellipsoid.narrow(allowed, k, np.ones(1))
+        ellipsoid.minimize_width(allowed, k, np.ones(1))

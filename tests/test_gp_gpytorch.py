@@ -39,7 +39,7 @@ def test_optimum_at_the_same_budget(seed):
     X, Y, _, _ = problem(seed, N=60)
     X, Y = (X - X.mean(0)) / X.std(0), (Y - Y.mean(0)) / Y.std(0)
     found = gp.fit(X, Y, restarts=0, offset=np.zeros(3))
-    box = gp.Box()
+    box = gp.HyperparameterBounds()
     bounds = np.log([box.signal_variance, *[box.lengthscale] * 4, box.noise_variance])
     start = np.log([1.0, *[2.0] * 4, 0.1])
     for i in range(3):
@@ -48,7 +48,7 @@ def test_optimum_at_the_same_budget(seed):
         def negative(theta, model=model):
             s, ls, v = np.exp(theta[0]), np.exp(theta[1:-1]), np.exp(theta[-1])
             with gpytorch_exact.exact():
-                value, gradient = model.set(gp.hyperparameters(s, ls, v)).log_likelihood_and_gradient()
+                value, gradient = model.set(gp.make_hyperparameters(s, ls, v)).log_likelihood_and_gradient()
             return -value[0], -gradient[0]
 
         options = {"maxiter": 100, "ftol": 1e-8, "gtol": 1e-4}

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from colift import gp
 
-LINE = gp.hyperparameters(1.0, [1.0], 1e-2)
+LINE = gp.make_hyperparameters(1.0, [1.0], 1e-2)
 
 
 def always(n):
@@ -29,7 +29,7 @@ def test_each_point_that_goes_is_the_one_without_which_most_information_is_left(
         may = [k for k in left if first[k]] or left
         gains = [information([j for j in left if j != k], X, Y, hyper, noise) for k in may]
         left.remove(may[int(np.argmax(gains))])
-    stays = gp.thinned(X, hyper, 6, noise, first)
+    stays = gp.select_subset(X, hyper, 6, noise, first)
     assert list(np.flatnonzero(stays)) == left
 
 
@@ -37,10 +37,10 @@ def information(these, X, Y, hyper, noise):
     """Of these points, nats summed over outputs; where noise is one that of `gp.information_gain`."""
     total = 0.0
     for i in range(len(hyper.signal_variance)):
-        one = gp.of_outputs(hyper, slice(i, i + 1))
+        one = gp.select_outputs(hyper, slice(i, i + 1))
         U = X[these] / np.asarray(one.lengthscales)[0]
         r2 = ((U[:, None] - U[None]) ** 2).sum(-1)
-        K = float(one.signal_variance[0]) * one.kernel.on_host(r2)[0]
+        K = float(one.signal_variance[0]) * one.kernel.numpy_value_and_slope(r2)[0]
         v = float(one.noise_variance[0]) * noise[these]
         total += 0.5 * np.linalg.slogdet(np.eye(len(these)) + K / v[None])[1]
     if (noise == 1).all():
@@ -51,27 +51,32 @@ def information(these, X, Y, hyper, noise):
 
 def test_of_points_in_one_place_the_oldest_go():
     X = np.array([0.0, 0.0, 0.0, 5.0])[:, None]
-    assert list(gp.thinned(X, LINE, 2, np.array([3.0, 1.0, 2.0, 9.0]), np.zeros(4, bool))) == [False, True, False, True]
+    assert list(gp.select_subset(X, LINE, 2, np.array([3.0, 1.0, 2.0, 9.0]), np.zeros(4, bool))) == [
+        False,
+        True,
+        False,
+        True,
+    ]
 
 
 def test_points_that_go_first_go_before_any_other():
     X = np.array([0.0, 0.01, 0.02, 5.0, 9.0])[:, None]
     first = np.array([False, False, False, True, True])
-    assert list(gp.thinned(X, LINE, 3, np.ones(5), first)) == [True, True, True, False, False]
-    assert gp.thinned(X, LINE, 2, np.ones(5), first)[3:].sum() == 0
+    assert list(gp.select_subset(X, LINE, 3, np.ones(5), first)) == [True, True, True, False, False]
+    assert gp.select_subset(X, LINE, 2, np.ones(5), first)[3:].sum() == 0
 
 
 def test_within_the_budget_all_stay():
     X = np.zeros((5, 1))
-    assert gp.thinned(X, LINE, 5, *always(5)).all()
-    assert gp.thinned(X, LINE, 9, *always(5)).all()
+    assert gp.select_subset(X, LINE, 5, *always(5)).all()
+    assert gp.select_subset(X, LINE, 9, *always(5)).all()
 
 
 def test_a_long_path_is_not_forgotten_for_a_place_that_is_hovered_at():
     rng = np.random.default_rng(0)
     x = np.concatenate([np.linspace(0, 20, 60), np.full(400, 20.0) + 0.01 * rng.normal(size=400)])
     older = 1 + np.arange(460)[::-1] / 100
-    stays = gp.thinned(x[:, None], LINE, 64, older, np.zeros(460, bool))
+    stays = gp.select_subset(x[:, None], LINE, 64, older, np.zeros(460, bool))
     gaps = np.diff(np.sort(x[stays]))
     assert stays.sum() == 64
     assert gaps.max() < 1.0  # a length-scale
@@ -81,4 +86,4 @@ def test_a_long_path_is_not_forgotten_for_a_place_that_is_hovered_at():
 def test_noise_too_small_for_a_factor_is_refused():
     hyper = dataclasses.replace(LINE, noise_variance=LINE.noise_variance * 1e-16)
     with pytest.raises(ValueError, match=r"the Gram matrix of 30 points may not be positive definite"):
-        gp.thinned(np.zeros((30, 1)), hyper, 20, *always(30))
+        gp.select_subset(np.zeros((30, 1)), hyper, 20, *always(30))

@@ -11,14 +11,17 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from colift.models import grasp
-from colift.models.parameters import Team, Tree
-from colift.models.state import AgentInput, State, Wrench, no_force
+from colift.models.parameters import KinematicTree, Team
+from colift.models.state import AgentInput, State, Wrench, zero_residual
 from colift.simulation import contact_dynamics
 from tests import teams
 from tests.pinocchio_team import PinocchioTeam
 
 STRUCTURES = [structure for structure in teams.POOL if len(structure) > 1]
-wrench, Phi, Phi_dot, grip = (jax.jit(f) for f in (grasp.wrench, grasp.Phi, grasp.Phi_dot, grasp.grip))
+wrench, Phi, Phi_dot, grip = (
+    jax.jit(f)
+    for f in (grasp.payload_wrench, grasp.constraint_residual, grasp.constraint_rate, grasp.min_delassus_singular_value)
+)
 
 
 def held(structure: tuple, seed: int = 0) -> tuple[Team, State]:
@@ -40,7 +43,7 @@ def stacked(W: Wrench) -> np.ndarray:
 @pytest.mark.parametrize("contacts", [1, 4, 7])
 def test_wrench_is_the_grasp_matrix_times_the_forces(contacts: int) -> None:
     c, R, lam = points(contacts)
-    np.testing.assert_allclose(stacked(wrench(c, R, lam)), grasp.matrix(c, R) @ lam.ravel(), atol=1e-14)
+    np.testing.assert_allclose(stacked(wrench(c, R, lam)), grasp.grasp_matrix(c, R) @ lam.ravel(), atol=1e-14)
 
 
 def test_wrench_does_the_work_of_the_forces() -> None:
@@ -56,20 +59,20 @@ def test_wrench_does_the_work_of_the_forces() -> None:
 def test_kernel(contacts: int, rank: int) -> None:
     """Rank 3, 5, 6, 6 of 1 to 4 contacts (errata row 2); the kernel turns with the payload."""
     c, R, _ = points(contacts)
-    Z = grasp.kernel(np.asarray(c))
+    Z = grasp.grasp_nullspace(np.asarray(c))
     assert Z.shape == (3 * contacts, 3 * contacts - rank)
     np.testing.assert_allclose(Z.T @ Z, np.eye(Z.shape[1]), atol=1e-14)
     turned = np.einsum("ij,bjk->bik", R, Z.reshape(contacts, 3, -1)).reshape(3 * contacts, -1)
-    np.testing.assert_allclose(grasp.matrix(c, R) @ turned, 0, atol=1e-14)
+    np.testing.assert_allclose(grasp.grasp_matrix(c, R) @ turned, 0, atol=1e-14)
 
 
 @pytest.mark.parametrize("structure", STRUCTURES)
 def test_split_and_join(structure: tuple) -> None:
     team = teams.team(np.random.default_rng(0), structure)
     lam = jnp.arange(3.0 * team.contacts).reshape(-1, 3)
-    parts = grasp.split(team, lam)
+    parts = grasp.split_contacts(team, lam)
     assert [part.shape for part in parts] == [(size, tree.arms, 3) for tree, size in structure]
-    np.testing.assert_array_equal(grasp.join(parts), lam)
+    np.testing.assert_array_equal(grasp.stack_contacts(parts), lam)
 
 
 @pytest.mark.parametrize("structure", STRUCTURES)
@@ -97,7 +100,9 @@ def test_constraint_velocity_is_the_derivative_of_the_constraint(structure: tupl
                 for a in z.agents
             )
             load = jnp.concatenate([t * z.payload.omega, t * z.payload.v, jnp.zeros(6)])
-            return grasp.Phi(team, contact_dynamics.move(z, contact_dynamics.Shift(agents=agents, payload=load)))
+            return grasp.constraint_residual(
+                team, contact_dynamics.retract(z, contact_dynamics.StateTangent(agents=agents, payload=load))
+            )
 
         return jax.jvp(at, (jnp.zeros(()),), (jnp.ones(()),))[1]
 
@@ -111,14 +116,14 @@ def test_condition_is_that_of_the_dense_matrix(structure: tuple) -> None:
     inputs = tuple(
         AgentInput(u=jnp.zeros(n), tau=jnp.zeros((n, 3)), tau_r=jnp.zeros((n, t.joints))) for t, n in structure
     )
-    expected = PinocchioTeam(team).accelerate(z, inputs, no_force(team))
-    assert grasp.check(team, z) == pytest.approx(expected.condition, rel=1e-6)
+    expected = PinocchioTeam(team).accelerate(z, inputs, zero_residual(team))
+    assert grasp.check_grasp(team, z) == pytest.approx(expected.condition, rel=1e-6)
     assert float(grip(team, z).min()) <= expected.singular[-1] * (1 + 1e-9)
 
 
 def crossed(seed: int) -> tuple[Team, State]:
     """Three arms but two joints, beside a sound agent."""
-    tree = Tree(parents=(0, 0), prismatic=(False, False), tips=(0, 1, 2))
+    tree = KinematicTree(parents=(0, 0), prismatic=(False, False), tip_bodies=(0, 1, 2))
     return held(((tree, 1), (teams.WAIST_TWO_ARMS, 1)), seed)
 
 
@@ -136,7 +141,7 @@ def test_redundant_grasp_is_refused_with_numbers_and_name() -> None:
     with pytest.raises(
         ValueError, match=r"left: rank 8 of 9, condition .*singular values .*3 distances .* 2 joints"
     ) as e:
-        grasp.check(team, z, ("left", "right"))
+        grasp.check_grasp(team, z, ("left", "right"))
     assert "right" not in str(e.value)
 
 
@@ -145,9 +150,9 @@ def test_singular_pose_is_refused_with_name_and_arms() -> None:
     team, z = teams.reference_team(), teams.reference_guess()
     r = jnp.array([[0, 1.2, -1.2], [0, np.pi / 2, -np.pi / 2]])
     stretched = dataclasses.replace(z, agents=(dataclasses.replace(z.agents[0], r=r),))
-    assert grasp.check(team, z) < 1e3
+    assert grasp.check_grasp(team, z) < 1e3
     with pytest.raises(ValueError, match=r"front: rank 5 of 6.*arms 1 and 2 work against each other") as e:
-        grasp.check(team, stretched, ("rear", "front"))
+        grasp.check_grasp(team, stretched, ("rear", "front"))
     assert "rear" not in str(e.value)
 
 
@@ -164,18 +169,22 @@ def test_grip_vanishes_where_the_grasp_locks_up() -> None:
 
 def test_what_control_needs() -> None:
     team, z = teams.reference_team(), teams.reference_guess()
-    grasp.check_control(team, z)
+    grasp.check_controllability(team, z)
     down = dataclasses.replace(z, agents=(dataclasses.replace(z.agents[0], r=jnp.zeros((2, 3))),))
     with pytest.raises(ValueError, match="rear: grasp Jacobian is nearly singular"):
-        grasp.check_control(team, down, ("rear", "front"))
-    line = dataclasses.replace(team.groups[0], contact=team.groups[0].contact.at[:, :, 0].set(0.0))
+        grasp.check_controllability(team, down, ("rear", "front"))
+    line = dataclasses.replace(
+        team.agent_groups[0], contact_position=team.agent_groups[0].contact_position.at[:, :, 0].set(0.0)
+    )
     with pytest.raises(ValueError, match=r"rear arm 1, .* has rank 5 of 6, condition .*, singular values"):
-        grasp.check_control(dataclasses.replace(team, groups=(line,)), z, ("rear", "front"))
+        grasp.check_controllability(dataclasses.replace(team, agent_groups=(line,)), z, ("rear", "front"))
     with pytest.raises(ValueError, match=r"2 joints for 2 arms, .* rank 5 of 6 .* free only with 3 joints or more"):
-        grasp.check_control(*held(((Tree(parents=(0, 0), prismatic=(False, False), tips=(1, 2)), 2),)))
+        grasp.check_controllability(
+            *held(((KinematicTree(parents=(0, 0), prismatic=(False, False), tip_bodies=(1, 2)), 2),))
+        )
 
 
 def test_names_must_match() -> None:
     with pytest.raises(ValueError, match="1 given for 2 agents"):
-        grasp.labels(teams.reference_team(), ("only",))
-    assert grasp.labels(teams.reference_team(), ("a", "b")) == ("a arm 1", "a arm 2", "b arm 1", "b arm 2")
+        grasp.contact_names(teams.reference_team(), ("only",))
+    assert grasp.contact_names(teams.reference_team(), ("a", "b")) == ("a arm 1", "a arm 2", "b arm 1", "b arm 2")

@@ -15,7 +15,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from scipy.spatial.transform import Rotation
 
 from colift.closed_loop import simulator
-from colift.closed_loop.flight import Plan, _draw
+from colift.closed_loop.flight import Experiment, _draw
 from colift.integrations import px4_frames, px4_hil
 from colift.models.measurement import AgentReading
 from colift.scenario import experiment
@@ -60,41 +60,43 @@ class StandIn:
 
 
 @pytest.fixture(scope="module")
-def plan() -> Plan:
-    return dataclasses.replace(experiment.plan(light.settings(), "C1"), duration=TICKS * 0.002)
+def plan() -> Experiment:
+    return dataclasses.replace(experiment.make_experiment(light.settings(), "C1"), duration=TICKS * 0.002)
 
 
-def flown(plan: Plan, **given: int) -> tuple[list, list[StandIn]]:
+def flown(plan: Experiment, **given: int) -> tuple[list, list[StandIn]]:
     """Every tick of a flight, and the autopilots after it."""
-    most = [float(x) for group in plan.world.team.groups for x in group.thrust_max]
-    with px4_hil.listening(len(most), 0) as servers:
+    most = [float(x) for group in plan.world.team.agent_groups for x in group.thrust_max]
+    with px4_hil.open_servers(len(most), 0) as servers:
         ports = [server.getsockname()[1] for server in servers]
         stand_ins = [StandIn(port, queue.SimpleQueue(), u, **given) for port, u in zip(ports, most, strict=True)]
         threads = [threading.Thread(target=each.run, daemon=True) for each in stand_ins]
         for thread in threads:
             thread.start()
         try:
-            with px4_hil.connected(servers, 30.0) as links:
+            with px4_hil.accept_connections(servers, 30.0) as links:
                 ask = lambda j, wanted: stand_ins[j].asked.put(wanted)  # noqa: E731
-                return list(px4_hil.fly(plan, links, ask)), stand_ins
+                return list(px4_hil.run_lockstep(plan, links, ask)), stand_ins
         finally:
             for thread in threads:
                 thread.join(30)
 
 
 @pytest.fixture(scope="module")
-def flight(plan: Plan) -> tuple[list, list[StandIn]]:
+def flight(plan: Experiment) -> tuple[list, list[StandIn]]:
     return flown(plan)
 
 
 @pytest.mark.long
-def test_the_team_flies_as_without_autopilots(plan: Plan, flight: tuple[list, list[StandIn]]) -> None:
+def test_the_team_flies_as_without_autopilots(plan: Experiment, flight: tuple[list, list[StandIn]]) -> None:
     """What goes out as setpoints in FRD and comes back as signals of rotors is the thrust and torque that were asked.
 
     But for signals of 32 bits, 6e-8 of a rotor's force.
     """
     noise = _draw(plan.world, jax.random.fold_in(jax.random.fold_in(jax.random.key(plan.seed), 2), 0), 250)
-    _, rows = simulator.advance(plan.setup, simulator.start(plan.setup, plan.z), noise, jnp.asarray(TICKS))
+    _, rows = simulator.rollout(
+        plan.loop_config, simulator.reset(plan.loop_config, plan.initial_state), noise, jnp.asarray(TICKS)
+    )
     ticks, _ = flight
     assert [t for t, _ in ticks] == pytest.approx(list(0.002 * np.arange(TICKS)))
     for k, (_, truth) in enumerate(ticks):
@@ -119,7 +121,7 @@ def test_the_world_waits_until_all_are_armed_and_then_keeps_step(flight: tuple[l
 
 
 @pytest.mark.long
-def test_an_autopilot_that_goes_is_said(plan: Plan) -> None:
+def test_an_autopilot_that_goes_is_said(plan: Experiment) -> None:
     with pytest.raises((ConnectionError, OSError)):
         flown(plan, quits=20)
 
@@ -133,7 +135,7 @@ def test_what_is_sent_is_the_reading_in_px4_s_frames_and_units() -> None:
         r=jnp.zeros(0), lam=jnp.zeros((1, 3)),
     )  # fmt: skip
     home = px4_frames.HOME
-    sensor, state, gps = px4_hil.messages(reading, 123, True, home)
+    sensor, state, gps = px4_hil.sensor_messages(reading, 123, True, home)
     assert {m.time_usec for m in (sensor, state, gps)} == {123}
     np.testing.assert_allclose([sensor.xacc, sensor.yacc, sensor.zacc], a * [1, -1, -1])
     np.testing.assert_allclose([sensor.xgyro, sensor.ygyro, sensor.zgyro], omega * [1, -1, -1])
@@ -152,15 +154,15 @@ def test_what_is_sent_is_the_reading_in_px4_s_frames_and_units() -> None:
 
 
 def test_only_this_computer_is_listened_to() -> None:
-    with px4_hil.listening(2, 0) as servers:
+    with px4_hil.open_servers(2, 0) as servers:
         assert {server.getsockname()[0] for server in servers} == {"127.0.0.1"}
         with (
             pytest.raises(TimeoutError, match=r"no autopilot has come to 127.0.0.1:\d+ in 0.01 s"),
-            px4_hil.connected(servers, 0.01),
+            px4_hil.accept_connections(servers, 0.01),
         ):
             pass
 
 
-def test_as_many_autopilots_as_agents(plan: Plan) -> None:
+def test_as_many_autopilots_as_agents(plan: Experiment) -> None:
     with pytest.raises(ValueError, match="0 autopilots for 3 agents"):
-        next(px4_hil.fly(plan, []))
+        next(px4_hil.run_lockstep(plan, []))

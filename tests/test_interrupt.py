@@ -134,21 +134,21 @@ def test_handlers_are_restored_and_errors_pass(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(signals, "SIGNALS", (signal.SIGTERM, signal.SIGUSR1))  # SIGINT may be ignored
     before = [signal.getsignal(number) for number in signals.SIGNALS]
     threads = threading.active_count()
-    with signals.heeded():
+    with signals.handle_signals():
         assert signal.getsignal(signal.SIGTERM) is not before[0]
-    with pytest.raises(ValueError, match="as it was"), signals.heeded():
+    with pytest.raises(ValueError, match="as it was"), signals.handle_signals():
         raise ValueError("as it was")
     assert [signal.getsignal(number) for number in signals.SIGNALS] == before
     assert threading.active_count() == threads
     assert signal.set_wakeup_fd(-1) == -1
-    signals.check()
+    signals.raise_if_interrupted()
 
 
 def test_off_the_main_thread_no_signal_is_taken():
     before, seen = signal.getsignal(signal.SIGTERM), []
 
     def elsewhere() -> None:
-        with signals.heeded():
+        with signals.handle_signals():
             seen.append(signal.getsignal(signal.SIGTERM))
 
     thread = threading.Thread(target=elsewhere)
@@ -159,5 +159,5 @@ def test_off_the_main_thread_no_signal_is_taken():
 
 def test_without_a_command_line_there_is_nothing_to_heed():
     began = time.monotonic()
-    signals.check()
+    signals.raise_if_interrupted()
     assert time.monotonic() - began < 1

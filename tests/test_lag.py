@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from colift.models.actuator_lag import Lag
+from colift.models.actuator_lag import ActuatorLag
 from colift.models.state import AgentInput
 
 DT = jnp.array(0.002)
@@ -19,27 +19,27 @@ def command(u: float, tau: float = 0.0) -> tuple[AgentInput, ...]:
 
 @pytest.mark.parametrize("delay", [0, 3])
 def test_a_step_comes_late_and_rises_as_a_first_order_lag(delay):
-    lag = Lag(bandwidth=jnp.array(8.0), delay=delay)
-    memory = lag.begin(command(10.0))
+    lag = ActuatorLag(bandwidth=jnp.array(8.0), delay=delay)
+    memory = lag.init(command(10.0))
     for k in range(40):
-        memory = lag.follow(memory, command(20.0, 1.0), DT)
+        memory = lag.step(memory, command(20.0, 1.0), DT)
         risen = 1 - np.exp(-2 * np.pi * 8.0 * 0.002 * max(0, k + 1 - delay))
-        np.testing.assert_allclose(memory.acts[0].u, 10 + 10 * risen, rtol=1e-12)
-        np.testing.assert_allclose(memory.acts[0].tau, risen, atol=1e-12)
-        np.testing.assert_array_equal(memory.acts[0].tau_r, 20.0)  # joints act at once
+        np.testing.assert_allclose(memory.output[0].u, 10 + 10 * risen, rtol=1e-12)
+        np.testing.assert_allclose(memory.output[0].tau, risen, atol=1e-12)
+        np.testing.assert_array_equal(memory.output[0].tau_r, 20.0)  # joints act at once
 
 
 @pytest.mark.parametrize("delay", [0, 3])
 @pytest.mark.parametrize("haste", [1.0, 2.0, 20.0])
 def test_driven_in_haste_a_lag_is_a_faster_one(delay, haste):
     """`acts+ = acts + haste b (asked - acts)`; without haste the command is what is asked."""
-    lag = Lag(bandwidth=jnp.array(8.0), delay=delay)
-    memory, asked = lag.begin(command(10.0)), command(20.0, 1.0)
+    lag = ActuatorLag(bandwidth=jnp.array(8.0), delay=delay)
+    memory, asked = lag.init(command(10.0)), command(20.0, 1.0)
     b = 1 - np.exp(-2 * np.pi * 8.0 * 0.002)
     for k in range(30):
-        sent = lag.hastened(memory, asked, jnp.array(haste), DT)
+        sent = lag.invert(memory, asked, jnp.array(haste), DT)
         if haste == 1.0:
             jax.tree.map(lambda a, c: np.testing.assert_allclose(a, c, rtol=1e-12), sent, asked)
-        memory = lag.follow(memory, sent, DT)
+        memory = lag.step(memory, sent, DT)
         left = (1 - min(haste * b, 1.0)) ** max(0, k + 1 - delay)
-        np.testing.assert_allclose(memory.acts[0].u, 20 - 10 * left, rtol=1e-10)
+        np.testing.assert_allclose(memory.output[0].u, 20 - 10 * left, rtol=1e-10)

@@ -23,7 +23,7 @@ def test_the_table_of_lengthscales_holds_every_number_and_marks_the_bounds(tmp_p
         "payload": learned(rng, ("p_x", "|v|", "omega_z"), ("F_x", "tau_z")),
         "front": learned(rng, ("R_xx", "r_1"), ("F_x", "F_y", "tau_waist")),
     }
-    files = lengthscale_table.table(bodies, tmp_path / "lengthscales_C3", flights.RUN)
+    files = lengthscale_table.write_lengthscale_table(bodies, tmp_path / "lengthscales_C3", flights.RUN)
     assert [file.name for file in files] == ["lengthscales_C3.csv", "lengthscales_C3.md"]
     with files[0].open(newline="") as file:
         rows = {(row["body"], row["output"], row["feature"]): row for row in csv.DictReader(file)}

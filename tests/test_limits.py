@@ -10,30 +10,30 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from colift.closed_loop import termination
-from colift.closed_loop.termination import Cause, Limits, Watched
-from colift.models.state import AgentForce, Residual, Wrench
+from colift.closed_loop.termination import MonitoredValues, TerminationCause, TerminationLimits
+from colift.models.state import GeneralizedForce, ResidualForces, Wrench
 from colift.onboard.control import allocation
 from tests import teams
 
 AGENTS = 3
 NAMES = ("east", "north", "west")
-LIMITS = Limits(
-    grip=jnp.array([0.1, 0.2, 0.3]),
-    distance=jnp.array(3.0),
-    height=jnp.array(0.5),
-    attitude=jnp.array(1.5),
-    tilt=jnp.array(1.2),
-    saturation=jnp.array(2.0),
+LIMITS = TerminationLimits(
+    min_delassus=jnp.array([0.1, 0.2, 0.3]),
+    max_distance=jnp.array(3.0),
+    min_height=jnp.array(0.5),
+    max_attitude_error=jnp.array(1.5),
+    max_tilt=jnp.array(1.2),
+    max_saturation_time=jnp.array(2.0),
 )
-exceeded = jax.jit(termination.exceeded)
+exceeded = jax.jit(termination.check_termination)
 
 
 def watched(
     finite: bool, grip: list[float], distance: float, heights: list[float], attitude: float, tilt: list, held: list
-) -> Watched:
-    return Watched(
+) -> MonitoredValues:
+    return MonitoredValues(
         finite=jnp.asarray(finite),
-        grip=jnp.asarray(grip),
+        delassus=jnp.asarray(grip),
         distance=jnp.asarray(distance),
         heights=jnp.asarray(heights),
         attitude=jnp.asarray(attitude),
@@ -67,9 +67,10 @@ def test_the_first_limit_that_is_exceeded_ends_a_flight(finite, grip, distance, 
         any(x > 1.2 for x in tilt),
         any(x > 2.0 for x in held),
     ]
-    expected = next((Cause(1 + k) for k, met in enumerate(causes) if met), Cause.NONE)
+    expected = next((TerminationCause(1 + k) for k, met in enumerate(causes) if met), TerminationCause.NONE)
     assert (
-        Cause(int(exceeded(LIMITS, watched(finite, grip, distance[0], heights, attitude[0], tilt, held)))) == expected
+        TerminationCause(int(exceeded(LIMITS, watched(finite, grip, distance[0], heights, attitude[0], tilt, held))))
+        == expected
     )
 
 
@@ -77,17 +78,17 @@ FINE = (True, [1.0] * 3, 0.1, [2.0] * 4, 0.1, [0.1] * 3, [0.0] * 3)
 
 
 def test_a_flight_within_its_limits_goes_on_and_where_there_are_none_whatever_it_does():
-    assert int(exceeded(LIMITS, watched(*FINE))) == Cause.NONE
-    none = Limits(
-        grip=jnp.full(3, -1.0),
-        distance=jnp.array(np.inf),
-        height=jnp.array(-np.inf),
-        attitude=jnp.array(np.inf),
-        tilt=jnp.array(np.inf),
-        saturation=jnp.array(np.inf),
+    assert int(exceeded(LIMITS, watched(*FINE))) == TerminationCause.NONE
+    none = TerminationLimits(
+        min_delassus=jnp.full(3, -1.0),
+        max_distance=jnp.array(np.inf),
+        min_height=jnp.array(-np.inf),
+        max_attitude_error=jnp.array(np.inf),
+        max_tilt=jnp.array(np.inf),
+        max_saturation_time=jnp.array(np.inf),
     )
     wild = watched(True, [0.0] * 3, 1e300, [-1e300] * 4, np.pi, [np.pi] * 3, [1e300] * 3)
-    assert int(exceeded(none, wild)) == Cause.NONE
+    assert int(exceeded(none, wild)) == TerminationCause.NONE
 
 
 @pytest.mark.parametrize(
@@ -115,8 +116,8 @@ def test_a_flight_within_its_limits_goes_on_and_where_there_are_none_whatever_it
 )
 def test_the_sentence_names_who_is_worst_by_how_much_and_the_setting(part, value, said):
     now = watched(*(value if k == part else x for k, x in enumerate(FINE)))
-    cause = Cause(int(exceeded(LIMITS, now)))
-    assert termination.sentence(cause, LIMITS, jax.tree.map(np.asarray, now), 1.5, NAMES) == said
+    cause = TerminationCause(int(exceeded(LIMITS, now)))
+    assert termination.format_cause(cause, LIMITS, jax.tree.map(np.asarray, now), 1.5, NAMES) == said
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -124,21 +125,23 @@ def test_hovering_thrusts_hold_up_the_team_against_all_that_pulls(seed):
     """Forces and moments by hand: each thrust carries its agent and pushes at the contacts as the allocation says."""
     rng = np.random.default_rng(seed)
     team = teams.reference_team(3)
-    c = np.array([point for group in team.groups for agent in group.contact for point in np.asarray(agent)])
-    plan = allocation.balanced(c)
+    c = np.array(
+        [point for group in team.agent_groups for agent in group.contact_position for point in np.asarray(agent)]
+    )
+    plan = allocation.least_squares_allocation(c)
     R = teams.rotation(rng)
     eta, F, tau, f_x = rng.normal(size=12), rng.normal(size=3), 0.1 * rng.normal(size=3), rng.normal(size=(3, 3))
-    f = Residual(
-        agents=(AgentForce(f_x=jnp.asarray(f_x), f_w=jnp.zeros((3, 3)), f_r=jnp.zeros((3, 3))),),
+    f = ResidualForces(
+        agents=(GeneralizedForce(f_x=jnp.asarray(f_x), f_w=jnp.zeros((3, 3)), f_r=jnp.zeros((3, 3))),),
         payload=Wrench(F=jnp.asarray(F), tau=jnp.asarray(tau)),
     )
     W = Wrench(F=-team.payload.mass * team.gravity - f.payload.F, tau=-f.payload.tau)
-    asked = allocation.apply(plan, jnp.asarray(R), W, jnp.asarray(eta))
-    u = np.asarray(termination.hover(team, asked, f))
+    asked = allocation.allocate(plan, jnp.asarray(R), W, jnp.asarray(eta))
+    u = np.asarray(termination.hover_thrust(team, asked, f))
     pull = np.array([0, 0, -9.81])
     G = np.concatenate([np.concatenate([np.eye(3), np.cross(np.eye(3), point)]) for point in c], axis=1)
     wanted = -np.concatenate([R.T @ (1.5 * pull + F), tau])
-    lam = np.linalg.lstsq(G, wanted)[0] + np.asarray(plan.kernel) @ eta
+    lam = np.linalg.lstsq(G, wanted)[0] + np.asarray(plan.nullspace) @ eta
     lam = (lam.reshape(3, 2, 3) @ R.T).sum(1)
     np.testing.assert_allclose(lam.sum(0), -(1.5 * pull + F), atol=1e-12)
     np.testing.assert_allclose(u, np.linalg.norm(lam - 1.84 * pull - f_x, axis=1), rtol=1e-12)

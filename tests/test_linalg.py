@@ -30,7 +30,7 @@ def test_solve(n: int, condition: float) -> None:
 def test_eliminate_is_cholesky() -> None:
     rng = np.random.default_rng(0)
     A, B = spd(rng, 6, 100), rng.normal(size=(20, 6, 4))
-    U, d, Y = jax.jit(linalg.eliminate)(jnp.array(A), jnp.array(B))
+    U, d, Y = jax.jit(linalg.udu_eliminate)(jnp.array(A), jnp.array(B))
     L = np.linalg.cholesky(A)
     root = np.sqrt(np.asarray(d))[..., None]  # U / root = L^T
     np.testing.assert_array_equal(U, np.triu(U))
@@ -44,8 +44,8 @@ def test_eliminate_is_cholesky() -> None:
 def test_products_broadcast() -> None:
     rng = np.random.default_rng(1)
     A, B, x = rng.normal(size=(4, 1, 3, 5)), rng.normal(size=(1, 2, 5, 2)), rng.normal(size=(4, 2, 5))
-    np.testing.assert_allclose(linalg.mul(jnp.array(A), jnp.array(B)), A @ B, atol=1e-14)
-    np.testing.assert_allclose(linalg.apply(jnp.array(A), jnp.array(x)), (A @ x[..., None])[..., 0], atol=1e-14)
+    np.testing.assert_allclose(linalg.matmul(jnp.array(A), jnp.array(B)), A @ B, atol=1e-14)
+    np.testing.assert_allclose(linalg.matvec(jnp.array(A), jnp.array(x)), (A @ x[..., None])[..., 0], atol=1e-14)
     np.testing.assert_array_equal(linalg.transpose(jnp.array(A)), np.swapaxes(A, -1, -2))
 
 

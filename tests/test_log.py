@@ -43,7 +43,7 @@ def test_every_field_of_a_row_is_a_variable_on_the_axes_that_the_row_states(rng,
     ds = log.dataset(rows, sigma=flights.sigma(rng, shape), attrs={}, **shape.names)
     fields = {field.name for field in dataclasses.fields(rows)} - {"t"}
     assert fields == set(log.SIGNALS)
-    assert set(ds.data_vars) == fields | set(log.DEVIATIONS)
+    assert set(ds.data_vars) == fields | set(log.UNCERTAINTY_SIGNALS)
     np.testing.assert_array_equal(ds.time, rows.t)
     for name in fields:
         np.testing.assert_array_equal(ds[name], getattr(rows, name))
@@ -81,8 +81,8 @@ def test_labels_pick_the_right_number(rng):
     assert ds.r.sel(joint="agent1/joint2")[3] == rows.r[3, 5]
     assert ds.R.sel(agent="agent2", axis="x", body_axis="z")[5] == rows.R[5, 2, 0, 2]
     assert ds.W_d.sel(wrench="tau_y")[0] == rows.W_d[0, 4]
-    assert ds.sigma_f_r.sel(joint="agent3/joint1")[2] == sigma.agents[2][2, 0, 7]
-    assert ds.sigma_f_w.sel(agent="agent1", axis="y")[2] == sigma.agents[0][2, 1, 4]
+    assert ds.sigma_f_r.sel(joint="agent3/joint1")[2] == sigma.agent_std[2][2, 0, 7]
+    assert ds.sigma_f_w.sel(agent="agent1", axis="y")[2] == sigma.agent_std[0][2, 1, 4]
     assert ds.rho_f_r.sel(joint="agent3/joint1")[2] == sigma.agents_radius[2][2, 0, 7]
     assert ds.rho_f_L.sel(wrench="tau_x")[3] == sigma.payload_radius[3, 3]
 
@@ -96,9 +96,9 @@ def test_sigma_norms_are_frobenius_norms_of_the_root_of_the_covariance_and_rho_b
         return np.linalg.norm(sqrtm(np.diag(deviation**2)), "fro")
 
     for k in range(len(sigma.t)):
-        each = [group[k, j] for group in sigma.agents for j in range(group.shape[1])]
+        each = [group[k, j] for group in sigma.agent_std for j in range(group.shape[1])]
         for part, of in (("", slice(None)), ("_force", slice(3)), ("_moment", slice(3, None))):
-            np.testing.assert_allclose(ds[f"sigma_L{part}"][k], norm(sigma.payload[k, of]), rtol=1e-12)
+            np.testing.assert_allclose(ds[f"sigma_L{part}"][k], norm(sigma.payload_std[k, of]), rtol=1e-12)
             np.testing.assert_allclose(ds[f"sigma_A{part}"][k], sum(norm(x[of]) for x in each), rtol=1e-12)
         for part, of in (("", slice(None)), ("_force", slice(3)), ("_moment", slice(3, None))):
             radii = [group[k, j, of] for group in sigma.agents_radius for j in range(group.shape[1])]
@@ -184,7 +184,7 @@ def test_an_interrupted_write_leaves_what_was_there(tmp_path, monkeypatch):
 
     monkeypatch.setattr(os, "fsync", interrupt)
     with pytest.raises(KeyboardInterrupt):
-        atomic_write.write(path, b"after")
+        atomic_write.write_atomic(path, b"after")
     assert path.read_bytes() == b"before"
     assert names(tmp_path) == ["summary.json"]
 
@@ -211,7 +211,7 @@ def test_the_deviations_of_an_agent_are_as_many_as_its_outputs(rng):
 
 def test_a_table_reads_back_to_every_digit():
     ds = flights.dataset(np.random.default_rng(5), flights.MIXED)
-    head, *rows = csv.reader(io.StringIO(log.table(ds)))
+    head, *rows = csv.reader(io.StringIO(log.to_csv(ds)))
     columns = {name: [row[i] for row in rows] for i, name in enumerate(head)}
     assert len(columns) == len(head)
     assert {len(row) for row in rows} == {len(head)}
@@ -233,7 +233,7 @@ def test_a_table_reads_back_to_every_digit():
 
 def test_a_table_s_deviations_stand_where_they_were_computed():
     ds = flights.dataset(np.random.default_rng(6))
-    head, *rows = csv.reader(io.StringIO(log.table(ds)))
+    head, *rows = csv.reader(io.StringIO(log.to_csv(ds)))
     at = head.index("rho_f_x agent1 y [N]")
     found = {float(row[0]): float(row[at]) for row in rows if row[at]}
     assert list(found) == ds.time_sigma.values.tolist()

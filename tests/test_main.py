@@ -56,7 +56,7 @@ def test_an_unknown_scenario_is_one_line_and_status_2():
 
 def test_what_is_listed_and_shown_is_there_for_programs():
     listed = CliRunner().invoke(app, ["list", "--json"])
-    assert list(json.loads(listed.stdout)) == scenario.names()
+    assert list(json.loads(listed.stdout)) == scenario.shipped_names()
     shown = CliRunner().invoke(app, ["show", "paper", "--set", "payload.mass_kg=2", "--json"])
     assert json.loads(shown.stdout)["payload"]["mass_kg"] == 2
 
@@ -66,15 +66,18 @@ def test_settings_complete_by_their_paths_entries_of_lists_by_name():
     for name, found in (("paper", ["payload.mass_kg="]), (None, ["payload.mass_kg="]), ("papr", [])):
         ctx.params = {"name": name}
         assert app._setting_paths(ctx, "payload.m") == found
-    paths = app._leaves(scenario.load("paper").model_dump(mode="json"))
+    paths = app._leaves(scenario.load_scenario("paper").model_dump(mode="json"))
     assert "disturbances.load_wind.mean_mps" in paths
-    assert all(scenario.load("paper", [f"{path}={value}"]) for path, value in (("agents.rear.yaw_deg", 3), ("seed", 1)))
+    assert all(
+        scenario.load_scenario("paper", [f"{path}={value}"])
+        for path, value in (("agents.rear.yaw_deg", 3), ("seed", 1))
+    )
 
 
 def test_a_run_that_ends_before_learning_does_ends_it_and_says_so(capsys: pytest.CaptureFixture[str]):
     short = app._settings("paper", (), 5.0)
     assert (short.duration_s, short.learning.end_s, short.learning.update_times_s) == (5.0, 5.0, (2.0, 4.0))
-    assert app._settings("paper", (), 12.0).learning == scenario.load("paper").learning
+    assert app._settings("paper", (), 12.0).learning == scenario.load_scenario("paper").learning
     assert app._settings("paper", ["learning.end_s=4", "learning.update_times_s=[2]"], 4.5).learning.end_s == 4
     longer = app._settings("paper", ["learning.end_s=25", "learning.update_times_s=[2, 24]"], 30.0)
     assert longer.learning.update_times_s == (2.0, 24.0)
@@ -137,7 +140,7 @@ def test_a_folder_that_cannot_be_written_is_one_line_and_status_2_before_any_fli
 
 
 def test_a_folder_that_another_process_writes_to_is_refused_before_any_flight(tmp_path: Path):
-    with study.claim(scenario.load("paper"), tmp_path):
+    with study.open_run_directory(scenario.load_scenario("paper"), tmp_path):
         for command in ("study", "certify"):
             status, said = invoke(command, "paper", "--out", str(tmp_path))
             assert (status, said.count("\n")) == (2, 1)
@@ -153,7 +156,7 @@ def test_a_folder_with_a_file_of_someone_else_in_the_way_is_refused_before_any_f
 
 
 def test_a_scenario_that_cannot_be_flown_leaves_the_results_that_there_were(tmp_path: Path):
-    (tmp_path / "C1.nc").write_text(run_directory.run_name("0.1.0", "another"))
+    (tmp_path / "C1.nc").write_text(run_directory.run_id("0.1.0", "another"))
     status, _ = invoke("study", "papr", "--out", str(tmp_path))
     assert status == 2
     assert [file.name for file in tmp_path.iterdir()] == ["C1.nc"]
@@ -172,7 +175,7 @@ def test_internal_forces_that_do_not_exist_are_refused_with_the_reason(tmp_path:
 def test_what_a_compiler_that_fails_says_comes_without_a_traceback_and_status_2(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    def plans(settings: scenario.Settings, cases: object) -> None:
+    def plans(settings: scenario.Scenario, cases: object) -> None:
         raise codegen.CompilerError("cc --version:\nexit status 1")
 
     monkeypatch.setattr(experiment, "plans", plans)
@@ -182,7 +185,7 @@ def test_what_a_compiler_that_fails_says_comes_without_a_traceback_and_status_2(
 
 @pytest.mark.parametrize(("given", "flown"), [((), "rigid"), (("--engine", "mujoco"), "mujoco")])
 def test_an_engine_takes_the_place_of_the_scenario_s(given, flown, tmp_path, monkeypatch: pytest.MonkeyPatch):
-    def plans(settings: scenario.Settings, cases: object) -> None:
+    def plans(settings: scenario.Scenario, cases: object) -> None:
         raise scenario.ScenarioError(f"by {settings.plant.kind}")
 
     monkeypatch.setattr(experiment, "plans", plans)
@@ -201,7 +204,7 @@ def test_what_is_set_is_checked_as_if_it_were_written(command: tuple[str, ...], 
 def test_a_duration_that_ends_before_learning_does_is_said(
     command: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    def plans(settings: scenario.Settings, *_: object) -> None:
+    def plans(settings: scenario.Scenario, *_: object) -> None:
         raise scenario.ScenarioError(f"until {settings.learning.end_s:g} s")
 
     monkeypatch.setattr(experiment, "plan", plans)
@@ -215,15 +218,15 @@ def test_a_duration_that_ends_before_learning_does_is_said(
 
 @pytest.mark.parametrize(("kind", "holds"), [("csv", b"time [s],p x [m]"), ("mcap", b"/payload/pose")])
 def test_flights_are_written_beside_their_logs_and_replaced_with_them(kind: str, holds: bytes, tmp_path: Path):
-    told = scenario.load("paper").model_dump_json(exclude_none=True)
+    told = scenario.load_scenario("paper").model_dump_json(exclude_none=True)
     log.save(flights.dataset(np.random.default_rng(1), scenario_json=told), tmp_path / "C2.nc")
     for _ in range(2):
         result = CliRunner().invoke(app, ["export", kind, str(tmp_path)], catch_exceptions=False)
         assert (result.exit_code, result.output) == (0, f"C2.{kind}: in {tmp_path}\n")
     written = tmp_path / f"C2.{kind}"
     assert holds in written.read_bytes()
-    assert run_directory.run_of(written) == flights.RUN
-    assert run_directory.files(tmp_path, study.FLOWN) == sorted([tmp_path / "C2.nc", written])
+    assert run_directory.read_run_id(written) == flights.RUN
+    assert run_directory.list_files(tmp_path, study.STUDY_FILES) == sorted([tmp_path / "C2.nc", written])
 
 
 @pytest.mark.parametrize("kind", ["csv", "mcap"])
@@ -245,35 +248,35 @@ def test_a_file_that_colift_did_not_write_is_not_replaced(tmp_path: Path):
 def test_each_type_of_agent_is_written_as_urdf(tmp_path: Path):
     out = tmp_path / "made"
     result = CliRunner().invoke(app, ["export", "urdf", "paper", "--out", str(out)], catch_exceptions=False)
-    told = scenario.load("paper")
+    told = scenario.load_scenario("paper")
     files = sorted(f"{kind}.urdf" for kind in told.agent_types)
     assert (result.exit_code, result.output) == (0, f"{', '.join(files)} of paper: in {out}\n")
     assert sorted(path.name for path in out.iterdir()) == files
     (kind,) = told.agent_types.values()
-    robot = urdf.load(out / files[0])
+    robot = urdf.load_urdf(out / files[0])
     assert [joint.name for joint in robot.joints] == [joint.name for joint in kind.joints]
     assert {f"{arm.name}_tip" for arm in kind.arms} < set(robot.links)
     back = urdf.agent(robot, [f"{arm.name}_tip" for arm in kind.arms], told.agents[0].contacts_m, kind.thrust_max_N)
-    for found, expected in zip(*map(jax.tree.leaves, (back, team.kinds(told).popitem()[1])), strict=True):
+    for found, expected in zip(*map(jax.tree.leaves, (back, team.agent_models(told).popitem()[1])), strict=True):
         np.testing.assert_allclose(found, expected, atol=1e-15)
 
 
 def test_scenarios_are_listed():
     result = CliRunner().invoke(app, ["list"])
     assert result.exit_code == 0
-    assert [line.split()[0] for line in result.output.splitlines()] == scenario.names()
+    assert [line.split()[0] for line in result.output.splitlines()] == scenario.shipped_names()
 
 
 def test_a_shipped_scenario_is_shown_as_it_is_written():
     result = CliRunner().invoke(app, ["show", "paper"])
     assert result.exit_code == 0
-    assert result.output == scenario.shipped("paper")
+    assert result.output == scenario.shipped_text("paper")
 
 
 def test_a_scenario_that_is_changed_or_of_a_file_is_shown_with_every_setting(tmp_path: Path):
     result = CliRunner().invoke(app, ["show", "paper", "--set", "payload.mass_kg=2"])
     assert result.exit_code == 0
-    assert scenario.parse(result.output, "shown") == scenario.load("paper", ("payload.mass_kg=2",))
+    assert scenario.parse(result.output, "shown") == scenario.load_scenario("paper", ("payload.mass_kg=2",))
     of_file = CliRunner().invoke(app, ["show", str(light.write(tmp_path / "light.yaml"))])
     assert scenario.parse(of_file.output, "shown") == light.settings()
     assert "tip_force_bandwidth_Hz: 50.0" in of_file.output
@@ -303,14 +306,14 @@ def test_a_study_leaves_what_it_promises_and_nothing_half_written(flown: Path):
 
 
 def test_every_file_names_the_run_and_is_known_to_be_a_study_s(flown: Path):
-    assert set(flown.iterdir()) == set(run_directory.files(flown, study.FLOWN))
+    assert set(flown.iterdir()) == set(run_directory.list_files(flown, study.STUDY_FILES))
     run = json.loads((flown / "summary.json").read_text())["run"]
-    settings = scenario.load(str(flown.parent / "short.yaml"))
-    with study.claim(settings.model_copy(update={"seed": 7}), flown) as out:
-        assert out.run == run
-    with study.claim(settings, flown) as out:
-        assert out.run != run
-    assert {run_directory.run_of(file) for file in flown.iterdir()} == {run}
+    settings = scenario.load_scenario(str(flown.parent / "short.yaml"))
+    with study.open_run_directory(settings.model_copy(update={"seed": 7}), flown) as out:
+        assert out.run_id == run
+    with study.open_run_directory(settings, flown) as out:
+        assert out.run_id != run
+    assert {run_directory.read_run_id(file) for file in flown.iterdir()} == {run}
 
 
 def test_the_summary_holds_what_it_promises(flown: Path):
@@ -349,7 +352,7 @@ def test_signals_are_labelled_and_have_units(flown: Path):
     assert (flight.attrs["limit_distance_m"], flight.attrs["limit_grip"]) == (3, 0.01)
     assert 0.001 < flight.attrs["limit_grip_1pkg"].max() < 0.01
     assert all("units" in flight[name].attrs for name in flight.data_vars)
-    assert list(flight.contact.values) == [f"{name}/hook" for name in light.NAMES]
+    assert list(flight.contact_position.values) == [f"{name}/hook" for name in light.NAMES]
 
 
 # Flights that do not end, and answers at once -------------------------------------------------------------------------
@@ -360,7 +363,7 @@ def test_a_study_can_be_played(flown: Path, tmp_path: Path):
         shutil.copy(flown / f"{case}.nc", tmp_path)
     status, said = invoke("view", str(tmp_path))
     assert (status, said) == (0, "")
-    assert run_directory.run_of(tmp_path / "view.html") == run_directory.run_of(flown / "C1.nc")
+    assert run_directory.read_run_id(tmp_path / "view.html") == run_directory.read_run_id(flown / "C1.nc")
     assert log.load(flown / "C1.nc").attrs["scenario_json"].startswith('{"name":"sample"')
 
 
@@ -369,11 +372,11 @@ def test_a_run_that_fails_is_saved_marked_incomplete_and_status_1(tmp_path: Path
     path, out = light.write(tmp_path / "wild.yaml", control=wild), tmp_path / "out"
     out.mkdir()
     for name in ("I.nc", "figure_6_certificate.pdf", "notes"):
-        (out / name).write_text(f"of another run: {run_directory.run_name('0.1.0', 'another')}")
+        (out / name).write_text(f"of another run: {run_directory.run_id('0.1.0', 'another')}")
     status, said = invoke("study", str(path), "--out", str(out))
     assert status == 1
     assert f"{out} holds results of another run: they are replaced" in said
-    assert set(out.iterdir()) - set(run_directory.files(out, study.FLOWN)) == {out / "notes"}
+    assert set(out.iterdir()) - set(run_directory.list_files(out, study.STUDY_FILES)) == {out / "notes"}
     assert not (out / "I.nc").exists()
     summary = json.loads((out / "summary.json").read_text())
     assert "warning: unstable at rest" in said.partition("C1")[0]
@@ -438,7 +441,7 @@ def complete(*words: str) -> list[str]:
 
 def test_commands_scenarios_and_cases_complete_in_a_shell():
     assert complete("repo") == ["report"]
-    assert complete("study", "pa") == [name for name in scenario.names() if name.startswith("pa")] != []
+    assert complete("study", "pa") == [name for name in scenario.shipped_names() if name.startswith("pa")] != []
     assert complete("run", "paper", "--case", "C") == ["C1", "C2", "C3", "C4"]
     assert complete("view", "out", "--case", "D") == ["DOB"]
     said = CliRunner().invoke(app, [], prog_name="colift", env={"_COLIFT_COMPLETE": "source_bash"})

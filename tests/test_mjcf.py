@@ -39,8 +39,8 @@ def case(request: pytest.FixtureRequest) -> SimpleNamespace:
     structure, seed = request.param
     rng = np.random.default_rng(seed)
     team, z = PinocchioTeam(teams.team(rng, structure)).on_grasp(teams.free_state(rng, structure))
-    model, data = loaded(mjcf.document(team, z))
-    groups = zip(team.groups, z.agents, team.sizes, strict=True)
+    model, data = loaded(mjcf.to_mjcf(team, z))
+    groups = zip(team.agent_groups, z.agents, team.sizes, strict=True)
     agents = [(take(group, j), take(q, j)) for group, q, size in groups for j in range(size)]
     return SimpleNamespace(team=team, z=z, model=model, data=data, agents=agents)
 
@@ -94,7 +94,7 @@ def test_the_mass_matrix_is_ours_in_mujocos_coordinates(case: SimpleNamespace) -
     ours[np.ix_(load[:3], load[:3])] = float(case.team.payload.mass) * np.eye(3)
     ours[np.ix_(load[3:], load[3:])] = case.team.payload.inertia
     j = 0
-    for group, state, size in zip(case.team.groups, case.z.agents, case.team.sizes, strict=True):
+    for group, state, size in zip(case.team.agent_groups, case.z.agents, case.team.sizes, strict=True):
         mass, M_bar, base = (np.asarray(x) for x in reduced(group, state))
         for own in range(size):
             j += 1
@@ -110,10 +110,10 @@ def test_the_mass_matrix_is_ours_in_mujocos_coordinates(case: SimpleNamespace) -
 
 @jax.jit
 def reduced(group: object, state: object) -> tuple[jax.Array, jax.Array, jax.Array]:
-    q = jax.vmap(lambda agent, r: aerial_manipulator.reduce(agent, aerial_manipulator.geometry(agent, r)))(
-        group, state.r
-    )
-    return q.mass, q.M_bar, q.base
+    q = jax.vmap(
+        lambda agent, r: aerial_manipulator.centroidal_model(agent, aerial_manipulator.forward_kinematics(agent, r))
+    )(group, state.r)
+    return q.mass, q.M_bar, q.J_base
 
 
 def test_contacts_are_closed_and_at_rest_on_the_grasp_and_nothing_else_touches(case: SimpleNamespace) -> None:
@@ -131,8 +131,8 @@ def test_the_time_constant_and_impedance_are_at_mujocos_bounds() -> None:
     team, z = teams.reference_team(), teams.reference_guess()
     R, pull = [], []
     for part in (0.5, 1.0, 2.0):
-        softness = mjcf.Softness(time_constant=part * 2 * mjcf.TIMESTEP)
-        d = loaded(mjcf.document(team, z, softness=softness))[1]
+        softness = mjcf.ContactSoftness(time_constant=part * 2 * mjcf.TIMESTEP)
+        d = loaded(mjcf.to_mjcf(team, z, softness=softness))[1]
         R.append(d.efc_R.copy())
         pull.append(d.efc_KBIP[0, 0])
     np.testing.assert_array_equal(R[0], R[2])
@@ -142,7 +142,7 @@ def test_the_time_constant_and_impedance_are_at_mujocos_bounds() -> None:
 def test_a_box_shows_the_inertia_of_the_payload() -> None:
     """`J_a = m (b^2 + c^2) / 3` of a box with half edges a, b, c."""
     team, z = teams.reference_team(), teams.reference_guess()
-    m, _ = loaded(mjcf.document(team, z))
+    m, _ = loaded(mjcf.to_mjcf(team, z))
     (box,) = [i for i in range(m.ngeom) if m.geom_bodyid[i] == m.body("payload").id]
     a, b, c = m.geom_size[box] ** 2
     np.testing.assert_allclose(np.diag([b + c, a + c, a + b]) / 2, np.asarray(team.payload.inertia), rtol=1e-12)
@@ -163,9 +163,9 @@ def test_the_command_writes_the_scenarios_names_start_and_limits(tmp_path: Path)
         connect = m.equality(name)
         assert {m.site(name).id, m.site(f"payload/{name}").id} == {connect.obj1id[0], connect.obj2id[0]}
     np.testing.assert_array_equal(m.actuator("front thrust").ctrlrange, [0, 50])
-    settings = scenario.load("paper")
+    settings = scenario.load_scenario("paper")
     truth, _ = team.team(settings)
-    z = initial_states.start(settings, truth)
+    z = initial_states.initial_state(settings, truth)
     np.testing.assert_array_equal(d.joint("payload").qpos[:3], z.payload.p)
     np.testing.assert_allclose(d.body("rear").subtree_com, z.agents[0].x[1], atol=1e-14)
     np.testing.assert_array_equal(m.opt.gravity, settings.gravity_mps2)
@@ -185,11 +185,11 @@ def test_thrust_pulls_along_the_bases_third_axis_and_torques_turn_about_its_axes
     rng = np.random.default_rng(0)
     structure = teams.POOL[3]
     team, z = PinocchioTeam(teams.team(rng, structure)).on_grasp(teams.free_state(rng, structure))
-    m, d = loaded(mjcf.document(team, z))
+    m, d = loaded(mjcf.to_mjcf(team, z))
     d.ctrl[:] = rng.uniform(0, 20, m.nu)
     mujoco.mj_forward(m, d)
     work, j = 0.0, 0
-    for size, group in zip(team.sizes, team.groups, strict=True):
+    for size, group in zip(team.sizes, team.agent_groups, strict=True):
         for _ in range(size):
             j += 1
             free, R = d.joint(f"agent {j}"), d.body(f"agent {j}").xmat.reshape(3, 3)
@@ -206,11 +206,11 @@ def test_thrust_pulls_along_the_bases_third_axis_and_torques_turn_about_its_axes
 def test_names_must_be_as_many_as_there_are() -> None:
     team, z = teams.reference_team(), teams.reference_guess()
     with pytest.raises(ValueError, match="names: 1 given for 2 agents"):
-        mjcf.document(team, z, ("one",))
+        mjcf.to_mjcf(team, z, ("one",))
     with pytest.raises(ValueError, match="joints: 1 given for 6"):
-        mjcf.document(team, z, joints=("one",))
+        mjcf.to_mjcf(team, z, joints=("one",))
     with pytest.raises(ValueError, match="contacts: 5 given for 4"):
-        mjcf.document(team, z, contacts=tuple("abcde"))
+        mjcf.to_mjcf(team, z, contacts=tuple("abcde"))
 
 
 def test_mujoco_is_not_needed_to_write_a_model() -> None:

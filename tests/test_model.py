@@ -11,16 +11,16 @@ import numpy as np
 import pytest
 
 from colift.models import validation
-from colift.models.parameters import Agent, Team, Tree
+from colift.models.parameters import AerialManipulator, KinematicTree, Team
 from tests import teams
 
 
-def changed(change: Callable[[Agent], Agent]) -> Team:
+def changed(change: Callable[[AerialManipulator], AerialManipulator]) -> Team:
     team = teams.reference_team()
-    return dataclasses.replace(team, groups=(change(team.groups[0]),))
+    return dataclasses.replace(team, agent_groups=(change(team.agent_groups[0]),))
 
 
-def with_inertia(*moments: float) -> Callable[[Agent], Agent]:
+def with_inertia(*moments: float) -> Callable[[AerialManipulator], AerialManipulator]:
     return lambda a: dataclasses.replace(a, inertia=a.inertia.at[1, 2].set(jnp.diag(jnp.array(moments))))
 
 
@@ -35,7 +35,10 @@ REFUSED = [
         "right, body 2: .*three finite numbers",
     ),
     (lambda a: dataclasses.replace(a, thrust_max=a.thrust_max.at[1].set(0.0)), "right: thrust_max 0 N is not positive"),
-    (lambda a: dataclasses.replace(a, tip=a.tip.at[0, 1, 2].set(jnp.nan)), "left: tip .* m is not finite"),
+    (
+        lambda a: dataclasses.replace(a, tip_position=a.tip_position.at[0, 1, 2].set(jnp.nan)),
+        "left: tip .* m is not finite",
+    ),
     (
         lambda a: dataclasses.replace(a, joint_axis=a.joint_axis.at[0, 1].mul(2.0)),
         "left, joint 1: .* not a unit vector",
@@ -48,22 +51,24 @@ REFUSED = [
 
 
 @pytest.mark.parametrize(("change", "message"), REFUSED)
-def test_unphysical_parameters_are_refused(change: Callable[[Agent], Agent], message: str) -> None:
+def test_unphysical_parameters_are_refused(
+    change: Callable[[AerialManipulator], AerialManipulator], message: str
+) -> None:
     with pytest.raises(ValueError, match=message):
-        validation.check(changed(change), ("left", "right"))
+        validation.validate_team(changed(change), ("left", "right"))
 
 
 def test_physical_parameters_pass() -> None:
-    validation.check(teams.reference_team(3))
+    validation.validate_team(teams.reference_team(3))
     for structure in teams.POOL:
-        validation.check(teams.team(np.random.default_rng(0), structure))
+        validation.validate_team(teams.team(np.random.default_rng(0), structure))
 
 
 def test_payload_is_checked() -> None:
     team = teams.reference_team()
     heavy = dataclasses.replace(team.payload, mass=jnp.array(-1.0))
     with pytest.raises(ValueError, match="the payload: mass -1 kg"):
-        validation.check(dataclasses.replace(team, payload=heavy))
+        validation.validate_team(dataclasses.replace(team, payload=heavy))
 
 
 def test_numbers_do_not_recompile_but_structure_does() -> None:
@@ -73,7 +78,7 @@ def test_numbers_do_not_recompile_but_structure_does() -> None:
     def total_mass(team: Team) -> jax.Array:
         nonlocal traces
         traces += 1
-        return sum(group.mass.sum() for group in team.groups) + team.payload.mass
+        return sum(group.mass.sum() for group in team.agent_groups) + team.payload.mass
 
     rng = np.random.default_rng(0)
     for _ in range(3):
@@ -87,7 +92,7 @@ def test_sizes_and_contacts() -> None:
     team = teams.team(np.random.default_rng(0), ((teams.WAIST_TWO_ARMS, 2), (teams.CHAIN, 3)))
     assert team.sizes == (2, 3)
     assert team.contacts == 7
-    assert (team.groups[0].tree.joints, team.groups[0].tree.arms) == (3, 2)
+    assert (team.agent_groups[0].tree.joints, team.agent_groups[0].tree.arms) == (3, 2)
 
 
 def test_ancestors() -> None:
@@ -108,4 +113,4 @@ def test_ancestors() -> None:
 )
 def test_what_is_no_tree_is_refused(parents, prismatic, tips, message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        Tree(parents=parents, prismatic=prismatic, tips=tips)
+        KinematicTree(parents=parents, prismatic=prismatic, tip_bodies=tips)

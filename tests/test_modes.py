@@ -20,36 +20,36 @@ from tests import paper_flights as paper
 
 
 @functools.cache
-def rest() -> tuple[stability.Carried, np.ndarray]:
+def rest() -> tuple[stability.LoopStateTree, np.ndarray]:
     """The study's rest, and its derivative."""
-    return stability.monodromy(plan(), z())
+    return stability.equilibrium_and_jacobian(plan(), z())
 
 
-def plan(hertz: float = 500.0) -> flight.Plan:
+def plan(hertz: float = 500.0) -> flight.Experiment:
     return dataclasses.replace(paper.plan("C1"), dt=1 / hertz)
 
 
 @functools.cache
 def z() -> State:
-    return initial_states.at_rest(paper.SETTINGS, paper.plan("C1").world.team)
+    return initial_states.equilibrium_state(paper.SETTINGS, paper.plan("C1").world.team)
 
 
 @functools.cache
 def at_500_hertz() -> stability.Modes:
-    return stability.at_rest(plan(), z())
+    return stability.modes_at_equilibrium(plan(), z())
 
 
-def flown(of: flight.Plan, x: stability.Carried, d: np.ndarray, ticks: int) -> np.ndarray:
+def flown(of: flight.Experiment, x: stability.LoopStateTree, d: np.ndarray, ticks: int) -> np.ndarray:
     """Coordinates around x, so many ticks after d, of the loop as it flies with nothing unknown and no noise."""
     of = dataclasses.replace(of, world=stability._alone(of.world))
-    noise = of.world.draw(jax.random.key(0), flight.chunk(of))
-    loop = simulator.start(of.setup, z())
-    loop, _ = simulator.advance(of.setup, loop, noise, jnp.asarray(1))
+    noise = of.world.sample_noise(jax.random.key(0), flight.ticks_per_chunk(of))
+    loop = simulator.reset(of.loop_config, z())
+    loop, _ = simulator.rollout(of.loop_config, loop, noise, jnp.asarray(1))
     at = jax.tree.map(lambda leaf: leaf[0], stability._move(x, jnp.asarray(d[None])))
     # the clock goes on, but the reference of the first quarter of a second moves by less than 1e-6 m
-    still = paper.with_pilot(of, path=dataclasses.replace(of.pilot.path, amplitude=jnp.zeros(3)))
+    still = paper.with_pilot(of, reference=dataclasses.replace(of.controller.reference, amplitude=jnp.zeros(3)))
     loop = dataclasses.replace(stability._put(loop, at), tick=jnp.zeros((), int))
-    loop, _ = simulator.advance(still.setup, loop, noise, jnp.asarray(ticks))
+    loop, _ = simulator.rollout(still.loop_config, loop, noise, jnp.asarray(ticks))
     assert int(loop.tick) == ticks
     y = jax.tree.map(lambda leaf: leaf[None], stability._take(loop))
     return np.asarray(stability._coordinates(x, y))[0]
@@ -70,12 +70,12 @@ def test_a_tiny_disturbance_goes_the_way_the_modes_say(seed):
 
 
 @functools.cache
-def settled() -> signals.Row:
+def settled() -> signals.StepRecord:
     """A whole flight with nothing unknown but the bodies' parameters, the reference at rest, no noise."""
     of = dataclasses.replace(plan(), world=stability._alone(plan().world))
-    still = dataclasses.replace(of.pilot.path, amplitude=jnp.zeros(3))
-    alone = paper.with_internal(of, eta=jnp.zeros_like(of.pilot.allocator.internal.eta))
-    return paper.fly(paper.with_pilot(alone, path=still), 14.0).rows
+    still = dataclasses.replace(of.controller.reference, amplitude=jnp.zeros(3))
+    alone = paper.with_internal(of, eta=jnp.zeros_like(of.controller.allocator.internal.eta))
+    return paper.fly(paper.with_pilot(alone, reference=still), 14.0).records
 
 
 @pytest.mark.long
@@ -88,11 +88,11 @@ def test_the_rest_is_where_the_flown_loop_settles_off_the_reference_by_the_weigh
     np.testing.assert_allclose(x[".world.z.agents[0].r"].ravel(), rows.r[-1], atol=1e-5)
     np.testing.assert_allclose(x[".world.applied[0].u"], rows.u[-1], atol=1e-3)
     of = paper.plan("C1")
-    (group,), load = of.pilot.team.groups, of.pilot.team.payload
+    (group,), load = of.controller.team.agent_groups, of.controller.team.payload
     more = float(of.world.team.payload.mass - load.mass) * 9.81
     # asked to accelerate upwards, the agents push with their own mass times that as well
-    sag = more / float((load.mass + group.mass.sum()) * of.pilot.leader.gains.K_p[2, 2])
-    np.testing.assert_allclose(x[".world.z.payload.p"] - of.pilot.path.center, [0, 0, -sag], atol=1e-8)
+    sag = more / float((load.mass + group.mass.sum()) * of.controller.payload_controller.gains.K_p[2, 2])
+    np.testing.assert_allclose(x[".world.z.payload.p"] - of.controller.reference.center, [0, 0, -sag], atol=1e-8)
 
 
 def test_a_team_that_flies_is_not_called_unstable():
@@ -108,7 +108,9 @@ def test_a_leader_with_a_memory_adds_its_own_modes():
     def slow(found: stability.Modes) -> int:
         return int((found.eigenvalues.real > -50).sum())  # rad/s; some are gone within a tick or two
 
-    with_integral = stability.at_rest(paper.with_pilot(plan(), leader=paper.plan("I").pilot.leader), z())
+    with_integral = stability.modes_at_equilibrium(
+        paper.with_pilot(plan(), payload_controller=paper.plan("I").controller.payload_controller), z()
+    )
     assert slow(with_integral) == slow(at_500_hertz()) + 6
     assert with_integral.stable
 
@@ -121,8 +123,8 @@ def test_too_slow_a_control_rate_is_called_unstable_and_is(monkeypatch):
     """
     monkeypatch.setattr(flight, "CHUNK", 12.5)  # as many ticks as half a second has at 500 Hz: one program
     slow = plan(20.0)
-    x, M = stability.monodromy(slow, z())
-    found = stability.at_rest(slow, z())
+    x, M = stability.equilibrium_and_jacobian(slow, z())
+    found = stability.modes_at_equilibrium(slow, z())
     assert not found.stable
     values, vectors = np.linalg.eig(M)
     worst = int(np.argmax(np.abs(values)))
@@ -135,9 +137,9 @@ def test_too_slow_a_control_rate_is_called_unstable_and_is(monkeypatch):
 
 
 def test_no_rest_is_said():
-    nowhere = dataclasses.replace(paper.plan("C1").pilot.path, center=jnp.full(3, np.nan))
+    nowhere = dataclasses.replace(paper.plan("C1").controller.reference, center=jnp.full(3, np.nan))
     with pytest.raises(ValueError, match="no rest near the start of its reference"):
-        stability.at_rest(paper.with_pilot(plan(), path=nowhere), z())
+        stability.modes_at_equilibrium(paper.with_pilot(plan(), reference=nowhere), z())
 
 
 def modes_of(y: np.ndarray, dt: float) -> np.ndarray:
@@ -149,7 +151,7 @@ def modes_of(y: np.ndarray, dt: float) -> np.ndarray:
 def test_the_slowest_mode_is_how_the_flown_loop_settles():
     """What the log of a whole flight shows last is the slowest mode alone."""
     found = at_500_hertz()
-    assert found.slowest().endswith("seen most in theta_z")
+    assert found.describe_slowest().endswith("seen most in theta_z")
     flown = modes_of(settled().e_R[1000:2500:50, 2], 0.1)  # from 2 s to 5 s
     for value in flown:
         assert np.abs(found.eigenvalues[:2] - value).min() < 0.01 * abs(value)
@@ -161,10 +163,10 @@ def test_modes_name_what_moves():
     none = {"attitude": np.zeros((2, 0, 3)), "joints": np.zeros((2, 0))}
     found = stability.Modes(eigenvalues=np.array([0.3 + 2j, -1 + 0j]), payload=shape, **none)
     assert not found.stable
-    assert found.slowest() == "+0.30 +2.00i rad/s, seen most in p_y"
+    assert found.describe_slowest() == "+0.30 +2.00i rad/s, seen most in p_y"
     unseen = stability.Modes(eigenvalues=np.array([-0.3 + 2j]), payload=np.full((1, 6), 0.01), **none)
     assert unseen.stable
-    assert "the agents' attitudes" in unseen.slowest()
+    assert "the agents' attitudes" in unseen.describe_slowest()
     assert not stability.Modes(eigenvalues=np.array([-1e-9 + 0j]), payload=shape, **none).stable
 
 
@@ -172,18 +174,18 @@ def test_modes_name_what_moves():
 
 
 @functools.cache
-def three_bodies(delay_s: float = 0.0) -> tuple[stability.Carried, np.ndarray]:
+def three_bodies(delay_s: float = 0.0) -> tuple[stability.LoopStateTree, np.ndarray]:
     """Rest and derivative of the smallest team, whose commands are all the later by a delay."""
     motors = {"kind": "motors", "bandwidth_Hz": 1e6, "delay_s": delay_s}
     settings = light.settings(actuators=motors)
-    plan = experiment.plan(settings, "C1")
-    return stability.monodromy(plan, initial_states.at_rest(settings, plan.world.team))
+    plan = experiment.make_experiment(settings, "C1")
+    return stability.equilibrium_and_jacobian(plan, initial_states.equilibrium_state(settings, plan.world.team))
 
 
 @pytest.mark.long
 def test_from_where_a_loop_has_settled_the_rest_is_the_same():
-    plan = experiment.plan(light.settings(), "C1")
-    setup, loop, noise = stability._begun(plan, initial_states.at_rest(light.settings(), plan.world.team))
+    plan = experiment.make_experiment(light.settings(), "C1")
+    setup, loop, noise = stability._begun(plan, initial_states.equilibrium_state(light.settings(), plan.world.team))
     settled = stability._settled(setup, loop, noise)
     assert int(settled.tick) == int(loop.tick), "its clock was held"
     apart = stability._coordinates(
@@ -226,12 +228,12 @@ def test_the_gain_margin_ends_where_the_loop_of_stronger_or_weaker_commands_is_u
     radius = lambda g: np.abs(np.linalg.eigvals(M + (g - 1) * B @ K)).max()  # noqa: E731
     for end, beyond in ((least, 0.98), (greatest, 1.02)):
         assert radius(end) < 1
-        assert radius(end * beyond) >= 1 or max(end, 1 / end) > 0.999 * stability.GAIN_MOST
-    assert greatest < stability.GAIN_MOST, "some gain is too much"
+        assert radius(end * beyond) >= 1 or max(end, 1 / end) > 0.999 * stability.MAX_GAIN
+    assert greatest < stability.MAX_GAIN, "some gain is too much"
     assert np.isnan(stability.gain_margin(x, 1.1 * M)).all()
-    found = stability.margins(x, M, 0.002)
-    assert found.delay == pytest.approx(0.002 * stability.delay_margin(x, M, 25))
-    assert f"{greatest:.3g} times as strong" in found.says()
+    found = stability.stability_margins(x, M, 0.002)
+    assert found.delay_margin == pytest.approx(0.002 * stability.delay_margin(x, M, 25))
+    assert f"{greatest:.3g} times as strong" in found.describe()
 
 
 @pytest.mark.long
@@ -257,34 +259,41 @@ def test_a_command_that_next_to_nothing_moves_counts_on_neither_side_of_its_thre
     M[np.ix_(sent, world[:1])] += 1.1e-7 * s[0] * U[:, -1:]
     ranks = [np.linalg.matrix_rank(K, rtol=1e-7) for K in (M[np.ix_(sent, memory)], M[sent])]
     assert ranks[0] < ranks[1]
-    assert np.isfinite(stability.delayed(x, M, 2)).all()
+    assert np.isfinite(stability.with_input_delay(x, M, 2)).all()
 
 
 @pytest.mark.long
 def test_the_slowest_mode_of_a_loop_that_is_a_little_different_is_known_to_first_order():
     x, M = three_bodies()
-    now = stability.of(x, M, 1 / 500).rate[0]
+    now = stability.compute_modes(x, M, 1 / 500).slowest_eigenvalue[0]
     for factor in (1.0, 1.1):
         settings = light.settings(
             actuators={"kind": "motors", "bandwidth_Hz": 1e6, "delay_s": 0.0},
             control=light.SAMPLE.control.model_copy(update={"k_omega": 14.0 * factor, "agent_k_omega": 28.0 * factor}),
         )
-        plan = experiment.plan(settings, "C1")
-        z = initial_states.at_rest(settings, plan.world.team)
-        true = stability.at_rest(plan, z).rate[0]
-        assert abs(stability.estimate(plan, z, x, M) - true) < 0.3 * abs(true - now) + 1e-3 * abs(now)
+        plan = experiment.make_experiment(settings, "C1")
+        z = initial_states.equilibrium_state(settings, plan.world.team)
+        true = stability.modes_at_equilibrium(plan, z).slowest_eigenvalue[0]
+        assert abs(stability.predict_growth_rate(plan, z, x, M) - true) < 0.3 * abs(true - now) + 1e-3 * abs(now)
     assert abs(true - now) > 0.02 * abs(now)
 
 
 def test_sensors_with_a_clock_of_their_own_read_at_every_tick_of_the_rest():
     """The loop's clock is held there: theirs would never be due again, and a drift would start at every tick."""
-    of, number = experiment.plan(light.settings(), "C1"), functools.partial(jnp.array, dtype=float)
-    rare = sensors.Intermittent(of=("payload.p", "agents.x"), every=number(0.05), loss=number(0.5), until=number(1.0))
-    drift = sensors.Drifting(of=("payload.R", "agents.lam"), rate=number(0.1), start=number(0.1))
+    of, number = experiment.make_experiment(light.settings(), "C1"), functools.partial(jnp.array, dtype=float)
+    rare = sensors.Intermittent(
+        channels=("payload.p", "agents.x"),
+        sample_period=number(0.05),
+        dropout_probability=number(0.5),
+        failure_time=number(1.0),
+    )
+    drift = sensors.BiasRandomWalk(
+        channels=("payload.R", "agents.lam"), random_walk_density=number(0.1), initial_bias_std=number(0.1)
+    )
 
-    def rates(*extra: sensors.Extra) -> np.ndarray:
-        plan = dataclasses.replace(of, world=dataclasses.replace(of.world, extra=extra))
-        return stability.at_rest(plan, of.z).eigenvalues[:12].real  # of the slowest
+    def rates(*extra: sensors.SensorModel) -> np.ndarray:
+        plan = dataclasses.replace(of, world=dataclasses.replace(of.world, sensor_models=extra))
+        return stability.modes_at_equilibrium(plan, of.initial_state).eigenvalues[:12].real  # of the slowest
 
     expected = rates()
     np.testing.assert_allclose(rates(drift, rare), expected, atol=1e-4)
@@ -295,7 +304,7 @@ def test_sensors_with_a_clock_of_their_own_read_at_every_tick_of_the_rest():
 
 def test_second_moments_of_what_labels_say_are_no_motion():
     """At rest they are nothing to first order; as coordinates they went negative on the way there."""
-    carried = stability._take(simulator.start(paper.plan("F").setup, z()))
+    carried = stability._take(simulator.reset(paper.plan("F").loop_config, z()))
     of_listener = [key for key in carried if ".listener." in key]
     assert any(".moved.label." in key for key in of_listener)
     second = ("late", "said", "age", "gap", "foretold", "moved.products", "moved.squares")
@@ -305,7 +314,7 @@ def test_second_moments_of_what_labels_say_are_no_motion():
 @pytest.mark.long
 @pytest.mark.parametrize("case", ["F", "C4"])
 def test_a_loop_that_hears_labels_rests_and_decays_as_the_one_without(case):
-    heard = stability.at_rest(paper.plan(case), z())
+    heard = stability.modes_at_equilibrium(paper.plan(case), z())
     assert heard.stable
     alone, slowest = at_500_hertz().eigenvalues[0], heard.eigenvalues[0]  # of a pair either may come first
     np.testing.assert_allclose([slowest.real, abs(slowest.imag)], [alone.real, abs(alone.imag)], rtol=0.2)

@@ -15,8 +15,8 @@ from colift import codegen
 from colift.codegen.interpret import RULES
 from colift.codegen.vmap_primitive import trace
 from colift.math import so3
-from colift.math.vmap import over
-from colift.models.state import AgentInput, no_force
+from colift.math.vmap import vmap_agents
+from colift.models.state import AgentInput, zero_residual
 from colift.simulation import contact_dynamics
 from tests import teams
 from tests.pinocchio_team import PinocchioTeam
@@ -333,8 +333,8 @@ def test_over_agents(agents):
     x, shared = jnp.asarray(rng.normal(size=(agents, 3))), jnp.asarray(rng.normal(size=3))
 
     def f(agent, x, shared):
-        out = over(per_agent, (0, 0, None))(agent, x, shared)
-        again = over(per_agent, (0, 0, None))({**agent, "p": out["R"]}, out["R"][:, 0], out["R"].sum((0, 1)))
+        out = vmap_agents(per_agent, (0, 0, None))(agent, x, shared)
+        again = vmap_agents(per_agent, (0, 0, None))({**agent, "p": out["R"]}, out["R"][:, 0], out["R"].sum((0, 1)))
         return {**out, "again": again, "mean": out["half"].mean(0)}
 
     check(f, agent, x, shared)
@@ -358,7 +358,7 @@ def test_scan_is_a_loop_with_every_kind_of_output():
 def random_team_program(seed):
     """A random function of `(agents, 3, 3)` and `(3, 3)`: maps over agents, array code around them, and sums."""
     rng = np.random.default_rng(seed)
-    mapped = over(lambda a, b, s: (so3.exp(jnp.tanh(a[0])) @ b + s, jnp.sin(a) * b[1][None]), (0, 0, None))
+    mapped = vmap_agents(lambda a, b, s: (so3.exp(jnp.tanh(a[0])) @ b + s, jnp.sin(a) * b[1][None]), (0, 0, None))
     alone = [jnp.sin, lambda a: a / (1 + a * a), lambda a: a.swapaxes(1, 2), lambda a: a[:, ::-1], jnp.tanh,
              lambda a: jnp.concatenate([a[:, 1:], a[:, :1]], 1), lambda a: jnp.where(a > 0, a, -a / 2),
              lambda a: jnp.pad(a[:, :2], ((0, 0), (1, 0), (0, 0))), lambda a: a.reshape(-1, 9).reshape(a.shape),
@@ -412,7 +412,7 @@ def test_random_programs_over_agents(seed, agents):
 def test_code_does_not_grow_with_the_agents():
     def lines(agents):
         def f(agent, x, shared):
-            out = over(per_agent, (0, 0, None))(agent, 2 * x[:, ::-1], shared)
+            out = vmap_agents(per_agent, (0, 0, None))(agent, 2 * x[:, ::-1], shared)
             return out, so3.exp(out["R"][:, 0] + x) @ agent["p"]
 
         rng = np.random.default_rng(0)
@@ -440,9 +440,9 @@ def test_large_teams_do_not_overflow_the_stack():
     args = {"p": jnp.asarray(rng.normal(size=(300, 3, 3)))}, jnp.asarray(rng.normal(size=(300, 3))), jnp.ones(3)
 
     def f(agent, x, shared):
-        first = over(per_agent, (0, 0, None))(agent, x, shared)
+        first = vmap_agents(per_agent, (0, 0, None))(agent, x, shared)
         mean = first["half"].mean((0, 1, 2)) * shared
-        return over(per_agent, (0, 0, None))(agent, first["R"][:, 0], mean)["half"].sum(0)
+        return vmap_agents(per_agent, (0, 0, None))(agent, first["R"][:, 0], mean)["half"].sum(0)
 
     assert "= allocate(" in emitted(f, *args, batched=True).split("noinline")[-1]
     check(f, *args, tolerance=1e-10)
@@ -451,7 +451,7 @@ def test_large_teams_do_not_overflow_the_stack():
 def test_dimensions_may_be_integers_of_numpy():
     def f(x):
         wide = jax.lax.broadcast_in_dim(x, (4, 2), (np.int64(0),))
-        return over(jnp.sin)(wide), jnp.transpose(wide, (np.int64(1), np.int64(0)))
+        return vmap_agents(jnp.sin)(wide), jnp.transpose(wide, (np.int64(1), np.int64(0)))
 
     check(f, X)
 
@@ -473,16 +473,16 @@ def test_over_is_vmap():
 
     rng = np.random.default_rng(0)
     x, y = jnp.asarray(rng.normal(size=(4, 3, 3))), jnp.asarray(rng.normal(size=3))
-    mine, theirs = over(f, (0, None)), jax.vmap(f, in_axes=(0, None))
+    mine, theirs = vmap_agents(f, (0, None)), jax.vmap(f, in_axes=(0, None))
     assert_close(mine(x, y), theirs(x, y))
     assert_close(jax.jit(mine)(x, y), theirs(x, y))
     for d in (jax.jacrev, jax.jacfwd, jax.hessian):
         assert_close(d(mine, argnums=(0, 1))(x, y), d(theirs, argnums=(0, 1))(x, y))
     assert_close(jax.vmap(mine, in_axes=(None, 0))(x, jnp.stack([y, -y])),
                  jax.vmap(theirs, in_axes=(None, 0))(x, jnp.stack([y, -y])))  # fmt: skip
-    assert_close(jax.grad(lambda s: over(lambda a: a * s)(x).sum())(2.0), x.sum())
+    assert_close(jax.grad(lambda s: vmap_agents(lambda a: a * s)(x).sum())(2.0), x.sum())
     with pytest.raises(ValueError, match=r"one leading axis, got lengths \[3, 4\]"):
-        over(f)(x, y)
+        vmap_agents(f)(x, y)
 
 
 # folding
@@ -555,7 +555,9 @@ def test_threads_must_be_positive():
 
 def plant_step(team, z, inputs, f, dt):
     """One step of the plant on the grasp."""
-    return contact_dynamics.project(team, contact_dynamics.integrate(team, z, inputs, lambda z, _: f, dt))
+    return contact_dynamics.project_to_constraints(
+        team, contact_dynamics.rkmk4_step(team, z, inputs, lambda z, _: f, dt)
+    )
 
 
 @pytest.mark.parametrize("structure", [teams.POOL[2], pytest.param(teams.POOL[6], marks=pytest.mark.long)])
@@ -573,7 +575,7 @@ def test_plant(structure):
             )
             for tree, size in structure
         )
-        samples.append((team, z, inputs, no_force(team), jnp.array(1e-4)))
+        samples.append((team, z, inputs, zero_residual(team), jnp.array(1e-4)))
     by_jax = jax.jit(plant_step)
     want = [by_jax(*sample) for sample in samples]
     by_native = jax.jit(codegen.compile(plant_step))

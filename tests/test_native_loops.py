@@ -53,12 +53,12 @@ def test_while_writes_to_its_carry(ticks):
         def body(carry):
             x, log, data, i, kept = carry
             now = (x[0] > 0.2) | (i == 2)
-            data, _ = jax.vmap(gp.first_come, in_axes=(0, 0, 0, None, None))(
+            data, _ = jax.vmap(gp.keep_first, in_axes=(0, 0, 0, None, None))(
                 data, jnp.stack([x, -x]), x[:2, None], x[1], now
             )
             return jnp.sin(x + kept[i % 3]) + 0.1, log.at[i].set(x * 2), data, i + 1, kept
 
-        start = (x, log, gp.empty(3, 3, 1, batch=(2,)), jnp.zeros((), int), jnp.array([0.1, 0.5, -0.3]))
+        start = (x, log, gp.empty_dataset(3, 3, 1, batch=(2,)), jnp.zeros((), int), jnp.array([0.1, 0.5, -0.3]))
         return jax.lax.while_loop(lambda c: (c[3] < ticks) & (c[0].sum() < 2.8), body, start)
 
     x, log = jnp.array([0.3, -0.1, 0.2]), jnp.zeros((5, 3)) - 1
@@ -156,7 +156,7 @@ def test_reductions_of_nothing_and_of_what_is_no_number():
 
 def test_posterior_means_are_loops():
     rng = np.random.default_rng(0)
-    hyper = gp.hyperparameters(np.array([1.0, 0.3]), rng.uniform(1, 2, (2, 6)), 1e-2, 0.5)
+    hyper = gp.make_hyperparameters(np.array([1.0, 0.3]), rng.uniform(1, 2, (2, 6)), 1e-2, 0.5)
     models = [gp.condition(rng.normal(size=(50, 6)), rng.normal(size=(50, 2)), hyper, 61) for _ in range(3)]
     stacked = jax.tree.map(lambda *x: jnp.stack(x), *models)
 

@@ -19,12 +19,12 @@ from scipy.spatial.transform import Rotation
 from colift import scenario
 from colift.integrations import ros2_node
 from colift.models.measurement import Measurement
-from colift.models.state import Clock
+from colift.models.state import ControlClock
 from colift.scenario import experiment, team
 from tests import light
 
 ROS = get_typestore(Stores.ROS2_JAZZY)
-TOLD = scenario.load("paper")
+TOLD = scenario.load_scenario("paper")
 NAMES = ros2_node.names(TOLD)
 
 
@@ -37,7 +37,7 @@ def vector(v: np.ndarray, of: str = "Vector3") -> Any:
     return kind(of)(*map(float, v))
 
 
-def said(m: Measurement, of: ros2_node.Names) -> dict[str, Any]:
+def said(m: Measurement, of: ros2_node.RosNames) -> dict[str, Any]:
     """A measurement as the messages of ROS that tell it."""
     header = ROS.types["std_msgs/msg/Header"](ROS.types["builtin_interfaces/msg/Time"](0, 0), "")
     m = jax.tree.map(np.asarray, m)
@@ -82,7 +82,7 @@ def test_a_measurement_is_what_the_messages_say(measured: tuple[Any, Measurement
     heard = said(m, NAMES)
     assert heard.keys() == ros2_node.topics(NAMES).keys()
     assert {topic: type(x).__name__.rpartition("__")[2] for topic, x in heard.items()} == ros2_node.topics(NAMES)
-    found = ros2_node.measurement(team, NAMES, heard)
+    found = ros2_node.measurement_from_messages(team, NAMES, heard)
     assert jax.tree.structure(found) == jax.tree.structure(m)
     for one, other in zip(jax.tree.leaves(found), jax.tree.leaves(m), strict=True):
         np.testing.assert_allclose(one, other, atol=1e-15)
@@ -96,7 +96,7 @@ def test_what_cannot_be_flown_with_is_refused(measured: tuple[Any, Measurement])
         heard = copy.deepcopy(said(m, NAMES))
         change(heard[topic])
         with pytest.raises(ValueError) as caught:  # noqa: PT011
-            ros2_node.measurement(team, NAMES, heard)
+            ros2_node.measurement_from_messages(team, NAMES, heard)
         return str(caught.value)
 
     assert "x " in answer(f"/{agent}/pose", lambda x: setattr(x.pose.position, "y", np.nan))
@@ -109,12 +109,12 @@ def test_what_cannot_be_flown_with_is_refused(measured: tuple[Any, Measurement])
 def test_its_ticks_are_the_pilot_s() -> None:
     """Through messages and back, against the pilot itself: three ticks of a team at rest, then moved."""
     told = light.settings()
-    plan, of = experiment.plan(told, "C1"), ros2_node.names(told)
-    tick, pilot = ros2_node.Tick(plan, of), plan.pilot
-    m, memory = plan.world.rest(plan.z), None
-    begin, step = jax.jit(pilot.begin), jax.jit(pilot.tick)
+    plan, of = experiment.make_experiment(told, "C1"), ros2_node.names(told)
+    tick, pilot = ros2_node.ControllerStep(plan, of), plan.controller
+    m, memory = plan.world.measure_at_rest(plan.initial_state), None
+    begin, step = jax.jit(pilot.init), jax.jit(pilot.step)
     for k in range(3):
-        clock = Clock(t=jnp.asarray(k * plan.dt), dt=jnp.asarray(plan.dt))
+        clock = ControlClock(t=jnp.asarray(k * plan.dt), dt=jnp.asarray(plan.dt))
         moved = dataclasses.replace(m.payload, p=m.payload.p + jnp.array([0.01 * k, 0.0, -0.02 * k]))
         m = dataclasses.replace(m, payload=moved)
         if k == 0:
@@ -129,7 +129,7 @@ def test_its_ticks_are_the_pilot_s() -> None:
 def test_names_are_those_of_ros() -> None:
     agents = [agent.model_dump() | {"name": f"n-{i}"} for i, agent in enumerate(light.settings().agents)]
     of = ros2_node.names(light.settings(agents=agents))
-    assert of == ros2_node.Names(agents=("n_0", "n_1", "n_2"), joints=((), (), ()), arms=(("hook",),) * 3)
+    assert of == ros2_node.RosNames(agents=("n_0", "n_1", "n_2"), joints=((), (), ()), arms=(("hook",),) * 3)
 
 
 @pytest.mark.filterwarnings("ignore:module 'sre_:DeprecationWarning")  # of ROS's parser of parameters
@@ -140,8 +140,8 @@ def test_with_ros_it_commands_while_it_hears_and_then_no_more() -> None:
     from geometry_msgs.msg import WrenchStamped
 
     told = light.settings()
-    plan, of = experiment.plan(told, "C1"), ros2_node.names(told)
-    messages, commanded, over = said(plan.world.rest(plan.z), of), [], threading.Event()
+    plan, of = experiment.make_experiment(told, "C1"), ros2_node.names(told)
+    messages, commanded, over = said(plan.world.measure_at_rest(plan.initial_state), of), [], threading.Event()
 
     def feed() -> None:
         context = rclpy.Context()
@@ -167,7 +167,9 @@ def test_with_ros_it_commands_while_it_hears_and_then_no_more() -> None:
         over.set()
         thread.join(10)
     assert len(commanded) >= 20
-    weight = sum(float(g.mass.sum()) for g in plan.pilot.team.groups) + float(plan.pilot.team.payload.mass)
+    weight = sum(float(g.mass.sum()) for g in plan.controller.team.agent_groups) + float(
+        plan.controller.team.payload.mass
+    )
     assert 0 < commanded[0].wrench.force.z < 2 * 9.81 * weight
     assert commanded[0].header.frame_id == of.agents[0]
 

@@ -11,7 +11,7 @@ from tests import paper_flights as paper
 
 def test_what_is_known_before_a_flight_is_the_slowest_mode_and_how_much_thrust_is_left():
     plan = {"C1": paper.plan("C1")}
-    ahead = feasibility.outlook(paper.SETTINGS, plan)
+    ahead = feasibility.assess_feasibility(paper.SETTINGS, plan)
     assert ahead.warnings == ()
     assert ahead.summary["slowest_mode"]["stable"]
     assert ahead.summary["slowest_mode"]["rad_s"][0] < 0
@@ -19,8 +19,10 @@ def test_what_is_known_before_a_flight_is_the_slowest_mode_and_how_much_thrust_i
     assert 0.004 <= margins["delay_s"] <= 0.05
     assert margins["gain"][0] < 0.8 < 1.2 < margins["gain"][1]
     assert margins["says"].startswith("commands may come")
-    assert list(ahead.hover) == ["front", "rear"]
-    narrow = feasibility.outlook(paper.lighter(30.0), {"C1": experiment.plan(paper.lighter(30.0), "C1")})
+    assert list(ahead.hover_thrust) == ["front", "rear"]
+    narrow = feasibility.assess_feasibility(
+        paper.lighter(30.0), {"C1": experiment.make_experiment(paper.lighter(30.0), "C1")}
+    )
     assert [warning.partition(" N of ")[2] for warning in narrow.warnings] == [
         "the 30 N of front; what is left, 5.5%, is below limits.thrust_margin = 0.1",
         "the 30 N of rear; what is left, 7.1%, is below limits.thrust_margin = 0.1",
@@ -29,7 +31,7 @@ def test_what_is_known_before_a_flight_is_the_slowest_mode_and_how_much_thrust_i
 
 @pytest.mark.long
 def test_a_loop_that_is_unstable_at_rest_is_a_warning_before_the_flight():
-    ahead = feasibility.outlook(
+    ahead = feasibility.assess_feasibility(
         paper.SETTINGS, {"C1": paper.with_gains(paper.plan("C1"), agent_k_omega=paper.number(1e3))}
     )
     (warning,) = ahead.warnings

@@ -19,18 +19,18 @@ from tests import flights, played
 
 
 @pytest.fixture(scope="module")
-def seen() -> list[rendering.Sketch]:
-    return [rendering.sketch(ds, f"{case}: {played.CASES[case]}") for case, ds in played.flown().items()]
+def seen() -> list[rendering.RenderData]:
+    return [rendering.render_data(ds, f"{case}: {played.CASES[case]}") for case, ds in played.flown().items()]
 
 
-def drawn(sketch: rendering.Sketch, k: int, **how: bool) -> Figure:
+def drawn(sketch: rendering.RenderData, k: int, **how: bool) -> Figure:
     figure = Figure(figsize=(4, 4))
     rendering.draw(figure.add_axes((0, 0, 1, 1)), sketch, k, **how)
     return figure
 
 
 def test_the_view_keeps_lengths_across_it_and_is_upright():
-    frame = np.stack([rendering.RIGHT, rendering.UP, rendering.BACK])
+    frame = np.stack([rendering.RIGHT, rendering.UP, rendering.CAMERA_DIRECTION])
     np.testing.assert_allclose(frame @ frame.T, np.eye(3), atol=1e-15)
     assert np.linalg.det(frame) == pytest.approx(1)
     assert rendering.RIGHT[2] == 0  # the horizon is level
@@ -42,7 +42,7 @@ def test_bodies_are_drawn_where_the_log_has_them(seen, k):
     (ax,) = drawn(seen[0], k).axes
     (bodies,) = [each for each in ax.collections if isinstance(each, PolyCollection)]
     middles = np.array([path.vertices[:-1].mean(axis=0) for path in bodies.get_paths()])
-    tracks, shape = seen[0].tracks, seen[0].shape
+    tracks, shape = seen[0].signals, seen[0].shape
     tips = tracks["nodes"][k][[node == "tip" for node in shape["nodes"]]]
     for tip in tips:
         at = [tip @ rendering.RIGHT, tip @ rendering.UP]
@@ -63,7 +63,7 @@ def test_what_is_near_is_drawn_over_what_is_far(seen):
     assert len(faces) == 3 * rendering.PATCHES**2
     # the three faces that look away are not drawn
     area = sum(abs(np.linalg.det(np.diff(x, axis=0)[:2])) for _, x, _ in faces)
-    whole = 4 * np.abs(rendering.BACK) @ [half[1] * half[2], half[0] * half[2], half[0] * half[1]]
+    whole = 4 * np.abs(rendering.CAMERA_DIRECTION) @ [half[1] * half[2], half[0] * half[2], half[0] * half[1]]
     assert area == pytest.approx(whole)  # of the shadow of a box along the view
 
 
@@ -78,17 +78,17 @@ def test_all_that_is_drawn_of_the_team_is_within_the_picture(seen, how):
 
 
 def test_a_view_follows_a_team_whose_path_is_long(seen):
-    far = rendering.dataclasses.replace(seen[0], tracks=seen[0].tracks | {"p_d": 100.0 * seen[0].tracks["p_d"]})
+    far = rendering.dataclasses.replace(seen[0], signals=seen[0].signals | {"p_d": 100.0 * seen[0].signals["p_d"]})
     for k in (0, 30):
         (ax,) = drawn(far, k).axes
-        x = float(far.tracks["p"][k] @ rendering.RIGHT)
+        x = float(far.signals["p"][k] @ rendering.RIGHT)
         assert np.mean(ax.get_xlim()) == pytest.approx(x)
         assert np.ptp(ax.get_xlim()) < 4 * far.shape["size_m"]
 
 
 @pytest.mark.parametrize("kind", rendering.STILLS)
 def test_a_picture_shows_its_time_and_cases(seen, kind, tmp_path):
-    rendering.still(seen, 1.0, tmp_path / f"at{kind}")
+    rendering.render_image(seen, 1.0, tmp_path / f"at{kind}")
     content = (tmp_path / f"at{kind}").read_bytes()
     assert content[:5].strip() in (b"\x89PNG", b"%PDF-", b"<?xml")
     if kind == ".png":
@@ -98,7 +98,7 @@ def test_a_picture_shows_its_time_and_cases(seen, kind, tmp_path):
 
 
 def test_a_gif_moves_and_lasts_as_long_as_the_flight(seen, tmp_path):
-    rendering.film(seen, tmp_path / "film.gif", speed=3.0, dots=60.0, start=0.3)
+    rendering.render_video(seen, tmp_path / "film.gif", speed=3.0, dots=60.0, start=0.3)
     with Image.open(tmp_path / "film.gif") as film:
         assert film.n_frames == 8  # 1.2 s, thrice as fast, 20 a second: 0.3, 0.45 .. 1.35
         assert film.info["duration"] == 50
@@ -110,7 +110,7 @@ def test_a_gif_moves_and_lasts_as_long_as_the_flight(seen, tmp_path):
 
 @pytest.mark.skipif(shutil.which("ffmpeg") is None, reason="there is no ffmpeg")
 def test_an_mp4_is_one(seen, tmp_path):
-    rendering.film(seen[:1], tmp_path / "film.mp4", speed=5.0, dots=50.0)
+    rendering.render_video(seen[:1], tmp_path / "film.mp4", speed=5.0, dots=50.0)
     said = subprocess.run(
         ["ffprobe", "-v", "error", "-show_entries", "stream=codec_name,pix_fmt,nb_frames", "-of", "csv", "film.mp4"],
         cwd=tmp_path,
@@ -124,10 +124,10 @@ def test_an_mp4_is_one(seen, tmp_path):
 def test_what_cannot_be_drawn_is_said_in_one_line(seen, tmp_path, monkeypatch):
     monkeypatch.setattr("shutil.which", lambda _name: None)
     for draw, answer in (
-        (lambda: rendering.still(seen, 0.0, tmp_path / "a.bmp"), r"a\.bmp: must end in \.png, \.pdf, \.svg"),
-        (lambda: rendering.still(seen, 99.0, tmp_path / "a.png"), r"time 99 s: must be from 0 to 1\.498 s"),
-        (lambda: rendering.film(seen, tmp_path / "a.png"), r"a\.png: must end in \.gif or \.mp4"),
-        (lambda: rendering.film(seen, tmp_path / "a.mp4"), r"a\.mp4: there is no ffmpeg"),
+        (lambda: rendering.render_image(seen, 0.0, tmp_path / "a.bmp"), r"a\.bmp: must end in \.png, \.pdf, \.svg"),
+        (lambda: rendering.render_image(seen, 99.0, tmp_path / "a.png"), r"time 99 s: must be from 0 to 1\.498 s"),
+        (lambda: rendering.render_video(seen, tmp_path / "a.png"), r"a\.png: must end in \.gif or \.mp4"),
+        (lambda: rendering.render_video(seen, tmp_path / "a.mp4"), r"a\.mp4: there is no ffmpeg"),
     ):
         with pytest.raises(ValueError, match=answer):
             draw()
@@ -152,6 +152,6 @@ def test_the_command_draws_the_cases_that_are_asked_for(tmp_path):
 def test_a_flight_that_fails_is_drawn_until_it_does():
     ds = played.random_log(flights.PAPER._replace(time=400))
     ds.x[200:] = np.nan
-    sketch = rendering.sketch(ds)
+    sketch = rendering.render_data(ds)
     assert sketch.t[-1] <= ds.time.values[199]
-    assert drawn(sketch, sketch.at(9.0)).axes
+    assert drawn(sketch, sketch.row_at(9.0)).axes

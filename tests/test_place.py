@@ -25,10 +25,10 @@ from tests.test_learn import STATED, TRAINING, both, prior, samples
 
 ROOM, N = 128, 100
 MASS, C, K = -0.4, 0.3, 0.8
-MEAN = semiparametric.Mean(
+MEAN = semiparametric.MeanPrior(
     payload=np.array([0.5, *[0.05] * 3, 0.5, *[0.2] * 3, *[3.0] * 3, *[0.6] * 3]),
     agents=np.array([0.5, 2.0, 3, 3, 3]),
-    believed=Payload(mass=jnp.asarray(1.2), inertia=jnp.diag(jnp.array([0.03, 0.12, 0.15]))),
+    nominal_payload=Payload(mass=jnp.asarray(1.2), inertia=jnp.diag(jnp.array([0.03, 0.12, 0.15]))),
 )
 
 
@@ -37,7 +37,7 @@ def field(p: np.ndarray) -> np.ndarray:
     return np.stack([np.sin(2 * p[..., 0]), np.cos(2 * p[..., 1]), 0.5 * np.sin(p[..., 0] + p[..., 1])], axis=-1)
 
 
-def flown(seed: int, times: float = 1.0) -> recorder.Recorded:
+def flown(seed: int, times: float = 1.0) -> recorder.RecorderState:
     """What a payload and two agents with three joints record where mass, drag and thrust act beside the field.
 
     Not always equally fast: on one loop at one speed, velocity and acceleration are functions of the place.
@@ -62,34 +62,37 @@ def flown(seed: int, times: float = 1.0) -> recorder.Recorded:
     joints = 0.1 * np.sin(3 * rest)
     agents = Z, np.concatenate([f, joints], axis=2) + 0.01 * rng.normal(size=(2, ROOM, 9)), (2,)
 
-    def data(X: np.ndarray, Y: np.ndarray, lead: tuple[int, ...]) -> gp.Data:
+    def data(X: np.ndarray, Y: np.ndarray, lead: tuple[int, ...]) -> gp.Dataset:
         t = np.broadcast_to(np.arange(ROOM) / 10, (*lead, ROOM))
         many = jnp.full(lead, N)
-        return gp.Data(
-            X=jnp.asarray(X * used[:, None]), Y=jnp.asarray(Y * used[:, None]), t=jnp.asarray(t), n=many, offered=many
+        return gp.Dataset(
+            X=jnp.asarray(X * used[:, None]), Y=jnp.asarray(Y * used[:, None]), t=jnp.asarray(t), n=many, num_seen=many
         )
 
     return both(data(*payload), data(*agents))
 
 
-def training() -> model_update.Training:
+def training() -> model_update.FitOptions:
     """Of maps that see the place alone."""
     names = (features.PAYLOAD_FEATURES, features.agent_feature_names(3))
-    (load, agent), plain = (TRAINING.payload, TRAINING.agents[0]), features.Plain()
+    (load, agent), plain = (TRAINING.payload, TRAINING.agents[0]), features.DefaultFeatures()
     assert plain.payload_names() == names[0]
     return dataclasses.replace(
         TRAINING,
-        payload=semiparametric.of_place(load, names[0], payload=True),
-        agents=(semiparametric.of_place(agent, names[1], payload=False),),
+        payload=semiparametric.position_only_prior(load, names[0], payload=True),
+        agents=(semiparametric.position_only_prior(agent, names[1], payload=False),),
         max_iterations=60,
     )
 
 
-def nothing() -> residual_model.Oracle:
+def nothing() -> residual_model.ResidualModel:
     """Before any data, with room."""
     agents = jax.tree.map(lambda x: jnp.stack([x, x]), gp.prior(STATED[9], ROOM))
-    return residual_model.Oracle(
-        payload=gp.prior(STATED[6], ROOM), agents=(agents,), theta=jnp.zeros(10), known=mean_functions.no_air([2])
+    return residual_model.ResidualModel(
+        payload=gp.prior(STATED[6], ROOM),
+        agents=(agents,),
+        inertial_parameters=jnp.zeros(10),
+        mean_function=mean_functions.zero_drag_thrust([2]),
     )
 
 
@@ -97,22 +100,22 @@ BODIES = ("payload", (0, 0), (0, 1))
 
 
 @pytest.fixture(scope="module")
-def taught() -> tuple[residual_model.Oracle, model_update.Fits, dict]:
+def taught() -> tuple[residual_model.ResidualModel, model_update.Fits, dict]:
     """What is learned of one flight."""
-    return semiparametric.teach(nothing(), flown(0), training(), MEAN, {}, BODIES)
+    return semiparametric.fit(nothing(), flown(0), training(), MEAN, {}, BODIES)
 
 
 def test_mass_drag_and_thrust_are_told_from_a_field_within_what_their_covariance_allows(taught):
     oracle, fits, covariances = taught
     assert set(fits) == set(covariances) == {"payload", (0, 0), (0, 1)}
-    found = [*oracle.theta[:4], *oracle.known.payload]
+    found = [*oracle.inertial_parameters[:4], *oracle.mean_function.payload]
     true = [MASS, 0, 0, 0, C, 0, 0, 0.1 * C]
     deviation = np.sqrt(np.diagonal(covariances["payload"]))[:8]
     assert (np.abs(np.array(found) - true) <= 4 * deviation).all()
     assert (deviation[[0, 4]] < [0.05, 0.1]).all()
     for j in range(2):
         deviation = np.sqrt(np.diagonal(covariances[0, j]))[:2]
-        assert (np.abs(np.array(oracle.known.agents[0][j]) - [C, K]) <= 4 * deviation).all()
+        assert (np.abs(np.array(oracle.mean_function.agents[0][j]) - [C, K]) <= 4 * deviation).all()
         assert (deviation < [0.1, 0.1]).all()
 
 
@@ -134,14 +137,14 @@ def test_forces_see_the_place_alone_and_moments_and_joints_of_agents_everything(
 
 def test_elsewhere_in_the_same_field_and_twice_as_fast_it_holds_where_a_map_of_all_features_does_not(taught):
     oracle, fast = taught[0], flown(5, times=2.0)
-    full, _ = model_update.teach(nothing(), flown(0), TRAINING, {})
+    full, _ = model_update.fit(nothing(), flown(0), TRAINING, {})
     errors = {}
     for name, of in (("place", oracle), ("full", full)):
-        left = model_update.samples(of, fast)
+        left = model_update.regression_targets(of, fast)
         for body in ("payload", (0, 0)):
             X, Y, _ = left[body]
             errors[name, body] = np.sqrt(
-                ((Y - residual_model.told(residual_model.of_body(of, body), X)[0])[:, :3] ** 2).mean()
+                ((Y - residual_model.predict_padded(residual_model.get_model(of, body), X)[0])[:, :3] ** 2).mean()
             )
     for body in ("payload", (0, 0)):
         assert errors["place", body] < 0.5 * errors["full", body]
@@ -153,14 +156,19 @@ def test_errors_elsewhere_are_within_the_deviations_that_a_mean_s_doubt_is_part_
     squares, bare = [], []
     for seed in range(6):
         recorded, fast = flown(10 + seed), flown(50 + seed, times=2.0)
-        oracle, _, covariances = semiparametric.teach(nothing(), recorded, training(), MEAN, {}, BODIES)
-        doubts = semiparametric.doubts(oracle, recorded, covariances, {})
+        oracle, _, covariances = semiparametric.fit(nothing(), recorded, training(), MEAN, {}, BODIES)
+        doubts = semiparametric.mean_uncertainties(oracle, recorded, covariances, {})
         for body in ("payload", (0, 1)):
-            (Z, left, _), x = model_update.samples(oracle, fast)[body], model_update.raw(fast)[body][0]
-            model = residual_model.of_body(oracle, body)
-            mean, variance = residual_model.told(model, Z)
+            (Z, left, _), x = (
+                model_update.regression_targets(oracle, fast)[body],
+                model_update.samples_by_body(fast)[body][0],
+            )
+            model = residual_model.get_model(oracle, body)
+            mean, variance = residual_model.predict_padded(model, Z)
             variance = variance + np.asarray(model.hyper.noise_variance)
-            more = semiparametric.doubt(model, doubts[body], Z, semiparametric.regressors(x, isinstance(body, str)))
+            more = semiparametric.mean_variance(
+                model, doubts[body], Z, semiparametric.mean_regressors(x, isinstance(body, str))
+            )
             assert (more >= 0).all()
             squares.append(((left - mean) ** 2 / (variance + more))[:, :3].mean())
             bare.append(((left - mean) ** 2 / variance)[:, :3].mean())
@@ -170,49 +178,53 @@ def test_errors_elsewhere_are_within_the_deviations_that_a_mean_s_doubt_is_part_
 
 def test_a_body_that_is_not_asked_for_keeps_its_mean_and_hyperparameters(taught):
     oracle, fits, _ = taught
-    change = {"payload": model_update.changed(oracle, "payload", 5.0)}
-    later, now, covariances = semiparametric.teach(oracle, flown(1), training(), MEAN, fits, {(0, 0), (0, 1)}, change)
-    np.testing.assert_array_equal(later.theta, oracle.theta)
-    np.testing.assert_array_equal(later.known.payload, oracle.known.payload)
+    change = {"payload": model_update.make_change_point(oracle, "payload", 5.0)}
+    later, now, covariances = semiparametric.fit(oracle, flown(1), training(), MEAN, fits, {(0, 0), (0, 1)}, change)
+    np.testing.assert_array_equal(later.inertial_parameters, oracle.inertial_parameters)
+    np.testing.assert_array_equal(later.mean_function.payload, oracle.mean_function.payload)
     np.testing.assert_array_equal(later.payload.hyper.lengthscales, oracle.payload.hyper.lengthscales)
     assert now["payload"] is fits["payload"]
     assert set(covariances) == {(0, 0), (0, 1)}
-    assert np.any(later.known.agents[0] != oracle.known.agents[0])
-    assert set(semiparametric.doubts(later, flown(1), covariances, change)) == {(0, 0), (0, 1)}
+    assert np.any(later.mean_function.agents[0] != oracle.mean_function.agents[0])
+    assert set(semiparametric.mean_uncertainties(later, flown(1), covariances, change)) == {(0, 0), (0, 1)}
 
 
 def test_features_of_one_s_own_without_a_place_stay_as_they_are():
     belief = TRAINING.payload
-    assert semiparametric.of_place(belief, [f"feature_{i}" for i in range(20)], payload=True) is belief
+    assert semiparametric.position_only_prior(belief, [f"feature_{i}" for i in range(20)], payload=True) is belief
 
 
 def test_what_contradicts_the_oracle_surprises_and_what_is_merely_new_does_not():
     """In predictive variances: samples of the same functions near the data, of other functions there, and far away."""
     load, agents = samples(0, 30, 24, 6), samples(1, 30, 24, 9, (2,))
-    oracle, _ = model_update.teach(prior(), both(load, agents), TRAINING, {})
-    same = semiparametric.surprise(oracle, both(load, agents), {}, 1.0)
+    oracle, _ = model_update.fit(prior(), both(load, agents), TRAINING, {})
+    same = semiparametric.normalized_innovation_squared(oracle, both(load, agents), {}, 1.0)
     assert set(same) == {"payload", (0, 0), (0, 1)}
     assert max(off.mean() for _, off in same.values()) < 4
     np.testing.assert_allclose(same["payload"][0], load.t[11:30])
     other = dataclasses.replace(load, Y=load.Y.at[20:].add(10.0))
-    t, off = semiparametric.surprise(oracle, both(other, agents), {}, 1.0)["payload"]
+    t, off = semiparametric.normalized_innovation_squared(oracle, both(other, agents), {}, 1.0)["payload"]
     assert off.mean() > 25
     assert t[np.argmax(off > 25)] == pytest.approx(2.0)
-    np.testing.assert_array_equal(semiparametric.surprise(oracle, both(other, agents), {}, 1.0)[0, 0][1], same[0, 0][1])
+    np.testing.assert_array_equal(
+        semiparametric.normalized_innovation_squared(oracle, both(other, agents), {}, 1.0)[0, 0][1], same[0, 0][1]
+    )
     far = dataclasses.replace(load, X=load.X + 1e3)
-    assert semiparametric.surprise(oracle, both(far, agents), {}, 1.0)["payload"][1].mean() < 4
-    assert semiparametric.surprise(oracle, both(load, agents), {}, 9.0) == {}  # nothing is newer
-    assert semiparametric.surprise(prior(), both(load, agents), {}, 1.0) == {}  # nothing was predicted
+    assert semiparametric.normalized_innovation_squared(oracle, both(far, agents), {}, 1.0)["payload"][1].mean() < 4
+    assert semiparametric.normalized_innovation_squared(oracle, both(load, agents), {}, 9.0) == {}  # nothing is newer
+    assert (
+        semiparametric.normalized_innovation_squared(prior(), both(load, agents), {}, 1.0) == {}
+    )  # nothing was predicted
 
 
-def since(theta: np.ndarray) -> tuple[residual_model.Oracle, recorder.Recorded]:
+def since(theta: np.ndarray) -> tuple[residual_model.ResidualModel, recorder.RecorderState]:
     """An oracle of some data, and what was recorded since: what it says, and theta's share."""
     rng = np.random.default_rng(5)
     load, others = samples(0, 30, 24, 6), samples(1, 30, 24, 9, (2,))
-    oracle, _ = model_update.teach(prior(), both(load, others), None, {})
+    oracle, _ = model_update.fit(prior(), both(load, others), None, {})
     turns = Rotation.from_rotvec(0.3 * rng.normal(size=(len(load.X), 3))).as_matrix().reshape(-1, 9)
     X = load.X.at[:, 6:15].set(turns).at[:, 20].add(9.81)
-    felt = identification.inertial(np.asarray(X)) @ theta
+    felt = identification.inertial_regressors(np.asarray(X)) @ theta
     told = gp.predict(oracle.payload, features.payload_features(X))[0]
     return oracle, both(dataclasses.replace(load, X=X, Y=told + felt, t=load.t + 10.0), others)
 
@@ -220,15 +232,25 @@ def since(theta: np.ndarray) -> tuple[residual_model.Oracle, recorder.Recorded]:
 def test_mass_put_on_a_payload_is_identified_beyond_the_model_before_and_taken_from_its_labels():
     theta = np.array([-0.3, *np.zeros(9)])
     oracle, recorded = since(theta)
-    change = model_update.changed(oracle, "payload", 9.0)
+    change = model_update.make_change_point(oracle, "payload", 9.0)
     alone = dataclasses.replace(MEAN, payload=np.array([5.0, *[1e-6] * 13]))  # 0.5 kg pulls by two grams
-    np.testing.assert_allclose(semiparametric.heavier(oracle, change, recorded, alone).theta, theta, atol=1e-3)
-    np.testing.assert_allclose(semiparametric.heavier(oracle, change, recorded, MEAN).theta, theta, atol=2e-3)
+    np.testing.assert_allclose(
+        semiparametric.update_inertial_mean(oracle, change, recorded, alone).inertial_parameters, theta, atol=1e-3
+    )
+    np.testing.assert_allclose(
+        semiparametric.update_inertial_mean(oracle, change, recorded, MEAN).inertial_parameters, theta, atol=2e-3
+    )
     third = dataclasses.replace(change, theta=jnp.asarray(theta / 3))  # a third of it was known: what is left is added
-    np.testing.assert_allclose(semiparametric.heavier(oracle, third, recorded, alone).theta, theta, atol=1e-3)
-    later = dataclasses.replace(third, since=99.0)  # nothing has been recorded since
-    np.testing.assert_array_equal(semiparametric.heavier(oracle, later, recorded, MEAN).theta, third.theta)
-    left = model_update.samples(dataclasses.replace(oracle, theta=jnp.asarray(theta)), recorded)["payload"][1]
+    np.testing.assert_allclose(
+        semiparametric.update_inertial_mean(oracle, third, recorded, alone).inertial_parameters, theta, atol=1e-3
+    )
+    later = dataclasses.replace(third, time=99.0)  # nothing has been recorded since
+    np.testing.assert_array_equal(
+        semiparametric.update_inertial_mean(oracle, later, recorded, MEAN).inertial_parameters, third.theta
+    )
+    left = model_update.regression_targets(
+        dataclasses.replace(oracle, inertial_parameters=jnp.asarray(theta)), recorded
+    )["payload"][1]
     told = gp.predict(oracle.payload, features.payload_features(recorded.payload.X))[0]
     np.testing.assert_allclose(left, told[:30], atol=1e-9)
 
@@ -237,16 +259,20 @@ def test_what_goes_with_the_place_is_neither_mass_nor_a_first_moment():
     """On a loop the vertical acceleration does as well, so errors that are noise alone would leave it no other name."""
     recorded = flown(3)
     load, n = recorded.payload, int(recorded.payload.n)
-    X, hyper = np.asarray(load.X), gp.hyperparameters(np.ones(6), [0.7] * 3 + [gp.UNSEEN] * 17, 0.05)
+    X, hyper = np.asarray(load.X), gp.make_hyperparameters(np.ones(6), [0.7] * 3 + [gp.INACTIVE_LENGTHSCALE] * 17, 0.05)
     turned = np.stack([0.7 - 0.5 * X[:, 0], -0.7 - 0.5 * X[:, 1], 3.0 * X[:, 2] + 0.6], axis=1)
     Y = np.concatenate([turned, np.cross([0.1, 0.3, 0.2], turned)], axis=1)  # of a point off the centre
     other = dataclasses.replace(recorded, payload=dataclasses.replace(load, Y=jnp.asarray(Y)))
     oracle = nothing()
     model = gp.condition(features.payload_features(load.X[:2] + 50.0), np.zeros((2, 6)), hyper, oracle.payload.capacity)
     oracle = dataclasses.replace(oracle, payload=model)
-    theta = semiparametric.heavier(oracle, model_update.changed(oracle, "payload", 0.0), other, MEAN).theta
+    theta = semiparametric.update_inertial_mean(
+        oracle, model_update.make_change_point(oracle, "payload", 0.0), other, MEAN
+    ).inertial_parameters
     noise = np.asarray(hyper.noise_variance)[:, None, None] * np.eye(n)
-    alone, _ = identification.identify(identification.inertial(X[:n])[:, :, :4], Y[:n], noise, MEAN.payload[:4])
+    alone, _ = identification.identify_parameters(
+        identification.inertial_regressors(X[:n])[:, :, :4], Y[:n], noise, MEAN.payload[:4]
+    )
     assert abs(theta[0]) < 0.5 * abs(alone[0])
     assert np.abs(theta[1:4]).max() < 0.5 * np.abs(alone[1:4]).max()
     np.testing.assert_array_equal(theta[4:], 0)
@@ -254,5 +280,7 @@ def test_what_goes_with_the_place_is_neither_mass_nor_a_first_moment():
 
 def test_a_payload_that_would_weigh_nothing_is_believed_to_weigh_a_tenth():
     oracle, recorded = since(np.array([1.5, *np.zeros(9)]))
-    theta = semiparametric.heavier(oracle, model_update.changed(oracle, "payload", 9.0), recorded, MEAN).theta
+    theta = semiparametric.update_inertial_mean(
+        oracle, model_update.make_change_point(oracle, "payload", 9.0), recorded, MEAN
+    ).inertial_parameters
     np.testing.assert_allclose(theta[0], 0.9 * 1.2, rtol=1e-3)

@@ -34,7 +34,7 @@ needs_browser = pytest.mark.skipif(browser.FOUND is None, reason="there is no Ch
 
 
 @pytest.fixture(scope="module")
-def told() -> scenario.Settings:
+def told() -> scenario.Scenario:
     return played.told()
 
 
@@ -69,15 +69,15 @@ def embedded(text: str) -> dict[str, Any]:
 
 def test_the_page_holds_the_frames_and_names_the_run(made, flown, told):
     text = made.read_text()
-    assert run_directory.run_of(made) == flights.RUN
+    assert run_directory.read_run_id(made) == flights.RUN
     written = embedded(text)
     assert (written["scenario"], written["seed"], written["run"]) == (told.name, told.seed, flights.RUN)
     truth, _ = team.team(told)
     for case, ds in flown.items():
         (found,) = [each for each in written["cases"] if each["name"] == case]
-        for name, track in (scene.frames(ds, truth) | scene.curves(ds)).items():
+        for name, track in (scene.frames(ds, truth) | scene.plot_signals(ds)).items():
             np.testing.assert_array_equal(found["tracks"][name], track.astype("<f4"), err_msg=name)
-        assert found["t"] == pytest.approx(ds.time.values[scene.rows(ds)], abs=1e-6)
+        assert found["t"] == pytest.approx(ds.time.values[scene.frame_rows(ds)], abs=1e-6)
         assert found["marks"]["updates"] == pytest.approx(np.atleast_1d(ds.attrs["update_times_s"]))
     shape = written["shape"]
     assert [contact["name"] for contact in shape["contacts"]] == list(team.contact_names(told))
@@ -87,7 +87,7 @@ def test_the_page_holds_the_frames_and_names_the_run(made, flown, told):
 
 
 def test_links_follow_the_arms_of_the_paper_s_team():
-    shape = embedded(playback.page({"C1": random_log()}, CASES))["shape"]
+    shape = embedded(playback.build_page({"C1": random_log()}, CASES))["shape"]
     # base 0, waist 1, left 2, right 3, tips 4 and 5; the waist sits at the base's origin
     assert shape["links"][:4] == [[1, 2], [1, 3], [2, 4], [3, 5]]
     assert [contact["node"] for contact in shape["contacts"]] == [4, 5, 10, 11]
@@ -97,7 +97,7 @@ def test_links_follow_the_arms_of_the_paper_s_team():
 
 
 def test_the_longest_arrows_fit_the_team():
-    written = embedded(playback.page({"C1": random_log(flights.PAPER._replace(time=1000))}, CASES))
+    written = embedded(playback.build_page({"C1": random_log(flights.PAPER._replace(time=1000))}, CASES))
     size = written["shape"]["size_m"]
     forces = {"contact": "lam", "disturbance": "disturbance", "thrust": "u"}
     for kind, track in forces.items():
@@ -110,12 +110,12 @@ def test_the_longest_arrows_fit_the_team():
 
 def test_twenty_seconds_of_three_cases_take_two_megabytes_at_most():
     ds = random_log(flights.PAPER._replace(time=10_000))
-    assert len(playback.page(dict.fromkeys(("C1", "C2", "C3"), ds), experiment.CASES)) < 2e6
+    assert len(playback.build_page(dict.fromkeys(("C1", "C2", "C3"), ds), experiment.PAPER_CASES)) < 2e6
 
 
 def test_a_page_asks_for_nothing_and_no_name_ends_it_early():
     odd = "</script><img src=x>"
-    text = playback.page({"C1": random_log()}, {"C1": odd})
+    text = playback.build_page({"C1": random_log()}, {"C1": odd})
     assert embedded(text)["cases"][0]["label"] == odd
     assert "<img" not in text
     assert "default-src 'none'" in text
@@ -135,7 +135,7 @@ def test_a_log_without_a_scenario_is_refused(scenario_json, answer):
     ds.attrs |= {"scenario_json": scenario_json}
     ds.attrs = {name: value for name, value in ds.attrs.items() if value is not None}
     with pytest.raises(ValueError, match=answer) as refused:
-        playback.page({"C1": ds}, CASES)
+        playback.build_page({"C1": ds}, CASES)
     assert "\n" not in str(refused.value)
 
 
@@ -170,7 +170,7 @@ def test_the_command_says_where_the_page_is_and_opens_it_only_if_asked(tmp_path,
 
 
 def test_the_next_study_removes_the_page(made):
-    assert made in run_directory.files(made.parent, study.FLOWN)
+    assert made in run_directory.list_files(made.parent, study.STUDY_FILES)
 
 
 # The bundle -----------------------------------------------------------------------------------------------------------
@@ -272,7 +272,7 @@ def test_it_renders(page):
 def test_seek_moves_the_payload_by_what_the_log_says(page, flown, case):
     ds = flown[case]
     page.evaluate(f"document.querySelectorAll('.chip')[{list(CASES).index(case)}].click()")
-    at = scene.rows(ds)
+    at = scene.frame_rows(ds)
     for k in (*at[:: len(at) // 5], at[-1]):
         t = float(ds.time[k])
         page.evaluate(f"seek({t!r})")
@@ -288,7 +288,7 @@ def test_seek_moves_the_payload_by_what_the_log_says(page, flown, case):
 def test_a_seek_is_seen(page):
     before = part(page, "#stage")
     page.evaluate("seek(1.2)")
-    page.settle()
+    page.transient_time()
     assert differ(before, part(page, "#stage")) > 500
     assert page.evaluate("document.querySelector('#clock').textContent") == "1.20 s"
     assert page.evaluate("document.querySelector('#mode').textContent") == "C3: learning has ended, 1 of 1 updates"
@@ -334,10 +334,10 @@ def test_faster_is_faster_and_a_button_that_was_pressed_does_not_take_the_space(
 def test_cases_are_chosen_and_others_are_ghosts(page):
     page.evaluate("seek(1.4)")
     assert page.evaluate("state().case") == "C3"
-    page.settle()
+    page.transient_time()
     with_ghost = part(page, "#stage")
     page.evaluate("document.querySelector('#ghosts').click()")
-    page.settle()
+    page.transient_time()
     assert not page.evaluate("state().ghosts")
     assert differ(with_ghost, part(page, "#stage")) > 50
     page.evaluate("document.querySelector('.chip').click()")
@@ -350,7 +350,7 @@ def test_arrows_are_left_out_one_kind_at_a_time(page):
     for kind in playback.ARROWS:
         before = part(page, "#stage")
         page.evaluate(f"document.querySelector('#legend .{kind} input').click()")
-        page.settle()
+        page.transient_time()
         assert differ(before, part(page, "#stage")) > 30, kind
 
 

@@ -29,7 +29,7 @@ def errors(ds):
 
 
 def test_figure_3_draws_every_error_beside_its_deviation_force_and_moment_apart(cases):
-    figure = uncertainty_figures.deviation({name: cases[name] for name in CASES}, TOLD)
+    figure = uncertainty_figures.plot_predictive_std({name: cases[name] for name in CASES}, TOLD)
     panels = np.array(figure.axes).reshape(4, 3)
     assert [ax.get_ylabel().split("[")[1] for ax in panels[:, 0]] == ["N]", "N m]", "N]", "N m]"]
     for k, name in enumerate(CASES):
@@ -50,14 +50,16 @@ def test_figure_3_draws_every_error_beside_its_deviation_force_and_moment_apart(
 
 def test_figure_3_draws_the_rms_of_the_error_over_the_window_that_its_legend_states(cases):
     ds = flights.dataset(np.random.default_rng(5), flights.PAPER._replace(time=500))  # radii each 10 ms
-    line = uncertainty_figures.deviation({"C3": ds}, TOLD).axes[0].lines[1]
+    line = uncertainty_figures.plot_predictive_std({"C3": ds}, TOLD).axes[0].lines[1]
     (error,) = errors(ds)[0]
     for i in range(15, 85, 7):
         assert line.get_ydata()[i] == pytest.approx(np.sqrt((error[i - 10 : i + 10] ** 2).mean()), rel=1e-12)
 
 
 def test_figure_5_draws_every_radius_over_the_true_error_of_its_body(cases):
-    panels = np.array(uncertainty_figures.rho_bar({name: cases[name] for name in CASES}, TOLD).axes).reshape(4, 3)
+    panels = np.array(uncertainty_figures.plot_error_radius({name: cases[name] for name in CASES}, TOLD).axes).reshape(
+        4, 3
+    )
     for k, name in enumerate(CASES):
         ds = cases[name]
         payload = [[ds.rho_bar_L_force.values], [ds.rho_bar_L_moment.values]]
@@ -78,7 +80,7 @@ def test_figure_5_shows_where_there_is_no_radius_and_where_the_error_exceeds_it(
     ds.rho_bar_L_force[:] = 1e3
     ds.rho_bar_L_force[10:20] = np.inf
     ds.rho_bar_L_force[30:40] = 1e-9
-    ax = uncertainty_figures.rho_bar({"C3": ds}, TOLD).axes[0]
+    ax = uncertainty_figures.plot_error_radius({"C3": ds}, TOLD).axes[0]
     t = ds.time_sigma.values
     (red,) = [line for line in ax.lines if line.get_color() == "red"]
     np.testing.assert_array_equal(red.get_xdata(), t[30:40])
@@ -92,6 +94,6 @@ def test_figure_5_shows_where_there_is_no_radius_and_where_the_error_exceeds_it(
 
 
 def test_figure_5_says_what_its_radii_rest_on(cases):
-    assert "assumed: norm, energy" in uncertainty_figures.rho_bar({"C3": cases["C3"]}, TOLD).get_suptitle()
+    assert "assumed: norm, energy" in uncertainty_figures.plot_error_radius({"C3": cases["C3"]}, TOLD).get_suptitle()
     met = cases["C3"].assign_attrs(rho_assumed="")
-    assert "all assumptions met" in uncertainty_figures.rho_bar({"C3": met}, TOLD).get_suptitle()
+    assert "all assumptions met" in uncertainty_figures.plot_error_radius({"C3": met}, TOLD).get_suptitle()

@@ -17,13 +17,13 @@ EAST, NORTH, UP = np.eye(3)
 
 
 def test_the_axes_by_name() -> None:
-    np.testing.assert_array_equal(px4_frames.world(np.eye(3)), [[0, 1, 0], [1, 0, 0], [0, 0, -1]])
-    np.testing.assert_array_equal(px4_frames.body(np.eye(3)), [[1, 0, 0], [0, -1, 0], [0, 0, -1]])
+    np.testing.assert_array_equal(px4_frames.enu_ned(np.eye(3)), [[0, 1, 0], [1, 0, 0], [0, 0, -1]])
+    np.testing.assert_array_equal(px4_frames.flu_frd(np.eye(3)), [[1, 0, 0], [0, -1, 0], [0, 0, -1]])
 
 
 @given(vectors)
 def test_each_map_is_its_own_inverse_and_a_rotation(v: np.ndarray) -> None:
-    for turn, matrix in ((px4_frames.world, px4_frames.WORLD), (px4_frames.body, px4_frames.BODY)):
+    for turn, matrix in ((px4_frames.enu_ned, px4_frames.WORLD), (px4_frames.flu_frd, px4_frames.BODY)):
         np.testing.assert_array_equal(turn(turn(v)), v)
         assert np.linalg.det(matrix) == 1
 
@@ -32,8 +32,10 @@ def test_each_map_is_its_own_inverse_and_a_rotation(v: np.ndarray) -> None:
 def test_an_attitude_maps_what_it_turns(seed: int, v: np.ndarray) -> None:
     """`R' body(v) = world(R v)`, which defines it; and back."""
     R = Rotation.random(random_state=seed).as_matrix()
-    np.testing.assert_allclose(px4_frames.attitude(R) @ px4_frames.body(v), px4_frames.world(R @ v), atol=1e-12)
-    np.testing.assert_allclose(px4_frames.attitude(px4_frames.attitude(R)), R, atol=1e-15)
+    np.testing.assert_allclose(
+        px4_frames.attitude_enu_ned(R) @ px4_frames.flu_frd(v), px4_frames.enu_ned(R @ v), atol=1e-12
+    )
+    np.testing.assert_allclose(px4_frames.attitude_enu_ned(px4_frames.attitude_enu_ned(R)), R, atol=1e-15)
 
 
 @pytest.mark.parametrize(
@@ -52,16 +54,20 @@ def test_heading_pitch_and_roll_are_a_pilot_s(
     """Clockwise from north, nose up and right wing down are positive in NED and FRD."""
     R = np.stack([nose, left, np.cross(nose, left)], axis=1)
     expected = Rotation.from_euler("ZYX", [yaw, pitch, roll], degrees=True).as_matrix()
-    np.testing.assert_allclose(px4_frames.attitude(R), expected, atol=1e-12)
+    np.testing.assert_allclose(px4_frames.attitude_enu_ned(R), expected, atol=1e-12)
 
 
 @given(st.sampled_from([0.0, 1.0]) | st.floats(1e-3, 1), st.floats(0, 1))
 def test_a_signal_and_its_share_of_the_force_are_inverse(s: float, f: float) -> None:
-    frame = px4_frames.Airframe(x=(0.1,), y=(0.1,), yaw=(0.0,), quadratic=f)
-    np.testing.assert_allclose(px4_frames.signal(frame, px4_frames.share(frame, np.array([s]))), s, atol=1e-7)
-    np.testing.assert_allclose(px4_frames.share(frame, px4_frames.signal(frame, np.array([s]))), s, atol=1e-12)
-    assert px4_frames.share(frame, np.array([-s])) == 0
-    assert px4_frames.signal(frame, np.array([1 + s])) == pytest.approx(1)
+    frame = px4_frames.Airframe(x=(0.1,), y=(0.1,), moment_ratio=(0.0,), quadratic=f)
+    np.testing.assert_allclose(
+        px4_frames.actuator_signal(frame, px4_frames.thrust_fraction(frame, np.array([s]))), s, atol=1e-7
+    )
+    np.testing.assert_allclose(
+        px4_frames.thrust_fraction(frame, px4_frames.actuator_signal(frame, np.array([s]))), s, atol=1e-12
+    )
+    assert px4_frames.thrust_fraction(frame, np.array([-s])) == 0
+    assert px4_frames.actuator_signal(frame, np.array([1 + s])) == pytest.approx(1)
 
 
 def test_rotors_turn_the_vehicle_as_they_should() -> None:
@@ -73,25 +79,25 @@ def test_rotors_turn_the_vehicle_as_they_should() -> None:
     ):
         signals = np.full(4, 0.5)
         signals[list(louder)] += 0.1
-        u, tau = px4_frames.wrench(px4_frames.QUAD_X, signals, 40.0)
+        u, tau = px4_frames.rotor_wrench(px4_frames.QUAD_X, signals, 40.0)
         assert u == pytest.approx(22)
         np.testing.assert_allclose(tau / np.linalg.norm(tau), torque, atol=1e-12)
 
 
 @given(st.floats(8, 32), arrays(float, 3, elements=st.floats(-0.2, 0.2)), st.floats(0, 1))
 def test_controls_give_the_wrench_back(u: float, tau: np.ndarray, f: float) -> None:
-    frame = px4_frames.Airframe(px4_frames.QUAD_X.x, px4_frames.QUAD_X.y, px4_frames.QUAD_X.yaw, f)
-    signals = px4_frames.controls(frame, u, tau, 40.0)
+    frame = px4_frames.Airframe(px4_frames.QUAD_X.x, px4_frames.QUAD_X.y, px4_frames.QUAD_X.moment_ratio, f)
+    signals = px4_frames.actuator_controls(frame, u, tau, 40.0)
     assert ((signals >= 0) & (signals <= 1)).all()
-    found, torque = px4_frames.wrench(frame, signals, 40.0)
+    found, torque = px4_frames.rotor_wrench(frame, signals, 40.0)
     np.testing.assert_allclose([found, *torque], [u, *tau], atol=1e-12)
 
 
 def test_setpoints_are_shares() -> None:
     np.testing.assert_array_equal(px4_frames.thrust_setpoint(30.0, 40.0), [0, 0, -0.75])
-    most = px4_frames.wrench(px4_frames.QUAD_X, np.array([0.0, 1.0, 1.0, 0.0]), 40.0)[1]
+    most = px4_frames.rotor_wrench(px4_frames.QUAD_X, np.array([0.0, 1.0, 1.0, 0.0]), 40.0)[1]
     np.testing.assert_allclose(px4_frames.torque_setpoint(px4_frames.QUAD_X, most, 40.0), [1, 0, 0], atol=1e-15)
-    most = px4_frames.wrench(px4_frames.QUAD_X, np.array([1.0, 0.0, 1.0, 0.0]), 40.0)[1]
+    most = px4_frames.rotor_wrench(px4_frames.QUAD_X, np.array([1.0, 0.0, 1.0, 0.0]), 40.0)[1]
     np.testing.assert_allclose(px4_frames.torque_setpoint(px4_frames.QUAD_X, most, 40.0), [0, 1, 0], atol=1e-15)
 
 

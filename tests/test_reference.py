@@ -13,8 +13,8 @@ from scipy.spatial.transform import Rotation
 from colift.math import so3
 from colift.trajectories import base, departure, lissajous, minimum_snap
 
-at = jax.jit(lambda path, t: path.at(t))
-pulse = jax.jit(base.pulse)
+at = jax.jit(lambda path, t: path.evaluate(t))
+pulse = jax.jit(base.smooth_pulse)
 
 
 def random_path(seed: int) -> lissajous.Lissajous:
@@ -25,11 +25,11 @@ def random_path(seed: int) -> lissajous.Lissajous:
         amplitude=jnp.array(rng.normal(size=3)),
         period=jnp.array(rng.uniform(3, 8, 3)),
         phase=jnp.array(rng.uniform(-3, 3, 3)),
-        ramp=jnp.array(rng.uniform(1, 4)),
+        ramp_time=jnp.array(rng.uniform(1, 4)),
         R=jnp.eye(3),
-        swing=jnp.zeros(3),
-        swing_period=jnp.array(rng.uniform(3, 8, 3)),
-        swing_phase=jnp.array(rng.uniform(-3, 3, 3)),
+        rotation_amplitude=jnp.zeros(3),
+        rotation_period=jnp.array(rng.uniform(3, 8, 3)),
+        rotation_phase=jnp.array(rng.uniform(-3, 3, 3)),
     )
 
 
@@ -37,15 +37,15 @@ def swinging(seed: int) -> lissajous.Lissajous:
     """The same, and the attitude swings."""
     rng = np.random.default_rng(seed)
     turned = so3.exp(jnp.array(rng.normal(size=3)))
-    return dataclasses.replace(random_path(seed), R=turned, swing=jnp.array(rng.uniform(-1, 1, 3)))
+    return dataclasses.replace(random_path(seed), R=turned, rotation_amplitude=jnp.array(rng.uniform(-1, 1, 3)))
 
 
-def legs(seed: int) -> tuple[minimum_snap.Waypoints, np.ndarray, np.ndarray]:
+def legs(seed: int) -> tuple[minimum_snap.MinimumSnapTrajectory, np.ndarray, np.ndarray]:
     """A path through random poses, the times and the poses."""
     rng = np.random.default_rng(seed)
     t = np.cumsum(rng.uniform(0.3, 2, rng.integers(2, 6)))
     p, theta = rng.normal(size=(len(t), 3)), 0.5 * rng.normal(size=(len(t), 3))
-    return minimum_snap.waypoints(t, p, theta), t, np.concatenate([p, theta], axis=1)
+    return minimum_snap.minimum_snap(t, p, theta), t, np.concatenate([p, theta], axis=1)
 
 
 def values(path: lissajous.Lissajous, t: float) -> np.ndarray:
@@ -60,7 +60,7 @@ def test_each_derivative_is_the_rate_of_the_one_before(seed, t):
     # five points: the error is h^4 / 30 times a fifth derivative of a few hundred at most, and rounding / h
     f = {k: values(path, t + k * h) for k in (-2, -1, 1, 2)}
     rate = (f[-2] - 8 * f[-1] + 8 * f[1] - f[2]) / (12 * h)
-    kinks = [abs(t - float(path.ramp)), t]  # at both ends of the ramp the jerk is continuous, its rate is not
+    kinks = [abs(t - float(path.ramp_time)), t]  # at both ends of the ramp the jerk is continuous, its rate is not
     if min(kinks) > 3 * h:
         np.testing.assert_allclose(values(path, t)[1:], rate[:-1], atol=1e-7)
 
@@ -122,7 +122,7 @@ def test_no_other_curve_through_the_poses_has_less_snap(seed):
 )
 def test_times_that_no_path_can_have_are_refused(t, said):
     with pytest.raises(ValueError, match=said):
-        minimum_snap.waypoints(np.array(t), np.zeros((len(t), 3)), np.zeros((len(t), 3)))
+        minimum_snap.minimum_snap(np.array(t), np.zeros((len(t), 3)), np.zeros((len(t), 3)))
 
 
 @given(seed=st.integers(0, 10**6))
@@ -136,10 +136,12 @@ def test_the_reference_starts_at_rest_in_its_center_at_its_attitude(seed):
 
 
 def test_a_path_that_leaves_is_the_same_until_then_and_smooth():
-    path = dataclasses.replace(swinging(3), ramp=jnp.array(1.0))
+    path = dataclasses.replace(swinging(3), ramp_time=jnp.array(1.0))
     shift, swing = jnp.array([1.0, -2.0, 0.5]), jnp.array([0.1, 0.2, -0.1])
     numbers = {"start": 2.0, "over": 1.5, "swing_start": 5.0, "swing_period": 3.0}
-    off = departure.Leaving(path=path, shift=shift, swing=swing, **{k: jnp.array(x) for k, x in numbers.items()})
+    off = departure.PathDeparture(
+        base=path, offset=shift, rotation_amplitude=swing, **{k: jnp.array(x) for k, x in numbers.items()}
+    )
     for t in (0.5, 2.0):
         jax.tree.map(
             lambda a, b: np.testing.assert_allclose(a, b, atol=1e-12), at(off, jnp.array(t)), at(path, jnp.array(t))

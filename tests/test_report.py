@@ -71,7 +71,7 @@ def made(out: Path) -> str:
 def test_a_report_holds_what_was_run_table_figures_playback_and_settings(out):
     text = made(out)
     assert html.escape(SUMMARY["command"]) in text
-    assert run_directory.run_of(out / "report.html") == flights.RUN
+    assert run_directory.read_run_id(out / "report.html") == flights.RUN
     assert "jax 0.10.1" in text
     assert "nothing: every case flew to its end within its limits." in text
     assert text.index("Beware") < text.index("What was run") < text.index("Second half") < text.index("Playback")
@@ -84,7 +84,7 @@ def test_a_report_holds_what_was_run_table_figures_playback_and_settings(out):
     settings = re.search(r"<pre>(.*?)</pre>", text, re.DOTALL)
     assert settings
     assert scenario.parse(html.unescape(settings[1]), "report") == played.told()
-    assert (out / "report.html") in run_directory.files(out, study.FLOWN)  # the next study removes it
+    assert (out / "report.html") in run_directory.list_files(out, study.STUDY_FILES)  # the next study removes it
 
 
 def test_a_report_asks_for_nothing_and_no_name_of_a_scenario_ends_it_early(out):
@@ -143,18 +143,18 @@ def test_a_certificate_of_the_same_run_is_in_it_and_one_of_another_is_not(out):
 
 
 def test_differences_are_those_to_the_shipped_scenario_as_set_takes_them():
-    assert report.differences(scenario.load("paper")) == []
+    assert report.setting_differences(scenario.load_scenario("paper")) == []
     changed = ("payload.mass_kg=2", "agents.0.yaw_deg=30", "control.look_ahead_s=0.03")
-    found = report.differences(scenario.load("paper", changed))
+    found = report.setting_differences(scenario.load_scenario("paper", changed))
     assert {(where, here) for where, _, here in found} == {
         ("payload.mass_kg", "2.0"),
         ("agents.0.yaw_deg", "30.0"),
         ("control.look_ahead_s", "0.03"),
     }
-    again = scenario.load("paper", [f"{where}={here}" for where, _, here in found])
-    assert again == scenario.load("paper", changed)
+    again = scenario.load_scenario("paper", [f"{where}={here}" for where, _, here in found])
+    assert again == scenario.load_scenario("paper", changed)
     assert {where: there for where, there, _ in found}["control.look_ahead_s"] == "absent"
-    assert report.differences(played.told()) is None  # not shipped
+    assert report.setting_differences(played.told()) is None  # not shipped
 
 
 @pytest.mark.parametrize(

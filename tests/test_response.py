@@ -17,7 +17,7 @@ from colift import gp, scenario
 from colift.closed_loop import linearization
 from colift.closed_loop.linearization import OUTPUTS
 from colift.models import grasp, state
-from colift.models.state import Residual, State, no_force
+from colift.models.state import ResidualForces, State, zero_residual
 from colift.onboard import controller
 from colift.onboard.learning import features, residual_model
 from colift.scenario import controllers, initial_states, schema, team
@@ -28,34 +28,37 @@ SIZES = np.repeat([0.5, 0.05, 0.5, 0.05, 0.02, 0.5, 0.05, 0.02], 3)  # N and N m
 
 
 @functools.cache
-def study() -> tuple[controller.LeaderFollower, State]:
+def study() -> tuple[controller.LeaderFollowerController, State]:
     """The study's pilot with an oracle without data, and the nominal team at rest on the reference."""
-    given = scenario.load("paper")
+    given = scenario.load_scenario("paper")
     small = given.learning.model_copy(update={"capacity": 2})
-    given = given.model_copy(update={"start": schema.Start(), "learning": small})
+    given = given.model_copy(update={"start": schema.InitialState(), "learning": small})
     _, nominal = team.team(given)
-    return controllers.pilot(given, nominal), initial_states.start(given, nominal)
+    return controllers.make_controller(given, nominal), initial_states.initial_state(given, nominal)
 
 
 @functools.cache
-def learned() -> residual_model.Oracle:
+def learned() -> residual_model.ResidualModel:
     """An oracle that predicts nothing at rest, but a spring and a damper on the payload off it."""
     pilot, z = study()
-    oracle = pilot.oracle
-    hyper, x = oracle.payload.hyper, np.asarray(features.payload_features(state.flat_payload(z.payload, jnp.zeros(6))))
+    oracle = pilot.residual_model
+    hyper, x = (
+        oracle.payload.hyper,
+        np.asarray(features.payload_features(state.flatten_payload_state(z.payload, jnp.zeros(6)))),
+    )
     apart = 0.3 * np.asarray(hyper.lengthscales)[0] * np.eye(20)[[0, 3]].sum(0)
     w = np.array([8.0, 3.0, -5.0, 6.0, 2.0, -7.0])[:, None] * np.array([1.0, -1.0])
-    return dataclasses.replace(oracle, payload=gp.expansion(hyper, np.stack([x + apart, x - apart]), w))
+    return dataclasses.replace(oracle, payload=gp.from_expansion(hyper, np.stack([x + apart, x - apart]), w))
 
 
 @functools.cache
-def loop(knows: bool = False) -> linearization.Response:
+def loop(knows: bool = False) -> linearization.LinearizedLoop:
     """The response of `study`, or of the loop that knows more."""
     pilot, z = study()
-    return linearization.linearize(dataclasses.replace(pilot, oracle=learned()) if knows else pilot, z)
+    return linearization.linearize(dataclasses.replace(pilot, residual_model=learned()) if knows else pilot, z)
 
 
-def closed(pilot: controller.LeaderFollower, z: State, f: Residual) -> tuple[Any, Any, Any]:
+def closed(pilot: controller.LeaderFollowerController, z: State, f: ResidualForces) -> tuple[Any, Any, Any]:
     """Acceleration, contact forces and desired wrench, the measured acceleration being the one that is caused.
 
     The law is affine in it, and only its first three components enter.
@@ -63,9 +66,9 @@ def closed(pilot: controller.LeaderFollower, z: State, f: Residual) -> tuple[Any
     team = pilot.team
 
     def under(a: jax.Array) -> tuple[Any, Any, Any]:
-        now = controller.known(pilot, z, a, jnp.zeros(()))
-        inputs, _, decided = pilot.decide((), (), now)
-        return *contact_dynamics.accelerate(team, z, inputs, f), decided.W_d
+        now = controller.context_at(pilot, z, a, jnp.zeros(()))
+        inputs, _, decided = pilot.control_law((), (), now)
+        return *contact_dynamics.forward_dynamics(team, z, inputs, f), decided.W_d
 
     found = jax.lax.map(lambda a: under(a)[0].payload[:3], jnp.concatenate([jnp.zeros((1, 6)), jnp.eye(3, 6)]))
     slope = (found[1:] - found[:1]).T
@@ -73,30 +76,30 @@ def closed(pilot: controller.LeaderFollower, z: State, f: Residual) -> tuple[Any
 
 
 @jax.jit
-def rates(pilot: controller.LeaderFollower, z: State, shift: jax.Array, f: jax.Array) -> tuple[Any, ...]:
+def rates(pilot: controller.LeaderFollowerController, z: State, shift: jax.Array, f: jax.Array) -> tuple[Any, ...]:
     """How the local coordinates around z change at a shift, and what the outputs are made of."""
-    d = ravel_pytree(contact_dynamics.no_shift(z))[1](shift)
-    at = contact_dynamics.move(z, d)
+    d = ravel_pytree(contact_dynamics.zero_tangent(z))[1](shift)
+    at = contact_dynamics.retract(z, d)
     a, lam, W_d = closed(pilot, at, linearization.unflatten(pilot.team, f))
-    return ravel_pytree(contact_dynamics.rate(at, d, a))[0], a.payload, lam, W_d, at
+    return ravel_pytree(contact_dynamics.tangent_rate(at, d, a))[0], a.payload, lam, W_d, at
 
 
 @jax.jit
-def step(pilot: controller.LeaderFollower, z: State, f: jax.Array, dt: jax.Array) -> State:
+def step(pilot: controller.LeaderFollowerController, z: State, f: jax.Array, dt: jax.Array) -> State:
     """One step of order 4 of the closed loop, the control acting at every stage."""
-    zero, unravel = ravel_pytree(contact_dynamics.no_shift(z))
+    zero, unravel = ravel_pytree(contact_dynamics.zero_tangent(z))
 
     def stage(carry: tuple[jax.Array, jax.Array], node: jax.Array) -> tuple[tuple[jax.Array, jax.Array], None]:
         slope, total = carry
         d = unravel(dt * node[0] * slope)
-        at = contact_dynamics.move(z, d)
+        at = contact_dynamics.retract(z, d)
         a, _, _ = closed(pilot, at, linearization.unflatten(pilot.team, f))
-        slope = ravel_pytree(contact_dynamics.rate(at, d, a))[0]
+        slope = ravel_pytree(contact_dynamics.tangent_rate(at, d, a))[0]
         return (slope, total + dt * node[1] * slope), None
 
     nodes = jnp.array([[0.0, 1 / 6], [0.5, 1 / 3], [0.5, 1 / 3], [1.0, 1 / 6]])
     (_, total), _ = jax.lax.scan(stage, (zero, zero), nodes)
-    return contact_dynamics.move(z, unravel(total))
+    return contact_dynamics.retract(z, unravel(total))
 
 
 def errors(z: State) -> np.ndarray:
@@ -110,9 +113,9 @@ def errors(z: State) -> np.ndarray:
 def outputs(shift: np.ndarray, f: np.ndarray, knows: bool = False) -> tuple[np.ndarray, np.ndarray]:
     """Rate and outputs of the closed loop at a shift, the outputs by the paper's law and Newton's sum in NumPy."""
     pilot, z = study()
-    pilot = dataclasses.replace(pilot, oracle=learned()) if knows else pilot
+    pilot = dataclasses.replace(pilot, residual_model=learned()) if knows else pilot
     rate, a, lam, W_d, at = rates(pilot, z, jnp.asarray(shift), jnp.asarray(f))
-    e, gains, q = errors(at), pilot.leader.gains, at.payload
+    e, gains, q = errors(at), pilot.payload_controller.gains, at.payload
     to = np.concatenate(
         [
             -np.asarray(gains.K_p) @ e[:3] - np.asarray(gains.K_v) @ e[3:6],
@@ -120,7 +123,7 @@ def outputs(shift: np.ndarray, f: np.ndarray, knows: bool = False) -> tuple[np.n
         ]
     )
     forces = np.concatenate([np.asarray(part).reshape(-1, 3) for part in lam])
-    c, R = np.asarray(grasp.contacts(pilot.team)), np.asarray(q.R)
+    c, R = np.asarray(grasp.contact_points(pilot.team)), np.asarray(q.R)
     W = np.concatenate([forces.sum(0), np.cross(c, forces @ R).sum(0)])
     return np.asarray(rate), np.concatenate([e, np.asarray(a) - to, W - np.concatenate([W_d.F, W_d.tau])])
 
@@ -132,10 +135,10 @@ def outputs(shift: np.ndarray, f: np.ndarray, knows: bool = False) -> tuple[np.n
 def test_a_residual_comes_back_from_its_row_and_every_body_has_its_columns(structure):
     rng = np.random.default_rng(0)
     team = teams.team(rng, structure)
-    f = jax.tree.map(lambda x: jnp.asarray(rng.normal(size=x.shape)), no_force(team))
+    f = jax.tree.map(lambda x: jnp.asarray(rng.normal(size=x.shape)), zero_residual(team))
     row = linearization.flatten(f)
     jax.tree.map(np.testing.assert_array_equal, linearization.unflatten(team, row), f)
-    columns = linearization.bodies(team)
+    columns = linearization.body_columns(team)
     assert [c.start for c in columns] == [0, *(c.stop for c in columns[:-1])]
     assert columns[-1].stop == len(row)
     np.testing.assert_array_equal(row[columns[0]], np.concatenate([f.payload.F, f.payload.tau]))
@@ -148,7 +151,7 @@ def test_a_residual_comes_back_from_its_row_and_every_body_has_its_columns(struc
 def test_rows_are_where_the_outputs_stand():
     found, first = loop(), 0
     for name, size in OUTPUTS.items():
-        assert found.rows(name) == slice(first, first + size)
+        assert found.output_rows(name) == slice(first, first + size)
         first += size
     assert len(found.C) == len(found.D) == first
 
@@ -168,12 +171,12 @@ def test_its_states_are_all_the_motions_that_the_grasp_allows():
     free = 6 + 3 * 2  # the payload's velocities and the agents' attitudes (the tree's joints follow)
     assert T.shape[1] == 2 * free
     np.testing.assert_allclose(T.T @ T, np.eye(2 * free), atol=1e-12)
-    unravel, h = ravel_pytree(contact_dynamics.no_shift(z))[1], 1e-5
+    unravel, h = ravel_pytree(contact_dynamics.zero_tangent(z))[1], 1e-5
 
     @jax.jit
     def gap(d: jax.Array) -> tuple[jax.Array, jax.Array]:
-        at = contact_dynamics.move(z, unravel(d))
-        return grasp.Phi(pilot.team, at), grasp.Phi_dot(pilot.team, at)
+        at = contact_dynamics.retract(z, unravel(d))
+        return grasp.constraint_residual(pilot.team, at), grasp.constraint_rate(pilot.team, at)
 
     for direction in T.T:
         for ahead, behind in zip(gap(jnp.asarray(h * direction)), gap(jnp.asarray(-h * direction)), strict=True):
@@ -188,7 +191,7 @@ def test_unknown_forces_act_at_once_by_exact_algebra():
         f = size * SIZES * rng.normal(size=24)
         y = outputs(still, f)[1] - outputs(still, 0 * f)[1]
         np.testing.assert_allclose(y, found.D @ f, atol=1e-9 * (1 + size))
-    assert np.abs(found.D[: found.rows("a").start]).max() == 0  # errors do not jump
+    assert np.abs(found.D[: found.output_rows("a").start]).max() == 0  # errors do not jump
 
 
 @pytest.mark.parametrize("knows", [False, True])
@@ -226,9 +229,9 @@ def test_modes_are_those_of_the_loop_by_differences():
 def test_a_steady_force_on_the_payload_is_shared_as_the_design_measured():
     """`delta_W = -M_A (M_L + M_A)^-1 f~_L` with thrusts aligned: -0.71 upwards, -0.83 along the team, at 1.5 kg."""
     pilot, z = study()
-    truth, _ = team.team(scenario.load("paper"))
+    truth, _ = team.team(scenario.load_scenario("paper"))
     found = linearization.linearize(dataclasses.replace(pilot, team=truth), z)
-    rows = found.rows("delta_W")
+    rows = found.output_rows("delta_W")
     steady = found.D[rows] - found.C[rows] @ np.linalg.solve(found.A, found.B)
     np.testing.assert_allclose(np.diag(steady)[[2, 0]], [-0.71, -0.83], atol=0.005)
 
@@ -241,7 +244,7 @@ def test_a_small_constant_residual_brings_about_what_the_response_says():
     f, seconds, steps = SIZES * rng.choice([-1.0, 1.0], 24), 0.5, 100
     n = len(found.A)
     both = expm(np.block([[found.A, (found.B @ f)[:, None]], [np.zeros((1, n + 1))]]) * seconds)
-    rows = slice(0, found.rows("a").start)
+    rows = slice(0, found.output_rows("a").start)
     linear = found.C[rows] @ both[:n, n]
 
     def off(size: float) -> np.ndarray:
@@ -260,9 +263,9 @@ def test_a_small_constant_residual_brings_about_what_the_response_says():
 
 
 @functools.cache
-def legs() -> schema.Settings:
+def legs() -> schema.Scenario:
     """Three agents of the scenario `beam`, each with one arm of three joints, round a payload."""
-    given = scenario.load("beam")
+    given = scenario.load_scenario("beam")
     agents = [
         agent.model_copy(update={"contacts_m": (c,)})
         for agent, c in zip(given.agents, ((0.5, 0.0, 0.05), (-0.3, 0.4, 0.05), (-0.3, -0.4, 0.05)), strict=False)
@@ -294,6 +297,6 @@ def test_joints_beyond_need_return_to_rest_as_fast_as_is_stated(seed):
         }
     )
     _, nominal = team.team(changed)
-    pilot, z = controllers.pilot(changed, nominal), initial_states.at_rest(changed, nominal)
+    pilot, z = controllers.make_controller(changed, nominal), initial_states.equilibrium_state(changed, nominal)
     slowest = np.linalg.eigvals(linearization.linearize(pilot, z).A).real.max()
     assert slowest < -min(rate / 2, 2.0)

@@ -13,10 +13,10 @@ from ruamel.yaml import YAML
 from ruamel.yaml.comments import CommentedMap, CommentedSeq
 
 from colift import scenario
-from colift.scenario import ScenarioError, Settings
+from colift.scenario import Scenario, ScenarioError
 from colift.scenario.from_csv import WaypointsFromFile
 from colift.scenario.from_urdf import AgentTypeFromUrdf
-from colift.scenario.loading import SHIPPED
+from colift.scenario.loading import SHIPPED_DIRECTORY
 from colift.scenario.schema import AgentType, Body, Revolute
 from colift.scenario.schema_docs import markdown
 
@@ -55,17 +55,17 @@ KEYS = sorted({m[1] for m in re.finditer(r"(?:^|[{,-])\s*([A-Za-z_0-9]{4,}):", S
 # What is accepted -----------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", scenario.names())
+@pytest.mark.parametrize("name", scenario.shipped_names())
 def test_shipped_scenarios_load_by_name_and_by_path(name, tmp_path):
     copy = tmp_path / "mine.yaml"
-    copy.write_text((SHIPPED / f"{name}.yaml").read_text(encoding="utf-8"), encoding="utf-8")
-    assert scenario.load(name) == scenario.load(copy) == scenario.load(str(copy))
-    assert scenario.load(name).name == name
+    copy.write_text((SHIPPED_DIRECTORY / f"{name}.yaml").read_text(encoding="utf-8"), encoding="utf-8")
+    assert scenario.load_scenario(name) == scenario.load_scenario(copy) == scenario.load_scenario(str(copy))
+    assert scenario.load_scenario(name).name == name
 
 
 def test_the_study_has_what_the_paper_and_the_design_fix():
-    s = scenario.load("paper")
-    assert {"paper", "leader_block"} <= set(scenario.names())
+    s = scenario.load_scenario("paper")
+    assert {"paper", "leader_block"} <= set(scenario.shipped_names())
     assert len(s.agents) == 2
     assert [(len(t.arms), len(t.joints)) for t in s.agent_types.values()] == [(2, 3)]
     assert (s.duration_s, s.control_Hz) == (20, 500)
@@ -85,19 +85,19 @@ def test_the_study_has_what_the_paper_and_the_design_fix():
 
 
 def test_settings_do_not_change_and_their_digest_tells_them_apart():
-    s = scenario.load("paper")
+    s = scenario.load_scenario("paper")
     with pytest.raises(ValidationError):
         s.seed = 1  # ty: ignore[invalid-assignment]
     other = s.model_copy(update={"seed": 1})
-    assert s.digest == scenario.load("paper").digest
+    assert s.digest == scenario.load_scenario("paper").digest
     assert re.fullmatch("[0-9a-f]{12}", s.digest)
     assert other.digest != s.digest
 
 
 def test_settings_survive_a_round_trip_through_plain_data():
-    s = scenario.load("paper")
-    assert Settings.model_validate(s.model_dump()) == s
-    assert Settings.model_validate_json(s.model_dump_json()) == s
+    s = scenario.load_scenario("paper")
+    assert Scenario.model_validate(s.model_dump()) == s
+    assert Scenario.model_validate_json(s.model_dump_json()) == s
 
 
 @given(st.integers(0, 2**32 - 1))
@@ -314,10 +314,10 @@ def test_what_is_set_reads_as_if_it_were_written(change, instead):
 
 
 def test_of_what_is_set_twice_the_last_counts():
-    assert scenario.load("paper", ("payload.mass_kg=2", "payload.mass_kg=3")).payload.mass_kg == 3
-    assert scenario.load("paper", ("payload={mass_kg: 2, inertia_kgm2: [1, 1, 1]}", "payload.mass_kg=3")).payload == (
-        scenario.load("paper", ("payload.mass_kg=3", "payload.inertia_kgm2=[1, 1, 1]")).payload
-    )
+    assert scenario.load_scenario("paper", ("payload.mass_kg=2", "payload.mass_kg=3")).payload.mass_kg == 3
+    assert scenario.load_scenario(
+        "paper", ("payload={mass_kg: 2, inertia_kgm2: [1, 1, 1]}", "payload.mass_kg=3")
+    ).payload == (scenario.load_scenario("paper", ("payload.mass_kg=3", "payload.inertia_kgm2=[1, 1, 1]")).payload)
 
 
 def test_what_is_set_mends_what_the_file_says_wrong():
@@ -355,10 +355,10 @@ def test_a_mistake_in_what_is_set_says_so_in_one_line(change, answer):
     assert answer in line
 
 
-@pytest.mark.parametrize("name", scenario.names())
+@pytest.mark.parametrize("name", scenario.shipped_names())
 def test_what_is_written_out_reads_back_the_same(name):
-    settings = scenario.load(name, ("gravity_mps2=[0, 0, -1.62e-5]", "description='a: b # c'"))
-    assert scenario.parse(scenario.text(settings), "s.yaml") == settings
+    settings = scenario.load_scenario(name, ("gravity_mps2=[0, 0, -1.62e-5]", "description='a: b # c'"))
+    assert scenario.parse(scenario.to_yaml(settings), "s.yaml") == settings
 
 
 # Files ----------------------------------------------------------------------------------------------------------------
@@ -373,7 +373,7 @@ def test_a_file_may_say_only_where_it_differs(tmp_path):
         "  {kind: leader_follower, leader_contacts: [front/left, front/right, rear/left]}\n"
     )
     two.write_text("like: one.yaml\nname: two\n")
-    paper, found = scenario.load("paper"), scenario.load(one)
+    paper, found = scenario.load_scenario("paper"), scenario.load_scenario(one)
     assert found.payload.mass_kg == 2
     assert found.payload.inertia_kgm2 == paper.payload.inertia_kgm2
     names = [source.name for source in paper.disturbances]
@@ -381,7 +381,7 @@ def test_a_file_may_say_only_where_it_differs(tmp_path):
     clamps = [next(x for x in s.disturbances if x.name == "clamp") for s in (paper, found)]
     assert clamps[1] == clamps[0].model_copy(update={"force_N": (0.0, 0.0, -2.0)})
     assert found.allocation.internal is None
-    assert scenario.load(two) == found.model_copy(update={"name": "two"})
+    assert scenario.load_scenario(two) == found.model_copy(update={"name": "two"})
 
 
 @pytest.mark.parametrize(
@@ -406,7 +406,7 @@ def test_what_is_wrong_in_a_file_that_is_like_another_is_told_at_its_line(text, 
     path = tmp_path / "own.yaml"
     path.write_text(text)
     with pytest.raises(scenario.ScenarioError) as told:
-        scenario.load(path)
+        scenario.load_scenario(path)
     assert answer in str(told.value)
 
 
@@ -414,7 +414,7 @@ def test_an_unknown_name_lists_the_shipped_scenarios():
     with pytest.raises(
         ScenarioError, match=r"no scenario 'papr' \(shipped: .*leader_block.*paper.*did you mean 'paper'"
     ) as e:
-        scenario.load("papr")
+        scenario.load_scenario("papr")
     assert "\n" not in str(e.value)
 
 
@@ -430,7 +430,7 @@ def test_what_cannot_be_read_is_one_line(tmp_path):
         (Path("/dev/zero"), "holds more than 100000 characters"),
     ]:
         with pytest.raises(ScenarioError, match=reason) as e:
-            scenario.load(path)
+            scenario.load_scenario(path)
         assert "\n" not in str(e.value)
         assert str(path) in str(e.value)
 
@@ -464,7 +464,7 @@ def test_what_is_no_mapping_or_no_yaml_is_one_line_with_its_number(text):
 @pytest.mark.parametrize("given", ["", "a\0b.yaml", "a" * 5000, "a" * 5000 + ".yaml", "\ud800"])
 def test_a_name_that_no_file_can_have_is_one_line(given):
     with pytest.raises(ScenarioError) as e:
-        scenario.load(given)
+        scenario.load_scenario(given)
     assert "\n" not in str(e.value)
     assert len(str(e.value)) < 400
 
@@ -475,7 +475,7 @@ def test_ways_of_writing_that_mean_the_same_are_read_alike(tmp_path):
     for text in ("\ufeff" + SAMPLE, SAMPLE.replace("\n", "\r\n"), "%YAML 1.1\n---\n" + SAMPLE, merged):
         path = tmp_path / "s.yaml"
         path.write_bytes(text.encode())
-        assert scenario.load(path) == plain
+        assert scenario.load_scenario(path) == plain
     brought = scenario.parse(merged.replace("{mass_kg: 9}, mass_kg: 1.5,", "{mass_kg: 9},"), "s.yaml")
     assert brought.payload.mass_kg == 9
 
@@ -487,7 +487,7 @@ NESTED = st.recursive(
 )
 
 
-@given(st.sampled_from(sorted(Settings.model_fields)), NESTED)
+@given(st.sampled_from(sorted(Scenario.model_fields)), NESTED)
 @settings(max_examples=25, suppress_health_check=[HealthCheck.too_slow])
 def test_whatever_a_section_holds_the_answer_is_a_list_of_mistakes(section, value):
     data = YAML(typ="safe").load(SAMPLE) | {section: value}
@@ -498,12 +498,12 @@ def test_whatever_a_section_holds_the_answer_is_a_list_of_mistakes(section, valu
     except ScenarioError as error:
         assert all(line.startswith("s.yaml:") for line in str(error).splitlines())
     else:
-        assert isinstance(parsed, Settings)
+        assert isinstance(parsed, Scenario)
 
 
 # In Python ------------------------------------------------------------------------------------------------------------
 
-PAPER = scenario.load("paper")
+PAPER = scenario.load_scenario("paper")
 
 
 @pytest.mark.parametrize(
@@ -523,8 +523,8 @@ PAPER = scenario.load("paper")
 def test_settings_made_in_python_are_refused_in_the_same_words(change, answer):
     data = PAPER.model_dump() | change
     for make in (
-        lambda: Settings(**data),
-        lambda: Settings.model_validate(data),
+        lambda: Scenario(**data),
+        lambda: Scenario.model_validate(data),
         lambda: PAPER.model_copy(update=change),
     ):
         with pytest.raises(ScenarioError, match=f"^{answer}") as e:
@@ -537,9 +537,9 @@ def test_sections_made_in_python_are_refused_in_the_same_words():
     with pytest.raises(ScenarioError, match=r"^arms: must have at least 1 value, got 0 values$"):
         AgentType(**kind | {"arms": []})
     with pytest.raises(ScenarioError, match=r"^agent_types.two_arms.arms: must have at least 1 value, got 0 values$"):
-        Settings(**PAPER.model_dump() | {"agent_types": {"two_arms": kind | {"arms": []}}})
+        Scenario(**PAPER.model_dump() | {"agent_types": {"two_arms": kind | {"arms": []}}})
     with pytest.raises(ScenarioError, match=r"^scenario: must be JSON"):
-        Settings.model_validate_json("{")
+        Scenario.model_validate_json("{")
     with pytest.raises(ScenarioError) as e:
         Body(mass_kg=-1.0, inertia_kgm2=(1.0, 1.0, 5.0))  # ty: ignore[invalid-argument-type]
     assert [line.partition(":")[0] for line in str(e.value).splitlines()] == ["mass_kg [kg]", "inertia_kgm2 [kg m²]"]
@@ -551,7 +551,7 @@ def test_sections_made_in_python_are_refused_in_the_same_words():
 def test_the_reference_page_is_what_the_models_say():
     page = (Path(__file__).parents[1] / "docs" / "scenarios.md").read_text(encoding="utf-8")
     told = page.partition("<!-- settings -->\n")[2]
-    assert told.strip() == markdown(Settings, AgentTypeFromUrdf, WaypointsFromFile).strip(), (
+    assert told.strip() == markdown(Scenario, AgentTypeFromUrdf, WaypointsFromFile).strip(), (
         "rebuild it: .venv/bin/python docs/settings.py"
     )
     missing = [line for line in told.splitlines() if line.startswith("| `") and line.rstrip().endswith("|  |")]

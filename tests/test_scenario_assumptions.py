@@ -4,17 +4,17 @@ import numpy as np
 import pytest
 
 from colift import scenario
-from colift.models.state import no_force
+from colift.models.state import zero_residual
 from colift.scenario import ScenarioError, assumptions, experiment, team
 from tests.varied import changed
 
 
 def test_error_bounds_rest_on_what_the_scenario_states():
-    s = scenario.load("paper")
+    s = scenario.load_scenario("paper")
     _, nominal = team.team(s)
-    stated = assumptions.stated(s, nominal, no_force(nominal))
+    stated = assumptions.bound_assumptions(s, nominal, zero_residual(nominal))
     given = s.certificate
-    assert (stated.bound, stated.confidence, stated.norm) == ("energy", 0.95, 6)
+    assert (stated.bound, stated.confidence, stated.rkhs_norm) == ("energy", 0.95, 6)
     assert given.payload is not None
     assert given.agents is not None
     np.testing.assert_array_equal(stated.payload, [given.payload.force_N] * 3 + [given.payload.moment_Nm] * 3)
@@ -26,7 +26,7 @@ def test_error_bounds_rest_on_what_the_scenario_states():
 def test_label_errors_that_are_not_stated_are_three_deviations_of_the_prior_s_noise():
     s = changed("paper", certificate={})
     _, nominal = team.team(s)
-    stated = assumptions.stated(s, nominal, no_force(nominal))
+    stated = assumptions.bound_assumptions(s, nominal, zero_residual(nominal))
     noise = s.learning.agents
     np.testing.assert_allclose(stated.payload, [0.3] * 3 + [0.06] * 3)
     row = 3 * np.repeat([noise.force_noise_N, noise.moment_noise_Nm, noise.joint_noise_Nm], 3)
@@ -35,17 +35,19 @@ def test_label_errors_that_are_not_stated_are_three_deviations_of_the_prior_s_no
 
 def test_in_the_certified_scenario_nothing_is_assumed_unless_it_is_changed():
     def assumed(**sections: object) -> tuple[str, ...]:
-        return experiment.plan(changed("certified", **sections), "C1").stated.assumed
+        return experiment.make_experiment(changed("certified", **sections), "C1").bound_assumptions.assumed
 
-    certified = scenario.load("certified")
+    certified = scenario.load_scenario("certified")
     assert certified.drawn is not None
     norm, learning = certified.drawn.norm, certified.learning.model_dump()
     bounds = ("energy", "srinivas", "abbasi_yadkori", "chowdhury_gopalan", "fiedler")
     for bound in bounds:
         assert assumed(certificate={"bound": bound, "norm": norm}) == ()
     assert assumed(certificate={"norm": 0.9 * norm}) == ("norm",)
-    assert assumed(disturbances=scenario.load("paper").disturbances) == ("norm",)
-    assert assumed(nominal={"payload": scenario.load("paper").payload.model_dump() | {"mass_kg": 1.2}}) == ("norm",)
+    assert assumed(disturbances=scenario.load_scenario("paper").disturbances) == ("norm",)
+    assert assumed(nominal={"payload": scenario.load_scenario("paper").payload.model_dump() | {"mass_kg": 1.2}}) == (
+        "norm",
+    )
     assert assumed(drawn=None, learning=learning | {"samples": "estimated"}) == ("norm", "energy")
     fitted = {
         "certificate": {"bound": "abbasi_yadkori", "norm": norm},
@@ -57,6 +59,6 @@ def test_in_the_certified_scenario_nothing_is_assumed_unless_it_is_changed():
 
 
 def test_a_label_error_of_zero_is_refused():
-    learning = scenario.load("certified").learning.model_dump() | {"rig_error": 0.0}
+    learning = scenario.load_scenario("certified").learning.model_dump() | {"rig_error": 0.0}
     with pytest.raises(ScenarioError, match=r"certificate: label error .* must be positive"):
-        experiment.plan(changed("certified", learning=learning), "C1")
+        experiment.make_experiment(changed("certified", learning=learning), "C1")

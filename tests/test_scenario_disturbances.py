@@ -3,7 +3,7 @@
 import numpy as np
 
 from colift.scenario import disturbances, team
-from colift.simulation.disturbances import at_start
+from colift.simulation.disturbances import initial_forces
 from tests import teams
 from tests.varied import mixed
 
@@ -11,9 +11,9 @@ from tests.varied import mixed
 def test_sources_act_on_the_agents_and_bodies_that_they_name():
     truth, _ = team.team(mixed())
     z = teams.free_state(
-        np.random.default_rng(0), tuple((g.tree, n) for g, n in zip(truth.groups, truth.sizes, strict=True))
+        np.random.default_rng(0), tuple((g.tree, n) for g, n in zip(truth.agent_groups, truth.sizes, strict=True))
     )
-    felt = at_start(disturbances.disturbances(mixed()), truth, z)
+    felt = initial_forces(disturbances.make_disturbances(mixed()), truth, z)
     up = [np.asarray(q.R[:, :, 2]) for q in z.agents]
     np.testing.assert_allclose(felt.agents[0].f_x, 0.5 * up[0] + np.array([[0, 0, 0], [1, 2, 3]]))
     np.testing.assert_allclose(felt.agents[1].f_x, 0.5 * up[1])

@@ -8,19 +8,19 @@ import numpy as np
 import pytest
 
 from colift import gp, scenario
-from colift.models.state import Residual, State
+from colift.models.state import ResidualForces, State
 from colift.onboard.learning import residual_model
-from colift.scenario import ScenarioError, Settings, experiment, initial_states, random_residuals, team, trajectories
+from colift.scenario import Scenario, ScenarioError, experiment, initial_states, random_residuals, team, trajectories
 from tests.varied import changed
 
 SEEDED = {"norm": 1.7, "centers": 6, "spread": 0.0}
 
 
-def drawn(**sections: object) -> tuple[residual_model.Oracle, Residual, Settings]:
+def drawn(**sections: object) -> tuple[residual_model.ResidualModel, ResidualForces, Scenario]:
     """What `certified` draws with few kernels on the reference itself."""
     s = changed("certified", **({"drawn": SEEDED} | sections))
     truth, _ = team.team(s)
-    found = random_residuals.drawn(s, truth, start())
+    found = random_residuals.sample_residuals(s, truth, start())
     assert found is not None
     return *found, s
 
@@ -28,14 +28,14 @@ def drawn(**sections: object) -> tuple[residual_model.Oracle, Residual, Settings
 @functools.cache
 def start() -> State:
     """The team of `certified` where it starts."""
-    s = scenario.load("certified")
-    return initial_states.start(s, team.team(s)[0])
+    s = scenario.load_scenario("certified")
+    return initial_states.initial_state(s, team.team(s)[0])
 
 
-def functions(oracle: residual_model.Oracle) -> list[gp.GP]:
+def functions(oracle: residual_model.ResidualModel) -> list[gp.GPPosterior]:
     """The bodies' functions one by one."""
     (group,) = oracle.agents
-    return [oracle.payload, *(jax.tree.map(lambda x, j=j: x[j], group) for j in range(len(group.n)))]
+    return [oracle.payload, *(jax.tree.map(lambda x, j=j: x[j], group) for j in range(len(group.num_points)))]
 
 
 def correlations(X: np.ndarray, Z: np.ndarray, ls: np.ndarray) -> np.ndarray:
@@ -47,10 +47,10 @@ def correlations(X: np.ndarray, Z: np.ndarray, ls: np.ndarray) -> np.ndarray:
 def test_every_output_of_every_body_has_exactly_the_norm_that_is_stated(spread):
     s = changed("certified", drawn=SEEDED | {"spread": spread})
     truth, _ = team.team(s)
-    found = random_residuals.drawn(s, truth, start())
+    found = random_residuals.sample_residuals(s, truth, start())
     assert found is not None
     for f, outputs in zip(functions(found[0]), (6, 9, 9), strict=True):
-        assert int(f.n) == 6
+        assert int(f.num_points) == 6
         X, alpha = np.asarray(f.X)[:6], np.asarray(f.alpha)[:, :6]
         for i in range(outputs):
             K = float(f.hyper.signal_variance[i]) * correlations(X, X, np.asarray(f.hyper.lengthscales)[i])
@@ -85,7 +85,9 @@ def test_kernels_stand_where_the_team_would_pass():
         np.testing.assert_allclose(x[:, 9:12], np.asarray(start().agents[0].x)[j] + shift, atol=1e-12)
         np.testing.assert_allclose(x[:, 18:21], payload[:, 3:6], atol=1e-12)
         np.testing.assert_allclose(x[:, 12:15], np.tile(start().agents[0].r[j], (6, 1)), atol=1e-12)
-    scattered = random_residuals.drawn(changed("certified", drawn=SEEDED | {"spread": 0.5}), team.team(s)[0], start())
+    scattered = random_residuals.sample_residuals(
+        changed("certified", drawn=SEEDED | {"spread": 0.5}), team.team(s)[0], start()
+    )
     assert scattered is not None
     off = (np.asarray(scattered[0].payload.X)[:6] - payload) / np.asarray(oracle.payload.hyper.lengthscales)[0]
     assert 0.3 < off.std() < 0.7  # of 120 numbers of deviation 0.5
@@ -105,17 +107,21 @@ def test_deviations_are_those_along_the_reference_and_the_rig_errs_by_its_share_
     for i in range(6):
         values = float(f.hyper.signal_variance[i]) * correlations(x, X, ls[i]) @ np.asarray(f.alpha)[i, :6]
         np.testing.assert_allclose(stated[i], values.std(), rtol=1e-9)
-    plan = experiment.plan(s, "C3")
-    (rig,) = plan.world.extra
-    jax.tree.map(lambda e, of: np.testing.assert_allclose(e, 0.1 * of), rig.error, deviation)
-    jax.tree.map(np.testing.assert_array_equal, plan.world.sources.functions, (residual_model.Function(oracle=oracle),))
+    plan = experiment.make_experiment(s, "C3")
+    (rig,) = plan.world.sensor_models
+    jax.tree.map(lambda e, of: np.testing.assert_allclose(e, 0.1 * of), rig.label_error, deviation)
+    jax.tree.map(
+        np.testing.assert_array_equal,
+        plan.world.disturbances.state_functions,
+        (residual_model.ResidualFunction(oracle=oracle),),
+    )
 
 
 def test_nothing_is_drawn_where_it_is_not_asked_for_and_no_norm_is_an_error():
-    s = scenario.load("paper")
+    s = scenario.load_scenario("paper")
     truth, _ = team.team(s)
-    assert random_residuals.drawn(s, truth, start()) is None
-    assert experiment.plan(s, "C1").world.sources.functions == ()
+    assert random_residuals.sample_residuals(s, truth, start()) is None
+    assert experiment.make_experiment(s, "C1").world.disturbances.state_functions == ()
     for bad in ({"norm": 0}, {"norm": 1, "centers": 0}, {"norm": 1, "spread": -0.1}):
         with pytest.raises(ScenarioError):
             changed("certified", drawn=bad)
@@ -129,7 +135,7 @@ def test_outputs_that_vary_too_little_are_drawn_again_and_others_are_as_they_wer
     free, _, s = drawn(drawn=SEEDED | {"least": 0.0})
     asked, _, _ = drawn(drawn=SEEDED | {"least": 0.5})
     t = jnp.linspace(s.reference.ramp_s, s.duration_s, 150)  # not the moments at which draws look
-    payload, (agents,) = random_residuals._carried(trajectories.path(s), free.features, start(), t)
+    payload, (agents,) = random_residuals._carried(trajectories.make_reference(s), free.features, start(), t)
     few = 0
     for f, g, x in zip(functions(free), functions(asked), (payload, agents[:, 0], agents[:, 1]), strict=True):
         before, after = (np.ptp(means(h, x), axis=0) / 2 / np.sqrt(h.hyper.signal_variance) for h in (f, g))

@@ -6,18 +6,18 @@ from pathlib import Path
 import pytest
 
 from colift import scenario
-from colift.scenario import ScenarioError, Settings
+from colift.scenario import Scenario, ScenarioError
 
 SAMPLE = (Path(__file__).parent / "sample_scenario.yaml").read_text(encoding="utf-8")
 HEAD = "t_s,x_m,y_m,z_m"
 PLACE = SAMPLE[: SAMPLE.index("reference:")].count("\n") + 1
 
 
-def read(folder: Path, table: str | bytes, reference: str = "{kind: waypoints, file: way.csv}") -> Settings:
+def read(folder: Path, table: str | bytes, reference: str = "{kind: waypoints, file: way.csv}") -> Scenario:
     (folder / "way.csv").write_bytes(table if isinstance(table, bytes) else table.encode())
     text = re.sub(r"^reference:\n(  .*\n)*", f"reference: {reference}\n", SAMPLE, flags=re.MULTILINE)
     (folder / "mine.yaml").write_text(text)
-    return scenario.load(folder / "mine.yaml")
+    return scenario.load_scenario(folder / "mine.yaml")
 
 
 def refused(folder: Path, table: str | bytes, reference: str = "{kind: waypoints, file: way.csv}") -> list[str]:

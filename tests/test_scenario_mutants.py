@@ -7,7 +7,7 @@ import signal
 import pytest
 
 from colift import scenario
-from colift.scenario import ScenarioError, Settings
+from colift.scenario import Scenario, ScenarioError
 from tests.scenario_mutants import mutant
 
 EACH = 40
@@ -36,7 +36,7 @@ def test_a_broken_file_is_read_or_refused_with_its_lines(first, tmp_path, alarm)
         path.write_bytes(mutant(seed))
         alarm()
         try:
-            assert isinstance(scenario.load(path), Settings)
+            assert isinstance(scenario.load_scenario(path), Scenario)
         except ScenarioError as error:
             refused += 1
             lines = str(error).splitlines()

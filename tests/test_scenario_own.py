@@ -11,8 +11,8 @@ import pytest
 
 import colift
 from colift import scenario
-from colift.scenario import ScenarioError, Settings
-from colift.scenario.plugins import beside
+from colift.scenario import Scenario, ScenarioError
+from colift.scenario.plugins import plugin_path
 from tests import light
 
 SAMPLE = (Path(__file__).parent / "sample_scenario.yaml").read_text(encoding="utf-8")
@@ -200,9 +200,9 @@ def folder(tmp_path_factory):
     del sys.modules["parts_of_test_own"]
 
 
-def read(folder: Path, more: str, text: str = SAMPLE) -> Settings:
+def read(folder: Path, more: str, text: str = SAMPLE) -> Scenario:
     (folder / "mine.yaml").write_text(text + more)
-    return scenario.load(folder / "mine.yaml")
+    return scenario.load_scenario(folder / "mine.yaml")
 
 
 def own(name: str, settings: str = "{}") -> str:
@@ -227,7 +227,7 @@ def test_parts_of_every_kind_are_built_from_their_settings_and_fly(folder):
         return {"kind": "own", "part": f"parts_of_test_own:{name}", "settings": settings}
 
     sway = named("SwayLaw", force_N=[1, 0, 0])
-    with beside(folder):
+    with plugin_path(folder):
         path = light.write(
             folder / "all.yaml",
             disturbances=[sway | {"name": "sway", "acts_on": "payload"}, sway | {"name": "sways", "acts_on": "agents"}],
@@ -241,45 +241,49 @@ def test_parts_of_every_kind_are_built_from_their_settings_and_fly(folder):
                 "kernel": {"part": "parts_of_test_own:HeavyKernel", "settings": {"a": 0.7}},
             },
         )
-    settings = scenario.load(path)
-    plan = colift.plan(settings, "C2")
-    assert plan.pilot.oracle.payload.X.shape[-1] == plan.pilot.oracle.agents[0].X.shape[-1] == 3
-    assert type(plan.pilot.leader).__name__ == "Shy"
-    assert plan.pilot.leader.share == 0.5
-    assert plan.pilot.leader.share.dtype == float
+    settings = scenario.load_scenario(path)
+    plan = colift.make_experiment(settings, "C2")
+    assert (
+        plan.controller.residual_model.payload.X.shape[-1] == plan.controller.residual_model.agents[0].X.shape[-1] == 3
+    )
+    assert type(plan.controller.payload_controller).__name__ == "Shy"
+    assert plan.controller.payload_controller.share == 0.5
+    assert plan.controller.payload_controller.share.dtype == float
     assert type(plan.world.actuators).__name__ == "Weak"
-    assert type(plan.world.extra[0]).__name__ == "Offset"
-    assert [m.name for m in plan.world.sources.payload if not m.law.time_invariant] == ["sway"]
-    recorder = dataclasses.replace(plan.pilot.recorder, start=jnp.asarray(0.0))
-    pilot = dataclasses.replace(plan.pilot, recorder=recorder)
-    flight = colift.fly_plan(dataclasses.replace(plan, pilot=pilot, updates=(0.2,), duration=0.3))
-    assert not flight.stopped
+    assert type(plan.world.sensor_models[0]).__name__ == "Offset"
+    assert [m.name for m in plan.world.disturbances.payload if not m.model.time_invariant] == ["sway"]
+    recorder = dataclasses.replace(plan.controller.recorder, start=jnp.asarray(0.0))
+    pilot = dataclasses.replace(plan.controller, recorder=recorder)
+    flight = colift.run_experiment(dataclasses.replace(plan, controller=pilot, update_times=(0.2,), duration=0.3))
+    assert not flight.termination_reason
     assert flight.updates[0].fits["payload"].lengthscales.shape == (6, 3)
     assert {type(fit.hyper.kernel).__name__ for fit in flight.updates[0].fits.values()} == {"Heavy"}
-    assert (flight.sigma.payload[-1] < flight.sigma.payload[0]).all(), "what was learned is seen where it was learned"
-    assert np.allclose(flight.rows.p_d, [1.0, 2.0, 3.0])
+    assert (flight.uncertainty.payload_std[-1] < flight.uncertainty.payload_std[0]).all(), (
+        "what was learned is seen where it was learned"
+    )
+    assert np.allclose(flight.records.p_d, [1.0, 2.0, 3.0])
 
 
 def test_residuals_known_exactly_are_refused_where_a_law_remembers(folder):
-    with beside(folder):
+    with plugin_path(folder):
         laws = [
             {"kind": "own", "part": f"parts_of_test_own:{law}", "settings": {"force_N": [1, 0, 0]}}
             | {"name": f"{law}_{bodies}", "acts_on": bodies}
             for law in ("SwayLaw", "LateLaw")
             for bodies in ("payload", "agents")
         ]
-        settings = scenario.load(light.write(folder / "late.yaml", disturbances=laws))
+        settings = scenario.load_scenario(light.write(folder / "late.yaml", disturbances=laws))
     with pytest.raises(
         ScenarioError, match=r"case O knows .* these laws remember what was before: LateLaw_payload, LateLaw_agents$"
     ):
-        colift.plan(settings, "O")
-    assert colift.plan(settings, "C1").world.sources.payload
+        colift.make_experiment(settings, "O")
+    assert colift.make_experiment(settings, "C1").world.disturbances.payload
 
 
 def test_settings_are_part_of_what_identifies_a_run_and_survive_a_copy(folder):
     one, two = (read(folder, f"\nparts: {{leader: {part('ShyLeader', f'{{share: {x}}}')}}}") for x in (0.5, 0.6))
     assert one.digest != two.digest
-    again = Settings.model_validate_json(one.model_dump_json())
+    again = Scenario.model_validate_json(one.model_dump_json())
     assert again == one
     assert again.digest == one.digest
     assert one.model_copy(update={"seed": 5}).parts == one.parts
@@ -351,7 +355,7 @@ def test_of_two_modules_of_one_name_the_other_is_refused(folder, tmp_path):
 def test_what_is_built_must_be_a_part(folder, more, says):
     settings = read(folder, "\n" + more)
     with pytest.raises(ScenarioError, match="no colift") as error:
-        colift.plan(settings, "C1")
+        colift.make_experiment(settings, "C1")
     assert says in str(error.value)
 
 

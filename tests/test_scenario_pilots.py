@@ -11,28 +11,28 @@ from colift.scenario import ScenarioError, controllers, team, world
 from tests.varied import changed
 
 
-@pytest.mark.parametrize("name", scenario.names())
+@pytest.mark.parametrize("name", scenario.shipped_names())
 def test_internal_forces_of_shipped_scenarios_are_felt_and_leave_the_wrench_alone(name):
-    s = scenario.load(name)
+    s = scenario.load_scenario(name)
     if s.allocation.internal is None:
         pytest.skip("asks for none")
     _, nominal = team.team(s)
     plan, internal = controllers.allocation(s, nominal)
-    lam = np.asarray(plan.kernel @ internal.eta)
+    lam = np.asarray(plan.nullspace @ internal.eta)
     assert np.linalg.norm(lam) >= 1
     assert np.linalg.norm(lam.reshape(-1, 3), axis=1).max() >= 0.5
-    G = np.asarray(grasp.matrix(grasp.contacts(nominal), jnp.eye(3)))
+    G = np.asarray(grasp.grasp_matrix(grasp.contact_points(nominal), jnp.eye(3)))
     assert np.abs(G @ lam).max() <= 1e-12
     assert (float(internal.start), float(internal.end)) == (8, 14)
 
 
 def test_asking_for_internal_forces_that_do_not_exist_is_an_error_that_says_so():
     leaders = {"kind": "leader_follower", "leader_contacts": ["front/left", "front/right", "rear/left"]}
-    internal = scenario.load("paper").allocation.internal
+    internal = scenario.load_scenario("paper").allocation.internal
     assert internal is not None
     s = changed("paper", allocation=leaders)
     _, nominal = team.team(s)
-    assert controllers.allocation(s, nominal)[0].kernel.shape == (12, 0)
+    assert controllers.allocation(s, nominal)[0].nullspace.shape == (12, 0)
     with pytest.raises(ScenarioError, match="no internal force"):
         controllers.allocation(changed("paper", allocation=leaders | {"internal": internal.model_dump()}), nominal)
 
@@ -44,21 +44,21 @@ def test_a_leader_block_that_cannot_carry_every_wrench_is_refused():
 
 
 def test_sensors_and_pilot_are_in_SI():
-    s = scenario.load("paper")
-    noise = world.sensors(s)
+    s = scenario.load_scenario("paper")
+    noise = world.make_sensor_noise(s)
     np.testing.assert_allclose(noise.attitude, 0.2 * np.pi / 180)
-    np.testing.assert_allclose(noise.joint, 0.1 * np.pi / 180)
-    pilot = controllers.pilot(s, team.team(s)[1])
-    np.testing.assert_allclose(pilot.recorder.every, 1 / s.learning.sample_Hz)
-    np.testing.assert_array_equal(pilot.leader.gains.K_p, np.diag(s.control.K_p))
+    np.testing.assert_allclose(noise.joint_position, 0.1 * np.pi / 180)
+    pilot = controllers.make_controller(s, team.team(s)[1])
+    np.testing.assert_allclose(pilot.recorder.sample_period, 1 / s.learning.sample_Hz)
+    np.testing.assert_array_equal(pilot.payload_controller.gains.K_p, np.diag(s.control.K_p))
     assert not bool(pilot.recorder.payload)
     assert all(leaf.dtype in (jnp.float64, int, bool) and not leaf.weak_type for leaf in jax.tree.leaves(pilot))
 
 
 def test_a_look_ahead_is_the_realizer_s_and_the_pilot_s():
-    settings = scenario.load("paper")
+    settings = scenario.load_scenario("paper")
     far = settings.model_copy(update={"control": settings.control.model_copy(update={"look_ahead_s": 0.03})})
     _, nominal = team.team(settings)
-    ours, theirs = controllers.pilot(settings, nominal), controllers.pilot(far, nominal)
-    assert (type(ours.realizer).__name__, ours.look_ahead) == ("Aligned", None)
-    assert (type(theirs.realizer).__name__, float(theirs.look_ahead)) == ("Anticipating", 0.03)
+    ours, theirs = controllers.make_controller(settings, nominal), controllers.make_controller(far, nominal)
+    assert (type(ours.agent_controller).__name__, ours.preview_step) == ("Aligned", None)
+    assert (type(theirs.agent_controller).__name__, float(theirs.preview_step)) == ("Anticipating", 0.03)

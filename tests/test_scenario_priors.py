@@ -12,9 +12,9 @@ from tests.varied import changed
 
 
 def test_before_any_data_the_models_state_the_scenario_s_deviations():
-    s = scenario.load("paper")
+    s = scenario.load_scenario("paper")
     prior = s.learning.agents
-    oracle = priors.prior(s, team.team(s)[1])
+    oracle = priors.prior_model(s, team.team(s)[1])
     expected = np.repeat([prior.force_N, prior.moment_Nm, prior.joint_Nm], 3) ** 2
     variance = jax.vmap(gp.variance)(oracle.agents[0], jnp.ones((2, 24)))
     np.testing.assert_allclose(variance, np.tile(expected, (2, 1)))
@@ -22,9 +22,9 @@ def test_before_any_data_the_models_state_the_scenario_s_deviations():
 
 
 def test_rates_of_rotation_and_of_joints_have_a_lengthscale_of_their_own():
-    s = scenario.load("certified")
+    s = scenario.load_scenario("certified")
     assert (s.learning.payload.lengthscale, s.learning.payload.rate_lengthscale) == (3, 15)
-    oracle = priors.prior(s, team.team(s)[1])
+    oracle = priors.prior_model(s, team.team(s)[1])
     rates = {"payload": ["omega_x", "omega_y", "omega_z", "|omega|"]}
     rates["agents"] = ["omega_x", "omega_y", "omega_z", "r_dot_1", "r_dot_2", "r_dot_3"]
     for name, features, hyper in (
@@ -36,22 +36,22 @@ def test_rates_of_rotation_and_of_joints_have_a_lengthscale_of_their_own():
 
 
 def test_noise_too_small_for_the_data_is_refused_with_its_section():
-    s = scenario.load("paper")
+    s = scenario.load_scenario("paper")
     quiet = s.learning.agents.model_copy(update={"joint_noise_Nm": 1e-9})
     s = s.model_copy(update={"learning": s.learning.model_copy(update={"agents": quiet})})
     with pytest.raises(ScenarioError, match=r"^paper: learning.agents: output 6: "):
-        priors.prior(s, team.team(s)[1])
+        priors.prior_model(s, team.team(s)[1])
 
 
 def test_fits_start_from_what_the_scenario_states_and_stay_within_its_bounds():
     learning = {"lengthscale_bounds": (0.2, 20.0), "prior_factor": 2.0, "restarts": 4, "max_iterations": 7}
-    s = changed("paper", learning=scenario.load("paper").learning.model_dump() | learning)
+    s = changed("paper", learning=scenario.load_scenario("paper").learning.model_dump() | learning)
     _, nominal = team.team(s)
-    training, oracle = priors.training(s, nominal), priors.prior(s, nominal)
+    training, oracle = priors.fit_options(s, nominal), priors.prior_model(s, nominal)
     assert (training.restarts, training.max_iterations) == (4, 7)
     stated = (oracle.payload.hyper, *(jax.tree.map(lambda x: x[0], group.hyper) for group in oracle.agents))
     for belief, hyper in zip((training.payload, *training.agents), stated, strict=True):
-        assert (belief.least, belief.greatest, belief.factor) == (0.2, 20.0, 2.0)
+        assert (belief.min_lengthscale, belief.max_lengthscale, belief.scale_factor) == (0.2, 20.0, 2.0)
         jax.tree.map(np.testing.assert_array_equal, belief.median, hyper)
-    certified = scenario.load("certified")
-    assert priors.training(certified, team.team(certified)[1]) is None
+    certified = scenario.load_scenario("certified")
+    assert priors.fit_options(certified, team.team(certified)[1]) is None

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from colift.models.measurement import Measurement
 from colift.models.parameters import Team
-from colift.models.state import AgentInput, Clock, Residual, State, no_force
+from colift.models.state import AgentInput, ControlClock, ResidualForces, State, zero_residual
 from colift.simulation import contact_dynamics
 from colift.simulation import sensors as sensors_module
 from tests import teams
@@ -35,13 +35,13 @@ DEVIATIONS = {
 
 
 @functools.cache
-def sensors() -> sensors_module.Sensors:
+def sensors() -> sensors_module.SensorNoise:
     """Sensors with these deviations."""
-    return sensors_module.Sensors(**{name: jnp.array(value) for name, value in DEVIATIONS.items()})
+    return sensors_module.SensorNoise(**{name: jnp.array(value) for name, value in DEVIATIONS.items()})
 
 
 @functools.cache
-def case(seed: int = 3) -> tuple[Team, State, sensors_module.Truth]:
+def case(seed: int = 3) -> tuple[Team, State, sensors_module.SensedState]:
     """A moving team on its grasp, and what its sensors are exposed to."""
     rng = np.random.default_rng(seed)
     team, z = PinocchioTeam(teams.team(rng, STRUCTURE)).on_grasp(teams.free_state(rng, STRUCTURE))
@@ -55,13 +55,13 @@ def inputs() -> tuple[AgentInput, ...]:
     return (AgentInput(u=20 + draw(2), tau=0.1 * draw(2, 3), tau_r=0.1 * draw(2, 3)),)
 
 
-accelerate, sense = jax.jit(contact_dynamics.accelerate), jax.jit(sensors_module.sense)
+accelerate, sense = jax.jit(contact_dynamics.forward_dynamics), jax.jit(sensors_module.measure)
 
 
-def exposed(team: Team, z: State) -> sensors_module.Truth:
+def exposed(team: Team, z: State) -> sensors_module.SensedState:
     """What the sensors of a team feel at z under `inputs`."""
-    a, lam = accelerate(team, z, inputs(), no_force(team))
-    return sensors_module.Truth(
+    a, lam = accelerate(team, z, inputs(), zero_residual(team))
+    return sensors_module.SensedState(
         z=z,
         v_dot=tuple(x.v_dot for x in a.agents),
         xi_dot=tuple(x.xi_dot for x in a.agents),
@@ -71,30 +71,30 @@ def exposed(team: Team, z: State) -> sensors_module.Truth:
     )
 
 
-def residual(team: Team) -> Residual:
+def residual(team: Team) -> ResidualForces:
     """Made-up unknown forces, for the rig to report."""
     rng = np.random.default_rng(8)
-    return jax.tree.map(lambda x: jnp.array(rng.normal(size=x.shape)), no_force(team))
+    return jax.tree.map(lambda x: jnp.array(rng.normal(size=x.shape)), zero_residual(team))
 
 
-CLOCK = Clock(t=jnp.array(0.0), dt=jnp.array(0.002))
+CLOCK = ControlClock(t=jnp.array(0.0), dt=jnp.array(0.002))
 
 
 def no_noise(team: Team) -> sensors_module.Noise:
     """One tick without noise."""
-    return jax.tree.map(lambda x: jnp.zeros(x.shape[1:]), sensors_module.draw(team, jax.random.key(0), 1))
+    return jax.tree.map(lambda x: jnp.zeros(x.shape[1:]), sensors_module.sample_noise(team, jax.random.key(0), 1))
 
 
 def no_bias(team: Team) -> tuple[jax.Array, ...]:
     """Tip sensors without bias."""
-    return tuple(jnp.zeros_like(group.contact) for group in team.groups)
+    return tuple(jnp.zeros_like(group.contact_position) for group in team.agent_groups)
 
 
 def readings() -> Measurement:
     """Many readings of one instant, without bias."""
     team, _, truth = case()
-    many = jax.jit(jax.vmap(sensors_module.sense, in_axes=(None, None, None, None, 0)))
-    return many(team, sensors(), no_bias(team), truth, sensors_module.draw(team, jax.random.key(1), TICKS))
+    many = jax.jit(jax.vmap(sensors_module.measure, in_axes=(None, None, None, None, 0)))
+    return many(team, sensors(), no_bias(team), truth, sensors_module.sample_noise(team, jax.random.key(1), TICKS))
 
 
 def ideal() -> Measurement:
@@ -130,7 +130,7 @@ def test_attitude_noise_is_a_small_rotation_in_the_body_frame():
 
 
 def test_noise_is_white_and_no_two_channels_share_it():
-    noise = sensors_module.draw(case()[0], jax.random.key(2), TICKS)
+    noise = sensors_module.sample_noise(case()[0], jax.random.key(2), TICKS)
     x = np.concatenate([np.asarray(leaf).reshape(TICKS, -1) for leaf in jax.tree.leaves(noise)], axis=1)
     bound = 6 / np.sqrt(TICKS)
     correlation = np.corrcoef(x.T) - np.eye(x.shape[1])
@@ -140,11 +140,13 @@ def test_noise_is_white_and_no_two_channels_share_it():
 
 def test_the_tips_bias_is_constant_and_drawn_once_an_axis():
     team, _, truth = case()
-    offset = sensors_module.bias(team, sensors(), jax.random.key(4))
+    offset = sensors_module.sample_tip_bias(team, sensors(), jax.random.key(4))
     biased = sense(team, sensors(), offset, truth, no_noise(team))
     np.testing.assert_allclose(biased.agents[0].lam - ideal().agents[0].lam, offset[0], atol=1e-12)
-    np.testing.assert_array_equal(offset[0], sensors_module.bias(team, sensors(), jax.random.key(4))[0])
-    drawn = np.concatenate([sensors_module.bias(team, sensors(), jax.random.key(k))[0].ravel() for k in range(200)])
+    np.testing.assert_array_equal(offset[0], sensors_module.sample_tip_bias(team, sensors(), jax.random.key(4))[0])
+    drawn = np.concatenate(
+        [sensors_module.sample_tip_bias(team, sensors(), jax.random.key(k))[0].ravel() for k in range(200)]
+    )
     assert drawn.std() == pytest.approx(DEVIATIONS["tip_force_bias"], rel=5 / np.sqrt(2 * len(drawn)))
 
 
@@ -176,8 +178,8 @@ def test_a_tip_feels_its_force_in_the_frame_of_its_body():
 
 def test_an_accelerometer_reads_the_rate_of_its_velocity_less_gravity():
     team, z, _ = case()
-    f, h, u = no_force(team), 1e-4, inputs()
-    step = jax.jit(lambda z, dt: contact_dynamics.integrate(team, z, u, lambda z, _: f, dt))
+    f, h, u = zero_residual(team), 1e-4, inputs()
+    step = jax.jit(lambda z, dt: contact_dynamics.rkmk4_step(team, z, u, lambda z, _: f, dt))
     ends = [
         sense(team, sensors(), no_bias(team), exposed(team, step(z, jnp.array(s))), no_noise(team)) for s in (h, -h)
     ]
@@ -188,13 +190,13 @@ def test_an_accelerometer_reads_the_rate_of_its_velocity_less_gravity():
         strict=True,
     ):
         rate = (np.asarray(ahead.v) - np.asarray(behind.v)) / (2 * h)
-        np.testing.assert_allclose(now.a, np.asarray(now.R).T @ (rate - np.asarray(team.gravity)), atol=1e-4)
+        np.testing.assert_allclose(now.acceleration, np.asarray(now.R).T @ (rate - np.asarray(team.gravity)), atol=1e-4)
 
 
 def test_noise_depends_on_the_key_and_the_structure_alone():
     team, _, _ = case()
     other = dataclasses.replace(team, gravity=2 * team.gravity)
-    a, b, c = (sensors_module.draw(t, jax.random.key(k), 5) for t, k in ((team, 0), (other, 0), (team, 1)))
+    a, b, c = (sensors_module.sample_noise(t, jax.random.key(k), 5) for t, k in ((team, 0), (other, 0), (team, 1)))
     for x, y, z in zip(*map(jax.tree.leaves, (a, b, c)), strict=True):
         np.testing.assert_array_equal(x, y)
         same = np.asarray(x) == np.asarray(z)
@@ -207,10 +209,10 @@ def test_noise_depends_on_the_key_and_the_structure_alone():
 def test_the_rig_reports_the_true_state_and_labels_that_err_by_as_much_as_stated_either_way():
     team, z, truth = case()
     rng = np.random.default_rng(9)
-    rig = jax.tree.map(lambda x: jnp.array(rng.uniform(0.1, 1, x.shape)), no_force(team))
-    held = sensors_module.Rig(error=rig)
-    noise, m = held.draw(team, jax.random.key(2), TICKS), ideal()
-    sample = jax.vmap(lambda drawn: held.read(m, truth, CLOCK, (), drawn)[0])(noise).rig
+    rig = jax.tree.map(lambda x: jnp.array(rng.uniform(0.1, 1, x.shape)), zero_residual(team))
+    held = sensors_module.CalibrationRig(label_error=rig)
+    noise, m = held.sample_noise(team, jax.random.key(2), TICKS), ideal()
+    sample = jax.vmap(lambda drawn: held.apply(m, truth, CLOCK, (), drawn)[0])(noise).rig
     for told, state in zip(jax.tree.leaves(sample.z), jax.tree.leaves(z), strict=True):
         np.testing.assert_array_equal(told, np.broadcast_to(state, told.shape))
     signs = []
@@ -228,15 +230,15 @@ def test_the_rig_reports_the_true_state_and_labels_that_err_by_as_much_as_stated
 
 def test_without_noise_the_rig_reports_the_residual_itself():
     team, _, truth = case()
-    held, none = sensors_module.Rig(error=no_force(team)), no_force(team)
-    m, _ = held.read(ideal(), truth, CLOCK, (), none)
+    held, none = sensors_module.CalibrationRig(label_error=zero_residual(team)), zero_residual(team)
+    m, _ = held.apply(ideal(), truth, CLOCK, (), none)
     jax.tree.map(np.testing.assert_array_equal, m.rig.f, truth.f)
 
 
 # Readings that come seldom, late or not at all, and biases that walk --------------------------------------------------
 
 
-def streamed(of: sensors_module.Extra, ticks: int = 400, seed: int = 0) -> Measurement:
+def streamed(of: sensors_module.SensorModel, ticks: int = 400, seed: int = 0) -> Measurement:
     """What a sensor makes of a payload that moves by a metre a second along x, tick by tick."""
     team, _, truth = case()
     first = ideal()
@@ -247,19 +249,19 @@ def streamed(of: sensors_module.Extra, ticks: int = 400, seed: int = 0) -> Measu
 
     def tick(memory: object, now: tuple) -> tuple:
         k, noise = now
-        m, memory = of.read(at(k), truth, Clock(t=k * CLOCK.dt, dt=CLOCK.dt), memory, noise)
+        m, memory = of.apply(at(k), truth, ControlClock(t=k * CLOCK.dt, dt=CLOCK.dt), memory, noise)
         return memory, m
 
     steps = jnp.arange(ticks, dtype=float)
-    noise = of.draw(team, jax.random.key(seed), ticks)
-    return jax.jit(lambda: jax.lax.scan(tick, of.begin(at(jnp.array(0.0))), (steps, noise))[1])()
+    noise = of.sample_noise(team, jax.random.key(seed), ticks)
+    return jax.jit(lambda: jax.lax.scan(tick, of.init(at(jnp.array(0.0))), (steps, noise))[1])()
 
 
 def intermittent(
     of: tuple[str, ...], every: float = 0.002, loss: float = 0.0, until: float = np.inf, delay: int = 0
 ) -> sensors_module.Intermittent:
     numbers = {name: jnp.array(x) for name, x in {"every": every, "loss": loss, "until": until}.items()}
-    return sensors_module.Intermittent(of=of, delay=delay, **numbers)
+    return sensors_module.Intermittent(channels=of, delay=delay, **numbers)
 
 
 def test_a_sensor_that_dies_holds_its_last_reading_and_ages():
@@ -299,8 +301,10 @@ def test_with_every_reading_lost_the_first_is_held_for_ever():
 @pytest.mark.long
 def test_a_bias_walks_as_the_root_of_time_and_turns_attitudes_about_themselves():
     rate, ticks = 0.01, 100
-    of = sensors_module.Drifting(
-        of=("payload.v", "agents.lam", "payload.R"), rate=jnp.array(rate), start=jnp.array(rate)
+    of = sensors_module.BiasRandomWalk(
+        channels=("payload.v", "agents.lam", "payload.R"),
+        random_walk_density=jnp.array(rate),
+        initial_bias_std=jnp.array(rate),
     )
     runs = [streamed(of, ticks, seed) for seed in range(40)]
     ends = np.array([np.asarray(m.payload.v[-1] - ideal().payload.v) for m in runs])

@@ -17,7 +17,7 @@ from colift import gp, scenario
 from colift.analysis import preflight
 from colift.models import grasp
 from colift.scenario import team
-from colift.simulation.contact_dynamics import CONSISTENT
+from colift.simulation.contact_dynamics import CONSISTENCY_TOLERANCE
 from evidence import redundant
 from tests import shipped
 
@@ -47,7 +47,7 @@ def test_without_the_tests_hook_a_flight_and_jax_s_transformations_give_the_same
         for (name, x), y in zip(here.items(), found.values(), strict=True):
             assert (y.dtype, y.shape) == (x.dtype, x.shape), name
             size = np.abs(x).max(initial=0.0, where=np.isfinite(x)) if x.dtype.kind == "f" else 0.0
-            np.testing.assert_allclose(y, x, rtol=0, atol=max(1e-9 * size, CONSISTENT), err_msg=name)
+            np.testing.assert_allclose(y, x, rtol=0, atol=max(1e-9 * size, CONSISTENCY_TOLERANCE), err_msg=name)
 
 
 def full_of_nan() -> None:
@@ -58,7 +58,7 @@ def full_of_nan() -> None:
 
 def test_a_value_does_not_depend_on_what_memory_held_before():
     """Docs decision 0020: two GPs with equal length-scales that a program closes over, on XLA's YNNPACK kernels NaN."""
-    model = gp.prior(gp.hyperparameters(np.ones(9), np.ones(24), 1e-4), 256)
+    model = gp.prior(gp.make_hyperparameters(np.ones(9), np.ones(24), 1e-4), 256)
     group = jax.tree.map(lambda x: jnp.stack([x, x]), model)
     f = jax.jit(lambda x: jax.vmap(gp.mean)(group, x))
     for _ in range(20):
@@ -103,13 +103,15 @@ TEAMS = ("beam", "trio", "uneven", "plate", "seven", "hover", "heavy", "turning"
 @pytest.mark.parametrize("name", TEAMS)
 def test_a_team_that_ships_stands_on_a_grasp_that_bears_every_wrench_and_lifts_its_weight(name: str):
     """That it starts on its grasp is seen in test_scenario_starts.py; `./dev evidence tuned` flies the first five."""
-    given = scenario.load(name)
+    given = scenario.load_scenario(name)
     truth, _ = team.team(given)
-    values = grasp.singular_values(truth, length=float(np.sqrt((np.asarray(grasp.contacts(truth)) ** 2).sum(1).mean())))
-    assert values[0] < preflight.CONDITION_MOST * values[-1]
-    have = np.concatenate([np.asarray(group.thrust_max) for group in truth.groups])
+    values = grasp.singular_values(
+        truth, length=float(np.sqrt((np.asarray(grasp.contact_points(truth)) ** 2).sum(1).mean()))
+    )
+    assert values[0] < preflight.MAX_GRASP_CONDITION * values[-1]
+    have = np.concatenate([np.asarray(group.thrust_max) for group in truth.agent_groups])
     load = float(truth.payload.mass)
-    weight = 9.81 * (load + sum(float(group.mass.sum()) for group in truth.groups))
+    weight = 9.81 * (load + sum(float(group.mass.sum()) for group in truth.agent_groups))
     assert have.sum() > 1.3 * weight
     assert (name == "heavy") == bool(9.81 * load > have.max())
     assert (name == "turning") == any(given.reference.swing_deg)

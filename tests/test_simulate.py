@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from colift.analysis import metrics
 from colift.closed_loop import signals, simulator, termination
-from colift.closed_loop.flight import SIGMA_EVERY, Flight, Plan, fly_plan
+from colift.closed_loop.flight import UNCERTAINTY_PERIOD, Experiment, FlightResult, run_experiment
 from colift.math.pytree import pytree
 from colift.onboard.learning import online_learner
 from colift.scenario import experiment
@@ -24,7 +24,7 @@ from tests.paper_flights import NAMES, believed, exact, fly, number, plan, with_
 
 
 @pytest.fixture(scope="module")
-def flight() -> Flight:
+def flight() -> FlightResult:
     """A second of case C1 as shipped, with noise."""
     return fly(plan("C1"), 1.0)
 
@@ -34,9 +34,9 @@ def flight() -> Flight:
 
 def test_with_the_right_parameters_the_residual_is_what_the_sources_do():
     of = believed(plan("C1"))
-    rows = fly(of, 0.5).rows
+    rows = fly(of, 0.5).records
     z, _ = paper_flights.states(of.world.team, rows)
-    f = jax.jit(jax.vmap(disturbances.at_start, in_axes=(None, None, 0)))(of.world.sources, of.world.team, z)
+    f = jax.jit(jax.vmap(disturbances.initial_forces, in_axes=(None, None, 0)))(of.world.disturbances, of.world.team, z)
     np.testing.assert_allclose(rows.f_L, np.concatenate([f.payload.F, f.payload.tau], axis=1), atol=1e-9)
     (g,) = f.agents
     np.testing.assert_allclose(rows.f_x, g.f_x, atol=1e-9)
@@ -46,10 +46,12 @@ def test_with_the_right_parameters_the_residual_is_what_the_sources_do():
 
 
 def test_mass_and_inertia_mismatch_add_to_the_residual_what_they_take_from_inertia(flight):
-    of, rows = plan("C1"), flight.rows
+    of, rows = plan("C1"), flight.records
     z, _ = paper_flights.states(of.world.team, rows)
-    F = jax.jit(jax.vmap(disturbances.at_start, in_axes=(None, None, 0)))(of.world.sources, of.world.team, z).payload
-    nominal, truth = of.pilot.team.payload, of.world.team.payload
+    F = jax.jit(jax.vmap(disturbances.initial_forces, in_axes=(None, None, 0)))(
+        of.world.disturbances, of.world.team, z
+    ).payload
+    nominal, truth = of.controller.team.payload, of.world.team.payload
     dm, dJ = float(nominal.mass - truth.mass), np.asarray(nominal.inertia - truth.inertia)
     w = rows.omega_L
     np.testing.assert_allclose(
@@ -63,7 +65,7 @@ def test_mass_and_inertia_mismatch_add_to_the_residual_what_they_take_from_inert
 
 def test_the_log_moves_as_it_says(flight):
     """Positions, velocities and accelerations are each other's rates: the plant integrates what it logs."""
-    rows = jax.tree.map(lambda x: x[50:], flight.rows)  # after the first tenth of a second, which jerks
+    rows = jax.tree.map(lambda x: x[50:], flight.records)  # after the first tenth of a second, which jerks
     dt = float(np.diff(rows.t[:2])[0])
     # within a tick commands are held and all is smooth: the trapezoidal rule errs by dt^2 / 12 times the jerk,
     # which for the joints is some 100 rad/s^3
@@ -75,18 +77,18 @@ def test_the_log_moves_as_it_says(flight):
 
 
 def test_every_attitude_stays_a_rotation(flight):
-    for R in (flight.rows.R_L[:, None], flight.rows.R):
+    for R in (flight.records.R_L[:, None], flight.records.R):
         np.testing.assert_allclose(R @ R.swapaxes(-1, -2), np.broadcast_to(np.eye(3), R.shape), atol=1e-12)
 
 
 def test_the_grasp_holds(flight):
-    assert flight.rows.Phi.max() <= 1e-10
-    assert flight.rows.Phi_dot.max() <= 1e-10
-    assert flight.rows.singular.min() > 10 * np.asarray(plan("C1").limits.grip).max()
+    assert flight.records.Phi.max() <= 1e-10
+    assert flight.records.Phi_dot.max() <= 1e-10
+    assert flight.records.singular.min() > 10 * np.asarray(plan("C1").termination_limits.min_delassus).max()
 
 
 def test_errors_are_those_of_the_truth_not_of_the_estimate(flight):
-    rows, start = flight.rows, paper_flights.SETTINGS.start
+    rows, start = flight.records, paper_flights.SETTINGS.start
     np.testing.assert_allclose(rows.e_p[0], start.position_error_m, atol=1e-3)
     assert np.linalg.norm(rows.e_p[0]) == pytest.approx(0.2, abs=0.01)
     assert rows.Psi[0] == pytest.approx(1 - np.cos(np.deg2rad(10)), rel=0.02)
@@ -94,7 +96,7 @@ def test_errors_are_those_of_the_truth_not_of_the_estimate(flight):
 
 
 def test_contact_forces_are_read_back_with_the_noise_of_the_tips(flight):
-    rows = flight.rows
+    rows = flight.records
     settled = rows.t > 0.2
     error = (rows.lam_hat - rows.lam)[settled]
     given = paper_flights.SETTINGS.sensors
@@ -106,58 +108,60 @@ def test_contact_forces_are_read_back_with_the_noise_of_the_tips(flight):
 # Repetition -----------------------------------------------------------------------------------------------------------
 
 
-def same(a: signals.Row, b: signals.Row) -> None:
+def same(a: signals.StepRecord, b: signals.StepRecord) -> None:
     """Every number of two logs is the same, to the last bit."""
     for field in dataclasses.fields(a):
         np.testing.assert_array_equal(getattr(a, field.name), getattr(b, field.name), err_msg=field.name)
 
 
 def test_the_same_seed_gives_the_same_flight(flight):
-    same(flight.rows, fly(plan("C1"), 1.0).rows)
+    same(flight.records, fly(plan("C1"), 1.0).records)
 
 
 def test_another_seed_gives_another_noise_on_the_same_start(flight):
-    other = fly(dataclasses.replace(plan("C1"), seed=1), 1.0).rows
-    np.testing.assert_array_equal(other.p[0], flight.rows.p[0])
-    assert np.abs(other.lam_hat - flight.rows.lam_hat).max() > 0.1
+    other = fly(dataclasses.replace(plan("C1"), seed=1), 1.0).records
+    np.testing.assert_array_equal(other.p[0], flight.records.p[0])
+    assert np.abs(other.lam_hat - flight.records.lam_hat).max() > 0.1
 
 
 def test_noise_does_not_depend_on_when_updates_cut_the_run(flight):
-    cut = dataclasses.replace(plan("C1"), duration=1.0, updates=(0.302, 0.7))  # C1 has no data: nothing is learned
-    stopped = fly_plan(cut)
+    cut = dataclasses.replace(plan("C1"), duration=1.0, update_times=(0.302, 0.7))  # C1 has no data: nothing is learned
+    stopped = run_experiment(cut)
     assert [update.t for update in stopped.updates] == pytest.approx([0.302, 0.7])
-    same(flight.rows, stopped.rows)
+    same(flight.records, stopped.records)
 
 
 def test_until_the_first_update_all_cases_fly_the_same(flight):
     for case in ("C2", "C3"):
-        learning = fly(dataclasses.replace(plan(case), updates=(5.0,)), 1.0)
-        same(flight.rows, learning.rows)
+        learning = fly(dataclasses.replace(plan(case), update_times=(5.0,)), 1.0)
+        same(flight.records, learning.records)
 
 
 def test_updates_come_at_their_ticks_with_the_data_until_then():
-    of = dataclasses.replace(plan("C3"), duration=1.3, updates=(0.7, 1.1))
+    of = dataclasses.replace(plan("C3"), duration=1.3, update_times=(0.7, 1.1))
     seen = []
-    flight = fly_plan(of, seen.append)
+    flight = run_experiment(of, seen.append)
     assert [update.t for update in flight.updates] == pytest.approx([0.7, 1.1])
     # from 0.3 s on, 25 a second; the sample of the tick of an update comes after it
-    assert [update.n for update in flight.updates] == [{"payload": n, "agents": 2 * n} for n in (10, 20)]
+    assert [update.num_samples for update in flight.updates] == [{"payload": n, "agents": 2 * n} for n in (10, 20)]
     assert set(flight.updates[-1].fits) == {"payload", (0, 0), (0, 1)}
-    assert len(flight.rows.t) == 650
-    assert not flight.stopped
+    assert len(flight.records.t) == 650
+    assert not flight.termination_reason
     assert seen[0] == 0
     assert seen == sorted(seen)
     assert seen[-1] == pytest.approx(1.3)
-    learned = flight.rows.t >= 0.7 - 1e-9
-    assert not flight.rows.f_L_hat[~learned].any()
-    assert np.abs(flight.rows.f_L_hat[learned]).max() > 0.1
+    learned = flight.records.t >= 0.7 - 1e-9
+    assert not flight.records.f_L_hat[~learned].any()
+    assert np.abs(flight.records.f_L_hat[learned]).max() > 0.1
 
 
 @pytest.mark.parametrize("latency", [0.3, None])
 def test_what_is_learned_flies_when_it_is_ready_and_not_before(latency, monkeypatch):
     """None: as long as teaching takes here, which a clock that is turned says. An update due meanwhile is left out."""
-    of = dataclasses.replace(plan("C3"), duration=1.3, updates=(0.5, 0.6, 0.9), latency=latency, training=None)
-    teach = online_learner.School.teach
+    of = dataclasses.replace(
+        plan("C3"), duration=1.3, update_times=(0.5, 0.6, 0.9), fit_latency=latency, fit_options=None
+    )
+    teach = online_learner.OnlineLearner.update
 
     def slowly(*given, **more):
         shift[0] += 0.3
@@ -167,29 +171,29 @@ def test_what_is_learned_flies_when_it_is_ready_and_not_before(latency, monkeypa
     began = clock()
     if latency is None:
         monkeypatch.setattr(time, "perf_counter", lambda: began + shift[0])
-        monkeypatch.setattr(online_learner.School, "teach", slowly)
-    flight = fly_plan(of)
+        monkeypatch.setattr(online_learner.OnlineLearner, "teach", slowly)
+    flight = run_experiment(of)
     assert [update.t for update in flight.updates] == pytest.approx([0.5, 0.9])
-    assert [update.ready for update in flight.updates] == pytest.approx([0.8, 1.2])
-    heard = np.abs(flight.rows.f_L_hat).max(1) > 0
-    assert flight.rows.t[heard][0] == pytest.approx(0.8)
+    assert [update.activation_time for update in flight.updates] == pytest.approx([0.8, 1.2])
+    heard = np.abs(flight.records.f_L_hat).max(1) > 0
+    assert flight.records.t[heard][0] == pytest.approx(0.8)
     said = "nothing was learned at t = 0.600 s: what was learned before was not ready (learning.fit_latency)"
-    assert flight.unused == (said,)
+    assert flight.learning_warnings == (said,)
 
 
 def test_what_is_ready_when_the_next_is_due_flies_and_the_next_is_learned():
-    of = dataclasses.replace(plan("C3"), duration=1.2, updates=(0.5, 0.8), latency=0.3, training=None)
-    flight = fly_plan(of)
-    assert [update.ready for update in flight.updates] == pytest.approx([0.8, 1.1])
-    assert not flight.unused
+    of = dataclasses.replace(plan("C3"), duration=1.2, update_times=(0.5, 0.8), fit_latency=0.3, fit_options=None)
+    flight = run_experiment(of)
+    assert [update.activation_time for update in flight.updates] == pytest.approx([0.8, 1.1])
+    assert not flight.learning_warnings
 
 
 def test_what_is_not_ready_when_the_flight_ends_is_said():
-    of = dataclasses.replace(plan("C3"), duration=0.7, updates=(0.5,), latency=0.3, training=None)
-    flight = fly_plan(of)
+    of = dataclasses.replace(plan("C3"), duration=0.7, update_times=(0.5,), fit_latency=0.3, fit_options=None)
+    flight = run_experiment(of)
     assert not flight.updates
-    assert flight.unused == ("what was learned at t = 0.500 s was not ready when the flight ended",)
-    assert flight.unused[0] in metrics.summary(flight, of.world.team, of.pilot.team)["warnings"]
+    assert flight.learning_warnings == ("what was learned at t = 0.500 s was not ready when the flight ended",)
+    assert flight.learning_warnings[0] in metrics.summary(flight, of.world.team, of.controller.team)["warnings"]
 
 
 def test_a_fit_that_fails_leaves_the_oracle_as_it_was_and_says_so(monkeypatch):
@@ -197,26 +201,26 @@ def test_a_fit_that_fails_leaves_the_oracle_as_it_was_and_says_so(monkeypatch):
         raise ValueError("no such luck")
 
     monkeypatch.setattr(model_update, "teach", failing)
-    flight = fly_plan(dataclasses.replace(plan("C3"), duration=1.0, updates=(0.7,)))
-    assert flight.updates[0].failed == "what was learned at t = 0.700 s is not used: no such luck"
-    assert flight.unused == (flight.updates[0].failed,)
-    assert not flight.rows.f_L_hat.any()
+    flight = run_experiment(dataclasses.replace(plan("C3"), duration=1.0, update_times=(0.7,)))
+    assert flight.updates[0].error_message == "what was learned at t = 0.700 s is not used: no such luck"
+    assert flight.learning_warnings == (flight.updates[0].error_message,)
+    assert not flight.records.f_L_hat.any()
 
 
 def test_deviations_come_at_their_rate_and_are_the_prior_s_before_any_data(flight):
-    sigma = flight.sigma
-    np.testing.assert_allclose(np.diff(sigma.t), SIGMA_EVERY, atol=1e-12)
+    sigma = flight.uncertainty
+    np.testing.assert_allclose(np.diff(sigma.t), UNCERTAINTY_PERIOD, atol=1e-12)
     assert sigma.t[0] == 0
     given = paper_flights.SETTINGS.learning
     stated = np.repeat([given.payload.force_N, given.payload.moment_Nm], 3)
-    np.testing.assert_allclose(sigma.payload, np.tile(stated, (len(sigma.t), 1)))
-    assert sigma.agents[0].shape == (len(sigma.t), 2, 9)
+    np.testing.assert_allclose(sigma.payload_std, np.tile(stated, (len(sigma.t), 1)))
+    assert sigma.agent_std[0].shape == (len(sigma.t), 2, 9)
 
 
 # Runs that stop -------------------------------------------------------------------------------------------------------
 
 
-def limited(of: Plan, **beyond: Any) -> Plan:
+def limited(of: Experiment, **beyond: Any) -> Experiment:
     """The plan with no limits but some."""
     free = {
         "grip": -1.0,
@@ -228,22 +232,22 @@ def limited(of: Plan, **beyond: Any) -> Plan:
     }
     of_agents = {"grip": jnp.full(2, float(beyond.pop("grip", free.pop("grip"))))}
     numbers = {k: number(x) for k, x in (free | beyond).items()}
-    return dataclasses.replace(of, limits=termination.Limits(**of_agents, **numbers))
+    return dataclasses.replace(of, termination_limits=termination.TerminationLimits(**of_agents, **numbers))
 
 
 @functools.cache
-def falling() -> tuple[Plan, Flight]:
+def falling() -> tuple[Experiment, FlightResult]:
     """A team whose rotors give less than its weight, without limits; and its flight."""
     of = limited(exact(plan("C1")))
-    (group,) = of.pilot.team.groups
+    (group,) = of.controller.team.agent_groups
     weak = dataclasses.replace(group, thrust_max=jnp.array([19.0, 24.0]))
-    of = with_pilot(of, team=dataclasses.replace(of.pilot.team, groups=(weak,)))
+    of = with_pilot(of, team=dataclasses.replace(of.controller.team, agent_groups=(weak,)))
     return of, fly(of, 1.0)
 
 
-def watched(rows: signals.Row) -> dict[str, np.ndarray]:
+def watched(rows: signals.StepRecord) -> dict[str, np.ndarray]:
     """What the limits are about, `(time, bodies)`, written out another way; oriented so that more is worse."""
-    turned = Rotation.from_matrix(np.asarray(plan("C1").pilot.path.R).T @ rows.R_L).magnitude()
+    turned = Rotation.from_matrix(np.asarray(plan("C1").controller.reference.R).T @ rows.R_L).magnitude()
     up = np.einsum("tjik,k->tji", rows.R, [0, 0, 1.0])
     held = np.zeros(rows.saturated.shape)
     for k, now in enumerate(rows.saturated):
@@ -269,58 +273,63 @@ def watched(rows: signals.Row) -> dict[str, np.ndarray]:
 )
 def test_a_run_stops_at_the_tick_that_first_exceeds_a_limit_and_says_which(limit, whose, setting):
     of, free = falling()
-    assert not free.stopped
-    signal = watched(free.rows)[limit]
+    assert not free.termination_reason
+    signal = watched(free.records)[limit]
     worst = signal.max(1)
     most = (worst[0] + worst.max()) / 2 + 1e-6  # between two ticks of the longest saturation as well
     first = int(np.argmax(worst > most))
     assert 0 < first < len(worst) - 1
     stopped = fly(limited(of, **{limit: -most if limit == "height" else most}), 1.0)
-    same(stopped.rows, jax.tree.map(lambda x: x[: first + 1], free.rows))
-    assert whose[int(np.argmax(signal[first]))] in stopped.stopped
+    same(stopped.records, jax.tree.map(lambda x: x[: first + 1], free.records))
+    assert whose[int(np.argmax(signal[first]))] in stopped.termination_reason
     degrees = np.rad2deg(1) if setting.endswith("_deg") else 1.0
-    said = float(stopped.stopped.rpartition(" ")[2])
-    assert f"at t = {first * 0.002:.3f} s, beyond limits.{setting} = " in stopped.stopped
+    said = float(stopped.termination_reason.rpartition(" ")[2])
+    assert f"at t = {first * 0.002:.3f} s, beyond limits.{setting} = " in stopped.termination_reason
     assert abs(said) == pytest.approx(abs(most) * degrees, rel=1e-5)
 
 
 def test_a_run_whose_grasp_is_near_singular_stops_at_that_tick_and_names_the_agent():
     of = limited(exact(plan("C1")))
-    free = fly(of, 0.5).rows
+    free = fly(of, 0.5).records
     least = free.singular
     assert least[:, 1].min() < least[0].min()
     limit = (least[0].min() + least[:, 1].min()) / 2
-    stopped = fly(limited(of, grip=limit), 0.5)
+    stopped = fly(limited(of, min_delassus=limit), 0.5)
     (first, *_), (agent, *_) = np.nonzero(least <= limit)
-    same(stopped.rows, jax.tree.map(lambda x: x[: first + 1], free))
+    same(stopped.records, jax.tree.map(lambda x: x[: first + 1], free))
     t = first * 0.002
     name = NAMES[int(np.argmin(least[first]))]
     assert least[first, agent] <= limit
-    assert stopped.stopped.startswith(f"the grasp of agent {name} is near singular at t = {t:.3f} s: ")
-    assert stopped.stopped.endswith(" 1/kg (limits.grip); arms 1 and 2 work against each other")
-    assert len(stopped.sigma.t) == first // 10 + 1
+    assert stopped.termination_reason.startswith(f"the grasp of agent {name} is near singular at t = {t:.3f} s: ")
+    assert stopped.termination_reason.endswith(" 1/kg (limits.grip); arms 1 and 2 work against each other")
+    assert len(stopped.uncertainty.t) == first // 10 + 1
 
 
 def test_the_least_grip_is_a_share_of_the_start_s(flight):
     share = paper_flights.SETTINGS.limits.grip
-    np.testing.assert_allclose(plan("C1").limits.grip, share * flight.rows.singular[0], rtol=1e-12)
+    np.testing.assert_allclose(
+        plan("C1").termination_limits.min_delassus, share * flight.records.singular[0], rtol=1e-12
+    )
 
 
 def test_a_run_with_a_signal_that_is_not_finite_stops_and_names_it():
-    path = dataclasses.replace(plan("C1").pilot.path, center=jnp.array([np.nan, 0, 2]))
-    lost = fly(with_pilot(plan("C1"), path=path), 0.5)
-    assert lost.stopped == "signal p_d is not finite at t = 0.000 s"
-    assert len(lost.rows.t) == 1
-    broken = jax.tree.map(lambda x: x * np.nan, plan("C1").world.lam_bias)
-    assert fly(with_world(plan("C1"), lam_bias=broken), 0.5).stopped == "signal lam_hat is not finite at t = 0.000 s"
+    path = dataclasses.replace(plan("C1").controller.reference, center=jnp.array([np.nan, 0, 2]))
+    lost = fly(with_pilot(plan("C1"), reference=path), 0.5)
+    assert lost.termination_reason == "signal p_d is not finite at t = 0.000 s"
+    assert len(lost.records.t) == 1
+    broken = jax.tree.map(lambda x: x * np.nan, plan("C1").world.tip_force_bias)
+    assert (
+        fly(with_world(plan("C1"), tip_force_bias=broken), 0.5).termination_reason
+        == "signal lam_hat is not finite at t = 0.000 s"
+    )
 
 
 def test_a_run_that_blows_up_stops_at_that_tick_and_keeps_what_was_flown():
     wild = fly(paper_flights.with_gains(limited(plan("C1")), agent_k_omega=number(1e6)), 0.5)
-    assert "not finite" in wild.stopped
-    assert 1 < len(wild.rows.t) < 20
-    assert f"t = {wild.rows.t[-1]:.3f} s" in wild.stopped
-    assert all(np.isfinite(leaf[:-1]).all() for leaf in jax.tree.leaves(wild.rows))
+    assert "not finite" in wild.termination_reason
+    assert 1 < len(wild.records.t) < 20
+    assert f"t = {wild.records.t[-1]:.3f} s" in wild.termination_reason
+    assert all(np.isfinite(leaf[:-1]).all() for leaf in jax.tree.leaves(wild.records))
 
 
 # Native code ----------------------------------------------------------------------------------------------------------
@@ -328,15 +337,15 @@ def test_a_run_that_blows_up_stops_at_that_tick_and_keeps_what_was_flown():
 
 def test_a_flight_with_frozen_oracles_in_native_code_is_jax_s():
     """A second of C3 after an update, with noise: two compilers' rounding, and nothing more."""
-    of = dataclasses.replace(plan("C3"), duration=4.0, updates=(3.5,))
-    oracle = fly(of, 4.0).oracle
-    assert int(oracle.payload.n) > 10
-    setup = with_pilot(of, oracle=oracle).setup
-    by_native = by_jax = simulator.start(setup, of.z)
+    of = dataclasses.replace(plan("C3"), duration=4.0, update_times=(3.5,))
+    oracle = fly(of, 4.0).model
+    assert int(oracle.payload.num_points) > 10
+    setup = with_pilot(of, residual_model=oracle).loop_config
+    by_native = by_jax = simulator.reset(setup, of.initial_state)
     jax_s = jax.jit(simulator._advance)
     for k in range(2):
-        noise = of.world.draw(jax.random.key(k), paper_flights.ROOM)
-        by_native, rows = simulator.advance(setup, by_native, noise, jnp.asarray(paper_flights.ROOM))
+        noise = of.world.sample_noise(jax.random.key(k), paper_flights.ROOM)
+        by_native, rows = simulator.rollout(setup, by_native, noise, jnp.asarray(paper_flights.ROOM))
         by_jax, same = jax_s(setup, by_jax, noise, jnp.asarray(paper_flights.ROOM))
         assert jax.tree.structure(rows) == jax.tree.structure(same)
         for field in dataclasses.fields(rows):
@@ -346,21 +355,21 @@ def test_a_flight_with_frozen_oracles_in_native_code_is_jax_s():
 
 
 @pytree
-class Asking(disturbances.Law):
+class Asking(disturbances.DisturbanceModel):
     """A force that a Python function says, which no C code can call."""
 
-    def __call__(self, at: disturbances.Motion, t: Any, memory: Any) -> tuple[Any, Any]:
+    def __call__(self, at: disturbances.PointKinematics, t: Any, memory: Any) -> tuple[Any, Any]:
         force = jax.pure_callback(lambda v: -0.1 * np.asarray(v), jax.ShapeDtypeStruct((3,), float), at.v)
         return force, jnp.zeros(3)
 
 
 @pytest.mark.long
 def test_a_part_that_native_code_cannot_call_is_flown_by_jax(caplog):
-    of = experiment.plan(light.settings(), "C1")
-    mount = disturbances.Mount(name="asked", law=Asking(), point=jnp.zeros(3))
-    sources = dataclasses.replace(of.world.sources, payload=(*of.world.sources.payload, mount))
+    of = experiment.make_experiment(light.settings(), "C1")
+    mount = disturbances.PayloadDisturbance(name="asked", model=Asking(), point=jnp.zeros(3))
+    sources = dataclasses.replace(of.world.disturbances, payload=(*of.world.disturbances.payload, mount))
     with caplog.at_level("INFO", logger="colift.simulate"):
-        flown = fly_plan(dataclasses.replace(with_world(of, sources=sources), duration=0.02))
-    assert flown.stopped == ""
+        flown = run_experiment(dataclasses.replace(with_world(of, disturbances=sources), duration=0.02))
+    assert flown.termination_reason == ""
     assert "flown by JAX" in caplog.text
     assert "pure_callback" in caplog.text

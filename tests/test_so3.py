@@ -52,7 +52,7 @@ def test_one_parameter_subgroups() -> None:
 def test_about_is_exp_of_a_unit_axis() -> None:
     axis = directions(20)
     for angle in (-5.0, 0.0, 1e-9, 0.3, np.pi):
-        about = jax.jit(so3.about)(jnp.array(axis), jnp.full(20, angle))
+        about = jax.jit(so3.from_axis_angle)(jnp.array(axis), jnp.full(20, angle))
         np.testing.assert_allclose(about, Rotation.from_rotvec(angle * axis).as_matrix(), atol=2e-15)
 
 
@@ -159,11 +159,11 @@ def test_error_kinematics() -> None:
 
     def at(t: jax.Array) -> tuple[jax.Array, jax.Array]:
         a, b = A @ so3.exp(t * omega), B @ so3.exp(t * omega_d)
-        return so3.e_R(a, b), so3.Psi(a, b)
+        return so3.e_R(a, b), so3.attitude_error_function(a, b)
 
     (e_R, _), (e_R_dot, Psi_dot) = jax.jit(functools.partial(jax.jvp, at))((jnp.zeros(()),), (jnp.ones(()),))
     e_omega = jax.jit(so3.e_omega)(A, omega, B, omega_d)
-    np.testing.assert_allclose(e_R_dot, (so3.E(A, B) @ e_omega[:, :, None])[:, :, 0], atol=1e-14)
+    np.testing.assert_allclose(e_R_dot, (so3.attitude_error_jacobian(A, B) @ e_omega[:, :, None])[:, :, 0], atol=1e-14)
     np.testing.assert_allclose(Psi_dot, (e_R * e_omega).sum(1), atol=1e-14)
 
 
@@ -171,5 +171,5 @@ def test_attitude_error_function() -> None:
     """`Psi = 1 - cos(angle)` of the rotation between, `|e_R| = sin(angle)`."""
     A, _, B, _ = attitudes()
     angle = (Rotation.from_matrix(B).inv() * Rotation.from_matrix(A)).magnitude()
-    np.testing.assert_allclose(so3.Psi(A, B), 1 - np.cos(angle), atol=1e-14)
+    np.testing.assert_allclose(so3.attitude_error_function(A, B), 1 - np.cos(angle), atol=1e-14)
     np.testing.assert_allclose(np.linalg.norm(so3.e_R(A, B), axis=1), np.sin(angle), atol=1e-14)

@@ -37,10 +37,10 @@ def test_what_is_written_is_sound(tmp_path: Path):
     written = CliRunner().invoke(app, ["new", str(file), "--agents", str(agents), "--arms", str(arms)])
     assert written.exit_code == 0, written.stderr
     assert written.stdout == f"{file}: {agents} agents; next: colift check {file}\n"
-    settings = scenario.load(file)
+    settings = scenario.load_scenario(file)
     assert (settings.name, len(settings.agents)) == ("my_team", agents)
-    found = preflight.check(settings)
-    assert found.sound, "\n".join(found.lines())
+    found = preflight.run_preflight(settings)
+    assert found.passed, "\n".join(found.format_report())
 
 
 @pytest.mark.parametrize("arms", [0, 1, 2])
@@ -48,9 +48,9 @@ def test_what_is_written_is_sound(tmp_path: Path):
 def test_vehicles_stand_apart_around_the_plate_on_their_contacts(agents: int, arms: int):
     if arms < 2 and agents < 3:
         with pytest.raises(ValueError, match=rf"--agents 2: must be from 3 to 100 with --arms {arms}"):
-            template.text("t", agents, arms)
+            template.scenario_template("t", agents, arms)
         return
-    settings = scenario.parse(template.text("t", agents, arms), "t.yaml")
+    settings = scenario.parse(template.scenario_template("t", agents, arms), "t.yaml")
     places = np.array([np.mean(agent.contacts_m, axis=0) for agent in settings.agents])
     apart = np.linalg.norm(places[:, None] - places, axis=2) + 10 * np.eye(agents)
     assert apart.min() > (1.0 if arms == 2 else 0.49)
@@ -80,8 +80,8 @@ def test_nothing_is_overwritten_and_the_ending_is_yaml(tmp_path: Path):
 
 @pytest.mark.parametrize(("stem", "name"), [("team", "team"), ("my team", "my_team"), ("2nd", "_2nd"), ("Ä", "_")])
 def test_any_file_s_name_gives_a_scenario_s(stem: str, name: str):
-    assert template.name_of(Path("there") / f"{stem}.yaml") == name
-    assert scenario.parse(template.text(name, 2, 2), "t.yaml").name == name
+    assert template.scenario_name(Path("there") / f"{stem}.yaml") == name
+    assert scenario.parse(template.scenario_template(name, 2, 2), "t.yaml").name == name
 
 
 def urdf(folder: Path, *arms: str) -> Path:
@@ -98,10 +98,10 @@ def test_a_vehicle_from_urdf_stands_with_its_hands_on_the_plate(tmp_path: Path):
     done = CliRunner().invoke(app, ["new", str(made), "--agents", "3", "--urdf", str(file)])
     assert done.exit_code == 0, done.stderr
     assert 'urdf: "../vehicle.urdf"' in made.read_text()
-    settings = scenario.load(made)
+    settings = scenario.load_scenario(made)
     assert [arm.name for arm in settings.agent_types["vehicle"].arms] == ["hand_1"]
     truth, _ = team.team(settings)
-    z = initial_states.at_rest(settings, truth)
+    z = initial_states.equilibrium_state(settings, truth)
     assert np.abs(np.asarray(z.agents[0].r)).max() < 1e-6
 
 
@@ -111,10 +111,10 @@ def test_arms_that_are_straight_at_zero_are_bent_and_the_contacts_are_where_thei
     made = tmp_path / "mine.yaml"
     done = CliRunner().invoke(app, ["new", str(made), "--urdf", str(tmp_path / "two_arms.urdf"), "--agents", "2"])
     assert done.exit_code == 0, done.stderr
-    settings = scenario.load(made)
+    settings = scenario.load_scenario(made)
     assert [joint.rest_rad for joint in settings.agent_types["vehicle"].joints] == [0.0, 1.2, -1.2]
     truth, _ = team.team(settings)
-    z = initial_states.at_rest(settings, truth)
+    z = initial_states.equilibrium_state(settings, truth)
     np.testing.assert_allclose(np.asarray(z.agents[0].r)[0], [0.0, 1.2, -1.2], atol=1e-3)
     assert all(condition < 20 for condition in preflight._conditions(settings, truth, z).values())
 

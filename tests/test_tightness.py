@@ -6,7 +6,7 @@ from colift.visualization import certificate_figures
 def test_shrinkage_is_written_twice_and_whole(tmp_path):
     n, falling = [5.0, 9.0, 17.0], [3e-2, 2e-3, 1e-3]
     parts = {"beta": [2.0, 1.8, 1.7], "sigma": [0.2, 0.02, 0.01]}
-    files = certificate_figures.shrinkage(
+    files = certificate_figures.plot_bound_vs_data(
         n, {"bound": falling, "observed": [1e-3] * 3}, [5e-4] * 3, parts, tmp_path / "shrinkage"
     )
     assert [path.name for path in files] == ["shrinkage.pdf", "shrinkage.png"]

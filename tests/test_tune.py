@@ -44,7 +44,7 @@ class Spring:
 
 
 def slopes(of: Spring) -> gain_tuning.Slopes:
-    return gain_tuning.rates(of.M, [Spring(of.steps + gain_tuning.STEP * e).M for e in np.eye(FREE)], DT)
+    return gain_tuning.decay_rates(of.M, [Spring(of.steps + gain_tuning.STEP * e).M for e in np.eye(FREE)], DT)
 
 
 def test_the_slopes_are_the_derivatives_of_the_rates():
@@ -62,67 +62,67 @@ def test_the_search_finds_what_damps_best_within_its_budget():
     """The slower pole is fastest, at -w, where both meet: at d = 1 and the largest w."""
     low, high = np.full(FREE, -2.0), np.array([1.0, 3.0])
     first = Spring(np.zeros(FREE))
-    best, where, used = gain_tuning.descend(
-        first, Spring, slopes, np.zeros(FREE), (low, high), SECOND, gain_tuning.LOOPS
+    best, where, used = gain_tuning.minimize(
+        first, Spring, slopes, np.zeros(FREE), (low, high), SECOND, gain_tuning.MAX_LINEARIZATIONS
     )
     assert first.cost == pytest.approx(-0.5, abs=1e-9)
     assert best.cost == pytest.approx(-2 * np.e, rel=0.1)
     assert best.steps[0] == pytest.approx(1.0)
     np.testing.assert_array_equal(where, best.steps)
-    assert used <= gain_tuning.LOOPS
+    assert used <= gain_tuning.MAX_LINEARIZATIONS
 
 
 def test_where_there_is_no_loop_the_step_is_shorter():
     low, high = np.full(FREE, -2.0), np.full(FREE, 2.0)
     near = lambda at: Spring(at) if at[1] < 0.4 else None  # noqa: E731
-    best, _, used = gain_tuning.descend(
-        Spring(np.zeros(FREE)), near, slopes, np.zeros(FREE), (low, high), SECOND, gain_tuning.LOOPS
+    best, _, used = gain_tuning.minimize(
+        Spring(np.zeros(FREE)), near, slopes, np.zeros(FREE), (low, high), SECOND, gain_tuning.MAX_LINEARIZATIONS
     )
     assert 0.29 < best.steps[1] < 0.4
-    assert used <= gain_tuning.LOOPS
+    assert used <= gain_tuning.MAX_LINEARIZATIONS
 
 
 def test_a_loop_that_is_best_already_stays():
     none = np.zeros(FREE)
     first = Spring(none)
-    best, _, _ = gain_tuning.descend(first, Spring, slopes, none, (none, none), SECOND, gain_tuning.LOOPS)
+    best, _, _ = gain_tuning.minimize(first, Spring, slopes, none, (none, none), SECOND, gain_tuning.MAX_LINEARIZATIONS)
     assert best is first
 
 
 @pytest.mark.long
 def test_late_commands_count(monkeypatch: pytest.MonkeyPatch):
     of = lit()
-    late = np.eye(6) * np.exp(0.5 * of.plan.dt)
+    late = np.eye(6) * np.exp(0.5 * of.experiment.dt)
     assert of.cost < 0
     monkeypatch.setattr(stability, "delayed", lambda _x, _M, _ticks: late)
     assert of.cost == pytest.approx(0.5)
-    assert of.ticks == 2
+    assert of.delay_ticks == 2
 
 
 def test_the_posture_is_a_gain_only_where_joints_are_beyond_need():
-    assert "posture" not in gain_tuning.names(scenario.load("paper"))
-    assert "posture" in gain_tuning.names(scenario.load("beam"))
-    assert gain_tuning.names(light.settings()) == gain_tuning.GAINS[:-1]
+    assert "posture" not in gain_tuning.tunable_gains(scenario.load_scenario("paper"))
+    assert "posture" in gain_tuning.tunable_gains(scenario.load_scenario("beam"))
+    assert gain_tuning.tunable_gains(light.settings()) == gain_tuning.GAINS[:-1]
 
 
 def test_gains_are_scaled_and_written_with_three_digits():
     given = light.settings(control=light.SAMPLE.control.model_copy(update={"K_p": (5.0, 5.0, 6.0)}))
-    control = gain_tuning.scaled(given, np.log([1.1111, 1, 1, 1, 2, 0.5])).control
+    control = gain_tuning.scale_gains(given, np.log([1.1111, 1, 1, 1, 2, 0.5])).control
     assert control.K_p == (6.17, 6.17, 7.41)
     assert control.K_v == (4.67, 4.67, 4.67)
     assert (control.agent_k_R, control.agent_k_omega) == (1000.0, 28.0)
 
 
 def test_the_text_keeps_comments_where_it_says_the_same():
-    written = template.text("mine", 3, 0)
-    tuned = gain_tuning.scaled(scenario.parse(written, "mine.yaml"), np.full(6, 0.1))
-    text = gain_tuning.text(tuned, written, "mine.yaml")
+    written = template.scenario_template("mine", 3, 0)
+    tuned = gain_tuning.scale_gains(scenario.parse(written, "mine.yaml"), np.full(6, 0.1))
+    text = gain_tuning.to_yaml(tuned, written, "mine.yaml")
     assert "# A scenario to begin with" in text
     assert "K_p: 6.11" in text
     assert scenario.parse(text, "mine.yaml") == tuned
     other = tuned.model_copy(update={"seed": 7})  # as by --set: the text would say otherwise
-    assert scenario.parse(gain_tuning.text(other, written, "mine.yaml"), "mine.yaml") == other
-    assert "#" not in gain_tuning.text(tuned, None, "mine.yaml")
+    assert scenario.parse(gain_tuning.to_yaml(other, written, "mine.yaml"), "mine.yaml") == other
+    assert "#" not in gain_tuning.to_yaml(tuned, None, "mine.yaml")
 
 
 def test_contacts_are_off_by_what_positions_and_attitude_say():
@@ -134,21 +134,21 @@ def test_contacts_are_off_by_what_positions_and_attitude_say():
     skew = (R_d.inv() * R).as_matrix() - (R.inv() * R_d).as_matrix()
     e_R = np.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], axis=1) / 2
     off = [np.linalg.norm(e_p + R.apply(c) - R_d.apply(c), axis=1) for c in contacts]
-    assert gain_tuning.displacement(e_p, e_R, R.as_matrix(), contacts) == pytest.approx(
+    assert gain_tuning.contact_displacement_rms(e_p, e_R, R.as_matrix(), contacts) == pytest.approx(
         np.sqrt(np.mean(np.square(off))), rel=1e-5
     )
 
 
 @pytest.mark.long
 def test_the_error_over_decay_falls_along_its_slopes():
-    of = gain_tuning.flown(lit())
-    assert isinstance(of, gain_tuning.Flown)
+    of = gain_tuning.simulate_cost(lit())
+    assert isinstance(of, gain_tuning.FlightCost)
     assert of.cost == pytest.approx(of.error / -lit().cost)
     costs, slopes = gain_tuning._flown_slopes(of)
     assert costs.max() >= of.cost * (1 - 1e-9)
     step = gain_tuning._step(costs, slopes, np.full(6, -0.05), np.full(6, 0.05))
-    nearer = gain_tuning.flown(gain_tuning.loop(gain_tuning.scaled(of.loop.settings, step)))
-    assert isinstance(nearer, gain_tuning.Flown)
+    nearer = gain_tuning.simulate_cost(gain_tuning.linearize_scenario(gain_tuning.scale_gains(of.loop.settings, step)))
+    assert isinstance(nearer, gain_tuning.FlightCost)
     promised = of.cost - (costs + slopes @ step).max()
     assert promised > 0
     assert of.cost - nearer.cost == pytest.approx(promised, rel=0.3)
@@ -157,24 +157,26 @@ def test_the_error_over_decay_falls_along_its_slopes():
 @pytest.mark.long
 def test_what_grows_is_not_flown_and_what_is_lost_or_saturated_has_no_error(monkeypatch: pytest.MonkeyPatch):
     of = lit()
-    flight = flight_module.fly_plan(of.plan)
+    flight = flight_module.run_experiment(of.experiment)
     for change, said in (
         ({"stopped": "as it was told to"}, "lost"),
-        ({"rows": dataclasses.replace(flight.rows, saturated=np.ones_like(flight.rows.saturated))}, "saturated"),
+        ({"rows": dataclasses.replace(flight.records, saturated=np.ones_like(flight.records.saturated))}, "saturated"),
     ):
         monkeypatch.setattr(flight_module, "fly_plan", lambda _plan, c=change: dataclasses.replace(flight, **c))
-        assert gain_tuning.flown(of) == said
-    known = gain_tuning.Flown(of, 0.1)
-    monkeypatch.setattr(flight_module, "fly_plan", lambda _plan: dataclasses.replace(flight, stopped="near it"))
+        assert gain_tuning.simulate_cost(of) == said
+    known = gain_tuning.FlightCost(of, 0.1)
+    monkeypatch.setattr(
+        flight_module, "fly_plan", lambda _plan: dataclasses.replace(flight, termination_reason="near it")
+    )
     rates, slopes = gain_tuning._slopes(of)
     np.testing.assert_allclose(gain_tuning._flown_slopes(known)[1], (0.1 / rates**2)[:, None] * slopes)
     monkeypatch.setattr(flight_module, "fly_plan", lambda _plan: pytest.fail("flown"))
-    grows = dataclasses.replace(of, M=np.eye(len(of.M)) * 1.01)
-    assert gain_tuning.flown(grows) == "grows"
-    assert gain_tuning.numbers(grows)["displacement_C1_m"] == "grows"
+    grows = dataclasses.replace(of, step_jacobian=np.eye(len(of.step_jacobian)) * 1.01)
+    assert gain_tuning.simulate_cost(grows) == "grows"
+    assert gain_tuning.summary_values(grows)["displacement_C1_m"] == "grows"
 
 
-class Fake(gain_tuning.Loop):
+class Fake(gain_tuning.LoopDesign):
     """A loop that decays by K_v."""
 
     @property
@@ -186,55 +188,55 @@ def test_tune_flies_from_where_it_costs_less_and_returns_the_cheapest(monkeypatc
     """The error falls with K_p. The fastest of the first stage may be lost: then the second starts from the first."""
     given, known = (
         light.settings(),
-        {field.name: getattr(lit(), field.name) for field in dataclasses.fields(gain_tuning.Loop)},
+        {field.name: getattr(lit(), field.name) for field in dataclasses.fields(gain_tuning.LoopDesign)},
     )
     fake = lambda to: Fake(**known | {"settings": to})  # noqa: E731
     K = lambda of: (float(of.settings.control.K_p[0]), float(of.settings.control.K_v[0]))  # noqa: E731
 
     def slopes(of: Any) -> gain_tuning.Slopes:
-        rate = gain_tuning.CHOSEN[1, :6]
+        rate = gain_tuning.TUNED_GAINS[1, :6]
         return np.array([of.cost]), (of.cost * rate)[None]
 
-    def flown_slopes(of: gain_tuning.Flown) -> gain_tuning.Slopes:
-        return np.array([of.cost]), (of.cost * -(gain_tuning.CHOSEN[0, :6] + gain_tuning.CHOSEN[1, :6]))[None]
+    def flown_slopes(of: gain_tuning.FlightCost) -> gain_tuning.Slopes:
+        return np.array([of.cost]), (of.cost * -(gain_tuning.TUNED_GAINS[0, :6] + gain_tuning.TUNED_GAINS[1, :6]))[None]
 
     monkeypatch.setattr(gain_tuning, "loop", fake)
-    monkeypatch.setattr(gain_tuning, "_most_stiffness", lambda _of: gain_tuning.FARTHEST)
+    monkeypatch.setattr(gain_tuning, "_most_stiffness", lambda _of: gain_tuning.MAX_GAIN_RATIO)
     monkeypatch.setattr(gain_tuning, "_slopes", slopes)
     monkeypatch.setattr(gain_tuning, "_flown_slopes", flown_slopes)
     for lost_above in (np.inf, 1.2 * given.control.K_v[0]):
-        flies = lambda of, most=lost_above: gain_tuning.Flown(of, 1 / K(of)[0]) if K(of)[1] <= most else "lost"  # noqa: E731
+        flies = lambda of, most=lost_above: gain_tuning.FlightCost(of, 1 / K(of)[0]) if K(of)[1] <= most else "lost"  # noqa: E731
         monkeypatch.setattr(gain_tuning, "flown", flies)
         first, best, spent = gain_tuning.tune(given)
         assert first.settings == given
         start, end = flies(first), flies(best)
-        assert isinstance(start, gain_tuning.Flown)
-        assert isinstance(end, gain_tuning.Flown)
+        assert isinstance(start, gain_tuning.FlightCost)
+        assert isinstance(end, gain_tuning.FlightCost)
         assert end.cost < start.cost
-        assert 2 < spent.flights <= gain_tuning.FLIGHTS
-        assert spent.flights < spent.loops <= gain_tuning.LOOPS + gain_tuning.FLIGHTS
+        assert 2 < spent.simulations <= gain_tuning.MAX_SIMULATIONS
+        assert spent.simulations < spent.linearizations <= gain_tuning.MAX_LINEARIZATIONS + gain_tuning.MAX_SIMULATIONS
     monkeypatch.setattr(gain_tuning, "flown", lambda _of: "lost")
     _, best, spent = gain_tuning.tune(given)
     assert best.cost == pytest.approx(-4 * given.control.K_v[0], rel=0.01)
-    assert spent.flights == 2
+    assert spent.simulations == 2
 
 
 def test_a_posture_is_not_raised_above_what_is_stated_unless_the_loop_grows(monkeypatch: pytest.MonkeyPatch):
     """Joints beyond need are to reach what their user states; a greater statement would only be missed by more."""
     monkeypatch.setattr(gain_tuning, "_most_stiffness", lambda _of: 0.5)
-    known = {field.name: getattr(lit(), field.name) for field in dataclasses.fields(gain_tuning.Loop)}
+    known = {field.name: getattr(lit(), field.name) for field in dataclasses.fields(gain_tuning.LoopDesign)}
 
-    class At(gain_tuning.Loop):
+    class At(gain_tuning.LoopDesign):
         cost = -1.0
 
-    class Growing(gain_tuning.Loop):
+    class Growing(gain_tuning.LoopDesign):
         cost = 1.0
 
-    for name, kind, most in (("beam", At, 0.0), ("beam", Growing, gain_tuning.FARTHEST), ("trio", At, None)):
-        low, high = gain_tuning.room(kind(**known | {"settings": scenario.load(name)}))
-        assert (low == -gain_tuning.FARTHEST).all()
+    for name, kind, most in (("beam", At, 0.0), ("beam", Growing, gain_tuning.MAX_GAIN_RATIO), ("trio", At, None)):
+        low, high = gain_tuning.search_bounds(kind(**known | {"settings": scenario.load_scenario(name)}))
+        assert (low == -gain_tuning.MAX_GAIN_RATIO).all()
         assert high[0] == 0.5
-        assert (high[1:6] == gain_tuning.FARTHEST).all()
+        assert (high[1:6] == gain_tuning.MAX_GAIN_RATIO).all()
         assert high[6:].tolist() == ([] if most is None else [most])
 
 
@@ -250,13 +252,13 @@ def test_no_more_are_looked_at_than_there_may_be():
         at = lambda _steps: Chance(rng.normal())  # noqa: E731
         known = lambda _of: (np.zeros(1), rng.normal(size=(1, 2)))  # noqa: E731
         bounds = (-np.ones(2), np.ones(2))
-        _, _, used = gain_tuning.descend(Chance(0.0), at, known, np.zeros(2), bounds, np.array([False, True]), most)
+        _, _, used = gain_tuning.minimize(Chance(0.0), at, known, np.zeros(2), bounds, np.array([False, True]), most)
         assert used <= most
 
 
 @functools.cache
-def lit() -> gain_tuning.Loop:
-    return gain_tuning.loop(light.settings())
+def lit() -> gain_tuning.LoopDesign:
+    return gain_tuning.linearize_scenario(light.settings())
 
 
 @pytest.mark.long
@@ -266,7 +268,7 @@ def test_thrust_bounds_the_stiffness():
     near = of.settings.model_copy(
         update={"start": of.settings.start.model_copy(update={"position_error_m": (0, 0, 0)})}
     )
-    assert gain_tuning._most_stiffness(dataclasses.replace(of, settings=near)) == gain_tuning.FARTHEST
+    assert gain_tuning._most_stiffness(dataclasses.replace(of, settings=near)) == gain_tuning.MAX_GAIN_RATIO
     wide = of.settings.limits.model_copy(update={"distance_m": 10.0})
     far = of.settings.model_copy(
         update={"start": of.settings.start.model_copy(update={"position_error_m": (9, 0, 0)}), "limits": wide}
@@ -280,26 +282,28 @@ def test_a_real_loop_s_slopes_point_where_it_decays_faster():
     of = lit()
     rates, slopes = gain_tuning._slopes(of)
     step = gain_tuning._step(rates, slopes, np.full(6, -0.05), np.full(6, 0.05))
-    assert gain_tuning.loop(gain_tuning.scaled(of.settings, step)).cost < of.cost
-    found = gain_tuning.numbers(of)
+    assert gain_tuning.linearize_scenario(gain_tuning.scale_gains(of.settings, step)).cost < of.cost
+    found = gain_tuning.summary_values(of)
     assert found["slowest_mode_1ps"] <= of.cost
     assert 0 < found["delay_margin_s"] <= 0.05
-    truth, names = of.plan.world.team, team.agent_names(of.settings)
+    truth, names = of.experiment.world.team, team.agent_names(of.settings)
     assert len(names) == sum(truth.sizes)
     assert 0.01 < found["e_p_C1_m"] < 1
 
 
 def test_the_command_writes_a_scenario_and_overwrites_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     made = light.write(tmp_path / "team.yaml")
-    monkeypatch.setattr(gain_tuning, "flown", lambda of: gain_tuning.Flown(of, 0.1))
-    after = dataclasses.replace(lit(), settings=gain_tuning.scaled(lit().settings, np.full(6, 0.1)))
-    monkeypatch.setattr(gain_tuning, "tune", lambda _settings, _say, _better: (lit(), after, gain_tuning.Spent(9, 2)))
+    monkeypatch.setattr(gain_tuning, "flown", lambda of: gain_tuning.FlightCost(of, 0.1))
+    after = dataclasses.replace(lit(), settings=gain_tuning.scale_gains(lit().settings, np.full(6, 0.1)))
+    monkeypatch.setattr(
+        gain_tuning, "tune", lambda _settings, _say, _better: (lit(), after, gain_tuning.EvaluationBudget(9, 2))
+    )
     out = tmp_path / "tuned.yaml"
     said = CliRunner().invoke(app, ["tune", str(made), "--out", str(out), "--json"])
     assert said.exit_code == 0, said.stderr
     found = json.loads(said.stdout)
     assert found["after"]["e_p_C1_m"] == pytest.approx(found["before"]["e_p_C1_m"] / np.exp(0.2), rel=1e-2)
-    assert scenario.load(out) == after.settings
+    assert scenario.load_scenario(out) == after.settings
     before = out.read_bytes()
     again = CliRunner().invoke(app, ["tune", str(made), "--out", str(out)])
     assert (again.exit_code, again.stderr.count("\n")) == (2, 1)
@@ -313,10 +317,13 @@ def test_the_command_writes_a_scenario_and_overwrites_none(tmp_path: Path, monke
 
 def test_ended_early_the_command_writes_the_best_gains_so_far(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     made, out = light.write(tmp_path / "team.yaml"), tmp_path / "tuned.yaml"
-    best = dataclasses.replace(lit(), settings=gain_tuning.scaled(lit().settings, np.full(6, 0.1)))
+    best = dataclasses.replace(lit(), settings=gain_tuning.scale_gains(lit().settings, np.full(6, 0.1)))
 
     def ended(
-        _settings: object, _say: object, better: Callable[[gain_tuning.Loop], None], found: Sequence[gain_tuning.Loop]
+        _settings: object,
+        _say: object,
+        better: Callable[[gain_tuning.LoopDesign], None],
+        found: Sequence[gain_tuning.LoopDesign],
     ) -> None:
         for each in found:
             better(each)
@@ -327,7 +334,7 @@ def test_ended_early_the_command_writes_the_best_gains_so_far(tmp_path: Path, mo
         with pytest.raises(signals.Interrupted):
             CliRunner().invoke(app, ["tune", str(made), "--out", str(out)])
         assert out.exists() == bool(found)
-    assert scenario.load(out) == best.settings
+    assert scenario.load_scenario(out) == best.settings
     nowhere = CliRunner().invoke(app, ["tune", str(made), "--out", str(tmp_path / "none" / "tuned.yaml")])
     assert (nowhere.exit_code, nowhere.stderr.count("\n")) == (2, 1)
 
@@ -335,7 +342,7 @@ def test_ended_early_the_command_writes_the_best_gains_so_far(tmp_path: Path, mo
 def test_a_search_hands_on_the_best_so_far():
     first, seen = Spring(np.zeros(FREE)), []
     bounds = np.full(FREE, -1.0), np.full(FREE, 1.0)
-    best, *_ = gain_tuning.descend(
+    best, *_ = gain_tuning.minimize(
         first, Spring, slopes, np.zeros(FREE), bounds, SECOND, 40, lambda of, _used: seen.append(of)
     )
     costs = [of.cost for of in seen]

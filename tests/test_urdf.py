@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from colift import scenario
 from colift.models import aerial_manipulator, urdf
-from colift.models.parameters import Agent
+from colift.models.parameters import AerialManipulator
 from colift.scenario import ScenarioError, team
 from tests import pinocchio_team, teams
 
@@ -68,7 +68,7 @@ def random_urdf(rng: np.random.Generator, links: int) -> tuple[str, list[str]]:
 def test_mass_matrix_and_tips_are_pinocchios(seed: int) -> None:
     rng = np.random.default_rng(seed)
     text, tips = random_urdf(rng, int(rng.integers(2, 11)))
-    robot = urdf.parse(text, "r.urdf")
+    robot = urdf.parse_urdf(text, "r.urdf")
     offset = 0.1 * rng.normal(size=3)
     agent = urdf.agent(robot, [tips[0], (tips[1], offset)], np.zeros((2, 3)).tolist(), 50.0)
     state = teams.agent_state(rng, agent.tree)
@@ -86,14 +86,18 @@ def test_mass_matrix_and_tips_are_pinocchios(seed: int) -> None:
     order = np.concatenate([[3, 4, 5], index]).astype(int)
     lin, mixed = full[:3, :3], full[:3][:, order]
     expected = full[np.ix_(order, order)] - mixed.T @ np.linalg.solve(lin, mixed)
-    reduced = jax.jit(lambda a, r: aerial_manipulator.reduce(a, aerial_manipulator.geometry(a, r)))(agent, state.r)
+    reduced = jax.jit(lambda a, r: aerial_manipulator.centroidal_model(a, aerial_manipulator.forward_kinematics(a, r)))(
+        agent, state.r
+    )
     np.testing.assert_allclose(reduced.M_bar, expected, atol=1e-9 * np.abs(expected).max())
     np.testing.assert_allclose(reduced.mass, pin.computeTotalMass(model), rtol=1e-12)
 
     pin.framesForwardKinematics(model, data, q)
     com = pin.centerOfMass(model, data, q, v)
-    np.testing.assert_allclose(reduced.s, com, atol=1e-9)
-    for found, name, at in zip(np.asarray(reduced.rho + reduced.s[None]), tips, (np.zeros(3), offset), strict=True):
+    np.testing.assert_allclose(reduced.com_from_base, com, atol=1e-9)
+    for found, name, at in zip(
+        np.asarray(reduced.tip_from_com + reduced.com_from_base[None]), tips, (np.zeros(3), offset), strict=True
+    ):
         frame = data.oMf[model.getFrameId(name, pin.FrameType.BODY)]
         np.testing.assert_allclose(found, frame.act(at), atol=1e-9)
 
@@ -115,7 +119,7 @@ TWO_ARMS = """<robot name="two arms">
 
 
 def test_fixed_links_are_part_of_the_body_and_axes_are_normalized() -> None:
-    robot = urdf.parse(TWO_ARMS, "two.urdf")
+    robot = urdf.parse_urdf(TWO_ARMS, "two.urdf")
     assert (len(robot.bodies), [j.name for j in robot.joints]) == (2, ["shoulder"])
     np.testing.assert_array_equal(robot.joints[0].axis, [1, 0, 0])
     body, point = robot.tip("tool", [0.0, 0.0, -0.1])
@@ -125,7 +129,7 @@ def test_fixed_links_are_part_of_the_body_and_axes_are_normalized() -> None:
 
 def test_a_point_mass_may_be_fixed_to_a_body() -> None:
     heavy = '<link name="tool"><inertial><mass value="0.1"/><inertia ixx="0" iyy="0" izz="0" ixy="0" ixz="0" iyz="0"/>'
-    robot = urdf.parse(TWO_ARMS.replace('<link name="tool"/>', heavy + "</inertial></link>"), "two.urdf")
+    robot = urdf.parse_urdf(TWO_ARMS.replace('<link name="tool"/>', heavy + "</inertial></link>"), "two.urdf")
     arm, d = robot.bodies[1], 0.15
     assert arm.mass == pytest.approx(0.22)
     np.testing.assert_allclose(arm.com, [0, 0, -(0.12 * 0.15 + 0.1 * 0.3) / 0.22])
@@ -151,8 +155,8 @@ def test_a_body_is_checked_when_its_links_are_merged(placeholder: str, seed: int
     heavy = f'<link name="tool"><inertial>{at}{placeholder}</inertial></link>'
     text = TWO_ARMS.replace('<link name="tool"/>', heavy)
     with pytest.raises(ValueError, match="link 'tool': "):
-        urdf.parse(text.replace('name="wrist" type="fixed"', 'name="wrist" type="continuous"'), "two.urdf")
-    body = urdf.parse(text, "two.urdf").bodies[1]
+        urdf.parse_urdf(text.replace('name="wrist" type="fixed"', 'name="wrist" type="continuous"'), "two.urdf")
+    body = urdf.parse_urdf(text, "two.urdf").bodies[1]
     expected = pin.buildModelFromXML(text, pin.JointModelFreeFlyer()).inertias[2]
     np.testing.assert_allclose(body.mass, expected.mass, rtol=1e-12)
     np.testing.assert_allclose(body.com, expected.lever, atol=1e-12)
@@ -164,7 +168,7 @@ def test_links_whose_sum_is_not_physical_are_refused_by_all_their_names() -> Non
     text = TWO_ARMS.replace('<link name="tool"/>', f'<link name="tool"><inertial>{flat}</inertial></link>')
     told = r"^two\.urdf:4: link 'arm' with what is fixed to it \(tool\): inertia breaks the triangle inequality"
     with pytest.raises(ValueError, match=told):
-        urdf.parse(text, "two.urdf")
+        urdf.parse_urdf(text, "two.urdf")
 
 
 # Joints that follow another -------------------------------------------------------------------------------------------
@@ -191,7 +195,7 @@ def test_frozen_joints_are_pinocchios_reduced_model(seed: int) -> None:
     full = pin.buildModelFromXML(text, pin.JointModelFreeFlyer())
     moving = [name for name in full.names if name not in ("universe", "root_joint")]
     rest = {name: float(rng.uniform(-1, 1)) for name in moving if name not in follows}
-    robot = urdf.parse(text, "r.urdf", "frozen", rest)
+    robot = urdf.parse_urdf(text, "r.urdf", "frozen", rest)
     assert {joint.name for joint in robot.joints} == set(moving) - set(follows)
 
     held = dict(rest)
@@ -217,8 +221,8 @@ def test_frozen_joints_are_pinocchios_reduced_model(seed: int) -> None:
 @pytest.mark.parametrize("seed", range(4))
 def test_independent_joints_are_as_if_they_followed_none(seed: int) -> None:
     text, follows = with_followers(np.random.default_rng(seed), 9)
-    free = urdf.parse(re.sub("<mimic [^>]*/>", "", text), "r.urdf")
-    found = urdf.parse(text, "r.urdf", "independent")
+    free = urdf.parse_urdf(re.sub("<mimic [^>]*/>", "", text), "r.urdf")
+    found = urdf.parse_urdf(text, "r.urdf", "independent")
     assert set(follows) <= {joint.name for joint in found.joints}
     for a, b in zip(
         jax.tree.leaves((found.bodies, found.joints)), jax.tree.leaves((free.bodies, free.joints)), strict=True
@@ -236,7 +240,7 @@ CIRCLES = [
 def test_a_joint_follows_another_that_there_is(followed: str, answer: str) -> None:
     text = TWO_ARMS.replace("<limit", f'<mimic joint="{followed}"/><limit')
     with pytest.raises(ValueError, match=rf"^two\.urdf:9: {answer}"):
-        urdf.parse(text, "two.urdf", "frozen")
+        urdf.parse_urdf(text, "two.urdf", "frozen")
 
 
 def test_a_fixed_joint_follows_none() -> None:
@@ -244,9 +248,9 @@ def test_a_fixed_joint_follows_none() -> None:
     text = text.replace(
         '<joint name="wrist" type="fixed">', '<joint name="wrist" type="fixed"><mimic joint="shoulder"/>'
     )
-    (base,) = urdf.parse(text, "two.urdf", "frozen", {"wrist": 3.0}).bodies
+    (base,) = urdf.parse_urdf(text, "two.urdf", "frozen", {"wrist": 3.0}).bodies
     assert base.mass == pytest.approx(1.62)
-    assert len(urdf.parse(text, "two.urdf", "independent").joints) == 1
+    assert len(urdf.parse_urdf(text, "two.urdf", "independent").joints) == 1
 
 
 MASS, INERTIA = '<mass value="0.12"/>', 'ixx="9e-4" iyy="9e-4" izz="1e-5"'
@@ -301,7 +305,7 @@ REFUSED = [
 def test_what_is_refused_is_told_with_its_line(written: str, instead: str, answer: str) -> None:
     assert written in TWO_ARMS
     with pytest.raises(ValueError, match=r"^two\.urdf:\d+: ") as e:
-        urdf.parse(TWO_ARMS.replace(written, instead, 1), "two.urdf")
+        urdf.parse_urdf(TWO_ARMS.replace(written, instead, 1), "two.urdf")
     assert re.search(answer, str(e.value)), e.value
     assert "\n" not in str(e.value)
 
@@ -309,12 +313,12 @@ def test_what_is_refused_is_told_with_its_line(written: str, instead: str, answe
 def test_a_moving_body_without_inertia_and_a_cycle_without_a_root_are_refused() -> None:
     bare = re.sub("<link name=.arm.>.*?</link>", '<link name="arm"/>', TWO_ARMS, flags=re.DOTALL)
     with pytest.raises(ValueError, match=r"link 'arm' has no <inertial>, nor have the links fixed to it: tool"):
-        urdf.parse(bare, "two.urdf")
+        urdf.parse_urdf(bare, "two.urdf")
     ring = TWO_ARMS.replace("</robot>", EXTRA.format("tool", "base").replace(LONE, ""))
     with pytest.raises(ValueError, match="no root: every link is the child of a joint"):
-        urdf.parse(ring, "two.urdf")
+        urdf.parse_urdf(ring, "two.urdf")
     with pytest.raises(ValueError, match="there are no links"):
-        urdf.parse("<robot name='x'/>", "two.urdf")
+        urdf.parse_urdf("<robot name='x'/>", "two.urdf")
 
 
 @pytest.mark.parametrize(
@@ -329,21 +333,21 @@ def test_a_moving_body_without_inertia_and_a_cycle_without_a_root_are_refused() 
 )
 def test_an_agent_has_tips_contacts_and_a_thrust_that_can_be(tip, contact, thrust: float, answer: str) -> None:
     with pytest.raises(ValueError, match=rf"^two\.urdf: {answer}"):
-        urdf.agent(urdf.parse(TWO_ARMS, "two.urdf"), [tip], [contact], thrust)
+        urdf.agent(urdf.parse_urdf(TWO_ARMS, "two.urdf"), [tip], [contact], thrust)
 
 
 def test_a_file_without_end_or_of_no_known_encoding_is_refused() -> None:
     with pytest.raises(ValueError, match=r"^/dev/zero:1: is larger than 16 MiB"):
-        urdf.load("/dev/zero")
+        urdf.load_urdf("/dev/zero")
     for encoding in ("nothing", "utf-7", "big5", "utf-16"):
         with pytest.raises(ValueError, match=r"^r\.urdf:1: "):
-            urdf.parse(f'<?xml version="1.0" encoding="{encoding}"?><robot name="x"/>'.encode(), "r.urdf")
+            urdf.parse_urdf(f'<?xml version="1.0" encoding="{encoding}"?><robot name="x"/>'.encode(), "r.urdf")
     with pytest.raises(ValueError, match=r"^r\.urdf:1: "):
-        urdf.parse('<robot name="\ud800"/>', "r.urdf")
+        urdf.parse_urdf('<robot name="\ud800"/>', "r.urdf")
 
 
 def test_tips_are_links_and_as_many_as_contacts() -> None:
-    robot = urdf.parse(TWO_ARMS, "two.urdf")
+    robot = urdf.parse_urdf(TWO_ARMS, "two.urdf")
     with pytest.raises(ValueError, match=r"two\.urdf: tip 'tol' is not a link; links: base, arm, tool"):
         urdf.agent(robot, ["tol"], [[0.0, 0.0, 0.0]], 50.0)
     with pytest.raises(ValueError, match="1 tips for 2 contacts"):
@@ -390,14 +394,14 @@ def written(tmp_path: Path) -> Path:
 
 
 def test_a_scenario_from_urdf_is_the_one_in_plain_numbers(written: Path) -> None:
-    settings, plain = scenario.load(written), scenario.parse(SAMPLE, "sample.yaml")
+    settings, plain = scenario.load_scenario(written), scenario.parse(SAMPLE, "sample.yaml")
     for ours, expected in zip(team.team(settings), team.team(plain), strict=True):
         assert jax.tree.structure(ours) == jax.tree.structure(expected)
         for a, b in zip(jax.tree.leaves(ours), jax.tree.leaves(expected), strict=True):
             np.testing.assert_allclose(a, b, atol=1e-15)
     assert team.joint_names(settings) == team.joint_names(plain)
     assert team.contact_names(settings)[:2] == ("front/left_hand", "front/right")
-    np.testing.assert_array_equal(team.rest(settings)[0], team.rest(plain)[0])
+    np.testing.assert_array_equal(team.nominal_posture(settings)[0], team.nominal_posture(plain)[0])
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -410,10 +414,12 @@ def test_a_scenario_and_python_read_one_agent_alike(seed: int, written: Path) ->
     kind = FROM_URDF.replace("left_hand, {link: right, name: right", f"{tips[0]}, {{link: {tips[1]}, name: right")
     told = told.replace(FROM_URDF, re.sub("    rest.*\n", "", kind)).replace("/left_hand", f"/{tips[0]}")
     truth, _ = team.team(scenario.parse(told, str(written)))
-    robot = urdf.load(written.parent / "vehicles" / "two.urdf")
-    agent = urdf.agent(robot, [tips[0], (tips[1], [0.0, 0.0, -0.3])], np.asarray(truth.groups[0].contact[1]), 50.0)
-    assert agent.tree == truth.groups[0].tree
-    for a, b in zip(jax.tree.leaves(agent), jax.tree.leaves(truth.groups[0]), strict=True):
+    robot = urdf.load_urdf(written.parent / "vehicles" / "two.urdf")
+    agent = urdf.agent(
+        robot, [tips[0], (tips[1], [0.0, 0.0, -0.3])], np.asarray(truth.agent_groups[0].contact_position[1]), 50.0
+    )
+    assert agent.tree == truth.agent_groups[0].tree
+    for a, b in zip(jax.tree.leaves(agent), jax.tree.leaves(truth.agent_groups[0]), strict=True):
         np.testing.assert_allclose(a, b[1], atol=1e-14)
 
 
@@ -448,7 +454,7 @@ def test_a_scenario_chooses_what_becomes_of_joints_that_follow(written: Path) ->
     (written.parent / "vehicles" / "two.urdf").write_text(text, encoding="utf-8")
     told = written.read_text(encoding="utf-8")
     with pytest.raises(ScenarioError, match=r"two_arms\.urdf: .*two\.urdf:\d+: joint 'right' follows another"):
-        scenario.load(written)
+        scenario.load_scenario(written)
     with pytest.raises(
         ScenarioError, match="mimic: must be one of frozen, independent, got 'forzen'; did you mean 'frozen'"
     ):
@@ -491,7 +497,7 @@ def test_mistakes_in_the_urdf_file_are_told_beside_the_others(
 # Written -------------------------------------------------------------------------------------------------------------
 
 
-def named(agent: Agent) -> tuple[list[str], list[str]]:
+def named(agent: AerialManipulator) -> tuple[list[str], list[str]]:
     return [f"j{k}" for k in range(agent.tree.joints)], [f"a{b}" for b in range(agent.tree.arms)]
 
 
@@ -500,20 +506,22 @@ def test_what_is_written_reads_back_to_the_same_agent(tree: int) -> None:
     """Joints in the order of the file, which is depth-first; their names say which is which."""
     agent = teams.agent(np.random.default_rng(tree), teams.TREES[tree])
     joints, arms = named(agent)
-    robot = urdf.parse(urdf.document("one", agent, joints, arms), "one.urdf")
+    robot = urdf.parse_urdf(urdf.to_urdf("one", agent, joints, arms), "one.urdf")
     order = [joints.index(joint.name) for joint in robot.joints]
     assert sorted(order) == list(range(len(joints)))
     body = {0: 0} | {k + 1: i + 1 for i, k in enumerate(order)}
-    back = urdf.agent(robot, [f"{arm}_tip" for arm in arms], np.asarray(agent.contact), float(agent.thrust_max))
+    back = urdf.agent(
+        robot, [f"{arm}_tip" for arm in arms], np.asarray(agent.contact_position), float(agent.thrust_max)
+    )
     assert back.tree.parents == tuple(body[agent.tree.parents[k]] for k in order)
     assert back.tree.prismatic == tuple(agent.tree.prismatic[k] for k in order)
-    assert back.tree.tips == tuple(body[tip] for tip in agent.tree.tips)
+    assert back.tree.tip_bodies == tuple(body[tip] for tip in agent.tree.tip_bodies)
     bodies = [0, *(k + 1 for k in order)]
     for field in ("mass", "com", "inertia"):
         np.testing.assert_allclose(getattr(back, field), getattr(agent, field)[np.array(bodies)], atol=1e-15)
     for field in ("joint_position", "joint_rotation", "joint_axis"):
         np.testing.assert_allclose(getattr(back, field), getattr(agent, field)[np.array(order, int)], atol=1e-15)
-    np.testing.assert_allclose(back.tip, agent.tip, atol=1e-15)
+    np.testing.assert_allclose(back.tip_position, agent.tip_position, atol=1e-15)
 
 
 @pytest.mark.parametrize("tree", range(len(teams.TREES)))
@@ -522,7 +530,7 @@ def test_pinocchio_reads_what_is_written_as_the_agent(tree: int) -> None:
     rng = np.random.default_rng(tree)
     agent = teams.agent(rng, teams.TREES[tree])
     joints, arms = named(agent)
-    model = pin.buildModelFromXML(urdf.document("one", agent, joints, arms), pin.JointModelFreeFlyer())
+    model = pin.buildModelFromXML(urdf.to_urdf("one", agent, joints, arms), pin.JointModelFreeFlyer())
     alone = pinocchio_team.FreeAgent(
         SimpleNamespace(**{f.name: getattr(agent, f.name) for f in dataclasses.fields(agent)})
     )
@@ -561,4 +569,4 @@ def test_roll_pitch_yaw_give_the_rotation_back(roll: float, lean: float, yaw: fl
 def test_a_wrong_number_of_names_is_refused() -> None:
     agent = teams.agent(np.random.default_rng(0), teams.CHAIN)
     with pytest.raises(ValueError, match="one: 2 names for 3 joints, 1 for 1 arms"):
-        urdf.document("one", agent, ["a", "b"], ["c"])
+        urdf.to_urdf("one", agent, ["a", "b"], ["c"])

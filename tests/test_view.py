@@ -16,13 +16,13 @@ from tests import flights
 from tests.made_up import CASES, RIVALS, TOLD
 
 COMPARED = {
-    "figure_1_tracking": lambda cases: study_figures.tracking(cases, TOLD),
-    "figure_2_mismatch": lambda cases: study_figures.mismatch(cases, TOLD),
+    "figure_1_tracking": lambda cases: study_figures.plot_tracking_error(cases, TOLD),
+    "figure_2_mismatch": lambda cases: study_figures.plot_wrench_mismatch(cases, TOLD),
 }
 LOOKED_INTO = {
-    "figure_3_deviation": lambda cases: uncertainty_figures.deviation(cases, TOLD),
-    "figure_4_forces": lambda cases: study_figures.contact_forces(cases, TOLD),
-    "figure_5_rho_bar": lambda cases: uncertainty_figures.rho_bar(cases, TOLD),
+    "figure_3_deviation": lambda cases: uncertainty_figures.plot_predictive_std(cases, TOLD),
+    "figure_4_forces": lambda cases: study_figures.plot_contact_forces(cases, TOLD),
+    "figure_5_rho_bar": lambda cases: uncertainty_figures.plot_error_radius(cases, TOLD),
 }
 FIGURES = COMPARED | LOOKED_INTO
 
@@ -37,7 +37,7 @@ def shown(draw, cases):
 
 def curves(ax, name):
     """The curves that a panel draws in the colour of a case."""
-    return [line for line in ax.lines if line.get_color() == style.of(name).color]
+    return [line for line in ax.lines if line.get_color() == style.style_of(name).color]
 
 
 def stop(ds, ticks):
@@ -53,7 +53,7 @@ def folder(cases, tmp_path_factory):
     """A folder of figures, drawn in the style of the library."""
     folder = tmp_path_factory.mktemp("figures")
     with mpl.style.context("default"):
-        files = study_figures.figures(cases, TOLD, folder)
+        files = study_figures.write_figures(cases, TOLD, folder)
     assert sorted(files) == sorted(folder.iterdir())
     return folder
 
@@ -81,7 +81,7 @@ def test_figures_are_written_as_pdf_and_png(folder):
 def test_the_same_data_give_the_same_bytes_whatever_a_user_has_set(cases, folder, tmp_path):
     with mpl.rc_context({"font.size": 20, "lines.linewidth": 5, "axes.facecolor": "red", "savefig.dpi": 50}):
         before = dict(mpl.rcParams)
-        study_figures.figures(cases, TOLD, tmp_path)
+        study_figures.write_figures(cases, TOLD, tmp_path)
         assert dict(mpl.rcParams) == before
     for file in folder.iterdir():
         assert file.read_bytes() == (tmp_path / file.name).read_bytes(), file.name
@@ -128,11 +128,11 @@ def linear(color):
 
 
 def test_cases_are_told_apart_in_black_and_white_and_by_any_colour_vision():
-    looks = list(style.LOOKS.values())
+    looks = list(style.LINE_STYLES.values())
     assert len({each.marker for each in looks}) == len(looks)
-    assert len({each.marker for each in (*looks, *style.OTHERS)}) == len(looks) + len(style.OTHERS)
+    assert len({each.marker for each in (*looks, *style.FALLBACK_STYLES)}) == len(looks) + len(style.FALLBACK_STYLES)
     lightness = sorted(
-        116 * (linear(style.of(name).color) @ [0.2126, 0.7152, 0.0722]) ** (1 / 3) - 16 for name in CASES
+        116 * (linear(style.style_of(name).color) @ [0.2126, 0.7152, 0.0722]) ** (1 / 3) - 16 for name in CASES
     )
     assert np.diff(lightness).min() > 15  # CIE L*
     assert lightness[-1] < 80  # still seen on white
@@ -141,25 +141,25 @@ def test_cases_are_told_apart_in_black_and_white_and_by_any_colour_vision():
     blind = {"L": [[0, 2.02344, -2.52581], [0, 1, 0], [0, 0, 1]], "M": [[1, 0, 0], [0.494207, 0, 1.24827], [0, 0, 1]]}
     for without in blind.values():
         seen = {
-            each: np.clip(np.linalg.solve(lms, np.array(without) @ lms @ linear(style.LOOKS[each].color)), 0, 1)
-            for each in style.LOOKS
+            each: np.clip(np.linalg.solve(lms, np.array(without) @ lms @ linear(style.LINE_STYLES[each].color)), 0, 1)
+            for each in style.LINE_STYLES
         }
-        for one, other in itertools.combinations(style.LOOKS, 2):
+        for one, other in itertools.combinations(style.LINE_STYLES, 2):
             apart = np.linalg.norm(seen[one] ** (1 / 2.2) - seen[other] ** (1 / 2.2))
-            same_stroke = style.LOOKS[one].dashes == style.LOOKS[other].dashes
+            same_stroke = style.LINE_STYLES[one].dashes == style.LINE_STYLES[other].dashes
             assert apart > (0.15 if same_stroke else 0), (one, other)
 
 
 def test_a_case_without_a_look_of_its_own_has_the_same_in_every_figure():
-    assert style.of("mine") == style.of("mine")
-    assert style.of("mine") in style.OTHERS
-    assert not style.of("mine").rival
+    assert style.style_of("mine") == style.style_of("mine")
+    assert style.style_of("mine") in style.FALLBACK_STYLES
+    assert not style.style_of("mine").is_baseline
 
 
 def test_the_page_draws_cases_in_the_colours_of_the_figures():
     source = (Path(__file__).parents[1] / "playback" / "src" / "look.js").read_text()
     table = dict(re.findall(r'^  (\w+): \["(#\w{6})"', source, re.MULTILINE))
-    assert table == {name: each.color.lower() for name, each in style.LOOKS.items()}
+    assert table == {name: each.color.lower() for name, each in style.LINE_STYLES.items()}
     agents = re.search(r"AGENTS = \[(.*?)\n\];", source, re.DOTALL)
     assert agents
     assert re.findall(r'\["(#\w{6})"', agents[1]) == [color.lower() for color in style.AGENTS]
@@ -168,7 +168,7 @@ def test_the_page_draws_cases_in_the_colours_of_the_figures():
 @pytest.mark.parametrize("name", [*CASES, *RIVALS])
 def test_figure_1_draws_the_errors_of_every_case(cases, name):
     ds = cases[name]
-    top, bottom = study_figures.tracking(cases, TOLD).axes
+    top, bottom = study_figures.plot_tracking_error(cases, TOLD).axes
     ((line,), (below,)) = curves(top, name), curves(bottom, name)
     np.testing.assert_array_equal(line.get_xdata(), ds.time)
     np.testing.assert_allclose(line.get_ydata(), np.sqrt((ds.e_p**2).sum("axis")), rtol=1e-14)
@@ -178,21 +178,21 @@ def test_figure_1_draws_the_errors_of_every_case(cases, name):
 
 def test_fast_logs_are_thinned_to_a_point_each_10_ms(cases):
     ds = flights.dataset(np.random.default_rng(5), flights.PAPER._replace(time=300))
-    (line,) = curves(study_figures.tracking({"C3": ds}, TOLD).axes[0], "C3")
+    (line,) = curves(study_figures.plot_tracking_error({"C3": ds}, TOLD).axes[0], "C3")
     np.testing.assert_allclose(np.diff(line.get_xdata()), 0.01)
     np.testing.assert_allclose(line.get_ydata(), np.linalg.norm(ds.e_p, axis=1)[::5], rtol=1e-14)
 
 
 def test_figure_2_draws_the_rms_of_the_mismatch_over_the_window_that_its_label_states(cases):
     ds = flights.dataset(np.random.default_rng(5), flights.PAPER._replace(time=500))
-    figure = study_figures.mismatch({"C3": ds}, TOLD)
+    figure = study_figures.plot_wrench_mismatch({"C3": ds}, TOLD)
     parts = (["F_x", "F_y", "F_z"], ["tau_x", "tau_y", "tau_z"])
     for ax, part in zip(figure.axes, parts, strict=True):
-        assert f"({axes.WINDOW} s RMS)" in ax.get_ylabel()
+        assert f"({axes.SMOOTHING_WINDOW} s RMS)" in ax.get_ylabel()
         (line,) = curves(ax, "C3")
         power = (ds.delta_W.sel(wrench=part) ** 2).sum("wrench").values
         for t, y in list(zip(line.get_xdata(), line.get_ydata(), strict=True))[15:-15:7]:
-            near = np.abs(ds.time.values - t + 0.001) < axes.WINDOW / 2  # 100 ticks about t
+            near = np.abs(ds.time.values - t + 0.001) < axes.SMOOTHING_WINDOW / 2  # 100 ticks about t
             assert near.sum() == 100
             assert y == pytest.approx(np.sqrt(power[near].mean()), rel=1e-12)
 
@@ -202,13 +202,13 @@ def test_figure_4_draws_estimates_and_truth_of_every_contact(cases):
     panels = np.array(figure.axes).reshape(3, 3)
     for (i, agent), (k, name) in itertools.product(enumerate(cases["C1"].agent.values), enumerate(CASES)):
         ds, ax = cases[name], panels[i, k]
-        below = [line for line in ax.lines if line.get_color() == study_figures.TRUTH["color"]]
-        above = [line for line in ax.lines if line.get_color() != study_figures.TRUTH["color"]]
+        below = [line for line in ax.lines if line.get_color() == study_figures.TRUE_ERROR_STYLE["color"]]
+        above = [line for line in ax.lines if line.get_color() != study_figures.TRUE_ERROR_STYLE["color"]]
         assert max(line.get_zorder() for line in below) < min(line.get_zorder() for line in above)
         assert min(line.get_linewidth() for line in below) > 2 * max(line.get_linewidth() for line in above)
         truths, means = [line.get_ydata() for line in below], [line.get_ydata() for line in above]
         bands = [band.get_paths()[0].vertices for band in ax.collections]
-        own = [contact for contact in ds.contact.values if contact.startswith(f"{agent}/")]
+        own = [contact for contact in ds.contact_position.values if contact.startswith(f"{agent}/")]
         assert len(truths) == len(means) == len(bands) == len(own) == 2
         for contact, truth, mean, band in zip(own, truths, means, bands, strict=True):
             np.testing.assert_allclose(truth, np.linalg.norm(ds.lam.sel(contact=contact), axis=1), rtol=1e-14)
@@ -229,9 +229,11 @@ def test_no_legend_explains_what_is_not_there(cases):
     for name in ("rho_bar_L_force", "rho_bar_L_moment", "rho_bar_j_force", "rho_bar_j_moment"):
         calm[name][:] = 1e3
     calm.eta[:] = 0
-    said = [text.get_text() for text in uncertainty_figures.rho_bar({"C3": calm}, TOLD).legends[0].get_texts()]
+    said = [
+        text.get_text() for text in uncertainty_figures.plot_error_radius({"C3": calm}, TOLD).legends[0].get_texts()
+    ]
     assert said[2:] == list(calm.agent.values)
-    forces = study_figures.contact_forces({"C3": calm}, TOLD)
+    forces = study_figures.plot_contact_forces({"C3": calm}, TOLD)
     assert len(forces.axes) == 2  # no row for what does not act
     assert not [text for text in forces.legends[0].get_texts() if "eta" in text.get_text()]
 
@@ -245,7 +247,7 @@ def test_figure_7_draws_what_labels_say_where_they_stop_and_when_the_world_chang
         trust_L=(("time", "wrench"), rng.uniform(size=(ds.sizes["time"], 6))),
         fresh=("time", np.where((ds.time > 5) & (ds.time < 7), 0.0, 1.0)),
     ).assign_attrs(**told, world_changed="2.5 s: payload; 4.5 s: payload, front", fitted_anew="6.5 s: rear")
-    figure = study_figures.reaction({"C3": heard}, TOLD)
+    figure = study_figures.plot_online_correction({"C3": heard}, TOLD)
     error, payload, agents, used, points = figure.axes
     np.testing.assert_allclose(used.lines[0].get_ydata(), np.mean(heard.trust_L, axis=1), rtol=1e-14)
     np.testing.assert_array_equal(used.lines[1].get_ydata(), heard.fresh)
@@ -253,18 +255,22 @@ def test_figure_7_draws_what_labels_say_where_they_stop_and_when_the_world_chang
     for line, name in zip(agents.lines, heard.agent.values, strict=False):
         np.testing.assert_allclose(line.get_ydata(), np.linalg.norm(heard.r_x.sel(agent=name), axis=1), rtol=1e-14)
     for ax in figure.axes:
-        assert [line.get_xdata()[0] for line in ax.lines if line.get_color() == study_figures.CHANGED["color"]] == [
+        assert [
+            line.get_xdata()[0] for line in ax.lines if line.get_color() == study_figures.CHANGE_POINT_STYLE["color"]
+        ] == [
             2.5,
             4.5,
         ]
-        assert [line.get_xdata()[0] for line in ax.lines if line.get_color() == study_figures.FITTED["color"]] == [6.5]
+        assert [line.get_xdata()[0] for line in ax.lines if line.get_color() == study_figures.REFIT_STYLE["color"]] == [
+            6.5
+        ]
         (shaded,) = ax.collections
         x = shaded.get_paths()[0].vertices[:, 0]
         assert (x.min(), x.max()) == pytest.approx((5, 7), abs=0.06)
     np.testing.assert_array_equal(points.lines[0].get_ydata(), [0, 20, 30, 30])
     np.testing.assert_array_equal(points.lines[1].get_ydata(), np.array([0, 44, 60, 60]) / ds.sizes["agent"])
     assert error.get_yscale() == "log"
-    names = {path.stem for path in study_figures.figures({"C3": heard, "C1": cases["C1"]}, TOLD, tmp_path)}
+    names = {path.stem for path in study_figures.write_figures({"C3": heard, "C1": cases["C1"]}, TOLD, tmp_path)}
     assert "figure_7_reaction" in names
     explained = {text.get_text() for text in figure.legends[0].get_texts()}
     assert {
@@ -279,7 +285,9 @@ def test_figure_7_draws_what_labels_say_where_they_stop_and_when_the_world_chang
         "fitted_anew": "",
         "update_points_agents": 2 * np.array(heard.attrs["update_points_payload"]),
     }
-    explained = {text.get_text() for text in study_figures.reaction({"C3": calm}, TOLD).legends[0].get_texts()}
+    explained = {
+        text.get_text() for text in study_figures.plot_online_correction({"C3": calm}, TOLD).legends[0].get_texts()
+    }
     always = {"used of the payload's map", "used of the correction"}
     assert explained == {*calm.agent.values, *always}, "what is not shown is not explained"
 
@@ -292,13 +300,13 @@ def test_flights_of_one_tick_are_drawn(cases):
 
 def test_without_internal_forces_no_window_is_shaded(cases):
     silent = cases["C3"].isel(eta_index=slice(0))
-    for ax in study_figures.contact_forces({"C3": silent}, TOLD).axes:
+    for ax in study_figures.plot_contact_forces({"C3": silent}, TOLD).axes:
         assert not ax.patches
 
 
 def test_teams_of_unlike_agents_have_a_row_each():
     ds = flights.dataset(np.random.default_rng(5), flights.MIXED)
-    figure = study_figures.contact_forces({"C1": ds, "C3": ds}, TOLD)
+    figure = study_figures.plot_contact_forces({"C1": ds, "C3": ds}, TOLD)
     panels = np.array(figure.axes).reshape(-1, 2)
     assert [len(ax.collections) for ax in panels[:, 0]] == [2, 2, 1, 3, 0]  # of each agent, and of eta
 
@@ -318,16 +326,16 @@ def test_updates_and_the_end_of_learning_are_marked(cases, draw):
 def test_what_goes_on_learning_has_no_end_and_names_no_updates(cases):
     on = cases["C3"].assign_attrs(update_times_s=[2.5, 6.0, 12.0])
     marks = lambda figure: [ln.get_xdata()[0] for ln in figure.axes[0].lines if len(ln.get_xdata()) == 2]  # noqa: E731
-    beside = study_figures.tracking({"C2": cases["C2"], "C4": on}, TOLD)
+    beside = study_figures.plot_tracking_error({"C2": cases["C2"], "C4": on}, TOLD)
     assert sorted(marks(beside)) == [2.5, 4.5, 6.5, 8.5, 10.0]
-    alone = study_figures.tracking({"C4": on}, TOLD)
+    alone = study_figures.plot_tracking_error({"C4": on}, TOLD)
     assert sorted(marks(alone)) == [2.5, 6.0, 12.0]
     assert not alone.axes[0].texts
 
 
 def test_a_flight_that_stopped_ends_in_a_cross_at_its_last_finite_value(cases):
     chosen = {"C1": cases["C1"], "C3": stop(cases["C3"], 123)}
-    top, _ = study_figures.tracking(chosen, TOLD).axes
+    top, _ = study_figures.plot_tracking_error(chosen, TOLD).axes
     line, cross = curves(top, "C3")
     assert cross.get_marker() == "x"
     assert cross.get_xdata() == pytest.approx([cases["C3"].time[121].item()])
@@ -335,7 +343,7 @@ def test_a_flight_that_stopped_ends_in_a_cross_at_its_last_finite_value(cases):
     assert len(line.get_xdata()) == 123
     labels = [text.get_text() for text in top.figure.legends[0].get_texts()]
     assert labels[-1] == "stopped early"
-    titles = [ax.get_title() for ax in study_figures.contact_forces(chosen, TOLD).axes[:2]]
+    titles = [ax.get_title() for ax in study_figures.plot_contact_forces(chosen, TOLD).axes[:2]]
     assert titles == ["C1: no learning", "C3: payload and agent learning\n(stopped at 6.1 s)"]
 
 
@@ -345,9 +353,9 @@ def test_rivals_alone_are_drawn_and_beside_others_left_out_where_a_case_is_looke
         where = study_figures if hasattr(study_figures, name) else uncertainty_figures
         monkeypatch.setattr(where, name, lambda cases, *_, name=name: drawn.update({name: list(cases)}) or Figure())
     monkeypatch.setattr(style, "save", lambda *_: [])
-    study_figures.figures({"O": cases["O"]}, TOLD, tmp_path)
+    study_figures.write_figures({"O": cases["O"]}, TOLD, tmp_path)
     assert set(map(tuple, drawn.values())) == {("O",)}
-    study_figures.figures({"C1": cases["C1"], "O": cases["O"], "mine": cases["C3"]}, TOLD, tmp_path)
+    study_figures.write_figures({"C1": cases["C1"], "O": cases["O"], "mine": cases["C3"]}, TOLD, tmp_path)
     assert {name: len(names) for name, names in drawn.items() if name in ("team", "tracking", "mismatch")} == {
         "team": 3,
         "tracking": 3,
@@ -355,16 +363,16 @@ def test_rivals_alone_are_drawn_and_beside_others_left_out_where_a_case_is_looke
     }
     assert {tuple(drawn[name]) for name in ("deviation", "contact_forces", "rho_bar")} == {("C1", "mine")}
     with pytest.raises(ValueError, match="no cases"):
-        study_figures.figures({}, TOLD, tmp_path)
+        study_figures.write_figures({}, TOLD, tmp_path)
 
 
 def test_the_team_is_drawn_with_its_names(cases):
-    near, far = study_figures.team(cases).axes
+    near, far = study_figures.plot_team(cases).axes
     assert [text.get_text() for text in near.texts] == ["front", "rear", "left", "right", "left", "right"]
     assert not far.texts
 
 
 def test_a_folder_that_cannot_be_written_is_one_line(cases, tmp_path):
     with pytest.raises(OSError, match=r"cannot write .*figure_0_team") as caught:
-        study_figures.figures(cases, TOLD, tmp_path / "missing")
+        study_figures.write_figures(cases, TOLD, tmp_path / "missing")
     assert "\n" not in str(caught.value)

@@ -14,51 +14,53 @@ from colift.closed_loop import flight, simulator
 from colift.math.pytree import pytree
 from colift.models.measurement import Measurement
 from colift.models.parameters import Team
-from colift.models.state import Clock, State, no_force
+from colift.models.state import ControlClock, State, zero_residual
 from colift.onboard.learning import recorder, residual_predictors
 from colift.simulation import sensors
-from colift.simulation.world import Simulated
+from colift.simulation.world import SimulatedWorld
 from tests import paper_flights
 from tests.paper_flights import plan
 
 TICKS = 150
 
 
-def other_world(of: flight.Plan, by: float = 1.5) -> Simulated:
+def other_world(of: flight.Experiment, by: float = 1.5) -> SimulatedWorld:
     """Another truth: a heavier payload and agents, winds `by` times as large, sensors without noise."""
     team = of.world.team
     load = dataclasses.replace(team.payload, mass=1.3 * team.payload.mass, inertia=1.2 * team.payload.inertia)
-    (group,) = team.groups
+    (group,) = team.agent_groups
     group = dataclasses.replace(group, mass=1.1 * group.mass, inertia=1.1 * group.inertia)
-    mounts = jax.tree.map(lambda x: by * x, (of.world.sources.payload, of.world.sources.agents))
-    sources = dataclasses.replace(of.world.sources, payload=mounts[0], agents=mounts[1])
+    mounts = jax.tree.map(lambda x: by * x, (of.world.disturbances.payload, of.world.disturbances.agents))
+    sources = dataclasses.replace(of.world.disturbances, payload=mounts[0], agents=mounts[1])
     world = paper_flights.quiet(of).world
-    return dataclasses.replace(world, team=dataclasses.replace(team, payload=load, groups=(group,)), sources=sources)
+    return dataclasses.replace(
+        world, team=dataclasses.replace(team, payload=load, agent_groups=(group,)), disturbances=sources
+    )
 
 
 @pytree
 class Replayed:
     """A world whose sensors play a recording; a rig or an informant in it still shows the world that is flown in."""
 
-    world: Simulated
+    world: SimulatedWorld
 
     @property
     def team(self) -> Team:
         return self.world.team
 
     def rest(self, z: State) -> Measurement:
-        return self.world.rest(z)
+        return self.world.measure_at_rest(z)
 
     def begin(self, z: State, command: Any) -> Any:
-        return self.world.begin(z, command)
+        return self.world.init(z, command)
 
-    def sense(self, state: Any, clock: Clock, noise: Any) -> tuple[Measurement, Any]:
+    def sense(self, state: Any, clock: ControlClock, noise: Any) -> tuple[Measurement, Any]:
         drawn, kept, replay = noise
-        live, state = self.world.sense(state, clock, drawn)
+        live, state = self.world.measure(state, clock, drawn)
         played = jax.tree.map(lambda old, new: jnp.where(replay, old, new), kept, live)
         return dataclasses.replace(played, rig=live.rig), state
 
-    def step(self, state: Any, command: Any, clock: Clock) -> Any:
+    def step(self, state: Any, command: Any, clock: ControlClock) -> Any:
         return self.world.step(state, command, clock)
 
 
@@ -70,27 +72,27 @@ def fly_on() -> Any:
     """
 
     @jax.jit
-    def run(setup: simulator.Setup, begun: simulator.Loop, noise: Any) -> Any:
-        def step(loop: simulator.Loop, now: Any) -> Any:
-            clock = Clock(t=loop.tick.astype(setup.dt.dtype) * setup.dt, dt=setup.dt)
-            m, _ = setup.world.sense(loop.world, clock, now)
-            loop, row = simulator.tick(setup, loop, now)
-            return loop, (loop.memory, row, m)
+    def run(setup: simulator.LoopConfig, begun: simulator.LoopState, noise: Any) -> Any:
+        def step(loop: simulator.LoopState, now: Any) -> Any:
+            clock = ControlClock(t=loop.tick.astype(setup.dt.dtype) * setup.dt, dt=setup.dt)
+            m, _ = setup.world.measure(loop.world, clock, now)
+            loop, row = simulator.step(setup, loop, now)
+            return loop, (loop.controller, row, m)
 
         return jax.lax.scan(step, begun, noise)[1]
 
-    def fly(of: flight.Plan, world: Simulated, recorded: Any = None) -> Any:
-        recorder = dataclasses.replace(of.pilot.recorder, start=paper_flights.number(0.0))
+    def fly(of: flight.Experiment, world: SimulatedWorld, recorded: Any = None) -> Any:
+        recorder = dataclasses.replace(of.controller.recorder, start=paper_flights.number(0.0))
         of = paper_flights.with_pilot(of, recorder=recorder)
-        begun = simulator.start(of.setup, of.z)  # one start for all: only the ticks differ
-        drawn = world.draw(jax.random.key(0), TICKS)
+        begun = simulator.reset(of.loop_config, of.initial_state)  # one start for all: only the ticks differ
+        drawn = world.sample_noise(jax.random.key(0), TICKS)
         if recorded is None:  # what is recorded is rounded otherwise than what flies: compare replays with replays
-            shape = jax.eval_shape(lambda: world.rest(of.z))
+            shape = jax.eval_shape(lambda: world.measure_at_rest(of.initial_state))
             recorded = jax.tree.map(lambda s: jnp.zeros((TICKS, *s.shape)), shape)
             replay = jnp.zeros(TICKS, bool)
         else:
             replay = jnp.ones(TICKS, bool)
-        setup = dataclasses.replace(of.setup, world=Replayed(world=world))
+        setup = dataclasses.replace(of.loop_config, world=Replayed(world=world))
         return run(setup, begun, (drawn, recorded, replay))
 
     return fly
@@ -146,9 +148,9 @@ def test_what_is_measured_is_what_changes_commands(fly_on):
 def test_the_ways_around_the_sensors_that_a_study_may_open_would_be_seen(fly_on):
     """They can fail, too, where samples come from a rig, or where the pilot is told the exact residual."""
     of = plan("C3")
-    error = jax.tree.map(jnp.zeros_like, no_force(of.world.team))
-    at_rig = paper_flights.with_pilot(of, recorder=recorder.FromRig(**vars(of.pilot.recorder)))
-    at_rig = paper_flights.with_world(at_rig, extra=(sensors.Rig(error=error),))
+    error = jax.tree.map(jnp.zeros_like, zero_residual(of.world.team))
+    at_rig = paper_flights.with_pilot(of, recorder=recorder.RigRecorder(**vars(of.controller.recorder)))
+    at_rig = paper_flights.with_world(at_rig, sensor_models=(sensors.CalibrationRig(label_error=error),))
     stream = fly_on(at_rig, at_rig.world)[2]
     leaks = changed(fly_on(at_rig, at_rig.world, stream), fly_on(at_rig, other_world(at_rig), stream))
     assert leaks == [f".recorder.{name}" for name in ("payload.X", "payload.Y", "agents[0].X", "agents[0].Y")]
@@ -157,7 +159,7 @@ def test_the_ways_around_the_sensors_that_a_study_may_open_would_be_seen(fly_on)
 def test_no_case_of_the_paper_has_a_sensor_that_knows_the_truth():
     """`Measurement.rig` and `fly.Known` are the ways around the sensors: only O knows."""
     for case in ("C1", "C2", "C3"):
-        m = plan(case).world.rest(plan(case).z)
+        m = plan(case).world.measure_at_rest(plan(case).initial_state)
         assert m.rig is None
-        assert m.more == {}
-        assert type(plan(case).pilot.predictor) is residual_predictors.Learned
+        assert m.extra == {}
+        assert type(plan(case).controller.predictor) is residual_predictors.LearnedResidual

@@ -42,7 +42,9 @@ def watched() -> Iterator[dict[str, Any]]:
         seen["address"] = address
         reader.start()
 
-    with live_view.flying(told, experiment.plan(told, CASE), CASE, "as in the tests", ready) as flight:
+    with live_view.serve_live_flight(
+        told, experiment.make_experiment(told, CASE), CASE, "as in the tests", ready
+    ) as flight:
         reader.join(60)
         yield seen | {"flight": flight}
 
@@ -65,12 +67,12 @@ def test_the_stream_holds_every_frame_once_as_the_log_does(watched):
     assert len(said) >= 4  # a chunk each, cut by the update, and the end
     assert [each["from"] for each in said] == [0, *(each["known"] for each in said[:-1])]
     flight = watched["flight"]
-    ds = played.labelled(flight.rows, flight.sigma, told, update_times_s=[0.8], case=CASE)
-    expected = scene.frames(ds, team.team(told)[0]) | scene.curves(ds)
+    ds = played.labelled(flight.records, flight.uncertainty, told, update_times_s=[0.8], case=CASE)
+    expected = scene.frames(ds, team.team(told)[0]) | scene.plot_signals(ds)
     for name in said[0]["tracks"]:
         track = np.concatenate([numbers(each["tracks"][name]) for each in said if each["tracks"]])
         np.testing.assert_array_equal(track, expected[name].astype("<f4"), err_msg=name)
-    assert said[-1]["marks"] == scene.marks(ds)
+    assert said[-1]["marks"] == scene.event_markers(ds)
     np.testing.assert_array_equal(numbers(said[-1]["sigma"]), expected["sigma"].astype("<f4"))
     assert [each["marks"]["updates"] for each in said[:2]] == [[], [0.8]]
 
@@ -107,7 +109,7 @@ def test_the_page_shows_what_came_and_asks_nobody_else(watched, tmp_path):
         page.visit(watched["address"])
         page.wait("!state().flying")
         state = page.evaluate("state()")
-        rows = watched["flight"].rows
+        rows = watched["flight"].records
         assert (state["case"], state["end"]) == (CASE, pytest.approx(rows.t[-1], abs=1e-6))
         page.evaluate("seek(1.0)")
         np.testing.assert_allclose(page.evaluate("state().p"), rows.p[np.searchsorted(rows.t, 1.0 - 1e-9)], atol=1e-3)

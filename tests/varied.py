@@ -3,12 +3,12 @@
 import functools
 
 from colift import scenario
-from colift.scenario import Settings
+from colift.scenario import Scenario
 
 
-def changed(name: str, **sections: object) -> Settings:
+def changed(name: str, **sections: object) -> Scenario:
     """A shipped scenario with some sections replaced, validated again."""
-    return Settings.model_validate(scenario.load(name).model_dump() | sections)
+    return Scenario.model_validate(scenario.load_scenario(name).model_dump() | sections)
 
 
 def bar(joints: list[dict], tips: list[str]) -> dict:
@@ -46,6 +46,6 @@ MIXED = {
 
 
 @functools.cache
-def mixed() -> Settings:
+def mixed() -> Scenario:
     """Two cranes of one structure and a claw, each with unknown forces of its own."""
     return changed("paper", **MIXED)

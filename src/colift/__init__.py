@@ -1,72 +1,18 @@
-"""Simulate, control, learn and certify cooperative transport of a rigid payload by aerial manipulators.
+"""Simulation, control, learning and certification of cooperative payload transport by aerial manipulators.
 
-The map; each module imports only those below it:
+Layers, top to bottom; a package imports only packages of lower layers, and packages of one layer are independent:
 
-    __main__    the command line
-    tune        gains by gradients of the loop's modes and of a flight
-    checkup     whether a scenario is sound before it is flown, and what to change where it is not
-    doctor      what colift runs on
-    environment a team as a Gymnasium environment
-    hil         a team in lockstep with autopilots
-    node        the pilot's tick as a ROS 2 node
-    bag         a flight as a ROS 2 bag
-    attack      a search for what breaks a certificate
-    certification  a scenario certified: flights, certificate, challenge, file
-    results     the flights of a study, and what is written of them
-    heldout     paths that no map has seen
-    report      a study as one page
-    watch       a flight seen while it flies
-    view        figures of a study
-    prediction  figures of what is predicted beside what is so
-    spread      figures of merit over seeds
-    tightness   figures of radii beside what is observed
-    lengthscales  the table of what was learned
-    playback    flights as a page that plays them
-    picture     flights as pictures and films
-    panel       axes, marks and signals of a study's figures
-    scene       what is seen of a flight
-    export      the pilot's tick as C
-    starter     a scenario to begin with
-    study       C1, C2, C3 and their rivals: the plan of each
-    outlook     what is known of a scenario before it is flown
-    look        how figures look
-    log         a flight as labelled NetCDF
-    folder      where one run's results lie, and who may write there
-    analyse     figures of merit, modes of the closed loop
-    certify     ultimate bounds of the tracking errors (Theorem 1)
-    scenario    YAML files to settings, settings to what a run starts from
-    response    the closed loop to first order, from unknown forces to errors
-    simulate    closes the loop of a world and a pilot: ticks, updates
-    deviation   how far predictions may be off: posteriors, data sheets, radii
-    world       the truth that a flight meets: plant, unknown forces, actuators, sensors
-    engine      MuJoCo as the plant
-    fly         the pilot and its parts; sees only measurements
-    school      what is learned on the ground meanwhile
-    dynamics    our plant: accelerations, contact forces, a step on the grasp
-    mjcf        a team as a MuJoCo model
-    disturbance the truth's unknown forces
-    sensor      what sensors make of the truth, and the noise
-    actuator    what vehicles make of commands
-    control     the leader's wrench, the agents' realization
-    allocate    contact forces from a wrench, internal forces
-    estimate    states, contact forces and labels from measurements
-    band        confidence bands of the frozen oracles, radii of their errors
-    place       means of mass, drag and thrust beside GPs of the place
-    learn       features, data sets, recorders, frozen oracles
-    balance     the equations of motion, backwards
-    measurement what sensors say: all that flies ever sees
-    reference   where the payload should be
-    gp          exact Gaussian processes for control loops
-    grasp       constraints, grasp matrix, what a grasp can bear
-    agent       one aerial manipulator
-    urdf        an agent from a URDF file, and as one
-    model       parameters and states
-    so3, linalg, lowpass, native, over, pytree, disk, tables   what they are written with
-    px4         PX4's frames, units and thrust
-    cache       where what is compiled is kept
-    interrupt   a request to end, read where work may end
+    cli                        command line
+    workflows                  studies, certification, falsification, generalization
+    visualization, integrations  figures, playback, reports; Gymnasium, ROS 2, PX4, C code
+    analysis, certification    metrics, stability, gain tuning, preflight check; error bounds of Theorem 1
+    scenario                   YAML files, their schema, and the experiments built from them
+    closed_loop                simulator, flights, logs, termination, linearization
+    onboard, simulation        controller, estimation, learning; plant, disturbances, sensors, actuators
+    models, trajectories, gp, codegen  team and its equations; references; Gaussian processes; C from jaxprs
+    math, runtime              SO(3), linear algebra, filters, PyTrees; cache, signals, files
 
-Names that a script starts from are here as well: `colift.load("paper")`.
+``onboard`` and ``simulation`` are independent: onboard code never imports the simulated truth.
 """
 
 import importlib
@@ -90,11 +36,11 @@ def _programs() -> dict[str, str]:
         return always
     lost, settings = None, {}
     try:
-        folder = cache.folder("jax")
+        folder = cache.cache_directory("jax")
         settings = {"JAX_COMPILATION_CACHE_DIR": str(folder)} | always
         if not os.access(folder, os.W_OK | os.X_OK):  # what it has is read; what takes less than for ever is not kept
             lost, settings["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = f"{folder}: only read", "inf"
-    except cache.Unwritable as error:
+    except cache.CacheUnavailable as error:
         lost = str(error)
     if lost:
         logging.getLogger(__name__).warning("compiled programs cannot be kept (%s): each start compiles its own", lost)
@@ -127,34 +73,34 @@ if _YNN not in os.environ.get("XLA_FLAGS", ""):
     os.environ["XLA_FLAGS"] = f"{_YNN} {os.environ.get('XLA_FLAGS', '')}".strip()
 
 _HOME = {
-    "Agent": "model",
-    "Flight": "simulate",
-    "GP": "gp",
-    "Payload": "model",
-    "Plan": "simulate",
-    "Settings": "scenario",
-    "State": "model",
-    "Team": "model",
-    "Tree": "model",
-    "accelerate": "dynamics",
-    "dataset": "results",
-    "fly_plan": "simulate",
-    "integrate": "dynamics",
-    "linearize": "response",
-    "load": "scenario",
-    "plan": "study",
-    "project": "dynamics",
-    "summary": "analyse",
+    "AerialManipulator": "models.parameters",
+    "Experiment": "closed_loop.flight",
+    "FlightResult": "closed_loop.flight",
+    "GPPosterior": "gp",
+    "KinematicTree": "models.parameters",
+    "Payload": "models.parameters",
+    "Scenario": "scenario",
+    "State": "models.state",
+    "Team": "models.parameters",
+    "flight_dataset": "workflows.study",
+    "forward_dynamics": "simulation.contact_dynamics",
+    "linearize": "closed_loop.linearization",
+    "load_scenario": "scenario",
+    "make_experiment": "scenario.experiment",
+    "project_to_constraints": "simulation.contact_dynamics",
+    "rkmk4_step": "simulation.contact_dynamics",
+    "run_experiment": "closed_loop.flight",
+    "summary": "analysis.metrics",
 }
 __all__ = list(_HOME)
 
 
 def __getattr__(name: str) -> Any:
-    """Public names are imported from their modules when they are first used."""
+    """Import a public name from its module on first use."""
     if name not in _HOME:
         raise AttributeError(f"module 'colift' has no attribute {name!r}")
     return getattr(importlib.import_module(f"colift.{_HOME[name]}"), name)
 
 
 def __dir__() -> list[str]:
-    return sorted([*globals(), *_HOME])
+    return sorted([*_HOME, "__version__"] if "__version__" in globals() else _HOME)

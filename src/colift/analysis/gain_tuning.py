@@ -18,62 +18,67 @@ from scipy import linalg
 from scipy.optimize import linprog
 
 from colift.analysis import metrics, preflight, stability
-from colift.closed_loop.flight import Flight, Plan, fly_plan
+from colift.closed_loop.flight import Experiment, FlightResult, run_experiment
 from colift.models import grasp
 from colift.models.state import State
-from colift.scenario import ScenarioError, Settings, experiment, initial_states, parse, termination, with_control
-from colift.scenario import text as every_setting
+from colift.scenario import Scenario, ScenarioError, experiment, initial_states, parse, termination, with_control
+from colift.scenario import to_yaml as every_setting
 from colift.simulation import disturbances
 
 GAINS = ("K_p", "K_v", "k_R", "k_omega", "agent_k_R", "agent_k_omega", "posture")
 # What is chosen, as logarithms: frequency and damping of the payload's position, of its attitude, of agents' attitudes,
 # and the posture's rate: `K_p = w^2`, `K_v = 2 d w`. A frequency moves both poles of a pair alike, also if they meet.
-CHOSEN = np.array([
+TUNED_GAINS = np.array([
     [2, 0, 0, 0, 0, 0, 0], [1, 1, 0, 0, 0, 0, 0], [0, 0, 2, 0, 0, 0, 0], [0, 0, 1, 1, 0, 0, 0],
     [0, 0, 0, 0, 2, 0, 0], [0, 0, 0, 0, 1, 1, 0], [0, 0, 0, 0, 0, 0, 1],
 ])  # fmt: skip
 DAMPING = np.array([False, True] * 3 + [False])
-LATE = 0.004  # s, twice what `check` asks for; with commands that late, modes are to die out as fast
-FARTHEST = math.log(2)  # of what is chosen from where it began
+DESIGN_DELAY = 0.004  # s, twice what `check` asks for; with commands that late, modes are to die out as fast
+MAX_GAIN_RATIO = math.log(2)  # of what is chosen from where it began
 STEP = 1e-3  # of such a logarithm, for the derivative of a matrix that is known to some 1e-10
 REGION, LEAST_REGION = 0.3, 0.03  # of logarithms: the first trust region, and the one at which the search ends
-LOOPS = 80  # looked at before any is flown, and as many for whoever is compared with
-FLIGHTS = 40  # likewise
-SLOWEST = 60  # eigenvalues that a step looks at
+MAX_LINEARIZATIONS = 80  # looked at before any is flown, and as many for whoever is compared with
+MAX_SIMULATIONS = 40  # likewise
+NUM_EIGENVALUES = 60  # eigenvalues that a step looks at
 
 
 @dataclasses.dataclass(frozen=True)
-class Loop:
+class LoopDesign:
     """What is known of a scenario's gains without a flight."""
 
-    settings: Settings
-    plan: Plan
-    z: State
-    x: stability.Carried
-    M: np.ndarray
-    learned: Loop | None = None  # where bodies that are believed otherwise are known: it rests in another pose
+    settings: Scenario
+    experiment: Experiment
+    initial_state: State
+    equilibrium: stability.LoopStateTree
+    step_jacobian: np.ndarray
+    with_learned_parameters: LoopDesign | None = (
+        None  # where bodies that are believed otherwise are known: it rests in another pose
+    )
 
     @property
-    def ticks(self) -> int:
+    def delay_ticks(self) -> int:
         """How many ticks `LATE` is, rounded up."""
-        return math.ceil(LATE * self.settings.control_Hz - 1e-9)
+        return math.ceil(DESIGN_DELAY * self.settings.control_Hz - 1e-9)
 
-    def matrices(self, M: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def jacobians(self, M: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The loop's derivative and the one with late commands, for a derivative M near this loop's."""
-        return M, stability.delayed(self.x, M, self.ticks)
+        return M, stability.with_input_delay(self.equilibrium, M, self.delay_ticks)
 
     @property
     def cost(self) -> float:
         """1/s, the growth of the slowest mode of all, which is to be as negative as can be."""
-        own = max(math.log(np.abs(np.linalg.eigvals(A)).max()) for A in self.matrices(self.M)) / self.plan.dt
-        return max(own, self.learned.cost) if self.learned else own
+        own = (
+            max(math.log(np.abs(np.linalg.eigvals(A)).max()) for A in self.jacobians(self.step_jacobian))
+            / self.experiment.dt
+        )
+        return max(own, self.with_learned_parameters.cost) if self.with_learned_parameters else own
 
 
 @dataclasses.dataclass(frozen=True)
-class Flown:
+class FlightCost:
     """A loop that decays, and how far off contacts are in its flight."""
 
-    loop: Loop
+    loop: LoopDesign
     error: float  # m
 
     @property
@@ -82,47 +87,49 @@ class Flown:
         return self.error / -self.loop.cost
 
 
-class Spent(NamedTuple):
+class EvaluationBudget(NamedTuple):
     """How many loops were looked at, and how many of them flown."""
 
-    loops: int
-    flights: int
+    linearizations: int
+    simulations: int
 
 
-def loop(settings: Settings) -> Loop:
+def linearize_scenario(settings: Scenario) -> LoopDesign:
     """The loop of a scenario at its rests. Raises ScenarioError as `study.plan`, ValueError where it finds no rest."""
-    right = preflight.learned(settings)
-    return dataclasses.replace(_at_rest(settings), learned=_at_rest(right) if right != settings else None)
+    right = preflight.with_true_parameters(settings)
+    return dataclasses.replace(
+        _at_rest(settings), with_learned_parameters=_at_rest(right) if right != settings else None
+    )
 
 
-def _at_rest(settings: Settings) -> Loop:
-    plan = experiment.plan(settings, "C1")
-    z = initial_states.at_rest(settings, plan.world.team)
-    return Loop(settings, plan, z, *stability.monodromy(plan, z))
+def _at_rest(settings: Scenario) -> LoopDesign:
+    flight_experiment = experiment.make_experiment(settings, "C1")
+    z = initial_states.equilibrium_state(settings, flight_experiment.world.team)
+    return LoopDesign(settings, flight_experiment, z, *stability.equilibrium_and_jacobian(flight_experiment, z))
 
 
-def names(settings: Settings) -> tuple[str, ...]:
+def tunable_gains(settings: Scenario) -> tuple[str, ...]:
     """The gains that there are to choose: the posture's only where an agent has joints beyond need."""
-    beyond = preflight.beyond_need(settings) and settings.control.posture > 0
+    beyond = preflight.is_redundant(settings) and settings.control.posture > 0
     return GAINS if beyond else GAINS[:-1]
 
 
-def scaled(settings: Settings, steps: np.ndarray, digits: int = 3) -> Settings:
+def scale_gains(settings: Scenario, steps: np.ndarray, digits: int = 3) -> Scenario:
     """Settings with gains so many logarithms of `CHOSEN` from what they are, written with so many digits."""
     change: dict[str, Any] = {}
-    free = len(names(settings))
-    for name, step in zip(names(settings), CHOSEN[:free, :free] @ steps, strict=True):
-        now = getattr(settings.control, name)
-        new = [float(f"{math.exp(step) * each:.{digits}g}") for each in np.atleast_1d(now)]
-        change[name] = tuple(new) if np.ndim(now) else new[0]
+    free = len(tunable_gains(settings))
+    for name, step in zip(tunable_gains(settings), TUNED_GAINS[:free, :free] @ steps, strict=True):
+        context = getattr(settings.control, name)
+        new = [float(f"{math.exp(step) * each:.{digits}g}") for each in np.atleast_1d(context)]
+        change[name] = tuple(new) if np.ndim(context) else new[0]
     return settings.model_copy(update={"control": settings.control.model_copy(update=change)})
 
 
 def tune(
-    settings: Settings,
+    settings: Scenario,
     progress: Callable[[str], None] = lambda _what: None,
-    better: Callable[[Loop], None] = lambda _loop: None,
-) -> tuple[Loop, Loop, Spent]:
+    better: Callable[[LoopDesign], None] = lambda _loop: None,
+) -> tuple[LoopDesign, LoopDesign, EvaluationBudget]:
     """The loop as it is, the one with the gains that were found, and what that took.
 
     `better` is handed the best loop so far, again and again: what is left to whoever ends the search early.
@@ -132,54 +139,56 @@ def tune(
     loop is returned. Raises as `loop`.
     """
     progress("its loop at rest")
-    first = loop(settings)
-    bounds = room(first)
+    first = linearize_scenario(settings)
+    bounds = search_bounds(first)
     free = len(bounds[0])
 
-    def at(steps: np.ndarray) -> Loop | None:
+    def at(steps: np.ndarray) -> LoopDesign | None:
         with contextlib.suppress(ValueError, ScenarioError):  # no rest with these
-            return loop(scaled(settings, steps))
+            return linearize_scenario(scale_gains(settings, steps))
         return None
 
-    def flown_at(steps: np.ndarray) -> Flown | None:
+    def flown_at(steps: np.ndarray) -> FlightCost | None:
         tried = at(steps)
-        found = None if tried is None else flown(tried)
-        return found if isinstance(found, Flown) else None
+        found = None if tried is None else simulate_cost(tried)
+        return found if isinstance(found, FlightCost) else None
 
-    def decays(best: Loop, used: int) -> None:
+    def decays(best: LoopDesign, used: int) -> None:
         better(best)
-        progress(f"slowest mode {best.cost:+.3g} 1/s, {used} of at most {LOOPS} loops looked at")
+        progress(f"slowest mode {best.cost:+.3g} 1/s, {used} of at most {MAX_LINEARIZATIONS} loops looked at")
 
-    def flies(best: Flown, used: int) -> None:
+    def flies(best: FlightCost, used: int) -> None:
         better(best.loop)
-        progress(f"error over decay {best.cost:.3g} m s, {used} of at most {FLIGHTS} flown")
+        progress(f"error over decay {best.cost:.3g} m s, {used} of at most {MAX_SIMULATIONS} flown")
 
     none, second = np.zeros(free), DAMPING[:free]
-    fastest, where, loops = descend(first, at, _slopes, none, bounds, second, LOOPS, decays)
+    fastest, where, loops = minimize(first, at, _slopes, none, bounds, second, MAX_LINEARIZATIONS, decays)
     begun = [
-        (each, steps) for each, steps in ((flown(first), none), (flown(fastest), where)) if isinstance(each, Flown)
+        (each, steps)
+        for each, steps in ((simulate_cost(first), none), (simulate_cost(fastest), where))
+        if isinstance(each, FlightCost)
     ]
     if not begun:
-        return first, fastest, Spent(loops, 2)
+        return first, fastest, EvaluationBudget(loops, 2)
     cheapest, where = min(begun, key=lambda each: each[0].cost)
-    best, _, flights = descend(cheapest, flown_at, _flown_slopes, where, bounds, second, FLIGHTS - 1, flies)
-    return first, best.loop, Spent(loops + flights - 1, flights + 1)
+    best, _, flights = minimize(cheapest, flown_at, _flown_slopes, where, bounds, second, MAX_SIMULATIONS - 1, flies)
+    return first, best.loop, EvaluationBudget(loops + flights - 1, flights + 1)
 
 
 @runtime_checkable
-class Costs(Protocol):
+class Objective(Protocol):
     """What `descend` makes small."""
 
     @property
     def cost(self) -> float: ...
 
 
-C = TypeVar("C", bound=Costs)
+C = TypeVar("C", bound=Objective)
 Slopes = tuple[np.ndarray, np.ndarray]
 """Costs of which the greatest counts, and their derivatives, a row each."""
 
 
-def descend(
+def minimize(
     first: C,
     at: Callable[[np.ndarray], C | None],
     slopes: Callable[[C], Slopes],
@@ -216,42 +225,50 @@ def descend(
     return best, here, used
 
 
-def flown(of: Loop) -> Flown | str:
+def simulate_cost(of: LoopDesign) -> FlightCost | str:
     """The loop in its flight, or why there is nothing to say of it: it grows, stops, or meets a limit of thrust."""
     if of.cost >= 0:
         return "grows"
-    flight = fly_plan(of.plan)
-    if flight.stopped:
+    flight = run_experiment(of.experiment)
+    if flight.termination_reason:
         return "lost"
-    return "saturated" if flight.rows.saturated.any() else Flown(of, _error(flight, of.plan))
+    return "saturated" if flight.records.saturated.any() else FlightCost(of, _error(flight, of.experiment))
 
 
-def _error(flight: Flight, plan: Plan) -> float:
-    half = metrics.second_half(flight.rows)
-    e_p, e_R, R_L, contacts = map(np.asarray, (half.e_p, half.e_R, half.R_L, grasp.contacts(plan.pilot.team)))
-    return displacement(e_p, e_R, R_L, contacts)
+def _error(flight: FlightResult, experiment: Experiment) -> float:
+    half = metrics.second_half(flight.records)
+    e_p, e_R, R_L, contacts = map(
+        np.asarray, (half.e_p, half.e_R, half.R_L, grasp.contact_points(experiment.controller.team))
+    )
+    return contact_displacement_rms(e_p, e_R, R_L, contacts)
 
 
-def displacement(e_p: np.ndarray, e_R: np.ndarray, R_L: np.ndarray, contacts: np.ndarray) -> float:
+def contact_displacement_rms(e_p: np.ndarray, e_R: np.ndarray, R_L: np.ndarray, contacts: np.ndarray) -> float:
     """RMS over time and contacts c of `|e_p + R_L (e_R x c)|`, m: how far they are off, to first order in attitude."""
     turned = np.einsum("tij,tcj->tci", R_L, np.cross(e_R[:, None], contacts))
     return float(np.sqrt(np.square(e_p[:, None] + turned).sum(-1).mean()))
 
 
-def _moved(of: Settings) -> list[Settings]:
+def _moved(of: Scenario) -> list[Scenario]:
     """`STEP` further in each of what is chosen."""
-    return [scaled(of, STEP * e, digits=15) for e in np.eye(len(names(of)))]
+    return [scale_gains(of, STEP * e, digits=15) for e in np.eye(len(tunable_gains(of)))]
 
 
-def _slopes(of: Loop) -> Slopes:
+def _slopes(of: LoopDesign) -> Slopes:
     """Of the slowest modes by the logarithms of the gains, by differences at the rest of the loop as it is."""
-    moved = [of.matrices(stability.derivative(experiment.plan(near, "C1"), of.z, of.x)) for near in _moved(of.settings)]
-    parts = [rates(M, [each[k] for each in moved], of.plan.dt) for k, M in enumerate(of.matrices(of.M))]
-    parts += [_slopes(of.learned)] if of.learned else []
+    moved = [
+        of.jacobians(stability.step_jacobian(experiment.make_experiment(near, "C1"), of.initial_state, of.equilibrium))
+        for near in _moved(of.settings)
+    ]
+    parts = [
+        decay_rates(M, [each[k] for each in moved], of.experiment.dt)
+        for k, M in enumerate(of.jacobians(of.step_jacobian))
+    ]
+    parts += [_slopes(of.with_learned_parameters)] if of.with_learned_parameters else []
     return np.concatenate([rate for rate, _ in parts]), np.concatenate([slope for _, slope in parts])
 
 
-def _flown_slopes(of: Flown) -> Slopes:
+def _flown_slopes(of: FlightCost) -> Slopes:
     """Of `e / -lambda_i`: the error's by differences of flights from the same start, in the same noise.
 
     Where a flight so near is lost the error's slope is not known, and taken for none.
@@ -259,22 +276,24 @@ def _flown_slopes(of: Flown) -> Slopes:
     rates, slopes = _slopes(of.loop)
     by_error = np.zeros(slopes.shape[1])
     for k, near in enumerate(_moved(of.loop.settings)):
-        plan = dataclasses.replace(experiment.plan(near, "C1"), z=of.loop.plan.z)
-        flight = fly_plan(plan)
-        if not flight.stopped:
-            by_error[k] = math.log(_error(flight, plan) / of.error) / STEP
+        flight_experiment = dataclasses.replace(
+            experiment.make_experiment(near, "C1"), initial_state=of.loop.experiment.initial_state
+        )
+        flight = run_experiment(flight_experiment)
+        if not flight.termination_reason:
+            by_error[k] = math.log(_error(flight, flight_experiment) / of.error) / STEP
     costs = of.error / -rates
     return costs, costs[:, None] * (by_error + slopes / -rates[:, None])
 
 
-def rates(M: np.ndarray, moved: Sequence[np.ndarray], dt: float) -> Slopes:
+def decay_rates(M: np.ndarray, moved: Sequence[np.ndarray], dt: float) -> Slopes:
     """Of the slowest eigenvalues of a tick of dt, s: `log |z| / dt`, and how it changes to `moved`, each `STEP` away.
 
     `z' = w^H M' v / w^H v` with the right and left vectors v, w.
     """
     values, left, right = linalg.eig(M, left=True)
-    order = np.argsort(-np.abs(values))[:SLOWEST]
-    order = order[np.abs(values[order]) > stability.GONE]
+    order = np.argsort(-np.abs(values))[:NUM_EIGENVALUES]
+    order = order[np.abs(values[order]) > stability.DEADBEAT_THRESHOLD]
     values, w, v = values[order], left[:, order].conj(), right[:, order]
     turned = [(w * ((A - M) @ v)).sum(0) / ((w * v).sum(0) * values) for A in moved]
     return np.log(np.abs(values)) / dt, np.real(np.stack(turned, axis=1)) / (STEP * dt)
@@ -286,84 +305,96 @@ def _step(costs: np.ndarray, slopes: np.ndarray, low: np.ndarray, high: np.ndarr
     sums = np.hstack([slopes, -np.ones((len(costs), 1))])
     bounds = [*zip(low, high, strict=True), (None, None)]
     found = linprog(np.r_[np.zeros(free), 1.0], A_ub=sums, b_ub=-costs, bounds=bounds)
-    return found.x[:free] if found.success else np.zeros(free)
+    return found.equilibrium[:free] if found.success else np.zeros(free)
 
 
-def room(of: Loop) -> tuple[np.ndarray, np.ndarray]:
+def search_bounds(of: LoopDesign) -> tuple[np.ndarray, np.ndarray]:
     """From where on and how far each of what is chosen may go, as logarithms: `FARTHEST`, but for two.
 
     `K_p` stays below what the start's error and `limits.thrust_margin` leave of the thrust. The posture is what joints
     beyond need are to reach, as its user states it: it is not raised, unless the loop grows as it is.
     """
-    free = len(names(of.settings))
-    low, high = np.full(free, -FARTHEST), np.full(free, FARTHEST)
+    free = len(tunable_gains(of.settings))
+    low, high = np.full(free, -MAX_GAIN_RATIO), np.full(free, MAX_GAIN_RATIO)
     high[0] = min(high[0], _most_stiffness(of))
     if free == len(GAINS) and of.cost < 0:
         high[-1] = 0.0
     return low, high
 
 
-def _most_stiffness(of: Loop) -> float:
+def _most_stiffness(of: LoopDesign) -> float:
     """How much higher, as a logarithm, the position's frequency may be: the start's error asks for thrust."""
     error = float(np.linalg.norm(of.settings.start.position_error_m))
-    plan = of.plan
-    hover = termination.hover(of.settings, plan.world.team, plan.pilot, plan.world.sources)
-    have = np.concatenate([group.thrust_max for group in plan.world.team.groups])
+    experiment = of.experiment
+    hover = termination.true_hover_thrust(
+        of.settings, experiment.world.team, experiment.controller, experiment.world.disturbances
+    )
+    have = np.concatenate([group.thrust_max for group in experiment.world.team.agent_groups])
     left = float(((1 - of.settings.limits.thrust_margin) * have / hover).min()) - 1
-    asked = max(of.settings.control.K_p) * error / max(float(np.linalg.norm(of.settings.gravity_mps2)), 1e-9)
-    return math.log(max(left / asked, 1.0)) / 2 if asked > 0 else FARTHEST
+    requested = max(of.settings.control.K_p) * error / max(float(np.linalg.norm(of.settings.gravity_mps2)), 1e-9)
+    return math.log(max(left / requested, 1.0)) / 2 if requested > 0 else MAX_GAIN_RATIO
 
 
 # What is said of it ---------------------------------------------------------------------------------------------------
 
 
-def numbers(of: Loop) -> dict[str, float | str]:
+def summary_values(of: LoopDesign) -> dict[str, float | str]:
     """Slowest mode, late modes, delay and thrust margins, how far what is unknown holds a payload off under C1, and how
     far off contacts are in its flight, m, or what `flown` says of it.
     """
-    truth, nominal = of.plan.world.team, of.plan.pilot.team
+    truth, nominal = of.experiment.world.team, of.experiment.controller.team
     try:
-        ticks = stability.delay_margin(of.x, of.M, round(stability.DELAY_MOST * of.settings.control_Hz))
+        ticks = stability.delay_margin(
+            of.equilibrium, of.step_jacobian, round(stability.MAX_DELAY * of.settings.control_Hz)
+        )
     except ValueError:
         ticks = -1
-    hover = termination.hover(of.settings, truth, of.plan.pilot, of.plan.world.sources)
-    have = np.concatenate([group.thrust_max for group in truth.groups])
-    f = disturbances.at_start(of.plan.world.sources, truth, of.z)
-    total = lambda team: float(team.payload.mass + sum(group.mass.sum() for group in team.groups))  # noqa: E731
+    hover = termination.true_hover_thrust(
+        of.settings, truth, of.experiment.controller, of.experiment.world.disturbances
+    )
+    have = np.concatenate([group.thrust_max for group in truth.agent_groups])
+    f = disturbances.initial_forces(of.experiment.world.disturbances, truth, of.initial_state)
+    total = lambda team: float(team.payload.mass + sum(group.mass.sum() for group in team.agent_groups))  # noqa: E731
     force = np.asarray(f.payload.F) + sum(np.asarray(part.f_x).sum(0) for part in f.agents)
     force = force + (total(truth) - total(nominal)) * np.asarray(truth.gravity)
-    on_time, late = (math.log(np.abs(np.linalg.eigvals(A)).max()) / of.plan.dt for A in of.matrices(of.M))
+    on_time, late = (
+        math.log(np.abs(np.linalg.eigvals(A)).max()) / of.experiment.dt for A in of.jacobians(of.step_jacobian)
+    )
     return {
         "slowest_mode_1ps": on_time,
         "slowest_mode_late_1ps": late,
-        "slowest_mode_learned_1ps": of.learned.cost if of.learned else max(on_time, late),
-        "delay_margin_s": ticks * of.plan.dt,
+        "slowest_mode_learned_1ps": of.with_learned_parameters.cost
+        if of.with_learned_parameters
+        else max(on_time, late),
+        "delay_margin_s": ticks * of.experiment.dt,
         "thrust_margin": float((1 - hover / have).min()),
-        "displacement_C1_m": in_flight.error if isinstance(in_flight := flown(of), Flown) else in_flight,
+        "displacement_C1_m": in_flight.error if isinstance(in_flight := simulate_cost(of), FlightCost) else in_flight,
         "e_p_C1_m": float(np.linalg.norm(force / np.array(of.settings.control.K_p))) / total(nominal),
     }
 
 
-def text(tuned: Settings, written: str | None, file: str) -> str:
+def to_yaml(tuned: Scenario, written: str | None, file: str) -> str:
     """The scenario with its gains for a file of that name: as it is `written`, comments kept, where that says the same.
 
     Otherwise, as where nothing is written or a setting was changed, with every setting.
     """
     if written is not None:
         with contextlib.suppress(ScenarioError):
-            gains = {name: getattr(tuned.control, name) for name in names(tuned)}
+            gains = {name: getattr(tuned.control, name) for name in tunable_gains(tuned)}
             kept = with_control(written, gains)
             if parse(kept, file) == tuned:
                 return kept
     return every_setting(tuned)
 
 
-def lines(before: Loop, after: Loop, old: Mapping[str, Any], new: Mapping[str, Any], spent: Spent) -> list[str]:
+def format_report(
+    before: LoopDesign, after: LoopDesign, old: Mapping[str, Any], new: Mapping[str, Any], spent: EvaluationBudget
+) -> list[str]:
     """Both and their `numbers` side by side, as a person reads them, then the gains."""
     said = [f"{'':44} {'before':>10} {'after':>10}"]
     for label, key, scale, spec in (
         ("slowest mode, 1/s", "slowest_mode_1ps", 1, "+.3g"),
-        (f"the same, commands {1e3 * LATE:g} ms late, 1/s", "slowest_mode_late_1ps", 1, "+.3g"),
+        (f"the same, commands {1e3 * DESIGN_DELAY:g} ms late, 1/s", "slowest_mode_late_1ps", 1, "+.3g"),
         ("the slower of both, bodies learned, 1/s", "slowest_mode_learned_1ps", 1, "+.3g"),
         ("delay margin, ms", "delay_margin_s", 1e3, ".3g"),
         ("thrust left at hover, %", "thrust_margin", 100, ".3g"),
@@ -372,10 +403,10 @@ def lines(before: Loop, after: Loop, old: Mapping[str, Any], new: Mapping[str, A
     ):
         each = [x if isinstance(x := of[key], str) else format(scale * x, spec) for of in (old, new)]
         said.append(f"{label:44} {each[0]:>10} {each[1]:>10}")
-    for name in names(before.settings):
-        then, now = (getattr(each.settings.control, name) for each in (before, after))
-        said.append(f"{'control.' + name:44} {_shown(then):>10} {_shown(now):>10}")
-    return [*said, f"{spent.loops} loops looked at, {spent.flights} flown"]
+    for name in tunable_gains(before.settings):
+        then, context = (getattr(each.settings.control, name) for each in (before, after))
+        said.append(f"{'control.' + name:44} {_shown(then):>10} {_shown(context):>10}")
+    return [*said, f"{spent.linearizations} loops looked at, {spent.simulations} flown"]
 
 
 def _shown(gain: Any) -> str:

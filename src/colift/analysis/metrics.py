@@ -10,88 +10,90 @@ import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
 from colift.closed_loop import linearization, log
-from colift.closed_loop.flight import Flight
-from colift.closed_loop.signals import Row
+from colift.closed_loop.flight import FlightResult
+from colift.closed_loop.signals import StepRecord
 from colift.models import grasp
 from colift.models.parameters import Team
 from colift.models.state import PayloadState
 from colift.onboard.learning import identification
 
-HIGH_HZ = 20.0  # above it, contact forces chatter rather than act
-COARSE = 1e-9  # m/s, of the grasp after a step: below it is rounding, above it the step is too long for the motion
+HIGH_FREQUENCY_HZ = 20.0  # above it, contact forces chatter rather than act
+MAX_CONSTRAINT_RATE = (
+    1e-9  # m/s, of the grasp after a step: below it is rounding, above it the step is too long for the motion
+)
 
 
 Samples = np.ndarray | jax.Array
 
 
-def norm_rms(x: Samples) -> float:
+def rms_norm(x: Samples) -> float:
     """Root mean square over time of the Euclidean norm of each sample (all axes but the first)."""
     return float(np.sqrt((x.reshape(len(x), -1) ** 2).sum(1).mean()))
 
 
-def second_half(rows: Row) -> Row:
+def second_half(rows: StepRecord) -> StepRecord:
     """The rows after the middle of the flight."""
     return jax.tree.map(lambda x: x[len(rows.t) // 2 :], rows)
 
 
-def summary(flight: Flight, truth: Team, nominal: Team) -> dict[str, Any]:
+def summary(flight: FlightResult, truth: Team, nominal: Team) -> dict[str, Any]:
     """Everything `summary.json` says of one case but its wall times: RMS and means over the second half of the run.
 
     Norms of wrenches and of sigma are given as force part, moment part and the paper's plain norm, which adds
     newtons and newton metres.
     """
-    rows, half = flight.rows, second_half(flight.rows)
+    rows, half = flight.records, second_half(flight.records)
     out: dict[str, Any] = {
-        "complete": not flight.stopped,
-        "stopped": flight.stopped,
-        "e_p_rms_m": norm_rms(half.e_p),
-        "e_v_rms": norm_rms(half.e_v),
-        "e_R_rms": norm_rms(half.e_R),
-        "e_omega_rms": norm_rms(half.e_omega),
+        "complete": not flight.termination_reason,
+        "stopped": flight.termination_reason,
+        "e_p_rms_m": rms_norm(half.e_p),
+        "e_v_rms": rms_norm(half.e_v),
+        "e_R_rms": rms_norm(half.e_R),
+        "e_omega_rms": rms_norm(half.e_omega),
         "Psi_mean": float(half.Psi.mean()),
-        "delta_W_rms": norm_rms(half.delta_W),
-        "delta_W_force_rms_N": norm_rms(half.delta_W[:, :3]),
-        "delta_W_moment_rms_Nm": norm_rms(half.delta_W[:, 3:]),
-        "e_lam_rms_N": norm_rms(half.lam - half.lam_cmd),
+        "delta_W_rms": rms_norm(half.delta_W),
+        "delta_W_force_rms_N": rms_norm(half.delta_W[:, :3]),
+        "delta_W_moment_rms_Nm": rms_norm(half.delta_W[:, 3:]),
+        "e_lam_rms_N": rms_norm(half.lam - half.lam_cmd),
         **_sigma(flight),
         "lam_max_N": float(np.linalg.norm(half.lam, axis=2).max()),
-        "lam_hf_rms_N": chatter(half),
+        "lam_hf_rms_N": high_frequency_rms(half),
         "thrust_min_N": float(half.u.min()),
         "thrust_max_N": float(half.u.max()),
         "Phi_max_m": float(rows.Phi.max()),
         "Phi_dot_max": float(rows.Phi_dot.max()),
-        "wrench_consistency_max": consistency(rows, nominal),
-        "interface_identity_max": identity(rows, nominal),
+        "wrench_consistency_max": wrench_consistency_error(rows, nominal),
+        "interface_identity_max": interface_identity_error(rows, nominal),
         "eta_max_N": float(np.linalg.norm(rows.eta, axis=1).max(initial=0.0)),
         "saturated_ticks": int(rows.saturated.any(1).sum()),
         "singular_min": float(rows.singular.min()),
-        "n_data": flight.updates[-1].n if flight.updates else {"payload": 0, "agents": 0},
+        "n_data": flight.updates[-1].num_samples if flight.updates else {"payload": 0, "agents": 0},
         "updates": [update.t for update in flight.updates],
-        "warnings": [text for text in (coarse(rows), *flight.unused) if text],
+        "warnings": [text for text in (warn_step_size(rows), *flight.learning_warnings) if text],
         "correlation": correlations(flight),
-        "outside": outside(flight),
-        "bound": bounded(flight),
-        "residual": residual_shares(half, truth, nominal),
+        "outside": miscoverage(flight),
+        "bound": bound_statistics(flight),
+        "residual": residual_statistics(half, truth, nominal),
     }
     return out
 
 
-def coarse(rows: Row) -> str:
+def warn_step_size(rows: StepRecord) -> str:
     """A sentence where the grasp's velocity residual `|Phi_dot|` shows that steps are too long for the motion, or none.
 
     After a step it is of second order in what one projection had to correct.
     """
-    over = np.flatnonzero(rows.Phi_dot > COARSE)
+    over = np.flatnonzero(rows.Phi_dot > MAX_CONSTRAINT_RATE)
     if not len(over):
         return ""
     worst = int(np.nanargmax(rows.Phi_dot))
     return (
         f"the step is too long for the motion: from t = {rows.t[over[0]]:.3f} s tips slide on the payload, by up to "
-        f"{rows.Phi_dot[worst]:.3g} m/s at t = {rows.t[worst]:.3f} s ({COARSE:g} allowed); raise control_Hz"
+        f"{rows.Phi_dot[worst]:.3g} m/s at t = {rows.t[worst]:.3f} s ({MAX_CONSTRAINT_RATE:g} allowed); raise control_Hz"
     )
 
 
-def chatter(rows: Row) -> float:
+def high_frequency_rms(rows: StepRecord) -> float:
     """RMS of the contact forces above 20 Hz (fourth-order Butterworth, forward and back), worst component, N.
 
     NaN for rows too few to filter (a flight that stopped early).
@@ -100,48 +102,50 @@ def chatter(rows: Row) -> float:
         return float("nan")
     rate = 1 / float(np.diff(rows.t[:2])[0])
     lam = rows.lam.reshape(len(rows.lam), -1)
-    high = butter(4, HIGH_HZ, "high", fs=rate, output="sos")
+    high = butter(4, HIGH_FREQUENCY_HZ, "high", fs=rate, output="sos")
     return float(np.sqrt((sosfiltfilt(high, lam - lam.mean(0), axis=0) ** 2).mean(0)).max())
 
 
-def _wrenches(rows: Row, nominal: Team, lam: Samples) -> np.ndarray:
-    W = jax.vmap(grasp.wrench, in_axes=(None, 0, 0))(
-        grasp.contacts(nominal), jnp.asarray(rows.R_L_hat), jnp.asarray(lam)
+def _wrenches(rows: StepRecord, nominal: Team, lam: Samples) -> np.ndarray:
+    W = jax.vmap(grasp.payload_wrench, in_axes=(None, 0, 0))(
+        grasp.contact_points(nominal), jnp.asarray(rows.R_L_hat), jnp.asarray(lam)
     )
     return np.concatenate([W.F, W.tau], axis=1)
 
 
-def consistency(rows: Row, nominal: Team) -> float:
+def wrench_consistency_error(rows: StepRecord, nominal: Team) -> float:
     """Largest `|G lam_cmd - W_d|`, N and N m, G at the attitude the allocator used (Lemma wrench_consistency)."""
     return float(np.linalg.norm(_wrenches(rows, nominal, rows.lam_cmd) - rows.W_d, axis=1).max())
 
 
-def identity(rows: Row, nominal: Team) -> float:
+def interface_identity_error(rows: StepRecord, nominal: Team) -> float:
     """Largest `|delta_W - G e_lam|`, N and N m, G at the attitude the allocator used."""
     return float(np.linalg.norm(_wrenches(rows, nominal, rows.lam - rows.lam_cmd) - rows.delta_W, axis=1).max())
 
 
-def _sigma(flight: Flight) -> dict[str, float]:
+def _sigma(flight: FlightResult) -> dict[str, float]:
     """Means over the second half of `sigma_L` and `sigma_A`, Frobenius norms of `Sigma^(1/2)` (Section V).
 
     A flight that stopped before its second half holds a sample of them gives its last one.
     """
     half = _half(flight)
     return {
-        f"{name}_mean": float(x[half].mean()) for name, x in log.norms(flight.sigma).items() if name.startswith("sigma")
+        f"{name}_mean": float(x[half].mean())
+        for name, x in log.uncertainty_norms(flight.uncertainty).items()
+        if name.startswith("sigma")
     }
 
 
-def correlations(flight: Flight) -> dict[str, dict[str, float | None]]:
+def correlations(flight: FlightResult) -> dict[str, dict[str, float | None]]:
     """Pearson correlations of sigma_L with `|e_p|` and of sigma_A with `|delta_W|`; None where one is constant.
 
     Over the run, after the first update, and over the second half: over the run both fall where something is learned
     first, which says little.
     """
-    rows, sigma, at = flight.rows, flight.sigma, log.sampled(flight.rows, flight.sigma)
-    first = flight.updates[0].ready if flight.updates else np.inf
+    rows, sigma, at = flight.records, flight.uncertainty, log.uncertainty_indices(flight.records, flight.uncertainty)
+    first = flight.updates[0].activation_time if flight.updates else np.inf
     parts = {"run": sigma.t >= 0, "after_first_update": sigma.t >= first, "second_half": _half(flight)}
-    norms = log.norms(sigma)
+    norms = log.uncertainty_norms(sigma)
     pairs = {
         "sigma_L_e_p": (norms["sigma_L"], np.linalg.norm(rows.e_p[at], axis=1)),
         "sigma_A_delta_W": (norms["sigma_A"], np.linalg.norm(rows.delta_W[at], axis=1)),
@@ -154,21 +158,21 @@ def _correlation(a: np.ndarray, b: np.ndarray) -> float | None:
     return None if flat else float(np.corrcoef(a, b)[0, 1])
 
 
-def _half(flight: Flight) -> np.ndarray:
+def _half(flight: FlightResult) -> np.ndarray:
     """Which of sigma's samples are of the second half; of a flight that ended before, its last one."""
-    return flight.sigma.t >= min(flight.rows.t[len(flight.rows.t) // 2], flight.sigma.t[-1])
+    return flight.uncertainty.t >= min(flight.records.t[len(flight.records.t) // 2], flight.uncertainty.t[-1])
 
 
-def outside(flight: Flight) -> dict[str, Any]:
+def miscoverage(flight: FlightResult) -> dict[str, Any]:
     """Of the second half, the share of samples whose error exceeds 1.96 `log.predictive` deviations: 5 % if honest.
 
     Of the payload's six outputs and of each agent's `f_x`. `error_over_deviation`: the RMS of one over the other, 1 if
     deviations are honest, and less if they are too wide.
     """
-    rows, at, half = flight.rows, log.sampled(flight.rows, flight.sigma), _half(flight)
+    rows, at, half = flight.records, log.uncertainty_indices(flight.records, flight.uncertainty), _half(flight)
     found = {}
     errors = (rows.f_L - rows.f_L_hat)[at], (rows.f_x - rows.f_x_hat)[at]
-    expected = log.predictive(rows, flight.sigma)
+    expected = log.predictive_std(rows, flight.uncertainty)
     for body, error, deviation in zip(("payload", "agents"), errors, expected, strict=True):
         off = np.abs(error[half]) / deviation[half]
         found[body] = {
@@ -178,20 +182,22 @@ def outside(flight: Flight) -> dict[str, Any]:
     return found
 
 
-def bounded(flight: Flight) -> dict[str, Any]:
+def bound_statistics(flight: FlightResult) -> dict[str, Any]:
     """How the radii along the run compare with the true errors `f - f_hat`: of the payload, and of each agent.
 
     `exceeded_share`: of the run's samples, how many lie above, of the plain norm, its force part, its moment part and
     any single output. `tightness_median`: of `rho_bar / |f - f_hat|` over the second half (infinite where data
     contradict what the bound rests on). `beta`: of the last update, by output.
     """
-    rows, at, sigma = flight.rows, log.sampled(flight.rows, flight.sigma), flight.sigma
+    rows, at, sigma = flight.records, log.uncertainty_indices(flight.records, flight.uncertainty), flight.uncertainty
     half = _half(flight)
-    joints = [group.shape[2] - 6 for group in sigma.agents for _ in range(group.shape[1])]
-    missed = [np.asarray(getattr(rows, part) - getattr(rows, f"{part}_hat"))[at] for part in linearization.PARTS]
-    errors = linearization.by_body(joints, *missed)
+    joints = [group.shape[2] - 6 for group in sigma.agent_std for _ in range(group.shape[1])]
+    missed = [
+        np.asarray(getattr(rows, part) - getattr(rows, f"{part}_hat"))[at] for part in linearization.RESIDUAL_SIGNALS
+    ]
+    errors = linearization.group_by_body(joints, *missed)
     radii = [sigma.payload_radius, *(group[:, j] for group in sigma.agents_radius for j in range(group.shape[1]))]
-    betas = [flight.bands.payload, *(beta for group in flight.bands.agents for beta in group)]
+    betas = [flight.bands.payload_beta, *(beta for group in flight.bands.agent_beta for beta in group)]
     found = [
         _bounded(error, radius, half) | {"beta": np.asarray(beta).tolist()}
         for error, radius, beta in zip(errors, radii, betas, strict=True)
@@ -216,7 +222,7 @@ def _bounded(error: np.ndarray, radius: np.ndarray, half: np.ndarray) -> dict[st
     }
 
 
-def residual_shares(rows: Row, truth: Team, nominal: Team) -> dict[str, Any]:
+def residual_statistics(rows: StepRecord, truth: Team, nominal: Team) -> dict[str, Any]:
     """How much of the residuals is constant and how much varies with the state, over the given rows.
 
     `varying_rms` of the payload is what remains of each channel without its mean and without the mass and inertia
@@ -226,7 +232,9 @@ def residual_shares(rows: Row, truth: Team, nominal: Team) -> dict[str, Any]:
     @jax.vmap
     def inertial(p: jax.Array, v: jax.Array, R: jax.Array, omega: jax.Array, a: jax.Array) -> jax.Array:
         q = PayloadState(p=p, v=v, R=R, omega=omega)
-        return identification.regressor(q, a[:3] - nominal.gravity, a[3:]) @ jnp.asarray(mismatch(truth, nominal))
+        return identification.inertial_regressor(q, a[:3] - nominal.gravity, a[3:]) @ jnp.asarray(
+            parameter_mismatch(truth, nominal)
+        )
 
     sources = rows.f_L - np.asarray(inertial(*map(jnp.asarray, (rows.p, rows.v, rows.R_L, rows.omega_L, rows.a_L))))
     return {
@@ -242,7 +250,7 @@ def _share(f: Samples) -> dict[str, list[float]]:
     return {"mean": mean.tolist(), "std": rms.tolist(), "constant_share": (mean**2 / power).tolist()}
 
 
-def mismatch(truth: Team, nominal: Team) -> np.ndarray:
+def parameter_mismatch(truth: Team, nominal: Team) -> np.ndarray:
     """Nominal less true rigid-body parameters of the payload, in the order of `learn.regressor`."""
     J = np.asarray(nominal.payload.inertia - truth.payload.inertia)
     m = float(nominal.payload.mass - truth.payload.mass)

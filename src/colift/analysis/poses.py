@@ -12,16 +12,16 @@ from jaxtyping import Array, Float
 
 from colift.math import so3
 from colift.math.linalg import transpose
-from colift.models.parameters import Agent, Team
-from colift.scenario import ScenarioError, Settings
+from colift.models.parameters import AerialManipulator, Team
+from colift.scenario import Scenario, ScenarioError
 
 
-def settings(ds: xr.Dataset) -> Settings:
+def scenario_of_log(ds: xr.Dataset) -> Scenario:
     """The scenario that a log holds; raises ValueError where it holds none that this version reads."""
     try:
         told = json.loads(ds.attrs["scenario_json"])
         told.pop("parts", None)  # code beside the scenario, of which nothing is drawn
-        return Settings.model_validate_json(json.dumps(told))
+        return Scenario.model_validate_json(json.dumps(told))
     except KeyError:
         raise ValueError(
             f"{ds.attrs.get('case', 'the log')} of {ds.attrs.get('run', 'no run')} does not hold its scenario, as "
@@ -34,10 +34,10 @@ def settings(ds: xr.Dataset) -> Settings:
         ) from None
 
 
-def by_group(at: xr.Dataset, team: Team) -> Iterator[tuple[Agent, Array, Array, Array]]:
+def poses_by_group(at: xr.Dataset, team: Team) -> Iterator[tuple[AerialManipulator, Array, Array, Array]]:
     """Each group of a team with attitudes, centres of mass, m, and joints of its agents along a log; time leads."""
     agents = joints = 0
-    for size, group in zip(team.sizes, team.groups, strict=True):
+    for size, group in zip(team.sizes, team.agent_groups, strict=True):
         own, n = slice(agents, agents + size), size * group.tree.joints
         r = at.r.values[:, joints : joints + n].reshape(at.sizes["time"], size, group.tree.joints)
         yield group, jnp.asarray(at.R.values[:, own]), jnp.asarray(at.x.values[:, own]), jnp.asarray(r)
@@ -45,7 +45,7 @@ def by_group(at: xr.Dataset, team: Team) -> Iterator[tuple[Agent, Array, Array, 
 
 
 @jax.jit
-def desired(
+def desired_attitude(
     R: Float[Array, "time 3 3"], e_R: Float[Array, "time 3"], Psi: Float[Array, "time"]
 ) -> Float[Array, "time 3 3"]:
     """`R_d = R Q^T` with `Q = R_d^T R = I + hat(e_R) + hat(e_R)^2 / (2 - Psi)`: Rodrigues' formula, sine and cosine."""

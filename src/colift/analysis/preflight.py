@@ -21,20 +21,20 @@ from jaxtyping import Array, Float
 from colift.analysis import stability
 from colift.closed_loop import flight
 from colift.math import so3
-from colift.math.linalg import mul, transpose
+from colift.math.linalg import matmul, transpose
 from colift.models import grasp
 from colift.models.parameters import Team
 from colift.models.state import PayloadState, State, Wrench
 from colift.onboard import controller
 from colift.onboard.control import label_feedback
-from colift.scenario import ScenarioError, Settings, controllers, experiment, initial_states, team, termination
+from colift.scenario import Scenario, ScenarioError, controllers, experiment, initial_states, team, termination
 from colift.simulation import disturbances
 
-CONDITION_MOST = 30.0  # of the grasp matrix, moments over the contacts' distance: a lever of a thirtieth of that
-JACOBIAN_MOST = 100.0  # of an agent's grasp Jacobian, a tenth of what is refused: 0.05 rad from straight down
-DELAY_LEAST = 0.002  # s; a bus and a flight controller take that much
-TRIED = 2  # changes of gains that are tried in full, of those that are best to first order
-MOMENTS = 400  # of the reference at which thrust is asked for
+MAX_GRASP_CONDITION = 30.0  # of the grasp matrix, moments over the contacts' distance: a lever of a thirtieth of that
+MAX_JACOBIAN_CONDITION = 100.0  # of an agent's grasp Jacobian, a tenth of what is refused: 0.05 rad from straight down
+MIN_DELAY_MARGIN = 0.002  # s; a bus and a flight controller take that much
+MAX_CANDIDATES = 2  # changes of gains that are tried in full, of those that are best to first order
+SAMPLE_TIMES = 400  # of the reference at which thrust is asked for
 
 
 @dataclasses.dataclass(frozen=True)
@@ -42,20 +42,20 @@ class Finding:
     """One thing that was looked at."""
 
     subject: str  # a word
-    says: str  # a sentence, with units
-    numbers: dict[str, Any]  # the same, for programs; units in the names
+    message: str  # a sentence, with units
+    values: dict[str, Any]  # the same, for programs; units in the names
     advice: tuple[str, ...] = ()  # what to change; there is some exactly where it is bad
 
 
 @dataclasses.dataclass(frozen=True)
-class Checkup:
+class PreflightReport:
     """All that was found; `findings` is short where the team cannot be built or held still."""
 
     scenario: str
     findings: tuple[Finding, ...]
 
     @property
-    def sound(self) -> bool:
+    def passed(self) -> bool:
         """Whether nothing is bad."""
         return not any(found.advice for found in self.findings)
 
@@ -63,63 +63,63 @@ class Checkup:
     def summary(self) -> dict[str, Any]:
         """As `--json` prints it."""
         found = {
-            each.subject: {"bad": bool(each.advice), "says": each.says, "advice": list(each.advice), **each.numbers}
+            each.subject: {"bad": bool(each.advice), "says": each.message, "advice": list(each.advice), **each.values}
             for each in self.findings
         }
-        return {"scenario": self.scenario, "sound": self.sound, **found}
+        return {"scenario": self.scenario, "sound": self.passed, **found}
 
-    def lines(self) -> list[str]:
+    def format_report(self) -> list[str]:
         """As a person reads it: a line a finding, what to change below those that are bad, the verdict last."""
         lines = []
         for found in self.findings:
-            lines.append(f"{found.subject:9} {found.says}")
+            lines.append(f"{found.subject:9} {found.message}")
             lines += [f"{'':9} change: {change}" for change in found.advice]
         bad = [found.subject for found in self.findings if found.advice]
         return [*lines, f"{self.scenario}: {'bad: ' + ', '.join(bad) if bad else 'sound'}"]
 
 
-def check(settings: Settings, progress: Callable[[str], None] = lambda _what: None) -> Checkup:
+def run_preflight(settings: Scenario, progress: Callable[[str], None] = lambda _what: None) -> PreflightReport:
     """Build a scenario, linearize its sampled loop at rest, and judge both; what cannot be built is a finding too."""
     truth, nominal = team.team(settings)
     found = [_mass(settings, truth, nominal)]
     try:
         found.append(_contacts(settings, truth))
         progress("the team")
-        plan = experiment.plan(settings, "C1")
-        z = initial_states.at_rest(settings, truth)
-        found += [_thrust(settings, plan, z), *_joints(settings, truth, z), *_labels(settings, nominal)]
+        flight_experiment = experiment.make_experiment(settings, "C1")
+        z = initial_states.equilibrium_state(settings, truth)
+        found += [_thrust(settings, flight_experiment, z), *_joints(settings, truth, z), *_labels(settings, nominal)]
     except ScenarioError as error:
         # of a refusal the sentence is its own advice: it names what is at fault, and what is needed
-        return Checkup(
+        return PreflightReport(
             settings.name, (*found, Finding("refused", str(error), {}, _mend(settings, str(error), progress)))
         )
     progress("its loop at rest")
     try:
-        x, M = stability.monodromy(plan, z)
+        x, M = stability.equilibrium_and_jacobian(flight_experiment, z)
     except ValueError as error:
         unknown = Finding("rest", str(error), {}, ("lower control.K_p and control.agent_k_R by half and check again",))
-        return Checkup(settings.name, (*found, unknown))
-    at_rest = stability.of(x, M, plan.dt)
+        return PreflightReport(settings.name, (*found, unknown))
+    at_rest = stability.compute_modes(x, M, flight_experiment.dt)
     mode = Finding(
         "mode",
-        f"slowest {_rate(at_rest)}, {'' if at_rest.stable else 'unstable, '}moves {moves(settings, at_rest)}",
-        {"stable": at_rest.stable, "rad_s": list(at_rest.rate)},
+        f"slowest {_rate(at_rest)}, {'' if at_rest.stable else 'unstable, '}moves {mode_participation(settings, at_rest)}",
+        {"stable": at_rest.stable, "rad_s": list(at_rest.slowest_eigenvalue)},
         () if at_rest.stable else _steadier(settings, x, M, progress),
     )
     late = (*_posture(settings, at_rest, progress), _delay(settings, x, M, progress)) if at_rest.stable else ()
     gain = _gain(x, M) if at_rest.stable else ()
-    return Checkup(settings.name, (*found, mode, *_once_learned(settings, progress), *late, *gain))
+    return PreflightReport(settings.name, (*found, mode, *_once_learned(settings, progress), *late, *gain))
 
 
-def learned(settings: Settings) -> Settings:
+def with_true_parameters(settings: Scenario) -> Scenario:
     """The scenario whose controller believes of bodies what is true, as one that has learned them flies."""
     right = settings.nominal.model_copy(update={"payload": None, "agent_types": {}})
     return settings.model_copy(update={"nominal": right})
 
 
-def _once_learned(settings: Settings, progress: Callable[[str], None]) -> Iterator[Finding]:
+def _once_learned(settings: Scenario, progress: Callable[[str], None]) -> Iterator[Finding]:
     """The slowest mode where it rests once bodies are learned, higher and in another pose, if they have to be."""
-    right = learned(settings)
+    right = with_true_parameters(settings)
     if right == settings:
         return
     progress("its loop at rest, bodies learned")
@@ -131,22 +131,22 @@ def _once_learned(settings: Settings, progress: Callable[[str], None]) -> Iterat
     yield Finding(
         "learned",
         f"where bodies are known the slowest {_rate(found)}, {'' if found.stable else 'unstable, '}moves "
-        f"{moves(right, found)}",
-        {"stable": found.stable, "rad_s": list(found.rate)},
+        f"{mode_participation(right, found)}",
+        {"stable": found.stable, "rad_s": list(found.slowest_eigenvalue)},
         () if found.stable else ("let `colift tune` choose the gains: it looks at this rest as well",),
     )
 
 
-def beyond_need(settings: Settings) -> bool:
+def is_redundant(settings: Scenario) -> bool:
     """Whether contacts and attitude leave an agent joints that `control.posture` has to bring back, `n_r > 3 n - 3`."""
     kinds = (settings.agent_types[agent.type] for agent in settings.agents)
     return any(len(kind.joints) > 3 * len(kind.arms) - 3 for kind in kinds)
 
 
-def _posture(settings: Settings, found: stability.Modes, progress: Callable[[str], None]) -> Iterator[Finding]:
+def _posture(settings: Scenario, found: stability.Modes, progress: Callable[[str], None]) -> Iterator[Finding]:
     """How fast joints beyond need return; bad below half of what is stated."""
     stated = settings.control.posture
-    if not beyond_need(settings) or (slow := _returns(found)) is None:
+    if not is_redundant(settings) or (slow := _returns(found)) is None:
         return
     rate, joint = slow[0], team.joint_names(settings)[slow[1]]
     yield Finding(
@@ -166,16 +166,18 @@ def _returns(found: stability.Modes) -> tuple[float, int] | None:
     return float(-found.eigenvalues[k].real), int(np.argmax(found.joints[k]))
 
 
-def _mend(settings: Settings, refusal: str, progress: Callable[[str], None]) -> tuple[str, ...]:
+def _mend(settings: Scenario, refusal: str, progress: Callable[[str], None]) -> tuple[str, ...]:
     """What helps against a refusal; where arms are straight or folded, contacts with which the team can be built."""
     if "grasp Jacobian" in refusal:
         bent = []
         for typed, changed in _apart(settings):
             progress(f"the team with {typed}")
             with contextlib.suppress(ScenarioError):
-                team = experiment.plan(changed, "C1").world.team
-                bent.append((max(_conditions(changed, team, initial_states.at_rest(changed, team)).values()), typed))
-        if bent and min(bent)[0] < JACOBIAN_MOST:
+                team = experiment.make_experiment(changed, "C1").world.team
+                bent.append(
+                    (max(_conditions(changed, team, initial_states.equilibrium_state(changed, team)).values()), typed)
+                )
+        if bent and min(bent)[0] < MAX_JACOBIAN_CONDITION:
             return (f"arms are straight or folded over the contacts that they hold; {min(bent)[1]} bends them",)
         return (
             "no contacts that were tried, nearer together or farther apart, let arms follow the payload: turn the rest "
@@ -191,7 +193,7 @@ def _mend(settings: Settings, refusal: str, progress: Callable[[str], None]) -> 
     return ("see the sentence before",)
 
 
-def _apart(settings: Settings) -> Iterator[Change]:
+def _apart(settings: Scenario) -> Iterator[Change]:
     """Every agent's contacts farther apart, or nearer together, about their middle."""
     for factor in (1.5, 2.0, 3.0, 4.0, 0.6):
         agents = []
@@ -207,13 +209,13 @@ def _apart(settings: Settings) -> Iterator[Change]:
         yield typed, settings.model_copy(update={"agents": tuple(agents)})
 
 
-def _mass(settings: Settings, truth: Team, nominal: Team) -> Finding:
+def _mass(settings: Scenario, truth: Team, nominal: Team) -> Finding:
     names = team.agent_names(settings)
-    agents = dict(zip(names, np.concatenate([group.mass.sum(1) for group in truth.groups]).tolist(), strict=True))
-    load, believed = float(truth.payload.mass), float(nominal.payload.mass)
-    total, thrust = load + sum(agents.values()), float(sum(group.thrust_max.sum() for group in truth.groups))
+    agents = dict(zip(names, np.concatenate([group.mass.sum(1) for group in truth.agent_groups]).tolist(), strict=True))
+    load, nominal_model = float(truth.payload.mass), float(nominal.payload.mass)
+    total, thrust = load + sum(agents.values()), float(sum(group.thrust_max.sum() for group in truth.agent_groups))
     weight = total * float(np.linalg.norm(truth.gravity))
-    said = f"payload {load:.4g} kg{f' (believed {believed:.4g} kg)' if believed != load else ''}"
+    said = f"payload {load:.4g} kg{f' (believed {nominal_model:.4g} kg)' if nominal_model != load else ''}"
     for mass, alike in itertools.groupby(names, key=lambda name: f"{agents[name]:.4g}"):
         first, *others = alike
         said += (
@@ -225,18 +227,24 @@ def _mass(settings: Settings, truth: Team, nominal: Team) -> Finding:
     return Finding(
         "mass",
         f"{total:.4g} kg: {said}{lift}",
-        {"total_kg": total, "payload_kg": load, "believed_kg": believed, "agents_kg": agents, "thrust_max_N": thrust},
+        {
+            "total_kg": total,
+            "payload_kg": load,
+            "believed_kg": nominal_model,
+            "agents_kg": agents,
+            "thrust_max_N": thrust,
+        },
     )
 
 
-def _contacts(settings: Settings, truth: Team) -> Finding:
+def _contacts(settings: Scenario, truth: Team) -> Finding:
     """The grasp matrix: whether every wrench can be given, and how much worse the worst than the best."""
-    c, names = np.asarray(grasp.contacts(truth)), team.contact_names(settings)
+    c, names = np.asarray(grasp.contact_points(truth)), team.contact_names(settings)
     length = max(float(np.sqrt((c**2).sum(1).mean())), 1e-9)
     values = grasp.singular_values(truth, length)
     rank, condition = int((values[0] < 1e6 * values).sum()), float(values[0] / max(values[-1], 1e-300))
     advice: tuple[str, ...] = ()
-    if rank < 6 or condition > CONDITION_MOST:
+    if rank < 6 or condition > MAX_GRASP_CONDITION:
         line = np.linalg.svd(c - c.mean(0))[2][0]
         far = int(np.argmax(np.linalg.norm(np.cross(c - c.mean(0), line), axis=1)))
         advice = (
@@ -251,13 +259,13 @@ def _contacts(settings: Settings, truth: Team) -> Finding:
     )
 
 
-def _joints(settings: Settings, truth: Team, z: State) -> Iterator[Finding]:
+def _joints(settings: Scenario, truth: Team, state: State) -> Iterator[Finding]:
     """Every agent's grasp Jacobian at rest: whether its joints can follow the payload; nothing for single bodies."""
-    conditions, advice = _conditions(settings, truth, z), []
+    conditions, advice = _conditions(settings, truth, state), []
     kinds = {agent.name: agent.type for agent in settings.agents}
-    for name, agent, r, _ in grasp.each(truth, z, team.agent_names(settings)):
-        if conditions[name] > JACOBIAN_MOST and len(r):
-            k = int(np.argmax(grasp.weakest(agent, r)[1]))
+    for name, agent, r, _ in grasp.iter_agents(truth, state, team.agent_names(settings)):
+        if conditions[name] > MAX_JACOBIAN_CONDITION and len(r):
+            k = int(np.argmax(grasp.grasp_jacobian_svd(agent, r)[1]))
             joint = settings.agent_types[kinds[name]].joints[k].name
             advice.append(
                 f"{name}: turn the rest of joint {joint} away from {float(r[k]):.3g} "
@@ -270,31 +278,36 @@ def _joints(settings: Settings, truth: Team, z: State) -> Iterator[Finding]:
         yield Finding("joints", said, {"condition": conditions}, tuple(advice))
 
 
-def _conditions(settings: Settings, truth: Team, z: State) -> dict[str, float]:
+def _conditions(settings: Scenario, truth: Team, state: State) -> dict[str, float]:
     """Of every agent's grasp Jacobian, by name."""
     each = (
-        (name, grasp.weakest(agent, r)[0]) for name, agent, r, _ in grasp.each(truth, z, team.agent_names(settings))
+        (name, grasp.grasp_jacobian_svd(agent, r)[0])
+        for name, agent, r, _ in grasp.iter_agents(truth, state, team.agent_names(settings))
     )
     return {name: float(values[0] / values[-1]) for name, values in each}
 
 
-def _thrust(settings: Settings, plan: flight.Plan, z: State) -> Finding:
+def _thrust(settings: Scenario, experiment: flight.Experiment, state: State) -> Finding:
     """What hovering and the reference take of every agent's thrust; bad where `limits.thrust_margin` is not left."""
     names, margin = team.agent_names(settings), settings.limits.thrust_margin
-    have = np.concatenate([group.thrust_max for group in plan.world.team.groups])
-    t = np.linspace(0.0, plan.duration, MOMENTS)
-    hover = termination.hover(settings, plan.world.team, plan.pilot, plan.world.sources)
-    path = thrust_along(plan, z, t)
+    have = np.concatenate([group.thrust_max for group in experiment.world.team.agent_groups])
+    t = np.linspace(0.0, experiment.duration, SAMPLE_TIMES)
+    hover = termination.true_hover_thrust(
+        settings, experiment.world.team, experiment.controller, experiment.world.disturbances
+    )
+    path = thrust_profile(experiment, state, t)
     left = [1 - hover / have, 1 - path.max(0) / have]
     least = [int(np.argmin(each)) for each in left]
     when = float(t[int(np.argmax(path[:, least[1]]))])
     hovers, advice = left[0][least[0]] >= margin, []
     for k, where in enumerate(("hover", "reference")):
         if left[k][least[k]] < margin:
-            name, asked = names[least[k]], hover if k == 0 else path.max(0)
+            name, requested = names[least[k]], hover if k == 0 else path.max(0)
             kind = next(agent.type for agent in settings.agents if agent.name == name)
-            change = f"{where}: raise agent_types.{kind}.thrust_max_N to {asked[least[k]] / (1 - margin):.3g} or more"
-            if asked.sum() < (1 - margin) * have.sum():
+            change = (
+                f"{where}: raise agent_types.{kind}.thrust_max_N to {requested[least[k]] / (1 - margin):.3g} or more"
+            )
+            if requested.sum() < (1 - margin) * have.sum():
                 change += f", or move the contacts of {name} away from the payload's centre of mass: others carry more"
             else:  # no other has any to spare
                 change += ", lower payload.mass_kg, or add an agent"
@@ -314,36 +327,42 @@ def _thrust(settings: Settings, plan: flight.Plan, z: State) -> Finding:
     )
 
 
-def thrust_along(plan: flight.Plan, z: State, t: np.ndarray) -> np.ndarray:
+def thrust_profile(experiment: flight.Experiment, state: State, t: np.ndarray) -> np.ndarray:
     """`(times, agents)` thrust that the reference takes in truth at times t, s, N.
 
     As if the team at rest in z were carried along: the payload on its reference, every agent moving with its contacts,
     without what joints, attitudes and errors add.
     """
-    return np.asarray(_along(plan.world.team, plan.pilot, plan.world.sources, z, jnp.asarray(t)))
+    return np.asarray(
+        _along(experiment.world.team, experiment.controller, experiment.world.disturbances, state, jnp.asarray(t))
+    )
 
 
 @jax.jit
 @functools.partial(jax.vmap, in_axes=(None, None, None, None, 0))
 def _along(
-    team: Team, flying: controller.LeaderFollower, sources: disturbances.Disturbances, z: State, t: Array
+    team: Team,
+    flying: controller.LeaderFollowerController,
+    sources: disturbances.DisturbanceSet,
+    state: State,
+    t: Array,
 ) -> Float[Array, "agents"]:
-    d, g, load = flying.path.at(t), team.gravity, team.payload
+    d, g, load = flying.reference.evaluate(t), team.gravity, team.payload
     spin = so3.hat(d.omega)
-    swing = mul(d.R, so3.hat(d.omega_dot) + mul(spin, spin))
+    swing = matmul(d.R, so3.hat(d.omega_dot) + matmul(spin, spin))
     agents, accelerations = [], []
-    for group, q in zip(team.groups, z.agents, strict=True):
-        c = group.contact.mean(1)
-        shift = (d.p - z.payload.p)[None] + c @ transpose(d.R - z.payload.R)
-        agents.append(dataclasses.replace(q, x=q.x + shift, v=d.v[None] + c @ transpose(mul(d.R, spin))))
+    for group, q in zip(team.agent_groups, state.agents, strict=True):
+        c = group.contact_position.mean(1)
+        shift = (d.p - state.payload.p)[None] + c @ transpose(d.R - state.payload.R)
+        agents.append(dataclasses.replace(q, x=q.x + shift, v=d.v[None] + c @ transpose(matmul(d.R, spin))))
         accelerations.append(d.a[None] + c @ transpose(swing))
     moved = State(agents=tuple(agents), payload=PayloadState(p=d.p, R=d.R, v=d.v, omega=d.omega))
-    f = disturbances.at_start(sources, team, moved)
+    f = disturbances.initial_forces(sources, team, moved)
     spun = load.inertia @ d.omega_dot + so3.cross(d.omega, load.inertia @ d.omega)
     W = Wrench(F=load.mass * (d.a - g) - f.payload.F, tau=spun - f.payload.tau)
     steady = Wrench(F=jnp.zeros(3), tau=jnp.zeros(3))
-    lam = flying.allocator.allocate(controller.known(flying, moved, jnp.zeros(6), t), W, steady).lam
-    parts = zip(team.groups, grasp.split(team, lam), accelerations, f.agents, strict=True)
+    lam = flying.allocator.allocate(controller.context_at(flying, moved, jnp.zeros(6), t), W, steady).lam
+    parts = zip(team.agent_groups, grasp.split_contacts(team, lam), accelerations, f.agents, strict=True)
     need = [
         force.sum(1) + group.mass.sum(1, keepdims=True) * (a - g[None]) - part.f_x for group, force, a, part in parts
     ]
@@ -351,48 +370,50 @@ def _along(
 
 
 def _rate(found: stability.Modes) -> str:
-    real, imaginary = found.rate
+    real, imaginary = found.slowest_eigenvalue
     swings = f", a turn in {2 * np.pi / abs(imaginary):.3g} s" if abs(imaginary) > 1e-3 else ""
     return f"{real:+.3g} rad/s{swings}"
 
 
-TURNS = ("roll", "pitch", "yaw")
+TURN_DIRECTIONS = ("roll", "pitch", "yaw")
 
 
-def moves(settings: Settings, found: stability.Modes, most: int = 3) -> str:
+def mode_participation(settings: Scenario, found: stability.Modes, most: int = 3) -> str:
     """What the slowest mode moves, largest first: the payload, agents' attitudes, joints, each with its share."""
-    load = [*(f"the payload in {turn}" for turn in TURNS), *(f"the payload along {axis}" for axis in "xyz")]
-    agents = [f"{name} in {turn}" for name in team.agent_names(settings) for turn in TURNS]
+    load = [*(f"the payload in {turn}" for turn in TURN_DIRECTIONS), *(f"the payload along {axis}" for axis in "xyz")]
+    agents = [f"{name} in {turn}" for name in team.agent_names(settings) for turn in TURN_DIRECTIONS]
     names = [*load, *agents, *(f"joint {name}" for name in team.joint_names(settings))]
     shape = np.concatenate([found.payload[0], found.attitude[0].ravel(), found.joints[0]])
     order = [k for k in np.argsort(-shape)[:most] if shape[k] > 0.3 * shape.max()]
     return ", ".join(f"{names[k]} ({shape[k]:.2g})" for k in order)
 
 
-def _delay(settings: Settings, x: stability.Carried, M: np.ndarray, progress: Callable[[str], None]) -> Finding:
+def _delay(settings: Scenario, x: stability.LoopStateTree, M: np.ndarray, progress: Callable[[str], None]) -> Finding:
     """How much later commands may come; bad below `DELAY_LEAST`."""
     try:
         margin = _margin(settings, x, M)
     except ValueError as error:
         return Finding("delay", f"how much later commands may come is not known: {error}", {"margin_s": None})
     said = f"commands may come {margin:.3g} s later" + (
-        " or more" if margin > stability.DELAY_MOST - 1 / settings.control_Hz else ""
+        " or more" if margin > stability.MAX_DELAY - 1 / settings.control_Hz else ""
     )
     return Finding(
-        "delay", said, {"margin_s": margin}, _patient(settings, margin, progress) if margin < DELAY_LEAST else ()
+        "delay", said, {"margin_s": margin}, _patient(settings, margin, progress) if margin < MIN_DELAY_MARGIN else ()
     )
 
 
-def _margin(settings: Settings, x: stability.Carried, M: np.ndarray) -> float:
+def _margin(settings: Scenario, x: stability.LoopStateTree, M: np.ndarray) -> float:
     """The delay margin, s, sought up to `DELAY_MOST`."""
-    return stability.delay_margin(x, M, round(stability.DELAY_MOST * settings.control_Hz)) / settings.control_Hz
+    return stability.delay_margin(x, M, round(stability.MAX_DELAY * settings.control_Hz)) / settings.control_Hz
 
 
-def _labels(settings: Settings, nominal: Team) -> Iterator[Finding]:
+def _labels(settings: Scenario, nominal: Team) -> Iterator[Finding]:
     """Where agents hear themselves too strongly to follow all of the rate of their labels."""
-    gains = dict(zip(team.agent_names(settings), itertools.chain(*controllers.echoes(settings, nominal)), strict=True))
+    gains = dict(
+        zip(team.agent_names(settings), itertools.chain(*controllers.label_loop_gains(settings, nominal)), strict=True)
+    )
     loudest = max(gains, key=lambda name: gains[name])
-    if (part := label_feedback.heeded(gains[loudest])) < 1:
+    if (part := label_feedback.rate_attenuation(gains[loudest])) < 1:
         if np.isfinite(gains[loudest]):
             hears = f"hears {gains[loudest]:.2g} of its own motion"
         elif np.any(settings.gravity_mps2):
@@ -407,91 +428,99 @@ def _labels(settings: Settings, nominal: Team) -> Iterator[Finding]:
         )
 
 
-def _gain(x: stability.Carried, M: np.ndarray) -> Iterator[Finding]:
+def _gain(x: stability.LoopStateTree, M: np.ndarray) -> Iterator[Finding]:
     """How many times as strong commands may be, where that is known."""
     try:
         gain = stability.gain_margin(x, M)
     except ValueError:  # `_delay` has said why
         return
     yield Finding(
-        "gain", f"commands may be {stability.strength(gain)}", dict(zip(("least", "greatest"), gain, strict=True))
+        "gain",
+        f"commands may be {stability.format_gain_margin(gain)}",
+        dict(zip(("least", "greatest"), gain, strict=True)),
     )
 
 
 # What to change -------------------------------------------------------------------------------------------------------
 
-Change = tuple[str, Settings]
+Change = tuple[str, Scenario]
 """What to type (`--set control.K_v=3`), and what becomes of the settings."""
 
 
-def _at_rest(settings: Settings) -> stability.Modes:
+def _at_rest(settings: Scenario) -> stability.Modes:
     """The modes under C1. Raises ValueError where there is no such team, or it has no rest."""
-    plan = experiment.plan(settings, "C1")
-    return stability.at_rest(plan, initial_states.at_rest(settings, plan.world.team))
+    flight_experiment = experiment.make_experiment(settings, "C1")
+    return stability.modes_at_equilibrium(
+        flight_experiment, initial_states.equilibrium_state(settings, flight_experiment.world.team)
+    )
 
 
 def _steadier(
-    settings: Settings, x: stability.Carried, M: np.ndarray, progress: Callable[[str], None]
+    settings: Scenario, x: stability.LoopStateTree, M: np.ndarray, progress: Callable[[str], None]
 ) -> tuple[str, ...]:
     """The single changes that steady the slowest mode most: gains, and where none does, joints and contacts."""
-    now = float(np.log(np.abs(np.linalg.eigvals(M)).max()) * settings.control_Hz)
+    context = float(np.log(np.abs(np.linalg.eigvals(M)).max()) * settings.control_Hz)
 
-    def guess(changed: Settings) -> float:
-        plan = experiment.plan(changed, "C1")
-        return stability.estimate(plan, initial_states.at_rest(changed, plan.world.team), x, M)
+    def guess(changed: Scenario) -> float:
+        flight_experiment = experiment.make_experiment(changed, "C1")
+        return stability.predict_growth_rate(
+            flight_experiment, initial_states.equilibrium_state(changed, flight_experiment.world.team), x, M
+        )
 
     guesses = [(guess(changed), typed, changed) for typed, changed in _gains(settings)]
-    gains = sorted((each for each in guesses if np.isfinite(each[0])), key=lambda each: each[0])[:TRIED]
+    gains = sorted((each for each in guesses if np.isfinite(each[0])), key=lambda each: each[0])[:MAX_CANDIDATES]
     for candidates in ([each[1:] for each in gains], [*_rests(settings), *_heights(settings)]):
         tried = []
         for typed, changed in candidates:
             progress(f"its loop with {typed}")
             with contextlib.suppress(ValueError):  # no such team, or no rest
-                tried.append((_at_rest(changed).rate[0], typed))
-        better = sorted(each for each in tried if each[0] < now - 0.02 * abs(now))[:TRIED]
+                tried.append((_at_rest(changed).slowest_eigenvalue[0], typed))
+        better = sorted(each for each in tried if each[0] < context - 0.02 * abs(context))[:MAX_CANDIDATES]
         if better:
             return tuple(f"{typed} makes it {rate:+.3g} rad/s" for rate, typed in better)
     return ("no single gain, joint or height of contacts that was tried steadies it: begin from `colift new`",)
 
 
-def _quicker(settings: Settings, now: float, joint: str, progress: Callable[[str], None]) -> tuple[str, ...]:
+def _quicker(settings: Scenario, context: float, joint: str, progress: Callable[[str], None]) -> tuple[str, ...]:
     """The changes with which joints beyond need return at half of what is stated, or else sooner than now.
 
     Tried: the posture, the agents' attitude gains, and the rest of the joint that is slowest.
     """
     enough, sooner = [], []
     gains, rests = _gains(settings, GAINS[-2:]), _rests(settings, joint.rpartition("/")[2])
-    for typed, changed in [*_postures(settings, now), *gains, *rests]:
+    for typed, changed in [*_postures(settings, context), *gains, *rests]:
         progress(f"its loop with {typed}")
         stated = changed.control.posture
         with contextlib.suppress(ValueError):  # no such team, or no rest
             found = _at_rest(changed)
             rate = slow[0] if (slow := _returns(found)) else stated
-            if found.stable and rate > 1.02 * now:
+            if found.stable and rate > 1.02 * context:
                 (enough if rate >= stated / 2 else sooner).append((rate, typed))
-    best = sorted(enough or sooner, reverse=True)[:TRIED]
+    best = sorted(enough or sooner, reverse=True)[:MAX_CANDIDATES]
     said = tuple(f"{typed} makes it {rate:.3g} 1/s" for rate, typed in best)
     return said or (f"no posture, attitude gain or rest of {joint} that was tried helps: begin from `colift new`",)
 
 
-def _postures(settings: Settings, now: float) -> Iterator[Change]:
+def _postures(settings: Scenario, context: float) -> Iterator[Change]:
     """What is stated, lowered to half and to what is had, or stated where it is not."""
     stated = settings.control.posture
-    for value in dict.fromkeys(float(f"{x:.2g}") for x in ((stated / 2, now) if stated else (1.0, 3.0))):
+    for value in dict.fromkeys(float(f"{x:.2g}") for x in ((stated / 2, context) if stated else (1.0, 3.0))):
         if value > 0:
             yield _controlled(settings, "posture", value)
 
 
-def _patient(settings: Settings, now: float, progress: Callable[[str], None]) -> tuple[str, ...]:
+def _patient(settings: Scenario, context: float, progress: Callable[[str], None]) -> tuple[str, ...]:
     """The gains which, lowered, let commands come later."""
     tried = []
     for typed, changed in list(_gains(settings))[::2]:
         progress(f"its loop with {typed}")
-        plan = experiment.plan(changed, "C1")
+        flight_experiment = experiment.make_experiment(changed, "C1")
         with contextlib.suppress(ValueError):
-            x, M = stability.monodromy(plan, initial_states.at_rest(changed, plan.world.team))
+            x, M = stability.equilibrium_and_jacobian(
+                flight_experiment, initial_states.equilibrium_state(changed, flight_experiment.world.team)
+            )
             tried.append((_margin(changed, x, M), typed))
-    better = sorted((each for each in tried if each[0] > now), reverse=True)[:TRIED]
+    better = sorted((each for each in tried if each[0] > context), reverse=True)[:MAX_CANDIDATES]
     said = tuple(f"{typed} makes it {margin:.3g} s" for margin, typed in better)
     return said or (f"no single gain that was lowered helps; raise control_Hz above {settings.control_Hz:g}",)
 
@@ -499,22 +528,22 @@ def _patient(settings: Settings, now: float, progress: Callable[[str], None]) ->
 GAINS = ("K_p", "K_v", "k_R", "k_omega", "agent_k_R", "agent_k_omega")  # the agents' last
 
 
-def _gains(settings: Settings, names: Sequence[str] = GAINS) -> Iterator[Change]:
+def _gains(settings: Scenario, names: Sequence[str] = GAINS) -> Iterator[Change]:
     """Every one of some gains lower and higher."""
     for name in names:
-        now = np.array(getattr(settings.control, name))
+        context = np.array(getattr(settings.control, name))
         for factor in (0.7, 1.4):
-            new = [float(f"{x:.3g}") for x in np.atleast_1d(factor * now)]
-            yield _controlled(settings, name, new if now.shape else new[0])
+            new = [float(f"{x:.3g}") for x in np.atleast_1d(factor * context)]
+            yield _controlled(settings, name, new if context.shape else new[0])
 
 
-def _controlled(settings: Settings, name: str, value: float | list[float]) -> Change:
+def _controlled(settings: Scenario, name: str, value: float | list[float]) -> Change:
     """Another value of one setting of the controller."""
     control = settings.control.model_copy(update={name: value})
     return f"--set control.{name}={value}", settings.model_copy(update={"control": control})
 
 
-def _rests(settings: Settings, name: str | None = None) -> Iterator[Change]:
+def _rests(settings: Scenario, name: str | None = None) -> Iterator[Change]:
     """Every joint that turns, or those of a name, at rest 0.2 rad either way."""
     for kind, given in settings.agent_types.items():
         for k, joint in enumerate(given.joints):
@@ -532,7 +561,7 @@ def _rests(settings: Settings, name: str | None = None) -> Iterator[Change]:
                 )
 
 
-def _heights(settings: Settings) -> Iterator[Change]:
+def _heights(settings: Scenario) -> Iterator[Change]:
     """All contacts 5 cm lower and higher: where agents turn about points above or below their centres of mass."""
     for step in (-0.05, 0.05):
         agents = tuple(

@@ -22,23 +22,25 @@ from scipy import linalg
 
 from colift.closed_loop import flight, simulator
 from colift.math import so3
-from colift.math.linalg import mul
+from colift.math.linalg import matmul
 from colift.models.state import State
 from colift.runtime import signals
 from colift.simulation import sensors
-from colift.simulation.world import Noise, Simulated
+from colift.simulation.world import SimulatedWorld, WorldNoise
 
-ITERATIONS = 30  # of Newton's method; from a team that hovers level it takes a handful
-SETTLE = 10.0  # s of flight, where Newton's method needs another start
-AT_REST = 1e-9  # what a tick may still change, in SI units
+MAX_NEWTON_ITERATIONS = 30  # of Newton's method; from a team that hovers level it takes a handful
+SETTLING_TIME = 10.0  # s of flight, where Newton's method needs another start
+EQUILIBRIUM_TOLERANCE = 1e-9  # what a tick may still change, in SI units
 STEP = 1e-5  # of differences, in SI units; they neglect its fourth power
-GONE = 0.01  # a mode that leaves less than this of itself after one tick is no mode of the motion
-NEUTRAL = 1e-6  # rad/s, below which a rate is rounding: of |z|, divided by the tick
+DEADBEAT_THRESHOLD = 0.01  # a mode that leaves less than this of itself after one tick is no mode of the motion
+MARGINAL_THRESHOLD = 1e-6  # rad/s, below which a rate is rounding: of |z|, divided by the tick
 
 
 POSE = r"\.world\.z\.(payload\.[Rp]|agents\[\d+\]\.[Rxr])"
 LEARNING = r"\.recorder\.|\.estimator\.(agents\[\d+\]\.)?bias\b|\.(warm|fresh|silent|ticks)$"
-SECOND = r"\.listener\.(late|said|gap|age|foretold|moved\.(products|squares))"  # of the second order at rest
+SECOND_ORDER_STATES = (
+    r"\.listener\.(late|said|gap|age|foretold|moved\.(products|squares))"  # of the second order at rest
+)
 SENSORS = r"\.extra\[\d+\]\.(age|due|bias)\b"  # their clocks and drifts, which stand still
 LABELS = r"\.estimator\.(agents\[\d+\]\.)?(momenta|carried|known|label|state)\b"
 
@@ -56,34 +58,34 @@ class Modes:
     @property
     def stable(self) -> bool:
         """Whether every mode decays."""
-        return bool(self.eigenvalues[0].real < -NEUTRAL)
+        return bool(self.eigenvalues[0].real < -MARGINAL_THRESHOLD)
 
     @property
-    def rate(self) -> tuple[float, float]:
+    def slowest_eigenvalue(self) -> tuple[float, float]:
         """Real and imaginary part of the slowest eigenvalue, rad/s."""
         return float(self.eigenvalues[0].real), float(self.eigenvalues[0].imag)
 
-    def slowest(self) -> str:
+    def describe_slowest(self) -> str:
         """The slowest mode in words: its eigenvalue and where it is seen most."""
         value, shape = self.eigenvalues[0], self.payload[0]
         seen = self.names[int(np.argmax(shape))] if shape.max() > 0.05 else "the agents' attitudes and joints"
         return f"{value.real:+.2f} {abs(value.imag):+.2f}i rad/s, seen most in {seen}"
 
 
-Carried = dict[str, Array]
+LoopStateTree = dict[str, Array]
 """What one tick hands to the next, of world and memory, by its place in the loop, as far as it may come back."""
 
 
-def at_rest(plan: flight.Plan, z: State) -> Modes:
+def modes_at_equilibrium(experiment: flight.Experiment, state: State) -> Modes:
     """Modes of a plan's loop at the rest near z, as `monodromy` has it."""
-    return of(*monodromy(plan, z), plan.dt)
+    return compute_modes(*equilibrium_and_jacobian(experiment, state), experiment.dt)
 
 
-def of(x: Carried, M: np.ndarray, dt: float) -> Modes:
+def compute_modes(x: LoopStateTree, M: np.ndarray, dt: float) -> Modes:
     """Modes of a loop with the rest x and the derivative M of its tick of dt, s."""
     values, vectors = np.linalg.eig(M)
     order = np.argsort(-np.abs(values))
-    order = order[np.abs(values[order]) > GONE]
+    order = order[np.abs(values[order]) > DEADBEAT_THRESHOLD]
     shapes = np.abs(vectors[:, order])
     shapes = shapes / np.maximum(shapes[_rows_of(x, POSE)].max(0), np.finfo(float).tiny)
     return Modes(
@@ -94,7 +96,7 @@ def of(x: Carried, M: np.ndarray, dt: float) -> Modes:
     )
 
 
-def delay_margin(x: Carried, M: np.ndarray, most: int) -> int:
+def delay_margin(x: LoopStateTree, M: np.ndarray, most: int) -> int:
     """How many whole ticks, at most `most`, every command may come later until the loop is unstable; -1 if it is.
 
     M as `monodromy` has it. What the pilot remembers moves the world through commands alone, so M tells how they act:
@@ -108,10 +110,10 @@ def delay_margin(x: Carried, M: np.ndarray, most: int) -> int:
     return most
 
 
-GAIN_MOST = 4.0  # beyond which, and below the inverse of which, a gain margin is not sought
+MAX_GAIN = 4.0  # beyond which, and below the inverse of which, a gain margin is not sought
 
 
-def gain_margin(x: Carried, M: np.ndarray) -> tuple[float, float]:
+def gain_margin(x: LoopStateTree, M: np.ndarray) -> tuple[float, float]:
     """How many times as weak, and as strong, all commands may be with the loop still stable: a range about 1.
 
     `x+ = (M + (g - 1) B K) x`; its ends to 1 %, within `GAIN_MOST`. NaN where the loop is unstable as it is. Raises as
@@ -126,7 +128,7 @@ def gain_margin(x: Carried, M: np.ndarray) -> tuple[float, float]:
     if not stable(1.0):
         return np.nan, np.nan
     ends = []
-    for step in (GAIN_MOST**-0.25, GAIN_MOST**0.25):
+    for step in (MAX_GAIN**-0.25, MAX_GAIN**0.25):
         good, bad = 1.0, step
         while stable(bad) and not np.isclose(good, step**3):
             good, bad = bad, bad * step
@@ -144,51 +146,55 @@ def gain_margin(x: Carried, M: np.ndarray) -> tuple[float, float]:
 class Margins:
     """How far commands may be off, all alike, with the loop at rest still stable."""
 
-    delay: float  # s, how much later they may come
-    gain: tuple[float, float]  # how many times as strong they may be
-    most: float  # s, up to which a delay was tried
+    delay_margin: float  # s, how much later they may come
+    gain_margin: tuple[float, float]  # how many times as strong they may be
+    max_delay_tested: float  # s, up to which a delay was tried
 
-    def says(self) -> str:
+    def describe(self) -> str:
         """In words."""
-        delay = f"{1e3 * self.delay:.3g} ms later" + (" or more" if self.delay >= self.most else "")
-        return f"commands may come {delay}, or be {strength(self.gain)}"
+        delay = f"{1e3 * self.delay_margin:.3g} ms later" + (
+            " or more" if self.delay_margin >= self.max_delay_tested else ""
+        )
+        return f"commands may come {delay}, or be {format_gain_margin(self.gain_margin)}"
 
 
-def strength(gain: tuple[float, float]) -> str:
+def format_gain_margin(gain: tuple[float, float]) -> str:
     """A gain margin in words."""
     least, greatest = gain
-    low = f"{least:.2g}" + (" or less" if least <= 1.001 / GAIN_MOST else "")
-    high = f"{greatest:.3g}" + (" or more" if greatest >= GAIN_MOST / 1.001 else "")
+    low = f"{least:.2g}" + (" or less" if least <= 1.001 / MAX_GAIN else "")
+    high = f"{greatest:.3g}" + (" or more" if greatest >= MAX_GAIN / 1.001 else "")
     return f"{low} to {high} times as strong"
 
 
-DELAY_MOST = 0.05  # s, beyond which a delay margin is not sought
+MAX_DELAY = 0.05  # s, beyond which a delay margin is not sought
 
 
-def margins(x: Carried, M: np.ndarray, dt: float) -> Margins:
+def stability_margins(x: LoopStateTree, M: np.ndarray, dt: float) -> Margins:
     """Delay and gain margin of a loop with ticks of dt, s; raises as `delay_margin`."""
-    most = round(DELAY_MOST / dt)
-    return Margins(delay=delay_margin(x, M, most) * dt, gain=gain_margin(x, M), most=most * dt)
+    most = round(MAX_DELAY / dt)
+    return Margins(
+        delay_margin=delay_margin(x, M, most) * dt, gain_margin=gain_margin(x, M), max_delay_tested=most * dt
+    )
 
 
-def delayed(x: Carried, M: np.ndarray, ticks: int) -> np.ndarray:
+def with_input_delay(x: LoopStateTree, M: np.ndarray, ticks: int) -> np.ndarray:
     """The derivative of a loop whose commands act so many ticks later; raises as `delay_margin`."""
     return _delayed(M, *_commands(x, M), ticks)
 
 
-NEXT_TO_NONE = 1e-7  # of the most that any state moves a command by
+NEGLIGIBLE_SENSITIVITY = 1e-7  # of the most that any state moves a command by
 
 
-def _commands(x: Carried, M: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _commands(x: LoopStateTree, M: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """`(B, K)`: how commands move the world, and the rows of M by which they follow."""
     command, world = _rows_of(x, r"\.memory\.sent\[\d+\]\..*"), _rows_of(x, r"\.world\..*")
-    memory, K = np.setdiff1d(np.arange(len(M)), world), M[command]
+    state, K = np.setdiff1d(np.arange(len(M)), world), M[command]
     # M is known to some 1e-10; what next to no state commands, as a force that only squeezes, needs no column of B
-    inverse = np.linalg.pinv(K[:, memory], rcond=NEXT_TO_NONE)
-    if np.linalg.norm(K - K[:, memory] @ (inverse @ K), 2) > 10 * NEXT_TO_NONE * np.linalg.norm(K, 2):
+    inverse = np.linalg.pinv(K[:, state], rcond=NEGLIGIBLE_SENSITIVITY)
+    if np.linalg.norm(K - K[:, state] @ (inverse @ K), 2) > 10 * NEGLIGIBLE_SENSITIVITY * np.linalg.norm(K, 2):
         raise ValueError("what the pilot remembers does not move every command by itself")
     B = np.zeros((len(M), len(command)))
-    B[world] = M[np.ix_(world, memory)] @ inverse
+    B[world] = M[np.ix_(world, state)] @ inverse
     return B, K
 
 
@@ -203,13 +209,13 @@ def _delayed(M: np.ndarray, B: np.ndarray, K: np.ndarray, ticks: int) -> np.ndar
     return whole
 
 
-def _rows_of(x: Carried, where: str) -> np.ndarray:
+def _rows_of(x: LoopStateTree, where: str) -> np.ndarray:
     """The rows of the coordinates at the places whose names are of a form."""
     place = _unravel(x, np.arange(sum(math.prod(shape) for _, shape in _shapes(x))))
     return np.concatenate([place[key].ravel() for key in sorted(place) if re.fullmatch(where, key)])
 
 
-def monodromy(plan: flight.Plan, z: State) -> tuple[Carried, np.ndarray]:
+def equilibrium_and_jacobian(experiment: flight.Experiment, state: State) -> tuple[LoopStateTree, np.ndarray]:
     """The rest x near z, the reference held at its start, and the map's derivative there; on the host.
 
     Bodies move by the truth's parameters and are flown by the nominal ones; sensors are exact and read at every tick,
@@ -219,20 +225,22 @@ def monodromy(plan: flight.Plan, z: State) -> tuple[Carried, np.ndarray]:
     as where rest is half a metre lower, it begins where the loop has settled. Raises ValueError where there is no rest
     near z.
     """
-    setup, loop, noise = _begun(plan, z)
+    setup, loop, noise = _begun(experiment, state)
     found = _rest(setup, loop, noise) or _rest(setup, _settled(setup, loop, noise), noise)
     if found is None:
         raise ValueError("the team finds no rest near the start of its reference")
     return found
 
 
-def _rest(setup: simulator.Setup, loop: simulator.Loop, noise: Noise) -> tuple[Carried, np.ndarray] | None:
+def _rest(
+    setup: simulator.LoopConfig, loop: simulator.LoopState, noise: WorldNoise
+) -> tuple[LoopStateTree, np.ndarray] | None:
     """By Newton's method from a loop, the rest and the derivative there."""
     slope, last = None, np.inf
-    for _ in range(ITERATIONS):
-        signals.check()
+    for _ in range(MAX_NEWTON_ITERATIONS):
+        signals.raise_if_interrupted()
         off = _changed(setup, loop, noise, [_take(loop)])[0]
-        if np.abs(off).max() <= AT_REST:
+        if np.abs(off).max() <= EQUILIBRIUM_TOLERANCE:
             return _take(loop), _slope(setup, loop, noise)
         if not np.isfinite(off).all():
             break
@@ -247,35 +255,37 @@ def _rest(setup: simulator.Setup, loop: simulator.Loop, noise: Noise) -> tuple[C
     return None
 
 
-def _settled(setup: simulator.Setup, loop: simulator.Loop, noise: Noise) -> simulator.Loop:
+def _settled(setup: simulator.LoopConfig, loop: simulator.LoopState, noise: WorldNoise) -> simulator.LoopState:
     """The loop after `SETTLE`, its clock put back every twentieth of a second, in which the reference hardly begins."""
     ticks = max(1, round(0.05 / float(setup.dt)))
-    for _ in range(round(SETTLE / float(setup.dt)) // ticks):
-        after, _ = simulator.advance(setup, loop, noise, jnp.asarray(ticks))
-        loop = dataclasses.replace(after, tick=loop.tick, ended=loop.ended)
+    for _ in range(round(SETTLING_TIME / float(setup.dt)) // ticks):
+        after, _ = simulator.rollout(setup, loop, noise, jnp.asarray(ticks))
+        loop = dataclasses.replace(after, tick=loop.tick, termination=loop.termination)
     return loop
 
 
-def _begun(plan: flight.Plan, z: State) -> tuple[simulator.Setup, simulator.Loop, Noise]:
+def _begun(experiment: flight.Experiment, state: State) -> tuple[simulator.LoopConfig, simulator.LoopState, WorldNoise]:
     """The loop by itself just after z, its clock held and no limit met, and the noise of sensors that have none.
 
     Just after: a tick, and as many more as the latest readings take to come.
     """
-    plan = dataclasses.replace(plan, world=_alone(plan.world))
-    noise = plan.world.draw(jax.random.key(0), flight.chunk(plan))
-    begun = simulator.start(plan.setup, z)
-    late = max((part.delay for part in plan.world.extra if isinstance(part, sensors.Intermittent)), default=0)
-    after, _ = simulator.advance(plan.setup, begun, noise, jnp.asarray(1 + late))
-    return plan.setup, dataclasses.replace(after, tick=begun.tick, ended=begun.ended), noise
+    experiment = dataclasses.replace(experiment, world=_alone(experiment.world))
+    noise = experiment.world.sample_noise(jax.random.key(0), flight.ticks_per_chunk(experiment))
+    begun = simulator.reset(experiment.loop_config, state)
+    late = max(
+        (part.delay for part in experiment.world.sensor_models if isinstance(part, sensors.Intermittent)), default=0
+    )
+    after, _ = simulator.rollout(experiment.loop_config, begun, noise, jnp.asarray(1 + late))
+    return experiment.loop_config, dataclasses.replace(after, tick=begun.tick, termination=begun.termination), noise
 
 
-def estimate(plan: flight.Plan, z: State, x: Carried, M: np.ndarray) -> float:
+def predict_growth_rate(experiment: flight.Experiment, state: State, x: LoopStateTree, M: np.ndarray) -> float:
     """Growth rate, 1/s, of the slowest mode of a plan near the one of rest x and derivative M, to first order.
 
     `z' = w^H M' v`, v and w the mode's right and left vectors with `w^H v = 1`: M' along one mode is four ticks where
     all of M' is hundreds.
     """
-    setup, loop, noise = _begun(plan, z)
+    setup, loop, noise = _begun(experiment, state)
     loop = _put(loop, x)
     values, left, right = linalg.eig(M, left=True)
     k = int(np.argmax(np.abs(values)))
@@ -285,22 +295,22 @@ def estimate(plan: flight.Plan, z: State, x: Carried, M: np.ndarray) -> float:
     moved = _move(x, jnp.asarray(STEP * np.concatenate([parts, -parts])))
     ahead = _changed(setup, loop, noise, [_row(moved, jnp.asarray(i)) for i in range(4)])
     along = (ahead[:2] - ahead[2:]) / (2 * STEP)
-    return float(np.log(np.abs(w @ (along[0] + 1j * along[1]))) / plan.dt)
+    return float(np.log(np.abs(w @ (along[0] + 1j * along[1]))) / experiment.dt)
 
 
-def derivative(plan: flight.Plan, z: State, x: Carried) -> np.ndarray:
+def step_jacobian(experiment: flight.Experiment, state: State, x: LoopStateTree) -> np.ndarray:
     """The derivative of a plan's loop at x, the rest of a loop near it, as `estimate` takes it along one mode."""
-    setup, loop, noise = _begun(plan, z)
+    setup, loop, noise = _begun(experiment, state)
     return _slope(setup, _put(loop, x), noise)
 
 
-def _slope(setup: simulator.Setup, loop: simulator.Loop, noise: Any) -> np.ndarray:
+def _slope(setup: simulator.LoopConfig, loop: simulator.LoopState, noise: Any) -> np.ndarray:
     """The map's derivative at a loop: `(8 (f_1 - f_-1) - (f_2 - f_-2)) / (12 h)`, f_k k steps h along a coordinate."""
     near, back, far, farther_back = _around(setup, loop, noise, (1, -1, 2, -2))
     return ((8 * (near - back) - (far - farther_back)) / (12 * STEP)).T
 
 
-def _around(setup: simulator.Setup, loop: simulator.Loop, noise: Any, steps: Sequence[int]) -> np.ndarray:
+def _around(setup: simulator.LoopConfig, loop: simulator.LoopState, noise: Any, steps: Sequence[int]) -> np.ndarray:
     """`(steps, coordinates, coordinates)`: the map so many times `STEP` along each coordinate from a loop."""
     x = _take(loop)
     n = sum(math.prod(shape) for _, shape in _shapes(x))
@@ -310,13 +320,15 @@ def _around(setup: simulator.Setup, loop: simulator.Loop, noise: Any, steps: Seq
     return _changed(setup, loop, noise, at).reshape(len(steps), n, n)
 
 
-def _changed(setup: simulator.Setup, loop: simulator.Loop, noise: Noise, at: Sequence[Carried]) -> np.ndarray:
+def _changed(
+    setup: simulator.LoopConfig, loop: simulator.LoopState, noise: WorldNoise, at: Sequence[LoopStateTree]
+) -> np.ndarray:
     """What a loop carries one tick after each of `at`, in coordinates around what it carries now."""
     leaves, kind = jax.tree.flatten(loop)
     carried = _take(loop)
     place = {key: k for k, (key, _) in enumerate(_leaves(loop)) if key in carried}
     one = jnp.asarray(1)
-    run, after = simulator.program(setup, loop, noise, one), []
+    run, after = simulator.compile_rollout(setup, loop, noise, one), []
     for y in at:
         here = list(leaves)
         for key, k in place.items():
@@ -326,26 +338,28 @@ def _changed(setup: simulator.Setup, loop: simulator.Loop, noise: Noise, at: Seq
     return np.asarray(_coordinates(_take(loop), jax.tree.map(lambda *leaf: np.stack(leaf), *after)))
 
 
-def _alone(world: Simulated) -> Simulated:
+def _alone(world: SimulatedWorld) -> SimulatedWorld:
     """The true bodies with nothing else unknown, and sensors without noise or bias that read at every tick."""
     quiet = jax.tree.map(jnp.zeros_like, world.sensors)
     return dataclasses.replace(
         world,
-        acting=jnp.zeros_like(world.acting),
+        disturbance_scale=jnp.zeros_like(world.disturbance_scale),
         sensors=dataclasses.replace(quiet, tip_force_bandwidth=world.sensors.tip_force_bandwidth),
-        lam_bias=jax.tree.map(jnp.zeros_like, world.lam_bias),
-        extra=tuple(map(_faithful, world.extra)),
+        tip_force_bias=jax.tree.map(jnp.zeros_like, world.tip_force_bias),
+        sensor_models=tuple(map(_faithful, world.sensor_models)),
     )
 
 
-def _faithful(part: sensors.Extra) -> sensors.Extra:
+def _faithful(part: sensors.SensorModel) -> sensors.SensorModel:
     """A sensor that reads whenever it is asked and drifts nowhere: its own clock would stand still with the loop's."""
     zero = jnp.zeros(())
     match part:
         case sensors.Intermittent():
-            return dataclasses.replace(part, every=zero, loss=zero, until=jnp.full((), jnp.inf))
-        case sensors.Drifting():
-            return dataclasses.replace(part, rate=zero, start=zero)
+            return dataclasses.replace(
+                part, sample_period=zero, dropout_probability=zero, failure_time=jnp.full((), jnp.inf)
+            )
+        case sensors.BiasRandomWalk():
+            return dataclasses.replace(part, random_walk_density=zero, initial_bias_std=zero)
         case _:
             return part
 
@@ -353,13 +367,13 @@ def _faithful(part: sensors.Extra) -> sensors.Extra:
 # Local coordinates: a rotation vector, body frame, of every attitude; a difference of everything else -----------------
 
 
-def _shapes(x: Carried) -> list[tuple[bool, tuple[int, ...]]]:
+def _shapes(x: LoopStateTree) -> list[tuple[bool, tuple[int, ...]]]:
     """Of every leaf, whether it is an attitude, and the shape of its coordinates."""
     leaves = [(key.endswith(".R"), x[key].shape) for key in sorted(x)]
     return [(attitude, shape[:-1] if attitude else shape) for attitude, shape in leaves]
 
 
-def _unravel(x: Carried, d: Any) -> dict[str, Any]:
+def _unravel(x: LoopStateTree, d: Any) -> dict[str, Any]:
     """A row of coordinates at the places that they move."""
     shapes = [shape for _, shape in _shapes(x)]
     ends = np.cumsum([0] + [math.prod(shape) for shape in shapes])
@@ -369,32 +383,32 @@ def _unravel(x: Carried, d: Any) -> dict[str, Any]:
 
 @jax.jit
 @functools.partial(jax.vmap, in_axes=(None, 0))
-def _move(x: Carried, d: Array) -> Carried:
+def _move(x: LoopStateTree, d: Array) -> LoopStateTree:
     turns = jax.tree.unflatten(jax.tree.structure(x), [attitude for attitude, _ in _shapes(x)])
-    return jax.tree.map(lambda attitude, a, b: mul(a, so3.exp(b)) if attitude else a + b, turns, x, _unravel(x, d))
+    return jax.tree.map(lambda attitude, a, b: matmul(a, so3.exp(b)) if attitude else a + b, turns, x, _unravel(x, d))
 
 
 @jax.jit
-def _row(moved: Carried, k: Array) -> Carried:
+def _row(moved: LoopStateTree, k: Array) -> LoopStateTree:
     return jax.tree.map(lambda leaf: leaf[k], moved)
 
 
 @jax.jit
 @functools.partial(jax.vmap, in_axes=(None, 0))
-def _coordinates(x: Carried, y: Carried) -> Array:
+def _coordinates(x: LoopStateTree, y: LoopStateTree) -> Array:
     """Of y around x, to first order."""
     pairs = zip(_shapes(x), jax.tree.leaves(x), jax.tree.leaves(y), strict=True)
-    parts = [so3.vee(mul(jnp.swapaxes(a, -1, -2), b)) if attitude else b - a for (attitude, _), a, b in pairs]
+    parts = [so3.vee(matmul(jnp.swapaxes(a, -1, -2), b)) if attitude else b - a for (attitude, _), a, b in pairs]
     return jnp.concatenate([part.ravel() for part in parts])
 
 
 # What a tick hands on -------------------------------------------------------------------------------------------------
 
 
-def _take(loop: simulator.Loop) -> Carried:
+def _take(loop: simulator.LoopState) -> LoopStateTree:
     """Data are for learning, and labels where nobody listens: they come back to the plant through no tick."""
-    listens = getattr(loop.memory, "listener", None) is not None
-    apart = "|".join((LEARNING, SENSORS, SECOND if listens else LABELS))
+    listens = getattr(loop.controller, "listener", None) is not None
+    apart = "|".join((LEARNING, SENSORS, SECOND_ORDER_STATES if listens else LABELS))
     return {
         key: leaf
         for key, leaf in _leaves(loop)
@@ -402,9 +416,9 @@ def _take(loop: simulator.Loop) -> Carried:
     }
 
 
-def _put(loop: simulator.Loop, x: Carried) -> simulator.Loop:
+def _put(loop: simulator.LoopState, x: LoopStateTree) -> simulator.LoopState:
     return jax.tree.unflatten(jax.tree.structure(loop), [x.get(key, leaf) for key, leaf in _leaves(loop)])
 
 
-def _leaves(loop: simulator.Loop) -> list[tuple[str, Array]]:
+def _leaves(loop: simulator.LoopState) -> list[tuple[str, Array]]:
     return [(jax.tree_util.keystr(path), leaf) for path, leaf in jax.tree_util.tree_leaves_with_path(loop)]

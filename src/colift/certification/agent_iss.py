@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from colift.certification import peak_gain
 from colift.closed_loop import linearization
-from colift.closed_loop.linearization import Response
+from colift.closed_loop.linearization import LinearizedLoop
 from colift.models import grasp
 from colift.models.parameters import Team
 from colift.models.state import AgentInput, State
@@ -26,7 +26,7 @@ Matrix = NDArray[np.float64]
 
 
 @dataclasses.dataclass(frozen=True)
-class Interface:
+class AgentIss:
     """`|delta_W| <= alpha e^{-gamma (t - t_k)} |x(t_k)| + sum_b kappa_b sup |f~_b| + vartheta`, force and moment apart.
 
     The paper's transient starts from `e_lambda(t_k)`, which does not determine it; the loop's state x does (in the
@@ -41,7 +41,7 @@ class Interface:
 
 
 @jax.jit
-def static(team: Team, z: State) -> tuple[Float[Array, "6 inputs"], Float[Array, "6 inputs"]]:
+def algebraic_gain(team: Team, state: State) -> tuple[Float[Array, "6 inputs"], Float[Array, "6 inputs"]]:
     """`(D, K)`: `(a, alpha) - (a_cmd, alpha_cmd) = D f~`, `delta_W = K f~` at z, f~ flat as in `colift.closed_loop.linearization`.
 
     f~ is what commands do not compensate: unknown forces less their estimates, and the thrust that points elsewhere,
@@ -51,21 +51,21 @@ def static(team: Team, z: State) -> tuple[Float[Array, "6 inputs"], Float[Array,
     """
     still = tuple(
         AgentInput(u=jnp.zeros(size), tau=jnp.zeros((size, 3)), tau_r=jnp.zeros((size, group.tree.joints)))
-        for size, group in zip(team.sizes, team.groups, strict=True)
+        for size, group in zip(team.sizes, team.agent_groups, strict=True)
     )
 
     def caused(f: Float[Array, " inputs"]) -> Float[Array, "12"]:
-        a, lam = contact_dynamics.accelerate(team, z, still, linearization.unflatten(team, f))
-        W = grasp.wrench(grasp.contacts(team), z.payload.R, grasp.join(lam))
+        a, lam = contact_dynamics.forward_dynamics(team, state, still, linearization.unflatten(team, f))
+        W = grasp.payload_wrench(grasp.contact_points(team), state.payload.R, grasp.stack_contacts(lam))
         return jnp.concatenate([a.payload, W.F, W.tau])
 
-    J = jax.jacfwd(caused)(jnp.zeros(linearization.bodies(team)[-1].stop))
+    J = jax.jacfwd(caused)(jnp.zeros(linearization.body_columns(team)[-1].stop))
     return J[:6], J[6:]
 
 
-def interface(linear: Response, vartheta: Matrix) -> Interface:
+def agent_iss_constants(linear: LinearizedLoop, vartheta: Matrix) -> AgentIss:
     """The constants from the linearized loop; `vartheta` (N, N m) is measured, see `colift.certification.certificate`."""
-    rows = linear.rows("delta_W")
+    rows = linear.output_rows("delta_W")
     C, D = linear.C[rows], linear.D[rows]
     halves = [slice(0, 3), slice(3, 6)]
     gamma = -0.9 * float(np.linalg.eigvals(linear.A).real.max())
@@ -74,11 +74,11 @@ def interface(linear: Response, vartheta: Matrix) -> Interface:
     for h, half in enumerate(halves):
         for b, columns in enumerate(linear.bodies):
             n = columns.stop - columns.start
-            kappa[h, b] = peak_gain.continuous(
+            kappa[h, b] = peak_gain.peak_gain_continuous(
                 linear.A, linear.B[:, columns], C[half], D[half, columns], [n], [1.0]
             ).bound
             fixed[h, b] = np.linalg.norm(D[half, columns], 2)
-    return Interface(
+    return AgentIss(
         alpha=np.array([_peak(linear.A, C[half], gamma) for half in halves]),
         gamma=gamma,
         kappa=kappa,

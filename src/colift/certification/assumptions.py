@@ -12,22 +12,22 @@ from collections.abc import Collection
 from colift.closed_loop import flight
 from colift.onboard.learning import residual_predictors
 from colift.simulation import disturbances
-from colift.simulation.sensors import Sensors
+from colift.simulation.sensors import SensorNoise
 
 FIRST_ORDER = "first order"
 NOISE = "sensor noise"
 SAMPLED = "sampled estimator"
 SATURATION = "saturation"
-ROUND = "less than a round"
+PERIODICITY = "less than a round"
 MEAN = "posterior mean"
 
 
-def word(names: Collection[str]) -> str:
+def status_label(names: Collection[str]) -> str:
     """What a result that rests on these may be called."""
     return "assumed" if names else "certified"
 
 
-def of_certificate(plan: flight.Plan, limited: bool, whole: bool) -> tuple[str, ...]:
+def certificate_assumptions(experiment: flight.Experiment, limited: bool, whole: bool) -> tuple[str, ...]:
     """What the radii of a flight rest on beside the bound of the prediction error.
 
     The loop is linearized along its twin (always assumed); what noise adds to the tube is in no radius. limited: a
@@ -35,34 +35,38 @@ def of_certificate(plan: flight.Plan, limited: bool, whole: bool) -> tuple[str, 
     """
     return (
         FIRST_ORDER,
-        *([NOISE] if noisy(plan.world.sensors) else []),
+        *([NOISE] if has_sensor_noise(experiment.world.sensors) else []),
         *([SATURATION] if limited else []),
-        *([] if whole else [ROUND]),
-        *_invariance(plan),
+        *([] if whole else [PERIODICITY]),
+        *_invariance(experiment),
     )
 
 
-def of_radii(plan: flight.Plan) -> tuple[str, ...]:
+def radius_assumptions(experiment: flight.Experiment) -> tuple[str, ...]:
     """What the radii `rho_bar` about the flown `f_hat` rest on.
 
     A band is about the posterior mean at the true state. What flies is the mean at the estimated one, and of some
     rivals (an observer, identified parameters, a residual that is told) no posterior mean at all.
     """
-    rival = plan.identify is not None or not isinstance(plan.pilot.predictor, residual_predictors.Learned)
+    rival = experiment.identification is not None or not isinstance(
+        experiment.controller.predictor, residual_predictors.LearnedResidual
+    )
     return (
-        *plan.stated.assumed,
-        *([NOISE] if noisy(plan.world.sensors) else []),
+        *experiment.bound_assumptions.assumed,
+        *([NOISE] if has_sensor_noise(experiment.world.sensors) else []),
         SAMPLED,
         *([MEAN] if rival else []),
-        *_invariance(plan),
+        *_invariance(experiment),
     )
 
 
-def noisy(sensors: Sensors) -> bool:
+def has_sensor_noise(sensors: SensorNoise) -> bool:
     """Whether any reading of a flying team is off the truth; the calibration rig's errors are the labels' own."""
     other = {"tip_force_bandwidth"}
     return any(float(getattr(sensors, x.name)) != 0 for x in dataclasses.fields(sensors) if x.name not in other)
 
 
-def _invariance(plan: flight.Plan) -> tuple[str, ...]:
-    return tuple(f"time invariance of {name}" for name in disturbances.varying(plan.world.sources))
+def _invariance(experiment: flight.Experiment) -> tuple[str, ...]:
+    return tuple(
+        f"time invariance of {name}" for name in disturbances.time_varying_names(experiment.world.disturbances)
+    )

@@ -24,7 +24,7 @@ ROUNDING = 1e-9  # relative; every bound here is a few dozen operations on posit
 
 
 @dataclasses.dataclass(frozen=True)
-class Region:
+class RegionOfAttraction:
     """States `V <= level`, `Psi <= Psi_edge`, from which `V` falls to its ultimate level: a region of attraction.
 
     `V = a Psi + |e_omega|^2 / 2 + c e_R . e_omega`; its limit is at most `settled`. `angle_at_rest` is the
@@ -34,7 +34,7 @@ class Region:
     a: float
     c: float
     level: float
-    settled: float
+    ultimate_level: float
     Psi_edge: float
     angle_at_rest: float
     rate_aligned: float
@@ -50,7 +50,7 @@ class Region:
 
 
 @dataclasses.dataclass(frozen=True)
-class Rotation:
+class AttitudeBound:
     """Ultimate bounds on the angle of `R_d^T R`, `Psi`, `|e_R|_2` and `|e_omega|_2`, valid from all of `region`.
 
     `by_trap` is the angle that the Lyapunov function alone gives; `method` says which of the two gave `angle`.
@@ -62,53 +62,53 @@ class Rotation:
     e_R: float
     e_omega: float
     method: str
-    by_trap: float
+    lyapunov_bound: float
     angle_from_rest: float
     rate_from_rest: float
-    region: Region
+    region: RegionOfAttraction
 
 
-def ultimate(k_R: float, k_omega: float, rho: float) -> Rotation:
+def ultimate_bound(k_R: float, k_omega: float, rho: float) -> AttitudeBound:
     """Bounds on what is left of any start in the region of attraction, for every d with `|d(t)|_2 <= rho`.
 
     Raises ValueError where no region of attraction is found, with the greatest rho for which one is.
     """
     _check(k_R, k_omega, rho)
-    region = attraction(k_R, k_omega, rho)
+    region = region_of_attraction(k_R, k_omega, rho)
     if region is None:
         raise ValueError(
             f"no certificate for rho = {rho:.6g} rad/s^2 at k_R = {k_R:.6g} and k_omega = {k_omega:.6g}: every level "
-            f"set of V has a place where V may grow; up to rho = {greatest_rho(k_R, k_omega):.4g} rad/s^2 one has none"
+            f"set of V has a place where V may grow; up to rho = {max_disturbance(k_R, k_omega):.4g} rad/s^2 one has none"
         )
-    trapped = trap(k_R, k_omega, rho, region)
-    angle, rate = shrink(k_R, k_omega, rho, trapped)
-    from_rest = transient(k_R, k_omega, rho, 0.0, 0.0)
-    return Rotation(
+    trapped = lyapunov_bound(k_R, k_omega, rho, region)
+    angle, rate = refine_bound(k_R, k_omega, rho, trapped)
+    from_rest = transient_bound(k_R, k_omega, rho, 0.0, 0.0)
+    return AttitudeBound(
         angle=angle,
         Psi=float(1 - np.cos(angle)),
         e_R=float(np.sin(min(angle, np.pi / 2))),
         e_omega=rate,
         method="small gain" if angle < trapped[0] else "Lyapunov",
-        by_trap=trapped[0],
+        lyapunov_bound=trapped[0],
         angle_from_rest=from_rest[0],
         rate_from_rest=from_rest[1],
         region=region,
     )
 
 
-def greatest_rho(k_R: float, k_omega: float) -> float:
+def max_disturbance(k_R: float, k_omega: float) -> float:
     """The greatest rho for which `attraction` finds a region, to 1e-4."""
     low, high = 0.0, k_R  # a steady disturbance of k_R overturns the payload
     while high - low > 1e-4 * k_R:
         middle = (low + high) / 2
-        low, high = (middle, high) if attraction(k_R, k_omega, middle) else (low, middle)
+        low, high = (middle, high) if region_of_attraction(k_R, k_omega, middle) else (low, middle)
     return low
 
 
 # -- the Lyapunov function -------------------------------------------------------------------------------------------
 
 
-def attraction(k_R: float, k_omega: float, rho: float) -> Region | None:
+def region_of_attraction(k_R: float, k_omega: float, rho: float) -> RegionOfAttraction | None:
     """The region of attraction whose angle at rest is greatest, over c; None if no c gives one.
 
     With `a = k_R + c k_omega`, `V' <= -q + sqrt(q q_star)`, `q = (k_omega - c) |e_omega|^2 + c k_R |e_R|^2`: V falls
@@ -128,15 +128,15 @@ def attraction(k_R: float, k_omega: float, rho: float) -> Region | None:
     return max(found, key=lambda region: region.angle_at_rest)
 
 
-def trap(k_R: float, k_omega: float, rho: float, region: Region) -> tuple[float, float]:
+def lyapunov_bound(k_R: float, k_omega: float, rho: float, region: RegionOfAttraction) -> tuple[float, float]:
     """Ultimate bounds on angle and `|e_omega|` by the Lyapunov function: by the region's c, then by any that applies.
 
     Once `Psi <= Psi_1` for good, every c with `Psi_1` inside its own edge bounds the limit; the smallest is taken.
     """
-    angle, rate = _within(k_R, k_omega, region.c, region.settled)
+    angle, rate = _within(k_R, k_omega, region.c, region.ultimate_level)
     regions = [r for c in _shares(k_omega) if (r := _region(k_R, k_omega, rho, c))]
     for _ in range(2):
-        both = [_within(k_R, k_omega, r.c, r.settled) for r in regions if 1 - np.cos(angle) < r.Psi_edge]
+        both = [_within(k_R, k_omega, r.c, r.ultimate_level) for r in regions if 1 - np.cos(angle) < r.Psi_edge]
         angle, rate = min([angle, *(b[0] for b in both)]), min([rate, *(b[1] for b in both)])
     return angle, rate
 
@@ -152,7 +152,7 @@ def _unsettled(k_R: float, k_omega: float, rho: float, c: float) -> float:
     return rho * rho * (1 / (k_omega - c) + c / k_R) * (1 + ROUNDING)
 
 
-def _region(k_R: float, k_omega: float, rho: float, c: float) -> Region | None:
+def _region(k_R: float, k_omega: float, rho: float, c: float) -> RegionOfAttraction | None:
     """The greatest region of one c, or None: `sine^2 = q_star / (c k_R)` must be below 1, and `a > c^2`."""
     a, sine2 = k_R + c * k_omega, _unsettled(k_R, k_omega, rho, c) / (c * k_R)
     if sine2 >= 1 or a <= c * c:
@@ -162,7 +162,7 @@ def _region(k_R: float, k_omega: float, rho: float, c: float) -> Region | None:
     settled = _settled_level(k_R, k_omega, rho, c)
     if level <= settled:
         return None
-    return Region(a, c, level, settled, edge, float(np.arccos(1 - level / a)), float(np.sqrt(2 * level)))
+    return RegionOfAttraction(a, c, level, settled, edge, float(np.arccos(1 - level / a)), float(np.sqrt(2 * level)))
 
 
 def _settled_level(k_R: float, k_omega: float, rho: float, c: float) -> float:
@@ -185,7 +185,7 @@ def _within(k_R: float, k_omega: float, c: float, level: float) -> tuple[float, 
 # -- the small-gain iteration ----------------------------------------------------------------------------------------
 
 
-def shrink(
+def refine_bound(
     k_R: float, k_omega: float, rho: float, bounds: tuple[float, float], free: tuple[float, float] = (0.0, 0.0)
 ) -> tuple[float, float]:
     """Bounds on angle and rate from earlier ones: `x <- min(x, free + F(x))` until it stays; every iterate is a bound.
@@ -195,7 +195,7 @@ def shrink(
     F is what the peak gains of the linear part make of the greatest sizes of the rest; it grows with both. `free` is
     the peak of the free linear response: nothing for bounds in the limit.
     """
-    peaks = gains(k_R, k_omega)
+    peaks = peak_gains(k_R, k_omega)
     while True:
         push = _push(peaks, k_R, rho, *bounds)
         new = min(bounds[0], free[0] + push[0]), min(bounds[1], free[1] + push[1])
@@ -204,7 +204,7 @@ def shrink(
         bounds = new
 
 
-def transient(k_R: float, k_omega: float, rho: float, angle: float, rate: float) -> tuple[float, float]:
+def transient_bound(k_R: float, k_omega: float, rho: float, angle: float, rate: float) -> tuple[float, float]:
     """Bounds at all times on angle and `|e_omega|` after a start with at most these; infinite where none is found.
 
     The smaller of two: what `shrink` makes of the best bound by the level set that the start is on, and a pair x
@@ -216,14 +216,14 @@ def transient(k_R: float, k_omega: float, rho: float, angle: float, rate: float)
     for c in _shares(k_omega):
         region = _region(k_R, k_omega, rho, c)
         if region and region.contains(angle, rate):
-            found.append(_within(k_R, k_omega, c, max(region.value(angle, rate), region.settled)))
+            found.append(_within(k_R, k_omega, c, max(region.value(angle, rate), region.ultimate_level)))
     best = min(x[0] for x in found), min(x[1] for x in found)
-    return shrink(k_R, k_omega, rho, best, free) if np.isfinite(best).all() else best
+    return refine_bound(k_R, k_omega, rho, best, free) if np.isfinite(best).all() else best
 
 
 def _never_reached(k_R: float, k_omega: float, rho: float, free: tuple[float, float]) -> tuple[float, float]:
     """The least x found with `free + F(x) < x`, from below; infinite where none is."""
-    peaks, x = gains(k_R, k_omega), free
+    peaks, x = peak_gains(k_R, k_omega), free
     while x[0] < np.pi and math.isfinite(x[1]):
         push = _push(peaks, k_R, rho, *x)
         new = free[0] + push[0], free[1] + push[1]
@@ -253,7 +253,7 @@ def _push(
     return peaks[0] * across + peaks[1] * force, peaks[2] * across + peaks[3] * force
 
 
-def gains(k_R: float, k_omega: float) -> tuple[float, float, float, float]:
+def peak_gains(k_R: float, k_omega: float) -> tuple[float, float, float, float]:
     """Peak gains of `phi' = Omega + w, Omega' = -k_R phi - k_omega Omega + f`: w and f to phi, then to Omega.
 
     Times three decoupled axes they are the gains in the 2-norm: the impulse response is a scalar times I.

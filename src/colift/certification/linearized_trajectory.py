@@ -26,29 +26,29 @@ from threadpoolctl import threadpool_limits
 
 from colift import codegen
 from colift.closed_loop import flight, linearization, simulator, termination
-from colift.closed_loop.signals import Row
+from colift.closed_loop.signals import StepRecord
 from colift.math.pytree import pytree
-from colift.models.state import State, flat_agent, flat_payload
-from colift.onboard.learning.prediction_uncertainty import Held
+from colift.models.state import State, flatten_agent_state, flatten_payload_state
+from colift.onboard.learning.prediction_uncertainty import ModelInterval
 from colift.runtime import signals
 
 Matrix = NDArray[np.float64]
 Nodes = Sequence[int] | NDArray[np.integer]
 
-STEP = 0.04  # s, at most, between nodes
-CARRIED = 16  # nodes over which what many outputs answer to is taken at once
+MAX_NODE_SPACING = 0.04  # s, at most, between nodes
+CHUNK_NODES = 16  # nodes over which what many outputs answer to is taken at once
 
 
-class Ended(ValueError):
+class TerminatedEarly(ValueError):
     """A twin met a limit before its time."""
 
 
 @dataclasses.dataclass(frozen=True)
-class Variation:
+class LinearizedTrajectory:
     """The deviation of runs from a twin, to first order; see the module."""
 
-    schedule: tuple[Held, ...]  # the oracles that fly, the twin's as the flight's
-    rows: Row  # the twin's
+    model_schedule: tuple[ModelInterval, ...]  # the oracles that fly, the twin's as the flight's
+    records: StepRecord  # the twin's
     nodes: NDArray[np.intp]  # ticks
     A: Matrix  # (nodes - 1, states, states)
     B: Matrix  # (nodes - 1, 2, states, inputs)
@@ -62,9 +62,9 @@ class Variation:
     @property
     def t(self) -> Matrix:
         """s, of the nodes."""
-        return np.asarray(self.rows.t, float)[self.nodes]
+        return np.asarray(self.records.t, float)[self.nodes]
 
-    def of(self, *names: str) -> NDArray[np.intp]:
+    def output_rows(self, *names: str) -> NDArray[np.intp]:
         """Where some outputs stand in C and D, one behind the other."""
         return np.concatenate([np.arange(self.outputs[name].start, self.outputs[name].stop) for name in names])
 
@@ -79,46 +79,64 @@ class _Pushed:
         return self.force
 
 
-def flown(
-    plan: flight.Plan, schedule: Sequence[Held], nodes: Nodes = (), seed: int | None = None
-) -> tuple[Row, list[simulator.Loop]]:
+def simulate_nominal(
+    experiment: flight.Experiment, schedule: Sequence[ModelInterval], nodes: Nodes = (), seed: int | None = None
+) -> tuple[StepRecord, list[simulator.LoopState]]:
     """A flight without a school: oracles are replaced as scheduled. Its rows, and the loop at nodes.
 
     seed: of the noise; None: without any. Raises Ended where it meets a limit.
     """
-    ticks, room, key = round(plan.duration / plan.dt), flight.chunk(plan), jax.random.key(seed or 0)
-    quiet = jax.tree.map(jnp.zeros_like, plan.world.draw(key, room))
-    setup, loop, rows, loops = plan.setup, simulator.start(plan.setup, plan.z), [], []
-    oracles = {one.first: one.oracle for one in schedule}
-    stops = sorted({*oracles, *map(int, nodes), *range(0, ticks, room), ticks})
+    ticks, room, key = (
+        round(experiment.duration / experiment.dt),
+        flight.ticks_per_chunk(experiment),
+        jax.random.key(seed or 0),
+    )
+    quiet = jax.tree.map(jnp.zeros_like, experiment.world.sample_noise(key, room))
+    setup, loop, rows, loops = (
+        experiment.loop_config,
+        simulator.reset(experiment.loop_config, experiment.initial_state),
+        [],
+        [],
+    )
+    models = {one.start_tick: one.model for one in schedule}
+    stops = sorted({*models, *map(int, nodes), *range(0, ticks, room), ticks})
     at = set(map(int, nodes))
     for first, end in zip(stops, [*stops[1:], ticks], strict=True):
-        if first in oracles:
-            setup = dataclasses.replace(setup, pilot=dataclasses.replace(setup.pilot, oracle=oracles[first]))
+        if first in models:
+            setup = dataclasses.replace(
+                setup, controller=dataclasses.replace(setup.controller, residual_model=models[first])
+            )
         if first in at:
             loops.append(loop)
         if end > first:
-            noise = quiet if seed is None else plan.world.draw(jax.random.fold_in(key, first), room)
-            loop, flown = simulator.advance(setup, loop, noise, jnp.asarray(end - first))
+            noise = quiet if seed is None else experiment.world.sample_noise(jax.random.fold_in(key, first), room)
+            loop, flown = simulator.rollout(setup, loop, noise, jnp.asarray(end - first))
             rows.append(jax.tree.map(lambda x, n=end - first: np.asarray(x)[:n], flown))
-        if int(loop.ended):
-            cause = termination.Cause(int(loop.ended)).name.lower().replace("_", " ")
-            raise Ended(f"the twin ended at t = {int(loop.tick) * plan.dt:.3g} s: {cause}")
-        signals.check()
+        if int(loop.termination):
+            cause = termination.TerminationCause(int(loop.termination)).name.lower().replace("_", " ")
+            raise TerminatedEarly(f"the twin ended at t = {int(loop.tick) * experiment.dt:.3g} s: {cause}")
+        signals.raise_if_interrupted()
     return jax.tree.map(lambda *x: np.concatenate(x), *rows), loops
 
 
-def along(plan: flight.Plan, schedule: Sequence[Held], noisy: bool) -> Variation:
+def linearize_along(
+    experiment: flight.Experiment, schedule: Sequence[ModelInterval], noisy: bool
+) -> LinearizedTrajectory:
     """The variation along the flight of a plan, whose world is the twin's, under oracles as scheduled.
 
     noisy: whether covariances are asked for; else they are zero. Raises as `flown`.
     """
-    ticks, stride = round(plan.duration / plan.dt), max(1, round(STEP / plan.dt))
-    nodes = np.array(sorted({*range(0, ticks, stride), ticks - 1, *(one.first for one in schedule)}))
-    rows, loops = flown(plan, schedule, nodes)
-    derivative = _Derivative(plan, loops[0], noisy)
-    setups = [dataclasses.replace(plan.setup, pilot=dataclasses.replace(plan.pilot, oracle=o.oracle)) for o in schedule]
-    flies = np.searchsorted([one.first for one in schedule], nodes, side="right") - 1
+    ticks, stride = round(experiment.duration / experiment.dt), max(1, round(MAX_NODE_SPACING / experiment.dt))
+    nodes = np.array(sorted({*range(0, ticks, stride), ticks - 1, *(one.start_tick for one in schedule)}))
+    rows, loops = simulate_nominal(experiment, schedule, nodes)
+    derivative = _Derivative(experiment, loops[0], noisy)
+    setups = [
+        dataclasses.replace(
+            experiment.loop_config, controller=dataclasses.replace(experiment.controller, residual_model=o.model)
+        )
+        for o in schedule
+    ]
+    flies = np.searchsorted([one.start_tick for one in schedule], nodes, side="right") - 1
     J = [derivative.at(setups[which], loop) for which, loop in zip(flies, loops, strict=True)]
     n, m = derivative.states, derivative.inputs
     # before an update the derivative at its end is that of the oracle until then
@@ -133,9 +151,9 @@ def along(plan: flight.Plan, schedule: Sequence[Held], noisy: bool) -> Variation
         ]
     A, B, N = map(np.stack, zip(*strides, strict=True))
     out = np.stack([j[n:] for j in J])
-    return Variation(
-        schedule=tuple(schedule),
-        rows=rows,
+    return LinearizedTrajectory(
+        model_schedule=tuple(schedule),
+        records=rows,
         nodes=nodes,
         A=A,
         B=B,
@@ -144,7 +162,7 @@ def along(plan: flight.Plan, schedule: Sequence[Held], noisy: bool) -> Variation
         D=out[:, :, n : n + m],
         N_y=(out[:, :, n + m :] ** 2).sum(2),
         outputs=derivative.outputs,
-        bodies=linearization.bodies(plan.pilot.team),
+        bodies=linearization.body_columns(experiment.controller.team),
     )
 
 
@@ -153,8 +171,8 @@ def _stride(first: Matrix, last: Matrix, ticks: int, n: int, m: int) -> tuple[Ma
     A, B, N = np.eye(n), np.zeros((2, n, m)), np.zeros((n, n))
     for j in range(ticks):
         s = (j + 0.5) / ticks
-        now = first + (j / ticks) * (last - first)
-        step, push, noise = now[:, :n], now[:, n : n + m], now[:, n + m :]
+        context = first + (j / ticks) * (last - first)
+        step, push, noise = context[:, :n], context[:, n : n + m], context[:, n + m :]
         A, B = step @ A, step @ B
         if noise.size:
             N = step @ N @ step.T + noise @ noise.T
@@ -166,28 +184,30 @@ def _stride(first: Matrix, last: Matrix, ticks: int, n: int, m: int) -> tuple[Ma
 class _Derivative:
     """Of one tick by the states that commands depend on, by an unknown force, and by the sensors' noise."""
 
-    def __init__(self, plan: flight.Plan, loop: simulator.Loop, noisy: bool) -> None:
-        self.quiet = jax.tree.map(lambda x: jnp.zeros(x.shape[1:], x.dtype), plan.world.draw(jax.random.key(0), 1))
-        self.states, self.inputs, noise = _sizes(plan.setup, loop, self.quiet)
+    def __init__(self, experiment: flight.Experiment, loop: simulator.LoopState, noisy: bool) -> None:
+        self.quiet = jax.tree.map(
+            lambda x: jnp.zeros(x.shape[1:], x.dtype), experiment.world.sample_noise(jax.random.key(0), 1)
+        )
+        self.states, self.inputs, noise = _sizes(experiment.loop_config, loop, self.quiet)
         columns = jnp.eye(self.states + self.inputs + noise)
         self.columns = columns if noisy else columns[: self.states + self.inputs]
-        named = jax.eval_shape(lambda: _outputs(plan.setup, loop, self.quiet)[1])
+        named = jax.eval_shape(lambda: _outputs(experiment.loop_config, loop, self.quiet)[1])
         ends = itertools.pairwise(np.cumsum([0, *(x.size for x in named.values())]).tolist())
         self.outputs = {name: slice(*both) for name, both in zip(named, ends, strict=True)}
 
-    def at(self, setup: simulator.Setup, loop: simulator.Loop) -> Matrix:
+    def at(self, setup: simulator.LoopConfig, loop: simulator.LoopState) -> Matrix:
         """`(states + outputs, columns)`."""
-        signals.check()
+        signals.raise_if_interrupted()
         return np.asarray(_columns(setup, loop, self.quiet, self.columns)).T
 
 
-def _sizes(setup: simulator.Setup, loop: simulator.Loop, quiet: Any) -> tuple[int, int, int]:
+def _sizes(setup: simulator.LoopConfig, loop: simulator.LoopState, quiet: Any) -> tuple[int, int, int]:
     """Of states, unknown forces and noise."""
     size = lambda tree: sum(x.size for x in jax.tree.leaves(tree))  # noqa: E731
-    return size(_moving(loop)), linearization.bodies(setup.pilot.team)[-1].stop, size(quiet.sensors)
+    return size(_moving(loop)), linearization.body_columns(setup.controller.team)[-1].stop, size(quiet.sensors)
 
 
-def _column(setup: simulator.Setup, loop: simulator.Loop, quiet: Any, e: Array) -> Array:
+def _column(setup: simulator.LoopConfig, loop: simulator.LoopState, quiet: Any, e: Array) -> Array:
     """The derivative of a tick along a direction, its outputs behind the states."""
     states, inputs, _ = _sizes(setup, loop, quiet)
     x, unravel = ravel_pytree(_moving(loop))
@@ -195,10 +215,10 @@ def _column(setup: simulator.Setup, loop: simulator.Loop, quiet: Any, e: Array) 
 
     def tick(y: Array) -> Array:
         moved, f, n = jnp.split(y, [states, states + inputs])
-        sources = setup.world.sources
-        pushed = _Pushed(force=linearization.unflatten(setup.pilot.team, f))
-        sources = dataclasses.replace(sources, functions=(*sources.functions, pushed))
-        world = dataclasses.replace(setup.world, sources=sources)
+        sources = setup.world.disturbances
+        pushed = _Pushed(force=linearization.unflatten(setup.controller.team, f))
+        sources = dataclasses.replace(sources, state_functions=(*sources.state_functions, pushed))
+        world = dataclasses.replace(setup.world, disturbances=sources)
         drawn = dataclasses.replace(quiet, sensors=unravel_noise(n))
         then, out = _outputs(dataclasses.replace(setup, world=world), _with(loop, unravel(x + moved)), drawn)
         return jnp.concatenate([ravel_pytree(_moving(then))[0], *(out[name].reshape(-1) for name in sorted(out))])
@@ -209,34 +229,36 @@ def _column(setup: simulator.Setup, loop: simulator.Loop, quiet: Any, e: Array) 
 _columns = jax.jit(jax.vmap(codegen.compile(_column), (None, None, None, 0)))
 
 
-def _moving(loop: simulator.Loop) -> Any:
+def _moving(loop: simulator.LoopState) -> Any:
     """What moves commands or plant, of a loop whose labels no frozen oracle hears."""
-    world, seen = loop.world, loop.memory.estimator
+    world, seen = loop.world, loop.controller.estimator
     agents = tuple((one.base, one.bias, one.joint) for one in seen.agents)
-    return world.z, world.applied, agents, seen.load, seen.bias
+    return world.state, world.applied_inputs, agents, seen.payload, seen.bias
 
 
-def _with(loop: simulator.Loop, moving: Any) -> simulator.Loop:
+def _with(loop: simulator.LoopState, moving: Any) -> simulator.LoopState:
     """The loop with other values of `_moving`."""
     z, applied, agents, load, bias = moving
     agents = tuple(
         dataclasses.replace(one, base=base, bias=b, joint=joint)
-        for one, (base, b, joint) in zip(loop.memory.estimator.agents, agents, strict=True)
+        for one, (base, b, joint) in zip(loop.controller.estimator.agents, agents, strict=True)
     )
-    seen = dataclasses.replace(loop.memory.estimator, agents=agents, load=load, bias=bias)
+    seen = dataclasses.replace(loop.controller.estimator, agents=agents, payload=load, bias=bias)
     return dataclasses.replace(
         loop,
-        world=dataclasses.replace(loop.world, z=z, applied=applied),
-        memory=dataclasses.replace(loop.memory, estimator=seen),
+        world=dataclasses.replace(loop.world, state=z, applied_inputs=applied),
+        controller=dataclasses.replace(loop.controller, estimator=seen),
     )
 
 
-def _outputs(setup: simulator.Setup, loop: simulator.Loop, noise: Any) -> tuple[simulator.Loop, dict[str, Array]]:
+def _outputs(
+    setup: simulator.LoopConfig, loop: simulator.LoopState, noise: Any
+) -> tuple[simulator.LoopState, dict[str, Array]]:
     """The loop a tick later, and this tick's outputs: errors, thrusts, and what the maps of every body are of."""
-    z = loop.world.z
-    then, row = simulator.tick(setup, loop, noise)
-    bodies = {"payload": flat_payload(z.payload, jnp.zeros(6))[:18]}
-    agents = [x for group in z.agents for x in jax.vmap(flat_agent)(group)]
+    z = loop.world.state
+    then, row = simulator.step(setup, loop, noise)
+    bodies = {"payload": flatten_payload_state(z.payload, jnp.zeros(6))[:18]}
+    agents = [x for group in z.agents for x in jax.vmap(flatten_agent_state)(group)]
     bodies |= {f"agent {j}": x for j, x in enumerate(agents)}
     errors = {"e_p": row.e_p, "e_v": row.e_v, "e_R": row.e_R, "e_omega": row.e_omega, "u": row.u}
     return then, errors | bodies
@@ -245,7 +267,7 @@ def _outputs(setup: simulator.Setup, loop: simulator.Loop, noise: Any) -> tuple[
 # What inputs make of outputs ------------------------------------------------------------------------------------------
 
 
-def weights(of: Variation, rows: Nodes, at: Nodes) -> Matrix:
+def adjoint_weights(of: LinearizedTrajectory, rows: Nodes, at: Nodes) -> Matrix:
     """`L[t, row, k, input]`: what `f~` at node k adds to an output at node `at[t]`, by the adjoint; `at` ascends."""
     at = np.asarray(at)
     adjoint = of.C[at][:, rows]
@@ -253,7 +275,7 @@ def weights(of: Variation, rows: Nodes, at: Nodes) -> Matrix:
     L = np.zeros((len(at), many, len(of.nodes), m))
     for t, k in enumerate(at):
         L[t, :, k] = of.D[k, rows]
-    ends = sorted({*range(0, int(at.max(initial=0)), CARRIED), *map(int, at)})
+    ends = sorted({*range(0, int(at.max(initial=0)), CHUNK_NODES), *map(int, at)})
     for start, end in reversed(list(itertools.pairwise(ends))):
         later = slice(int(np.searchsorted(at, end)), None)
         flat, (A, B) = adjoint[later].reshape(-1, n), _carried(of, start, end)
@@ -262,7 +284,7 @@ def weights(of: Variation, rows: Nodes, at: Nodes) -> Matrix:
     return L
 
 
-def _carried(of: Variation, start: int, end: int) -> tuple[Matrix, Matrix]:
+def _carried(of: LinearizedTrajectory, start: int, end: int) -> tuple[Matrix, Matrix]:
     """What the state at a node, and `f~` from there to another, make of the state at that: `x_end = A x + B f~`.
 
     B: (states, (end - start + 1) inputs).
@@ -276,7 +298,7 @@ def _carried(of: Variation, start: int, end: int) -> tuple[Matrix, Matrix]:
     return A, B.reshape(n, -1)
 
 
-def deviations(of: Variation, rows: Nodes) -> Matrix:
+def noise_std(of: LinearizedTrajectory, rows: Nodes) -> Matrix:
     """`(nodes, rows)`, the standard deviation of outputs by the sensors' noise: `P_(k+1) = A P A^T + N`."""
     P, out = np.zeros_like(of.A[0]), np.empty((len(of.nodes), len(rows)))
     for k in range(len(out)):

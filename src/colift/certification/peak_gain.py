@@ -22,12 +22,12 @@ from scipy.linalg import expm, matrix_balance
 Matrix = NDArray[np.float64]
 
 ROUNDING = 1e-7  # relative; covers square roots of squares that cancel, and the powers of A
-TAIL = 1e-6  # the norm of e^{A T} at which the response is cut; what is left is bounded
+TRUNCATION_TOLERANCE = 1e-6  # the norm of e^{A T} at which the response is cut; what is left is bounded
 SAMPLES = 30_000_000  # numbers in a stored response; a system slower than that is refused
 
 
 @dataclasses.dataclass(frozen=True)
-class Gain:
+class PeakGain:
     """The greatest `|y|_2` that inputs within their bounds can bring about, in the output's unit.
 
     No input exceeds `bound`. `inputs`, of shape (steps, columns) in order of time and each held for `step` (s; one
@@ -37,14 +37,14 @@ class Gain:
     """
 
     bound: float
-    reached: float
+    lower_bound: float
     direction: Matrix
-    shares: Matrix
+    contributions: Matrix
     inputs: Matrix
     step: float
 
 
-def continuous(
+def peak_gain_continuous(
     A: ArrayLike,
     B: ArrayLike,
     C: ArrayLike,
@@ -52,7 +52,7 @@ def continuous(
     groups: Sequence[int],
     rho: ArrayLike,
     rtol: float = 1e-3,
-) -> Gain:
+) -> PeakGain:
     """The greatest `|y|` of `x' = A x + B d, y = C x + D d` from rest, for `|d_g(t)| <= rho_g`.
 
     groups: how many columns of B (and D) each input has, in order; rho: the bound of each. The bound exceeds
@@ -95,7 +95,7 @@ def _sampled(A: Matrix, B: Matrix, C: Matrix, groups: Sequence[int], h: float) -
     return np.concatenate([Y, (C @ last)[None]]) @ B, Y @ (both[:n, n:] @ B), remainder, tail
 
 
-def discrete(
+def peak_gain_discrete(
     A: ArrayLike,
     B: ArrayLike,
     C: ArrayLike,
@@ -103,7 +103,7 @@ def discrete(
     groups: Sequence[int],
     rho: ArrayLike,
     rtol: float = 1e-3,
-) -> Gain:
+) -> PeakGain:
     """The greatest `|y|` of `x+ = A x + B d, y = C x + D d` from rest, for `|d_g| <= rho_g`; else as `continuous`."""
     A, B, C, D, rho = _checked(A, B, C, D, groups, rho)
     slowest = float(np.max(np.abs(np.linalg.eigvals(A))))
@@ -125,7 +125,7 @@ def _gain(
     rho: Matrix,
     step: float,
     rtol: float,
-) -> Gain:
+) -> PeakGain:
     bound, u = _greatest(lambda directions: upper(directions).sum(-1), H.shape[1], rtol / 2)
     inputs = np.zeros((len(H) + 1, H.shape[2]))  # the last one acts through D alone
     for columns, limit in zip(_columns(groups), rho, strict=True):
@@ -134,7 +134,7 @@ def _gain(
             size = np.linalg.norm(along, axis=1, keepdims=True)
             inputs[rows, columns] = limit * np.divide(along, size, out=np.zeros_like(along), where=size > 0)
     reached = float(np.linalg.norm(np.einsum("kmn,kn->m", H[::-1], inputs[:-1]) + D @ inputs[-1]))
-    return Gain(bound, reached, u, upper(u[None])[0], inputs, step)
+    return PeakGain(bound, reached, u, upper(u[None])[0], inputs, step)
 
 
 def _greatest(f: Callable[[Matrix], Matrix], m: int, rtol: float) -> tuple[float, Matrix]:
@@ -203,7 +203,7 @@ def _norm(
 def _powers(A: Matrix, C: Matrix, inputs: int) -> tuple[Matrix, Matrix]:
     """`C A^k` for k < K and `A^K`, whose norm is below TAIL. Raises ValueError where K would be too large."""
     Y, power = C[None], A
-    while np.linalg.norm(power, 2) > TAIL:
+    while np.linalg.norm(power, 2) > TRUNCATION_TOLERANCE:
         if 2 * len(Y) * C.shape[0] * (len(A) + inputs) > SAMPLES:
             raise ValueError(
                 f"the system is too slow to resolve: after {len(Y)} steps its state still has "

@@ -19,25 +19,29 @@ from colift.gp import likelihood, optimal_recovery
 
 Matrix = NDArray[np.float64]
 
-SPANNED = 1e-12  # of the greatest variance along a path, beyond which columns of its factor are bounded, not taken
-NEGLIGIBLE = 1e-3  # share of a row's bound below which an output keeps its band
+RANK_TOLERANCE = (
+    1e-12  # of the greatest variance along a path, beyond which columns of its factor are bounded, not taken
+)
+NEGLIGIBLE_SHARE = 1e-3  # share of a row's bound below which an output keeps its band
 
 
 @dataclasses.dataclass(frozen=True)
-class Body:
+class BodyModel:
     """One body's unknown outputs along the path, and what bounds them."""
 
     columns: slice  # of the response's inputs
-    model: gp.GP  # whose mean is compensated
-    companion: gp.GP  # the posterior in which its band is stated, see `colift.onboard.learning.confidence_bounds`
+    model: gp.GPPosterior  # whose mean is compensated
+    bound_posterior: (
+        gp.GPPosterior
+    )  # the posterior in which its band is stated, see `colift.onboard.learning.confidence_bounds`
     beta: Matrix  # (outputs,)
     norm: float  # B
-    eps: Matrix  # (outputs,), unit of y
+    label_error: Matrix  # (outputs,), unit of y
     x: Matrix  # (path, dimensions), what the models see along the path
 
 
 @dataclasses.dataclass(frozen=True)
-class Factor:
+class LowRankFactor:
     """`L S L^T <= |L R|^2 + (|L| e)^2` for every row L: R of few columns, e the root of the diagonal that it leaves."""
 
     R: Matrix  # (path, rank)
@@ -54,32 +58,32 @@ class Factor:
         return spanned @ np.swapaxes(spanned, -1, -2) + (self.e @ self.e) * (L @ np.swapaxes(L, -1, -2))
 
 
-def factor(S: Matrix) -> Factor:
+def low_rank_factor(S: Matrix) -> LowRankFactor:
     """Cholesky's, with pivots, of a covariance along a path: of smooth functions few columns are more than rounding."""
     # scipy's stubs do not have it
     lower, pivots, rank, _ = lapack.dpstrf(  # ty: ignore[missing-attribute]
-        S, tol=SPANNED * np.diagonal(S).max(), lower=1
+        S, tol=RANK_TOLERANCE * np.diagonal(S).max(), lower=1
     )
     R = np.empty((len(S), rank))
     R[pivots - 1] = np.tril(lower)[:, :rank]
-    return Factor(R, np.sqrt(np.maximum(np.diagonal(S) - (R * R).sum(1), 0.0)))
+    return LowRankFactor(R, np.sqrt(np.maximum(np.diagonal(S) - (R * R).sum(1), 0.0)))
 
 
-def by_band(body: Body, weights: Matrix) -> tuple[Matrix, Matrix]:
+def band_bound(body: BodyModel, weights: Matrix) -> tuple[Matrix, Matrix]:
     """`(l(m - mu), sigma(l))` of each output's contribution l, both `(times, rows, outputs)`, for `bound`.
 
     weights: (times, rows, path, inputs), what f~ at a sample of the path adds to a row.
     """
     moved, sigma = np.empty((2, *weights.shape[:2], len(body.beta)))
-    off = shift(body)
+    off = mean_difference(body)
     for i in range(len(body.beta)):
         L = np.ascontiguousarray(weights[..., body.columns.start + i])
-        sigma[..., i] = np.sqrt(factor(covariance(body.companion, i, body.x)).squares(L))
+        sigma[..., i] = np.sqrt(low_rank_factor(covariance(body.bound_posterior, i, body.x)).squares(L))
         moved[..., i] = L @ off[:, i]
     return moved, sigma
 
 
-def bound(beta: Matrix, moved: Matrix, sigma: Matrix) -> Matrix:
+def functional_bound(beta: Matrix, moved: Matrix, sigma: Matrix) -> Matrix:
     """`(2, ...)`: upper bounds of `l(f - mu)` and of its negative, `|l(f - m)| <= beta sigma(l)`.
 
     m and sigma are the companion's. A bound on `|f - m|` in the posterior's space, as all of `colift.gp.error_bounds` but
@@ -89,7 +93,9 @@ def bound(beta: Matrix, moved: Matrix, sigma: Matrix) -> Matrix:
     return np.stack([width + moved, width - moved])
 
 
-def by_recovery(body: Body, weights: Matrix, band: Matrix, progress: Callable[[], None] = lambda: None) -> Matrix:
+def recovery_bound(
+    body: BodyModel, weights: Matrix, band: Matrix, progress: Callable[[], None] = lambda: None
+) -> Matrix:
     """`(2, times, rows, outputs)` as `by_band`, by optimal recovery of every functional (`gp.recovery.least`).
 
     Never above `band`, that of `by_band`, which stays where an output contributes next to nothing. Raises as that.
@@ -97,71 +103,76 @@ def by_recovery(body: Body, weights: Matrix, band: Matrix, progress: Callable[[]
     found, total = band.copy(), band.sum(-1).max((0, 1))
     mu = mean(body.model, body.x)
     for i in range(len(body.beta)):
-        matters = np.flatnonzero(band[..., i].max((0, 1)) > NEGLIGIBLE * total)
+        matters = np.flatnonzero(band[..., i].max((0, 1)) > NEGLIGIBLE_SHARE * total)
         if not len(matters):
             continue
-        of = allowed(body, i)
+        of = feasible_set(body, i)
         L = weights[..., body.columns.start + i][:, matters].reshape(-1, len(body.x))
-        k, square = of.correlations(body.x) @ L.T, factor(correlation(body.model, i, body.x, body.x)).squares(L)
-        mass, centre = np.abs(L).sum(1), L @ (mu[:, i] - offset(body)[i])
+        k, square = (
+            of.correlations(body.x) @ L.T,
+            low_rank_factor(correlation(body.model, i, body.x, body.x)).squares(L),
+        )
+        mass, centre = np.abs(L).sum(1), L @ (mu[:, i] - prior_mean(body)[i])
         for side, sign in enumerate((1, -1)):
-            value = (optimal_recovery.least(of, sign * k, square, mass) - sign * centre).reshape(-1, len(matters))
+            value = (optimal_recovery.minimize_upper_bounds(of, sign * k, square, mass) - sign * centre).reshape(
+                -1, len(matters)
+            )
             found[side, ..., i][:, matters] = np.minimum(value, band[side, ..., i][:, matters])
         progress()
     return found
 
 
-def allowed(body: Body, i: int) -> optimal_recovery.Consistent:
+def feasible_set(body: BodyModel, i: int) -> optimal_recovery.FeasibleSet:
     """What norm and data allow of output i. Raises ValueError as `recovery.consistent`."""
-    n = int(body.model.n)
+    n = int(body.model.num_points)
     X, Y = np.asarray(body.model.X)[:n], np.asarray(body.model.Y)[:n]
-    return optimal_recovery.consistent(X, Y, body.model.hyper, i, body.norm, float(body.eps[i]))
+    return optimal_recovery.feasible_set(X, Y, body.model.hyper, i, body.norm, float(body.label_error[i]))
 
 
-def offset(body: Body) -> Matrix:
+def prior_mean(body: BodyModel) -> Matrix:
     """The prior's mean of each output, (outputs,)."""
-    return np.asarray(body.model.hyper.offset, dtype=float)
+    return np.asarray(body.model.hyper.constant_mean, dtype=float)
 
 
-def greatest(body: Body) -> Matrix:
+def max_error(body: BodyModel) -> Matrix:
     """`|m - mu| + beta sigma` of each output along the path, (path, outputs): bounds `|f~|` there."""
-    off = np.abs(shift(body))
-    diagonal = [np.diagonal(covariance(body.companion, i, body.x)) for i in range(len(body.beta))]
+    off = np.abs(mean_difference(body))
+    diagonal = [np.diagonal(covariance(body.bound_posterior, i, body.x)) for i in range(len(body.beta))]
     return off + body.beta * np.sqrt(np.maximum(np.stack(diagonal, axis=1), 0.0))
 
 
-def shift(body: Body) -> Matrix:
+def mean_difference(body: BodyModel) -> Matrix:
     """`m - mu` of each output along the path, (path, outputs)."""
-    return mean(body.companion, body.x) - mean(body.model, body.x)
+    return mean(body.bound_posterior, body.x) - mean(body.model, body.x)
 
 
-def mean(model: gp.GP, x: Matrix) -> Matrix:
+def mean(model: gp.GPPosterior, x: Matrix) -> Matrix:
     """`(path, outputs)`, as the model has it."""
-    n, offset = int(model.n), np.asarray(model.hyper.offset)
+    n, offset = int(model.num_points), np.asarray(model.hyper.constant_mean)
     s, alpha, X = np.asarray(model.hyper.signal_variance), np.asarray(model.alpha), np.asarray(model.X)[:n]
     return np.stack([offset[i] + s[i] * correlation(model, i, x, X) @ alpha[i, :n] for i in range(len(offset))], axis=1)
 
 
-def covariance(model: gp.GP, i: int, x: Matrix) -> Matrix:
+def covariance(model: gp.GPPosterior, i: int, x: Matrix) -> Matrix:
     """Posterior covariance of output i along the path."""
-    n, s = int(model.n), float(np.asarray(model.hyper.signal_variance)[i])
-    V = np.asarray(model.W)[i, :n, :n] @ (s * correlation(model, i, np.asarray(model.X)[:n], x))
+    n, s = int(model.num_points), float(np.asarray(model.hyper.signal_variance)[i])
+    V = np.asarray(model.inverse_cholesky)[i, :n, :n] @ (s * correlation(model, i, np.asarray(model.X)[:n], x))
     return s * correlation(model, i, x, x) - V.T @ V
 
 
-def correlation(model: gp.GP, i: int, x: Matrix, z: Matrix) -> Matrix:
+def correlation(model: gp.GPPosterior, i: int, x: Matrix, z: Matrix) -> Matrix:
     """Correlations of output i between samples x and z, (x, z)."""
     ls = np.asarray(model.hyper.lengthscales)[i]
-    return likelihood.correlation(model.hyper.kernel, x / ls, z / ls)
+    return likelihood.kernel_matrix(model.hyper.kernel, x / ls, z / ls)
 
 
-def gradient(model: gp.GP, i: int, x: Matrix) -> Matrix:
+def gradient(model: gp.GPPosterior, i: int, x: Matrix) -> Matrix:
     """`(times, dimensions)`, of output i's mean at points x."""
-    n, s = int(model.n), float(np.asarray(model.hyper.signal_variance)[i])
-    return s * np.einsum("tnd,n->td", slope(model, i, x), np.asarray(model.alpha)[i, :n])
+    n, s = int(model.num_points), float(np.asarray(model.hyper.signal_variance)[i])
+    return s * np.einsum("tnd,n->td", kernel_gradient(model, i, x), np.asarray(model.alpha)[i, :n])
 
 
-def slope(model: gp.GP, i: int, x: Matrix) -> Matrix:
+def kernel_gradient(model: gp.GPPosterior, i: int, x: Matrix) -> Matrix:
     """`dk(x, X) / dx`, k the squared exponential correlation of output i; (times, n, dimensions)."""
-    X, ls = np.asarray(model.X)[: int(model.n)], np.asarray(model.hyper.lengthscales)[i]
+    X, ls = np.asarray(model.X)[: int(model.num_points)], np.asarray(model.hyper.lengthscales)[i]
     return -correlation(model, i, x, X)[:, :, None] * (x[:, None] - X) / ls**2

@@ -14,18 +14,18 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from colift.certification import peak_gain
-from colift.certification.peak_gain import Gain, Matrix
+from colift.certification.peak_gain import Matrix, PeakGain
 
 
 @dataclasses.dataclass(frozen=True)
-class Translation:
+class TranslationBound:
     """Ultimate bounds on `|e_p|_2`, m, and `|e_v|_2`, m/s, with the disturbances that reach them."""
 
-    e_p: Gain
-    e_v: Gain
+    e_p: PeakGain
+    e_v: PeakGain
 
 
-def ultimate(K_p: ArrayLike | float, K_v: ArrayLike | float, rho: float) -> Translation:
+def ultimate_bound(K_p: ArrayLike | float, K_v: ArrayLike | float, rho: float) -> TranslationBound:
     """`limsup |e_p|` and `limsup |e_v|` over all d with `|d(t)|_2 <= rho`, as upper bounds tight to 1e-3.
 
     `sup over unit u of integral |H(s)^T u| ds` times rho, `H` the impulse response (gain.continuous).
@@ -37,18 +37,22 @@ def ultimate(K_p: ArrayLike | float, K_v: ArrayLike | float, rho: float) -> Tran
         raise ValueError(f"rho = {rho} m/s^2: must be finite and not negative")
     o, eye = np.zeros((3, 3)), np.eye(3)
     A, B = np.block([[o, eye], [-K_p, -K_v]]), np.vstack([o, eye])
-    return Translation(
+    return TranslationBound(
         *(
-            _scaled(peak_gain.continuous(A, B, C, None, [3], [1.0]), rho)
+            _scaled(peak_gain.peak_gain_continuous(A, B, C, None, [3], [1.0]), rho)
             for C in (np.hstack([eye, o]), np.hstack([o, eye]))
         )
     )
 
 
-def _scaled(unit: Gain, rho: float) -> Gain:
+def _scaled(unit: PeakGain, rho: float) -> PeakGain:
     """The gain for the bound rho from that for 1, so that rho = 0 has a direction too."""
     return dataclasses.replace(
-        unit, bound=rho * unit.bound, reached=rho * unit.reached, shares=rho * unit.shares, inputs=rho * unit.inputs
+        unit,
+        bound=rho * unit.bound,
+        lower_bound=rho * unit.lower_bound,
+        contributions=rho * unit.contributions,
+        inputs=rho * unit.inputs,
     )
 
 

@@ -42,39 +42,39 @@ export = typer.Typer(help="Write a scenario in the format of another program.", 
 app.add_typer(export, name="export")
 errors = Console(stderr=True, soft_wrap=True, highlight=False)
 
-BAD_INPUT, INCOMPLETE, EXCEEDED, UNSOUND = 2, 1, 1, 1
-EVERY = 5.0  # s, between two lines that say how far a flight is, where no bar can
+EXIT_USAGE, EXIT_INCOMPLETE, EXIT_VIOLATION, EXIT_FAILED_CHECK = 2, 1, 1, 1
+PROGRESS_PERIOD = 5.0  # s, between two lines that say how far a flight is, where no bar can
 
 
 def _fail(message: str) -> typer.Exit:
     errors.print(message, style="red", markup=False)
-    return typer.Exit(BAD_INPUT)
+    return typer.Exit(EXIT_USAGE)
 
 
-def _show_version(asked: bool) -> bool:
-    if asked:
+def _show_version(requested: bool) -> bool:
+    if requested:
         typer.echo(version("colift"))
         raise typer.Exit
-    return asked
+    return requested
 
 
 def _scenario_names(incomplete: str) -> list[str]:
     from colift import scenario
 
-    return [name for name in scenario.names() if name.startswith(incomplete)]
+    return [name for name in scenario.shipped_names() if name.startswith(incomplete)]
 
 
 def _case_names(incomplete: str) -> list[str]:
     from colift.scenario import experiment
 
-    return [name for name in experiment.ALL if name.startswith(incomplete)]
+    return [name for name in experiment.ALL_CASES if name.startswith(incomplete)]
 
 
 def _setting_paths(ctx: typer.Context, incomplete: str) -> list[str]:
     from colift import scenario
 
     try:
-        settings = scenario.load(ctx.params.get("name") or "paper").model_dump(mode="json")
+        settings = scenario.load_scenario(ctx.params.get("name") or "paper").model_dump(mode="json")
     except scenario.ScenarioError:
         return []
     return [f"{path}=" for path in _leaves(settings) if path.startswith(incomplete)]
@@ -136,15 +136,15 @@ def _settings(
 
     given = {"duration_s": duration, "seed": seed}
     options = [f"{setting}={value}" for setting, value in given.items() if value is not None]
-    asked = [*(changes or ()), *options]
+    requested = [*(changes or ()), *options]
     try:
-        settings = scenario.load(name, asked)
+        settings = scenario.load_scenario(name, requested)
     except scenario.ScenarioError as error:
         early = [] if duration is None else _ending_early(name, changes or (), duration)
         if not early:
             raise scenario.ScenarioError(_as_given(str(error), duration)) from None
         try:
-            settings = scenario.load(name, [*asked, *early])
+            settings = scenario.load_scenario(name, [*requested, *early])
         except scenario.ScenarioError as still:
             raise scenario.ScenarioError(_as_given(str(still), duration)) from None
     if engine is not None and settings.plant.kind != engine:
@@ -167,7 +167,7 @@ def _ending_early(name: str, changes: Sequence[str], duration: float) -> list[st
     from colift import scenario
 
     try:
-        learning = scenario.load(name, changes).learning
+        learning = scenario.load_scenario(name, changes).learning
     except scenario.ScenarioError:  # what is wrong with it is said already
         return []
     if not learning.start_s + 1 / learning.sample_Hz <= duration < learning.end_s:
@@ -188,20 +188,20 @@ def _opened(read: Callable[[], Any], out: Path | None, kept: str, suffix: str = 
     """
     from colift import codegen, scenario
     from colift.runtime import run_directory
-    from colift.workflows.study import CERTIFIED, FLOWN, claim
+    from colift.workflows.study import CERTIFICATE_FILES, STUDY_FILES, open_run_directory
 
-    signals.check()
+    signals.raise_if_interrupted()
     try:
         settings = read()
-        with claim(settings, out or Path("out") / f"{settings.name}{suffix}") as folder:
-            if run_directory.of_others(folder, FLOWN + CERTIFIED):
+        with open_run_directory(settings, out or Path("out") / f"{settings.name}{suffix}") as folder:
+            if run_directory.stale_files(folder, STUDY_FILES + CERTIFICATE_FILES):
                 errors.print(f"{folder.path} holds results of another run: they are replaced", markup=False)
             try:
                 yield settings, folder
             except signals.Interrupted:
-                files = run_directory.files(folder.path, FLOWN + CERTIFIED)
+                files = run_directory.list_files(folder.path, STUDY_FILES + CERTIFICATE_FILES)
                 there = any(
-                    run_directory.run_of(file) == folder.run for file in files
+                    run_directory.read_run_id(file) == folder.run_id for file in files
                 )  # what has not ended has left nothing
                 said = f"{kept} {folder.path}" if there else f"nothing was written to {folder.path}"
                 errors.print(f"interrupted; {said}", style="yellow", markup=False)
@@ -229,7 +229,7 @@ def _printed(where: str) -> Generator[None]:
     except OSError as error:
         _print_nowhere()
         errors.print(f"cannot print: {_one_line(error)}{where}", style="red", markup=False)
-        raise typer.Exit(INCOMPLETE) from None
+        raise typer.Exit(EXIT_INCOMPLETE) from None
 
 
 def _print_nowhere() -> None:
@@ -241,12 +241,12 @@ def _print_nowhere() -> None:
 def _stages(doing: str, quiet: bool = False) -> Generator[Callable[[str], None]]:
     """What is being done, and at which stage: on a line that changes, or, where it cannot, on a line each."""
     if quiet:
-        yield lambda _stage: signals.check()
+        yield lambda _stage: signals.raise_if_interrupted()
         return
     with errors.status(doing, spinner="line") as status:
 
         def say(stage: str) -> None:
-            signals.check()
+            signals.raise_if_interrupted()
             if errors.is_terminal:
                 status.update(f"{doing}: {stage}")
             else:
@@ -271,7 +271,7 @@ def list_(as_json: Json = False) -> None:
     """List the shipped scenarios."""
     from colift import scenario
 
-    found = {name: scenario.load(name).description for name in scenario.names()}
+    found = {name: scenario.load_scenario(name).description for name in scenario.shipped_names()}
     with _printed(""):
         if as_json:
             print(json.dumps(found, indent=2))
@@ -285,11 +285,11 @@ def show(name: ScenarioName, changes: Changes = None, as_json: Json = False) -> 
     from colift import scenario
 
     try:
-        as_written = name in scenario.names() and not changes
+        as_written = name in scenario.shipped_names() and not changes
         if as_json:
             text = _settings(name, changes).model_dump_json(indent=2) + "\n"
         else:
-            text = scenario.shipped(name) if as_written else scenario.text(_settings(name, changes))
+            text = scenario.shipped_text(name) if as_written else scenario.to_yaml(_settings(name, changes))
     except scenario.ScenarioError as error:
         raise _fail(str(error)) from None
     with _printed(""):
@@ -299,14 +299,14 @@ def show(name: ScenarioName, changes: Changes = None, as_json: Json = False) -> 
 @app.command()
 def doctor(as_json: Json = False) -> None:
     """Say what colift runs on: versions, compiler, caches, GPU; and whether native code computes what JAX does."""
-    from colift.cli.doctor import examine, lines
+    from colift.cli.doctor import format_report, run_diagnostics
 
-    found = examine()
+    found = run_diagnostics()
     with _printed(""):
-        for line in [json.dumps(found, indent=2)] if as_json else lines(found):
+        for line in [json.dumps(found, indent=2)] if as_json else format_report(found):
             print(line)
     if found["problems"]:
-        raise typer.Exit(UNSOUND)
+        raise typer.Exit(EXIT_FAILED_CHECK)
 
 
 def _write_new(file: Path, text: str) -> None:
@@ -335,9 +335,9 @@ def new(
             raise _fail(f"{file}: must end in {' or '.join(scenario.SUFFIXES)}")
         if urdf is not None and arms is not None:
             raise _fail(f"--arms {arms}: must be left out with --urdf, whose file says which arms there are")
-        name = template.name_of(file)
+        name = template.scenario_name(file)
         if urdf is None:
-            text = template.text(name, agents, 2 if arms is None else arms)
+            text = template.scenario_template(name, agents, 2 if arms is None else arms)
         else:
             text = template.from_urdf(name, agents, urdf, file.parent)
         if file.exists():
@@ -358,21 +358,21 @@ def check(name: ScenarioName, changes: Changes = None, quiet: Quiet = False, as_
     from colift import scenario
     from colift.analysis import preflight
 
-    signals.check()
+    signals.raise_if_interrupted()
     try:
         settings = _settings(name, changes)
         with _stages(f"checking {settings.name}", quiet) as say:
-            found = preflight.check(settings, say)
+            found = preflight.run_preflight(settings, say)
     except (scenario.ScenarioError, OSError) as error:
         raise _fail(_one_line(error)) from None
     with _printed(""):
         if as_json:
             print(json.dumps(found.summary, indent=2))
         else:
-            for line in found.lines():
+            for line in found.format_report():
                 print(line)
-    if not found.sound:
-        raise typer.Exit(UNSOUND)
+    if not found.passed:
+        raise typer.Exit(EXIT_FAILED_CHECK)
 
 
 @app.command()
@@ -391,7 +391,7 @@ def tune(
     from colift import scenario
     from colift.analysis import gain_tuning
 
-    signals.check()
+    signals.raise_if_interrupted()
     try:
         if out.suffix not in scenario.SUFFIXES:
             raise _fail(f"--out {out}: must end in {' or '.join(scenario.SUFFIXES)}")
@@ -400,8 +400,8 @@ def tune(
         if not (out.parent.is_dir() and os.access(out.parent, os.W_OK)):
             raise _fail(f"--out {out}: the folder {out.parent} is not there, or cannot be written to")
         settings, written = _settings(name, changes), None
-        if not changes and name in scenario.names():
-            written = scenario.shipped(name)
+        if not changes and name in scenario.shipped_names():
+            written = scenario.shipped_text(name)
         elif not changes:
             written = Path(name).expanduser().read_text(encoding="utf-8-sig")
         best: list[Any] = []
@@ -410,14 +410,14 @@ def tune(
                 before, after, spent = gain_tuning.tune(settings, say, best.append)
                 best.append(after)
                 say("flights with both")
-                old, new = gain_tuning.numbers(before), gain_tuning.numbers(after)
+                old, new = gain_tuning.summary_values(before), gain_tuning.summary_values(after)
         except signals.Interrupted:
             if best:
-                _write_new(out, gain_tuning.text(best[-1].settings, written, str(out)))
+                _write_new(out, gain_tuning.to_yaml(best[-1].settings, written, str(out)))
             said = f"the best gains so far are in {out}" if best else f"there is nothing to write to {out} yet"
             errors.print(f"interrupted; {said}", style="yellow", markup=False)
             raise
-        _write_new(out, gain_tuning.text(after.settings, written, str(out)))
+        _write_new(out, gain_tuning.to_yaml(after.settings, written, str(out)))
     except (scenario.ScenarioError, ValueError, OSError) as error:
         raise _fail(_one_line(error)) from None
     with _printed(""):
@@ -425,7 +425,7 @@ def tune(
             found = {"before": old, "after": new, **spent._asdict()}
             print(json.dumps(found | {"control": after.settings.model_dump(mode="json")["control"]}, indent=2))
         else:
-            said = gain_tuning.lines(before, after, old, new, spent)
+            said = gain_tuning.format_report(before, after, old, new, spent)
             print("\n".join([*said, f"{settings.name} with these gains is in {out}"]))
 
 
@@ -472,10 +472,10 @@ def study(
     """
     from colift.scenario import experiment
 
-    asked = list(experiment.CASES) if cases is None else [case.strip() for case in cases.split(",")]
-    for case in asked:
+    requested = list(experiment.PAPER_CASES) if cases is None else [case.strip() for case in cases.split(",")]
+    for case in requested:
         _require_known(case, "--cases")
-    wanted = dict.fromkeys([*asked, *(experiment.BASELINES if baselines else ())])
+    wanted = dict.fromkeys([*requested, *(experiment.BASELINES if baselines else ())])
     read = functools.partial(_settings, name, changes, duration, seed, engine)
     _fly(read, tuple(wanted), out, quiet, as_json, held_out=held_out)
 
@@ -501,8 +501,8 @@ def run(
 def _require_known(case: str, option: str = "--case") -> None:
     from colift.scenario import experiment
 
-    if case not in experiment.ALL:
-        raise _fail(f"{option} {case}: must be one of {', '.join(experiment.ALL)}")
+    if case not in experiment.ALL_CASES:
+        raise _fail(f"{option} {case}: must be one of {', '.join(experiment.ALL_CASES)}")
 
 
 def _fly(
@@ -521,47 +521,47 @@ def _fly(
 
     with _opened(read, out, "the cases that had ended are in", suffix) as (settings, folder):
         with _stages(f"preparing {settings.name}", quiet) as say:
-            ready = experiment.plans(settings, cases)
-            unseen = generalization.plans(settings, cases) if held_out else {}
+            ready = experiment.make_experiments(settings, cases)
+            heldout = generalization.heldout_experiments(settings, cases) if held_out else {}
             say("its loop at rest")
-            ahead = feasibility.outlook(settings, ready)
+            ahead = feasibility.assess_feasibility(settings, ready)
         with _printed(""):
             _report_outlook(ahead, quiet or as_json)
-        summary = _with_progress(settings, folder, ready, ahead, unseen, quiet)
+        summary = _with_progress(settings, folder, ready, ahead, heldout, quiet)
     with _printed(f"; the results are in {folder.path}"):
         if as_json:
             print(json.dumps(summary, indent=2))
         else:
             _report(summary, folder.path)
     if any(not found["complete"] for found in summary["cases"].values()):
-        raise typer.Exit(INCOMPLETE)
+        raise typer.Exit(EXIT_INCOMPLETE)
 
 
-def _report_outlook(ahead: Any, warnings_only: bool) -> None:
+def _report_outlook(preview: Any, warnings_only: bool) -> None:
     """What is known before the flights."""
-    if not warnings_only and ahead.modes is not None and ahead.modes.stable:
-        print(f"slowest mode at rest on the reference: {ahead.modes.slowest()}", flush=True)
-    if not warnings_only and ahead.margins is not None:
-        print(ahead.margins.says(), flush=True)
-    for text in ahead.warnings:
+    if not warnings_only and preview.modes is not None and preview.modes.stable:
+        print(f"slowest mode at rest on the reference: {preview.modes.describe_slowest()}", flush=True)
+    if not warnings_only and preview.margins is not None:
+        print(preview.margins.describe(), flush=True)
+    for text in preview.warnings:
         errors.print(f"warning: {text}", style="yellow", markup=False)
 
 
 def _with_progress(
-    settings: Any, folder: Any, ready: dict[str, Any], ahead: Any, unseen: dict[str, Any], quiet: bool
+    settings: Any, folder: Any, ready: dict[str, Any], preview: Any, heldout: dict[str, Any], quiet: bool
 ) -> dict[str, Any]:
     """Fly with a bar a case; where bars cannot be drawn, with a line every few seconds; where it is quiet, neither."""
     from colift.scenario import experiment
     from colift.workflows import generalization
     from colift.workflows import study as study_module
 
-    known = {case: experiment.ALL[case] for case in ready}
-    if unseen:
+    known = {case: experiment.ALL_CASES[case] for case in ready}
+    if heldout:
         known |= generalization.titles(known)
     if quiet:
-        return study_module.run(settings, folder, ready, ahead, unseen=unseen)
+        return study_module.run_study(settings, folder, ready, preview, heldout=heldout)
     if not errors.is_terminal:
-        return study_module.run(settings, folder, ready, ahead, _lines(known, settings.duration_s), unseen)
+        return study_module.run_study(settings, folder, ready, preview, _lines(known, settings.duration_s), heldout)
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
     columns = (
@@ -581,7 +581,7 @@ def _with_progress(
                 bars.start_task(tasks[case])
             bars.update(tasks[case], completed=t)
 
-        return study_module.run(settings, folder, ready, ahead, progress, unseen)
+        return study_module.run_study(settings, folder, ready, preview, progress, heldout)
 
 
 def _lines(known: dict[str, str], duration: float) -> Callable[[str, float], None]:
@@ -590,14 +590,14 @@ def _lines(known: dict[str, str], duration: float) -> Callable[[str, float], Non
 
     def progress(case: str, t: float) -> None:
         nonlocal said
-        now = time.monotonic()
+        context = time.monotonic()
         if t == 0.0:
             errors.print(f"{case}: {known[case]}, {duration:g} s to fly", markup=False)
-        elif now - said >= EVERY or t >= duration:
+        elif context - said >= PROGRESS_PERIOD or t >= duration:
             errors.print(f"{case}: {t:.1f} of {duration:g} s", markup=False)
         else:
             return
-        said = now
+        said = context
 
     return progress
 
@@ -687,7 +687,7 @@ def certify(
         try:
             with _stages(f"certifying {settings.name}", quiet) as say:
                 made = certification.certify(settings, progress=say)
-                against = certification.challenge(made, progress=say) if adversary else None
+                against = certification.test_with_adversary(made, progress=say) if adversary else None
                 summary = certification.save_certificate(settings, made, against, folder, say)
         except ValueError as error:
             raise _fail(str(error)) from None
@@ -697,7 +697,7 @@ def certify(
         else:
             _report_certificate(summary, folder.path)
     if summary["exceeded"]:
-        raise typer.Exit(EXCEEDED)
+        raise typer.Exit(EXIT_VIOLATION)
 
 
 @app.command()
@@ -729,12 +729,14 @@ def attack(
     done: list[Any] = []
     held: Any = None
     with _opened(read, out, "the tries that had ended are in", "-attack") as (settings, folder):
-        asked = only or falsification.names(settings, rounds)
+        requested = only or falsification.trial_names(settings, rounds)
         try:
             with _stages(f"attacking {settings.name}", quiet) as say:
-                for one in falsification.attack(settings, asked, say):
+                for one in falsification.falsify(settings, requested, say):
                     done.append(one)
-                    held = atomic_write.write_json(_tried(folder.run, settings, done), folder.path / "attack.json")
+                    held = atomic_write.write_json_atomic(
+                        _tried(folder.run_id, settings, done), folder.path / "attack.json"
+                    )
         except ValueError as error:
             raise _fail(str(error)) from None
     given = [word for change in changes or () for word in ("--set", change)]
@@ -744,8 +746,8 @@ def attack(
             print(json.dumps(held, indent=2))
         else:
             _report_attack(done, name, given, settings.seed, folder.path)
-    if any(one.breaks for one in done):
-        raise typer.Exit(EXCEEDED)
+    if any(one.is_violated for one in done):
+        raise typer.Exit(EXIT_VIOLATION)
 
 
 def _tried(run: str, settings: Any, done: Sequence[Any]) -> dict[str, Any]:
@@ -764,18 +766,18 @@ def _report_attack(done: Sequence[Any], name: str, given: Sequence[str], seed: i
         table.add_column(error.replace("omega", "ω"), justify="right", no_wrap=True)
     table.add_column("beyond span", justify="right", no_wrap=True)
     for one in done:
-        left = f"{one.left} of {one.components}" if one.ratios else ""
+        left = f"{one.violations} of {one.num_components}" if one.ratios else ""
         table.add_row(one.name, *(tables.cell(one.ratios.get(error), 1.0, ".3f") for error in SCALES), left)
     tables.show(table)
     for one in done:
-        if one.says:
-            print(f"{one.name}: {one.says}")
+        if one.message:
+            print(f"{one.name}: {one.message}")
     for error in SCALES:
         held = [one for one in done if error in one.ratios]
         if held:
             worst = max(held, key=lambda one: one.ratios[error])
             print(f"{error}: worst {worst.ratios[error]:.3f}, colift {_again(worst, name, given, seed)}")
-    held, broken = [one for one in done if one.ratios], [one.name for one in done if one.breaks]
+    held, broken = [one for one in done if one.ratios], [one.name for one in done if one.is_violated]
     print(f"{len(broken)} of {len(held)} tries that have radii break one{': ' if broken else ''}{', '.join(broken)}")
     print(f"results in {folder}")
 
@@ -815,7 +817,7 @@ def view(
     from colift.scenario import experiment
     from colift.visualization import playback
 
-    known = experiment.ALL
+    known = experiment.ALL_CASES
     try:
         if picture or film:
             _draw(out, case or ["C3"], known, picture, at, film, speed)
@@ -835,15 +837,15 @@ def _draw(
 
     for case in cases:
         _require_known(case)
-    _, found = log.flights(out, known)
+    _, found = log.load_flights(out, known)
     if missing := [case for case in cases if case not in found]:
         raise ValueError(f"{out} holds {', '.join(found)}, not {', '.join(missing)}: choose by --case")
-    seen = [rendering.sketch(found[case], f"{case}: {known[case]}") for case in cases]
+    seen = [rendering.render_data(found[case], f"{case}: {known[case]}") for case in cases]
     if still:
-        rendering.still(seen, at, still)
+        rendering.render_image(seen, at, still)
     if film:
         with _stages(f"drawing {film}"):
-            rendering.film(seen, film, speed)
+            rendering.render_video(seen, film, speed)
     with _printed(""):
         print(f"{', '.join(cases)}: {', '.join(str(file) for file in (still, film) if file)}")
 
@@ -865,10 +867,12 @@ def report(out: Results, show: Open = False) -> None:
     What was run, what to beware of, the table, the figures, the certificate if there is one, and the flights, played.
     """
     from colift.scenario import experiment
-    from colift.visualization.report import write
+    from colift.visualization.report import write_report
 
     try:
-        page = write(out, experiment.ALL, _merits_table, lambda made: (_radii_table(made), _rests_on(made)))
+        page = write_report(
+            out, experiment.ALL_CASES, _merits_table, lambda made: (_radii_table(made), _rests_on(made))
+        )
     except (ValueError, OSError) as error:
         raise _fail(_one_line(error)) from None
     _tell(f"the report is {page}", page, show)
@@ -899,16 +903,21 @@ def watch(
         if show:
             webbrowser.open(address)
 
-    signals.check()
+    signals.raise_if_interrupted()
     _require_known(case)
     try:
         settings = _settings(name, changes, duration, seed)
-        told = experiment.ALL[case]
-        with live_view.flying(settings, experiment.plan(settings, case), case, told, ready) as flight:
+        told = experiment.ALL_CASES[case]
+        with live_view.serve_live_flight(
+            settings, experiment.make_experiment(settings, case), case, told, ready
+        ) as flight:
             with _printed(""):
-                print(f"the flight has ended{': ' if flight.stopped else ''}{flight.stopped}", flush=True)
+                print(
+                    f"the flight has ended{': ' if flight.termination_reason else ''}{flight.termination_reason}",
+                    flush=True,
+                )
             while True:  # a reader may still look at it
-                signals.check()
+                signals.raise_if_interrupted()
                 time.sleep(0.1)
     except (scenario.ScenarioError, codegen.CompilerError, OSError) as error:
         raise _fail(_one_line(error)) from None
@@ -932,9 +941,9 @@ def _export_mjcf(
         settings = _settings(name, changes)
         truth, _ = team.team(settings)
         names = (team.agent_names(settings), team.joint_names(settings), team.contact_names(settings))
-        text = mjcf.document(truth, initial_states.start(settings, truth), *names)
+        text = mjcf.to_mjcf(truth, initial_states.initial_state(settings, truth), *names)
         if out is not None:
-            atomic_write.write(out, text.encode())
+            atomic_write.write_atomic(out, text.encode())
     except (scenario.ScenarioError, OSError) as error:
         raise _fail(_one_line(error)) from None
     with _printed(""):
@@ -959,14 +968,14 @@ def _export_urdf(
         settings = _settings(name, changes)
         folder = out or Path("out") / f"{settings.name}-urdf"
         folder.mkdir(parents=True, exist_ok=True)
-        for kind, agent in team.kinds(settings).items():
+        for kind, agent in team.agent_models(settings).items():
             told = settings.agent_types[kind]
-            text = urdf.document(kind, agent, [joint.name for joint in told.joints], [arm.name for arm in told.arms])
-            atomic_write.write(folder / f"{kind}.urdf", text.encode())
+            text = urdf.to_urdf(kind, agent, [joint.name for joint in told.joints], [arm.name for arm in told.arms])
+            atomic_write.write_atomic(folder / f"{kind}.urdf", text.encode())
     except (scenario.ScenarioError, OSError) as error:
         raise _fail(_one_line(error)) from None
     with _printed(""):
-        print(f"{', '.join(f'{kind}.urdf' for kind in team.kinds(settings))} of {settings.name}: in {folder}")
+        print(f"{', '.join(f'{kind}.urdf' for kind in team.agent_models(settings))} of {settings.name}: in {folder}")
 
 
 Flown = Annotated[Path, typer.Argument(metavar="OUT", help="A folder that `colift study` or `colift run` wrote.")]
@@ -977,7 +986,7 @@ def _export_csv(out: Flown) -> None:
     """The flights of a folder as CSV beside them: a row a tick, every signal a column with its unit."""
     from colift.closed_loop import log
 
-    _write_beside(out, "csv", lambda ds: log.table(ds).encode())
+    _write_beside(out, "csv", lambda ds: log.to_csv(ds).encode())
 
 
 @export.command("mcap")
@@ -988,7 +997,7 @@ def _export_mcap(out: Flown) -> None:
     except ModuleNotFoundError as error:
         raise _fail(str(error)) from None
 
-    _write_beside(out, "mcap", ros2_bag.document)
+    _write_beside(out, "mcap", ros2_bag.to_mcap)
 
 
 def _write_beside(out: Path, kind: str, document: Callable[[Any], bytes]) -> None:
@@ -998,12 +1007,12 @@ def _write_beside(out: Path, kind: str, document: Callable[[Any], bytes]) -> Non
     from colift.scenario import experiment
 
     try:
-        run, found = log.flights(out, tuple(experiment.ALL))
+        run, found = log.load_flights(out, tuple(experiment.ALL_CASES))
         files = {f"{case}.{kind}": ds for case, ds in found.items()}
-        with run_directory.claim(out, run, tuple(files)):
+        with run_directory.lock_run_directory(out, run, tuple(files)):
             for file, ds in files.items():
-                signals.check()
-                atomic_write.write(out / file, document(ds))
+                signals.raise_if_interrupted()
+                atomic_write.write_atomic(out / file, document(ds))
     except (ValueError, OSError) as error:
         raise _fail(_one_line(error)) from None
     with _printed(""):
@@ -1027,23 +1036,25 @@ def _export_c(
     No allocation, no threads, nothing but the math library; cmake builds it. Not flown on hardware. The code is yours.
     """
     from colift import codegen, scenario
-    from colift.closed_loop.flight import fly_plan
+    from colift.closed_loop.flight import run_experiment
     from colift.integrations import c_export
     from colift.scenario import experiment
 
-    signals.check()
+    signals.raise_if_interrupted()
     try:
         settings = _settings(name, changes, duration, seed)
         _require_known(case)
         folder = out or Path("out") / f"{settings.name}-c"
         with _stages(f"{settings.name}, {case}, as C") as say:
-            plan = experiment.plan(settings, case)
+            flight_experiment = experiment.make_experiment(settings, case)
             say("the flight that it learns in")
-            flight = fly_plan(plan)
-            if flight.stopped:
-                raise _fail(f"{case} is incomplete, so there is nothing to take along: {flight.stopped}")
+            flight = run_experiment(flight_experiment)
+            if flight.termination_reason:
+                raise _fail(f"{case} is incomplete, so there is nothing to take along: {flight.termination_reason}")
             say("the code")
-            c_export.c(plan, flight.oracle, ticks, folder, f"{settings.name}, {case}, seed {settings.seed}")
+            c_export.export_c(
+                flight_experiment, flight.model, ticks, folder, f"{settings.name}, {case}, seed {settings.seed}"
+            )
     except (scenario.ScenarioError, codegen.CompilerError, codegen.UnsupportedPrimitive, OSError) as error:
         raise _fail(_one_line(error)) from None
     with _printed(""):
@@ -1052,7 +1063,10 @@ def _export_c(
 
 
 SCALES = {"e_p": (1e3, "mm"), "e_v": (1e3, "mm/s"), "e_R": (1e3, "1e-3"), "e_omega": (1e3, "mrad/s")}
-WHERE = {"tube": "any", "run": "this"}  # of a radius: for any run in the tube, or for the one that was flown
+RADIUS_KIND_LABELS = {
+    "tube": "any",
+    "run": "this",
+}  # of a radius: for any run in the tube, or for the one that was flown
 
 
 def _report_certificate(found: dict[str, Any], folder: Path) -> None:
@@ -1076,7 +1090,11 @@ def _report_certificate(found: dict[str, Any], folder: Path) -> None:
 
 def _rests_on(found: dict[str, Any]) -> list[str]:
     """What the radii that there are assume, and which there are not."""
-    shown = [bound for bound, radii in found["radii"].items() if any(_has_radius(radii[where]) for where in WHERE)]
+    shown = [
+        bound
+        for bound, radii in found["radii"].items()
+        if any(_has_radius(radii[where]) for where in RADIUS_KIND_LABELS)
+    ]
     return [*_assumes({bound: found["radii"][bound]["assumed"] for bound in shown}), *_missing(found)]
 
 
@@ -1088,7 +1106,7 @@ def _broken(exceeded: list[dict[str, Any]]) -> list[str]:
         run = "the adversary's run" if each["flight"] == "adversary" else "this run"
         start = f"{each['error']} of {run} is above its radius: observed {each['observed'] * scale:.4g} {unit}, radius"
         line = lines.get((run, each["error"]), "")
-        radius = f"{each['radius'] * scale:.4g} {unit} ({each['bound']}, {WHERE[each['of']]} run)"
+        radius = f"{each['radius'] * scale:.4g} {unit} ({each['bound']}, {RADIUS_KIND_LABELS[each['of']]} run)"
         lines[run, each["error"]] = f"{line}, {radius}" if line else f"{start} {radius}"
     return list(lines.values())
 
@@ -1118,7 +1136,7 @@ def _radii_table(found: dict[str, Any]) -> Any:
             table.add_row(label, "", *(_size(found[of][e], scale) for e, (scale, _) in SCALES.items()), "", "")
     broken = {(each["bound"], each["of"]) for each in found["exceeded"] if each["flight"] == "this"}
     for bound, radii in found["radii"].items():
-        for where, label in WHERE.items():
+        for where, label in RADIUS_KIND_LABELS.items():
             if _has_radius(radii[where]):
                 status = "exceeded" if (bound, where) in broken else radii["status"]
                 cells = [_size(radii[where][e], scale) for e, (scale, _) in SCALES.items()]
@@ -1158,14 +1176,14 @@ def main() -> None:
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")  # what a terminal has no letter for must not end a run
     try:
-        with signals.heeded():
+        with signals.handle_signals():
             app()
     except OSError as error:
         if error.filename is not None:  # not of standard output, as the help's is on a full disk
             raise
         _print_nowhere()
         errors.print(f"cannot print: {_one_line(error)}", style="red", markup=False)
-        sys.exit(INCOMPLETE)
+        sys.exit(EXIT_INCOMPLETE)
     finally:
         if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
             with contextlib.suppress(ValueError):  # not on the main thread

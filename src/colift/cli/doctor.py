@@ -18,10 +18,10 @@ from colift.codegen import build
 from colift.runtime import cache
 
 PACKAGES = ("colift", "jax", "jaxlib", "numpy", "scipy", "pydantic", "h5netcdf", "clarabel", "mujoco")
-ALLOWED = 1e-12  # of the largest entry: what a sum in another order may differ
+TOLERANCE = 1e-12  # of the largest entry: what a sum in another order may differ
 
 
-def examine() -> dict[str, Any]:
+def run_diagnostics() -> dict[str, Any]:
     """All of it, by name; `problems` lists in sentences what is not as it should be."""
     problems: list[str] = []
     return {
@@ -36,7 +36,7 @@ def examine() -> dict[str, Any]:
     }
 
 
-def lines(found: dict[str, Any]) -> list[str]:
+def format_report(found: dict[str, Any]) -> list[str]:
     """The same as a person reads it."""
     said = [f"{'python':10} {found['python']}, {found['system']}"]
     said += [f"{'packages':10} " + ", ".join(f"{name} {given or 'none'}" for name, given in found["packages"].items())]
@@ -73,8 +73,8 @@ def _compiler(problems: list[str]) -> str | None:
 def _cache(name: str, problems: list[str]) -> dict[str, Any] | None:
     """Folder, number of files and size."""
     try:
-        folder = cache.folder(name)
-    except cache.Unwritable as error:
+        folder = cache.cache_directory(name)
+    except cache.CacheUnavailable as error:
         problems.append(f"what is compiled cannot be kept: {error}")
         return None
     if name == "jax" and (named := jax.config.values["jax_compilation_cache_dir"]):
@@ -93,7 +93,7 @@ def _self_test(problems: list[str]) -> str:
         problems.append(f"native code does not work: {error}")
         return "failed"
     off = float(np.abs(found - expected).max() / np.abs(expected).max())
-    if not off <= ALLOWED:
+    if not off <= TOLERANCE:
         problems.append(f"native code differs from JAX by {off:.2g} of the largest entry: clear the native cache")
         return "failed"
     return f"native code agrees with JAX within {off:.1g}, {time.perf_counter() - began:.2f} s"

@@ -15,7 +15,7 @@ def cell(value: float | None, scale: float, spec: str) -> str:
     return format(value * scale, spec if abs(value * scale) < 1e5 else ".0e")
 
 
-SPELLED = str.maketrans({"Ψ": "Psi", "Δ": "d", "λ": "lam", "σ": "sigma", "ω": "omega"})
+ASCII_GREEK = str.maketrans({"Ψ": "Psi", "Δ": "d", "λ": "lam", "σ": "sigma", "ω": "omega"})
 
 
 def _spelled(text: str, encoding: str) -> str:
@@ -23,7 +23,7 @@ def _spelled(text: str, encoding: str) -> str:
     try:
         text.encode(encoding)
     except UnicodeEncodeError:
-        return text.translate(SPELLED)
+        return text.translate(ASCII_GREEK)
     return text
 
 

@@ -12,29 +12,29 @@ from jaxtyping import Array, Bool, Float, Int
 from colift.math.pytree import pytree
 from colift.models import grasp
 from colift.models.parameters import Team
-from colift.models.state import Residual
+from colift.models.state import ResidualForces
 
 Scalar = Float[Array, ""]
 
 
 @pytree
-class Limits:
+class TerminationLimits:
     """Beyond any of these a flight ends."""
 
-    grip: Float[Array, "agents"]  # 1/kg, least of `grasp.grip`
-    distance: Scalar  # m, of the payload from its reference
-    height: Scalar  # m, least of payload and agents; -inf: none
-    attitude: Scalar  # rad, of the payload from its reference
-    tilt: Scalar  # rad, of an agent's thrust from the vertical
-    saturation: Scalar  # s, that a thrust may stay at its limit
+    min_delassus: Float[Array, "agents"]  # 1/kg, least of `grasp.grip`
+    max_distance: Scalar  # m, of the payload from its reference
+    min_height: Scalar  # m, least of payload and agents; -inf: none
+    max_attitude_error: Scalar  # rad, of the payload from its reference
+    max_tilt: Scalar  # rad, of an agent's thrust from the vertical
+    max_saturation_time: Scalar  # s, that a thrust may stay at its limit
 
 
-class Cause(enum.IntEnum):
+class TerminationCause(enum.IntEnum):
     """Why a flight ended; of several at one tick, the first."""
 
     NONE = 0
     NOT_FINITE = 1
-    GRIP = 2
+    SINGULAR_GRASP = 2
     DISTANCE = 3
     HEIGHT = 4
     ATTITUDE = 5
@@ -43,11 +43,11 @@ class Cause(enum.IntEnum):
 
 
 @pytree
-class Watched:
+class MonitoredValues:
     """What `Limits` are about, at one tick."""
 
     finite: Bool[Array, ""]
-    grip: Float[Array, "agents"]  # 1/kg
+    delassus: Float[Array, "agents"]  # 1/kg
     distance: Scalar  # m
     heights: Float[Array, "bodies"]  # m, of the payload, then of each agent
     attitude: Scalar  # rad
@@ -55,44 +55,63 @@ class Watched:
     saturated: Float[Array, "agents"]  # s, without a break until now
 
 
-def exceeded(limits: Limits, now: Watched) -> Int[Array, ""]:
+def check_termination(limits: TerminationLimits, context: MonitoredValues) -> Int[Array, ""]:
     """The first `Cause` to end a flight, 0 where there is none; what is not a number exceeds `finite` alone."""
     beyond = jnp.stack(
         [
-            ~now.finite,
-            (now.grip <= limits.grip).any(),
-            now.distance > limits.distance,
-            (now.heights < limits.height).any(),
-            now.attitude > limits.attitude,
-            (now.tilt > limits.tilt).any(),
-            (now.saturated > limits.saturation).any(),
+            ~context.finite,
+            (context.delassus <= limits.min_delassus).any(),
+            context.distance > limits.max_distance,
+            (context.heights < limits.min_height).any(),
+            context.attitude > limits.max_attitude_error,
+            (context.tilt > limits.max_tilt).any(),
+            (context.saturated > limits.max_saturation_time).any(),
         ]
     )
     return jnp.where(beyond.any(), 1 + jnp.argmax(beyond), 0)
 
 
-def sentence(cause: Cause, limits: Limits, now: Watched, t: float, names: Sequence[str]) -> str:
+def format_cause(
+    cause: TerminationCause, limits: TerminationLimits, context: MonitoredValues, t: float, names: Sequence[str]
+) -> str:
     """How a limit on the motion was exceeded at time t, s: whose, by how much, and what is allowed."""
-    low, tilted, held = (int(np.argmax(x)) for x in (-now.heights, now.tilt, now.saturated))
+    low, tilted, held = (int(np.argmax(x)) for x in (-context.heights, context.tilt, context.saturated))
     body = ("the payload", *(f"agent {name}" for name in names))[low]
     attitude, tilt, most_attitude, most_tilt = (
-        float(np.rad2deg(x)) for x in (now.attitude, now.tilt[tilted], limits.attitude, limits.tilt)
+        float(np.rad2deg(x))
+        for x in (context.attitude, context.tilt[tilted], limits.max_attitude_error, limits.max_tilt)
     )
     what, setting, limit = {
-        Cause.DISTANCE: (f"the payload is {now.distance:.3g} m from its reference", "distance_m", limits.distance),
-        Cause.HEIGHT: (f"{body} is at a height of {now.heights[low]:.3g} m", "height_m", limits.height),
-        Cause.ATTITUDE: (f"the payload is turned {attitude:.3g} deg from its reference", "attitude_deg", most_attitude),
-        Cause.TILT: (f"agent {names[tilted]} pushes {tilt:.3g} deg from the vertical", "tilt_deg", most_tilt),
-        Cause.SATURATION: (
-            f"the thrust of agent {names[held]} is at its limit for {now.saturated[held]:.3g} s",
+        TerminationCause.DISTANCE: (
+            f"the payload is {context.distance:.3g} m from its reference",
+            "distance_m",
+            limits.max_distance,
+        ),
+        TerminationCause.HEIGHT: (
+            f"{body} is at a height of {context.heights[low]:.3g} m",
+            "height_m",
+            limits.min_height,
+        ),
+        TerminationCause.ATTITUDE: (
+            f"the payload is turned {attitude:.3g} deg from its reference",
+            "attitude_deg",
+            most_attitude,
+        ),
+        TerminationCause.TILT: (
+            f"agent {names[tilted]} pushes {tilt:.3g} deg from the vertical",
+            "tilt_deg",
+            most_tilt,
+        ),
+        TerminationCause.SATURATION: (
+            f"the thrust of agent {names[held]} is at its limit for {context.saturated[held]:.3g} s",
             "saturation_s",
-            limits.saturation,
+            limits.max_saturation_time,
         ),
     }[cause]
     return f"{what} at t = {t:.3f} s, beyond limits.{setting} = {float(limit):g}"
 
 
-def hover(team: Team, lam: Float[Array, "contacts 3"], f: Residual) -> Float[Array, "agents"]:
+def hover_thrust(team: Team, lam: Float[Array, "contacts 3"], f: ResidualForces) -> Float[Array, "agents"]:
     """Thrust that each agent needs at rest, N: `u_j = |sum_b lam_jb - m_j a_g - f_x,j|`.
 
     lam: contact forces on the payload, N, world; f: what acts on the agents besides gravity.
@@ -100,6 +119,6 @@ def hover(team: Team, lam: Float[Array, "contacts 3"], f: Residual) -> Float[Arr
     return jnp.concatenate(
         [
             jnp.linalg.norm(force.sum(1) - group.mass.sum(1, keepdims=True) * team.gravity[None] - part.f_x, axis=1)
-            for group, force, part in zip(team.groups, grasp.split(team, lam), f.agents, strict=True)
+            for group, force, part in zip(team.agent_groups, grasp.split_contacts(team, lam), f.agents, strict=True)
         ]
     )

@@ -117,9 +117,9 @@ def library(name: str, source: Callable[[], str]) -> ctypes.CDLL:
     `name` is the `key` of what the source is made of; it is made only where it is needed. Raises `CompilerError` with
     the compiler's own words, and `Unavailable` where the library can be loaded from neither folder.
     """
-    folders = (lambda: cache.folder("native")), _own
+    folders = (lambda: cache.cache_directory("native")), _own
     for folder in folders:
-        with contextlib.suppress(cache.Unwritable):
+        with contextlib.suppress(cache.CacheUnavailable):
             if (found := _load(folder(), name)) is not None:
                 return found
     made = _compile(source())
@@ -127,7 +127,7 @@ def library(name: str, source: Callable[[], str]) -> ctypes.CDLL:
     for folder in folders:
         try:
             found = _keep(folder(), name, made)
-        except cache.Unwritable as error:
+        except cache.CacheUnavailable as error:
             lost.append(str(error))
             continue
         if lost:
@@ -207,7 +207,7 @@ def _keep(folder: Path, name: str, library: bytes) -> ctypes.CDLL:
         with contextlib.suppress(OSError):
             temporary.unlink()
         why = error.strerror or str(error).rsplit(": ", 1)[-1]  # of a library that is not loaded: its name, then why
-        raise cache.Unwritable(f"{folder}: {why}") from None
+        raise cache.CacheUnavailable(f"{folder}: {why}") from None
     return loaded
 
 

@@ -247,8 +247,8 @@ class _Carry:
                 if in_place(function, step, k, argument):
                     written.append((k, argument))
                 else:
-                    now, then = body.name("c"), body.name("c")
-                    self.moved.append((now, then, place, mask))
+                    context, then = body.name("c"), body.name("c")
+                    self.moved.append((context, then, place, mask))
             body.arrays[block, k] = place
             moves = self.moved and self.moved[-1][2] is place
             name = self.moved[-1][0] if moves else str(place)
@@ -259,12 +259,15 @@ class _Carry:
         self.kept, self.written = frozenset(kept), tuple(written)
         w = body.lanes
         self.start = [
-            f"V_{w} *{now} = {place}, *{then} = {body.array(mask.size)};" for now, then, place, mask in self.moved
+            f"V_{w} *{context} = {place}, *{then} = {body.array(mask.size)};"
+            for context, then, place, mask in self.moved
         ]
-        self.swap = [f"{{ V_{w} *const was = {now}; {now} = {then}; {then} = was; }}" for now, then, *_ in self.moved]
+        self.swap = [
+            f"{{ V_{w} *const was = {context}; {context} = {then}; {then} = was; }}" for context, then, *_ in self.moved
+        ]
         self.end = [
-            f"if ({now} != {place}) memcpy({place}, {now}, {mask.size} * sizeof(V_{w}));"
-            for now, _, place, mask in self.moved
+            f"if ({context} != {place}) memcpy({place}, {context}, {mask.size} * sizeof(V_{w}));"
+            for context, _, place, mask in self.moved
         ]
 
 
@@ -292,21 +295,21 @@ def _sorted(args: dict[int, str]) -> list[str]:
 
 
 def _while(body: Body, block: int, b: While, call: Call) -> None:
-    asked, step = call.functions
+    requested, step = call.functions
     w, before = body.lanes, b.tests + b.consts
     carry = _Carry(body, block, b, call, step, before, len(b.outputs))
     guard = w > 1 and bool(carry.written)
-    test = body.source.add(b.test, asked, Shape(w))
+    test = body.source.add(b.test, requested, Shape(w))
     function = body.source.add(b.function, step, Shape(w, kept=carry.kept, written=carry.written, guard=guard))
 
     def constants(first: int, used: Sequence[np.ndarray], count: int) -> dict[int, str]:
         return {k: str(body.pack(b.inputs[first + k], used[k])) for k in range(count) if used[k].any()}
 
-    tested = constants(0, asked.used, b.tests)
+    tested = constants(0, requested.used, b.tests)
     names = {k: carry.inputs.get(b.consts + k) for k in range(len(b.outputs))}
-    for k, used in enumerate(asked.used[b.tests :]):
+    for k, used in enumerate(requested.used[b.tests :]):
         if used.any():
-            moved = next((now for now, _, place, _ in carry.moved if place is body.arrays[block, k]), None)
+            moved = next((context for context, _, place, _ in carry.moved if place is body.arrays[block, k]), None)
             tested[b.tests + k] = moved or names[k] or str(body.arrays[block, k])
     args = {**constants(b.tests, step.used, b.consts), **carry.inputs}
     flag = body.array(1)
@@ -320,8 +323,8 @@ def _while(body: Body, block: int, b: While, call: Call) -> None:
     lines.append(called)
     if w > 1:
         lines += [
-            f"for (long e = {low}; e < {high}; e++) {then}[e] = sel_{w}(go_on, {then}[e], {now}[e]);"
-            for now, then, _, mask in carry.moved
+            f"for (long e = {low}; e < {high}; e++) {then}[e] = sel_{w}(go_on, {then}[e], {context}[e]);"
+            for context, then, _, mask in carry.moved
             for low, high in _intervals(mask)
         ]
     _say(body, "{", *carry.start, "for (;;) {", *lines, *carry.swap, "}", *carry.end, "}")

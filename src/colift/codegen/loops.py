@@ -151,9 +151,9 @@ def _scan(g: Graph, eqn: Equation, *x: Nodes) -> list[Nodes]:
 def _while(g: Graph, eqn: Equation, *x: Nodes) -> list[Nodes]:
     p = eqn.params
     tests, consts = p["cond_nconsts"], p["body_nconsts"]
-    asked, shared, state = x[:tests], x[tests : tests + consts], x[tests + consts :]
+    requested, shared, state = x[:tests], x[tests : tests + consts], x[tests + consts :]
     test, body = p["cond_jaxpr"], p["body_jaxpr"]
-    first = g.numbers(np.asarray(closed(g, test, [*asked, *state])[0]))
+    first = g.numbers(np.asarray(closed(g, test, [*requested, *state])[0]))
     if first is not None and not first:
         return list(state)
     step, more, constants = _hoisted(g, body, shared)
@@ -161,13 +161,13 @@ def _while(g: Graph, eqn: Equation, *x: Nodes) -> list[Nodes]:
         g,
         [v.aval for v in test.jaxpr.invars],
         lambda inner, nodes: closed(inner, test, nodes),
-        [*asked, *[None] * len(state)],
+        [*requested, *[None] * len(state)],
     )
     avals = [*(v.aval for v in more), *(v.aval for v in body.jaxpr.invars)]
     once = function(g, avals, step, [*constants, *shared, *[None] * len(state)])
     sizes = [a.size for a in state]
     how = {"test": goes_on, "function": once, "tests": tests, "consts": consts + len(more)}
-    out = g.block(While, [*asked, *constants, *shared, *state], sizes, **how)
+    out = g.block(While, [*requested, *constants, *shared, *state], sizes, **how)
     return _typed(g, out, eqn.outvars)
 
 

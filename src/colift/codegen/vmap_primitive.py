@@ -11,7 +11,7 @@ import jax.core
 from jax.extend import core
 from jax.interpreters import ad, batching, mlir
 
-from colift.math.vmap import kept_by
+from colift.math.vmap import AGENT_MAP_TRACER
 
 over_p = core.Primitive("over")
 over_p.multiple_results = True
@@ -26,7 +26,7 @@ def trace(f: Callable[..., Any], tree: Any, leaves: Sequence[Any]) -> tuple[core
         values, out = jax.tree.flatten(f(*jax.tree.unflatten(tree, x)))
         return values
 
-    with kept_by(_keep):
+    with AGENT_MAP_TRACER(_keep):
         return jax.make_jaxpr(flat)(*leaves), out
 
 

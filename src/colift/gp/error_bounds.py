@@ -19,78 +19,100 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 from numpy.typing import ArrayLike
 
-from colift.gp.hyperparameters import Hyper
+from colift.gp.hyperparameters import Hyperparameters
 from colift.gp.kernels import Kernel
-from colift.gp.likelihood import correlation
-from colift.gp.posterior import GP, _kernel, _kernel_in_use, _residual, information_gain, one_point, variance
+from colift.gp.likelihood import kernel_matrix
+from colift.gp.posterior import GPPosterior, _kernel, _kernel_in_use, _residual, check_point, information_gain, variance
 
-Stated = ArrayLike | float
+BoundStatement = ArrayLike | float
 """A number a person states, or one for each output."""
 
 
-class Assumption(enum.Enum):
+class BoundAssumption(enum.Enum):
     """What a bound needs to be true of the world."""
 
-    NORM = "the function less `offset` lies in the RKHS of the kernel in use, with norm at most B"
-    ENERGY = "the mean square of the noise in the data is at most eps^2"
-    BOUNDED = "every sample of the noise is at most eps in size"
+    RKHS_NORM = "the function less `offset` lies in the RKHS of the kernel in use, with norm at most B"
+    BOUNDED_NOISE_ENERGY = "the mean square of the noise in the data is at most eps^2"
+    BOUNDED_NOISE = "every sample of the noise is at most eps in size"
     WITHIN_MODEL = "every sample of the noise is at most the square root of `noise_variance` in size"
     ZERO_MEAN = "the noise has zero mean given all before it"
     SUB_GAUSSIAN = "the noise is R-sub-Gaussian given all before it, hence has zero mean"
     INDEPENDENT = "the samples of the noise are independent of each other"
-    PREDICTABLE = "an input, and whether its point is kept, is settled before its noise is drawn"
-    FIXED = "inputs and their number do not depend on the noise"
-    STATED = "hyperparameters and `offset` do not depend on the noise in the data"
+    PREDICTABLE_INPUTS = "an input, and whether its point is kept, is settled before its noise is drawn"
+    FIXED_DESIGN = "inputs and their number do not depend on the noise"
+    FIXED_HYPERPARAMETERS = "hyperparameters and `offset` do not depend on the noise in the data"
     HORIZON = "the number of points there will ever be is at most the stated one"
-    POOL = "every input is one of a stated finite set"
+    FINITE_CANDIDATES = "every input is one of a stated finite set"
     INDEPENDENT_OUTPUTS = "the noise of one output is independent of that of every other"
 
 
-_MARTINGALE = frozenset({Assumption.NORM, Assumption.SUB_GAUSSIAN, Assumption.PREDICTABLE, Assumption.STATED})
+_MARTINGALE = frozenset(
+    {
+        BoundAssumption.RKHS_NORM,
+        BoundAssumption.SUB_GAUSSIAN,
+        BoundAssumption.PREDICTABLE_INPUTS,
+        BoundAssumption.FIXED_HYPERPARAMETERS,
+    }
+)
 
-ASSUMES = {
-    "energy": frozenset({Assumption.NORM, Assumption.ENERGY}),
-    "recover": frozenset({Assumption.NORM, Assumption.BOUNDED}),
+REQUIRED_ASSUMPTIONS = {
+    "energy": frozenset({BoundAssumption.RKHS_NORM, BoundAssumption.BOUNDED_NOISE_ENERGY}),
+    "recover": frozenset({BoundAssumption.RKHS_NORM, BoundAssumption.BOUNDED_NOISE}),
     "srinivas": frozenset(
-        {Assumption.NORM, Assumption.WITHIN_MODEL, Assumption.ZERO_MEAN, Assumption.PREDICTABLE, Assumption.STATED}
+        {
+            BoundAssumption.RKHS_NORM,
+            BoundAssumption.WITHIN_MODEL,
+            BoundAssumption.ZERO_MEAN,
+            BoundAssumption.PREDICTABLE_INPUTS,
+            BoundAssumption.FIXED_HYPERPARAMETERS,
+        }
     ),
     "abbasi_yadkori": _MARTINGALE,
-    "chowdhury_gopalan": _MARTINGALE | {Assumption.HORIZON},
+    "chowdhury_gopalan": _MARTINGALE | {BoundAssumption.HORIZON},
     "fiedler": _MARTINGALE,
     "fiedler_fixed": frozenset(
-        {Assumption.NORM, Assumption.SUB_GAUSSIAN, Assumption.INDEPENDENT, Assumption.FIXED, Assumption.STATED}
+        {
+            BoundAssumption.RKHS_NORM,
+            BoundAssumption.SUB_GAUSSIAN,
+            BoundAssumption.INDEPENDENT,
+            BoundAssumption.FIXED_DESIGN,
+            BoundAssumption.FIXED_HYPERPARAMETERS,
+        }
     ),
-    "greatest_gain_on_pool": frozenset({Assumption.POOL}),
-    "split_product": frozenset({Assumption.INDEPENDENT_OUTPUTS}),
+    "greatest_gain_on_pool": frozenset({BoundAssumption.FINITE_CANDIDATES}),
+    "split_product": frozenset({BoundAssumption.INDEPENDENT_OUTPUTS}),
 }
 """Needs of each bound by its name; those of `recover` are of `colift.gp.optimal_recovery`."""
 
 _IMPLIED = (
-    ({Assumption.WITHIN_MODEL}, Assumption.BOUNDED),
-    ({Assumption.BOUNDED}, Assumption.ENERGY),
-    ({Assumption.BOUNDED, Assumption.ZERO_MEAN}, Assumption.SUB_GAUSSIAN),  # R = eps: Hoeffding's lemma
-    ({Assumption.SUB_GAUSSIAN}, Assumption.ZERO_MEAN),
-    ({Assumption.FIXED}, Assumption.PREDICTABLE),
+    ({BoundAssumption.WITHIN_MODEL}, BoundAssumption.BOUNDED_NOISE),
+    ({BoundAssumption.BOUNDED_NOISE}, BoundAssumption.BOUNDED_NOISE_ENERGY),
+    (
+        {BoundAssumption.BOUNDED_NOISE, BoundAssumption.ZERO_MEAN},
+        BoundAssumption.SUB_GAUSSIAN,
+    ),  # R = eps: Hoeffding's lemma
+    ({BoundAssumption.SUB_GAUSSIAN}, BoundAssumption.ZERO_MEAN),
+    ({BoundAssumption.FIXED_DESIGN}, BoundAssumption.PREDICTABLE_INPUTS),
 )
 
 
-def unmet(bound: str, met: Collection[Assumption]) -> frozenset[Assumption]:
+def unsatisfied(bound: str, met: Collection[BoundAssumption]) -> frozenset[BoundAssumption]:
     """What the bound of that name needs beyond what is met, and what follows from what is met.
 
     Raises ValueError for a name that is not in `ASSUMES`.
     """
-    if bound not in ASSUMES:
-        raise ValueError(f"bound = {bound!r}: must be one of {', '.join(ASSUMES)}")
+    if bound not in REQUIRED_ASSUMPTIONS:
+        raise ValueError(f"bound = {bound!r}: must be one of {', '.join(REQUIRED_ASSUMPTIONS)}")
     known = set(met)
     for _ in _IMPLIED:  # as often as there are rules: chains end
         known |= {then for needs, then in _IMPLIED if needs <= known}
-    return ASSUMES[bound] - known
+    return REQUIRED_ASSUMPTIONS[bound] - known
 
 
 # -- bounded noise -----------------------------------------------------------------------------------------------
 
 
-def energy(gp: GP, norm: Stated, noise_bound: Stated) -> Float[Array, " outputs"]:
+def bounded_energy(gp: GPPosterior, norm: BoundStatement, noise_bound: BoundStatement) -> Float[Array, " outputs"]:
     """The bound for noise of bounded energy: for certain, whatever the noise's distribution, bias or correlation.
 
     `beta^2 = B^2 + E^2 / v - r^T K^-1 r`, `E^2 = n eps^2` (Lahr, Koehler, Scampicchio and Zeilinger 2025, Lemma 1;
@@ -110,18 +132,18 @@ def energy(gp: GP, norm: Stated, noise_bound: Stated) -> Float[Array, " outputs"
 
 
 @jax.jit
-def _energy(gp: GP, B: Float[Array, " outputs"], eps: Float[Array, " outputs"]) -> Float[Array, " outputs"]:
+def _energy(gp: GPPosterior, B: Float[Array, " outputs"], eps: Float[Array, " outputs"]) -> Float[Array, " outputs"]:
     r, a, s, v = _residual(gp), jnp.abs(gp.alpha), gp.hyper.signal_variance, gp.hyper.noise_variance
     rounded = jnp.abs(r) + (s * jnp.sum(a, axis=-1))[:, None] + v[:, None] * a
     off = jnp.abs(r - _times_gram(gp, gp.alpha)) + _rounding(gp) * rounded
-    off = jnp.where(jnp.arange(gp.capacity)[None] < gp.n, off, 0.0)
-    most = B * B + gp.n.astype(v.dtype) * eps * eps / v
+    off = jnp.where(jnp.arange(gp.capacity)[None] < gp.num_points, off, 0.0)
+    most = B * B + gp.num_points.astype(v.dtype) * eps * eps / v
     beta2 = most * (1 + _rounding(gp)) - _least(gp, r, gp.alpha, jnp.abs(r))
     beta = jnp.sqrt(jnp.maximum(beta2, 0.0)) + jnp.sqrt(jnp.sum(off * off, axis=-1) / v)
     return jnp.where(beta2 >= 0, beta * (1 + _rounding(gp)), jnp.inf)
 
 
-def _least(gp: GP, b: Array, c: Array, size: Array) -> Float[Array, " outputs"]:
+def _least(gp: GPPosterior, b: Array, c: Array, size: Array) -> Float[Array, " outputs"]:
     """At most `b^T K^-1 b`, whatever c: `c^T (2 b - K c)` is greatest at `c = K^-1 b`. All `(outputs, capacity)`.
 
     size: at least `|b|`, of whose rounding `_rounding` is the relative bound.
@@ -132,13 +154,13 @@ def _least(gp: GP, b: Array, c: Array, size: Array) -> Float[Array, " outputs"]:
     return value - _rounding(gp) * (2 * jnp.sum(a * size, axis=-1) + s * total * total + v * jnp.sum(a * a, axis=-1))
 
 
-def _times_gram(gp: GP, c: Float[Array, "outputs capacity"]) -> Float[Array, "outputs capacity"]:
+def _times_gram(gp: GPPosterior, c: Float[Array, "outputs capacity"]) -> Float[Array, "outputs capacity"]:
     """`K c`, for c that are zero past n."""
     K = jax.vmap(lambda x: _kernel(gp, x))(gp.X)
     return jnp.einsum("jik,ik->ij", K, c) + gp.hyper.noise_variance[:, None] * c
 
 
-def _rounding(gp: GP) -> float:
+def _rounding(gp: GPPosterior) -> float:
     """Of a sum over the data of kernel values times numbers, the error over the sum of sizes, at most.
 
     With unit roundoff u: a kernel value errs by `(D + 8) u s`, twice a sum of n terms by `2 (n + 2) u`; this is twice
@@ -151,7 +173,9 @@ def _rounding(gp: GP) -> float:
 # -- random noise ------------------------------------------------------------------------------------------------
 
 
-def srinivas(gp: GP, norm: Stated, confidence: Stated, gain: Float[Array, " outputs"]) -> Float[Array, " outputs"]:
+def srinivas(
+    gp: GPPosterior, norm: BoundStatement, confidence: BoundStatement, gain: Float[Array, " outputs"]
+) -> Float[Array, " outputs"]:
     """The paper's bound, `beta^2 = 2 B^2 + 300 gamma ln^3((n + 1) / (1 - confidence))`, for all n at once.
 
     Srinivas, Krause, Kakade and Seeger 2012, Theorem 6; Eqs. beta_agents and beta_payload of the paper with
@@ -161,11 +185,13 @@ def srinivas(gp: GP, norm: Stated, confidence: Stated, gain: Float[Array, " outp
     gain: gamma, the maximum information gain of n + 1 points, nats: `greatest_gain` or `greatest_gain_on_pool`.
     """
     B = _stated(gp, "norm", norm)
-    logarithm = jnp.log(gp.n.astype(B.dtype) + 1) + _log_failure(gp, confidence)
+    logarithm = jnp.log(gp.num_points.astype(B.dtype) + 1) + _log_failure(gp, confidence)
     return jnp.sqrt(2 * B * B + 300 * gain * logarithm**3)
 
 
-def abbasi_yadkori(gp: GP, norm: Stated, sub_gaussian: Stated, confidence: Stated) -> Float[Array, " outputs"]:
+def abbasi_yadkori(
+    gp: GPPosterior, norm: BoundStatement, sub_gaussian: BoundStatement, confidence: BoundStatement
+) -> Float[Array, " outputs"]:
     """`beta = B + R sqrt((2 ln(1 / (1 - confidence)) + ln det(I + K_f / v)) / v)`, for all n at once.
 
     Abbasi-Yadkori 2012 (thesis), Theorem 3.11. sub_gaussian: R, unit of y.
@@ -176,7 +202,7 @@ def abbasi_yadkori(gp: GP, norm: Stated, sub_gaussian: Stated, confidence: State
 
 
 def chowdhury_gopalan(
-    gp: GP, norm: Stated, sub_gaussian: Stated, confidence: Stated, horizon: int
+    gp: GPPosterior, norm: BoundStatement, sub_gaussian: BoundStatement, confidence: BoundStatement, horizon: int
 ) -> Float[Array, " outputs"]:
     """`beta = B + R sqrt((1 + 2/T) / v) sqrt(2 (gain + 1 + ln(1 / (1 - confidence))))` for all n <= T = `horizon`.
 
@@ -190,22 +216,28 @@ def chowdhury_gopalan(
     B, R = _stated(gp, "norm", norm), _stated(gp, "sub_gaussian", sub_gaussian)
     nats = information_gain(gp) + 1 + _log_failure(gp, confidence)
     beta = B + R * jnp.sqrt((1 + 2 / horizon) * 2 * nats / gp.hyper.noise_variance)
-    return jnp.where(gp.n <= horizon, beta, jnp.inf)
+    return jnp.where(gp.num_points <= horizon, beta, jnp.inf)
 
 
-def fiedler(gp: GP, norm: Stated, sub_gaussian: Stated, confidence: Stated) -> Float[Array, " outputs"]:
+def fiedler(
+    gp: GPPosterior, norm: BoundStatement, sub_gaussian: BoundStatement, confidence: BoundStatement
+) -> Float[Array, " outputs"]:
     """`beta = B + R sqrt((ln det((w/v) K_f + w I) + 2 ln(1 / (1 - confidence))) / v)`, `w = max(1, v)`, for all n.
 
     Fiedler, Scherer and Trimpe 2021, Theorem 1, as their successors quote it (their own text was not at hand; it is
     right in any case, being `abbasi_yadkori` for v <= 1 and above it otherwise). It changes with the unit of y.
     """
     B, R, v = _stated(gp, "norm", norm), _stated(gp, "sub_gaussian", sub_gaussian), gp.hyper.noise_variance
-    log_det = 2 * information_gain(gp) + gp.n.astype(v.dtype) * jnp.log(jnp.maximum(1.0, v))
+    log_det = 2 * information_gain(gp) + gp.num_points.astype(v.dtype) * jnp.log(jnp.maximum(1.0, v))
     return B + R * jnp.sqrt((log_det + 2 * _log_failure(gp, confidence)) / v)
 
 
 def fiedler_fixed(
-    gp: GP, x: Float[Array, " dimensions"], norm: Stated, sub_gaussian: Stated, confidence: Stated
+    gp: GPPosterior,
+    x: Float[Array, " dimensions"],
+    norm: BoundStatement,
+    sub_gaussian: BoundStatement,
+    confidence: BoundStatement,
 ) -> Float[Array, " outputs"]:
     """Radius at x, unit of y: `B sigma(x) + R |c| sqrt(n + 2 sqrt(n t) + 2 t)`, `t = ln(1 / (1 - confidence))`.
 
@@ -215,8 +247,10 @@ def fiedler_fixed(
     (Hsu, Kakade and Zhang 2012, Theorem 2.1).
     """
     B, R, t = _stated(gp, "norm", norm), _stated(gp, "sub_gaussian", sub_gaussian), _log_failure(gp, confidence)
-    c = jnp.einsum("ikj,ik->ij", gp.W, jnp.einsum("ijk,ik->ij", gp.W, _kernel_in_use(gp, x)))
-    n = gp.n.astype(B.dtype)
+    c = jnp.einsum(
+        "ikj,ik->ij", gp.inverse_cholesky, jnp.einsum("ijk,ik->ij", gp.inverse_cholesky, _kernel_in_use(gp, x))
+    )
+    n = gp.num_points.astype(B.dtype)
     noise = R * jnp.sqrt(n + 2 * jnp.sqrt(n * t) + 2 * t)
     return B * jnp.sqrt(variance(gp, x)) + noise * jnp.sqrt(jnp.sum(c * c, axis=-1))
 
@@ -224,12 +258,12 @@ def fiedler_fixed(
 # -- the maximum information gain --------------------------------------------------------------------------------
 
 
-def greatest_gain(hyper: Hyper, points: int | Int[Array, ""]) -> Float[Array, " outputs"]:
+def max_information_gain(hyper: Hyperparameters, points: int | Int[Array, ""]) -> Float[Array, " outputs"]:
     """`gamma <= N/2 ln(1 + signal_variance / v)` of any N points, nats: Hadamard's inequality for `I + K_f / v`."""
     return 0.5 * jnp.asarray(points, dtype=float) * jnp.log1p(hyper.signal_variance / hyper.noise_variance)
 
 
-def greatest_gain_on_pool(hyper: Hyper, pool: ArrayLike, points: int) -> Float[Array, " outputs"]:
+def max_information_gain_greedy(hyper: Hyperparameters, pool: ArrayLike, points: int) -> Float[Array, " outputs"]:
     """`gamma <= e/(e - 1)` times the gain of N points picked greedily from a pool, with repetition; nats (host).
 
     Nemhauser, Wolsey and Fisher 1978 (information gain is submodular: Krause and Guestrin 2005), on N copies of
@@ -247,7 +281,7 @@ def greatest_gain_on_pool(hyper: Hyper, pool: ArrayLike, points: int) -> Float[A
         _greedy_gain(hyper.kernel, pool / np.asarray(ls), float(s), float(v), points)
         for s, ls, v in zip(hyper.signal_variance, hyper.lengthscales, hyper.noise_variance, strict=True)
     ]
-    return jnp.minimum(np.e / (np.e - 1) * jnp.asarray(greedy), greatest_gain(hyper, points))
+    return jnp.minimum(np.e / (np.e - 1) * jnp.asarray(greedy), max_information_gain(hyper, points))
 
 
 def _greedy_gain(kernel: Kernel, U: np.ndarray, s: float, v: float, points: int) -> float:
@@ -256,7 +290,7 @@ def _greedy_gain(kernel: Kernel, U: np.ndarray, s: float, v: float, points: int)
     for t in range(points):
         j = int(np.argmax(deviation2))
         gain += 0.5 * np.log1p(deviation2[j] / v)
-        covariance = s * correlation(kernel, U, U[j : j + 1])[:, 0] - columns[:t, j] @ columns[:t]
+        covariance = s * kernel_matrix(kernel, U, U[j : j + 1])[:, 0] - columns[:t, j] @ columns[:t]
         columns[t] = covariance / np.sqrt(deviation2[j] + v)
         deviation2 = np.maximum(deviation2 - columns[t] ** 2, 0.0)  # exact arithmetic leaves it at or above zero
     return gain
@@ -265,7 +299,7 @@ def _greedy_gain(kernel: Kernel, U: np.ndarray, s: float, v: float, points: int)
 # -- confidence --------------------------------------------------------------------------------------------------
 
 
-def split_union(confidence: float, weights: ArrayLike) -> np.ndarray:
+def union_bound_levels(confidence: float, weights: ArrayLike) -> np.ndarray:
     """Confidences `1 - w_i (1 - confidence)` of parts that then hold together: the union bound, rem1 of the paper.
 
     Any positive weights of sum at most 1 will do; `1 / (bodies)` each is the paper's choice. Weights of outputs,
@@ -279,7 +313,7 @@ def split_union(confidence: float, weights: ArrayLike) -> np.ndarray:
     return 1 - w * (1 - confidence)
 
 
-def split_product(confidence: float, parts: int) -> float:
+def product_levels(confidence: float, parts: int) -> float:
     """`confidence^(1/parts)` for each of several parts, as the paper has it: for independent parts only."""
     _check_confidence(np.asarray(confidence))
     if parts < 1:
@@ -287,7 +321,7 @@ def split_product(confidence: float, parts: int) -> float:
     return confidence ** (1 / parts)
 
 
-def update_weight(k: int) -> float:
+def update_confidence_share(k: int) -> float:
     """`6 / (pi^2 k^2)`, k = 1, 2, ...: weights of updates whose number nobody knows; their sum is 1."""
     if k < 1:
         raise ValueError(f"k = {k}: updates count from 1")
@@ -298,33 +332,37 @@ def update_weight(k: int) -> float:
 
 
 @jax.jit
-def radius(gp: GP, x: Float[Array, " dimensions"], beta: Float[Array, " outputs"]) -> Float[Array, " outputs"]:
+def error_radius(
+    gp: GPPosterior, x: Float[Array, " dimensions"], beta: Float[Array, " outputs"]
+) -> Float[Array, " outputs"]:
     """`rho_i(x) = beta_i sigma_i(x)`, unit of y: bounds `|f_i(x) - mu_i(x)|`, mu as `mean` computes it.
 
     `sigma^2 = s - k^T K^-1 k <= s - c^T (2 k - K c)` for any c, here what W makes of k; rounded outward, and with what
     `mean` rounds. So it is above `beta sqrt(variance)`, and about `beta sqrt(n eps s)` where rounding has eaten
     that. Infinite where beta is.
     """
-    one_point(gp.X, gp.Y, x)
+    check_point(gp.X, gp.Y, x)
     s, k = gp.hyper.signal_variance, _kernel_in_use(gp, x)
-    c = jnp.einsum("ikj,ik->ij", gp.W, jnp.einsum("ijk,ik->ij", gp.W, k))
+    c = jnp.einsum("ikj,ik->ij", gp.inverse_cholesky, jnp.einsum("ijk,ik->ij", gp.inverse_cholesky, k))
     variance = s * (1 + _rounding(gp)) - _least(gp, k, c, jnp.broadcast_to(s[:, None], k.shape))
-    rounded = _rounding(gp) * (s * jnp.sum(jnp.abs(gp.alpha), axis=-1) + jnp.abs(gp.hyper.offset))
+    rounded = _rounding(gp) * (s * jnp.sum(jnp.abs(gp.alpha), axis=-1) + jnp.abs(gp.hyper.constant_mean))
     deviation = jnp.sqrt(jnp.maximum(variance, 0.0))
     return jnp.where(jnp.isinf(beta), jnp.inf, (beta * deviation + rounded) * (1 + _rounding(gp)))
 
 
 @jax.jit
-def rho_bar(gp: GP, x: Float[Array, " dimensions"], beta: Float[Array, " outputs"]) -> Float[Array, ""]:
+def vector_error_radius(
+    gp: GPPosterior, x: Float[Array, " dimensions"], beta: Float[Array, " outputs"]
+) -> Float[Array, ""]:
     """`rho_bar(x) = sqrt(sum_i rho_i(x)^2)`, unit of y: bounds `|f - mu|` at x (ass:oracle_bound).
 
     Each output by its own bound, `radius`, then the 2-norm (the paper's `||beta^T Sigma^1/2||` read as this one).
     """
-    rho = radius(gp, x, beta)
+    rho = error_radius(gp, x, beta)
     return jnp.sqrt(jnp.sum(rho * rho))
 
 
-def _stated(gp: GP, name: str, value: Stated) -> Float[Array, " outputs"]:
+def _stated(gp: GPPosterior, name: str, value: BoundStatement) -> Float[Array, " outputs"]:
     """A number a person states, or one for each output; ValueError where it is negative or not finite."""
     stated, shape = np.asarray(value, dtype=float), gp.hyper.noise_variance.shape
     if stated.shape not in ((), shape):
@@ -334,7 +372,7 @@ def _stated(gp: GP, name: str, value: Stated) -> Float[Array, " outputs"]:
     return jnp.asarray(np.broadcast_to(stated, shape))
 
 
-def _log_failure(gp: GP, confidence: Stated) -> Float[Array, " outputs"]:
+def _log_failure(gp: GPPosterior, confidence: BoundStatement) -> Float[Array, " outputs"]:
     """`ln(1 / (1 - confidence))`."""
     _check_confidence(np.asarray(confidence, dtype=float))
     return -jnp.log1p(-_stated(gp, "confidence", confidence))

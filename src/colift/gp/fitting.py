@@ -10,9 +10,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import OptimizeResult, minimize
 
-from colift.gp.hyperparameters import DEFAULT_BOX, Belief, Box, Hyper, check, joined
+from colift.gp.hyperparameters import (
+    DEFAULT_BOUNDS,
+    HyperparameterBounds,
+    Hyperparameters,
+    HyperPrior,
+    concatenate,
+    validate,
+)
 from colift.gp.kernels import DEFAULT_KERNEL, Kernel
-from colift.gp.likelihood import log_marginal, one_thread
+from colift.gp.likelihood import log_marginal_likelihood, single_thread_blas
 
 LARGEST, SMALLEST = 1e100, 1e-100  # magnitudes whose squares neither overflow nor vanish
 FTOL, GTOL = 1e-12, 1e-5  # of `_maximize`
@@ -20,10 +27,10 @@ AT_BOUND = 0.01  # a length-scale this close to its bound, as a fraction, counts
 
 
 @dataclasses.dataclass(frozen=True)
-class Fit:
+class FitResult:
     """Fitted hyperparameters, and what a person needs to trust them."""
 
-    hyper: Hyper
+    hyper: Hyperparameters
     """In the units of the data."""
     log_likelihood: np.ndarray
     """`(outputs,)`, nats, of the data in their own units, no belief in it; with one shared set, each output's share."""
@@ -33,18 +40,18 @@ class Fit:
     """`(outputs, dimensions)`: length-scale at its lower bound."""
     at_upper: np.ndarray
     """`(outputs, dimensions)`: length-scale at its upper bound; without a belief, an input of no visible influence."""
-    evaluations: int
+    num_evaluations: int
     """Evaluations of the likelihood and its gradient, over all outputs and starts."""
     converged: np.ndarray
     """`(outputs,)`: whether the best start met the tolerance within `max_iterations`."""
 
 
-def both(first: Fit, then: Fit) -> Fit:
+def concatenate_fits(first: FitResult, then: FitResult) -> FitResult:
     """Of the outputs of both, in this order."""
     arrays = ("log_likelihood", "lengthscales", "at_lower", "at_upper", "converged")
-    return Fit(
-        hyper=joined(first.hyper, then.hyper),
-        evaluations=first.evaluations + then.evaluations,
+    return FitResult(
+        hyper=concatenate(first.hyper, then.hyper),
+        num_evaluations=first.num_evaluations + then.num_evaluations,
         **{name: np.concatenate([getattr(first, name), getattr(then, name)]) for name in arrays},
     )
 
@@ -52,15 +59,15 @@ def both(first: Fit, then: Fit) -> Fit:
 def fit(
     X: ArrayLike,
     Y: ArrayLike,
-    box: Box = DEFAULT_BOX,
+    box: HyperparameterBounds = DEFAULT_BOUNDS,
     *,
-    belief: Belief | None = None,
-    start: Hyper | None = None,
+    hyperprior: HyperPrior | None = None,
+    start: Hyperparameters | None = None,
     offset: ArrayLike | None = None,
     restarts: int = 2,
     max_iterations: int = 100,
     seed: int = 0,
-) -> Fit:
+) -> FitResult:
     """Maximize each output's log marginal likelihood over its own hyperparameters, in log space, by L-BFGS-B.
 
     X: `(N, dimensions)`, Y: `(N, outputs)`; both are standardized inside. With a `belief` its log density is added to
@@ -73,28 +80,28 @@ def fit(
     """
     problem = _standardize(X, Y, offset)
     groups = [[i] for i in range(problem.T.shape[1])]
-    return _fit_groups(problem, groups, box, belief, start, restarts, max_iterations, seed)
+    return _fit_groups(problem, groups, box, hyperprior, start, restarts, max_iterations, seed)
 
 
 def fit_shared(
     X: ArrayLike,
     Y: ArrayLike,
-    box: Box = DEFAULT_BOX,
+    box: HyperparameterBounds = DEFAULT_BOUNDS,
     *,
-    belief: Belief | None = None,
-    start: Hyper | None = None,
+    hyperprior: HyperPrior | None = None,
+    start: Hyperparameters | None = None,
     offset: ArrayLike | None = None,
     restarts: int = 2,
     max_iterations: int = 100,
     seed: int = 0,
-) -> Fit:
+) -> FitResult:
     """Like `fit`, with one set of hyperparameters for all outputs of a body, shared in standardized units.
 
     The belief counts once, about the mean over the outputs of its medians' logarithms.
     """
     problem = _standardize(X, Y, offset)
     groups = [list(range(problem.T.shape[1]))]
-    return _fit_groups(problem, groups, box, belief, start, restarts, max_iterations, seed)
+    return _fit_groups(problem, groups, box, hyperprior, start, restarts, max_iterations, seed)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -116,15 +123,15 @@ def _named(kernel: Kernel) -> str:
     return type(kernel).__name__ + (f" {parameters}" if parameters else "")
 
 
-def _kernel(belief: Belief | None, start: Hyper | None) -> Kernel:
+def _kernel(hyperprior: HyperPrior | None, start: Hyperparameters | None) -> Kernel:
     """That of the belief and the start; the default where there is neither."""
-    given = [hyper.kernel for hyper in (None if belief is None else belief.median, start) if hyper is not None]
+    given = [hyper.kernel for hyper in (None if hyperprior is None else hyperprior.median, start) if hyper is not None]
     if len(given) == 2 and not _same(*given):
         raise ValueError(f"belief is of {_named(given[0])}, start of {_named(given[1])}: must be one kernel")
     return given[0] if given else DEFAULT_KERNEL
 
 
-def checked(X: ArrayLike, Y: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+def validate_data(X: ArrayLike, Y: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
     """Inputs `(N, dimensions)` and outputs `(N, outputs)` as float64, or a ValueError that names what is wrong."""
     X, Y = np.asarray(X, dtype=float), np.asarray(Y, dtype=float)
     if X.ndim != 2 or Y.ndim != 2 or len(X) != len(Y):
@@ -138,17 +145,17 @@ def checked(X: ArrayLike, Y: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _standardize(X: ArrayLike, Y: ArrayLike, offset: ArrayLike | None) -> _Standardized:
-    X, Y = checked(X, Y)
+    X, Y = validate_data(X, Y)
     if len(X) < 2:
         raise ValueError(f"{len(X)} data point(s): fit needs at least 2; condition on stated hyperparameters instead")
     offset = Y.mean(0) if offset is None else np.broadcast_to(np.asarray(offset, dtype=float), Y.shape[1:])
     if not np.isfinite(offset).all():
         raise ValueError(f"offset = {offset.tolist()}: must be finite")
-    x_scale, y_scale = spread(X), spread(Y)
+    x_scale, y_scale = column_std(X), column_std(Y)
     return _Standardized((X - X.mean(0)) / x_scale, (Y - offset) / y_scale, x_scale, y_scale, offset)
 
 
-def spread(A: np.ndarray) -> np.ndarray:
+def column_std(A: np.ndarray) -> np.ndarray:
     """Standard deviation of each column; 1 for one that is constant to rounding."""
     deviation = A.std(0)
     constant = deviation <= np.maximum(8 * np.finfo(float).eps * np.abs(A).max(0), SMALLEST)
@@ -158,26 +165,26 @@ def spread(A: np.ndarray) -> np.ndarray:
 def _fit_groups(
     problem: _Standardized,
     groups: list[list[int]],
-    box: Box,
-    belief: Belief | None,
-    start: Hyper | None,
+    box: HyperparameterBounds,
+    hyperprior: HyperPrior | None,
+    start: Hyperparameters | None,
     restarts: int,
     max_iterations: int,
     seed: int,
-) -> Fit:
+) -> FitResult:
     """Fit one set of hyperparameters to each group of outputs and return to the units of the data."""
     N, D = problem.Z.shape
     m = problem.T.shape[1]
-    bounds, kernel = _bounds(problem, box, belief), _kernel(belief, start)
+    bounds, kernel = _bounds(problem, box, hyperprior), _kernel(hyperprior, start)
     rng = np.random.default_rng(seed)
     theta, value, converged, evaluations = np.empty((m, D + 2)), np.empty(m), np.empty(m, dtype=bool), 0
     scratch = np.empty((2, N, N))
     for group in groups:
-        density = _density(problem, group, belief)
+        density = _density(problem, group, hyperprior)
         starts = [_first_start(problem.Z, density) if start is None else _logarithms(start, problem, group, "start")]
         starts += list(density.draw(rng, bounds, restarts))
         T = np.asfortranarray(problem.T[:, group])
-        with one_thread(N):
+        with single_thread_blas(N):
             results = [
                 _maximize(np.clip(t, *bounds.T), problem.Z, T, kernel, density, bounds, max_iterations, scratch)
                 for t in starts
@@ -187,31 +194,31 @@ def _fit_groups(
         value[group] = (-best.fun - density(best.x)[0]) / len(group)
         evaluations += sum(r.nfev for r in results)
     ls = np.exp(theta[:, 1:-1])
-    fitted = Hyper(
+    fitted = Hyperparameters(
         kernel=kernel,
         signal_variance=jnp.asarray(np.exp(theta[:, 0]) * problem.y_scale**2),
         lengthscales=jnp.asarray(ls * problem.x_scale),
         noise_variance=jnp.asarray(np.exp(theta[:, -1]) * problem.y_scale**2),
-        offset=jnp.asarray(problem.offset),
+        constant_mean=jnp.asarray(problem.offset),
     )
     least, greatest = np.exp(bounds[1:-1].T)
-    return Fit(
+    return FitResult(
         hyper=fitted,
         log_likelihood=value - N * np.log(problem.y_scale),
         lengthscales=ls,
         at_lower=ls < least * (1 + AT_BOUND),
         at_upper=ls > greatest * (1 - AT_BOUND),
-        evaluations=evaluations,
+        num_evaluations=evaluations,
         converged=converged,
     )
 
 
-def _bounds(problem: _Standardized, box: Box, belief: Belief | None) -> np.ndarray:
+def _bounds(problem: _Standardized, box: HyperparameterBounds, hyperprior: HyperPrior | None) -> np.ndarray:
     """`(dimensions + 2, 2)`, logarithms in standardized units; the belief's length-scales in place of the box's."""
     D = problem.Z.shape[1]
     ls = np.tile(box.lengthscale, (D, 1))
-    if belief is not None:
-        ls = np.outer(1 / problem.x_scale, [belief.least, belief.greatest])
+    if hyperprior is not None:
+        ls = np.outer(1 / problem.x_scale, [hyperprior.min_lengthscale, hyperprior.max_lengthscale])
     return np.log(np.vstack([box.signal_variance, ls, box.noise_variance]))
 
 
@@ -235,13 +242,15 @@ class _Density:
         return np.where(flat, uniform, normal)
 
 
-def _density(problem: _Standardized, group: list[int], belief: Belief | None) -> _Density:
+def _density(problem: _Standardized, group: list[int], hyperprior: HyperPrior | None) -> _Density:
     """What a belief says of theta in standardized units; flat without one."""
     D = problem.Z.shape[1]
-    if belief is None:
+    if hyperprior is None:
         return _Density(center=np.zeros(D + 2), deviation=np.full(D + 2, np.inf))
-    center = _logarithms(belief.median, problem, group, "belief")
-    deviation = np.log(belief.factor) * np.array([2.0, *[1.0] * D, 2.0])  # a variance has twice its deviation's log
+    center = _logarithms(hyperprior.median, problem, group, "belief")
+    deviation = np.log(hyperprior.scale_factor) * np.array(
+        [2.0, *[1.0] * D, 2.0]
+    )  # a variance has twice its deviation's log
     return _Density(center=center, deviation=deviation)
 
 
@@ -253,12 +262,12 @@ def _first_start(Z: np.ndarray, density: _Density) -> np.ndarray:
     return np.log([1.0, *[varying**0.5] * Z.shape[1], 0.1])
 
 
-def _logarithms(given: Hyper, problem: _Standardized, group: list[int], name: str) -> np.ndarray:
+def _logarithms(given: Hyperparameters, problem: _Standardized, group: list[int], name: str) -> np.ndarray:
     """theta of stated hyperparameters in standardized units; of several outputs, the mean."""
     shape = (problem.T.shape[1], problem.Z.shape[1])
     if given.lengthscales.shape != shape:
         raise ValueError(f"{name} has lengthscales {given.lengthscales.shape}: must be (outputs, dimensions) = {shape}")
-    check(given)
+    validate(given)
     i = np.asarray(group)
     s = np.log(np.asarray(given.signal_variance)[i] / problem.y_scale[i] ** 2)
     ls = np.log(np.asarray(given.lengthscales)[i] / problem.x_scale)
@@ -277,7 +286,7 @@ def _maximize(
     scratch: np.ndarray,
 ) -> OptimizeResult:
     def negative(t: np.ndarray) -> tuple[float, np.ndarray]:
-        value, gradient = log_marginal(t, Z, T, scratch, kernel)
+        value, gradient = log_marginal_likelihood(t, Z, T, scratch, kernel)
         more, slope = density(t)
         return -value - more, -gradient - slope
 

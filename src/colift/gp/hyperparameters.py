@@ -11,15 +11,15 @@ from jaxtyping import Array, Float
 from numpy.typing import ArrayLike
 
 from colift.gp.kernels import DEFAULT_KERNEL, Kernel
-from colift.gp.likelihood import gram, least_noise, not_positive_definite
+from colift.gp.likelihood import conditioning_error_message, gram_matrix, min_noise_ratio
 from colift.math.pytree import pytree
 
-UNSEEN = 1e50
+INACTIVE_LENGTHSCALE = 1e50
 """Length-scale of an input that an output does not look at."""
 
 
 @pytree
-class Hyper:
+class Hyperparameters:
     """Hyperparameters of independent outputs over shared inputs, in the units of the data.
 
     Output i has `y = offset_i + f_i(x) + noise`, with
@@ -30,11 +30,11 @@ class Hyper:
     signal_variance: Float[Array, "*batch outputs"]  # (unit of y)^2
     lengthscales: Float[Array, "*batch outputs dimensions"]  # unit of x
     noise_variance: Float[Array, "*batch outputs"]  # (unit of y)^2
-    offset: Float[Array, "*batch outputs"]  # unit of y, constant prior mean
+    constant_mean: Float[Array, "*batch outputs"]  # unit of y, constant prior mean
 
 
 @dataclasses.dataclass(frozen=True)
-class Box:
+class HyperparameterBounds:
     """Bounds (lower, upper) on the hyperparameters of standardized data: every input and output has unit deviation."""
 
     signal_variance: tuple[float, float] = (1e-3, 1e2)
@@ -49,42 +49,42 @@ class Box:
                 raise ValueError(f"{field.name} = ({lower}, {upper}): must satisfy 0 < lower <= upper < inf")
 
 
-DEFAULT_BOX = Box()
+DEFAULT_BOUNDS = HyperparameterBounds()
 
 
 @dataclasses.dataclass(frozen=True)
-class Belief:
+class HyperPrior:
     """What is believed of hyperparameters before any data, in the units of the data.
 
     `log l ~ N(log l_median, log(factor)^2)` for every length-scale, and so for every signal and noise deviation (a
     variance has twice the logarithm). No length-scale lies outside `[least, greatest]`. The median's offset is unused.
     """
 
-    median: Hyper
-    factor: float = 3.0
+    median: Hyperparameters
+    scale_factor: float = 3.0
     """Two of three lie within this factor of the median, up or down."""
-    least: float = 0.1
+    min_lengthscale: float = 0.1
     """Of any length-scale, in the unit of its input."""
-    greatest: float = 30.0
+    max_lengthscale: float = 30.0
     """As `least`."""
 
     def __post_init__(self) -> None:
-        check(self.median)
-        if not 1 < self.factor < np.inf:
-            raise ValueError(f"factor = {self.factor}: must exceed 1 and be finite")
-        if not 0 < self.least <= self.greatest < np.inf:
+        validate(self.median)
+        if not 1 < self.scale_factor < np.inf:
+            raise ValueError(f"factor = {self.scale_factor}: must exceed 1 and be finite")
+        if not 0 < self.min_lengthscale <= self.max_lengthscale < np.inf:
             raise ValueError(
-                f"least = {self.least}, greatest = {self.greatest}: must satisfy 0 < least <= greatest < inf"
+                f"least = {self.min_lengthscale}, greatest = {self.max_lengthscale}: must satisfy 0 < least <= greatest < inf"
             )
 
 
-def hyperparameters(
+def make_hyperparameters(
     signal_variance: ArrayLike | float,
     lengthscales: ArrayLike,
     noise_variance: ArrayLike | float,
     offset: ArrayLike | float = 0.0,
     kernel: Kernel = DEFAULT_KERNEL,
-) -> Hyper:
+) -> Hyperparameters:
     """Stated hyperparameters, scalars or one for each output, broadcast to `(outputs,)` and `(outputs, dimensions)`.
 
     lengthscales: `(dimensions,)` or `(outputs, dimensions)`.
@@ -100,8 +100,10 @@ def hyperparameters(
     if ls.ndim != 2 or len(ls) not in (1, outputs):
         raise ValueError(f"lengthscales has shape {ls.shape}: must be (dimensions,) or ({outputs}, dimensions)")
     full = {name: jnp.asarray(np.broadcast_to(value, (outputs,))) for name, value in given.items()}
-    stated = Hyper(kernel=kernel, lengthscales=jnp.asarray(np.broadcast_to(ls, (outputs, ls.shape[1]))), **full)
-    check(stated)
+    stated = Hyperparameters(
+        kernel=kernel, lengthscales=jnp.asarray(np.broadcast_to(ls, (outputs, ls.shape[1]))), **full
+    )
+    validate(stated)
     return stated
 
 
@@ -114,7 +116,7 @@ RANGE = {
 }
 
 
-def check(hyper: Hyper, points: int = 1) -> None:
+def validate(hyper: Hyperparameters, points: int = 1) -> None:
     """Raise ValueError where a variance or length-scale is not positive and finite, or an offset not finite.
 
     So do numbers beyond `RANGE`, and noise too small for that many points in float64, see `least_noise`.
@@ -128,27 +130,27 @@ def check(hyper: Hyper, points: int = 1) -> None:
     if not abs(at_zero - 1) <= 1e-12:
         raise ValueError(f"the kernel {type(hyper.kernel).__name__} is {at_zero:.6g} at distance zero: must be 1")
     s, v = np.asarray(hyper.signal_variance), np.asarray(hyper.noise_variance)
-    small = np.flatnonzero(v < least_noise(points) * s)
+    small = np.flatnonzero(v < min_noise_ratio(points) * s)
     if small.size:
-        raise ValueError(f"output {small[0]}: " + not_positive_definite(points, s[small[0]], v[small[0]]))
+        raise ValueError(f"output {small[0]}: " + conditioning_error_message(points, s[small[0]], v[small[0]]))
 
 
-def grams(X: np.ndarray, hyper: Hyper) -> np.ndarray:
+def gram_matrices(X: np.ndarray, hyper: Hyperparameters) -> np.ndarray:
     """`(outputs, N, N)`, the covariance of labels of each output at the points X `(N, dimensions)`: its `gram`."""
     each = zip(*map(np.asarray, (hyper.signal_variance, hyper.lengthscales, hyper.noise_variance)), strict=True)
-    return np.stack([gram(X, *of, hyper.kernel) for of in each])
+    return np.stack([gram_matrix(X, *of, hyper.kernel) for of in each])
 
 
-def of_outputs(hyper: Hyper, outputs: slice) -> Hyper:
+def select_outputs(hyper: Hyperparameters, outputs: slice) -> Hyperparameters:
     """Hyperparameters of some outputs."""
     part = {name: getattr(hyper, name)[outputs] for name in FIELDS}
-    return Hyper(kernel=hyper.kernel, **part)
+    return Hyperparameters(kernel=hyper.kernel, **part)
 
 
-def joined(first: Hyper, then: Hyper) -> Hyper:
+def concatenate(first: Hyperparameters, then: Hyperparameters) -> Hyperparameters:
     """Of the outputs of both, in this order; they have one kernel."""
     both = {name: jnp.concatenate([getattr(first, name), getattr(then, name)]) for name in FIELDS}
-    return Hyper(kernel=first.kernel, **both)
+    return Hyperparameters(kernel=first.kernel, **both)
 
 
 FIELDS = ("signal_variance", "lengthscales", "noise_variance", "offset")

@@ -21,7 +21,7 @@ class Kernel:
         """Of squares of any shape, elementwise; not below zero."""
         raise NotImplementedError
 
-    def on_host(self, r2: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def numpy_value_and_slope(self, r2: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Its values, and `-2` times its slope, which a fit needs, on the host; r2 may be overwritten."""
         values, slopes = _with_slope(self, jnp.asarray(r2.ravel()))
         # a root has no slope at zero, where a fit multiplies it by zero
@@ -43,7 +43,7 @@ class SquaredExponential(Kernel):
         """Of squares of any shape."""
         return jnp.exp(-0.5 * r2)
 
-    def on_host(self, r2: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def numpy_value_and_slope(self, r2: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Both are the same; written over r2."""
         np.multiply(r2, -0.5, out=r2)
         return np.exp(r2, out=r2), r2

@@ -17,7 +17,7 @@ LOG_2PI = float(np.log(2 * np.pi))
 BLAS = ThreadpoolController()  # of the libraries loaded by now: NumPy's and SciPy's
 
 
-def log_marginal(
+def log_marginal_likelihood(
     theta: np.ndarray,
     X: np.ndarray,
     R: np.ndarray,
@@ -38,14 +38,14 @@ def log_marginal(
     E, K = np.empty((2, N, N)) if scratch is None else scratch
     s, ls, v = np.exp(theta[0]), np.exp(theta[1:-1]), np.exp(theta[-1])
     U = X / ls
-    squares(U, E)
-    E, slope = kernel.on_host(E)
+    squared_distances(U, E)
+    E, slope = kernel.numpy_value_and_slope(E)
     np.multiply(s, E, out=K)
     K.flat[:: N + 1] += v
     # Only lower triangles are read and written from here on, in the memory of K.
     L, info = dpotrf(K.T, lower=1, clean=0, overwrite_a=1)
     if info:
-        raise ValueError(not_positive_definite(N, s, v))
+        raise ValueError(conditioning_error_message(N, s, v))
     log_det = 2 * np.log(np.diagonal(L)).sum()
     P, _ = dpotri(L, lower=1, overwrite_c=1)
     A = dsymm(1.0, P, R, lower=1)
@@ -64,7 +64,7 @@ def log_marginal(
     return float(value), gradient
 
 
-def squares(U: np.ndarray, out: np.ndarray) -> None:
+def squared_distances(U: np.ndarray, out: np.ndarray) -> None:
     """Write `|U_i - U_j|^2` through one product: exact on the diagonal, elsewhere to `eps |U|^2`, none below zero."""
     square = np.einsum("nd,nd->n", U, U)
     np.matmul(-2 * U, U.T, out=out)
@@ -74,7 +74,7 @@ def squares(U: np.ndarray, out: np.ndarray) -> None:
     out.flat[:: len(U) + 1] = 0.0
 
 
-def one_thread(N: int) -> AbstractContextManager:
+def single_thread_blas(N: int) -> AbstractContextManager:
     """BLAS on one thread for problems too small to share: below 1000 points threads wait more than they work.
 
     Measured on 2 cores: equal at N = 500 on an idle machine, 5 to 30 times faster at N = 250 on a busy one.
@@ -82,31 +82,31 @@ def one_thread(N: int) -> AbstractContextManager:
     return BLAS.limit(limits=1, user_api="blas") if N < 1000 else contextlib.nullcontext()
 
 
-def correlation(kernel: Kernel, U: np.ndarray, V: np.ndarray) -> np.ndarray:
+def kernel_matrix(kernel: Kernel, U: np.ndarray, V: np.ndarray) -> np.ndarray:
     """`kernel(|u - v|^2)` of every u and v, rows, in length-scales, from differences: exact to rounding."""
-    return kernel.on_host(cdist(U, V, "sqeuclidean"))[0]
+    return kernel.numpy_value_and_slope(cdist(U, V, "sqeuclidean"))[0]
 
 
-def gram(
+def gram_matrix(
     X: np.ndarray, signal_variance: float, lengthscales: np.ndarray, noise_variance: float, kernel: Kernel
 ) -> np.ndarray:
     """`K = signal_variance E + noise_variance I`, E by `correlation`."""
     U = X / lengthscales
-    K = signal_variance * correlation(kernel, U, U)
+    K = signal_variance * kernel_matrix(kernel, U, U)
     K.flat[:: len(K) + 1] += noise_variance
     return K
 
 
-def not_positive_definite(N: int, signal_variance: float, noise_variance: float) -> str:
+def conditioning_error_message(N: int, signal_variance: float, noise_variance: float) -> str:
     """What to tell a person whose Gram matrix has no Cholesky factor to working precision."""
     return (
         f"the Gram matrix of {N} points may not be positive definite to working precision: noise_variance = "
         f"{noise_variance:.3g} is too small beside signal_variance = {signal_variance:.3g}; "
-        f"use noise_variance >= {least_noise(N) * signal_variance:.2g}"
+        f"use noise_variance >= {min_noise_ratio(N) * signal_variance:.2g}"
     )
 
 
-def least_noise(N: int) -> float:
+def min_noise_ratio(N: int) -> float:
     """Least noise variance over signal variance at which N points, however close, keep a Cholesky factor in float64.
 
     Rounding moves the eigenvalues of K by about `N eps signal_variance` (Higham 2002, Theorem 10.3); ten times that.
@@ -114,7 +114,7 @@ def least_noise(N: int) -> float:
     return 10 * N * float(np.finfo(float).eps)
 
 
-def least_noise_to_grow(N: int) -> float:
+def min_noise_ratio_for_append(N: int) -> float:
     """Least noise variance over signal variance at which a factor may grow to N points, however close, row by row.
 
     An inverse factor W that grows loses `W K W^T = I` faster than one computed at once. Over crowds of 20 to 1000

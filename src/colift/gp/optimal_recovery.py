@@ -18,28 +18,30 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import linalg, sparse
 
-from colift.gp.fitting import checked
-from colift.gp.hyperparameters import Hyper
+from colift.gp.fitting import validate_data
+from colift.gp.hyperparameters import Hyperparameters
 from colift.gp.kernels import Kernel
-from colift.gp.likelihood import correlation
+from colift.gp.likelihood import kernel_matrix
 
 # By how much the program's eps and B exceed the stated, tried in turn: room inside, without which the solver stalls.
 # The result is for the stated ones all the same, and the less room, the closer it is to the best.
 MARGINS = (1e-6, 1e-5, 1e-4, 1e-3)
-SINGLE = np.float32  # of the iterates of `least`: whatever they are, they bound
-ROUND = 100  # iterations of `least` between two looks at what they gained; some gain nothing in fifty, and then much
-GAIN = 1e-3  # of the largest value f can have, that a round must gain somewhere for another to follow
-ROUNDS = 20
-TOGETHER = 256  # functionals of `least` at a time: what is read and written stays in a core's cache
-RELAXED = 1.6  # times the step, as usual
-PENALTY = 0.03  # of multipliers that differ from their copies, for functionals of size one
+ITERATE_DTYPE = np.float32  # of the iterates of `least`: whatever they are, they bound
+CHECK_INTERVAL = (
+    100  # iterations of `least` between two looks at what they gained; some gain nothing in fifty, and then much
+)
+MIN_IMPROVEMENT = 1e-3  # of the largest value f can have, that a round must gain somewhere for another to follow
+MAX_ROUNDS = 20
+BATCH_SIZE = 256  # functionals of `least` at a time: what is read and written stays in a core's cache
+RELAXATION = 1.6  # times the step, as usual
+ADMM_PENALTY = 0.03  # of multipliers that differ from their copies, for functionals of size one
 ROUNDING = 1e-12  # of products of some thousand correlations, for weights whose magnitudes sum to one
-RANK = 1e-13  # directions of the Gram matrix below this fraction of its largest are lost in rounding
-CONTRADICT = "the data contradict norm and noise_bound: no function of that norm passes that closely"
+RANK_TOLERANCE = 1e-13  # directions of the Gram matrix below this fraction of its largest are lost in rounding
+INFEASIBLE_MESSAGE = "the data contradict norm and noise_bound: no function of that norm passes that closely"
 
 
 @dataclasses.dataclass(frozen=True)
-class Recovery:
+class RecoveryInterval:
     """Values the functional can have; unit of y times that of the weights."""
 
     lower: float
@@ -51,7 +53,7 @@ class Recovery:
 
 
 @dataclasses.dataclass(frozen=True)
-class Consistent:
+class FeasibleSet:
     """The functions of one output that norm and data allow: `||f|| <= B`, `|Y_k - offset - f(x_k)| <= eps`.
 
     Kept in units of `unit = B sqrt(signal_variance)`, the largest value f can have, with inputs in length-scales.
@@ -69,11 +71,11 @@ class Consistent:
 
     def correlations(self, points: np.ndarray) -> np.ndarray:
         """`k(x_k, z_l) / signal_variance`, `(N, L)`: products with weights are the `k` of a functional."""
-        return correlation(self.kernel, self.U, points / self.lengthscales)
+        return kernel_matrix(self.kernel, self.U, points / self.lengthscales)
 
 
 @dataclasses.dataclass(frozen=True)
-class Extreme:
+class WorstCase:
     """The greatest value of a functional, and what proves and what reaches it.
 
     `value` is an upper bound whatever the solver's tolerance. `nu`: multipliers of the data. `weights`: those of the
@@ -85,21 +87,23 @@ class Extreme:
     weights: np.ndarray  # (N + 1,), 1 / unit of y, for kernels of `signal_variance`
 
 
-def consistent(X: ArrayLike, Y: ArrayLike, hyper: Hyper, output: int, norm: float, noise_bound: float) -> Consistent:
+def feasible_set(
+    X: ArrayLike, Y: ArrayLike, hyper: Hyperparameters, output: int, norm: float, noise_bound: float
+) -> FeasibleSet:
     """What the data of one output allow; norm: B; noise_bound: eps, unit of y.
 
     X: `(N, dimensions)`; Y: `(N, outputs)`. Raises ValueError for shapes or numbers that are not that.
     """
-    X, Y = checked(X, Y)
+    X, Y = validate_data(X, Y)
     for name, value in (("norm", norm), ("noise_bound", noise_bound)):
         if not 0 < value < np.inf:
             raise ValueError(f"{name} = {value}: must be positive and finite")
-    s, offset = float(np.asarray(hyper.signal_variance)[output]), float(np.asarray(hyper.offset)[output])
+    s, offset = float(np.asarray(hyper.signal_variance)[output]), float(np.asarray(hyper.constant_mean)[output])
     ls = np.asarray(hyper.lengthscales)[output]
     unit, U = norm * s**0.5, X / ls
-    return Consistent(
+    return FeasibleSet(
         U=U,
-        K=correlation(hyper.kernel, U, U),
+        K=kernel_matrix(hyper.kernel, U, U),
         r=(Y[:, output] - offset) / unit,
         eps=noise_bound / unit,
         unit=unit,
@@ -110,16 +114,16 @@ def consistent(X: ArrayLike, Y: ArrayLike, hyper: Hyper, output: int, norm: floa
     )
 
 
-def recover(
+def recovery_interval(
     X: ArrayLike,
     Y: ArrayLike,
-    hyper: Hyper,
+    hyper: Hyperparameters,
     output: int,
     norm: float,
     noise_bound: float,
     points: ArrayLike,
     weights: ArrayLike = (1.0,),
-) -> Recovery:
+) -> RecoveryInterval:
     """Bounds on `sum_l a_l (offset + f(z_l))` over all f with `||f|| <= B`, `|Y_k - offset - f(x_k)| <= eps`.
 
     Any numbers nu give an upper bound, for `f(z) = sum_k nu_k f(x_k) + <f, k_z - sum_k nu_k k_xk>`:
@@ -132,19 +136,19 @@ def recover(
     Raises ValueError for shapes or numbers that are not that, or data that contradict B and eps; RuntimeError
     where the solver fails.
     """
-    allowed = consistent(X, Y, hyper, output, norm, noise_bound)
+    allowed = feasible_set(X, Y, hyper, output, norm, noise_bound)
     Z, a = np.asarray(points, dtype=float), np.asarray(weights, dtype=float)
     dimensions = allowed.U.shape[1]
     if Z.shape != (a.size, dimensions) or a.ndim != 1 or not (np.isfinite(Z).all() and np.isfinite(a).all()):
         raise ValueError(f"points {Z.shape} and weights {a.shape}: must be finite, (L, {dimensions}) and (L,)")
     k, V = allowed.correlations(Z) @ a, Z / allowed.lengthscales
-    square, mass = float(a @ correlation(hyper.kernel, V, V) @ a), float(np.abs(a).sum())
-    upper, lower = (sign * greatest(allowed, sign * k, square, mass).value for sign in (1, -1))
-    centre = float(np.asarray(hyper.offset)[output]) * a.sum()
-    return Recovery(lower=float(centre + lower), upper=float(centre + upper))
+    square, mass = float(a @ kernel_matrix(hyper.kernel, V, V) @ a), float(np.abs(a).sum())
+    upper, lower = (sign * maximize_functional(allowed, sign * k, square, mass).value for sign in (1, -1))
+    centre = float(np.asarray(hyper.constant_mean)[output]) * a.sum()
+    return RecoveryInterval(lower=float(centre + lower), upper=float(centre + upper))
 
 
-def greatest(allowed: Consistent, k: np.ndarray, square: float, mass: float) -> Extreme:
+def maximize_functional(allowed: FeasibleSet, k: np.ndarray, square: float, mass: float) -> WorstCase:
     """The greatest value of a functional of f, given its representer's products with the data's and with itself.
 
     For `sum_l a_l f(z_l)`: `k = correlations(Z) a`, `(N,)`, `square = a^T C a` with C the correlations of Z, and `mass
@@ -155,14 +159,16 @@ def greatest(allowed: Consistent, k: np.ndarray, square: float, mass: float) -> 
     nu, weights = _solution(allowed, k / size, square / size**2)
     nu, weights = size * nu, weights * allowed.unit / allowed.signal_variance
     weights[-1] /= size
-    return Extreme(
-        value=float(above(allowed, nu[:, None], k[:, None], np.array([square]), np.array([mass]))[0]),
+    return WorstCase(
+        value=float(dual_upper_bounds(allowed, nu[:, None], k[:, None], np.array([square]), np.array([mass]))[0]),
         nu=nu,
         weights=weights,
     )
 
 
-def above(allowed: Consistent, nu: np.ndarray, k: np.ndarray, square: np.ndarray, mass: np.ndarray) -> np.ndarray:
+def dual_upper_bounds(
+    allowed: FeasibleSet, nu: np.ndarray, k: np.ndarray, square: np.ndarray, mass: np.ndarray
+) -> np.ndarray:
     """Upper bounds of many functionals by any multipliers, `nu^T r + eps |nu|_1 + B ||k_z - sum_k nu_k k_xk||`.
 
     nu, k: `(N, functionals)`; square, mass: `(functionals,)`; see `greatest`.
@@ -174,7 +180,7 @@ def above(allowed: Consistent, nu: np.ndarray, k: np.ndarray, square: np.ndarray
     return allowed.unit * (allowed.r @ nu + allowed.eps * size + np.sqrt(residual2))
 
 
-def least(allowed: Consistent, k: np.ndarray, square: np.ndarray, mass: np.ndarray) -> np.ndarray:
+def minimize_upper_bounds(allowed: FeasibleSet, k: np.ndarray, square: np.ndarray, mass: np.ndarray) -> np.ndarray:
     """Upper bounds of many functionals, `above` at multipliers that are nearly the best: within about `GAIN`.
 
     `min_nu g(nu) + eps |nu|_1`, `g(nu) = r^T nu + sqrt(square - 2 k^T nu + nu^T K nu)`, by the alternating direction
@@ -183,34 +189,34 @@ def least(allowed: Consistent, k: np.ndarray, square: np.ndarray, mass: np.ndarr
     that contradict B and eps the program of a functional of nothing knows.
     """
     _solution(allowed, np.zeros(len(allowed.r)), 0.0)
-    values, V = (x.astype(SINGLE) for x in linalg.eigh(allowed.K))
+    values, V = (x.astype(ITERATE_DTYPE) for x in linalg.eigh(allowed.K))
     values = np.maximum(values, 0)[:, None]
     best, square = np.empty_like(square), np.maximum(square, 0.0)  # rounded
-    for first in range(0, len(best), TOGETHER):
-        some = slice(first, first + TOGETHER)
+    for first in range(0, len(best), BATCH_SIZE):
+        some = slice(first, first + BATCH_SIZE)
         best[some] = _least(allowed, values, V, k[:, some], square[some], mass[some])
     return best
 
 
 def _least(
-    allowed: Consistent, values: np.ndarray, V: np.ndarray, k: np.ndarray, square: np.ndarray, mass: np.ndarray
+    allowed: FeasibleSet, values: np.ndarray, V: np.ndarray, k: np.ndarray, square: np.ndarray, mass: np.ndarray
 ) -> np.ndarray:
     """`least` of some functionals, `K = V diag(values) V^T`."""
     size = np.where(square > 0, np.sqrt(square), 1.0)
-    c, r = V.T @ (k / size).astype(SINGLE), (V.T @ allowed.r.astype(SINGLE))[:, None]
-    most = SINGLE(allowed.eps / PENALTY)
-    copy, price = np.zeros((2, *k.shape), SINGLE)
-    root, tiny = np.ones(len(square), SINGLE), np.finfo(SINGLE).eps  # root: sqrt(...), held within a step
-    best, left = above(allowed, copy, k, square, mass), np.arange(len(square))
-    for _ in range(ROUNDS):
-        for _ in range(ROUND):
-            nu = (c + root * (PENALTY * (V.T @ (copy - price)) - r)) / (values + PENALTY * root)
+    c, r = V.T @ (k / size).astype(ITERATE_DTYPE), (V.T @ allowed.r.astype(ITERATE_DTYPE))[:, None]
+    most = ITERATE_DTYPE(allowed.eps / ADMM_PENALTY)
+    copy, price = np.zeros((2, *k.shape), ITERATE_DTYPE)
+    root, tiny = np.ones(len(square), ITERATE_DTYPE), np.finfo(ITERATE_DTYPE).eps  # root: sqrt(...), held within a step
+    best, left = dual_upper_bounds(allowed, copy, k, square, mass), np.arange(len(square))
+    for _ in range(MAX_ROUNDS):
+        for _ in range(CHECK_INTERVAL):
+            nu = (c + root * (ADMM_PENALTY * (V.T @ (copy - price)) - r)) / (values + ADMM_PENALTY * root)
             root = np.sqrt(np.maximum(1 + np.sum(nu * (values * nu - 2 * c), axis=0), tiny))
-            price += RELAXED * (V @ nu) + (1 - RELAXED) * copy
+            price += RELAXATION * (V @ nu) + (1 - RELAXATION) * copy
             copy = price - np.clip(price, -most, most)
             price -= copy
-        found = above(allowed, size[left] * copy, k[:, left], square[left], mass[left])
-        gains = best[left] - found > GAIN * allowed.unit * size[left]
+        found = dual_upper_bounds(allowed, size[left] * copy, k[:, left], square[left], mass[left])
+        gains = best[left] - found > MIN_IMPROVEMENT * allowed.unit * size[left]
         best[left] = np.fmin(best[left], found)  # what is no number bounds nothing
         left, root = left[gains], root[gains]
         c, copy, price = c[:, gains], copy[:, gains], price[:, gains]
@@ -219,7 +225,7 @@ def _least(
     return best
 
 
-def _solution(allowed: Consistent, k: np.ndarray, square: float) -> tuple[np.ndarray, np.ndarray]:
+def _solution(allowed: FeasibleSet, k: np.ndarray, square: float) -> tuple[np.ndarray, np.ndarray]:
     """The best nu, and the function that proves it best as weights of the data's representers and the functional's.
 
     From the program `max F_z c` over `|c| <= 1`, `|r - F c| <= eps`, with `[F; F_z] [F; F_z]^T` the Gram matrix:
@@ -227,12 +233,12 @@ def _solution(allowed: Consistent, k: np.ndarray, square: float) -> tuple[np.nda
     """
     gram = np.block([[allowed.K, k[:, None]], [k[None], np.full((1, 1), square)]])
     values, vectors = linalg.eigh(gram)
-    kept = values > RANK * values[-1]
+    kept = values > RANK_TOLERANCE * values[-1]
     vectors, scale, N = vectors[:, kept], np.sqrt(values[kept]), len(k)
     for margin in MARGINS:
         status, x, z = _solve(vectors * scale, allowed.r, allowed.eps * (1 + margin), 1 + margin)
         if "PrimalInfeasible" in status:
-            raise ValueError(CONTRADICT)
+            raise ValueError(INFEASIBLE_MESSAGE)
         if status in ("Solved", "AlmostSolved"):
             return z[:N] - z[N : 2 * N], vectors @ (x / scale)
     raise RuntimeError(f"Clarabel ended with {status} on {N} points, noise_bound / (norm sqrt(s)) = {allowed.eps:.3g}")

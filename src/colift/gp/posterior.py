@@ -16,9 +16,15 @@ from jaxtyping import Array, Bool, Float, Int
 from numpy.typing import ArrayLike
 from scipy.linalg.lapack import dpotrf, dtrtri
 
-from colift.gp.fitting import LARGEST, checked
-from colift.gp.hyperparameters import Hyper, check
-from colift.gp.likelihood import LOG_2PI, gram, least_noise_to_grow, not_positive_definite, one_thread
+from colift.gp.fitting import LARGEST, validate_data
+from colift.gp.hyperparameters import Hyperparameters, validate
+from colift.gp.likelihood import (
+    LOG_2PI,
+    conditioning_error_message,
+    gram_matrix,
+    min_noise_ratio_for_append,
+    single_thread_blas,
+)
 from colift.math.pytree import pytree
 
 # Of `predict`: most points in a block, strips of W, and the blocks from which strips repay their copying; measured.
@@ -26,14 +32,14 @@ BLOCK, STRIPS, MANY = 64, 8, 8
 
 
 @pytree
-class GP:
+class GPPosterior:
     """Exact posterior of `outputs` GPs on n data points; on none, the prior."""
 
-    hyper: Hyper
+    hyper: Hyperparameters
     X: Float[Array, "*batch capacity dimensions"]
     Y: Float[Array, "*batch capacity outputs"]
-    n: Int[Array, "*batch"]  # points in use, the first n rows
-    W: Float[Array, "*batch outputs capacity capacity"]  # inverse Cholesky factors, lower triangular
+    num_points: Int[Array, "*batch"]  # points in use, the first n rows
+    inverse_cholesky: Float[Array, "*batch outputs capacity capacity"]  # inverse Cholesky factors, lower triangular
     alpha: Float[Array, "*batch outputs capacity"]  # K^-1 (Y - offset)
 
     @property
@@ -42,47 +48,47 @@ class GP:
         return self.X.shape[-2]
 
 
-def prior(hyper: Hyper, capacity: int) -> GP:
+def prior(hyper: Hyperparameters, capacity: int) -> GPPosterior:
     """The posterior on no data: mean `offset`, variance `signal_variance`; the shapes of a conditioned one.
 
     Raises ValueError where `hyper` is not what `check` allows at this capacity.
     """
-    check(hyper, capacity)
+    validate(hyper, capacity)
     m, D = hyper.lengthscales.shape
-    return GP(
+    return GPPosterior(
         hyper=hyper,
         X=jnp.zeros((capacity, D)),
         Y=jnp.zeros((capacity, m)),
-        n=jnp.zeros((), dtype=int),
-        W=jnp.asarray(np.tile(np.eye(capacity), (m, 1, 1))),
+        num_points=jnp.zeros((), dtype=int),
+        inverse_cholesky=jnp.asarray(np.tile(np.eye(capacity), (m, 1, 1))),
         alpha=jnp.zeros((m, capacity)),
     )
 
 
-def condition(X: ArrayLike, Y: ArrayLike, hyper: Hyper, capacity: int | None = None) -> GP:
+def condition(X: ArrayLike, Y: ArrayLike, hyper: Hyperparameters, capacity: int | None = None) -> GPPosterior:
     """The posterior on data X `(N, dimensions)`, Y `(N, outputs)` (host, O(N^3)).
 
     Raises ValueError for data that are not finite or beyond 1e100 in size, shapes that disagree with `hyper`, more
     points than `capacity`, or `hyper` that `check` does not allow at this capacity.
     """
-    X, Y = checked(X, Y)
+    X, Y = validate_data(X, Y)
     N, (m, D) = len(X), hyper.lengthscales.shape
     capacity = N if capacity is None else capacity
-    check(hyper, capacity)
+    validate(hyper, capacity)
     if (X.shape[1], Y.shape[1]) != (D, m):
         raise ValueError(f"X {X.shape} and Y {Y.shape}: hyper has {D} dimensions and {m} outputs")
     if capacity < N:
         raise ValueError(f"{N} data points: capacity is {capacity}")
     s, ls, v, offset = (
-        np.asarray(a) for a in (hyper.signal_variance, hyper.lengthscales, hyper.noise_variance, hyper.offset)
+        np.asarray(a) for a in (hyper.signal_variance, hyper.lengthscales, hyper.noise_variance, hyper.constant_mean)
     )
     W = np.tile(np.eye(capacity), (m, 1, 1))
     alpha = np.zeros((m, capacity))
-    with one_thread(N):
+    with single_thread_blas(N):
         for i in range(m):
-            L, info = dpotrf(gram(X, s[i], ls[i], v[i], hyper.kernel).T, lower=1, overwrite_a=1)
+            L, info = dpotrf(gram_matrix(X, s[i], ls[i], v[i], hyper.kernel).T, lower=1, overwrite_a=1)
             if info:
-                raise ValueError(f"output {i}: " + not_positive_definite(N, s[i], v[i]))
+                raise ValueError(f"output {i}: " + conditioning_error_message(N, s[i], v[i]))
             W_i, _ = dtrtri(L, lower=1, overwrite_c=1)
             W[i, :N, :N] = W_i
             with np.errstate(over="ignore", invalid="ignore"):
@@ -95,17 +101,19 @@ def condition(X: ArrayLike, Y: ArrayLike, hyper: Hyper, capacity: int | None = N
                     f"float64 beside noise_variance = {v[i]:.3g}"
                 )
     pad = ((0, capacity - N), (0, 0))
-    return GP(
+    return GPPosterior(
         hyper=hyper,
         X=jnp.asarray(np.pad(X, pad)),
         Y=jnp.asarray(np.pad(Y, pad)),
-        n=jnp.asarray(N, dtype=int),
-        W=jnp.asarray(W),
+        num_points=jnp.asarray(N, dtype=int),
+        inverse_cholesky=jnp.asarray(W),
         alpha=jnp.asarray(alpha),
     )
 
 
-def expansion(hyper: Hyper, centers: ArrayLike, weights: ArrayLike, capacity: int | None = None) -> GP:
+def from_expansion(
+    hyper: Hyperparameters, centers: ArrayLike, weights: ArrayLike, capacity: int | None = None
+) -> GPPosterior:
     """The function `f_i = offset_i + sum_k weights_ik k_i(centers_k, .)` as a posterior mean: `mean` evaluates it.
 
     It is the mean on data `K weights`, which it passes at the centres up to `noise_variance weights`.
@@ -115,43 +123,43 @@ def expansion(hyper: Hyper, centers: ArrayLike, weights: ArrayLike, capacity: in
     if X.ndim != 2 or weights.shape != (len(hyper.signal_variance), len(X)) or not np.isfinite(weights).all():
         raise ValueError(f"weights {weights.shape}: must be finite, ({len(hyper.signal_variance)}, {len(X)})")
     s, ls, v, offset = (
-        np.asarray(a) for a in (hyper.signal_variance, hyper.lengthscales, hyper.noise_variance, hyper.offset)
+        np.asarray(a) for a in (hyper.signal_variance, hyper.lengthscales, hyper.noise_variance, hyper.constant_mean)
     )
-    K = [gram(X, s[i], ls[i], v[i], hyper.kernel) for i in range(len(s))]
+    K = [gram_matrix(X, s[i], ls[i], v[i], hyper.kernel) for i in range(len(s))]
     Y = np.stack([(offset[i] + K[i] @ weights[i]) for i in range(len(s))], axis=1)
     model = condition(X, Y, hyper, capacity)
     return dataclasses.replace(model, alpha=jnp.asarray(np.pad(weights, ((0, 0), (0, model.capacity - len(X))))))
 
 
 @jax.jit
-def norm(gp: GP) -> Float[Array, " outputs"]:
+def rkhs_norm(gp: GPPosterior) -> Float[Array, " outputs"]:
     """Norm of `mu_i - offset_i` in the RKHS of its kernel, `sqrt(alpha^T K_f alpha)`; no unit."""
     K = jax.vmap(lambda x: _kernel(gp, x))(gp.X)
     square = jnp.einsum("ij,jik,ik->i", gp.alpha, K, gp.alpha)
     return jnp.sqrt(jnp.maximum(square, 0.0))
 
 
-def _kernel(gp: GP, x: Float[Array, " dimensions"]) -> Float[Array, "outputs capacity"]:
+def _kernel(gp: GPPosterior, x: Float[Array, " dimensions"]) -> Float[Array, "outputs capacity"]:
     """`k_i(x, X)` for every output and row, rows past n included."""
     difference = gp.X - x[None, :]
     r2 = (1 / gp.hyper.lengthscales**2) @ (difference * difference).T
     return gp.hyper.signal_variance[:, None] * gp.hyper.kernel(r2)
 
 
-def _in_use(gp: GP) -> Bool[Array, "1 capacity"]:
-    return (jnp.arange(gp.capacity) < gp.n)[None, :]
+def _in_use(gp: GPPosterior) -> Bool[Array, "1 capacity"]:
+    return (jnp.arange(gp.capacity) < gp.num_points)[None, :]
 
 
-def _kernel_in_use(gp: GP, x: Float[Array, " dimensions"]) -> Float[Array, "outputs capacity"]:
+def _kernel_in_use(gp: GPPosterior, x: Float[Array, " dimensions"]) -> Float[Array, "outputs capacity"]:
     return jnp.where(_in_use(gp), _kernel(gp, x), 0.0)
 
 
-def _residual(gp: GP) -> Float[Array, "outputs capacity"]:
+def _residual(gp: GPPosterior) -> Float[Array, "outputs capacity"]:
     """`Y - offset`, zero past n."""
-    return jnp.where(_in_use(gp), (gp.Y - gp.hyper.offset[None, :]).T, 0.0)
+    return jnp.where(_in_use(gp), (gp.Y - gp.hyper.constant_mean[None, :]).T, 0.0)
 
 
-def must_be(name: str, value: Array, shape: tuple[int | str, ...], meaning: str) -> None:
+def check_shape(name: str, value: Array, shape: tuple[int | str, ...], meaning: str) -> None:
     """Raise ValueError where an argument is of another shape or not real; while tracing, so at no cost in a loop."""
     found = getattr(value, "shape", None)
     if found != shape:
@@ -161,44 +169,44 @@ def must_be(name: str, value: Array, shape: tuple[int | str, ...], meaning: str)
         raise ValueError(f"{name} has type {value.dtype}: must be real numbers")
 
 
-def one_point(X: Array, Y: Array, x: Array, y: Array | None = None) -> None:
+def check_point(X: Array, Y: Array, x: Array, y: Array | None = None) -> None:
     """Raise ValueError where x, y are no point for inputs X and outputs Y, or X and Y those of more than one model."""
     if X.ndim != 2:
         raise ValueError(f"the data have batch axes {X.shape[:-2]}: use jax.vmap over stacked models")
-    must_be("x", x, X.shape[1:], "a number a dimension")
+    check_shape("x", x, X.shape[1:], "a number a dimension")
     if y is not None:
-        must_be("y", y, Y.shape[1:], "a number an output")
+        check_shape("y", y, Y.shape[1:], "a number an output")
 
 
-def within(x: Array, y: Array) -> Bool[Array, ""]:
+def is_finite_point(x: Array, y: Array) -> Bool[Array, ""]:
     """Whether a point is finite and within 1e100 in size, as `condition` demands."""
     return (jnp.abs(x) <= LARGEST).all() & (jnp.abs(y) <= LARGEST).all()
 
 
 @jax.jit
-def mean(gp: GP, x: Float[Array, " dimensions"]) -> Float[Array, " outputs"]:
+def mean(gp: GPPosterior, x: Float[Array, " dimensions"]) -> Float[Array, " outputs"]:
     """`mu_i(x) = offset_i + k_i(x, X) alpha_i` (paper, learning section); unit of y. Vmap over x or stacked GPs.
 
     Raises ValueError, as all here that take a point do, for a shape that is not one point's.
     """
-    one_point(gp.X, gp.Y, x)
-    return gp.hyper.offset + jnp.sum(_kernel(gp, x) * gp.alpha, axis=-1)
+    check_point(gp.X, gp.Y, x)
+    return gp.hyper.constant_mean + jnp.sum(_kernel(gp, x) * gp.alpha, axis=-1)
 
 
 @jax.jit
-def variance(gp: GP, x: Float[Array, " dimensions"]) -> Float[Array, " outputs"]:
+def variance(gp: GPPosterior, x: Float[Array, " dimensions"]) -> Float[Array, " outputs"]:
     """`sigma_i^2(x) = signal_variance_i - |W_i k_i(X, x)|^2`, of the function, without noise; (unit of y)^2.
 
     Exact arithmetic gives at least zero, so a rounded value below it is set to zero.
     """
-    one_point(gp.X, gp.Y, x)
-    v = jnp.einsum("ijk,ik->ij", gp.W, _kernel_in_use(gp, x))
+    check_point(gp.X, gp.Y, x)
+    v = jnp.einsum("ijk,ik->ij", gp.inverse_cholesky, _kernel_in_use(gp, x))
     return jnp.maximum(gp.hyper.signal_variance - jnp.sum(v * v, axis=-1), 0.0)
 
 
 @jax.jit
 def predict(
-    gp: GP, x: Float[Array, "points dimensions"]
+    gp: GPPosterior, x: Float[Array, "points dimensions"]
 ) -> tuple[Float[Array, "points outputs"], Float[Array, "points outputs"]]:
     """`mean` and `variance` at many points at once, from one evaluation of the kernel.
 
@@ -208,10 +216,12 @@ def predict(
     if gp.X.ndim != 2:
         raise ValueError(f"gp has batch axes {gp.X.shape[:-2]}: use jax.vmap over stacked GPs")
     points = x.shape[0] if getattr(x, "ndim", 0) == 2 else "points"
-    must_be("x", x, (points, gp.X.shape[1]), "a row a point")
+    check_shape("x", x, (points, gp.X.shape[1]), "a row a point")
     parts = STRIPS if len(x) > MANY * BLOCK else 1
     edges = sorted({gp.capacity * i // parts for i in range(parts + 1)})
-    strips = jax.lax.optimization_barrier([gp.W[:, a:b, :b] for a, b in itertools.pairwise(edges)])  # once, not a block
+    strips = jax.lax.optimization_barrier(
+        [gp.inverse_cholesky[:, a:b, :b] for a, b in itertools.pairwise(edges)]
+    )  # once, not a block
     h = gp.hyper
 
     def block(x: Float[Array, "block dimensions"]) -> tuple[Array, Array]:
@@ -219,7 +229,7 @@ def predict(
         mu = jnp.einsum("ik,ikp->pi", gp.alpha, k)
         v = [jnp.einsum("ijk,ikp->ijp", W, k[:, : W.shape[2]]) for W in strips]
         explained = sum((jnp.sum(u * u, axis=1) for u in v), jnp.zeros(mu.shape[::-1]))
-        return h.offset[None] + mu, jnp.maximum(h.signal_variance[None] - explained.T, 0.0)
+        return h.constant_mean[None] + mu, jnp.maximum(h.signal_variance[None] - explained.T, 0.0)
 
     if len(x) <= BLOCK:
         return block(x)
@@ -231,7 +241,9 @@ def predict(
 
 
 @jax.jit
-def append(gp: GP, x: Float[Array, " dimensions"], y: Float[Array, " outputs"]) -> tuple[GP, Bool[Array, ""]]:
+def append(
+    gp: GPPosterior, x: Float[Array, " dimensions"], y: Float[Array, " outputs"]
+) -> tuple[GPPosterior, Bool[Array, ""]]:
     """The posterior with one more point, in O(N^2), and whether it was accepted.
 
     With `c = W k(X, x)` and `lam^2 = k(x, x) + noise_variance - |c|^2`, W gains the row
@@ -243,34 +255,34 @@ def append(gp: GP, x: Float[Array, " dimensions"], y: Float[Array, " outputs"]) 
     would be, the noise is below `least_noise_to_grow`, or rounding has eaten more than half of the noise variance in a
     lam^2 (exact arithmetic gives lam^2 >= noise_variance): there W would lose its meaning; `condition` goes further.
     """
-    one_point(gp.X, gp.Y, x, y)
-    sound = (gp.n < gp.capacity) & within(x, y)
+    check_point(gp.X, gp.Y, x, y)
+    sound = (gp.num_points < gp.capacity) & is_finite_point(x, y)
     x, y = jnp.where(sound, x, 0.0), jnp.where(sound, y, 0.0)
-    i = jnp.minimum(gp.n, gp.capacity - 1)
+    i = jnp.minimum(gp.num_points, gp.capacity - 1)
     h = gp.hyper
-    c = jnp.einsum("ijk,ik->ij", gp.W, _kernel_in_use(gp, x))
+    c = jnp.einsum("ijk,ik->ij", gp.inverse_cholesky, _kernel_in_use(gp, x))
     lam2 = h.signal_variance + h.noise_variance - jnp.sum(c * c, axis=-1)
     lam = jnp.sqrt(jnp.maximum(lam2, h.noise_variance))
-    w = (-jnp.einsum("ijk,ij->ik", gp.W, c)).at[:, i].set(1.0) / lam[:, None]
+    w = (-jnp.einsum("ijk,ij->ik", gp.inverse_cholesky, c)).at[:, i].set(1.0) / lam[:, None]
     Y = gp.Y.at[i].set(jnp.where(sound, y, gp.Y[i]))
-    gain = jnp.sum(w * (Y - h.offset[None, :]).T, axis=-1)
+    gain = jnp.sum(w * (Y - h.constant_mean[None, :]).T, axis=-1)
     alpha = gp.alpha + w * gain[:, None]
     finite = jnp.isfinite(gain * gain).all() & jnp.isfinite(alpha).all()
-    growing = h.noise_variance >= least_noise_to_grow(gp.capacity) * h.signal_variance
+    growing = h.noise_variance >= min_noise_ratio_for_append(gp.capacity) * h.signal_variance
     accepted = sound & finite & (growing & (lam2 >= 0.5 * h.noise_variance)).all()
-    grown = GP(
+    grown = GPPosterior(
         hyper=h,
         X=gp.X.at[i].set(jnp.where(accepted, x, gp.X[i])),
         Y=gp.Y.at[i].set(jnp.where(accepted, y, gp.Y[i])),
-        n=gp.n + accepted.astype(gp.n.dtype),
-        W=gp.W.at[:, i].set(jnp.where(accepted, w, gp.W[:, i])),
+        num_points=gp.num_points + accepted.astype(gp.num_points.dtype),
+        inverse_cholesky=gp.inverse_cholesky.at[:, i].set(jnp.where(accepted, w, gp.inverse_cholesky[:, i])),
         alpha=jnp.where(accepted, alpha, gp.alpha),
     )
     return grown, accepted
 
 
 @jax.jit
-def remove(gp: GP, i: Int[Array, ""]) -> tuple[GP, Bool[Array, ""]]:
+def remove(gp: GPPosterior, i: Int[Array, ""]) -> tuple[GPPosterior, Bool[Array, ""]]:
     """The posterior without point i (later points move up one row), in O(N^2), and whether there was one to remove.
 
     Row `a = W_i` is rotated with each later row in turn, `(a, W_k) <- (p a + q W_k, p W_k - q a) / r` with
@@ -278,9 +290,9 @@ def remove(gp: GP, i: Int[Array, ""]) -> tuple[GP, Bool[Array, ""]]:
     keep `W^T W = K^-1`, so what is left is the inverse factor of K without row and column i.
     An index without a point returns the GP as it was, with False.
     """
-    must_be("i", i, (), "a row")
+    check_shape("i", i, (), "a row")
     rows = jnp.arange(gp.capacity)
-    accepted = (i >= 0) & (i < gp.n)
+    accepted = (i >= 0) & (i < gp.num_points)
     i = jnp.where(accepted, i, 0)
 
     def drop(A: Float[Array, "*rest capacity"]) -> Float[Array, "*rest capacity"]:
@@ -290,17 +302,24 @@ def remove(gp: GP, i: Int[Array, ""]) -> tuple[GP, Bool[Array, ""]]:
     def rotate(a: Array, row: tuple[Array, Array]) -> tuple[Array, Array]:
         k, w = row
         p, q = jnp.take(a, i, axis=1)[:, None], jnp.take(w, i, axis=1)[:, None]
-        active = accepted & (k > i) & (k < gp.n)
+        active = accepted & (k > i) & (k < gp.num_points)
         r = jnp.where(active, jnp.sqrt(p * p + q * q), 1.0)
         return jnp.where(active, (p * a + q * w) / r, a), drop((p * w - q * a) / r)
 
-    _, rotated = jax.lax.scan(rotate, jnp.take(gp.W, i, axis=1), (rows, jnp.swapaxes(gp.W, 0, 1)))
-    moved = accepted & (rows >= i) & (rows < gp.n - 1)
-    W = jnp.where(moved[None, :, None], jnp.roll(jnp.swapaxes(rotated, 0, 1), -1, axis=1), gp.W)
-    emptied = accepted & (rows == gp.n - 1)
+    _, rotated = jax.lax.scan(
+        rotate, jnp.take(gp.inverse_cholesky, i, axis=1), (rows, jnp.swapaxes(gp.inverse_cholesky, 0, 1))
+    )
+    moved = accepted & (rows >= i) & (rows < gp.num_points - 1)
+    W = jnp.where(moved[None, :, None], jnp.roll(jnp.swapaxes(rotated, 0, 1), -1, axis=1), gp.inverse_cholesky)
+    emptied = accepted & (rows == gp.num_points - 1)
     W = jnp.where(emptied[None, :, None], jnp.eye(gp.capacity)[None], W)
     shrunk = dataclasses.replace(
-        gp, n=gp.n - accepted.astype(gp.n.dtype), X=drop(gp.X.T).T, Y=drop(gp.Y.T).T, W=W, alpha=drop(gp.alpha)
+        gp,
+        num_points=gp.num_points - accepted.astype(gp.num_points.dtype),
+        X=drop(gp.X.T).T,
+        Y=drop(gp.Y.T).T,
+        inverse_cholesky=W,
+        alpha=drop(gp.alpha),
     )
     r = _residual(shrunk)
     alpha = jnp.einsum("ijk,ij->ik", W, jnp.einsum("ijk,ik->ij", W, r))
@@ -308,29 +327,29 @@ def remove(gp: GP, i: Int[Array, ""]) -> tuple[GP, Bool[Array, ""]]:
 
 
 @jax.jit
-def log_likelihood(gp: GP) -> Float[Array, " outputs"]:
+def log_likelihood(gp: GPPosterior) -> Float[Array, " outputs"]:
     """`-1/2 r^T K^-1 r - 1/2 log|K| - n/2 log 2 pi`, `r = Y - offset`, of each output; nats."""
     r = _residual(gp)
-    return -0.5 * jnp.sum(r * gp.alpha, axis=-1) + _log_pivots(gp) - 0.5 * gp.n.astype(r.dtype) * LOG_2PI
+    return -0.5 * jnp.sum(r * gp.alpha, axis=-1) + _log_pivots(gp) - 0.5 * gp.num_points.astype(r.dtype) * LOG_2PI
 
 
 @jax.jit
-def information_gain(gp: GP) -> Float[Array, " outputs"]:
+def information_gain(gp: GPPosterior) -> Float[Array, " outputs"]:
     """`I(y; f) = 1/2 log|I + K_f / noise_variance|` of the data it holds, for each output; nats."""
-    return -_log_pivots(gp) - 0.5 * gp.n.astype(gp.W.dtype) * jnp.log(gp.hyper.noise_variance)
+    return -_log_pivots(gp) - 0.5 * gp.num_points.astype(gp.inverse_cholesky.dtype) * jnp.log(gp.hyper.noise_variance)
 
 
-def _log_pivots(gp: GP) -> Float[Array, " outputs"]:
+def _log_pivots(gp: GPPosterior) -> Float[Array, " outputs"]:
     """`-1/2 log|K|`; the identity rows past n add nothing."""
-    return jnp.sum(jnp.log(jnp.diagonal(gp.W, axis1=1, axis2=2)), axis=-1)
+    return jnp.sum(jnp.log(jnp.diagonal(gp.inverse_cholesky, axis1=1, axis2=2)), axis=-1)
 
 
 @jax.jit
-def leave_one_out(gp: GP) -> tuple[Float[Array, "outputs capacity"], Float[Array, "outputs capacity"]]:
+def leave_one_out(gp: GPPosterior) -> tuple[Float[Array, "outputs capacity"], Float[Array, "outputs capacity"]]:
     """`y_k - mu_{-k}(x_k) = alpha_k / P_kk` and its predicted variance `1 / P_kk` (noise included), `P = K^-1`.
 
     Rasmussen and Williams 2006, Eqs. 5.11 and 5.12; rows past n hold 0 and the prior's variance.
     """
-    P = jnp.sum(gp.W * gp.W, axis=1)
+    P = jnp.sum(gp.inverse_cholesky * gp.inverse_cholesky, axis=1)
     empty = (gp.hyper.signal_variance + gp.hyper.noise_variance)[:, None]
     return gp.alpha / P, jnp.where(_in_use(gp), 1 / P, empty)

@@ -17,17 +17,23 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.linalg.lapack import dpotrf, dpotri
 from scipy.optimize import minimize
 
-from colift.gp.fitting import FTOL, GTOL, checked
-from colift.gp.hyperparameters import UNSEEN, Belief, Hyper
+from colift.gp.fitting import FTOL, GTOL, validate_data
+from colift.gp.hyperparameters import INACTIVE_LENGTHSCALE, Hyperparameters, HyperPrior
 from colift.gp.kernels import Kernel
-from colift.gp.likelihood import LOG_2PI, least_noise, not_positive_definite, one_thread, squares
+from colift.gp.likelihood import (
+    LOG_2PI,
+    conditioning_error_message,
+    min_noise_ratio,
+    single_thread_blas,
+    squared_distances,
+)
 
 
 @dataclasses.dataclass(frozen=True)
-class Parametric:
+class SemiparametricFit:
     """What outputs over one mean come to."""
 
-    hyper: Hyper
+    hyper: Hyperparameters
     """Zero offset: a constant is a column of Phi."""
     theta: np.ndarray
     """`(parameters,)`, unit of y over unit of phi; where the data do not excite one, its prior's zero."""
@@ -41,17 +47,17 @@ class Parametric:
     """Whether the tolerance was met within `max_iterations`."""
 
 
-def fit_parametric(
+def fit_semiparametric(
     X: ArrayLike,
     Y: ArrayLike,
     Phi: ArrayLike,
     prior: ArrayLike,
     groups: Sequence[Sequence[int]],
-    belief: Belief,
+    hyperprior: HyperPrior,
     *,
-    start: Hyper | None = None,
+    start: Hyperparameters | None = None,
     max_iterations: int = 100,
-) -> Parametric:
+) -> SemiparametricFit:
     """Mode of the posterior of hyperparameters, theta integrated out, and theta's mean under them.
 
     X: `(N, dimensions)`, Y: `(N, outputs)`, Phi: `(N, outputs, parameters)`, prior: `(parameters,)` deviations. The
@@ -60,25 +66,27 @@ def fit_parametric(
     Raises ValueError for data that are not finite or shapes that disagree.
     """
     X, Y, Phi, prior = _checked(X, Y, Phi, prior)
-    parts = [_part(X, list(outputs), belief) for outputs in groups]
-    centers = [part.logarithms(belief.median) for part in parts]
-    starts = centers if start is None else [part.logarithms(start) for part in parts]
-    deviation = np.log(belief.factor) * np.tile([2.0, 1.0, 2.0], len(parts))  # a variance has twice the logarithm
-    center, kernel = np.concatenate(centers), belief.median.kernel
+    parts = [_part(X, list(outputs), hyperprior) for outputs in groups]
+    centers = [part.log_parameters(hyperprior.median) for part in parts]
+    starts = centers if start is None else [part.log_parameters(start) for part in parts]
+    deviation = np.log(hyperprior.scale_factor) * np.tile(
+        [2.0, 1.0, 2.0], len(parts)
+    )  # a variance has twice the logarithm
+    center, kernel = np.concatenate(centers), hyperprior.median.kernel
 
     def negative(t: np.ndarray) -> tuple[float, np.ndarray]:
-        value, slope, _, _ = marginal(t, parts, Y, Phi, prior, kernel)
+        value, slope, _, _ = log_marginal_likelihood(t, parts, Y, Phi, prior, kernel)
         off = (t - center) / deviation
         return 0.5 * float(off @ off) - value, off / deviation - slope
 
     bounds = np.concatenate([part.bounds for part in parts])
     options = {"maxiter": max_iterations, "ftol": FTOL, "gtol": GTOL}
-    with one_thread(len(X)):
+    with single_thread_blas(len(X)):
         first = np.clip(np.concatenate(starts), *bounds.T)
         found = minimize(negative, first, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
-        _, _, theta, covariance = marginal(found.x, parts, Y, Phi, prior, kernel)
+        _, _, theta, covariance = log_marginal_likelihood(found.x, parts, Y, Phi, prior, kernel)
         likelihood = _given(found.x, parts, Y - Phi @ theta, kernel)
-    return Parametric(
+    return SemiparametricFit(
         hyper=_hyper(found.x, parts, X.shape[1], kernel),
         theta=theta,
         covariance=covariance,
@@ -89,7 +97,7 @@ def fit_parametric(
 
 
 @dataclasses.dataclass(frozen=True)
-class Part:
+class OutputGroup:
     """Outputs that share `(log s, log factor, log v)`."""
 
     outputs: list[int]
@@ -98,30 +106,30 @@ class Part:
     r2: np.ndarray  # (N, N), squares of distances in those
     bounds: np.ndarray  # (3, 2)
 
-    def logarithms(self, given: Hyper) -> np.ndarray:
+    def log_parameters(self, given: Hyperparameters) -> np.ndarray:
         """Of a hyperparameter set, what this part has."""
         i = self.outputs[0]
         ratio = np.asarray(given.lengthscales)[i, self.columns] / self.lengthscales
         return np.log([float(given.signal_variance[i]), np.exp(np.log(ratio).mean()), float(given.noise_variance[i])])
 
 
-def _part(X: np.ndarray, outputs: list[int], belief: Belief) -> Part:
-    median = np.asarray(belief.median.lengthscales)[outputs[0]]
-    columns = np.flatnonzero(median < UNSEEN)
+def _part(X: np.ndarray, outputs: list[int], hyperprior: HyperPrior) -> OutputGroup:
+    median = np.asarray(hyperprior.median.lengthscales)[outputs[0]]
+    columns = np.flatnonzero(median < INACTIVE_LENGTHSCALE)
     shape = median[columns]
     r2 = np.empty((len(X), len(X)))
-    squares(X[:, columns] / shape, r2)
-    signal = np.log(float(belief.median.signal_variance[outputs[0]]))
+    squared_distances(X[:, columns] / shape, r2)
+    signal = np.log(float(hyperprior.median.signal_variance[outputs[0]]))
     wide = 2 * np.log(1e3)  # a variance may be a million times what is believed, or as much less
-    factor = np.log([belief.least / shape.max(), belief.greatest / shape.min()])
-    noise = np.log(float(belief.median.noise_variance[outputs[0]]))
-    least = signal + np.log(least_noise(len(X))) + wide
+    factor = np.log([hyperprior.min_lengthscale / shape.max(), hyperprior.max_lengthscale / shape.min()])
+    noise = np.log(float(hyperprior.median.noise_variance[outputs[0]]))
+    least = signal + np.log(min_noise_ratio(len(X))) + wide
     limits = [[signal - wide, signal + wide], factor, [max(noise - wide, least), noise + wide]]
-    return Part(outputs=outputs, columns=columns, lengthscales=shape, r2=r2, bounds=np.array(limits))
+    return OutputGroup(outputs=outputs, columns=columns, lengthscales=shape, r2=r2, bounds=np.array(limits))
 
 
-def marginal(
-    t: np.ndarray, parts: Sequence[Part], Y: np.ndarray, Phi: np.ndarray, prior: np.ndarray, kernel: Kernel
+def log_marginal_likelihood(
+    t: np.ndarray, parts: Sequence[OutputGroup], Y: np.ndarray, Phi: np.ndarray, prior: np.ndarray, kernel: Kernel
 ) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
     """`log N(y; 0, C)`, `C = K + Phi diag(prior)^2 Phi^T`, its gradient, and theta's mean and covariance.
 
@@ -132,10 +140,10 @@ def marginal(
     N, p = len(Y), len(prior)
     A, b, log_det, done = np.diag(1 / prior**2), np.zeros(p), 2 * np.log(prior).sum(), []
     for part, (s, factor, v) in zip(parts, np.exp(t).reshape(-1, 3), strict=True):
-        E, slope = kernel.on_host(part.r2 / factor**2)
+        E, slope = kernel.numpy_value_and_slope(part.r2 / factor**2)
         L, info = dpotrf((s * E + v * np.eye(N)).T, lower=1, clean=1)
         if info:
-            raise ValueError(not_positive_definite(N, s, v))
+            raise ValueError(conditioning_error_message(N, s, v))
         log_det += len(part.outputs) * 2 * np.log(np.diagonal(L)).sum()
         P, _ = dpotri(L, lower=1)
         P = np.tril(P) + np.tril(P, -1).T
@@ -161,11 +169,11 @@ def marginal(
     return value, gradient, theta, covariance
 
 
-def _given(t: np.ndarray, parts: Sequence[Part], R: np.ndarray, kernel: Kernel) -> np.ndarray:
+def _given(t: np.ndarray, parts: Sequence[OutputGroup], R: np.ndarray, kernel: Kernel) -> np.ndarray:
     """Log likelihood of each output's `Y - Phi theta`, nats."""
     N, out = len(R), np.empty(R.shape[1])
     for part, (s, factor, v) in zip(parts, np.exp(t).reshape(-1, 3), strict=True):
-        E, _ = kernel.on_host(part.r2 / factor**2)
+        E, _ = kernel.numpy_value_and_slope(part.r2 / factor**2)
         chol = cho_factor(s * E + v * np.eye(N), lower=True)
         log_det = 2 * np.log(np.diagonal(chol[0])).sum()
         for i in part.outputs:
@@ -173,25 +181,25 @@ def _given(t: np.ndarray, parts: Sequence[Part], R: np.ndarray, kernel: Kernel) 
     return out
 
 
-def _hyper(t: np.ndarray, parts: Sequence[Part], dimensions: int, kernel: Kernel) -> Hyper:
+def _hyper(t: np.ndarray, parts: Sequence[OutputGroup], dimensions: int, kernel: Kernel) -> Hyperparameters:
     m = sum(len(part.outputs) for part in parts)
-    signal, noise, scale = np.empty(m), np.empty(m), np.full((m, dimensions), UNSEEN)
+    signal, noise, scale = np.empty(m), np.empty(m), np.full((m, dimensions), INACTIVE_LENGTHSCALE)
     for part, (s, factor, v) in zip(parts, np.exp(t).reshape(-1, 3), strict=True):
         signal[part.outputs], noise[part.outputs] = s, v
         scale[np.array(part.outputs)[:, None], part.columns] = factor * part.lengthscales
-    return Hyper(
+    return Hyperparameters(
         kernel=kernel,
         signal_variance=jnp.asarray(signal),
         lengthscales=jnp.asarray(scale),
         noise_variance=jnp.asarray(noise),
-        offset=jnp.zeros(m),
+        constant_mean=jnp.zeros(m),
     )
 
 
 def _checked(
     X: ArrayLike, Y: ArrayLike, Phi: ArrayLike, prior: ArrayLike
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    X, Y = checked(X, Y)
+    X, Y = validate_data(X, Y)
     Phi, prior = np.asarray(Phi, dtype=float), np.asarray(prior, dtype=float)
     if Phi.ndim != 3 or Phi.shape[:2] != Y.shape or not np.isfinite(Phi).all():
         raise ValueError(f"Phi {Phi.shape}: must be finite and (N, outputs, parameters) = ({len(Y)}, {Y.shape[1]}, ..)")

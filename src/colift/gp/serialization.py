@@ -12,18 +12,18 @@ from pathlib import Path
 
 import numpy as np
 
-from colift.gp.fitting import checked
-from colift.gp.hyperparameters import RANGE, Hyper, check, hyperparameters
+from colift.gp.fitting import validate_data
+from colift.gp.hyperparameters import RANGE, Hyperparameters, make_hyperparameters, validate
 from colift.gp.kernels import SquaredExponential
-from colift.gp.posterior import GP, condition
+from colift.gp.posterior import GPPosterior, condition
 from colift.runtime import atomic_write
 
 FORMAT = "colift gp 2"
 HYPER = tuple(RANGE)
-LARGEST_W = 2**30  # numbers, 8 GiB: 13 000 points of 6 outputs
+MAX_CHOLESKY_SIZE = 2**30  # numbers, 8 GiB: 13 000 points of 6 outputs
 
 
-def save(gp: GP, path: str | Path) -> None:
+def save_gp(gp: GPPosterior, path: str | Path) -> None:
     """Write one GP (no batch axes) to `path`, through a temporary name in the same folder.
 
     Raises ValueError for a batch of GPs, a kernel of one's own or what `load` would refuse, OSError where the folder
@@ -33,16 +33,16 @@ def save(gp: GP, path: str | Path) -> None:
         raise ValueError(f"gp has batch axes {gp.X.shape[:-2]}: save one GP a file")
     if type(gp.hyper.kernel) is not SquaredExponential:
         raise ValueError(f"the kernel is {type(gp.hyper.kernel).__name__}: a file holds SquaredExponential alone")
-    n = int(gp.n)
+    n = int(gp.num_points)
     arrays = {name: np.asarray(getattr(gp.hyper, name)) for name in HYPER}
     arrays |= {"X": np.asarray(gp.X[:n]), "Y": np.asarray(gp.Y[:n]), "capacity": np.asarray(gp.capacity, np.int64)}
     _check(arrays)
-    memory = io.BytesIO()
-    np.savez(memory, allow_pickle=False, format=np.asarray(FORMAT), **arrays)
-    atomic_write.write(path, memory.getvalue())
+    state = io.BytesIO()
+    np.savez(state, allow_pickle=False, format=np.asarray(FORMAT), **arrays)
+    atomic_write.write_atomic(path, state.getvalue())
 
 
-def load(path: str | Path) -> GP:
+def load_gp(path: str | Path) -> GPPosterior:
     """Read the GP that `save` wrote: `condition` on its data, which are what they were bit for bit.
 
     What it says is thus the same to rounding, and the same bits for a GP that came from `condition` alone. Raises
@@ -58,9 +58,9 @@ def load(path: str | Path) -> GP:
         raise ValueError(f"{path}: {error}") from error
 
 
-def _hyper(arrays: dict[str, np.ndarray]) -> Hyper:
+def _hyper(arrays: dict[str, np.ndarray]) -> Hyperparameters:
     signal_variance, lengthscales, noise_variance, offset = (arrays[name] for name in HYPER)
-    return hyperparameters(signal_variance, lengthscales, noise_variance, offset)
+    return make_hyperparameters(signal_variance, lengthscales, noise_variance, offset)
 
 
 def _arrays(content: bytes) -> dict[str, np.ndarray]:
@@ -90,7 +90,7 @@ def _check(arrays: dict[str, np.ndarray]) -> None:
         kind = np.dtype(np.int64 if name == "capacity" else np.float64)
         if array.dtype != kind:
             raise ValueError(f"{name} has type {array.dtype}: must be {kind}")
-    X, Y = checked(arrays["X"], arrays["Y"])
+    X, Y = validate_data(arrays["X"], arrays["Y"])
     (n, D), m, capacity = X.shape, Y.shape[1], arrays["capacity"]
     if not (D and m):
         raise ValueError(f"X {X.shape} and Y {Y.shape}: must have at least one dimension and one output")
@@ -100,7 +100,7 @@ def _check(arrays: dict[str, np.ndarray]) -> None:
             raise ValueError(
                 f"{name} has shape {arrays[name].shape}: must be {must} beside X {X.shape} and Y {Y.shape}"
             )
-    if not n <= int(capacity) or m * int(capacity) ** 2 > LARGEST_W:
-        most = int((LARGEST_W / max(m, 1)) ** 0.5)
+    if not n <= int(capacity) or m * int(capacity) ** 2 > MAX_CHOLESKY_SIZE:
+        most = int((MAX_CHOLESKY_SIZE / max(m, 1)) ** 0.5)
         raise ValueError(f"capacity = {capacity}: must hold the {n} points, and be at most {most} for {m} outputs")
-    check(_hyper(arrays), int(capacity))
+    validate(_hyper(arrays), int(capacity))

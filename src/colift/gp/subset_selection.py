@@ -7,11 +7,11 @@ from numpy.typing import ArrayLike
 from scipy.linalg.blas import dsyr
 from scipy.linalg.lapack import dpotrf, dpotri
 
-from colift.gp.hyperparameters import Hyper
-from colift.gp.likelihood import gram, not_positive_definite, one_thread
+from colift.gp.hyperparameters import Hyperparameters
+from colift.gp.likelihood import conditioning_error_message, gram_matrix, single_thread_blas
 
 
-def thinned(X: ArrayLike, hyper: Hyper, budget: int, noise: ArrayLike, first: ArrayLike) -> np.ndarray:
+def select_subset(X: ArrayLike, hyper: Hyperparameters, budget: int, noise: ArrayLike, first: ArrayLike) -> np.ndarray:
     """Whether each point of X `(N, dimensions)` is kept: one by one the others go that tell least beside what is left.
 
     Point k tells `I(y; f) - I(y_{-k}; f) = -1/2 sum_i log(v_ik P_ikk)` nats, summed over outputs, with
@@ -26,13 +26,13 @@ def thinned(X: ArrayLike, hyper: Hyper, budget: int, noise: ArrayLike, first: Ar
     if may.sum() <= len(X) - budget:  # all of them go
         stays, may = ~may, ~may
     if stays.sum() > budget:
-        with one_thread(len(X)):
+        with single_thread_blas(len(X)):
             stays[_told_by_others(X, hyper, int(stays.sum()) - budget, noise, may, stays)] = False
     return stays
 
 
 def _told_by_others(
-    X: np.ndarray, hyper: Hyper, going: int, noise: np.ndarray, may: np.ndarray, stays: np.ndarray
+    X: np.ndarray, hyper: Hyperparameters, going: int, noise: np.ndarray, may: np.ndarray, stays: np.ndarray
 ) -> np.ndarray:
     """So many of those that may go, of the points that are left."""
     left, own = np.flatnonzero(may), may[stays]
@@ -50,17 +50,17 @@ def _told_by_others(
     return left[gone]
 
 
-def _kinds(hyper: Hyper) -> np.ndarray:
+def _kinds(hyper: Hyperparameters) -> np.ndarray:
     """Of each output signal and noise variance, and length-scales."""
     columns = hyper.signal_variance, hyper.noise_variance, *np.asarray(hyper.lengthscales).T
     return np.column_stack([np.asarray(a) for a in columns])
 
 
-def _inverse(X: np.ndarray, noise: np.ndarray, kind: np.ndarray, hyper: Hyper) -> np.ndarray:
+def _inverse(X: np.ndarray, noise: np.ndarray, kind: np.ndarray, hyper: Hyperparameters) -> np.ndarray:
     """The lower triangle of P."""
-    K = gram(X, kind[0], kind[2:], 0.0, hyper.kernel)
+    K = gram_matrix(X, kind[0], kind[2:], 0.0, hyper.kernel)
     K.flat[:: len(K) + 1] += kind[1] * noise
     L, info = dpotrf(K, lower=1)
     if info:
-        raise ValueError(not_positive_definite(len(K), kind[0], kind[1]))
+        raise ValueError(conditioning_error_message(len(K), kind[0], kind[1]))
     return dpotri(L, lower=1)[0]

@@ -23,7 +23,7 @@ from jaxtyping import Array
 from colift import codegen
 from colift.closed_loop import flight, simulator
 from colift.models.measurement import Measurement
-from colift.models.state import Clock, Inputs
+from colift.models.state import ControlClock, TeamInputs
 from colift.onboard.learning import residual_model
 from colift.runtime import atomic_write
 
@@ -44,70 +44,80 @@ UNITS = {  # of the fields of readings and commands; an attitude has none
 }
 
 
-class Replay(NamedTuple):
+class ReplayData(NamedTuple):
     """Ticks of a flight as the pilot met them, time first."""
 
     t: Array  # s
     m: Measurement
-    command: Inputs
+    command: TeamInputs
 
 
-def replay(plan: flight.Plan, oracle: residual_model.Oracle, ticks: int) -> tuple[Measurement, Replay]:
+def replay(
+    experiment: flight.Experiment, model: residual_model.ResidualModel, ticks: int
+) -> tuple[Measurement, ReplayData]:
     """The reading at rest before a flight with a frozen oracle, and the flight's first ticks."""
-    setup = dataclasses.replace(plan.setup, pilot=dataclasses.replace(plan.pilot, oracle=oracle))
-    noise = plan.world.draw(jax.random.key(plan.seed), ticks)
-    flown = jax.jit(codegen.compile(_flown))(setup, simulator.start(setup, plan.z), noise)
-    return plan.world.rest(plan.z), flown
+    setup = dataclasses.replace(
+        experiment.loop_config, controller=dataclasses.replace(experiment.controller, residual_model=model)
+    )
+    noise = experiment.world.sample_noise(jax.random.key(experiment.seed), ticks)
+    flown = jax.jit(codegen.compile(_flown))(setup, simulator.reset(setup, experiment.initial_state), noise)
+    return experiment.world.measure_at_rest(experiment.initial_state), flown
 
 
-def _flown(setup: simulator.Setup, loop: simulator.Loop, noise: Any) -> Replay:
-    def one(state: tuple[Any, Any], now: tuple[Array, Any]) -> tuple[tuple[Any, Any], Replay]:
-        (world, memory), (t, drawn) = state, now
-        clock = Clock(t=t, dt=setup.dt)
-        m, world = setup.world.sense(world, clock, drawn)
-        command, memory, _ = setup.pilot.tick(memory, m, clock)
+def _flown(setup: simulator.LoopConfig, loop: simulator.LoopState, noise: Any) -> ReplayData:
+    def one(state: tuple[Any, Any], context: tuple[Array, Any]) -> tuple[tuple[Any, Any], ReplayData]:
+        (world, controller_state), (t, drawn) = state, context
+        clock = ControlClock(t=t, dt=setup.dt)
+        m, world = setup.world.measure(world, clock, drawn)
+        command, controller_state, _ = setup.controller.step(controller_state, m, clock)
         world, _ = setup.world.step(world, command, clock)
-        return (world, memory), Replay(t=t, m=m, command=command)
+        return (world, controller_state), ReplayData(t=t, m=m, command=command)
 
     ticks = jax.tree.leaves(noise)[0].shape[0]
     t = jnp.arange(ticks, dtype=float) * setup.dt
-    return jax.lax.scan(one, (loop.world, loop.memory), (t, noise))[1]
+    return jax.lax.scan(one, (loop.world, loop.controller), (t, noise))[1]
 
 
-def c(plan: flight.Plan, oracle: residual_model.Oracle, ticks: int, folder: Path, name: str) -> None:
+def export_c(
+    experiment: flight.Experiment, model: residual_model.ResidualModel, ticks: int, folder: Path, name: str
+) -> None:
     """Write the pilot with what it has learned, a replay of `ticks` ticks, and what builds and runs both.
 
     Raises OSError where the folder cannot be written, `native.UnsupportedPrimitive` for a part that calls what has no
     C, with its place.
     """
-    pilot, dt = plan.pilot, jnp.asarray(plan.dt)
-    rest, flown = replay(plan, oracle, ticks)
+    controller, dt = experiment.controller, jnp.asarray(experiment.dt)
+    rest, flown = replay(experiment, model, ticks)
 
-    def begin(oracle: residual_model.Oracle, first: Measurement) -> tuple[Inputs, Any]:
-        return dataclasses.replace(pilot, oracle=oracle).begin(first, Clock(t=jnp.zeros(()), dt=dt))
+    def begin(model: residual_model.ResidualModel, first: Measurement) -> tuple[TeamInputs, Any]:
+        return dataclasses.replace(controller, residual_model=model).init(first, ControlClock(t=jnp.zeros(()), dt=dt))
 
-    def step(oracle: residual_model.Oracle, t: Array, m: Measurement, memory: Any) -> tuple[Inputs, Any]:
-        return dataclasses.replace(pilot, oracle=oracle).tick(memory, m, Clock(t=t, dt=dt))[:2]
+    def step(
+        model: residual_model.ResidualModel, t: Array, measurement: Measurement, state: Any
+    ) -> tuple[TeamInputs, Any]:
+        return dataclasses.replace(controller, residual_model=model).step(state, measurement, ControlClock(t=t, dt=dt))[
+            :2
+        ]
 
-    command, memory = jax.eval_shape(begin, oracle, rest)
-    commands, before, own = (len(jax.tree.leaves(x)) for x in (command, (oracle, 0.0, rest), memory))
+    command, state = jax.eval_shape(begin, model, rest)
+    commands, before, own = (len(jax.tree.leaves(x)) for x in (command, (model, 0.0, rest), state))
     carried = [(commands + k, before + k) for k in range(own)]
-    init = _traced(begin, (), oracle=oracle, measurement=rest)
-    tick = _traced(step, carried, oracle=oracle, t=jnp.zeros(()), measurement=rest, memory=memory)
+    init = _traced(begin, (), oracle=model, measurement=rest)
+    tick = _traced(step, carried, oracle=model, t=jnp.zeros(()), measurement=rest, memory=state)
     structs = {
-        "oracle": Struct(oracle, "what was learned"),
-        "measurement": Struct(rest, "what is measured at one time"),
-        "memory": Struct(memory, "what the pilot remembers from tick to tick"),
-        "command": Struct({"agents": command}, "what vehicles are to do until the next tick"),
+        "oracle": CStruct(model, "what was learned"),
+        "measurement": CStruct(rest, "what is measured at one time"),
+        "memory": CStruct(state, "what the pilot remembers from tick to tick"),
+        "command": CStruct({"agents": command}, "what vehicles are to do until the next tick"),
     }
     for of, k in (*init.arguments, *tick.arguments):
         if of in structs:
             structs[of].used.add(k)
     for of in ("memory", "command"):
         structs[of].used |= {k for k, (_, shape) in enumerate(structs[of].leaves) if 0 not in shape}
-    head = _header(name, structs, plan.dt)
+    head = _header(name, structs, experiment.dt)
     about = f"/* {name}, by colift {version('colift')}. This file belongs to its user. */\n"
-    oracle_of = structs["oracle"].filled(oracle)
+    oracle_of = structs["oracle"].initializer(model)
     files = {
         "colift.h": about + head,
         "colift.c": about + _code(structs, init, tick),
@@ -117,7 +127,7 @@ def c(plan: flight.Plan, oracle: residual_model.Oracle, ticks: int, folder: Path
     }
     folder.mkdir(parents=True, exist_ok=True)
     for file, text in files.items():
-        atomic_write.write(folder / file, text.encode())
+        atomic_write.write_atomic(folder / file, text.encode())
     rows = np.concatenate(
         [
             np.asarray(flown.t)[:, None],
@@ -128,23 +138,23 @@ def c(plan: flight.Plan, oracle: residual_model.Oracle, ticks: int, folder: Path
     )
     first = np.concatenate([[0.0], structs["measurement"].rows(jax.tree.map(lambda x: x[None], rest), 1)[0]])
     first = np.pad(first, (0, rows.shape[1] - len(first)))
-    atomic_write.write(folder / "flight.bin", np.concatenate([first[None], rows]).astype("<f8").tobytes())
+    atomic_write.write_atomic(folder / "flight.bin", np.concatenate([first[None], rows]).astype("<f8").tobytes())
 
 
-class Traced(NamedTuple):
+class TracedKernel(NamedTuple):
     """A function as C, and its parameters: of which argument, and which leaf of it."""
 
     kernel: codegen.Kernel
     arguments: list[tuple[str, int]]
 
 
-def _traced(f: Callable[..., Any], onto: Sequence[tuple[int, int]], **args: Any) -> Traced:
+def _traced(f: Callable[..., Any], onto: Sequence[tuple[int, int]], **args: Any) -> TracedKernel:
     made = codegen.kernel(jax.make_jaxpr(f)(*args.values()), agent_lanes=LANES, stack=STACK, onto=onto)
     leaves = [(of, k) for of, tree in args.items() for k in range(len(jax.tree.leaves(tree)))]
-    return Traced(kernel=made, arguments=[leaves[k] for k in made.arguments])
+    return TracedKernel(kernel=made, arguments=[leaves[k] for k in made.arguments])
 
 
-class Struct:
+class CStruct:
     """A PyTree as a C struct: a member a leaf, named by its path; a number is a `colift_real`, whatever its type."""
 
     def __init__(self, tree: Any, about: str) -> None:
@@ -152,7 +162,7 @@ class Struct:
         self.leaves = [(_name(path), leaf.shape) for path, leaf in jax.tree_util.tree_leaves_with_path(tree)]
         self.used: set[int] = set()
 
-    def declared(self, name: str) -> str:
+    def declaration(self, name: str) -> str:
         """The declaration, of the members that are used."""
         members = []
         for k in sorted(self.used):
@@ -172,7 +182,7 @@ class Struct:
         member, shape = self.leaves[k]
         return f"{of}->{member}" if shape else f"&{of}->{member}"
 
-    def filled(self, tree: Any) -> str:
+    def initializer(self, tree: Any) -> str:
         """A constant of this struct."""
         values = jax.tree.leaves(tree)
         parts = []
@@ -192,8 +202,8 @@ def _name(path: Sequence[Any]) -> str:
     return re.sub(r"\W+", "_", jax.tree_util.keystr(tuple(path))).strip("_") or "value"
 
 
-def _header(name: str, structs: dict[str, Struct], dt: float) -> str:
-    kinds = "\n".join(struct.declared(of) for of, struct in structs.items())
+def _header(name: str, structs: dict[str, CStruct], dt: float) -> str:
+    kinds = "\n".join(struct.declaration(of) for of, struct in structs.items())
     return f"""/*
  * The pilot of {name}. Made by colift from the functions that it flies; not flown on hardware.
  * SI units, z up; matrices by rows, agents in the order of the team. One call of colift_step every
@@ -233,14 +243,14 @@ int colift_step(const colift_oracle *oracle, colift_real t, const colift_measure
 """
 
 
-def _code(structs: dict[str, Struct], init: Traced, tick: Traced) -> str:
+def _code(structs: dict[str, CStruct], init: TracedKernel, tick: TracedKernel) -> str:
     read = lambda name: resources.files("colift.codegen").joinpath(name).read_text()  # noqa: E731
-    commands, memory = len(structs["command"].leaves), structs["memory"]
-    begun = [memory.pointer("memory", k - commands) for k in init.kernel.results if k >= commands]
+    commands, state = len(structs["command"].leaves), structs["memory"]
+    begun = [state.pointer("memory", k - commands) for k in init.kernel.results if k >= commands]
     moved = [k - commands for k in tick.kernel.results if k >= commands]  # what is not written to in place
-    after = {k: f"next_{memory.leaves[k][0]}" for k in moved}
-    rooms = [f"colift_real {room}[{memory.size(k)}];" for k, room in after.items()]
-    moves = [f"memcpy({memory.pointer('memory', k)}, {room}, sizeof {room});" for k, room in after.items()]
+    after = {k: f"next_{state.leaves[k][0]}" for k in moved}
+    rooms = [f"colift_real {room}[{state.size(k)}];" for k, room in after.items()]
+    moves = [f"memcpy({state.pointer('memory', k)}, {room}, sizeof {room});" for k, room in after.items()]
     start, step = _call(structs, init, begun), _call(structs, tick, list(after.values()))
     return "\n".join([
         '#include "colift.h"\n',
@@ -259,7 +269,7 @@ def _code(structs: dict[str, Struct], init: Traced, tick: Traced) -> str:
     ])  # fmt: skip
 
 
-def _call(structs: dict[str, Struct], made: Traced, remembered: Sequence[str]) -> str:
+def _call(structs: dict[str, CStruct], made: TracedKernel, remembered: Sequence[str]) -> str:
     """The call of a kernel; `remembered`: where the next memory goes."""
     arguments = [
         structs[of].pointer("m" if of == "measurement" else of, k) if of in structs else f"&{of}"

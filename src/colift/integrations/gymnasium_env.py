@@ -52,41 +52,41 @@ NEAR_M, NEAR = 0.05, 0.05  # of e_p, m, and of e_R: where a reward falls to a ha
 
 
 @pytree
-class Guided:
+class ResidualWrenchController:
     """Another leader, the wrench that is asked for besides, and a memory of what is known on board."""
 
-    leader: interfaces.Leader
+    base: interfaces.PayloadController
     wrench: Float[Array, "6"]  # N, world; N m, payload frame
-    unseen: Float[Array, " seen"]  # what is known before the first tick: nothing
+    initial_observation: Float[Array, " seen"]  # what is known before the first tick: nothing
 
     def begin(self) -> Any:
         """Nothing seen, and the other's memory."""
-        return self.unseen, self.leader.begin()
+        return self.initial_observation, self.base.init()
 
-    def lead(self, memory: Any, now: interfaces.Now) -> tuple[tracking.Command, Any]:
+    def lead(self, state: Any, context: interfaces.ControlContext) -> tuple[tracking.AccelerationCommand, Any]:
         """`a + F / m_L`, `alpha + J_L^-1 tau`: the desired wrench grows by `(F, tau)`."""
-        to, of_other = self.leader.lead(memory[1], now)
-        load = now.team.payload
+        to, of_other = self.base.compute(state[1], context)
+        load = context.team.payload
         alpha = to.alpha + linalg.solve(load.inertia, self.wrench[3:, None])[:, 0]
         to = dataclasses.replace(to, a=to.a + self.wrench[:3] / load.mass, alpha=alpha)
-        return to, (observed(now), of_other)
+        return to, (observation(context), of_other)
 
 
-def observed(now: interfaces.Now) -> Float[Array, " seen"]:
+def observation(context: interfaces.ControlContext) -> Float[Array, " seen"]:
     """What is known on board, each entry over its bound (`BOUNDS`), cut at 1 in size."""
-    q, d, load = now.q_hat.payload, now.d, now.team.payload
-    weight = load.mass * jnp.sqrt((now.team.gravity * now.team.gravity).sum())
+    q, d, load = context.estimate.payload, context.setpoint, context.team.payload
+    weight = load.mass * jnp.sqrt((context.team.gravity * context.team.gravity).sum())
     parts = {
         "e_p": q.p - d.p,
         "e_v": q.v - d.v,
         "e_R": so3.e_R(q.R, d.R),
         "e_omega": so3.e_omega(q.R, q.omega, d.R, d.omega),
-        "a": now.q_hat.a_L[:3] - d.a,
+        "a": context.estimate.a_L[:3] - d.a,
         "v_d": d.v,
         "a_d": d.a,
-        "W": now.W.F / weight,
-        "b": jnp.concatenate([agent.R[:, :, 2].reshape(-1) for agent in now.q_hat.agents]),
-        "lam": grasp.join(now.q_hat.lam).reshape(-1) / weight,
+        "W": context.last_wrench.F / weight,
+        "b": jnp.concatenate([agent.R[:, :, 2].reshape(-1) for agent in context.estimate.agents]),
+        "lam": grasp.stack_contacts(context.estimate.lam).reshape(-1) / weight,
     }
     seen = jnp.concatenate([parts[name] / bound for name, bound in BOUNDS.items()])
     return jnp.where(jnp.isfinite(seen), jnp.clip(seen, -1.0, 1.0), 0.0)
@@ -99,89 +99,96 @@ def reward(e_p: Float[Array, "ticks 3"], e_R: Float[Array, "ticks 3"]) -> Float[
 
 
 @dataclasses.dataclass(frozen=True)
-class Task:
+class TransportTask:
     """What single and batched environments share."""
 
-    setup: simulator.Setup  # with a `Guided` leader
-    fresh: simulator.Loop
-    most: np.ndarray  # (6,) N and N m, wrench of an action of 1
-    ticks: int  # of a step
-    steps: int  # until an episode is truncated
+    setup: simulator.LoopConfig  # with a `Guided` leader
+    initial_states: simulator.LoopState
+    action_scale: np.ndarray  # (6,) N and N m, wrench of an action of 1
+    frame_skip: int  # of a step
+    max_episode_steps: int  # until an episode is truncated
 
 
-def task(name: str, case: str, changes: Sequence[str], step_s: float, force_N: float, moment_Nm: float) -> Task:
+def make_task(
+    name: str, case: str, changes: Sequence[str], step_s: float, force_N: float, moment_Nm: float
+) -> TransportTask:
     """A scenario as an environment flies it; raises as `Transport` does."""
-    plan = experiment.plan(scenario.load(name, changes), case)
-    if plan.updates:
+    flight_experiment = experiment.make_experiment(scenario.load_scenario(name, changes), case)
+    if flight_experiment.update_times:
         raise ValueError(f"case {case!r} learns on the way, which a step does not: one without updates, as C1")
-    ticks = round(step_s / plan.dt)
-    if not (ticks >= 1 and abs(ticks * plan.dt - step_s) <= 1e-9):
-        raise ValueError(f"step_s = {step_s:g}: must be a multiple of the control period, {plan.dt:g} s")
+    ticks = round(step_s / flight_experiment.dt)
+    if not (ticks >= 1 and abs(ticks * flight_experiment.dt - step_s) <= 1e-9):
+        raise ValueError(f"step_s = {step_s:g}: must be a multiple of the control period, {flight_experiment.dt:g} s")
     for setting, value in (("force_N", force_N), ("moment_Nm", moment_Nm)):
         if not 0 <= value < np.inf:
             raise ValueError(f"{setting} = {value:g}: must be finite and not negative")
-    team = plan.world.team
-    unseen = jnp.zeros(3 * (len(BOUNDS) - 2 + sum(team.sizes) + team.contacts))
-    leader = Guided(leader=plan.pilot.leader, wrench=jnp.zeros(6), unseen=unseen)
-    setup = dataclasses.replace(plan.setup, pilot=dataclasses.replace(plan.pilot, leader=leader))
-    return Task(
+    team = flight_experiment.world.team
+    heldout = jnp.zeros(3 * (len(BOUNDS) - 2 + sum(team.sizes) + team.contacts))
+    leader = ResidualWrenchController(
+        base=flight_experiment.controller.payload_controller, wrench=jnp.zeros(6), initial_observation=heldout
+    )
+    setup = dataclasses.replace(
+        flight_experiment.loop_config,
+        controller=dataclasses.replace(flight_experiment.controller, payload_controller=leader),
+    )
+    return TransportTask(
         setup=setup,
-        fresh=simulator.start(setup, plan.z),
-        most=np.array([force_N] * 3 + [moment_Nm] * 3),
-        ticks=ticks,
-        steps=round(plan.duration / plan.dt) // ticks,
+        initial_states=simulator.reset(setup, flight_experiment.initial_state),
+        action_scale=np.array([force_N] * 3 + [moment_Nm] * 3),
+        frame_skip=ticks,
+        max_episode_steps=round(flight_experiment.duration / flight_experiment.dt) // ticks,
     )
 
 
 @pytree
-class Stepped:
+class StepResult:
     """A flight after one step of the environment."""
 
-    loop: simulator.Loop
-    seen: Float[Array, "*flights seen"]
+    loop: simulator.LoopState
+    observation: Float[Array, "*flights seen"]
     reward: Float[Array, "*flights"]
     e_p: Float[Array, "*flights"]  # m, RMS of the true error over the step
 
 
 @functools.partial(jax.jit, static_argnums=0)
 def step(
-    ticks: int, setup: simulator.Setup, loop: simulator.Loop, wrench: Float[Array, "6"], seed: Int[Array, "2"]
-) -> Stepped:
+    ticks: int, setup: simulator.LoopConfig, loop: simulator.LoopState, wrench: Float[Array, "6"], seed: Int[Array, "2"]
+) -> StepResult:
     """One step of one flight; seed: of its episode's noise, and how many steps it has flown."""
-    leader = dataclasses.replace(setup.pilot.leader, wrench=wrench)
-    setup = dataclasses.replace(setup, pilot=dataclasses.replace(setup.pilot, leader=leader))
-    noise = setup.world.draw(jax.random.fold_in(jax.random.key(seed[0]), seed[1]), ticks)
-    then, rows = simulator.advance(setup, loop, noise, jnp.asarray(ticks))
+    leader = dataclasses.replace(setup.controller.payload_controller, wrench=wrench)
+    setup = dataclasses.replace(setup, controller=dataclasses.replace(setup.controller, payload_controller=leader))
+    noise = setup.world.sample_noise(jax.random.fold_in(jax.random.key(seed[0]), seed[1]), ticks)
+    then, rows = simulator.rollout(setup, loop, noise, jnp.asarray(ticks))
     flown = then.tick - loop.tick
     good, off = (
         jnp.where(jnp.arange(ticks) < flown, x, 0.0) for x in (reward(rows.e_p, rows.e_R), (rows.e_p * rows.e_p).sum(1))
     )
     e_p = jnp.sqrt(off.sum() / jnp.maximum(flown, 1).astype(off.dtype))
-    return Stepped(loop=then, seen=then.memory.leader[0], reward=good.mean(), e_p=e_p)
+    return StepResult(loop=then, observation=then.controller.leader[0], reward=good.mean(), e_p=e_p)
 
 
 @functools.partial(jax.jit, static_argnums=0)
-def step_all(
+def vector_step(
     ticks: int,
-    setup: simulator.Setup,
-    loops: simulator.Loop,
+    setup: simulator.LoopConfig,
+    loops: simulator.LoopState,
     wrenches: Float[Array, "flights 6"],
     seeds: Int[Array, "flights 2"],
-    fresh: simulator.Loop,
+    fresh: simulator.LoopState,
     anew: Bool[Array, "flights"],
-) -> Stepped:
+) -> StepResult:
     """One step of many flights; those that are begun anew take `fresh`, and no wrench."""
 
     def begun(new: Array, past: Array) -> Array:
         return jnp.where(anew.reshape(-1, *[1] * (past.ndim - 1)), new[None], past)
 
-    def one(loop: simulator.Loop, wrench: Float[Array, "6"], seed: Int[Array, "2"]) -> Stepped:
+    def one(loop: simulator.LoopState, wrench: Float[Array, "6"], seed: Int[Array, "2"]) -> StepResult:
         return step(ticks, setup, loop, wrench, seed)
 
     return jax.vmap(one)(jax.tree.map(begun, fresh, loops), jnp.where(anew[:, None], 0.0, wrenches), seeds)
 
 
-class Transport(gymnasium.Env):
+class TransportEnv(gymnasium.Env):
     """One flight: the leader's residual wrench in, what the pilot knows out.
 
     action (6): force, world, over `force_N`, and moment, payload frame, over `moment_Nm`, each in [-1, 1]. Observation:
@@ -205,28 +212,28 @@ class Transport(gymnasium.Env):
         force_N: float = 2.0,
         moment_Nm: float = 0.2,
     ) -> None:
-        self.task = task(scenario, case, changes, step_s, force_N, moment_Nm)
+        self.task = make_task(scenario, case, changes, step_s, force_N, moment_Nm)
         self.action_space, self.observation_space = _spaces(self.task)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[np.ndarray, dict]:
         """A flight from the scenario's start under noise of its own, and what is known after a step without action."""
         super().reset(seed=seed, options=options)
-        self._noise, self._steps, self._loop = _noise(self.np_random), 0, self.task.fresh
+        self._noise, self._steps, self._loop = _noise(self.np_random), 0, self.task.initial_states
         seen, _, _, _, info = self.step(np.zeros(6, np.float32))
         return seen, info
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """Fly one step; returns observation, reward, terminated, truncated, info."""
         wrench, seed = _wrench(self.task, action), jnp.array([self._noise, self._steps])
-        done = step(self.task.ticks, self.task.setup, self._loop, wrench, seed)
+        done = step(self.task.frame_skip, self.task.setup, self._loop, wrench, seed)
         self._loop, self._steps = done.loop, self._steps + 1
-        cause = termination.Cause(int(done.loop.ended))
-        ended, over = cause != termination.Cause.NONE, self._steps >= self.task.steps
+        cause = termination.TerminationCause(int(done.loop.termination))
+        ended, over = cause != termination.TerminationCause.NONE, self._steps >= self.task.max_episode_steps
         info = {"cause": cause, "e_p_m": float(done.e_p)}
-        return np.asarray(done.seen, np.float32), float(done.reward), ended, over and not ended, info
+        return np.asarray(done.observation, np.float32), float(done.reward), ended, over and not ended, info
 
 
-class Transports(gymnasium.vector.VectorEnv):
+class TransportVecEnv(gymnasium.vector.VectorEnv):
     """Many flights of `Transport` at once, batched by `jax.vmap`.
 
     A flight that has ended is begun anew in the next step, whose action it does not see and whose reward is 0.
@@ -245,7 +252,7 @@ class Transports(gymnasium.vector.VectorEnv):
         force_N: float = 2.0,
         moment_Nm: float = 0.2,
     ) -> None:
-        self.task, self.num_envs = task(scenario, case, changes, step_s, force_N, moment_Nm), num_envs
+        self.task, self.num_envs = make_task(scenario, case, changes, step_s, force_N, moment_Nm), num_envs
         alone = _spaces(self.task)
         self.single_action_space, self.single_observation_space = alone
         self.action_space, self.observation_space = (batch_space(space, num_envs) for space in alone)
@@ -263,7 +270,7 @@ class Transports(gymnasium.vector.VectorEnv):
             for old, each in zip(kept, seeds, strict=True)
         ]
         n = self.num_envs
-        self._loops = jax.tree.map(lambda x: jnp.repeat(x[None], n, axis=0), self.task.fresh)
+        self._loops = jax.tree.map(lambda x: jnp.repeat(x[None], n, axis=0), self.task.initial_states)
         self._noise, self._steps, self._over = np.zeros(n, int), np.zeros(n, int), np.ones(n, bool)
         seen, _, _, _, info = self.step(np.zeros((n, 6), np.float32))
         return seen, info
@@ -274,26 +281,28 @@ class Transports(gymnasium.vector.VectorEnv):
         for i in np.flatnonzero(anew):
             self._noise[i], self._steps[i] = _noise(self._generators[i]), 0
         seeds = jnp.asarray(np.stack([self._noise, self._steps], axis=1))
-        wrenches, fresh = _wrench(self.task, actions), self.task.fresh
-        done = step_all(self.task.ticks, self.task.setup, self._loops, wrenches, seeds, fresh, jnp.asarray(anew))
+        wrenches, fresh = _wrench(self.task, actions), self.task.initial_states
+        done = vector_step(
+            self.task.frame_skip, self.task.setup, self._loops, wrenches, seeds, fresh, jnp.asarray(anew)
+        )
         self._loops, self._steps = done.loop, self._steps + 1
-        cause = np.asarray(done.loop.ended)
+        cause = np.asarray(done.loop.termination)
         ended = cause > 0
-        truncated = (self._steps >= self.task.steps) & ~ended
+        truncated = (self._steps >= self.task.max_episode_steps) & ~ended
         self._over = ended | truncated
         rewards = np.where(anew, 0.0, np.asarray(done.reward))
         info = {"cause": cause, "e_p_m": np.asarray(done.e_p)}
-        return np.asarray(done.seen, np.float32), rewards, ended, truncated, info
+        return np.asarray(done.observation, np.float32), rewards, ended, truncated, info
 
 
-def _spaces(of: Task) -> tuple[gymnasium.spaces.Box, gymnasium.spaces.Box]:
+def _spaces(of: TransportTask) -> tuple[gymnasium.spaces.Box, gymnasium.spaces.Box]:
     """Of actions and of observations."""
-    seen = of.setup.pilot.leader.unseen.shape
+    seen = of.setup.controller.payload_controller.initial_observation.shape
     return gymnasium.spaces.Box(-1.0, 1.0, (6,), np.float32), gymnasium.spaces.Box(-1.0, 1.0, seen, np.float32)
 
 
-def _wrench(of: Task, action: np.ndarray) -> Float[Array, "*flights 6"]:
-    return jnp.asarray(np.clip(np.asarray(action, float), -1.0, 1.0) * of.most)
+def _wrench(of: TransportTask, action: np.ndarray) -> Float[Array, "*flights 6"]:
+    return jnp.asarray(np.clip(np.asarray(action, float), -1.0, 1.0) * of.action_scale)
 
 
 def _noise(generator: np.random.Generator) -> int:

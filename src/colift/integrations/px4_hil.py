@@ -24,8 +24,8 @@ from colift.closed_loop import flight, simulator
 from colift.integrations import px4_frames
 from colift.math import so3
 from colift.models.measurement import AgentReading, Measurement
-from colift.models.state import AgentInput, Clock, Inputs, State
-from colift.simulation.world import Truth
+from colift.models.state import AgentInput, ControlClock, State, TeamInputs
+from colift.simulation.world import GroundTruth
 
 try:
     from pymavlink.dialects.v20 import common as mavlink
@@ -33,13 +33,13 @@ except ModuleNotFoundError as error:
     raise ModuleNotFoundError("pymavlink is not installed: pip install 'colift[px4]'", name="pymavlink") from error
 
 HOST, PORT = "127.0.0.1", 4560  # PX4's; instance i of it asks at PORT + i
-PATIENCE = 10.0  # s, for an answer in lockstep
-UNARMED = 0.002  # s, for an answer while autopilots boot and arm
+RESPONSE_TIMEOUT = 10.0  # s, for an answer in lockstep
+ARMING_TIMEOUT = 0.002  # s, for an answer while autopilots boot and arm
 ALL = 0b1101111111111  # of `fields_updated`: all but the differential pressure
 GPS_EVERY = 0.1  # s
 
 
-class Link:
+class AutopilotConnection:
     """One autopilot, on one connection."""
 
     def __init__(self, connection: socket.socket) -> None:
@@ -50,15 +50,15 @@ class Link:
 
     def send(self, messages: Sequence[Any]) -> None:
         """Send messages, in one piece."""
-        self.connection.settimeout(PATIENCE)
+        self.connection.settimeout(RESPONSE_TIMEOUT)
         self.connection.sendall(b"".join(message.pack(self.mav) for message in messages))
 
-    def answer(self, time: int, patience: float = PATIENCE) -> Any:
+    def receive_actuators(self, time: int, timeout: float = RESPONSE_TIMEOUT) -> Any:
         """`HIL_ACTUATOR_CONTROLS` of a time, us, or later: older ones are of sensors that were not waited for.
 
         Raises TimeoutError where there is none within `patience`, s, ConnectionError where the autopilot has gone.
         """
-        self.connection.settimeout(patience)
+        self.connection.settimeout(timeout)
         while True:
             received = self.connection.recv(4096)
             if not received:
@@ -70,42 +70,42 @@ class Link:
 
 
 @contextlib.contextmanager
-def listening(count: int, port: int = PORT) -> Generator[list[socket.socket]]:
+def open_servers(count: int, port: int = PORT) -> Generator[list[socket.socket]]:
     """Servers for so many autopilots, on `port` and the next ones of this computer; port 0: any that are free."""
     with contextlib.ExitStack() as held:
         yield [held.enter_context(socket.create_server((HOST, port + i if port else 0))) for i in range(count)]
 
 
 @contextlib.contextmanager
-def connected(servers: Sequence[socket.socket], patience: float = 60.0) -> Generator[list[Link]]:
+def accept_connections(servers: Sequence[socket.socket], timeout: float = 60.0) -> Generator[list[AutopilotConnection]]:
     """The autopilots, in the order of the servers; raises TimeoutError where one does not come."""
     with contextlib.ExitStack() as held:
         links = []
         for server in servers:
-            server.settimeout(patience)
+            server.settimeout(timeout)
             try:
-                links.append(Link(held.enter_context(server.accept()[0])))
+                links.append(AutopilotConnection(held.enter_context(server.accept()[0])))
             except TimeoutError:
                 port = server.getsockname()[1]
-                raise TimeoutError(f"no autopilot has come to {HOST}:{port} in {patience:g} s") from None
+                raise TimeoutError(f"no autopilot has come to {HOST}:{port} in {timeout:g} s") from None
         yield links
 
 
-class Setpoint(NamedTuple):
+class ThrustTorqueSetpoint(NamedTuple):
     """What our pilot asks of one vehicle, as PX4 takes it."""
 
     thrust: np.ndarray  # `VehicleThrustSetpoint.xyz`
     torque: np.ndarray  # `VehicleTorqueSetpoint.xyz`
 
 
-def fly(
-    plan: flight.Plan,
-    links: Sequence[Link],
-    ask: Callable[[int, Setpoint], None] = lambda _agent, _setpoint: None,
+def run_lockstep(
+    experiment: flight.Experiment,
+    links: Sequence[AutopilotConnection],
+    ask: Callable[[int, ThrustTorqueSetpoint], None] = lambda _agent, _setpoint: None,
     frame: px4_frames.Airframe = px4_frames.QUAD_X,
-    home: px4_frames.Home = px4_frames.HOME,
-    patience: float = 60.0,
-) -> Iterator[tuple[float, Truth]]:
+    home: px4_frames.HomePosition = px4_frames.HOME,
+    timeout: float = 60.0,
+) -> Iterator[tuple[float, GroundTruth]]:
     """Fly a plan's world and pilot with an autopilot a vehicle; yields time, s, and truth at the start of every tick.
 
     `ask` is told what the pilot wants of each, in team order, before its autopilot hears the time: how it comes there
@@ -113,47 +113,52 @@ def fly(
     TimeoutError where they are not all armed after `patience`, s, or one is silent later, ConnectionError where one has
     gone.
     """
-    team, dt = plan.world.team, plan.dt
+    team, dt = experiment.world.team, experiment.dt
     if len(links) != sum(team.sizes):
         raise ValueError(f"{len(links)} autopilots for {sum(team.sizes)} agents")
-    setup, room = plan.setup, flight.chunk(plan)
-    most = np.concatenate([np.asarray(group.thrust_max) for group in team.groups])
-    key, noise = jax.random.fold_in(jax.random.key(plan.seed), 2), None
+    setup, room = experiment.loop_config, flight.ticks_per_chunk(experiment)
+    most = np.concatenate([np.asarray(group.thrust_max) for group in team.agent_groups])
+    key, noise = jax.random.fold_in(jax.random.key(experiment.seed), 2), None
 
-    def turn(tick: int, command: Inputs, readings: Sequence[AgentReading]) -> int:
+    def turn(tick: int, command: TeamInputs, readings: Sequence[AgentReading]) -> int:
         """Tell all autopilots what is wanted and what is measured; the time, us."""
         for j, (u, tau) in enumerate(_wanted(command)):
-            ask(j, Setpoint(px4_frames.thrust_setpoint(u, most[j]), px4_frames.torque_setpoint(frame, tau, most[j])))
+            ask(
+                j,
+                ThrustTorqueSetpoint(
+                    px4_frames.thrust_setpoint(u, most[j]), px4_frames.torque_setpoint(frame, tau, most[j])
+                ),
+            )
         time = 1 + round(1e6 * (tick + 1) * dt)  # PX4's clock must not stand at 0
         for link, reading in zip(links, readings, strict=True):
-            link.send(list(messages(reading, time, tick % max(1, round(GPS_EVERY / dt)) == 0, home)))
+            link.send(list(sensor_messages(reading, time, tick % max(1, round(GPS_EVERY / dt)) == 0, home)))
         return time
 
-    readings, state, command, memory = _begin(setup, plan.z)
-    waited, awake, until = 0, [False] * len(links), monotonic() + patience
+    readings, state, command, controller_state = _begin(setup, experiment.initial_state)
+    waited, awake, until = 0, [False] * len(links), monotonic() + timeout
     while not all(awake):
         turn(waited, command, readings)
         awake = [_armed(link) or was for link, was in zip(links, awake, strict=True)]
         waited += 1
         if monotonic() > until:
-            raise TimeoutError(f"autopilots {_list(awake)} are not armed after {patience:g} s")
-    for k in range(round(plan.duration / dt)):
+            raise TimeoutError(f"autopilots {_list(awake)} are not armed after {timeout:g} s")
+    for k in range(round(experiment.duration / dt)):
         if k % room == 0:
-            noise = _drawn(plan.world, jax.random.fold_in(key, k), room)
-        clock = Clock(t=jnp.asarray(k * dt), dt=jnp.asarray(dt))
+            noise = _drawn(experiment.world, jax.random.fold_in(key, k), room)
+        clock = ControlClock(t=jnp.asarray(k * dt), dt=jnp.asarray(dt))
         drawn = jax.tree.map(lambda x, i=k % room: x[i], noise)
-        readings, state, command, memory = _decide(setup, state, memory, clock, drawn)
+        readings, state, command, controller_state = _decide(setup, state, controller_state, clock, drawn)
         time = turn(waited + k, command, readings)
-        answers = [np.asarray(link.answer(time).controls[: len(frame.x)], float) for link in links]
-        made = [px4_frames.wrench(frame, each, float(thrust)) for each, thrust in zip(answers, most, strict=True)]
+        answers = [np.asarray(link.receive_actuators(time).controls[: len(frame.x)], float) for link in links]
+        made = [px4_frames.rotor_wrench(frame, each, float(thrust)) for each, thrust in zip(answers, most, strict=True)]
         state, truth = _move(setup, state, _replaced(command, made), clock)
         yield k * dt, truth
 
 
-def _armed(link: Link) -> bool:
+def _armed(link: AutopilotConnection) -> bool:
     """Whether an autopilot answers, to whatever it was sent, and is armed."""
     try:
-        return bool(link.answer(0, UNARMED).mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
+        return bool(link.receive_actuators(0, ARMING_TIMEOUT).mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
     except TimeoutError:
         return False
 
@@ -163,44 +168,44 @@ def _list(awake: Sequence[bool]) -> str:
 
 
 @jax.jit
-def _begin(setup: simulator.Setup, z: State) -> tuple[list[AgentReading], Any, Inputs, Any]:
+def _begin(setup: simulator.LoopConfig, state: State) -> tuple[list[AgentReading], Any, TeamInputs, Any]:
     """What a team at rest reads, the world there, the command that holds it, and our pilot's memory."""
-    m = setup.world.rest(z)
-    command, memory = setup.pilot.begin(m, Clock(t=jnp.zeros(()), dt=setup.dt))
-    return _each(m), setup.world.begin(z, command), command, memory
+    m = setup.world.measure_at_rest(state)
+    command, controller_state = setup.controller.init(m, ControlClock(t=jnp.zeros(()), dt=setup.dt))
+    return _each(m), setup.world.init(state, command), command, controller_state
 
 
-_drawn = jax.jit(lambda world, key, ticks: world.draw(key, ticks), static_argnums=2)
+_drawn = jax.jit(lambda world, key, ticks: world.sample_noise(key, ticks), static_argnums=2)
 
 
 @jax.jit
 def _decide(
-    setup: simulator.Setup, state: Any, memory: Any, clock: Clock, noise: Any
-) -> tuple[list[AgentReading], Any, Inputs, Any]:
+    setup: simulator.LoopConfig, state: Any, controller_state: Any, clock: ControlClock, noise: Any
+) -> tuple[list[AgentReading], Any, TeamInputs, Any]:
     """What each agent's sensors say, the world after they did, and what our pilot makes of it."""
-    m, state = setup.world.sense(state, clock, noise)
-    command, memory, _ = setup.pilot.tick(memory, m, clock)
-    return _each(m), state, command, memory
+    m, state = setup.world.measure(state, clock, noise)
+    command, controller_state, _ = setup.controller.step(controller_state, m, clock)
+    return _each(m), state, command, controller_state
 
 
-def _each(m: Measurement) -> list[AgentReading]:
+def _each(measurement: Measurement) -> list[AgentReading]:
     """Readings in team order."""
-    return [jax.tree.map(lambda x, j=j: x[j], group) for group in m.agents for j in range(len(group.x))]
+    return [jax.tree.map(lambda x, j=j: x[j], group) for group in measurement.agents for j in range(len(group.x))]
 
 
 @jax.jit
-def _move(setup: simulator.Setup, state: Any, command: Inputs, clock: Clock) -> tuple[Any, Truth]:
+def _move(setup: simulator.LoopConfig, state: Any, command: TeamInputs, clock: ControlClock) -> tuple[Any, GroundTruth]:
     return setup.world.step(state, command, clock)
 
 
-def _wanted(command: Inputs) -> list[tuple[float, np.ndarray]]:
+def _wanted(command: TeamInputs) -> list[tuple[float, np.ndarray]]:
     """Thrust, N, and torque, N m, body frame, of each agent."""
     return [
         (float(u), np.asarray(tau)) for group in command for u, tau in zip(group.u, np.asarray(group.tau), strict=True)
     ]
 
 
-def _replaced(command: Inputs, made: Sequence[tuple[float, np.ndarray]]) -> Inputs:
+def _replaced(command: TeamInputs, made: Sequence[tuple[float, np.ndarray]]) -> TeamInputs:
     """The command with each agent's thrust and torque as they are made."""
     left = iter(made)
     groups = []
@@ -210,20 +215,20 @@ def _replaced(command: Inputs, made: Sequence[tuple[float, np.ndarray]]) -> Inpu
     return tuple(groups)
 
 
-def messages(reading: AgentReading, time: int, gps: bool, home: px4_frames.Home) -> Iterator[Any]:
+def sensor_messages(reading: AgentReading, time: int, gps: bool, home: px4_frames.HomePosition) -> Iterator[Any]:
     """What an autopilot is sent at a time, us: its sensors, its state as measured and, where asked, its GPS.
 
     `HIL_STATE_QUATERNION` is what PX4 logs as the truth; here it is the measured state, for nothing else is known of
     the truth on this side. Accelerations are specific forces, as PX4's are; barometer and magnetometer without noise.
     """
     R, p = np.asarray(reading.R), np.asarray(reading.x)
-    q = np.asarray(so3.quaternion(jnp.asarray(px4_frames.attitude(R))))
+    q = np.asarray(so3.quaternion(jnp.asarray(px4_frames.attitude_enu_ned(R))))
     a, omega, v = (
-        px4_frames.body(np.asarray(reading.a)),
-        px4_frames.body(np.asarray(reading.omega)),
-        px4_frames.world(np.asarray(reading.v)),
+        px4_frames.flu_frd(np.asarray(reading.a)),
+        px4_frames.flu_frd(np.asarray(reading.omega)),
+        px4_frames.enu_ned(np.asarray(reading.v)),
     )
-    field = px4_frames.attitude(R).T @ np.array(home.field)
+    field = px4_frames.attitude_enu_ned(R).T @ np.array(home.field)
     latitude, longitude, height = (int(x) for x in px4_frames.geodetic(home, p))
     altitude = home.altitude + float(p[2])
     hPa = px4_frames.pressure(altitude)

@@ -20,9 +20,9 @@ from jaxtyping import Array, Float
 
 from colift.analysis import poses
 from colift.math import so3
-from colift.math.linalg import apply
+from colift.math.linalg import matvec
 from colift.models import aerial_manipulator
-from colift.models.parameters import Agent, Team
+from colift.models.parameters import AerialManipulator, Team
 from colift.scenario import team as team_module
 
 try:
@@ -43,7 +43,7 @@ Vector3, Point, Quaternion, Transform, TransformStamped, Pose, PoseStamped, Wren
 )
 
 
-class Topic(NamedTuple):
+class BagTopic(NamedTuple):
     """One stream of messages: what it is at row k of the log, under a header."""
 
     name: str
@@ -52,16 +52,16 @@ class Topic(NamedTuple):
     message: Callable[[Any, int], Any]
 
 
-def document(ds: xr.Dataset) -> bytes:
+def to_mcap(ds: xr.Dataset) -> bytes:
     """The flight of a log as an MCAP file, a message a topic a tick; the metadata `colift` say what was flown.
 
     Raises ValueError for a log that does not hold its scenario, and for names that are the same to ROS.
     """
-    told = poses.settings(ds)
+    told = poses.scenario_of_log(ds)
     team, _ = team_module.team(told)
     topics = tuple(_topics(ds, team))
-    memory = io.BytesIO()
-    writer = Writer(memory)
+    state = io.BytesIO()
+    writer = Writer(state)
     writer.start(profile="ros2", library=f"colift {version('colift')}")
     schemas: dict[str, int] = {}
     channels = []
@@ -80,10 +80,10 @@ def document(ds: xr.Dataset) -> bytes:
             data = ROS.serialize_cdr(message, topic.type.__msgtype__)
             writer.add_message(channel, log_time=t, data=bytes(data), publish_time=t)
     writer.finish()
-    return memory.getvalue()
+    return state.getvalue()
 
 
-def _topics(ds: xr.Dataset, team: Team) -> Iterator[Topic]:
+def _topics(ds: xr.Dataset, team: Team) -> Iterator[BagTopic]:
     R_L, lam = ds.R_L.values, ds.lam.values
     into_payload = lambda F: np.einsum("tji,tj->ti", R_L, F)  # noqa: E731
     agents, contacts = ([str(name) for name in ds[dim].values] for dim in ("agent", "contact"))
@@ -92,8 +92,8 @@ def _topics(ds: xr.Dataset, team: Team) -> Iterator[Topic]:
     if len(set(names)) < len(names):
         same = sorted({name for name in names if names.count(name) > 1})
         raise ValueError(f"{', '.join(same)}: more than one frame of that name in ROS, which has no '-' in names")
-    R_d = poses.desired(jnp.asarray(R_L), jnp.asarray(ds.e_R.values), jnp.asarray(ds.Psi.values))
-    base, attitude = bases(ds, team), _quaternions(ds.R.values)
+    R_d = poses.desired_attitude(jnp.asarray(R_L), jnp.asarray(ds.e_R.values), jnp.asarray(ds.Psi.values))
+    base, attitude = base_positions(ds, team), _quaternions(ds.R.values)
     q_L, W = _quaternions(R_L), ds.W_d.values
     placed = [(WORLD, PAYLOAD, ds.p.values, q_L)]
     yield _pose("/payload/pose", ds.p.values, q_L)
@@ -109,7 +109,7 @@ def _topics(ds: xr.Dataset, team: Team) -> Iterator[Topic]:
         if own:
             joints = [str(ds.joint.values[k]).partition("/")[2] for k in own]
             yield _joints(f"/{at}/joint_states", joints, *(ds[x].values[:, own] for x in ("r", "r_dot", "tau_r")))
-    ends = np.concatenate([np.asarray(group.contact).reshape(-1, 3) for group in team.groups])
+    ends = np.concatenate([np.asarray(group.contact_position).reshape(-1, 3) for group in team.agent_groups])
     level = np.tile([1.0, 0.0, 0.0, 0.0], (len(R_L), 1))
     for b, name in enumerate(contacts):
         at = frame[name]
@@ -118,15 +118,17 @@ def _topics(ds: xr.Dataset, team: Team) -> Iterator[Topic]:
     yield _frames(placed)
 
 
-def bases(ds: xr.Dataset, team: Team) -> np.ndarray:
+def base_positions(ds: xr.Dataset, team: Team) -> np.ndarray:
     """Origins of the bases in the world along a log, `(time, agents, 3)`, m: `x - R s(r)`."""
-    found = [np.asarray(_origins(*group)) for group in poses.by_group(ds, team)]
+    found = [np.asarray(_origins(*group)) for group in poses.poses_by_group(ds, team)]
     return np.concatenate(found, axis=1)
 
 
 @jax.vmap
-def _origin(agent: Agent, R: Float[Array, "3 3"], x: Float[Array, "3"], r: Float[Array, "n_r"]) -> Float[Array, "3"]:
-    return x - apply(R, aerial_manipulator.center_of_mass(agent, r))
+def _origin(
+    agent: AerialManipulator, R: Float[Array, "3 3"], x: Float[Array, "3"], r: Float[Array, "n_r"]
+) -> Float[Array, "3"]:
+    return x - matvec(R, aerial_manipulator.center_of_mass(agent, r))
 
 
 _origins = jax.jit(jax.vmap(_origin, in_axes=(None, 0, 0, 0)))
@@ -144,32 +146,32 @@ def _ros(name: str) -> str:
 # Messages -------------------------------------------------------------------------------------------------------------
 
 
-def _pose(topic: str, p: np.ndarray, q: np.ndarray) -> Topic:
+def _pose(topic: str, p: np.ndarray, q: np.ndarray) -> BagTopic:
     def message(header: Any, k: int) -> Any:
         return PoseStamped(header=header, pose=Pose(position=_vector(Point, p[k]), orientation=_quaternion(q[k])))
 
-    return Topic(topic, PoseStamped, WORLD, message)
+    return BagTopic(topic, PoseStamped, WORLD, message)
 
 
-def _wrench(topic: str, frame: str, F: np.ndarray, tau: np.ndarray) -> Topic:
+def _wrench(topic: str, frame: str, F: np.ndarray, tau: np.ndarray) -> BagTopic:
     def message(header: Any, k: int) -> Any:
         return WrenchStamped(
             header=header, wrench=Wrench(force=_vector(Vector3, F[k]), torque=_vector(Vector3, tau[k]))
         )
 
-    return Topic(topic, WrenchStamped, frame, message)
+    return BagTopic(topic, WrenchStamped, frame, message)
 
 
-def _joints(topic: str, names: Sequence[str], r: np.ndarray, r_dot: np.ndarray, tau: np.ndarray) -> Topic:
+def _joints(topic: str, names: Sequence[str], r: np.ndarray, r_dot: np.ndarray, tau: np.ndarray) -> BagTopic:
     r, r_dot, tau = map(np.ascontiguousarray, (r, r_dot, tau))  # rosbags takes no other rows
 
     def message(header: Any, k: int) -> Any:
         return JointState(header=header, name=list(names), position=r[k], velocity=r_dot[k], effort=tau[k])
 
-    return Topic(topic, JointState, "", message)
+    return BagTopic(topic, JointState, "", message)
 
 
-def _frames(placed: Sequence[tuple[str, str, np.ndarray, np.ndarray]]) -> Topic:
+def _frames(placed: Sequence[tuple[str, str, np.ndarray, np.ndarray]]) -> BagTopic:
     def message(header: Any, k: int) -> Any:
         return TFMessage(
             transforms=[
@@ -182,7 +184,7 @@ def _frames(placed: Sequence[tuple[str, str, np.ndarray, np.ndarray]]) -> Topic:
             ]
         )
 
-    return Topic("/tf", TFMessage, WORLD, message)
+    return BagTopic("/tf", TFMessage, WORLD, message)
 
 
 def _vector(kind: Any, v: np.ndarray) -> Any:

@@ -21,14 +21,14 @@ from colift import codegen
 from colift.closed_loop import flight
 from colift.models.measurement import AgentReading, Measurement, PayloadReading
 from colift.models.parameters import Team
-from colift.models.state import Clock, Inputs
-from colift.scenario import Settings, team
+from colift.models.state import ControlClock, TeamInputs
+from colift.scenario import Scenario, team
 
 PAYLOAD = "payload"
-STALE = 0.1  # s, after which a reading is not flown with
+MAX_MESSAGE_AGE = 0.1  # s, after which a reading is not flown with
 
 
-class Names(NamedTuple):
+class RosNames(NamedTuple):
     """Of everything in team order, as ROS has them: `-` is `_`."""
 
     agents: tuple[str, ...]
@@ -36,7 +36,7 @@ class Names(NamedTuple):
     arms: tuple[tuple[str, ...], ...]
 
 
-def names(settings: Settings) -> Names:
+def names(settings: Scenario) -> RosNames:
     """The names of a scenario's team."""
     agents = team.agent_names(settings)
 
@@ -44,7 +44,7 @@ def names(settings: Settings) -> Names:
         return tuple(name.partition("/")[2] for name in of if name.startswith(f"{agent}/"))
 
     joints, arms = team.joint_names(settings), team.contact_names(settings)
-    return Names(
+    return RosNames(
         agents=tuple(_ros(agent) for agent in agents),
         joints=tuple(own(joints, agent) for agent in agents),
         arms=tuple(tuple(map(_ros, own(arms, agent))) for agent in agents),
@@ -55,7 +55,7 @@ def _ros(name: str) -> str:
     return name.replace("-", "_")
 
 
-def topics(of: Names) -> dict[str, str]:
+def topics(of: RosNames) -> dict[str, str]:
     """Every topic that is listened to, and its message's type."""
     found = {}
     for body in (PAYLOAD, *of.agents):
@@ -66,12 +66,12 @@ def topics(of: Names) -> dict[str, str]:
     return found
 
 
-def measurement(team: Team, of: Names, heard: Mapping[str, Any]) -> Measurement:
+def measurement_from_messages(team: Team, of: RosNames, innovation_state: Mapping[str, Any]) -> Measurement:
     """What the last message of every topic says, by topic.
 
     Raises ValueError for an attitude that is none, a joint that is missing, and a number that is not finite.
     """
-    each = [_agent(*one, heard) for one in zip(*of, strict=True)]
+    each = [_agent(*one, innovation_state) for one in zip(*of, strict=True)]
     groups, first = [], 0
     for size in team.sizes:
         of_group = each[first : first + size]
@@ -80,7 +80,7 @@ def measurement(team: Team, of: Names, heard: Mapping[str, Any]) -> Measurement:
     return Measurement(
         agents=tuple(groups),
         payload=PayloadReading(**{
-            "p" if name == "x" else name: _array(f"{PAYLOAD}'s {name}", x) for name, x in _body(PAYLOAD, heard).items()
+            "p" if name == "x" else name: _array(f"{PAYLOAD}'s {name}", x) for name, x in _body(PAYLOAD, innovation_state).items()
         }),
     )  # fmt: skip
 
@@ -96,33 +96,35 @@ def _xyz(v: Any) -> list[float]:
     return [v.x, v.y, v.z]
 
 
-def _body(body: str, heard: Mapping[str, Any]) -> dict[str, Any]:
-    pose, imu = heard[f"/{body}/pose"].pose, heard[f"/{body}/imu"]
+def _body(body: str, innovation_state: Mapping[str, Any]) -> dict[str, Any]:
+    pose, imu = innovation_state[f"/{body}/pose"].pose, innovation_state[f"/{body}/imu"]
     q = np.array([pose.orientation.x, pose.orientation.y, pose.orientation.z, pose.orientation.w])
     if not abs(q @ q - 1) <= 1e-3:
         raise ValueError(f"/{body}/pose: the orientation {q.tolist()} is not a unit quaternion")
     return {
         "R": Rotation.from_quat(q).as_matrix(),
         "x": _xyz(pose.position),
-        "v": _xyz(heard[f"/{body}/velocity"].vector),
+        "v": _xyz(innovation_state[f"/{body}/velocity"].vector),
         "omega": _xyz(imu.angular_velocity),
         "a": _xyz(imu.linear_acceleration),
     }
 
 
-def _agent(name: str, joints: tuple[str, ...], arms: tuple[str, ...], heard: Mapping[str, Any]) -> dict[str, Any]:
+def _agent(
+    name: str, joints: tuple[str, ...], arms: tuple[str, ...], innovation_state: Mapping[str, Any]
+) -> dict[str, Any]:
     r = []
     if joints:
-        state = heard[f"/{name}/joint_states"]
+        state = innovation_state[f"/{name}/joint_states"]
         at = dict(zip(state.name, state.position, strict=True))
         if missing := [joint for joint in joints if joint not in at]:
             raise ValueError(f"/{name}/joint_states: {', '.join(missing)} missing; there are {', '.join(at)}")
         r = [at[joint] for joint in joints]
-    lam = [_xyz(heard[f"/{name}/{arm}/tip_force"].wrench.force) for arm in arms]
-    return _body(name, heard) | {"r": r, "lam": lam}
+    lam = [_xyz(innovation_state[f"/{name}/{arm}/tip_force"].wrench.force) for arm in arms]
+    return _body(name, innovation_state) | {"r": r, "lam": lam}
 
 
-class Command(NamedTuple):
+class AgentCommand(NamedTuple):
     """What one agent is to do until the next tick."""
 
     u: float  # N
@@ -130,43 +132,43 @@ class Command(NamedTuple):
     tau_r: np.ndarray  # N m or N
 
 
-def commands(inputs: Inputs) -> list[Command]:
+def command_messages(inputs: TeamInputs) -> list[AgentCommand]:
     """Of each agent, in team order."""
     return [
-        Command(float(u), tau, tau_r)
+        AgentCommand(float(u), tau, tau_r)
         for group in jax.tree.map(np.asarray, inputs)
         for u, tau, tau_r in zip(group.u, group.tau, group.tau_r, strict=True)
     ]
 
 
-class Tick:
+class ControllerStep:
     """The pilot between ticks, without ROS: compiled when it is made, begun by the first measurement, at rest."""
 
-    def __init__(self, plan: flight.Plan, of: Names) -> None:
-        self.pilot, self.names, self.dt, self.ticks = plan.pilot, of, plan.dt, 0
+    def __init__(self, experiment: flight.Experiment, of: RosNames) -> None:
+        self.pilot, self.names, self.dt, self.ticks = experiment.controller, of, experiment.dt, 0
         still = _still(self.pilot.team)
-        self._begin = jax.jit(lambda pilot, *now: pilot.begin(*now)[1])
+        self._begin = jax.jit(lambda controller, *now: controller.init(*now)[1])
         self.memory = self._begin(self.pilot, still, self._clock())
         self._tick = _compiled(self.pilot, self.memory, still, self._clock())
 
-    def __call__(self, heard: Mapping[str, Any]) -> list[Command]:
+    def __call__(self, innovation_state: Mapping[str, Any]) -> list[AgentCommand]:
         """The commands from now on; raises ValueError as `measurement`."""
-        m = measurement(self.pilot.team, self.names, heard)
+        m = measurement_from_messages(self.pilot.team, self.names, innovation_state)
         if self.ticks == 0:
             self.memory = self._begin(self.pilot, m, self._clock())
         command, self.memory = self._tick(self.pilot, self.memory, m, self._clock())
         self.ticks += 1
-        return commands(command)
+        return command_messages(command)
 
-    def _clock(self) -> Clock:
-        return Clock(t=jnp.asarray(self.ticks * self.dt), dt=jnp.asarray(self.dt))
+    def _clock(self) -> ControlClock:
+        return ControlClock(t=jnp.asarray(self.ticks * self.dt), dt=jnp.asarray(self.dt))
 
 
 def _still(team: Team) -> Measurement:
     """A measurement of the team's shapes."""
     zero = {name: jnp.zeros(3) for name in ("x", "v", "omega", "a")}
     groups = []
-    for size, group in zip(team.sizes, team.groups, strict=True):
+    for size, group in zip(team.sizes, team.agent_groups, strict=True):
         one = {"R": jnp.eye(3), **zero, "r": jnp.zeros(group.tree.joints), "lam": jnp.zeros((group.tree.arms, 3))}
         groups.append(AgentReading(**{name: jnp.repeat(x[None], size, axis=0) for name, x in one.items()}))
     zero["p"] = zero.pop("x")
@@ -175,7 +177,7 @@ def _still(team: Team) -> Measurement:
 
 def _compiled(*like: Any) -> Callable[..., Any]:
     """The tick in native code, or by JAX where a part has none: its first call must not take seconds."""
-    tick = lambda pilot, *now: pilot.tick(*now)[:2]  # noqa: E731
+    tick = lambda controller, *now: controller.step(*now)[:2]  # noqa: E731
     try:
         made = jax.jit(codegen.compile(tick))
         made.lower(*like)
@@ -185,7 +187,7 @@ def _compiled(*like: Any) -> Callable[..., Any]:
     return made
 
 
-def spin(plan: flight.Plan, of: Names, seconds: float = float("inf")) -> int:
+def spin(experiment: flight.Experiment, of: RosNames, seconds: float = float("inf")) -> int:
     """Fly a plan's pilot as the ROS 2 node `colift`, for so long; the number of ticks that were commanded.
 
     It begins once every topic was heard. Raises ModuleNotFoundError where ROS is not installed, TimeoutError where a
@@ -198,15 +200,15 @@ def spin(plan: flight.Plan, of: Names, seconds: float = float("inf")) -> int:
     except ModuleNotFoundError as error:
         raise ModuleNotFoundError("ROS 2 is not installed: pip install 'colift[ros]'", name="rclpy") from error
     kinds = {kind.__name__: kind for kind in (PoseStamped, Vector3Stamped, WrenchStamped, Imu, JointState)}
-    tick, heard, since = Tick(plan, of), {}, {}
+    tick, innovation_state, since = ControllerStep(experiment, of), {}, {}
     rclpy.init()
     try:
         node = rclpy.create_node("colift")
-        now = lambda: 1e-9 * node.get_clock().now().nanoseconds  # noqa: E731
+        context = lambda: 1e-9 * node.get_clock().now().nanoseconds  # noqa: E731
 
         def hear(topic: str) -> Callable[[Any], None]:
             def keep(message: Any) -> None:
-                heard[topic], since[topic] = message, now()
+                innovation_state[topic], since[topic] = message, context()
 
             return keep
 
@@ -217,13 +219,13 @@ def spin(plan: flight.Plan, of: Names, seconds: float = float("inf")) -> int:
         efforts = [node.create_publisher(JointState, f"/{agent}/joint_commands", 10) for agent in of.agents]
 
         def step() -> None:
-            if heard.keys() != wanted.keys():
+            if innovation_state.keys() != wanted.keys():
                 return
-            silent = [topic for topic, t in since.items() if now() - t > STALE]
+            silent = [topic for topic, t in since.items() if context() - t > MAX_MESSAGE_AGE]
             if silent and tick.ticks:
-                raise TimeoutError(f"{', '.join(silent)} silent for {STALE:g} s: nothing more is commanded")
+                raise TimeoutError(f"{', '.join(silent)} silent for {MAX_MESSAGE_AGE:g} s: nothing more is commanded")
             stamp = node.get_clock().now().to_msg()
-            for j, command in enumerate(tick(heard)):
+            for j, command in enumerate(tick(innovation_state)):
                 message = WrenchStamped()
                 message.header.stamp, message.header.frame_id = stamp, of.agents[j]
                 message.wrench.force.z = command.u
@@ -235,9 +237,9 @@ def spin(plan: flight.Plan, of: Names, seconds: float = float("inf")) -> int:
                     message.header.stamp = stamp
                     efforts[j].publish(message)
 
-        node.create_timer(plan.dt, step)
-        until = now() + seconds
-        while now() < until and rclpy.ok():
+        node.create_timer(experiment.dt, step)
+        until = context() + seconds
+        while context() < until and rclpy.ok():
             rclpy.spin_once(node, timeout_sec=0.1)
     finally:
         rclpy.try_shutdown()

@@ -11,29 +11,29 @@ Scalar = Float[Array, ""]
 
 
 @pytree
-class LowPass:
+class SecondOrderLowPassState:
     """Memory of a critically damped second-order low-pass: two equal first-order ones in a row."""
 
-    inner: Float[Array, "*shape"]
-    outer: Float[Array, "*shape"]
+    stage1: Float[Array, "*shape"]
+    stage2: Float[Array, "*shape"]
 
 
-def settle(x: Float[Array, "*shape"]) -> LowPass:
+def steady_state(x: Float[Array, "*shape"]) -> SecondOrderLowPassState:
     """The memory of a filter that has seen x for ever."""
-    return LowPass(inner=x, outer=x)
+    return SecondOrderLowPassState(stage1=x, stage2=x)
 
 
-def blend(hertz: Float[Array, "*corners"], dt: Scalar) -> Float[Array, "*corners"]:
+def smoothing_factor(hertz: Float[Array, "*corners"], dt: Scalar) -> Float[Array, "*corners"]:
     """What a first-order low-pass takes of a new sample: `1 - exp(-2 pi hertz dt)`."""
     return -jnp.expm1(-2 * jnp.pi * hertz * dt)
 
 
-def from_the_first(warm: Scalar, b: Scalar) -> Scalar:
+def initial_smoothing_factor(initialized: Scalar, b: Scalar) -> Scalar:
     """The blend b where warm is 1, or 1 on the first tick, where it is 0: a filter starts at its first sample."""
-    return 1 + warm * (b - 1)
+    return 1 + initialized * (b - 1)
 
 
-def after(b: Scalar, ticks: Scalar) -> Scalar:
+def irregular_smoothing_factor(b: Scalar, ticks: Scalar) -> Scalar:
     """The blend for a sample n ticks after the one before, b if n is 1: `b_n^2 / (1 - b_n) = n b^2 / (1 - b)`.
 
     A Kalman filter's steady gain for a random walk that is sampled every n ticks: a filter that counted samples would
@@ -42,7 +42,7 @@ def after(b: Scalar, ticks: Scalar) -> Scalar:
     return 2 / (1 + jnp.sqrt(1 + 4 * (1 - b) / (ticks * b * b)))
 
 
-def smooth(memory: LowPass, x: Float[Array, "*shape"], b: Scalar) -> LowPass:
+def update(state: SecondOrderLowPassState, x: Float[Array, "*shape"], b: Scalar) -> SecondOrderLowPassState:
     """One sample through the low-pass, with the blend b of each of its halves; the value is `outer`."""
-    inner = memory.inner + b * (x - memory.inner)
-    return LowPass(inner=inner, outer=memory.outer + b * (inner - memory.outer))
+    inner = state.stage1 + b * (x - state.stage1)
+    return SecondOrderLowPassState(stage1=inner, stage2=state.stage2 + b * (inner - state.stage2))

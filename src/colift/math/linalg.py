@@ -13,13 +13,13 @@ from jaxtyping import Array, Float
 
 
 @jax.jit
-def mul(A: Float[Array, "*#batch n k"], B: Float[Array, "*#batch k m"]) -> Float[Array, "*#batch n m"]:
+def matmul(A: Float[Array, "*#batch n k"], B: Float[Array, "*#batch k m"]) -> Float[Array, "*#batch n m"]:
     """`A B`, broadcasting the leading axes."""
     return (A[..., :, :, None] * B[..., None, :, :]).sum(-2)
 
 
 @jax.jit
-def apply(A: Float[Array, "*#batch n k"], x: Float[Array, "*#batch k"]) -> Float[Array, "*#batch n"]:
+def matvec(A: Float[Array, "*#batch n k"], x: Float[Array, "*#batch k"]) -> Float[Array, "*#batch n"]:
     """`A x`, broadcasting the leading axes."""
     return (A * x[..., None, :]).sum(-1)
 
@@ -30,7 +30,7 @@ def transpose(A: Float[Array, "*batch n m"]) -> Float[Array, "*batch m n"]:
 
 
 @jax.jit
-def eliminate(
+def udu_eliminate(
     A: Float[Array, "*batch n n"], B: Float[Array, "*batch n m"]
 ) -> tuple[Float[Array, "*batch n n"], Float[Array, "*batch n"], Float[Array, "*batch n m"]]:
     """`(U, d, U^-T B)` with U unit upper triangular and `A = U^T diag(1/d) U`, row by row; A's lower part is not read.
@@ -76,5 +76,5 @@ def backward(U: Float[Array, "*batch n n"], B: Float[Array, "*batch n m"]) -> Fl
 @jax.jit
 def solve(A: Float[Array, "*batch n n"], B: Float[Array, "*batch n m"]) -> Float[Array, "*batch n m"]:
     """`A^-1 B` for symmetric positive definite A."""
-    U, d, Y = eliminate(A, B)
+    U, d, Y = udu_eliminate(A, B)
     return backward(U, d[..., None] * Y)

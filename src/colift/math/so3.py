@@ -56,7 +56,7 @@ def exp(theta: Vector) -> Rotation:
 
 
 @jax.jit
-def about(axis: Vector, angle: Float[Array, "*#batch"]) -> Rotation:
+def from_axis_angle(axis: Vector, angle: Float[Array, "*#batch"]) -> Rotation:
     """The rotation by an angle, rad, about a unit vector: `exp` without its small-angle branch."""
     return _rodrigues(axis, jnp.cos(angle), jnp.sin(angle), 1 - jnp.cos(angle))
 
@@ -121,12 +121,12 @@ def e_omega(R: Rotation, omega: Vector, R_d: Rotation, omega_d: Vector) -> Vecto
     return omega - ((jnp.swapaxes(R, -1, -2) @ R_d) * omega_d[..., None, :]).sum(-1)
 
 
-def Psi(R: Rotation, R_d: Rotation) -> Float[Array, "*#batch"]:
+def attitude_error_function(R: Rotation, R_d: Rotation) -> Float[Array, "*#batch"]:
     """Attitude error function `tr(I - R_d^T R) / 2`, in [0, 2] (Section IV-B)."""
     return (3 - (R_d * R).sum((-1, -2))) / 2
 
 
-def E(R: Rotation, R_d: Rotation) -> Float[Array, "*#batch 3 3"]:
+def attitude_error_jacobian(R: Rotation, R_d: Rotation) -> Float[Array, "*#batch 3 3"]:
     """The matrix of `d/dt e_R = E e_omega`: `(tr(Q) I - Q) / 2` with `Q = R^T R_d` (Eq. pl_cl_eR)."""
     Q = jnp.swapaxes(R, -1, -2) @ R_d
     return (jnp.trace(Q, axis1=-2, axis2=-1)[..., None, None] * identity(R.shape[:-2]) - Q) / 2

@@ -12,11 +12,11 @@ from typing import Any
 
 import jax
 
-kept_by = jax.make_user_context(None)
+AGENT_MAP_TRACER = jax.make_user_context(None)
 """While `kept_by(keep)` holds, `over(f)` is `keep(f, axes, args)`; what `jax.jit` traced before is not reused."""
 
 
-def over(f: Callable[..., Any], in_axes: int | Sequence[int | None] | None = 0) -> Callable[..., Any]:
+def vmap_agents(f: Callable[..., Any], in_axes: int | Sequence[int | None] | None = 0) -> Callable[..., Any]:
     """`jax.vmap(f, in_axes)`, where an argument (any PyTree) is mapped over its leading axis (0) or shared (None)."""
 
     @functools.wraps(f)
@@ -26,7 +26,7 @@ def over(f: Callable[..., Any], in_axes: int | Sequence[int | None] | None = 0) 
         sizes = {leaf.shape[0] for leaf in own}
         if len(sizes) != 1:
             raise ValueError(f"over: mapped arguments must share one leading axis, got lengths {sorted(sizes)}")
-        keep = kept_by.value
+        keep = AGENT_MAP_TRACER.value
         return jax.vmap(f, in_axes=axes)(*args) if keep is None else keep(f, axes, args)
 
     return mapped

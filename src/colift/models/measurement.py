@@ -8,7 +8,7 @@ from typing import Any
 from jaxtyping import Array, Float
 
 from colift.math.pytree import pytree
-from colift.models.state import Residual, State
+from colift.models.state import ResidualForces, State
 
 
 @pytree
@@ -36,14 +36,14 @@ class PayloadReading:
 
 
 @pytree
-class Sample:
+class RigReading:
     """What a calibration rig reports: the state it holds the team in, and the residual there with bounded noise.
 
     No flying team has one. It is for studies whose labels must obey a stated bound.
     """
 
     z: State
-    f: Residual
+    f: ResidualForces
 
 
 @pytree
@@ -52,6 +52,6 @@ class Measurement:
 
     agents: tuple[AgentReading, ...]
     payload: PayloadReading
-    rig: Sample | None = None
+    rig: RigReading | None = None
     age_s: dict[str, Float[Array, ""]] = dataclasses.field(default_factory=dict)  # of readings that are held, by name
-    more: dict[str, Any] = dataclasses.field(default_factory=dict)  # what sensors of your own say, by name
+    extra: dict[str, Any] = dataclasses.field(default_factory=dict)  # what sensors of your own say, by name

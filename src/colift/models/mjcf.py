@@ -21,12 +21,12 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from colift.models import aerial_manipulator, grasp
-from colift.models.parameters import Agent, Team, Tree, agent_names
+from colift.models.parameters import AerialManipulator, KinematicTree, Team, agent_names
 from colift.models.state import AgentState, State
 
 TIMESTEP = 5e-4  # s
 IMPEDANCE = 0.9999  # d: the largest that MuJoCo takes
-SHORTEST = 1e-3  # m, arm that is shown
+MIN_ARM_LENGTH = 1e-3  # m, arm that is shown
 ROTORS = ((1, 1), (1, -1), (-1, 1), (-1, -1))  # corners of a base that carry one, for the eye
 
 
@@ -34,26 +34,26 @@ Numbers = np.ndarray | jax.Array
 Scalar = float | jax.Array
 
 
-class Softness(NamedTuple):
+class ContactSoftness(NamedTuple):
     """How far a contact is from rigid."""
 
     time_constant: float  # s, T; MuJoCo raises it to two timesteps where it is less
     impedance: float = IMPEDANCE  # d
 
 
-def rigid(timestep: float) -> Softness:
+def stiffest_contact(timestep: float) -> ContactSoftness:
     """The least softness that MuJoCo has at a timestep, s."""
-    return Softness(time_constant=2 * timestep)
+    return ContactSoftness(time_constant=2 * timestep)
 
 
-RIGID = rigid(TIMESTEP)
+RIGID = stiffest_contact(TIMESTEP)
 
 
 class _Part(NamedTuple):
     """One agent with what it is called."""
 
     name: str
-    agent: Agent
+    agent: AerialManipulator
     state: AgentState
     joints: tuple[str, ...]
     contacts: tuple[str, ...]
@@ -61,26 +61,26 @@ class _Part(NamedTuple):
 
 def joint_names(team: Team, names: Sequence[str] = ()) -> tuple[str, ...]:
     """One name a joint, `<agent>/joint <k>`, in team order."""
-    counts = [group.tree.joints for size, group in zip(team.sizes, team.groups, strict=True) for _ in range(size)]
+    counts = [group.tree.joints for size, group in zip(team.sizes, team.agent_groups, strict=True) for _ in range(size)]
     each = zip(agent_names(team, names), counts, strict=True)
     return tuple(f"{name}/joint {k + 1}" for name, n in each for k in range(n))
 
 
-def document(
+def to_mjcf(
     team: Team,
-    z: State,
+    state: State,
     names: Sequence[str] = (),
     joints: Sequence[str] = (),
     contacts: Sequence[str] = (),
     timestep: float = TIMESTEP,
-    softness: Softness = RIGID,
+    softness: ContactSoftness = RIGID,
 ) -> str:
     """The team as MJCF, its state the keyframe `start`; names in team order, by default those of `model` and `grasp`.
 
     Actuators: `<agent> thrust` (N, along the base's third axis), `<agent> torque x` to `z` (N m, base frame), and one
     a joint. Quantities are SI, angles in radians. Raises ValueError unless there are as many names as there are things.
     """
-    parts = tuple(_parts(team, z, names, joints, contacts))
+    parts = tuple(_parts(team, state, names, joints, contacts))
     root = Element("mujoco", model="colift")
     SubElement(root, "compiler", angle="radian", inertiafromgeom="false")
     option = SubElement(root, "option", timestep=_text(timestep), gravity=_text(team.gravity), integrator="RK4")
@@ -91,25 +91,25 @@ def document(
     SubElement(default, "site", size="0.008", rgba="0.85 0.3 0.2 1")
     d = softness.impedance
     SubElement(default, "equality", solref=_text([softness.time_constant, 1]), solimp=_text([d, d, 1, 0.5, 2]))
-    _add_bodies(SubElement(root, "worldbody"), team, z, parts)
+    _add_bodies(SubElement(root, "worldbody"), team, state, parts)
     equality = SubElement(root, "equality")
     for contact in (contact for part in parts for contact in part.contacts):
         SubElement(equality, "connect", name=contact, site1=f"payload/{contact}", site2=contact)
     _add_actuators(SubElement(root, "actuator"), parts)
-    qpos, qvel = _coordinates(z, parts)
+    qpos, qvel = _coordinates(state, parts)
     SubElement(SubElement(root, "keyframe"), "key", name="start", qpos=_text(qpos), qvel=_text(qvel))
     ET.indent(root)
     return ET.tostring(root, encoding="unicode") + "\n"
 
 
 def _parts(
-    team: Team, z: State, names: Sequence[str], joints: Sequence[str], contacts: Sequence[str]
+    team: Team, team_state: State, names: Sequence[str], joints: Sequence[str], contacts: Sequence[str]
 ) -> Iterator[_Part]:
     """Every agent, its joints and contacts named."""
     name = iter(agent_names(team, names))
     of_joints = iter(_named("joints", joints, joint_names(team, names)))
-    of_contacts = iter(_named("contacts", contacts, grasp.labels(team, names)))
-    for group, state in zip(team.groups, z.agents, strict=True):
+    of_contacts = iter(_named("contacts", contacts, grasp.contact_names(team, names)))
+    for group, state in zip(team.agent_groups, team_state.agents, strict=True):
         for j in range(len(state.r)):
             agent, q = jax.tree.map(lambda x, j=j: np.asarray(x)[j], (group, state))
             moving = tuple(itertools.islice(of_joints, agent.tree.joints))
@@ -125,14 +125,14 @@ def _named(what: str, given: Sequence[str], default: tuple[str, ...]) -> Sequenc
 # Bodies ---------------------------------------------------------------------------------------------------------------
 
 
-def _add_bodies(world: Element, team: Team, z: State, parts: tuple[_Part, ...]) -> None:
+def _add_bodies(world: Element, team: Team, state: State, parts: tuple[_Part, ...]) -> None:
     mass, inertia = float(team.payload.mass), np.asarray(team.payload.inertia)
-    body = SubElement(world, "body", name="payload", pos=_text(z.payload.p), quat=_quaternion(z.payload.R))
+    body = SubElement(world, "body", name="payload", pos=_text(state.payload.p), quat=_quaternion(state.payload.R))
     SubElement(body, "freejoint", name="payload")
     _add_inertia(body, mass, np.zeros(3), inertia)
     _add_box(body, mass, np.zeros(3), inertia)
     for part in parts:
-        for contact, at in zip(part.contacts, part.agent.contact, strict=True):
+        for contact, at in zip(part.contacts, part.agent.contact_position, strict=True):
             SubElement(body, "site", name=f"payload/{contact}", pos=_text(at))
     for part in parts:
         _add_agent(world, part)
@@ -156,13 +156,13 @@ def _fill(body: Element, part: _Part, i: int) -> None:
     """Inertia, arms and tips of body i, then the bodies that hang on it."""
     agent, tree = part.agent, part.agent.tree
     carried = [k for k, parent in enumerate(tree.parents) if parent == i]
-    tips = [b for b, tip in enumerate(tree.tips) if tip == i]
+    tips = [b for b, tip in enumerate(tree.tip_bodies) if tip == i]
     _add_inertia(body, agent.mass[i], agent.com[i], agent.inertia[i])
-    for end in (*(agent.joint_position[k] for k in carried), *(agent.tip[b] for b in tips)):
-        if np.linalg.norm(end) > SHORTEST:
+    for end in (*(agent.joint_position[k] for k in carried), *(agent.tip_position[b] for b in tips)):
+        if np.linalg.norm(end) > MIN_ARM_LENGTH:
             SubElement(body, "geom", type="capsule", size="0.008", fromto=_text([0, 0, 0, *end]))
     for b in tips:
-        SubElement(body, "site", name=part.contacts[b], pos=_text(agent.tip[b]))
+        SubElement(body, "site", name=part.contacts[b], pos=_text(agent.tip_position[b]))
     for k in carried:
         at, turned = _text(agent.joint_position[k]), _quaternion(agent.joint_rotation[k])
         child = SubElement(body, "body", name=part.joints[k], pos=at, quat=turned)
@@ -171,7 +171,7 @@ def _fill(body: Element, part: _Part, i: int) -> None:
         _fill(child, part, k + 1)
 
 
-def _depth_first(tree: Tree) -> list[int]:
+def _depth_first(tree: KinematicTree) -> list[int]:
     """Joints in the order in which MuJoCo counts them: with each, all that hang on it before its next sibling."""
 
     def below(body: int) -> Iterator[int]:
@@ -190,12 +190,12 @@ def _add_inertia(body: Element, mass: Scalar, com: Numbers, J: Numbers) -> None:
 
 def _add_box(body: Element, mass: Scalar, com: Numbers, inertia: Numbers) -> np.ndarray:
     """A box with the body's inertia; half of what it spans, m."""
-    half, axes = box(mass, inertia)
+    half, axes = inertia_box(mass, inertia)
     SubElement(body, "geom", type="box", pos=_text(com), quat=_quaternion(axes), size=_text(half))
     return np.abs(axes @ half)
 
 
-def box(mass: Scalar, inertia: Numbers) -> tuple[np.ndarray, np.ndarray]:
+def inertia_box(mass: Scalar, inertia: Numbers) -> tuple[np.ndarray, np.ndarray]:
     """The box with a body's mass, kg, and inertia, kg m^2: half its edges, m, and its axes by column, body's frame.
 
     `a^2 = 3 (J_b + J_c - J_a) / 2 m`; no edge is shorter than 2 mm.
@@ -219,9 +219,9 @@ def _add_actuators(actuator: Element, parts: tuple[_Part, ...]) -> None:
             SubElement(actuator, "motor", name=joint, joint=joint)
 
 
-def _coordinates(z: State, parts: tuple[_Part, ...]) -> tuple[list[float], list[float]]:
+def _coordinates(state: State, parts: tuple[_Part, ...]) -> tuple[list[float], list[float]]:
     """`qpos` and `qvel` of MuJoCo: of a free body position, quaternion, velocity in the world, rate in the body."""
-    q = jax.tree.map(np.asarray, z.payload)
+    q = jax.tree.map(np.asarray, state.payload)
     qpos, qvel = [*q.p, *_wxyz(q.R)], [*q.v, *q.omega]
     for part in parts:
         order = _depth_first(part.agent.tree)
@@ -238,9 +238,9 @@ def _base(part: _Part) -> tuple[np.ndarray, np.ndarray]:
 
 
 @jax.jit
-def _origin(agent: Agent, q: AgentState) -> tuple[jax.Array, jax.Array]:
-    p = aerial_manipulator.reduce(agent, aerial_manipulator.geometry(agent, q.r))
-    return q.x - q.R @ p.s, q.v + q.R @ (p.base @ jnp.concatenate([q.omega, q.r_dot]))
+def _origin(agent: AerialManipulator, q: AgentState) -> tuple[jax.Array, jax.Array]:
+    p = aerial_manipulator.centroidal_model(agent, aerial_manipulator.forward_kinematics(agent, q.r))
+    return q.x - q.R @ p.com_from_base, q.v + q.R @ (p.J_base @ jnp.concatenate([q.omega, q.r_dot]))
 
 
 def _wxyz(R: Numbers) -> np.ndarray:

@@ -19,14 +19,14 @@ from colift.math.pytree import pytree, static
 
 
 @pytree
-class Tree:
+class KinematicTree:
     """Structure of an agent: joint k moves body k + 1, body 0 is the base. Hashable, part of the trace."""
 
     parents: tuple[int, ...] = static()
     """Parent body of body k + 1, at most k."""
     prismatic: tuple[bool, ...] = static()
     """Whether joint k slides along its axis rather than turning about it."""
-    tips: tuple[int, ...] = static()
+    tip_bodies: tuple[int, ...] = static()
     """Body that carries the contact point of each arm."""
 
     def __post_init__(self) -> None:
@@ -38,9 +38,9 @@ class Tree:
                 raise ValueError(
                     f"Tree: parents[{k}] = {parent}: the body of joint {k} hangs on one of bodies 0 to {k}"
                 )
-        if not self.tips:
+        if not self.tip_bodies:
             raise ValueError("Tree: tips = (): an agent holds the payload with one arm or more")
-        for i, tip in enumerate(self.tips):
+        for i, tip in enumerate(self.tip_bodies):
             if not 0 <= tip <= len(self.parents):
                 raise ValueError(f"Tree: tips[{i}] = {tip}: must be one of bodies 0 to {len(self.parents)}")
 
@@ -52,7 +52,7 @@ class Tree:
     @property
     def arms(self) -> int:
         """Number of arms `n`, one contact each."""
-        return len(self.tips)
+        return len(self.tip_bodies)
 
     @property
     def ancestors(self) -> np.ndarray:
@@ -65,18 +65,18 @@ class Tree:
 
 
 @pytree
-class Agent:
+class AerialManipulator:
     """Parameters of one aerial manipulator; with a leading axis, of a group of alike ones."""
 
-    tree: Tree
+    tree: KinematicTree
     mass: Float[Array, "*agents bodies"]  # kg
     com: Float[Array, "*agents bodies 3"]  # m, centre of mass in the body's frame
     inertia: Float[Array, "*agents bodies 3 3"]  # kg m^2, about the centre of mass, body's frame
     joint_position: Float[Array, "*agents n_r 3"]  # m, joint origin in the parent's frame
     joint_rotation: Float[Array, "*agents n_r 3 3"]  # joint frame at rest, to the parent's frame
     joint_axis: Float[Array, "*agents n_r 3"]  # unit vector, joint frame
-    tip: Float[Array, "*agents arms 3"]  # m, contact point in the tip body's frame
-    contact: Float[Array, "*agents arms 3"]  # m, attachment c_L in the payload's frame
+    tip_position: Float[Array, "*agents arms 3"]  # m, contact point in the tip body's frame
+    contact_position: Float[Array, "*agents arms 3"]  # m, attachment c_L in the payload's frame
     thrust_max: Float[Array, "*agents"]  # N
 
 
@@ -92,22 +92,22 @@ class Payload:
 class Team:
     """All parameters of the plant, or of what the controller believes of it."""
 
-    groups: tuple[Agent, ...]
+    agent_groups: tuple[AerialManipulator, ...]
     payload: Payload
     gravity: Float[Array, "3"]  # m/s^2, a_g in the world frame
 
     @property
     def sizes(self) -> tuple[int, ...]:
         """Agents in each group."""
-        return tuple(group.mass.shape[0] for group in self.groups)
+        return tuple(group.mass.shape[0] for group in self.agent_groups)
 
     @property
     def contacts(self) -> int:
         """Number of contacts of the whole team."""
-        return sum(size * group.tree.arms for size, group in zip(self.sizes, self.groups, strict=True))
+        return sum(size * group.tree.arms for size, group in zip(self.sizes, self.agent_groups, strict=True))
 
 
-def stack(agents: list[Agent]) -> Agent:
+def stack_agents(agents: list[AerialManipulator]) -> AerialManipulator:
     """Agents with one `Tree` as a group on a leading axis."""
     return jax.tree.map(lambda *leaves: jnp.asarray(np.stack(leaves)), *agents)
 

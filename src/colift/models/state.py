@@ -49,7 +49,7 @@ class State:
 
 
 @pytree
-class Clock:
+class ControlClock:
     """The time of a tick, and how long one lasts: one clock for a whole flight."""
 
     t: Float[Array, ""]  # s
@@ -66,7 +66,7 @@ class AgentInput:
 
 
 @pytree
-class AgentForce:
+class GeneralizedForce:
     """A generalized force on one agent: `f_x` on its centre of mass, `(f_w, f_r)` on `(mu, nu)`."""
 
     f_x: Float[Array, "*agents 3"]  # N, world
@@ -83,45 +83,47 @@ class Wrench:
 
 
 @pytree
-class Residual:
+class ResidualForces:
     """The unknown `f_uk` of agents and payload, or an estimate of it."""
 
-    agents: tuple[AgentForce, ...]
+    agents: tuple[GeneralizedForce, ...]
     payload: Wrench
 
 
-Inputs = tuple[AgentInput, ...]
+TeamInputs = tuple[AgentInput, ...]
 """What acts on the agents or is asked of them, by group."""
-Unknown = Callable[[State, Float[Array, ""]], Residual]
+ResidualFunctionType = Callable[[State, Float[Array, ""]], ResidualForces]
 """The residual of a state and of the time since a step began, s."""
 
 
-def flat_agent(q: AgentState) -> Float[Array, "inputs"]:
+def flatten_agent_state(q: AgentState) -> Float[Array, "inputs"]:
     """`vec(R), x, r, omega, v, r_dot`: the inputs of an agent's learned map (Eq. dataset_agent_online)."""
     return jnp.concatenate([q.R.reshape(9), q.x, q.r, q.omega, q.v, q.r_dot])
 
 
-def flat_payload(q: PayloadState, a: Float[Array, "6"]) -> Float[Array, "24"]:
+def flatten_payload_state(q: PayloadState, a: Float[Array, "6"]) -> Float[Array, "24"]:
     """`p, v, vec(R), omega`, the payload's state (Eq. dataset_payload_online), then `(v_dot - a_g, w_dot)`."""
     return jnp.concatenate([q.p, q.v, q.R.reshape(9), q.omega, a])
 
 
-def agent_force(y: Float[Array, "agents outputs"]) -> AgentForce:
+def split_agent_force(y: Float[Array, "agents outputs"]) -> GeneralizedForce:
     """Agents' forces of their outputs, `(f_x, f_w, f_r)` in a row."""
-    return AgentForce(f_x=y[:, :3], f_w=y[:, 3:6], f_r=y[:, 6:])
+    return GeneralizedForce(f_x=y[:, :3], f_w=y[:, 3:6], f_r=y[:, 6:])
 
 
-def with_wrench(f: Residual, W: Float[Array, "6"]) -> Residual:
+def add_payload_wrench(f: ResidualForces, W: Float[Array, "6"]) -> ResidualForces:
     """The residual and a wrench on the payload, N and N m."""
     return dataclasses.replace(f, payload=Wrench(F=f.payload.F + W[:3], tau=f.payload.tau + W[3:]))
 
 
-def no_force(team: Team) -> Residual:
+def zero_residual(team: Team) -> ResidualForces:
     """The zero residual of a team."""
-    return Residual(
+    return ResidualForces(
         agents=tuple(
-            AgentForce(f_x=jnp.zeros((size, 3)), f_w=jnp.zeros((size, 3)), f_r=jnp.zeros((size, group.tree.joints)))
-            for size, group in zip(team.sizes, team.groups, strict=True)
+            GeneralizedForce(
+                f_x=jnp.zeros((size, 3)), f_w=jnp.zeros((size, 3)), f_r=jnp.zeros((size, group.tree.joints))
+            )
+            for size, group in zip(team.sizes, team.agent_groups, strict=True)
         ),
         payload=Wrench(F=jnp.zeros(3), tau=jnp.zeros(3)),
     )

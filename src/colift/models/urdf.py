@@ -24,16 +24,16 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from colift.models import validation
-from colift.models.parameters import Agent, Tree
+from colift.models.parameters import AerialManipulator, KinematicTree
 
 TURNS, SLIDES = "continuous", "prismatic"
 TYPES = {"revolute": False, TURNS: False, SLIDES: True}  # whether it slides
-FAR = 1e6  # m, m/s and N: of a sliding joint without limits
+UNLIMITED = 1e6  # m, m/s and N: of a sliding joint without limits
 Vector = Sequence[float] | np.ndarray
 Mimic = Literal["frozen", "independent"]
 ZERO, NO_REST = (0.0, 0.0, 0.0), MappingProxyType({})
-LARGEST = 1e12  # of a number, whose products must not overflow
-MOST_BYTES = 16 * 2**20  # of a file; robots of a hundred links take one
+MAX_NUMBER = 1e12  # of a number, whose products must not overflow
+MAX_BYTES = 16 * 2**20  # of a file; robots of a hundred links take one
 
 
 @dataclasses.dataclass(frozen=True)
@@ -93,16 +93,16 @@ def _vector(what: str, given: Vector) -> np.ndarray:
     return vector
 
 
-def load(path: str | Path, mimic: Mimic | None = None, rest: Mapping[str, float] = NO_REST) -> Robot:
+def load_urdf(path: str | Path, mimic: Mimic | None = None, rest: Mapping[str, float] = NO_REST) -> Robot:
     """The robot of a URDF file; raises `OSError` where it cannot be read, and `ValueError` as `parse` does."""
     with Path(path).open("rb") as file:
-        text = file.read(MOST_BYTES + 1)
-    if len(text) > MOST_BYTES:
-        raise ValueError(f"{path}:1: is larger than {MOST_BYTES // 2**20} MiB, which no URDF file is")
-    return parse(text, str(path), mimic, rest)
+        text = file.read(MAX_BYTES + 1)
+    if len(text) > MAX_BYTES:
+        raise ValueError(f"{path}:1: is larger than {MAX_BYTES // 2**20} MiB, which no URDF file is")
+    return parse_urdf(text, str(path), mimic, rest)
 
 
-def parse(text: str | bytes, file: str, mimic: Mimic | None = None, rest: Mapping[str, float] = NO_REST) -> Robot:
+def parse_urdf(text: str | bytes, file: str, mimic: Mimic | None = None, rest: Mapping[str, float] = NO_REST) -> Robot:
     """The robot that a text describes; `file` names it in messages.
 
     `mimic` says what becomes of joints that follow another one: `frozen`, fixed at `multiplier rest + offset`, the
@@ -130,9 +130,9 @@ def parse(text: str | bytes, file: str, mimic: Mimic | None = None, rest: Mappin
         name, joint, place = ahead.pop()
         if joint is not None:
             place = _placed(joint, place)
-            if joint.given["name"] in frozen:
-                place = _moved(_joint(joint, place), place, frozen[joint.given["name"]])
-            elif joint.given["type"] != "fixed":
+            if joint.attributes["name"] in frozen:
+                place = _moved(_joint(joint, place), place, frozen[joint.attributes["name"]])
+            elif joint.attributes["type"] != "fixed":
                 joints.append(_joint(joint, place))
                 place = Placement(body=len(joints), rotation=np.eye(3), position=np.zeros(3))
                 held.append([])
@@ -144,7 +144,7 @@ def parse(text: str | bytes, file: str, mimic: Mimic | None = None, rest: Mappin
 
 def agent(
     robot: Robot, tips: Sequence[str | tuple[str, Vector]], contact: Sequence[Vector] | np.ndarray, thrust_max: float
-) -> Agent:
+) -> AerialManipulator:
     """One agent, without the leading axis of a group (`model.stack` adds it).
 
     `tips` are links, each with an offset in its own frame, m, where the tip is not its origin: one arm each. `contact`
@@ -158,9 +158,11 @@ def agent(
         raise ValueError(f"{robot.file}: thrust_max {thrust_max:g} N is not positive and finite")
     carriers, points = zip(*(robot.tip(t) if isinstance(t, str) else robot.tip(*t) for t in tips), strict=True)
     joints = robot.joints
-    return Agent(
-        tree=Tree(
-            parents=tuple(j.parent for j in joints), prismatic=tuple(j.prismatic for j in joints), tips=tuple(carriers)
+    return AerialManipulator(
+        tree=KinematicTree(
+            parents=tuple(j.parent for j in joints),
+            prismatic=tuple(j.prismatic for j in joints),
+            tip_bodies=tuple(carriers),
         ),
         mass=jnp.array([body.mass for body in robot.bodies]),
         com=jnp.array([body.com for body in robot.bodies]),
@@ -168,13 +170,13 @@ def agent(
         joint_position=jnp.array([j.position for j in joints], float).reshape(-1, 3),
         joint_rotation=jnp.array([j.rotation for j in joints], float).reshape(-1, 3, 3),
         joint_axis=jnp.array([j.axis for j in joints], float).reshape(-1, 3),
-        tip=jnp.array(points),
-        contact=jnp.array(attached),
+        tip_position=jnp.array(points),
+        contact_position=jnp.array(attached),
         thrust_max=jnp.array(thrust_max, float),
     )
 
 
-def document(name: str, agent: Agent, joints: Sequence[str], arms: Sequence[str]) -> str:
+def to_urdf(name: str, agent: AerialManipulator, joints: Sequence[str], arms: Sequence[str]) -> str:
     """An agent, without a group's leading axis, as the URDF file that `parse` reads back, to rounding.
 
     The root link is `base`; joint `j` moves link `j_link`, and the tip of arm `a` is the origin of link `a_tip`. The
@@ -198,8 +200,15 @@ def document(name: str, agent: Agent, joints: Sequence[str], arms: Sequence[str]
         moving = _add_joint(robot, joint, SLIDES if tree.prismatic[k] else TURNS, links[parent], links[k + 1], *at)
         SubElement(moving, "axis", xyz=_text(agent.joint_axis[k]))
         if tree.prismatic[k]:
-            SubElement(moving, "limit", lower=_text(-FAR), upper=_text(FAR), effort=_text(FAR), velocity=_text(FAR))
-    for arm, carrier, tip in zip(arms, tree.tips, agent.tip, strict=True):
+            SubElement(
+                moving,
+                "limit",
+                lower=_text(-UNLIMITED),
+                upper=_text(UNLIMITED),
+                effort=_text(UNLIMITED),
+                velocity=_text(UNLIMITED),
+            )
+    for arm, carrier, tip in zip(arms, tree.tip_bodies, agent.tip_position, strict=True):
         SubElement(robot, "link", name=f"{arm}_tip")
         _add_joint(robot, f"{arm}.tip", "fixed", links[carrier], f"{arm}_tip", tip, np.zeros(3))
     ET.indent(robot)
@@ -236,7 +245,7 @@ def _text(numbers: object) -> str:
 @dataclasses.dataclass
 class _Element:
     tag: str
-    given: dict[str, str]
+    attributes: dict[str, str]
     place: str  # file:line
     children: list[_Element]
 
@@ -248,7 +257,7 @@ class _Element:
         return found[0] if found else None
 
     def __str__(self) -> str:
-        return f"{self.tag} {self.given['name']!r}" if "name" in self.given else f"<{self.tag}>"
+        return f"{self.tag} {self.attributes['name']!r}" if "name" in self.attributes else f"<{self.tag}>"
 
 
 class _Doctype(ValueError):
@@ -287,16 +296,16 @@ def _xml(text: str | bytes, file: str) -> _Element:
 
 
 def _attribute(element: _Element, name: str, of: _Element) -> str:
-    if name not in element.given:
+    if name not in element.attributes:
         _fail(element, f"{of}: <{element.tag}> has no {name!r}")
-    return element.given[name]
+    return element.attributes[name]
 
 
 def _numbers(element: _Element | None, name: str, count: int, default: Vector, of: _Element) -> np.ndarray:
     """So many finite numbers of an attribute, or the default where element or attribute is absent."""
-    if element is None or name not in element.given:
+    if element is None or name not in element.attributes:
         return np.array(default, float)
-    given = element.given[name]
+    given = element.attributes[name]
     try:
         values = np.array([float(word) for word in given.split()])
     except ValueError:
@@ -305,8 +314,8 @@ def _numbers(element: _Element | None, name: str, count: int, default: Vector, o
     if len(values) != count or not np.isfinite(values).all():
         wanted = "a finite number" if count == 1 else f"{count} finite numbers"
         _fail(element, f"{of}: {name!r} of <{element.tag}> must be {wanted}, got {cut!r}")
-    if np.abs(values).max() > LARGEST:
-        _fail(element, f"{of}: {name!r} of <{element.tag}> must be at most {LARGEST:g} in size, got {cut!r}")
+    if np.abs(values).max() > MAX_NUMBER:
+        _fail(element, f"{of}: {name!r} of <{element.tag}> must be at most {MAX_NUMBER:g} in size, got {cut!r}")
     return values
 
 
@@ -396,9 +405,9 @@ def _joint(joint: _Element, at: Placement) -> Joint:
     if not length > 0:
         _fail(element or joint, f"{joint}: the axis must not be zero")
     return Joint(
-        name=joint.given["name"],
+        name=joint.attributes["name"],
         parent=at.body,
-        prismatic=TYPES[joint.given["type"]],
+        prismatic=TYPES[joint.attributes["type"]],
         position=at.position,
         rotation=at.rotation,
         axis=axis / length,
@@ -413,7 +422,7 @@ def _frozen(joints: dict[str, _Element], mimic: Mimic | None, rest: Mapping[str,
     followers = {
         name: element
         for name, joint in joints.items()
-        if joint.given["type"] != "fixed" and (element := joint.one("mimic")) is not None
+        if joint.attributes["type"] != "fixed" and (element := joint.one("mimic")) is not None
     }
     for name, element in followers.items():
         if mimic is None:
@@ -428,7 +437,7 @@ def _frozen(joints: dict[str, _Element], mimic: Mimic | None, rest: Mapping[str,
 def _held_at(name: str, joints: dict[str, _Element], rest: Mapping[str, float]) -> float:
     """`multiplier rest + offset`, along the chain of joints that follow up to one that does not."""
     chain, gain, offset = [name], 1.0, 0.0
-    while (element := joints[chain[-1]].one("mimic")) is not None and joints[chain[-1]].given["type"] != "fixed":
+    while (element := joints[chain[-1]].one("mimic")) is not None and joints[chain[-1]].attributes["type"] != "fixed":
         joint = joints[chain[-1]]
         followed = _attribute(element, "joint", joint)
         if followed not in joints:
@@ -481,20 +490,20 @@ def _body(parts: list[tuple[_Element, Placement]]) -> Body:
     own = [(link, _inertial(link), place) for link, place in parts]
     some = [(body, place) for _, body, place in own if body is not None]
     if not some:
-        names = ", ".join(link.given["name"] for link, _ in parts[1:])
+        names = ", ".join(link.attributes["name"] for link, _ in parts[1:])
         also = f", nor have the links fixed to it: {names}" if names else ""
         _fail(first, f"{first} has no <inertial>{also}; a body that moves needs mass and inertia")
-    names = ", ".join(link.given["name"] for link, body, _ in own[1:] if body is not None)
+    names = ", ".join(link.attributes["name"] for link, body, _ in own[1:] if body is not None)
     whole = f"{first.place}: {first}" + (f" with what is fixed to it ({names})" if names else "")
     m = np.array([body.mass for body, _ in some])
-    validation.check_mass(whole, m.sum())
+    validation.validate_mass(whole, m.sum())
     s = np.array([place.position + place.rotation @ body.com for body, place in some])
     com = m @ s / m.sum()
     J = sum(
         _symmetric(place.rotation @ body.inertia @ place.rotation.T) + body.mass * (d @ d * np.eye(3) - np.outer(d, d))
         for (body, place), d in zip(some, s - com, strict=True)
     )
-    validation.check_body(whole, float(m.sum()), J)
+    validation.validate_inertia(whole, float(m.sum()), J)
     return Body(mass=float(m.sum()), com=com, inertia=J)
 
 

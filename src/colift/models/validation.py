@@ -17,7 +17,7 @@ from jaxtyping import ArrayLike
 from colift.models.parameters import Team, agent_names
 
 
-def check(team: Team, names: Sequence[str] = ()) -> None:
+def validate_team(team: Team, names: Sequence[str] = ()) -> None:
     """Raise `ValueError` with name and numbers unless every body is physical and every joint frame is one; on the host.
 
     Masses are positive, inertias symmetric, positive definite and within the triangle inequality (no principal moment
@@ -25,12 +25,12 @@ def check(team: Team, names: Sequence[str] = ()) -> None:
     """
     if not np.isfinite(team.gravity).all():
         raise ValueError(f"gravity {np.asarray(team.gravity).tolist()} m/s^2 is not finite")
-    check_body("the payload", team.payload.mass, team.payload.inertia)
-    groups = [jax.tree.map(np.asarray, group) for group in team.groups]
+    validate_inertia("the payload", team.payload.mass, team.payload.inertia)
+    groups = [jax.tree.map(np.asarray, group) for group in team.agent_groups]
     agents = [(group, j) for group, size in zip(groups, team.sizes, strict=True) for j in range(size)]
     for name, (group, j) in zip(agent_names(team, names), agents, strict=True):
         for i in range(group.tree.joints + 1):
-            check_body(f"{name}, body {i}", group.mass[j, i], group.inertia[j, i])
+            validate_inertia(f"{name}, body {i}", group.mass[j, i], group.inertia[j, i])
         if not 0 < group.thrust_max[j] < np.inf:
             raise ValueError(f"{name}: thrust_max {group.thrust_max[j]:g} N is not positive and finite")
         for what in ("com", "joint_position", "tip", "contact"):
@@ -44,16 +44,16 @@ def check(team: Team, names: Sequence[str] = ()) -> None:
                 raise ValueError(f"{name}, joint {k}: joint_rotation {R.tolist()} is not a rotation matrix")
 
 
-def check_mass(body: str, mass: ArrayLike) -> None:
+def validate_mass(body: str, mass: ArrayLike) -> None:
     """Raise `ValueError`, which begins with `body`, for a mass (kg) that is not positive and finite."""
     m = float(np.asarray(mass))
     if not (np.isfinite(m) and m > 0):
         raise ValueError(f"{body}: mass {m:g} kg is not positive{'' if np.isfinite(m) else ' and finite'}")
 
 
-def check_body(body: str, mass: ArrayLike, inertia: ArrayLike) -> None:
+def validate_inertia(body: str, mass: ArrayLike, inertia: ArrayLike) -> None:
     """Raise `ValueError`, which begins with `body`, for a mass (kg) and an inertia (kg m^2) that no rigid body has."""
-    check_mass(body, mass)
+    validate_mass(body, mass)
     J = np.asarray(inertia)
     if J.shape != (3, 3) or not np.isfinite(J).all():
         raise ValueError(f"{body}: inertia {J.tolist()} kg m^2 is not three rows of three finite numbers")

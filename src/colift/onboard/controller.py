@@ -14,44 +14,53 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from colift.math import so3
-from colift.math.linalg import mul
+from colift.math.linalg import matmul
 from colift.math.pytree import pytree
 from colift.models.measurement import Measurement
 from colift.models.parameters import Team
-from colift.models.state import AgentInput, AgentState, Clock, Inputs, PayloadState, Residual, State, Wrench
+from colift.models.state import (
+    AgentInput,
+    AgentState,
+    ControlClock,
+    PayloadState,
+    ResidualForces,
+    State,
+    TeamInputs,
+    Wrench,
+)
 from colift.onboard.control import preview, tracking
-from colift.onboard.control.actuator_compensation import Direct
-from colift.onboard.estimation.state_estimator import Estimate
+from colift.onboard.control.actuator_compensation import NoCompensation
+from colift.onboard.estimation.state_estimator import StateEstimate
 from colift.onboard.interfaces import (
-    Ahead,
+    ActuatorCompensator,
+    AgentController,
     Allocator,
-    Drive,
+    ContactForceCommand,
+    ControlContext,
     Estimator,
-    Forces,
-    Leader,
-    Now,
-    Predictor,
-    Realizer,
+    PayloadController,
+    ResidualPredictor,
+    TeamPreview,
     Telemetry,
 )
 from colift.onboard.learning import residual_correction, residual_model
-from colift.onboard.learning.recorder import Recorded, Recorder
+from colift.onboard.learning.recorder import DataRecorder, RecorderState
 from colift.trajectories import base
 
 Scalar = Float[Array, ""]
 
 
-def known(pilot: LeaderFollower, z: State, a_L: Float[Array, "6"], t: Scalar) -> Now:
+def context_at(controller: LeaderFollowerController, state: State, a_L: Float[Array, "6"], t: Scalar) -> ControlContext:
     """What a pilot would know that believed in the state z, without a measurement: to ask its law about a state."""
-    lam = tuple(jnp.zeros_like(group.contact) for group in pilot.team.groups)
-    return Now(
-        team=pilot.team,
-        clock=Clock(t=t, dt=jnp.ones(())),
-        m=None,
-        q_hat=Estimate(agents=z.agents, payload=z.payload, a_L=a_L, lam=lam),
-        d=pilot.path.at(t),
-        W=Wrench(F=jnp.zeros(3), tau=jnp.zeros(3)),
-        ticks=jnp.zeros(()),
+    lam = tuple(jnp.zeros_like(group.contact_position) for group in controller.team.agent_groups)
+    return ControlContext(
+        team=controller.team,
+        clock=ControlClock(t=t, dt=jnp.ones(())),
+        measurement=None,
+        estimate=StateEstimate(agents=state.agents, payload=state.payload, a_L=a_L, lam=lam),
+        setpoint=controller.reference.evaluate(t),
+        last_wrench=Wrench(F=jnp.zeros(3), tau=jnp.zeros(3)),
+        initialized=jnp.zeros(()),
     )
 
 
@@ -59,146 +68,171 @@ def known(pilot: LeaderFollower, z: State, a_L: Float[Array, "6"], t: Scalar) ->
 
 
 @pytree
-class Memory:
+class ControllerState:
     """What the flying software keeps between ticks."""
 
     estimator: Any
-    recorder: Recorded
+    recorder: RecorderState
     predictor: Any
     leader: Any
-    sent: Inputs  # commands of the last tick, after the thrust limit
-    drive: Any
-    listener: Any
-    W: Wrench  # desired wrench of the last tick
-    ticks: Scalar  # 0 before the first tick, 1 after
+    last_command: TeamInputs  # commands of the last tick, after the thrust limit
+    actuator: Any
+    innovation: Any
+    last_wrench: Wrench  # desired wrench of the last tick
+    initialized: Scalar  # 0 before the first tick, 1 after
 
 
 @pytree
-class Asked:
+class ControlDemand:
     """What the law asks of the team."""
 
-    to: tracking.Command
-    f_hat: Residual
+    acceleration_cmd: tracking.AccelerationCommand
+    f_hat: ResidualForces
     W: Wrench
-    forces: Forces
+    forces: ContactForceCommand
 
 
 @pytree
-class LeaderFollower:
+class LeaderFollowerController:
     """The paper's pilot: its parts, what they take along, and what has been learned so far."""
 
     team: Team  # nominal
-    path: base.Reference
+    reference: base.ReferenceTrajectory
     estimator: Estimator
-    recorder: Recorder
-    oracle: residual_model.Oracle
-    predictor: Predictor
-    leader: Leader
+    recorder: DataRecorder
+    residual_model: residual_model.ResidualModel
+    predictor: ResidualPredictor
+    payload_controller: PayloadController
     allocator: Allocator
-    realizer: Realizer
-    drive: Drive = Direct()
-    listener: residual_correction.Listener | None = None
-    look_ahead: Scalar | None = None  # s between the times around now at which the law is evaluated on the reference
+    agent_controller: AgentController
+    actuator_compensator: ActuatorCompensator = NoCompensation()
+    innovation_filter: residual_correction.InnovationFilter | None = None
+    preview_step: Scalar | None = None  # s between the times around now at which the law is evaluated on the reference
 
-    def begin(self, first: Measurement, clock: Clock) -> tuple[Inputs, Memory]:
+    def init(self, first: Measurement, clock: ControlClock) -> tuple[TeamInputs, ControllerState]:
         """The command at rest, and the memory before the first tick: empty data sets, that command last applied."""
         none = tuple(
             AgentInput(u=jnp.zeros(size), tau=jnp.zeros((size, 3)), tau_r=jnp.zeros((size, group.tree.joints)))
-            for size, group in zip(self.team.sizes, self.team.groups, strict=True)
+            for size, group in zip(self.team.sizes, self.team.agent_groups, strict=True)
         )
-        memory = Memory(
-            estimator=self.estimator.begin(self.team, first),
-            recorder=self.recorder.begin(self.team, self.oracle),
-            predictor=self.predictor.begin(self.team),
-            leader=self.leader.begin(),
-            sent=none,
-            drive=self.drive.begin(none),
-            listener=None if self.listener is None else self.listener.begin(self.team),
-            W=Wrench(F=jnp.zeros(3), tau=jnp.zeros(3)),
-            ticks=jnp.zeros(()),
+        state = ControllerState(
+            estimator=self.estimator.init(self.team, first),
+            recorder=self.recorder.init(self.team, self.residual_model),
+            predictor=self.predictor.init(self.team),
+            leader=self.payload_controller.init(),
+            last_command=none,
+            actuator=self.actuator_compensator.init(none),
+            innovation=None if self.innovation_filter is None else self.innovation_filter.init(self.team),
+            last_wrench=Wrench(F=jnp.zeros(3), tau=jnp.zeros(3)),
+            initialized=jnp.zeros(()),
         )
-        q_hat, _ = self.estimator.observe(self.team, memory.estimator, first, none, clock)
-        now = Now(
+        q_hat, _ = self.estimator.update(self.team, state.estimator, first, none, clock)
+        context = ControlContext(
             team=self.team,
             clock=clock,
-            m=first,
-            q_hat=q_hat,
-            d=self.path.at(clock.t),
-            W=memory.W,
-            ticks=memory.ticks,
-            news=None if self.listener is None else residual_correction.no_news(self.team, clock.t),
+            measurement=first,
+            estimate=q_hat,
+            setpoint=self.reference.evaluate(clock.t),
+            last_wrench=state.last_wrench,
+            initialized=state.initialized,
+            innovation=None
+            if self.innovation_filter is None
+            else residual_correction.zero_innovation(self.team, clock.t),
         )
-        hover, _, _ = self.decide(memory.leader, memory.predictor, now)
-        return hover, dataclasses.replace(memory, sent=hover, drive=self.drive.begin(hover))
+        hover, _, _ = self.control_law(state.leader, state.predictor, context)
+        return hover, dataclasses.replace(state, last_command=hover, actuator=self.actuator_compensator.init(hover))
 
-    def tick(self, memory: Memory, m: Measurement, clock: Clock) -> tuple[Inputs, Memory, Telemetry]:
+    def step(
+        self, state: ControllerState, measurement: Measurement, clock: ControlClock
+    ) -> tuple[TeamInputs, ControllerState, Telemetry]:
         """One control tick: the commands, the next memory, and what was decided."""
-        applied = self.drive.acts(memory.drive, memory.sent)
-        q_hat, seen = self.estimator.observe(self.team, memory.estimator, m, applied, clock)
-        d = self.path.at(clock.t)
-        now = Now(team=self.team, clock=clock, m=m, q_hat=q_hat, d=d, W=memory.W, ticks=memory.ticks)
-        heard = memory.listener
-        if self.listener is not None:
-            heard, news = self.listener.listen(heard, self.team, self.oracle, q_hat, clock)
-            now = dataclasses.replace(now, news=news)
-        predictor = self.predictor.observe(memory.predictor, self.oracle, now)
-        asked, leader, decided = self.decide(memory.leader, predictor, now)
-        command, drive = self.drive.command(self.team, memory.drive, asked, clock.dt)
-        memory = Memory(
+        applied = self.actuator_compensator.effective_command(state.actuator, state.last_command)
+        q_hat, seen = self.estimator.update(self.team, state.estimator, measurement, applied, clock)
+        d = self.reference.evaluate(clock.t)
+        context = ControlContext(
+            team=self.team,
+            clock=clock,
+            measurement=measurement,
+            estimate=q_hat,
+            setpoint=d,
+            last_wrench=state.last_wrench,
+            initialized=state.initialized,
+        )
+        innovation_state = state.innovation
+        if self.innovation_filter is not None:
+            innovation_state, innovation = self.innovation_filter.update(
+                innovation_state, self.team, self.residual_model, q_hat, clock
+            )
+            context = dataclasses.replace(context, innovation=innovation)
+        predictor = self.predictor.update(state.predictor, self.residual_model, context)
+        requested, leader, decided = self.control_law(state.leader, predictor, context)
+        command, drive = self.actuator_compensator.command(self.team, state.actuator, requested, clock.dt)
+        state = ControllerState(
             estimator=seen,
-            recorder=self.recorder.record(memory.recorder, m, q_hat.labelled, clock.t),
-            listener=heard,
+            recorder=self.recorder.record(state.recorder, measurement, q_hat.sample, clock.t),
+            innovation=innovation_state,
             predictor=predictor,
             leader=leader,
-            sent=command,
-            drive=drive,
-            W=decided.W_d,
-            ticks=jnp.ones(()),
+            last_command=command,
+            actuator=drive,
+            last_wrench=decided.W_d,
+            initialized=jnp.ones(()),
         )
-        return command, memory, decided
+        return command, state, decided
 
-    def decide(self, leader: Any, predictor: Any, now: Now) -> tuple[Inputs, Any, Telemetry]:
+    def control_law(self, leader: Any, predictor: Any, context: ControlContext) -> tuple[TeamInputs, Any, Telemetry]:
         """The control law at what is known now: what it asks of the vehicles, and the leader's next memory."""
-        asked, then_leader = self._asked(leader, predictor, now)
-        if self.look_ahead is not None:
-            now = dataclasses.replace(now, ahead=self._ahead(leader, predictor, now, self.look_ahead))
-        inputs, saturated = self.realizer.realize(now, asked.to, asked.forces, asked.f_hat)
+        requested, then_leader = self._asked(leader, predictor, context)
+        if self.preview_step is not None:
+            context = dataclasses.replace(context, preview=self._ahead(leader, predictor, context, self.preview_step))
+        inputs, saturated = self.agent_controller.compute(
+            context, requested.acceleration_cmd, requested.forces, requested.f_hat
+        )
         decided = Telemetry(
-            q_hat=now.q_hat,
-            d=now.d,
-            W_d=asked.W,
-            lam_cmd=asked.forces.lam,
-            f_hat=asked.f_hat,
-            eta=asked.forces.eta,
+            estimate=context.estimate,
+            setpoint=context.setpoint,
+            W_d=requested.W,
+            lam_cmd=requested.forces.lam,
+            f_hat=requested.f_hat,
+            eta=requested.forces.eta,
             saturated=saturated,
-            news=now.news,
+            innovation=context.innovation,
         )
         return inputs, then_leader, decided
 
-    def _asked(self, leader: Any, predictor: Any, now: Now) -> tuple[Asked, Any]:
-        to, leader = self.leader.lead(leader, now)
-        f_hat = self.predictor.predict(predictor, self.oracle, now, to)
+    def _asked(self, leader: Any, predictor: Any, context: ControlContext) -> tuple[ControlDemand, Any]:
+        to, leader = self.payload_controller.compute(leader, context)
+        f_hat = self.predictor.predict(predictor, self.residual_model, context, to)
         load = self.team.payload
-        W = tracking.wrench(load, self.team.gravity, now.q_hat.payload, to, f_hat.payload)
-        forces = self.allocator.allocate(now, W, Wrench(F=load.mass * to.jerk, tau=jnp.zeros(3)))
-        return Asked(to=to, f_hat=f_hat, W=W, forces=forces), leader
+        W = tracking.desired_wrench(load, self.team.gravity, context.estimate.payload, to, f_hat.payload)
+        forces = self.allocator.allocate(context, W, Wrench(F=load.mass * to.jerk, tau=jnp.zeros(3)))
+        return ControlDemand(acceleration_cmd=to, f_hat=f_hat, W=W, forces=forces), leader
 
-    def _ahead(self, leader: Any, predictor: Any, now: Now, step: Scalar) -> Ahead:
+    def _ahead(self, leader: Any, predictor: Any, context: ControlContext, step: Scalar) -> TeamPreview:
         """The law on the reference around now: the payload on it, agents carried along as they turn now."""
 
-        def at(s: Scalar) -> tuple[PayloadState, Asked]:
-            clock = dataclasses.replace(now.clock, t=now.clock.t + s)
-            d = self.path.at(clock.t)
+        def at(s: Scalar) -> tuple[PayloadState, ControlDemand]:
+            clock = dataclasses.replace(context.clock, t=context.clock.t + s)
+            d = self.reference.evaluate(clock.t)
             load = PayloadState(R=d.R, p=d.p, v=d.v, omega=d.omega)
 
             def carried(q: AgentState) -> AgentState:
-                R, x = mul(q.R, so3.exp(s * q.omega)), q.x + d.p - now.d.p
+                R, x = matmul(q.R, so3.exp(s * q.omega)), q.x + d.p - context.setpoint.p
                 return dataclasses.replace(q, R=R, x=x, v=d.v, r_dot=jnp.zeros_like(q.r_dot))
 
-            agents, a_L = tuple(jax.vmap(carried)(q) for q in now.q_hat.agents), jnp.concatenate([d.a, d.omega_dot])
-            q_hat = dataclasses.replace(now.q_hat, payload=load, agents=agents, a_L=a_L)
-            then = dataclasses.replace(now, clock=clock, d=d, q_hat=q_hat)
+            agents, a_L = (
+                tuple(jax.vmap(carried)(q) for q in context.estimate.agents),
+                jnp.concatenate([d.a, d.omega_dot]),
+            )
+            q_hat = dataclasses.replace(context.estimate, payload=load, agents=agents, a_L=a_L)
+            then = dataclasses.replace(context, clock=clock, setpoint=d, estimate=q_hat)
             return load, self._asked(leader, predictor, then)[0]
 
-        load, asked = jax.vmap(at)(step * jnp.asarray(preview.NODES))
-        return Ahead(step=step, load=load, to=asked.to, lam=asked.forces.lam, f_hat=asked.f_hat)
+        load, requested = jax.vmap(at)(step * jnp.asarray(preview.PREVIEW_NODES))
+        return TeamPreview(
+            step=step,
+            payload=load,
+            acceleration_cmd=requested.acceleration_cmd,
+            lam=requested.forces.lam,
+            f_hat=requested.f_hat,
+        )

@@ -13,9 +13,9 @@ from jaxtyping import Array, Bool, Float
 from colift.math.pytree import pytree
 from colift.models.measurement import Measurement
 from colift.models.parameters import Team
-from colift.models.state import Clock, Inputs, PayloadState, Residual, Wrench
+from colift.models.state import ControlClock, PayloadState, ResidualForces, TeamInputs, Wrench
 from colift.onboard.control import tracking
-from colift.onboard.estimation.state_estimator import Estimate
+from colift.onboard.estimation.state_estimator import StateEstimate
 from colift.onboard.learning import residual_correction, residual_model
 from colift.trajectories import base
 
@@ -23,43 +23,45 @@ Scalar = Float[Array, ""]
 
 
 @pytree
-class Now:
+class ControlContext:
     """What is known on board when a tick is decided."""
 
     team: Team  # nominal
-    clock: Clock
-    m: Measurement | None  # None where the law is linearized around a state that nothing measured
-    q_hat: Estimate
-    d: base.Setpoint
-    W: Wrench  # desired wrench of the last tick, zero before the first
-    ticks: Scalar  # 0 in the first tick, 1 after: what is differenced or filtered begins with the second
-    ahead: Ahead | None = None  # for a realizer that looks ahead
-    news: residual_correction.News | None = None  # what labels say beyond what is learned, where a pilot listens
+    clock: ControlClock
+    measurement: Measurement | None  # None where the law is linearized around a state that nothing measured
+    estimate: StateEstimate
+    setpoint: base.PayloadSetpoint
+    last_wrench: Wrench  # desired wrench of the last tick, zero before the first
+    initialized: Scalar  # 0 in the first tick, 1 after: what is differenced or filtered begins with the second
+    preview: TeamPreview | None = None  # for a realizer that looks ahead
+    innovation: residual_correction.Innovation | None = (
+        None  # what labels say beyond what is learned, where a pilot listens
+    )
 
 
 @pytree
-class Ahead:
+class TeamPreview:
     """What the law asks for on the reference, at `control.NODES` times the step around now; times lead."""
 
     step: Scalar  # s
-    load: PayloadState
-    to: tracking.Command
+    payload: PayloadState
+    acceleration_cmd: tracking.AccelerationCommand
     lam: Float[Array, "times contacts 3"]  # N
-    f_hat: Residual
+    f_hat: ResidualForces
 
 
 # The doors ------------------------------------------------------------------------------------------------------------
 
 
 @runtime_checkable
-class Pilot(Protocol):
+class Controller(Protocol):
     """All that flies: what a loop asks of it."""
 
-    def begin(self, first: Measurement, clock: Clock) -> tuple[Inputs, Any]:
+    def init(self, first: Measurement, clock: ControlClock) -> tuple[TeamInputs, Any]:
         """The command that holds the team until the first tick, and the memory before it, from a reading at rest."""
         ...
 
-    def tick(self, memory: Any, m: Measurement, clock: Clock) -> tuple[Inputs, Any, Telemetry]:
+    def step(self, state: Any, measurement: Measurement, clock: ControlClock) -> tuple[TeamInputs, Any, Telemetry]:
         """The command from now on, the next memory, and what was decided."""
         ...
 
@@ -68,58 +70,66 @@ class Pilot(Protocol):
 class Estimator(Protocol):
     """States from measurements; ours is `estimate.Estimator`."""
 
-    def begin(self, team: Team, first: Measurement) -> Any:
+    def init(self, team: Team, first: Measurement) -> Any:
         """The memory at a reading at rest; team: nominal."""
         ...
 
-    def observe(self, team: Team, memory: Any, m: Measurement, applied: Inputs, clock: Clock) -> tuple[Estimate, Any]:
+    def update(
+        self, team: Team, state: Any, measurement: Measurement, applied: TeamInputs, clock: ControlClock
+    ) -> tuple[StateEstimate, Any]:
         """What is believed now, given the command of the last tick; with labels, if it has any."""
         ...
 
 
 @runtime_checkable
-class Predictor(Protocol):
+class ResidualPredictor(Protocol):
     """`f_hat`, the unknown forces that commands compensate."""
 
-    def begin(self, team: Team) -> Any:
+    def init(self, team: Team) -> Any:
         """The memory before the first tick; team: nominal."""
         ...
 
-    def observe(self, memory: Any, oracle: residual_model.Oracle, now: Now) -> Any:
+    def update(self, state: Any, model: residual_model.ResidualModel, context: ControlContext) -> Any:
         """The memory of this tick, once a tick."""
         ...
 
-    def predict(self, memory: Any, oracle: residual_model.Oracle, now: Now, to: tracking.Command) -> Residual:
+    def predict(
+        self,
+        state: Any,
+        model: residual_model.ResidualModel,
+        context: ControlContext,
+        acceleration_cmd: tracking.AccelerationCommand,
+    ) -> ResidualForces:
         """The prediction for a payload that is commanded to accelerate so: now, or where a pilot looks ahead."""
         ...
 
 
 @runtime_checkable
-class Drive(Protocol):
+class ActuatorCompensator(Protocol):
     """Commands under which vehicles give what is asked of them."""
 
-    def begin(self, command: Inputs) -> Any:
+    def init(self, command: TeamInputs) -> Any:
         """The memory after a command has acted for ever."""
         ...
 
-    def command(self, team: Team, memory: Any, asked: Inputs, dt: Scalar) -> tuple[Inputs, Any]:
+    def command(self, team: Team, state: Any, requested: TeamInputs, dt: Scalar) -> tuple[TeamInputs, Any]:
         """The command for what is asked, and the memory one tick of dt, s, later."""
         ...
 
-    def acts(self, memory: Any, sent: Inputs) -> Inputs:
+    def effective_command(self, state: Any, sent: TeamInputs) -> TeamInputs:
         """What is believed to have acted in the last tick, in which `sent` was commanded."""
         ...
 
 
 @runtime_checkable
-class Leader(Protocol):
+class PayloadController(Protocol):
     """How the payload is to accelerate."""
 
-    def begin(self) -> Any:
+    def init(self) -> Any:
         """The memory before the first tick."""
         ...
 
-    def lead(self, memory: Any, now: Now) -> tuple[tracking.Command, Any]:
+    def compute(self, state: Any, context: ControlContext) -> tuple[tracking.AccelerationCommand, Any]:
         """The commanded acceleration of the payload, and its rate."""
         ...
 
@@ -128,25 +138,31 @@ class Leader(Protocol):
 class Allocator(Protocol):
     """Contact forces that give a payload wrench."""
 
-    def allocate(self, now: Now, W: Wrench, W_dot: Wrench) -> Forces:
+    def allocate(self, context: ControlContext, W: Wrench, W_dot: Wrench) -> ContactForceCommand:
         """Commanded contact forces, and their rate."""
         ...
 
 
 @runtime_checkable
-class Realizer(Protocol):
+class AgentController(Protocol):
     """Commands that put contact forces on the payload."""
 
-    def realize(self, now: Now, to: tracking.Command, forces: Forces, f_hat: Residual) -> tuple[Inputs, Saturated]:
+    def compute(
+        self,
+        context: ControlContext,
+        acceleration_cmd: tracking.AccelerationCommand,
+        forces: ContactForceCommand,
+        f_hat: ResidualForces,
+    ) -> tuple[TeamInputs, SaturationFlags]:
         """Every agent's command, and which thrusts were limited."""
         ...
 
 
-Saturated = tuple[Bool[Array, "agents"], ...]
+SaturationFlags = tuple[Bool[Array, "agents"], ...]
 
 
 @pytree
-class Forces:
+class ContactForceCommand:
     """What an allocator asks of the contacts, world."""
 
     lam: Float[Array, "contacts 3"]  # N, on the payload
@@ -158,11 +174,11 @@ class Forces:
 class Telemetry:
     """What one tick decided, for the log."""
 
-    q_hat: Estimate
-    d: base.Setpoint
+    estimate: StateEstimate
+    setpoint: base.PayloadSetpoint
     W_d: Wrench
     lam_cmd: Float[Array, "contacts 3"]
-    f_hat: Residual
+    f_hat: ResidualForces
     eta: Float[Array, " eta"]
-    saturated: Saturated
-    news: residual_correction.News | None = None
+    saturated: SaturationFlags
+    innovation: residual_correction.Innovation | None = None

@@ -12,13 +12,13 @@ from typing import Any
 from colift.runtime import signals
 
 
-def write(path: str | Path, content: bytes) -> None:
+def write_atomic(path: str | Path, content: bytes) -> None:
     """Write a file whole or not at all: to a temporary name in the same folder, to the disk, then renamed.
 
     Its mode is what the umask gives a new file. Raises OSError, with the path and the reason in one line; then `path`
     is as it was before. Nothing is written once the process is asked to end.
     """
-    signals.check()
+    signals.raise_if_interrupted()
     path = Path(path)
     temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
@@ -36,10 +36,10 @@ def write(path: str | Path, content: bytes) -> None:
         raise OSError(error.errno, f"cannot write {path}: {error.strerror}") from error
 
 
-def write_json(value: Any, path: Path) -> Any:
+def write_json_atomic(value: Any, path: Path) -> Any:
     """Write strict JSON as `write` does; what is not finite becomes null. What the file holds; raises as `write`."""
     held = _finite(value)
-    write(path, (json.dumps(held, indent=2, allow_nan=False) + "\n").encode())
+    write_atomic(path, (json.dumps(held, indent=2, allow_nan=False) + "\n").encode())
     return held
 
 

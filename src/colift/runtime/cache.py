@@ -6,11 +6,11 @@ import os
 from pathlib import Path
 
 
-class Unwritable(OSError):
+class CacheUnavailable(OSError):
     """What is made cannot be kept: no process finds what another one made."""
 
 
-def folder(name: str) -> Path:
+def cache_directory(name: str) -> Path:
     """`$XDG_CACHE_HOME/colift/NAME`, by default under `~/.cache`, made if it is not there.
 
     Raises `Unwritable` where there is no home, or the folder cannot be made. A relative `$XDG_CACHE_HOME` is
@@ -20,9 +20,9 @@ def folder(name: str) -> Path:
     try:
         path = (root if root.is_absolute() else Path.home() / ".cache") / "colift" / name
     except RuntimeError:  # neither $HOME, nor a user whom the system knows
-        raise Unwritable("there is no home folder; $XDG_CACHE_HOME would name another") from None
+        raise CacheUnavailable("there is no home folder; $XDG_CACHE_HOME would name another") from None
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise Unwritable(f"{path}: {error.strerror}") from None
+        raise CacheUnavailable(f"{path}: {error.strerror}") from None
     return path

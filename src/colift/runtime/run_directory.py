@@ -28,20 +28,20 @@ NAME = re.compile(rb"colift-run-([0-9a-f]{12})(?![0-9a-f])")
 
 
 @dataclasses.dataclass(frozen=True)
-class Folder:
+class RunDirectory:
     """A folder that this process alone writes to, for the files of one run."""
 
     path: Path
-    run: str
+    run_id: str
 
 
-def run_name(version: str, digest: str) -> str:
+def run_id(version: str, digest: str) -> str:
     """The name of a run: it differs when the version does or any setting, the seed among them."""
     return f"colift-run-{hashlib.sha256(f'{version} {digest}'.encode()).hexdigest()[:12]}"
 
 
 @contextlib.contextmanager
-def claim(path: Path, run: str, names: Sequence[str]) -> Generator[Folder]:
+def lock_run_directory(path: Path, run: str, names: Sequence[str]) -> Generator[RunDirectory]:
     """Make a folder and write to it alone, under a lock that is released however the block ends.
 
     `names`, with `*` for any text, are those of the files that the run may write or replace. A lock whose process has
@@ -52,33 +52,33 @@ def claim(path: Path, run: str, names: Sequence[str]) -> Generator[Folder]:
     with contextlib.ExitStack() as held:
         _lock(path / LOCK, held)
         _clear_parts(path)
-        foreign = [file.name for file in files(path, names) if run_of(file) is None]
+        foreign = [file.name for file in list_files(path, names) if read_run_id(file) is None]
         if foreign:
             raise OSError(
                 f"{path} holds {', '.join(foreign)}, which no run of colift wrote: move it, or choose another --out"
             )
-        yield Folder(path, run)
+        yield RunDirectory(path, run)
 
 
-def files(path: Path, names: Sequence[str]) -> list[Path]:
+def list_files(path: Path, names: Sequence[str]) -> list[Path]:
     """The files of a folder that have one of the names."""
     return sorted({file for name in names for file in path.glob(name)})
 
 
-def run_of(file: Path) -> str | None:
+def read_run_id(file: Path) -> str | None:
     """The name of the run that a file states; None if it states none."""
     found = NAME.search(file.read_bytes())
     return None if found is None else found.group().decode()
 
 
-def of_others(folder: Folder, names: Sequence[str]) -> list[Path]:
+def stale_files(folder: RunDirectory, names: Sequence[str]) -> list[Path]:
     """The files under the names that are of another run than the folder's."""
-    return [file for file in files(folder.path, names) if run_of(file) not in (None, folder.run)]
+    return [file for file in list_files(folder.path, names) if read_run_id(file) not in (None, folder.run_id)]
 
 
-def clear(folder: Folder, names: Sequence[str], others: Sequence[str]) -> None:
+def remove_stale_files(folder: RunDirectory, names: Sequence[str], others: Sequence[str]) -> None:
     """Remove the files under `names`, of whatever run, and those under `others` that are of another run than this."""
-    for file in files(folder.path, names) + of_others(folder, others):
+    for file in list_files(folder.path, names) + stale_files(folder, others):
         file.unlink(missing_ok=True)
 
 
@@ -107,7 +107,7 @@ def _lock(lock: Path, held: contextlib.ExitStack) -> None:
     """Make the lock file, which one process can (O_EXCL, over NFS too); it says who holds it."""
     me = {"host": socket.gethostname(), "pid": os.getpid(), "began": _began(os.getpid()), "since": int(time.time())}
     mine = json.dumps({**me, "claim": secrets.token_hex(8)}).encode()  # one process may claim twice
-    held.enter_context(signals.at_the_end(lambda: _release(lock, mine)))
+    held.enter_context(signals.on_exit(lambda: _release(lock, mine)))
     while True:
         try:
             with lock.open("xb", buffering=0) as file:

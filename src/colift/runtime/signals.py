@@ -15,7 +15,7 @@ import sys
 import threading
 from collections.abc import Callable, Generator
 
-GRACE = 5.0  # s, for the work to come to a `check`, which a compiler or a long fit may not
+GRACE_PERIOD = 5.0  # s, for the work to come to a `check`, which a compiler or a long fit may not
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 _asked: list[int] = []  # the first signal
@@ -26,14 +26,14 @@ class Interrupted(BaseException):
     """The process is asked to end. Not an Exception: what handles errors must not keep a run alive."""
 
 
-def check() -> None:
+def raise_if_interrupted() -> None:
     """Raise Interrupted if the process is asked to end; without a command line that heeds signals it never is."""
     if _asked:
         raise Interrupted
 
 
 @contextlib.contextmanager
-def at_the_end(act: Callable[[], None]) -> Generator[None]:
+def on_exit(act: Callable[[], None]) -> Generator[None]:
     """Do `act` when the block ends, however it ends: also where the process is ended by force within it.
 
     Then another thread may do it too, so twice must be as good as once.
@@ -47,7 +47,7 @@ def at_the_end(act: Callable[[], None]) -> Generator[None]:
 
 
 @contextlib.contextmanager
-def heeded() -> Generator[None]:
+def handle_signals() -> Generator[None]:
     """Within the block, Ctrl-C and SIGTERM ask the work to end; the process then ends with 128 + the signal's number.
 
     It ends where the work calls `check`, after `GRACE` at the latest, and at once at a second signal. A signal that
@@ -89,7 +89,7 @@ def _watch(told: socket.socket) -> None:
     if first is None:
         return
     _asked.append(first)
-    told.settimeout(GRACE)
+    told.settimeout(GRACE_PERIOD)
     with contextlib.suppress(TimeoutError):
         if _next(told) is None:
             return

@@ -24,20 +24,20 @@ draws       unknown forces of known norm
 assumptions what is stated of the unknown, and what of it holds by construction
 """
 
-from colift.scenario.dumping import text, with_control
+from colift.scenario.dumping import to_yaml, with_control
 from colift.scenario.errors import ScenarioError
-from colift.scenario.loading import SUFFIXES, load, names, parse, shipped
-from colift.scenario.schema import Section, Settings
+from colift.scenario.loading import SUFFIXES, load_scenario, parse, shipped_names, shipped_text
+from colift.scenario.schema import Scenario, Section
 
 __all__ = [
     "SUFFIXES",
+    "Scenario",
     "ScenarioError",
     "Section",
-    "Settings",
-    "load",
-    "names",
+    "load_scenario",
     "parse",
-    "shipped",
-    "text",
+    "shipped_names",
+    "shipped_text",
+    "to_yaml",
     "with_control",
 ]

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from colift.gp.error_bounds import Assumption
+from colift.gp.error_bounds import BoundAssumption
 from colift.models.parameters import Team
-from colift.models.state import Residual
+from colift.models.state import ResidualForces
 from colift.onboard.learning import confidence_bounds, prediction_uncertainty
 from colift.scenario import schema
 from colift.scenario.errors import ScenarioError
 
 
-def stated(settings: schema.Settings, nominal: Team, rig: Residual) -> confidence_bounds.Stated:
+def bound_assumptions(
+    settings: schema.Scenario, nominal: Team, rig: ResidualForces
+) -> confidence_bounds.BoundAssumptions:
     """What the scenario states of the unknown functions and of their labels, and what of it is true by construction.
 
     `rig` is the calibration rig's largest error. Raises ScenarioError for a label error that is not positive.
@@ -21,7 +23,7 @@ def stated(settings: schema.Settings, nominal: Team, rig: Residual) -> confidenc
     payload = _label_errors(given.payload, learning.payload, 0)
     agents = [
         np.tile(_label_errors(given.agents, learning.agents, group.tree.joints), (size, 1))
-        for size, group in zip(nominal.sizes, nominal.groups, strict=True)
+        for size, group in zip(nominal.sizes, nominal.agent_groups, strict=True)
     ]
     within = False
     if learning.samples == "rig":
@@ -31,30 +33,36 @@ def stated(settings: schema.Settings, nominal: Team, rig: Residual) -> confidenc
         agents = of_agents if given.agents is None else agents
         within = all((a >= b).all() for a, b in zip([payload, *agents], [of_payload, *of_agents], strict=True))
     try:
-        return confidence_bounds.Stated(
+        return confidence_bounds.BoundAssumptions(
             bound=given.bound,
             confidence=given.confidence,
-            norm=given.norm,
+            rkhs_norm=given.norm,
             payload=payload,
             agents=tuple(agents),
-            met=_met(settings, within),
+            satisfied=_met(settings, within),
         )
     except ValueError as error:
         raise ScenarioError(f"{settings.name}: certificate: {error}") from None
 
 
-def biases(settings: schema.Settings) -> prediction_uncertainty.Biases:
+def label_bias_model(settings: schema.Scenario) -> prediction_uncertainty.LabelBiasModel:
     """What the sensors' data sheets state of constant and wandering errors of what labels are made of."""
-    tips = prediction_uncertainty.Walk(start=settings.sensors.tip_force_bias_N)
-    found = {"agents.lam": tips, "payload.a": prediction_uncertainty.Walk(), "agents.a": prediction_uncertainty.Walk()}
+    tips = prediction_uncertainty.BiasModel(initial_std=settings.sensors.tip_force_bias_N)
+    found = {
+        "agents.lam": tips,
+        "payload.a": prediction_uncertainty.BiasModel(),
+        "agents.a": prediction_uncertainty.BiasModel(),
+    }
     for each in settings.sensors.then:
-        if isinstance(each, schema.Drifting):
-            for name in found.keys() & set(each.of):
-                found[name] += prediction_uncertainty.Walk(start=each.start, rate=each.rate)
-    return prediction_uncertainty.Biases(tips=found["agents.lam"], payload=found["payload.a"], agents=found["agents.a"])
+        if isinstance(each, schema.BiasRandomWalk):
+            for name in found.keys() & set(each.channels):
+                found[name] += prediction_uncertainty.BiasModel(initial_std=each.start, random_walk_density=each.rate)
+    return prediction_uncertainty.LabelBiasModel(
+        tips=found["agents.lam"], payload=found["payload.a"], agents=found["agents.a"]
+    )
 
 
-def _met(settings: schema.Settings, within: bool) -> frozenset[Assumption]:
+def _met(settings: schema.Scenario, within: bool) -> frozenset[BoundAssumption]:
     """What the scenario makes true by construction of what bounds need; what is not here is assumed.
 
     within: whether no label errs by more than is stated, which only a calibration rig can promise.
@@ -62,25 +70,27 @@ def _met(settings: schema.Settings, within: bool) -> frozenset[Assumption]:
     given, learning = settings.certificate, settings.learning
     rig, fixed = learning.samples == "rig", learning.hyperparameters == "stated"
     drawn = settings.drawn is not None and settings.drawn.norm <= given.norm
-    alone = not settings.disturbances and settings.nominal == schema.Nominal()
+    alone = not settings.disturbances and settings.nominal == schema.NominalModel()
     holds = {
-        Assumption.NORM: drawn and fixed and alone,  # nothing is unknown but functions of that norm for that kernel
-        Assumption.BOUNDED: within,
-        Assumption.WITHIN_MODEL: within,  # `band.companion` takes v from eps
-        Assumption.ZERO_MEAN: rig,
-        Assumption.INDEPENDENT: rig,
-        Assumption.PREDICTABLE: rig,
-        Assumption.STATED: fixed,
-        Assumption.HORIZON: True,  # a data set is as large as it will ever be when it is full
+        BoundAssumption.RKHS_NORM: drawn
+        and fixed
+        and alone,  # nothing is unknown but functions of that norm for that kernel
+        BoundAssumption.BOUNDED_NOISE: within,
+        BoundAssumption.WITHIN_MODEL: within,  # `band.companion` takes v from eps
+        BoundAssumption.ZERO_MEAN: rig,
+        BoundAssumption.INDEPENDENT: rig,
+        BoundAssumption.PREDICTABLE_INPUTS: rig,
+        BoundAssumption.FIXED_HYPERPARAMETERS: fixed,
+        BoundAssumption.HORIZON: True,  # a data set is as large as it will ever be when it is full
     }
     return frozenset(assumption for assumption, true in holds.items() if true)
 
 
-def _label_errors(given: schema.LabelError | None, prior: schema.Prior, joints: int) -> np.ndarray:
+def _label_errors(given: schema.LabelError | None, prior: schema.GPPrior, joints: int) -> np.ndarray:
     """`(6 + joints,)` as stated, or three of the prior's deviations of label noise."""
     source = [3 * prior.force_noise_N, 3 * prior.moment_noise_Nm] if given is None else [given.force_N, given.moment_Nm]
     if isinstance(given, schema.AgentLabelError):
         source.append(given.joint_Nm)
-    elif isinstance(prior, schema.AgentPrior):
+    elif isinstance(prior, schema.AgentGPPrior):
         source.append(3 * prior.joint_noise_Nm)
     return np.repeat(source, [3, 3, joints][: len(source)])

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from colift.models import grasp
-from colift.models.parameters import Agent, Team
+from colift.models.parameters import AerialManipulator, Team
 from colift.onboard import controller, interfaces
 from colift.onboard.control import (
     actuator_compensation,
@@ -20,17 +20,23 @@ from colift.onboard.control import (
     payload_controllers,
     tracking,
 )
-from colift.onboard.control.allocation import Allocation, balanced, internal, leader_follower, squeeze
+from colift.onboard.control.allocation import (
+    AllocationMap,
+    internal_force_coordinates,
+    leader_follower_allocation,
+    least_squares_allocation,
+    squeeze,
+)
 from colift.onboard.estimation import state_estimator
 from colift.onboard.learning import residual_correction, residual_predictors
-from colift.onboard.learning.recorder import FromRig, Recorder
+from colift.onboard.learning.recorder import DataRecorder, RigRecorder
 from colift.scenario import priors, schema, trajectories
 from colift.scenario import team as team_module
-from colift.scenario.conversion import array, built, lag
+from colift.scenario.conversion import actuator_lag, array, build_plugin
 from colift.scenario.errors import ScenarioError
 
 
-def gains(settings: schema.Settings) -> tracking.Gains:
+def gains(settings: schema.Scenario) -> tracking.Gains:
     """Feedback gains."""
     given = settings.control
     return tracking.Gains(
@@ -40,149 +46,172 @@ def gains(settings: schema.Settings) -> tracking.Gains:
         k_omega=array(given.k_omega),
         agent_k_R=array(given.agent_k_R),
         agent_k_omega=array(given.agent_k_omega),
-        posture=array(given.posture),
+        posture_bandwidth=array(given.posture),
     )
 
 
-def allocation(settings: schema.Settings, nominal: Team) -> tuple[Allocation, allocators.Internal]:
+def allocation(settings: schema.Scenario, nominal: Team) -> tuple[AllocationMap, allocators.InternalForceSchedule]:
     """The allocation, and the internal forces it is asked for.
 
     Raises ScenarioError for a grasp or a leader block of rank below 6, and for internal forces that this
     allocation cannot give.
     """
     given = settings.allocation
-    c = np.asarray(grasp.contacts(nominal))
+    c = np.asarray(grasp.contact_points(nominal))
     index = {name: i for i, name in enumerate(team_module.contact_names(settings))}
     try:
-        if isinstance(given, schema.LeaderFollower):
+        if isinstance(given, schema.LeaderFollowerAllocation):
             offset = None if given.lam_f0_N is None else np.array(given.lam_f0_N)
-            plan = leader_follower(c, [index[name] for name in given.leader_contacts], offset)
+            experiment = leader_follower_allocation(c, [index[name] for name in given.leader_contacts], offset)
         else:
-            plan = balanced(c)
-        return plan, _internal(given.internal, plan, c, index)
+            experiment = least_squares_allocation(c)
+        return experiment, _internal(given.internal, experiment, c, index)
     except ValueError as error:
         numbered = ", ".join(f"{i} {name}" for name, i in index.items())
         raise ScenarioError(f"{settings.name}: allocation: {error} (contacts: {numbered})") from None
 
 
 def _internal(
-    given: schema.Internal | None, plan: Allocation, c: np.ndarray, index: dict[str, int]
-) -> allocators.Internal:
+    given: schema.InternalForces | None, plan: AllocationMap, c: np.ndarray, index: dict[str, int]
+) -> allocators.InternalForceSchedule:
     if given is None:
-        eta, times = np.zeros(plan.kernel.shape[1]), (0.0, 0.0, 1.0)
+        eta, times = np.zeros(plan.nullspace.shape[1]), (0.0, 0.0, 1.0)
     else:
         pairs = [(index[a], index[b], newton) for a, b, newton in given.pairs]
-        eta, times = internal(plan, squeeze(c, pairs)), (given.start_s, given.end_s, given.ramp_s)
+        eta, times = internal_force_coordinates(plan, squeeze(c, pairs)), (given.start_s, given.end_s, given.ramp_s)
     start, end, ramp = (array(t) for t in times)
-    return allocators.Internal(eta=jnp.asarray(eta), start=start, end=end, ramp=ramp)
+    return allocators.InternalForceSchedule(eta=jnp.asarray(eta), start=start, end=end, ramp=ramp)
 
 
-def pilot(settings: schema.Settings, nominal: Team) -> controller.LeaderFollower:
+def make_controller(settings: schema.Scenario, nominal: Team) -> controller.LeaderFollowerController:
     """Everything the team takes along in case C1: no data are recorded, nothing is known.
 
     Raises ScenarioError as `allocation`, and for a part of one's own that is none.
     """
-    plan, internal = allocation(settings, nominal)
+    experiment, internal = allocation(settings, nominal)
     learning, gain = settings.learning, gains(settings)
-    recorder = FromRig if learning.samples == "rig" else Recorder
+    recorder = RigRecorder if learning.samples == "rig" else DataRecorder
     ahead = settings.control.look_ahead_s
-    realizer = agent_controllers.Aligned if ahead is None else agent_controllers.Anticipating
-    ours = controller.LeaderFollower(
+    agent_controller = (
+        agent_controllers.ThrustVectoringController
+        if ahead is None
+        else agent_controllers.PreviewThrustVectoringController
+    )
+    ours = controller.LeaderFollowerController(
         team=nominal,
-        path=trajectories.path(settings),
-        estimator=state_estimator.Estimator(
+        reference=trajectories.make_reference(settings),
+        estimator=state_estimator.ComplementaryFilter(
             filters=_filters(settings),
-            patience=array(settings.innovation.patience_s),
+            max_reading_age=array(settings.innovation.patience_s),
         ),
         recorder=recorder(
-            every=array(1 / learning.sample_Hz),
+            sample_period=array(1 / learning.sample_Hz),
             start=array(learning.start_s),
             end=array(learning.end_s),
             payload=jnp.array(False),
             agents=jnp.array(False),
         ),
-        oracle=priors.prior(settings, nominal),
-        predictor=residual_predictors.Learned(),
-        leader=payload_controllers.Geometric(gains=gain),
-        allocator=allocators.Linear(allocation=plan, internal=internal),
-        realizer=realizer(gains=gain, heading=team_module.heading(settings), rest=team_module.rest(settings)),
-        drive=_drive(settings),
-        look_ahead=None if ahead is None else array(ahead),
+        residual_model=priors.prior_model(settings, nominal),
+        predictor=residual_predictors.LearnedResidual(),
+        payload_controller=payload_controllers.GeometricTracking(gains=gain),
+        allocator=allocators.LinearAllocator(allocation=experiment, internal=internal),
+        agent_controller=agent_controller(
+            gains=gain, yaw=team_module.initial_yaw(settings), nominal_posture=team_module.nominal_posture(settings)
+        ),
+        actuator_compensator=_drive(settings),
+        preview_step=None if ahead is None else array(ahead),
     )
     theirs = {
-        name: built(part, f"parts.{name}", kind, ours)
-        for name, kind in PILOT_PARTS.items()
+        name: build_plugin(part, f"parts.{name}", kind, ours)
+        for name, kind in CONTROLLER_PARTS.items()
         if (part := getattr(settings.parts, name)) is not None
     }
     return dataclasses.replace(ours, **theirs)
 
 
-def ahead(settings: schema.Settings, flying: controller.LeaderFollower) -> controller.LeaderFollower:
+def with_preview(
+    settings: schema.Scenario, flying: controller.LeaderFollowerController
+) -> controller.LeaderFollowerController:
     """The same, looking ahead where it did not."""
-    if flying.look_ahead is not None or type(flying.realizer) is not agent_controllers.Aligned:
+    if (
+        flying.preview_step is not None
+        or type(flying.agent_controller) is not agent_controllers.ThrustVectoringController
+    ):
         return flying
-    mine = {field.name: getattr(flying.realizer, field.name) for field in dataclasses.fields(flying.realizer)}
+    mine = {
+        field.name: getattr(flying.agent_controller, field.name)
+        for field in dataclasses.fields(flying.agent_controller)
+    }
     step = array(settings.innovation.look_ahead_s)
-    return dataclasses.replace(flying, realizer=agent_controllers.Anticipating(**mine), look_ahead=step)
+    return dataclasses.replace(
+        flying, agent_controller=agent_controllers.PreviewThrustVectoringController(**mine), preview_step=step
+    )
 
 
-def listening(settings: schema.Settings, flying: controller.LeaderFollower, held: bool) -> controller.LeaderFollower:
+def with_innovation_filter(
+    settings: schema.Scenario, flying: controller.LeaderFollowerController, held: bool
+) -> controller.LeaderFollowerController:
     """The same with its predictions corrected by labels.
 
     A held correction stays when labels stop, is carried ahead by `lead_s`, and trusts what is learned; any other fades,
     is carried ahead by the labels' whole delay, as far as such rates came true, and doubts.
     """
     given, filters = settings.innovation, _filters(settings)
-    listener = residual_correction.Listener(
+    innovation_filter = residual_correction.InnovationFilter(
         filters=filters,
-        hold=array(given.hold_s),
-        fade=array(np.inf if held else given.fade_s),
-        span=array(given.span_s),
-        doubt=array(0.0 if held else given.doubt),
+        hold_time=array(given.hold_s),
+        decay_time=array(np.inf if held else given.fade_s),
+        averaging_time=array(given.span_s),
+        variance_ratio=array(0.0 if held else given.doubt),
         coherence=array(0.0 if held else given.coherence),
     )
-    lead = array(given.lead_s) if held else filters.delay()
-    heeded = tuple(array([label_feedback.heeded(gain) for gain in group]) for group in echoes(settings, flying.team))
-    predictor = residual_predictors.Corrected(predictor=flying.predictor, lead=lead, heeded=heeded)
-    return dataclasses.replace(flying, listener=listener, predictor=predictor)
+    lead = array(given.lead_s) if held else filters.label_delay()
+    heeded = tuple(
+        array([label_feedback.rate_attenuation(gain) for gain in group])
+        for group in label_loop_gains(settings, flying.team)
+    )
+    predictor = residual_predictors.InnovationCorrection(base=flying.predictor, compute=lead, rate_attenuation=heeded)
+    return dataclasses.replace(flying, innovation_filter=innovation_filter, predictor=predictor)
 
 
-def echoes(settings: schema.Settings, team: Team) -> tuple[tuple[float, ...], ...]:
+def label_loop_gains(settings: schema.Scenario, team: Team) -> tuple[tuple[float, ...], ...]:
     """How strongly each agent hears itself, `echo.gain`, by group, as it hovers with an even share of the payload."""
     g, share = float(jnp.linalg.norm(team.gravity)), float(team.payload.mass) / sum(team.sizes)
     gain, filters = gains(settings), _filters(settings)
 
-    def of(agent: Agent, rest: Any) -> float:
+    def of(agent: AerialManipulator, rest: Any) -> float:
         weight = g * (float(agent.mass.sum()) + share)
-        return label_feedback.gain(agent, rest, gain, filters, weight)
+        return label_feedback.label_loop_gain(agent, rest, gain, filters, weight)
 
     return tuple(
         tuple(of(jax.tree.map(lambda x, j=j: x[j], group), rest[j]) for j in range(size))
-        for group, size, rest in zip(team.groups, team.sizes, team_module.rest(settings), strict=True)
+        for group, size, rest in zip(team.agent_groups, team.sizes, team_module.nominal_posture(settings), strict=True)
     )
 
 
-def _filters(settings: schema.Settings) -> state_estimator.Filters:
-    return state_estimator.Filters(
-        fusion=array(settings.control.fusion_Hz),
-        bias=array(settings.control.bias_Hz),
+def _filters(settings: schema.Scenario) -> state_estimator.FilterBandwidths:
+    return state_estimator.FilterBandwidths(
+        complementary=array(settings.control.fusion_Hz),
+        imu_bias=array(settings.control.bias_Hz),
         joint=array(settings.control.joint_filter_Hz),
         label=array(settings.learning.filter_Hz),
         tip_force=array(settings.sensors.tip_force_bandwidth_Hz),
     )
 
 
-def _drive(settings: schema.Settings) -> interfaces.Drive:
-    believed = settings.nominal.actuators
-    if believed is None:
-        return actuator_compensation.Direct()
-    return actuator_compensation.Hastened(lag=lag(believed, settings), haste=array(settings.control.haste))
+def _drive(settings: schema.Scenario) -> interfaces.ActuatorCompensator:
+    nominal = settings.nominal.actuators
+    if nominal is None:
+        return actuator_compensation.NoCompensation()
+    return actuator_compensation.LagInversion(
+        lag=actuator_lag(nominal, settings), bandwidth_ratio=array(settings.control.haste)
+    )
 
 
-PILOT_PARTS: dict[str, type] = {
-    "leader": interfaces.Leader,
+CONTROLLER_PARTS: dict[str, type] = {
+    "leader": interfaces.PayloadController,
     "allocator": interfaces.Allocator,
-    "realizer": interfaces.Realizer,
+    "realizer": interfaces.AgentController,
     "estimator": interfaces.Estimator,
-    "predictor": interfaces.Predictor,
+    "predictor": interfaces.ResidualPredictor,
 }

@@ -11,8 +11,8 @@ import numpy as np
 from jaxtyping import Array
 
 from colift.math import so3
-from colift.math.linalg import mul
-from colift.models.actuator_lag import Lag
+from colift.math.linalg import matmul
+from colift.models.actuator_lag import ActuatorLag
 from colift.scenario import schema
 from colift.scenario.errors import ScenarioError
 
@@ -35,18 +35,18 @@ def rotation(deg: schema.Vector) -> Array:
 @jax.jit
 def _turned(angles: Array) -> Array:
     roll, pitch, yaw = jax.vmap(so3.exp)(jnp.diag(angles))
-    return mul(yaw, mul(pitch, roll))
+    return matmul(yaw, matmul(pitch, roll))
 
 
-def lag(given: schema.Lag, settings: schema.Settings) -> Lag:
+def actuator_lag(given: schema.ActuatorLag, settings: schema.Scenario) -> ActuatorLag:
     """A lag with its delay in whole ticks of the control loop."""
-    return Lag(bandwidth=array(given.bandwidth_Hz), delay=round(given.delay_s * settings.control_Hz))
+    return ActuatorLag(bandwidth=array(given.bandwidth_Hz), delay=round(given.delay_s * settings.control_Hz))
 
 
 P = TypeVar("P")
 
 
-def built(given: schema.Part, where: str, kind: type[P], *joins: Any) -> P:
+def build_plugin(given: schema.PluginReference, where: str, kind: type[P], *joins: Any) -> P:
     """What a part of one's own builds, its numbers as arrays. Raises ScenarioError where it is not of that kind."""
     build = getattr(given.settings, "build")  # noqa: B009  `own.settings` has seen that it is there
     made = jax.tree.map(lambda x: x if isinstance(x, jax.Array) else jnp.asarray(np.asarray(x)), build(*joins))

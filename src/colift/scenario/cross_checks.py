@@ -11,17 +11,17 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
-from colift.scenario.errors import Mistake, Place, among, shown
+from colift.scenario.errors import ErrorMessage, Place, format_value, unknown_name_message
 
-MOST = 100  # entries of a list: agents, joints, sources, ...; what compiles in minutes is well below
+MAX_ENTRIES = 100  # entries of a list: agents, joints, sources, ...; what compiles in minutes is well below
 LOG_BYTES, MODEL_BYTES = 2e9, 1e9  # a run holds its log three times at its end, and a laptop has 8 GB
-LONGEST_WAVE = 1e4  # m
-LEAST_LEG = 0.01  # s between two poses
+MAX_WAVELENGTH = 1e4  # m
+MIN_WAYPOINT_INTERVAL = 0.01  # s between two poses
 
 AGENTS_ONLY = ("rotor_bias", "joint_friction")
 
 
-def mistakes(data: dict[str, Any]) -> list[Mistake]:
+def consistency_errors(data: dict[str, Any]) -> list[ErrorMessage]:
     """Every contradiction between the sections of a scenario, as `(place, sentence)`."""
     return [
         *_agent_types(data),
@@ -55,24 +55,24 @@ def _part(data: Any, *place: int | str) -> Any:
 def _items(data: Any, *place: int | str) -> list[Any]:
     """The entries of a list; of one that is longer than allowed, none."""
     found = _part(data, *place)
-    return list(found) if isinstance(found, list | tuple) and len(found) <= MOST else []
+    return list(found) if isinstance(found, list | tuple) and len(found) <= MAX_ENTRIES else []
 
 
 def _named(data: Any, *place: int | str) -> dict[str, Any]:
     found = _part(data, *place)
-    return found if isinstance(found, dict) and len(found) <= MOST else {}
+    return found if isinstance(found, dict) and len(found) <= MAX_ENTRIES else {}
 
 
 def _names(items: list[Any]) -> list[str]:
     return [name for item in items if isinstance(name := _part(item, "name"), str)]
 
 
-def _repeated(items: list[Any], place: Place) -> Iterator[Mistake]:
+def _repeated(items: list[Any], place: Place) -> Iterator[ErrorMessage]:
     seen: set[Any] = set()
     for i, item in enumerate(items):
         name = _part(item, "name")
         if isinstance(name, str) and name in seen:
-            yield (*place, i, "name"), f"{shown(name)} is used twice"
+            yield (*place, i, "name"), f"{format_value(name)} is used twice"
         elif isinstance(name, str):
             seen.add(name)
 
@@ -93,7 +93,7 @@ def contacts(data: dict[str, Any]) -> list[str]:
     ]
 
 
-def _agent_types(data: dict[str, Any]) -> Iterator[Mistake]:
+def _agent_types(data: dict[str, Any]) -> Iterator[ErrorMessage]:
     for key, kind in _named(data, "agent_types").items():
         place: Place = ("agent_types", key)
         joints, arms = _items(kind, "joints"), _items(kind, "arms")
@@ -104,14 +104,20 @@ def _agent_types(data: dict[str, Any]) -> Iterator[Mistake]:
             if _part(joint, "name") == "base":
                 yield (*place, "joints", i, "name"), "'base' names the vehicle itself"
             if isinstance(parent, str) and parent not in above:
-                yield (*place, "joints", i, "parent"), among(parent, above, "a body listed above this joint")
+                yield (
+                    (*place, "joints", i, "parent"),
+                    unknown_name_message(parent, above, "a body listed above this joint"),
+                )
         for i, arm in enumerate(arms):
             body = _part(arm, "joint")
             if isinstance(body, str) and body not in bodies(kind):
-                yield (*place, "arms", i, "joint"), among(body, bodies(kind), "a body of this agent type")
+                yield (
+                    (*place, "arms", i, "joint"),
+                    unknown_name_message(body, bodies(kind), "a body of this agent type"),
+                )
 
 
-def _agents(data: dict[str, Any]) -> Iterator[Mistake]:
+def _agents(data: dict[str, Any]) -> Iterator[ErrorMessage]:
     agents, kinds = _items(data, "agents"), _named(data, "agent_types")
     yield from _repeated(agents, ("agents",))
     for i, agent in enumerate(agents):
@@ -119,28 +125,31 @@ def _agents(data: dict[str, Any]) -> Iterator[Mistake]:
             yield ("agents", i, "name"), f"{_part(agent, 'name')!r} has a meaning of its own"
         kind = _part(agent, "type")
         if isinstance(kind, str) and kinds and kind not in kinds:
-            yield ("agents", i, "type"), among(kind, kinds, "one of agent_types")
+            yield ("agents", i, "type"), unknown_name_message(kind, kinds, "one of agent_types")
         held, arms = _part(agent, "contacts_m"), _part(kinds, str(kind), "arms")
         if isinstance(held, list | tuple) and isinstance(arms, list | tuple) and len(held) != len(arms):
             yield (
                 ("agents", i, "contacts_m"),
-                f"must hold one contact for each of the {len(arms)} arms of {shown(kind)}, got {len(held)}",
+                f"must hold one contact for each of the {len(arms)} arms of {format_value(kind)}, got {len(held)}",
             )
 
 
-def _nominal(data: dict[str, Any]) -> Iterator[Mistake]:
+def _nominal(data: dict[str, Any]) -> Iterator[ErrorMessage]:
     kinds = _named(data, "agent_types")
-    for key, believed in _named(data, "nominal", "agent_types").items():
+    for key, nominal in _named(data, "nominal", "agent_types").items():
         if kinds and key not in kinds:
-            yield ("nominal", "agent_types", key), among(key, kinds, "one of agent_types")
+            yield ("nominal", "agent_types", key), unknown_name_message(key, kinds, "one of agent_types")
             continue
         joints = bodies(_part(kinds, key))[1:]
-        for joint in _named(believed, "joints"):
+        for joint in _named(nominal, "joints"):
             if joint not in joints:
-                yield ("nominal", "agent_types", key, "joints", joint), among(joint, joints, "a joint of this type")
+                yield (
+                    ("nominal", "agent_types", key, "joints", joint),
+                    unknown_name_message(joint, joints, "a joint of this type"),
+                )
 
 
-def _disturbances(data: dict[str, Any]) -> Iterator[Mistake]:
+def _disturbances(data: dict[str, Any]) -> Iterator[ErrorMessage]:
     sources, agents = _items(data, "disturbances"), _items(data, "agents")
     yield from _repeated(sources, ("disturbances",))
     for i, source in enumerate(sources):
@@ -150,7 +159,7 @@ def _disturbances(data: dict[str, Any]) -> Iterator[Mistake]:
             continue
         known = ["payload", "agents", *_names(agents)]
         if on not in known:
-            yield (*place, "acts_on"), among(on, known, "the payload, all agents or one of them")
+            yield (*place, "acts_on"), unknown_name_message(on, known, "the payload, all agents or one of them")
         elif on == "payload" and kind in AGENTS_ONLY:
             yield (*place, "acts_on"), f"{kind} acts on agents, not on the payload"
         elif on == "payload":
@@ -160,11 +169,14 @@ def _disturbances(data: dict[str, Any]) -> Iterator[Mistake]:
             for agent in agents:
                 here = bodies(_part(data, "agent_types", str(_part(agent, "type"))))
                 if on in ("agents", _part(agent, "name")) and body not in here:
-                    yield (*place, "body"), among(body, here, f"a body of agent {shown(_part(agent, 'name'))}")
+                    yield (
+                        (*place, "body"),
+                        unknown_name_message(body, here, f"a body of agent {format_value(_part(agent, 'name'))}"),
+                    )
     yield from _frictions(sources, _names(agents))
 
 
-def _frictions(sources: list[Any], agents: list[str]) -> Iterator[Mistake]:
+def _frictions(sources: list[Any], agents: list[str]) -> Iterator[ErrorMessage]:
     rubbed: dict[str, str] = {}
     for i, source in enumerate(sources):
         if _part(source, "kind") != "joint_friction":
@@ -174,21 +186,21 @@ def _frictions(sources: list[Any], agents: list[str]) -> Iterator[Mistake]:
                 if agent in rubbed:
                     yield (
                         ("disturbances", i, "acts_on"),
-                        f"agent {shown(agent)} has joint friction from {shown(rubbed[agent])}",
+                        f"agent {format_value(agent)} has joint friction from {format_value(rubbed[agent])}",
                     )
                     break
                 rubbed[agent] = str(_part(source, "name"))
 
 
-def _allocation(data: dict[str, Any]) -> Iterator[Mistake]:
+def _allocation(data: dict[str, Any]) -> Iterator[ErrorMessage]:
     known = contacts(data)
     leaders = _items(data, "allocation", "leader_contacts")
     for i, contact in enumerate(leaders):
         place: Place = ("allocation", "leader_contacts", i)
         if isinstance(contact, str) and contact not in known:
-            yield place, among(contact, known, "a contact")
+            yield place, unknown_name_message(contact, known, "a contact")
         elif contact in leaders[:i]:
-            yield place, f"{shown(contact)} is named twice"
+            yield place, f"{format_value(contact)} is named twice"
     offset = _part(data, "allocation", "lam_f0_N")
     followers = len(known) - len(leaders)
     if isinstance(offset, list | tuple) and len(offset) != followers:
@@ -200,7 +212,7 @@ def _allocation(data: dict[str, Any]) -> Iterator[Mistake]:
         ends = [pair[k] for k in (0, 1)] if isinstance(pair, list | tuple) and len(pair) > 1 else []
         for k, contact in enumerate(ends):
             if isinstance(contact, str) and contact not in known:
-                yield ("allocation", "internal", "pairs", i, k), among(contact, known, "a contact")
+                yield ("allocation", "internal", "pairs", i, k), unknown_name_message(contact, known, "a contact")
             elif isinstance(contact, str) and k == 1 and contact == ends[0]:
                 yield ("allocation", "internal", "pairs", i, k), "must be another contact than the first of the pair"
 
@@ -208,7 +220,7 @@ def _allocation(data: dict[str, Any]) -> Iterator[Mistake]:
 UPDATES = ("learning", "update_times_s")
 
 
-def _times(data: dict[str, Any]) -> Iterator[Mistake]:
+def _times(data: dict[str, Any]) -> Iterator[ErrorMessage]:
     duration = _number(data, "duration_s")
     start, end = _number(data, "learning", "start_s"), _number(data, "learning", "end_s")
     if end > duration:
@@ -228,7 +240,7 @@ def _times(data: dict[str, Any]) -> Iterator[Mistake]:
             yield (*UPDATES, i), f"must be a period of sample_Hz = {sample:g} after {since}, {before:g}, got {t:g}"
 
 
-def _lengthscales(data: dict[str, Any]) -> Iterator[Mistake]:
+def _lengthscales(data: dict[str, Any]) -> Iterator[ErrorMessage]:
     low, high = (_number(data, "learning", "lengthscale_bounds", k) for k in (0, 1))
     if low >= high:
         yield ("learning", "lengthscale_bounds", 1), f"must exceed the least, {low:g}, got {high:g}"
@@ -238,7 +250,7 @@ def _lengthscales(data: dict[str, Any]) -> Iterator[Mistake]:
             yield ("learning", body, name), f"must lie within lengthscale_bounds = [{low:g}, {high:g}], got {given:g}"
 
 
-def _rates(data: dict[str, Any]) -> Iterator[Mistake]:
+def _rates(data: dict[str, Any]) -> Iterator[ErrorMessage]:
     """Nothing is recorded between ticks, and no filter of the second order turns faster than every other tick."""
     control = _number(data, "control_Hz")
     sample = _number(data, "learning", "sample_Hz")
@@ -258,13 +270,13 @@ def _rates(data: dict[str, Any]) -> Iterator[Mistake]:
         )
 
 
-def _flanks(data: dict[str, Any]) -> Iterator[Mistake]:
+def _flanks(data: dict[str, Any]) -> Iterator[ErrorMessage]:
     begin, over = _number(data, "allocation", "internal", "start_s"), _number(data, "allocation", "internal", "end_s")
     if 2 * _number(data, "allocation", "internal", "ramp_s") > over - begin:
         yield ("allocation", "internal", "ramp_s"), f"two flanks must fit between start_s and end_s, {over - begin:g} s"
 
 
-def _waves(data: dict[str, Any]) -> Iterator[Mistake]:
+def _waves(data: dict[str, Any]) -> Iterator[ErrorMessage]:
     """A force at one point says nothing of waves shorter than the body; waves without end are a mean wind."""
     size = _size(data)
     for i, source in enumerate(_items(data, "disturbances")):
@@ -272,10 +284,10 @@ def _waves(data: dict[str, Any]) -> Iterator[Mistake]:
             wave = [_number(source, "gusts", k, "wave_radpm", axis) for axis in range(3)]
             k_abs = math.hypot(*wave)  # NaN where it is no vector
             place: Place = ("disturbances", i, "gusts", k, "wave_radpm")
-            if k_abs * LONGEST_WAVE < 2 * math.pi:
+            if k_abs * MAX_WAVELENGTH < 2 * math.pi:
                 yield (
                     place,
-                    f"has a wavelength above {LONGEST_WAVE / 1e3:g} km, which is a mean wind: say it in mean_mps",
+                    f"has a wavelength above {MAX_WAVELENGTH / 1e3:g} km, which is a mean wind: say it in mean_mps",
                 )
             elif _part(source, "acts_on") == "payload" and k_abs * size > 2 * math.pi:
                 length = f"{2 * math.pi / k_abs:.3g} m"
@@ -289,14 +301,14 @@ def _size(data: dict[str, Any]) -> float:
         for i, agent in enumerate(_items(data, "agents"))
         for k in range(len(_items(agent, "contacts_m")))
     ]
-    held = [[_number(data, *place, axis) for axis in range(3)] for place in places[:MOST]]
+    held = [[_number(data, *place, axis) for axis in range(3)] for place in places[:MAX_ENTRIES]]
     return max((math.dist(a, b) for a, b in itertools.combinations(held, 2) if math.isfinite(sum(a + b))), default=0.0)
 
 
-def _memory(data: dict[str, Any]) -> Iterator[Mistake]:
+def _memory(data: dict[str, Any]) -> Iterator[ErrorMessage]:
     """The log grows with duration and rate, the models with the square of their data."""
     duration, rate = _number(data, "duration_s"), _number(data, "control_Hz")
-    log = 8 * duration * rate * log_numbers(data)
+    log = 8 * duration * rate * log_size(data)
     if log > LOG_BYTES:
         most = f"{LOG_BYTES / 1e9:g} GB are allowed, {LOG_BYTES / log * duration:.4g} s"
         yield ("duration_s",), f"the log of this team at {rate:g} Hz would take {log / 1e9:.3g} GB; {most}"
@@ -308,7 +320,7 @@ def _memory(data: dict[str, Any]) -> Iterator[Mistake]:
             yield place, f"the {outputs} outputs of the models would take {models / 1e9:.3g} GB; {most}"
 
 
-def log_numbers(data: dict[str, Any]) -> int:
+def log_size(data: dict[str, Any]) -> int:
     """Numbers that the log holds of one tick, at most: of the payload, each agent, joint and contact."""
     return 99 + 49 * len(_items(data, "agents")) + 6 * _joints(data) + 12 * len(contacts(data))
 
@@ -330,26 +342,26 @@ def _number(data: Any, *place: int | str) -> float:
     return float(found) if fits else math.nan
 
 
-def _poses(data: dict[str, Any]) -> Iterator[Mistake]:
+def _poses(data: dict[str, Any]) -> Iterator[ErrorMessage]:
     """A payload is in one place at a time, and takes some time to the next."""
     times = [_number(data, "reference", "poses", i, "t_s") for i in range(len(_items(data, "reference", "poses")))]
-    for i, (before, now) in enumerate(itertools.pairwise(times), start=1):
-        if now < before + LEAST_LEG:
+    for i, (before, context) in enumerate(itertools.pairwise(times), start=1):
+        if context < before + MIN_WAYPOINT_INTERVAL:
             yield (
                 ("reference", "poses", i, "t_s"),
-                f"must be {LEAST_LEG:g} s or more after the pose before, {before:g}, got {now:g}",
+                f"must be {MIN_WAYPOINT_INTERVAL:g} s or more after the pose before, {before:g}, got {context:g}",
             )
 
 
-def _delays(data: dict[str, Any]) -> Iterator[Mistake]:
+def _delays(data: dict[str, Any]) -> Iterator[ErrorMessage]:
     """What is late waits for whole ticks, of which not too many are kept; nothing is read between ticks."""
     rate = _number(data, "control_Hz")
     readings = [("sensors", "then", i) for i in range(len(_items(data, "sensors", "then")))]
     for place in (("actuators",), ("nominal", "actuators"), *readings):
         delay, taken = _number(data, *place, "delay_s"), _number(data, *place, "rate_Hz")
         ticks = delay * rate
-        if ticks > MOST:
-            yield (*place, "delay_s"), f"must be at most {MOST} ticks of {1 / rate:g} s, got {delay:g}"
+        if ticks > MAX_ENTRIES:
+            yield (*place, "delay_s"), f"must be at most {MAX_ENTRIES} ticks of {1 / rate:g} s, got {delay:g}"
         elif abs(ticks - round(ticks if math.isfinite(ticks) else 0)) > 1e-6:
             near = [f"{k / rate:g}" for k in (math.floor(ticks), math.ceil(ticks))]
             yield (*place, "delay_s"), f"must be whole ticks of {1 / rate:g} s: {' or '.join(near)}, got {delay:g}"
@@ -357,7 +369,7 @@ def _delays(data: dict[str, Any]) -> Iterator[Mistake]:
             yield (*place, "rate_Hz"), f"must not exceed control_Hz = {rate:g}, got {taken:g}"
 
 
-def _added(data: dict[str, Any]) -> Iterator[Mistake]:
+def _added(data: dict[str, Any]) -> Iterator[ErrorMessage]:
     """What is taken off a payload leaves some of it, and MuJoCo's model is made once."""
     added, mass = _number(data, "added", "mass_kg"), _number(data, "payload", "mass_kg")
     if mass + added <= 0:
@@ -366,7 +378,7 @@ def _added(data: dict[str, Any]) -> Iterator[Mistake]:
         yield ("added",), "the plant mujoco has a payload that does not change; take kind: rigid"
 
 
-def _limits(data: dict[str, Any]) -> Iterator[Mistake]:
+def _limits(data: dict[str, Any]) -> Iterator[ErrorMessage]:
     """A start beyond a limit would end the flight at once."""
     for start, limit, unit in (("position_error_m", "distance_m", "m"), ("attitude_error_deg", "attitude_deg", "deg")):
         size = math.hypot(*(_number(data, "start", start, i) for i in range(3)))

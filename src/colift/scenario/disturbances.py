@@ -9,30 +9,30 @@ import jax.numpy as jnp
 import numpy as np
 
 from colift.scenario import schema, team
-from colift.scenario.conversion import array, built, rows
+from colift.scenario.conversion import array, build_plugin, rows
 from colift.scenario.cross_checks import bodies
 from colift.simulation.disturbances import (
-    AgentMount,
-    Constant,
-    Disturbances,
-    Jet,
+    AgentDisturbance,
+    ConstantWrench,
+    DisturbanceModel,
+    DisturbanceSet,
+    GaussianJet,
     JointFriction,
-    Law,
-    Mount,
+    PayloadDisturbance,
     RotorBias,
     Tether,
-    Weather,
+    TimeVaryingWind,
     Wind,
 )
 
 
-def disturbances(settings: schema.Settings) -> Disturbances:
+def make_disturbances(settings: schema.Scenario) -> DisturbanceSet:
     """The sources of the truth, mounted."""
-    teams = team.groups(settings)
+    teams = team.group_agents(settings)
     laws = _laws(settings)
-    return Disturbances(
+    return DisturbanceSet(
         payload=tuple(
-            Mount(name=source.name, law=_law(source), point=array(source.point_m))
+            PayloadDisturbance(name=source.name, model=_law(source), point=array(source.point_m))
             for source in laws
             if source.acts_on == "payload"
         ),
@@ -41,11 +41,11 @@ def disturbances(settings: schema.Settings) -> Disturbances:
     )
 
 
-def _laws(settings: schema.Settings) -> list[schema.Law]:
+def _laws(settings: schema.Scenario) -> list[schema.Law]:
     return [source for source in settings.disturbances if not isinstance(source, schema.JointFriction)]
 
 
-def _mounts(settings: schema.Settings, source: schema.Law, group: list[schema.Agent]) -> Iterator[AgentMount]:
+def _mounts(settings: schema.Scenario, source: schema.Law, group: list[schema.Agent]) -> Iterator[AgentDisturbance]:
     """A source on a group: one mount for each body index that its body has in the types of the group."""
     carriers: dict[int, list[float]] = {}
     for k, agent in enumerate(group):
@@ -55,10 +55,10 @@ def _mounts(settings: schema.Settings, source: schema.Law, group: list[schema.Ag
     law = jax.tree.map(lambda x: jnp.asarray(np.broadcast_to(x, (len(group), *x.shape))), _law(source))
     for body, active in carriers.items():
         point = array([source.point_m] * len(group))
-        yield AgentMount(body=body, name=source.name, law=law, point=point, active=array(active))
+        yield AgentDisturbance(body=body, name=source.name, model=law, point=point, active=array(active))
 
 
-def _friction(settings: schema.Settings, group: list[schema.Agent]) -> JointFriction:
+def _friction(settings: schema.Scenario, group: list[schema.Agent]) -> JointFriction:
     rubbing = [source for source in settings.disturbances if isinstance(source, schema.JointFriction)]
     joints = len(settings.agent_types[group[0].type].joints)
     table = np.tile([0.0, 0.0, 1.0], (len(group), 1))  # no friction; the speed then has no effect
@@ -70,11 +70,11 @@ def _friction(settings: schema.Settings, group: list[schema.Agent]) -> JointFric
     return JointFriction(viscous=viscous, coulomb=coulomb, speed=speed)
 
 
-def _law(source: schema.Law) -> Law:
-    return LAWS[type(source)](source)
+def _law(source: schema.Law) -> DisturbanceModel:
+    return DISTURBANCE_MODELS[type(source)](source)
 
 
-def _wind(source: schema.Wind) -> Wind | Weather:
+def _wind(source: schema.Wind) -> Wind | TimeVaryingWind:
     wind = Wind(
         linear=array(source.linear_Nspm),
         quadratic=array(source.quadratic_Ns2pm2),
@@ -85,23 +85,23 @@ def _wind(source: schema.Wind) -> Wind | Weather:
     )
     if source.turn is None and all(gust.period_s is None for gust in source.gusts):
         return wind
-    turn = schema.Turn(angle_deg=0.0, start_s=0.0) if source.turn is None else source.turn
-    return Weather(
-        wind=wind,
-        rate=array([0.0 if gust.period_s is None else 2 * np.pi / gust.period_s for gust in source.gusts]),
-        angle=jnp.deg2rad(array(turn.angle_deg)),
+    turn = schema.WindTurn(angle_deg=0.0, start_s=0.0) if source.turn is None else source.turn
+    return TimeVaryingWind(
+        base_wind=wind,
+        phase_rate=array([0.0 if gust.period_s is None else 2 * np.pi / gust.period_s for gust in source.gusts]),
+        turn_angle=jnp.deg2rad(array(turn.angle_deg)),
         start=array(turn.start_s),
-        over=array(turn.over_s),
+        ramp_time=array(turn.over_s),
     )
 
 
-LAWS: dict[type, Callable[..., Law]] = {
-    schema.Constant: lambda x: Constant(force=array(x.force_N), torque=array(x.torque_Nm)),
+DISTURBANCE_MODELS: dict[type, Callable[..., DisturbanceModel]] = {
+    schema.ConstantWrench: lambda x: ConstantWrench(force=array(x.force_N), torque=array(x.torque_Nm)),
     schema.Wind: _wind,
     schema.Tether: lambda x: Tether(
         anchor=array(x.anchor_m), stiffness=array(x.stiffness_Npm), length=array(x.length_m)
     ),
-    schema.Jet: lambda x: Jet(force=array(x.force_N), center=array(x.center_m), width=array(x.width_m)),
+    schema.GaussianJet: lambda x: GaussianJet(force=array(x.force_N), center=array(x.center_m), width=array(x.width_m)),
     schema.RotorBias: lambda x: RotorBias(thrust=array(x.thrust_N), torque=array(x.torque_Nm)),
-    schema.OwnLaw: lambda x: built(x, f"disturbances: {x.name}", Law),
+    schema.PluginDisturbance: lambda x: build_plugin(x, f"disturbances: {x.name}", DisturbanceModel),
 }

@@ -11,10 +11,10 @@ from ruamel.yaml.comments import CommentedMap, CommentedSeq
 from ruamel.yaml.error import YAMLError
 
 from colift.scenario.errors import ScenarioError
-from colift.scenario.schema import Settings
+from colift.scenario.schema import Scenario
 
 
-def text(settings: Settings) -> str:
+def to_yaml(settings: Scenario) -> str:
     """The YAML that states every setting, defaults too and other files' contents in plain numbers; `parse` reads it."""
     yaml = YAML()
     yaml.default_flow_style = None  # what holds no other section or list stands on one line

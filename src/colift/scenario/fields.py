@@ -14,7 +14,7 @@ from pydantic_core import CoreSchema
 
 
 @dataclasses.dataclass(frozen=True)
-class Said:
+class SchemaNote:
     """Words that the schema of a setting carries: its unit, or why its range ends where it does."""
 
     key: str
@@ -24,14 +24,14 @@ class Said:
         return {**handler(core), self.key: self.words}
 
 
-def of_unit(unit: str) -> Said:
+def unit(unit: str) -> SchemaNote:
     """The unit of a setting that carries a letter of the paper rather than a word with a unit."""
-    return Said("unit", unit)
+    return SchemaNote("unit", unit)
 
 
-def because(why: str) -> Said:
+def range_reason(why: str) -> SchemaNote:
     """Why a range ends where it does."""
-    return Said("why", why)
+    return SchemaNote("why", why)
 
 
 def _thrice(given: Any) -> Any:
@@ -44,117 +44,135 @@ Count = Annotated[int, Field(strict=True)]
 
 # Bodies ---------------------------------------------------------------------------------------------------------------
 
-_BODY = because("nothing that is carried by air is larger than 100 m")
-Mass = Annotated[Number, Field(ge=1e-6, le=1e5), because("from a milligram to a hundred tonnes")]
-MassChange = Annotated[Number, Field(ge=-1e5, le=1e5), because("a hundred tonnes")]
-InertiaEntry = Annotated[Number, Field(ge=-1e9, le=1e9), because("a hundred tonnes, 100 m out")]
+_BODY = range_reason("nothing that is carried by air is larger than 100 m")
+Mass = Annotated[Number, Field(ge=1e-6, le=1e5), range_reason("from a milligram to a hundred tonnes")]
+MassChange = Annotated[Number, Field(ge=-1e5, le=1e5), range_reason("a hundred tonnes")]
+InertiaEntry = Annotated[Number, Field(ge=-1e9, le=1e9), range_reason("a hundred tonnes, 100 m out")]
 BodyLength = Annotated[Number, Field(ge=-100, le=100), _BODY]
 BodyPoint = tuple[BodyLength, BodyLength, BodyLength]
-Direction = Annotated[Number, Field(ge=-1e6, le=1e6), because("only the direction counts; squares must not overflow")]
+Direction = Annotated[
+    Number, Field(ge=-1e6, le=1e6), range_reason("only the direction counts; squares must not overflow")
+]
 Axis = tuple[Direction, Direction, Direction]
-JointAngle = Annotated[Number, Field(ge=-63, le=63), because("ten turns; more is likely degrees")]
+JointAngle = Annotated[Number, Field(ge=-63, le=63), range_reason("ten turns; more is likely degrees")]
 
 # Space and motion -----------------------------------------------------------------------------------------------------
 
-_FAR = because("10 km; put the origin nearer to the team")
-_SOUND = because("the speed of sound")
-_SPIN = because("32 turns a second")
-_TURNS = because("ten turns")
+_FAR = range_reason("10 km; put the origin nearer to the team")
+_SOUND = range_reason("the speed of sound")
+_SPIN = range_reason("32 turns a second")
+_TURNS = range_reason("ten turns")
 Coordinate = Annotated[Number, Field(ge=-1e4, le=1e4), _FAR]
 Position = tuple[Coordinate, Coordinate, Coordinate]
-Extent = Annotated[Number, Field(ge=0, le=1e4), _FAR]
-Extents = tuple[Extent, Extent, Extent]
+Length = Annotated[Number, Field(ge=0, le=1e4), _FAR]
+Extents = tuple[Length, Length, Length]
 Distance = Annotated[Number, Field(ge=1e-3, le=1e4), _FAR]
-Width = Annotated[Number, Field(ge=0.01, le=1e4), because("a stream narrower than 1 cm or wider than 10 km is none")]
+Width = Annotated[
+    Number, Field(ge=0.01, le=1e4), range_reason("a stream narrower than 1 cm or wider than 10 km is none")
+]
 Speed = Annotated[Number, Field(ge=-340, le=340), _SOUND]
 Velocity = tuple[Speed, Speed, Speed]
-Spin = Annotated[Number, Field(ge=-200, le=200), _SPIN]
-BodyRate = tuple[Spin, Spin, Spin]
-Gravity = Annotated[Number, Field(ge=-30, le=30), because("Jupiter has 25 m/s²")]
+AngularRate = Annotated[Number, Field(ge=-200, le=200), _SPIN]
+BodyRate = tuple[AngularRate, AngularRate, AngularRate]
+Gravity = Annotated[Number, Field(ge=-30, le=30), range_reason("Jupiter has 25 m/s²")]
 Gravities = tuple[Gravity, Gravity, Gravity]
 Degrees = Annotated[Number, Field(ge=-3600, le=3600), _TURNS]
 Angles = tuple[Degrees, Degrees, Degrees]
-HalfTurn = Annotated[Number, Field(ge=-180, le=180), because("a rotation vector is half a turn long at most")]
-AnyAngle = Annotated[Number, Field(ge=1, le=180), because("half a turn allows every attitude")]
+HalfTurn = Annotated[Number, Field(ge=-180, le=180), range_reason("a rotation vector is half a turn long at most")]
+AnyAngle = Annotated[Number, Field(ge=1, le=180), range_reason("half a turn allows every attitude")]
 RotationVector = tuple[HalfTurn, HalfTurn, HalfTurn]
 Wavenumber = Annotated[
     Number,
     Field(ge=-63, le=63),
-    because("a wavelength of 10 cm, the size of the smallest vehicle; see Gust for the rest"),
+    range_reason("a wavelength of 10 cm, the size of the smallest vehicle; see Gust for the rest"),
 ]
 WaveVector = tuple[Wavenumber, Wavenumber, Wavenumber]
 
 # Time -----------------------------------------------------------------------------------------------------------------
 
-Duration = Annotated[Number, Field(ge=0.1, le=1e5), because("from a few ticks to a day")]
-Time = Annotated[Number, Field(ge=0, le=1e5), because("a day")]
-Span = Annotated[Number, Field(ge=1e-3, le=1e5), because("from a millisecond to a day")]
+Duration = Annotated[Number, Field(ge=0.1, le=1e5), range_reason("from a few ticks to a day")]
+Time = Annotated[Number, Field(ge=0, le=1e5), range_reason("a day")]
+Span = Annotated[Number, Field(ge=1e-3, le=1e5), range_reason("from a millisecond to a day")]
 LookAhead = Annotated[
     Number,
     Field(ge=1e-3, le=0.2),
-    because("a quartic through times closer than a tick is rounding, or 0.8 s long is none"),
+    range_reason("a quartic through times closer than a tick is rounding, or 0.8 s long is none"),
 ]
-Period = Annotated[Number, Field(ge=0.1, le=1e5), because("no payload swings faster than 10 Hz, no run lasts a day")]
+Period = Annotated[
+    Number, Field(ge=0.1, le=1e5), range_reason("no payload swings faster than 10 Hz, no run lasts a day")
+]
 Periods = Annotated[tuple[Period, Period, Period], BeforeValidator(_thrice)]
 ControlRate = Annotated[
-    Number, Field(ge=20, le=1e4), because("below 20 Hz no attitude loop holds, above 10 kHz no flight computer runs")
+    Number,
+    Field(ge=20, le=1e4),
+    range_reason("below 20 Hz no attitude loop holds, above 10 kHz no flight computer runs"),
 ]
 Rate = Annotated[
-    Number, Field(ge=1e-3, le=1e4), because("from once in a quarter of an hour to the highest control rate")
+    Number, Field(ge=1e-3, le=1e4), range_reason("from once in a quarter of an hour to the highest control rate")
 ]
 Bandwidth = Annotated[
-    Number, Field(ge=1e-3, le=1e6), because("a quarter of an hour to react; above the control rate it is at once")
+    Number, Field(ge=1e-3, le=1e6), range_reason("a quarter of an hour to react; above the control rate it is at once")
 ]
 
-BandwidthOrNone = Annotated[Number, Field(ge=0, le=1e4), because("above the control rate it is at once")]
+BandwidthOrNone = Annotated[Number, Field(ge=0, le=1e4), range_reason("above the control rate it is at once")]
 
 # Forces ---------------------------------------------------------------------------------------------------------------
 
-_HEAVY = because("a hundred tonnes weigh 1e6 N")
-_LEVER = because("a hundred tonnes on a lever of 1 m")
+_HEAVY = range_reason("a hundred tonnes weigh 1e6 N")
+_LEVER = range_reason("a hundred tonnes on a lever of 1 m")
 Newton = Annotated[Number, Field(ge=-1e6, le=1e6), _HEAVY]
 Force = tuple[Newton, Newton, Newton]
-Thrust = Annotated[Number, Field(ge=1e-5, le=1e6), because("what lifts a milligram to a hundred tonnes")]
+Thrust = Annotated[Number, Field(ge=1e-5, le=1e6), range_reason("what lifts a milligram to a hundred tonnes")]
 NewtonMetre = Annotated[Number, Field(ge=-1e6, le=1e6), _LEVER]
 Moment = tuple[NewtonMetre, NewtonMetre, NewtonMetre]
 Torque = Annotated[Number, Field(ge=1e-9, le=1e6), _LEVER]
-Lever = Annotated[Number, Field(ge=1e-6, le=100), _BODY]
-RotorCount = Annotated[Count, Field(ge=4, le=64), because("below four no vehicle turns about every axis alone")]
+LeverArm = Annotated[Number, Field(ge=1e-6, le=100), _BODY]
+RotorCount = Annotated[Count, Field(ge=4, le=64), range_reason("below four no vehicle turns about every axis alone")]
 DryFriction = Annotated[Number, Field(ge=0, le=1e6), _LEVER]
-Drag = Annotated[Number, Field(ge=0, le=1e4), because("1 m/s gives the weight of a tonne")]
-Stiffness = Annotated[Number, Field(ge=1e-6, le=1e6), because("stiffer than a steel rope of 10 m; a tether is slack")]
-SlowSpeed = Annotated[Number, Field(ge=1e-6, le=200), because("below it friction is a step that no tick resolves")]
+Drag = Annotated[Number, Field(ge=0, le=1e4), range_reason("1 m/s gives the weight of a tonne")]
+Stiffness = Annotated[
+    Number, Field(ge=1e-6, le=1e6), range_reason("stiffer than a steel rope of 10 m; a tether is slack")
+]
+SlowSpeed = Annotated[Number, Field(ge=1e-6, le=200), range_reason("below it friction is a step that no tick resolves")]
 
 # Noise, gains, learning -----------------------------------------------------------------------------------------------
 
-_USELESS = because("a sensor that says less than nothing about the flight")
+_USELESS = range_reason("a sensor that says less than nothing about the flight")
 Noise = Annotated[Number, Field(ge=0, le=1e3), _USELESS]
-AngularNoise = Annotated[Number, Field(ge=0, le=90), because("a right angle: an attitude is not measured any more")]
-Gain = Annotated[Number, Field(ge=1e-6, le=1e8), because("beyond it no control rate that is allowed is stable")]
-GainOrNone = Annotated[Number, Field(ge=0, le=1e8), because("beyond it no control rate that is allowed is stable")]
+AngularNoise = Annotated[
+    Number, Field(ge=0, le=90), range_reason("a right angle: an attitude is not measured any more")
+]
+Gain = Annotated[Number, Field(ge=1e-6, le=1e8), range_reason("beyond it no control rate that is allowed is stable")]
+GainOrNone = Annotated[Number, Field(ge=0, le=1e8), range_reason("beyond it no control rate that is allowed is stable")]
 Gains = Annotated[tuple[Gain, Gain, Gain], BeforeValidator(_thrice)]
-Haste = Annotated[
+BandwidthRatio = Annotated[
     Number,
     Field(ge=1, le=10),
-    because("below 1 vehicles are slowed down; beyond 10 noise is all that they are driven by"),
+    range_reason("below 1 vehicles are slowed down; beyond 10 noise is all that they are driven by"),
 ]
-Deviation = Annotated[Number, Field(ge=1e-9, le=1e6), because("from a thousandth of an insect's weight to 100 tonnes")]
+Deviation = Annotated[
+    Number, Field(ge=1e-9, le=1e6), range_reason("from a thousandth of an insect's weight to 100 tonnes")
+]
 Lengthscale = Annotated[
-    Number, Field(ge=1e-3, le=1e6), because("shorter, no two samples have anything in common; longer, all are one")
+    Number, Field(ge=1e-3, le=1e6), range_reason("shorter, no two samples have anything in common; longer, all are one")
 ]
-Factor = Annotated[Number, Field(ge=1.01, le=100), because("at 1 nothing is learned; a factor of 100 says nothing")]
-Norm = Annotated[Number, Field(ge=1e-6, le=1e6), because("signal deviations; beyond it the prior says nothing")]
-Ratio = Annotated[Number, Field(ge=0, le=100), because("a hundred times what it is a share of")]
-Share = Annotated[Number, Field(ge=0, le=0.99), because("a share of what there is")]
+Factor = Annotated[
+    Number, Field(ge=1.01, le=100), range_reason("at 1 nothing is learned; a factor of 100 says nothing")
+]
+Norm = Annotated[Number, Field(ge=1e-6, le=1e6), range_reason("signal deviations; beyond it the prior says nothing")]
+Ratio = Annotated[Number, Field(ge=0, le=100), range_reason("a hundred times what it is a share of")]
+Fraction = Annotated[Number, Field(ge=0, le=0.99), range_reason("a share of what there is")]
 Coherence = Annotated[
-    Number, Field(ge=0.01, le=1), because("no more than all comes true; where nothing is asked, noise is trusted")
+    Number, Field(ge=0.01, le=1), range_reason("no more than all comes true; where nothing is asked, noise is trusted")
 ]
-Confidence = Annotated[Number, Field(gt=0, lt=1), because("a probability")]
+Confidence = Annotated[Number, Field(gt=0, lt=1), range_reason("a probability")]
 Capacity = Annotated[
-    Count, Field(ge=2, le=20_000), because("a fit takes two; the posterior's matrices grow with the square")
+    Count, Field(ge=2, le=20_000), range_reason("a fit takes two; the posterior's matrices grow with the square")
 ]
-Centers = Annotated[Count, Field(ge=1, le=20_000), because("kernels' matrices grow with the square")]
-Substeps = Annotated[Count, Field(ge=1, le=1000), because("a step cannot be less than one; more than a thousand crawl")]
-Restarts = Annotated[Count, Field(ge=0, le=100), because("each is a whole fit, at every update")]
-Iterations = Annotated[Count, Field(ge=1, le=10_000), because("a fit ends or is lost long before")]
-Seed = Annotated[Count, Field(ge=0, le=2**63 - 1), because("what the random generator takes: 63 bits")]
+Centers = Annotated[Count, Field(ge=1, le=20_000), range_reason("kernels' matrices grow with the square")]
+Substeps = Annotated[
+    Count, Field(ge=1, le=1000), range_reason("a step cannot be less than one; more than a thousand crawl")
+]
+Restarts = Annotated[Count, Field(ge=0, le=100), range_reason("each is a whole fit, at every update")]
+Iterations = Annotated[Count, Field(ge=1, le=10_000), range_reason("a fit ends or is lost long before")]
+Seed = Annotated[Count, Field(ge=0, le=2**63 - 1), range_reason("what the random generator takes: 63 bits")]

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Literal
 
-from colift.scenario.cross_checks import MOST
-from colift.scenario.errors import Mistake, ScenarioError, among, shown
+from colift.scenario.cross_checks import MAX_ENTRIES
+from colift.scenario.errors import ErrorMessage, ScenarioError, format_value, unknown_name_message
 from colift.scenario.schema import Pose, Section
 
 PLACE, TURN = ("t_s", "x_m", "y_m", "z_m"), ("roll_deg", "pitch_deg", "yaw_deg")
@@ -24,7 +24,7 @@ class WaypointsFromFile(Section):
     pitch_deg, yaw_deg, in any order."""
 
 
-def expand(given: WaypointsFromFile, folder: Path) -> tuple[dict[str, Any], list[Mistake]]:
+def expand(given: WaypointsFromFile, folder: Path) -> tuple[dict[str, Any], list[ErrorMessage]]:
     """The reference in plain numbers, and what is wrong with it, as `(place, sentence)`."""
     try:
         with (folder / given.file).open(encoding="utf-8-sig", newline="") as opened:
@@ -36,8 +36,8 @@ def expand(given: WaypointsFromFile, folder: Path) -> tuple[dict[str, Any], list
                     pose, found = _pose(names, row)
                     poses.append(pose)
                     wrong += [f"line {rows.line_num}: {sentence}" for sentence in found]
-                if len(poses) > MOST:
-                    wrong.append(f"line {rows.line_num}: at most {MOST} poses are allowed")
+                if len(poses) > MAX_ENTRIES:
+                    wrong.append(f"line {rows.line_num}: at most {MAX_ENTRIES} poses are allowed")
                     break
     except OSError as error:
         wrong, poses = [f"cannot be read: {error.strerror or error}"], []
@@ -45,7 +45,7 @@ def expand(given: WaypointsFromFile, folder: Path) -> tuple[dict[str, Any], list
         wrong, poses = [f"cannot be read: {error}"], []
     if not wrong and len(poses) < 2:
         wrong = [f"must hold two poses or more, got {len(poses)}"]
-    return {"kind": "waypoints", "poses": poses}, [(("file",), f"{shown(given.file)}: {line}") for line in wrong]
+    return {"kind": "waypoints", "poses": poses}, [(("file",), f"{format_value(given.file)}: {line}") for line in wrong]
 
 
 def _columns(names: list[str]) -> Iterator[str]:
@@ -54,7 +54,7 @@ def _columns(names: list[str]) -> Iterator[str]:
         yield f"line 1: {', '.join(TURN)} come together"
     for i, name in enumerate(names):
         if name not in PLACE + TURN:
-            yield f"line 1: {among(name, PLACE + TURN, 'a column')}"
+            yield f"line 1: {unknown_name_message(name, PLACE + TURN, 'a column')}"
         elif name in names[:i]:
             yield f"line 1: column {name} stands twice"
 
@@ -68,7 +68,7 @@ def _pose(names: list[str], row: list[str]) -> tuple[dict[str, Any], list[str]]:
         try:
             numbers[name] = float(said)
         except ValueError:
-            wrong.append(f"{name}: must be a number, got {shown(said)}")
+            wrong.append(f"{name}: must be a number, got {format_value(said)}")
     if wrong:
         return {}, wrong
     pose: dict[str, Any] = {"t_s": numbers["t_s"], "p_m": [numbers[name] for name in PLACE[1:]]}

@@ -12,8 +12,8 @@ from pydantic import BeforeValidator, Field
 
 from colift.models import urdf
 from colift.scenario import fields
-from colift.scenario.cross_checks import MOST
-from colift.scenario.errors import Mistake, ScenarioError, among, shown
+from colift.scenario.cross_checks import MAX_ENTRIES
+from colift.scenario.errors import ErrorMessage, ScenarioError, format_value, unknown_name_message
 from colift.scenario.schema import NAME, ZERO, AgentType, Name, Section
 
 
@@ -24,7 +24,7 @@ class Tip(Section):
     """A link of the file."""
     name: Name | None = None
     """Names the arm; the link's name if left out."""
-    offset_m: fields.BodyPoint = ZERO
+    tip_position_m: fields.BodyPoint = ZERO
     """Contact point, in the link's frame."""
 
 
@@ -40,23 +40,25 @@ class AgentTypeFromUrdf(Section):
     """Path of the file, relative to the scenario's."""
     thrust_max_N: fields.Thrust
     """The largest thrust; a command beyond it is cut there, and the tick is marked."""
-    tips: Annotated[tuple[Annotated[Tip, BeforeValidator(_link)], ...], Field(min_length=1, max_length=MOST)]
+    tips: Annotated[tuple[Annotated[Tip, BeforeValidator(_link)], ...], Field(min_length=1, max_length=MAX_ENTRIES)]
     """Links that hold the payload, one arm each: a link's name, or a tip with an offset."""
-    mimic: Literal["frozen", "independent"] | None = None
+    mimic_joints: Literal["frozen", "independent"] | None = None
     """Joints with `<mimic>`, which the equations do not have: `frozen` where the joint they follow rests, or
     `independent`, each moving on its own; without it a file that has such joints is refused."""
-    rest_rad: dict[str, fields.JointAngle] = Field(default_factory=dict, max_length=MOST)
+    nominal_position_rad: dict[str, fields.JointAngle] = Field(default_factory=dict, max_length=MAX_ENTRIES)
     """Position at rest of joints that turn, by name; 0 where left out."""
-    rest_m: dict[str, fields.BodyLength] = Field(default_factory=dict, max_length=MOST)
+    nominal_position_m: dict[str, fields.BodyLength] = Field(default_factory=dict, max_length=MAX_ENTRIES)
     """Position at rest of joints that slide, by name; 0 where left out."""
 
 
-def expand(given: AgentTypeFromUrdf, folder: Path) -> tuple[dict[str, Any], list[Mistake]]:
+def expand(given: AgentTypeFromUrdf, folder: Path) -> tuple[dict[str, Any], list[ErrorMessage]]:
     """The agent type in plain numbers, and what is wrong with it, as `(place, sentence)`."""
     try:
-        robot = urdf.load(folder / given.urdf, given.mimic, given.rest_rad | given.rest_m)
+        robot = urdf.load_urdf(
+            folder / given.urdf, given.mimic_joints, given.nominal_position_rad | given.nominal_position_m
+        )
     except OSError as error:
-        return {}, [(("urdf",), f"{shown(given.urdf)} cannot be read: {error.strerror or error}")]
+        return {}, [(("urdf",), f"{format_value(given.urdf)} cannot be read: {error.strerror or error}")]
     except ValueError as error:
         return {}, [(("urdf",), str(error))]
     wrong = list(_mistakes(given, robot))
@@ -70,20 +72,20 @@ def expand(given: AgentTypeFromUrdf, folder: Path) -> tuple[dict[str, Any], list
     return numbers, []
 
 
-def _mistakes(given: AgentTypeFromUrdf, robot: urdf.Robot) -> Iterator[Mistake]:
+def _mistakes(given: AgentTypeFromUrdf, robot: urdf.Robot) -> Iterator[ErrorMessage]:
     for joint in robot.joints:
         if not re.fullmatch(NAME, joint.name):
-            yield ("urdf",), f"joint {shown(joint.name)}: a name is a letter, then letters, digits, - or _"
+            yield ("urdf",), f"joint {format_value(joint.name)}: a name is a letter, then letters, digits, - or _"
     for i, tip in enumerate(given.tips):
         if tip.link not in robot.links:
-            yield ("tips", i), among(tip.link, robot.links, "a link of the file")
+            yield ("tips", i), unknown_name_message(tip.link, robot.links, "a link of the file")
         elif tip.name is None and not re.fullmatch(NAME, tip.link):
-            yield ("tips", i), f"{shown(tip.link)} cannot name an arm: give the tip a `name`"
+            yield ("tips", i), f"{format_value(tip.link)} cannot name an arm: give the tip a `name`"
     for setting, slides, moves in (("rest_rad", False, "turns"), ("rest_m", True, "slides")):
         known = [joint.name for joint in robot.joints if joint.prismatic == slides]
         for name in getattr(given, setting):
             if name not in known:
-                yield (setting, name), among(name, known, f"a joint that {moves}")
+                yield (setting, name), unknown_name_message(name, known, f"a joint that {moves}")
 
 
 def _numbers(given: AgentTypeFromUrdf, robot: urdf.Robot) -> dict[str, Any]:
@@ -110,7 +112,7 @@ def _numbers(given: AgentTypeFromUrdf, robot: urdf.Robot) -> dict[str, Any]:
         )
     arms = []
     for tip in given.tips:
-        body, point = robot.tip(tip.link, tip.offset_m)
+        body, point = robot.tip(tip.link, tip.tip_position_m)
         arms.append({"name": tip.name or tip.link, "joint": names[body], "tip_m": point.tolist()})
     return {"base": bodies[0], "thrust_max_N": given.thrust_max_N, "joints": joints, "arms": arms}
 

@@ -12,28 +12,28 @@ from pydantic import TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails
 
 from colift.scenario import from_csv, from_urdf, plugins, validation, yaml_tree
-from colift.scenario.cross_checks import mistakes
-from colift.scenario.errors import Mistake, Place, ScenarioError, closest, shown
+from colift.scenario.cross_checks import consistency_errors
+from colift.scenario.errors import ErrorMessage, Place, ScenarioError, format_value, suggestion
 from colift.scenario.from_csv import WaypointsFromFile
 from colift.scenario.from_urdf import AgentTypeFromUrdf
-from colift.scenario.schema import Section, Settings
+from colift.scenario.schema import Scenario, Section
 
-SHIPPED = resources.files("colift.scenario") / "library"
+SHIPPED_DIRECTORY = resources.files("colift.scenario") / "library"
 SUFFIXES = (".yaml", ".yml")
-SETTINGS = TypeAdapter(Settings)
+SETTINGS = TypeAdapter(Scenario)
 
 
-def names() -> list[str]:
+def shipped_names() -> list[str]:
     """Names of the shipped scenarios."""
-    return sorted(Path(file.name).stem for file in SHIPPED.iterdir() if file.name.endswith(SUFFIXES))
+    return sorted(Path(file.name).stem for file in SHIPPED_DIRECTORY.iterdir() if file.name.endswith(SUFFIXES))
 
 
-def shipped(name: str) -> str:
+def shipped_text(name: str) -> str:
     """The text of a shipped scenario, with its comments; `name` as `names` has it."""
-    return (SHIPPED / f"{name}.yaml").read_text(encoding="utf-8")
+    return (SHIPPED_DIRECTORY / f"{name}.yaml").read_text(encoding="utf-8")
 
 
-def load(name_or_path: str | Path, changes: Sequence[str] = ()) -> Settings:
+def load_scenario(name_or_path: str | Path, changes: Sequence[str] = ()) -> Scenario:
     """The settings of a shipped scenario, by name, or of a YAML file, by path.
 
     changes: what takes the place of what the file says, before anything is checked: `payload.mass_kg=2`.
@@ -41,15 +41,15 @@ def load(name_or_path: str | Path, changes: Sequence[str] = ()) -> Settings:
     `file:line: path [unit]: what is allowed`, or `--set path ...` of what was changed.
     """
     given = str(name_or_path)
-    if given in names():
-        return parse(shipped(given), f"{given}.yaml", changes)
+    if given in shipped_names():
+        return parse(shipped_text(given), f"{given}.yaml", changes)
     file = given if len(given) <= 200 else f"{given[:200]}..."
     try:
         path = Path(given).expanduser()
         if not given or (path.suffix not in SUFFIXES and not path.exists()):
             raise _unknown(given)
         with path.open("rb") as opened:
-            raw = opened.read(yaml_tree.MOST_BYTES + 1)
+            raw = opened.read(yaml_tree.MAX_BYTES + 1)
         return parse(raw.decode("utf-8-sig"), file, changes)
     except OSError as error:
         raise ScenarioError(f"{file}: cannot be read: {error.strerror or error}") from None
@@ -59,39 +59,39 @@ def load(name_or_path: str | Path, changes: Sequence[str] = ()) -> Settings:
     except ScenarioError:
         raise
     except (ValueError, RuntimeError) as error:  # a NUL in the path, the home of nobody
-        raise ScenarioError(f"{shown(given)}: cannot be read: {error}") from None
+        raise ScenarioError(f"{format_value(given)}: cannot be read: {error}") from None
 
 
 def _unknown(given: str) -> ScenarioError:
     return ScenarioError(
-        f"there is no scenario {shown(given)} (shipped: {', '.join(names())}; or the path of a .yaml file)"
-        f"{closest(given, names())}"
+        f"there is no scenario {format_value(given)} (shipped: {', '.join(shipped_names())}; or the path of a .yaml file)"
+        f"{suggestion(given, shipped_names())}"
     )
 
 
-def parse(text: str, file: str, changes: Sequence[str] = ()) -> Settings:
+def parse(text: str, file: str, changes: Sequence[str] = ()) -> Scenario:
     """The settings that a text states; `file` names it in messages. Raises ScenarioError as `load` does."""
-    written = functools.reduce(yaml_tree.changed, changes, _whole(text, file))
+    written = functools.reduce(yaml_tree.with_setting, changes, _whole(text, file))
     data, elsewhere = _expanded(written.data, Path(file).parent)
     unread = {place[: 2 if place[0] == "agent_types" else 1] for place, _ in elsewhere}
     found: dict[Place, list[str | ErrorDetails]] = {}
-    for place, sentence in (*written.wrong, *elsewhere):
+    for place, sentence in (*written.errors, *elsewhere):
         found.setdefault(place, []).append(sentence)
     try:
-        with plugins.beside(Path(file).parent):
+        with plugins.plugin_path(Path(file).parent):
             settings = SETTINGS.validate_python(data)
     except ValidationError as error:
         wrong = [e for e in validation.errors(error) if not {e["loc"][:1], e["loc"][:2]} & unread]
         _add(found, [(validation.place(data, e["loc"], e["type"]), e) for e in wrong])
         # references are checked by the model only once all sections are valid: check them here as well
-        _add(found, [] if unread else mistakes(data))
+        _add(found, [] if unread else consistency_errors(data))
     else:
         if not found:
             return settings
     raise _told(found, written)
 
 
-DEEPEST = 4  # files that each say only where they differ from the next
+MAX_INHERITANCE_DEPTH = 4  # files that each say only where they differ from the next
 
 
 def _whole(text: str, file: str, depth: int = 0) -> yaml_tree.Tree:
@@ -103,18 +103,18 @@ def _whole(text: str, file: str, depth: int = 0) -> yaml_tree.Tree:
     at = written.at(("like",))
     if not isinstance(base, str):
         raise ScenarioError(f"{at} like: must be the name of a shipped scenario or the path of a .yaml file")
-    if depth == DEEPEST:
-        raise ScenarioError(f"{at} like: {DEEPEST} files that are like one another are enough")
-    if base in names():
-        return yaml_tree.like(_whole(shipped(base), f"{base}.yaml", depth + 1), written)
+    if depth == MAX_INHERITANCE_DEPTH:
+        raise ScenarioError(f"{at} like: {MAX_INHERITANCE_DEPTH} files that are like one another are enough")
+    if base in shipped_names():
+        return yaml_tree.diff_tree(_whole(shipped_text(base), f"{base}.yaml", depth + 1), written)
     path = Path(file).parent / base
     try:
         theirs = path.read_bytes().decode("utf-8-sig") if path.suffix in SUFFIXES else None
     except (OSError, ValueError) as error:
-        raise ScenarioError(f"{at} like: {shown(base)} cannot be read: {error}") from None
+        raise ScenarioError(f"{at} like: {format_value(base)} cannot be read: {error}") from None
     if theirs is None:
         raise ScenarioError(f"{at} like: {_unknown(base)}")
-    return yaml_tree.like(_whole(theirs, str(path), depth + 1), written)
+    return yaml_tree.diff_tree(_whole(theirs, str(path), depth + 1), written)
 
 
 def _add(found: dict[Place, list[str | ErrorDetails]], more: Sequence[tuple[Place, str | ErrorDetails]]) -> None:
@@ -127,16 +127,16 @@ def _add(found: dict[Place, list[str | ErrorDetails]], more: Sequence[tuple[Plac
 
 def _told(found: dict[Place, list[str | ErrorDetails]], written: yaml_tree.Tree) -> ScenarioError:
     """The first mistakes in the order of the file, each once."""
-    schema = validation.of(Settings)
+    schema = validation.schema_of(Scenario)
     told, count = [], sum(len(said) for said in found.values())
     ahead = sorted(((place, said) for place in found for said in found[place]), key=lambda it: written.line(it[0]))
-    for place, said in ahead[: validation.MOST_TOLD]:
-        words = said if isinstance(said, str) else validation.sentence(said, schema)
-        told.append(f"{written.at(place)} {validation.where(place, schema)}: {words}")
-    return ScenarioError("\n".join([*dict.fromkeys(told), *validation.more(count)]))
+    for place, said in ahead[: validation.MAX_MESSAGES]:
+        words = said if isinstance(said, str) else validation.error_message(said, schema)
+        told.append(f"{written.at(place)} {validation.location_label(place, schema)}: {words}")
+    return ScenarioError("\n".join([*dict.fromkeys(told), *validation.truncation_note(count)]))
 
 
-def _expanded(data: dict[str, Any], folder: Path) -> tuple[dict[str, Any], list[Mistake]]:
+def _expanded(data: dict[str, Any], folder: Path) -> tuple[dict[str, Any], list[ErrorMessage]]:
     """The data with what stands in other files in plain numbers, where without mistakes; and the mistakes."""
     kinds, path, wrong = data.get("agent_types"), data.get("reference"), []
     if isinstance(kinds, dict):
@@ -158,12 +158,12 @@ G = TypeVar("G", bound=Section)
 
 def _read(
     section: type[G],
-    expand: Callable[[G, Path], tuple[dict[str, Any], list[Mistake]]],
+    expand: Callable[[G, Path], tuple[dict[str, Any], list[ErrorMessage]]],
     written: dict[str, Any],
     folder: Path,
-) -> tuple[dict[str, Any], list[Mistake]]:
+) -> tuple[dict[str, Any], list[ErrorMessage]]:
     """A section that names a file, in plain numbers, and its mistakes; what it then holds is not looked at."""
     try:
         return expand(TypeAdapter(section).validate_python(written), folder)
     except ValidationError as error:
-        return written, validation.mistakes(error, section, written)[: validation.MOST_TOLD]
+        return written, validation.validation_messages(error, section, written)[: validation.MAX_MESSAGES]

@@ -17,22 +17,24 @@ from typing import Any
 from pydantic import BaseModel, TypeAdapter, ValidationError
 
 from colift.scenario import validation
-from colift.scenario.errors import closest, shown
+from colift.scenario.errors import format_value, suggestion
 
-BESIDE: ContextVar[Path | None] = ContextVar("BESIDE", default=None)  # the folder of the scenario that is read
+PLUGIN_DIRECTORY: ContextVar[Path | None] = ContextVar(
+    "BESIDE", default=None
+)  # the folder of the scenario that is read
 
 
 @contextlib.contextmanager
-def beside(folder: Path) -> Generator[None]:
+def plugin_path(folder: Path) -> Generator[None]:
     """Within it, modules of parts are looked for in that folder too, after those that are installed."""
-    token = BESIDE.set(folder.resolve())
+    token = PLUGIN_DIRECTORY.set(folder.resolve())
     try:
         yield
     finally:
-        BESIDE.reset(token)
+        PLUGIN_DIRECTORY.reset(token)
 
 
-def settings(name: str, given: Any, base: type[BaseModel]) -> BaseModel:
+def plugin_settings(name: str, given: Any, base: type[BaseModel]) -> BaseModel:
     """The settings of the part that `module:Name` names, validated by it.
 
     Raises ValidationError: no such module or class, one that is no section with a `build`, or the mistakes in `given`.
@@ -44,13 +46,13 @@ def settings(name: str, given: Any, base: type[BaseModel]) -> BaseModel:
     try:
         return TypeAdapter(kind).validate_python(given)
     except ValidationError as error:
-        wrong = validation.mistakes(error, kind, given)
+        wrong = validation.validation_messages(error, kind, given)
         raise validation.as_validation_error([(("settings", *at), said) for at, said in wrong], "worded") from None
 
 
 def _kind(name: str, base: type[BaseModel]) -> type[BaseModel]:
     module, _, last = name.partition(":")
-    folder = BESIDE.get()
+    folder = PLUGIN_DIRECTORY.get()
     if folder and str(folder) not in sys.path:
         sys.path.append(str(folder))  # for good: the module may import others later
     importlib.invalidate_caches()  # a file may be younger than what Python remembers of its folder
@@ -60,13 +62,13 @@ def _kind(name: str, base: type[BaseModel]) -> type[BaseModel]:
         if error.name is None or not f"{module}.".startswith(f"{error.name}."):
             raise ValueError(f"{module} cannot be imported: {_said(error)}") from None
         where = f"in {folder}, nor among those installed" if folder else "on the import path"
-        raise ValueError(f"there is no module {shown(module)} {where}") from None
+        raise ValueError(f"there is no module {format_value(module)} {where}") from None
     except Exception as error:  # whatever a person's module does
         raise ValueError(f"{module} cannot be imported: {_said(error)}") from None
     _same_file(module, found, folder)
     kind = getattr(found, last, None)
     if kind is None:
-        raise ValueError(f"{module} has no {shown(last)}{closest(last, vars(found))}")
+        raise ValueError(f"{module} has no {format_value(last)}{suggestion(last, vars(found))}")
     if not (isinstance(kind, type) and issubclass(kind, base) and callable(getattr(kind, "build", None))):
         raise ValueError(f"{name} must be a class that extends colift.scenario.Section and has a method `build`")
     return kind
@@ -77,7 +79,9 @@ def _same_file(module: str, found: Any, folder: Path | None) -> None:
     here = folder and folder / f"{module.replace('.', '/')}.py"
     there = getattr(found, "__file__", None)
     if here and here.is_file() and (there is None or not here.samefile(there)):
-        raise ValueError(f"module {shown(module)} is {there or 'built in'} here, not {here}: give it another name")
+        raise ValueError(
+            f"module {format_value(module)} is {there or 'built in'} here, not {here}: give it another name"
+        )
 
 
 def _said(error: Exception) -> str:

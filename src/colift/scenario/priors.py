@@ -12,38 +12,38 @@ import numpy as np
 from colift import gp
 from colift.models.parameters import Team
 from colift.onboard.learning import model_update, residual_model, semiparametric
-from colift.onboard.learning.features import Features, Plain
+from colift.onboard.learning.features import DefaultFeatures, Features
 from colift.scenario import schema
-from colift.scenario.conversion import built
+from colift.scenario.conversion import build_plugin
 from colift.scenario.errors import ScenarioError
 
 
-def features(settings: schema.Settings) -> Features:
+def features(settings: schema.Scenario) -> Features:
     """What GPs see of a sample. Raises ScenarioError for features of one's own that are none."""
     given = settings.parts.features
-    return Plain() if given is None else built(given, "parts.features", Features)
+    return DefaultFeatures() if given is None else build_plugin(given, "parts.features", Features)
 
 
-def kernel(settings: schema.Settings) -> gp.Kernel:
+def kernel(settings: schema.Scenario) -> gp.Kernel:
     """Of all models, the payload's and the agents'. Raises ScenarioError for one of one's own that is none."""
     given = settings.parts.kernel
-    return gp.SquaredExponential() if given is None else built(given, "parts.kernel", gp.Kernel)
+    return gp.SquaredExponential() if given is None else build_plugin(given, "parts.kernel", gp.Kernel)
 
 
-def prior(settings: schema.Settings, nominal: Team) -> residual_model.Oracle:
+def prior_model(settings: schema.Scenario, nominal: Team) -> residual_model.ResidualModel:
     """The oracle before any data: it predicts zero, with the deviations that the scenario states.
 
     Raises ScenarioError for noise that is too small beside the signal for that many points.
     """
     learning, seen, of = settings.learning, features(settings), kernel(settings)
 
-    def before(name: str, features: Sequence[str]) -> gp.GP:
+    def before(name: str, features: Sequence[str]) -> gp.GPPosterior:
         try:
             return gp.prior(_hyper(getattr(learning, name), features, of), learning.capacity)
         except ValueError as error:
             raise ScenarioError(f"{settings.name}: learning.{name}: {error}") from None
 
-    return residual_model.Oracle(
+    return residual_model.ResidualModel(
         features=seen,
         payload=before("payload", seen.payload_names()),
         agents=tuple(
@@ -51,47 +51,52 @@ def prior(settings: schema.Settings, nominal: Team) -> residual_model.Oracle:
                 lambda x, size=size: jnp.asarray(np.broadcast_to(x, (size, *x.shape))),
                 before("agents", seen.agent_names(group.tree.joints)),
             )
-            for size, group in zip(nominal.sizes, nominal.groups, strict=True)
+            for size, group in zip(nominal.sizes, nominal.agent_groups, strict=True)
         ),
-        theta=jnp.zeros(10),
+        inertial_parameters=jnp.zeros(10),
     )
 
 
-def training(settings: schema.Settings, nominal: Team) -> model_update.Training | None:
+def fit_options(settings: schema.Scenario, nominal: Team) -> model_update.FitOptions | None:
     """How fits are made: about the priors of `prior`, within the scenario's bounds; None where they stay as stated."""
     given = settings.learning
     if given.hyperparameters == "stated":
         return None
     (least, greatest), seen, of = given.lengthscale_bounds, features(settings), kernel(settings)
 
-    def belief(stated: schema.Prior, features: Sequence[str]) -> gp.Belief:
-        return gp.Belief(_hyper(stated, features, of), factor=given.prior_factor, least=least, greatest=greatest)
+    def belief(stated: schema.GPPrior, features: Sequence[str]) -> gp.HyperPrior:
+        return gp.HyperPrior(
+            _hyper(stated, features, of),
+            scale_factor=given.prior_factor,
+            min_lengthscale=least,
+            max_lengthscale=greatest,
+        )
 
-    return model_update.Training(
+    return model_update.FitOptions(
         payload=belief(given.payload, seen.payload_names()),
-        agents=tuple(belief(given.agents, seen.agent_names(group.tree.joints)) for group in nominal.groups),
+        agents=tuple(belief(given.agents, seen.agent_names(group.tree.joints)) for group in nominal.agent_groups),
         restarts=given.restarts,
         max_iterations=given.max_iterations,
     )
 
 
-def of_place(settings: schema.Settings, nominal: Team) -> model_update.Training | None:
+def position_only_options(settings: schema.Scenario, nominal: Team) -> model_update.FitOptions | None:
     """As `training`, of maps that see the place alone where `place.teach` has a mean for the rest."""
-    fits, seen = training(settings, nominal), features(settings)
+    fits, seen = fit_options(settings, nominal), features(settings)
     if fits is None:
         return None
-    groups = zip(fits.agents, nominal.groups, strict=True)
+    groups = zip(fits.agents, nominal.agent_groups, strict=True)
     return dataclasses.replace(
         fits,
-        payload=semiparametric.of_place(fits.payload, seen.payload_names(), payload=True),
+        payload=semiparametric.position_only_prior(fits.payload, seen.payload_names(), payload=True),
         agents=tuple(
-            semiparametric.of_place(belief, seen.agent_names(group.tree.joints), payload=False)
-            for belief, group in groups
+            semiparametric.position_only_prior(hyperprior, seen.agent_names(group.tree.joints), payload=False)
+            for hyperprior, group in groups
         ),
     )
 
 
-def mean(settings: schema.Settings, nominal: Team) -> semiparametric.Mean:
+def mean_prior(settings: schema.Scenario, nominal: Team) -> semiparametric.MeanPrior:
     """What is believed of the means of these maps before any data."""
     given, parameters, load, agent = (
         settings.innovation,
@@ -100,26 +105,26 @@ def mean(settings: schema.Settings, nominal: Team) -> semiparametric.Mean:
         settings.learning.agents,
     )
     drag, constant = given.drag_Nspm, given.constant
-    return semiparametric.Mean(
+    return semiparametric.MeanPrior(
         payload=np.array(
             [parameters.mass_kg, *[parameters.first_moment_kgm] * 3, drag, *[drag * given.drag_lever_m] * 3]
             + [constant * load.force_N] * 3
             + [constant * load.moment_Nm] * 3
         ),
         agents=np.array([drag, given.thrust_N, *[constant * agent.force_N] * 3]),
-        believed=nominal.payload,
+        nominal_payload=nominal.payload,
     )
 
 
-def _hyper(given: schema.Prior, features: Sequence[str], kernel: gp.Kernel) -> gp.Hyper:
+def _hyper(given: schema.GPPrior, features: Sequence[str], kernel: gp.Kernel) -> gp.Hyperparameters:
     """Forces, moments, then joints: variances from the stated deviations, length-scales of rates and of the rest."""
     signal, noise, counts = [given.force_N, given.moment_Nm], [given.force_noise_N, given.moment_noise_Nm], [3, 3]
-    if isinstance(given, schema.AgentPrior):
+    if isinstance(given, schema.AgentGPPrior):
         joints = sum(name.startswith("r_dot") for name in features)
         signal, noise, counts = [*signal, given.joint_Nm], [*noise, given.joint_noise_Nm], [3, 3, joints]
     rates = [name.startswith(("omega", "|omega|", "r_dot")) for name in features]
     lengthscales = np.where(rates, given.rate_lengthscale, given.lengthscale)
-    return gp.hyperparameters(
+    return gp.make_hyperparameters(
         signal_variance=np.repeat(signal, counts) ** 2,
         lengthscales=np.tile(lengthscales, (sum(counts), 1)),
         noise_variance=np.repeat(noise, counts) ** 2,

@@ -13,7 +13,7 @@ from jaxtyping import Array
 from colift import gp
 from colift.models import state
 from colift.models.parameters import Team
-from colift.models.state import PayloadState, Residual, State, Wrench, agent_force
+from colift.models.state import PayloadState, ResidualForces, State, Wrench, split_agent_force
 from colift.onboard.learning import residual_model
 from colift.onboard.learning.features import Features
 from colift.scenario import priors, schema, trajectories
@@ -21,7 +21,9 @@ from colift.scenario.errors import ScenarioError
 from colift.trajectories import base
 
 
-def drawn(settings: schema.Settings, truth: Team, z: State) -> tuple[residual_model.Oracle, Residual] | None:
+def sample_residuals(
+    settings: schema.Scenario, truth: Team, state: State
+) -> tuple[residual_model.ResidualModel, ResidualForces] | None:
     """Residuals of known norm, as posterior means, and the deviation of each over the reference; None if not asked.
 
     `f = sum_k w_k k(z_k, .)`, `|f|^2 = w^T K w`. z is any state of the team on its grasp: the centres are where the
@@ -33,30 +35,30 @@ def drawn(settings: schema.Settings, truth: Team, z: State) -> tuple[residual_mo
         return None
     rng, again = (np.random.default_rng((settings.seed, k)) for k in (4, 5))
     moves = settings.reference
-    assert not isinstance(moves, schema.Own), "scenario.references refuses it"
+    assert not isinstance(moves, schema.Plugin), "scenario.references refuses it"
     moving = moves.ramp_s if isinstance(moves, schema.Lissajous) else moves.poses[0].t_s
-    zero = priors.prior(settings, truth)
+    zero = priors.prior_model(settings, truth)
     where, along = (
-        _carried(trajectories.path(settings), zero.features, z, jnp.asarray(t))
+        _carried(trajectories.make_reference(settings), zero.features, state, jnp.asarray(t))
         for t in (
             rng.uniform(moving, settings.duration_s, given.centers),
             np.linspace(moving, settings.duration_s, 400),
         )
     )
 
-    def one(hyper: gp.Hyper, X: Array, path: Array) -> tuple[gp.GP, np.ndarray]:
+    def one(hyper: gp.Hyperparameters, X: Array, path: Array) -> tuple[gp.GPPosterior, np.ndarray]:
         X = np.asarray(X) + given.spread * rng.normal(size=X.shape) * np.asarray(hyper.lengthscales)[0]
         w = rng.normal(size=(len(hyper.signal_variance), len(X)))
-        for _ in range(DRAWS):
-            scaled = w * (given.norm / np.asarray(gp.norm(gp.expansion(hyper, X, w))))[:, None]
-            model = gp.expansion(hyper, X, scaled, max(len(X), settings.learning.capacity))
+        for _ in range(MAX_ATTEMPTS):
+            scaled = w * (given.norm / np.asarray(gp.rkhs_norm(gp.from_expansion(hyper, X, w))))[:, None]
+            model = gp.from_expansion(hyper, X, scaled, max(len(X), settings.learning.capacity))
             values = np.asarray(_means(model, path))
             few = np.ptp(values, axis=0) / 2 < given.least * np.sqrt(hyper.signal_variance)
             if not few.any():
                 return model, values.std(0)
             w[few] = again.normal(size=(few.sum(), len(X)))
         raise ScenarioError(
-            f"{settings.name}: drawn.least: after {DRAWS} draws an output still varied by less than {given.least:g} "
+            f"{settings.name}: drawn.least: after {MAX_ATTEMPTS} draws an output still varied by less than {given.least:g} "
             "signal deviations along the reference; lower it, or choose shorter length-scales or a longer reference"
         )
 
@@ -67,29 +69,33 @@ def drawn(settings: schema.Settings, truth: Team, z: State) -> tuple[residual_mo
             one(jax.tree.map(lambda leaf, j=j: leaf[j], group.hyper), x[:, j], x_along[:, j]) for j in range(x.shape[1])
         ]
         agents.append(jax.tree.map(lambda *leaf: jnp.stack(leaf), *(model for model, _ in each)))
-        of_agents.append(agent_force(jnp.asarray([std for _, std in each])))
+        of_agents.append(split_agent_force(jnp.asarray([std for _, std in each])))
     W = jnp.asarray(of_payload)
     return (
         dataclasses.replace(zero, payload=payload, agents=tuple(agents)),
-        Residual(agents=tuple(of_agents), payload=Wrench(F=W[:3], tau=W[3:])),
+        ResidualForces(agents=tuple(of_agents), payload=Wrench(F=W[:3], tau=W[3:])),
     )
 
 
-DRAWS = 1000
+MAX_ATTEMPTS = 1000
 _means = jax.jit(jax.vmap(gp.mean, (None, 0)))
 
 
 @jax.jit
 @functools.partial(jax.vmap, in_axes=(None, None, None, 0))
-def _carried(path: base.Reference, features: Features, z: State, t: Array) -> tuple[Array, tuple[Array, ...]]:
+def _carried(
+    path: base.ReferenceTrajectory, features: Features, team_state: State, t: Array
+) -> tuple[Array, tuple[Array, ...]]:
     """Features of the payload and of agents as if the team of z moved along the reference without turning."""
-    d = path.at(t)
-    shift = d.p - z.payload.p
+    d = path.evaluate(t)
+    shift = d.p - team_state.payload.p
     load = PayloadState(p=d.p, R=d.R, v=d.v, omega=jnp.zeros(3))
     agents = tuple(
         features.agent(
-            jax.vmap(state.flat_agent)(dataclasses.replace(q, x=q.x + shift[None], v=jnp.tile(d.v, (len(q.x), 1))))
+            jax.vmap(state.flatten_agent_state)(
+                dataclasses.replace(q, x=q.x + shift[None], v=jnp.tile(d.v, (len(q.x), 1)))
+            )
         )
-        for q in z.agents
+        for q in team_state.agents
     )
-    return features.payload(state.flat_payload(load, jnp.zeros(6))), agents
+    return features.payload(state.flatten_payload_state(load, jnp.zeros(6))), agents

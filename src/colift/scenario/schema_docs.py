@@ -79,7 +79,7 @@ class Schema:
             for key, node, _ in rows:
                 for leaf in _leaves(node):
                     if "why" in leaf:
-                        found.setdefault((span(leaf), leaf["why"]), []).append(f"{section}.{key}")
+                        found.setdefault((format_range(leaf), leaf["why"]), []).append(f"{section}.{key}")
         return found
 
     def settings_beside(self, loc: Place) -> list[str]:
@@ -96,28 +96,28 @@ class Schema:
             rows = [(key, inner, key in needed) for key, inner in node.get("properties", {}).items()]
             yield name, node.get("description", ""), rows
 
-    def kind(self, node: dict[str, Any]) -> str:
+    def type_label(self, node: dict[str, Any]) -> str:
         """What a setting holds, in words; sections by their name."""
         if "$ref" in node:
             name = node["$ref"].rpartition("/")[2]
             return f"[{name}](#{name.lower()})"
         options = node.get("oneOf") or node.get("anyOf")
         if options:
-            return " or ".join(self.kind(option) for option in options if option.get("type") != "null")
+            return " or ".join(self.type_label(option) for option in options if option.get("type") != "null")
         if "const" in node:
             return f"`{node['const']}`"
         if "enum" in node:
             return " or ".join(f"`{value}`" for value in node["enum"])
         entries = next(iter(node.get("patternProperties", {}).values()), node.get("additionalProperties"))
         if node.get("type") == "object" and isinstance(entries, dict):
-            return f"by name: {self.kind(entries)}"
+            return f"by name: {self.type_label(entries)}"
         if "prefixItems" in node:
-            inner = {self.kind(item) for item in node["prefixItems"]}
+            inner = {self.type_label(item) for item in node["prefixItems"]}
             return f"list of {len(node['prefixItems'])}: {', '.join(sorted(inner))}"
         if "items" in node:
-            return f"list: {self.kind(node['items'])}"
+            return f"list: {self.type_label(node['items'])}"
         word = {"number": "number", "integer": "whole number", "string": "text"}.get(node.get("type", ""), "")
-        return f"{word} {span(node)}".strip()
+        return f"{word} {format_range(node)}".strip()
 
     def _variants(self, node: dict[str, Any]) -> list[dict[str, Any]]:
         """The models that a node may be, references resolved."""
@@ -154,7 +154,7 @@ class Schema:
         return {}
 
 
-def span(node: dict[str, Any]) -> str:
+def format_range(node: dict[str, Any]) -> str:
     """The range of a number: `from 0.1 to 5`; empty where it has none."""
     if "exclusiveMinimum" in node and "exclusiveMaximum" in node:
         return f"between {_digits(node['exclusiveMinimum'])} and {_digits(node['exclusiveMaximum'])}"
@@ -212,7 +212,7 @@ def _tables(schema: Schema) -> str:
         for key, node, needed in rows:
             cells = (
                 f"`{key}`",
-                schema.kind(node),
+                schema.type_label(node),
                 unit_of(node, (key,)),
                 "required" if needed else _default(node.get("default")),
                 " ".join(node.get("description", "").split()),

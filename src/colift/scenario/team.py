@@ -10,79 +10,82 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from colift.models.parameters import Agent, Payload, Team, Tree, stack
+from colift.models.parameters import AerialManipulator, KinematicTree, Payload, Team, stack_agents
 from colift.scenario import schema
 from colift.scenario.conversion import array, rotation, rows
 from colift.scenario.cross_checks import bodies
 
 
-def team(settings: schema.Settings) -> tuple[Team, Team]:
+def team(settings: schema.Scenario) -> tuple[Team, Team]:
     """`(truth, nominal)`: the same structures, with the numbers of the plant and those the controller believes."""
-    believed = settings.nominal
-    kinds = {name: _as_believed(kind, believed.agent_types.get(name)) for name, kind in settings.agent_types.items()}
+    nominal = settings.nominal
+    kinds = {name: _as_believed(kind, nominal.agent_types.get(name)) for name, kind in settings.agent_types.items()}
     return (
         _team(settings, settings.agent_types, settings.payload),
-        _team(settings, kinds, believed.payload or settings.payload),
+        _team(settings, kinds, nominal.payload or settings.payload),
     )
 
 
-def groups(settings: schema.Settings) -> list[list[schema.Agent]]:
+def group_agents(settings: schema.Scenario) -> list[list[schema.Agent]]:
     """Agents of one structure together, in the order of the file."""
-    found: dict[Tree, list[schema.Agent]] = {}
+    found: dict[KinematicTree, list[schema.Agent]] = {}
     for agent in settings.agents:
         found.setdefault(_tree(settings.agent_types[agent.type]), []).append(agent)
     return list(found.values())
 
 
-def kinds(settings: schema.Settings) -> dict[str, Agent]:
+def agent_models(settings: schema.Scenario) -> dict[str, AerialManipulator]:
     """The agent of each type that the true team has, by the type's name; contacts of the first such agent."""
     first = {agent.type: agent for agent in reversed(settings.agents)}
     return {name: _agent(kind, first[name]) for name, kind in settings.agent_types.items() if name in first}
 
 
-def agent_names(settings: schema.Settings) -> tuple[str, ...]:
+def agent_names(settings: schema.Scenario) -> tuple[str, ...]:
     """One name an agent, in team order."""
-    return tuple(agent.name for group in groups(settings) for agent in group)
+    return tuple(agent.name for group in group_agents(settings) for agent in group)
 
 
-def contact_names(settings: schema.Settings) -> tuple[str, ...]:
+def contact_names(settings: schema.Scenario) -> tuple[str, ...]:
     """`agent/arm` of every contact, in team order."""
     kinds = settings.agent_types
     return tuple(
-        f"{agent.name}/{arm.name}" for group in groups(settings) for agent in group for arm in kinds[agent.type].arms
+        f"{agent.name}/{arm.name}"
+        for group in group_agents(settings)
+        for agent in group
+        for arm in kinds[agent.type].arms
     )
 
 
-def joint_names(settings: schema.Settings) -> tuple[str, ...]:
+def joint_names(settings: schema.Scenario) -> tuple[str, ...]:
     """`agent/joint` of every joint, in team order."""
     kinds = settings.agent_types
     return tuple(
         f"{agent.name}/{joint.name}"
-        for group in groups(settings)
+        for group in group_agents(settings)
         for agent in group
         for joint in kinds[agent.type].joints
     )
 
 
-def heading(settings: schema.Settings) -> tuple[Array, ...]:
+def initial_yaw(settings: schema.Scenario) -> tuple[Array, ...]:
     """Heading of every agent, rad, by group."""
-    return tuple(jnp.deg2rad(array([agent.yaw_deg for agent in group])) for group in groups(settings))
+    return tuple(jnp.deg2rad(array([agent.yaw_deg for agent in group])) for group in group_agents(settings))
 
 
-def rest(settings: schema.Settings) -> tuple[Array, ...]:
+def nominal_posture(settings: schema.Scenario) -> tuple[Array, ...]:
     """Joint positions at rest, rad or m, by group."""
     kinds = settings.agent_types
     return tuple(
         array(
             [[j.rest_rad if isinstance(j, schema.Revolute) else j.rest_m for j in kinds[a.type].joints] for a in group]
         ).reshape(len(group), -1)
-        for group in groups(settings)
+        for group in group_agents(settings)
     )
 
 
-def _team(settings: schema.Settings, kinds: dict[str, schema.AgentType], payload: schema.Payload) -> Team:
+def _team(settings: schema.Scenario, kinds: dict[str, schema.AgentType], payload: schema.Payload) -> Team:
     return Team(
-        groups=tuple(stack([_agent(kinds[a.type], a) for a in group]) for group in groups(settings)),
+        agent_groups=tuple(stack_agents([_agent(kinds[a.type], a) for a in group]) for group in group_agents(settings)),
         payload=Payload(mass=array(payload.mass_kg), inertia=array(payload.inertia_kgm2)),
         gravity=array(settings.gravity_mps2),
     )
@@ -95,19 +98,19 @@ def _as_believed(kind: schema.AgentType, nominal: schema.NominalAgentType | None
     return kind.model_copy(update={"base": nominal.base or kind.base, "joints": joints})
 
 
-def _tree(kind: schema.AgentType) -> Tree:
+def _tree(kind: schema.AgentType) -> KinematicTree:
     index = {name: i for i, name in enumerate(bodies(kind.model_dump()))}
-    return Tree(
+    return KinematicTree(
         parents=tuple(index[joint.parent] for joint in kind.joints),
         prismatic=tuple(joint.type == "prismatic" for joint in kind.joints),
-        tips=tuple(index[arm.joint] for arm in kind.arms),
+        tip_bodies=tuple(index[arm.joint] for arm in kind.arms),
     )
 
 
-def _agent(kind: schema.AgentType, agent: schema.Agent) -> Agent:
+def _agent(kind: schema.AgentType, agent: schema.Agent) -> AerialManipulator:
     parts = [kind.base, *(joint.body for joint in kind.joints)]
     axes = np.array([joint.axis for joint in kind.joints]).reshape(-1, 3)
-    return Agent(
+    return AerialManipulator(
         tree=_tree(kind),
         mass=array([body.mass_kg for body in parts]),
         com=array([body.com_m for body in parts]),
@@ -115,7 +118,7 @@ def _agent(kind: schema.AgentType, agent: schema.Agent) -> Agent:
         joint_position=rows([joint.position_m for joint in kind.joints]),
         joint_rotation=array([rotation(joint.rpy_deg) for joint in kind.joints]).reshape(-1, 3, 3),
         joint_axis=jnp.asarray(axes / np.linalg.norm(axes, axis=1, keepdims=True)),
-        tip=rows([arm.tip_m for arm in kind.arms]),
-        contact=rows(agent.contacts_m),
+        tip_position=rows([arm.tip_m for arm in kind.arms]),
+        contact_position=rows(agent.contacts_m),
         thrust_max=array(kind.thrust_max_N),
     )

@@ -14,24 +14,26 @@ import jax.numpy as jnp
 import numpy as np
 
 from colift.models import aerial_manipulator, grasp, urdf
-from colift.models.parameters import Agent
+from colift.models.parameters import AerialManipulator
 
 
 @dataclasses.dataclass(frozen=True)
-class Vehicle:
+class VehicleTemplate:
     """An agent type as a scenario writes it."""
 
     name: str
     text: str
     mass: float  # kg
-    held: tuple[tuple[float, float, float], ...]  # m, where its tips are: ahead, to the left of it, above their mean
+    contact_offset: tuple[
+        tuple[float, float, float], ...
+    ]  # m, where its tips are: ahead, to the left of it, above their mean
 
 
 VEHICLES = {  # by arms
-    0: Vehicle(
+    0: VehicleTemplate(
         name="body",
         mass=1.5,
-        held=((0.0, 0.0, 0.0),),
+        contact_offset=((0.0, 0.0, 0.0),),
         text="""\
   body:  # a single body that holds the plate itself, by a hook below it
     base: {mass_kg: 1.5, inertia_kgm2: [0.02, 0.02, 0.035]}
@@ -40,10 +42,10 @@ VEHICLES = {  # by arms
       - {name: hook, joint: base, tip_m: [0, 0, -0.1]}
 """,
     ),
-    1: Vehicle(
+    1: VehicleTemplate(
         name="one_arm",
         mass=1.63,
-        held=((0.0, 0.0, 0.0),),
+        contact_offset=((0.0, 0.0, 0.0),),
         text="""\
   one_arm:  # an arm that hangs below on two joints
     base: {mass_kg: 1.5, inertia_kgm2: [0.02, 0.02, 0.035]}
@@ -62,10 +64,10 @@ VEHICLES = {  # by arms
       - {name: tip, joint: pitch, tip_m: [0, 0, -0.2]}
 """,
     ),
-    2: Vehicle(
+    2: VehicleTemplate(
         name="two_arms",
         mass=1.84,
-        held=((0.0, 0.36, 0.0), (0.0, -0.36, 0.0)),
+        contact_offset=((0.0, 0.36, 0.0), (0.0, -0.36, 0.0)),
         text="""\
   two_arms:
     base: {mass_kg: 1.5, inertia_kgm2: [0.02, 0.02, 0.035]}
@@ -97,13 +99,13 @@ VEHICLES = {  # by arms
 }
 
 
-def name_of(file: Path) -> str:
+def scenario_name(file: Path) -> str:
     """What a scenario in a file is called: the file's name without its ending, as far as a name allows."""
     name = re.sub(r"[^A-Za-z0-9_-]", "_", file.stem)[:100]
     return name if re.match(r"[A-Za-z_]", name) else f"_{name}"[:100]
 
 
-def text(name: str, agents: int, arms: int) -> str:
+def scenario_template(name: str, agents: int, arms: int) -> str:
     """A scenario of so many agents, each with 0 (it holds the plate itself), 1 or 2 arms, evenly around a plate.
 
     Raises ValueError for a team that cannot turn the plate about every axis, and for arms that there is no type for.
@@ -125,7 +127,7 @@ def from_urdf(name: str, agents: int, file: Path, folder: Path) -> str:
     The bodies that carry no other are taken to hold the plate, joints at zero or, where arms are straight there, bent.
     Raises OSError and ValueError as `urdf.load` does, ValueError for a team that cannot turn the plate about each axis.
     """
-    robot = urdf.load(file)
+    robot = urdf.load_urdf(file)
     tips = _tips(robot)
     if agents > 100:
         raise ValueError(f"--agents {agents}: must be at most 100")
@@ -147,7 +149,7 @@ def from_urdf(name: str, agents: int, file: Path, folder: Path) -> str:
 {hands}
 {_rests(robot, r)}"""
     held = tuple((float(x), float(y), float(z)) for x, y, z in points - [0, 0, points[:, 2].mean()])
-    return _scenario(name, Vehicle("vehicle", kind, mass, held), agents)
+    return _scenario(name, VehicleTemplate("vehicle", kind, mass, held), agents)
 
 
 def _tips(robot: urdf.Robot) -> list[str]:
@@ -158,25 +160,25 @@ def _tips(robot: urdf.Robot) -> list[str]:
     return [max((link for link in robot.links if robot.tip(link)[0] == k), key=far) for k in ends]
 
 
-BENDS = (0.0, 0.4, -0.4, 0.8, -0.8, 1.2, -1.2)  # rad, at which joints that turn are tried
-CONDITION_MOST = 30.0  # of tips by base and joints: beyond it arms are straight, or nearly
-BENT_MOST = 200.0  # what a rest must reach to be written
-TRIED = 3000
+JOINT_ANGLE_CANDIDATES = (0.0, 0.4, -0.4, 0.8, -0.8, 1.2, -1.2)  # rad, at which joints that turn are tried
+MAX_CONDITION = 30.0  # of tips by base and joints: beyond it arms are straight, or nearly
+MIN_MANIPULABILITY = 200.0  # what a rest must reach to be written
+NUM_CANDIDATES = 3000
 
 
-def _reach(own: Agent, r: np.ndarray) -> np.ndarray:
+def _reach(own: AerialManipulator, r: np.ndarray) -> np.ndarray:
     """Where an agent's tips are in its base's frame, `(arms, 3)`, m."""
-    return np.asarray(aerial_manipulator.geometry(own, jnp.asarray(r)).point[-own.tree.arms :])
+    return np.asarray(aerial_manipulator.forward_kinematics(own, jnp.asarray(r)).joint_origin[-own.tree.arms :])
 
 
-def _bent(own: Agent) -> np.ndarray:
+def _bent(own: AerialManipulator) -> np.ndarray:
     """Joint positions, rad or m, with which tips can go all ways: zero if they can there, else the best of some.
 
     Joints' limits are not read; zero as well where no bend helps.
     """
 
     def condition(r: np.ndarray) -> float:
-        values, _ = grasp.weakest(own, r)
+        values, _ = grasp.grasp_jacobian_svd(own, r)
         return values[0] / max(values[-1], 1e-12)
 
     def cost(r: np.ndarray) -> float:
@@ -185,16 +187,16 @@ def _bent(own: Agent) -> np.ndarray:
 
     zero, arms = np.zeros(own.tree.joints), own.tree.arms
     turning = [k for k, slides in enumerate(own.tree.prismatic) if not slides]
-    if 3 + len(zero) < 3 * arms or condition(zero) < CONDITION_MOST or not turning:
+    if 3 + len(zero) < 3 * arms or condition(zero) < MAX_CONDITION or not turning:
         return zero  # fewer joints than a grasp asks for are refused by `check`, in words
-    if len(BENDS) ** len(turning) <= TRIED:
-        tried = np.array(list(itertools.product(BENDS, repeat=len(turning))))
+    if len(JOINT_ANGLE_CANDIDATES) ** len(turning) <= NUM_CANDIDATES:
+        tried = np.array(list(itertools.product(JOINT_ANGLE_CANDIDATES, repeat=len(turning))))
     else:
-        tried = np.random.default_rng(0).choice(BENDS, (TRIED, len(turning)))
+        tried = np.random.default_rng(0).choice(JOINT_ANGLE_CANDIDATES, (NUM_CANDIDATES, len(turning)))
     rests = np.zeros((len(tried), len(zero)))
     rests[:, turning] = tried
     best = min(rests, key=cost)
-    return best if condition(best) < BENT_MOST else zero  # axes that are parallel: `check` says so
+    return best if condition(best) < MIN_MANIPULABILITY else zero  # axes that are parallel: `check` says so
 
 
 def _rests(robot: urdf.Robot, r: np.ndarray) -> str:
@@ -205,9 +207,9 @@ def _rests(robot: urdf.Robot, r: np.ndarray) -> str:
     return f"    rest_rad: {{{bent}}}  # at zero these arms are straight, and could not follow the payload\n"
 
 
-def _scenario(name: str, vehicle: Vehicle, agents: int) -> str:
+def _scenario(name: str, vehicle: VehicleTemplate, agents: int) -> str:
     """Vehicles evenly on a circle, as wide apart as their rotors need, and a round plate that reaches beyond it."""
-    width = 2 * max(abs(y) for _, y, _ in vehicle.held) + 0.5  # m, with the rotors
+    width = 2 * max(abs(y) for _, y, _ in vehicle.contact_offset) + 0.5  # m, with the rotors
     radius = max(0.5, 0.5 * width / math.sin(math.pi / agents)) if agents > 1 else 0.0
     members = "".join(_member(f"agent_{i + 1}", vehicle, 360 * i / agents, radius) for i in range(agents))
     wave = 2 * math.pi / (4 * radius + 2 * width)  # rad/m; longer than the payload, on which it attacks at one point
@@ -280,9 +282,9 @@ learning:
 """
 
 
-def _member(name: str, vehicle: Vehicle, deg: float, radius: float) -> str:
+def _member(name: str, vehicle: VehicleTemplate, deg: float, radius: float) -> str:
     """One agent, its nose turned outwards, its contacts where its tips reach."""
     c, s = math.cos(math.radians(deg)), math.sin(math.radians(deg))
-    places = ((c * (radius + x) - s * y, s * (radius + x) + c * y, 0.05 + z) for x, y, z in vehicle.held)
+    places = ((c * (radius + x) - s * y, s * (radius + x) + c * y, 0.05 + z) for x, y, z in vehicle.contact_offset)
     points = [f"[{x:.4f}, {y:.4f}, {float(f'{z:.4f}'):g}]" for x, y, z in places]
     return f"  - {{name: {name}, type: {vehicle.name}, yaw_deg: {deg:g}, contacts_m: [{', '.join(points)}]}}\n"

@@ -10,7 +10,7 @@ from jaxtyping import Array
 from colift.closed_loop import termination
 from colift.models import grasp
 from colift.models.parameters import Team
-from colift.models.state import Residual, State, Wrench
+from colift.models.state import ResidualForces, State, Wrench
 from colift.onboard import controller
 from colift.scenario import initial_states, schema, team
 from colift.scenario.conversion import array
@@ -18,20 +18,20 @@ from colift.scenario.errors import ScenarioError
 from colift.simulation import disturbances
 
 
-def bounds(settings: schema.Settings, truth: Team, z: State) -> termination.Limits:
+def make_termination_limits(settings: schema.Scenario, truth: Team, state: State) -> termination.TerminationLimits:
     """What the flight from z may not exceed."""
     given = settings.limits
-    return termination.Limits(
-        grip=given.grip * _grip(truth, z),
-        distance=array(given.distance_m),
-        height=array(-np.inf if given.height_m is None else given.height_m),
-        attitude=_limit_rad(given.attitude_deg),
-        tilt=_limit_rad(given.tilt_deg),
-        saturation=array(given.saturation_s),
+    return termination.TerminationLimits(
+        min_delassus=given.grip * _grip(truth, state),
+        max_distance=array(given.distance_m),
+        min_height=array(-np.inf if given.height_m is None else given.height_m),
+        max_attitude_error=_limit_rad(given.attitude_deg),
+        max_tilt=_limit_rad(given.tilt_deg),
+        max_saturation_time=array(given.saturation_s),
     )
 
 
-_grip = jax.jit(grasp.grip)
+_grip = jax.jit(grasp.min_delassus_singular_value)
 
 
 def _limit_rad(deg: float) -> Array:
@@ -39,17 +39,20 @@ def _limit_rad(deg: float) -> Array:
     return array(np.inf if deg == 180 else np.deg2rad(deg))
 
 
-def hover(
-    settings: schema.Settings, truth: Team, flying: controller.LeaderFollower, sources: disturbances.Disturbances
+def true_hover_thrust(
+    settings: schema.Scenario,
+    truth: Team,
+    flying: controller.LeaderFollowerController,
+    sources: disturbances.DisturbanceSet,
 ) -> np.ndarray:
     """`(agents,)` thrust that hovering on the reference takes in truth, N, with or without internal forces, the larger.
 
     Raises ScenarioError where it is more than the agents have.
     """
-    z, given = initial_states.at_rest(settings, truth), settings.allocation.internal
+    z, given = initial_states.equilibrium_state(settings, truth), settings.allocation.internal
     f, moments = _acting(sources, truth, z), [0.0] if given is None else [0.0, (given.start_s + given.end_s) / 2]
     need = np.max([_hovering(truth, flying, z, f, array(t)) for t in moments], axis=0)
-    have = np.concatenate([group.thrust_max for group in truth.groups])
+    have = np.concatenate([group.thrust_max for group in truth.agent_groups])
     names = team.agent_names(settings)
     short = [
         f"{name} needs {u:.4g} N of {most:.4g} N" for name, u, most in zip(names, need, have, strict=True) if u > most
@@ -62,13 +65,15 @@ def hover(
     return need
 
 
-_acting = jax.jit(disturbances.at_start)
+_acting = jax.jit(disturbances.initial_forces)
 
 
 @jax.jit
-def _hovering(truth: Team, flying: controller.LeaderFollower, z: State, f: Residual, t: Array) -> Array:
+def _hovering(
+    truth: Team, flying: controller.LeaderFollowerController, state: State, f: ResidualForces, t: Array
+) -> Array:
     """`(agents,)` thrust at rest, N, with the internal forces of time t, s."""
     W = Wrench(F=-truth.payload.mass * truth.gravity - f.payload.F, tau=-f.payload.tau)
     steady = Wrench(F=jnp.zeros(3), tau=jnp.zeros(3))
-    forces = flying.allocator.allocate(controller.known(flying, z, jnp.zeros(6), t), W, steady)
-    return termination.hover(truth, forces.lam, f)
+    forces = flying.allocator.allocate(controller.context_at(flying, state, jnp.zeros(6), t), W, steady)
+    return termination.hover_thrust(truth, forces.lam, f)

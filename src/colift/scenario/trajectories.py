@@ -7,18 +7,18 @@ import numpy as np
 
 from colift.math import so3
 from colift.scenario import schema
-from colift.scenario.conversion import array, built, rotation
+from colift.scenario.conversion import array, build_plugin, rotation
 from colift.trajectories import base, departure, lissajous, minimum_snap
 
 
-def path(settings: schema.Settings) -> base.Reference:
+def make_reference(settings: schema.Scenario) -> base.ReferenceTrajectory:
     """The payload's reference."""
     given = settings.reference
-    if isinstance(given, schema.Own):
-        return built(given, "reference", base.Reference)
+    if isinstance(given, schema.Plugin):
+        return build_plugin(given, "reference", base.ReferenceTrajectory)
     if isinstance(given, schema.Waypoints):
         turns = _unwound([np.asarray(so3.log(rotation(pose.rpy_deg))) for pose in given.poses])
-        return minimum_snap.waypoints(
+        return minimum_snap.minimum_snap(
             np.array([pose.t_s for pose in given.poses]), np.array([pose.p_m for pose in given.poses]), turns
         )
     loop = lissajous.Lissajous(
@@ -26,30 +26,30 @@ def path(settings: schema.Settings) -> base.Reference:
         amplitude=array(given.amplitude_m),
         period=array(given.period_s),
         phase=jnp.deg2rad(array(given.phase_deg)),
-        ramp=array(given.ramp_s),
+        ramp_time=array(given.ramp_s),
         R=rotation(given.rpy_deg),
-        swing=jnp.deg2rad(array(given.swing_deg)),
-        swing_period=array(given.swing_period_s),
-        swing_phase=jnp.deg2rad(array(given.swing_phase_deg)),
+        rotation_amplitude=jnp.deg2rad(array(given.swing_deg)),
+        rotation_period=array(given.swing_period_s),
+        rotation_phase=jnp.deg2rad(array(given.swing_phase_deg)),
     )
     if (off := given.leaves) is None:
         return loop
-    return departure.Leaving(
-        path=loop,
-        shift=array(off.shift_m),
+    return departure.PathDeparture(
+        base=loop,
+        offset=array(off.shift_m),
         start=array(off.start_s),
-        over=array(off.over_s),
-        swing=jnp.deg2rad(array(off.swing_deg)),
-        swing_start=array(off.swing_start_s),
-        swing_period=array(off.swing_period_s),
+        ramp_time=array(off.over_s),
+        rotation_amplitude=jnp.deg2rad(array(off.swing_deg)),
+        rotation_start=array(off.swing_start_s),
+        rotation_period=array(off.swing_period_s),
     )
 
 
 def _unwound(theta: list[np.ndarray]) -> np.ndarray:
     """Rotation vectors of the same rotations, each the nearest to the one before, up to one turn away."""
     out = [theta[0]]
-    for now in theta[1:]:
-        angle = np.linalg.norm(now)
-        axis = now / angle if angle > 0 else np.zeros(3)
-        out.append(min((now + 2 * np.pi * k * axis for k in (-1, 0, 1)), key=lambda x: np.linalg.norm(x - out[-1])))
+    for context in theta[1:]:
+        angle = np.linalg.norm(context)
+        axis = context / angle if angle > 0 else np.zeros(3)
+        out.append(min((context + 2 * np.pi * k * axis for k in (-1, 0, 1)), key=lambda x: np.linalg.norm(x - out[-1])))
     return np.array(out)

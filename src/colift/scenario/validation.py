@@ -11,12 +11,12 @@ from typing import Any, Literal
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails, InitErrorDetails, PydanticCustomError
 
-from colift.scenario.errors import Mistake, Place, ScenarioError, closest, shown
-from colift.scenario.schema_docs import Schema, span, unit_of
+from colift.scenario.errors import ErrorMessage, Place, ScenarioError, format_value, suggestion
+from colift.scenario.schema_docs import Schema, format_range, unit_of
 
-MOST_TOLD = 100  # mistakes that one message lists
+MAX_MESSAGES = 100  # mistakes that one message lists
 
-WORDS = {
+MESSAGE_TEMPLATES = {
     "float_type": "must be a number",
     "float_parsing": "must be a number",
     "int_parsing": "must be a whole number",
@@ -40,14 +40,17 @@ WORDS = {
 
 
 @contextlib.contextmanager
-def told(model: type[BaseModel]) -> Generator[None]:
+def raise_scenario_errors(model: type[BaseModel]) -> Generator[None]:
     """Raise what pydantic finds as ScenarioError, one line a mistake: `path [unit]: what is allowed`."""
     try:
         yield
     except ValidationError as error:
-        schema, found = of(model), errors(error)
-        lines = [f"{where(_known(schema, e['loc']), schema)}: {sentence(e, schema)}" for e in found[:MOST_TOLD]]
-        raise ScenarioError("\n".join([*dict.fromkeys(lines), *more(len(found))])) from None
+        schema, found = schema_of(model), errors(error)
+        lines = [
+            f"{location_label(_known(schema, e['loc']), schema)}: {error_message(e, schema)}"
+            for e in found[:MAX_MESSAGES]
+        ]
+        raise ScenarioError("\n".join([*dict.fromkeys(lines), *truncation_note(len(found))])) from None
 
 
 def errors(error: ValidationError) -> list[ErrorDetails]:
@@ -59,24 +62,26 @@ def errors(error: ValidationError) -> list[ErrorDetails]:
     ]
 
 
-def mistakes(error: ValidationError, model: type[BaseModel], data: Any) -> list[Mistake]:
+def validation_messages(error: ValidationError, model: type[BaseModel], data: Any) -> list[ErrorMessage]:
     """What pydantic found wrong in the data of a model, in words, by place in the data."""
-    schema = of(model)
-    return [(place(data, e["loc"], e["type"]), sentence(e, schema)) for e in errors(error)]
+    schema = schema_of(model)
+    return [(place(data, e["loc"], e["type"]), error_message(e, schema)) for e in errors(error)]
 
 
-def more(count: int) -> list[str]:
+def truncation_note(count: int) -> list[str]:
     """A last line where there are more mistakes than are told."""
-    return [f"and {count - MOST_TOLD} more mistakes"] if count > MOST_TOLD else []
+    return [f"and {count - MAX_MESSAGES} more mistakes"] if count > MAX_MESSAGES else []
 
 
 @functools.cache
-def of(model: type[BaseModel]) -> Schema:
+def schema_of(model: type[BaseModel]) -> Schema:
     """The schema of a model, made once."""
     return Schema(model)
 
 
-def as_validation_error(wrong: Sequence[Mistake], kind: Literal["mistake", "worded"] = "mistake") -> ValidationError:
+def as_validation_error(
+    wrong: Sequence[ErrorMessage], kind: Literal["mistake", "worded"] = "mistake"
+) -> ValidationError:
     """Mistakes in the form that pydantic gives its own: between sections, or `worded` already within one."""
     return ValidationError.from_exception_data(
         "Settings",
@@ -102,9 +107,9 @@ def place(data: Any, loc: tuple[int | str, ...], kind: str) -> Place:
     return tuple(found)
 
 
-def where(at: Place, schema: Schema) -> str:
+def location_label(at: Place, schema: Schema) -> str:
     """`path [unit]`."""
-    path = "".join(f".{key}" if isinstance(key, str) and _plain(key) else f"[{shown(key)}]" for key in at)
+    path = "".join(f".{key}" if isinstance(key, str) and _plain(key) else f"[{format_value(key)}]" for key in at)
     unit = unit_of(schema.at(at), at)
     return f"{path.lstrip('.') or 'scenario'}{f' [{unit}]' if unit else ''}"
 
@@ -113,36 +118,36 @@ def _plain(key: str) -> bool:
     return key.replace("-", "_").replace("_", "a").isalnum() and key.isascii() and len(key) <= 60
 
 
-def sentence(error: ErrorDetails, schema: Schema) -> str:
+def error_message(error: ErrorDetails, schema: Schema) -> str:
     """What is wrong and what is allowed, in words; pydantic's own where they serve."""
     kind, given, about = error["type"], error["input"], error.get("ctx", {})
     last = error["loc"][-1] if error["loc"] else ""
     if kind == "extra_forbidden":
         known = schema.settings_beside(error["loc"])
-        return "is not a setting here" + (closest(last, known) or f"; known: {', '.join(known)}")
+        return "is not a setting here" + (suggestion(last, known) or f"; known: {', '.join(known)}")
     if kind == "missing":
         return "is required" if isinstance(last, str) else f"is missing: the list must have more than {last} values"
     if kind in ("union_tag_invalid", "literal_error"):
         allowed = re.findall("'([^']*)'", str(about.get("expected_tags", about.get("expected"))))
         tag = about.get("tag", given)
         key = f"{about['discriminator']} ".replace("'", "") if "discriminator" in about else ""
-        return f"{key}must be one of {', '.join(allowed)}, got {shown(tag)}{closest(tag, allowed)}"
+        return f"{key}must be one of {', '.join(allowed)}, got {format_value(tag)}{suggestion(tag, allowed)}"
     if kind == "union_tag_not_found":
         return f"{str(about['discriminator']).strip(chr(39))} is required: it says which of the variants this is"
     if kind in ("mistake", "worded", "value_error"):
         return str(about.get("message", about.get("error")))
-    return _wanted(error, schema) + f", got {shown(given)}"
+    return _wanted(error, schema) + f", got {format_value(given)}"
 
 
 def _wanted(error: ErrorDetails, schema: Schema) -> str:
     kind, about = error["type"], error.get("ctx", {})
     node = schema.leaf(error["loc"])
     if "why" in node and kind.startswith(("greater_than", "less_than")):
-        return f"must be {span(node)} ({node['why']})"
+        return f"must be {format_range(node)} ({node['why']})"
     if kind in ("too_long", "too_short"):
         size = about.get("max_length", about.get("min_length", 0))
         return f"must have {'at most' if kind == 'too_long' else 'at least'} {size} value{'s' * (size != 1)}"
-    return WORDS.get(kind, f"is not allowed ({kind.replace('_', ' ')})").format(**about)
+    return MESSAGE_TEMPLATES.get(kind, f"is not allowed ({kind.replace('_', ' ')})").format(**about)
 
 
 def _known(schema: Schema, loc: tuple[int | str, ...]) -> Place:

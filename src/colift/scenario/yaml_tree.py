@@ -15,11 +15,11 @@ from ruamel.yaml.error import MarkedYAMLError, YAMLError
 from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 from ruamel.yaml.reader import ReaderError
 
-from colift.scenario.errors import Mistake, Place, ScenarioError, shown
+from colift.scenario.errors import ErrorMessage, Place, ScenarioError, format_value
 
-MOST_BYTES = 100_000  # thirty times the paper's study; read in a second or two
-MOST_VALUES = 10_000  # an alias counts each time: a few lines of them can stand for billions
-DEEPEST = 20  # levels; a scenario has eight
+MAX_BYTES = 100_000  # thirty times the paper's study; read in a second or two
+MAX_VALUES = 10_000  # an alias counts each time: a few lines of them can stand for billions
+MAX_DEPTH = 20  # levels; a scenario has eight
 TAG = "tag:yaml.org,2002:"
 
 
@@ -30,7 +30,7 @@ class Tree:
     file: str
     data: dict[str, Any]
     lines: dict[Place, int]
-    wrong: list[Mistake]
+    errors: list[ErrorMessage]
 
     def line(self, place: Place) -> int:
         """The line of a setting, or of the section that lacks it; 0 where that was set."""
@@ -56,7 +56,7 @@ def read(text: str, file: str) -> Tree:
     return Tree(file, data, reader.lines, reader.wrong)
 
 
-def changed(tree: Tree, change: str) -> Tree:
+def with_setting(tree: Tree, change: str) -> Tree:
     """A tree in which one setting is another: `payload.mass_kg=2`; sections that are not there are made.
 
     The value is YAML. A section replaces a section as a whole; an entry of a list goes by its `name`, where all of them
@@ -66,9 +66,9 @@ def changed(tree: Tree, change: str) -> Tree:
     path, equals, text = change.partition("=")
     reader = _Reader(lambda _line: f"--set {path}")
     if not (equals and path):
-        raise ScenarioError(f"--set {shown(change)}: must be `path=value`, as payload.mass_kg=2")
-    if path.count(".") >= DEEPEST:
-        raise ScenarioError(f"--set {shown(path)}: is nested more than {DEEPEST} deep")
+        raise ScenarioError(f"--set {format_value(change)}: must be `path=value`, as payload.mass_kg=2")
+    if path.count(".") >= MAX_DEPTH:
+        raise ScenarioError(f"--set {format_value(path)}: is nested more than {MAX_DEPTH} deep")
     node = reader.compose(text)
     value = None if node is None else reader.value(node, ())
     lines, data, place = dict(tree.lines), tree.data, ()
@@ -82,19 +82,21 @@ def changed(tree: Tree, change: str) -> Tree:
                 lines[*place, name] = 0
             data = data.get(name, {})
         else:
-            raise ScenarioError(f"--set {path}: {'.'.join(map(str, place))} is {shown(data)}, which holds no settings")
+            raise ScenarioError(
+                f"--set {path}: {'.'.join(map(str, place))} is {format_value(data)}, which holds no settings"
+            )
         place = (*place, key)
     inside = lambda at: at[: len(place)] == place  # noqa: E731
     return Tree(
         tree.file,
         _put(tree.data, place, value),
         {at: line for at, line in lines.items() if not inside(at)} | {place: 0},
-        [mistake for mistake in tree.wrong if not inside(mistake[0])]
+        [mistake for mistake in tree.errors if not inside(mistake[0])]
         + [((*place, *at), sentence) for at, sentence in reader.wrong],
     )
 
 
-def like(base: Tree, tree: Tree) -> Tree:
+def diff_tree(base: Tree, tree: Tree) -> Tree:
     """A tree that says only where it differs from another: settings beside settings, entries of lists by their `name`.
 
     Any other value takes the place of the other's, and so does a section of another `kind`. What is wrong with what is
@@ -103,7 +105,7 @@ def like(base: Tree, tree: Tree) -> Tree:
     merged = _Merged(tree.lines, dict.fromkeys(base.lines, tree.line(("like",))))
     mine = {key: value for key, value in tree.data.items() if key != "like"}
     data = merged.value(base.data, mine, (), ())
-    return Tree(tree.file, data, merged.lines, [(merged.place(at), sentence) for at, sentence in tree.wrong])
+    return Tree(tree.file, data, merged.lines, [(merged.place(at), sentence) for at, sentence in tree.errors])
 
 
 class _Merged:
@@ -153,8 +155,8 @@ def _index(name: str, entries: list[Any], path: str) -> int:
         return names.index(name)
     if not (name.isdecimal() and name.isascii() and len(name) < 10 and int(name) < size):
         there = f"entries 0 to {size - 1}" if size else "no entries"
-        named = f" ({', '.join(map(shown, names))})" if names else ""
-        raise ScenarioError(f"--set {path}: {shown(name)} is none of the list's {there}{named}")
+        named = f" ({', '.join(map(format_value, names))})" if names else ""
+        raise ScenarioError(f"--set {path}: {format_value(name)} is none of the list's {there}{named}")
     return int(name)
 
 
@@ -174,10 +176,10 @@ class _Reader:
     def __init__(self, at: Callable[[int], str]) -> None:
         self.at = at  # where a line of the text is, for a person
         self.lines: dict[Place, int] = {}
-        self.wrong: list[Mistake] = []
+        self.wrong: list[ErrorMessage] = []
         self.values, self.depth = 0, 0
         self.yaml = YAML(typ="safe", pure=True)
-        self.yaml.max_depth = DEEPEST
+        self.yaml.max_depth = MAX_DEPTH
         self.yaml.composer.warn_double_anchors = False  # a name may be used again
 
     def fail(self, line: int, sentence: str) -> NoReturn:
@@ -186,12 +188,12 @@ class _Reader:
 
     def compose(self, text: str) -> Node | None:
         """The one document, with the line of every node."""
-        if len(text) > MOST_BYTES:
-            self.fail(1, f"holds more than {MOST_BYTES} characters, which no scenario needs")
+        if len(text) > MAX_BYTES:
+            self.fail(1, f"holds more than {MAX_BYTES} characters, which no scenario needs")
         try:
             return self.yaml.compose(text)
         except MaxDepthExceededError as error:
-            self.fail(error.problem_mark.line + 1, f"is nested more than {DEEPEST} deep")
+            self.fail(error.problem_mark.line + 1, f"is nested more than {MAX_DEPTH} deep")
         except ReaderError as error:
             line = text.count("\n", 0, error.position) + 1
             self.fail(line, f"not valid YAML: the character {ord(text[error.position]):#06x} is not text")
@@ -206,10 +208,10 @@ class _Reader:
         """The plain value of a node, all inside it told by its place."""
         line = node.start_mark.line + 1
         self.values, self.depth = self.values + 1, self.depth + 1
-        if self.values > MOST_VALUES:
-            self.fail(line, f"holds more than {MOST_VALUES} values, aliases counted each time")
-        if self.depth > DEEPEST:
-            self.fail(line, f"is nested more than {DEEPEST} deep")
+        if self.values > MAX_VALUES:
+            self.fail(line, f"holds more than {MAX_VALUES} values, aliases counted each time")
+        if self.depth > MAX_DEPTH:
+            self.fail(line, f"is nested more than {MAX_DEPTH} deep")
         if isinstance(node, MappingNode):
             value = self.mapping(node, place)
         elif isinstance(node, SequenceNode):
@@ -236,7 +238,7 @@ class _Reader:
             if _is(key, "merge"):
                 continue
             if not _is(key, "str") or not _is_text(name):
-                said = shown(name) if isinstance(name, str) else "a list or section"
+                said = format_value(name) if isinstance(name, str) else "a list or section"
                 self.wrong.append((place, f"the name of a setting must be text, got {said} in line {line}"))
             elif name in written:
                 first = self.lines[*place, name]
@@ -255,14 +257,18 @@ class _Reader:
                 if isinstance(section, MappingNode):
                     found |= self.value(section, place)
                 else:
-                    self.wrong.append((place, f"`<<` takes a section, or a list of them, got {shown(section.value)}"))
+                    self.wrong.append(
+                        (place, f"`<<` takes a section, or a list of them, got {format_value(section.value)}")
+                    )
         return found
 
     def no_tag(self, node: Node, kind: str, place: Place) -> bool:
         """Whether a node is what it looks like; told where a tag says otherwise."""
         if _is(node, kind):
             return True
-        self.wrong.append((place, f"tags are not used in a scenario, got {shown(str(node.tag).replace(TAG, '!!'))}"))
+        self.wrong.append(
+            (place, f"tags are not used in a scenario, got {format_value(str(node.tag).replace(TAG, '!!'))}")
+        )
         return False
 
     def scalar(self, node: ScalarNode, place: Place) -> Any:
@@ -272,14 +278,14 @@ class _Reader:
         if not self.no_tag(node, implied, place):
             return None
         if not _is_text(node.value):
-            self.wrong.append((place, f"holds characters that are not text, got {shown(node.value)}"))
+            self.wrong.append((place, f"holds characters that are not text, got {format_value(node.value)}"))
             return None
         if implied not in ("null", "bool", "int", "float"):  # dates and lone merge keys too are text here
             return node.value
         try:
             return self.yaml.constructor.construct_object(node)
         except ValueError:
-            self.wrong.append((place, f"is not a number that can be read, got {shown(node.value)}"))
+            self.wrong.append((place, f"is not a number that can be read, got {format_value(node.value)}"))
             return None
 
 

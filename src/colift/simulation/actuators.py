@@ -11,27 +11,27 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from colift.math.pytree import pytree
-from colift.models.actuator_lag import Lag, Lagging
-from colift.models.state import AgentInput, Clock, Inputs
+from colift.models.actuator_lag import ActuatorLag, ActuatorLagState
+from colift.models.state import AgentInput, ControlClock, TeamInputs
 
 Scalar = Float[Array, ""]
 
 
 @pytree
-class Ideal:
+class IdealActuators:
     """Commands act at once and in full."""
 
-    def begin(self, command: Inputs) -> Any:
+    def init(self, command: TeamInputs) -> Any:
         """The memory before the flight, after the command has acted for ever."""
         return ()
 
-    def __call__(self, command: Inputs, memory: Any, clock: Clock) -> tuple[Inputs, Any]:
+    def __call__(self, command: TeamInputs, state: Any, clock: ControlClock) -> tuple[TeamInputs, Any]:
         """What acts during the next tick, and the next memory."""
-        return command, memory
+        return command, state
 
 
 @runtime_checkable
-class Limit(Protocol):
+class InputLimits(Protocol):
     """What of a thrust and a body torque the vehicles of a group can give."""
 
     def __call__(
@@ -42,7 +42,7 @@ class Limit(Protocol):
 
 
 @pytree
-class Box:
+class BoxLimits:
     """Thrust and each torque are limited alone."""
 
     thrust_max: Float[Array, "agents"]  # N
@@ -57,36 +57,36 @@ class Box:
 
 
 @pytree
-class Rotors:
+class RotorMixer:
     """Rotors that push between zero and their limit: what they cannot give is taken from yaw first, then from tilt.
 
     `(u, tau) = B f`, f the rotors' forces. Of `f = f_u + k f_tilt + s f_yaw` with `0 <= f <= f_max`, u is kept as far
     as they reach, then k in [0, 1] is as large as can be, then s.
     """
 
-    mix: Float[Array, "4 rotors"]  # B: of (u, tau_x, tau_y, tau_z)
-    unmix: Float[Array, "rotors 4"]  # its right inverse
+    effectiveness: Float[Array, "4 rotors"]  # B: of (u, tau_x, tau_y, tau_z)
+    mixer: Float[Array, "rotors 4"]  # its right inverse
     force_max: Float[Array, "agents"]  # N, of each rotor
 
     def __call__(
         self, u: Float[Array, "agents"], tau: Float[Array, "agents 3"]
     ) -> tuple[Float[Array, "agents"], Float[Array, "agents 3"]]:
         """The nearest that the rotors can give, in that order."""
-        f = jax.vmap(self._forces)(u, tau, self.force_max) @ self.mix.T
+        f = jax.vmap(self._forces)(u, tau, self.force_max) @ self.effectiveness.T
         return f[:, 0], f[:, 1:]
 
     def _forces(self, u: Scalar, tau: Float[Array, "3"], most: Scalar) -> Float[Array, "rotors"]:
-        f = jnp.clip(self.unmix[:, 0] * u, 0.0, most)
-        for share in (self.unmix[:, 1:3] @ tau[:2], self.unmix[:, 3] * tau[2]):
+        f = jnp.clip(self.mixer[:, 0] * u, 0.0, most)
+        for share in (self.mixer[:, 1:3] @ tau[:2], self.mixer[:, 3] * tau[2]):
             room = jnp.where(share > 0, most - f, f)
-            f = f + share * jnp.clip((room / jnp.maximum(jnp.abs(share), TINY)).min(), 0.0, 1.0)
+            f = f + share * jnp.clip((room / jnp.maximum(jnp.abs(share), FORCE_EPS)).min(), 0.0, 1.0)
         return jnp.clip(f, 0.0, most)  # of what was scaled to a limit, rounding
 
 
-TINY = 1e-300  # N: a rotor that need not change has all the room there is
+FORCE_EPS = 1e-300  # N: a rotor that need not change has all the room there is
 
 
-def rotors(count: int, arm: float, yaw: float, force_max: Float[Array, "agents"]) -> Rotors:
+def ring_mixer(count: int, arm: float, yaw: float, force_max: Float[Array, "agents"]) -> RotorMixer:
     """Rotors evenly around a ring of radius `arm`, m, that turn in turns; yaw: m, torque over force of each.
 
     `u = sum f`, `tau = sum (y f, -x f, +-yaw f)`. Raises ValueError for a number that is odd or below four: it cannot
@@ -97,25 +97,27 @@ def rotors(count: int, arm: float, yaw: float, force_max: Float[Array, "agents"]
     angle = 2 * np.pi * (np.arange(count) + 0.5) / count
     x, y, turn = arm * np.cos(angle), arm * np.sin(angle), yaw * (-1.0) ** np.arange(count)
     mix = np.stack([np.ones(count), y, -x, turn])
-    return Rotors(mix=jnp.asarray(mix), unmix=jnp.asarray(np.linalg.pinv(mix)), force_max=force_max)
+    return RotorMixer(effectiveness=jnp.asarray(mix), mixer=jnp.asarray(np.linalg.pinv(mix)), force_max=force_max)
 
 
 @pytree
-class Motors(Ideal):
+class LaggedMotors(IdealActuators):
     """A delay and a first-order lag of thrust and body torque, then a limit; joints act at once."""
 
-    lag: Lag
-    limits: tuple[Limit, ...]  # by group
+    lag: ActuatorLag
+    limits: tuple[InputLimits, ...]  # by group
 
-    def begin(self, command: Inputs) -> Lagging:
+    def init(self, command: TeamInputs) -> ActuatorLagState:
         """What acts, and the commands that are under way."""
-        return self.lag.begin(command)
+        return self.lag.init(command)
 
-    def __call__(self, command: Inputs, memory: Lagging, clock: Clock) -> tuple[Inputs, Lagging]:
+    def __call__(
+        self, command: TeamInputs, state: ActuatorLagState, clock: ControlClock
+    ) -> tuple[TeamInputs, ActuatorLagState]:
         """What acts during the next tick, and the next memory."""
-        now = self.lag.follow(memory, command, clock.dt)
+        context = self.lag.step(state, command, clock.dt)
         acting = []
-        for one, limit in zip(now.acts, self.limits, strict=True):
+        for one, limit in zip(context.output, self.limits, strict=True):
             u, tau = limit(one.u, one.tau)
             acting.append(AgentInput(u=u, tau=tau, tau_r=one.tau_r))
-        return tuple(acting), dataclasses.replace(now, acts=tuple(acting))
+        return tuple(acting), dataclasses.replace(context, output=tuple(acting))

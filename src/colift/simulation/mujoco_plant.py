@@ -20,7 +20,7 @@ from jaxtyping import Array, Float, Int
 from colift.math.pytree import pytree, static
 from colift.models import mjcf
 from colift.models.parameters import Team, agent_names
-from colift.models.state import Inputs, Residual, State, Unknown
+from colift.models.state import ResidualForces, ResidualFunctionType, State, TeamInputs
 from colift.simulation.contact_dynamics import Acceleration, AgentAcceleration
 
 try:
@@ -29,7 +29,7 @@ except ModuleNotFoundError as error:
     raise ModuleNotFoundError("MuJoCo is not installed: pip install 'colift[mujoco]'", name="mujoco") from error
 
 SUBSTEPS = 4  # of a control period of 2 ms (docs/decisions/0025)
-OFF = (  # inputs are as given, a result depends on no call before, and what is not finite is not replaced
+DISABLED_FLAGS = (  # inputs are as given, a result depends on no call before, and what is not finite is not replaced
     mujoco.mjtDisableBit.mjDSBL_CLAMPCTRL,
     mujoco.mjtDisableBit.mjDSBL_WARMSTART,
     mujoco.mjtDisableBit.mjDSBL_AUTORESET,
@@ -37,7 +37,7 @@ OFF = (  # inputs are as given, a result depends on no call before, and what is 
 
 
 @pytree
-class Mujoco:
+class MujocoPlant:
     """A team in MuJoCo as the plant of a world, in the place of `dynamics.Rigid`; made by `plant`.
 
     Its methods are pure and may be traced; MuJoCo runs on the host, one call at a time. The team that they are given
@@ -45,36 +45,40 @@ class Mujoco:
     """
 
     substeps: int = static()
-    host: Host = static()
+    host: MujocoSession = static()
 
-    def accelerate(
-        self, team: Team, z: State, inputs: Inputs, f: Residual
+    def forward_dynamics(
+        self, team: Team, state: State, inputs: TeamInputs, f: ResidualForces
     ) -> tuple[Acceleration, tuple[Float[Array, "_agents _arms 3"], ...]]:
         """Accelerations and contact forces, as `dynamics.accelerate` but for the softness of the contacts."""
-        like = tuple(AgentAcceleration(v_dot=q.v, xi_dot=jnp.concatenate([q.omega, q.r_dot], axis=1)) for q in z.agents)
-        contacts = tuple(group.contact for group in team.groups)
+        like = tuple(
+            AgentAcceleration(v_dot=q.v, xi_dot=jnp.concatenate([q.omega, q.r_dot], axis=1)) for q in state.agents
+        )
+        contacts = tuple(group.contact_position for group in team.agent_groups)
         results = [jnp.zeros(6), *_join(like), *_join(contacts)]
-        a_L, v_dot, xi_dot, lam = _ask(self.host.accelerate, results, z, inputs, f)
+        a_L, v_dot, xi_dot, lam = _ask(self.host.forward_dynamics, results, state, inputs, f)
         return Acceleration(agents=_part(like, [v_dot, xi_dot]), payload=a_L), _part(contacts, [lam])
 
-    def step(self, team: Team, z: State, inputs: Inputs, residual: Unknown, dt: Float[Array, ""]) -> State:
+    def step(
+        self, team: Team, state: State, inputs: TeamInputs, residual: ResidualFunctionType, dt: Float[Array, ""]
+    ) -> State:
         """The state after dt, s; inputs are held over it, the residual over each of the substeps.
 
         residual: of a state and of the time since the step began, s.
         """
         h = dt / self.substeps
 
-        def one(k: Int[Array, ""], z: State) -> State:
-            load, kind = jax.tree.flatten(z.payload)
-            after = _ask(self.host.step, _state_rows(z), z, inputs, residual(z, k.astype(h.dtype) * h), h)
-            return State(agents=_part(z.agents, after[: -len(load)]), payload=kind.unflatten(after[-len(load) :]))
+        def one(k: Int[Array, ""], state: State) -> State:
+            load, kind = jax.tree.flatten(state.payload)
+            after = _ask(self.host.step, _state_rows(state), state, inputs, residual(state, k.astype(h.dtype) * h), h)
+            return State(agents=_part(state.agents, after[: -len(load)]), payload=kind.unflatten(after[-len(load) :]))
 
-        return jax.lax.fori_loop(0, self.substeps, one, z)
+        return jax.lax.fori_loop(0, self.substeps, one, state)
 
 
-def plant(
-    team: Team, z: State, dt: float = 2e-3, substeps: int = SUBSTEPS, softness: mjcf.Softness | None = None
-) -> Mujoco:
+def mujoco_plant(
+    team: Team, state: State, dt: float = 2e-3, substeps: int = SUBSTEPS, softness: mjcf.ContactSoftness | None = None
+) -> MujocoPlant:
     """A team in MuJoCo, to be stepped by dt, s; z is any of its states. By default as rigid as the substep allows.
 
     Raises ValueError for less than one substep, and as MuJoCo does for a team that it refuses.
@@ -82,8 +86,8 @@ def plant(
     if substeps < 1:
         raise ValueError(f"substeps = {substeps}: must be at least 1")
     h = dt / substeps
-    text = mjcf.document(team, z, timestep=h, softness=softness or mjcf.rigid(h))
-    return Mujoco(substeps=substeps, host=Host(team, text))
+    text = mjcf.to_mjcf(team, state, timestep=h, softness=softness or mjcf.stiffest_contact(h))
+    return MujocoPlant(substeps=substeps, host=MujocoSession(team, text))
 
 
 # Between PyTrees and rows of numbers --------------------------------------------------------------------------------
@@ -92,14 +96,14 @@ def plant(
 def _ask(
     answer: Callable[..., Sequence[np.ndarray]],
     results: Sequence[Array],
-    z: State,
-    inputs: Inputs,
-    f: Residual,
+    state: State,
+    inputs: TeamInputs,
+    f: ResidualForces,
     *more: Array,
 ) -> list[Array]:
     """What the host answers, `results` being arrays like its own; all in one row, as a call costs by the array."""
-    asked = [*_rows(z, inputs, f), *more]
-    ends, size = np.cumsum([x.size for x in asked])[:-1], sum(x.size for x in results)
+    requested = [*_rows(state, inputs, f), *more]
+    ends, size = np.cumsum([x.size for x in requested])[:-1], sum(x.size for x in results)
 
     def flat(row: Array | np.ndarray) -> np.ndarray:
         if not np.isfinite(row).all():  # MuJoCo would write a log file
@@ -107,17 +111,17 @@ def _ask(
         return np.concatenate([x.ravel() for x in answer(*np.split(np.asarray(row), ends))])
 
     shape = jax.ShapeDtypeStruct((size,), float)
-    row = jnp.concatenate([x.reshape(-1) for x in asked])
+    row = jnp.concatenate([x.reshape(-1) for x in requested])
     return _cut(jax.pure_callback(flat, shape, row, vmap_method="sequential"), results)
 
 
-def _rows(z: State, inputs: Inputs, f: Residual) -> list[Array]:
+def _rows(state: State, inputs: TeamInputs, f: ResidualForces) -> list[Array]:
     """What the host is told, as `Host._set` takes it."""
-    return [*_state_rows(z), *_join(inputs), *_join(f.agents), *jax.tree.leaves(f.payload)]
+    return [*_state_rows(state), *_join(inputs), *_join(f.agents), *jax.tree.leaves(f.payload)]
 
 
-def _state_rows(z: State) -> list[Array]:
-    return [*_join(z.agents), *jax.tree.leaves(z.payload)]
+def _state_rows(state: State) -> list[Array]:
+    return [*_join(state.agents), *jax.tree.leaves(state.payload)]
 
 
 def _join(groups: Sequence[Any]) -> list[Array]:
@@ -142,14 +146,14 @@ def _cut(row: Array, like: Sequence[Array]) -> list[Array]:
 # On the host ----------------------------------------------------------------------------------------------------------
 
 
-class Host:
+class MujocoSession:
     """MuJoCo's model, where it keeps what, and room to compute in; agents, joints and contacts in team order."""
 
     def __init__(self, team: Team, text: str) -> None:
         self.model = m = mujoco.MjModel.from_xml_string(text)
         self.data = mujoco.MjData(m)
         self.turn = threading.Lock()  # two calls of one program need not wait for each other
-        for flag in OFF:
+        for flag in DISABLED_FLAGS:
             m.opt.disableflags |= flag
         names, joints = agent_names(team), mjcf.joint_names(team)
         place = {m.joint(j).name: (m.jnt_qposadr[j], m.jnt_dofadr[j]) for j in range(m.njnt)}
@@ -161,7 +165,9 @@ class Host:
         self.torque = np.array([m.actuator(f"{name} torque {axis}").id for name in names for axis in "xyz"])
         self.motor = np.array([m.actuator(name).id for name in joints], int)
         turning = self.base_v[:, None] + [3, 4, 5]
-        counts = [group.tree.joints for size, group in zip(team.sizes, team.groups, strict=True) for _ in range(size)]
+        counts = [
+            group.tree.joints for size, group in zip(team.sizes, team.agent_groups, strict=True) for _ in range(size)
+        ]
         of_joints = np.split(self.joint_v, np.cumsum(counts)[:-1])
         self.xi = np.concatenate([x for part in zip(turning, of_joints, strict=True) for x in part])
         self.turning = turning.ravel()
@@ -170,7 +176,7 @@ class Host:
         self.share = (owns * m.body_mass / self.mass[:, None]).T
         self.holds = owns[:, m.site_bodyid[m.eq_obj2id]].astype(float)
 
-    def accelerate(self, *rows: np.ndarray) -> tuple[np.ndarray, ...]:
+    def forward_dynamics(self, *rows: np.ndarray) -> tuple[np.ndarray, ...]:
         """`a_L, v_dot, xi_dot, lam` of a state under inputs and a residual, each in a row.
 
         An agent's centre of mass follows from Newton: `m v_dot = m a_g + R e3 u + f_x - sum lam`.

@@ -10,14 +10,14 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from colift.math import so3
-from colift.math.linalg import mul, transpose
+from colift.math.linalg import matmul, transpose
 from colift.math.pytree import pytree
 
 Scalar = Float[Array, ""]
 
 
 @pytree
-class Setpoint:
+class PayloadSetpoint:
     """The desired payload pose `(p_d, R_d)` at one time, with derivatives."""
 
     p: Float[Array, "3"]  # m
@@ -30,27 +30,29 @@ class Setpoint:
 
 
 @runtime_checkable
-class Reference(Protocol):
+class ReferenceTrajectory(Protocol):
     """A smooth pose of the payload over time."""
 
-    def at(self, t: Scalar) -> Setpoint:
+    def evaluate(self, t: Scalar) -> PayloadSetpoint:
         """The setpoint at time t, s."""
         ...
 
 
-def along(pose: Callable[[Scalar], Float[Array, "6"]], R: Float[Array, "3 3"], t: Scalar) -> Setpoint:
+def differentiate_pose(
+    pose: Callable[[Scalar], Float[Array, "6"]], R: Float[Array, "3 3"], t: Scalar
+) -> PayloadSetpoint:
     """The setpoint of `pose(t) = (p, theta)`, attitude `R exp(theta)`, with exact derivatives.
 
     `omega_d = (R_d^T R_d_dot)^vee`, payload frame, and its rate.
     """
 
     def turning(t: Scalar) -> tuple[Float[Array, "3 3"], Float[Array, "3"]]:
-        R_d, R_d_dot = _and_rate(lambda t: mul(R, so3.exp(pose(t)[3:])))(t)
-        return R_d, so3.vee(mul(transpose(R_d), R_d_dot))
+        R_d, R_d_dot = _and_rate(lambda t: matmul(R, so3.exp(pose(t)[3:])))(t)
+        return R_d, so3.vee(matmul(transpose(R_d), R_d_dot))
 
     (R_d, omega), (_, omega_dot) = _and_rate(turning)(t)
     ((p, v), (_, a)), (_, (_, j)) = _and_rate(_and_rate(_and_rate(lambda t: pose(t)[:3])))(t)
-    return Setpoint(p=p, v=v, a=a, j=j, R=R_d, omega=omega, omega_dot=omega_dot)
+    return PayloadSetpoint(p=p, v=v, a=a, j=j, R=R_d, omega=omega, omega_dot=omega_dot)
 
 
 def _and_rate(f: Callable[[Scalar], Any]) -> Callable[[Scalar], tuple[Any, Any]]:
@@ -64,6 +66,6 @@ def smooth_step(s: Float[Array, "*batch"]) -> Float[Array, "*batch"]:
     return s**4 * (35 - 84 * s + 70 * s**2 - 20 * s**3)
 
 
-def pulse(t: Float[Array, "*batch"], start: Scalar, end: Scalar, ramp: Scalar) -> Float[Array, "*batch"]:
+def smooth_pulse(t: Float[Array, "*batch"], start: Scalar, end: Scalar, ramp: Scalar) -> Float[Array, "*batch"]:
     """Rises smoothly from 0 at `start`, is 1 in between, is 0 again from `end`; each flank lasts `ramp`, s."""
     return smooth_step((t - start) / ramp) * smooth_step((end - t) / ramp)

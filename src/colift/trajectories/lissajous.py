@@ -6,7 +6,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from colift.math.pytree import pytree
-from colift.trajectories.base import Setpoint, along, smooth_step
+from colift.trajectories.base import PayloadSetpoint, differentiate_pose, smooth_step
 
 Scalar = Float[Array, ""]
 
@@ -23,19 +23,19 @@ class Lissajous:
     amplitude: Float[Array, "3"]  # m
     period: Float[Array, "3"]  # s
     phase: Float[Array, "3"]  # rad
-    ramp: Float[Array, ""]  # s
+    ramp_time: Float[Array, ""]  # s
     R: Float[Array, "3 3"]  # attitude about which it swings, payload to world
-    swing: Float[Array, "3"]  # rad, rotation vector in the frame of R
-    swing_period: Float[Array, "3"]  # s
-    swing_phase: Float[Array, "3"]  # rad
+    rotation_amplitude: Float[Array, "3"]  # rad, rotation vector in the frame of R
+    rotation_period: Float[Array, "3"]  # s
+    rotation_phase: Float[Array, "3"]  # rad
 
-    def at(self, t: Scalar) -> Setpoint:
+    def evaluate(self, t: Scalar) -> PayloadSetpoint:
         """The setpoint at time t, s; derivatives are exact (nested forward differentiation)."""
-        return along(self.pose, self.R, t)
+        return differentiate_pose(self.pose, self.R, t)
 
     def pose(self, t: Scalar) -> Float[Array, "6"]:
         """Position, m, and rotation vector off R, rad, at time t, s."""
-        on = smooth_step(t / self.ramp)
+        on = smooth_step(t / self.ramp_time)
         wave = jnp.sin(2 * jnp.pi * t / self.period + self.phase)
-        turn = jnp.sin(2 * jnp.pi * t / self.swing_period + self.swing_phase)
-        return jnp.concatenate([self.center + on * self.amplitude * wave, on * self.swing * turn])
+        turn = jnp.sin(2 * jnp.pi * t / self.rotation_period + self.rotation_phase)
+        return jnp.concatenate([self.center + on * self.amplitude * wave, on * self.rotation_amplitude * turn])

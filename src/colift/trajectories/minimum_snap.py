@@ -9,13 +9,13 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from colift.math.pytree import pytree
-from colift.trajectories.base import Setpoint, along
+from colift.trajectories.base import PayloadSetpoint, differentiate_pose
 
 Scalar = Float[Array, ""]
 
 
 @pytree
-class Waypoints:
+class MinimumSnapTrajectory:
     """Polynomials between poses, of least `int |d^4/dt^4|^2`: minimum snap, smooth to the sixth derivative inside.
 
     `(p, theta)(t) = sum_k c_k s^k`, `s = t - t_i` on `[t_i, t_(i+1)]`, `R_d = exp(theta)`; before the first pose and
@@ -25,7 +25,7 @@ class Waypoints:
     knots: Float[Array, "knots"]  # s, ascending
     coefficients: Float[Array, "pieces 8 6"]  # m, rad, over powers of s
 
-    def at(self, t: Scalar) -> Setpoint:
+    def evaluate(self, t: Scalar) -> PayloadSetpoint:
         """The setpoint at time t, s."""
         t = jnp.clip(t, self.knots[0], self.knots[-1])
         i = jnp.clip((t >= self.knots).sum() - 1, 0, len(self.knots) - 2)
@@ -37,10 +37,10 @@ class Waypoints:
                 value = c[k] + (t - start) * value
             return value
 
-        return along(pose, jnp.eye(3), t)
+        return differentiate_pose(pose, jnp.eye(3), t)
 
 
-def waypoints(t: np.ndarray, p: np.ndarray, theta: np.ndarray) -> Waypoints:
+def minimum_snap(t: np.ndarray, p: np.ndarray, theta: np.ndarray) -> MinimumSnapTrajectory:
     """The minimum-snap path through poses at given times, at rest at both ends (Mellinger and Kumar 2011); on the host.
 
     t: (n,) s, ascending; p: (n, 3) m; theta: (n, 3) rotation vectors of the attitude, rad, which turn from one to the
@@ -73,7 +73,7 @@ def waypoints(t: np.ndarray, p: np.ndarray, theta: np.ndarray) -> Waypoints:
         for k in range(1, 7):
             row((i, _powers(1.0, k) / span[i] ** k), (i + 1, -_powers(0.0, k) / span[i + 1] ** k))
     c = np.linalg.solve(np.array(A), np.array(b)).reshape(pieces, 8, 6)
-    return Waypoints(
+    return MinimumSnapTrajectory(
         knots=jnp.asarray(t), coefficients=jnp.asarray(c / span[:, None, None] ** np.arange(8)[None, :, None])
     )
 

@@ -17,7 +17,7 @@ from colift.closed_loop import log
 from colift.visualization import style
 from colift.visualization.style import Color, Dashes
 
-WINDOW = 0.2  # s, over which noisy signals are averaged for the eye; labels and legends say so
+SMOOTHING_WINDOW = 0.2  # s, over which noisy signals are averaged for the eye; labels and legends say so
 STEP = 0.01  # s, between drawn points
 COLUMNS = 4  # cases beside each other on a page's width
 WIDE = 30  # letters of a title above one
@@ -45,17 +45,17 @@ def log_scale(ax: Axes) -> None:
 def time_axis(ax: Axes, cases: Cases) -> None:
     """From 0 to the end of the longest flight: one period after its last tick; to 1 s where none has a second tick."""
     ax.set_xlabel("time [s]")
-    ax.set_xlim(0, max(float(ds.time[-1]) + period(ds.time) for ds in cases.values()) or 1.0)
+    ax.set_xlim(0, max(float(ds.time[-1]) + sample_period(ds.time) for ds in cases.values()) or 1.0)
     ax.xaxis.set_major_locator(MaxNLocator(8, steps=[1, 2, 5, 10]))
     ax.xaxis.set_minor_locator(AutoMinorLocator())
 
 
-def mark_updates(axes: Sequence[Axes], cases: Cases) -> None:
+def draw_update_lines(axes: Sequence[Axes], cases: Cases) -> None:
     """Light lines at the update times t_k, with their names, and a dashed one at T_end.
 
     Of cases whose learning ends there; where every one goes on, light lines alone.
     """
-    each = [(times, end) for times, end in map(log.learned, cases.values()) if times]
+    each = [(times, end) for times, end in map(log.update_times, cases.values()) if times]
     ending = [(times, end) for times, end in each if end is not None]
     times = sorted({t for times, _ in ending or each for t in times})
     end = ending[0][1] if ending else None
@@ -81,7 +81,7 @@ def mark_updates(axes: Sequence[Axes], cases: Cases) -> None:
         )
 
 
-def shade(ax: Axes, t: np.ndarray, active: np.ndarray) -> None:
+def shade_span(ax: Axes, t: np.ndarray, active: np.ndarray) -> None:
     """Shade the span in which internal forces act."""
     if active.any():
         ax.axvspan(t[active][0], t[active][-1], color=ACTIVE, linewidth=0, zorder=0)
@@ -95,7 +95,7 @@ def shade_all(ax: Axes, t: np.ndarray, active: np.ndarray) -> None:
 # Names and strokes ----------------------------------------------------------------------------------------------------
 
 
-def called(name: str, told: Mapping[str, str]) -> str:
+def case_label(name: str, told: Mapping[str, str]) -> str:
     """The name of a case and what it is."""
     return f"{name}: {told[name].split(':')[0]}" if name in told else name
 
@@ -103,18 +103,21 @@ def called(name: str, told: Mapping[str, str]) -> str:
 def title(name: str, ds: xr.Dataset, told: Mapping[str, str]) -> str:
     """Of a column: the case, and when it stopped if it stopped early."""
     early = "" if ds.attrs["complete"] else f"\n(stopped at {float(ds.time[-1]):.1f} s)"
-    return textwrap.fill(called(name, told), WIDE) + early
+    return textwrap.fill(case_label(name, told), WIDE) + early
 
 
-def body(name: str, k: int, n: int) -> tuple[Color, Dashes]:
+def body_style(name: str, k: int, n: int) -> tuple[Color, Dashes]:
     """Colour and stroke of the k-th of n bodies of a case."""
-    return style.tint(style.of(name).color, k, n), style.STROKES[k % len(style.STROKES)]
+    return style.tint(style.style_of(name).color, k, n), style.DASH_PATTERNS[k % len(style.DASH_PATTERNS)]
 
 
-def agents(cases: Cases) -> list[tuple[Artist, str]]:
+def agent_legend(cases: Cases) -> list[tuple[Artist, str]]:
     """Which agent has which stroke, where there are several."""
     agents = next(iter(cases.values())).agent.values.tolist()
-    strokes = [(style.tint(GREY, k, len(agents)), style.STROKES[k % len(style.STROKES)]) for k in range(len(agents))]
+    strokes = [
+        (style.tint(GREY, k, len(agents)), style.DASH_PATTERNS[k % len(style.DASH_PATTERNS)])
+        for k in range(len(agents))
+    ]
     return [
         (Line2D([], [], color=color, linestyle=dashes, linewidth=1.3), agent)
         for (color, dashes), agent in zip(strokes, agents, strict=True)
@@ -125,14 +128,14 @@ def agents(cases: Cases) -> list[tuple[Artist, str]]:
 # Signals --------------------------------------------------------------------------------------------------------------
 
 
-def period(t: xr.DataArray) -> float:
+def sample_period(t: xr.DataArray) -> float:
     """Time between two rows of the log, s; 0 where there is only one."""
     return float(t[1] - t[0]) if len(t) > 1 else 0.0
 
 
 def samples(ds: xr.Dataset, seconds: float) -> int:
     """Ticks in a span of time, at least one."""
-    tick = period(ds.time)
+    tick = sample_period(ds.time)
     return max(1, round(seconds / tick)) if tick else 1
 
 
@@ -143,9 +146,9 @@ def norm(x: xr.DataArray) -> np.ndarray:
 
 def rms(ds: xr.Dataset, x: np.ndarray) -> np.ndarray:
     """RMS over a window around each tick: unlike a low-pass it hides no power."""
-    return np.sqrt(uniform_filter1d(x**2, samples(ds, WINDOW)))
+    return np.sqrt(uniform_filter1d(x**2, samples(ds, SMOOTHING_WINDOW)))
 
 
-def thin(ds: xr.Dataset, x: xr.DataArray | np.ndarray) -> np.ndarray:
+def decimate(ds: xr.Dataset, x: xr.DataArray | np.ndarray) -> np.ndarray:
     """A signal at the points that are drawn, `STEP` apart."""
     return np.asarray(x)[:: samples(ds, STEP)]

@@ -11,12 +11,12 @@ import numpy as np
 
 from colift.runtime import atomic_write
 
-Learned = tuple[Sequence[str], Sequence[str], np.ndarray, np.ndarray, np.ndarray]
+BodyLengthscales = tuple[Sequence[str], Sequence[str], np.ndarray, np.ndarray, np.ndarray]
 """Of one body: names of features and outputs; length-scales `(outputs, features)`, in standard deviations of the
 feature; which of them are at their lower bound; which at their upper one."""
 
 
-def table(bodies: Mapping[str, Learned], path: str | Path, run: str) -> list[Path]:
+def write_lengthscale_table(bodies: Mapping[str, BodyLengthscales], path: str | Path, run: str) -> list[Path]:
     """Write the learned length-scales as `<path>.csv` (a row each) and `<path>.md` (a table a body); return the files.
 
     Both name the run: each row of the first, the head of the second.
@@ -39,7 +39,7 @@ def table(bodies: Mapping[str, Learned], path: str | Path, run: str) -> list[Pat
     csv.writer(text, lineterminator="\n").writerows(rows)
     files = [Path(f"{path}.csv"), Path(f"{path}.md")]
     for file, content in zip(files, (text.getvalue(), "\n".join(pages)), strict=True):
-        atomic_write.write(file, content.encode())
+        atomic_write.write_atomic(file, content.encode())
     return files
 
 

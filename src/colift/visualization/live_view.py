@@ -16,12 +16,12 @@ import numpy as np
 import xarray as xr
 
 from colift.closed_loop import log, signals
-from colift.closed_loop.flight import Flight, Plan, chunk, fly_plan
+from colift.closed_loop.flight import Experiment, FlightResult, run_experiment, ticks_per_chunk
 from colift.math import so3
 from colift.models.parameters import Team
 from colift.onboard.learning import prediction_uncertainty
 from colift.runtime import run_directory
-from colift.scenario import Settings, team, trajectories
+from colift.scenario import Scenario, team, trajectories
 from colift.visualization import playback, scene
 
 HOST = "127.0.0.1"
@@ -30,47 +30,51 @@ EVENTS = "/events"
 
 
 @contextlib.contextmanager
-def flying(settings: Settings, plan: Plan, case: str, told: str, ready: Callable[[str], None]) -> Generator[Flight]:
+def serve_live_flight(
+    settings: Scenario, experiment: Experiment, case: str, told: str, ready: Callable[[str], None]
+) -> Generator[FlightResult]:
     """Fly a plan of a scenario and show it; its page stays until the block ends. `told`: what the case is.
 
     `ready` is handed the page's address once the first half second is flown. Raises OSError where there is no port.
     """
-    flown, live = [], Live()
-    drawn = _Drawn(settings, plan, case)
+    flown, live = [], EventStream()
+    drawn = _Drawn(settings, experiment, case)
 
-    def seen(rows: signals.Row) -> None:
+    def seen(rows: signals.StepRecord) -> None:
         flown.append(rows)
-        ds = drawn.dataset(jax.tree.map(lambda *parts: np.concatenate(parts), *flown), _no_sigma(plan))
-        live.tell(drawn.event(ds))
+        ds = drawn.dataset(jax.tree.map(lambda *parts: np.concatenate(parts), *flown), _no_sigma(experiment))
+        live.publish(drawn.event(ds))
         if len(flown) == 1:
             ready(held.enter_context(_served(drawn.page(ds, told).encode(), live)))
 
     with contextlib.ExitStack() as held:
-        flight = fly_plan(plan, seen=seen)
-        ds = drawn.dataset(flight.rows, flight.sigma, flight.stopped)
-        live.tell(drawn.event(ds) | drawn.sigma(ds))
-        live.end()
+        flight = run_experiment(experiment, seen=seen)
+        ds = drawn.dataset(flight.records, flight.uncertainty, flight.termination_reason)
+        live.publish(drawn.event(ds) | drawn.sigma(ds))
+        live.close()
         yield flight
 
 
 class _Drawn:
     """What is drawn of a flight, frame by frame, while it gets longer."""
 
-    def __init__(self, settings: Settings, plan: Plan, case: str) -> None:
-        self.settings, self.plan, self.case, self.sent = settings, plan, case, 0
+    def __init__(self, settings: Scenario, experiment: Experiment, case: str) -> None:
+        self.settings, self.plan, self.case, self.sent = settings, experiment, case, 0
         self.team: Team = team.team(settings)[0]
-        ticks, step = round(plan.duration / plan.dt), scene.stride(plan.dt)
+        ticks, step = round(experiment.duration / experiment.dt), scene.stride(experiment.dt)
         self.ticks = np.unique([*range(0, ticks, step), ticks - 1])
-        self.room = chunk(plan) // step + 2  # frames that are computed at once: one shape, one program
+        self.room = ticks_per_chunk(experiment) // step + 2  # frames that are computed at once: one shape, one program
 
-    def dataset(self, rows: signals.Row, sigma: prediction_uncertainty.Sigma, stopped: str = "") -> xr.Dataset:
+    def dataset(
+        self, rows: signals.StepRecord, sigma: prediction_uncertainty.PredictionUncertainty, stopped: str = ""
+    ) -> xr.Dataset:
         """The log of what is flown, as a study has it."""
-        told, renewals = self.settings, self.plan.renewals
-        learns = sorted({*self.plan.updates, *(renewals.times if renewals else ())})
+        told, renewals = self.settings, self.plan.online_updates
+        learns = sorted({*self.plan.update_times, *(renewals.times if renewals else ())})
         attrs = {
             "scenario_json": told.model_dump_json(exclude_none=True),
             "version": version("colift"),
-            "run": run_directory.run_name(version("colift"), told.digest),
+            "run": run_directory.run_id(version("colift"), told.digest),
             "case": self.case,
             "stopped": stopped,
             "update_times_s": [t for t in learns if t <= rows.t[-1] + self.plan.dt],
@@ -82,56 +86,56 @@ class _Drawn:
 
     def event(self, ds: xr.Dataset) -> dict[str, Any]:
         """The frames that are new since the event before, and what is told of the flight until now."""
-        until = int(np.searchsorted(self.ticks, scene.rows(ds)[-1], side="right"))
+        until = int(np.searchsorted(self.ticks, scene.frame_rows(ds)[-1], side="right"))
         fresh = self.ticks[self.sent : until]
         tracks, first = {}, self.sent
         for start in range(0, len(fresh), self.room):
             pick = fresh[start : start + self.room]
             at = ds.isel(time=np.pad(pick, (0, self.room - len(pick)), mode="edge"))
-            for name, x in (scene.poses(at, self.team) | scene.errors(at)).items():
+            for name, x in (scene.poses(at, self.team) | scene.error_signals(at)).items():
                 tracks.setdefault(name, []).append(x[: len(pick)])
         self.sent = until
         return {
             "from": first,
             "known": until,
-            "tracks": {name: playback.packed(np.concatenate(parts)) for name, parts in tracks.items()},
-            "marks": scene.marks(ds),
+            "tracks": {name: playback.encode_array(np.concatenate(parts)) for name, parts in tracks.items()},
+            "marks": scene.event_markers(ds),
             "stopped": str(ds.attrs["stopped"]),
         }
 
     def sigma(self, ds: xr.Dataset) -> dict[str, Any]:
         """The deviations, which are computed when the flight has ended."""
-        at = ds.time_sigma.values[scene.every(ds.time_sigma.values)]
-        return {"t_sigma": scene.seconds(at), "sigma": playback.packed(scene.curves(ds)["sigma"])}
+        at = ds.time_sigma.values[scene.subsample(ds.time_sigma.values)]
+        return {"t_sigma": scene.to_json_times(at), "sigma": playback.encode_array(scene.plot_signals(ds)["sigma"])}
 
     def page(self, ds: xr.Dataset, told: str) -> str:
         """The page with the first frame, the whole reference, and room for the rest."""
-        written = playback.written({self.case: ds}, {self.case: told})
+        written = playback.page_data({self.case: ds}, {self.case: told})
         t = self.ticks * self.plan.dt
-        wanted = jax.jit(jax.vmap(trajectories.path(self.settings).at))(jnp.asarray(t))
+        wanted = jax.jit(jax.vmap(trajectories.make_reference(self.settings).evaluate))(jnp.asarray(t))
         whole = {"p_d": np.asarray(wanted.p), "q_d": np.asarray(jax.jit(so3.quaternion)(wanted.R))}
         (shown,) = written["cases"]
         at = ds.isel(time=[0])
-        for name, x in (scene.poses(at, self.team) | scene.errors(at)).items():
+        for name, x in (scene.poses(at, self.team) | scene.error_signals(at)).items():
             room = np.full((len(t), *x.shape[1:]), np.nan)
             room[0] = x[0]
-            shown["tracks"][name] = playback.packed(whole.get(name, room))
-        shown |= {"t": scene.seconds(t), "known": 1}
-        return playback.document(written | {"live": EVENTS}, POLICY)
+            shown["tracks"][name] = playback.encode_array(whole.get(name, room))
+        shown |= {"t": scene.to_json_times(t), "known": 1}
+        return playback.page_html(written | {"live": EVENTS}, POLICY)
 
 
-def _no_sigma(plan: Plan) -> prediction_uncertainty.Sigma:
+def _no_sigma(experiment: Experiment) -> prediction_uncertainty.PredictionUncertainty:
     """The deviations before there are any."""
-    groups: Team = plan.world.team
-    sizes = zip(groups.sizes, groups.groups, strict=True)
+    groups: Team = experiment.world.team
+    sizes = zip(groups.sizes, groups.agent_groups, strict=True)
     empty = tuple(np.zeros((0, size, 6 + group.tree.joints)) for size, group in sizes)
     none = np.zeros((0, 6))
-    return prediction_uncertainty.Sigma(
+    return prediction_uncertainty.PredictionUncertainty(
         t=np.zeros(0),
-        payload=none,
-        agents=empty,
-        payload_label=none,
-        agents_label=empty,
+        payload_std=none,
+        agent_std=empty,
+        payload_label_bias=none,
+        agent_label_bias=empty,
         payload_radius=none,
         agents_radius=empty,
     )
@@ -140,7 +144,7 @@ def _no_sigma(plan: Plan) -> prediction_uncertainty.Sigma:
 # Server ---------------------------------------------------------------------------------------------------------------
 
 
-class Live:
+class EventStream:
     """Events of a flight: told by one thread, followed from the first one on by any number."""
 
     def __init__(self) -> None:
@@ -148,19 +152,19 @@ class Live:
         self._over = False
         self._changed = threading.Condition()
 
-    def tell(self, event: dict[str, Any]) -> None:
+    def publish(self, event: dict[str, Any]) -> None:
         """Adds an event."""
         with self._changed:
             self._events.append(f"data: {json.dumps(event, allow_nan=False, separators=(',', ':'))}\n\n".encode())
             self._changed.notify_all()
 
-    def end(self) -> None:
+    def close(self) -> None:
         """No event follows."""
         with self._changed:
             self._over = True
             self._changed.notify_all()
 
-    def follow(self) -> Iterator[bytes]:
+    def subscribe(self) -> Iterator[bytes]:
         """Every event as it is sent, then the end."""
         k = 0
         while True:
@@ -175,7 +179,7 @@ class Live:
 
 
 @contextlib.contextmanager
-def _served(page: bytes, live: Live) -> Generator[str]:
+def _served(page: bytes, live: EventStream) -> Generator[str]:
     """The page and its events on a free port of this computer, until the block ends; the address."""
 
     class Answer(BaseHTTPRequestHandler):
@@ -189,7 +193,7 @@ def _served(page: bytes, live: Live) -> Generator[str]:
             elif self.path == EVENTS:
                 self._begin("text/event-stream")
                 with contextlib.suppress(ConnectionError):  # the reader has gone
-                    for event in live.follow():
+                    for event in live.subscribe():
                         self.wfile.write(event)
             else:
                 self.send_error(404)

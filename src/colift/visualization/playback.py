@@ -37,53 +37,53 @@ def write(out: Path, cases: Mapping[str, str]) -> Path:
 
     Raises ValueError as `log.flights`, OSError where the page cannot be written or another process writes there.
     """
-    run, found = log.flights(out, cases)
-    text = page(found, cases)
-    with run_directory.claim(out, run, (PAGE,)):
-        atomic_write.write(out / PAGE, text.encode())
+    run, found = log.load_flights(out, cases)
+    text = build_page(found, cases)
+    with run_directory.lock_run_directory(out, run, (PAGE,)):
+        atomic_write.write_atomic(out / PAGE, text.encode())
     return out / PAGE
 
 
-def page(flights: Mapping[str, xr.Dataset], cases: Mapping[str, str]) -> str:
+def build_page(flights: Mapping[str, xr.Dataset], cases: Mapping[str, str]) -> str:
     """The page of some flights of one team: HTML with script, styles and numbers inside.
 
     Raises ValueError for a log that does not hold its scenario.
     """
-    return document(written(flights, cases))
+    return page_html(page_data(flights, cases))
 
 
-def written(flights: Mapping[str, xr.Dataset], cases: Mapping[str, str]) -> dict[str, Any]:
+def page_data(flights: Mapping[str, xr.Dataset], cases: Mapping[str, str]) -> dict[str, Any]:
     """What the page's script reads, as JSON may have it; raises as `page`."""
     first = next(iter(flights.values()))
-    told = poses.settings(first)
+    told = poses.scenario_of_log(first)
     team, _ = team_module.team(told)
-    shape = scene.shape(team, told)
+    shape = scene.team_geometry(team, told)
     moving = {case: scene.frames(ds, team) for case, ds in flights.items()}
-    scales = scene.scales(moving, shape["size_m"])
+    scales = scene.arrow_scales(moving, shape["size_m"])
     return {
         "scenario": told.name,
         "seed": told.seed,
         "version": first.attrs["version"],
         "run": first.attrs["run"],
         "shape": shape,
-        "ground_m": scene.ground(moving),
+        "ground_m": scene.ground_height(moving),
         "arrows": {kind: {"label": ARROWS[kind], "N_per_m": x} for kind, x in scales.items()},
         "cases": [
             {
                 "name": case,
                 "label": cases[case],
                 "stopped": str(ds.attrs["stopped"]),
-                "t": scene.seconds(ds.time.values[scene.rows(ds)]),
-                "t_sigma": scene.seconds(ds.time_sigma.values[scene.every(ds.time_sigma.values)]),
-                "marks": scene.marks(ds),
-                "tracks": {name: packed(x) for name, x in (moving[case] | scene.curves(ds)).items()},
+                "t": scene.to_json_times(ds.time.values[scene.frame_rows(ds)]),
+                "t_sigma": scene.to_json_times(ds.time_sigma.values[scene.subsample(ds.time_sigma.values)]),
+                "marks": scene.event_markers(ds),
+                "tracks": {name: encode_array(x) for name, x in (moving[case] | scene.plot_signals(ds)).items()},
             }
             for case, ds in flights.items()
         ],
     }
 
 
-def document(written: Mapping[str, Any], policy: str = POLICY) -> str:
+def page_html(written: Mapping[str, Any], policy: str = POLICY) -> str:
     """The page as HTML; `policy`: what a browser lets it ask for."""
     script = (resources.files("colift.visualization") / "playback.js").read_text(encoding="utf-8")
     names = ", ".join(case["name"] for case in written["cases"])
@@ -97,7 +97,7 @@ def document(written: Mapping[str, Any], policy: str = POLICY) -> str:
     )
 
 
-def packed(x: np.ndarray) -> dict[str, Any]:
+def encode_array(x: np.ndarray) -> dict[str, Any]:
     """An array as JSON: its shape, and its numbers as little-endian float32 in base64."""
     return {"shape": list(x.shape), "float32": base64.b64encode(np.asarray(x, dtype="<f4").tobytes()).decode()}
 

@@ -30,58 +30,58 @@ from colift.runtime import atomic_write, signals
 from colift.scenario import team as team_module
 from colift.visualization import scene, style
 
-BACK = np.array([0.75, -1.5, 0.62]) / np.linalg.norm([0.75, -1.5, 0.62])  # towards the eye, as in the page
-RIGHT = np.cross([0.0, 0.0, 1.0], BACK) / np.linalg.norm(np.cross([0.0, 0.0, 1.0], BACK))
-UP = np.cross(BACK, RIGHT)
-SUN = np.array([0.3, -0.4, 0.86])
-FAR = 12.0  # sizes of the team: on longer paths the view follows the payload
-CLOSE = 1.15  # sizes of the team, from the payload to the edge of a view that follows it
+CAMERA_DIRECTION = np.array([0.75, -1.5, 0.62]) / np.linalg.norm([0.75, -1.5, 0.62])  # towards the eye, as in the page
+RIGHT = np.cross([0.0, 0.0, 1.0], CAMERA_DIRECTION) / np.linalg.norm(np.cross([0.0, 0.0, 1.0], CAMERA_DIRECTION))
+UP = np.cross(CAMERA_DIRECTION, RIGHT)
+LIGHT_DIRECTION = np.array([0.3, -0.4, 0.86])
+FOLLOW_DISTANCE = 12.0  # sizes of the team: on longer paths the view follows the payload
+FOLLOW_MARGIN = 1.15  # sizes of the team, from the payload to the edge of a view that follows it
 GRID = 1.0  # m
 COLORS = {"thrust": "#228833", "contact": "#111111", "disturbance": "#0099CC"}  # of arrows
 REFERENCE, FRAME, ARM = "#33393F", "#3D444C", "#8A939D"
 STILLS, FILMS = (".png", ".pdf", ".svg"), (".gif", ".mp4")
-INCH = 3.6  # of a case's panel in a picture or film
+PANEL_INCHES = 3.6  # of a case's panel in a picture or film
 DOTS = 110  # an inch of a film
-PER_SECOND = {".gif": 20, ".mp4": 30}  # frames; a GIF counts in hundredths of a second
+FRAME_RATE = {".gif": 20, ".mp4": 30}  # frames; a GIF counts in hundredths of a second
 PALETTE = 48  # colours of a GIF
 PATCHES = 6  # along an edge of a box: what is nearer than one of them is drawn over it
 
 
 @dataclasses.dataclass(frozen=True)
-class Sketch:
+class RenderData:
     """What pictures of one case are drawn from."""
 
     case: str
     title: str
     t: np.ndarray  # s, of the drawn rows
-    tracks: Mapping[str, np.ndarray]  # `scene.frames` and the position error, e_p
+    signals: Mapping[str, np.ndarray]  # `scene.frames` and the position error, e_p
     shape: Mapping[str, Any]  # `scene.shape`
     N_per_m: Mapping[str, float]  # of each kind of arrow
     ground: float  # m
 
-    def at(self, t: float) -> int:
+    def row_at(self, t: float) -> int:
         """The drawn row that is nearest to a time; the last one of a flight that has ended."""
         return int(np.argmin(np.abs(self.t - t)))
 
 
-def sketch(ds: xr.Dataset, title: str = "") -> Sketch:
+def render_data(ds: xr.Dataset, title: str = "") -> RenderData:
     """What pictures of a flight are drawn from; raises ValueError for a log that does not hold its scenario."""
-    told = poses.settings(ds)
+    told = poses.scenario_of_log(ds)
     team, _ = team_module.team(told)
-    shape, tracks = scene.shape(team, told), scene.frames(ds, team)
+    shape, tracks = scene.team_geometry(team, told), scene.frames(ds, team)
     moving = {"": tracks}
-    return Sketch(
+    return RenderData(
         case=str(ds.attrs["case"]),
         title=title,
-        t=ds.time.values[scene.rows(ds)],
-        tracks=tracks | {"e_p": scene.curves(ds)["e_p"]},
+        t=ds.time.values[scene.frame_rows(ds)],
+        signals=tracks | {"e_p": scene.plot_signals(ds)["e_p"]},
         shape=shape,
-        N_per_m=scene.scales(moving, shape["size_m"]),
-        ground=scene.ground(moving),
+        N_per_m=scene.arrow_scales(moving, shape["size_m"]),
+        ground=scene.ground_height(moving),
     )
 
 
-def key(seen: Sketch) -> str:
+def arrow_scale_label(seen: RenderData) -> str:
     """How many newtons a metre of arrow is."""
     return "a metre of arrow: " + ", ".join(f"{kind} {x:g} N" for kind, x in seen.N_per_m.items())
 
@@ -89,7 +89,7 @@ def key(seen: Sketch) -> str:
 # Files ----------------------------------------------------------------------------------------------------------------
 
 
-def still(seen: Sequence[Sketch], t: float, file: Path) -> None:
+def render_image(seen: Sequence[RenderData], t: float, file: Path) -> None:
     """Write a picture of some cases beside each other at a time, s, as PNG, PDF or SVG.
 
     Raises ValueError for another kind of file or a time outside of the flights, OSError where it cannot be written.
@@ -97,15 +97,17 @@ def still(seen: Sequence[Sketch], t: float, file: Path) -> None:
     if file.suffix not in STILLS:
         raise ValueError(f"{file}: must end in {', '.join(STILLS)}")
     _within(seen, t)
-    with style.style():
+    with style.style_context():
         figure, axes = _panels(seen)
         _frame(axes, _alike(seen), t)
-        memory = io.BytesIO()
-        figure.savefig(memory, format=file.suffix[1:], dpi=200)
-    atomic_write.write(file, memory.getvalue())
+        state = io.BytesIO()
+        figure.savefig(state, format=file.suffix[1:], dpi=200)
+    atomic_write.write_atomic(file, state.getvalue())
 
 
-def film(seen: Sequence[Sketch], file: Path, speed: float = 1.0, dots: float = DOTS, start: float = 0.0) -> None:
+def render_video(
+    seen: Sequence[RenderData], file: Path, speed: float = 1.0, dots: float = DOTS, start: float = 0.0
+) -> None:
     """Write the flights of some cases beside each other as GIF or, by ffmpeg, as MP4; `speed` times as fast as flown.
 
     dots: an inch, of 3.6 a case. start: s, where it begins. Raises ValueError for another kind of file, or where there
@@ -116,26 +118,26 @@ def film(seen: Sequence[Sketch], file: Path, speed: float = 1.0, dots: float = D
     if file.suffix == ".mp4" and shutil.which("ffmpeg") is None:
         raise ValueError(f"{file}: there is no ffmpeg to write it with; a .gif needs none")
     _within(seen, start)
-    end, rate = max(float(each.t[-1]) for each in seen), PER_SECOND[file.suffix]
+    end, rate = max(float(each.t[-1]) for each in seen), FRAME_RATE[file.suffix]
     times = np.arange(start, end + 1e-9, speed / rate)
-    with style.style():
+    with style.style_context():
         figure, axes = _panels(seen)
         figure.set_dpi(dots)
         drawn = _drawn(axes, _alike(seen), times)
         content = _gif(figure, drawn, rate) if file.suffix == ".gif" else _mp4(figure, drawn, rate)
-    atomic_write.write(file, content)
+    atomic_write.write_atomic(file, content)
 
 
-def _within(seen: Sequence[Sketch], t: float) -> None:
+def _within(seen: Sequence[RenderData], t: float) -> None:
     end = max(float(each.t[-1]) for each in seen)
-    if not 0 <= t <= end + 0.5 / scene.FRAMES:
+    if not 0 <= t <= end + 0.5 / scene.MAX_FRAME_RATE:
         raise ValueError(f"time {t:g} s: must be from 0 to {end:.6g} s, where the flight ends")
 
 
-def _drawn(axes: Sequence[Axes], seen: Sequence[Sketch], times: np.ndarray) -> Iterator[None]:
+def _drawn(axes: Sequence[Axes], seen: Sequence[RenderData], times: np.ndarray) -> Iterator[None]:
     """Draws one time after the other."""
     for t in times:
-        signals.check()
+        signals.raise_if_interrupted()
         _frame(axes, seen, float(t))
         yield
 
@@ -153,9 +155,9 @@ def _gif(figure: Figure, drawn: Iterator[None], rate: int) -> bytes:
         strip.paste(each, (0, k * each.height))
     palette = strip.quantize(PALETTE, dither=Image.Dither.NONE)
     first, *others = (each.quantize(palette=palette, dither=Image.Dither.NONE) for each in frames)
-    memory = io.BytesIO()
-    first.save(memory, "GIF", save_all=True, append_images=others, duration=1000 // rate, loop=0, optimize=True)
-    return memory.getvalue()
+    state = io.BytesIO()
+    first.save(state, "GIF", save_all=True, append_images=others, duration=1000 // rate, loop=0, optimize=True)
+    return state.getvalue()
 
 
 def _mp4(figure: Figure, drawn: Iterator[None], rate: int) -> bytes:
@@ -169,31 +171,31 @@ def _mp4(figure: Figure, drawn: Iterator[None], rate: int) -> bytes:
         return path.read_bytes()
 
 
-def _panels(seen: Sequence[Sketch]) -> tuple[Figure, list[Axes]]:
+def _panels(seen: Sequence[RenderData]) -> tuple[Figure, list[Axes]]:
     """A figure with a panel a case, to the edge."""
-    figure = Figure(figsize=(INCH * len(seen), INCH))
+    figure = Figure(figsize=(PANEL_INCHES * len(seen), PANEL_INCHES))
     figure.set_layout_engine("none")
     n = len(seen)
     return figure, [figure.add_axes((k / n, 0.0, 1 / n, 1.0)) for k in range(n)]
 
 
-def _alike(seen: Sequence[Sketch]) -> list[Sketch]:
+def _alike(seen: Sequence[RenderData]) -> list[RenderData]:
     """The cases with arrows of one scale, the most newtons a metre, over the lowest ground."""
     scales = {kind: max(each.N_per_m[kind] for each in seen) for kind in seen[0].N_per_m}
     ground = min(each.ground for each in seen)
     return [dataclasses.replace(each, N_per_m=scales, ground=ground) for each in seen]
 
 
-def _frame(axes: Sequence[Axes], seen: Sequence[Sketch], t: float) -> None:
+def _frame(axes: Sequence[Axes], seen: Sequence[RenderData], t: float) -> None:
     """All panels at a time, each with case, time and error."""
     around = None if _far(seen) else _box_around(seen)
     for ax, each in zip(axes, seen, strict=True):
-        k = each.at(t)
+        k = each.row_at(t)
         ax.clear()
         draw(ax, each, k, around=around)
         ax.text(0.03, 0.97, each.title, transform=ax.transAxes, va="top", fontsize=9, weight="bold")
-        ended = f", ended at {each.t[-1]:.2f} s" if t > each.t[-1] + 1 / scene.FRAMES else ""
-        said = f"{t:5.2f} s{ended}\nposition error {1e3 * float(each.tracks['e_p'][k, 0]):.0f} mm"
+        ended = f", ended at {each.t[-1]:.2f} s" if t > each.t[-1] + 1 / scene.MAX_FRAME_RATE else ""
+        said = f"{t:5.2f} s{ended}\nposition error {1e3 * float(each.signals['e_p'][k, 0]):.0f} mm"
         ax.text(0.03, 0.03, said, transform=ax.transAxes, va="bottom", fontsize=8)
 
 
@@ -202,7 +204,7 @@ def _frame(axes: Sequence[Axes], seen: Sequence[Sketch], t: float) -> None:
 
 def draw(
     ax: Axes,
-    seen: Sketch,
+    seen: RenderData,
     k: int,
     around: np.ndarray | None = None,
     close: bool = False,
@@ -214,7 +216,7 @@ def draw(
     around: corners of what is to be seen, m, else, with `close`, the team, with `whole_path` the flight, without both
     whichever is fit to see it move. names: agents and contacts are written beside them.
     """
-    tracks, size = seen.tracks, seen.shape["size_m"]
+    tracks, size = seen.signals, seen.shape["size_m"]
     whole = whole_path or not (close or _far([seen]))
     if around is not None:
         corners = around
@@ -226,7 +228,7 @@ def draw(
     ax.add_collection(LineCollection(list(ground), colors="#D3D8DD", linewidths=0.6, zorder=1))
     for points, color, width in (
         (tracks["p_d"], REFERENCE, 0.8),
-        (tracks["p"][: k + 1], style.of(seen.case).color, 1.6),
+        (tracks["p"][: k + 1], style.style_of(seen.case).color, 1.6),
         (np.array([tracks["p"][k], [*tracks["p"][k][:2], seen.ground]]), "#9AA3AC", 0.5),
     ):
         ax.add_line(Line2D(*_across(points).T, color=color, linewidth=width, zorder=2))
@@ -260,15 +262,15 @@ def _across(points: np.ndarray) -> np.ndarray:
     return np.stack([points @ RIGHT, points @ UP], axis=-1)
 
 
-def _far(seen: Sequence[Sketch]) -> bool:
-    path = np.concatenate([each.tracks["p_d"] for each in seen])
-    return bool(np.linalg.norm(np.ptp(path, axis=0)) > FAR * seen[0].shape["size_m"])
+def _far(seen: Sequence[RenderData]) -> bool:
+    path = np.concatenate([each.signals["p_d"] for each in seen])
+    return bool(np.linalg.norm(np.ptp(path, axis=0)) > FOLLOW_DISTANCE * seen[0].shape["size_m"])
 
 
-def _box_around(seen: Sequence[Sketch]) -> np.ndarray:
+def _box_around(seen: Sequence[RenderData]) -> np.ndarray:
     """Points about all that moves, and the ground below it where that is not far."""
     size, ground = seen[0].shape["size_m"], seen[0].ground
-    points = [each.tracks[name].reshape(-1, 3) for each in seen for name in ("p", "p_d", "base", "nodes")]
+    points = [each.signals[name].reshape(-1, 3) for each in seen for name in ("p", "p_d", "base", "nodes")]
     held = np.concatenate(points)
     low, high = held.min(axis=0), held.max(axis=0)
     shape = seen[0].shape
@@ -280,9 +282,9 @@ def _box_around(seen: Sequence[Sketch]) -> np.ndarray:
     return held
 
 
-def _points(seen: Sketch, k: int) -> np.ndarray:
+def _points(seen: RenderData, k: int) -> np.ndarray:
     """What a view of the team alone must hold: bodies, contacts and the tips of the arrows of thrust."""
-    tracks, payload = {name: x[k] for name, x in seen.tracks.items()}, seen.shape["payload"]
+    tracks, payload = {name: x[k] for name, x in seen.signals.items()}, seen.shape["payload"]
     half, margin = np.array(payload["half_m"]), 0.12 * seen.shape["size_m"]
     box = tracks["p"] + _corners(-half, half) @ (_rotation(tracks["q"]) @ _rotation(np.array(payload["axes_wxyz"]))).T
     tips = [base + force / seen.N_per_m[kind] for kind, base, force in _forces(seen, tracks) if kind == "thrust"]
@@ -291,7 +293,7 @@ def _points(seen: Sketch, k: int) -> np.ndarray:
 
 
 def _about(p: np.ndarray, size: float) -> np.ndarray:
-    return _corners(p - CLOSE * size * np.array([1, 1, 0.5]), p + CLOSE * size * np.ones(3))
+    return _corners(p - FOLLOW_MARGIN * size * np.array([1, 1, 0.5]), p + FOLLOW_MARGIN * size * np.ones(3))
 
 
 def _corners(low: np.ndarray, high: np.ndarray) -> np.ndarray:
@@ -309,17 +311,17 @@ def _ground_lines(corners: np.ndarray, height: float) -> Iterator[np.ndarray]:
             yield _across(GRID * ends)
 
 
-def _team(seen: Sketch, k: int) -> Iterator[Face]:
+def _team(seen: RenderData, k: int) -> Iterator[Face]:
     """Every face of bodies and arrows at one row."""
-    shape, tracks = seen.shape, {name: x[k] for name, x in seen.tracks.items()}
+    shape, tracks = seen.shape, {name: x[k] for name, x in seen.signals.items()}
     thick = 0.014 * shape["size_m"]
     R = _rotation(tracks["q"])
-    own = style.of(seen.case).color
+    own = style.style_of(seen.case).color
     axes = R @ _rotation(np.array(shape["payload"]["axes_wxyz"]))
     yield from _box(tracks["p"], axes, np.array(shape["payload"]["half_m"]), own)
     for contact in shape["contacts"]:
         at, on = (tracks["p"] + R @ np.array(contact[name]) for name in ("at_m", "on_box_m"))
-        if np.linalg.norm(at - on) > scene.SEEN:
+        if np.linalg.norm(at - on) > scene.MIN_LINK_LENGTH:
             yield _rod(on, at, thick, own)
     for j, agent in enumerate(shape["agents"]):
         yield from _vehicle(agent, tracks["base"][j], _rotation(tracks["base_q"][j]), thick, j)
@@ -343,7 +345,7 @@ def _vehicle(agent: Mapping[str, Any], at: np.ndarray, R: np.ndarray, thick: flo
         yield _disc(middle, R, agent["rotor_radius_m"])
 
 
-def _forces(seen: Sketch, tracks: Mapping[str, np.ndarray]) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
+def _forces(seen: RenderData, tracks: Mapping[str, np.ndarray]) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
     """Kind, foot and force of every arrow, in the world."""
     for base, q, u in zip(tracks["base"], tracks["base_q"], tracks["u"], strict=True):
         yield "thrust", base, u * _rotation(q)[:, 2]
@@ -355,22 +357,26 @@ def _forces(seen: Sketch, tracks: Mapping[str, np.ndarray]) -> Iterator[tuple[st
 def _box(center: np.ndarray, R: np.ndarray, half: np.ndarray, color: str) -> Iterator[Face]:
     """The faces of a box that are seen, in patches, lighter towards the sun."""
     for axis in range(3):
-        sign = 1.0 if R[:, axis] @ BACK > 0 else -1.0
+        sign = 1.0 if R[:, axis] @ CAMERA_DIRECTION > 0 else -1.0
         out = sign * R[:, axis]
         one, other = (half[(axis + n) % 3] * R[:, (axis + n) % 3] / PATCHES for n in (1, 2))
-        light = 0.72 + 0.28 * max(0.0, float(out @ SUN))
+        light = 0.72 + 0.28 * max(0.0, float(out @ LIGHT_DIRECTION))
         paint = tuple(light * c for c in to_rgb(color))
         for a, b in np.ndindex(PATCHES, PATCHES):
             middle = center + half[axis] * out + (2 * a + 1 - PATCHES) * one + (2 * b + 1 - PATCHES) * other
             corners = np.array([middle + one + other, middle + one - other, middle - one - other, middle - one + other])
-            yield float(middle @ BACK), _across(corners), paint
+            yield float(middle @ CAMERA_DIRECTION), _across(corners), paint
 
 
 def _rod(start: np.ndarray, end: np.ndarray, radius: float, color: str) -> Face:
     a, b = _across(start), _across(end)
     along = b - a
     side = radius * np.array([-along[1], along[0]]) / max(float(np.hypot(*along)), 1e-9)
-    return float((start + end) @ BACK / 2), np.array([a + side, b + side, b - side, a - side]), to_rgb(color)
+    return (
+        float((start + end) @ CAMERA_DIRECTION / 2),
+        np.array([a + side, b + side, b - side, a - side]),
+        to_rgb(color),
+    )
 
 
 CIRCLE = np.stack([np.cos(np.linspace(0, 2 * np.pi, 24)), np.sin(np.linspace(0, 2 * np.pi, 24))], axis=-1)
@@ -378,17 +384,17 @@ CIRCLE = np.stack([np.cos(np.linspace(0, 2 * np.pi, 24)), np.sin(np.linspace(0, 
 
 def _disc(center: np.ndarray, R: np.ndarray, radius: float) -> Face:
     rim = center + radius * CIRCLE @ R[:, :2].T
-    return float(center @ BACK), _across(rim), (*to_rgb(FRAME), 0.25)
+    return float(center @ CAMERA_DIRECTION), _across(rim), (*to_rgb(FRAME), 0.25)
 
 
 def _ball(center: np.ndarray, radius: float, color: str) -> Face:
-    return float(center @ BACK) + radius, _across(center) + radius * CIRCLE, to_rgb(color)
+    return float(center @ CAMERA_DIRECTION) + radius, _across(center) + radius * CIRCLE, to_rgb(color)
 
 
 def _arrow(start: np.ndarray, along: np.ndarray, radius: float, color: str, over: bool) -> Iterator[Face]:
     """A shaft and a head; `over` everything that would hide it."""
     length = float(np.linalg.norm(along))
-    if length < scene.SEEN:
+    if length < scene.MIN_LINK_LENGTH:
         return
     head = min(7 * radius, length)
     neck, tip = start + (1 - head / length) * along, start + along
@@ -400,9 +406,9 @@ def _arrow(start: np.ndarray, along: np.ndarray, radius: float, color: str, over
     yield near, np.array([a + side, b, a - side]), paint
 
 
-def _wanted(seen: Sketch, k: int) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+def _wanted(seen: RenderData, k: int) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """The edges of the payload's box where it should be."""
-    shape, tracks = seen.shape["payload"], seen.tracks
+    shape, tracks = seen.shape["payload"], seen.signals
     half = np.array(shape["half_m"])
     R = _rotation(tracks["q_d"][k]) @ _rotation(np.array(shape["axes_wxyz"]))
     corners = _corners(-half, half)
@@ -412,9 +418,9 @@ def _wanted(seen: Sketch, k: int) -> Iterator[tuple[np.ndarray, np.ndarray]]:
                 yield tracks["p_d"][k] + R @ a, tracks["p_d"][k] + R @ b
 
 
-def _write_names(ax: Axes, seen: Sketch, k: int) -> None:
+def _write_names(ax: Axes, seen: RenderData, k: int) -> None:
     """Agents above their thrust's tip, contacts beside their tips."""
-    tracks = {name: x[k] for name, x in seen.tracks.items()}
+    tracks = {name: x[k] for name, x in seen.signals.items()}
     for j, agent in enumerate(seen.shape["agents"]):
         tip = tracks["base"][j] + tracks["u"][j] / seen.N_per_m["thrust"] * _rotation(tracks["base_q"][j])[:, 2]
         x, y = _across(tip)

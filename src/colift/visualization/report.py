@@ -18,7 +18,7 @@ from colift import scenario
 from colift.analysis import poses
 from colift.closed_loop import log
 from colift.runtime import atomic_write, run_directory
-from colift.scenario import Settings
+from colift.scenario import Scenario
 from colift.visualization import playback
 
 PAGE = "report.html"
@@ -54,7 +54,7 @@ iframe { width: 100%; height: 760px; border: 1px solid var(--line); }
 """
 
 
-def write(
+def write_report(
     out: Path,
     cases: Mapping[str, str],
     merits: Callable[[dict[str, Any]], Table],
@@ -68,19 +68,19 @@ def write(
     """
     if not (out / SUMMARY).is_file():
         raise ValueError(f"{out} holds no {SUMMARY}, which colift study writes when its flights have ended")
-    summary, found = json.loads((out / SUMMARY).read_text()), log.flights(out, cases)[1]
+    summary, found = json.loads((out / SUMMARY).read_text()), log.load_flights(out, cases)[1]
     run, first = summary["run"], next(iter(found.values()))
     if first.attrs["run"] != run:
         raise ValueError(
             f"{out} holds flights of {first.attrs['run']} and a {SUMMARY} of {run}: run colift study again"
         )
-    told = poses.settings(first)
+    told = poses.scenario_of_log(first)
     certified = None
-    if (out / CERTIFICATE).is_file() and run_directory.run_of(out / CERTIFICATE) == run:
+    if (out / CERTIFICATE).is_file() and run_directory.read_run_id(out / CERTIFICATE) == run:
         certified = json.loads((out / CERTIFICATE).read_text())
     parts = [
         _head(told, summary),
-        _section("Beware", _list(warnings(summary, certified))),
+        _section("Beware", _list(collect_warnings(summary, certified))),
         _section("What was run", _run(summary, told)),
         _section("Second half of the run", _table(merits(summary)) + _words({name: cases[name] for name in found})),
         _section("Figures", "".join(_figures(out, run, certified is not None))),
@@ -88,15 +88,15 @@ def write(
     if certified is not None:
         table, said = radii(certified)
         parts.append(_section("Certificate", _table(table) + "".join(f"<p>{html.escape(line)}</p>" for line in said)))
-    inside = html.escape(playback.page(found, cases))
+    inside = html.escape(playback.build_page(found, cases))
     parts.append(_section("Playback", f'<iframe title="the flights, played" srcdoc="{inside}"></iframe>'))
     parts.append(_section("Settings", _settings(told)))
-    with run_directory.claim(out, run, (PAGE,)):
-        atomic_write.write(out / PAGE, _document(told.name, "\n".join(parts)).encode())
+    with run_directory.lock_run_directory(out, run, (PAGE,)):
+        atomic_write.write_atomic(out / PAGE, _document(told.name, "\n".join(parts)).encode())
     return out / PAGE
 
 
-def warnings(summary: Mapping[str, Any], certified: Mapping[str, Any] | None) -> list[tuple[bool, str]]:
+def collect_warnings(summary: Mapping[str, Any], certified: Mapping[str, Any] | None) -> list[tuple[bool, str]]:
     """What a reader must know before the figures, in sentences, each with whether a result is spoiled by it."""
     said = [
         (True, f"{case} is incomplete: {x['stopped']}") for case, x in summary["cases"].items() if not x["complete"]
@@ -129,11 +129,11 @@ def _over(each: Mapping[str, Any]) -> str:
     return f"observed {each['observed']:.4g}, radius {each['radius']:.4g} (SI units)"
 
 
-def differences(told: Settings) -> list[tuple[str, str, str]] | None:
+def setting_differences(told: Scenario) -> list[tuple[str, str, str]] | None:
     """Settings that are not as in the shipped scenario of the same name: where, there, here; None if there is none."""
-    if told.name not in scenario.names():
+    if told.name not in scenario.shipped_names():
         return None
-    shipped, here = (_leaves(each.model_dump(mode="json")) for each in (scenario.load(told.name), told))
+    shipped, here = (_leaves(each.model_dump(mode="json")) for each in (scenario.load_scenario(told.name), told))
     said = lambda x, where: json.dumps(x[where]) if where in x else "absent"  # noqa: E731
     return [
         (where, said(shipped, where), said(here, where))
@@ -159,7 +159,7 @@ def _leaves(value: Any, place: str = "") -> dict[str, Any]:
 # HTML -----------------------------------------------------------------------------------------------------------------
 
 
-def _head(told: Settings, summary: Mapping[str, Any]) -> str:
+def _head(told: Scenario, summary: Mapping[str, Any]) -> str:
     described = f"<p>{html.escape(told.description)}</p>" if told.description else ""
     return f'<h1>{html.escape(told.name)}</h1>{described}<p class="quiet">colift {html.escape(summary["version"])}</p>'
 
@@ -175,7 +175,7 @@ def _list(said: Sequence[tuple[bool, str]]) -> str:
     return f'<ul id="warnings">{"".join(items)}</ul>'
 
 
-def _run(summary: Mapping[str, Any], told: Settings) -> str:
+def _run(summary: Mapping[str, Any], told: Scenario) -> str:
     """What was run, and what of it is not as shipped."""
     slowest, margins = summary["slowest_mode"], summary.get("margins")  # a study of before has none
     rows = {
@@ -187,7 +187,7 @@ def _run(summary: Mapping[str, Any], told: Settings) -> str:
         "versions": ", ".join(f"{name} {given}" for name, given in summary["versions"].items()),
         "run": f"{summary['run']}, settings {summary['settings']}",
     }
-    found = differences(told)
+    found = setting_differences(told)
     if found is None:
         return _words(rows) + f"<p>{html.escape(told.name)} is not a shipped scenario; its settings are at the end.</p>"
     if not found:
@@ -219,14 +219,14 @@ def _figures(out: Path, run: str, certified: bool) -> Iterator[str]:
     """The figures of the run that the folder holds."""
     for name, caption in CAPTIONS.items():
         file = out / f"{name}.png"
-        if file.is_file() and run_directory.run_of(file) == run and (certified or name != "figure_6_certificate"):
+        if file.is_file() and run_directory.read_run_id(file) == run and (certified or name != "figure_6_certificate"):
             data = base64.b64encode(file.read_bytes()).decode()
             picture = f'<img alt="{caption}" src="data:image/png;base64,{data}">'
             yield f"<figure>{picture}<figcaption>{caption}</figcaption></figure>\n"
 
 
-def _settings(told: Settings) -> str:
-    text = html.escape(scenario.text(told))
+def _settings(told: Scenario) -> str:
+    text = html.escape(scenario.to_yaml(told))
     return f"<details><summary>all of them, as a scenario file</summary><pre>{text}</pre></details>"
 
 

@@ -56,13 +56,13 @@ Dashes = Literal["-"] | tuple[int, tuple[int | float, ...]]
 Color = tuple[float, float, float]
 
 
-class Look(NamedTuple):
+class LineStyle(NamedTuple):
     """How a case is drawn in every figure: told apart by any colour vision, and in black and white."""
 
     color: str
     dashes: Dashes
     marker: str
-    rival: bool = False  # of learning: shown where cases are compared, not where one is looked into
+    is_baseline: bool = False  # of learning: shown where cases are compared, not where one is looked into
 
 
 LONG: Dashes = (0, (5, 1.5))
@@ -71,32 +71,39 @@ DOTS: Dashes = (0, (1, 1.2))
 MIXED: Dashes = (0, (5, 1.2, 1, 1.2))
 
 # Paul Tol's schemes: high contrast for the paper's cases, whose lightness differs too; bright and muted for others
-LOOKS = {
-    "C1": Look("#DDAA33", "-", "s"),
-    "C2": Look("#BB5566", LONG, "o"),
-    "C3": Look("#004488", "-", "^"),
-    "C4": Look("#000000", MIXED, "D"),
-    "I": Look("#117733", SHORT, "v", rival=True),
-    "DOB": Look("#33BBEE", LONG, "<", rival=True),
-    "P": Look("#AA4499", MIXED, ">", rival=True),
-    "O": Look("#777777", DOTS, "p", rival=True),
-    "F": Look("#EE7733", DOTS, "P", rival=True),
-    "R": Look("#44AA99", MIXED, "X", rival=True),
-    "H": Look("#882255", LONG, "h", rival=True),
+LINE_STYLES = {
+    "C1": LineStyle("#DDAA33", "-", "s"),
+    "C2": LineStyle("#BB5566", LONG, "o"),
+    "C3": LineStyle("#004488", "-", "^"),
+    "C4": LineStyle("#000000", MIXED, "D"),
+    "I": LineStyle("#117733", SHORT, "v", is_baseline=True),
+    "DOB": LineStyle("#33BBEE", LONG, "<", is_baseline=True),
+    "P": LineStyle("#AA4499", MIXED, ">", is_baseline=True),
+    "O": LineStyle("#777777", DOTS, "p", is_baseline=True),
+    "F": LineStyle("#EE7733", DOTS, "P", is_baseline=True),
+    "R": LineStyle("#44AA99", MIXED, "X", is_baseline=True),
+    "H": LineStyle("#882255", LONG, "h", is_baseline=True),
 }
-OTHERS = (  # of which a case without a look of its own has one, the same in every figure
-    Look("#999933", LONG, "*"),
-    Look("#6699CC", SHORT, "d"),
-    Look("#661100", MIXED, "8"),
-    Look("#0077BB", DOTS, "H"),
+FALLBACK_STYLES = (  # of which a case without a look of its own has one, the same in every figure
+    LineStyle("#999933", LONG, "*"),
+    LineStyle("#6699CC", SHORT, "d"),
+    LineStyle("#661100", MIXED, "8"),
+    LineStyle("#0077BB", DOTS, "H"),
 )
 AGENTS = ("#228833", "#AA3377", "#997700", "#0099BB", "#774411", "#555555")
-STROKES: tuple[Dashes, ...] = ("-", LONG, DOTS, MIXED, SHORT, (0, (8, 1.5, 1, 1.5, 1, 1.5)))  # of one body's parts
+DASH_PATTERNS: tuple[Dashes, ...] = (
+    "-",
+    LONG,
+    DOTS,
+    MIXED,
+    SHORT,
+    (0, (8, 1.5, 1, 1.5, 1, 1.5)),
+)  # of one body's parts
 
 
-def of(case: str) -> Look:
+def style_of(case: str) -> LineStyle:
     """The look of a case."""
-    return LOOKS.get(case) or OTHERS[zlib.crc32(case.encode()) % len(OTHERS)]
+    return LINE_STYLES.get(case) or FALLBACK_STYLES[zlib.crc32(case.encode()) % len(FALLBACK_STYLES)]
 
 
 def tint(color: str, k: int, n: int) -> Color:
@@ -107,13 +114,13 @@ def tint(color: str, k: int, n: int) -> Color:
 
 
 @contextlib.contextmanager
-def style() -> Generator[None]:
+def style_context() -> Generator[None]:
     """Figures in the block look as this module says, whatever a user has set."""
     with matplotlib.style.context(["default", STYLE]):
         yield
 
 
-def save(figure: Figure, path: Path, run: str | None = None) -> list[Path]:
+def save_figure(figure: Figure, path: Path, run: str | None = None) -> list[Path]:
     """Write a figure as PDF and as PNG (300 dpi) beside each other, each with the run in its metadata; the files.
 
     Rendered in memory, then written whole or not at all; the same figure gives the same bytes. Raises OSError where
@@ -122,10 +129,10 @@ def save(figure: Figure, path: Path, run: str | None = None) -> list[Path]:
     files = []
     told = {"Keywords": run} if run else {}
     for kind in ("pdf", "png"):
-        memory = io.BytesIO()
+        state = io.BytesIO()
         dateless = {"CreationDate": None} if kind == "pdf" else {}
-        figure.savefig(memory, format=kind, metadata=told | dateless)
+        figure.savefig(state, format=kind, metadata=told | dateless)
         figure.set_layout_engine("none")  # the first layout holds for both
         files.append(path.with_name(f"{path.name}.{kind}"))
-        atomic_write.write(files[-1], memory.getvalue())
+        atomic_write.write_atomic(files[-1], state.getvalue())
     return files

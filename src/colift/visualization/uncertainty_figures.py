@@ -16,11 +16,11 @@ from scipy.ndimage import uniform_filter1d
 
 from colift.visualization import axes, style
 
-UNBOUNDED: dict[str, Any] = {"facecolor": "none", "edgecolor": "0.6", "hatch": "//////", "linewidth": 0}
+INFINITE_MARKER: dict[str, Any] = {"facecolor": "none", "edgecolor": "0.6", "hatch": "//////", "linewidth": 0}
 EXCEEDED: dict[str, Any] = {"color": "red", "marker": "|", "markersize": 4, "linestyle": "none"}
 
 
-class Part(NamedTuple):
+class FigureRow(NamedTuple):
     """What one row of figures 3 and 5 shows: of which bodies, and what of them."""
 
     label: str
@@ -30,26 +30,26 @@ class Part(NamedTuple):
 
 
 PARTS = (
-    Part("payload force", "N", of_agents=False, moment=False),
-    Part("payload moment", "N m", of_agents=False, moment=True),
-    Part("agents' force", "N", of_agents=True, moment=False),
-    Part("agents' moment", "N m", of_agents=True, moment=True),
+    FigureRow("payload force", "N", of_agents=False, moment=False),
+    FigureRow("payload moment", "N m", of_agents=False, moment=True),
+    FigureRow("agents' force", "N", of_agents=True, moment=False),
+    FigureRow("agents' moment", "N m", of_agents=True, moment=True),
 )
 
 
-def deviation(cases: axes.Cases, told: Mapping[str, str]) -> Figure:
+def plot_predictive_std(cases: axes.Cases, told: Mapping[str, str]) -> Figure:
     """Figure 3: predictive deviations of `f_L` and `f_j`, and the true errors `|f - f_hat|` that they stand for.
 
     Force and moment apart. A deviation, `log.predictive`, is the RMS that an error has if it is honest, so errors are
     RMS over a window too; to `|Sigma^(1/2)|` of the posterior it adds what sensors are constantly off as stated.
     """
 
-    def one(ax: Axes, name: str, ds: xr.Dataset, part: Part) -> None:
+    def one(ax: Axes, name: str, ds: xr.Dataset, part: FigureRow) -> None:
         expected, errors = _deviations(ds, part), _errors(ds, part)
         for k, (sigma, error) in enumerate(zip(expected, errors, strict=True)):
-            color, dashes = axes.body(name, k, len(expected))
+            color, dashes = axes.body_style(name, k, len(expected))
             ax.plot(ds.time_sigma, sigma, color=color, linestyle=dashes, linewidth=2.0, alpha=0.55)
-            window = max(1, round(axes.WINDOW / max(axes.period(ds.time_sigma), axes.STEP)))
+            window = max(1, round(axes.SMOOTHING_WINDOW / max(axes.sample_period(ds.time_sigma), axes.STEP)))
             ax.plot(
                 ds.time_sigma,
                 np.sqrt(uniform_filter1d(error**2, window)),
@@ -60,12 +60,12 @@ def deviation(cases: axes.Cases, told: Mapping[str, str]) -> Figure:
 
     handles: list[tuple[Artist, str]] = [
         (Line2D([], [], color=axes.GREY, linewidth=2.0, alpha=0.55), "predictive deviation"),
-        (Line2D([], [], color=axes.GREY, linewidth=0.9), rf"error $\|f - \hat f\|$, {axes.WINDOW:g} s RMS"),
+        (Line2D([], [], color=axes.GREY, linewidth=0.9), rf"error $\|f - \hat f\|$, {axes.SMOOTHING_WINDOW:g} s RMS"),
     ]
     return _by_body(cases, told, one, handles)
 
 
-def rho_bar(cases: axes.Cases, told: Mapping[str, str]) -> Figure:
+def plot_error_radius(cases: axes.Cases, told: Mapping[str, str]) -> Figure:
     """Figure 5: radii `rho_bar_L`, `rho_bar_j` over the true errors `|f - f_hat|`.
 
     Hatched where a radius is infinite: the data contradict the norm and the label errors that it rests on. A red mark
@@ -73,17 +73,17 @@ def rho_bar(cases: axes.Cases, told: Mapping[str, str]) -> Figure:
     """
     seen = {"unbounded": False, "exceeded": False}
 
-    def one(ax: Axes, name: str, ds: xr.Dataset, part: Part) -> None:
+    def one(ax: Axes, name: str, ds: xr.Dataset, part: FigureRow) -> None:
         t, radii = ds.time_sigma.values, _radii(ds, part)
         across = ax.get_xaxis_transform()
         for k, (radius, error) in enumerate(zip(radii, _errors(ds, part), strict=True)):
-            color, dashes = axes.body(name, k, len(radii))
+            color, dashes = axes.body_style(name, k, len(radii))
             finite, over = np.isfinite(radius), error > radius
             ax.plot(t, np.where(finite, radius, np.nan), color=color, linestyle=dashes, linewidth=1.6)
             ax.plot(t, error, color=color, linestyle=dashes, linewidth=0.6)
             if not finite.all():
                 seen["unbounded"] = True
-                ax.fill_between(t, 0, 1, where=~finite, transform=across, **UNBOUNDED)
+                ax.fill_between(t, 0, 1, where=~finite, transform=across, **INFINITE_MARKER)
             if over.any():
                 seen["exceeded"] = True
                 ax.plot(t[over], np.full(over.sum(), 0.02), transform=across, **EXCEEDED)
@@ -105,7 +105,7 @@ def rho_bar(cases: axes.Cases, told: Mapping[str, str]) -> Figure:
 def _marked(seen: Mapping[str, bool]) -> list[tuple[Artist, str]]:
     """What the marks of figure 5 mean, of those that it has."""
     marks: dict[str, tuple[Artist, str]] = {
-        "unbounded": (Patch(**UNBOUNDED), "no finite radius"),
+        "unbounded": (Patch(**INFINITE_MARKER), "no finite radius"),
         "exceeded": (Line2D([], [], **EXCEEDED), "error above radius"),
     }
     return [mark for kind, mark in marks.items() if seen[kind]]
@@ -114,7 +114,7 @@ def _marked(seen: Mapping[str, bool]) -> list[tuple[Artist, str]]:
 def _by_body(
     cases: axes.Cases,
     told: Mapping[str, str],
-    one: Callable[[Axes, str, xr.Dataset, Part], None],
+    one: Callable[[Axes, str, xr.Dataset, FigureRow], None],
     handles: list[tuple[Artist, str]],
     more: Callable[[], list[tuple[Artist, str]]] = list,
 ) -> Figure:
@@ -135,12 +135,12 @@ def _by_body(
     for ax in grid.flat:
         ax.minorticks_off()  # on twelve panels they take longer to lay out than all else
     figure.align_ylabels(grid[:, 0])
-    handles += axes.agents(cases) + more()
+    handles += axes.agent_legend(cases) + more()
     figure.legend(*zip(*handles, strict=True), loc="outside lower center", ncols=min(6, len(handles)))
     return figure
 
 
-def _errors(ds: xr.Dataset, part: Part) -> list[np.ndarray]:
+def _errors(ds: xr.Dataset, part: FigureRow) -> list[np.ndarray]:
     """`|f - f_hat|` of a part of each of its bodies, at the times of the radii."""
     at = ds.sel(time=ds.time_sigma.values, method="nearest")
     load = (at.f_L - at.f_L_hat).values
@@ -148,14 +148,14 @@ def _errors(ds: xr.Dataset, part: Part) -> list[np.ndarray]:
     return _norms(ds, part, load, force, torque, joint)
 
 
-def _deviations(ds: xr.Dataset, part: Part) -> list[np.ndarray]:
+def _deviations(ds: xr.Dataset, part: FigureRow) -> list[np.ndarray]:
     """Norms of the predictive deviations of a part of each of its bodies."""
     moments = (np.hypot(ds[f"sigma_{f}"].values, ds[f"bias_{f}"].values) for f in ("f_w", "f_r"))
     return _norms(ds, part, ds.deviation_f_L.values, ds.deviation_f_x.values, *moments)
 
 
 def _norms(
-    ds: xr.Dataset, part: Part, load: np.ndarray, force: np.ndarray, torque: np.ndarray, joint: np.ndarray
+    ds: xr.Dataset, part: FigureRow, load: np.ndarray, force: np.ndarray, torque: np.ndarray, joint: np.ndarray
 ) -> list[np.ndarray]:
     """Norms over the outputs of a part, by body: of the payload's six, or of an agent's `f_x` or `(f_omega, f_r)`."""
     if not part.of_agents:
@@ -169,6 +169,6 @@ def _norms(
     ]
 
 
-def _radii(ds: xr.Dataset, part: Part) -> list[np.ndarray]:
+def _radii(ds: xr.Dataset, part: FigureRow) -> list[np.ndarray]:
     name = f"rho_bar_{'j' if part.of_agents else 'L'}_{'moment' if part.moment else 'force'}"
     return list(np.atleast_2d(ds[name].values.T))

@@ -9,16 +9,16 @@ import jax.numpy as jnp
 
 from colift.closed_loop import flight
 from colift.onboard.learning import residual_model
-from colift.scenario import ScenarioError, Settings, experiment, schema
+from colift.scenario import Scenario, ScenarioError, experiment, schema
 
-PATHS = {
+TRAJECTORY_VARIANTS = {
     "backwards": "the same curve the other way round",
     "larger": "1.2 times as large",
     "moved": "0.3 m off in x",
 }
 
 
-def paths(settings: Settings) -> dict[str, Settings]:
+def heldout_scenarios(settings: Scenario) -> dict[str, Scenario]:
     """The scenario on each of `PATHS`. Raises ScenarioError for a reference that is no Lissajous curve."""
     given = settings.reference
     if not isinstance(given, schema.Lissajous):
@@ -32,22 +32,27 @@ def paths(settings: Settings) -> dict[str, Settings]:
         "larger": {"amplitude_m": tuple(1.2 * a for a in given.amplitude_m)},
         "moved": {"center_m": (x + 0.3, y, z)},
     }
-    return {name: settings.model_copy(update={"reference": given.model_copy(update=changes[name])}) for name in PATHS}
+    return {
+        name: settings.model_copy(update={"reference": given.model_copy(update=changes[name])})
+        for name in TRAJECTORY_VARIANTS
+    }
 
 
-def plans(settings: Settings, cases: Sequence[str]) -> dict[str, dict[str, flight.Plan]]:
+def heldout_experiments(settings: Scenario, cases: Sequence[str]) -> dict[str, dict[str, flight.Experiment]]:
     """By path, the plans of cases. Raises as `paths` and `study.plans`."""
-    return {name: experiment.plans(other, cases) for name, other in paths(settings).items()}
+    return {name: experiment.make_experiments(other, cases) for name, other in heldout_scenarios(settings).items()}
 
 
-def frozen(plan: flight.Plan, oracle: residual_model.Oracle) -> flight.Plan:
+def freeze_model(experiment: flight.Experiment, model: residual_model.ResidualModel) -> flight.Experiment:
     """The plan with an oracle from its start, that learns no more; a pilot that listens to labels still does."""
     off = jnp.asarray(False)
-    recorder = dataclasses.replace(plan.pilot.recorder, payload=off, agents=off)
-    pilot = dataclasses.replace(plan.pilot, oracle=oracle, recorder=recorder)
-    return dataclasses.replace(plan, pilot=pilot, updates=(), identify=None, renewals=None)
+    recorder = dataclasses.replace(experiment.controller.recorder, payload=off, agents=off)
+    controller = dataclasses.replace(experiment.controller, residual_model=model, recorder=recorder)
+    return dataclasses.replace(
+        experiment, controller=controller, update_times=(), identification=None, online_updates=None
+    )
 
 
 def titles(cases: Mapping[str, str]) -> dict[str, str]:
     """What a flight of a case on a path is called, and what it is."""
-    return {f"{case}, {name}": f"{case}'s map, {what}" for case in cases for name, what in PATHS.items()}
+    return {f"{case}, {name}": f"{case}'s map, {what}" for case in cases for name, what in TRAJECTORY_VARIANTS.items()}

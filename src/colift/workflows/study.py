@@ -17,19 +17,19 @@ import numpy as np
 import xarray as xr
 
 from colift.analysis import metrics
-from colift.analysis.feasibility import Outlook
+from colift.analysis.feasibility import FeasibilityReport
 from colift.certification import assumptions
 from colift.closed_loop import log
-from colift.closed_loop.flight import Flight, Plan, fly_plan
+from colift.closed_loop.flight import Experiment, FlightResult, run_experiment
 from colift.onboard.learning import features, model_update
 from colift.runtime import atomic_write, run_directory
-from colift.runtime.run_directory import Folder
-from colift.scenario import Settings, priors, team
-from colift.scenario.experiment import ALL
+from colift.runtime.run_directory import RunDirectory
+from colift.scenario import Scenario, priors, team
+from colift.scenario.experiment import ALL_CASES
 from colift.workflows import generalization
 
-FLOWN = (  # every file that a study may leave, and what `colift view`, `report` and `export` make of them
-    *(f"{case}.{kind}" for case in ALL for kind in ("nc", "csv", "mcap")),
+STUDY_FILES = (  # every file that a study may leave, and what `colift view`, `report` and `export` make of them
+    *(f"{case}.{kind}" for case in ALL_CASES for kind in ("nc", "csv", "mcap")),
     *(
         "figure_[0-57]_*.pdf",
         "figure_[0-57]_*.png",
@@ -40,21 +40,23 @@ FLOWN = (  # every file that a study may leave, and what `colift view`, `report`
         "report.html",
     ),
 )
-CERTIFIED = ("attack.json", "certificate.json", "figure_6_certificate.pdf", "figure_6_certificate.png")
+CERTIFICATE_FILES = ("attack.json", "certificate.json", "figure_6_certificate.pdf", "figure_6_certificate.png")
 
 
-def claim(settings: Settings, out: Path) -> AbstractContextManager[Folder]:
+def open_run_directory(settings: Scenario, out: Path) -> AbstractContextManager[RunDirectory]:
     """The folder for the results of a scenario, this process's alone within the block; raises as `folder.claim`."""
-    return run_directory.claim(out, run_directory.run_name(version("colift"), settings.digest), FLOWN + CERTIFIED)
+    return run_directory.lock_run_directory(
+        out, run_directory.run_id(version("colift"), settings.digest), STUDY_FILES + CERTIFICATE_FILES
+    )
 
 
-def run(
-    settings: Settings,
-    out: Folder,
-    ready: Mapping[str, Plan],
-    ahead: Outlook,
+def run_study(
+    settings: Scenario,
+    out: RunDirectory,
+    ready: Mapping[str, Experiment],
+    preview: FeasibilityReport,
     progress: Callable[[str, float], None] = lambda _case, _t: None,
-    unseen: Mapping[str, Mapping[str, Plan]] = MappingProxyType({}),
+    heldout: Mapping[str, Mapping[str, Experiment]] = MappingProxyType({}),
 ) -> dict[str, Any]:
     """Fly the plans of `study.plans`, write a NetCDF file each, figures, tables and `summary.json`; return the summary.
 
@@ -64,52 +66,54 @@ def run(
     """
     from colift.visualization import lengthscale_table, study_figures
 
-    run_directory.clear(out, FLOWN, CERTIFIED)
+    run_directory.remove_stale_files(out, STUDY_FILES, CERTIFICATE_FILES)
     summary: dict[str, Any] = {
         "scenario": settings.name,
         "seed": settings.seed,
         "version": version("colift"),
         "settings": settings.digest,
         "plant": settings.plant.kind,
-        "run": out.run,
+        "run": out.run_id,
         "command": shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]),
         "versions": {"python": platform.python_version()}
         | {name: version(name) for name in ("jax", "jaxlib", "numpy")},
-        **ahead.summary,
+        **preview.summary,
         "limits": _limits(settings, next(iter(ready.values()))),
         "cases": {},
-        **({"heldout": {}} if unseen else {}),
+        **({"heldout": {}} if heldout else {}),
     }
     data, fits = {}, {}
     first = next(iter(ready.values()))
     for case, flying in ready.items():
-        flight = fly_plan(flying, lambda t, case=case: progress(case, t))
+        flight = run_experiment(flying, lambda t, case=case: progress(case, t))
         began = time.perf_counter()
-        data[case] = dataset(settings, case, flight, flying, out.run)
+        data[case] = flight_dataset(settings, case, flight, flying, out.run_id)
         log.save(data[case], out.path / f"{case}.nc")
-        found = metrics.summary(flight, flying.world.team, flying.pilot.team)
-        found["wall_s"] = {**flight.wall, "output": time.perf_counter() - began}
+        found = metrics.summary(flight, flying.world.team, flying.controller.team)
+        found["wall_s"] = {**flight.wall_time, "output": time.perf_counter() - began}
         summary["cases"][case] = found
         if flight.updates:
             fits[case] = flight.updates[-1].fits
-        for path, plans in unseen.items():
+        for path, experiments in heldout.items():
             told = f"{case}, {path}"
-            there = generalization.frozen(plans[case], flight.oracle)
-            other = fly_plan(there, lambda t, told=told: progress(told, t))
-            error = None if other.stopped else metrics.norm_rms(metrics.second_half(other.rows).e_p)
-            summary["heldout"].setdefault(case, {})[path] = {"e_p_rms_m": error, "stopped": other.stopped}
+            there = generalization.freeze_model(experiments[case], flight.model)
+            other = run_experiment(there, lambda t, told=told: progress(told, t))
+            error = None if other.termination_reason else metrics.rms_norm(metrics.second_half(other.records).e_p)
+            summary["heldout"].setdefault(case, {})[path] = {"e_p_rms_m": error, "stopped": other.termination_reason}
     summary["bound"] = _rests_on(first)
     summary["residual"] = summary["cases"][list(ready)[-1]]["residual"]
     began = time.perf_counter()
-    study_figures.figures(data, ALL, out.path)
+    study_figures.write_figures(data, ALL_CASES, out.path)
     for case, learned in fits.items():
         if learned:
-            lengthscale_table.table(_lengthscales(settings, learned), out.path / f"lengthscales_{case}", out.run)
+            lengthscale_table.write_lengthscale_table(
+                _lengthscales(settings, learned), out.path / f"lengthscales_{case}", out.run_id
+            )
     summary["wall_s"] = {"figures": time.perf_counter() - began}
-    return atomic_write.write_json(summary, out.path / "summary.json")
+    return atomic_write.write_json_atomic(summary, out.path / "summary.json")
 
 
-def dataset(settings: Settings, case: str, flight: Flight, flown: Plan, run: str = "") -> xr.Dataset:
+def flight_dataset(settings: Scenario, case: str, flight: FlightResult, flown: Experiment, run: str = "") -> xr.Dataset:
     """A flight as labelled signals, `ds.lam.sel(contact="front/left")`, with what identifies it; `log.save` writes it.
 
     run: the name of the run whose results it joins (`folder.run_name`), none for a flight in Python.
@@ -124,58 +128,58 @@ def dataset(settings: Settings, case: str, flight: Flight, flown: Plan, run: str
         "settings": settings.digest,
         "scenario_json": settings.model_dump_json(exclude_none=True),  # a log is shown by the team that it is of
         "run": run,
-        "complete": int(not flight.stopped),
-        "stopped": flight.stopped,
+        "complete": int(not flight.termination_reason),
+        "stopped": flight.termination_reason,
         "update_times_s": [update.t for update in flight.updates],
-        "update_ready_s": [update.ready for update in flight.updates],
-        "unused": "; ".join(flight.unused),
-        "update_points_payload": [update.n["payload"] for update in flight.updates],
-        "update_points_agents": [update.n["agents"] for update in flight.updates],
-        "world_changed": _when(settings, ((update.t, update.changed) for update in flight.updates)),
-        "fitted_anew": _when(settings, ((update.t, update.misfits) for update in flight.updates)),
+        "update_ready_s": [update.activation_time for update in flight.updates],
+        "unused": "; ".join(flight.learning_warnings),
+        "update_points_payload": [update.num_samples["payload"] for update in flight.updates],
+        "update_points_agents": [update.num_samples["agents"] for update in flight.updates],
+        "world_changed": _when(settings, ((update.t, update.change_points) for update in flight.updates)),
+        "fitted_anew": _when(settings, ((update.t, update.refitted) for update in flight.updates)),
         "T_end_s": settings.learning.end_s,
         **{f"limit_{name}": value for name, value in _limits(settings, flown).items() if value is not None},
         **{f"rho_{name}": value for name, value in rests_on.items()},
         "rho_assumed": ", ".join(rests_on["assumed"]),  # lists of words are not for every reader of NetCDF
     }
     return log.dataset(
-        flight.rows,
-        agents=flown.agents,
+        flight.records,
+        agents=flown.agent_names,
         joints=joints,
         contacts=contacts,
         attrs=attrs,
-        sigma=flight.sigma,
+        sigma=flight.uncertainty,
     )
 
 
-def _when(settings: Settings, of: Iterable[tuple[float, Sequence[features.Body]]]) -> str:
+def _when(settings: Scenario, of: Iterable[tuple[float, Sequence[features.BodyKey]]]) -> str:
     """At which times for whom, in words."""
     return "; ".join(f"{t:g} s: {', '.join(_body_name(settings, body) for body in who)}" for t, who in of if who)
 
 
-def _limits(settings: Settings, plan: Plan) -> dict[str, Any]:
+def _limits(settings: Scenario, experiment: Experiment) -> dict[str, Any]:
     """The limits as stated, and what the share of the start's grip is for every agent."""
-    return settings.limits.model_dump() | {"grip_1pkg": np.asarray(plan.limits.grip).tolist()}
+    return settings.limits.model_dump() | {"grip_1pkg": np.asarray(experiment.termination_limits.min_delassus).tolist()}
 
 
-def _rests_on(flown: Plan) -> dict[str, Any]:
+def _rests_on(flown: Experiment) -> dict[str, Any]:
     """What the radii along the run rest on; `assumed` names what of it is not shown."""
-    stated = flown.stated
+    stated = flown.bound_assumptions
     return {
         "bound": stated.bound,
         "confidence": stated.confidence,
-        "norm": stated.norm,
+        "norm": stated.rkhs_norm,
         "label_error_payload": stated.payload.tolist(),
         "label_error_agents": np.concatenate([eps.ravel() for eps in stated.agents]).tolist(),
-        "assumed": list(assumptions.of_radii(flown)),
+        "assumed": list(assumptions.radius_assumptions(flown)),
     }
 
 
-def _body_name(settings: Settings, body: features.Body) -> str:
-    return body if isinstance(body, str) else team.groups(settings)[body[0]][body[1]].name
+def _body_name(settings: Scenario, body: features.BodyKey) -> str:
+    return body if isinstance(body, str) else team.group_agents(settings)[body[0]][body[1]].name
 
 
-def _lengthscales(settings: Settings, fits: model_update.Fits) -> dict[str, Any]:
+def _lengthscales(settings: Scenario, fits: model_update.Fits) -> dict[str, Any]:
     """The last fits by body name, with the names of their features and outputs."""
     out, seen = {}, priors.features(settings)
     for body, fit in fits.items():
@@ -183,7 +187,7 @@ def _lengthscales(settings: Settings, fits: model_update.Fits) -> dict[str, Any]
             name, features, joints = body, seen.payload_names(), []
         else:
             group, j = body
-            agent = team.groups(settings)[group][j]
+            agent = team.group_agents(settings)[group][j]
             moved = settings.agent_types[agent.type].joints
             name, features, joints = agent.name, seen.agent_names(len(moved)), [m.name for m in moved]
         outputs = ["F_x", "F_y", "F_z", "tau_x", "tau_y", "tau_z", *(f"tau_{joint}" for joint in joints)]

@@ -13,50 +13,52 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from colift.math.pytree import pytree
-from colift.models.actuator_lag import Lag, Lagging
+from colift.models.actuator_lag import ActuatorLag, ActuatorLagState
 from colift.models.parameters import Team
-from colift.models.state import Inputs
+from colift.models.state import TeamInputs
 
 Scalar = Float[Array, ""]
 
 
 @pytree
-class Direct:
+class NoCompensation:
     """Commands are what is asked, and act at once."""
 
-    def begin(self, command: Inputs) -> Any:
+    def init(self, command: TeamInputs) -> Any:
         """Nothing is remembered."""
         return ()
 
-    def command(self, team: Team, memory: Any, asked: Inputs, dt: Scalar) -> tuple[Inputs, Any]:
+    def command(self, team: Team, state: Any, requested: TeamInputs, dt: Scalar) -> tuple[TeamInputs, Any]:
         """What is asked."""
-        return asked, memory
+        return requested, state
 
-    def acts(self, memory: Any, sent: Inputs) -> Inputs:
+    def effective_command(self, state: Any, sent: TeamInputs) -> TeamInputs:
         """The last command."""
         return sent
 
 
 @pytree
-class Hastened:
+class LagInversion:
     """Vehicles with a lag that is known, driven so that they follow `haste` times as fast."""
 
-    lag: Lag
-    haste: Scalar
+    lag: ActuatorLag
+    bandwidth_ratio: Scalar
 
-    def begin(self, command: Inputs) -> Lagging:
+    def init(self, command: TeamInputs) -> ActuatorLagState:
         """The lag's memory."""
-        return self.lag.begin(command)
+        return self.lag.init(command)
 
-    def command(self, team: Team, memory: Lagging, asked: Inputs, dt: Scalar) -> tuple[Inputs, Lagging]:
+    def command(
+        self, team: Team, state: ActuatorLagState, requested: TeamInputs, dt: Scalar
+    ) -> tuple[TeamInputs, ActuatorLagState]:
         """`lag.hastened`, thrust within what rotors give."""
-        commands = self.lag.hastened(memory, asked, self.haste, dt)
+        commands = self.lag.invert(state, requested, self.bandwidth_ratio, dt)
         commands = tuple(
             dataclasses.replace(one, u=jnp.clip(one.u, 0.0, group.thrust_max))
-            for one, group in zip(commands, team.groups, strict=True)
+            for one, group in zip(commands, team.agent_groups, strict=True)
         )
-        return commands, self.lag.follow(memory, commands, dt)
+        return commands, self.lag.step(state, commands, dt)
 
-    def acts(self, memory: Lagging, sent: Inputs) -> Inputs:
+    def effective_command(self, state: ActuatorLagState, sent: TeamInputs) -> TeamInputs:
         """What the lag has made of the commands so far."""
-        return memory.acts
+        return state.output

@@ -16,28 +16,28 @@ from colift.math.pytree import pytree
 from colift.models import grasp
 from colift.models.state import Wrench
 
-CONDITION_MAX = 1e8  # of a grasp block; beyond, a wrench of 1 N asks for forces that no arm holds
+MAX_CONDITION = 1e8  # of a grasp block; beyond, a wrench of 1 N asks for forces that no arm holds
 
 
 @pytree
-class Allocation:
+class AllocationMap:
     """`lam = inverse W + kernel eta + offset`, all in the payload frame, contacts stacked."""
 
-    inverse: Float[Array, "rows 6"]  # right inverse of G
-    kernel: Float[Array, "rows eta"]  # orthonormal, G kernel = 0
+    right_inverse: Float[Array, "rows 6"]  # right inverse of G
+    nullspace: Float[Array, "rows eta"]  # orthonormal, G kernel = 0
     offset: Float[Array, "rows"]  # N, lam_f0 of Eq. follower_force, G offset = 0
 
 
-def apply(
-    allocation: Allocation, R: Float[Array, "3 3"], W: Wrench, eta: Float[Array, " eta"]
+def allocate(
+    allocation: AllocationMap, R: Float[Array, "3 3"], W: Wrench, eta: Float[Array, " eta"]
 ) -> Float[Array, "contacts 3"]:
     """Commanded contact forces on the payload, N, world (Lemma wrench_consistency: `G lam = W` whatever eta)."""
     W_L = jnp.concatenate([R.T @ W.F, W.tau])
-    lam = allocation.inverse @ W_L + allocation.kernel @ eta + allocation.offset
+    lam = allocation.right_inverse @ W_L + allocation.nullspace @ eta + allocation.offset
     return lam.reshape(-1, 3) @ R.T
 
 
-def balanced(c: np.ndarray) -> Allocation:
+def least_squares_allocation(c: np.ndarray) -> AllocationMap:
     """The general allocation `lam = G^+ W + Z eta`: least squares over all contacts, Z a basis of `ker G`.
 
     `c` holds the contacts by row, payload frame, m.
@@ -47,12 +47,16 @@ def balanced(c: np.ndarray) -> Allocation:
     """
     G = _matrix(c)
     _require_rank(G, "the grasp", range(len(c)))
-    return Allocation(
-        inverse=jnp.asarray(np.linalg.pinv(G)), kernel=jnp.asarray(grasp.kernel(c)), offset=jnp.zeros(3 * len(c))
+    return AllocationMap(
+        right_inverse=jnp.asarray(np.linalg.pinv(G)),
+        nullspace=jnp.asarray(grasp.grasp_nullspace(c)),
+        offset=jnp.zeros(3 * len(c)),
     )
 
 
-def leader_follower(c: np.ndarray, leaders: Sequence[int], lam_f0: np.ndarray | None = None) -> Allocation:
+def leader_follower_allocation(
+    c: np.ndarray, leaders: Sequence[int], lam_f0: np.ndarray | None = None
+) -> AllocationMap:
     """The paper's split: `lam_l = G_l^+ W`, `lam_f = lam_f0 + N(G_f) eta` (Eq. leader_force, follower_force).
 
     `leaders` are rows of `c`; `lam_f0` is one force per follower contact, in their order, N, payload frame.
@@ -71,7 +75,7 @@ def leader_follower(c: np.ndarray, leaders: Sequence[int], lam_f0: np.ndarray | 
     _require_rank(G[:, rows], "the leader block", leaders)
     inverse = np.zeros((3 * len(c), 6))
     inverse[rows] = np.linalg.pinv(G[:, rows])
-    basis = grasp.kernel(c[followers]) if followers else np.zeros((0, 0))
+    basis = grasp.grasp_nullspace(c[followers]) if followers else np.zeros((0, 0))
     kernel = np.zeros((3 * len(c), basis.shape[1]))
     kernel[follow] = basis
     offset = np.zeros(3 * len(c))
@@ -85,16 +89,16 @@ def leader_follower(c: np.ndarray, leaders: Sequence[int], lam_f0: np.ndarray | 
                 f"lam_f0 is not an internal force: it puts the wrench {np.array2string(net, precision=3)} "
                 "(N, N m) on the payload; its forces and moments must cancel"
             )
-    return Allocation(inverse=jnp.asarray(inverse), kernel=jnp.asarray(kernel), offset=jnp.asarray(offset))
+    return AllocationMap(right_inverse=jnp.asarray(inverse), nullspace=jnp.asarray(kernel), offset=jnp.asarray(offset))
 
 
-def internal(allocation: Allocation, lam: np.ndarray) -> np.ndarray:
+def internal_force_coordinates(allocation: AllocationMap, lam: np.ndarray) -> np.ndarray:
     """The eta whose internal force `kernel eta` is `lam`, one force a contact, N, payload frame.
 
     Raises:
         ValueError: if the strategy has no internal forces at all, or cannot produce this one.
     """
-    kernel = np.asarray(allocation.kernel)
+    kernel = np.asarray(allocation.nullspace)
     if kernel.shape[1] == 0:
         raise ValueError(
             "this allocation has no internal force: the kernel of the follower block is {0}, so no eta exists; "
@@ -121,12 +125,12 @@ def squeeze(c: np.ndarray, pairs: Sequence[tuple[int, int, float]]) -> np.ndarra
 
 
 def _matrix(c: np.ndarray) -> np.ndarray:
-    return np.asarray(grasp.matrix(jnp.asarray(c), jnp.eye(3)))
+    return np.asarray(grasp.grasp_matrix(jnp.asarray(c), jnp.eye(3)))
 
 
 def _require_rank(G: np.ndarray, name: str, used: Sequence[int] | range) -> None:
     singular = np.linalg.svd(G, compute_uv=False)
-    rank = int((singular > singular[0] / CONDITION_MAX).sum())
+    rank = int((singular > singular[0] / MAX_CONDITION).sum())
     if rank < 6:
         raise ValueError(
             f"{name} (contacts {list(used)}) has rank {rank}, singular values "

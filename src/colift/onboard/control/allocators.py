@@ -13,15 +13,15 @@ from jaxtyping import Array, Float
 
 from colift.math.pytree import pytree
 from colift.models.state import Wrench
-from colift.onboard.control.allocation import Allocation, apply
-from colift.onboard.interfaces import Forces, Now
+from colift.onboard.control.allocation import AllocationMap, allocate
+from colift.onboard.interfaces import ContactForceCommand, ControlContext
 from colift.trajectories import base
 
 Scalar = Float[Array, ""]
 
 
 @pytree
-class Internal:
+class InternalForceSchedule:
     """An internal-force input that is switched on for a while."""
 
     eta: Float[Array, " eta"]  # N, coordinates in the allocation's kernel
@@ -31,19 +31,19 @@ class Internal:
 
 
 @pytree
-class Linear:
+class LinearAllocator:
     """One of the linear allocations, with an internal force."""
 
-    allocation: Allocation
-    internal: Internal
+    allocation: AllocationMap
+    internal: InternalForceSchedule
 
-    def allocate(self, now: Now, W: Wrench, W_dot: Wrench) -> Forces:
+    def allocate(self, context: ControlContext, W: Wrench, W_dot: Wrench) -> ContactForceCommand:
         """`lam = inverse W + kernel eta + offset`; of its rate, what the wrench's is."""
-        on, R = self.internal, now.q_hat.payload.R
-        eta = base.pulse(now.clock.t, on.start, on.end, on.ramp) * on.eta
+        on, R = self.internal, context.estimate.payload.R
+        eta = base.smooth_pulse(context.clock.t, on.start, on.end, on.ramp) * on.eta
         rate = dataclasses.replace(self.allocation, offset=jnp.zeros_like(self.allocation.offset))
-        return Forces(
-            lam=apply(self.allocation, R, W, eta),
-            lam_dot=apply(rate, R, W_dot, jnp.zeros_like(eta)),
+        return ContactForceCommand(
+            lam=allocate(self.allocation, R, W, eta),
+            lam_dot=allocate(rate, R, W_dot, jnp.zeros_like(eta)),
             eta=eta,
         )

@@ -7,13 +7,13 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from colift.math import so3
-from colift.models.parameters import Agent
-from colift.models.state import AgentForce
-from colift.onboard.control.setpoints import Share, Turn
-from colift.onboard.control.tracking import Command
+from colift.models.parameters import AerialManipulator
+from colift.models.state import GeneralizedForce
+from colift.onboard.control.setpoints import AgentSetpoint, AttitudeSetpoint
+from colift.onboard.control.tracking import AccelerationCommand
 
 
-def attitude(f: Float[Array, "3"], heading: Float[Array, ""]) -> Float[Array, "3 3"]:
+def attitude_from_thrust(f: Float[Array, "3"], heading: Float[Array, ""]) -> Float[Array, "3 3"]:
     """The attitude whose third axis is along f and whose first lies over the heading, rad."""
     b3 = f / jnp.sqrt((f * f).sum())
     b2 = so3.cross(b3, jnp.stack([jnp.cos(heading), jnp.sin(heading), jnp.zeros_like(heading)]))
@@ -21,23 +21,32 @@ def attitude(f: Float[Array, "3"], heading: Float[Array, ""]) -> Float[Array, "3
     return jnp.stack([so3.cross(b2, b3), b2, b3], axis=1)
 
 
-def aligned(agent: Agent, gravity: Float[Array, "3"], to: Command, share: Share, f_hat: AgentForce) -> Turn:
+def thrust_attitude_setpoint(
+    agent: AerialManipulator,
+    gravity: Float[Array, "3"],
+    acceleration_cmd: AccelerationCommand,
+    share: AgentSetpoint,
+    f_hat: GeneralizedForce,
+) -> AttitudeSetpoint:
     """The paper's: thrust along `f_dir = m (a_cmd - a_g) + sum lam - f_hat_x`, over the heading.
 
     Its rate is that of `jerk` and `lam_dot`; its acceleration is neglected, and so is the rate of f_hat.
     """
     m = agent.mass.sum()
-    f, f_dot = m * (to.a - gravity) + share.lam.sum(0) - f_hat.f_x, m * to.jerk + share.lam_dot.sum(0)
-    R, R_dot = jax.jvp(lambda f: attitude(f, share.heading), (f,), (f_dot,))
-    return Turn(R=R, omega=so3.vee(R.T @ R_dot))
+    f, f_dot = (
+        m * (acceleration_cmd.a - gravity) + share.lam.sum(0) - f_hat.f_x,
+        m * acceleration_cmd.jerk + share.lam_dot.sum(0),
+    )
+    R, R_dot = jax.jvp(lambda f: attitude_from_thrust(f, share.yaw), (f,), (f_dot,))
+    return AttitudeSetpoint(R=R, omega=so3.vee(R.T @ R_dot))
 
 
-def turning(f: Float[Array, "3 3"], heading: Float[Array, ""]) -> Turn:
+def attitude_trajectory(f: Float[Array, "3 3"], heading: Float[Array, ""]) -> AttitudeSetpoint:
     """Along `f_0 + f_1 s + f_2 s^2 / 2` at s = 0: `omega = vee(R^T R')`, `omega_dot = vee(R'^T R' + R^T R'')`."""
     one = jnp.ones(())
 
     def rate(s: Float[Array, ""]) -> tuple[Float[Array, "3 3"], Float[Array, "3 3"]]:
-        return jax.jvp(lambda s: attitude(f[0] + s * (f[1] + s * f[2] / 2), heading), (s,), (one,))
+        return jax.jvp(lambda s: attitude_from_thrust(f[0] + s * (f[1] + s * f[2] / 2), heading), (s,), (one,))
 
     (R, R_1), (_, R_2) = jax.jvp(rate, (jnp.zeros(()),), (one,))
-    return Turn(R=R, omega=so3.vee(R.T @ R_1), omega_dot=so3.vee(R_1.T @ R_1 + R.T @ R_2))
+    return AttitudeSetpoint(R=R, omega=so3.vee(R.T @ R_1), omega_dot=so3.vee(R_1.T @ R_1 + R.T @ R_2))

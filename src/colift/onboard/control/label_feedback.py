@@ -11,14 +11,16 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from colift.models import aerial_manipulator
-from colift.models.parameters import Agent
+from colift.models.parameters import AerialManipulator
 from colift.onboard.control import redundancy, tracking
-from colift.onboard.estimation.state_estimator import Filters
+from colift.onboard.estimation.state_estimator import FilterBandwidths
 
-FREQUENCIES = np.geomspace(1.0, 1e3, 400)  # rad/s, in which the loop's gain is sought
+FREQUENCY_GRID = np.geomspace(1.0, 1e3, 400)  # rad/s, in which the loop's gain is sought
 
 
-def gain(agent: Agent, rest: Float[Array, "n_r"], gains: tracking.Gains, filters: Filters, force: float) -> float:
+def label_loop_gain(
+    agent: AerialManipulator, rest: Float[Array, "n_r"], gains: tracking.Gains, filters: FilterBandwidths, force: float
+) -> float:
     """The greatest gain from an agent's angular acceleration through its labels back to it.
 
     `gamma = max_w |mu / |f| s F(s) (1 - F_j(s)) s k_w / (s + k_w)|` at `s = i w`, with `mu = ||m B_r G||` the force in
@@ -27,18 +29,18 @@ def gain(agent: Agent, rest: Float[Array, "n_r"], gains: tracking.Gains, filters
     infinite where there is no weight, and any force is the direction, and where arms are straight at rest, so that
     nothing says how joints fold.
     """
-    p = aerial_manipulator.reduce(agent, aerial_manipulator.geometry(agent, rest))
-    folds = np.asarray(p.base)[:, 3:] @ np.asarray(redundancy.folded(agent, p))
+    p = aerial_manipulator.centroidal_model(agent, aerial_manipulator.forward_kinematics(agent, rest))
+    folds = np.asarray(p.J_base)[:, 3:] @ np.asarray(redundancy.posture_tilt_jacobian(agent, p))
     if not np.isfinite(folds).all():
         return np.inf
     mu = float(p.mass) * float(np.linalg.norm(folds, 2))
-    s, k_omega = 1j * FREQUENCIES, float(gains.agent_k_omega)
-    heard = _low(s, filters.label) ** 2 * _low(s, filters.tip_force) * (1 - _low(s, filters.joint) ** 2)
-    peak = float(np.abs(s * heard * s * k_omega / (s + k_omega)).max())
+    s, k_omega = 1j * FREQUENCY_GRID, float(gains.agent_k_omega)
+    innovation_state = _low(s, filters.label) ** 2 * _low(s, filters.tip_force) * (1 - _low(s, filters.joint) ** 2)
+    peak = float(np.abs(s * innovation_state * s * k_omega / (s + k_omega)).max())
     return mu * peak / force if force else np.inf
 
 
-def heeded(gamma: float) -> float:
+def rate_attenuation(gamma: float) -> float:
     """What part of its labels' rate an agent may follow: all up to a gain of a half, nothing from one on."""
     return float(np.clip(2 - 2 * gamma, 0.0, 1.0))
 

@@ -15,43 +15,45 @@ from jaxtyping import Array, Float
 from colift.math import so3
 from colift.math.pytree import pytree
 from colift.onboard.control import tracking
-from colift.onboard.interfaces import Leader, Now
+from colift.onboard.interfaces import ControlContext, PayloadController
 
 Scalar = Float[Array, ""]
 
 
 @pytree
-class Geometric:
+class GeometricTracking:
     """The paper's leader (Eq. payload_force_cmd_learning, payload_torque_cmd_learning), as accelerations."""
 
     gains: tracking.Gains
 
-    def begin(self) -> Any:
+    def init(self) -> Any:
         """Nothing is remembered."""
         return ()
 
-    def lead(self, memory: Any, now: Now) -> tuple[tracking.Command, Any]:
+    def compute(self, state: Any, context: ControlContext) -> tuple[tracking.AccelerationCommand, Any]:
         """`control.command`."""
-        return tracking.command(self.gains, now.q_hat.payload, now.q_hat.a_L[:3], now.d), memory
+        return tracking.tracking_acceleration(
+            self.gains, context.estimate.payload, context.estimate.a_L[:3], context.setpoint
+        ), state
 
 
 @pytree
-class Integral:
+class IntegralAction:
     """Another leader with integral action: `a - K_i int e_p`, `alpha - k_i int e_R`, summed over ticks."""
 
-    leader: Leader
+    base: PayloadController
     K_i: Scalar  # 1/s^3
     k_i: Scalar  # 1/s^3
 
-    def begin(self) -> Any:
+    def init(self) -> Any:
         """`(K_i int e_p, k_i int e_R)`, and the other's memory."""
-        return jnp.zeros(6), self.leader.begin()
+        return jnp.zeros(6), self.base.init()
 
-    def lead(self, memory: Any, now: Now) -> tuple[tracking.Command, Any]:
+    def compute(self, state: Any, context: ControlContext) -> tuple[tracking.AccelerationCommand, Any]:
         """The other's command less the integrals."""
-        past, of_other = memory
-        q, d = now.q_hat.payload, now.d
+        past, of_other = state
+        q, d = context.estimate.payload, context.setpoint
         rate = jnp.concatenate([self.K_i * (q.p - d.p), self.k_i * so3.e_R(q.R, d.R)])
-        integral = past + now.clock.dt * rate
-        to, of_other = self.leader.lead(of_other, now)
+        integral = past + context.clock.dt * rate
+        to, of_other = self.base.compute(of_other, context)
         return dataclasses.replace(to, a=to.a - integral[:3], alpha=to.alpha - integral[3:]), (integral, of_other)

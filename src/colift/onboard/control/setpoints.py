@@ -8,17 +8,17 @@ from colift.math.pytree import pytree
 
 
 @pytree
-class Share:
+class AgentSetpoint:
     """What one agent is asked for."""
 
     lam: Float[Array, "*agents arms 3"]  # N, commanded contact forces on the payload, world
     lam_dot: Float[Array, "*agents arms 3"]  # N/s, their rate, for the attitude's feed-forward
-    heading: Float[Array, "*agents"]  # rad
-    rest: Float[Array, "*agents n_r"]  # joints of the posture task
+    yaw: Float[Array, "*agents"]  # rad
+    nominal_posture: Float[Array, "*agents n_r"]  # joints of the posture task
 
 
 @pytree
-class Turn:
+class AttitudeSetpoint:
     """The attitude that an agent is to have, and how it turns."""
 
     R: Float[Array, "*agents 3 3"]  # its third axis along the thrust

@@ -61,7 +61,7 @@ class Features(Protocol):
 
 
 @pytree
-class Plain:
+class DefaultFeatures:
     """The paper's features: the payload's sample with its speeds, an agent's sample as it is."""
 
     def payload(self, x: Float[Array, "*batch inputs"]) -> Float[Array, "*batch 20"]:
@@ -81,10 +81,10 @@ class Plain:
         return agent_feature_names(joints)
 
 
-Body = tuple[int, int] | str
+BodyKey = tuple[int, int] | str
 """The payload, as "payload", or (group, agent)."""
 
 
-def features(seen: Features, body: Body, x: np.ndarray) -> np.ndarray:
+def compute_features(seen: Features, body: BodyKey, x: np.ndarray) -> np.ndarray:
     """What GPs of a body see of its samples (host)."""
     return np.asarray(seen.payload(jnp.asarray(x)) if isinstance(body, str) else seen.agent(jnp.asarray(x)))

@@ -21,7 +21,7 @@ from colift.models.state import PayloadState
 T = TypeVar("T")
 
 
-def regressor(q: PayloadState, a: Float[Array, "3"], alpha: Float[Array, "3"]) -> Float[Array, "6 10"]:
+def inertial_regressor(q: PayloadState, a: Float[Array, "3"], alpha: Float[Array, "3"]) -> Float[Array, "6 10"]:
     """`Y` with `Y theta` the inertial wrench of a rigid body, theta = (m, m c, J_xx, J_yy, J_zz, J_xy, J_xz, J_yz).
 
     `F = m a + R (alpha x + w x (w x)) m c`, `tau = m c x R^T a + J alpha + w x J w`, `a` the acceleration of the
@@ -42,13 +42,15 @@ def _symmetric(v: Float[Array, "3"]) -> Float[Array, "3 6"]:
     return jnp.stack([x, o, o, y, z, o, o, y, o, x, o, z, o, o, z, o, x, y]).reshape(3, 6)
 
 
-def inertial(X: np.ndarray) -> np.ndarray:
+def inertial_regressors(X: np.ndarray) -> np.ndarray:
     """`Y(x)`, (samples, 6, 10), at payload samples (host)."""
-    q = jax.vmap(state_of)(jnp.asarray(X))
-    return np.asarray(jax.vmap(regressor)(q, jnp.asarray(X[:, 18:21]), jnp.asarray(X[:, 21:24])))
+    q = jax.vmap(payload_state_from_input)(jnp.asarray(X))
+    return np.asarray(jax.vmap(inertial_regressor)(q, jnp.asarray(X[:, 18:21]), jnp.asarray(X[:, 21:24])))
 
 
-def identify(Phi: np.ndarray, Y: np.ndarray, K: np.ndarray, prior: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def identify_parameters(
+    Phi: np.ndarray, Y: np.ndarray, K: np.ndarray, prior: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Parameters from labels, by least squares with a prior deviation on each parameter (host).
 
     Minimizes `sum_i e_i^T K_i^-1 e_i + |theta / prior|^2`, e the errors `Y - Phi theta` and K_i the covariance of
@@ -61,14 +63,14 @@ def identify(Phi: np.ndarray, Y: np.ndarray, K: np.ndarray, prior: np.ndarray) -
     return prior * np.linalg.solve(H, np.einsum("inp,ni->p", T, Y)), np.sqrt(np.diag(np.linalg.inv(H)))
 
 
-def possible(theta: np.ndarray, believed: Payload) -> np.ndarray:
+def enforce_physical_consistency(theta: np.ndarray, nominal: Payload) -> np.ndarray:
     """`theta` as far as it leaves a body, `M - M(theta) >= M / 10` (host).
 
     M is the `(6, 6)` inertia of the payload as believed, `M(theta) = [[m I, -hat(m c)], [hat(m c), J]]`. What is told
     least goes first: J is scaled down, then `m c` with it, then all. Where less than nothing is left a command pushes
     the wrong way, whatever the gains.
     """
-    M = block_diag(float(believed.mass) * np.eye(3), believed.inertia)
+    M = block_diag(float(nominal.mass) * np.eye(3), nominal.inertia)
     for first in (4, 1, 0):
         stays, goes = np.where(np.arange(10) < first, theta, 0.0), np.where(np.arange(10) < first, 0.0, theta)
         room = 0.9 * M - _spatial(stays)
@@ -82,6 +84,6 @@ def _spatial(theta: np.ndarray) -> np.ndarray:
     return np.block([[theta[0] * np.eye(3), -h], [h, np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])]])
 
 
-def state_of(x: Float[Array, "24"]) -> PayloadState:
+def payload_state_from_input(x: Float[Array, "24"]) -> PayloadState:
     """Of a payload sample."""
     return PayloadState(p=x[:3], v=x[3:6], R=x[6:15].reshape(3, 3), omega=x[15:18])

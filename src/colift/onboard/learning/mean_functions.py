@@ -16,57 +16,57 @@ from colift.math import so3
 from colift.math.pytree import pytree
 
 
-class Known(Protocol):
+class MeanFunction(Protocol):
     """What an oracle says beside its GPs, linear in parameters that were identified."""
 
-    def on_payload(self, x: Float[Array, "inputs"]) -> Float[Array, "6"]:
+    def payload_mean(self, x: Float[Array, "inputs"]) -> Float[Array, "6"]:
         """Force, N (world), and moment, N m (payload frame), at a payload sample."""
         ...
 
-    def on_agents(self, group: int, x: Float[Array, "agents inputs"]) -> Float[Array, "agents outputs"]:
+    def agent_means(self, group: int, x: Float[Array, "agents inputs"]) -> Float[Array, "agents outputs"]:
         """`f_x`, N, `f_w` and `f_r`, N m, of the agents of a group at their samples."""
         ...
 
 
 @pytree
-class Linear:
+class BasisMean:
     """Weights of `basis`, of every output."""
 
     payload: Float[Array, "functions 6"]
     agents: tuple[Float[Array, "_agents _functions _outputs"], ...]  # by group
 
-    def on_payload(self, x: Float[Array, "inputs"]) -> Float[Array, "6"]:
+    def payload_mean(self, x: Float[Array, "inputs"]) -> Float[Array, "6"]:
         """`phi W`."""
-        return payload_basis(x) @ self.payload
+        return payload_basis_functions(x) @ self.payload
 
-    def on_agents(self, group: int, x: Float[Array, "agents inputs"]) -> Float[Array, "agents outputs"]:
+    def agent_means(self, group: int, x: Float[Array, "agents inputs"]) -> Float[Array, "agents outputs"]:
         """`phi W`."""
         weights = self.agents[group]
-        return (agent_basis(x, weights.shape[2] - 6)[:, :, None] * weights).sum(1)
+        return (agent_basis_functions(x, weights.shape[2] - 6)[:, :, None] * weights).sum(1)
 
 
 @pytree
-class Air:
+class DragThrustMean:
     """Drag of bodies, and what rotors lack of thrust: `-c v`, with the payload's lever b, and `k R e_3` of agents."""
 
     payload: Float[Array, "4"]  # c, N s/m, and c b, N s
     agents: tuple[Float[Array, "_agents 2"], ...]  # c, N s/m, and k, N
 
-    def on_payload(self, x: Float[Array, "inputs"]) -> Float[Array, "6"]:
+    def payload_mean(self, x: Float[Array, "inputs"]) -> Float[Array, "6"]:
         """`-c v` and `b x R^T (-c v)`."""
         v, R = x[3:6], x[6:15].reshape(3, 3)
         return jnp.concatenate([-self.payload[0] * v, -so3.cross(self.payload[1:], R.T @ v)])
 
-    def on_agents(self, group: int, x: Float[Array, "agents inputs"]) -> Float[Array, "agents outputs"]:
+    def agent_means(self, group: int, x: Float[Array, "agents inputs"]) -> Float[Array, "agents outputs"]:
         """`-c v + k R e_3`; no moments."""
         n_r, (c, k) = (x.shape[1] - 18) // 2, self.agents[group].T
         v, up = x[:, 15 + n_r : 18 + n_r], x[:, jnp.array([2, 5, 8])]
         return jnp.concatenate([k[:, None] * up - c[:, None] * v, jnp.zeros((len(x), 3 + n_r))], axis=1)
 
 
-def no_air(sizes: Sequence[int]) -> Air:
+def zero_drag_thrust(sizes: Sequence[int]) -> DragThrustMean:
     """Before anything is known of groups of so many agents."""
-    return Air(payload=jnp.zeros(4), agents=tuple(jnp.zeros((size, 2)) for size in sizes))
+    return DragThrustMean(payload=jnp.zeros(4), agents=tuple(jnp.zeros((size, 2)) for size in sizes))
 
 
 def basis(p: Float[Array, "*batch 3"], v: Float[Array, "*batch 3"], rest: Float[Array, "*batch rest"]) -> Array:
@@ -77,12 +77,12 @@ def basis(p: Float[Array, "*batch 3"], v: Float[Array, "*batch 3"], rest: Float[
     return jnp.concatenate([one, p, *pairs, v, speed * v, rest], axis=-1)
 
 
-def payload_basis(x: Float[Array, "*batch inputs"]) -> Float[Array, "*batch functions"]:
+def payload_basis_functions(x: Float[Array, "*batch inputs"]) -> Float[Array, "*batch functions"]:
     """`basis` of a payload sample, with `vec(R), omega`."""
     return basis(x[..., :3], x[..., 3:6], x[..., 6:18])
 
 
-def agent_basis(x: Float[Array, "*batch inputs"], joints: int) -> Float[Array, "*batch functions"]:
+def agent_basis_functions(x: Float[Array, "*batch inputs"], joints: int) -> Float[Array, "*batch functions"]:
     """`basis` of an agent's sample, with `vec(R), r, omega, r_dot`."""
     v = 15 + joints
     rest = [x[..., :9], x[..., 12:v], x[..., v + 3 :]]

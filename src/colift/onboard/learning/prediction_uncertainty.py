@@ -17,141 +17,152 @@ from jaxtyping import Array, Float
 
 from colift.math.pytree import pytree
 from colift.models import aerial_manipulator, grasp
-from colift.models.parameters import Agent, Team
+from colift.models.parameters import AerialManipulator, Team
 from colift.onboard.learning import confidence_bounds, residual_model, semiparametric
 
-BLOCK = 128  # states whose deviations are computed at once: one shape, one program
+BATCH_STATES = 128  # states whose deviations are computed at once: one shape, one program
 
 
 @pytree
-class Sigma:
+class PredictionUncertainty:
     """Deviations of predictions and radii of their errors along a run, at a lower rate than the log; NumPy arrays."""
 
     t: np.ndarray  # s
-    payload: np.ndarray  # (time, 6), posterior
-    agents: tuple[np.ndarray, ...]  # (time, agents, outputs) by group
-    payload_label: np.ndarray  # (time, 6), of what labels are constantly off, as stated
-    agents_label: tuple[np.ndarray, ...]
+    payload_std: np.ndarray  # (time, 6), posterior
+    agent_std: tuple[np.ndarray, ...]  # (time, agents, outputs) by group
+    payload_label_bias: np.ndarray  # (time, 6), of what labels are constantly off, as stated
+    agent_label_bias: tuple[np.ndarray, ...]
     payload_radius: np.ndarray  # (time, 6), bounds each output's error: see `band.radius`
     agents_radius: tuple[np.ndarray, ...]
 
 
 @dataclasses.dataclass(frozen=True)
-class Walk:
+class BiasModel:
     """What a data sheet states of an error that is constant or wanders: a deviation, `sqrt(start^2 + rate^2 t)`."""
 
-    start: float = 0.0  # unit of the reading
-    rate: float = 0.0  # unit of the reading per square root of a second
+    initial_std: float = 0.0  # unit of the reading
+    random_walk_density: float = 0.0  # unit of the reading per square root of a second
 
-    def at(self, t: np.ndarray) -> np.ndarray:
+    def std_at(self, t: np.ndarray) -> np.ndarray:
         """At times t, s."""
-        return np.sqrt(self.start**2 + self.rate**2 * t)
+        return np.sqrt(self.initial_std**2 + self.random_walk_density**2 * t)
 
-    def __add__(self, other: Walk) -> Walk:
+    def __add__(self, other: BiasModel) -> BiasModel:
         """Of two errors that know nothing of each other."""
-        return Walk(float(np.hypot(self.start, other.start)), float(np.hypot(self.rate, other.rate)))
+        return BiasModel(
+            float(np.hypot(self.initial_std, other.initial_std)),
+            float(np.hypot(self.random_walk_density, other.random_walk_density)),
+        )
 
 
 @dataclasses.dataclass(frozen=True)
-class Biases:
+class LabelBiasModel:
     """Constant errors of what labels are made of, of each axis."""
 
-    tips: Walk = Walk()  # N
-    payload: Walk = Walk()  # m/s^2, of the accelerometer
-    agents: Walk = Walk()  # m/s^2
+    tips: BiasModel = BiasModel()  # N
+    payload: BiasModel = BiasModel()  # m/s^2, of the accelerometer
+    agents: BiasModel = BiasModel()  # m/s^2
 
 
 @dataclasses.dataclass(frozen=True)
-class Held:
+class ModelInterval:
     """An oracle, its bands and what its means may be off, which hold from a tick on."""
 
-    first: int
-    oracle: residual_model.Oracle
-    bands: confidence_bounds.Bands
-    doubts: semiparametric.Doubts = dataclasses.field(default_factory=dict)
+    start_tick: int
+    model: residual_model.ResidualModel
+    bands: confidence_bounds.ConfidenceBands
+    mean_uncertainties: semiparametric.MeanUncertainties = dataclasses.field(default_factory=dict)
 
 
-def along(
-    team: Team, held: Sequence[Held], every: int, biases: Biases, t: np.ndarray, x: np.ndarray, agents: Sequence
-) -> Sigma:
+def evaluate_along(
+    team: Team,
+    held: Sequence[ModelInterval],
+    every: int,
+    biases: LabelBiasModel,
+    t: np.ndarray,
+    x: np.ndarray,
+    agents: Sequence,
+) -> PredictionUncertainty:
     """Deviations and radii at the true states of a flight, every so many ticks.
 
     team: as believed. x: payload samples at t, s; agents: those of the agents, by group.
     """
-    first = [-(-each.first // every) for each in held] + [len(x)]
+    first = [-(-each.start_tick // every) for each in held] + [len(x)]
     found = []
     for each, start, end in zip(held, first, first[1:], strict=False):
-        for one in range(start, end, BLOCK):
-            here = slice(one, min(one + BLOCK, end))
+        for one in range(start, end, BATCH_STATES):
+            here = slice(one, min(one + BATCH_STATES, end))
             found.append(_block(team, biases, each, t[here], x[here], [part[here] for part in agents]))
     payload, of_agents, labels, radius, radius_of_agents = jax.tree.map(lambda *parts: np.concatenate(parts), *found)
-    return Sigma(
+    return PredictionUncertainty(
         t=t,
-        payload=payload,
-        agents=of_agents,
-        payload_label=of_payload_labels(team, biases, t),
-        agents_label=labels,
+        payload_std=payload,
+        agent_std=of_agents,
+        payload_label_bias=payload_label_bias_std(team, biases, t),
+        agent_label_bias=labels,
         payload_radius=radius,
         agents_radius=radius_of_agents,
     )
 
 
 def _block(
-    team: Team, biases: Biases, held: Held, t: np.ndarray, x: np.ndarray, agents: Sequence[np.ndarray]
+    team: Team, biases: LabelBiasModel, held: ModelInterval, t: np.ndarray, x: np.ndarray, agents: Sequence[np.ndarray]
 ) -> tuple[Any, ...]:
     """Posterior deviations and radii of payload and agents at a block of states, or at fewer."""
-    n, oracle, bands = len(x), held.oracle, held.bands
+    n, oracle, bands = len(x), held.model, held.bands
     full, *of_agents = (
-        jnp.asarray(np.pad(each, ((0, BLOCK - n), *[(0, 0)] * (each.ndim - 1)))) for each in (x, *agents)
+        jnp.asarray(np.pad(each, ((0, BATCH_STATES - n), *[(0, 0)] * (each.ndim - 1)))) for each in (x, *agents)
     )
     seen = [oracle.features.agent(each) for each in of_agents]
-    payload = np.asarray(residual_model.payload_deviation(oracle, full))
+    payload = np.asarray(residual_model.payload_std(oracle, full))
     each_agent = [
-        np.array(residual_model.agent_deviation(model, each)) for model, each in zip(oracle.agents, seen, strict=True)
+        np.array(residual_model.agent_std(model, each)) for model, each in zip(oracle.agents, seen, strict=True)
     ]
-    for body, unsure in held.doubts.items():
+    for body, unsure in held.mean_uncertainties.items():
         if isinstance(body, str):
             Z = np.asarray(oracle.features.payload(full))
             payload = np.hypot(
                 payload,
                 np.sqrt(
-                    semiparametric.doubt(oracle.payload, unsure, Z, semiparametric.regressors(np.asarray(full), True))
+                    semiparametric.mean_variance(
+                        oracle.payload, unsure, Z, semiparametric.mean_regressors(np.asarray(full), True)
+                    )
                 ),
             )
         else:
             i, j = body
-            Z, one = np.asarray(seen[i])[:, j], residual_model.of_body(oracle, body)
-            more = semiparametric.doubt(
-                one, unsure, Z, semiparametric.regressors(np.asarray(of_agents[i])[:, j], False)
+            Z, one = np.asarray(seen[i])[:, j], residual_model.get_model(oracle, body)
+            more = semiparametric.mean_variance(
+                one, unsure, Z, semiparametric.mean_regressors(np.asarray(of_agents[i])[:, j], False)
             )
             each_agent[i][:, j] = np.hypot(each_agent[i][:, j], np.sqrt(more))
-    groups = list(zip(oracle.agents, bands.companion.agents, bands.agents, seen, strict=True))
+    groups = list(zip(oracle.agents, bands.bound_posterior.agents, bands.agent_beta, seen, strict=True))
     return (
         payload[:n],
         tuple(each[:n] for each in each_agent),
         tuple(
-            of_agent_labels(biases, t, *(np.asarray(each)[:n] for each in _levers(group, inputs)))
-            for group, inputs in zip(team.groups, of_agents, strict=True)
+            agent_label_bias_std(biases, t, *(np.asarray(each)[:n] for each in _levers(group, inputs)))
+            for group, inputs in zip(team.agent_groups, of_agents, strict=True)
         ),
         np.asarray(confidence_bounds.payload_radius(oracle, bands, full))[:n],
         tuple(np.asarray(confidence_bounds.agent_radius(*group))[:n] for group in groups),
     )
 
 
-def of_payload_labels(team: Team, biases: Biases, t: np.ndarray) -> Float[np.ndarray, "time 6"]:
+def payload_label_bias_std(team: Team, biases: LabelBiasModel, t: np.ndarray) -> Float[np.ndarray, "time 6"]:
     """What biases make of `m_L v_dot - f_g - G lam_hat`: `sqrt(n b^2 + (m_L a)^2)`, `sqrt(sum_c |rho_c x e_i|^2) b`.
 
     N (world) and N m (payload frame); b of each axis of the tips, a of the accelerometer.
     """
-    rho = np.asarray(grasp.contacts(team))
-    b, a = biases.tips.at(t), biases.payload.at(t)
+    rho = np.asarray(grasp.contact_points(team))
+    b, a = biases.tips.std_at(t), biases.payload.std_at(t)
     force = np.sqrt(len(rho) * b**2 + (float(team.payload.mass) * a) ** 2)
     lever = np.sqrt(((rho**2).sum(1)[:, None] - rho**2).sum(0))
     return np.concatenate([np.repeat(force[:, None], 3, 1), b[:, None] * lever], axis=1)
 
 
-def of_agent_labels(
-    biases: Biases,
+def agent_label_bias_std(
+    biases: LabelBiasModel,
     t: np.ndarray,
     arms: Float[np.ndarray, "time agents"],
     mass: Float[np.ndarray, "time agents"],
@@ -161,19 +172,21 @@ def of_agent_labels(
 
     lever: `sqrt(sum tip^2)` over all arms and axes, m, of the moments on the body and on its joints.
     """
-    b, a = biases.tips.at(t)[:, None], biases.agents.at(t)[:, None]
+    b, a = biases.tips.std_at(t)[:, None], biases.agents.std_at(t)[:, None]
     force = np.sqrt(arms * b**2 + (mass * a) ** 2)
     return np.concatenate([np.repeat(force[..., None], 3, 2), b[..., None] * lever], axis=2)
 
 
 @jax.jit
 def _levers(
-    group: Agent, x: Float[Array, "time agents inputs"]
+    group: AerialManipulator, x: Float[Array, "time agents inputs"]
 ) -> tuple[Float[Array, "time agents"], Float[Array, "time agents"], Float[Array, "time agents moments"]]:
     """How many arms agents have, their masses and their levers along a path of inputs."""
 
-    def one(agent: Agent, x: Float[Array, "inputs"]) -> tuple[Array, Array, Array]:
-        p = aerial_manipulator.reduce(agent, aerial_manipulator.geometry(agent, x[12 : 12 + agent.tree.joints]))
-        return jnp.asarray(float(agent.tree.arms)), p.mass, jnp.sqrt((p.tip * p.tip).sum((0, 1)))
+    def one(agent: AerialManipulator, x: Float[Array, "inputs"]) -> tuple[Array, Array, Array]:
+        p = aerial_manipulator.centroidal_model(
+            agent, aerial_manipulator.forward_kinematics(agent, x[12 : 12 + agent.tree.joints])
+        )
+        return jnp.asarray(float(agent.tree.arms)), p.mass, jnp.sqrt((p.J_tip * p.J_tip).sum((0, 1)))
 
     return jax.vmap(jax.vmap(one), (None, 0))(group, x)

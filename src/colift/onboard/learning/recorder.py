@@ -14,61 +14,67 @@ from colift import gp
 from colift.math.pytree import pytree, static
 from colift.models.measurement import Measurement
 from colift.models.parameters import Team
-from colift.models.state import flat_agent, flat_payload
-from colift.onboard.estimation.state_estimator import Labelled
-from colift.onboard.learning.residual_model import Oracle
+from colift.models.state import flatten_agent_state, flatten_payload_state
+from colift.onboard.estimation.state_estimator import TrainingSample
+from colift.onboard.learning.residual_model import ResidualModel
 
 Scalar = Float[Array, ""]
-Sampled = tuple[Float[Array, "..."], Float[Array, "..."]]
+InputLabel = tuple[Float[Array, "..."], Float[Array, "..."]]
 
 
 @pytree
-class Recorded:
+class RecorderState:
     """What a recorder keeps between ticks."""
 
-    payload: gp.Data
-    agents: tuple[gp.Data, ...]  # by group, agents lead
-    due: Scalar  # s, when the next sample is taken
+    payload: gp.Dataset
+    agents: tuple[gp.Dataset, ...]  # by group, agents lead
+    next_sample_time: Scalar  # s, when the next sample is taken
 
-    def newest(self) -> float:
+    def latest_time(self) -> float:
         """When the newest sample was taken, s; 0 where there is none."""
         return max(float(data.t.max()) for data in (self.payload, *self.agents))
 
 
 @pytree
-class Recorder:
+class DataRecorder:
     """When samples are recorded, and whose: of the estimator's inputs and labels."""
 
-    every: Scalar  # s between samples, no less than the label filter's memory
+    sample_period: Scalar  # s between samples, no less than the label filter's memory
     start: Scalar  # s, once the filters have settled
     end: Scalar  # s, T_end of Assumption dataset
     payload: Bool[Array, ""]
     agents: Bool[Array, ""]
-    policy: gp.Policy = static(default=gp.first_come)  # which of them are kept
+    selection_policy: gp.SelectionPolicy = static(default=gp.keep_first)  # which of them are kept
 
-    def begin(self, team: Team, oracle: Oracle) -> Recorded:
+    def init(self, team: Team, model: ResidualModel) -> RecorderState:
         """Empty data sets, as large as the oracle's."""
         agents = []
-        for size, group in zip(team.sizes, team.groups, strict=True):
+        for size, group in zip(team.sizes, team.agent_groups, strict=True):
             n_r = group.tree.joints
-            agents.append(gp.empty(oracle.payload.capacity, 18 + 2 * n_r, 6 + n_r, batch=(size,)))
-        return Recorded(payload=gp.empty(oracle.payload.capacity, 24, 6), agents=tuple(agents), due=self.start)
-
-    def record(self, memory: Recorded, m: Measurement, labelled: Labelled | None, t: Scalar) -> Recorded:
-        """The data sets after time t, s: with one more sample where one is due."""
-        now = (t >= memory.due - 1e-9) & (t <= self.end + 1e-9)
-        payload, agents = self.samples(m, labelled)
-        fresh = now if labelled is None else now & (labelled.fresh > 0)
-        each = jax.vmap(self.policy, in_axes=(0, 0, 0, None, None))
-        return Recorded(
-            payload=self.policy(memory.payload, *payload, t, fresh & self.payload)[0],
-            agents=tuple(
-                each(data, *xy, t, fresh & self.agents)[0] for data, xy in zip(memory.agents, agents, strict=True)
-            ),
-            due=memory.due + jnp.where(now, self.every, 0.0),
+            agents.append(gp.empty_dataset(model.payload.capacity, 18 + 2 * n_r, 6 + n_r, batch=(size,)))
+        return RecorderState(
+            payload=gp.empty_dataset(model.payload.capacity, 24, 6), agents=tuple(agents), next_sample_time=self.start
         )
 
-    def samples(self, m: Measurement, labelled: Labelled | None) -> tuple[Sampled, tuple[Sampled, ...]]:
+    def record(
+        self, state: RecorderState, measurement: Measurement, labelled: TrainingSample | None, t: Scalar
+    ) -> RecorderState:
+        """The data sets after time t, s: with one more sample where one is due."""
+        context = (t >= state.next_sample_time - 1e-9) & (t <= self.end + 1e-9)
+        payload, agents = self.samples(measurement, labelled)
+        fresh = context if labelled is None else context & (labelled.valid > 0)
+        each = jax.vmap(self.selection_policy, in_axes=(0, 0, 0, None, None))
+        return RecorderState(
+            payload=self.selection_policy(state.payload, *payload, t, fresh & self.payload)[0],
+            agents=tuple(
+                each(data, *xy, t, fresh & self.agents)[0] for data, xy in zip(state.agents, agents, strict=True)
+            ),
+            next_sample_time=state.next_sample_time + jnp.where(context, self.sample_period, 0.0),
+        )
+
+    def samples(
+        self, measurement: Measurement, labelled: TrainingSample | None
+    ) -> tuple[InputLabel, tuple[InputLabel, ...]]:
         """`(x, y)` of the payload and of every group's agents. Raises ValueError where nothing is labelled."""
         if labelled is None:
             raise ValueError("the estimator gives no labels: this pilot cannot learn")
@@ -76,17 +82,19 @@ class Recorder:
 
 
 @pytree
-class FromRig(Recorder):
+class RigRecorder(DataRecorder):
     """The same, of a calibration rig's true states and nearly true residuals."""
 
-    def samples(self, m: Measurement, labelled: Labelled | None) -> tuple[Sampled, tuple[Sampled, ...]]:
+    def samples(
+        self, measurement: Measurement, labelled: TrainingSample | None
+    ) -> tuple[InputLabel, tuple[InputLabel, ...]]:
         """`(x, y)` of the payload and of every group's agents. Raises ValueError where there is no rig."""
-        if m.rig is None:
+        if measurement.rig is None:
             raise ValueError("the world has no calibration rig (`sensor.Rig`) to learn from")
-        z, f = m.rig.z, m.rig.f
-        payload = flat_payload(z.payload, jnp.zeros(6)), jnp.concatenate([f.payload.F, f.payload.tau])
+        z, f = measurement.rig.z, measurement.rig.f
+        payload = flatten_payload_state(z.payload, jnp.zeros(6)), jnp.concatenate([f.payload.F, f.payload.tau])
         agents = tuple(
-            (jax.vmap(flat_agent)(q), jnp.concatenate([g.f_x, g.f_w, g.f_r], axis=1))
+            (jax.vmap(flatten_agent_state)(q), jnp.concatenate([g.f_x, g.f_w, g.f_r], axis=1))
             for q, g in zip(z.agents, f.agents, strict=True)
         )
         return payload, agents

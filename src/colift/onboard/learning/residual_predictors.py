@@ -15,13 +15,13 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from colift.math.filters import blend
+from colift.math.filters import smoothing_factor
 from colift.math.pytree import pytree
 from colift.models import inverse_dynamics
 from colift.models.parameters import Team
-from colift.models.state import Residual, State, with_wrench
+from colift.models.state import ResidualForces, State, add_payload_wrench
 from colift.onboard.control import tracking
-from colift.onboard.interfaces import Now, Predictor
+from colift.onboard.interfaces import ControlContext, ResidualPredictor
 from colift.onboard.learning import residual_model
 
 Scalar = Float[Array, ""]
@@ -31,55 +31,71 @@ Scalar = Float[Array, ""]
 
 
 @pytree
-class Learned:
+class LearnedResidual:
     """`f_hat`: the frozen oracles at the estimated state, the parametric part at the commanded acceleration."""
 
-    def begin(self, team: Team) -> Any:
+    def init(self, team: Team) -> Any:
         """Nothing is remembered."""
         return ()
 
-    def observe(self, memory: Any, oracle: residual_model.Oracle, now: Now) -> Any:
+    def update(self, state: Any, model: residual_model.ResidualModel, context: ControlContext) -> Any:
         """Nothing is remembered."""
-        return memory
+        return state
 
-    def predict(self, memory: Any, oracle: residual_model.Oracle, now: Now, to: tracking.Command) -> Residual:
+    def predict(
+        self,
+        state: Any,
+        model: residual_model.ResidualModel,
+        context: ControlContext,
+        acceleration_cmd: tracking.AccelerationCommand,
+    ) -> ResidualForces:
         """`f_hat_L = mean_L(q_L) + Y(q_L, a, alpha) theta`, `f_hat_j = mean_j(q_j)`."""
-        q_hat = now.q_hat
-        return residual_model.prediction(oracle, q_hat.payload, q_hat.agents, to.a - now.team.gravity, to.alpha)
+        q_hat = context.estimate
+        return residual_model.predict(
+            model, q_hat.payload, q_hat.agents, acceleration_cmd.a - context.team.gravity, acceleration_cmd.alpha
+        )
 
 
 @pytree
-class Observed:
+class DisturbanceObserver:
     """Another predictor with a wrench observer added: a low-pass of what the last command did not explain.
 
     `d = m_L (v_dot - a_g) - F_d`, `J w_dot + w x J w - tau_d`: residual and realization error in one.
     """
 
-    predictor: Predictor
+    base: ResidualPredictor
     bandwidth: Float[Array, "2"]  # Hz, of the force and of the moment
 
-    def begin(self, team: Team) -> Any:
+    def init(self, team: Team) -> Any:
         """What is observed, and the other's memory."""
-        return jnp.zeros(6), self.predictor.begin(team)
+        return jnp.zeros(6), self.base.init(team)
 
-    def observe(self, memory: Any, oracle: residual_model.Oracle, now: Now) -> Any:
+    def update(self, state: Any, model: residual_model.ResidualModel, context: ControlContext) -> Any:
         """`d+ = d + b (d_now - d)`."""
-        d, of_other = memory
-        q, a = now.q_hat.payload, now.q_hat.a_L
-        W = inverse_dynamics.payload(now.team.payload, a[:3] - now.team.gravity, a[3:], q.omega)
-        left = jnp.concatenate([W.F - now.W.F, W.tau - now.W.tau])
+        d, of_other = state
+        q, a = context.estimate.payload, context.estimate.a_L
+        W = inverse_dynamics.payload_inverse_dynamics(
+            context.team.payload, a[:3] - context.team.gravity, a[3:], q.omega
+        )
+        left = jnp.concatenate([W.F - context.last_wrench.F, W.tau - context.last_wrench.tau])
         # before the first tick there was no command to explain anything
-        d = d + now.ticks * jnp.repeat(blend(self.bandwidth, now.clock.dt), 3) * (left - d)
-        return d, self.predictor.observe(of_other, oracle, now)
+        d = d + context.initialized * jnp.repeat(smoothing_factor(self.bandwidth, context.clock.dt), 3) * (left - d)
+        return d, self.base.update(of_other, model, context)
 
-    def predict(self, memory: Any, oracle: residual_model.Oracle, now: Now, to: tracking.Command) -> Residual:
+    def predict(
+        self,
+        state: Any,
+        model: residual_model.ResidualModel,
+        context: ControlContext,
+        acceleration_cmd: tracking.AccelerationCommand,
+    ) -> ResidualForces:
         """The other's prediction, and what is observed on the payload."""
-        d, of_other = memory
-        return with_wrench(self.predictor.predict(of_other, oracle, now, to), d)
+        d, of_other = state
+        return add_payload_wrench(self.base.predict(of_other, model, context, acceleration_cmd), d)
 
 
 @pytree
-class Corrected:
+class InnovationCorrection:
     """Another predictor as far as labels go along with it, and what they say beyond.
 
     `m + alpha (f_hat - m) + r + (w lead + s) r'`, s ahead of now: m the mean as late as labels, alpha how much of its
@@ -87,49 +103,71 @@ class Corrected:
     agent r' is the part that it may follow without hearing itself (`colift.onboard.control.label_feedback`).
     """
 
-    predictor: Predictor
-    lead: Scalar  # s, for the delay of labels
-    heeded: tuple[Float[Array, "agents"], ...]  # 0 to 1, by group
+    base: ResidualPredictor
+    compute: Scalar  # s, for the delay of labels
+    rate_attenuation: tuple[Float[Array, "agents"], ...]  # 0 to 1, by group
 
-    def begin(self, team: Team) -> Any:
+    def init(self, team: Team) -> Any:
         """The other's memory."""
-        return self.predictor.begin(team)
+        return self.base.init(team)
 
-    def observe(self, memory: Any, oracle: residual_model.Oracle, now: Now) -> Any:
+    def update(self, state: Any, model: residual_model.ResidualModel, context: ControlContext) -> Any:
         """The other's memory."""
-        return self.predictor.observe(memory, oracle, now)
+        return self.base.update(state, model, context)
 
-    def predict(self, memory: Any, oracle: residual_model.Oracle, now: Now, to: tracking.Command) -> Residual:
+    def predict(
+        self,
+        state: Any,
+        model: residual_model.ResidualModel,
+        context: ControlContext,
+        acceleration_cmd: tracking.AccelerationCommand,
+    ) -> ResidualForces:
         """The sum of both. Raises ValueError where the pilot does not listen."""
-        if now.news is None:
+        if context.innovation is None:
             raise ValueError("this predictor needs a pilot that listens: `LeaderFollower.listener`")
-        f = self.predictor.predict(memory, oracle, now, to)
-        news, s = now.news, now.clock.t - now.news.t
+        f = self.base.predict(state, model, context, acceleration_cmd)
+        innovation, s = context.innovation, context.clock.t - context.innovation.t
 
         def corrected(f: Array, m: Array, alpha: Array, r: Array, rate: Array, w: Array) -> Array:
-            return m + alpha * (f - m) + r + (w * self.lead + s) * rate
+            return m + alpha * (f - m) + r + (w * self.compute + s) * rate
 
-        agents = zip(news.rate.agents, self.heeded, strict=True)
+        agents = zip(innovation.rate.agents, self.rate_attenuation, strict=True)
         heeded = tuple(jax.tree.map(functools.partial(jnp.multiply, c[:, None]), of) for of, c in agents)
-        rate = dataclasses.replace(news.rate, agents=heeded)
-        return jax.tree.map(corrected, f, news.mean, news.trust, news.r, rate, news.ahead)
+        rate = dataclasses.replace(innovation.rate, agents=heeded)
+        return jax.tree.map(
+            corrected,
+            f,
+            innovation.filtered_prediction,
+            innovation.model_gain,
+            innovation.r,
+            rate,
+            innovation.extrapolation_gain,
+        )
 
 
 @pytree
-class Known:
+class TrueResidual:
     """The residual as a function that is known exactly, which no team has: what a study measures learners by."""
 
-    function: Callable[[State, tracking.Command, Scalar], Residual]  # of state, acceleration and time, s; a PyTree
+    function: Callable[
+        [State, tracking.AccelerationCommand, Scalar], ResidualForces
+    ]  # of state, acceleration and time, s; a PyTree
 
-    def begin(self, team: Team) -> Any:
+    def init(self, team: Team) -> Any:
         """Nothing is remembered."""
         return ()
 
-    def observe(self, memory: Any, oracle: residual_model.Oracle, now: Now) -> Any:
+    def update(self, state: Any, model: residual_model.ResidualModel, context: ControlContext) -> Any:
         """Nothing is remembered."""
-        return memory
+        return state
 
-    def predict(self, memory: Any, oracle: residual_model.Oracle, now: Now, to: tracking.Command) -> Residual:
+    def predict(
+        self,
+        state: Any,
+        model: residual_model.ResidualModel,
+        context: ControlContext,
+        acceleration_cmd: tracking.AccelerationCommand,
+    ) -> ResidualForces:
         """The function at the estimated state and the commanded acceleration."""
-        z = State(agents=now.q_hat.agents, payload=now.q_hat.payload)
-        return self.function(z, to, now.clock.t)
+        z = State(agents=context.estimate.agents, payload=context.estimate.payload)
+        return self.function(z, acceleration_cmd, context.clock.t)

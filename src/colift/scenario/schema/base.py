@@ -23,8 +23,8 @@ from pydantic import (
 )
 
 from colift.scenario import fields, plugins
-from colift.scenario.errors import shown
-from colift.scenario.validation import told
+from colift.scenario.errors import format_value
+from colift.scenario.validation import raise_scenario_errors
 
 
 def _inertia(given: Any) -> Any:
@@ -57,7 +57,7 @@ def _physical(rows: Rows) -> Rows:
 
 def _module_and_name(part: str) -> str:
     if not re.fullmatch(PART, part):
-        raise ValueError(f"must be `module:Name`, got {shown(part)}")
+        raise ValueError(f"must be `module:Name`, got {format_value(part)}")
     return part
 
 
@@ -93,7 +93,7 @@ class Section(BaseModel):
 
     def __init__(self, **given: Any) -> None:
         """Raises ScenarioError, one line a mistake."""
-        with told(type(self)):
+        with raise_scenario_errors(type(self)):
             super().__init__(**given)
 
     # pydantic then builds the sections inside by itself, and finds all mistakes at once
@@ -102,13 +102,13 @@ class Section(BaseModel):
     @classmethod
     def model_validate(cls: type[S], obj: Any, **how: Any) -> S:
         """As `pydantic.BaseModel`, but raises ScenarioError, one line a mistake."""
-        with told(cls):
+        with raise_scenario_errors(cls):
             return super().model_validate(obj, **how)
 
     @classmethod
     def model_validate_json(cls: type[S], json_data: str | bytes | bytearray, **how: Any) -> S:
         """As `pydantic.BaseModel`, but raises ScenarioError, one line a mistake."""
-        with told(cls):
+        with raise_scenario_errors(cls):
             return super().model_validate_json(json_data, **how)
 
     def model_copy(self: S, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> S:
@@ -116,7 +116,7 @@ class Section(BaseModel):
         return type(self).model_validate({**dict(self), **update}) if update else super().model_copy(deep=deep)
 
 
-class Part(Section):
+class PluginReference(Section):
     """A part of one's own. Reading the scenario imports the module, which runs it (docs/change_a_part.md)."""
 
     part: Annotated[str, Field(strict=True, max_length=200), AfterValidator(_module_and_name)]
@@ -131,10 +131,10 @@ class Part(Section):
         named = given.get("part") if isinstance(given, Mapping) else None
         if not isinstance(named, str) or not re.fullmatch(PART, named):
             return given  # which is told by the fields
-        return {**given, "settings": plugins.settings(named, given.get("settings", {}), Section)}
+        return {**given, "settings": plugins.plugin_settings(named, given.get("settings", {}), Section)}
 
 
-class Own(Part):
+class Plugin(PluginReference):
     """A part of one's own, as a variant beside ours. Reading the scenario imports its module, which runs it."""
 
     kind: Literal["own"]

@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import Annotated, Literal
 
 from colift.scenario import fields
-from colift.scenario.fields import of_unit
+from colift.scenario.fields import unit
 from colift.scenario.schema.base import Section
 
 
@@ -44,7 +44,7 @@ class Certificate(Section):
     """Label errors of the agents; by default as for the payload."""
 
 
-class Limits(Section):
+class TerminationLimits(Section):
     """What a flight may not exceed: beyond a limit it ends there, with time and cause, and is incomplete."""
 
     distance_m: fields.Distance = 3.0
@@ -57,7 +57,7 @@ class Limits(Section):
     """Largest angle between an agent's thrust and the third world axis; 180 allows every one."""
     saturation_s: fields.Span = 2.0
     """Longest time that a thrust may be cut at zero or at `thrust_max_N` without a break."""
-    grip: Annotated[fields.Share, of_unit("of the start's")] = 0.01
+    grip: Annotated[fields.Fraction, unit("of the start's")] = 0.01
     """Least singular value of an agent's `A M^-1 A^T`; it is zero where arms lock up or work against each other."""
-    thrust_margin: Annotated[fields.Share, of_unit("of `thrust_max_N`")] = 0.1
+    thrust_margin: Annotated[fields.Fraction, unit("of `thrust_max_N`")] = 0.1
     """What hovering should leave of every agent's thrust; a warning before the flight says where it leaves less."""

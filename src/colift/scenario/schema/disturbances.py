@@ -13,8 +13,8 @@ from pydantic import (
 )
 
 from colift.scenario import fields
-from colift.scenario.cross_checks import MOST
-from colift.scenario.schema.base import ZERO, Name, Own, Section
+from colift.scenario.cross_checks import MAX_ENTRIES
+from colift.scenario.schema.base import ZERO, Name, Plugin, Section
 
 
 class _Source(Section):
@@ -30,7 +30,7 @@ class _Source(Section):
     """Where it attacks, in the body's frame."""
 
 
-class Constant(_Source):
+class ConstantWrench(_Source):
     """A force fixed in the world and a torque fixed in the body."""
 
     kind: Literal["constant"]
@@ -54,7 +54,7 @@ class Gust(Section):
     """Time in which the wave travels one wavelength, along its vector; by default it stands."""
 
 
-class Turn(Section):
+class WindTurn(Section):
     """The mean wind turns about the vertical, once."""
 
     angle_deg: fields.Degrees
@@ -76,9 +76,9 @@ class Wind(_Source):
     """Quadratic drag coefficient."""
     mean_mps: fields.Velocity = ZERO
     """Mean wind."""
-    gusts: Annotated[tuple[Gust, ...], Field(max_length=MOST)] = ()
+    gusts: Annotated[tuple[Gust, ...], Field(max_length=MAX_ENTRIES)] = ()
     """Waves added to the mean."""
-    turn: Turn | None = None
+    turn: WindTurn | None = None
     """Of the mean."""
 
 
@@ -91,11 +91,11 @@ class Tether(_Source):
     """The fixed end."""
     stiffness_Npm: fields.Stiffness
     """Stiffness."""
-    length_m: fields.Extent = 0.0
+    length_m: fields.Length = 0.0
     """Length at rest."""
 
 
-class Jet(_Source):
+class GaussianJet(_Source):
     """A local stream: a force that falls off around a centre as a Gaussian."""
 
     kind: Literal["jet"]
@@ -136,15 +136,15 @@ class JointFriction(Section):
     """Joint rate below which dry friction is smoothed; for a sliding joint in m/s."""
 
 
-class OwnLaw(_Source, Own):
+class PluginDisturbance(_Source, Plugin):
     """A law of one's own: `build()` gives a `colift.simulation.disturbances.Law`."""
 
 
-Law = Constant | Wind | Tether | Jet | RotorBias | OwnLaw
+Law = ConstantWrench | Wind | Tether | GaussianJet | RotorBias | PluginDisturbance
 Source = Annotated[Law | JointFriction, Field(discriminator="kind")]
 
 
-class Drawn(Section):
+class RandomResidual(Section):
     """Residuals drawn at random from the space of functions that the learner assumes, with a norm that is known.
 
     Each output of payload and agents is `sum_k w_k k(z_k, .)`, k its prior's kernel, the z_k states around the
@@ -157,5 +157,5 @@ class Drawn(Section):
     """How many kernels are added."""
     spread: fields.Ratio = 0.2
     """Deviation of the centres from the states on the reference, in length-scales."""
-    least: fields.Share = 0.0
+    least: fields.Fraction = 0.0
     """By how many signal deviations, half from least to greatest, every output is to vary along the reference."""

@@ -13,12 +13,12 @@ from pydantic import (
 )
 
 from colift.scenario import fields
-from colift.scenario.cross_checks import MOST
-from colift.scenario.fields import of_unit
+from colift.scenario.cross_checks import MAX_ENTRIES
+from colift.scenario.fields import unit
 from colift.scenario.schema.base import Section
 
 
-class Prior(Section):
+class GPPrior(Section):
     """Deviations that a model states before it has data."""
 
     force_N: fields.Deviation
@@ -29,13 +29,13 @@ class Prior(Section):
     """Label noise deviation of a force output."""
     moment_noise_Nm: fields.Deviation
     """Label noise deviation of a moment output."""
-    lengthscale: Annotated[fields.Lengthscale, of_unit("of each feature")] = 1.0
+    lengthscale: Annotated[fields.Lengthscale, unit("of each feature")] = 1.0
     """Length-scale of every feature but rates of rotation and of joints."""
-    rate_lengthscale: Annotated[fields.Lengthscale, of_unit("of each feature")] = 1.0
+    rate_lengthscale: Annotated[fields.Lengthscale, unit("of each feature")] = 1.0
     """Length-scale of rates of rotation and of joints."""
 
 
-class AgentPrior(Prior):
+class AgentGPPrior(GPPrior):
     """Deviations that an agent's model states before it has data."""
 
     joint_Nm: fields.Deviation
@@ -47,7 +47,7 @@ class AgentPrior(Prior):
 class Learning(Section):
     """When data are recorded, when models are fitted and frozen, and how."""
 
-    update_times_s: Annotated[tuple[fields.Span, ...], Field(min_length=1, max_length=MOST)]
+    update_times_s: Annotated[tuple[fields.Span, ...], Field(min_length=1, max_length=MAX_ENTRIES)]
     """The t_k at which all models are fitted to the data so far and frozen, ascending."""
     start_s: fields.Time
     """When recording begins; the filters have settled by then."""
@@ -59,9 +59,9 @@ class Learning(Section):
     """Corner of the second-order filter that every term of a label goes through."""
     capacity: fields.Capacity
     """Most samples a data set holds."""
-    payload: Prior
+    payload: GPPrior
     """The payload model's prior."""
-    agents: AgentPrior
+    agents: AgentGPPrior
     """The agent models' prior."""
     lengthscale_bounds: tuple[fields.Lengthscale, fields.Lengthscale] = (0.1, 30.0)
     """Least and largest length-scale of any feature, in its own unit: m, m/s, rad, rad/s, none for an entry of R."""
@@ -82,12 +82,12 @@ class Learning(Section):
     """Most iterations of one start."""
 
 
-class Baselines(Section):
+class BaselineTuning(Section):
     """Tuning of the rivals of learning."""
 
-    K_i: Annotated[fields.GainOrNone, of_unit("1/s³")] = 2.0
+    K_i: Annotated[fields.GainOrNone, unit("1/s³")] = 2.0
     """Integral action on the position error, baseline I."""
-    k_i: Annotated[fields.GainOrNone, of_unit("1/s³")] = 40.0
+    k_i: Annotated[fields.GainOrNone, unit("1/s³")] = 40.0
     """Integral action on the attitude error, baseline I."""
     observer_Hz: fields.Rate = 0.5
     """Bandwidth of the wrench observer's force, baseline DOB."""
@@ -99,13 +99,13 @@ class Baselines(Section):
     """Prior deviation of the payload's first moments, baseline P."""
     inertia_kgm2: fields.Deviation = 0.05
     """Prior deviation of the payload's inertia error, baseline P."""
-    ridge: Annotated[fields.Deviation, of_unit("label noise over weight, squared")] = 0.3
+    ridge: Annotated[fields.Deviation, unit("label noise over weight, squared")] = 0.3
     """What a squared weight of the basis costs beside a squared label error, for forces, baseline R."""
-    ridge_moment: Annotated[fields.Deviation | None, of_unit("label noise over weight, squared")] = None
+    ridge_moment: Annotated[fields.Deviation | None, unit("label noise over weight, squared")] = None
     """For moments and joints; as for forces if absent."""
 
 
-class Innovation(Section):
+class OnlineCorrection(Section):
     """How labels correct what is learned, in the cases F, H and C4."""
 
     lead_s: fields.Time = 0.02

@@ -15,11 +15,11 @@ from pydantic import (
 
 from colift.scenario import fields
 from colift.scenario.schema.base import Section, _even
-from colift.scenario.schema.team import Lag
+from colift.scenario.schema.team import ActuatorLag
 from colift.scenario.validation import as_validation_error
 
 
-class Ideal(Section):
+class IdealActuators(Section):
     """Commands act at once and in full."""
 
     kind: Literal["ideal"]
@@ -34,13 +34,13 @@ class Rotors(Section):
 
     count: Annotated[fields.RotorCount, AfterValidator(_even)]
     """How many: an even number."""
-    arm_m: fields.Lever
+    arm_m: fields.LeverArm
     """Radius of the ring."""
-    yaw_m: fields.Lever
+    yaw_m: fields.LeverArm
     """Torque about the third axis over force, of each rotor."""
 
 
-class Motors(Lag):
+class LaggedMotors(ActuatorLag):
     """A delay and a first-order lag of thrust and body torque, then their limits; joints act at once."""
 
     kind: Literal["motors"]
@@ -51,20 +51,20 @@ class Motors(Lag):
     """Largest torque about each axis of every vehicle's body; not beside `rotors`. By default there is no limit."""
 
     @model_validator(mode="after")
-    def _one_limit(self) -> Motors:
+    def _one_limit(self) -> LaggedMotors:
         if self.rotors is not None and self.torque_max_Nm is not None:
             raise as_validation_error([(("torque_max_Nm",), "must be left out where there are rotors")], "worded")
         return self
 
 
-class Rigid(Section):
+class RigidContactPhysics(Section):
     """Our equations of motion, with rigid contacts."""
 
     kind: Literal["rigid"]
     """Which."""
 
 
-class Mujoco(Section):
+class MujocoPhysics(Section):
     """MuJoCo on the model of `colift export mjcf` (the extra `mujoco`), contacts as stiff as its steps allow."""
 
     kind: Literal["mujoco"]

@@ -15,20 +15,20 @@ from pydantic import (
 )
 
 from colift.scenario import fields
-from colift.scenario.cross_checks import MOST, mistakes
-from colift.scenario.schema.base import Name, Own, Section
-from colift.scenario.schema.certificate import Certificate, Limits
-from colift.scenario.schema.control import Balanced, Control, LeaderFollower, Parts
-from colift.scenario.schema.disturbances import Drawn, Source
-from colift.scenario.schema.learning import Baselines, Innovation, Learning
-from colift.scenario.schema.physics import Ideal, Motors, Mujoco, Rigid
+from colift.scenario.cross_checks import MAX_ENTRIES, consistency_errors
+from colift.scenario.schema.base import Name, Plugin, Section
+from colift.scenario.schema.certificate import Certificate, TerminationLimits
+from colift.scenario.schema.control import Control, ControllerPlugins, LeaderFollowerAllocation, LeastSquaresAllocation
+from colift.scenario.schema.disturbances import RandomResidual, Source
+from colift.scenario.schema.learning import BaselineTuning, Learning, OnlineCorrection
+from colift.scenario.schema.physics import IdealActuators, LaggedMotors, MujocoPhysics, RigidContactPhysics
 from colift.scenario.schema.sensors import Sensors
-from colift.scenario.schema.team import Added, Agent, AgentType, Nominal, Payload, Start
+from colift.scenario.schema.team import Agent, AgentType, InitialState, NominalModel, Payload, PayloadMassStep
 from colift.scenario.schema.trajectories import Lissajous, Waypoints
 from colift.scenario.validation import as_validation_error
 
 
-class Settings(Section):
+class Scenario(Section):
     """A whole scenario."""
 
     name: Name
@@ -43,51 +43,55 @@ class Settings(Section):
     """Seed of all noise."""
     gravity_mps2: fields.Gravities = (0.0, 0.0, -9.81)
     """Gravitational acceleration."""
-    agent_types: Annotated[dict[Name, AgentType], Field(min_length=1, max_length=MOST)]
+    agent_types: Annotated[dict[Name, AgentType], Field(min_length=1, max_length=MAX_ENTRIES)]
     """Kinds of aerial manipulator, by name; in a file, each in plain numbers or [from URDF](#agenttypefromurdf)."""
-    agents: Annotated[tuple[Agent, ...], Field(min_length=1, max_length=MOST)]
+    agents: Annotated[tuple[Agent, ...], Field(min_length=1, max_length=MAX_ENTRIES)]
     """The team."""
     payload: Payload
     """The payload in truth."""
-    added: Added | None = None
+    added: PayloadMassStep | None = None
     """What is put on the payload in flight, of which nobody tells the controller."""
-    nominal: Nominal = Nominal()
+    nominal: NominalModel = NominalModel()
     """What the controller believes where it differs."""
-    start: Start = Start()
+    start: InitialState = InitialState()
     """Where the run begins."""
-    reference: Annotated[Lissajous | Waypoints | Own, Field(discriminator="kind")]
+    reference: Annotated[Lissajous | Waypoints | Plugin, Field(discriminator="kind")]
     """Where the payload should be; `build()` of one's own gives a `colift.trajectories.base.Reference`."""
-    disturbances: Annotated[tuple[Source, ...], Field(max_length=MOST)] = ()
+    disturbances: Annotated[tuple[Source, ...], Field(max_length=MAX_ENTRIES)] = ()
     """Unknown forces and torques."""
-    drawn: Drawn | None = None
+    drawn: RandomResidual | None = None
     """Unknown forces and torques drawn at random, in addition."""
     sensors: Sensors = Sensors()
     """Measurement noise."""
-    actuators: Annotated[Ideal | Motors | Own, Field(discriminator="kind")] = Ideal(kind="ideal")
+    actuators: Annotated[IdealActuators | LaggedMotors | Plugin, Field(discriminator="kind")] = IdealActuators(
+        kind="ideal"
+    )
     """What vehicles make of commands; `build(world)` of one's own gives a `colift.simulation.actuators.Ideal`."""
     control: Control
     """Gains."""
-    allocation: Annotated[Balanced | LeaderFollower, Field(discriminator="kind")]
+    allocation: Annotated[LeastSquaresAllocation | LeaderFollowerAllocation, Field(discriminator="kind")]
     """From the payload's wrench to contact forces."""
     learning: Learning
     """Data and models."""
-    innovation: Innovation = Innovation()
+    innovation: OnlineCorrection = OnlineCorrection()
     """How labels correct what is learned."""
-    baselines: Baselines = Baselines()
+    baselines: BaselineTuning = BaselineTuning()
     """Rivals of learning."""
     certificate: Certificate = Certificate()
     """What error bounds rest on."""
-    limits: Limits = Limits()
+    limits: TerminationLimits = TerminationLimits()
     """What a flight may not exceed."""
-    plant: Annotated[Rigid | Mujoco | Own, Field(discriminator="kind")] = Rigid(kind="rigid")
+    plant: Annotated[RigidContactPhysics | MujocoPhysics | Plugin, Field(discriminator="kind")] = RigidContactPhysics(
+        kind="rigid"
+    )
     """What moves the team in truth; `build(world)` of one's own gives a `colift.simulation.world.Plant`."""
-    parts: Parts = Parts()
+    parts: ControllerPlugins = ControllerPlugins()
     """Parts of one's own in the place of the paper's."""
 
     @model_validator(mode="after")
-    def _consistent(self) -> Settings:
+    def _consistent(self) -> Scenario:
         """Refuses settings that contradict each other, all at once."""
-        wrong = mistakes(self.model_dump())
+        wrong = consistency_errors(self.model_dump())
         if wrong:
             raise as_validation_error(wrong)
         return self

@@ -13,9 +13,9 @@ from pydantic import (
 )
 
 from colift.scenario import fields
-from colift.scenario.cross_checks import MOST
-from colift.scenario.fields import of_unit
-from colift.scenario.schema.base import Own, Section
+from colift.scenario.cross_checks import MAX_ENTRIES
+from colift.scenario.fields import unit
+from colift.scenario.schema.base import Plugin, Section
 
 Reading = Literal[
     "payload.p",
@@ -39,28 +39,28 @@ class Intermittent(Section):
 
     kind: Literal["intermittent"]
     """Which."""
-    fields: Readings
+    channels: Readings
     """Which readings: of the payload or of all agents, position p or x, attitude R, and so on."""
     rate_Hz: fields.Rate
     """How often they are taken, at most once a tick."""
     delay_s: fields.Time = 0.0
     """How late they come; whole ticks."""
-    loss: fields.Share = 0.0
+    loss: fields.Fraction = 0.0
     """Probability that one is lost."""
     until_s: fields.Time | None = None
     """When the sensor dies; by default never."""
 
 
-class Drifting(Section):
+class BiasRandomWalk(Section):
     """A bias that walks at random and is added to every component."""
 
     kind: Literal["drifting"]
     """Which."""
-    fields: Readings
+    channels: Readings
     """Which readings, as for [Intermittent](#intermittent); an attitude is turned about its body's axes."""
-    rate: Annotated[fields.Noise, of_unit("of the reading, or rad, per √s")]
+    rate: Annotated[fields.Noise, unit("of the reading, or rad, per √s")]
     """Standard deviation of the walk after one second."""
-    start: Annotated[fields.Noise, of_unit("of the reading, or rad")] = 0.0
+    start: Annotated[fields.Noise, unit("of the reading, or rad")] = 0.0
     """Standard deviation of the bias that it begins with."""
 
 
@@ -86,6 +86,7 @@ class Sensors(Section):
     tip_force_bandwidth_Hz: fields.Bandwidth = 50.0
     """First-order bandwidth of the tip force sensors."""
     then: Annotated[
-        tuple[Annotated[Intermittent | Drifting | Own, Field(discriminator="kind")], ...], Field(max_length=MOST)
+        tuple[Annotated[Intermittent | BiasRandomWalk | Plugin, Field(discriminator="kind")], ...],
+        Field(max_length=MAX_ENTRIES),
     ] = ()
     """What readings go through after that, in this order; `build()` of one's own gives a `colift.simulation.sensors.Extra`."""

@@ -14,7 +14,7 @@ from pydantic import (
 )
 
 from colift.scenario import fields
-from colift.scenario.cross_checks import MOST
+from colift.scenario.cross_checks import MAX_ENTRIES
 from colift.scenario.schema.base import ZERO, Inertia, Name, Section, _nonzero
 
 
@@ -85,9 +85,9 @@ class AgentType(Section):
     """The vehicle without its arms; its frame is the agent's, thrust along its third axis."""
     thrust_max_N: fields.Thrust
     """The largest thrust; a command beyond it is cut there, and the tick is marked."""
-    joints: Annotated[tuple[Joint, ...], Field(max_length=MOST)] = ()
+    joints: Annotated[tuple[Joint, ...], Field(max_length=MAX_ENTRIES)] = ()
     """Joints, parents before children."""
-    arms: Annotated[tuple[Arm, ...], Field(min_length=1, max_length=MOST)]
+    arms: Annotated[tuple[Arm, ...], Field(min_length=1, max_length=MAX_ENTRIES)]
     """Arms, one contact each."""
 
 
@@ -100,7 +100,7 @@ class Agent(Section):
     """One of `agent_types`."""
     yaw_deg: fields.Degrees = 0.0
     """Heading that the agent starts with and keeps."""
-    contacts_m: Annotated[tuple[fields.BodyPoint, ...], Field(max_length=MOST)]
+    contacts_m: Annotated[tuple[fields.BodyPoint, ...], Field(max_length=MAX_ENTRIES)]
     """Where each arm holds the payload, in the order of the type's arms; payload frame."""
 
 
@@ -118,11 +118,11 @@ class NominalAgentType(Section):
 
     base: Body | None = None
     """The base as believed."""
-    joints: Annotated[dict[Name, Body], Field(max_length=MOST)] = {}
+    joints: Annotated[dict[Name, Body], Field(max_length=MAX_ENTRIES)] = {}
     """Joint name to the body that it moves, as believed."""
 
 
-class Lag(Section):
+class ActuatorLag(Section):
     """A delay and a first-order lag of thrust and body torque; joints act at once."""
 
     bandwidth_Hz: fields.Bandwidth
@@ -131,18 +131,18 @@ class Lag(Section):
     """Of commands; whole ticks."""
 
 
-class Nominal(Section):
+class NominalModel(Section):
     """What the controller believes where it differs from the truth."""
 
     payload: Payload | None = None
     """The payload as believed."""
-    agent_types: Annotated[dict[Name, NominalAgentType], Field(max_length=MOST)] = {}
+    agent_types: Annotated[dict[Name, NominalAgentType], Field(max_length=MAX_ENTRIES)] = {}
     """Agent type to the bodies of it that are believed to be otherwise."""
-    actuators: Lag | None = None
+    actuators: ActuatorLag | None = None
     """How thrusts and torques are believed to follow commands: used for labels, and inverted. By default, at once."""
 
 
-class Added(Section):
+class PayloadMassStep(Section):
     """Mass that is put on the payload's centre of mass in flight, or taken off it."""
 
     mass_kg: fields.MassChange
@@ -153,7 +153,7 @@ class Added(Section):
     """How long that takes."""
 
 
-class Start(Section):
+class InitialState(Section):
     """Where the run begins; the agents are placed so that all tips touch (on the manifold)."""
 
     position_error_m: fields.Position = ZERO

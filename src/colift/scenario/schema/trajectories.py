@@ -13,11 +13,11 @@ from pydantic import (
 )
 
 from colift.scenario import fields
-from colift.scenario.cross_checks import MOST
+from colift.scenario.cross_checks import MAX_ENTRIES
 from colift.scenario.schema.base import ZERO, Section
 
 
-class Leaving(Section):
+class PathDeparture(Section):
     """The path moves off, and later turns as it had not."""
 
     shift_m: fields.Position
@@ -57,7 +57,7 @@ class Lissajous(Section):
     """Period of the swing about each axis; one number for all three."""
     swing_phase_deg: fields.Angles = ZERO
     """Phase of the swing about each axis."""
-    leaves: Leaving | None = None
+    leaves: PathDeparture | None = None
     """Where it leaves for."""
 
 
@@ -77,5 +77,5 @@ class Waypoints(Section):
 
     kind: Literal["waypoints"]
     """Which reference."""
-    poses: Annotated[tuple[Pose, ...], Field(min_length=2, max_length=MOST)]
+    poses: Annotated[tuple[Pose, ...], Field(min_length=2, max_length=MAX_ENTRIES)]
     """The poses, times ascending; before the first and after the last the payload should stand still."""

@@ -1,0 +1,385 @@
+"""Rewrite scenarios of schema 1 as schema 2.
+
+Schema 2 renames settings and some values and changes no number. A file without ``schema`` is of schema 1.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterable, Mapping, MutableMapping
+from typing import Any
+
+from ruamel.yaml import YAML
+from ruamel.yaml.comments import CommentedMap
+from ruamel.yaml.error import YAMLError
+
+from colift.scenario.errors import ScenarioError
+
+SCHEMA = 2
+"""Schema that this version reads and writes."""
+
+RENAMED: dict[str, dict[str, str]] = {
+    "agent_types.*.base": {
+        "com_m": "center_of_mass_m",
+    },
+    "agent_types.*.joints.*.body": {
+        "com_m": "center_of_mass_m",
+    },
+    "agent_types.*.joints.*": {
+        "rest_rad": "nominal_position_rad",
+        "rest_m": "nominal_position_m",
+    },
+    "agent_types.*.arms.*": {
+        "tip_m": "tip_position_m",
+    },
+    "agents.*": {
+        "contacts_m": "contact_positions_m",
+    },
+    "": {
+        "like": "extends",
+        "added": "payload_mass_step",
+        "start": "initial_state",
+        "drawn": "random_residual",
+        "innovation": "online_correction",
+        "limits": "termination",
+        "plant": "physics",
+        "parts": "plugins",
+    },
+    "added": {
+        "over_s": "ramp_time_s",
+    },
+    "nominal.agent_types.*.base": {
+        "com_m": "center_of_mass_m",
+    },
+    "nominal.agent_types.*.joints.*": {
+        "com_m": "center_of_mass_m",
+    },
+    "start": {
+        "body_rate_radps": "angular_velocity_radps",
+    },
+    "reference": {
+        "ramp_s": "ramp_time_s",
+        "swing_deg": "rotation_amplitude_deg",
+        "swing_period_s": "rotation_period_s",
+        "swing_phase_deg": "rotation_phase_deg",
+        "leaves": "departure",
+        "part": "class",
+    },
+    "reference.leaves": {
+        "shift_m": "offset_m",
+        "over_s": "ramp_time_s",
+        "swing_deg": "rotation_amplitude_deg",
+        "swing_start_s": "rotation_start_s",
+        "swing_period_s": "rotation_period_s",
+    },
+    "reference.poses.*": {
+        "t_s": "time_s",
+        "p_m": "position_m",
+    },
+    "disturbances.*": {
+        "linear_Nspm": "linear_drag_Nspm",
+        "quadratic_Ns2pm2": "quadratic_drag_Ns2pm2",
+        "mean_mps": "mean_wind_mps",
+        "turn": "direction_change",
+        "length_m": "rest_length_m",
+        "width_m": "std_m",
+        "part": "class",
+        "speed_radps": "smoothing_speed_radps",
+    },
+    "disturbances.*.gusts.*": {
+        "wave_radpm": "wave_vector_radpm",
+    },
+    "disturbances.*.turn": {
+        "angle_deg": "change_deg",
+        "over_s": "ramp_time_s",
+    },
+    "drawn": {
+        "norm": "rkhs_norm",
+        "centers": "num_centers",
+        "spread": "center_std",
+        "least": "min_variation",
+    },
+    "sensors": {
+        "body_rate_radps": "angular_velocity_radps",
+        "joint_deg": "joint_position_deg",
+        "then": "models",
+    },
+    "sensors.then.*": {
+        "of": "channels",
+        "loss": "dropout_probability",
+        "until_s": "failure_time_s",
+        "rate": "random_walk_density",
+        "start": "initial_bias_std",
+        "part": "class",
+    },
+    "actuators.rotors": {
+        "count": "num_rotors",
+        "arm_m": "radius_m",
+        "yaw_m": "moment_ratio_m",
+    },
+    "actuators": {
+        "part": "class",
+    },
+    "control": {
+        "posture": "posture_bandwidth",
+        "fusion_Hz": "complementary_filter_Hz",
+        "bias_Hz": "imu_bias_filter_Hz",
+        "haste": "actuator_bandwidth_ratio",
+        "look_ahead_s": "preview_step_s",
+    },
+    "allocation.internal": {
+        "ramp_s": "ramp_time_s",
+        "pairs": "squeeze_pairs",
+    },
+    "allocation": {
+        "lam_f0_N": "follower_offset_N",
+    },
+    "learning": {
+        "filter_Hz": "label_filter_Hz",
+        "capacity": "max_samples",
+        "prior_factor": "hyperprior_factor",
+        "samples": "label_source",
+        "rig_error": "rig_label_error",
+        "restarts": "n_restarts",
+        "max_iterations": "max_iter",
+    },
+    "learning.payload": {
+        "force_N": "force_std_N",
+        "moment_Nm": "moment_std_Nm",
+        "force_noise_N": "force_noise_std_N",
+        "moment_noise_Nm": "moment_noise_std_Nm",
+    },
+    "learning.agents": {
+        "force_N": "force_std_N",
+        "moment_Nm": "moment_std_Nm",
+        "force_noise_N": "force_noise_std_N",
+        "moment_noise_Nm": "moment_noise_std_Nm",
+        "joint_Nm": "joint_torque_std_Nm",
+        "joint_noise_Nm": "joint_torque_noise_std_Nm",
+    },
+    "innovation": {
+        "lead_s": "lead_time_s",
+        "doubt": "variance_ratio",
+        "patience_s": "max_label_age_s",
+        "hold_s": "hold_time_s",
+        "fade_s": "decay_time_s",
+        "span_s": "averaging_time_s",
+        "renew_s": "update_period_s",
+        "refit_s": "refit_period_s",
+        "age_s": "forgetting_time_s",
+        "surprise": "nis_threshold",
+        "settle_s": "transient_time_s",
+        "enough": "min_samples",
+        "drag_Nspm": "drag_std_Nspm",
+        "drag_lever_m": "drag_lever_std_m",
+        "thrust_N": "thrust_bias_std_N",
+        "constant": "constant_std_ratio",
+        "look_ahead_s": "preview_step_s",
+    },
+    "baselines": {
+        "K_i": "position_integral_gain",
+        "k_i": "attitude_integral_gain",
+        "observer_Hz": "dob_force_Hz",
+        "observer_moment_Hz": "dob_moment_Hz",
+        "mass_kg": "mass_prior_std_kg",
+        "first_moment_kgm": "first_moment_prior_std_kgm",
+        "inertia_kgm2": "inertia_prior_std_kgm2",
+        "ridge": "ridge_alpha",
+        "ridge_moment": "ridge_alpha_moment",
+    },
+    "certificate": {
+        "bound": "error_bound",
+        "norm": "rkhs_norm",
+        "payload": "payload_label_error",
+        "agents": "agent_label_error",
+    },
+    "certificate.payload": {
+        "force_N": "force_error_N",
+        "moment_Nm": "moment_error_Nm",
+    },
+    "certificate.agents": {
+        "force_N": "force_error_N",
+        "moment_Nm": "moment_error_Nm",
+        "joint_Nm": "joint_torque_error_Nm",
+    },
+    "limits": {
+        "distance_m": "max_position_error_m",
+        "height_m": "min_height_m",
+        "attitude_deg": "max_attitude_error_deg",
+        "tilt_deg": "max_tilt_deg",
+        "saturation_s": "max_saturation_time_s",
+        "grip": "min_grasp_ratio",
+        "thrust_margin": "hover_thrust_margin",
+    },
+    "plant": {
+        "part": "class",
+    },
+    "parts": {
+        "leader": "payload_controller",
+        "realizer": "agent_controller",
+        "predictor": "residual_predictor",
+    },
+    "parts.leader": {
+        "part": "class",
+    },
+    "parts.allocator": {
+        "part": "class",
+    },
+    "parts.realizer": {
+        "part": "class",
+    },
+    "parts.estimator": {
+        "part": "class",
+    },
+    "parts.predictor": {
+        "part": "class",
+    },
+    "parts.features": {
+        "part": "class",
+    },
+    "parts.kernel": {
+        "part": "class",
+    },
+    "agent_types.*.tips.*": {
+        "offset_m": "tip_position_m",
+    },
+    "agent_types.*": {
+        "mimic": "mimic_joints",
+        "rest_rad": "nominal_position_rad",
+        "rest_m": "nominal_position_m",
+    },
+}
+"""Section (``*`` for every entry of a list or mapping, in names of schema 1) to its old and new settings."""
+
+VALUES: dict[tuple[str, str], dict[str, str]] = {
+    ("allocation", "kind"): {"balanced": "least_squares"},
+    ("sensors.then.*", "kind"): {"drifting": "bias_random_walk", "own": "plugin"},
+    ("reference", "kind"): {"own": "plugin"},
+    ("actuators", "kind"): {"own": "plugin"},
+    ("plant", "kind"): {"own": "plugin"},
+    ("disturbances.*", "kind"): {"own": "plugin"},
+    ("learning", "samples"): {"estimated": "onboard", "rig": "calibration_rig"},
+    ("learning", "hyperparameters"): {"fitted": "optimized", "stated": "fixed"},
+}
+"""Section and setting, in names of schema 1, to old and new values."""
+
+
+def migrate_text(text: str) -> str:
+    """Rewrite the text of a scenario of schema 1, with its comments, as schema 2.
+
+    Args:
+        text: YAML text of a scenario file.
+
+    Returns:
+        The text in schema 2; a text of schema 2 is returned as it is.
+
+    Raises:
+        ScenarioError: If the text is not valid YAML, holds no mapping, or states an unknown schema.
+    """
+    yaml = YAML()
+    yaml.preserve_quotes = True
+    yaml.width = 4096  # lines keep their length
+    yaml.indent(mapping=2, sequence=4, offset=2)
+    try:
+        data = yaml.load(text)
+    except YAMLError as error:
+        raise ScenarioError(f"not valid YAML: {' '.join(str(error).split())}") from None
+    if not isinstance(data, CommentedMap):
+        raise ScenarioError("a scenario is a mapping of settings")
+    if data.get("schema") == SCHEMA:
+        return text
+    _check(data.get("schema", 1))
+    _rename(data, "", set())
+    data.insert(0, "schema", SCHEMA)
+    out = io.StringIO()
+    yaml.dump(data, out)
+    return out.getvalue()
+
+
+def migrate_data(data: Mapping[str, Any]) -> dict[str, Any]:
+    """Rename the settings of a scenario of schema 1 that is given as plain data.
+
+    Args:
+        data: Settings of schema 1, as in the log of a flight.
+
+    Returns:
+        The settings in names of schema 2, without the entry ``schema``.
+
+    Raises:
+        ScenarioError: If the data state an unknown schema.
+    """
+    copy = _copy({key: value for key, value in data.items() if key != "schema"})
+    if data.get("schema") != SCHEMA:
+        _check(data.get("schema", 1))
+        _rename(copy, "", set())
+    return copy
+
+
+def migrate_path(path: str) -> str:
+    """Rename a setting of schema 1 that is given by its dotted path, such as ``control.look_ahead_s``."""
+    section, new = "", []
+    for name in path.split("."):
+        found = RENAMED.get(section, {}).get(name, name)
+        new.append(found)
+        step = name if _is_section(section, name) else "*"
+        section = f"{section}.{step}" if section else step
+    return ".".join(new)
+
+
+def _is_section(section: str, name: str) -> bool:
+    prefix = f"{section}.{name}" if section else name
+    return any(known == prefix or known.startswith(f"{prefix}.") for known in RENAMED)
+
+
+def _check(schema: object) -> None:
+    if schema != 1:
+        raise ScenarioError(f"schema: must be 1 or {SCHEMA}, got {schema!r}")
+
+
+def _copy(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {key: _copy(entry) for key, entry in value.items()}
+    return [_copy(entry) for entry in value] if isinstance(value, list | tuple) else value
+
+
+def _rename(value: Any, section: str, done: set[int]) -> None:
+    """Rename in place; an anchor that several entries share is renamed once."""
+    if id(value) in done:
+        return
+    done.add(id(value))
+    if isinstance(value, MutableMapping):
+        for key in list(value):
+            _rename(value[key], _below(section, str(key)), done)
+        _rename_values(value, section)
+        _rename_keys(value, RENAMED.get(section, {}))
+    elif isinstance(value, list):
+        for entry in value:
+            _rename(entry, f"{section}.*", done)
+
+
+def _below(section: str, key: str) -> str:
+    step = key if not section or _is_section(section, key) else "*"
+    return f"{section}.{step}" if section else key
+
+
+def _rename_values(mapping: MutableMapping[str, Any], section: str) -> None:
+    for (where, name), values in VALUES.items():
+        if where == section and isinstance(mapping.get(name), str):
+            mapping[name] = values.get(mapping[name], mapping[name])
+
+
+def _rename_keys(mapping: MutableMapping[str, Any], renamed: Mapping[str, str]) -> None:
+    keys = list(mapping)
+    if isinstance(mapping, CommentedMap):
+        for key in keys:
+            if key in renamed:
+                at = list(mapping).index(key)
+                comment = mapping.ca.items.pop(key, None)
+                mapping.insert(at, renamed[key], mapping.pop(key))
+                if comment is not None:
+                    mapping.ca.items[renamed[key]] = comment
+        return
+    entries: Iterable[tuple[str, Any]] = [(renamed.get(key, key), mapping[key]) for key in keys]
+    entries = list(entries)
+    mapping.clear()
+    mapping.update(entries)
