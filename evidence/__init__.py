@@ -118,33 +118,34 @@ def _record(name: str) -> dict[str, Any]:
 def stored(name: str) -> dict[str, Any]:
     """Return what a result file holds, its items under the names of today (`evidence/renamed.json`)."""
     made = _record(name)
-    return made | {"items": renamed(made["items"])}
+    return made | {"items": renamed(made["items"], name)}
 
 
-def renamed(value: Any) -> Any:
+def renamed(value: Any, name: str = "") -> Any:
     """Return stored items with keys of earlier versions replaced, see `evidence/renamed.json`.
 
     `words` maps words of keys (bounded by anything but letters, digits and `_`), `keys` maps whole keys, `values` maps
-    whole texts that are values.
+    whole texts that are values; `results` has further tables of these kinds for single results.
     """
     if isinstance(value, dict):
-        return {_renamed(key): renamed(one) for key, one in value.items()}
+        return {_renamed(key, name): renamed(one, name) for key, one in value.items()}
     if isinstance(value, list):
-        return [renamed(one) for one in value]
-    return _names()["values"].get(value, value) if isinstance(value, str) else value
+        return [renamed(one, name) for one in value]
+    return _names(name)["values"].get(value, value) if isinstance(value, str) else value
 
 
 @functools.cache
-def _names() -> dict[str, dict[str, str]]:
+def _names(name: str) -> dict[str, dict[str, str]]:
     table = json.loads(RENAMED.read_text()) if RENAMED.exists() else {}
-    return {"words": {}, "keys": {}, "values": {}} | table
+    own = table.get("results", {}).get(name, {})
+    return {kind: table.get(kind, {}) | own.get(kind, {}) for kind in ("words", "keys", "values")}
 
 
 @functools.cache
-def _renamed(key: str) -> str:
-    if key in (keys := _names()["keys"]):
+def _renamed(key: str, name: str) -> str:
+    if key in (keys := _names(name)["keys"]):
         return keys[key]
-    return re.sub(r"\w+", lambda word: _names()["words"].get(word[0], word[0]), key)
+    return re.sub(r"\w+", lambda word: _names(name)["words"].get(word[0], word[0]), key)
 
 
 RENAMED = Path(__file__).with_name("renamed.json")

@@ -73,10 +73,10 @@ def main() -> bool:
         held = [one for one in each if one["ratios"] and None not in one["ratios"].values()]
         worst = {e: max((one["ratios"][e] for one in held if e in one["ratios"]), default=None) for e in ERRORS}
         said = ", ".join(f"{error} {ratio:.3f}" for error, ratio in worst.items() if ratio is not None)
-        broken, left = [one["name"] for one in each if one["breaks"]], sum(one["left"] for one in held)
+        broken, left = [one["name"] for one in each if one["breaks"]], sum(one["violations"] for one in held)
         print(f"{kind:13} {len(held)} of {len(each)} have radii: {said}; broken {broken}; beyond spans {left} times")
-        holds &= not broken and all(one["says"] for one in each if one not in held)
-        for why, many in Counter(one["says"] for one in each if one["says"]).items():
+        holds &= not broken and all(one["message"] for one in each if one not in held)
+        for why, many in Counter(one["message"] for one in each if one["message"]).items():
             print(f"    {many}: {why}")
     return holds
 

@@ -105,7 +105,7 @@ def test_labels_that_come_now_and_then_follow_within_their_time_not_their_count(
     assert float(counted.stage2) < 0.5
 
 
-CORNERS = {"fusion": 5.0, "bias": 0.0, "joint": 20.0, "label": 8.0, "tip_force": 50.0}
+CORNERS = {"complementary": 5.0, "imu_bias": 0.0, "joint": 20.0, "label": 8.0, "tip_force": 50.0}
 FILTERS = state_estimator.FilterBandwidths(**{name: jnp.array(hertz) for name, hertz in CORNERS.items()})
 
 

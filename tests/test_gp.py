@@ -20,7 +20,7 @@ from sklearn.gaussian_process.kernels import RBF, ConstantKernel
 
 from colift import gp
 from colift.gp import posterior, serialization
-from colift.gp.likelihood import least_noise_to_grow
+from colift.gp.likelihood import min_noise_ratio_for_append
 
 seeds = st.integers(0, 2**31)
 
@@ -39,13 +39,13 @@ def tolerance(condition, below):
 
 
 def assert_same_posterior(a, b, queries, cond, tol):
-    assert int(a.n) == int(b.n)
+    assert int(a.num_points) == int(b.num_points)
     std = np.sqrt(np.asarray(a.hyper.signal_variance))
     bound = np.array([tolerance(c, tol) for c in cond])
     assert (np.abs(means(a, queries) - means(b, queries)) <= bound * std).all()
     va, vb = variances(a, queries), variances(b, queries)
     assert (np.abs(va - vb) <= bound * np.asarray(a.hyper.signal_variance)).all()
-    n = int(a.n)
+    n = int(a.num_points)
     assert (np.abs(gp.log_likelihood(a) - gp.log_likelihood(b)) <= max(n, 1) * bound * 100).all()
 
 
@@ -65,7 +65,7 @@ def combination(seed, centers=6, outputs=3):
 @settings(max_examples=10)
 def test_an_expansion_is_the_sum_of_its_kernels(seed, capacity):
     hyper, Z, w, queries = combination(seed)
-    f = gp.expansion(hyper, Z, w, capacity)
+    f = gp.from_expansion(hyper, Z, w, capacity)
     assert f.capacity == (capacity or 6)
     for i in range(3):
         s, ls, _, offset = arrays(hyper, i)
@@ -79,8 +79,8 @@ def test_an_expansion_is_the_sum_of_its_kernels(seed, capacity):
 def test_the_norm_is_the_root_of_the_weights_energy(seed):
     """In 50 digits; and every value is at most norm times signal deviation (reproducing property)."""
     hyper, Z, w, queries = combination(seed)
-    f = gp.expansion(hyper, Z, w, 9)
-    found = np.asarray(gp.norm(f))
+    f = gp.from_expansion(hyper, Z, w, 9)
+    found = np.asarray(gp.rkhs_norm(f))
     for i in range(3):
         s, ls, _, offset = arrays(hyper, i)
         with mpmath.workdps(50):
@@ -94,14 +94,14 @@ def test_the_norm_is_the_root_of_the_weights_energy(seed):
             expected = float(mpmath.sqrt(energy))
         np.testing.assert_allclose(found[i], expected, rtol=1e-9)
         assert (np.abs(means(f, queries)[:, i] - offset) <= expected * s**0.5 * (1 + 1e-12)).all()
-    one = gp.expansion(hyper, Z[:1], w[:, :1])
-    np.testing.assert_allclose(gp.norm(one), np.abs(w[:, 0]) * np.sqrt(hyper.signal_variance), rtol=1e-12)
+    one = gp.from_expansion(hyper, Z[:1], w[:, :1])
+    np.testing.assert_allclose(gp.rkhs_norm(one), np.abs(w[:, 0]) * np.sqrt(hyper.signal_variance), rtol=1e-12)
 
 
 def test_the_posterior_mean_on_the_data_of_an_expansion_is_the_expansion():
     """What it says of its data: conditioning on them gives its weights back."""
     hyper, Z, w, queries = combination(4)
-    f = gp.expansion(hyper, Z, w)
+    f = gp.from_expansion(hyper, Z, w)
     again = gp.condition(f.X, f.Y, hyper)
     np.testing.assert_allclose(again.alpha, w, rtol=1e-8, atol=1e-8 * np.abs(w).max())
     np.testing.assert_allclose(means(again, queries), means(f, queries), rtol=1e-9)
@@ -111,8 +111,8 @@ def test_the_posterior_mean_on_the_data_of_an_expansion_is_the_expansion():
 
 def test_without_weights_or_data_the_norm_is_zero():
     hyper, Z, w, _ = combination(5)
-    assert (gp.norm(gp.prior(hyper, 4)) == 0).all()
-    assert (gp.norm(gp.expansion(hyper, Z, 0 * w)) == 0).all()
+    assert (gp.rkhs_norm(gp.prior(hyper, 4)) == 0).all()
+    assert (gp.rkhs_norm(gp.from_expansion(hyper, Z, 0 * w)) == 0).all()
 
 
 @pytest.mark.parametrize("change", ["short", "nan", "flat"])
@@ -120,7 +120,7 @@ def test_weights_that_are_none_are_refused_in_words(change):
     hyper, Z, w, _ = combination(6)
     bad = {"short": w[:, :-1], "nan": np.where(w == w[0, 0], np.nan, w), "flat": w[0]}[change]
     with pytest.raises(ValueError, match=r"weights \(.*\): must be finite, \(3, 6\)"):
-        gp.expansion(hyper, Z, bad)
+        gp.from_expansion(hyper, Z, bad)
 
 
 # -- axioms ------------------------------------------------------------------------------------------------------
@@ -131,7 +131,7 @@ def test_weights_that_are_none_are_refused_in_words(change):
 def test_prior_has_mean_offset_and_signal_variance(seed):
     _, _, hyper, queries = problem(seed)
     p = gp.prior(hyper, 8)
-    assert (means(p, queries) == np.asarray(hyper.offset)).all()
+    assert (means(p, queries) == np.asarray(hyper.constant_mean)).all()
     assert (variances(p, queries) == np.asarray(hyper.signal_variance)).all()
     assert (gp.information_gain(p) == 0).all()
     assert (gp.log_likelihood(p) == 0).all()
@@ -193,7 +193,7 @@ def test_stacked_posteriors_are_vmapped():
         np.testing.assert_allclose(jax.vmap(query)(stacked, queries), expected, rtol=1e-10)
     grown, accepted = jax.vmap(gp.append)(stacked, queries, jnp.ones((3, 3)))
     assert accepted.all()
-    assert (grown.n == 41).all()
+    assert (grown.num_points == 41).all()
     shrunk, removed = jax.vmap(gp.remove)(grown, jnp.asarray([40, 40, 40]))
     assert removed.all()
     np.testing.assert_allclose(
@@ -294,7 +294,7 @@ def test_remove_equals_conditioning_without(seed, k, capacity):
     assert_same_posterior(fresh, p, queries, cond, 1e-10)
     assert (p.X == fresh.X).all()
     assert (p.Y == fresh.Y).all()
-    np.testing.assert_allclose(p.W, fresh.W, rtol=1e-8, atol=1e-9 * float(jnp.abs(fresh.W).max()))
+    np.testing.assert_allclose(p.inverse_cholesky, fresh.inverse_cholesky, rtol=1e-8, atol=1e-9 * float(jnp.abs(fresh.inverse_cholesky).max()))
 
 
 def test_a_hundred_cycles_stay_beside_a_fresh_factorization():
@@ -310,8 +310,8 @@ def test_a_hundred_cycles_stay_beside_a_fresh_factorization():
     cond = [np.linalg.cond(gram(X[kept], hyper, i)) for i in range(3)]
     assert (p.X == fresh.X).all()
     assert_same_posterior(fresh, p, queries, cond, 1e-8)
-    scale = np.abs(fresh.W).max(axis=(1, 2), keepdims=True)
-    assert (np.abs(p.W - fresh.W) <= 1e-8 * scale).all()
+    scale = np.abs(fresh.inverse_cholesky).max(axis=(1, 2), keepdims=True)
+    assert (np.abs(p.inverse_cholesky - fresh.inverse_cholesky) <= 1e-8 * scale).all()
 
 
 def test_removing_all_points_leaves_the_prior():
@@ -322,7 +322,7 @@ def test_removing_all_points_leaves_the_prior():
     for a, b in zip(jax.tree.leaves(p), jax.tree.leaves(gp.prior(hyper, 6)), strict=True):
         np.testing.assert_array_equal(a, b)
     assert not bool(gp.remove(p, jnp.asarray(0))[1])
-    assert (means(p, queries) == np.asarray(hyper.offset)).all()
+    assert (means(p, queries) == np.asarray(hyper.constant_mean)).all()
 
 
 def test_what_cannot_be_appended_or_removed_is_refused_and_nothing_changes():
@@ -364,7 +364,7 @@ def test_a_hundred_appends_compile_nothing(caplog):
         for x, y in points[1:]:
             q, _ = gp.append(q, x, y)
             gp.mean(q, x), gp.variance(q, x)
-        assert int(q.n) == 101
+        assert int(q.num_points) == 101
 
     assert compilations(caplog, hundred) == 0
     other = gp.prior(hyper, 99)
@@ -394,7 +394,7 @@ def test_bad_data_are_refused_in_words(change, message):
 
 def test_singular_gram_matrix_is_refused_in_words():
     X, Y, _, _ = problem(0)
-    hyper = gp.hyperparameters(np.ones(3), np.full(4, 1e6), 5e-14)
+    hyper = gp.make_hyperparameters(np.ones(3), np.full(4, 1e6), 5e-14)
     with pytest.raises(ValueError, match=r"output 0: .*not be positive definite.* use noise_variance >="):
         gp.condition(X, Y, hyper)
 
@@ -412,7 +412,7 @@ def test_singular_gram_matrix_is_refused_in_words():
 )
 def test_bad_hyperparameters_are_refused_in_words(arguments, message):
     with pytest.raises(ValueError, match=message):
-        gp.hyperparameters(*arguments)
+        gp.make_hyperparameters(*arguments)
 
 
 @pytest.mark.parametrize("copies", [2, 20])
@@ -422,7 +422,7 @@ def test_duplicates_are_averaged(copies):
     rng = np.random.default_rng(0)
     many = np.repeat(Y, copies, axis=0) + 0.1 * rng.normal(size=(10 * copies, 3))
     p = gp.condition(np.repeat(X, copies, axis=0), many, hyper)
-    fewer = gp.hyperparameters(hyper.signal_variance, hyper.lengthscales, hyper.noise_variance / copies, hyper.offset)
+    fewer = gp.make_hyperparameters(hyper.signal_variance, hyper.lengthscales, hyper.noise_variance / copies, hyper.constant_mean)
     q = gp.condition(X, many.reshape(10, copies, 3).mean(1), fewer)
     std = np.sqrt(np.asarray(hyper.signal_variance))
     assert (np.abs(means(p, queries) - means(q, queries)) <= 1e-9 * std).all()
@@ -430,7 +430,7 @@ def test_duplicates_are_averaged(copies):
 
 
 def test_one_point_is_known_in_closed_form():
-    hyper = gp.hyperparameters(2.0, [3.0], 0.5, 1.0)
+    hyper = gp.make_hyperparameters(2.0, [3.0], 0.5, 1.0)
     p = gp.condition([[0.0]], [[4.0]], hyper, 3)
     k = 2 * np.exp(-0.5 * (1.5 / 3) ** 2)
     np.testing.assert_allclose(gp.mean(p, jnp.asarray([1.5])), [1 + k * 3 / 2.5], rtol=1e-14)
@@ -465,11 +465,11 @@ def test_the_worst_crowd_is_kept_and_answered_right(lengthscale, ordered):
 
     weights /= np.sqrt(weights @ kernel(centers, centers) @ weights)  # norm 1
     y, queries = kernel(X, centers) @ weights, np.linspace(0, 1, 300)
-    noise = least_noise_to_grow(N)
-    p = gp.prior(gp.hyperparameters(1.0, [lengthscale], noise), N)
+    noise = min_noise_ratio_for_append(N)
+    p = gp.prior(gp.make_hyperparameters(1.0, [lengthscale], noise), N)
     p, kept = crowd(p, jnp.asarray(X)[:, None], jnp.asarray(y)[:, None])
     assert kept.all()
-    W = np.asarray(p.W[0]).astype(np.longdouble)
+    W = np.asarray(p.inverse_cholesky[0]).astype(np.longdouble)
     E = (W @ (kernel(X, X, np.longdouble) + noise * np.eye(N)) @ W.T - np.eye(N)).astype(float)
     loss = np.linalg.norm(E, 2)
     assert loss < 0.25
@@ -481,7 +481,7 @@ def test_the_worst_crowd_is_kept_and_answered_right(lengthscale, ordered):
 
 
 def test_noise_beyond_working_precision_is_refused():
-    hyper = gp.hyperparameters(1.0, [10.0], 1e-14)
+    hyper = gp.make_hyperparameters(1.0, [10.0], 1e-14)
     for refused in (lambda: gp.prior(hyper, 200), lambda: gp.condition(np.ones((2, 1)), np.ones((2, 1)), hyper, 200)):
         with pytest.raises(ValueError, match=r"output 0: .*200 points.*use noise_variance >= 4.4e-13"):
             refused()
@@ -491,12 +491,12 @@ def test_noise_beyond_working_precision_is_refused():
 def test_a_factor_does_not_grow_where_rounding_would_swallow_its_pivots(noise):
     """With less noise than that, `append` must say no rather than divide by what rounding left, and stay as it was."""
     N = 200
-    honest = gp.prior(gp.hyperparameters(1.0, [10.0], 1.0), N)
-    smuggled = dataclasses.replace(honest.hyper, noise_variance=jnp.asarray([noise * least_noise_to_grow(N)]))
+    honest = gp.prior(gp.make_hyperparameters(1.0, [10.0], 1.0), N)
+    smuggled = dataclasses.replace(honest.hyper, noise_variance=jnp.asarray([noise * min_noise_ratio_for_append(N)]))
     X = jnp.linspace(0, 1, N)[:, None]
     p, kept = crowd(dataclasses.replace(honest, hyper=smuggled), X, jnp.sin(X))
     assert not kept.any()
-    assert int(p.n) == 0
+    assert int(p.num_points) == 0
     assert (variances(p, X) == 1).all()
 
 
@@ -520,14 +520,14 @@ T, NOW = jnp.zeros(()), jnp.array(True)
 def test_an_input_of_another_shape_is_refused_in_words(shape, unchecked):
     X, Y, hyper, _ = problem(0, N=5)
     p, x, y = gp.condition(X, Y, hyper, 6), jnp.ones(shape), jnp.asarray(Y[0])
-    data, key, gate = gp.empty(4, 4, 3), jax.random.key(0), jnp.asarray(0.1)
+    data, key, gate = gp.empty_dataset(4, 4, 3), jax.random.key(0), jnp.asarray(0.1)
     calls = [
         lambda: gp.mean(p, x),
         lambda: gp.variance(p, x),
         lambda: gp.append(p, x, y),
-        lambda: gp.informative(p, x, y, gate),
-        lambda: gp.first_in_first_out(data, x, y, T, NOW),
-        lambda: gp.Uniform(key=key)(data, x, y, T, NOW),
+        lambda: gp.max_variance_subset(p, x, y, gate),
+        lambda: gp.sliding_window(data, x, y, T, NOW),
+        lambda: gp.ReservoirSampling(key=key)(data, x, y, T, NOW),
         lambda: gp.error_bounds.radius(p, x, jnp.ones(3)),
     ]
     for call in calls:
@@ -539,12 +539,12 @@ def test_an_input_of_another_shape_is_refused_in_words(shape, unchecked):
 def test_an_output_of_another_shape_is_refused_in_words(shape, unchecked):
     X, Y, hyper, _ = problem(0, N=5)
     p, x, y = gp.condition(X, Y, hyper, 6), jnp.asarray(X[0]), jnp.ones(shape)
-    data = gp.empty(4, 4, 3)
+    data = gp.empty_dataset(4, 4, 3)
     for call in (
         lambda: gp.append(p, x, y),
-        lambda: gp.informative(p, x, y, jnp.asarray(0.1)),
-        lambda: gp.first_in_first_out(data, x, y, T, NOW),
-        lambda: gp.Uniform(key=jax.random.key(0))(data, x, y, T, NOW),
+        lambda: gp.max_variance_subset(p, x, y, jnp.asarray(0.1)),
+        lambda: gp.sliding_window(data, x, y, T, NOW),
+        lambda: gp.ReservoirSampling(key=jax.random.key(0))(data, x, y, T, NOW),
     ):
         with pytest.raises(ValueError, match=rf"y has shape {re.escape(str(shape))}: must be an array of shape \(3,\)"):
             call()
@@ -561,7 +561,7 @@ def test_other_arguments_are_refused_in_words(unchecked):
         (lambda: gp.predict(stacked, x[None]), r"batch axes \(2,\): use jax.vmap"),
         (lambda: gp.predict(p, x), r"x has shape \(4,\): must be an array of shape \('points', 4\), a row"),
         (lambda: gp.predict(p, jnp.ones((7, 3))), r"x has shape \(7, 3\): must be an array of shape \(7, 4\)"),
-        (lambda: gp.informative(p, x, y, jnp.ones(2)), r"gate has shape \(2,\)"),
+        (lambda: gp.max_variance_subset(p, x, y, jnp.ones(2)), r"gate has shape \(2,\)"),
         (lambda: gp.remove(p, jnp.asarray([1, 2])), r"i has shape \(2,\)"),
     ):
         with pytest.raises(ValueError, match=message):
@@ -574,7 +574,7 @@ def test_numbers_beyond_range_are_refused_aloud_and_change_nothing(huge):
     X, Y, hyper, queries = problem(3, N=5)
     p, x, y = gp.condition(X, Y, hyper, 6), jnp.asarray(X[0]), jnp.asarray(Y[0])
     for bad in ((x.at[1].set(huge), y), (x, y.at[2].set(huge))):
-        for after, accepted in (gp.append(p, *bad), gp.informative(p, *bad, jnp.asarray(1e-300))):
+        for after, accepted in (gp.append(p, *bad), gp.max_variance_subset(p, *bad, jnp.asarray(1e-300))):
             assert not bool(accepted)
             for a, b in zip(jax.tree.leaves(after), jax.tree.leaves(p), strict=True):
                 np.testing.assert_array_equal(a, b)
@@ -587,7 +587,7 @@ def test_numbers_beyond_range_are_refused_aloud_and_change_nothing(huge):
 
 
 def test_outputs_beyond_float64_beside_the_noise_are_refused():
-    hyper = gp.hyperparameters(1e-190, [1.0], 1e-195)
+    hyper = gp.make_hyperparameters(1e-190, [1.0], 1e-195)
     with pytest.raises(ValueError, match=r"output 0: Y of size 1e\+90 .* noise_variance = 1e-195"):
         gp.condition([[0.0]], [[1e90]], hyper)
     p = gp.prior(hyper, 2)
@@ -626,10 +626,10 @@ def test_predict_in_strips_is_mean_and_variance(monkeypatch):
 def test_a_saved_gp_comes_back_with_every_bit_of_what_it_follows_from(tmp_path, N):
     X, Y, hyper, queries = problem(7, N=30)
     p = gp.condition(X[:N], Y[:N], hyper, 30)
-    gp.save(p, tmp_path / "a.npz")
-    q = gp.load(tmp_path / "a.npz")
+    gp.save_gp(p, tmp_path / "a.npz")
+    q = gp.load_gp(tmp_path / "a.npz")
     assert jax.tree.structure(p) == jax.tree.structure(q)
-    for a, b in zip(jax.tree.leaves((p.hyper, p.X, p.Y, p.n)), jax.tree.leaves((q.hyper, q.X, q.Y, q.n)), strict=True):
+    for a, b in zip(jax.tree.leaves((p.hyper, p.X, p.Y, p.num_points)), jax.tree.leaves((q.hyper, q.X, q.Y, q.num_points)), strict=True):
         assert a.dtype == b.dtype
         np.testing.assert_array_equal(a, b)
     cond = [np.linalg.cond(gram(X, hyper, i)) for i in range(3)]
@@ -644,16 +644,16 @@ def test_a_gp_that_grew_and_shrank_comes_back_the_same_to_rounding(tmp_path_fact
     p, _ = gp.append(gp.condition(X[:19], Y[:19], hyper, 30), jnp.asarray(X[19]), jnp.asarray(Y[19]))
     p, _ = gp.remove(p, jnp.asarray(3))
     path = tmp_path_factory.mktemp("gp") / "a.npz"
-    gp.save(p, path)
+    gp.save_gp(p, path)
     cond = [np.linalg.cond(gram(X, hyper, i)) for i in range(3)]
-    assert_same_posterior(p, gp.load(path), queries, cond, 1e-10)
+    assert_same_posterior(p, gp.load_gp(path), queries, cond, 1e-10)
 
 
 @pytest.mark.parametrize("umask", [0o022, 0o077, 0o027])
 def test_a_saved_file_has_the_mode_of_the_umask(tmp_path, umask):
     before = os.umask(umask)
     try:
-        gp.save(gp.prior(gp.hyperparameters(1.0, [1.0], 0.1), 3), tmp_path / "a.npz")
+        gp.save_gp(gp.prior(gp.make_hyperparameters(1.0, [1.0], 0.1), 3), tmp_path / "a.npz")
     finally:
         os.umask(before)
     assert stat.S_IMODE((tmp_path / "a.npz").stat().st_mode) == 0o666 & ~umask
@@ -664,7 +664,7 @@ def test_a_damaged_file_is_refused_in_one_way_or_read_whole(tmp_path):
     X, Y, hyper, _ = problem(7, N=6)
     p = gp.condition(X, Y, hyper, 8)
     path = tmp_path / "a.npz"
-    gp.save(p, path)
+    gp.save_gp(p, path)
     whole, rng = path.read_bytes(), np.random.default_rng(0)
 
     def damaged(k):
@@ -700,7 +700,7 @@ def test_a_damaged_file_is_refused_in_one_way_or_read_whole(tmp_path):
     for k in range(40):  # and the way in, which adds the path
         path.write_bytes(damaged(k))
         try:
-            gp.load(path)
+            gp.load_gp(path)
         except ValueError as error:
             assert str(error).startswith(f"{path}: ")
 
@@ -740,7 +740,7 @@ WRONG = {
 def test_wrong_values_by_hand_are_refused_in_words(tmp_path, case):
     changes, message = WRONG[case]
     X, Y, hyper, _ = problem(7, N=6)
-    gp.save(gp.condition(X, Y, hyper, 8), tmp_path / "a.npz")
+    gp.save_gp(gp.condition(X, Y, hyper, 8), tmp_path / "a.npz")
     with np.load(tmp_path / "a.npz") as file:
         arrays = dict(file)
     for name, change in changes.items():
@@ -749,21 +749,21 @@ def test_wrong_values_by_hand_are_refused_in_words(tmp_path, case):
             arrays[name] = change(before)
     np.savez(tmp_path / "a.npz", **arrays)
     with pytest.raises(ValueError, match=rf"a\.npz: .*{message}"):
-        gp.load(tmp_path / "a.npz")
+        gp.load_gp(tmp_path / "a.npz")
 
 
 def test_files_made_in_other_ways_are_refused(tmp_path):
     path = tmp_path / "a.npz"
-    gp.save(gp.prior(gp.hyperparameters(1.0, [1.0], 0.1), 3), path)
+    gp.save_gp(gp.prior(gp.make_hyperparameters(1.0, [1.0], 0.1), 3), path)
     with np.load(path) as file:
         arrays = dict(file)
     np.savez_compressed(path, **arrays)
     with pytest.raises(ValueError, match=r"a\.npz: not a GP file .*compressed"):
-        gp.load(path)
+        gp.load_gp(path)
     with pytest.raises(FileNotFoundError):
-        gp.load(tmp_path / "b.npz")
+        gp.load_gp(tmp_path / "b.npz")
     with pytest.raises(IsADirectoryError):
-        gp.load(tmp_path)
+        gp.load_gp(tmp_path)
 
 
 def test_what_could_not_be_loaded_is_not_saved(tmp_path):
@@ -774,14 +774,14 @@ def test_what_could_not_be_loaded_is_not_saved(tmp_path):
         dataclasses.replace(p, hyper=dataclasses.replace(hyper, noise_variance=-hyper.noise_variance)),
     ):
         with pytest.raises(ValueError, match="must be finite"):
-            gp.save(bad, tmp_path / "a.npz")
+            gp.save_gp(bad, tmp_path / "a.npz")
     assert not list(tmp_path.iterdir())
 
 
 def test_a_failed_save_leaves_the_old_file_and_no_other(tmp_path, monkeypatch):
     X, Y, hyper, _ = problem(7, N=20)
     p = gp.condition(X, Y, hyper)
-    gp.save(p, tmp_path / "a.npz")
+    gp.save_gp(p, tmp_path / "a.npz")
     before = (tmp_path / "a.npz").read_bytes()
 
     def full_disk(descriptor):
@@ -789,7 +789,7 @@ def test_a_failed_save_leaves_the_old_file_and_no_other(tmp_path, monkeypatch):
 
     monkeypatch.setattr(os, "fsync", full_disk)
     with pytest.raises(OSError, match="no space"):
-        gp.save(gp.prior(hyper, 3), tmp_path / "a.npz")
+        gp.save_gp(gp.prior(hyper, 3), tmp_path / "a.npz")
     assert (tmp_path / "a.npz").read_bytes() == before
     assert [f.name for f in tmp_path.iterdir()] == ["a.npz"]
 
@@ -798,20 +798,20 @@ def test_a_failed_save_leaves_the_old_file_and_no_other(tmp_path, monkeypatch):
 def test_a_file_that_is_no_gp_is_refused(tmp_path, content):
     (tmp_path / "a.npz").write_bytes(content)
     with pytest.raises(ValueError, match=r"a\.npz: not a GP file"):
-        gp.load(tmp_path / "a.npz")
+        gp.load_gp(tmp_path / "a.npz")
 
 
 def test_another_npz_is_refused(tmp_path):
     np.savez(tmp_path / "a.npz", x=np.ones(3))
     with pytest.raises(ValueError, match="format is not stated"):
-        gp.load(tmp_path / "a.npz")
+        gp.load_gp(tmp_path / "a.npz")
     np.savez(tmp_path / "b.npz", x=np.array([{}], dtype=object))
     with pytest.raises(ValueError, match="not a GP file"):
-        gp.load(tmp_path / "b.npz")
+        gp.load_gp(tmp_path / "b.npz")
 
 
 def test_a_batch_is_not_saved_as_one(tmp_path):
     _, _, hyper, _ = problem(7)
     p = gp.prior(hyper, 3)
     with pytest.raises(ValueError, match="batch axes"):
-        gp.save(jax.tree.map(lambda a: a[None], p), tmp_path / "a.npz")
+        gp.save_gp(jax.tree.map(lambda a: a[None], p), tmp_path / "a.npz")

@@ -173,7 +173,7 @@ def test_energy_under_jit_follows_appended_data():
 def test_recovery_from_one_datum_is_the_closed_form(y, gap):
     """Greatest `c u + sqrt(1 - c^2) sqrt(B^2 s - u^2)` over values u at the datum, c the correlation."""
     B, s, eps = 1.3, 0.7, 0.2
-    hyper = gp.make_hyperparameters(s, [1.0], 1e-3, offset=0.25)
+    hyper = gp.make_hyperparameters(s, [1.0], 1e-3, constant_mean=0.25)
     c = np.exp(-0.5 * gap**2)
     u = np.linspace(max(y - eps, -B * s**0.5), min(y + eps, B * s**0.5), 400_001)
     spread = np.sqrt(1 - c * c) * np.sqrt(np.maximum(B * B * s - u * u, 0))

@@ -109,7 +109,7 @@ def test_optimum_is_scikit_learns_at_the_same_budget(seed):
     """Same standardized data, box, start and number of starts: within 0.05 nats, or better."""
     X, Y = drawn(seed)
     box = gp.HyperparameterBounds()
-    found = gp.fit(X, Y, box, restarts=0, offset=np.zeros(2))
+    found = gp.fit(X, Y, box, restarts=0, constant_mean=np.zeros(2))
     for i in range(2):
         kernel = ConstantKernel(1.0, box.signal_variance) * RBF([5**0.5] * 5, box.lengthscale) + WhiteKernel(
             0.1, box.noise_variance

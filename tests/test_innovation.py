@@ -23,7 +23,7 @@ from colift.scenario import experiment
 from tests import light
 
 DT, TICKS = 0.002, 400
-CORNERS = {"fusion": 5.0, "bias": 0.0, "joint": 20.0, "label": 8.0, "tip_force": 50.0}
+CORNERS = {"complementary": 5.0, "imu_bias": 0.0, "joint": 20.0, "label": 8.0, "tip_force": 50.0}
 FILTERS = FilterBandwidths(**{name: jnp.array(hertz) for name, hertz in CORNERS.items()})
 
 

@@ -48,7 +48,7 @@ def _nominal() -> str:
 
 def _met(name: str) -> str:
     targets = importlib.import_module(f"evidence.{name}").targets(items(name))
-    return f"{sum(target.satisfied for target in targets)} of {len(targets)}"
+    return f"{sum(target.met for target in targets)} of {len(targets)}"
 
 
 def _frozen() -> str:

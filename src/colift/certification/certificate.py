@@ -300,21 +300,21 @@ def check_supported(experiment: Experiment) -> None:
     and sensors with a memory are not in them.
     """
     onboard_controller, world = experiment.controller, experiment.world
-    model = getattr(onboard_controller, "oracle", None)
+    model = getattr(onboard_controller, "residual_model", None)
     known = {
         "pilot": (onboard_controller, (controller.LeaderFollowerController,)),
-        "leader": (getattr(onboard_controller, "leader", None), (payload_controllers.GeometricTracking,)),
+        "leader": (getattr(onboard_controller, "payload_controller", None), (payload_controllers.GeometricTracking,)),
         "features": (getattr(model, "features", None), (features.DefaultFeatures,)),
         "kernel": (model and model.payload.hyper.kernel, (SquaredExponential,)),
         "predictor": (getattr(onboard_controller, "predictor", None), (residual_predictors.LearnedResidual,)),
         "allocator": (getattr(onboard_controller, "allocator", None), (allocators.LinearAllocator,)),
-        "realizer": (getattr(onboard_controller, "realizer", None), (agent_controllers.ThrustVectoringController,)),
+        "realizer": (getattr(onboard_controller, "agent_controller", None), (agent_controllers.ThrustVectoringController,)),
         "estimator": (getattr(onboard_controller, "estimator", None), (state_estimator.ComplementaryFilter,)),
         "world": (world, (SimulatedWorld,)),
         "plant": (getattr(world, "plant", None), (contact_dynamics.RigidContactPlant,)),
         "actuators": (getattr(world, "actuators", None), (actuators.IdealActuators,)),
-        "mass in flight:": (getattr(world, "added", None), (type(None),)),
-        **{f"sensor {k}": (one, (sensors.CalibrationRig,)) for k, one in enumerate(getattr(world, "extra", ()))},
+        "mass in flight:": (getattr(world, "mass_step", None), (type(None),)),
+        **{f"sensor {k}": (one, (sensors.CalibrationRig,)) for k, one in enumerate(getattr(world, "sensor_models", ()))},
     }
     other = [f"{name} {type(part).__name__}" for name, (part, ours) in known.items() if type(part) not in ours]
     if other:

@@ -63,7 +63,7 @@ def fit(
     *,
     hyperprior: HyperPrior | None = None,
     start: Hyperparameters | None = None,
-    offset: ArrayLike | None = None,
+    constant_mean: ArrayLike | None = None,
     restarts: int = 2,
     max_iterations: int = 100,
     seed: int = 0,
@@ -73,12 +73,12 @@ def fit(
     X: `(N, dimensions)`, Y: `(N, outputs)`; both are standardized inside. With a `belief` its log density is added to
     the likelihood (the mode of the posterior, decision 0015) and its length-scale bounds replace those of the box.
     `start`: a warm start, moved into the bounds where it lies outside, in place of the belief's median; `restarts`:
-    further starts, drawn from the belief, or log-uniform in the box. `offset`: the constant prior mean, by default the
+    further starts, drawn from the belief, or log-uniform in the box. `constant_mean`: the constant prior mean, by default the
     mean of Y (zeros give the paper's choice). A constant output gets the least signal variance of the box, in units of
     its own (unit deviation is taken as 1).
     Raises ValueError for fewer than 2 points, shapes that disagree, or data that are not finite.
     """
-    problem = _standardize(X, Y, offset)
+    problem = _standardize(X, Y, constant_mean)
     groups = [[i] for i in range(problem.T.shape[1])]
     return _fit_groups(problem, groups, box, hyperprior, start, restarts, max_iterations, seed)
 
@@ -90,7 +90,7 @@ def fit_shared(
     *,
     hyperprior: HyperPrior | None = None,
     start: Hyperparameters | None = None,
-    offset: ArrayLike | None = None,
+    constant_mean: ArrayLike | None = None,
     restarts: int = 2,
     max_iterations: int = 100,
     seed: int = 0,
@@ -99,7 +99,7 @@ def fit_shared(
 
     The belief counts once, about the mean over the outputs of its medians' logarithms.
     """
-    problem = _standardize(X, Y, offset)
+    problem = _standardize(X, Y, constant_mean)
     groups = [list(range(problem.T.shape[1]))]
     return _fit_groups(problem, groups, box, hyperprior, start, restarts, max_iterations, seed)
 
@@ -107,10 +107,10 @@ def fit_shared(
 @dataclasses.dataclass(frozen=True)
 class _Standardized:
     Z: np.ndarray  # (N, dimensions) inputs, centred, unit deviation
-    T: np.ndarray  # (N, outputs) outputs less offset, over their deviation
+    T: np.ndarray  # (N, outputs) outputs less constant_mean, over their deviation
     x_scale: np.ndarray
     y_scale: np.ndarray
-    offset: np.ndarray
+    constant_mean: np.ndarray
 
 
 def _same(one: Kernel, other: Kernel) -> bool:
@@ -144,15 +144,15 @@ def validate_data(X: ArrayLike, Y: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
     return X, Y
 
 
-def _standardize(X: ArrayLike, Y: ArrayLike, offset: ArrayLike | None) -> _Standardized:
+def _standardize(X: ArrayLike, Y: ArrayLike, constant_mean: ArrayLike | None) -> _Standardized:
     X, Y = validate_data(X, Y)
     if len(X) < 2:
         raise ValueError(f"{len(X)} data point(s): fit needs at least 2; condition on stated hyperparameters instead")
-    offset = Y.mean(0) if offset is None else np.broadcast_to(np.asarray(offset, dtype=float), Y.shape[1:])
-    if not np.isfinite(offset).all():
-        raise ValueError(f"offset = {offset.tolist()}: must be finite")
+    constant_mean = Y.mean(0) if constant_mean is None else np.broadcast_to(np.asarray(constant_mean, dtype=float), Y.shape[1:])
+    if not np.isfinite(constant_mean).all():
+        raise ValueError(f"constant_mean = {constant_mean.tolist()}: must be finite")
     x_scale, y_scale = column_std(X), column_std(Y)
-    return _Standardized((X - X.mean(0)) / x_scale, (Y - offset) / y_scale, x_scale, y_scale, offset)
+    return _Standardized((X - X.mean(0)) / x_scale, (Y - constant_mean) / y_scale, x_scale, y_scale, constant_mean)
 
 
 def column_std(A: np.ndarray) -> np.ndarray:
@@ -199,7 +199,7 @@ def _fit_groups(
         signal_variance=jnp.asarray(np.exp(theta[:, 0]) * problem.y_scale**2),
         lengthscales=jnp.asarray(ls * problem.x_scale),
         noise_variance=jnp.asarray(np.exp(theta[:, -1]) * problem.y_scale**2),
-        constant_mean=jnp.asarray(problem.offset),
+        constant_mean=jnp.asarray(problem.constant_mean),
     )
     least, greatest = np.exp(bounds[1:-1].T)
     return FitResult(

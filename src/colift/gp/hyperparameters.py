@@ -82,7 +82,7 @@ def make_hyperparameters(
     signal_variance: ArrayLike | float,
     lengthscales: ArrayLike,
     noise_variance: ArrayLike | float,
-    offset: ArrayLike | float = 0.0,
+    constant_mean: ArrayLike | float = 0.0,
     kernel: Kernel = DEFAULT_KERNEL,
 ) -> Hyperparameters:
     """Stated hyperparameters, scalars or one for each output, broadcast to `(outputs,)` and `(outputs, dimensions)`.
@@ -91,7 +91,7 @@ def make_hyperparameters(
     Raises ValueError where shapes disagree, or a variance or length-scale is not positive and finite.
     """
     ls = np.atleast_2d(np.asarray(lengthscales, dtype=float))
-    given = {"signal_variance": signal_variance, "noise_variance": noise_variance, "offset": offset}
+    given = {"signal_variance": signal_variance, "noise_variance": noise_variance, "constant_mean": constant_mean}
     given = {name: np.asarray(value, dtype=float) for name, value in given.items()}
     outputs = max(len(ls), *(value.size for value in given.values()))
     for name, value in given.items():
@@ -112,7 +112,7 @@ RANGE = {
     "signal_variance": (1e-200, 1e200),
     "lengthscales": (1e-100, 1e100),
     "noise_variance": (1e-220, 1e200),
-    "offset": (-1e100, 1e100),
+    "constant_mean": (-1e100, 1e100),
 }
 
 
@@ -153,4 +153,4 @@ def concatenate(first: Hyperparameters, then: Hyperparameters) -> Hyperparameter
     return Hyperparameters(kernel=first.kernel, **both)
 
 
-FIELDS = ("signal_variance", "lengthscales", "noise_variance", "offset")
+FIELDS = ("signal_variance", "lengthscales", "noise_variance", "constant_mean")

@@ -33,7 +33,7 @@ def validate_team(team: Team, names: Sequence[str] = ()) -> None:
             validate_inertia(f"{name}, body {i}", group.mass[j, i], group.inertia[j, i])
         if not 0 < group.thrust_max[j] < np.inf:
             raise ValueError(f"{name}: thrust_max {group.thrust_max[j]:g} N is not positive and finite")
-        for what in ("com", "joint_position", "tip", "contact"):
+        for what in ("com", "joint_position", "tip_position", "contact_position"):
             if not np.isfinite(points := np.asarray(getattr(group, what)[j])).all():
                 raise ValueError(f"{name}: {what} {points.tolist()} m is not finite")
         for k in range(group.tree.joints):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import pytest
 
 import evidence
@@ -107,3 +109,12 @@ def test_command_states_each_result_in_one_line(project, store, capsys):
     for wrong in (["another"], ["--item", "1"]):
         with pytest.raises(SystemExit):
             restamp.main(wrong, ["proof"])
+
+
+def test_renamed_keys_of_one_result(project):
+    """Words apply to every key, further tables to the result that they belong to."""
+    table = {"words": {"F": "feedback"}, "values": {"x": "y"}, "results": {"proof": {"keys": {"left": "violations"}}}}
+    (project / "evidence" / "renamed.json").write_text(json.dumps(table))
+    stored = {"home: F: 0": {"left": ["x", 1], "F_x": None}}
+    assert evidence.renamed(stored, "proof") == {"home: feedback: 0": {"violations": ["y", 1], "F_x": None}}
+    assert evidence.renamed(stored, "other") == {"home: feedback: 0": {"left": ["y", 1], "F_x": None}}
