@@ -30,7 +30,8 @@ class Target(NamedTuple):
     def limit(self) -> str:
         """The limits in words."""
         limits = (("at least", self.least), ("at most", self.most))
-        return ", ".join(f"{word} {value:g}" for word, value in limits if value is not None)
+        unit = f" {self.unit}" * bool(self.unit)
+        return ", ".join(f"{word} {value:g}{unit}" for word, value in limits if value is not None)
 
 
 def missed(targets: Iterable[Target]) -> str:
