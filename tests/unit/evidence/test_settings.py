@@ -1,0 +1,38 @@
+"""Settings that the evidence modules write as text: all are accepted."""
+
+from __future__ import annotations
+
+import itertools
+
+import pytest
+
+from colift import scenario
+from evidence import baselines, changes, generalization, react, redundant
+
+
+@pytest.mark.parametrize("world", changes.WORLDS)
+def test_settings_of_changes(world):
+    """Each world's scenario accepts its changes, with and without the lead time."""
+    name, made, _ = changes.WORLDS[world]
+    made = made(0) if callable(made) else made
+    scenario.load_scenario(name, [changes.AHEAD, *made, "seed=0", changes.LED])
+
+
+def test_settings_of_random_environments():
+    """Samples with and without lost labels, and with each delay."""
+    drawn = [react.draw(sample)[1] for sample in range(12)]
+    assert {one["dead_s"] is None for one in drawn} == {True, False}
+
+
+@pytest.mark.parametrize("condition", generalization.CONDITIONS)
+def test_settings_of_conditions(condition):
+    """Each condition in which frozen models are flown."""
+    generalization.settings(condition, 0)
+
+
+def test_settings_of_baselines_and_redundant_teams():
+    """The grids of the baselines, and teams without a force sensor bias."""
+    for point in itertools.chain.from_iterable(baselines.GRID.values()):
+        scenario.load_scenario("paper", [f"{name}={value}" for name, value in point.items()])
+    for team in redundant.TEAMS:
+        scenario.load_scenario(team, [redundant.UNBIASED])
