@@ -59,7 +59,7 @@ FAR = 10.0
 
 def settings(condition: str, seed: int) -> Scenario:
     """The paper's scenario in another condition, looking ahead."""
-    ahead = scenario.load_scenario("paper").innovation.look_ahead_s
+    ahead = scenario.load_scenario("paper").online_correction.preview_step_s
     return scenario.load_scenario("paper", [f"control.look_ahead_s={ahead}", *CONDITIONS[condition], f"seed={seed}"])
 
 

@@ -172,7 +172,7 @@ def flight(name: str) -> dict[str, object]:
         kinds = {key: kind.model_copy(update={"thrust_max_N": 27.5}) for key, kind in settings.agent_types.items()}
         settings = settings.model_copy(update={"agent_types": kinds})
     if name == "turned":
-        start = settings.start.model_copy(update={"attitude_error_deg": (0.0, 0.0, 90.0)})
+        start = settings.initial_state.model_copy(update={"attitude_error_deg": (0.0, 0.0, 90.0)})
         agents = tuple(agent.model_copy(update={"yaw_deg": 90.0}) for agent in settings.agents)
         settings = settings.model_copy(update={"start": start, "agents": agents})
     rows = (flown := run_experiment(experiment.make_experiment(settings, "C1"))).records
@@ -180,7 +180,7 @@ def flight(name: str) -> dict[str, object]:
     return {
         "stopped": flown.termination_reason,
         "duration_s": float(rows.t[-1]),
-        "saturated": float(rows.saturated.mean()),
+        "saturated": float(rows.thrust_saturated.mean()),
         "turned_deg": float(np.rad2deg(np.arccos(np.clip(cosine, -1, 1))).max()),
         "Phi": float(rows.Phi.max()),
         "Phi_dot": float(rows.Phi_dot.max()),

@@ -61,7 +61,7 @@ def draw(sample: int) -> tuple[Scenario, dict[str, Any]]:
     }
     lost = {"kind": "intermittent", "of": ["agents.lam"], "rate_Hz": base.control_Hz, "loss": min(asked["loss"], 0.99)}
     data["sensors"]["then"] = [lost | {"until_s": asked["dead_s"]}]
-    data["control"]["look_ahead_s"] = base.innovation.look_ahead_s
+    data["control"]["look_ahead_s"] = base.online_correction.preview_step_s
     data["seed"] = 1000 + sample
     return Scenario.model_validate(data), asked
 
@@ -81,14 +81,14 @@ def fly(item: str) -> dict[str, Any]:
 
 def led(settings: Scenario) -> Experiment:
     """The plan of F whose correction is carried ahead as is best at home."""
-    longer = settings.innovation.model_copy(update={"lead_s": LEAD})
+    longer = settings.online_correction.model_copy(update={"lead_s": LEAD})
     return experiment.make_experiment(settings.model_copy(update={"innovation": longer}), "F")
 
 
 def faded(held: Experiment, settings: Scenario) -> Experiment:
     """The plan of H with a correction that fades to its running mean as C4's does, where labels stop."""
     listener = dataclasses.replace(
-        held.controller.innovation_filter, decay_time=jnp.asarray(settings.innovation.fade_s)
+        held.controller.innovation_filter, decay_time=jnp.asarray(settings.online_correction.decay_time_s)
     )
     return dataclasses.replace(held, controller=dataclasses.replace(held.controller, innovation_filter=listener))
 

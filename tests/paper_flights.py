@@ -119,7 +119,7 @@ def states(team: Team, rows: signals.StepRecord) -> tuple[State, tuple[AgentInpu
             x=row.x,
             r=row.r.reshape(joints),
             omega=row.omega,
-            v=row.x_dot,
+            v=row.v_agent,
             r_dot=row.r_dot.reshape(joints),
         )
         load = PayloadState(R=row.R_L, p=row.p, omega=row.omega_L, v=row.v)

@@ -22,7 +22,7 @@ from tests import paper_flights as paper
 
 SHAPE = flights.PAPER._replace(time=240)
 TRUTH, NOMINAL = team.team(paper.SETTINGS)
-CONTACTS = [np.array(c) for agent in paper.SETTINGS.agents for c in agent.contacts_m]
+CONTACTS = [np.array(c) for agent in paper.SETTINGS.agents for c in agent.contact_positions_m]
 
 
 def with_rows(rows: StepRecord, **signals: np.ndarray | None) -> StepRecord:
@@ -84,8 +84,8 @@ def test_the_summary_is_of_the_second_half_but_for_what_must_hold_always():
     assert found["delta_W_rms"] == pytest.approx(np.hypot(force, moment), rel=1e-12)
     assert found["lam_max_N"] == pytest.approx(max(np.sqrt((f**2).sum()) for f in rows.lam[late].reshape(-1, 3)))
     assert (found["thrust_min_N"], found["thrust_max_N"]) == (rows.u[late].min(), rows.u[late].max())
-    assert (found["Phi_max_m"], found["singular_min"]) == (rows.Phi.max(), rows.singular.min())
-    assert found["saturated_ticks"] == sum(bool(tick.any()) for tick in rows.saturated)
+    assert (found["Phi_max_m"], found["singular_min"]) == (rows.Phi.max(), rows.min_delassus_singular_value.min())
+    assert found["saturated_ticks"] == sum(bool(tick.any()) for tick in rows.thrust_saturated)
     assert found["n_data"] == {"payload": 0, "agents": 0}
     sigma = made.uncertainty
     late = sigma.t >= rows.t[120]
@@ -154,13 +154,13 @@ def test_errors_of_stated_size_lie_outside_of_1_96_deviations_one_time_in_twenty
     made, rng = flight(6, shape), np.random.default_rng(7)
     sigma, at = made.uncertainty, np.arange(0, shape.time, 5)
     n = made.records.f_x.shape[1]
-    rows = with_rows(made.records, comes=None, late_L=None, late_x=None, left_L=None, left_x=None)
+    rows = with_rows(made.records, labels_available=None, delay_error_L=None, delay_error_x=None, correction_error_L=None, correction_error_x=None)
     s = np.hypot(sigma.payload_std, sigma.payload_label_bias)
     if listens:
         g = rng.integers(0, 2, shape.time).astype(float)
         u, d = rng.uniform(0.1, 3, (2, shape.time, 6))
         none = np.zeros((shape.time, n, 3))
-        rows = with_rows(rows, comes=g, late_L=u, late_x=none, left_L=d, left_x=none)
+        rows = with_rows(rows, labels_available=g, delay_error_L=u, delay_error_x=none, correction_error_L=d, correction_error_x=none)
         g = g[at, None]
         s = np.sqrt(
             g**2 * u[at] ** 2 + (1 - g) ** 2 * (sigma.payload_std**2 + d[at] ** 2) + sigma.payload_label_bias**2

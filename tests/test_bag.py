@@ -129,7 +129,7 @@ def test_wrenches_are_in_the_frames_they_name(ds: xr.Dataset, messages: dict[str
 
 
 def test_frames_hang_together(ds: xr.Dataset, messages: dict[str, list[Any]]) -> None:
-    contacts = [c for agent in TOLD.agents for c in agent.contacts_m]
+    contacts = [c for agent in TOLD.agents for c in agent.contact_positions_m]
     for k, tf in enumerate(messages["/tf"]):
         frames = {t.child_frame_id: t for t in tf.transforms}
         assert {t.header.frame_id for t in tf.transforms} == {"world", "payload"}

@@ -386,8 +386,8 @@ def of_another_kernel(oracle: residual_model.ResidualModel) -> residual_model.Re
         (
             lambda p: with_pilot(
                 p,
-                predictor=residual_predictors.DisturbanceObserver(
-                    base=p.controller.predictor, bandwidth=jnp.full(2, 2.0)
+                residual_predictor=residual_predictors.DisturbanceObserver(
+                    base=p.controller.residual_predictor, bandwidth=jnp.full(2, 2.0)
                 ),
             ),
             "predictor Observed",

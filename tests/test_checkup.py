@@ -130,7 +130,7 @@ def test_little_thrust_is_bad_with_how_much_it_should_be(monkeypatch: pytest.Mon
 def test_a_team_that_has_no_thrust_to_spare_is_not_told_to_share_it_or_to_fly_slower(monkeypatch: pytest.MonkeyPatch):
     """Where hover leaves less than is asked of all thrust together no place of contacts helps, and no reference."""
     monkeypatch.setattr(stability, "monodromy", no_rest)
-    limits = light.SAMPLE.limits.model_copy(update={"thrust_margin": 0.3})
+    limits = light.SAMPLE.termination.model_copy(update={"thrust_margin": 0.3})
     few = preflight.run_preflight(heavier(7.0).model_copy(update={"limits": limits}))
     hover, reference = finding(few, "thrust").advice
     assert "lower payload.mass_kg, or add an agent" in hover
@@ -247,7 +247,7 @@ def test_joints_beyond_need_that_return_too_slowly_are_bad_and_named(monkeypatch
     ("rates", "advice"),
     [
         (
-            lambda c, _r: 1.5 if c.posture == 2.5 else 2.0 if c.agent_k_omega > 30 else 1.0,
+            lambda c, _r: 1.5 if c.posture_bandwidth == 2.5 else 2.0 if c.agent_k_omega > 30 else 1.0,
             ("posture=2.5 makes it 1.5",),
         ),
         (lambda c, r: 1.2 if c.agent_k_R > 300 else 1.1 if r else 0.0, ("agent_k_R=350.0 makes it 1.2", "rest_rad")),

@@ -79,11 +79,11 @@ def test_what_a_scenario_states_of_its_sensors_is_what_is_believed_of_labels(nam
     settings = scenario.load_scenario(name)
     found = assumptions.label_bias_model(settings)
     starts, rates = {"agents.lam": settings.sensors.tip_force_bias_N**2}, {}
-    for each in settings.sensors.then:
+    for each in settings.sensors.models:
         if each.kind == "drifting":
             for reading in each.of:
-                starts[reading] = starts.get(reading, 0.0) + each.start**2
-                rates[reading] = rates.get(reading, 0.0) + each.rate**2
+                starts[reading] = starts.get(reading, 0.0) + each.initial_bias_std**2
+                rates[reading] = rates.get(reading, 0.0) + each.random_walk_density**2
     for walk, reading in ((found.tips, "agents.lam"), (found.payload, "payload.a"), (found.agents, "agents.a")):
         assert walk.initial_std == pytest.approx(np.sqrt(starts.get(reading, 0.0)))
         assert walk.random_walk_density == pytest.approx(np.sqrt(rates.get(reading, 0.0)))

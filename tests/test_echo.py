@@ -80,7 +80,7 @@ def test_the_rate_is_heeded_whole_up_to_a_half_and_not_from_one():
 def test_labels_leave_the_flight_stable_and_would_not_if_long_arms_heeded_them(changes, loud):
     """F, with arms that swing half a kilogram, is lost within a tenth of a second where it follows the rate in full."""
     plan = dataclasses.replace(experiment.make_experiment(scenario.load_scenario("trio", changes), "F"), duration=1.0)
-    predictor = plan.controller.predictor
+    predictor = plan.controller.residual_predictor
     assert all(np.all(np.asarray(c) == (0.0 if loud else 1.0)) for c in predictor.rate_attenuation)
     flown = flight.run_experiment(plan)
     assert not flown.termination_reason
@@ -88,5 +88,5 @@ def test_labels_leave_the_flight_stable_and_would_not_if_long_arms_heeded_them(c
     all_of_it = dataclasses.replace(
         predictor, rate_attenuation=tuple(jnp.ones_like(c) for c in predictor.rate_attenuation)
     )
-    heeding = dataclasses.replace(plan, controller=dataclasses.replace(plan.controller, predictor=all_of_it))
+    heeding = dataclasses.replace(plan, controller=dataclasses.replace(plan.controller, residual_predictor=all_of_it))
     assert bool(flight.run_experiment(heeding).termination_reason) == loud

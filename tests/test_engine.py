@@ -231,7 +231,7 @@ def test_commands_are_not_limited_and_what_is_not_finite_stays_so() -> None:
 
 
 def test_a_scenario_that_asks_for_mujoco_has_it_as_its_plant_as_stiff_as_its_substeps_allow() -> None:
-    settings = light.settings(plant={"kind": "mujoco", "substeps": 2}, control_Hz=400.0)
+    settings = light.settings(physics={"kind": "mujoco", "substeps": 2}, control_Hz=400.0)
     plant = experiment.make_experiment(settings, "C1").world.plant
     assert isinstance(plant, mujoco_plant.MujocoPlant)
     assert plant.substeps == 2

@@ -400,8 +400,8 @@ def test_without_noise_the_filters_of_the_study_err_by_less_than_its_label_noise
     error = np.sqrt(((y - expected) ** 2).mean(0))
     given = paper_flights.SETTINGS.learning
     stated = [
-        *(given.payload.force_noise_N, given.payload.moment_noise_Nm),
-        *(given.agents.force_noise_N, given.agents.moment_noise_Nm, given.agents.joint_noise_Nm),
+        *(given.payload.force_noise_std_N, given.payload.moment_noise_std_Nm),
+        *(given.agents.force_noise_std_N, given.agents.moment_noise_std_Nm, given.agents.joint_torque_noise_std_Nm),
     ]
     assert (error < np.repeat(stated, [3, 3, 6, 6, 6])).all()
     assert (error[:3] < 0.05 * np.sqrt((expected[:, :3] ** 2).mean(0))).all()

@@ -147,7 +147,7 @@ def test_the_wrench_observer_filters_what_the_last_command_did_not_explain():
         [float(of.controller.team.payload.mass) * (a[:, :3] - gravity), w_dot @ J + np.cross(w, w @ J)], axis=1
     )
     missed -= rows.W_d[:-1]
-    b, d = 1 - np.exp(-2 * np.pi * float(of.controller.predictor.bandwidth) * DT), np.zeros(6)
+    b, d = 1 - np.exp(-2 * np.pi * float(of.controller.residual_predictor.bandwidth) * DT), np.zeros(6)
     np.testing.assert_array_equal(rows.f_L_hat[0], 0)
     for k, sample in enumerate(missed):
         d = d + b * (sample - d)
@@ -173,7 +173,7 @@ def test_the_parametric_part_is_evaluated_at_the_commanded_acceleration():
 
 def test_residuals_known_exactly_are_told_to_case_O_alone():
     for case in experiment.PAPER_CASES | experiment.BASELINES:
-        assert isinstance(plan(case).controller.predictor, residual_predictors.TrueResidual) == (case == "O")
+        assert isinstance(plan(case).controller.residual_predictor, residual_predictors.TrueResidual) == (case == "O")
         assert not np.any(plan(case).controller.residual_model.inertial_parameters)
 
 
@@ -247,9 +247,9 @@ def test_thrust_is_limited_to_what_the_rotors_give_and_the_limit_is_reported():
     _, rows = flown(of)
     assert rows.u[:, 0].max() == 23.5
     assert rows.u[:, 1].max() > 23.5
-    np.testing.assert_array_equal(rows.saturated[:, 0], rows.u[:, 0] == 23.5)
-    assert rows.saturated[:, 0].any()
-    assert not rows.saturated[:, 1].any()
+    np.testing.assert_array_equal(rows.thrust_saturated[:, 0], rows.u[:, 0] == 23.5)
+    assert rows.thrust_saturated[:, 0].any()
+    assert not rows.thrust_saturated[:, 1].any()
 
 
 def test_internal_forces_follow_their_pulse():
@@ -282,7 +282,7 @@ def test_looking_ahead_a_team_without_unknowns_keeps_to_its_path():
     ]
     late = [np.linalg.norm(flight.records.e_p[-1000:], axis=1).max() for flight in flights]
     assert late[1] < late[0] / 5, late
-    assert not flights[1].records.saturated[500:].any()
+    assert not flights[1].records.thrust_saturated[500:].any()
 
 
 def test_a_realizer_that_needs_to_look_ahead_says_so():

@@ -25,7 +25,7 @@ def test_paths_are_the_same_curve_backwards_larger_and_moved():
     center, amplitude, period, phase = map(
         np.array, (given.center_m, given.amplitude_m, given.period_s, given.phase_deg)
     )
-    for t in given.ramp_s + np.linspace(0, 7, 23):
+    for t in given.ramp_time_s + np.linspace(0, 7, 23):
         at = own.evaluate(jnp.asarray(t))
         found = {name: each.evaluate(jnp.asarray(t)) for name, each in other.items()}
         back = center + amplitude * np.sin(-2 * np.pi * t / period + np.deg2rad(phase))

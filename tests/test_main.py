@@ -186,7 +186,7 @@ def test_what_a_compiler_that_fails_says_comes_without_a_traceback_and_status_2(
 @pytest.mark.parametrize(("given", "flown"), [((), "rigid"), (("--engine", "mujoco"), "mujoco")])
 def test_an_engine_takes_the_place_of_the_scenario_s(given, flown, tmp_path, monkeypatch: pytest.MonkeyPatch):
     def plans(settings: scenario.Scenario, cases: object) -> None:
-        raise scenario.ScenarioError(f"by {settings.plant.kind}")
+        raise scenario.ScenarioError(f"by {settings.physics.kind}")
 
     monkeypatch.setattr(experiment, "plans", plans)
     status, said = invoke("study", "paper", *given, "--out", str(tmp_path))
@@ -256,7 +256,7 @@ def test_each_type_of_agent_is_written_as_urdf(tmp_path: Path):
     robot = urdf.load_urdf(out / files[0])
     assert [joint.name for joint in robot.joints] == [joint.name for joint in kind.joints]
     assert {f"{arm.name}_tip" for arm in kind.arms} < set(robot.links)
-    back = urdf.agent(robot, [f"{arm.name}_tip" for arm in kind.arms], told.agents[0].contacts_m, kind.thrust_max_N)
+    back = urdf.agent(robot, [f"{arm.name}_tip" for arm in kind.arms], told.agents[0].contact_positions_m, kind.thrust_max_N)
     for found, expected in zip(*map(jax.tree.leaves, (back, team.agent_models(told).popitem()[1])), strict=True):
         np.testing.assert_allclose(found, expected, atol=1e-15)
 

@@ -282,7 +282,7 @@ def test_joints_beyond_need_return_to_rest_as_fast_as_is_stated(seed):
     joints = [
         joint.model_copy(
             update={
-                "rest_rad": joint.rest_rad + rng.uniform(-0.3, 0.3),
+                "rest_rad": joint.nominal_position_rad + rng.uniform(-0.3, 0.3),
                 "position_m": tuple(rng.uniform(0.5, 2) * np.array(joint.position_m)),
                 "body": joint.body.model_copy(update={"mass_kg": rng.uniform(0.3, 2) * joint.body.mass_kg}),
             }

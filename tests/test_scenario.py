@@ -69,15 +69,15 @@ def test_the_study_has_what_the_paper_and_the_design_fix():
     assert len(s.agents) == 2
     assert [(len(t.arms), len(t.joints)) for t in s.agent_types.values()] == [(2, 3)]
     assert (s.duration_s, s.control_Hz) == (20, 500)
-    assert np.linalg.norm(s.start.position_error_m) == pytest.approx(0.2, rel=0.01)
-    assert np.linalg.norm(s.start.attitude_error_deg) == pytest.approx(10, rel=0.01)
+    assert np.linalg.norm(s.initial_state.position_error_m) == pytest.approx(0.2, rel=0.01)
+    assert np.linalg.norm(s.initial_state.attitude_error_deg) == pytest.approx(10, rel=0.01)
     assert len(s.learning.update_times_s) >= 4
     assert min(s.learning.update_times_s) >= 2
     assert s.learning.end_s <= 10
-    assert min(s.learning.capacity, (s.learning.end_s - s.learning.start_s) * s.learning.sample_Hz) >= 200
+    assert min(s.learning.max_samples, (s.learning.end_s - s.learning.start_s) * s.learning.sample_Hz) >= 200
     noise = s.sensors
-    assert (noise.position_m, noise.attitude_deg, noise.velocity_mps, noise.body_rate_radps) == (0.002, 0.2, 0.01, 0.01)
-    assert (noise.accelerometer_mps2, noise.joint_deg) == (0.05, 0.1)
+    assert (noise.position_m, noise.attitude_deg, noise.velocity_mps, noise.angular_velocity_radps) == (0.002, 0.2, 0.01, 0.01)
+    assert (noise.accelerometer_mps2, noise.joint_position_deg) == (0.05, 0.1)
     assert (noise.tip_force_N, noise.tip_force_bias_N, noise.tip_force_bandwidth_Hz) == (0.1, 0.05, 50)
     assert s.payload.mass_kg == 1.5
     assert s.nominal.payload is not None

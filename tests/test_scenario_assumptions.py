@@ -15,10 +15,10 @@ def test_error_bounds_rest_on_what_the_scenario_states():
     stated = assumptions.bound_assumptions(s, nominal, zero_residual(nominal))
     given = s.certificate
     assert (stated.bound, stated.confidence, stated.rkhs_norm) == ("energy", 0.95, 6)
-    assert given.payload is not None
-    assert given.agents is not None
-    np.testing.assert_array_equal(stated.payload, [given.payload.force_N] * 3 + [given.payload.moment_Nm] * 3)
-    row = [given.agents.force_N] * 3 + [given.agents.moment_Nm] * 3 + [given.agents.joint_Nm] * 3
+    assert given.payload_label_error is not None
+    assert given.agent_label_error is not None
+    np.testing.assert_array_equal(stated.payload, [given.payload_label_error.force_error_N] * 3 + [given.payload_label_error.moment_error_Nm] * 3)
+    row = [given.agent_label_error.force_error_N] * 3 + [given.agent_label_error.moment_error_Nm] * 3 + [given.agent_label_error.joint_torque_error_Nm] * 3
     np.testing.assert_array_equal(stated.agents[0], [row, row])
     assert stated.assumed == ("norm", "energy")  # of a team among winds nobody knows them
 
@@ -29,7 +29,7 @@ def test_label_errors_that_are_not_stated_are_three_deviations_of_the_prior_s_no
     stated = assumptions.bound_assumptions(s, nominal, zero_residual(nominal))
     noise = s.learning.agents
     np.testing.assert_allclose(stated.payload, [0.3] * 3 + [0.06] * 3)
-    row = 3 * np.repeat([noise.force_noise_N, noise.moment_noise_Nm, noise.joint_noise_Nm], 3)
+    row = 3 * np.repeat([noise.force_noise_std_N, noise.moment_noise_std_Nm, noise.joint_torque_noise_std_Nm], 3)
     np.testing.assert_allclose(stated.agents[0], [row, row])
 
 
@@ -38,8 +38,8 @@ def test_in_the_certified_scenario_nothing_is_assumed_unless_it_is_changed():
         return experiment.make_experiment(changed("certified", **sections), "C1").bound_assumptions.assumed
 
     certified = scenario.load_scenario("certified")
-    assert certified.drawn is not None
-    norm, learning = certified.drawn.norm, certified.learning.model_dump()
+    assert certified.random_residual is not None
+    norm, learning = certified.random_residual.rkhs_norm, certified.learning.model_dump()
     bounds = ("energy", "srinivas", "abbasi_yadkori", "chowdhury_gopalan", "fiedler")
     for bound in bounds:
         assert assumed(certificate={"bound": bound, "norm": norm}) == ()
@@ -48,7 +48,7 @@ def test_in_the_certified_scenario_nothing_is_assumed_unless_it_is_changed():
     assert assumed(nominal={"payload": scenario.load_scenario("paper").payload.model_dump() | {"mass_kg": 1.2}}) == (
         "norm",
     )
-    assert assumed(drawn=None, learning=learning | {"samples": "estimated"}) == ("norm", "energy")
+    assert assumed(random_residual=None, learning=learning | {"samples": "estimated"}) == ("norm", "energy")
     fitted = {
         "certificate": {"bound": "abbasi_yadkori", "norm": norm},
         "learning": learning | {"hyperparameters": "fitted"},

@@ -45,7 +45,7 @@ def correlations(X: np.ndarray, Z: np.ndarray, ls: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("spread", [0.0, 0.3])
 def test_every_output_of_every_body_has_exactly_the_norm_that_is_stated(spread):
-    s = changed("certified", drawn=SEEDED | {"spread": spread})
+    s = changed("certified", random_residual=SEEDED | {"spread": spread})
     truth, _ = team.team(s)
     found = random_residuals.sample_residuals(s, truth, start())
     assert found is not None
@@ -86,7 +86,7 @@ def test_kernels_stand_where_the_team_would_pass():
         np.testing.assert_allclose(x[:, 18:21], payload[:, 3:6], atol=1e-12)
         np.testing.assert_allclose(x[:, 12:15], np.tile(start().agents[0].r[j], (6, 1)), atol=1e-12)
     scattered = random_residuals.sample_residuals(
-        changed("certified", drawn=SEEDED | {"spread": 0.5}), team.team(s)[0], start()
+        changed("certified", random_residual=SEEDED | {"spread": 0.5}), team.team(s)[0], start()
     )
     assert scattered is not None
     off = (np.asarray(scattered[0].payload.X)[:6] - payload) / np.asarray(oracle.payload.hyper.lengthscales)[0]
@@ -95,7 +95,7 @@ def test_kernels_stand_where_the_team_would_pass():
 
 def test_deviations_are_those_along_the_reference_and_the_rig_errs_by_its_share_of_them():
     oracle, deviation, s = drawn()
-    t = np.linspace(s.reference.ramp_s, s.duration_s, 400)
+    t = np.linspace(s.reference.ramp_time_s, s.duration_s, 400)
     A, T, phase = (np.array(x) for x in (s.reference.amplitude_m, s.reference.period_s, s.reference.phase_deg))
     angle = 2 * np.pi * t[:, None] / T + np.deg2rad(phase)
     p, v = s.reference.center_m + A * np.sin(angle), 2 * np.pi * A / T * np.cos(angle)
@@ -124,7 +124,7 @@ def test_nothing_is_drawn_where_it_is_not_asked_for_and_no_norm_is_an_error():
     assert experiment.make_experiment(s, "C1").world.disturbances.state_functions == ()
     for bad in ({"norm": 0}, {"norm": 1, "centers": 0}, {"norm": 1, "spread": -0.1}):
         with pytest.raises(ScenarioError):
-            changed("certified", drawn=bad)
+            changed("certified", random_residual=bad)
 
 
 means = jax.jit(jax.vmap(gp.mean, (None, 0)))
@@ -134,7 +134,7 @@ def test_outputs_that_vary_too_little_are_drawn_again_and_others_are_as_they_wer
     """Along the reference as the truth flies it, half from least to greatest, in signal deviations."""
     free, _, s = drawn(drawn=SEEDED | {"least": 0.0})
     asked, _, _ = drawn(drawn=SEEDED | {"least": 0.5})
-    t = jnp.linspace(s.reference.ramp_s, s.duration_s, 150)  # not the moments at which draws look
+    t = jnp.linspace(s.reference.ramp_time_s, s.duration_s, 150)  # not the moments at which draws look
     payload, (agents,) = random_residuals._carried(trajectories.make_reference(s), free.features, start(), t)
     few = 0
     for f, g, x in zip(functions(free), functions(asked), (payload, agents[:, 0], agents[:, 1]), strict=True):

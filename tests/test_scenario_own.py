@@ -234,8 +234,8 @@ def test_parts_of_every_kind_are_built_from_their_settings_and_fly(folder):
             sensors={"then": [named("OffsetSensor", by_m=[0, 0, 0.1])]},
             reference=named("Hover", point_m=[1, 2, 3]),
             actuators=named("WeakActuators"),
-            plant=named("SamePlant"),
-            parts={
+            physics=named("SamePlant"),
+            plugins={
                 "leader": {"part": "parts_of_test_own:ShyLeader", "settings": {"share": 0.5}},
                 "features": {"part": "parts_of_test_own:WhereFeatures"},
                 "kernel": {"part": "parts_of_test_own:HeavyKernel", "settings": {"a": 0.7}},
@@ -286,7 +286,7 @@ def test_settings_are_part_of_what_identifies_a_run_and_survive_a_copy(folder):
     again = Scenario.model_validate_json(one.model_dump_json())
     assert again == one
     assert again.digest == one.digest
-    assert one.model_copy(update={"seed": 5}).parts == one.parts
+    assert one.model_copy(update={"seed": 5}).plugins == one.plugins
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ def test_before_any_data_the_models_state_the_scenario_s_deviations():
     s = scenario.load_scenario("paper")
     prior = s.learning.agents
     oracle = priors.prior_model(s, team.team(s)[1])
-    expected = np.repeat([prior.force_N, prior.moment_Nm, prior.joint_Nm], 3) ** 2
+    expected = np.repeat([prior.force_std_N, prior.moment_std_Nm, prior.joint_torque_std_Nm], 3) ** 2
     variance = jax.vmap(gp.variance)(oracle.agents[0], jnp.ones((2, 24)))
     np.testing.assert_allclose(variance, np.tile(expected, (2, 1)))
     assert np.abs(gp.mean(oracle.payload, jnp.ones(20))).max() == 0

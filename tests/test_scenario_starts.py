@@ -22,5 +22,5 @@ def test_shipped_scenarios_start_on_the_manifold_as_far_off_as_they_say(name):
     assert np.abs(grasp.constraint_residual(truth, z)).max() <= 1e-10
     assert np.abs(grasp.constraint_rate(truth, z)).max() <= 1e-10
     d = trajectories.make_reference(s).evaluate(jnp.zeros(()))
-    np.testing.assert_allclose(z.payload.p - d.p, s.start.position_error_m, atol=1e-3)
-    np.testing.assert_allclose(so3.log(d.R.T @ z.payload.R), np.deg2rad(s.start.attitude_error_deg), atol=1e-3)
+    np.testing.assert_allclose(z.payload.p - d.p, s.initial_state.position_error_m, atol=1e-3)
+    np.testing.assert_allclose(so3.log(d.R.T @ z.payload.R), np.deg2rad(s.initial_state.attitude_error_deg), atol=1e-3)

@@ -114,7 +114,7 @@ def test_a_team_that_ships_stands_on_a_grasp_that_bears_every_wrench_and_lifts_i
     weight = 9.81 * (load + sum(float(group.mass.sum()) for group in truth.agent_groups))
     assert have.sum() > 1.3 * weight
     assert (name == "heavy") == bool(9.81 * load > have.max())
-    assert (name == "turning") == any(given.reference.swing_deg)
+    assert (name == "turning") == any(given.reference.rotation_amplitude_deg)
     assert (name == "hover") == (not any(given.reference.amplitude_m))
 
 

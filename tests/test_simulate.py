@@ -69,7 +69,7 @@ def test_the_log_moves_as_it_says(flight):
     dt = float(np.diff(rows.t[:2])[0])
     # within a tick commands are held and all is smooth: the trapezoidal rule errs by dt^2 / 12 times the jerk,
     # which for the joints is some 100 rad/s^3
-    for x, x_dot in ((rows.p, rows.v), (rows.x, rows.x_dot), (rows.r, rows.r_dot)):
+    for x, x_dot in ((rows.p, rows.v), (rows.x, rows.v_agent), (rows.r, rows.r_dot)):
         np.testing.assert_allclose(np.diff(x, axis=0) / dt, (x_dot[1:] + x_dot[:-1]) / 2, atol=1e-4)
     # the log has the acceleration at the beginning of a tick: first order in dt
     error = np.diff(rows.v, axis=0) / dt - rows.a_L[:-1, :3]
@@ -84,11 +84,11 @@ def test_every_attitude_stays_a_rotation(flight):
 def test_the_grasp_holds(flight):
     assert flight.records.Phi.max() <= 1e-10
     assert flight.records.Phi_dot.max() <= 1e-10
-    assert flight.records.singular.min() > 10 * np.asarray(plan("C1").termination_limits.min_delassus).max()
+    assert flight.records.min_delassus_singular_value.min() > 10 * np.asarray(plan("C1").termination_limits.min_delassus).max()
 
 
 def test_errors_are_those_of_the_truth_not_of_the_estimate(flight):
-    rows, start = flight.records, paper_flights.SETTINGS.start
+    rows, start = flight.records, paper_flights.SETTINGS.initial_state
     np.testing.assert_allclose(rows.e_p[0], start.position_error_m, atol=1e-3)
     assert np.linalg.norm(rows.e_p[0]) == pytest.approx(0.2, abs=0.01)
     assert rows.Psi[0] == pytest.approx(1 - np.cos(np.deg2rad(10)), rel=0.02)
@@ -212,7 +212,7 @@ def test_deviations_come_at_their_rate_and_are_the_prior_s_before_any_data(fligh
     np.testing.assert_allclose(np.diff(sigma.t), UNCERTAINTY_PERIOD, atol=1e-12)
     assert sigma.t[0] == 0
     given = paper_flights.SETTINGS.learning
-    stated = np.repeat([given.payload.force_N, given.payload.moment_Nm], 3)
+    stated = np.repeat([given.payload.force_std_N, given.payload.moment_std_Nm], 3)
     np.testing.assert_allclose(sigma.payload_std, np.tile(stated, (len(sigma.t), 1)))
     assert sigma.agent_std[0].shape == (len(sigma.t), 2, 9)
 
@@ -249,8 +249,8 @@ def watched(rows: signals.StepRecord) -> dict[str, np.ndarray]:
     """What the limits are about, `(time, bodies)`, written out another way; oriented so that more is worse."""
     turned = Rotation.from_matrix(np.asarray(plan("C1").controller.reference.R).T @ rows.R_L).magnitude()
     up = np.einsum("tjik,k->tji", rows.R, [0, 0, 1.0])
-    held = np.zeros(rows.saturated.shape)
-    for k, now in enumerate(rows.saturated):
+    held = np.zeros(rows.thrust_saturated.shape)
+    for k, now in enumerate(rows.thrust_saturated):
         held[k] = np.where(now, held[k - 1] + 0.002, 0.0)
     return {
         "distance": np.sqrt(((rows.p - rows.p_d) ** 2).sum(1, keepdims=True)),
@@ -291,7 +291,7 @@ def test_a_run_stops_at_the_tick_that_first_exceeds_a_limit_and_says_which(limit
 def test_a_run_whose_grasp_is_near_singular_stops_at_that_tick_and_names_the_agent():
     of = limited(exact(plan("C1")))
     free = fly(of, 0.5).records
-    least = free.singular
+    least = free.min_delassus_singular_value
     assert least[:, 1].min() < least[0].min()
     limit = (least[0].min() + least[:, 1].min()) / 2
     stopped = fly(limited(of, min_delassus=limit), 0.5)
@@ -306,9 +306,9 @@ def test_a_run_whose_grasp_is_near_singular_stops_at_that_tick_and_names_the_age
 
 
 def test_the_least_grip_is_a_share_of_the_start_s(flight):
-    share = paper_flights.SETTINGS.limits.grip
+    share = paper_flights.SETTINGS.termination.min_grasp_ratio
     np.testing.assert_allclose(
-        plan("C1").termination_limits.min_delassus, share * flight.records.singular[0], rtol=1e-12
+        plan("C1").termination_limits.min_delassus, share * flight.records.min_delassus_singular_value[0], rtol=1e-12
     )
 
 

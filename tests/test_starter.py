@@ -51,7 +51,7 @@ def test_vehicles_stand_apart_around_the_plate_on_their_contacts(agents: int, ar
             template.scenario_template("t", agents, arms)
         return
     settings = scenario.parse(template.scenario_template("t", agents, arms), "t.yaml")
-    places = np.array([np.mean(agent.contacts_m, axis=0) for agent in settings.agents])
+    places = np.array([np.mean(agent.contact_positions_m, axis=0) for agent in settings.agents])
     apart = np.linalg.norm(places[:, None] - places, axis=2) + 10 * np.eye(agents)
     assert apart.min() > (1.0 if arms == 2 else 0.49)
     values = grasp.singular_values(team.team(settings)[0], length=0.5)
@@ -112,7 +112,7 @@ def test_arms_that_are_straight_at_zero_are_bent_and_the_contacts_are_where_thei
     done = CliRunner().invoke(app, ["new", str(made), "--urdf", str(tmp_path / "two_arms.urdf"), "--agents", "2"])
     assert done.exit_code == 0, done.stderr
     settings = scenario.load_scenario(made)
-    assert [joint.rest_rad for joint in settings.agent_types["vehicle"].joints] == [0.0, 1.2, -1.2]
+    assert [joint.nominal_position_rad for joint in settings.agent_types["vehicle"].joints] == [0.0, 1.2, -1.2]
     truth, _ = team.team(settings)
     z = initial_states.equilibrium_state(settings, truth)
     np.testing.assert_allclose(np.asarray(z.agents[0].r)[0], [0.0, 1.2, -1.2], atol=1e-3)

@@ -56,8 +56,8 @@ def light_flight(case: str) -> flight.FlightResult:
     settings = light.settings(
         duration_s=4.0,
         learning=light.SAMPLE.learning.model_copy(update={"update_times_s": (1.0, 1.5), "end_s": 1.5}),
-        added=PayloadMassStep(mass_kg=0.3, start_s=2.2),
-        innovation=OnlineCorrection(renew_s=0.5, enough=40),
+        payload_mass_step=PayloadMassStep(mass_kg=0.3, start_s=2.2),
+        online_correction=OnlineCorrection(update_period_s=0.5, min_samples=40),
     )
     return flight.run_experiment(experiment.make_experiment(settings, case))
 
@@ -81,7 +81,7 @@ def test_labels_bring_a_team_back_whose_payload_has_become_heavier():
 
 def test_learning_goes_on_and_amends_what_has_become_wrong():
     c4 = light_flight("C4")
-    assert c4.records.r_L is not None
+    assert c4.records.innovation_L is not None
     assert [update.t for update in c4.updates] == pytest.approx([1.0, 1.5, 2.0, 2.5, 3.0, 3.5])
     assert all(update.t == update.activation_time for update in c4.updates)
     assert {id(update.fits["payload"]) for update in c4.updates[1:]} == {id(c4.updates[1].fits["payload"])}
@@ -95,17 +95,17 @@ def test_learning_goes_on_and_amends_what_has_become_wrong():
 @pytest.mark.long
 def test_a_map_with_a_correction_beside_it_learns_as_the_paper_s():
     assert [update.t for update in light_flight("H").updates] == pytest.approx([1.0, 1.5])
-    assert light_flight("H").records.r_L is not None
+    assert light_flight("H").records.innovation_L is not None
 
 
 @pytest.mark.long
 def test_what_labels_say_is_logged_and_carried_ahead():
     f = light_flight("F").records
-    np.testing.assert_allclose(f.fresh, 1.0)
+    np.testing.assert_allclose(f.correction_weight, 1.0)
     # what F predicts is what labels say, carried ahead along its rate
     ahead = float(experiment.make_experiment(light.settings(), "F").controller.predictor.lead_time)
-    rate = np.diff(f.r_L, axis=0) / float(f.t[1])
-    np.testing.assert_allclose(f.f_L_hat[1:], f.r_L[1:] + ahead * rate, atol=1e-9)
+    rate = np.diff(f.innovation_L, axis=0) / float(f.t[1])
+    np.testing.assert_allclose(f.f_L_hat[1:], f.innovation_L[1:] + ahead * rate, atol=1e-9)
 
 
 # Before the flights ---------------------------------------------------------------------------------------------------
@@ -127,16 +127,16 @@ def test_a_team_that_cannot_carry_its_weight_is_refused_before_it_flies():
 
 
 def test_the_study_s_flights_stay_far_from_every_limit():
-    limits = paper.SETTINGS.limits
+    limits = paper.SETTINGS.termination
     for case in ("C1", "C2", "C3"):
         rows = paper.flight(case).records
         assert not paper.flight(case).termination_reason
-        assert rows.r_L is None  # of labels these make nothing until an update
-        assert np.linalg.norm(rows.e_p, axis=1).max() < limits.distance_m / 4
-        assert rows.Psi.max() < (1 - np.cos(np.deg2rad(limits.attitude_deg))) / 4
-        assert rows.R[:, :, 2, 2].min() > np.cos(np.deg2rad(limits.tilt_deg / 2))
-        assert rows.singular.min() > 10 * limits.grip * rows.singular[0].max()
-        assert rows.saturated.sum(0).max() * 0.002 < limits.saturation_s / 4
+        assert rows.innovation_L is None  # of labels these make nothing until an update
+        assert np.linalg.norm(rows.e_p, axis=1).max() < limits.max_position_error_m / 4
+        assert rows.Psi.max() < (1 - np.cos(np.deg2rad(limits.max_attitude_error_deg))) / 4
+        assert rows.R[:, :, 2, 2].min() > np.cos(np.deg2rad(limits.max_tilt_deg / 2))
+        assert rows.min_delassus_singular_value.min() > 10 * limits.min_grasp_ratio * rows.min_delassus_singular_value[0].max()
+        assert rows.thrust_saturated.sum(0).max() * 0.002 < limits.max_saturation_time_s / 4
 
 
 # The paper's figures --------------------------------------------------------------------------------------------------
@@ -160,7 +160,7 @@ def test_figure_3_deviations_fall_where_there_is_learning_and_only_there(found: 
 
 def test_figure_5_radii_hold_the_true_errors_and_fall_where_there_is_learning(found: dict[str, dict]):
     stated, learning = paper.plan("C1").bound_assumptions, paper.SETTINGS.learning
-    before = stated.rkhs_norm * np.repeat([learning.payload.force_N, learning.payload.moment_Nm], 3)
+    before = stated.rkhs_norm * np.repeat([learning.payload.force_std_N, learning.payload.moment_std_Nm], 3)
     for case in ("C1", "C2", "C3"):
         bodies = [found[case]["bound"]["payload"], *found[case]["bound"]["agents"]]
         assert [body["exceeded_share"]["plain"] for body in bodies] == [0, 0, 0]

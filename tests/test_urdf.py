@@ -466,7 +466,7 @@ def test_a_scenario_chooses_what_becomes_of_joints_that_follow(written: Path) ->
     assert [joint.name for joint in kind.joints] == ["waist", "left"]
     hand = next(arm for arm in kind.arms if arm.name == "right")
     # held at -1.2 rad about x, where `left` rests at 1.2
-    np.testing.assert_allclose(hand.tip_m, [0, -0.08 - 0.3 * np.sin(1.2), -0.3 * np.cos(1.2)], atol=1e-12)
+    np.testing.assert_allclose(hand.tip_position_m, [0, -0.08 - 0.3 * np.sin(1.2), -0.3 * np.cos(1.2)], atol=1e-12)
     assert hand.joint == "waist"
 
 

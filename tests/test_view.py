@@ -242,18 +242,18 @@ def test_figure_7_draws_what_labels_say_where_they_stop_and_when_the_world_chang
     rng, ds = np.random.default_rng(4), cases["C3"]
     told = {"update_times_s": [2.5, 4.5], "update_points_payload": [20, 30], "update_points_agents": [44, 60]}
     heard = ds.assign(
-        r_L=(("time", "wrench"), rng.normal(size=(ds.sizes["time"], 6))),
-        r_x=(ds.f_x.dims, rng.normal(size=ds.f_x.shape)),
-        trust_L=(("time", "wrench"), rng.uniform(size=(ds.sizes["time"], 6))),
-        fresh=("time", np.where((ds.time > 5) & (ds.time < 7), 0.0, 1.0)),
+        innovation_L=(("time", "wrench"), rng.normal(size=(ds.sizes["time"], 6))),
+        innovation_x=(ds.f_x.dims, rng.normal(size=ds.f_x.shape)),
+        model_gain_L=(("time", "wrench"), rng.uniform(size=(ds.sizes["time"], 6))),
+        correction_weight=("time", np.where((ds.time > 5) & (ds.time < 7), 0.0, 1.0)),
     ).assign_attrs(**told, world_changed="2.5 s: payload; 4.5 s: payload, front", fitted_anew="6.5 s: rear")
     figure = study_figures.plot_online_correction({"C3": heard}, TOLD)
     error, payload, agents, used, points = figure.axes
-    np.testing.assert_allclose(used.lines[0].get_ydata(), np.mean(heard.trust_L, axis=1), rtol=1e-14)
-    np.testing.assert_array_equal(used.lines[1].get_ydata(), heard.fresh)
-    np.testing.assert_allclose(payload.lines[0].get_ydata(), np.linalg.norm(heard.r_L[:, :3], axis=1), rtol=1e-14)
+    np.testing.assert_allclose(used.lines[0].get_ydata(), np.mean(heard.model_gain_L, axis=1), rtol=1e-14)
+    np.testing.assert_array_equal(used.lines[1].get_ydata(), heard.correction_weight)
+    np.testing.assert_allclose(payload.lines[0].get_ydata(), np.linalg.norm(heard.innovation_L[:, :3], axis=1), rtol=1e-14)
     for line, name in zip(agents.lines, heard.agent.values, strict=False):
-        np.testing.assert_allclose(line.get_ydata(), np.linalg.norm(heard.r_x.sel(agent=name), axis=1), rtol=1e-14)
+        np.testing.assert_allclose(line.get_ydata(), np.linalg.norm(heard.innovation_x.sel(agent=name), axis=1), rtol=1e-14)
     for ax in figure.axes:
         assert [
             line.get_xdata()[0] for line in ax.lines if line.get_color() == study_figures.CHANGE_POINT_STYLE["color"]
@@ -279,7 +279,7 @@ def test_figure_7_draws_what_labels_say_where_they_stop_and_when_the_world_chang
         "the world has changed",
         "a misfit is fitted anew",
     } <= explained
-    calm = heard.assign(fresh=heard.fresh * 0 + 1)
+    calm = heard.assign(correction_weight=heard.correction_weight * 0 + 1)
     calm.attrs |= {
         "world_changed": "",
         "fitted_anew": "",

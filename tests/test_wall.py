@@ -162,4 +162,4 @@ def test_no_case_of_the_paper_has_a_sensor_that_knows_the_truth():
         m = plan(case).world.measure_at_rest(plan(case).initial_state)
         assert m.rig is None
         assert m.extra == {}
-        assert type(plan(case).controller.predictor) is residual_predictors.LearnedResidual
+        assert type(plan(case).controller.residual_predictor) is residual_predictors.LearnedResidual

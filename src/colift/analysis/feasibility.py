@@ -57,7 +57,7 @@ def assess_feasibility(settings: Scenario, ready: Mapping[str, flight.Experiment
     names, truth = team.agent_names(settings), first.world.team
     hover = termination.true_hover_thrust(settings, truth, first.controller, first.world.disturbances)
     have = np.concatenate([group.thrust_max for group in truth.agent_groups])
-    margin = settings.limits.thrust_margin
+    margin = settings.termination.hover_thrust_margin
     for name, need, most in zip(names, hover, have, strict=True):
         if most - need < margin * most:
             warnings.append(

@@ -110,7 +110,7 @@ def _at_rest(settings: Scenario) -> LoopDesign:
 
 def tunable_gains(settings: Scenario) -> tuple[str, ...]:
     """The gains that there are to choose: the posture's only where an agent has joints beyond need."""
-    beyond = preflight.is_redundant(settings) and settings.control.posture > 0
+    beyond = preflight.is_redundant(settings) and settings.control.posture_bandwidth > 0
     return GAINS if beyond else GAINS[:-1]
 
 
@@ -232,7 +232,7 @@ def simulate_cost(of: LoopDesign) -> FlightCost | str:
     flight = run_experiment(of.experiment)
     if flight.termination_reason:
         return "lost"
-    return "saturated" if flight.records.saturated.any() else FlightCost(of, _error(flight, of.experiment))
+    return "saturated" if flight.records.thrust_saturated.any() else FlightCost(of, _error(flight, of.experiment))
 
 
 def _error(flight: FlightResult, experiment: Experiment) -> float:
@@ -324,13 +324,13 @@ def search_bounds(of: LoopDesign) -> tuple[np.ndarray, np.ndarray]:
 
 def _most_stiffness(of: LoopDesign) -> float:
     """How much higher, as a logarithm, the position's frequency may be: the start's error asks for thrust."""
-    error = float(np.linalg.norm(of.settings.start.position_error_m))
+    error = float(np.linalg.norm(of.settings.initial_state.position_error_m))
     experiment = of.experiment
     hover = termination.true_hover_thrust(
         of.settings, experiment.world.team, experiment.controller, experiment.world.disturbances
     )
     have = np.concatenate([group.thrust_max for group in experiment.world.team.agent_groups])
-    left = float(((1 - of.settings.limits.thrust_margin) * have / hover).min()) - 1
+    left = float(((1 - of.settings.termination.hover_thrust_margin) * have / hover).min()) - 1
     requested = max(of.settings.control.K_p) * error / max(float(np.linalg.norm(of.settings.gravity_mps2)), 1e-9)
     return math.log(max(left / requested, 1.0)) / 2 if requested > 0 else MAX_GAIN_RATIO
 

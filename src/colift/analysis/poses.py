@@ -14,13 +14,15 @@ from colift.math import so3
 from colift.math.linalg import transpose
 from colift.models.parameters import AerialManipulator, Team
 from colift.scenario import Scenario, ScenarioError
+from colift.scenario.migration import migrate_data
 
 
 def scenario_of_log(ds: xr.Dataset) -> Scenario:
     """The scenario that a log holds; raises ValueError where it holds none that this version reads."""
     try:
         told = json.loads(ds.attrs["scenario_json"])
-        told.pop("parts", None)  # code beside the scenario, of which nothing is drawn
+        told = migrate_data(told)
+        told.pop("plugins", None)  # code beside the scenario, of which nothing is drawn
         return Scenario.model_validate_json(json.dumps(told))
     except KeyError:
         raise ValueError(

@@ -145,7 +145,7 @@ def is_redundant(settings: Scenario) -> bool:
 
 def _posture(settings: Scenario, found: stability.Modes, progress: Callable[[str], None]) -> Iterator[Finding]:
     """How fast joints beyond need return; bad below half of what is stated."""
-    stated = settings.control.posture
+    stated = settings.control.posture_bandwidth
     if not is_redundant(settings) or (slow := _returns(found)) is None:
         return
     rate, joint = slow[0], team.joint_names(settings)[slow[1]]
@@ -198,13 +198,13 @@ def _apart(settings: Scenario) -> Iterator[Change]:
     for factor in (1.5, 2.0, 3.0, 4.0, 0.6):
         agents = []
         for agent in settings.agents:
-            c = np.array(agent.contacts_m)
+            c = np.array(agent.contact_positions_m)
             moved = c.mean(0) + factor * (c - c.mean(0))
             agents.append(agent.model_copy(update={"contacts_m": tuple(map(tuple, moved.round(4).tolist()))}))
         typed = " ".join(
-            f"--set 'agents.{agent.name}.contacts_m={[list(c) for c in agent.contacts_m]}'"
+            f"--set 'agents.{agent.name}.contacts_m={[list(c) for c in agent.contact_positions_m]}'"
             for agent in agents
-            if len(agent.contacts_m) > 1
+            if len(agent.contact_positions_m) > 1
         )
         yield typed, settings.model_copy(update={"agents": tuple(agents)})
 
@@ -289,7 +289,7 @@ def _conditions(settings: Scenario, truth: Team, state: State) -> dict[str, floa
 
 def _thrust(settings: Scenario, experiment: flight.Experiment, state: State) -> Finding:
     """What hovering and the reference take of every agent's thrust; bad where `limits.thrust_margin` is not left."""
-    names, margin = team.agent_names(settings), settings.limits.thrust_margin
+    names, margin = team.agent_names(settings), settings.termination.hover_thrust_margin
     have = np.concatenate([group.thrust_max for group in experiment.world.team.agent_groups])
     t = np.linspace(0.0, experiment.duration, SAMPLE_TIMES)
     hover = termination.true_hover_thrust(
@@ -490,7 +490,7 @@ def _quicker(settings: Scenario, context: float, joint: str, progress: Callable[
     gains, rests = _gains(settings, GAINS[-2:]), _rests(settings, joint.rpartition("/")[2])
     for typed, changed in [*_postures(settings, context), *gains, *rests]:
         progress(f"its loop with {typed}")
-        stated = changed.control.posture
+        stated = changed.control.posture_bandwidth
         with contextlib.suppress(ValueError):  # no such team, or no rest
             found = _at_rest(changed)
             rate = slow[0] if (slow := _returns(found)) else stated
@@ -503,7 +503,7 @@ def _quicker(settings: Scenario, context: float, joint: str, progress: Callable[
 
 def _postures(settings: Scenario, context: float) -> Iterator[Change]:
     """What is stated, lowered to half and to what is had, or stated where it is not."""
-    stated = settings.control.posture
+    stated = settings.control.posture_bandwidth
     for value in dict.fromkeys(float(f"{x:.2g}") for x in ((stated / 2, context) if stated else (1.0, 3.0))):
         if value > 0:
             yield _controlled(settings, "posture", value)
@@ -550,7 +550,7 @@ def _rests(settings: Scenario, name: str | None = None) -> Iterator[Change]:
             if joint.type != "revolute" or name not in (None, joint.name):
                 continue
             for step in (-0.2, 0.2):
-                value = round(joint.rest_rad + step, 3)
+                value = round(joint.nominal_position_rad + step, 3)
                 turned = joint.model_copy(update={"rest_rad": value})
                 other = given.model_copy(update={"joints": (*given.joints[:k], turned, *given.joints[k + 1 :])})
                 types = settings.agent_types | {kind: other}
@@ -565,12 +565,12 @@ def _heights(settings: Scenario) -> Iterator[Change]:
     """All contacts 5 cm lower and higher: where agents turn about points above or below their centres of mass."""
     for step in (-0.05, 0.05):
         agents = tuple(
-            agent.model_copy(update={"contacts_m": tuple((x, y, round(h + step, 4)) for x, y, h in agent.contacts_m)})
+            agent.model_copy(update={"contacts_m": tuple((x, y, round(h + step, 4)) for x, y, h in agent.contact_positions_m)})
             for agent in settings.agents
         )
         typed = " ".join(
             f"--set agents.{agent.name}.contacts_m.{b}.2={c[2]}"
             for agent in agents
-            for b, c in enumerate(agent.contacts_m)
+            for b, c in enumerate(agent.contact_positions_m)
         )
         yield typed, settings.model_copy(update={"agents": agents})

@@ -49,7 +49,7 @@ def radius_assumptions(experiment: flight.Experiment) -> tuple[str, ...]:
     rivals (an observer, identified parameters, a residual that is told) no posterior mean at all.
     """
     rival = experiment.identification is not None or not isinstance(
-        experiment.controller.predictor, residual_predictors.LearnedResidual
+        experiment.controller.residual_predictor, residual_predictors.LearnedResidual
     )
     return (
         *experiment.bound_assumptions.assumed,

@@ -147,7 +147,7 @@ def _settings(
             settings = scenario.load_scenario(name, [*requested, *early])
         except scenario.ScenarioError as still:
             raise scenario.ScenarioError(_as_given(str(still), duration)) from None
-    if engine is not None and settings.plant.kind != engine:
+    if engine is not None and settings.physics.kind != engine:
         settings = settings.model_copy(update={"plant": {"kind": engine.value}})
     return settings
 

@@ -224,9 +224,9 @@ def _why(experiment: Experiment, rows: StepRecord, loop: LoopState) -> str:
                 return f"signal {signal} is not finite at t = {t:.3f} s"
         return f"the state is not finite after t = {t:.3f} s"
     if cause == termination.TerminationCause.SINGULAR_GRASP:
-        weak = int(np.argmin(rows.singular[-1] / np.asarray(allowed.min_delassus)))
+        weak = int(np.argmin(rows.min_delassus_singular_value[-1] / np.asarray(allowed.min_delassus)))
         value, arms = (
-            rows.singular[-1, weak],
+            rows.min_delassus_singular_value[-1, weak],
             grasp.describe_redundant_arms(_admittance(experiment.world.team, np.asarray(rows.r)[-1], weak)),
         )
         return (

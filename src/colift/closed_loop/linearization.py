@@ -121,7 +121,7 @@ def _jacobians(onboard_controller: controller.LeaderFollowerController, state: S
     zero, unravel = ravel_pytree(contact_dynamics.zero_tangent(state))
     f, none, t = flatten(zero_residual(team)), jnp.zeros(6), jnp.zeros(())
     d = onboard_controller.reference.evaluate(t)
-    memories = onboard_controller.payload_controller.init(), onboard_controller.predictor.init(team)
+    memories = onboard_controller.payload_controller.init(), onboard_controller.residual_predictor.init(team)
 
     def loop(y: jax.Array) -> jax.Array:
         shift, a, f = jnp.split(y, [len(zero), len(zero) + 6])

@@ -250,11 +250,11 @@ def predictive_std(rows: StepRecord, sigma: PredictionUncertainty) -> tuple[np.n
             (sigma.payload_label_bias, sigma.agent_label_bias),
         )
     )
-    u, d = (rows.late_L, rows.late_x), (rows.left_L, rows.left_x)
-    if rows.comes is None or u[0] is None or u[1] is None or d[0] is None or d[1] is None:
+    u, d = (rows.delay_error_L, rows.delay_error_x), (rows.correction_error_L, rows.correction_error_x)
+    if rows.labels_available is None or u[0] is None or u[1] is None or d[0] is None or d[1] is None:
         return np.hypot(s[0], b[0]), np.hypot(s[1], b[1])
     at = uncertainty_indices(rows, sigma)
-    come = rows.comes[at][:, None] > 0
+    come = rows.labels_available[at][:, None] > 0
     payload = np.hypot(np.where(come, u[0][at], np.hypot(s[0], d[0][at])), b[0])
     return payload, np.hypot(np.where(come[:, None], u[1][at], np.hypot(s[1], d[1][at])), b[1])
 

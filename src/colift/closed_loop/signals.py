@@ -39,13 +39,13 @@ class StepRecord:
     R: Float[Array, "*time agents 3 3"]
     x: Float[Array, "*time agents 3"]
     omega: Float[Array, "*time agents 3"]
-    x_dot: Float[Array, "*time agents 3"]
+    v_agent: Float[Array, "*time agents 3"]
     r: Float[Array, "*time joints"]
     r_dot: Float[Array, "*time joints"]
     u: Float[Array, "*time agents"]
     tau: Float[Array, "*time agents 3"]
     tau_r: Float[Array, "*time joints"]
-    saturated: Bool[Array, "*time agents"]
+    thrust_saturated: Bool[Array, "*time agents"]
     lam: Float[Array, "*time contacts 3"]
     lam_cmd: Float[Array, "*time contacts 3"]
     lam_hat: Float[Array, "*time contacts 3"]
@@ -63,18 +63,18 @@ class StepRecord:
     f_r_hat: Float[Array, "*time joints"]
     Phi: Float[Array, "*time"]
     Phi_dot: Float[Array, "*time"]
-    singular: Float[Array, "*time agents"]
+    min_delassus_singular_value: Float[Array, "*time agents"]
     # of pilots that listen to labels
-    r_L: Float[Array, "*time 6"] | None = None
-    r_x: Float[Array, "*time agents 3"] | None = None
-    trust_L: Float[Array, "*time 6"] | None = None
-    trust_x: Float[Array, "*time agents 3"] | None = None
-    late_L: Float[Array, "*time 6"] | None = None
-    late_x: Float[Array, "*time agents 3"] | None = None
-    left_L: Float[Array, "*time 6"] | None = None
-    left_x: Float[Array, "*time agents 3"] | None = None
-    fresh: Float[Array, "*time"] | None = None
-    comes: Float[Array, "*time"] | None = None
+    innovation_L: Float[Array, "*time 6"] | None = None
+    innovation_x: Float[Array, "*time agents 3"] | None = None
+    model_gain_L: Float[Array, "*time 6"] | None = None
+    model_gain_x: Float[Array, "*time agents 3"] | None = None
+    delay_error_L: Float[Array, "*time 6"] | None = None
+    delay_error_x: Float[Array, "*time agents 3"] | None = None
+    correction_error_L: Float[Array, "*time 6"] | None = None
+    correction_error_x: Float[Array, "*time agents 3"] | None = None
+    correction_weight: Float[Array, "*time"] | None = None
+    labels_available: Float[Array, "*time"] | None = None
 
 
 def true_residual(
@@ -136,13 +136,13 @@ def _row(team: Team, nominal: Team, t: Scalar, truth: GroundTruth, decided: inte
         R=agents(s.R for s in z.agents),
         x=agents(s.x for s in z.agents),
         omega=agents(s.omega for s in z.agents),
-        x_dot=agents(s.v for s in z.agents),
+        v_agent=agents(s.v for s in z.agents),
         r=joints(s.r for s in z.agents),
         r_dot=joints(s.r_dot for s in z.agents),
         u=agents(u.u for u in inputs),
         tau=agents(u.tau for u in inputs),
         tau_r=joints(u.tau_r for u in inputs),
-        saturated=agents(decided.saturated),
+        thrust_saturated=agents(decided.saturated),
         lam=force,
         lam_cmd=decided.lam_cmd,
         lam_hat=grasp.stack_contacts(decided.estimate.lam),
@@ -160,7 +160,7 @@ def _row(team: Team, nominal: Team, t: Scalar, truth: GroundTruth, decided: inte
         f_r_hat=joints(x.f_r for x in f_hat.agents),
         Phi=jnp.abs(grasp.constraint_residual(team, z)).max(),
         Phi_dot=jnp.abs(grasp.constraint_rate(team, z)).max(),
-        singular=contact_dynamics.grip(team, z),
+        min_delassus_singular_value=contact_dynamics.grip(team, z),
         **({} if (innovation := decided.innovation) is None else _news(innovation)),
     )
 
@@ -186,7 +186,7 @@ def model_inputs(team: Team, rows: StepRecord) -> tuple[np.ndarray, tuple[np.nda
     for size, group in zip(team.sizes, team.agent_groups, strict=True):
         one, many = slice(first, first + size), slice(joint, joint + size * group.tree.joints)
         r, r_dot = (a[:, many].reshape(time, size, -1) for a in (rows.r, rows.r_dot))
-        R, x, omega, v = (a[:, one] for a in (rows.R, rows.x, rows.omega, rows.x_dot))
+        R, x, omega, v = (a[:, one] for a in (rows.R, rows.x, rows.omega, rows.v_agent))
         agents.append(np.concatenate([R.reshape(time, size, 9), x, r, omega, v, r_dot], axis=2))
         first, joint = one.stop, many.stop
     payload = np.concatenate([rows.p, rows.v, rows.R_L.reshape(time, 9), rows.omega_L], axis=1)

@@ -91,7 +91,7 @@ def _watched(
     """What may end the flight: the row of one tick, and for how long each thrust has been at its limit, s."""
     return termination.MonitoredValues(
         finite=finite,
-        delassus=row.singular,
+        delassus=row.min_delassus_singular_value,
         distance=jnp.sqrt((row.e_p * row.e_p).sum()),
         heights=jnp.concatenate([row.p[2:], row.x[:, 2]]),
         attitude=jnp.arccos(jnp.clip(1 - row.Psi, -1.0, 1.0)),

@@ -101,7 +101,7 @@ class LeaderFollowerController:
     estimator: Estimator
     recorder: DataRecorder
     residual_model: residual_model.ResidualModel
-    predictor: ResidualPredictor
+    residual_predictor: ResidualPredictor
     payload_controller: PayloadController
     allocator: Allocator
     agent_controller: AgentController
@@ -118,7 +118,7 @@ class LeaderFollowerController:
         state = ControllerState(
             estimator=self.estimator.init(self.team, first),
             recorder=self.recorder.init(self.team, self.residual_model),
-            predictor=self.predictor.init(self.team),
+            predictor=self.residual_predictor.init(self.team),
             leader=self.payload_controller.init(),
             last_command=none,
             actuator=self.actuator_compensator.init(none),
@@ -164,7 +164,7 @@ class LeaderFollowerController:
                 innovation_state, self.team, self.residual_model, q_hat, clock
             )
             context = dataclasses.replace(context, innovation=innovation)
-        predictor = self.predictor.update(state.predictor, self.residual_model, context)
+        predictor = self.residual_predictor.update(state.predictor, self.residual_model, context)
         requested, leader, decided = self.control_law(state.leader, predictor, context)
         command, drive = self.actuator_compensator.command(self.team, state.actuator, requested, clock.dt)
         state = ControllerState(
@@ -202,7 +202,7 @@ class LeaderFollowerController:
 
     def _asked(self, leader: Any, predictor: Any, context: ControlContext) -> tuple[ControlDemand, Any]:
         to, leader = self.payload_controller.compute(leader, context)
-        f_hat = self.predictor.predict(predictor, self.residual_model, context, to)
+        f_hat = self.residual_predictor.predict(predictor, self.residual_model, context, to)
         load = self.team.payload
         W = tracking.desired_wrench(load, self.team.gravity, context.estimate.payload, to, f_hat.payload)
         forces = self.allocator.allocate(context, W, Wrench(F=load.mass * to.jerk, tau=jnp.zeros(3)))

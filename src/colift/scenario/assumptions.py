@@ -20,23 +20,23 @@ def bound_assumptions(
     `rig` is the calibration rig's largest error. Raises ScenarioError for a label error that is not positive.
     """
     given, learning = settings.certificate, settings.learning
-    payload = _label_errors(given.payload, learning.payload, 0)
+    payload = _label_errors(given.payload_label_error, learning.payload, 0)
     agents = [
-        np.tile(_label_errors(given.agents, learning.agents, group.tree.joints), (size, 1))
+        np.tile(_label_errors(given.agent_label_error, learning.agents, group.tree.joints), (size, 1))
         for size, group in zip(nominal.sizes, nominal.agent_groups, strict=True)
     ]
     within = False
-    if learning.samples == "rig":
+    if learning.label_source == "rig":
         of_payload = np.concatenate([rig.payload.F, rig.payload.tau])
         of_agents = [np.concatenate([e.f_x, e.f_w, e.f_r], axis=1) for e in rig.agents]
-        payload = of_payload if given.payload is None else payload
-        agents = of_agents if given.agents is None else agents
+        payload = of_payload if given.payload_label_error is None else payload
+        agents = of_agents if given.agent_label_error is None else agents
         within = all((a >= b).all() for a, b in zip([payload, *agents], [of_payload, *of_agents], strict=True))
     try:
         return confidence_bounds.BoundAssumptions(
-            bound=given.bound,
+            bound=given.error_bound,
             confidence=given.confidence,
-            rkhs_norm=given.norm,
+            rkhs_norm=given.rkhs_norm,
             payload=payload,
             agents=tuple(agents),
             satisfied=_met(settings, within),
@@ -53,10 +53,10 @@ def label_bias_model(settings: schema.Scenario) -> prediction_uncertainty.LabelB
         "payload.a": prediction_uncertainty.BiasModel(),
         "agents.a": prediction_uncertainty.BiasModel(),
     }
-    for each in settings.sensors.then:
+    for each in settings.sensors.models:
         if isinstance(each, schema.BiasRandomWalk):
             for name in found.keys() & set(each.channels):
-                found[name] += prediction_uncertainty.BiasModel(initial_std=each.start, random_walk_density=each.rate)
+                found[name] += prediction_uncertainty.BiasModel(initial_std=each.initial_bias_std, random_walk_density=each.random_walk_density)
     return prediction_uncertainty.LabelBiasModel(
         tips=found["agents.lam"], payload=found["payload.a"], agents=found["agents.a"]
     )
@@ -68,8 +68,8 @@ def _met(settings: schema.Scenario, within: bool) -> frozenset[BoundAssumption]:
     within: whether no label errs by more than is stated, which only a calibration rig can promise.
     """
     given, learning = settings.certificate, settings.learning
-    rig, fixed = learning.samples == "rig", learning.hyperparameters == "stated"
-    drawn = settings.drawn is not None and settings.drawn.norm <= given.norm
+    rig, fixed = learning.label_source == "rig", learning.hyperparameters == "stated"
+    drawn = settings.random_residual is not None and settings.random_residual.rkhs_norm <= given.rkhs_norm
     alone = not settings.disturbances and settings.nominal == schema.NominalModel()
     holds = {
         BoundAssumption.RKHS_NORM: drawn
@@ -88,9 +88,9 @@ def _met(settings: schema.Scenario, within: bool) -> frozenset[BoundAssumption]:
 
 def _label_errors(given: schema.LabelError | None, prior: schema.GPPrior, joints: int) -> np.ndarray:
     """`(6 + joints,)` as stated, or three of the prior's deviations of label noise."""
-    source = [3 * prior.force_noise_N, 3 * prior.moment_noise_Nm] if given is None else [given.force_N, given.moment_Nm]
+    source = [3 * prior.force_noise_std_N, 3 * prior.moment_noise_std_Nm] if given is None else [given.force_error_N, given.moment_error_Nm]
     if isinstance(given, schema.AgentLabelError):
-        source.append(given.joint_Nm)
+        source.append(given.joint_torque_error_Nm)
     elif isinstance(prior, schema.AgentGPPrior):
-        source.append(3 * prior.joint_noise_Nm)
+        source.append(3 * prior.joint_torque_noise_std_Nm)
     return np.repeat(source, [3, 3, joints][: len(source)])

@@ -46,7 +46,7 @@ def gains(settings: schema.Scenario) -> tracking.Gains:
         k_omega=array(given.k_omega),
         agent_k_R=array(given.agent_k_R),
         agent_k_omega=array(given.agent_k_omega),
-        posture_bandwidth=array(given.posture),
+        posture_bandwidth=array(given.posture_bandwidth),
     )
 
 
@@ -61,7 +61,7 @@ def allocation(settings: schema.Scenario, nominal: Team) -> tuple[AllocationMap,
     index = {name: i for i, name in enumerate(team_module.contact_names(settings))}
     try:
         if isinstance(given, schema.LeaderFollowerAllocation):
-            offset = None if given.lam_f0_N is None else np.array(given.lam_f0_N)
+            offset = None if given.follower_offset_N is None else np.array(given.follower_offset_N)
             experiment = leader_follower_allocation(c, [index[name] for name in given.leader_contacts], offset)
         else:
             experiment = least_squares_allocation(c)
@@ -77,8 +77,8 @@ def _internal(
     if given is None:
         eta, times = np.zeros(plan.nullspace.shape[1]), (0.0, 0.0, 1.0)
     else:
-        pairs = [(index[a], index[b], newton) for a, b, newton in given.pairs]
-        eta, times = internal_force_coordinates(plan, squeeze(c, pairs)), (given.start_s, given.end_s, given.ramp_s)
+        pairs = [(index[a], index[b], newton) for a, b, newton in given.squeeze_pairs]
+        eta, times = internal_force_coordinates(plan, squeeze(c, pairs)), (given.start_s, given.end_s, given.ramp_time_s)
     start, end, ramp = (array(t) for t in times)
     return allocators.InternalForceSchedule(eta=jnp.asarray(eta), start=start, end=end, ramp=ramp)
 
@@ -90,8 +90,8 @@ def make_controller(settings: schema.Scenario, nominal: Team) -> controller.Lead
     """
     experiment, internal = allocation(settings, nominal)
     learning, gain = settings.learning, gains(settings)
-    recorder = RigRecorder if learning.samples == "rig" else DataRecorder
-    ahead = settings.control.look_ahead_s
+    recorder = RigRecorder if learning.label_source == "rig" else DataRecorder
+    ahead = settings.control.preview_step_s
     agent_controller = (
         agent_controllers.ThrustVectoringController
         if ahead is None
@@ -102,7 +102,7 @@ def make_controller(settings: schema.Scenario, nominal: Team) -> controller.Lead
         reference=trajectories.make_reference(settings),
         estimator=state_estimator.ComplementaryFilter(
             filters=_filters(settings),
-            max_reading_age=array(settings.innovation.patience_s),
+            max_reading_age=array(settings.online_correction.max_label_age_s),
         ),
         recorder=recorder(
             sample_period=array(1 / learning.sample_Hz),
@@ -112,7 +112,7 @@ def make_controller(settings: schema.Scenario, nominal: Team) -> controller.Lead
             agents=jnp.array(False),
         ),
         residual_model=priors.prior_model(settings, nominal),
-        predictor=residual_predictors.LearnedResidual(),
+        residual_predictor=residual_predictors.LearnedResidual(),
         payload_controller=payload_controllers.GeometricTracking(gains=gain),
         allocator=allocators.LinearAllocator(allocation=experiment, internal=internal),
         agent_controller=agent_controller(
@@ -124,7 +124,7 @@ def make_controller(settings: schema.Scenario, nominal: Team) -> controller.Lead
     theirs = {
         name: build_plugin(part, f"parts.{name}", kind, ours)
         for name, kind in CONTROLLER_PARTS.items()
-        if (part := getattr(settings.parts, name)) is not None
+        if (part := getattr(settings.plugins, name)) is not None
     }
     return dataclasses.replace(ours, **theirs)
 
@@ -142,7 +142,7 @@ def with_preview(
         field.name: getattr(flying.agent_controller, field.name)
         for field in dataclasses.fields(flying.agent_controller)
     }
-    step = array(settings.innovation.look_ahead_s)
+    step = array(settings.online_correction.preview_step_s)
     return dataclasses.replace(
         flying, agent_controller=agent_controllers.PreviewThrustVectoringController(**mine), preview_step=step
     )
@@ -156,22 +156,22 @@ def with_innovation_filter(
     A held correction stays when labels stop, is carried ahead by `lead_s`, and trusts what is learned; any other fades,
     is carried ahead by the labels' whole delay, as far as such rates came true, and doubts.
     """
-    given, filters = settings.innovation, _filters(settings)
+    given, filters = settings.online_correction, _filters(settings)
     innovation_filter = residual_correction.InnovationFilter(
         filters=filters,
-        hold_time=array(given.hold_s),
-        decay_time=array(np.inf if held else given.fade_s),
-        averaging_time=array(given.span_s),
-        variance_ratio=array(0.0 if held else given.doubt),
+        hold_time=array(given.hold_time_s),
+        decay_time=array(np.inf if held else given.decay_time_s),
+        averaging_time=array(given.averaging_time_s),
+        variance_ratio=array(0.0 if held else given.variance_ratio),
         coherence=array(0.0 if held else given.coherence),
     )
-    lead = array(given.lead_s) if held else filters.label_delay()
+    lead = array(given.lead_time_s) if held else filters.label_delay()
     heeded = tuple(
         array([label_feedback.rate_attenuation(gain) for gain in group])
         for group in label_loop_gains(settings, flying.team)
     )
-    predictor = residual_predictors.InnovationCorrection(base=flying.predictor, compute=lead, rate_attenuation=heeded)
-    return dataclasses.replace(flying, innovation_filter=innovation_filter, predictor=predictor)
+    predictor = residual_predictors.InnovationCorrection(base=flying.residual_predictor, compute=lead, rate_attenuation=heeded)
+    return dataclasses.replace(flying, innovation_filter=innovation_filter, residual_predictor=predictor)
 
 
 def label_loop_gains(settings: schema.Scenario, team: Team) -> tuple[tuple[float, ...], ...]:
@@ -191,10 +191,10 @@ def label_loop_gains(settings: schema.Scenario, team: Team) -> tuple[tuple[float
 
 def _filters(settings: schema.Scenario) -> state_estimator.FilterBandwidths:
     return state_estimator.FilterBandwidths(
-        complementary=array(settings.control.fusion_Hz),
-        imu_bias=array(settings.control.bias_Hz),
+        complementary=array(settings.control.complementary_filter_Hz),
+        imu_bias=array(settings.control.imu_bias_filter_Hz),
         joint=array(settings.control.joint_filter_Hz),
-        label=array(settings.learning.filter_Hz),
+        label=array(settings.learning.label_filter_Hz),
         tip_force=array(settings.sensors.tip_force_bandwidth_Hz),
     )
 
@@ -204,7 +204,7 @@ def _drive(settings: schema.Scenario) -> interfaces.ActuatorCompensator:
     if nominal is None:
         return actuator_compensation.NoCompensation()
     return actuator_compensation.LagInversion(
-        lag=actuator_lag(nominal, settings), bandwidth_ratio=array(settings.control.haste)
+        lag=actuator_lag(nominal, settings), bandwidth_ratio=array(settings.control.actuator_bandwidth_ratio)
     )
 
 

@@ -32,7 +32,7 @@ def make_disturbances(settings: schema.Scenario) -> DisturbanceSet:
     laws = _laws(settings)
     return DisturbanceSet(
         payload=tuple(
-            PayloadDisturbance(name=source.name, model=_law(source), point=array(source.point_m))
+            PayloadDisturbance(name=source.name, model=_law(source), point=array(source.attachment_point_m))
             for source in laws
             if source.acts_on == "payload"
         ),
@@ -54,7 +54,7 @@ def _mounts(settings: schema.Scenario, source: schema.Law, group: list[schema.Ag
             carriers.setdefault(body, [0.0] * len(group))[k] = 1.0
     law = jax.tree.map(lambda x: jnp.asarray(np.broadcast_to(x, (len(group), *x.shape))), _law(source))
     for body, active in carriers.items():
-        point = array([source.point_m] * len(group))
+        point = array([source.attachment_point_m] * len(group))
         yield AgentDisturbance(body=body, name=source.name, model=law, point=point, active=array(active))
 
 
@@ -65,7 +65,7 @@ def _friction(settings: schema.Scenario, group: list[schema.Agent]) -> JointFric
     for k, agent in enumerate(group):
         for source in rubbing:
             if source.acts_on in ("agents", agent.name):
-                table[k] = source.viscous_Nms, source.coulomb_Nm, source.speed_radps
+                table[k] = source.viscous_Nms, source.coulomb_Nm, source.smoothing_speed_radps
     viscous, coulomb, speed = (jnp.asarray(np.tile(column[:, None], (1, joints))) for column in table.T)
     return JointFriction(viscous=viscous, coulomb=coulomb, speed=speed)
 
@@ -76,22 +76,22 @@ def _law(source: schema.Law) -> DisturbanceModel:
 
 def _wind(source: schema.Wind) -> Wind | TimeVaryingWind:
     wind = Wind(
-        linear=array(source.linear_Nspm),
-        quadratic=array(source.quadratic_Ns2pm2),
-        mean=array(source.mean_mps),
+        linear=array(source.linear_drag_Nspm),
+        quadratic=array(source.quadratic_drag_Ns2pm2),
+        mean=array(source.mean_wind_mps),
         gust=rows(gust.amplitude_mps for gust in source.gusts),
-        wave=rows(gust.wave_radpm for gust in source.gusts),
+        wave=rows(gust.wave_vector_radpm for gust in source.gusts),
         phase=jnp.deg2rad(array([gust.phase_deg for gust in source.gusts])),
     )
-    if source.turn is None and all(gust.period_s is None for gust in source.gusts):
+    if source.direction_change is None and all(gust.period_s is None for gust in source.gusts):
         return wind
-    turn = schema.WindTurn(angle_deg=0.0, start_s=0.0) if source.turn is None else source.turn
+    turn = schema.WindTurn(change_deg=0.0, start_s=0.0) if source.direction_change is None else source.direction_change
     return TimeVaryingWind(
         base_wind=wind,
         phase_rate=array([0.0 if gust.period_s is None else 2 * np.pi / gust.period_s for gust in source.gusts]),
-        turn_angle=jnp.deg2rad(array(turn.angle_deg)),
+        turn_angle=jnp.deg2rad(array(turn.change_deg)),
         start=array(turn.start_s),
-        ramp_time=array(turn.over_s),
+        ramp_time=array(turn.ramp_time_s),
     )
 
 
@@ -99,9 +99,9 @@ DISTURBANCE_MODELS: dict[type, Callable[..., DisturbanceModel]] = {
     schema.ConstantWrench: lambda x: ConstantWrench(force=array(x.force_N), torque=array(x.torque_Nm)),
     schema.Wind: _wind,
     schema.Tether: lambda x: Tether(
-        anchor=array(x.anchor_m), stiffness=array(x.stiffness_Npm), length=array(x.length_m)
+        anchor=array(x.anchor_m), stiffness=array(x.stiffness_Npm), length=array(x.rest_length_m)
     ),
-    schema.GaussianJet: lambda x: GaussianJet(force=array(x.force_N), center=array(x.center_m), width=array(x.width_m)),
+    schema.GaussianJet: lambda x: GaussianJet(force=array(x.force_N), center=array(x.center_m), width=array(x.std_m)),
     schema.RotorBias: lambda x: RotorBias(thrust=array(x.thrust_N), torque=array(x.torque_Nm)),
     schema.PluginDisturbance: lambda x: build_plugin(x, f"disturbances: {x.name}", DisturbanceModel),
 }

@@ -11,6 +11,7 @@ from ruamel.yaml.comments import CommentedMap, CommentedSeq
 from ruamel.yaml.error import YAMLError
 
 from colift.scenario.errors import ScenarioError
+from colift.scenario.migration import SCHEMA
 from colift.scenario.schema import Scenario
 
 
@@ -20,7 +21,7 @@ def to_yaml(settings: Scenario) -> str:
     yaml.default_flow_style = None  # what holds no other section or list stands on one line
     yaml.width = 120
     out = io.StringIO()
-    yaml.dump(settings.model_dump(mode="json", exclude_none=True), out)
+    yaml.dump({"schema": SCHEMA} | settings.model_dump(mode="json", exclude_none=True), out)
     return out.getvalue()
 
 

@@ -84,7 +84,7 @@ def make_experiments(settings: Scenario, cases: Sequence[str]) -> dict[str, flig
     if drawn is not None:
         function, deviation = drawn
         sources = dataclasses.replace(sources, state_functions=(residual_model.ResidualFunction(oracle=function),))
-        error = jax.tree.map(lambda f: given.rig_error * f, deviation)
+        error = jax.tree.map(lambda f: given.rig_label_error * f, deviation)
     controller = controllers.make_controller(settings, nominal)
     termination.true_hover_thrust(settings, truth, controller, sources)
     c1 = flight.Experiment(
@@ -111,12 +111,12 @@ def _as(case: str, c1: flight.Experiment, settings: Scenario) -> flight.Experime
     rival, given = settings.baselines, settings.learning
     learns, agents = case in ("C2", "C3", "P", "R", "H", "C4"), case in ("C3", "R", "H", "C4")
     controller = c1.controller
-    ridge = rival.ridge, rival.ridge_moment or rival.ridge
+    ridge = rival.ridge_alpha, rival.ridge_alpha_moment or rival.ridge_alpha
     recorder = dataclasses.replace(controller.recorder, payload=jnp.asarray(learns), agents=jnp.asarray(agents))
     controller = dataclasses.replace(controller, recorder=recorder)
     match case:
         case "I":
-            K_i, k_i = jnp.asarray(rival.K_i), jnp.asarray(rival.k_i)
+            K_i, k_i = jnp.asarray(rival.position_integral_gain), jnp.asarray(rival.attitude_integral_gain)
             controller = dataclasses.replace(
                 controller,
                 payload_controller=payload_controllers.IntegralAction(
@@ -124,9 +124,9 @@ def _as(case: str, c1: flight.Experiment, settings: Scenario) -> flight.Experime
                 ),
             )
         case "DOB":
-            bandwidth = jnp.asarray((rival.observer_Hz, rival.observer_moment_Hz or rival.observer_Hz))
-            observer = residual_predictors.DisturbanceObserver(base=controller.predictor, bandwidth=bandwidth)
-            controller = dataclasses.replace(controller, predictor=observer)
+            bandwidth = jnp.asarray((rival.dob_force_Hz, rival.dob_moment_Hz or rival.dob_force_Hz))
+            observer = residual_predictors.DisturbanceObserver(base=controller.residual_predictor, bandwidth=bandwidth)
+            controller = dataclasses.replace(controller, residual_predictor=observer)
         case "O":
             if remembering := disturbances_module.stateful_names(c1.world.disturbances):
                 raise ScenarioError(
@@ -135,7 +135,7 @@ def _as(case: str, c1: flight.Experiment, settings: Scenario) -> flight.Experime
                 )
             controller = controllers.with_preview(settings, controller)
             truly = TrueResidualFunction(world=c1.world, nominal=controller.team)
-            controller = dataclasses.replace(controller, predictor=residual_predictors.TrueResidual(function=truly))
+            controller = dataclasses.replace(controller, residual_predictor=residual_predictors.TrueResidual(function=truly))
         case "R":
             controller = controllers.with_preview(settings, controller)
             nothing = controller.recorder.init(controller.team, controller.residual_model)
@@ -146,8 +146,8 @@ def _as(case: str, c1: flight.Experiment, settings: Scenario) -> flight.Experime
             controller = controllers.with_innovation_filter(
                 settings, controllers.with_preview(settings, controller), held=case != "C4"
             )
-    prior = np.array([rival.mass_kg, *[rival.first_moment_kgm] * 3, *[rival.inertia_kgm2] * 6])
-    noise = np.array([given.payload.force_noise_N] * 3 + [given.payload.moment_noise_Nm] * 3)
+    prior = np.array([rival.mass_prior_std_kg, *[rival.first_moment_prior_std_kgm] * 3, *[rival.inertia_prior_std_kgm2] * 6])
+    noise = np.array([given.payload.force_noise_std_N] * 3 + [given.payload.moment_noise_std_Nm] * 3)
     parameters = online_learner.IdentificationOptions(
         label_std=noise, prior_std=prior, nominal_payload=controller.team.payload
     )
@@ -162,10 +162,10 @@ def _as(case: str, c1: flight.Experiment, settings: Scenario) -> flight.Experime
 
 def _going_on(experiment: flight.Experiment, settings: Scenario) -> flight.Experiment:
     """The plan with learning that does not end: maps of the place, renewed, and fitted anew, every so often."""
-    given = settings.innovation
+    given = settings.online_correction
     first, last = settings.learning.update_times_s[0], settings.learning.update_times_s[-1]
-    times = np.arange(first, settings.duration_s, given.renew_s)[1:]
-    fits = np.arange(last, settings.duration_s, given.refit_s)[1:]
+    times = np.arange(first, settings.duration_s, given.update_period_s)[1:]
+    fits = np.arange(last, settings.duration_s, given.refit_period_s)[1:]
     recorder = dataclasses.replace(
         experiment.controller.recorder, end=jnp.asarray(np.inf), selection_policy=gp.sliding_window
     )
@@ -180,10 +180,10 @@ def _going_on(experiment: flight.Experiment, settings: Scenario) -> flight.Exper
         fit_options=priors.position_only_options(settings, experiment.controller.team),
         online_updates=online_learner.OnlineUpdateOptions(
             times=tuple(times.tolist()),
-            nis_threshold=given.surprise,
-            transient_time=given.settle_s,
-            min_samples=min(given.enough, settings.learning.capacity),
-            forgetting_time=given.age_s,
+            nis_threshold=given.nis_threshold,
+            transient_time=given.transient_time_s,
+            min_samples=min(given.min_samples, settings.learning.max_samples),
+            forgetting_time=given.forgetting_time_s,
             mean=priors.mean_prior(settings, experiment.controller.team),
         ),
     )

@@ -28,12 +28,12 @@ def initial_state(settings: schema.Scenario, truth: Team) -> State:
     Raises ScenarioError where no such state is near, with what remains, and for a body that is not physical or a grasp
     that is redundant, singular or beyond control there.
     """
-    given, d = settings.start, _setpoint(trajectories.make_reference(settings), jnp.zeros(()))
+    given, d = settings.initial_state, _setpoint(trajectories.make_reference(settings), jnp.zeros(()))
     load = PayloadState(
         p=d.p + array(given.position_error_m),
         R=_off(d.R, jnp.deg2rad(array(given.attitude_error_deg))),
         v=array(given.velocity_mps),
-        omega=array(given.body_rate_radps),
+        omega=array(given.angular_velocity_radps),
     )
     agents = tuple(
         _over_contacts(group, yaw, r, load)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 from collections.abc import Callable, Sequence
 from importlib import resources
@@ -14,6 +15,7 @@ from pydantic_core import ErrorDetails
 from colift.scenario import from_csv, from_urdf, plugins, validation, yaml_tree
 from colift.scenario.cross_checks import consistency_errors
 from colift.scenario.errors import ErrorMessage, Place, ScenarioError, format_value, suggestion
+from colift.scenario.migration import SCHEMA
 from colift.scenario.from_csv import WaypointsFromFile
 from colift.scenario.from_urdf import AgentTypeFromUrdf
 from colift.scenario.schema import Scenario, Section
@@ -96,25 +98,36 @@ MAX_INHERITANCE_DEPTH = 4  # files that each say only where they differ from the
 
 def _whole(text: str, file: str, depth: int = 0) -> yaml_tree.Tree:
     """What a text states, with what it takes from the scenario that it says it is `like`."""
-    written = yaml_tree.read(text, file)
-    base = written.data.get("like")
+    written = _of_schema_2(yaml_tree.read(text, file))
+    base = written.data.get("extends")
     if base is None:
         return written
-    at = written.at(("like",))
+    at = written.at(("extends",))
     if not isinstance(base, str):
-        raise ScenarioError(f"{at} like: must be the name of a shipped scenario or the path of a .yaml file")
+        raise ScenarioError(f"{at} extends: must be the name of a shipped scenario or the path of a .yaml file")
     if depth == MAX_INHERITANCE_DEPTH:
-        raise ScenarioError(f"{at} like: {MAX_INHERITANCE_DEPTH} files that are like one another are enough")
+        raise ScenarioError(f"{at} extends: {MAX_INHERITANCE_DEPTH} files that extend one another are the limit")
     if base in shipped_names():
         return yaml_tree.diff_tree(_whole(shipped_text(base), f"{base}.yaml", depth + 1), written)
     path = Path(file).parent / base
     try:
         theirs = path.read_bytes().decode("utf-8-sig") if path.suffix in SUFFIXES else None
     except (OSError, ValueError) as error:
-        raise ScenarioError(f"{at} like: {format_value(base)} cannot be read: {error}") from None
+        raise ScenarioError(f"{at} extends: {format_value(base)} cannot be read: {error}") from None
     if theirs is None:
-        raise ScenarioError(f"{at} like: {_unknown(base)}")
+        raise ScenarioError(f"{at} extends: {_unknown(base)}")
     return yaml_tree.diff_tree(_whole(theirs, str(path), depth + 1), written)
+
+
+def _of_schema_2(tree: yaml_tree.Tree) -> yaml_tree.Tree:
+    """Return the tree without its entry ``schema``; refuse a file of another schema."""
+    if (stated := tree.data.get("schema")) != SCHEMA:
+        found = "states none" if stated is None else f"states {format_value(stated)}"
+        raise ScenarioError(
+            f"{tree.at(('schema',))} schema: must be {SCHEMA}; the file {found}. "
+            f"`colift migrate {tree.file}` rewrites a file of schema 1"
+        )
+    return dataclasses.replace(tree, data={key: value for key, value in tree.data.items() if key != "schema"})
 
 
 def _add(found: dict[Place, list[str | ErrorDetails]], more: Sequence[tuple[Place, str | ErrorDetails]]) -> None:

@@ -77,6 +77,7 @@ RENAMED: dict[str, dict[str, str]] = {
         "p_m": "position_m",
     },
     "disturbances.*": {
+        "point_m": "attachment_point_m",
         "linear_Nspm": "linear_drag_Nspm",
         "quadratic_Ns2pm2": "quadratic_drag_Ns2pm2",
         "mean_mps": "mean_wind_mps",

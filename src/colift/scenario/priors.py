@@ -20,13 +20,13 @@ from colift.scenario.errors import ScenarioError
 
 def features(settings: schema.Scenario) -> Features:
     """What GPs see of a sample. Raises ScenarioError for features of one's own that are none."""
-    given = settings.parts.features
+    given = settings.plugins.features
     return DefaultFeatures() if given is None else build_plugin(given, "parts.features", Features)
 
 
 def kernel(settings: schema.Scenario) -> gp.Kernel:
     """Of all models, the payload's and the agents'. Raises ScenarioError for one of one's own that is none."""
-    given = settings.parts.kernel
+    given = settings.plugins.kernel
     return gp.SquaredExponential() if given is None else build_plugin(given, "parts.kernel", gp.Kernel)
 
 
@@ -39,7 +39,7 @@ def prior_model(settings: schema.Scenario, nominal: Team) -> residual_model.Resi
 
     def before(name: str, features: Sequence[str]) -> gp.GPPosterior:
         try:
-            return gp.prior(_hyper(getattr(learning, name), features, of), learning.capacity)
+            return gp.prior(_hyper(getattr(learning, name), features, of), learning.max_samples)
         except ValueError as error:
             raise ScenarioError(f"{settings.name}: learning.{name}: {error}") from None
 
@@ -67,7 +67,7 @@ def fit_options(settings: schema.Scenario, nominal: Team) -> model_update.FitOpt
     def belief(stated: schema.GPPrior, features: Sequence[str]) -> gp.HyperPrior:
         return gp.HyperPrior(
             _hyper(stated, features, of),
-            scale_factor=given.prior_factor,
+            scale_factor=given.hyperprior_factor,
             min_lengthscale=least,
             max_lengthscale=greatest,
         )
@@ -75,8 +75,8 @@ def fit_options(settings: schema.Scenario, nominal: Team) -> model_update.FitOpt
     return model_update.FitOptions(
         payload=belief(given.payload, seen.payload_names()),
         agents=tuple(belief(given.agents, seen.agent_names(group.tree.joints)) for group in nominal.agent_groups),
-        restarts=given.restarts,
-        max_iterations=given.max_iterations,
+        restarts=given.n_restarts,
+        max_iterations=given.max_iter,
     )
 
 
@@ -99,29 +99,29 @@ def position_only_options(settings: schema.Scenario, nominal: Team) -> model_upd
 def mean_prior(settings: schema.Scenario, nominal: Team) -> semiparametric.MeanPrior:
     """What is believed of the means of these maps before any data."""
     given, parameters, load, agent = (
-        settings.innovation,
+        settings.online_correction,
         settings.baselines,
         settings.learning.payload,
         settings.learning.agents,
     )
-    drag, constant = given.drag_Nspm, given.constant
+    drag, constant = given.drag_std_Nspm, given.constant_std_ratio
     return semiparametric.MeanPrior(
         payload=np.array(
-            [parameters.mass_kg, *[parameters.first_moment_kgm] * 3, drag, *[drag * given.drag_lever_m] * 3]
-            + [constant * load.force_N] * 3
-            + [constant * load.moment_Nm] * 3
+            [parameters.mass_prior_std_kg, *[parameters.first_moment_prior_std_kgm] * 3, drag, *[drag * given.drag_lever_std_m] * 3]
+            + [constant * load.force_std_N] * 3
+            + [constant * load.moment_std_Nm] * 3
         ),
-        agents=np.array([drag, given.thrust_N, *[constant * agent.force_N] * 3]),
+        agents=np.array([drag, given.thrust_bias_std_N, *[constant * agent.force_std_N] * 3]),
         nominal_payload=nominal.payload,
     )
 
 
 def _hyper(given: schema.GPPrior, features: Sequence[str], kernel: gp.Kernel) -> gp.Hyperparameters:
     """Forces, moments, then joints: variances from the stated deviations, length-scales of rates and of the rest."""
-    signal, noise, counts = [given.force_N, given.moment_Nm], [given.force_noise_N, given.moment_noise_Nm], [3, 3]
+    signal, noise, counts = [given.force_std_N, given.moment_std_Nm], [given.force_noise_std_N, given.moment_noise_std_Nm], [3, 3]
     if isinstance(given, schema.AgentGPPrior):
         joints = sum(name.startswith("r_dot") for name in features)
-        signal, noise, counts = [*signal, given.joint_Nm], [*noise, given.joint_noise_Nm], [3, 3, joints]
+        signal, noise, counts = [*signal, given.joint_torque_std_Nm], [*noise, given.joint_torque_noise_std_Nm], [3, 3, joints]
     rates = [name.startswith(("omega", "|omega|", "r_dot")) for name in features]
     lengthscales = np.where(rates, given.rate_lengthscale, given.lengthscale)
     return gp.make_hyperparameters(

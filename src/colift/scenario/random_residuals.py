@@ -30,35 +30,35 @@ def sample_residuals(
     team would be if it moved along the reference as it stands in z, each a little off. Outputs that vary by less than
     is asked are drawn again. Raises ScenarioError where that does not end.
     """
-    given = settings.drawn
+    given = settings.random_residual
     if given is None:
         return None
     rng, again = (np.random.default_rng((settings.seed, k)) for k in (4, 5))
     moves = settings.reference
     assert not isinstance(moves, schema.Plugin), "scenario.references refuses it"
-    moving = moves.ramp_s if isinstance(moves, schema.Lissajous) else moves.poses[0].t_s
+    moving = moves.ramp_time_s if isinstance(moves, schema.Lissajous) else moves.poses[0].time_s
     zero = priors.prior_model(settings, truth)
     where, along = (
         _carried(trajectories.make_reference(settings), zero.features, state, jnp.asarray(t))
         for t in (
-            rng.uniform(moving, settings.duration_s, given.centers),
+            rng.uniform(moving, settings.duration_s, given.num_centers),
             np.linspace(moving, settings.duration_s, 400),
         )
     )
 
     def one(hyper: gp.Hyperparameters, X: Array, path: Array) -> tuple[gp.GPPosterior, np.ndarray]:
-        X = np.asarray(X) + given.spread * rng.normal(size=X.shape) * np.asarray(hyper.lengthscales)[0]
+        X = np.asarray(X) + given.center_std * rng.normal(size=X.shape) * np.asarray(hyper.lengthscales)[0]
         w = rng.normal(size=(len(hyper.signal_variance), len(X)))
         for _ in range(MAX_ATTEMPTS):
-            scaled = w * (given.norm / np.asarray(gp.rkhs_norm(gp.from_expansion(hyper, X, w))))[:, None]
-            model = gp.from_expansion(hyper, X, scaled, max(len(X), settings.learning.capacity))
+            scaled = w * (given.rkhs_norm / np.asarray(gp.rkhs_norm(gp.from_expansion(hyper, X, w))))[:, None]
+            model = gp.from_expansion(hyper, X, scaled, max(len(X), settings.learning.max_samples))
             values = np.asarray(_means(model, path))
-            few = np.ptp(values, axis=0) / 2 < given.least * np.sqrt(hyper.signal_variance)
+            few = np.ptp(values, axis=0) / 2 < given.min_variation * np.sqrt(hyper.signal_variance)
             if not few.any():
                 return model, values.std(0)
             w[few] = again.normal(size=(few.sum(), len(X)))
         raise ScenarioError(
-            f"{settings.name}: drawn.least: after {MAX_ATTEMPTS} draws an output still varied by less than {given.least:g} "
+            f"{settings.name}: drawn.least: after {MAX_ATTEMPTS} draws an output still varied by less than {given.min_variation:g} "
             "signal deviations along the reference; lower it, or choose shorter length-scales or a longer reference"
         )
 

@@ -77,7 +77,7 @@ def nominal_posture(settings: schema.Scenario) -> tuple[Array, ...]:
     kinds = settings.agent_types
     return tuple(
         array(
-            [[j.rest_rad if isinstance(j, schema.Revolute) else j.rest_m for j in kinds[a.type].joints] for a in group]
+            [[j.nominal_position_rad if isinstance(j, schema.Revolute) else j.nominal_position_m for j in kinds[a.type].joints] for a in group]
         ).reshape(len(group), -1)
         for group in group_agents(settings)
     )
@@ -113,12 +113,12 @@ def _agent(kind: schema.AgentType, agent: schema.Agent) -> AerialManipulator:
     return AerialManipulator(
         tree=_tree(kind),
         mass=array([body.mass_kg for body in parts]),
-        com=array([body.com_m for body in parts]),
+        com=array([body.center_of_mass_m for body in parts]),
         inertia=array([body.inertia_kgm2 for body in parts]),
         joint_position=rows([joint.position_m for joint in kind.joints]),
         joint_rotation=array([rotation(joint.rpy_deg) for joint in kind.joints]).reshape(-1, 3, 3),
         joint_axis=jnp.asarray(axes / np.linalg.norm(axes, axis=1, keepdims=True)),
-        tip_position=rows([arm.tip_m for arm in kind.arms]),
-        contact_position=rows(agent.contacts_m),
+        tip_position=rows([arm.tip_position_m for arm in kind.arms]),
+        contact_position=rows(agent.contact_positions_m),
         thrust_max=array(kind.thrust_max_N),
     )

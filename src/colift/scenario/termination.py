@@ -20,14 +20,14 @@ from colift.simulation import disturbances
 
 def make_termination_limits(settings: schema.Scenario, truth: Team, state: State) -> termination.TerminationLimits:
     """What the flight from z may not exceed."""
-    given = settings.limits
+    given = settings.termination
     return termination.TerminationLimits(
-        min_delassus=given.grip * _grip(truth, state),
-        max_distance=array(given.distance_m),
-        min_height=array(-np.inf if given.height_m is None else given.height_m),
-        max_attitude_error=_limit_rad(given.attitude_deg),
-        max_tilt=_limit_rad(given.tilt_deg),
-        max_saturation_time=array(given.saturation_s),
+        min_delassus=given.min_grasp_ratio * _grip(truth, state),
+        max_distance=array(given.max_position_error_m),
+        min_height=array(-np.inf if given.min_height_m is None else given.min_height_m),
+        max_attitude_error=_limit_rad(given.max_attitude_error_deg),
+        max_tilt=_limit_rad(given.max_tilt_deg),
+        max_saturation_time=array(given.max_saturation_time_s),
     )
 
 

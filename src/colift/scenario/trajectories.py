@@ -19,29 +19,29 @@ def make_reference(settings: schema.Scenario) -> base.ReferenceTrajectory:
     if isinstance(given, schema.Waypoints):
         turns = _unwound([np.asarray(so3.log(rotation(pose.rpy_deg))) for pose in given.poses])
         return minimum_snap.minimum_snap(
-            np.array([pose.t_s for pose in given.poses]), np.array([pose.p_m for pose in given.poses]), turns
+            np.array([pose.time_s for pose in given.poses]), np.array([pose.position_m for pose in given.poses]), turns
         )
     loop = lissajous.Lissajous(
         center=array(given.center_m),
         amplitude=array(given.amplitude_m),
         period=array(given.period_s),
         phase=jnp.deg2rad(array(given.phase_deg)),
-        ramp_time=array(given.ramp_s),
+        ramp_time=array(given.ramp_time_s),
         R=rotation(given.rpy_deg),
-        rotation_amplitude=jnp.deg2rad(array(given.swing_deg)),
-        rotation_period=array(given.swing_period_s),
-        rotation_phase=jnp.deg2rad(array(given.swing_phase_deg)),
+        rotation_amplitude=jnp.deg2rad(array(given.rotation_amplitude_deg)),
+        rotation_period=array(given.rotation_period_s),
+        rotation_phase=jnp.deg2rad(array(given.rotation_phase_deg)),
     )
-    if (off := given.leaves) is None:
+    if (off := given.departure) is None:
         return loop
     return departure.PathDeparture(
         base=loop,
-        offset=array(off.shift_m),
+        offset=array(off.offset_m),
         start=array(off.start_s),
-        ramp_time=array(off.over_s),
-        rotation_amplitude=jnp.deg2rad(array(off.swing_deg)),
-        rotation_start=array(off.swing_start_s),
-        rotation_period=array(off.swing_period_s),
+        ramp_time=array(off.ramp_time_s),
+        rotation_amplitude=jnp.deg2rad(array(off.rotation_amplitude_deg)),
+        rotation_start=array(off.rotation_start_s),
+        rotation_period=array(off.rotation_period_s),
     )
 
 

@@ -34,7 +34,7 @@ def make_world(
     Raises ScenarioError for a part of one's own that is none, and where MuJoCo is asked for and not installed.
     """
     seen = make_sensor_noise(settings)
-    then = tuple(_reading(x, f"sensors.then.{i}", settings) for i, x in enumerate(settings.sensors.then))
+    then = tuple(_reading(x, f"sensors.then.{i}", settings) for i, x in enumerate(settings.sensors.models))
     ours = SimulatedWorld(
         team=truth,
         plant=contact_dynamics.RigidContactPlant(),
@@ -43,18 +43,18 @@ def make_world(
         actuators=actuators.IdealActuators(),
         sensors=seen,
         tip_force_bias=sample_tip_bias(truth, seen, jax.random.fold_in(jax.random.key(settings.seed), 1)),
-        sensor_models=(*then, CalibrationRig(label_error=rig)) if settings.learning.samples == "rig" else then,
-        mass_step=None if settings.added is None else _added(settings.added),
+        sensor_models=(*then, CalibrationRig(label_error=rig)) if settings.learning.label_source == "rig" else then,
+        mass_step=None if settings.payload_mass_step is None else _added(settings.payload_mass_step),
     )
     return dataclasses.replace(ours, actuators=_actuators(settings, ours), plant=_plant(settings, ours, state))
 
 
 def _added(given: schema.PayloadMassStep) -> PayloadMassStep:
-    return PayloadMassStep(mass=array(given.mass_kg), start=array(given.start_s), ramp_time=array(given.over_s))
+    return PayloadMassStep(mass=array(given.mass_kg), start=array(given.start_s), ramp_time=array(given.ramp_time_s))
 
 
 def _plant(settings: schema.Scenario, ours: SimulatedWorld, state: State) -> Plant:
-    given = settings.plant
+    given = settings.physics
     if isinstance(given, schema.Plugin):
         return build_plugin(given, "plant", Plant, ours)
     if isinstance(given, schema.RigidContactPhysics):
@@ -74,13 +74,13 @@ def _reading(
             return Intermittent(
                 channels=given.channels,
                 sample_period=array(1 / given.rate_Hz),
-                dropout_probability=array(given.loss),
-                failure_time=array(np.inf if given.until_s is None else given.until_s),
+                dropout_probability=array(given.dropout_probability),
+                failure_time=array(np.inf if given.failure_time_s is None else given.failure_time_s),
                 delay=round(given.delay_s * settings.control_Hz),
             )
         case schema.BiasRandomWalk():
             return BiasRandomWalk(
-                channels=given.channels, random_walk_density=array(given.rate), initial_bias_std=array(given.start)
+                channels=given.channels, random_walk_density=array(given.random_walk_density), initial_bias_std=array(given.initial_bias_std)
             )
     return build_plugin(given, where, SensorModel)
 
@@ -100,7 +100,7 @@ def _actuators(settings: schema.Scenario, ours: SimulatedWorld) -> actuators.Ide
 def _limit(given: schema.LaggedMotors, thrust_max: Array) -> actuators.InputLimits:
     if given.rotors is not None:
         ring = given.rotors
-        return actuators.ring_mixer(ring.count, ring.arm_m, ring.yaw_m, thrust_max / ring.count)
+        return actuators.ring_mixer(ring.num_rotors, ring.radius_m, ring.moment_ratio_m, thrust_max / ring.num_rotors)
     most = np.inf if given.torque_max_Nm is None else given.torque_max_Nm
     return actuators.BoxLimits(thrust_max=thrust_max, torque_max=array([most] * len(thrust_max)))
 
@@ -112,9 +112,9 @@ def make_sensor_noise(settings: schema.Scenario) -> SensorNoise:
         position=array(given.position_m),
         attitude=jnp.deg2rad(array(given.attitude_deg)),
         velocity=array(given.velocity_mps),
-        angular_velocity=array(given.body_rate_radps),
+        angular_velocity=array(given.angular_velocity_radps),
         accelerometer=array(given.accelerometer_mps2),
-        joint_position=jnp.deg2rad(array(given.joint_deg)),
+        joint_position=jnp.deg2rad(array(given.joint_position_deg)),
         tip_force=array(given.tip_force_N),
         tip_force_bias=array(given.tip_force_bias_N),
         tip_force_bandwidth=array(given.tip_force_bandwidth_Hz),

@@ -100,10 +100,10 @@ def diff_tree(base: Tree, tree: Tree) -> Tree:
     """A tree that says only where it differs from another: settings beside settings, entries of lists by their `name`.
 
     Any other value takes the place of the other's, and so does a section of another `kind`. What is wrong with what is
-    taken over is told where the tree says `like`.
+    taken over is told where the tree says `extends`.
     """
-    merged = _Merged(tree.lines, dict.fromkeys(base.lines, tree.line(("like",))))
-    mine = {key: value for key, value in tree.data.items() if key != "like"}
+    merged = _Merged(tree.lines, dict.fromkeys(base.lines, tree.line(("extends",))))
+    mine = {key: value for key, value in tree.data.items() if key != "extends"}
     data = merged.value(base.data, mine, (), ())
     return Tree(tree.file, data, merged.lines, [(merged.place(at), sentence) for at, sentence in tree.errors])
 

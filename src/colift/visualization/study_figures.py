@@ -222,19 +222,19 @@ def plot_online_correction(cases: axes_module.Cases, told: Mapping[str, str]) ->
             t, axes_module.decimate(ds, axes_module.rms(ds, axes_module.norm(ds.e_p))), color=style_of(name).color
         )
         column[1].plot(
-            t, axes_module.decimate(ds, axes_module.norm(ds.r_L[:, :3])), color=style_of(name).color, linewidth=0.9
+            t, axes_module.decimate(ds, axes_module.norm(ds.innovation_L[:, :3])), color=style_of(name).color, linewidth=0.9
         )
         for k, agent in enumerate(agents):
             color, dashes = axes_module.body_style(name, k, len(agents))
-            r = axes_module.norm(ds.r_x.sel(agent=agent))
+            r = axes_module.norm(ds.innovation_x.sel(agent=agent))
             column[2].plot(t, axes_module.decimate(ds, r), color=color, linestyle=dashes, linewidth=0.9, label=agent)
         column[3].plot(
-            t, axes_module.decimate(ds, ds.trust_L.mean("wrench")), color=style_of(name).color, linewidth=0.9
+            t, axes_module.decimate(ds, ds.model_gain_L.mean("wrench")), color=style_of(name).color, linewidth=0.9
         )
-        column[3].plot(t, axes_module.decimate(ds, ds.fresh), color=style_of(name).color, linestyle=DOTS)
+        column[3].plot(t, axes_module.decimate(ds, ds.correction_weight), color=style_of(name).color, linestyle=DOTS)
         _points(column[4], name, ds)
         for ax in column:
-            axes_module.shade_all(ax, ds.time.values, ds.fresh.values < 0.5)
+            axes_module.shade_all(ax, ds.time.values, ds.correction_weight.values < 0.5)
             for event, (style, _) in EVENTS.items():
                 for said in filter(None, str(ds.attrs.get(event, "")).split("; ")):
                     ax.axvline(float(said.split(" s:")[0]), **style)
@@ -259,7 +259,7 @@ def plot_online_correction(cases: axes_module.Cases, told: Mapping[str, str]) ->
     if any(len(_counts(ds)) > 1 for ds in cases.values()):
         handles.append((Line2D([], [], color=axes_module.GREY), "payload's points"))
         handles.append((Line2D([], [], color=axes_module.GREY, linestyle=DOTS), "an agent's points"))
-    if any((ds.fresh.values < 0.5).any() for ds in cases.values()):
+    if any((ds.correction_weight.values < 0.5).any() for ds in cases.values()):
         handles.append((Patch(color=axes_module.ACTIVE, linewidth=0), "the correction has faded"))
     for event, (style, what) in EVENTS.items():
         if any(ds.attrs.get(event) for ds in cases.values()):

@@ -212,7 +212,7 @@ def _rate(settings: Scenario, k: int, _rng: np.random.Generator) -> list[str]:
     hertz = [each for each in RATES if each != settings.control_Hz][k % (len(RATES) - 1)]
     slower = {
         "control.joint_filter_Hz": settings.control.joint_filter_Hz,
-        "learning.filter_Hz": settings.learning.filter_Hz,
+        "learning.filter_Hz": settings.learning.label_filter_Hz,
     }
     return [
         f"control_Hz={hertz:g}",

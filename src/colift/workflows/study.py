@@ -72,7 +72,7 @@ def run_study(
         "seed": settings.seed,
         "version": version("colift"),
         "settings": settings.digest,
-        "plant": settings.plant.kind,
+        "plant": settings.physics.kind,
         "run": out.run_id,
         "command": shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]),
         "versions": {"python": platform.python_version()}
@@ -159,7 +159,7 @@ def _when(settings: Scenario, of: Iterable[tuple[float, Sequence[features.BodyKe
 
 def _limits(settings: Scenario, experiment: Experiment) -> dict[str, Any]:
     """The limits as stated, and what the share of the start's grip is for every agent."""
-    return settings.limits.model_dump() | {"grip_1pkg": np.asarray(experiment.termination_limits.min_delassus).tolist()}
+    return settings.termination.model_dump() | {"grip_1pkg": np.asarray(experiment.termination_limits.min_delassus).tolist()}
 
 
 def _rests_on(flown: Experiment) -> dict[str, Any]:

@@ -119,7 +119,7 @@ class Section(BaseModel):
 class PluginReference(Section):
     """A part of one's own. Reading the scenario imports the module, which runs it (docs/change_a_part.md)."""
 
-    part: Annotated[str, Field(strict=True, max_length=200), AfterValidator(_module_and_name)]
+    class: Annotated[str, Field(strict=True, max_length=200), AfterValidator(_module_and_name)]
     """`module:Name`: a class that extends `colift.scenario.Section` and has a `build`, in a module beside the file."""
     settings: Annotated[SerializeAsAny[Section], WithJsonSchema({"type": "object"}), Field(default_factory=Section)]
     """Settings of the part; its class says which there are."""

@@ -16,48 +16,48 @@ from colift.scenario.schema.base import Section
 class LabelError(Section):
     """Largest errors of labels: noise, bias and delay, and all by which the residual is no function of the state."""
 
-    force_N: fields.Deviation
+    force_error_N: fields.Deviation
     """Of a force output."""
-    moment_Nm: fields.Deviation
+    moment_error_Nm: fields.Deviation
     """Of a moment output."""
 
 
 class AgentLabelError(LabelError):
     """Largest errors of an agent's labels."""
 
-    joint_Nm: fields.Deviation
+    joint_torque_error_Nm: fields.Deviation
     """Of a joint output; for a sliding joint in N."""
 
 
 class Certificate(Section):
     """What error bounds rest on; results call assumed what the scenario does not make true by construction."""
 
-    bound: Literal["energy", "srinivas", "abbasi_yadkori", "chowdhury_gopalan", "fiedler"] = "energy"
+    error_bound: Literal["energy", "srinivas", "abbasi_yadkori", "chowdhury_gopalan", "fiedler"] = "energy"
     """Which bound of the prediction error (docs/bounds.md)."""
     confidence: fields.Confidence = 0.95
     """With which all bounds hold at once: all bodies, outputs and updates."""
-    norm: fields.Norm = 3.0
+    rkhs_norm: fields.Norm = 3.0
     """RKHS norm of every residual output less its prior mean, at most: at most this many signal deviations anywhere."""
-    payload: LabelError | None = None
+    payload_label_error: LabelError | None = None
     """Label errors of the payload; by default the calibration rig's, or three of the prior's label noise deviations."""
-    agents: AgentLabelError | None = None
+    agent_label_error: AgentLabelError | None = None
     """Label errors of the agents; by default as for the payload."""
 
 
 class TerminationLimits(Section):
     """What a flight may not exceed: beyond a limit it ends there, with time and cause, and is incomplete."""
 
-    distance_m: fields.Distance = 3.0
+    max_position_error_m: fields.Distance = 3.0
     """Largest distance of the payload from its reference."""
-    height_m: fields.Coordinate | None = None
+    min_height_m: fields.Coordinate | None = None
     """Least height of the payload and of every agent, centres of mass along the third world axis; by default none."""
-    attitude_deg: fields.AnyAngle = 90.0
+    max_attitude_error_deg: fields.AnyAngle = 90.0
     """Largest angle between the payload's attitude and its reference; 180 allows every one."""
-    tilt_deg: fields.AnyAngle = 90.0
+    max_tilt_deg: fields.AnyAngle = 90.0
     """Largest angle between an agent's thrust and the third world axis; 180 allows every one."""
-    saturation_s: fields.Span = 2.0
+    max_saturation_time_s: fields.Span = 2.0
     """Longest time that a thrust may be cut at zero or at `thrust_max_N` without a break."""
-    grip: Annotated[fields.Fraction, unit("of the start's")] = 0.01
+    min_grasp_ratio: Annotated[fields.Fraction, unit("of the start's")] = 0.01
     """Least singular value of an agent's `A M^-1 A^T`; it is zero where arms lock up or work against each other."""
-    thrust_margin: Annotated[fields.Fraction, unit("of `thrust_max_N`")] = 0.1
+    hover_thrust_margin: Annotated[fields.Fraction, unit("of `thrust_max_N`")] = 0.1
     """What hovering should leave of every agent's thrust; a warning before the flight says where it leaves less."""

@@ -21,15 +21,15 @@ from colift.scenario.schema.base import PluginReference, Section
 class ControllerPlugins(Section):
     """Parts of one's own in the place of the paper's: `build(pilot)`, with ours in it, gives each."""
 
-    leader: PluginReference | None = None
+    payload_controller: PluginReference | None = None
     """A `colift.onboard.interfaces.Leader`."""
     allocator: PluginReference | None = None
     """A `colift.onboard.interfaces.Allocator`; [allocation](#settings) says what ours is."""
-    realizer: PluginReference | None = None
+    agent_controller: PluginReference | None = None
     """A `colift.onboard.interfaces.Realizer`."""
     estimator: PluginReference | None = None
     """A `colift.onboard.interfaces.Estimator`."""
-    predictor: PluginReference | None = None
+    residual_predictor: PluginReference | None = None
     """A `colift.onboard.interfaces.Predictor`."""
     features: PluginReference | None = None
     """A `colift.onboard.learning.features.Features`, by `build()`: what GPs see of a sample."""
@@ -52,17 +52,17 @@ class Control(Section):
     """Agents' attitude gain."""
     agent_k_omega: Annotated[fields.Gain, unit("1/s")]
     """Agents' body-rate gain."""
-    posture: Annotated[fields.GainOrNone, unit("1/s")] = 2.0
+    posture_bandwidth: Annotated[fields.GainOrNone, unit("1/s")] = 2.0
     """Rate at which joints that contacts leave free return to rest: the agents lean for it as they do for a path."""
-    fusion_Hz: fields.Bandwidth = 1.0
+    complementary_filter_Hz: fields.Bandwidth = 1.0
     """How fast measured poses and velocities pull the inertial prediction."""
-    bias_Hz: fields.BandwidthOrNone = 0.0
+    imu_bias_filter_Hz: fields.BandwidthOrNone = 0.0
     """How fast constant errors of gyroscopes and accelerometers are learned; 0: never."""
     joint_filter_Hz: fields.Rate = 30.0
     """Corner of the second-order filter of joint readings, of which the rates are the derivative."""
-    haste: Annotated[fields.BandwidthRatio, unit("times")] = 2.0
+    actuator_bandwidth_ratio: Annotated[fields.BandwidthRatio, unit("times")] = 2.0
     """How many times as fast as `nominal.actuators` by themselves thrusts and torques are driven."""
-    look_ahead_s: fields.LookAhead | None = None
+    preview_step_s: fields.LookAhead | None = None
     """Step between five times around now at which the law is evaluated on the reference: agents' attitudes are then fed
     forward with their rates and their swing about the tips. By default as the paper has it, without."""
 
@@ -74,9 +74,9 @@ class InternalForces(Section):
     """When they begin to rise."""
     end_s: fields.Span
     """When they are gone again."""
-    ramp_s: fields.Span
+    ramp_time_s: fields.Span
     """How long each flank lasts."""
-    pairs: Annotated[tuple[tuple[str, str, fields.Newton], ...], Field(min_length=1, max_length=MAX_ENTRIES)]
+    squeeze_pairs: Annotated[tuple[tuple[str, str, fields.Newton], ...], Field(min_length=1, max_length=MAX_ENTRIES)]
     """`[contact a, contact b, N]`: presses a and b towards each other along their line, or apart if negative."""
 
 
@@ -96,7 +96,7 @@ class LeaderFollowerAllocation(Section):
     """Which allocation."""
     leader_contacts: Annotated[tuple[str, ...], Field(min_length=1, max_length=MAX_ENTRIES)]
     """Contacts of the leader block, as `agent/arm`; three that are not collinear, or more."""
-    lam_f0_N: Annotated[tuple[fields.Force, ...], Field(max_length=MAX_ENTRIES)] | None = None
+    follower_offset_N: Annotated[tuple[fields.Force, ...], Field(max_length=MAX_ENTRIES)] | None = None
     """Constant force of each follower contact, in team order; an internal force; payload frame."""
     internal: InternalForces | None = None
     """Internal-force input, on follower contacts only."""

@@ -26,7 +26,7 @@ class _Source(Section):
     """`payload`, `agents` (each of them), or the name of one agent."""
     body: Name = "base"
     """The agent's body: `base`, or a joint's name. Not for the payload."""
-    point_m: fields.BodyPoint = ZERO
+    attachment_point_m: fields.BodyPoint = ZERO
     """Where it attacks, in the body's frame."""
 
 
@@ -46,7 +46,7 @@ class Gust(Section):
 
     amplitude_mps: fields.Velocity
     """Wind speed at the crest."""
-    wave_radpm: fields.WaveVector
+    wave_vector_radpm: fields.WaveVector
     """Wave vector: its length is 2 pi over the wavelength."""
     phase_deg: fields.Degrees = 0.0
     """Phase at the origin."""
@@ -57,11 +57,11 @@ class Gust(Section):
 class WindTurn(Section):
     """The mean wind turns about the vertical, once."""
 
-    angle_deg: fields.Degrees
+    change_deg: fields.Degrees
     """By how much."""
     start_s: fields.Time
     """When it begins to."""
-    over_s: fields.Span = 0.3
+    ramp_time_s: fields.Span = 0.3
     """How long it takes."""
 
 
@@ -70,15 +70,15 @@ class Wind(_Source):
 
     kind: Literal["wind"]
     """Which law."""
-    linear_Nspm: fields.Drag = 0.0
+    linear_drag_Nspm: fields.Drag = 0.0
     """Linear drag coefficient."""
-    quadratic_Ns2pm2: fields.Drag = 0.0
+    quadratic_drag_Ns2pm2: fields.Drag = 0.0
     """Quadratic drag coefficient."""
-    mean_mps: fields.Velocity = ZERO
+    mean_wind_mps: fields.Velocity = ZERO
     """Mean wind."""
     gusts: Annotated[tuple[Gust, ...], Field(max_length=MAX_ENTRIES)] = ()
     """Waves added to the mean."""
-    turn: WindTurn | None = None
+    direction_change: WindTurn | None = None
     """Of the mean."""
 
 
@@ -91,7 +91,7 @@ class Tether(_Source):
     """The fixed end."""
     stiffness_Npm: fields.Stiffness
     """Stiffness."""
-    length_m: fields.Length = 0.0
+    rest_length_m: fields.Length = 0.0
     """Length at rest."""
 
 
@@ -104,7 +104,7 @@ class GaussianJet(_Source):
     """Force at the centre."""
     center_m: fields.Position
     """Centre of the stream."""
-    width_m: fields.Width
+    std_m: fields.Width
     """Distance at which the force has fallen to 0.61 of that at the centre."""
 
 
@@ -132,7 +132,7 @@ class JointFriction(Section):
     """Viscous coefficient; for a sliding joint in N s/m."""
     coulomb_Nm: fields.DryFriction = 0.0
     """Dry friction; for a sliding joint in N."""
-    speed_radps: fields.SlowSpeed = 0.05
+    smoothing_speed_radps: fields.SlowSpeed = 0.05
     """Joint rate below which dry friction is smoothed; for a sliding joint in m/s."""
 
 
@@ -151,11 +151,11 @@ class RandomResidual(Section):
     reference, the w_k normal and scaled to the norm.
     """
 
-    norm: fields.Norm
+    rkhs_norm: fields.Norm
     """RKHS norm of every output: its values are at most this many signal deviations of its prior."""
-    centers: fields.Centers = 30
+    num_centers: fields.Centers = 30
     """How many kernels are added."""
-    spread: fields.Ratio = 0.2
+    center_std: fields.Ratio = 0.2
     """Deviation of the centres from the states on the reference, in length-scales."""
-    least: fields.Fraction = 0.0
+    min_variation: fields.Fraction = 0.0
     """By how many signal deviations, half from least to greatest, every output is to vary along the reference."""

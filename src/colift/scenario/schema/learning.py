@@ -21,13 +21,13 @@ from colift.scenario.schema.base import Section
 class GPPrior(Section):
     """Deviations that a model states before it has data."""
 
-    force_N: fields.Deviation
+    force_std_N: fields.Deviation
     """Signal deviation of a force output."""
-    moment_Nm: fields.Deviation
+    moment_std_Nm: fields.Deviation
     """Signal deviation of a moment output."""
-    force_noise_N: fields.Deviation
+    force_noise_std_N: fields.Deviation
     """Label noise deviation of a force output."""
-    moment_noise_Nm: fields.Deviation
+    moment_noise_std_Nm: fields.Deviation
     """Label noise deviation of a moment output."""
     lengthscale: Annotated[fields.Lengthscale, unit("of each feature")] = 1.0
     """Length-scale of every feature but rates of rotation and of joints."""
@@ -38,9 +38,9 @@ class GPPrior(Section):
 class AgentGPPrior(GPPrior):
     """Deviations that an agent's model states before it has data."""
 
-    joint_Nm: fields.Deviation
+    joint_torque_std_Nm: fields.Deviation
     """Signal deviation of a joint output; for a sliding joint in N."""
-    joint_noise_Nm: fields.Deviation
+    joint_torque_noise_std_Nm: fields.Deviation
     """Label noise deviation of a joint output; for a sliding joint in N."""
 
 
@@ -55,9 +55,9 @@ class Learning(Section):
     """T_end: no data are recorded after it."""
     sample_Hz: fields.Rate
     """Rate at which samples are recorded; no denser than the filter's memory."""
-    filter_Hz: fields.Rate
+    label_filter_Hz: fields.Rate
     """Corner of the second-order filter that every term of a label goes through."""
-    capacity: fields.Capacity
+    max_samples: fields.Capacity
     """Most samples a data set holds."""
     payload: GPPrior
     """The payload model's prior."""
@@ -65,88 +65,88 @@ class Learning(Section):
     """The agent models' prior."""
     lengthscale_bounds: tuple[fields.Lengthscale, fields.Lengthscale] = (0.1, 30.0)
     """Least and largest length-scale of any feature, in its own unit: m, m/s, rad, rad/s, none for an entry of R."""
-    prior_factor: fields.Factor = 3.0
+    hyperprior_factor: fields.Factor = 3.0
     """Before data, two of three length-scales and deviations lie within this factor of the prior's (log-normal)."""
     hyperparameters: Literal["fitted", "stated"] = "fitted"
     """`fitted` to the data at each update, or `stated`: those of the prior, without a mean, as error bounds ask for."""
     fit_latency: fields.Time | Literal["measured"] = 0.0
     """How long a fit takes until what it learned flies, s; `measured`: as long as it takes on this machine, which makes
     a run unlike the next."""
-    samples: Literal["estimated", "rig"] = "estimated"
+    label_source: Literal["estimated", "rig"] = "estimated"
     """`estimated` on board from the sensors, or of a calibration `rig`: true states, labels with bounded errors."""
-    rig_error: fields.Ratio = 0.1
+    rig_label_error: fields.Ratio = 0.1
     """Error of every label of the rig, one way or the other, as a share of the drawn residual's deviation."""
-    restarts: fields.Restarts = 1
+    n_restarts: fields.Restarts = 1
     """Further starts of the fit, beside the warm one."""
-    max_iterations: fields.Iterations = 300
+    max_iter: fields.Iterations = 300
     """Most iterations of one start."""
 
 
 class BaselineTuning(Section):
     """Tuning of the rivals of learning."""
 
-    K_i: Annotated[fields.GainOrNone, unit("1/s³")] = 2.0
+    position_integral_gain: Annotated[fields.GainOrNone, unit("1/s³")] = 2.0
     """Integral action on the position error, baseline I."""
-    k_i: Annotated[fields.GainOrNone, unit("1/s³")] = 40.0
+    attitude_integral_gain: Annotated[fields.GainOrNone, unit("1/s³")] = 40.0
     """Integral action on the attitude error, baseline I."""
-    observer_Hz: fields.Rate = 0.5
+    dob_force_Hz: fields.Rate = 0.5
     """Bandwidth of the wrench observer's force, baseline DOB."""
-    observer_moment_Hz: fields.Rate | None = None
+    dob_moment_Hz: fields.Rate | None = None
     """Of its moment; as of its force if absent."""
-    mass_kg: fields.Deviation = 0.5
+    mass_prior_std_kg: fields.Deviation = 0.5
     """Prior deviation of the payload's mass error, baseline P."""
-    first_moment_kgm: fields.Deviation = 0.05
+    first_moment_prior_std_kgm: fields.Deviation = 0.05
     """Prior deviation of the payload's first moments, baseline P."""
-    inertia_kgm2: fields.Deviation = 0.05
+    inertia_prior_std_kgm2: fields.Deviation = 0.05
     """Prior deviation of the payload's inertia error, baseline P."""
-    ridge: Annotated[fields.Deviation, unit("label noise over weight, squared")] = 0.3
+    ridge_alpha: Annotated[fields.Deviation, unit("label noise over weight, squared")] = 0.3
     """What a squared weight of the basis costs beside a squared label error, for forces, baseline R."""
-    ridge_moment: Annotated[fields.Deviation | None, unit("label noise over weight, squared")] = None
+    ridge_alpha_moment: Annotated[fields.Deviation | None, unit("label noise over weight, squared")] = None
     """For moments and joints; as for forces if absent."""
 
 
 class OnlineCorrection(Section):
     """How labels correct what is learned, in the cases F, H and C4."""
 
-    lead_s: fields.Time = 0.02
+    lead_time_s: fields.Time = 0.02
     """By how much the correction of F and H is carried ahead along its rate, for the delay of labels."""
     coherence: fields.Coherence = 0.2
     """C4 carries its correction ahead by the whole delay of labels where so much, in the square, of what their rates
     foretold came true; where less did, as much less far. Of what noise foretells nothing comes true on average."""
-    doubt: fields.Factor = 10.0
+    variance_ratio: fields.Factor = 10.0
     """C4's map is used as far as labels move with it once it has moved by more than the variance of labels over so
     many: in the square, from one label filter's memory to the next. A rate that foretells less counts for nothing."""
-    patience_s: fields.Span = 0.02
+    max_label_age_s: fields.Span = 0.02
     """How old a reading of the tips may be for a label."""
-    hold_s: fields.Time = 0.2
+    hold_time_s: fields.Time = 0.2
     """How long labels may be silent until they count as stopped for C4, if they have not been silent half as long
     lately; its correction is held meanwhile."""
-    fade_s: fields.Span = 0.3
+    decay_time_s: fields.Span = 0.3
     """Once labels have stopped, how soon C4's correction is its mean over the last `span_s`."""
-    span_s: fields.Span = 0.5
+    averaging_time_s: fields.Span = 0.5
     """Of that mean."""
-    renew_s: fields.Span = 1.0
+    update_period_s: fields.Span = 1.0
     """How often C4's models take in new samples, hyperparameters kept."""
-    refit_s: fields.Span = 10.0
+    refit_period_s: fields.Span = 10.0
     """How often, after the last of `learning.update_times_s`, C4 fits hyperparameters and means anew."""
-    age_s: fields.Span = 20.0
+    forgetting_time_s: fields.Span = 20.0
     """Of more samples than `learning.capacity` C4 keeps those that tell most; those that are so old as if they were
     twice as noisy."""
-    surprise: fields.Factor = 3.0
+    nis_threshold: fields.Factor = 3.0
     """Mean square of new labels off what was predicted, in predictive variances, over its usual value (or 1, if that is
     less), above which the world has changed for a body: C4 amends its older samples by what the new ones say."""
-    settle_s: fields.Time = 0.5
+    transient_time_s: fields.Time = 0.5
     """How long after the first sample that surprises the world may be changing: samples of then speak of no world."""
-    enough: fields.Capacity = 150
+    min_samples: fields.Capacity = 150
     """New samples after a change for a new model: until then the old one, shifted, is corrected by labels, and what
     surprises is the same change. A model of less than a third as many cannot be surprised."""
-    drag_Nspm: fields.Deviation = 0.5
+    drag_std_Nspm: fields.Deviation = 0.5
     """Prior deviation of each body's drag, in the mean of C4's maps; mass and first moments as in `baselines`."""
-    drag_lever_m: fields.Deviation = 0.4
+    drag_lever_std_m: fields.Deviation = 0.4
     """Prior deviation of the lever of the payload's drag."""
-    thrust_N: fields.Deviation = 2.0
+    thrust_bias_std_N: fields.Deviation = 2.0
     """Prior deviation of what an agent's rotors have more or less of thrust."""
-    constant: fields.Factor = 3.0
+    constant_std_ratio: fields.Factor = 3.0
     """Prior deviation of a constant force or moment, over its signal's."""
-    look_ahead_s: fields.LookAhead = 0.03
+    preview_step_s: fields.LookAhead = 0.03
     """`control.look_ahead_s` of these cases and of O, where it says nothing."""

@@ -32,11 +32,11 @@ class Rotors(Section):
     What they cannot give is taken from yaw first, then from tilt, then from thrust.
     """
 
-    count: Annotated[fields.RotorCount, AfterValidator(_even)]
+    num_rotors: Annotated[fields.RotorCount, AfterValidator(_even)]
     """How many: an even number."""
-    arm_m: fields.LeverArm
+    radius_m: fields.LeverArm
     """Radius of the ring."""
-    yaw_m: fields.LeverArm
+    moment_ratio_m: fields.LeverArm
     """Torque about the third axis over force, of each rotor."""
 
 

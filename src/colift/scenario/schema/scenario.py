@@ -49,17 +49,17 @@ class Scenario(Section):
     """The team."""
     payload: Payload
     """The payload in truth."""
-    added: PayloadMassStep | None = None
+    payload_mass_step: PayloadMassStep | None = None
     """What is put on the payload in flight, of which nobody tells the controller."""
     nominal: NominalModel = NominalModel()
     """What the controller believes where it differs."""
-    start: InitialState = InitialState()
+    initial_state: InitialState = InitialState()
     """Where the run begins."""
     reference: Annotated[Lissajous | Waypoints | Plugin, Field(discriminator="kind")]
     """Where the payload should be; `build()` of one's own gives a `colift.trajectories.base.Reference`."""
     disturbances: Annotated[tuple[Source, ...], Field(max_length=MAX_ENTRIES)] = ()
     """Unknown forces and torques."""
-    drawn: RandomResidual | None = None
+    random_residual: RandomResidual | None = None
     """Unknown forces and torques drawn at random, in addition."""
     sensors: Sensors = Sensors()
     """Measurement noise."""
@@ -73,19 +73,19 @@ class Scenario(Section):
     """From the payload's wrench to contact forces."""
     learning: Learning
     """Data and models."""
-    innovation: OnlineCorrection = OnlineCorrection()
+    online_correction: OnlineCorrection = OnlineCorrection()
     """How labels correct what is learned."""
     baselines: BaselineTuning = BaselineTuning()
     """Rivals of learning."""
     certificate: Certificate = Certificate()
     """What error bounds rest on."""
-    limits: TerminationLimits = TerminationLimits()
+    termination: TerminationLimits = TerminationLimits()
     """What a flight may not exceed."""
-    plant: Annotated[RigidContactPhysics | MujocoPhysics | Plugin, Field(discriminator="kind")] = RigidContactPhysics(
+    physics: Annotated[RigidContactPhysics | MujocoPhysics | Plugin, Field(discriminator="kind")] = RigidContactPhysics(
         kind="rigid"
     )
     """What moves the team in truth; `build(world)` of one's own gives a `colift.simulation.world.Plant`."""
-    parts: ControllerPlugins = ControllerPlugins()
+    plugins: ControllerPlugins = ControllerPlugins()
     """Parts of one's own in the place of the paper's."""
 
     @model_validator(mode="after")

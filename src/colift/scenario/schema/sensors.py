@@ -45,9 +45,9 @@ class Intermittent(Section):
     """How often they are taken, at most once a tick."""
     delay_s: fields.Time = 0.0
     """How late they come; whole ticks."""
-    loss: fields.Fraction = 0.0
+    dropout_probability: fields.Fraction = 0.0
     """Probability that one is lost."""
-    until_s: fields.Time | None = None
+    failure_time_s: fields.Time | None = None
     """When the sensor dies; by default never."""
 
 
@@ -58,9 +58,9 @@ class BiasRandomWalk(Section):
     """Which."""
     channels: Readings
     """Which readings, as for [Intermittent](#intermittent); an attitude is turned about its body's axes."""
-    rate: Annotated[fields.Noise, unit("of the reading, or rad, per √s")]
+    random_walk_density: Annotated[fields.Noise, unit("of the reading, or rad, per √s")]
     """Standard deviation of the walk after one second."""
-    start: Annotated[fields.Noise, unit("of the reading, or rad")] = 0.0
+    initial_bias_std: Annotated[fields.Noise, unit("of the reading, or rad")] = 0.0
     """Standard deviation of the bias that it begins with."""
 
 
@@ -73,11 +73,11 @@ class Sensors(Section):
     """Attitude, per axis of the rotation vector."""
     velocity_mps: fields.Noise = 0.01
     """Velocity."""
-    body_rate_radps: fields.Noise = 0.01
+    angular_velocity_radps: fields.Noise = 0.01
     """Body rate."""
     accelerometer_mps2: fields.Noise = 0.05
     """Specific force."""
-    joint_deg: fields.AngularNoise = 0.1
+    joint_position_deg: fields.AngularNoise = 0.1
     """Joint encoder; a sliding joint has the same number of radians as metres (0.1 deg: 1.7 mm)."""
     tip_force_N: fields.Noise = 0.1
     """Force at a tip, per axis."""
@@ -85,7 +85,7 @@ class Sensors(Section):
     """Deviation from which the constant bias of each tip axis is drawn."""
     tip_force_bandwidth_Hz: fields.Bandwidth = 50.0
     """First-order bandwidth of the tip force sensors."""
-    then: Annotated[
+    models: Annotated[
         tuple[Annotated[Intermittent | BiasRandomWalk | Plugin, Field(discriminator="kind")], ...],
         Field(max_length=MAX_ENTRIES),
     ] = ()

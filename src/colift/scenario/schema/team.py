@@ -23,7 +23,7 @@ class Body(Section):
 
     mass_kg: fields.Mass
     """Mass."""
-    com_m: fields.BodyPoint = ZERO
+    center_of_mass_m: fields.BodyPoint = ZERO
     """Centre of mass, in the body's frame."""
     inertia_kgm2: Inertia
     """Inertia about the centre of mass, body's frame: 3 principal moments, 6 entries xx yy zz xy xz yz, or 3 rows."""
@@ -51,7 +51,7 @@ class Revolute(_Joint):
 
     type: Literal["revolute"]
     """Turns about its axis."""
-    rest_rad: fields.JointAngle = 0.0
+    nominal_position_rad: fields.JointAngle = 0.0
     """Joint position at rest: where the start is sought, and where a redundant arm tends to."""
 
 
@@ -60,7 +60,7 @@ class Prismatic(_Joint):
 
     type: Literal["prismatic"]
     """Slides along its axis."""
-    rest_m: fields.BodyLength = 0.0
+    nominal_position_m: fields.BodyLength = 0.0
     """Joint position at rest: where the start is sought, and where a redundant arm tends to."""
 
 
@@ -74,7 +74,7 @@ class Arm(Section):
     """Names the arm; `agent/arm` names a contact."""
     joint: Name
     """The body that carries the tip: a joint's name, or `base`."""
-    tip_m: fields.BodyPoint
+    tip_position_m: fields.BodyPoint
     """Contact point, in that body's frame."""
 
 
@@ -100,7 +100,7 @@ class Agent(Section):
     """One of `agent_types`."""
     yaw_deg: fields.Degrees = 0.0
     """Heading that the agent starts with and keeps."""
-    contacts_m: Annotated[tuple[fields.BodyPoint, ...], Field(max_length=MAX_ENTRIES)]
+    contact_positions_m: Annotated[tuple[fields.BodyPoint, ...], Field(max_length=MAX_ENTRIES)]
     """Where each arm holds the payload, in the order of the type's arms; payload frame."""
 
 
@@ -149,7 +149,7 @@ class PayloadMassStep(Section):
     """How much; negative: taken off."""
     start_s: fields.Time
     """When it begins to act."""
-    over_s: fields.Span = 0.1
+    ramp_time_s: fields.Span = 0.1
     """How long that takes."""
 
 
@@ -162,5 +162,5 @@ class InitialState(Section):
     """Rotation vector from the reference attitude to the payload's, in the reference's frame."""
     velocity_mps: fields.Velocity = ZERO
     """Payload velocity."""
-    body_rate_radps: fields.BodyRate = ZERO
+    angular_velocity_radps: fields.BodyRate = ZERO
     """Payload body rate, payload frame."""

@@ -20,17 +20,17 @@ from colift.scenario.schema.base import ZERO, Section
 class PathDeparture(Section):
     """The path moves off, and later turns as it had not."""
 
-    shift_m: fields.Position
+    offset_m: fields.Position
     """By how much it moves."""
     start_s: fields.Time
     """When it begins to."""
-    over_s: fields.Span = 2.0
+    ramp_time_s: fields.Span = 2.0
     """How long that takes, and the swing to rise."""
-    swing_deg: fields.RotationVector = ZERO
+    rotation_amplitude_deg: fields.RotationVector = ZERO
     """Greatest rotation vector of the swing about `rpy_deg`, in its frame."""
-    swing_start_s: fields.Time = 0.0
+    rotation_start_s: fields.Time = 0.0
     """When the swing begins."""
-    swing_period_s: fields.Period = 4.0
+    rotation_period_s: fields.Period = 4.0
     """Of the swing."""
 
 
@@ -47,26 +47,26 @@ class Lissajous(Section):
     """Period along each axis; one number for all three."""
     phase_deg: fields.Angles = ZERO
     """Phase along each axis."""
-    ramp_s: fields.Span
+    ramp_time_s: fields.Span
     """Time in which the amplitude rises smoothly from zero."""
     rpy_deg: fields.Angles = ZERO
     """Roll, pitch, yaw of the desired attitude, or of the one about which it swings."""
-    swing_deg: fields.RotationVector = ZERO
+    rotation_amplitude_deg: fields.RotationVector = ZERO
     """Amplitude of the attitude's swing, a rotation vector in the frame of that attitude; zero: it is constant."""
-    swing_period_s: fields.Periods = (10.0, 10.0, 10.0)
+    rotation_period_s: fields.Periods = (10.0, 10.0, 10.0)
     """Period of the swing about each axis; one number for all three."""
-    swing_phase_deg: fields.Angles = ZERO
+    rotation_phase_deg: fields.Angles = ZERO
     """Phase of the swing about each axis."""
-    leaves: PathDeparture | None = None
+    departure: PathDeparture | None = None
     """Where it leaves for."""
 
 
 class Pose(Section):
     """Where the payload should be at one time."""
 
-    t_s: fields.Time
+    time_s: fields.Time
     """When."""
-    p_m: fields.Position
+    position_m: fields.Position
     """Position."""
     rpy_deg: fields.Angles = ZERO
     """Roll, pitch, yaw of the attitude."""
