@@ -26,7 +26,7 @@ def bound_assumptions(
         for size, group in zip(nominal.sizes, nominal.agent_groups, strict=True)
     ]
     within = False
-    if learning.label_source == "rig":
+    if learning.label_source == "calibration_rig":
         of_payload = np.concatenate([rig.payload.F, rig.payload.tau])
         of_agents = [np.concatenate([e.f_x, e.f_w, e.f_r], axis=1) for e in rig.agents]
         payload = of_payload if given.payload_label_error is None else payload
@@ -68,7 +68,7 @@ def _met(settings: schema.Scenario, within: bool) -> frozenset[BoundAssumption]:
     within: whether no label errs by more than is stated, which only a calibration rig can promise.
     """
     given, learning = settings.certificate, settings.learning
-    rig, fixed = learning.label_source == "rig", learning.hyperparameters == "stated"
+    rig, fixed = learning.label_source == "calibration_rig", learning.hyperparameters == "fixed"
     drawn = settings.random_residual is not None and settings.random_residual.rkhs_norm <= given.rkhs_norm
     alone = not settings.disturbances and settings.nominal == schema.NominalModel()
     holds = {

@@ -90,7 +90,7 @@ def make_controller(settings: schema.Scenario, nominal: Team) -> controller.Lead
     """
     experiment, internal = allocation(settings, nominal)
     learning, gain = settings.learning, gains(settings)
-    recorder = RigRecorder if learning.label_source == "rig" else DataRecorder
+    recorder = RigRecorder if learning.label_source == "calibration_rig" else DataRecorder
     ahead = settings.control.preview_step_s
     agent_controller = (
         agent_controllers.ThrustVectoringController

@@ -52,7 +52,7 @@ def build_plugin(given: schema.PluginReference, where: str, kind: type[P], *join
     made = jax.tree.map(lambda x: x if isinstance(x, jax.Array) else jnp.asarray(np.asarray(x)), build(*joins))
     if not isinstance(made, kind):
         raise ScenarioError(
-            f"{where}: {given.class} built a value of type {type(made).__name__}, "
+            f"{where}: {given.class_path} built a value of type {type(made).__name__}, "
             f"which is no {kind.__module__}.{kind.__name__} (docs/change_a_part.md)"
         )
     return made

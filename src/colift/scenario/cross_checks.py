@@ -126,10 +126,10 @@ def _agents(data: dict[str, Any]) -> Iterator[ErrorMessage]:
         kind = _part(agent, "type")
         if isinstance(kind, str) and kinds and kind not in kinds:
             yield ("agents", i, "type"), unknown_name_message(kind, kinds, "one of agent_types")
-        held, arms = _part(agent, "contacts_m"), _part(kinds, str(kind), "arms")
+        held, arms = _part(agent, "contact_positions_m"), _part(kinds, str(kind), "arms")
         if isinstance(held, list | tuple) and isinstance(arms, list | tuple) and len(held) != len(arms):
             yield (
-                ("agents", i, "contacts_m"),
+                ("agents", i, "contact_positions_m"),
                 f"must hold one contact for each of the {len(arms)} arms of {format_value(kind)}, got {len(held)}",
             )
 
@@ -201,20 +201,20 @@ def _allocation(data: dict[str, Any]) -> Iterator[ErrorMessage]:
             yield place, unknown_name_message(contact, known, "a contact")
         elif contact in leaders[:i]:
             yield place, f"{format_value(contact)} is named twice"
-    offset = _part(data, "allocation", "lam_f0_N")
+    offset = _part(data, "allocation", "follower_offset_N")
     followers = len(known) - len(leaders)
     if isinstance(offset, list | tuple) and len(offset) != followers:
         yield (
-            ("allocation", "lam_f0_N"),
+            ("allocation", "follower_offset_N"),
             f"must hold one force for each of the {followers} follower contacts, got {len(offset)}",
         )
-    for i, pair in enumerate(_items(data, "allocation", "internal", "pairs")):
+    for i, pair in enumerate(_items(data, "allocation", "internal", "squeeze_pairs")):
         ends = [pair[k] for k in (0, 1)] if isinstance(pair, list | tuple) and len(pair) > 1 else []
         for k, contact in enumerate(ends):
             if isinstance(contact, str) and contact not in known:
-                yield ("allocation", "internal", "pairs", i, k), unknown_name_message(contact, known, "a contact")
+                yield ("allocation", "internal", "squeeze_pairs", i, k), unknown_name_message(contact, known, "a contact")
             elif isinstance(contact, str) and k == 1 and contact == ends[0]:
-                yield ("allocation", "internal", "pairs", i, k), "must be another contact than the first of the pair"
+                yield ("allocation", "internal", "squeeze_pairs", i, k), "must be another contact than the first of the pair"
 
 
 UPDATES = ("learning", "update_times_s")
@@ -256,24 +256,24 @@ def _rates(data: dict[str, Any]) -> Iterator[ErrorMessage]:
     sample = _number(data, "learning", "sample_Hz")
     if sample > control:
         yield ("learning", "sample_Hz"), f"must not exceed control_Hz = {control:g}, got {sample:g}"
-    for place in (("learning", "filter_Hz"), ("control", "joint_filter_Hz")):
+    for place in (("learning", "label_filter_Hz"), ("control", "joint_filter_Hz")):
         corner = _number(data, *place)
         if corner > control / 2:
             yield place, f"must not exceed half of control_Hz, {control / 2:g}, got {corner:g}"
-    duration, ramp = _number(data, "duration_s"), _number(data, "reference", "ramp_s")
-    if _named(data, "drawn") and _part(data, "reference", "kind") == "own":
-        yield ("drawn",), "must be left out: its centres lie along a reference that colift knows"
-    if _named(data, "drawn") and ramp >= duration:
+    duration, ramp = _number(data, "duration_s"), _number(data, "reference", "ramp_time_s")
+    if _named(data, "random_residual") and _part(data, "reference", "kind") == "plugin":
+        yield ("random_residual",), "must be left out: its centres lie along a reference that colift knows"
+    if _named(data, "random_residual") and ramp >= duration:
         yield (
-            ("reference", "ramp_s"),
-            f"must be less than duration_s = {duration:g}: the centres of `drawn` lie beyond, got {ramp:g}",
+            ("reference", "ramp_time_s"),
+            f"must be less than duration_s = {duration:g}: the centres of `random_residual` lie beyond, got {ramp:g}",
         )
 
 
 def _flanks(data: dict[str, Any]) -> Iterator[ErrorMessage]:
     begin, over = _number(data, "allocation", "internal", "start_s"), _number(data, "allocation", "internal", "end_s")
-    if 2 * _number(data, "allocation", "internal", "ramp_s") > over - begin:
-        yield ("allocation", "internal", "ramp_s"), f"two flanks must fit between start_s and end_s, {over - begin:g} s"
+    if 2 * _number(data, "allocation", "internal", "ramp_time_s") > over - begin:
+        yield ("allocation", "internal", "ramp_time_s"), f"two flanks must fit between start_s and end_s, {over - begin:g} s"
 
 
 def _waves(data: dict[str, Any]) -> Iterator[ErrorMessage]:
@@ -281,13 +281,13 @@ def _waves(data: dict[str, Any]) -> Iterator[ErrorMessage]:
     size = _size(data)
     for i, source in enumerate(_items(data, "disturbances")):
         for k in range(len(_items(source, "gusts"))):
-            wave = [_number(source, "gusts", k, "wave_radpm", axis) for axis in range(3)]
+            wave = [_number(source, "gusts", k, "wave_vector_radpm", axis) for axis in range(3)]
             k_abs = math.hypot(*wave)  # NaN where it is no vector
-            place: Place = ("disturbances", i, "gusts", k, "wave_radpm")
+            place: Place = ("disturbances", i, "gusts", k, "wave_vector_radpm")
             if k_abs * MAX_WAVELENGTH < 2 * math.pi:
                 yield (
                     place,
-                    f"has a wavelength above {MAX_WAVELENGTH / 1e3:g} km, which is a mean wind: say it in mean_mps",
+                    f"has a wavelength above {MAX_WAVELENGTH / 1e3:g} km, which is a mean wind: say it in mean_wind_mps",
                 )
             elif _part(source, "acts_on") == "payload" and k_abs * size > 2 * math.pi:
                 length = f"{2 * math.pi / k_abs:.3g} m"
@@ -297,9 +297,9 @@ def _waves(data: dict[str, Any]) -> Iterator[ErrorMessage]:
 def _size(data: dict[str, Any]) -> float:
     """Largest distance between two contacts, m; 0 where there are none."""
     places = [
-        ("agents", i, "contacts_m", k)
+        ("agents", i, "contact_positions_m", k)
         for i, agent in enumerate(_items(data, "agents"))
-        for k in range(len(_items(agent, "contacts_m")))
+        for k in range(len(_items(agent, "contact_positions_m")))
     ]
     held = [[_number(data, *place, axis) for axis in range(3)] for place in places[:MAX_ENTRIES]]
     return max((math.dist(a, b) for a, b in itertools.combinations(held, 2) if math.isfinite(sum(a + b))), default=0.0)
@@ -313,7 +313,7 @@ def _memory(data: dict[str, Any]) -> Iterator[ErrorMessage]:
         most = f"{LOG_BYTES / 1e9:g} GB are allowed, {LOG_BYTES / log * duration:.4g} s"
         yield ("duration_s",), f"the log of this team at {rate:g} Hz would take {log / 1e9:.3g} GB; {most}"
     outputs = model_outputs(data)
-    for place in (("learning", "capacity"), ("drawn", "centers")):
+    for place in (("learning", "max_samples"), ("random_residual", "num_centers")):
         models = 8 * outputs * _number(data, *place) ** 2
         if models > MODEL_BYTES:
             most = f"{MODEL_BYTES / 1e9:g} GB are allowed, {math.isqrt(int(MODEL_BYTES / 8 / outputs))} points"
@@ -344,11 +344,11 @@ def _number(data: Any, *place: int | str) -> float:
 
 def _poses(data: dict[str, Any]) -> Iterator[ErrorMessage]:
     """A payload is in one place at a time, and takes some time to the next."""
-    times = [_number(data, "reference", "poses", i, "t_s") for i in range(len(_items(data, "reference", "poses")))]
+    times = [_number(data, "reference", "poses", i, "time_s") for i in range(len(_items(data, "reference", "poses")))]
     for i, (before, context) in enumerate(itertools.pairwise(times), start=1):
         if context < before + MIN_WAYPOINT_INTERVAL:
             yield (
-                ("reference", "poses", i, "t_s"),
+                ("reference", "poses", i, "time_s"),
                 f"must be {MIN_WAYPOINT_INTERVAL:g} s or more after the pose before, {before:g}, got {context:g}",
             )
 
@@ -356,7 +356,7 @@ def _poses(data: dict[str, Any]) -> Iterator[ErrorMessage]:
 def _delays(data: dict[str, Any]) -> Iterator[ErrorMessage]:
     """What is late waits for whole ticks, of which not too many are kept; nothing is read between ticks."""
     rate = _number(data, "control_Hz")
-    readings = [("sensors", "then", i) for i in range(len(_items(data, "sensors", "then")))]
+    readings = [("sensors", "models", i) for i in range(len(_items(data, "sensors", "models")))]
     for place in (("actuators",), ("nominal", "actuators"), *readings):
         delay, taken = _number(data, *place, "delay_s"), _number(data, *place, "rate_Hz")
         ticks = delay * rate
@@ -371,11 +371,11 @@ def _delays(data: dict[str, Any]) -> Iterator[ErrorMessage]:
 
 def _added(data: dict[str, Any]) -> Iterator[ErrorMessage]:
     """What is taken off a payload leaves some of it, and MuJoCo's model is made once."""
-    added, mass = _number(data, "added", "mass_kg"), _number(data, "payload", "mass_kg")
+    added, mass = _number(data, "payload_mass_step", "mass_kg"), _number(data, "payload", "mass_kg")
     if mass + added <= 0:
-        yield ("added", "mass_kg"), f"must leave some of payload.mass_kg = {mass:g}, got {added:g}"
+        yield ("payload_mass_step", "mass_kg"), f"must leave some of payload.mass_kg = {mass:g}, got {added:g}"
     if not math.isnan(added) and _part(data, "plant", "kind") == "mujoco":
-        yield ("added",), "the plant mujoco has a payload that does not change; take kind: rigid"
+        yield ("payload_mass_step",), "the plant mujoco has a payload that does not change; take kind: rigid"
 
 
 def _limits(data: dict[str, Any]) -> Iterator[ErrorMessage]:

@@ -81,7 +81,7 @@ def _mistakes(given: AgentTypeFromUrdf, robot: urdf.Robot) -> Iterator[ErrorMess
             yield ("tips", i), unknown_name_message(tip.link, robot.links, "a link of the file")
         elif tip.name is None and not re.fullmatch(NAME, tip.link):
             yield ("tips", i), f"{format_value(tip.link)} cannot name an arm: give the tip a `name`"
-    for setting, slides, moves in (("rest_rad", False, "turns"), ("rest_m", True, "slides")):
+    for setting, slides, moves in (("nominal_position_rad", False, "turns"), ("nominal_position_m", True, "slides")):
         known = [joint.name for joint in robot.joints if joint.prismatic == slides]
         for name in getattr(given, setting):
             if name not in known:
@@ -97,7 +97,7 @@ def _numbers(given: AgentTypeFromUrdf, robot: urdf.Robot) -> dict[str, Any]:
     ]
     joints = []
     for joint, body in zip(robot.joints, bodies[1:], strict=True):
-        kind, rest = ("prismatic", "rest_m") if joint.prismatic else ("revolute", "rest_rad")
+        kind, rest = ("prismatic", "nominal_position_m") if joint.prismatic else ("revolute", "nominal_position_rad")
         joints.append(
             {
                 "name": joint.name,

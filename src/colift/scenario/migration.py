@@ -63,7 +63,7 @@ RENAMED: dict[str, dict[str, str]] = {
         "swing_period_s": "rotation_period_s",
         "swing_phase_deg": "rotation_phase_deg",
         "leaves": "departure",
-        "part": "class",
+        "part": "class_path",
     },
     "reference.leaves": {
         "shift_m": "offset_m",
@@ -84,7 +84,7 @@ RENAMED: dict[str, dict[str, str]] = {
         "turn": "direction_change",
         "length_m": "rest_length_m",
         "width_m": "std_m",
-        "part": "class",
+        "part": "class_path",
         "speed_radps": "smoothing_speed_radps",
     },
     "disturbances.*.gusts.*": {
@@ -111,7 +111,7 @@ RENAMED: dict[str, dict[str, str]] = {
         "until_s": "failure_time_s",
         "rate": "random_walk_density",
         "start": "initial_bias_std",
-        "part": "class",
+        "part": "class_path",
     },
     "actuators.rotors": {
         "count": "num_rotors",
@@ -119,7 +119,7 @@ RENAMED: dict[str, dict[str, str]] = {
         "yaw_m": "moment_ratio_m",
     },
     "actuators": {
-        "part": "class",
+        "part": "class_path",
     },
     "control": {
         "posture": "posture_bandwidth",
@@ -213,7 +213,7 @@ RENAMED: dict[str, dict[str, str]] = {
         "thrust_margin": "hover_thrust_margin",
     },
     "plant": {
-        "part": "class",
+        "part": "class_path",
     },
     "parts": {
         "leader": "payload_controller",
@@ -221,25 +221,25 @@ RENAMED: dict[str, dict[str, str]] = {
         "predictor": "residual_predictor",
     },
     "parts.leader": {
-        "part": "class",
+        "part": "class_path",
     },
     "parts.allocator": {
-        "part": "class",
+        "part": "class_path",
     },
     "parts.realizer": {
-        "part": "class",
+        "part": "class_path",
     },
     "parts.estimator": {
-        "part": "class",
+        "part": "class_path",
     },
     "parts.predictor": {
-        "part": "class",
+        "part": "class_path",
     },
     "parts.features": {
-        "part": "class",
+        "part": "class_path",
     },
     "parts.kernel": {
-        "part": "class",
+        "part": "class_path",
     },
     "agent_types.*.tips.*": {
         "offset_m": "tip_position_m",

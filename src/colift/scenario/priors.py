@@ -60,7 +60,7 @@ def prior_model(settings: schema.Scenario, nominal: Team) -> residual_model.Resi
 def fit_options(settings: schema.Scenario, nominal: Team) -> model_update.FitOptions | None:
     """How fits are made: about the priors of `prior`, within the scenario's bounds; None where they stay as stated."""
     given = settings.learning
-    if given.hyperparameters == "stated":
+    if given.hyperparameters == "fixed":
         return None
     (least, greatest), seen, of = given.lengthscale_bounds, features(settings), kernel(settings)
 

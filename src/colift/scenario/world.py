@@ -43,7 +43,7 @@ def make_world(
         actuators=actuators.IdealActuators(),
         sensors=seen,
         tip_force_bias=sample_tip_bias(truth, seen, jax.random.fold_in(jax.random.key(settings.seed), 1)),
-        sensor_models=(*then, CalibrationRig(label_error=rig)) if settings.learning.label_source == "rig" else then,
+        sensor_models=(*then, CalibrationRig(label_error=rig)) if settings.learning.label_source == "calibration_rig" else then,
         mass_step=None if settings.payload_mass_step is None else _added(settings.payload_mass_step),
     )
     return dataclasses.replace(ours, actuators=_actuators(settings, ours), plant=_plant(settings, ours, state))

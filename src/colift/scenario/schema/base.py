@@ -119,7 +119,7 @@ class Section(BaseModel):
 class PluginReference(Section):
     """A part of one's own. Reading the scenario imports the module, which runs it (docs/change_a_part.md)."""
 
-    class: Annotated[str, Field(strict=True, max_length=200), AfterValidator(_module_and_name)]
+    class_path: Annotated[str, Field(strict=True, max_length=200), AfterValidator(_module_and_name)]
     """`module:Name`: a class that extends `colift.scenario.Section` and has a `build`, in a module beside the file."""
     settings: Annotated[SerializeAsAny[Section], WithJsonSchema({"type": "object"}), Field(default_factory=Section)]
     """Settings of the part; its class says which there are."""
@@ -128,7 +128,7 @@ class PluginReference(Section):
     @classmethod
     def _with_settings(cls, given: Any) -> Any:
         """The settings as the part's class has them."""
-        named = given.get("part") if isinstance(given, Mapping) else None
+        named = given.get("class_path") if isinstance(given, Mapping) else None
         if not isinstance(named, str) or not re.fullmatch(PART, named):
             return given  # which is told by the fields
         return {**given, "settings": plugins.plugin_settings(named, given.get("settings", {}), Section)}
@@ -137,5 +137,5 @@ class PluginReference(Section):
 class Plugin(PluginReference):
     """A part of one's own, as a variant beside ours. Reading the scenario imports its module, which runs it."""
 
-    kind: Literal["own"]
+    kind: Literal["plugin"]
     """Which variant."""

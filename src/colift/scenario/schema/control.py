@@ -83,7 +83,7 @@ class InternalForces(Section):
 class LeastSquaresAllocation(Section):
     """The general allocation: least squares over all contacts."""
 
-    kind: Literal["balanced"]
+    kind: Literal["least_squares"]
     """Which allocation."""
     internal: InternalForces | None = None
     """Internal-force input."""

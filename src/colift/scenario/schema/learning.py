@@ -67,12 +67,12 @@ class Learning(Section):
     """Least and largest length-scale of any feature, in its own unit: m, m/s, rad, rad/s, none for an entry of R."""
     hyperprior_factor: fields.Factor = 3.0
     """Before data, two of three length-scales and deviations lie within this factor of the prior's (log-normal)."""
-    hyperparameters: Literal["fitted", "stated"] = "fitted"
+    hyperparameters: Literal["optimized", "fixed"] = "optimized"
     """`fitted` to the data at each update, or `stated`: those of the prior, without a mean, as error bounds ask for."""
     fit_latency: fields.Time | Literal["measured"] = 0.0
     """How long a fit takes until what it learned flies, s; `measured`: as long as it takes on this machine, which makes
     a run unlike the next."""
-    label_source: Literal["estimated", "rig"] = "estimated"
+    label_source: Literal["onboard", "calibration_rig"] = "onboard"
     """`estimated` on board from the sensors, or of a calibration `rig`: true states, labels with bounded errors."""
     rig_label_error: fields.Ratio = 0.1
     """Error of every label of the rig, one way or the other, as a share of the drawn residual's deviation."""

@@ -54,7 +54,7 @@ class Intermittent(Section):
 class BiasRandomWalk(Section):
     """A bias that walks at random and is added to every component."""
 
-    kind: Literal["drifting"]
+    kind: Literal["bias_random_walk"]
     """Which."""
     channels: Readings
     """Which readings, as for [Intermittent](#intermittent); an attitude is turned about its body's axes."""
