@@ -13,24 +13,39 @@ from evidence import collect
 
 SEEDS = (100, 101, 102)
 GRID: dict[str, list[dict[str, float]]] = {  # settings of the scenario
-    "I": [{"baselines.K_i": K, "baselines.k_i": k} for K in (1.0, 1.5, 2.0) for k in (10.0, 20.0, 40.0)],
-    "DOB": [
-        {"baselines.observer_Hz": f, "baselines.observer_moment_Hz": m}
+    "integral": [
+        {"baselines.position_integral_gain": K, "baselines.attitude_integral_gain": k}
+        for K in (1.0, 1.5, 2.0)
+        for k in (10.0, 20.0, 40.0)
+    ],
+    "disturbance_observer": [
+        {"baselines.dob_force_Hz": f, "baselines.dob_moment_Hz": m}
         for f in (0.2, 0.25, 0.3, 0.35, 0.4)
         for m in (0.15, 0.3, 0.6, 1.2)
     ],
-    "P": [
-        {"baselines.mass_kg": m, "baselines.first_moment_kgm": c, "baselines.inertia_kgm2": J}
+    "parametric": [
+        {
+            "baselines.mass_prior_std_kg": m,
+            "baselines.first_moment_prior_std_kgm": c,
+            "baselines.inertia_prior_std_kgm2": J,
+        }
         for m, c, J in ((0.5, 5e-3, 3e-3), (0.5, 1e-4, 1e-4), (0.5, 1e-6, 1e-6), (0.5, 1e-8, 1e-8), (0.1, 1e-6, 1e-6))
     ],
-    "F": [{"innovation.lead_s": s, "learning.filter_Hz": f} for f in (5.0, 8.0, 12.0) for s in (0.0, 0.02, 0.04, 0.06)],
-    "R": [
+    "label_feedback": [
+        {"online_correction.lead_time_s": s, "learning.label_filter_Hz": f}
+        for f in (5.0, 8.0, 12.0)
+        for s in (0.0, 0.02, 0.04, 0.06)
+    ],
+    "regression": [
         *(
-            {"baselines.ridge": r, "baselines.ridge_moment": m}
+            {"baselines.ridge_alpha": r, "baselines.ridge_alpha_moment": m}
             for r in (0.03, 0.1, 0.3, 1.0)
             for m in (0.3, 3.0, 10.0, 30.0)
         ),
-        *({"baselines.ridge": 0.1, "baselines.ridge_moment": 10.0, "learning.filter_Hz": f} for f in (5.0, 12.0)),
+        *(
+            {"baselines.ridge_alpha": 0.1, "baselines.ridge_alpha_moment": 10.0, "learning.label_filter_Hz": f}
+            for f in (5.0, 12.0)
+        ),
     ],
 }
 

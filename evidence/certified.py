@@ -43,7 +43,7 @@ def fly(item: str) -> dict[str, Any]:
 def noisy(settings: Scenario) -> Scenario:
     """With the sensors of `paper` and the filters that go with them."""
     theirs = scenario.load_scenario("paper")
-    filters = {name: getattr(theirs.control, name) for name in ("fusion_Hz", "joint_filter_Hz")}
+    filters = {name: getattr(theirs.control, name) for name in ("complementary_filter_Hz", "joint_filter_Hz")}
     control = settings.control.model_copy(update=filters)
     return settings.model_copy(update={"sensors": theirs.sensors, "control": control})
 

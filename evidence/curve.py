@@ -28,7 +28,7 @@ from colift.visualization import style
 from evidence import ROOT, collect
 
 SEEDS = ("0", "1", "2", "3", "4")
-CASES = ("C1", "I", "C3")
+CASES = ("C1", "integral", "C3")
 SCENARIO = "paper"
 SETTINGS = {"step_s": 0.1, "force_N": 4.0, "moment_Nm": 1.0}  # about twice what C1's errors ask for
 FLIGHTS = 8  # at once
@@ -190,12 +190,12 @@ def draw(found: dict[str, Any], path: Path) -> None:
         figure.savefig(path, dpi=200)
 
 
-NAMES = {"C1": "no action (C1)", "I": "integral (I)", "C3": "learned (C3)"}
+NAMES = {"C1": "no action (C1)", "integral": "integral (I)", "C3": "learned (C3)"}
 
 
 def main() -> bool:
     """Print the table and draw the figure; every seed ends closer to the reference than without action."""
-    found = collect("curve", ("C1", *SEEDS, "I", "C3", "checker"), compute)
+    found = collect("curve", ("C1", *SEEDS, "integral", "C3", "checker"), compute)
     print(f"Stable-Baselines3's checker: no fault; warnings: {found['checker'] or 'none'}")
     for case in CASES:
         print(f"{case:5} {said([found[case]])}")

@@ -118,7 +118,7 @@ MUTANTS = {
         "estimate",
         "converge",
     ),
-    "joint rate: filter's own delay left out": Mutant(
+    "joint random_walk_density: filter's own delay left out": Mutant(
         "estimate.py", "* b / ((1 - b) * dt)", "* b / dt", "estimate", "ramp"
     ),
     "tip forces turned the wrong way": Mutant(
@@ -150,7 +150,7 @@ MUTANTS = {
         "goes_with_the_place",
     ),
     "innovation: a rate counts after silence": Mutant(
-        "innovation.py", "b = due * went_on * -jnp", "b = due * -jnp", "innovation", "before_labels_stopped"
+        "online_correction.py", "b = due * went_on * -jnp", "b = due * -jnp", "innovation", "before_labels_stopped"
     ),
     "features: speeds in the wrong order": Mutant(
         "learn.py",
@@ -163,12 +163,12 @@ MUTANTS = {
         "learn.py", "-so3.hat(q.R.T @ a)", "so3.hat(q.R.T @ a)", "learn", "regressor"
     ),
     "innovation: a map is trusted whatever labels do": Mutant(
-        "innovation.py", "moved.products, moved.squares, v", "moved.squares, moved.squares, v", "innovation"
+        "online_correction.py", "moved.products, moved.squares, v", "moved.squares, moved.squares, v", "innovation"
     ),
     "echo: joints are heard without delay": Mutant("echo.py", "(1 - _low(s, filters.joint) ** 2)", "1", "echo"),
     "echo: agents follow all of the rate": Mutant("fly.py", "jnp.multiply, c[:, None]", "jnp.multiply, 1.0", "echo"),
     "innovation: another oracle moves the mean": Mutant(
-        "innovation.py", "mean=plus(past.moved.mean)", "mean=past.moved.mean", "innovation"
+        "online_correction.py", "mean=plus(past.moved.mean)", "mean=past.moved.mean", "innovation"
     ),
     # certificates
     "tube: what is fed does not feed": Mutant(

@@ -107,7 +107,7 @@ def on(target: str) -> dict[str, Any]:
                 return replayed(program, here, [*PLAIN, "-DCOLIFT_FLOAT32"], REPEATS)
             case "aarch64":
                 return replayed(["qemu-aarch64", *program], "aarch64-linux-gnu-gcc", [*PLAIN, "-static"], 1)
-        start, layout = Path(made) / "start.c", Path(made) / "layout.ld"
+        start, layout = Path(made) / "initial_state.c", Path(made) / "layout.ld"
         start.write_text(START)
         layout.write_text(LAYOUT)
         run = ["qemu-system-arm", "-M", "mps2-an500", "-nographic", "-semihosting-config"]
@@ -131,7 +131,7 @@ def main() -> bool:
     """Every target's commands within 1e-12 of Python's, single precision's within 1e-2; steps in time here."""
     found = collect("onboard", TARGETS, on)
     for target, row in found.items():
-        sizes = [row[f"{what}_bytes"] / 1e3 for what in ("text", "memory", "learned")]
+        sizes = [row[f"{what}_bytes"] / 1e3 for what in ("text", "state", "model")]
         print(
             f"{target:<26} largest difference {row['largest_difference']:.2g} (relative "
             f"{row['largest_relative_difference']:.2g}), step {row['median_us']:.0f} us, "

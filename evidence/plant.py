@@ -1,4 +1,4 @@
-"""The plant: agreement with Pinocchio, energy and momentum, order, constraint residuals, gradients; random teams.
+"""The physics: agreement with Pinocchio, energy and momentum, order, constraint residuals, gradients; random teams.
 
 Targets: forces and accelerations within 1e-9 of Pinocchio where the condition number of
 `A M^-1 A^T` is at most 1e6, within 1e-15 times it beyond; over 10 s at 1 ms, energy within 1e-8 of the peak kinetic

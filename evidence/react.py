@@ -23,7 +23,7 @@ from evidence import collect
 from evidence.targets import Target
 
 SAMPLES = 200
-CASES = ("C3", "F", "C4", "O")
+CASES = ("C3", "label_feedback", "adaptive", "true_residual")
 LEAD = 0.04  # s, of the second F
 DELAYS = ((0, 0), (3, 4), (5, 4))  # ticks, in truth and as believed; each is a program of its own
 CHANGE, AFTER = 13.0, 14.5  # s
@@ -36,7 +36,7 @@ def draw(sample: int) -> tuple[Scenario, dict[str, Any]]:
     asked = {
         "turn_deg": float(rng.uniform(-180, 180)) * (rng.random() < 0.7),
         "added_kg": 1.5 * float(rng.uniform(-0.2, 0.4)) * (rng.random() < 0.6),
-        "shift_m": [float(x) for x in rng.uniform(-1, 1, 2) * (rng.random() < 0.4)],
+        "offset_m": [float(x) for x in rng.uniform(-1, 1, 2) * (rng.random() < 0.4)],
         "lag_s": float(rng.uniform(0, 0.03)),
         "wrong": float(rng.uniform(0.7, 1.3)),
         "delays": DELAYS[sample % len(DELAYS)],
@@ -48,9 +48,9 @@ def draw(sample: int) -> tuple[Scenario, dict[str, Any]]:
     data = base.model_dump()
     for source in data["disturbances"]:
         if source["kind"] == "wind":
-            source["turn"] = {"angle_deg": asked["turn_deg"], "start_s": CHANGE, "over_s": 0.3}
+            source["turn"] = {"change_deg": asked["turn_deg"], "start_s": CHANGE, "ramp_time_s": 0.3}
     data["added"] = {"mass_kg": asked["added_kg"], "start_s": CHANGE}
-    data["reference"]["leaves"] = {"shift_m": [*asked["shift_m"], 0.0], "start_s": 11.0, "over_s": 3.0}
+    data["reference"]["leaves"] = {"offset_m": [*asked["offset_m"], 0.0], "start_s": 11.0, "ramp_time_s": 3.0}
     fast = 1 / max(2 * np.pi * asked["lag_s"], 1e-4)
     tick = 1 / base.control_Hz
     true, believed = asked["delays"]
@@ -60,8 +60,8 @@ def draw(sample: int) -> tuple[Scenario, dict[str, Any]]:
         name: x * asked["noise"] for name, x in data["sensors"].items() if isinstance(x, float) and "Hz" not in name
     }
     lost = {"kind": "intermittent", "of": ["agents.lam"], "rate_Hz": base.control_Hz, "loss": min(asked["loss"], 0.99)}
-    data["sensors"]["then"] = [lost | {"until_s": asked["dead_s"]}]
-    data["control"]["look_ahead_s"] = base.online_correction.preview_step_s
+    data["sensors"]["then"] = [lost | {"failure_time_s": asked["dead_s"]}]
+    data["control"]["preview_step_s"] = base.online_correction.preview_step_s
     data["seed"] = 1000 + sample
     return Scenario.model_validate(data), asked
 
@@ -69,20 +69,20 @@ def draw(sample: int) -> tuple[Scenario, dict[str, Any]]:
 def fly(item: str) -> dict[str, Any]:
     """Of each case of a sample: the RMS error of position after the changes, m, chatter, and why it ended, if early."""
     settings, asked = draw(int(item))
-    plans = experiment.make_experiments(settings, (*CASES, *(["H"] if asked["dead_s"] else [])))
-    plans["F led"] = led(settings)
+    plans = experiment.make_experiments(settings, (*CASES, *(["gp_label_feedback"] if asked["dead_s"] else [])))
+    plans["label_feedback led"] = led(settings)
     if asked["dead_s"]:
-        plans["faded"] = faded(plans["H"], settings)
+        plans["faded"] = faded(plans["gp_label_feedback"], settings)
     cases = {case: flown(plan) for case, plan in plans.items()}
-    if cases["C4"]["stopped"]:
+    if cases["adaptive"]["stopped"]:
         cases["C1"] = flown(experiment.make_experiment(settings, "C1"))
     return {"asked": asked, **cases}
 
 
 def led(settings: Scenario) -> Experiment:
     """The plan of F whose correction is carried ahead as is best at home."""
-    longer = settings.online_correction.model_copy(update={"lead_s": LEAD})
-    return experiment.make_experiment(settings.model_copy(update={"innovation": longer}), "F")
+    longer = settings.online_correction.model_copy(update={"lead_time_s": LEAD})
+    return experiment.make_experiment(settings.model_copy(update={"innovation": longer}), "label_feedback")
 
 
 def faded(held: Experiment, settings: Scenario) -> Experiment:
@@ -130,11 +130,18 @@ def share(ratios: list[float], most: float) -> tuple[int, str]:
 def main() -> bool:
     """Print how C4 compares, and what is asked of it beside what it misses; whether all holds."""
     found_of = collect("react", map(str, range(SAMPLES)), fly)
-    lost = {case: [item for item, found in found_of.items() if found[case]["stopped"]] for case in (*CASES, "F led")}
+    lost = {
+        case: [item for item, found in found_of.items() if found[case]["stopped"]]
+        for case in (*CASES, "label_feedback led")
+    }
     print("ended early: " + ", ".join(f"{case} {len(items)}" for case, items in lost.items()))
-    whole = {item: found for item, found in found_of.items() if not any(found[case]["stopped"] for case in ("C4", "O"))}
+    whole = {
+        item: found
+        for item, found in found_of.items()
+        if not any(found[case]["stopped"] for case in ("adaptive", "true_residual"))
+    }
 
-    for case in (*CASES, "F led"):
+    for case in (*CASES, "label_feedback led"):
         e = [1e3 * error(f, case) for f in whole.values()]
         spread = f"median {np.median(e):.1f} mm, 90 % {np.quantile(e, 0.9):.1f}, worst {max(e):.1f}"
         print(f"{case:5} e_p after the changes: {spread}")
@@ -154,27 +161,36 @@ def targets(found_of: dict[str, Any]) -> list[Target]:
     """Targets over the samples in which C4 and O came to the end: percentages of them within a limit."""
 
     def over(flights: list[dict[str, Any]], *cases: str) -> list[float]:
-        return [error(f, "C4") / min(error(f, case) for case in cases) for f in flights]
+        return [error(f, "adaptive") / min(error(f, case) for case in cases) for f in flights]
 
-    lost = [item for item, found in found_of.items() if found["C4"]["stopped"]]
-    every = [found for found in found_of.values() if not any(found[case]["stopped"] for case in ("C4", "O"))]
+    lost = [item for item, found in found_of.items() if found["adaptive"]["stopped"]]
+    every = [
+        found
+        for found in found_of.values()
+        if not any(found[case]["stopped"] for case in ("adaptive", "true_residual"))
+    ]
     lasting = [f for f in every if f["asked"]["dead_s"] is None]
     silent = [f for f in every if f["asked"]["dead_s"] is not None]
     stepped = [f for f in every if abs(f["asked"]["turn_deg"]) > 30 or abs(f["asked"]["added_kg"]) > 0.1]
-    soon = [f["C4"]["e_p_soon_m"] / f["O"]["e_p_soon_m"] for f in stepped]
-    outside = {span: [f["C4"]["outside"][span] for f in every] for span in ("second_half", "changing")}
+    soon = [f["adaptive"]["e_p_soon_m"] / f["true_residual"]["e_p_soon_m"] for f in stepped]
+    outside = {span: [f["adaptive"]["outside"][span] for f in every] for span in ("second_half", "changing")}
     asked = (  # of what, at most, in which share of the flights
-        ("labels available: e_p of adaptive over true_residual", over(lasting, "O"), 2.5, 0.9),
+        ("labels available: e_p of adaptive over true_residual", over(lasting, "true_residual"), 2.5, 0.9),
         (
             "labels lost: e_p of adaptive over the smallest of C3, gp_label_feedback and its decaying variant",
-            over(silent, "C3", "H", "faded"),
+            over(silent, "C3", "gp_label_feedback", "faded"),
             1.15,
             1.0,
         ),
-        ("e_p of adaptive over the smaller of C3 and label_feedback", over(every, "C3", "F"), 1.15, 1.0),
-        ("the same, with label_feedback also at its best lead time", over(every, "C3", "F", "F led"), 1.15, 1.0),
+        ("e_p of adaptive over the smaller of C3 and label_feedback", over(every, "C3", "label_feedback"), 1.15, 1.0),
+        (
+            "the same, with label_feedback also at its best lead time",
+            over(every, "C3", "label_feedback", "label_feedback led"),
+            1.15,
+            1.0,
+        ),
         ("1.5 s to 2.5 s after a step change: e_p of adaptive over true_residual", soon, 2.0, 1.0),
-        ("contact forces of adaptive above 20 Hz [N RMS]", [f["C4"]["chatter_N"] for f in every], 0.2, 1.0),
+        ("contact forces of adaptive above 20 Hz [N RMS]", [f["adaptive"]["chatter_N"] for f in every], 0.2, 1.0),
         (
             "share of errors of adaptive beyond 1.96 predictive standard deviations, second half",
             outside["second_half"],

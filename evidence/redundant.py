@@ -18,7 +18,7 @@ from colift.scenario import experiment
 from evidence import collect
 
 TEAMS = ("seven", "beam", "trio", "uneven")
-CASES = ("C1", "C2", "C3", "C4")
+CASES = ("C1", "C2", "C3", "adaptive")
 SEEDS = (0, 1, 2)
 UNBIASED = "sensors.tip_force_bias_N=0"
 

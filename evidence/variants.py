@@ -49,7 +49,7 @@ def tries(settings: Scenario, names: list[str]) -> list[dict[str, Any]]:
 def team(name: str) -> Scenario:
     """Another scenario's team, payload, gains, allocation and rate in the world of `certified`, with its filters."""
     base, other = _settings(), scenario.load_scenario(name)
-    filters = {each: getattr(base.control, each) for each in ("fusion_Hz", "joint_filter_Hz")}
+    filters = {each: getattr(base.control, each) for each in ("complementary_filter_Hz", "joint_filter_Hz")}
     return base.model_copy(
         update={each: getattr(other, each) for each in ("agent_types", "agents", "payload", "allocation", "control_Hz")}
         | {"name": f"certified_{name}", "control": other.control.model_copy(update=filters)}

@@ -1,7 +1,7 @@
 """Features and a kernel of your own in what a flight learns: what the payload feels by where it is and how fast.
 
 A kernel is a `colift.math.pytree.pytree` with a `__call__` of the squared distance in length-scales; features are a
-`colift.onboard.learning.features.Features`. In a scenario file they are `parts.features` and `parts.kernel`; here they take the place of
+`colift.onboard.learning.features.Features`. In a scenario file they are `plugins.features` and `plugins.kernel`; here they take the place of
 the paper's in Python. Run it with `python examples/05_own_kernel.py`.
 """
 

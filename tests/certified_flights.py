@@ -19,7 +19,7 @@ def of_light_team(updates: tuple[float, ...], duration_s: float) -> Scenario:
     given |= {name: team[name] for name in ("agent_types", "agents")} | {"duration_s": duration_s}
     given["learning"] |= {"update_times_s": updates, "end_s": updates[-1], "capacity": 12}
     given["drawn"] |= {"centers": 12, "least": 0.0}
-    given["reference"] |= {"amplitude_m": (0.5, 0.4, 0.2), "ramp_s": 2.0}
+    given["reference"] |= {"amplitude_m": (0.5, 0.4, 0.2), "ramp_time_s": 2.0}
     return Scenario.model_validate(given)
 
 

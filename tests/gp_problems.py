@@ -39,7 +39,7 @@ def arrays(hyper, i):
 
 
 def gram(X, hyper, i):
-    """`K_i`, entry by entry in float64."""
+    """`position_integral_gain`, entry by entry in float64."""
     s, ls, v, _ = arrays(hyper, i)
     return s * np.exp(-0.5 * (((X[:, None] - X[None]) / ls) ** 2).sum(-1)) + v * np.eye(len(X))
 

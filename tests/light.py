@@ -15,10 +15,10 @@ CONTACTS = ((0.4, 0.0, 0.03), (-0.2, 0.35, 0.03), (-0.2, -0.35, 0.03))
 def settings(**changes: Any) -> Scenario:
     """The sample scenario, flown by that team, with some settings changed."""
     base = {"mass_kg": 1.5, "inertia_kgm2": [0.02, 0.02, 0.035]}
-    arms = [{"name": "hook", "joint": "base", "tip_m": [0.0, 0.0, -0.1]}]
+    arms = [{"name": "hook", "joint": "base", "tip_position_m": [0.0, 0.0, -0.1]}]
     team = {
         "agent_types": {"body": {"base": base, "thrust_max_N": 40.0, "arms": arms}},
-        "agents": [{"name": f"n{i}", "type": "body", "contacts_m": [c]} for i, c in enumerate(CONTACTS)],
+        "agents": [{"name": f"n{i}", "type": "body", "contact_positions_m": [c]} for i, c in enumerate(CONTACTS)],
         "allocation": {"kind": "balanced"},
         "disturbances": [source for source in SAMPLE.disturbances if source.acts_on == "payload"],
     }

@@ -10,7 +10,7 @@ from tests import flights, played
 
 LONG = flights.PAPER._replace(time=400, period=0.05)  # 20 s
 CASES = ("C1", "C2", "C3")
-RIVALS = ("I", "DOB", "P", "O")
+RIVALS = ("integral", "disturbance_observer", "parametric", "true_residual")
 TOLD = experiment.PAPER_CASES | experiment.BASELINES
 
 
@@ -21,7 +21,9 @@ def cases() -> dict[str, xr.Dataset]:
     learned = {"update_times_s": [2.5, 4.5, 6.5, 8.5, 10.0], "T_end_s": 10.0}
     unlearned = {"update_times_s": [], "T_end_s": 10.0}
     found = {
-        name: flights.dataset(rng, LONG, case=name, **said, **(learned if name in ("C2", "C3", "P") else unlearned))
+        name: flights.dataset(
+            rng, LONG, case=name, **said, **(learned if name in ("C2", "C3", "parametric") else unlearned)
+        )
         for name in (*CASES, *RIVALS)
     }
     for ds in found.values():

@@ -154,13 +154,22 @@ def test_errors_of_stated_size_lie_outside_of_1_96_deviations_one_time_in_twenty
     made, rng = flight(6, shape), np.random.default_rng(7)
     sigma, at = made.uncertainty, np.arange(0, shape.time, 5)
     n = made.records.f_x.shape[1]
-    rows = with_rows(made.records, labels_available=None, delay_error_L=None, delay_error_x=None, correction_error_L=None, correction_error_x=None)
+    rows = with_rows(
+        made.records,
+        labels_available=None,
+        delay_error_L=None,
+        delay_error_x=None,
+        correction_error_L=None,
+        correction_error_x=None,
+    )
     s = np.hypot(sigma.payload_std, sigma.payload_label_bias)
     if listens:
         g = rng.integers(0, 2, shape.time).astype(float)
         u, d = rng.uniform(0.1, 3, (2, shape.time, 6))
         none = np.zeros((shape.time, n, 3))
-        rows = with_rows(rows, labels_available=g, delay_error_L=u, delay_error_x=none, correction_error_L=d, correction_error_x=none)
+        rows = with_rows(
+            rows, labels_available=g, delay_error_L=u, delay_error_x=none, correction_error_L=d, correction_error_x=none
+        )
         g = g[at, None]
         s = np.sqrt(
             g**2 * u[at] ** 2 + (1 - g) ** 2 * (sigma.payload_std**2 + d[at] ** 2) + sigma.payload_label_bias**2

@@ -35,7 +35,10 @@ def test_a_round_is_every_kind_once_and_each_follows_from_its_name():
         == 2 * (len(falsification.ADVERSARIAL_DISTURBANCE) + len(falsification.TRIAL_KINDS))
     )
     hover = scenario.load_scenario(
-        "turning", ["reference={kind: waypoints, poses: [{t_s: 0, p_m: [0, 0, 2]}, {t_s: 9, p_m: [1, 0, 2]}]}"]
+        "turning",
+        [
+            "reference={kind: waypoints, poses: [{time_s: 0, position_m: [0, 0, 2]}, {time_s: 9, position_m: [1, 0, 2]}]}"
+        ],
     )
     assert "path 0" not in falsification.trial_names(hover, 1)
     for name in ("worst 0", "drawn", "drawn -1", "path 0", "drawn x"):
@@ -130,7 +133,7 @@ def test_what_was_tried_is_told_with_how_to_repeat_it_and_kept(tmp_path, monkeyp
     given = [
         falsification.FalsificationTrial("drawn 0", (), ratios, 0, 12, ""),
         falsification.FalsificationTrial(
-            "start 0", ("start.position_error_m=[1, 0, 0]",), {**ratios, "e_v": 1.5}, 3, 12, ""
+            "start 0", ("initial_state.position_error_m=[1, 0, 0]",), {**ratios, "e_v": 1.5}, 3, 12, ""
         ),
         falsification.FalsificationTrial("seed 0", ("seed=1004",), {**ratios, "e_R": 0.75}, 0, 12, ""),
         falsification.FalsificationTrial("rate 0", ("control_Hz=100",), {}, 0, 0, "refused: too slow"),
@@ -142,7 +145,9 @@ def test_what_was_tried_is_told_with_how_to_repeat_it_and_kept(tmp_path, monkeyp
     lines = result.stdout.splitlines()
     again = "certified --set duration_s=30"
     assert f"e_p: worst 0.500, colift attack {again} --seed 3 --only 'drawn 0'" in lines
-    assert f"e_v: worst 1.500, colift certify {again} --set 'start.position_error_m=[1, 0, 0]' --seed 3" in lines
+    assert (
+        f"e_v: worst 1.500, colift certify {again} --set 'initial_state.position_error_m=[1, 0, 0]' --seed 3" in lines
+    )
     assert f"e_R: worst 0.750, colift certify {again} --seed 1004" in lines
     assert "rate 0: refused: too slow" in lines
     assert "1 of 3 tries that have radii break one: start 0" in lines

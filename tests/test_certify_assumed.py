@@ -76,7 +76,14 @@ def test_radii_along_a_run_rest_on_the_estimated_state_and_of_some_rivals_on_a_p
     assert assumptions.radius_assumptions(quiet()) == (*bound, assumptions.SAMPLED)
     cases = experiment.make_experiments(paper.SETTINGS, (*experiment.PAPER_CASES, *experiment.BASELINES))
     for case, plan in cases.items():
-        rival = case in ("DOB", "P", "O", "F", "R", "H")
+        rival = case in (
+            "disturbance_observer",
+            "parametric",
+            "true_residual",
+            "label_feedback",
+            "regression",
+            "gp_label_feedback",
+        )
         expected = (*bound, assumptions.NOISE, assumptions.SAMPLED, *((assumptions.MEAN,) if rival else ()))
         assert assumptions.radius_assumptions(plan) == expected, case
 

@@ -102,7 +102,9 @@ def test_the_thrust_along_a_reference_that_stands_still_is_that_of_hovering():
 
 
 def test_the_thrust_along_a_reference_lifts_all_masses_as_the_payload_moves():
-    up = light.SAMPLE.reference.model_copy(update={"amplitude_m": (0.0, 0.0, 0.3), "swing_deg": (0.0, 0.0, 0.0)})
+    up = light.SAMPLE.reference.model_copy(
+        update={"amplitude_m": (0.0, 0.0, 0.3), "rotation_amplitude_deg": (0.0, 0.0, 0.0)}
+    )
     settings = light.settings(reference=up, **NO_WIND)
     plan = experiment.make_experiment(settings, "C1")
     t = np.linspace(0, 10, 7)
@@ -130,7 +132,7 @@ def test_little_thrust_is_bad_with_how_much_it_should_be(monkeypatch: pytest.Mon
 def test_a_team_that_has_no_thrust_to_spare_is_not_told_to_share_it_or_to_fly_slower(monkeypatch: pytest.MonkeyPatch):
     """Where hover leaves less than is asked of all thrust together no place of contacts helps, and no reference."""
     monkeypatch.setattr(stability, "monodromy", no_rest)
-    limits = light.SAMPLE.termination.model_copy(update={"thrust_margin": 0.3})
+    limits = light.SAMPLE.termination.model_copy(update={"hover_thrust_margin": 0.3})
     few = preflight.run_preflight(heavier(7.0).model_copy(update={"limits": limits}))
     hover, reference = finding(few, "thrust").advice
     assert "lower payload.mass_kg, or add an agent" in hover
@@ -184,7 +186,7 @@ def test_what_cannot_be_built_is_said_with_what_to_change():
     assert "cannot hover" in finding(refused, "refused").message
     assert "thrust_max_N" in finding(refused, "refused").advice[0]
     agents = [
-        agent.model_copy(update={"contacts_m": ((x, 0.02 * (x == 0.0), 0.03),)})
+        agent.model_copy(update={"contact_positions_m": ((x, 0.02 * (x == 0.0), 0.03),)})
         for agent, x in zip(light.settings().agents, (0.4, 0.0, -0.4), strict=True)
     ]
     line = finding(preflight.run_preflight(light.settings(agents=agents)), "contacts")
@@ -194,7 +196,10 @@ def test_what_cannot_be_built_is_said_with_what_to_change():
 
 def test_joints_near_a_singular_grasp_are_named(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(stability, "monodromy", no_rest)
-    change = "agent_types.two_arms.joints.1.rest_rad=0.03", "agent_types.two_arms.joints.2.rest_rad=-0.03"
+    change = (
+        "agent_types.two_arms.joints.1.nominal_position_rad=0.03",
+        "agent_types.two_arms.joints.2.nominal_position_rad=-0.03",
+    )
     contacts = [f"agents.{i}.contacts_m=[[{x}, 0.089, 0.05], [{x}, -0.089, 0.05]]" for i, x in ((0, 0.5), (1, -0.5))]
     settings = scenario.load_scenario("paper", (*change, *contacts))
     joints = finding(preflight.run_preflight(settings), "joints")
@@ -230,16 +235,20 @@ def moving(rate: float, joint: float, load: float) -> stability.Modes:
 
 
 def test_joints_beyond_need_that_return_too_slowly_are_bad_and_named(monkeypatch):
-    beam, say = scenario.load_scenario("beam", ("control.posture=5",)), lambda _what: None
+    beam, say = scenario.load_scenario("beam", ("control.posture_bandwidth=5",)), lambda _what: None
     monkeypatch.setattr(preflight, "_quicker", lambda _settings, rate, joint, _say: (f"{rate} {joint}",))
     (slow,) = preflight._posture(beam, moving(2.4, 1.0, 0.1), say)
-    assert slow.message == "joints beyond need return at 2.4 1/s, slowest agent_2/shoulder; control.posture = 5"
+    assert (
+        slow.message == "joints beyond need return at 2.4 1/s, slowest agent_2/shoulder; control.posture_bandwidth = 5"
+    )
     assert slow.advice == ("2.4 agent_2/shoulder",)
     (fast,) = preflight._posture(beam, moving(2.6, 1.0, 0.1), say)
     assert fast.advice == ()
     assert not list(preflight._posture(beam, moving(0.1, 1.0, 1.0), say))  # the payload's own: its gains are to blame
     assert not list(preflight._posture(scenario.load_scenario("paper"), moving(0.1, 1.0, 0.1), say))
-    (held,) = preflight._posture(scenario.load_scenario("beam", ("control.posture=0",)), moving(2.6, 1.0, 0.1), say)
+    (held,) = preflight._posture(
+        scenario.load_scenario("beam", ("control.posture_bandwidth=0",)), moving(2.6, 1.0, 0.1), say
+    )
     assert held.advice
 
 
@@ -250,14 +259,19 @@ def test_joints_beyond_need_that_return_too_slowly_are_bad_and_named(monkeypatch
             lambda c, _r: 1.5 if c.posture_bandwidth == 2.5 else 2.0 if c.agent_k_omega > 30 else 1.0,
             ("posture=2.5 makes it 1.5",),
         ),
-        (lambda c, r: 1.2 if c.agent_k_R > 300 else 1.1 if r else 0.0, ("agent_k_R=350.0 makes it 1.2", "rest_rad")),
+        (
+            lambda c, r: 1.2 if c.agent_k_R > 300 else 1.1 if r else 0.0,
+            ("agent_k_R=350.0 makes it 1.2", "nominal_position_rad"),
+        ),
         (lambda _c, _r: 0.9, ("begin from `colift new`",)),
         (lambda _c, _r: np.nan, ("begin from `colift new`",)),  # no rest
     ],
 )
 def test_what_lets_joints_return_sooner_is_tried(monkeypatch, rates, advice):
     """First what reaches half of what is stated; else what is sooner than now."""
-    beam = scenario.load_scenario("beam", ("control.posture=5", "control.agent_k_R=250", "control.agent_k_omega=28"))
+    beam = scenario.load_scenario(
+        "beam", ("control.posture_bandwidth=5", "control.agent_k_R=250", "control.agent_k_omega=28")
+    )
 
     def at_rest(changed: scenario.Scenario) -> stability.Modes:
         rate = rates(changed.control, changed.agent_types != beam.agent_types)

@@ -87,7 +87,7 @@ def test_attitude_error_kinematics():
 @pytest.mark.parametrize("signal", ["e_p", "Psi"])
 def test_without_unknowns_or_noise_errors_decay_to_what_the_attitude_loop_leaves(signal: str):
     """Eq. pl_cl_ep, pl_cl_eom: under exact knowledge the errors go down from their start by a factor of five in 4 s."""
-    plan = paper.exact(paper.plan("O"))
+    plan = paper.exact(paper.plan("true_residual"))
     rows = paper.fly(plan, 4.0).records
     size = np.abs(getattr(rows, signal).reshape(len(rows.t), -1)).max(1)
     assert size[-500:].max() < 0.2 * size[0]

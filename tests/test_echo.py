@@ -24,7 +24,7 @@ def parts(
     changes: list[str], name: str = "trio"
 ) -> tuple[AerialManipulator, jax.Array, tracking.Gains, FilterBandwidths]:
     """Agent, rest, gains and filters of a team's first agent, and of F."""
-    pilot = experiment.make_experiment(scenario.load_scenario(name, changes), "F").controller
+    pilot = experiment.make_experiment(scenario.load_scenario(name, changes), "label_feedback").controller
     agent = jax.tree.map(lambda x: x[0], pilot.team.agent_groups[0])
     return (
         agent,
@@ -36,7 +36,7 @@ def parts(
 
 def arms(mass_kg: float, reach_m: float) -> list[str]:
     """Arms of another mass, which is so far out."""
-    each = [("mass_kg", f"{mass_kg}"), ("com_m", f"[0,0,{-reach_m}]")]
+    each = [("mass_kg", f"{mass_kg}"), ("center_of_mass_m", f"[0,0,{-reach_m}]")]
     return [ARM.format(joint, name, value) for joint in (1, 2) for name, value in each]
 
 
@@ -79,7 +79,9 @@ def test_the_rate_is_heeded_whole_up_to_a_half_and_not_from_one():
 @pytest.mark.parametrize(("changes", "loud"), [([], False), (arms(0.25, 0.3), True)])
 def test_labels_leave_the_flight_stable_and_would_not_if_long_arms_heeded_them(changes, loud):
     """F, with arms that swing half a kilogram, is lost within a tenth of a second where it follows the rate in full."""
-    plan = dataclasses.replace(experiment.make_experiment(scenario.load_scenario("trio", changes), "F"), duration=1.0)
+    plan = dataclasses.replace(
+        experiment.make_experiment(scenario.load_scenario("trio", changes), "label_feedback"), duration=1.0
+    )
     predictor = plan.controller.residual_predictor
     assert all(np.all(np.asarray(c) == (0.0 if loud else 1.0)) for c in predictor.rate_attenuation)
     flown = flight.run_experiment(plan)

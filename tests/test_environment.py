@@ -116,7 +116,9 @@ def test_an_episode_is_truncated_after_the_scenario_s_duration(alone: TransportE
 
 def test_an_episode_ends_with_the_limit_that_was_met(path: Path) -> None:
     """Pushed away from the reference, the payload meets the limit of its distance; then nothing moves any more."""
-    env = TransportEnv(str(path), changes=["limits.distance_m=0.21", "duration_s=1"], step_s=STEP, force_N=60.0)
+    env = TransportEnv(
+        str(path), changes=["termination.max_position_error_m=0.21", "duration_s=1"], step_s=STEP, force_N=60.0
+    )
     seen, info = env.reset(seed=5)
     assert info["cause"] == termination.TerminationCause.NONE
     away = np.concatenate([np.sign(seen[:3]), np.zeros(3)]).astype(np.float32)

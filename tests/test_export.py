@@ -32,7 +32,7 @@ if build.compiler() is None:
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """C3 of the smallest team with what it learned in two seconds, and what followed."""
     path = tmp_path_factory.mktemp("c")
-    learning = light.SAMPLE.learning.model_copy(update={"update_times_s": [2.0], "max_iterations": 5})
+    learning = light.SAMPLE.learning.model_copy(update={"update_times_s": [2.0], "max_iter": 5})
     plan = experiment.make_experiment(light.settings(learning=learning, sensors={}), "C3")
     flown = flight.run_experiment(dataclasses.replace(plan, duration=2.1))
     assert int(flown.model.payload.num_points) > 10
@@ -111,7 +111,7 @@ def test_members_are_the_paths_of_the_pytrees_with_units(folder: Path):
 def test_what_was_learned_is_a_block_of_its_own(folder: Path):
     """Another block behind the pointer: what was learned is in no other file, and nothing learned is zero."""
     learned = (folder / "learned.c").read_text()
-    assert learned.count("const colift_oracle colift_learned = {") == 1
+    assert learned.count("const colift_model colift_trained_model = {") == 1
     (alpha,) = re.findall(r"\.payload_alpha = \{(.*?)\}", learned)
     assert max(abs(float(x)) for x in alpha.split(", ")) > 0
     assert re.search(r"\.payload_X = \{", learned)

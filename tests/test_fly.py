@@ -43,7 +43,9 @@ def recording(case: str, **parts: Any) -> Experiment:
     return with_pilot(of, recorder=dataclasses.replace(of.controller.recorder, **parts))
 
 
-@pytest.mark.parametrize(("case", "payload", "agents"), [("C1", 0, 0), ("C2", 1, 0), ("C3", 1, 1), ("P", 1, 0)])
+@pytest.mark.parametrize(
+    ("case", "payload", "agents"), [("C1", 0, 0), ("C2", 1, 0), ("C3", 1, 1), ("parametric", 1, 0)]
+)
 def test_each_case_records_what_it_learns_from_and_nothing_else(case, payload, agents):
     loop, _ = flown(recording(case, start=number(0.1), sample_period=number(0.04)))
     n = 10  # 0.1, 0.14, .. 0.46 s
@@ -117,7 +119,7 @@ def commanded(
 
 @pytest.mark.long
 def test_integral_action_sums_the_errors_tick_by_tick():
-    of = exact(plan("I"))
+    of = exact(plan("integral"))
     _, rows = flown(of)
     nominal, gains = of.controller.team, of.controller.payload_controller
     a = commanded(rows, gains.leader, of.controller.reference) - float(gains.K_i) * DT * np.cumsum(rows.e_p, axis=0)
@@ -133,7 +135,7 @@ def test_integral_action_sums_the_errors_tick_by_tick():
 
 @pytest.mark.long
 def test_the_wrench_observer_filters_what_the_last_command_did_not_explain():
-    of = exact(plan("DOB"))
+    of = exact(plan("disturbance_observer"))
     _, rows = flown(of)
     z, inputs = paper_flights.states(of.world.team, rows)
 
@@ -157,7 +159,7 @@ def test_the_wrench_observer_filters_what_the_last_command_did_not_explain():
 @pytest.mark.long
 def test_the_parametric_part_is_evaluated_at_the_commanded_acceleration():
     """Case O is told the disturbances and knows the mismatch: what remains is `Y(a_cmd) theta` (errata, row 12)."""
-    of = exact(plan("O"))
+    of = exact(plan("true_residual"))
     _, rows = flown(of)
     z, _ = paper_flights.states(of.world.team, rows)
     told = jax.jit(jax.vmap(disturbances.initial_forces, in_axes=(None, None, 0)))(
@@ -173,7 +175,9 @@ def test_the_parametric_part_is_evaluated_at_the_commanded_acceleration():
 
 def test_residuals_known_exactly_are_told_to_case_O_alone():
     for case in experiment.PAPER_CASES | experiment.BASELINES:
-        assert isinstance(plan(case).controller.residual_predictor, residual_predictors.TrueResidual) == (case == "O")
+        assert isinstance(plan(case).controller.residual_predictor, residual_predictors.TrueResidual) == (
+            case == "true_residual"
+        )
         assert not np.any(plan(case).controller.residual_model.inertial_parameters)
 
 

@@ -294,7 +294,9 @@ def test_remove_equals_conditioning_without(seed, k, capacity):
     assert_same_posterior(fresh, p, queries, cond, 1e-10)
     assert (p.X == fresh.X).all()
     assert (p.Y == fresh.Y).all()
-    np.testing.assert_allclose(p.inverse_cholesky, fresh.inverse_cholesky, rtol=1e-8, atol=1e-9 * float(jnp.abs(fresh.inverse_cholesky).max()))
+    np.testing.assert_allclose(
+        p.inverse_cholesky, fresh.inverse_cholesky, rtol=1e-8, atol=1e-9 * float(jnp.abs(fresh.inverse_cholesky).max())
+    )
 
 
 def test_a_hundred_cycles_stay_beside_a_fresh_factorization():
@@ -422,7 +424,9 @@ def test_duplicates_are_averaged(copies):
     rng = np.random.default_rng(0)
     many = np.repeat(Y, copies, axis=0) + 0.1 * rng.normal(size=(10 * copies, 3))
     p = gp.condition(np.repeat(X, copies, axis=0), many, hyper)
-    fewer = gp.make_hyperparameters(hyper.signal_variance, hyper.lengthscales, hyper.noise_variance / copies, hyper.constant_mean)
+    fewer = gp.make_hyperparameters(
+        hyper.signal_variance, hyper.lengthscales, hyper.noise_variance / copies, hyper.constant_mean
+    )
     q = gp.condition(X, many.reshape(10, copies, 3).mean(1), fewer)
     std = np.sqrt(np.asarray(hyper.signal_variance))
     assert (np.abs(means(p, queries) - means(q, queries)) <= 1e-9 * std).all()
@@ -629,7 +633,11 @@ def test_a_saved_gp_comes_back_with_every_bit_of_what_it_follows_from(tmp_path, 
     gp.save_gp(p, tmp_path / "a.npz")
     q = gp.load_gp(tmp_path / "a.npz")
     assert jax.tree.structure(p) == jax.tree.structure(q)
-    for a, b in zip(jax.tree.leaves((p.hyper, p.X, p.Y, p.num_points)), jax.tree.leaves((q.hyper, q.X, q.Y, q.num_points)), strict=True):
+    for a, b in zip(
+        jax.tree.leaves((p.hyper, p.X, p.Y, p.num_points)),
+        jax.tree.leaves((q.hyper, q.X, q.Y, q.num_points)),
+        strict=True,
+    ):
         assert a.dtype == b.dtype
         np.testing.assert_array_equal(a, b)
     cond = [np.linalg.cond(gram(X, hyper, i)) for i in range(3)]

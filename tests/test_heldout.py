@@ -35,7 +35,7 @@ def test_paths_are_the_same_curve_backwards_larger_and_moved():
 
 
 def test_a_reference_that_is_no_such_curve_is_refused():
-    poses = [{"t_s": 0.0, "p_m": [0.0, 0.0, 1.0]}, {"t_s": 4.0, "p_m": [1.0, 0.0, 1.0]}]
+    poses = [{"time_s": 0.0, "position_m": [0.0, 0.0, 1.0]}, {"time_s": 4.0, "position_m": [1.0, 0.0, 1.0]}]
     told = light.settings().model_dump() | {"reference": {"kind": "waypoints", "poses": poses}}
     with pytest.raises(ScenarioError, match=r"reference\.kind = waypoints: .* lissajous"):
         generalization.heldout_scenarios(Scenario.model_validate(told))

@@ -30,7 +30,7 @@ FILTERS = FilterBandwidths(**{name: jnp.array(hertz) for name, hertz in CORNERS.
 @functools.cache
 def plan() -> flight.Experiment:
     """A light team's, made when it is first asked for."""
-    return experiment.make_experiment(light.settings(), "C4")
+    return experiment.make_experiment(light.settings(), "adaptive")
 
 
 def blend(hertz: float) -> float:

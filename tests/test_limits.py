@@ -94,23 +94,31 @@ def test_a_flight_within_its_limits_goes_on_and_where_there_are_none_whatever_it
 @pytest.mark.parametrize(
     ("part", "value", "said"),
     [
-        (2, 4.0, "the payload is 4 m from its reference at t = 1.500 s, beyond limits.distance_m = 3"),
-        (3, [0.4, 2, 2, 2], "the payload is at a height of 0.4 m at t = 1.500 s, beyond limits.height_m = 0.5"),
-        (3, [0.4, 2, 0.2, 2], "agent north is at a height of 0.2 m at t = 1.500 s, beyond limits.height_m = 0.5"),
+        (2, 4.0, "the payload is 4 m from its reference at t = 1.500 s, beyond termination.max_position_error_m = 3"),
+        (
+            3,
+            [0.4, 2, 2, 2],
+            "the payload is at a height of 0.4 m at t = 1.500 s, beyond termination.min_height_m = 0.5",
+        ),
+        (
+            3,
+            [0.4, 2, 0.2, 2],
+            "agent north is at a height of 0.2 m at t = 1.500 s, beyond termination.min_height_m = 0.5",
+        ),
         (
             4,
             np.pi,
-            "the payload is turned 180 deg from its reference at t = 1.500 s, beyond limits.attitude_deg = 85.9437",
+            "the payload is turned 180 deg from its reference at t = 1.500 s, beyond termination.max_attitude_error_deg = 85.9437",
         ),
         (
             5,
             [0, 1.3, np.pi / 2],
-            "agent west pushes 90 deg from the vertical at t = 1.500 s, beyond limits.tilt_deg = 68.7549",
+            "agent west pushes 90 deg from the vertical at t = 1.500 s, beyond termination.max_tilt_deg = 68.7549",
         ),
         (
             6,
             [2.1, 0, 2.05],
-            "the thrust of agent east is at its limit for 2.1 s at t = 1.500 s, beyond limits.saturation_s = 2",
+            "the thrust of agent east is at its limit for 2.1 s at t = 1.500 s, beyond termination.max_saturation_time_s = 2",
         ),
     ],
 )

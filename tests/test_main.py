@@ -67,7 +67,7 @@ def test_settings_complete_by_their_paths_entries_of_lists_by_name():
         ctx.params = {"name": name}
         assert app._setting_paths(ctx, "payload.m") == found
     paths = app._leaves(scenario.load_scenario("paper").model_dump(mode="json"))
-    assert "disturbances.load_wind.mean_mps" in paths
+    assert "disturbances.load_wind.mean_wind_mps" in paths
     assert all(
         scenario.load_scenario("paper", [f"{path}={value}"])
         for path, value in (("agents.rear.yaw_deg", 3), ("seed", 1))
@@ -105,7 +105,7 @@ def test_a_file_that_cannot_be_read_is_one_line_and_status_2(tmp_path: Path):
         ("seed: 0", "seed: !!bool foo", "broken.yaml:7: seed: tags are not used in a scenario, got '!!bool'"),
         ("seed: 0", f"seed: {2**63}", "broken.yaml:7: seed: must be from 0 to 9223372036854775807"),
         ("name: paper", 'name: "\\ud800"', "broken.yaml:3: name: holds characters that are not text"),
-        ("capacity: 256", "capacity: 9999", "learning.capacity: the 24 outputs of the models would take 19.2 GB"),
+        ("capacity: 256", "capacity: 9999", "learning.max_samples: the 24 outputs of the models would take 19.2 GB"),
         ("duration_s: 20", "duration_s: 99999", "duration_s [s]: the log of this team at 500 Hz would take"),
         ("name: paper", "a: &a [*a]\nname: paper", "broken.yaml:3: is nested more than 20 deep"),
     ],
@@ -256,7 +256,9 @@ def test_each_type_of_agent_is_written_as_urdf(tmp_path: Path):
     robot = urdf.load_urdf(out / files[0])
     assert [joint.name for joint in robot.joints] == [joint.name for joint in kind.joints]
     assert {f"{arm.name}_tip" for arm in kind.arms} < set(robot.links)
-    back = urdf.agent(robot, [f"{arm.name}_tip" for arm in kind.arms], told.agents[0].contact_positions_m, kind.thrust_max_N)
+    back = urdf.agent(
+        robot, [f"{arm.name}_tip" for arm in kind.arms], told.agents[0].contact_positions_m, kind.thrust_max_N
+    )
     for found, expected in zip(*map(jax.tree.leaves, (back, team.agent_models(told).popitem()[1])), strict=True):
         np.testing.assert_allclose(found, expected, atol=1e-15)
 
@@ -283,7 +285,7 @@ def test_a_scenario_that_is_changed_or_of_a_file_is_shown_with_every_setting(tmp
     assert invoke("show", "papr")[0] == 2
 
 
-SHORT = light.SAMPLE.learning.model_copy(update={"update_times_s": (1, 2), "end_s": 2, "max_iterations": 5})
+SHORT = light.SAMPLE.learning.model_copy(update={"update_times_s": (1, 2), "end_s": 2, "max_iter": 5})
 
 
 @pytest.fixture(scope="module")
@@ -299,7 +301,10 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_study_leaves_what_it_promises_and_nothing_half_written(flown: Path):
     files = {path.name for path in flown.iterdir()}
     figures = {f"figure_{i}_{name}" for i, name in enumerate(FIGURES, 1)}
-    assert files >= {"summary.json", *(f"{case}.nc" for case in ("C1", "C2", "C3", "DOB", "P"))}
+    assert files >= {
+        "summary.json",
+        *(f"{case}.nc" for case in ("C1", "C2", "C3", "disturbance_observer", "parametric")),
+    }
     assert files >= {f"{name}.{kind}" for name in figures for kind in ("pdf", "png")}
     assert files >= {f"lengthscales_{case}.{kind}" for case in ("C2", "C3") for kind in ("md", "csv")}
     assert not [name for name in files if name.startswith(".")]
@@ -320,7 +325,7 @@ def test_the_summary_holds_what_it_promises(flown: Path):
     summary = json.loads((flown / "summary.json").read_text())
     assert summary["seed"] == 7
     assert {"version", "scenario", "residual"} <= set(summary)
-    assert list(summary["cases"]) == ["C1", "C2", "C3", "DOB", "P"]
+    assert list(summary["cases"]) == ["C1", "C2", "C3", "disturbance_observer", "parametric"]
     for case, found in summary["cases"].items():
         assert set(found) >= PROMISED
         assert {"simulation", "fit", "output"} <= set(found["wall_s"])
@@ -328,7 +333,7 @@ def test_the_summary_holds_what_it_promises(flown: Path):
         assert found["Phi_max_m"] <= 1e-10
         assert found["Phi_dot_max"] <= 1e-10
         assert found["wrench_consistency_max"] <= 1e-9
-        assert found["n_data"]["payload"] == (38 if case in ("C2", "C3", "P") else 0)
+        assert found["n_data"]["payload"] == (38 if case in ("C2", "C3", "parametric") else 0)
         assert found["n_data"]["agents"] == (3 * 38 if case == "C3" else 0)
         assert found["warnings"] == []
     assert summary["slowest_mode"]["stable"]
@@ -359,7 +364,7 @@ def test_signals_are_labelled_and_have_units(flown: Path):
 
 
 def test_a_study_can_be_played(flown: Path, tmp_path: Path):
-    for case in ("C1", "P"):
+    for case in ("C1", "parametric"):
         shutil.copy(flown / f"{case}.nc", tmp_path)
     status, said = invoke("view", str(tmp_path))
     assert (status, said) == (0, "")
@@ -442,8 +447,8 @@ def complete(*words: str) -> list[str]:
 def test_commands_scenarios_and_cases_complete_in_a_shell():
     assert complete("repo") == ["report"]
     assert complete("study", "pa") == [name for name in scenario.shipped_names() if name.startswith("pa")] != []
-    assert complete("run", "paper", "--case", "C") == ["C1", "C2", "C3", "C4"]
-    assert complete("view", "out", "--case", "D") == ["DOB"]
+    assert complete("run", "paper", "--case", "C") == ["C1", "C2", "C3", "adaptive"]
+    assert complete("view", "out", "--case", "D") == ["disturbance_observer"]
     said = CliRunner().invoke(app, [], prog_name="colift", env={"_COLIFT_COMPLETE": "source_bash"})
     assert "complete -o default -F _colift_completion colift" in said.stdout
     assert "--install-completion" in CliRunner().invoke(app, ["--help"], env={"COLUMNS": "100"}).stdout

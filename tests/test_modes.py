@@ -109,7 +109,7 @@ def test_a_leader_with_a_memory_adds_its_own_modes():
         return int((found.eigenvalues.real > -50).sum())  # rad/s; some are gone within a tick or two
 
     with_integral = stability.modes_at_equilibrium(
-        paper.with_pilot(plan(), payload_controller=paper.plan("I").controller.payload_controller), z()
+        paper.with_pilot(plan(), payload_controller=paper.plan("integral").controller.payload_controller), z()
     )
     assert slow(with_integral) == slow(at_500_hertz()) + 6
     assert with_integral.stable
@@ -304,7 +304,7 @@ def test_sensors_with_a_clock_of_their_own_read_at_every_tick_of_the_rest():
 
 def test_second_moments_of_what_labels_say_are_no_motion():
     """At rest they are nothing to first order; as coordinates they went negative on the way there."""
-    carried = stability._take(simulator.reset(paper.plan("F").loop_config, z()))
+    carried = stability._take(simulator.reset(paper.plan("label_feedback").loop_config, z()))
     of_listener = [key for key in carried if ".listener." in key]
     assert any(".moved.label." in key for key in of_listener)
     second = ("late", "said", "age", "gap", "foretold", "moved.products", "moved.squares")
@@ -312,7 +312,7 @@ def test_second_moments_of_what_labels_say_are_no_motion():
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("case", ["F", "C4"])
+@pytest.mark.parametrize("case", ["label_feedback", "adaptive"])
 def test_a_loop_that_hears_labels_rests_and_decays_as_the_one_without(case):
     heard = stability.modes_at_equilibrium(paper.plan(case), z())
     assert heard.stable

@@ -24,8 +24,8 @@ def test_what_is_known_before_a_flight_is_the_slowest_mode_and_how_much_thrust_i
         paper.lighter(30.0), {"C1": experiment.make_experiment(paper.lighter(30.0), "C1")}
     )
     assert [warning.partition(" N of ")[2] for warning in narrow.warnings] == [
-        "the 30 N of front; what is left, 5.5%, is below limits.thrust_margin = 0.1",
-        "the 30 N of rear; what is left, 7.1%, is below limits.thrust_margin = 0.1",
+        "the 30 N of front; what is left, 5.5%, is below termination.hover_thrust_margin = 0.1",
+        "the 30 N of rear; what is left, 7.1%, is below termination.hover_thrust_margin = 0.1",
     ]
 
 

@@ -144,16 +144,16 @@ def test_a_certificate_of_the_same_run_is_in_it_and_one_of_another_is_not(out):
 
 def test_differences_are_those_to_the_shipped_scenario_as_set_takes_them():
     assert report.setting_differences(scenario.load_scenario("paper")) == []
-    changed = ("payload.mass_kg=2", "agents.0.yaw_deg=30", "control.look_ahead_s=0.03")
+    changed = ("payload.mass_kg=2", "agents.0.yaw_deg=30", "control.preview_step_s=0.03")
     found = report.setting_differences(scenario.load_scenario("paper", changed))
     assert {(where, here) for where, _, here in found} == {
         ("payload.mass_kg", "2.0"),
         ("agents.0.yaw_deg", "30.0"),
-        ("control.look_ahead_s", "0.03"),
+        ("control.preview_step_s", "0.03"),
     }
     again = scenario.load_scenario("paper", [f"{where}={here}" for where, _, here in found])
     assert again == scenario.load_scenario("paper", changed)
-    assert {where: there for where, there, _ in found}["control.look_ahead_s"] == "absent"
+    assert {where: there for where, there, _ in found}["control.preview_step_s"] == "absent"
     assert report.setting_differences(played.told()) is None  # not shipped
 
 

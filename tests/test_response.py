@@ -267,7 +267,7 @@ def legs() -> schema.Scenario:
     """Three agents of the scenario `beam`, each with one arm of three joints, round a payload."""
     given = scenario.load_scenario("beam")
     agents = [
-        agent.model_copy(update={"contacts_m": (c,)})
+        agent.model_copy(update={"contact_positions_m": (c,)})
         for agent, c in zip(given.agents, ((0.5, 0.0, 0.05), (-0.3, 0.4, 0.05), (-0.3, -0.4, 0.05)), strict=False)
     ]
     small = given.learning.model_copy(update={"capacity": 2})
@@ -282,14 +282,14 @@ def test_joints_beyond_need_return_to_rest_as_fast_as_is_stated(seed):
     joints = [
         joint.model_copy(
             update={
-                "rest_rad": joint.nominal_position_rad + rng.uniform(-0.3, 0.3),
+                "nominal_position_rad": joint.nominal_position_rad + rng.uniform(-0.3, 0.3),
                 "position_m": tuple(rng.uniform(0.5, 2) * np.array(joint.position_m)),
                 "body": joint.body.model_copy(update={"mass_kg": rng.uniform(0.3, 2) * joint.body.mass_kg}),
             }
         )
         for joint in kind.joints
     ]
-    arm = kind.arms[0].model_copy(update={"tip_m": (0.0, 0.0, -rng.uniform(0.08, 0.3))})
+    arm = kind.arms[0].model_copy(update={"tip_position_m": (0.0, 0.0, -rng.uniform(0.08, 0.3))})
     changed = given.model_copy(
         update={
             "agent_types": {"one_arm": kind.model_copy(update={"joints": tuple(joints), "arms": (arm,)})},

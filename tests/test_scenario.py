@@ -76,7 +76,12 @@ def test_the_study_has_what_the_paper_and_the_design_fix():
     assert s.learning.end_s <= 10
     assert min(s.learning.max_samples, (s.learning.end_s - s.learning.start_s) * s.learning.sample_Hz) >= 200
     noise = s.sensors
-    assert (noise.position_m, noise.attitude_deg, noise.velocity_mps, noise.angular_velocity_radps) == (0.002, 0.2, 0.01, 0.01)
+    assert (noise.position_m, noise.attitude_deg, noise.velocity_mps, noise.angular_velocity_radps) == (
+        0.002,
+        0.2,
+        0.01,
+        0.01,
+    )
     assert (noise.accelerometer_mps2, noise.joint_position_deg) == (0.05, 0.1)
     assert (noise.tip_force_N, noise.tip_force_bias_N, noise.tip_force_bandwidth_Hz) == (0.1, 0.05, 50)
     assert s.payload.mass_kg == 1.5
@@ -181,7 +186,7 @@ WRONG = [  # what is written, what instead, the line that answers
     ("name: left, joint: left", "name: left, joint: lift", "arms[0].joint: 'lift' is not a body of this agent type"),
     ("rear/right, 1.0", "rear/righ, 1.0", "pairs[1][1]: 'rear/righ' is not a contact"),
     ("[rear/left, rear/right", "[rear/left, rear/left", "pairs[1][1]: must be another contact"),
-    ("ramp_s: 0.5", "ramp_s: 5", "internal.ramp_s [s]: two flanks must fit"),
+    ("ramp_time_s: 0.5", "ramp_time_s: 5", "internal.ramp_s [s]: two flanks must fit"),
     ("[2.5, 4.5, 6.5", "[2.5, 6.5, 4.5", "update_times_s[2] [s]: must exceed the one before, 6.5, got 4.5"),
     ("[2.5, 4.5", "[0.2, 4.5", "update_times_s[0] [s]: must exceed start_s = 0.5"),
     ("  end_s: 10\n", "  end_s: 30\n", "learning.end_s [s]: must not exceed duration_s = 20, got 30"),
@@ -203,35 +208,47 @@ WRONG = [  # what is written, what instead, the line that answers
         "control.joint_filter_Hz [Hz]: must not exceed half of control_Hz, 10, got 30",
     ),
     ("control_Hz: 500", "control_Hz: 24", "learning.sample_Hz [Hz]: must not exceed control_Hz = 24, got 25"),
-    ("filter_Hz: 4", "filter_Hz: 251", "learning.filter_Hz [Hz]: must not exceed half of control_Hz, 250, got 251"),
+    (
+        "label_filter_Hz: 4",
+        "label_filter_Hz: 251",
+        "learning.label_filter_Hz [Hz]: must not exceed half of control_Hz, 250, got 251",
+    ),
     (
         "duration_s: 20",
         "duration_s: 3000",
         "the log of this team at 500 Hz would take 3.37 GB; 2 GB are allowed, 1779 s",
     ),
     ("capacity: 256", "capacity: 2283", "the 24 outputs of the models would take 1 GB; 1 GB are allowed, 2282 points"),
-    ("capacity: 256", "capacity: 1", "learning.capacity: must be from 2 to 20000 (a fit takes two"),
-    ("seed: 0", "drawn: {norm: 1, centers: 3000}", "drawn.centers: the 24 outputs of the models would take 1.73 GB"),
-    ("ramp_s: 3\n", "ramp_s: 20\ndrawn: {norm: 1}\n", "reference.ramp_s [s]: must be less than duration_s = 20"),
+    ("capacity: 256", "capacity: 1", "learning.max_samples: must be from 2 to 20000 (a fit takes two"),
+    (
+        "seed: 0",
+        "drawn: {rkhs_norm: 1, num_centers: 3000}",
+        "random_residual.num_centers: the 24 outputs of the models would take 1.73 GB",
+    ),
+    (
+        "ramp_time_s: 3\n",
+        "ramp_time_s: 20\ndrawn: {rkhs_norm: 1}\n",
+        "reference.ramp_time_s [s]: must be less than duration_s = 20",
+    ),
     ("[2.5, 4.5", "[2.5, 2.53", "update_times_s[1] [s]: must be a period of sample_Hz = 25 after the one before, 2.5"),
     ("[2.5, 4.5", "[0.52, 4.5", "update_times_s[0] [s]: must be a period of sample_Hz = 25 after start_s, 0.5"),
     ("[2.5, 0, 1]", "[25, 0, 1]", "gusts[0].wave_radpm [rad/m]: has a wavelength of 0.251 m, less than the 1.23 m"),
-    ("[2.5, 0, 1]", "[250, 0, 1]", "wave_radpm[0] [rad/m]: must be from -63 to 63 (a wavelength of 10 cm"),
-    ("[2.5, 0, 1]", "[1e-4, 0, 1e-4]", "wave_radpm [rad/m]: has a wavelength above 10 km, which is a mean wind"),
+    ("[2.5, 0, 1]", "[250, 0, 1]", "wave_vector_radpm[0] [rad/m]: must be from -63 to 63 (a wavelength of 10 cm"),
+    ("[2.5, 0, 1]", "[1e-4, 0, 1e-4]", "wave_vector_radpm [rad/m]: has a wavelength above 10 km, which is a mean wind"),
     ("center_m: [0, 0, 2]", "center_m: [<<, 0, 2]", "reference.center_m[0] [m]: must be a number, got '<<'"),
     ("axis: [0, 0, 1]", "axis: [0, 0, 1e-7]", "joints[0].axis: must not be zero"),
     ("two_arms:", "two_arms: 5\n  other:", "agent_types.two_arms: must be settings by name, got 5"),
     ("  end_s: 10\n", "  end_s: 10\n  lengthscale_bounds: [3, 0.3]\n", "must exceed the least, 3, got 0.3"),
-    ("  end_s: 10\n", "  end_s: 10\n  prior_factor: 1\n", "learning.prior_factor: must be from 1.01 to 100"),
+    ("  end_s: 10\n", "  end_s: 10\n  hyperprior_factor: 1\n", "learning.hyperprior_factor: must be from 1.01 to 100"),
     (
-        "moment_noise_Nm: 0.02}",
-        "moment_noise_Nm: 0.02, lengthscale: 40}",
+        "moment_noise_std_Nm: 0.02}",
+        "moment_noise_std_Nm: 0.02, lengthscale: 40}",
         "learning.payload.lengthscale [of each feature]: must lie within lengthscale_bounds = [0.1, 30], got 40",
     ),
     (
         "position_error_m: [",
         "position_error_m: [5, 0, 0]  # [",
-        "start.position_error_m [m]: is 5 m from the reference",
+        "initial_state.position_error_m [m]: is 5 m from the reference",
     ),
     (
         "kind: joint_friction, acts_on: agents",
@@ -301,7 +318,7 @@ def test_a_misspelt_setting_is_recognized(key, at, double):
         ("payload.mass_kg=2", ("mass_kg: 1.5, inertia_kgm2: [0.04", "mass_kg: 2, inertia_kgm2: [0.04")),
         ("agents.1.yaw_deg=30", ("name: rear,", "name: rear, yaw_deg: 30,")),
         ("agents.rear.yaw_deg=30", ("name: rear,", "name: rear, yaw_deg: 30,")),
-        ("agents.0.contacts_m.1.2=0.04", ("[0.5, -0.36, 0.05]", "[0.5, -0.36, 0.04]")),
+        ("agents.0.contact_positions_m.1.2=0.04", ("[0.5, -0.36, 0.05]", "[0.5, -0.36, 0.04]")),
         ("sensors.tip_force_N=0.2", ("\ncontrol:", "\nsensors: {tip_force_N: 0.2}\ncontrol:")),
         ("allocation={kind: balanced}", (SAMPLE[SAMPLE.index("  internal:") : SAMPLE.index("\nlearning:")], "")),
         ("description= a = b", ("A scenario for tests.\n", "a = b\n")),
@@ -341,8 +358,8 @@ def test_what_is_set_mends_what_the_file_says_wrong():
         ("=2", "--set '=2': must be `path=value`"),
         ("agents.2.name=a", "--set agents.2.name: '2' is none of the list's entries 0 to 1"),
         ("agents.side.name=a", "--set agents.side.name: 'side' is none of the list's entries 0 to 1 ('front', 'rear')"),
-        ("agents.0.contacts_m.rear=1", "'rear' is none of the list's entries 0 to 1"),
-        ("agents.0.contacts_m.0.3=1", "'3' is none of the list's entries 0 to 2"),
+        ("agents.0.contact_positions_m.rear=1", "'rear' is none of the list's entries 0 to 1"),
+        ("agents.0.contact_positions_m.0.3=1", "'3' is none of the list's entries 0 to 2"),
         ("duration_s.x=1", "--set duration_s.x: duration_s is 20, which holds no settings"),
         ("a" + ".a" * 2000 + "=1", "is nested more than 20 deep"),
         ("duration_s=5", "s.yaml:95: learning.end_s [s]: must not exceed duration_s = 5, got 10"),
@@ -392,13 +409,13 @@ def test_a_file_may_say_only_where_it_differs(tmp_path):
             "like: paper\ndisturbances:\n  - {name: clamp, force: 1}\n",
             "own.yaml:3: disturbances[3].force: is not a setting",
         ),
-        ("like: papr\n", "own.yaml:1: like: there is no scenario 'papr' (shipped: "),
-        ("like: nowhere.yaml\n", "own.yaml:1: like: 'nowhere.yaml' cannot be read: "),
-        ("like: [paper]\n", "own.yaml:1: like: must be the name of a shipped scenario"),
-        ("like: own.yaml\n", "own.yaml:1: like: 4 files that are like one another are enough"),
+        ("like: papr\n", "own.yaml:1: extends: there is no scenario 'papr' (shipped: "),
+        ("like: nowhere.yaml\n", "own.yaml:1: extends: 'nowhere.yaml' cannot be read: "),
+        ("like: [paper]\n", "own.yaml:1: extends: must be the name of a shipped scenario"),
+        ("like: own.yaml\n", "own.yaml:1: extends: 4 files that are like one another are enough"),
         (
             "name: a\nlike: paper\nadded: {mass_kg: -2, start_s: 1}\n",
-            "own.yaml:3: added.mass_kg [kg]: must leave some of",
+            "own.yaml:3: payload_mass_step.mass_kg [kg]: must leave some of",
         ),
     ],
 )
@@ -515,7 +532,7 @@ PAPER = scenario.load_scenario("paper")
         ({"sed": 1}, "sed: is not a setting here; did you mean 'seed'?"),
         ({"disturbances": [{"kind": "jett"}]}, r"disturbances\[0\]: kind must be one of .* did you mean 'jet'?"),
         (
-            {"disturbances": [{"kind": "wind", "name": "a", "acts_on": "payload", "mean_mps": [0.0, 0.0, 999.0]}]},
+            {"disturbances": [{"kind": "wind", "name": "a", "acts_on": "payload", "mean_wind_mps": [0.0, 0.0, 999.0]}]},
             r"disturbances\[0\].mean_mps\[2\] \[m/s\]: must be from -340 to 340 \(the speed of sound\), got 999",
         ),
     ],

@@ -17,8 +17,14 @@ def test_error_bounds_rest_on_what_the_scenario_states():
     assert (stated.bound, stated.confidence, stated.rkhs_norm) == ("energy", 0.95, 6)
     assert given.payload_label_error is not None
     assert given.agent_label_error is not None
-    np.testing.assert_array_equal(stated.payload, [given.payload_label_error.force_error_N] * 3 + [given.payload_label_error.moment_error_Nm] * 3)
-    row = [given.agent_label_error.force_error_N] * 3 + [given.agent_label_error.moment_error_Nm] * 3 + [given.agent_label_error.joint_torque_error_Nm] * 3
+    np.testing.assert_array_equal(
+        stated.payload, [given.payload_label_error.force_error_N] * 3 + [given.payload_label_error.moment_error_Nm] * 3
+    )
+    row = (
+        [given.agent_label_error.force_error_N] * 3
+        + [given.agent_label_error.moment_error_Nm] * 3
+        + [given.agent_label_error.joint_torque_error_Nm] * 3
+    )
     np.testing.assert_array_equal(stated.agents[0], [row, row])
     assert stated.assumed == ("norm", "energy")  # of a team among winds nobody knows them
 
@@ -59,6 +65,6 @@ def test_in_the_certified_scenario_nothing_is_assumed_unless_it_is_changed():
 
 
 def test_a_label_error_of_zero_is_refused():
-    learning = scenario.load_scenario("certified").learning.model_dump() | {"rig_error": 0.0}
+    learning = scenario.load_scenario("certified").learning.model_dump() | {"rig_label_error": 0.0}
     with pytest.raises(ScenarioError, match=r"certificate: label error .* must be positive"):
         experiment.make_experiment(changed("certified", learning=learning), "C1")

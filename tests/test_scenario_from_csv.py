@@ -9,7 +9,7 @@ from colift import scenario
 from colift.scenario import Scenario, ScenarioError
 
 SAMPLE = (Path(__file__).parent / "sample_scenario.yaml").read_text(encoding="utf-8")
-HEAD = "t_s,x_m,y_m,z_m"
+HEAD = "time_s,x_m,y_m,z_m"
 PLACE = SAMPLE[: SAMPLE.index("reference:")].count("\n") + 1
 
 
@@ -30,23 +30,23 @@ def refused(folder: Path, table: str | bytes, reference: str = "{kind: waypoints
 
 def test_a_table_is_the_same_as_poses_in_the_file(tmp_path):
     table = read(tmp_path, f"\ufeff{HEAD}\r\n0,0,0,1\r\n\r\n4,1,0,1.5\r\n")
-    poses = "{kind: waypoints, poses: [{t_s: 0, p_m: [0, 0, 1]}, {t_s: 4, p_m: [1, 0, 1.5]}]}"
+    poses = "{kind: waypoints, poses: [{time_s: 0, position_m: [0, 0, 1]}, {time_s: 4, position_m: [1, 0, 1.5]}]}"
     assert table == read(tmp_path, "", poses)
-    turned = read(tmp_path, "yaw_deg, z_m, t_s, x_m, y_m, roll_deg, pitch_deg\n90,1,0,2,3,10,20\n0,0,9,0,0,0,0\n")
-    assert turned.reference.poses[0].model_dump() == {"t_s": 0.0, "p_m": (2, 3, 1), "rpy_deg": (10, 20, 90)}
+    turned = read(tmp_path, "yaw_deg, z_m, time_s, x_m, y_m, roll_deg, pitch_deg\n90,1,0,2,3,10,20\n0,0,9,0,0,0,0\n")
+    assert turned.reference.poses[0].model_dump() == {"time_s": 0.0, "position_m": (2, 3, 1), "rpy_deg": (10, 20, 90)}
 
 
 @pytest.mark.parametrize(
     ("table", "says"),
     [
-        ("t_s,x_m,y_m\n", "file: 'way.csv': line 1: column z_m is required"),
+        ("time_s,x_m,y_m\n", "file: 'way.csv': line 1: column z_m is required"),
         (f"{HEAD},yaw_deg\n", "file: 'way.csv': line 1: roll_deg, pitch_deg, yaw_deg come together"),
         (f"{HEAD},x_m\n", "file: 'way.csv': line 1: column x_m stands twice"),
-        (f"{HEAD},w_m\n", "file: 'way.csv': line 1: 'w_m' is not a column (t_s, "),
+        (f"{HEAD},w_m\n", "file: 'way.csv': line 1: 'w_m' is not a column (time_s, "),
         (f"{HEAD}\n0,0,0,1\n5,a,0,1\n", "file: 'way.csv': line 3: x_m: must be a number, got 'a'"),
         (f"{HEAD}\n0,0,0,1\n5,1,0\n", "file: 'way.csv': line 3: must have 4 values, got 3"),
-        (f"{HEAD}\n0,0,0,1\n5,1e9,0,1\n", "file: 'way.csv': line 3: p_m[0] [m]: must be from -10000 to 10000"),
-        (f"{HEAD}\n0,0,0,1\n5,nan,0,1\n", "file: 'way.csv': line 3: p_m[0] [m]: must be finite, got nan"),
+        (f"{HEAD}\n0,0,0,1\n5,1e9,0,1\n", "file: 'way.csv': line 3: position_m[0] [m]: must be from -10000 to 10000"),
+        (f"{HEAD}\n0,0,0,1\n5,nan,0,1\n", "file: 'way.csv': line 3: position_m[0] [m]: must be finite, got nan"),
         (f"{HEAD}\n0,0,0,1\n", "file: 'way.csv': must hold two poses or more, got 1"),
         (HEAD + "".join(f"\n{i},0,0,1" for i in range(101)), "file: 'way.csv': line 102: at most 100 poses"),
         (f'{HEAD}\n0,0,0,"1\n', "file: 'way.csv': cannot be read: unexpected end of data"),
@@ -73,5 +73,5 @@ def test_mistakes_about_a_table_are_told(tmp_path, reference, says):
 
 
 def test_a_list_is_not_called_too_short_for_its_bad_entries(tmp_path):
-    poses = "{kind: waypoints, poses: [{t_s: 0, p_m: [0, 0, 1]}, {t_s: a, p_m: [1, 0, 1.5]}]}"
+    poses = "{kind: waypoints, poses: [{time_s: 0, position_m: [0, 0, 1]}, {time_s: a, position_m: [1, 0, 1.5]}]}"
     assert refused(tmp_path, "", poses) == ["poses[1].t_s [s]: must be a number, got 'a'"]

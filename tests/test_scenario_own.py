@@ -31,7 +31,7 @@ from colift.scenario import Section, quantities as of
 
 @pytree
 class Shy:
-    leader: Any
+    payload_controller: Any
     share: Float[Array, ""]
 
     def begin(self):
@@ -60,7 +60,7 @@ class Hovering:
 class Hover(Section):
     """Stands where it says."""
 
-    point_m: of.Position
+    attachment_point_m: of.Position
 
     def build(self):
         zero, one = jnp.zeros(3), jnp.ones(3)
@@ -206,7 +206,7 @@ def read(folder: Path, more: str, text: str = SAMPLE) -> Scenario:
 
 
 def own(name: str, settings: str = "{}") -> str:
-    return f"{{kind: own, part: 'parts_of_test_own:{name}', settings: {settings}}}"
+    return f"{{kind: own, class_path: 'parts_of_test_own:{name}', settings: {settings}}}"
 
 
 def part(name: str, settings: str = "{}") -> str:
@@ -276,12 +276,14 @@ def test_residuals_known_exactly_are_refused_where_a_law_remembers(folder):
     with pytest.raises(
         ScenarioError, match=r"case O knows .* these laws remember what was before: LateLaw_payload, LateLaw_agents$"
     ):
-        colift.make_experiment(settings, "O")
+        colift.make_experiment(settings, "true_residual")
     assert colift.make_experiment(settings, "C1").world.disturbances.payload
 
 
 def test_settings_are_part_of_what_identifies_a_run_and_survive_a_copy(folder):
-    one, two = (read(folder, f"\nparts: {{leader: {part('ShyLeader', f'{{share: {x}}}')}}}") for x in (0.5, 0.6))
+    one, two = (
+        read(folder, f"\nparts: {{payload_controller: {part('ShyLeader', f'{{share: {x}}}')}}}") for x in (0.5, 0.6)
+    )
     assert one.digest != two.digest
     again = Scenario.model_validate_json(one.model_dump_json())
     assert again == one
@@ -292,30 +294,33 @@ def test_settings_are_part_of_what_identifies_a_run_and_survive_a_copy(folder):
 @pytest.mark.parametrize(
     ("more", "says"),
     [
-        ("part: 3", "parts.leader.part: must be text, got 3"),
-        ("part: 'parts:'", "parts.leader.part: must be `module:Name`, got 'parts:'"),
+        ("part: 3", "plugins.payload_controller.class_path: must be text, got 3"),
+        ("part: 'parts:'", "plugins.payload_controller.class_path: must be `module:Name`, got 'parts:'"),
         ("part: 'no_such_module:A'", "there is no module 'no_such_module' in "),
         ("part: 'parts_of_test_own:ShyLeade'", "parts_of_test_own has no 'ShyLeade'; did you mean 'ShyLeader'?"),
         ("part: 'parts_of_test_own:Bare'", "must be a class that extends colift.scenario.Section and has a method"),
         ("part: 'parts_of_test_own:Plain'", "must be a class that extends colift.scenario.Section and has a method"),
         ("part: 'parts_of_test_own:MODULE'", "parts_of_test_own has no 'MODULE'"),
         ("part: 'parts_of_test_own:jnp'", "must be a class"),
-        ("part: 'parts_of_test_own:ShyLeader', settings: 3", "parts.leader.settings: must be settings by name, got 3"),
+        (
+            "part: 'parts_of_test_own:ShyLeader', settings: 3",
+            "plugins.payload_controller.settings: must be settings by name, got 3",
+        ),
         (
             "part: 'parts_of_test_own:ShyLeader', settings: {share: 2}",
-            "parts.leader.settings.share: must be at most 1, got 2",
+            "plugins.payload_controller.settings.share: must be at most 1, got 2",
         ),
         (
             "part: 'parts_of_test_own:ShyLeader', settings: {share: 0}",
-            "parts.leader.settings.share: must exceed 0, got 0",
+            "plugins.payload_controller.settings.share: must exceed 0, got 0",
         ),
         ("part: 'parts_of_test_own:ShyLeader', settings: {shar: 1}", "is not a setting here; did you mean 'share'?"),
         ("part: 'parts_of_test_own:ShyLeader', setting: {}", "is not a setting here; did you mean 'settings'?"),
-        ("settings: {}", "parts.leader.part: is required"),
+        ("settings: {}", "plugins.payload_controller.class_path: is required"),
     ],
 )
 def test_mistakes_in_a_part_are_told_with_their_place(folder, more, says):
-    assert says in refused(folder, f"\nparts: {{leader: {{{more}}}}}")
+    assert says in refused(folder, f"\nparts: {{payload_controller: {{{more}}}}}")
 
 
 def test_a_range_of_a_part_s_quantity_says_why(folder):
@@ -334,20 +339,25 @@ def test_a_range_of_a_part_s_quantity_says_why(folder):
 )
 def test_a_module_that_cannot_be_imported_says_where_and_why(folder, module, code, says):
     (folder / f"{module}.py").write_text(code)
-    assert f"{module} cannot be imported: {says}" in refused(folder, f"\nparts: {{leader: {{part: '{module}:A'}}}}")
+    assert f"{module} cannot be imported: {says}" in refused(
+        folder, f"\nparts: {{payload_controller: {{class_path: '{module}:A'}}}}"
+    )
 
 
 def test_of_two_modules_of_one_name_the_other_is_refused(folder, tmp_path):
-    read(folder, f"\nparts: {{leader: {part('ShyLeader')}}}")
+    read(folder, f"\nparts: {{payload_controller: {part('ShyLeader')}}}")
     (tmp_path / "parts_of_test_own.py").write_text(MODULE)
-    assert "give it another name" in refused(tmp_path, f"\nparts: {{leader: {part('ShyLeader')}}}")
+    assert "give it another name" in refused(tmp_path, f"\nparts: {{payload_controller: {part('ShyLeader')}}}")
     sys.path.remove(str(tmp_path))
 
 
 @pytest.mark.parametrize(
     ("more", "says"),
     [
-        (f"parts: {{leader: {part('Nothing')}}}", "parts.leader: parts_of_test_own:Nothing built a value of type dict"),
+        (
+            f"parts: {{payload_controller: {part('Nothing')}}}",
+            "plugins.payload_controller: parts_of_test_own:Nothing built a value of type dict",
+        ),
         (f"plant: {own('Nothing')}", "which is no colift.simulation.world.Plant"),
         (f"actuators: {own('Nothing')}", "which is no colift.simulation.actuators.Ideal"),
     ],
@@ -366,8 +376,8 @@ def test_a_scenario_without_parts_of_one_s_own_leaves_the_import_path_alone(tmp_
 
 
 def test_drawn_residuals_need_a_reference_that_colift_knows(folder):
-    path = f"reference: {own('Hover', '{point_m: [0, 0, 1]}')}\n"
+    path = f"reference: {own('Hover', '{attachment_point_m: [0, 0, 1]}')}\n"
     text = re.sub(r"^reference:\n(  .*\n)*", path, SAMPLE, flags=re.MULTILINE)
     read(folder, "", text)
     with pytest.raises(ScenarioError, match="drawn: must be left out: its centres lie along a reference"):
-        read(folder, "\ndrawn: {norm: 2}\n", text)
+        read(folder, "\ndrawn: {rkhs_norm: 2}\n", text)

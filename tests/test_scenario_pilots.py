@@ -57,7 +57,7 @@ def test_sensors_and_pilot_are_in_SI():
 
 def test_a_look_ahead_is_the_realizer_s_and_the_pilot_s():
     settings = scenario.load_scenario("paper")
-    far = settings.model_copy(update={"control": settings.control.model_copy(update={"look_ahead_s": 0.03})})
+    far = settings.model_copy(update={"control": settings.control.model_copy(update={"preview_step_s": 0.03})})
     _, nominal = team.team(settings)
     ours, theirs = controllers.make_controller(settings, nominal), controllers.make_controller(far, nominal)
     assert (type(ours.agent_controller).__name__, ours.preview_step) == ("Aligned", None)

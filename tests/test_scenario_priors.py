@@ -37,14 +37,14 @@ def test_rates_of_rotation_and_of_joints_have_a_lengthscale_of_their_own():
 
 def test_noise_too_small_for_the_data_is_refused_with_its_section():
     s = scenario.load_scenario("paper")
-    quiet = s.learning.agents.model_copy(update={"joint_noise_Nm": 1e-9})
+    quiet = s.learning.agents.model_copy(update={"joint_torque_noise_std_Nm": 1e-9})
     s = s.model_copy(update={"learning": s.learning.model_copy(update={"agents": quiet})})
     with pytest.raises(ScenarioError, match=r"^paper: learning.agents: output 6: "):
         priors.prior_model(s, team.team(s)[1])
 
 
 def test_fits_start_from_what_the_scenario_states_and_stay_within_its_bounds():
-    learning = {"lengthscale_bounds": (0.2, 20.0), "prior_factor": 2.0, "restarts": 4, "max_iterations": 7}
+    learning = {"lengthscale_bounds": (0.2, 20.0), "hyperprior_factor": 2.0, "restarts": 4, "max_iter": 7}
     s = changed("paper", learning=scenario.load_scenario("paper").learning.model_dump() | learning)
     _, nominal = team.team(s)
     training, oracle = priors.fit_options(s, nominal), priors.prior_model(s, nominal)

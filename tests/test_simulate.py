@@ -84,7 +84,10 @@ def test_every_attitude_stays_a_rotation(flight):
 def test_the_grasp_holds(flight):
     assert flight.records.Phi.max() <= 1e-10
     assert flight.records.Phi_dot.max() <= 1e-10
-    assert flight.records.min_delassus_singular_value.min() > 10 * np.asarray(plan("C1").termination_limits.min_delassus).max()
+    assert (
+        flight.records.min_delassus_singular_value.min()
+        > 10 * np.asarray(plan("C1").termination_limits.min_delassus).max()
+    )
 
 
 def test_errors_are_those_of_the_truth_not_of_the_estimate(flight):
@@ -264,11 +267,11 @@ def watched(rows: signals.StepRecord) -> dict[str, np.ndarray]:
 @pytest.mark.parametrize(
     ("limit", "whose", "setting"),
     [
-        ("distance", ["the payload is"], "distance_m"),
-        ("height", ["the payload is at", "agent front is at", "agent rear is at"], "height_m"),
+        ("distance", ["the payload is"], "max_position_error_m"),
+        ("height", ["the payload is at", "agent front is at", "agent rear is at"], "min_height_m"),
         ("attitude", ["the payload is turned"], "attitude_deg"),
-        ("tilt", ["agent front pushes", "agent rear pushes"], "tilt_deg"),
-        ("saturation", ["thrust of agent front", "thrust of agent rear"], "saturation_s"),
+        ("tilt", ["agent front pushes", "agent rear pushes"], "max_tilt_deg"),
+        ("saturation", ["thrust of agent front", "thrust of agent rear"], "max_saturation_time_s"),
     ],
 )
 def test_a_run_stops_at_the_tick_that_first_exceeds_a_limit_and_says_which(limit, whose, setting):
@@ -301,7 +304,9 @@ def test_a_run_whose_grasp_is_near_singular_stops_at_that_tick_and_names_the_age
     name = NAMES[int(np.argmin(least[first]))]
     assert least[first, agent] <= limit
     assert stopped.termination_reason.startswith(f"the grasp of agent {name} is near singular at t = {t:.3f} s: ")
-    assert stopped.termination_reason.endswith(" 1/kg (limits.grip); arms 1 and 2 work against each other")
+    assert stopped.termination_reason.endswith(
+        " 1/kg (termination.min_grasp_ratio); arms 1 and 2 work against each other"
+    )
     assert len(stopped.uncertainty.t) == first // 10 + 1
 
 

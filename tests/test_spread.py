@@ -10,7 +10,9 @@ from tests.made_up import TOLD
 
 def test_the_spread_over_seeds_has_a_mark_for_each_and_a_line_at_the_median(tmp_path):
     merits = dict.fromkeys(seed_figures.METRICS, 0.0)
-    found = [{case: dict.fromkeys(merits, 0.001 * (k + 1)) for case in ("C1", "O", "mine")} for k in range(5)]
+    found = [
+        {case: dict.fromkeys(merits, 0.001 * (k + 1)) for case in ("C1", "true_residual", "mine")} for k in range(5)
+    ]
     files = seed_figures.plot_seed_spread(found, TOLD, tmp_path / "seeds")
     assert [file.name for file in files] == ["seeds.pdf", "seeds.png"]
     figure = seed_figures._spread(found, TOLD)

@@ -127,7 +127,7 @@ def test_where_no_bend_lets_arms_follow_joints_stay_at_zero_and_check_says_what_
     file = urdf(tmp_path, *hands, *lower)
     done = CliRunner().invoke(app, ["new", str(made), "--agents", "2", "--urdf", str(file)])
     assert done.exit_code == 0, done.stderr
-    assert "    # rest_rad" in made.read_text()
+    assert "    # nominal_position_rad" in made.read_text()
 
 
 @pytest.mark.parametrize(

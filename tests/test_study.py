@@ -63,24 +63,26 @@ def light_flight(case: str) -> flight.FlightResult:
 
 
 def test_after_its_stated_times_c4_goes_on_fitting_and_asks_no_more_samples_than_it_has_room_for():
-    given = scenario.load_scenario("paper", ["duration_s=35", "innovation.refit_s=8", "learning.capacity=100"])
-    plan = experiment.make_experiment(given, "C4")
+    given = scenario.load_scenario(
+        "paper", ["duration_s=35", "online_correction.refit_period_s=8", "learning.max_samples=100"]
+    )
+    plan = experiment.make_experiment(given, "adaptive")
     assert plan.update_times == pytest.approx((2, 4, 6, 8, 10, 18, 26, 34))
     assert plan.online_updates is not None
     assert plan.online_updates.min_samples == 100
-    assert experiment.make_experiment(given, "H").update_times == pytest.approx((2, 4, 6, 8, 10))
+    assert experiment.make_experiment(given, "gp_label_feedback").update_times == pytest.approx((2, 4, 6, 8, 10))
 
 
 @pytest.mark.long
 def test_labels_bring_a_team_back_whose_payload_has_become_heavier():
-    flights = {case: light_flight(case) for case in ("C1", "F", "H", "C4")}
+    flights = {case: light_flight(case) for case in ("C1", "label_feedback", "gp_label_feedback", "adaptive")}
     e_p = {case: metrics.rms_norm(flight.records.e_p[flight.records.t > 3.0]) for case, flight in flights.items()}
     assert not any(flight.termination_reason for flight in flights.values())
-    assert max(e_p[case] for case in ("F", "H", "C4")) < 0.3 * e_p["C1"]
+    assert max(e_p[case] for case in ("label_feedback", "gp_label_feedback", "adaptive")) < 0.3 * e_p["C1"]
 
 
 def test_learning_goes_on_and_amends_what_has_become_wrong():
-    c4 = light_flight("C4")
+    c4 = light_flight("adaptive")
     assert c4.records.innovation_L is not None
     assert [update.t for update in c4.updates] == pytest.approx([1.0, 1.5, 2.0, 2.5, 3.0, 3.5])
     assert all(update.t == update.activation_time for update in c4.updates)
@@ -94,16 +96,16 @@ def test_learning_goes_on_and_amends_what_has_become_wrong():
 
 @pytest.mark.long
 def test_a_map_with_a_correction_beside_it_learns_as_the_paper_s():
-    assert [update.t for update in light_flight("H").updates] == pytest.approx([1.0, 1.5])
-    assert light_flight("H").records.innovation_L is not None
+    assert [update.t for update in light_flight("gp_label_feedback").updates] == pytest.approx([1.0, 1.5])
+    assert light_flight("gp_label_feedback").records.innovation_L is not None
 
 
 @pytest.mark.long
 def test_what_labels_say_is_logged_and_carried_ahead():
-    f = light_flight("F").records
+    f = light_flight("label_feedback").records
     np.testing.assert_allclose(f.correction_weight, 1.0)
     # what F predicts is what labels say, carried ahead along its rate
-    ahead = float(experiment.make_experiment(light.settings(), "F").controller.predictor.lead_time)
+    ahead = float(experiment.make_experiment(light.settings(), "label_feedback").controller.predictor.lead_time)
     rate = np.diff(f.innovation_L, axis=0) / float(f.t[1])
     np.testing.assert_allclose(f.f_L_hat[1:], f.innovation_L[1:] + ahead * rate, atol=1e-9)
 
@@ -135,7 +137,10 @@ def test_the_study_s_flights_stay_far_from_every_limit():
         assert np.linalg.norm(rows.e_p, axis=1).max() < limits.max_position_error_m / 4
         assert rows.Psi.max() < (1 - np.cos(np.deg2rad(limits.max_attitude_error_deg))) / 4
         assert rows.R[:, :, 2, 2].min() > np.cos(np.deg2rad(limits.max_tilt_deg / 2))
-        assert rows.min_delassus_singular_value.min() > 10 * limits.min_grasp_ratio * rows.min_delassus_singular_value[0].max()
+        assert (
+            rows.min_delassus_singular_value.min()
+            > 10 * limits.min_grasp_ratio * rows.min_delassus_singular_value[0].max()
+        )
         assert rows.thrust_saturated.sum(0).max() * 0.002 < limits.max_saturation_time_s / 4
 
 

@@ -160,7 +160,14 @@ def test_what_grows_is_not_flown_and_what_is_lost_or_saturated_has_no_error(monk
     flight = flight_module.run_experiment(of.experiment)
     for change, said in (
         ({"stopped": "as it was told to"}, "lost"),
-        ({"rows": dataclasses.replace(flight.records, thrust_saturated=np.ones_like(flight.records.thrust_saturated))}, "saturated"),
+        (
+            {
+                "rows": dataclasses.replace(
+                    flight.records, thrust_saturated=np.ones_like(flight.records.thrust_saturated)
+                )
+            },
+            "saturated",
+        ),
     ):
         monkeypatch.setattr(flight_module, "fly_plan", lambda _plan, c=change: dataclasses.replace(flight, **c))
         assert gain_tuning.simulate_cost(of) == said
@@ -269,7 +276,7 @@ def test_thrust_bounds_the_stiffness():
         update={"start": of.settings.initial_state.model_copy(update={"position_error_m": (0, 0, 0)})}
     )
     assert gain_tuning._most_stiffness(dataclasses.replace(of, settings=near)) == gain_tuning.MAX_GAIN_RATIO
-    wide = of.settings.termination.model_copy(update={"distance_m": 10.0})
+    wide = of.settings.termination.model_copy(update={"max_position_error_m": 10.0})
     far = of.settings.model_copy(
         update={"start": of.settings.initial_state.model_copy(update={"position_error_m": (9, 0, 0)}), "limits": wide}
     )

@@ -361,8 +361,8 @@ NUMBERS = SAMPLE[SAMPLE.index("  two_arms:") : SAMPLE.index("agents:\n")]
 FROM_URDF = """  two_arms:
     urdf: vehicles/two.urdf
     thrust_max_N: 50
-    tips: [left_hand, {link: right, name: right, offset_m: [0, 0, -0.3]}]
-    rest_rad: {left: 1.2, right: -1.2}
+    tips: [left_hand, {link: right, name: right, tip_position_m: [0, 0, -0.3]}]
+    nominal_position_rad: {left: 1.2, right: -1.2}
 """
 ARM = """<link name="{0}"><inertial><origin xyz="0 0 -0.15"/><mass value="0.12"/>
   <inertia ixx="9e-4" iyy="9e-4" izz="1e-5" ixy="0" ixz="0" iyz="0"/></inertial></link>
@@ -427,13 +427,17 @@ WRONG_ENTRY = [
     ("vehicles/two.urdf", "two.urdf", "agent_types.two_arms.urdf: 'two.urdf' cannot be read: No such file"),
     ("left_hand,", "left_hnd,", "tips[0]: 'left_hnd' is not a link of the file (base, waist, "),
     ("left_hand,", "left_hnd,", "did you mean 'left_hand'?"),
-    ("{left: 1.2", "{lefft: 1.2", "rest_rad.lefft: 'lefft' is not a joint that turns (waist, left, right)"),
-    ("rest_rad: {left: 1.2, right: -1.2}", "rest_m: {left: 1}", "'left' is not a joint that slides (there are none)"),
+    ("{left: 1.2", "{lefft: 1.2", "nominal_position_rad.lefft: 'lefft' is not a joint that turns (waist, left, right)"),
+    (
+        "nominal_position_rad: {left: 1.2, right: -1.2}",
+        "nominal_position_m: {left: 1}",
+        "'left' is not a joint that slides (there are none)",
+    ),
     ("thrust_max_N: 50", "thrust_max_N: 0", "two_arms.thrust_max_N [N]: must be from 1e-5 to 1e6 (what lifts"),
     ("    thrust_max_N: 50\n", "", "two_arms.thrust_max_N [N]: is required"),
     ("thrust_max_N: 50", "thrust_mx_N: 50", "is not a setting here; did you mean 'thrust_max_N'?"),
     ("tips: [left_hand, ", "tips: [", "agents[0].contacts_m [m]: must hold one contact for each of the 1 arms"),
-    ("offset_m: [0, 0, -0.3]", "offset_m: [0, 0]", "tips[1].offset_m[2] [m]: is missing"),
+    ("tip_position_m: [0, 0, -0.3]", "tip_position_m: [0, 0]", "tips[1].offset_m[2] [m]: is missing"),
 ]
 
 
@@ -458,10 +462,10 @@ def test_a_scenario_chooses_what_becomes_of_joints_that_follow(written: Path) ->
     with pytest.raises(
         ScenarioError, match="mimic: must be one of frozen, independent, got 'forzen'; did you mean 'frozen'"
     ):
-        scenario.parse(told.replace("    tips:", "    mimic: forzen\n    tips:"), str(written))
-    free = scenario.parse(told.replace("    tips:", "    mimic: independent\n    tips:"), str(written))
+        scenario.parse(told.replace("    tips:", "    mimic_joints: forzen\n    tips:"), str(written))
+    free = scenario.parse(told.replace("    tips:", "    mimic_joints: independent\n    tips:"), str(written))
     assert team.joint_names(free)[:3] == ("front/waist", "front/left", "front/right")
-    frozen = told.replace("    tips:", "    mimic: frozen\n    tips:").replace(", right: -1.2}", "}")
+    frozen = told.replace("    tips:", "    mimic_joints: frozen\n    tips:").replace(", right: -1.2}", "}")
     (kind,) = scenario.parse(frozen, str(written)).agent_types.values()
     assert [joint.name for joint in kind.joints] == ["waist", "left"]
     hand = next(arm for arm in kind.arms if arm.name == "right")

@@ -251,9 +251,13 @@ def test_figure_7_draws_what_labels_say_where_they_stop_and_when_the_world_chang
     error, payload, agents, used, points = figure.axes
     np.testing.assert_allclose(used.lines[0].get_ydata(), np.mean(heard.model_gain_L, axis=1), rtol=1e-14)
     np.testing.assert_array_equal(used.lines[1].get_ydata(), heard.correction_weight)
-    np.testing.assert_allclose(payload.lines[0].get_ydata(), np.linalg.norm(heard.innovation_L[:, :3], axis=1), rtol=1e-14)
+    np.testing.assert_allclose(
+        payload.lines[0].get_ydata(), np.linalg.norm(heard.innovation_L[:, :3], axis=1), rtol=1e-14
+    )
     for line, name in zip(agents.lines, heard.agent.values, strict=False):
-        np.testing.assert_allclose(line.get_ydata(), np.linalg.norm(heard.innovation_x.sel(agent=name), axis=1), rtol=1e-14)
+        np.testing.assert_allclose(
+            line.get_ydata(), np.linalg.norm(heard.innovation_x.sel(agent=name), axis=1), rtol=1e-14
+        )
     for ax in figure.axes:
         assert [
             line.get_xdata()[0] for line in ax.lines if line.get_color() == study_figures.CHANGE_POINT_STYLE["color"]
@@ -326,9 +330,9 @@ def test_updates_and_the_end_of_learning_are_marked(cases, draw):
 def test_what_goes_on_learning_has_no_end_and_names_no_updates(cases):
     on = cases["C3"].assign_attrs(update_times_s=[2.5, 6.0, 12.0])
     marks = lambda figure: [ln.get_xdata()[0] for ln in figure.axes[0].lines if len(ln.get_xdata()) == 2]  # noqa: E731
-    beside = study_figures.plot_tracking_error({"C2": cases["C2"], "C4": on}, TOLD)
+    beside = study_figures.plot_tracking_error({"C2": cases["C2"], "adaptive": on}, TOLD)
     assert sorted(marks(beside)) == [2.5, 4.5, 6.5, 8.5, 10.0]
-    alone = study_figures.plot_tracking_error({"C4": on}, TOLD)
+    alone = study_figures.plot_tracking_error({"adaptive": on}, TOLD)
     assert sorted(marks(alone)) == [2.5, 6.0, 12.0]
     assert not alone.axes[0].texts
 
@@ -353,9 +357,11 @@ def test_rivals_alone_are_drawn_and_beside_others_left_out_where_a_case_is_looke
         where = study_figures if hasattr(study_figures, name) else uncertainty_figures
         monkeypatch.setattr(where, name, lambda cases, *_, name=name: drawn.update({name: list(cases)}) or Figure())
     monkeypatch.setattr(style, "save", lambda *_: [])
-    study_figures.write_figures({"O": cases["O"]}, TOLD, tmp_path)
-    assert set(map(tuple, drawn.values())) == {("O",)}
-    study_figures.write_figures({"C1": cases["C1"], "O": cases["O"], "mine": cases["C3"]}, TOLD, tmp_path)
+    study_figures.write_figures({"true_residual": cases["true_residual"]}, TOLD, tmp_path)
+    assert set(map(tuple, drawn.values())) == {("true_residual",)}
+    study_figures.write_figures(
+        {"C1": cases["C1"], "true_residual": cases["true_residual"], "mine": cases["C3"]}, TOLD, tmp_path
+    )
     assert {name: len(names) for name, names in drawn.items() if name in ("team", "tracking", "mismatch")} == {
         "team": 3,
         "tracking": 3,

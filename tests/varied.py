@@ -18,22 +18,22 @@ def bar(joints: list[dict], tips: list[str]) -> dict:
         "base": {"mass_kg": 1.0, "inertia_kgm2": [0.02, 0.02, 0.03]},
         "thrust_max_N": 40,
         "joints": [{"axis": [0, 3, 4], "body": body} | joint for joint in joints],
-        "arms": [{"name": f"a{i}", "joint": tip, "tip_m": [0, 0, -0.2]} for i, tip in enumerate(tips)],
+        "arms": [{"name": f"a{i}", "joint": tip, "tip_position_m": [0, 0, -0.2]} for i, tip in enumerate(tips)],
     }
 
 
 MIXED = {
     "agent_types": {
-        "crane": bar([{"name": "hook", "type": "prismatic", "rest_m": 0.3}], ["hook"]),
+        "crane": bar([{"name": "hook", "type": "prismatic", "nominal_position_m": 0.3}], ["hook"]),
         "claw": bar(
             [{"name": "f", "type": "revolute"}, {"name": "g", "type": "revolute", "parent": "f"}], ["g", "base"]
         ),
         "big_crane": bar([{"name": "winch", "type": "prismatic", "rpy_deg": [10, 20, 30]}], ["winch"]),
     },
     "agents": [
-        {"name": "a", "type": "crane", "contacts_m": [[1, 0, 0]]},
-        {"name": "b", "type": "claw", "yaw_deg": 90, "contacts_m": [[0, 1, 0], [0, 1, 0.1]]},
-        {"name": "c", "type": "big_crane", "yaw_deg": -90, "contacts_m": [[-1, 0, 0]]},
+        {"name": "a", "type": "crane", "contact_positions_m": [[1, 0, 0]]},
+        {"name": "b", "type": "claw", "yaw_deg": 90, "contact_positions_m": [[0, 1, 0], [0, 1, 0.1]]},
+        {"name": "c", "type": "big_crane", "yaw_deg": -90, "contact_positions_m": [[-1, 0, 0]]},
     ],
     "nominal": {"agent_types": {"big_crane": {"joints": {"winch": {"mass_kg": 0.2, "inertia_kgm2": [1, 1, 1]}}}}},
     "disturbances": [

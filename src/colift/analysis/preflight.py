@@ -565,7 +565,9 @@ def _heights(settings: Scenario) -> Iterator[Change]:
     """All contacts 5 cm lower and higher: where agents turn about points above or below their centres of mass."""
     for step in (-0.05, 0.05):
         agents = tuple(
-            agent.model_copy(update={"contacts_m": tuple((x, y, round(h + step, 4)) for x, y, h in agent.contact_positions_m)})
+            agent.model_copy(
+                update={"contacts_m": tuple((x, y, round(h + step, 4)) for x, y, h in agent.contact_positions_m)}
+            )
             for agent in settings.agents
         )
         typed = " ".join(

@@ -145,7 +145,7 @@ def nominal_experiment(experiment: Experiment, truth: residual_model.ResidualMod
         payload=(),
         agents=none,
         joints=smooth,
-        state_functions=(residual_model.ResidualFunction(oracle=truth),),
+        state_functions=(residual_model.ResidualFunction(model=truth),),
     )
     return dataclasses.replace(
         experiment,
@@ -308,13 +308,18 @@ def check_supported(experiment: Experiment) -> None:
         "kernel": (model and model.payload.hyper.kernel, (SquaredExponential,)),
         "predictor": (getattr(onboard_controller, "predictor", None), (residual_predictors.LearnedResidual,)),
         "allocator": (getattr(onboard_controller, "allocator", None), (allocators.LinearAllocator,)),
-        "realizer": (getattr(onboard_controller, "agent_controller", None), (agent_controllers.ThrustVectoringController,)),
+        "realizer": (
+            getattr(onboard_controller, "agent_controller", None),
+            (agent_controllers.ThrustVectoringController,),
+        ),
         "estimator": (getattr(onboard_controller, "estimator", None), (state_estimator.ComplementaryFilter,)),
         "world": (world, (SimulatedWorld,)),
         "plant": (getattr(world, "plant", None), (contact_dynamics.RigidContactPlant,)),
         "actuators": (getattr(world, "actuators", None), (actuators.IdealActuators,)),
         "mass in flight:": (getattr(world, "mass_step", None), (type(None),)),
-        **{f"sensor {k}": (one, (sensors.CalibrationRig,)) for k, one in enumerate(getattr(world, "sensor_models", ()))},
+        **{
+            f"sensor {k}": (one, (sensors.CalibrationRig,)) for k, one in enumerate(getattr(world, "sensor_models", ()))
+        },
     }
     other = [f"{name} {type(part).__name__}" for name, (part, ours) in known.items() if type(part) not in ours]
     if other:

@@ -15,7 +15,7 @@
 #define REAL(kind) (sizeof(kind) / sizeof(colift_real))
 enum { MEASURED = REAL(colift_measurement), COMMANDED = REAL(colift_command), ROW = 1 + MEASURED + COMMANDED };
 
-static colift_memory memory;
+static colift_state state;
 
 static void take(const double *row, void *into, int n) {
   for (int i = 0; i < n; i++) ((colift_real *)into)[i] = (colift_real)row[i];
@@ -50,13 +50,13 @@ int main(int argc, char **argv) {
     colift_measurement m;
     colift_command command;
     take(flight + 1, &m, MEASURED);
-    memset(&memory, 0, sizeof memory);
-    colift_init(&colift_learned, &m, &memory, &command);
+    memset(&state, 0, sizeof state);
+    colift_init(&colift_trained_model, &m, &state, &command);
     for (long i = 1; i < rows; i++, steps++) {
       const double *row = flight + i * ROW;
       take(row + 1, &m, MEASURED);
       const double began = now();
-      lost |= colift_step(&colift_learned, (colift_real)row[0], &m, &memory, &command);
+      lost |= colift_step(&colift_trained_model, (colift_real)row[0], &m, &state, &command);
       took[steps] = now() - began;
       for (int j = 0; j < COMMANDED; j++) {
         const double want = row[1 + MEASURED + j], off = fabs((double)((colift_real *)&command)[j] - want);
@@ -71,8 +71,8 @@ int main(int argc, char **argv) {
   printf("largest_relative_difference %.3g\n", share);
   printf("median_us %.2f\n", took[steps / 2]);
   printf("p999_us %.2f\n", took[(long)(0.999 * steps)]);
-  printf("memory_bytes %lu\n", (unsigned long)sizeof(colift_memory));
-  printf("learned_bytes %lu\n", (unsigned long)sizeof(colift_oracle));
+  printf("state_bytes %lu\n", (unsigned long)sizeof(colift_state));
+  printf("model_bytes %lu\n", (unsigned long)sizeof(colift_model));
   if (lost) fprintf(stderr, "a counter left the integers that are exact\n");
   free(flight);
   free(took);

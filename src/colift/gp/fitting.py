@@ -148,7 +148,9 @@ def _standardize(X: ArrayLike, Y: ArrayLike, constant_mean: ArrayLike | None) ->
     X, Y = validate_data(X, Y)
     if len(X) < 2:
         raise ValueError(f"{len(X)} data point(s): fit needs at least 2; condition on stated hyperparameters instead")
-    constant_mean = Y.mean(0) if constant_mean is None else np.broadcast_to(np.asarray(constant_mean, dtype=float), Y.shape[1:])
+    constant_mean = (
+        Y.mean(0) if constant_mean is None else np.broadcast_to(np.asarray(constant_mean, dtype=float), Y.shape[1:])
+    )
     if not np.isfinite(constant_mean).all():
         raise ValueError(f"constant_mean = {constant_mean.tolist()}: must be finite")
     x_scale, y_scale = column_std(X), column_std(Y)

@@ -102,26 +102,26 @@ def export_c(
     command, state = jax.eval_shape(begin, model, rest)
     commands, before, own = (len(jax.tree.leaves(x)) for x in (command, (model, 0.0, rest), state))
     carried = [(commands + k, before + k) for k in range(own)]
-    init = _traced(begin, (), oracle=model, measurement=rest)
-    tick = _traced(step, carried, oracle=model, t=jnp.zeros(()), measurement=rest, memory=state)
+    init = _traced(begin, (), model=model, measurement=rest)
+    tick = _traced(step, carried, model=model, t=jnp.zeros(()), measurement=rest, state=state)
     structs = {
-        "oracle": CStruct(model, "what was learned"),
+        "model": CStruct(model, "what was learned"),
         "measurement": CStruct(rest, "what is measured at one time"),
-        "memory": CStruct(state, "what the pilot remembers from tick to tick"),
+        "state": CStruct(state, "what the pilot remembers from tick to tick"),
         "command": CStruct({"agents": command}, "what vehicles are to do until the next tick"),
     }
     for of, k in (*init.arguments, *tick.arguments):
         if of in structs:
             structs[of].used.add(k)
-    for of in ("memory", "command"):
+    for of in ("state", "command"):
         structs[of].used |= {k for k, (_, shape) in enumerate(structs[of].leaves) if 0 not in shape}
     head = _header(name, structs, experiment.dt)
     about = f"/* {name}, by colift {version('colift')}. This file belongs to its user. */\n"
-    oracle_of = structs["oracle"].initializer(model)
+    initial_model = structs["model"].initializer(model)
     files = {
         "colift.h": about + head,
         "colift.c": about + _code(structs, init, tick),
-        "learned.c": f'{about}#include "colift.h"\n\nconst colift_oracle colift_learned = {oracle_of};\n',
+        "learned.c": f'{about}#include "colift.h"\n\nconst colift_model colift_trained_model = {initial_model};\n',
         "replay.c": about + resources.files("colift.codegen").joinpath("replay.c").read_text(),
         "CMakeLists.txt": CMAKE,
     }
@@ -226,14 +226,14 @@ typedef double colift_real;
 {kinds}
 #define COLIFT_PERIOD {dt!r} /* s */
 
-extern const colift_oracle colift_learned; /* of the flight that this was made from */
+extern const colift_model colift_trained_model; /* of the flight that this was made from */
 
 /* The memory before the first tick and the command that holds the team until then, from a reading at rest. */
-void colift_init(const colift_oracle *oracle, const colift_measurement *m, colift_memory *memory,
+void colift_init(const colift_model *model, const colift_measurement *m, colift_state *state,
                  colift_command *command);
 
 /* One tick: the command from now on. Returns 0, or 1 where a counter left the integers that are exact. */
-int colift_step(const colift_oracle *oracle, colift_real t, const colift_measurement *m, colift_memory *memory,
+int colift_step(const colift_model *model, colift_real t, const colift_measurement *m, colift_state *state,
                 colift_command *command);
 
 #ifdef __cplusplus
@@ -245,12 +245,12 @@ int colift_step(const colift_oracle *oracle, colift_real t, const colift_measure
 
 def _code(structs: dict[str, CStruct], init: TracedKernel, tick: TracedKernel) -> str:
     read = lambda name: resources.files("colift.codegen").joinpath(name).read_text()  # noqa: E731
-    commands, state = len(structs["command"].leaves), structs["memory"]
-    begun = [state.pointer("memory", k - commands) for k in init.kernel.results if k >= commands]
+    commands, state = len(structs["command"].leaves), structs["state"]
+    begun = [state.pointer("state", k - commands) for k in init.kernel.results if k >= commands]
     moved = [k - commands for k in tick.kernel.results if k >= commands]  # what is not written to in place
     after = {k: f"next_{state.leaves[k][0]}" for k in moved}
     rooms = [f"colift_real {room}[{state.size(k)}];" for k, room in after.items()]
-    moves = [f"memcpy({state.pointer('memory', k)}, {room}, sizeof {room});" for k, room in after.items()]
+    moves = [f"memcpy({state.pointer('state', k)}, {room}, sizeof {room});" for k, room in after.items()]
     start, step = _call(structs, init, begun), _call(structs, tick, list(after.values()))
     return "\n".join([
         '#include "colift.h"\n',
@@ -259,11 +259,11 @@ def _code(structs: dict[str, CStruct], init: TracedKernel, tick: TracedKernel) -
         re.sub(r"\bf(\d)", r"g\1", init.kernel.text),  # two kernels in one file
         "#undef PIECES\n#undef WHOLE",
         tick.kernel.text,
-        "void colift_init(const colift_oracle *oracle, const colift_measurement *m, colift_memory *memory,",
+        "void colift_init(const colift_model *model, const colift_measurement *m, colift_state *state,",
         "                 colift_command *command) {",
-        f"  (void)oracle;\n  {start.replace('f', 'g', 1)}\n}}\n",
-        "int colift_step(const colift_oracle *oracle, colift_real t, const colift_measurement *m,",
-        "                colift_memory *memory, colift_command *command) {",
+        f"  (void)model;\n  {start.replace('f', 'g', 1)}\n}}\n",
+        "int colift_step(const colift_model *model, colift_real t, const colift_measurement *m,",
+        "                colift_state *state, colift_command *command) {",
         *(f"  {line}" for line in ["outside = 0;", *rooms, step, *moves, "return outside;"]),
         "}\n",
     ])  # fmt: skip

@@ -56,7 +56,9 @@ def label_bias_model(settings: schema.Scenario) -> prediction_uncertainty.LabelB
     for each in settings.sensors.models:
         if isinstance(each, schema.BiasRandomWalk):
             for name in found.keys() & set(each.channels):
-                found[name] += prediction_uncertainty.BiasModel(initial_std=each.initial_bias_std, random_walk_density=each.random_walk_density)
+                found[name] += prediction_uncertainty.BiasModel(
+                    initial_std=each.initial_bias_std, random_walk_density=each.random_walk_density
+                )
     return prediction_uncertainty.LabelBiasModel(
         tips=found["agents.lam"], payload=found["payload.a"], agents=found["agents.a"]
     )
@@ -88,7 +90,11 @@ def _met(settings: schema.Scenario, within: bool) -> frozenset[BoundAssumption]:
 
 def _label_errors(given: schema.LabelError | None, prior: schema.GPPrior, joints: int) -> np.ndarray:
     """`(6 + joints,)` as stated, or three of the prior's deviations of label noise."""
-    source = [3 * prior.force_noise_std_N, 3 * prior.moment_noise_std_Nm] if given is None else [given.force_error_N, given.moment_error_Nm]
+    source = (
+        [3 * prior.force_noise_std_N, 3 * prior.moment_noise_std_Nm]
+        if given is None
+        else [given.force_error_N, given.moment_error_Nm]
+    )
     if isinstance(given, schema.AgentLabelError):
         source.append(given.joint_torque_error_Nm)
     elif isinstance(prior, schema.AgentGPPrior):

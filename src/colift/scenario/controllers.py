@@ -78,7 +78,10 @@ def _internal(
         eta, times = np.zeros(plan.nullspace.shape[1]), (0.0, 0.0, 1.0)
     else:
         pairs = [(index[a], index[b], newton) for a, b, newton in given.squeeze_pairs]
-        eta, times = internal_force_coordinates(plan, squeeze(c, pairs)), (given.start_s, given.end_s, given.ramp_time_s)
+        eta, times = (
+            internal_force_coordinates(plan, squeeze(c, pairs)),
+            (given.start_s, given.end_s, given.ramp_time_s),
+        )
     start, end, ramp = (array(t) for t in times)
     return allocators.InternalForceSchedule(eta=jnp.asarray(eta), start=start, end=end, ramp=ramp)
 
@@ -170,7 +173,9 @@ def with_innovation_filter(
         array([label_feedback.rate_attenuation(gain) for gain in group])
         for group in label_loop_gains(settings, flying.team)
     )
-    predictor = residual_predictors.InnovationCorrection(base=flying.residual_predictor, compute=lead, rate_attenuation=heeded)
+    predictor = residual_predictors.InnovationCorrection(
+        base=flying.residual_predictor, compute=lead, rate_attenuation=heeded
+    )
     return dataclasses.replace(flying, innovation_filter=innovation_filter, residual_predictor=predictor)
 
 

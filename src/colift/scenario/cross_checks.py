@@ -212,9 +212,15 @@ def _allocation(data: dict[str, Any]) -> Iterator[ErrorMessage]:
         ends = [pair[k] for k in (0, 1)] if isinstance(pair, list | tuple) and len(pair) > 1 else []
         for k, contact in enumerate(ends):
             if isinstance(contact, str) and contact not in known:
-                yield ("allocation", "internal", "squeeze_pairs", i, k), unknown_name_message(contact, known, "a contact")
+                yield (
+                    ("allocation", "internal", "squeeze_pairs", i, k),
+                    unknown_name_message(contact, known, "a contact"),
+                )
             elif isinstance(contact, str) and k == 1 and contact == ends[0]:
-                yield ("allocation", "internal", "squeeze_pairs", i, k), "must be another contact than the first of the pair"
+                yield (
+                    ("allocation", "internal", "squeeze_pairs", i, k),
+                    "must be another contact than the first of the pair",
+                )
 
 
 UPDATES = ("learning", "update_times_s")
@@ -273,7 +279,10 @@ def _rates(data: dict[str, Any]) -> Iterator[ErrorMessage]:
 def _flanks(data: dict[str, Any]) -> Iterator[ErrorMessage]:
     begin, over = _number(data, "allocation", "internal", "start_s"), _number(data, "allocation", "internal", "end_s")
     if 2 * _number(data, "allocation", "internal", "ramp_time_s") > over - begin:
-        yield ("allocation", "internal", "ramp_time_s"), f"two flanks must fit between start_s and end_s, {over - begin:g} s"
+        yield (
+            ("allocation", "internal", "ramp_time_s"),
+            f"two flanks must fit between start_s and end_s, {over - begin:g} s",
+        )
 
 
 def _waves(data: dict[str, Any]) -> Iterator[ErrorMessage]:

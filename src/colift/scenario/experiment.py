@@ -47,22 +47,42 @@ PAPER_CASES = {
     "C2": "payload learning",
     "C3": "payload and agent learning",
 }
-EXTENSIONS = {"C4": "C3 that goes on learning, and reacts"}
+EXTENSIONS = {"adaptive": "C3 with online model updates and feedback correction from labels"}
 BASELINES = {
-    "I": "C1 with integral action",
-    "DOB": "C1 with a wrench observer",
-    "P": "parametric identification only",
-    "O": "residuals known exactly",
-    "F": "filtered labels, no memory",
-    "R": "regression on a stated basis",
-    "H": "C3 and filtered labels",
+    "integral": "C1 with integral action",
+    "disturbance_observer": "C1 with a disturbance observer on the payload",
+    "parametric": "parametric identification of the payload only",
+    "true_residual": "true residuals at estimated states",
+    "label_feedback": "feedback of filtered labels, no model",
+    "regression": "ridge regression on stated basis functions",
+    "gp_label_feedback": "C3 with feedback of filtered labels",
 }
 ALL_CASES = PAPER_CASES | EXTENSIONS | BASELINES
+AGENT_LEARNING_CASES = ("C3", "regression", "gp_label_feedback", "adaptive")
+LEARNING_CASES = ("C2", "parametric", *AGENT_LEARNING_CASES)
+
+
+def case_id(name: str) -> str:
+    """Return the identifier of a case, whatever the capitalization of its name.
+
+    Args:
+        name: Identifier of a case, such as ``C3`` or ``adaptive``, in any capitalization.
+
+    Returns:
+        The identifier as in `ALL_CASES`.
+
+    Raises:
+        KeyError: If there is no such case.
+    """
+    for case in ALL_CASES:
+        if case.lower() == name.strip().lower():
+            return case
+    raise KeyError(f"case {name!r}: must be one of {', '.join(ALL_CASES)}")
 
 
 def make_experiment(settings: Scenario, case: str) -> flight.Experiment:
     """One case of a scenario, ready to fly; raises as `plans` does."""
-    return make_experiments(settings, (case,))[case]
+    return make_experiments(settings, (case,))[case_id(case)]
 
 
 def make_experiments(settings: Scenario, cases: Sequence[str]) -> dict[str, flight.Experiment]:
@@ -71,9 +91,7 @@ def make_experiments(settings: Scenario, cases: Sequence[str]) -> dict[str, flig
     Raises ScenarioError for a grasp, an allocation or a start that cannot be, for a team that cannot hover and for O
     where a law remembers; KeyError for an unknown case.
     """
-    for case in cases:
-        if case not in ALL_CASES:
-            raise KeyError(f"case {case!r}: one of {', '.join(ALL_CASES)}")
+    cases = [case_id(case) for case in cases]
     truth, nominal = team.team(settings)
     given, z = settings.learning, initial_states.initial_state(settings, truth)
     drawn, error, sources = (
@@ -83,7 +101,7 @@ def make_experiments(settings: Scenario, cases: Sequence[str]) -> dict[str, flig
     )
     if drawn is not None:
         function, deviation = drawn
-        sources = dataclasses.replace(sources, state_functions=(residual_model.ResidualFunction(oracle=function),))
+        sources = dataclasses.replace(sources, state_functions=(residual_model.ResidualFunction(model=function),))
         error = jax.tree.map(lambda f: given.rig_label_error * f, deviation)
     controller = controllers.make_controller(settings, nominal)
     termination.true_hover_thrust(settings, truth, controller, sources)
@@ -109,13 +127,13 @@ def make_experiments(settings: Scenario, cases: Sequence[str]) -> dict[str, flig
 def _as(case: str, c1: flight.Experiment, settings: Scenario) -> flight.Experiment:
     """C1 with what another case has in its place or in addition."""
     rival, given = settings.baselines, settings.learning
-    learns, agents = case in ("C2", "C3", "P", "R", "H", "C4"), case in ("C3", "R", "H", "C4")
+    learns, agents = case in LEARNING_CASES, case in AGENT_LEARNING_CASES
     controller = c1.controller
     ridge = rival.ridge_alpha, rival.ridge_alpha_moment or rival.ridge_alpha
     recorder = dataclasses.replace(controller.recorder, payload=jnp.asarray(learns), agents=jnp.asarray(agents))
     controller = dataclasses.replace(controller, recorder=recorder)
     match case:
-        case "I":
+        case "integral":
             K_i, k_i = jnp.asarray(rival.position_integral_gain), jnp.asarray(rival.attitude_integral_gain)
             controller = dataclasses.replace(
                 controller,
@@ -123,30 +141,34 @@ def _as(case: str, c1: flight.Experiment, settings: Scenario) -> flight.Experime
                     base=controller.payload_controller, K_i=K_i, k_i=k_i
                 ),
             )
-        case "DOB":
+        case "disturbance_observer":
             bandwidth = jnp.asarray((rival.dob_force_Hz, rival.dob_moment_Hz or rival.dob_force_Hz))
             observer = residual_predictors.DisturbanceObserver(base=controller.residual_predictor, bandwidth=bandwidth)
             controller = dataclasses.replace(controller, residual_predictor=observer)
-        case "O":
+        case "true_residual":
             if remembering := disturbances_module.stateful_names(c1.world.disturbances):
                 raise ScenarioError(
-                    f"{settings.name}: case O knows residuals as functions of state and time; "
-                    f"these laws remember what was before: {', '.join(remembering)}"
+                    f"{settings.name}: case true_residual evaluates residuals as functions of state and time; "
+                    f"these disturbances have an internal state: {', '.join(remembering)}"
                 )
             controller = controllers.with_preview(settings, controller)
             truly = TrueResidualFunction(world=c1.world, nominal=controller.team)
-            controller = dataclasses.replace(controller, residual_predictor=residual_predictors.TrueResidual(function=truly))
-        case "R":
+            controller = dataclasses.replace(
+                controller, residual_predictor=residual_predictors.TrueResidual(function=truly)
+            )
+        case "regression":
             controller = controllers.with_preview(settings, controller)
             nothing = controller.recorder.init(controller.team, controller.residual_model)
             controller = dataclasses.replace(
                 controller, residual_model=ridge_regression.fit_ridge(controller.residual_model, nothing, ridge)
             )
-        case "F" | "H" | "C4":
+        case "label_feedback" | "gp_label_feedback" | "adaptive":
             controller = controllers.with_innovation_filter(
-                settings, controllers.with_preview(settings, controller), held=case != "C4"
+                settings, controllers.with_preview(settings, controller), held=case != "adaptive"
             )
-    prior = np.array([rival.mass_prior_std_kg, *[rival.first_moment_prior_std_kgm] * 3, *[rival.inertia_prior_std_kgm2] * 6])
+    prior = np.array(
+        [rival.mass_prior_std_kg, *[rival.first_moment_prior_std_kgm] * 3, *[rival.inertia_prior_std_kgm2] * 6]
+    )
     noise = np.array([given.payload.force_noise_std_N] * 3 + [given.payload.moment_noise_std_Nm] * 3)
     parameters = online_learner.IdentificationOptions(
         label_std=noise, prior_std=prior, nominal_payload=controller.team.payload
@@ -155,9 +177,9 @@ def _as(case: str, c1: flight.Experiment, settings: Scenario) -> flight.Experime
         c1,
         controller=controller,
         update_times=given.update_times_s if learns else (),
-        identification={"P": parameters, "R": online_learner.RidgeOptions(ridge=ridge)}.get(case),
+        identification={"parametric": parameters, "regression": online_learner.RidgeOptions(ridge=ridge)}.get(case),
     )
-    return _going_on(made, settings) if case == "C4" else made
+    return _going_on(made, settings) if case == "adaptive" else made
 
 
 def _going_on(experiment: flight.Experiment, settings: Scenario) -> flight.Experiment:

@@ -107,7 +107,12 @@ def mean_prior(settings: schema.Scenario, nominal: Team) -> semiparametric.MeanP
     drag, constant = given.drag_std_Nspm, given.constant_std_ratio
     return semiparametric.MeanPrior(
         payload=np.array(
-            [parameters.mass_prior_std_kg, *[parameters.first_moment_prior_std_kgm] * 3, drag, *[drag * given.drag_lever_std_m] * 3]
+            [
+                parameters.mass_prior_std_kg,
+                *[parameters.first_moment_prior_std_kgm] * 3,
+                drag,
+                *[drag * given.drag_lever_std_m] * 3,
+            ]
             + [constant * load.force_std_N] * 3
             + [constant * load.moment_std_Nm] * 3
         ),
@@ -118,10 +123,18 @@ def mean_prior(settings: schema.Scenario, nominal: Team) -> semiparametric.MeanP
 
 def _hyper(given: schema.GPPrior, features: Sequence[str], kernel: gp.Kernel) -> gp.Hyperparameters:
     """Forces, moments, then joints: variances from the stated deviations, length-scales of rates and of the rest."""
-    signal, noise, counts = [given.force_std_N, given.moment_std_Nm], [given.force_noise_std_N, given.moment_noise_std_Nm], [3, 3]
+    signal, noise, counts = (
+        [given.force_std_N, given.moment_std_Nm],
+        [given.force_noise_std_N, given.moment_noise_std_Nm],
+        [3, 3],
+    )
     if isinstance(given, schema.AgentGPPrior):
         joints = sum(name.startswith("r_dot") for name in features)
-        signal, noise, counts = [*signal, given.joint_torque_std_Nm], [*noise, given.joint_torque_noise_std_Nm], [3, 3, joints]
+        signal, noise, counts = (
+            [*signal, given.joint_torque_std_Nm],
+            [*noise, given.joint_torque_noise_std_Nm],
+            [3, 3, joints],
+        )
     rates = [name.startswith(("omega", "|omega|", "r_dot")) for name in features]
     lengthscales = np.where(rates, given.rate_lengthscale, given.lengthscale)
     return gp.make_hyperparameters(

@@ -77,7 +77,13 @@ def nominal_posture(settings: schema.Scenario) -> tuple[Array, ...]:
     kinds = settings.agent_types
     return tuple(
         array(
-            [[j.nominal_position_rad if isinstance(j, schema.Revolute) else j.nominal_position_m for j in kinds[a.type].joints] for a in group]
+            [
+                [
+                    j.nominal_position_rad if isinstance(j, schema.Revolute) else j.nominal_position_m
+                    for j in kinds[a.type].joints
+                ]
+                for a in group
+            ]
         ).reshape(len(group), -1)
         for group in group_agents(settings)
     )

@@ -39,7 +39,7 @@ VEHICLES = {  # by arms
     base: {mass_kg: 1.5, inertia_kgm2: [0.02, 0.02, 0.035]}
     thrust_max_N: 40
     arms:
-      - {name: hook, joint: base, tip_m: [0, 0, -0.1]}
+      - {name: hook, joint: base, tip_position_m: [0, 0, -0.1]}
 """,
     ),
     1: VehicleTemplate(
@@ -50,7 +50,7 @@ VEHICLES = {  # by arms
   one_arm:  # an arm that hangs below on two joints
     base: {mass_kg: 1.5, inertia_kgm2: [0.02, 0.02, 0.035]}
     thrust_max_N: 40
-    joints:  # more than one contact needs: free to swing, they return to rest, control.posture says how fast
+    joints:  # more than one contact needs: free to swing, they return to rest, control.posture_bandwidth says how fast
       - name: roll
         type: revolute
         axis: [1, 0, 0]
@@ -59,9 +59,9 @@ VEHICLES = {  # by arms
         type: revolute
         parent: roll
         axis: [0, 1, 0]
-        body: {mass_kg: 0.1, com_m: [0, 0, -0.1], inertia_kgm2: [3.3e-4, 3.3e-4, 1.0e-5]}
+        body: {mass_kg: 0.1, center_of_mass_m: [0, 0, -0.1], inertia_kgm2: [3.3e-4, 3.3e-4, 1.0e-5]}
     arms:  # long ones let joints return sooner
-      - {name: tip, joint: pitch, tip_m: [0, 0, -0.2]}
+      - {name: tip, joint: pitch, tip_position_m: [0, 0, -0.2]}
 """,
     ),
     2: VehicleTemplate(
@@ -82,18 +82,18 @@ VEHICLES = {  # by arms
         parent: waist
         position_m: [0, 0.08, 0]
         axis: [1, 0, 0]
-        rest_rad: 1.2  # from straight down, outwards; 0 and pi/2 are singular
-        body: &arm {mass_kg: 0.12, com_m: [0, 0, -0.15], inertia_kgm2: [9.0e-4, 9.0e-4, 1.0e-5]}
+        nominal_position_rad: 1.2  # from straight down, outwards; 0 and pi/2 are singular
+        body: &arm {mass_kg: 0.12, center_of_mass_m: [0, 0, -0.15], inertia_kgm2: [9.0e-4, 9.0e-4, 1.0e-5]}
       - name: right
         type: revolute
         parent: waist
         position_m: [0, -0.08, 0]
         axis: [1, 0, 0]
-        rest_rad: -1.2
+        nominal_position_rad: -1.2
         body: *arm
     arms:
-      - {name: left, joint: left, tip_m: [0, 0, -0.3]}
-      - {name: right, joint: right, tip_m: [0, 0, -0.3]}
+      - {name: left, joint: left, tip_position_m: [0, 0, -0.3]}
+      - {name: right, joint: right, tip_position_m: [0, 0, -0.3]}
 """,
     ),
 }
@@ -202,9 +202,11 @@ def _bent(own: AerialManipulator) -> np.ndarray:
 def _rests(robot: urdf.Robot, r: np.ndarray) -> str:
     """The line that says where joints rest: bent where zero would not do, else how it would be said."""
     if not r.any():
-        return "    # rest_rad: {joint: 0.5}  # where joints rest; 0 where left out\n"
+        return "    # nominal_position_rad: {joint: 0.5}  # where joints rest; 0 where left out\n"
     bent = ", ".join(f"{json.dumps(joint.name)}: {x:g}" for joint, x in zip(robot.joints, r, strict=True) if x)
-    return f"    rest_rad: {{{bent}}}  # at zero these arms are straight, and could not follow the payload\n"
+    return (
+        f"    nominal_position_rad: {{{bent}}}  # at zero these arms are straight, and could not follow the payload\n"
+    )
 
 
 def _scenario(name: str, vehicle: VehicleTemplate, agents: int) -> str:
@@ -243,17 +245,17 @@ reference:
   amplitude_m: [0.5, 0.4, 0.2]
   period_s: 8
   phase_deg: [0, 90, 30]
-  ramp_s: 3  # from rest
+  ramp_time_s: 3  # from rest
 
 disturbances:  # unknown to the controller
   - name: wind
     kind: wind
     acts_on: payload
-    point_m: [0.1, 0.1, 0]
-    linear_Nspm: 0.3
-    mean_mps: [1.5, 0.8, 0]
+    attachment_point_m: [0.1, 0.1, 0]
+    linear_drag_Nspm: 0.3
+    mean_wind_mps: [1.5, 0.8, 0]
     gusts:
-      - {{amplitude_mps: [1, 0.4, 0.5], wave_radpm: [{wave:.3g}, 0, 0], phase_deg: -75}}
+      - {{amplitude_mps: [1, 0.4, 0.5], wave_vector_radpm: [{wave:.3g}, 0, 0], phase_deg: -75}}
   - {{name: rotors, kind: rotor_bias, acts_on: agents, thrust_N: -1, torque_Nm: [0.02, -0.02, 0.01]}}
 
 control:  # a slow mode: K_p, K_v; a fast one that grows: agent_k_omega, K_v lower
@@ -263,8 +265,8 @@ control:  # a slow mode: K_p, K_v; a fast one that grows: agent_k_omega, K_v low
   k_omega: 14
   agent_k_R: 250
   agent_k_omega: 28
-  posture: 5  # of joints that contacts leave free
-  fusion_Hz: 5
+  posture_bandwidth: 5  # of joints that contacts leave free
+  complementary_filter_Hz: 5
   joint_filter_Hz: 20
 
 allocation: {{kind: balanced}}
@@ -274,11 +276,11 @@ learning:
   start_s: 0.3
   end_s: 12  # a whole lap after the ramp, so that the models meet all of the path
   sample_Hz: 20
-  filter_Hz: 8
-  capacity: 256
-  payload: {{force_N: 1, moment_Nm: 0.2, force_noise_N: 0.1, moment_noise_Nm: 0.02}}
+  label_filter_Hz: 8
+  max_samples: 256
+  payload: {{force_N: 1, moment_Nm: 0.2, force_noise_std_N: 0.1, moment_noise_std_Nm: 0.02}}
   agents:
-    {{force_N: 1, moment_Nm: 0.1, joint_Nm: 0.1, force_noise_N: 0.1, moment_noise_Nm: 0.01, joint_noise_Nm: 0.01}}
+    {{force_N: 1, moment_Nm: 0.1, joint_Nm: 0.1, force_noise_std_N: 0.1, moment_noise_std_Nm: 0.01, joint_torque_noise_std_Nm: 0.01}}
 """
 
 
@@ -287,4 +289,4 @@ def _member(name: str, vehicle: VehicleTemplate, deg: float, radius: float) -> s
     c, s = math.cos(math.radians(deg)), math.sin(math.radians(deg))
     places = ((c * (radius + x) - s * y, s * (radius + x) + c * y, 0.05 + z) for x, y, z in vehicle.contact_offset)
     points = [f"[{x:.4f}, {y:.4f}, {float(f'{z:.4f}'):g}]" for x, y, z in places]
-    return f"  - {{name: {name}, type: {vehicle.name}, yaw_deg: {deg:g}, contacts_m: [{', '.join(points)}]}}\n"
+    return f"  - {{name: {name}, type: {vehicle.name}, yaw_deg: {deg:g}, contact_positions_m: [{', '.join(points)}]}}\n"

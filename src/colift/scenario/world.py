@@ -43,7 +43,9 @@ def make_world(
         actuators=actuators.IdealActuators(),
         sensors=seen,
         tip_force_bias=sample_tip_bias(truth, seen, jax.random.fold_in(jax.random.key(settings.seed), 1)),
-        sensor_models=(*then, CalibrationRig(label_error=rig)) if settings.learning.label_source == "calibration_rig" else then,
+        sensor_models=(*then, CalibrationRig(label_error=rig))
+        if settings.learning.label_source == "calibration_rig"
+        else then,
         mass_step=None if settings.payload_mass_step is None else _added(settings.payload_mass_step),
     )
     return dataclasses.replace(ours, actuators=_actuators(settings, ours), plant=_plant(settings, ours, state))
@@ -80,7 +82,9 @@ def _reading(
             )
         case schema.BiasRandomWalk():
             return BiasRandomWalk(
-                channels=given.channels, random_walk_density=array(given.random_walk_density), initial_bias_std=array(given.initial_bias_std)
+                channels=given.channels,
+                random_walk_density=array(given.random_walk_density),
+                initial_bias_std=array(given.initial_bias_std),
             )
     return build_plugin(given, where, SensorModel)
 

@@ -1,8 +1,8 @@
-"""The plant: accelerations and contact forces of the grasped team, and a step that stays on the grasp.
+"""Rigid-contact dynamics: accelerations, contact forces and a time step on the constraint manifold.
 
-An agent meets the others only through the payload. Each is therefore eliminated on its own: with its contact
-Jacobian A and mass matrix M, `S = A M^-1 A^T` is 3n x 3n; what remains is one 6 x 6 system for the payload's
-acceleration, and back-substitution gives every contact force. Cost O(N), never a 3Nn x 3Nn matrix.
+Each agent is coupled to the others only through the payload, so it is eliminated separately. With the contact Jacobian
+A and the mass matrix M, `S = A M^-1 A^T` has size 3n x 3n for n arms. One 6 x 6 system for the payload acceleration
+remains, and back-substitution yields every contact force. The cost is O(N) for N agents.
 """
 
 from __future__ import annotations
@@ -32,49 +32,48 @@ from colift.models.state import (
     TeamInputs,
 )
 
-CONSISTENCY_TOLERANCE = (
-    1e-12  # m and m/s, what a consistent start state may still be off: rounding, for a team of metres
-)
+CONSISTENCY_TOLERANCE = 1e-12  # m and m/s, residual of a consistent initial state: rounding for dimensions of metres
 NEWTON_ITERATIONS = 50
-PAYLOAD_MASS_SCALE = (
-    1e6  # how much heavier a correction of the start state takes the payload to be; bases: its square root
-)
+PAYLOAD_MASS_SCALE = 1e6  # factor on payload mass and inertia in the metric of the initial correction; bases: its root
 
 
-grip = grasp.min_delassus_singular_value
+min_delassus_singular_value = grasp.min_delassus_singular_value
 
 
 @pytree
 class AgentAcceleration:
-    """How the velocities of one agent, or of a group, change."""
+    """Accelerations of one agent, or of a group of agents."""
 
     v_dot: Float[Array, "*agents 3"]  # m/s^2, centre of mass, world
-    xi_dot: Float[Array, "*agents xi"]  # (omega_dot, r_ddot), base frame
+    xi_dot: Float[Array, "*agents xi"]  # rad/s^2 (prismatic joints: m/s^2), (omega_dot, r_ddot), base frame
 
 
 @pytree
 class Acceleration:
-    """How the velocities of the team change."""
+    """Accelerations of all agents and of the payload."""
 
     agents: tuple[AgentAcceleration, ...]
-    payload: Float[Array, "6"]  # (v_dot world, omega_dot payload frame)
+    payload: Float[Array, "6"]  # m/s^2 and rad/s^2, (v_dot in the world, omega_dot in the payload frame)
 
 
 @pytree
 class AgentKKT:
-    """One agent's share of the saddle-point system of `constrain`: `k` right-hand sides, base frame."""
+    """Blocks of one agent in the saddle-point system of `solve_kkt`, in its base frame.
+
+    The system has k right-hand sides.
+    """
 
     mass: Float[Array, "*agents"]
     M_bar: Float[Array, "*agents xi xi"]
-    B: Float[Array, "*agents forces xi"]  # A = [I ..., B]: contact motion of the agent
-    P: Float[Array, "*agents forces 6"]  # contact motion of the payload
-    Q: Float[Array, "*agents motion k"]  # forces on (x, xi)
-    contact_bias: Float[Array, "*agents forces k"]
+    B: Float[Array, "*agents forces xi"]  # A = [I ..., B]: contact Jacobian of the agent
+    P: Float[Array, "*agents forces 6"]  # contact Jacobian of the payload
+    Q: Float[Array, "*agents motion k"]  # generalized forces on (x, xi)
+    contact_bias: Float[Array, "*agents forces k"]  # gap of the contact equation
 
 
 @pytree
 class AgentSchurFactors:
-    """One agent, eliminated: `M_bar = U_M^T diag(1/d_M) U_M` and `S = A M^-1 A^T = U_S^T diag(1/d_S) U_S`."""
+    """Factors of one eliminated agent: `M_bar = U_M^T diag(1/d_M) U_M`, `S = A M^-1 A^T = U_S^T diag(1/d_S) U_S`."""
 
     U_M: Float[Array, "*agents xi xi"]
     d_M: Float[Array, "*agents xi"]
@@ -92,7 +91,7 @@ def _couple(
     Q: Float[Array, "motion k"],
     gap: Float[Array, "forces k"],
 ) -> AgentKKT:
-    """`P = R^T [I, -R_L hat(c)]`, and the rest by name."""
+    """Assemble the blocks of one agent with `P = R^T [I, -R_L hat(c)]`."""
     n = agent.tree.arms
     turn = -matmul(matmul(R.T, R_L)[None], so3.hat(agent.contact_position))
     P = jnp.concatenate([jnp.broadcast_to(R.T, (n, 3, 3)), turn], axis=2)
@@ -102,7 +101,7 @@ def _couple(
 
 
 def _eliminate(s: AgentKKT) -> tuple[AgentSchurFactors, Float[Array, "6 right"]]:
-    """Factor one agent's share; what it adds to the payload's system is `P^T S^-1 [P, A M^-1 Q + gap]`."""
+    """Factorize one agent; its contribution to the payload system is `P^T S^-1 [P, A M^-1 Q + gap]`."""
     forces = s.B.shape[0]
     U_M, d_M, W = udu_eliminate(s.M_bar, jnp.concatenate([s.B.T, s.Q[3:]], axis=1))
     along = jnp.concatenate([jnp.tile(jnp.eye(3), forces // 3), s.Q[:3]], axis=1) / s.mass
@@ -115,7 +114,7 @@ def _eliminate(s: AgentKKT) -> tuple[AgentSchurFactors, Float[Array, "6 right"]]
 def _follow(
     s: AgentKKT, e: AgentSchurFactors, a_L: Float[Array, "6 k"]
 ) -> tuple[Float[Array, "motion k"], Float[Array, "forces k"]]:
-    """Back-substitution: the agent's motion and multipliers, given the payload's."""
+    """Compute motion and multipliers of one agent from those of the payload by back-substitution."""
     forces = s.B.shape[0]
     lam = backward(e.U_S, e.d_S[:, None] * (e.Z[:, 6:] - matmul(e.Z[:, :6], a_L)))
     xi = backward(e.U_M, e.d_M[:, None] * (e.W[:, forces:] - matmul(e.W[:, :forces], lam)))
@@ -128,9 +127,18 @@ def solve_kkt(
 ) -> tuple[
     tuple[Float[Array, "_agents _motion k"], ...], Float[Array, "6 k"], tuple[Float[Array, "_agents _forces k"], ...]
 ]:
-    """Solve `M a + A^T lam = Q`, `M_L a_L - sum P^T lam = Q_L`, `A a - P a_L + gap = 0` for `(a, a_L, lam)`.
+    """Solve the saddle-point system of the coupled team.
 
-    Of all motions that close the gap, a is the nearest to the free one in the mass metric (Gauss' principle).
+    The equations are `M a + A^T lam = Q`, `M_L a_L - sum P^T lam = Q_L` and `A a - P a_L + gap = 0`. Among all motions
+    that close the gap, a is nearest to the unconstrained motion in the mass metric (Gauss' principle of least constraint).
+
+    Args:
+        payload: Mass and inertia of the payload.
+        agents: Blocks of the agents, one per group.
+        Q_L: Generalized forces on the payload, force in the world frame, moment in the payload frame [N, N m].
+
+    Returns:
+        `(a, a_L, lam)`: agents' motions by group, payload motion, and multipliers by group. Agents are in their base frames.
     """
     eliminated, added = zip(*(vmap_agents(_eliminate)(s) for s in agents), strict=True)
     total = jnp.concatenate([_mass_matrix(payload), Q_L], axis=1) + sum(share.sum(0) for share in added)
@@ -141,6 +149,7 @@ def solve_kkt(
 
 
 def _mass_matrix(payload: Payload) -> Float[Array, "6 6"]:
+    """Return the 6 x 6 mass matrix of the payload."""
     return jnp.zeros((6, 6)).at[:3, :3].set(payload.mass * jnp.eye(3)).at[3:, 3:].set(payload.inertia)
 
 
@@ -152,7 +161,7 @@ def _forced(
     f: GeneralizedForce,
     gravity: Float[Array, "3"],
 ) -> AgentKKT:
-    """Forces on one agent (Eq. dae_agent_x, dae_agent_mom) and the acceleration gap its contacts must close."""
+    """Compute the forces on one agent (Eq. dae_agent_x, dae_agent_mom) and the acceleration gap of its contacts."""
     g = aerial_manipulator.forward_kinematics(agent, state.r)
     q = aerial_manipulator.centroidal_model(agent, g)
     h, kappa = aerial_manipulator.bias_forces(agent, g, q, state.omega, state.r_dot)
@@ -166,48 +175,65 @@ def _forced(
 def forward_dynamics(
     team: Team, team_state: State, inputs: TeamInputs, f: ResidualForces
 ) -> tuple[Acceleration, tuple[Float[Array, "_agents _arms 3"], ...]]:
-    """Accelerations and contact forces of the coupled DAE (Eq. dae_*), by index reduction.
+    """Compute accelerations and contact forces of the coupled DAE by index reduction (Eq. dae_*).
 
-    The multipliers are those for which the second derivative of Phi vanishes: unique if and only if
-    `A M^-1 A^T` is invertible (docs/errata.md, row 15), which `grasp.grip` measures.
+    The multipliers make the second derivative of the constraint Phi vanish. They are unique if and only if
+    `A M^-1 A^T` is invertible (docs/errata.md, row 15); `min_delassus_singular_value` measures this.
+
+    Args:
+        team: True parameters.
+        team_state: State on the constraint manifold.
+        inputs: Thrusts, body torques and joint torques, by group.
+        f: Unmodelled forces on agents and payload.
+
+    Returns:
+        Accelerations, and contact forces on the payload [N, world] by group.
     """
-    load, m, J = team_state.payload, team.payload.mass, team.payload.inertia
+    payload, m, J = team_state.payload, team.payload.mass, team.payload.inertia
     force = m * team.gravity + f.payload.F
-    moment = f.payload.tau - so3.cross(load.omega, matvec(J, load.omega))
+    moment = f.payload.tau - so3.cross(payload.omega, matvec(J, payload.omega))
     forced = vmap_agents(_forced, in_axes=(0, 0, None, 0, 0, None))
     agents = tuple(
-        forced(group, state, load, u, f_j, team.gravity)
+        forced(group, state, payload, u, f_j, team.gravity)
         for group, state, u, f_j in zip(team.agent_groups, team_state.agents, inputs, f.agents, strict=True)
     )
     motion, a_L, lam = solve_kkt(team.payload, agents, jnp.concatenate([force, moment])[:, None])
     a = tuple(
-        AgentAcceleration(v_dot=matvec(state.R, move[:, :3, 0]), xi_dot=move[:, 3:, 0])
-        for state, move in zip(team_state.agents, motion, strict=True)
+        AgentAcceleration(v_dot=matvec(state.R, motion_j[:, :3, 0]), xi_dot=motion_j[:, 3:, 0])
+        for state, motion_j in zip(team_state.agents, motion, strict=True)
     )
     lam = tuple(
-        matvec(state.R[:, None], part.reshape(*group.contact_position.shape))
-        for group, state, part in zip(team.agent_groups, team_state.agents, lam, strict=True)
+        matvec(state.R[:, None], contact_lam.reshape(*group.contact_position.shape))
+        for group, state, contact_lam in zip(team.agent_groups, team_state.agents, lam, strict=True)
     )
     return Acceleration(agents=a, payload=a_L[:, 0]), lam
 
 
 @pytree
 class StateTangent:
-    """Local coordinates around a state: a change of pose, then of velocity; rotation vectors in the body's frame."""
+    """Local coordinates of a state: a change of pose and of velocity, with rotation vectors in the body frame."""
 
-    agents: tuple[Float[Array, "_agents _twice_motion"], ...]  # (theta, x, r, omega, v, r_dot)
+    agents: tuple[Float[Array, "_agents _twice_motion"], ...]  # (theta, x, r, omega, v, r_dot), by group
     payload: Float[Array, "12"]  # (theta, p, omega, v)
 
 
 def zero_tangent(state: State) -> StateTangent:
-    """The zero motion."""
+    """Return the zero tangent at a state."""
     return StateTangent(
         agents=tuple(jnp.zeros((a.r.shape[0], 12 + 2 * a.r.shape[1])) for a in state.agents), payload=jnp.zeros(12)
     )
 
 
 def retract(state: State, d: StateTangent) -> State:
-    """`z + d`: rotations by `R exp(theta)`, everything else by addition."""
+    """Compute `z + d`, with rotations by `R exp(theta)` and addition for all other coordinates.
+
+    Args:
+        state: Base point z.
+        d: Local coordinates at z.
+
+    Returns:
+        The state with these local coordinates.
+    """
     agents = []
     for a, s in zip(state.agents, d.agents, strict=True):
         n = 6 + a.r.shape[1]
@@ -221,23 +247,32 @@ def retract(state: State, d: StateTangent) -> State:
                 r_dot=a.r_dot + s[:, n + 6 :],
             )
         )
-    load, s = state.payload, d.payload
+    payload, s = state.payload, d.payload
     return State(
         agents=tuple(agents),
         payload=PayloadState(
-            R=matmul(load.R, so3.exp(s[:3])), p=load.p + s[3:6], omega=load.omega + s[6:9], v=load.v + s[9:]
+            R=matmul(payload.R, so3.exp(s[:3])), p=payload.p + s[3:6], omega=payload.omega + s[6:9], v=payload.v + s[9:]
         ),
     )
 
 
 def _theta_dot(theta: so3.Vector, omega: so3.Vector) -> so3.Vector:
-    """`dexp^-1` as a fourth-order method needs it: `omega + theta x omega / 2 + theta x (theta x omega) / 12`."""
+    """Approximate `dexp^-1` to the order of the method: `omega + theta x omega / 2 + theta x (theta x omega) / 12`."""
     turned = so3.cross(theta, omega)
     return omega + turned / 2 + so3.cross(theta, turned) / 12
 
 
 def tangent_rate(state: State, d: StateTangent, a: Acceleration) -> StateTangent:
-    """The time derivative of local coordinates at `z = z_0 + d`, given the accelerations."""
+    """Compute the time derivative of local coordinates d, where `state = z_0 + d`.
+
+    Args:
+        state: State at which the accelerations are evaluated.
+        d: Local coordinates of the state relative to z_0.
+        a: Accelerations at the state.
+
+    Returns:
+        The rate of the local coordinates.
+    """
     agents = tuple(
         jnp.concatenate(
             [_theta_dot(s[:, :3], q.omega), q.v, q.r_dot, b.xi_dot[:, :3], b.v_dot, b.xi_dot[:, 3:]], axis=1
@@ -252,10 +287,22 @@ def tangent_rate(state: State, d: StateTangent, a: Acceleration) -> StateTangent
 def rkmk4_step(
     team: Team, state: State, inputs: TeamInputs, residual: ResidualFunctionType, dt: Float[Array, ""]
 ) -> State:
-    """One classical Runge-Kutta step of order 4 in local coordinates (Munthe-Kaas), inputs held.
+    """Perform one Runge-Kutta-Munthe-Kaas step of order 4 with constant inputs.
 
-    residual: of a state and of the time since the step began, s. The stages run in a scan, so the model is compiled
-    once and not four times.
+    The stages run in a scan, so that the model is compiled once instead of four times.
+
+    Args:
+        team: True parameters.
+        state: State at the start of the step.
+        inputs: Inputs, constant over the step.
+        residual: Unmodelled forces as a function of the state and of the time since the step began [s].
+        dt: Step length [s].
+
+    Returns:
+        The state after the step, before projection onto the constraints.
+
+    References:
+        Munthe-Kaas, *High order Runge-Kutta methods on manifolds*, Applied Numerical Mathematics 29, 1999.
     """
 
     def stage(
@@ -263,9 +310,9 @@ def rkmk4_step(
     ) -> tuple[tuple[StateTangent, StateTangent], None]:
         slope, total = carry
         d = jax.tree.map(lambda k: (dt * node[0]) * k, slope)
-        at = retract(state, d)
-        a, _ = forward_dynamics(team, at, inputs, residual(at, dt * node[0]))
-        slope = tangent_rate(at, d, a)
+        stage_state = retract(state, d)
+        a, _ = forward_dynamics(team, stage_state, inputs, residual(stage_state, dt * node[0]))
+        slope = tangent_rate(stage_state, d, a)
         return (slope, jax.tree.map(lambda s, k: s + (dt * node[1]) * k, total, slope)), None
 
     nodes = jnp.array([[0.0, 1 / 6], [0.5, 1 / 3], [0.5, 1 / 3], [1.0, 1 / 6]])
@@ -274,22 +321,30 @@ def rkmk4_step(
 
 
 def project_to_constraints(team: Team, team_state: State) -> State:
-    """One mass-weighted Newton step onto `Phi = 0`, then the nearest velocities with `Phi_dot = 0` there.
+    """Project a state onto the constraint manifold by one mass-weighted Newton step.
 
-    A correction is `M^-1 A^T` times multipliers: it does no work to first order and excites no free motion. Both take
-    M and A at z, so one elimination serves them, and Phi_dot at the corrected pose: what that neglects is the product
-    of the two corrections.
+    The poses are corrected to `Phi = 0`, then the velocities to the nearest ones with `Phi_dot = 0`. A correction is
+    `M^-1 A^T` times multipliers: it performs no work to first order and excites no free motion. Both corrections use M and
+    A at the given state, so one factorization serves both. `Phi_dot` is evaluated at the corrected pose. The neglected
+    terms are the products of the two corrections.
+
+    Args:
+        team: Parameters whose mass matrix defines the metric.
+        team_state: State near the manifold.
+
+    Returns:
+        The corrected state.
     """
 
-    def strayed(
+    def eliminate_pose(
         agent: AerialManipulator, state: AgentState
     ) -> tuple[AgentKKT, AgentSchurFactors, Float[Array, "6 right"]]:
         q = aerial_manipulator.centroidal_model(agent, aerial_manipulator.forward_kinematics(agent, state.r))
-        apart = grasp.contact_error(agent, q, state, team_state.payload).reshape(-1, 1)
-        s = _couple(agent, q, state.R, team_state.payload.R, jnp.zeros((3 + q.M_bar.shape[0], 1)), apart)
+        contact_gap = grasp.contact_error(agent, q, state, team_state.payload).reshape(-1, 1)
+        s = _couple(agent, q, state.R, team_state.payload.R, jnp.zeros((3 + q.M_bar.shape[0], 1)), contact_gap)
         return s, *_eliminate(s)
 
-    def drifting(
+    def eliminate_velocity(
         agent: AerialManipulator, state: AgentState, payload: PayloadState, e: AgentSchurFactors
     ) -> tuple[AgentSchurFactors, Float[Array, "6 1"]]:
         q = aerial_manipulator.centroidal_model(agent, aerial_manipulator.forward_kinematics(agent, state.r))
@@ -297,15 +352,17 @@ def project_to_constraints(team: Team, team_state: State) -> State:
         P = e.Z[:, :6]
         return dataclasses.replace(e, Z=jnp.concatenate([P, Z], axis=1)), matmul((e.d_S[:, None] * P).T, Z)
 
-    agents, eliminated, added = zip(*map(vmap_agents(strayed), team.agent_groups, team_state.agents), strict=True)
-    total = sum(share.sum(0) for share in added)
+    agents, eliminated, added = zip(
+        *map(vmap_agents(eliminate_pose), team.agent_groups, team_state.agents), strict=True
+    )
+    total = sum(contribution.sum(0) for contribution in added)
     U_L, d_L, b = udu_eliminate(_mass_matrix(team.payload) + total[:, :6], total[:, 6:])
-    pose, load = _motion(team_state, agents, eliminated, backward(U_L, d_L[:, None] * b))
-    still = [jnp.zeros_like(by) for by in pose]
-    team_state = retract(team_state, _shift(pose, still, load, jnp.zeros(6)))
+    pose, payload_motion = _motion(team_state, agents, eliminated, backward(U_L, d_L[:, None] * b))
+    zero_motion = [jnp.zeros_like(motion) for motion in pose]
+    team_state = retract(team_state, _shift(pose, zero_motion, payload_motion, jnp.zeros(6)))
     eliminated, added = zip(
         *map(
-            vmap_agents(drifting, in_axes=(0, 0, None, 0)),
+            vmap_agents(eliminate_velocity, in_axes=(0, 0, None, 0)),
             team.agent_groups,
             team_state.agents,
             [team_state.payload] * len(agents),
@@ -313,44 +370,50 @@ def project_to_constraints(team: Team, team_state: State) -> State:
         ),
         strict=True,
     )
-    b = forward(U_L, sum(share.sum(0) for share in added))
-    velocity, load = _motion(team_state, agents, eliminated, backward(U_L, d_L[:, None] * b))
-    return retract(team_state, _shift(still, velocity, jnp.zeros(6), load))
+    b = forward(U_L, sum(contribution.sum(0) for contribution in added))
+    velocity, payload_motion = _motion(team_state, agents, eliminated, backward(U_L, d_L[:, None] * b))
+    return retract(team_state, _shift(zero_motion, velocity, jnp.zeros(6), payload_motion))
 
 
 @pytree
 class RigidContactPlant:
-    """Our plant: contacts that do not give, one step of order 4 and back onto the grasp."""
+    """Plant with rigid contacts: a step of order 4, followed by a projection onto the constraints.
+
+    Implements `colift.simulation.world.Plant`.
+    """
 
     def forward_dynamics(
         self, team: Team, state: State, inputs: TeamInputs, f: ResidualForces
     ) -> tuple[Acceleration, tuple[Float[Array, "_agents _arms 3"], ...]]:
-        """`accelerate`."""
+        """Compute accelerations and contact forces; see `forward_dynamics`."""
         return forward_dynamics(team, state, inputs, f)
 
     def step(
         self, team: Team, state: State, inputs: TeamInputs, residual: ResidualFunctionType, dt: Float[Array, ""]
     ) -> State:
-        """`integrate`, then `project`."""
+        """Perform `rkmk4_step`, then `project_to_constraints`."""
         return project_to_constraints(team, rkmk4_step(team, state, inputs, residual, dt))
 
 
 def _motion(
     state: State, agents: tuple[AgentKKT, ...], eliminated: tuple[AgentSchurFactors, ...], a_L: Float[Array, "6 1"]
 ) -> tuple[list[Float[Array, "_agents _motion"]], Float[Array, "6"]]:
-    """The motion that follows the payload's, rows as in Shift."""
+    """Compute the agents' motions that follow the payload motion, with rows as in `StateTangent`."""
     follow = vmap_agents(_follow, in_axes=(0, 0, None))
-    moved = [follow(s, e, a_L)[0][:, :, 0] for s, e in zip(agents, eliminated, strict=True)]
-    by = [
-        jnp.concatenate([part[:, 3:6], matvec(a.R, part[:, :3]), part[:, 6:]], axis=1)
-        for a, part in zip(state.agents, moved, strict=True)
+    motions = [follow(s, e, a_L)[0][:, :, 0] for s, e in zip(agents, eliminated, strict=True)]
+    rows = [
+        jnp.concatenate([motion[:, 3:6], matvec(a.R, motion[:, :3]), motion[:, 6:]], axis=1)
+        for a, motion in zip(state.agents, motions, strict=True)
     ]
-    return by, jnp.concatenate([a_L[3:, 0], a_L[:3, 0]])
+    return rows, jnp.concatenate([a_L[3:, 0], a_L[:3, 0]])
 
 
-def _shift(pose: list, velocity: list, load_pose: Float[Array, "6"], load_velocity: Float[Array, "6"]) -> StateTangent:
+def _shift(
+    pose: list, velocity: list, payload_pose: Float[Array, "6"], payload_velocity: Float[Array, "6"]
+) -> StateTangent:
+    """Assemble a tangent from changes of pose and of velocity."""
     agents = tuple(jnp.concatenate([a, b], axis=1) for a, b in zip(pose, velocity, strict=True))
-    return StateTangent(agents=agents, payload=jnp.concatenate([load_pose, load_velocity]))
+    return StateTangent(agents=agents, payload=jnp.concatenate([payload_pose, payload_velocity]))
 
 
 _project = jax.jit(project_to_constraints)
@@ -358,17 +421,27 @@ _residuals = jax.jit(lambda team, z: (grasp.constraint_residual(team, z), grasp.
 
 
 def consistent_initial_state(team: Team, guess: State, names: Sequence[str] = ()) -> State:
-    """The state with `Phi = 0` and `Phi_dot = 0` that Newton's method reaches from a guess; on the host.
+    """Find the state with `Phi = 0` and `Phi_dot = 0` near a guess, by Newton's method on the host.
 
-    Positions and joints of the agents follow; the payload's motion and the attitudes stay as guessed unless the
-    grasp leaves no other way (they count `HELD` times as heavy in the metric of `project`). `names` are the agents',
-    in the order of the groups, for messages. Raises `ValueError` with the residuals that remain, in m and m/s, when
-    there is no such state near the guess (out of reach, or a singular grasp on the way).
+    The payload and the base attitudes are scaled by `PAYLOAD_MASS_SCALE` in the metric of the projection. They therefore
+    stay at the guess unless the grasp requires a change; agent positions and joints follow.
+
+    Args:
+        team: Parameters of the team.
+        guess: State near the constraint manifold.
+        names: Agent names in team order, used in messages.
+
+    Returns:
+        A state that satisfies the constraints to `CONSISTENCY_TOLERANCE`.
+
+    Raises:
+        ValueError: If an attitude is not a rotation matrix, or if no consistent state is found near the guess. The
+            message contains the remaining residuals in m and m/s.
     """
     for R, label in _attitudes(guess, agent_names(team, names)):
         if not np.allclose(R.T @ R, np.eye(3), atol=1e-6) or np.linalg.det(R) < 0:
-            raise ValueError(f"start state: the attitude R of {label} is not a rotation matrix: {R.tolist()}")
-    metric, z = _held(team), guess
+            raise ValueError(f"initial state: the attitude R of {label} is not a rotation matrix: {R.tolist()}")
+    metric, z = _scaled_masses(team), guess
     best = residual = _contact_residuals(team, z)
     for _ in range(NEWTON_ITERATIONS):
         z = _project(metric, z)
@@ -378,37 +451,37 @@ def consistent_initial_state(team: Team, guess: State, names: Sequence[str] = ()
         if not np.isfinite(residual).all():
             break
         best = min(best, residual, key=np.max)
-    left = ", ".join(
+    remaining = ", ".join(
         f"{label}: {gap:.3g} m, {rate:.3g} m/s"
         for label, gap, rate in zip(grasp.contact_names(team, names), *best, strict=True)
         if max(gap, rate) > CONSISTENCY_TOLERANCE
     )
-    why = "does not converge" if np.isfinite(residual).all() else "meets a singular grasp"
+    outcome = "does not converge" if np.isfinite(residual).all() else "reaches a singular grasp"
     raise ValueError(
-        f"start state: cannot be made consistent with the grasp to {CONSISTENCY_TOLERANCE:g} m and m/s; "
-        f"Newton's method {why}, and comes no closer than {left}"
+        f"initial state: cannot be made consistent with the grasp to {CONSISTENCY_TOLERANCE:g} m and m/s; "
+        f"Newton's method {outcome}; smallest residuals: {left}"
     )
 
 
 @jax.jit
-def _held(team: Team) -> Team:
-    """The team with its payload and the rotation of its bases too heavy to be moved by a correction."""
-    load = dataclasses.replace(
+def _scaled_masses(team: Team) -> Team:
+    """Scale the payload and the rotational inertia of the bases so that a correction hardly moves them."""
+    payload = dataclasses.replace(
         team.payload, mass=PAYLOAD_MASS_SCALE * team.payload.mass, inertia=PAYLOAD_MASS_SCALE * team.payload.inertia
     )
     groups = tuple(
         dataclasses.replace(group, inertia=group.inertia.at[:, 0].mul(PAYLOAD_MASS_SCALE**0.5))
         for group in team.agent_groups
     )
-    return dataclasses.replace(team, agent_groups=groups, payload=load)
+    return dataclasses.replace(team, agent_groups=groups, payload=payload)
 
 
 def _contact_residuals(team: Team, state: State) -> np.ndarray:
-    """`(2, contacts)`: how far apart, m, and how fast apart, m/s, each contact is."""
+    """Return the distance [m] and the relative speed [m/s] of every contact, `(2, contacts)`."""
     return np.stack([np.linalg.norm(part, axis=1) for part in _residuals(team, state)])
 
 
 def _attitudes(state: State, names: Sequence[str]) -> Iterator[tuple[np.ndarray, str]]:
-    """Every attitude of a state with the name of whose it is."""
+    """Yield every attitude of a state with the name of its body."""
     yield np.asarray(state.payload.R), "the payload"
     yield from zip(np.concatenate([np.asarray(a.R) for a in state.agents]), names, strict=True)

@@ -1,1 +1,1 @@
-"""visualization"""
+"""Figures, animations, playback pages and reports of logged flights."""

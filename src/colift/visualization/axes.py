@@ -1,4 +1,4 @@
-"""Panels of a study's figures: their axes, spans and marks, the signals drawn in them, and what they are called."""
+"""Elements that the figures of a study share: axes, shaded spans, markers, legends, labels and decimated signals."""
 
 from __future__ import annotations
 
@@ -17,33 +17,42 @@ from colift.closed_loop import log
 from colift.visualization import style
 from colift.visualization.style import Color, Dashes
 
-SMOOTHING_WINDOW = 0.2  # s, over which noisy signals are averaged for the eye; labels and legends say so
-STEP = 0.01  # s, between drawn points
-COLUMNS = 4  # cases beside each other on a page's width
-WIDE = 30  # letters of a title above one
-GREY = "#444444"  # of legends that hold for every case
-ACTIVE = "0.92"  # grey of the span in which internal forces act
+SMOOTHING_WINDOW = 0.2  # s, window of moving averages of noisy signals; labels and legends state it
+STEP = 0.01  # s, time between drawn points
+COLUMNS = 4  # cases side by side in the width of a page
+TITLE_WIDTH = 30  # characters in a line of a column title
+GREY = "#444444"  # colour of legend entries that apply to all cases
+ACTIVE = "0.92"  # grey level of the span in which internal forces act
 
-Cases = Mapping[str, xr.Dataset]
+Cases = Mapping[str, xr.Dataset]  # log of each case
 
 
 # Axes -----------------------------------------------------------------------------------------------------------------
 
 
 def log_scale(ax: Axes) -> None:
-    """A logarithmic axis with a mark at every decade, or at 1, 2 and 5 where it spans less than two."""
+    """Make the y axis logarithmic, with ticks at decades, or at 1, 2 and 5 if it spans less than two decades.
+
+    Args:
+        ax: Axes to change.
+    """
     ax.set_yscale("log")
     low, high = ax.get_ylim()
     narrow = high < 100 * low
     ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if narrow else (1.0,), numticks=20))
     ax.yaxis.set_minor_locator(LogLocator(subs=range(2, 10), numticks=20))
     ax.yaxis.set_minor_formatter(NullFormatter())
-    if low > 5e-4 and high < 1e4:  # else powers of ten are read more easily
+    if low > 5e-4 and high < 1e4:  # outside this range powers of ten are easier to read
         ax.yaxis.set_major_formatter("{x:g}")
 
 
 def time_axis(ax: Axes, cases: Cases) -> None:
-    """From 0 to the end of the longest flight: one period after its last tick; to 1 s where none has a second tick."""
+    """Set up the time axis from 0 to the end of the longest flight, which is one period after its last tick.
+
+    Args:
+        ax: Axes to change.
+        cases: Log of each case. If no log has a second tick, the axis ends at 1 s.
+    """
     ax.set_xlabel("time [s]")
     ax.set_xlim(0, max(float(ds.time[-1]) + sample_period(ds.time) for ds in cases.values()) or 1.0)
     ax.xaxis.set_major_locator(MaxNLocator(8, steps=[1, 2, 5, 10]))
@@ -51,13 +60,18 @@ def time_axis(ax: Axes, cases: Cases) -> None:
 
 
 def draw_update_lines(axes: Sequence[Axes], cases: Cases) -> None:
-    """Light lines at the update times t_k, with their names, and a dashed one at T_end.
+    """Draw vertical lines at the update times `t_k` and a dashed line at `T_end`, with labels above the first axes.
 
-    Of cases whose learning ends there; where every one goes on, light lines alone.
+    The lines are those of the cases whose learning ends. If learning continues in all cases, all update times are
+    drawn without labels.
+
+    Args:
+        axes: Axes to draw into.
+        cases: Log of each case.
     """
-    each = [(times, end) for times, end in map(log.update_times, cases.values()) if times]
-    ending = [(times, end) for times, end in each if end is not None]
-    times = sorted({t for times, _ in ending or each for t in times})
+    updates = [(times, end) for times, end in map(log.update_times, cases.values()) if times]
+    ending = [(times, end) for times, end in updates if end is not None]
+    times = sorted({t for times, _ in ending or updates for t in times})
     end = ending[0][1] if ending else None
     for ax in axes:
         for t in set(times) - {end}:
@@ -75,52 +89,99 @@ def draw_update_lines(axes: Sequence[Axes], cases: Cases) -> None:
             xycoords=("data", "axes fraction"),
             xytext=(-4, 1.5),
             textcoords="offset points",
-            ha="left",  # the long one at T_end then keeps clear of the last update
+            ha="left",  # the long label at T_end then does not overlap the last update
             va="bottom",
             fontsize=7,
         )
 
 
 def shade_span(ax: Axes, t: np.ndarray, active: np.ndarray) -> None:
-    """Shade the span in which internal forces act."""
+    """Shade the span from the first to the last active time.
+
+    Args:
+        ax: Axes to draw into.
+        t: Times [s].
+        active: True where internal forces act.
+    """
     if active.any():
         ax.axvspan(t[active][0], t[active][-1], color=ACTIVE, linewidth=0, zorder=0)
 
 
 def shade_all(ax: Axes, t: np.ndarray, active: np.ndarray) -> None:
-    """Shade every span in which something holds."""
+    """Shade all active spans.
+
+    Args:
+        ax: Axes to draw into.
+        t: Times [s].
+        active: True where a condition holds.
+    """
     ax.fill_between(t, 0, 1, where=active, transform=ax.get_xaxis_transform(), color=ACTIVE, linewidth=0, zorder=0)
 
 
-# Names and strokes ----------------------------------------------------------------------------------------------------
+# Labels and line styles -----------------------------------------------------------------------------------------------
 
 
-def case_label(name: str, told: Mapping[str, str]) -> str:
-    """The name of a case and what it is."""
-    return f"{name}: {told[name].split(':')[0]}" if name in told else name
+def case_label(name: str, descriptions: Mapping[str, str]) -> str:
+    """Return the label of a case in legends and titles.
+
+    Args:
+        name: Case id.
+        descriptions: Description of each case, for cases without an entry in `style.CASE_LABELS`.
+
+    Returns:
+        The label, for example `C1 no learning`.
+    """
+    if name in style.CASE_LABELS:
+        return style.CASE_LABELS[name]
+    return f"{name}: {descriptions[name].split(':')[0]}" if name in descriptions else name
 
 
-def title(name: str, ds: xr.Dataset, told: Mapping[str, str]) -> str:
-    """Of a column: the case, and when it stopped if it stopped early."""
+def title(name: str, ds: xr.Dataset, descriptions: Mapping[str, str]) -> str:
+    """Return the title of a column: the label of the case and, for an incomplete flight, the time at which it stopped.
+
+    Args:
+        name: Case id.
+        ds: Log of the case.
+        descriptions: Description of each case.
+
+    Returns:
+        The title in lines of at most `TITLE_WIDTH` characters.
+    """
     early = "" if ds.attrs["complete"] else f"\n(stopped at {float(ds.time[-1]):.1f} s)"
-    return textwrap.fill(case_label(name, told), WIDE) + early
+    return textwrap.fill(case_label(name, descriptions), TITLE_WIDTH) + early
 
 
 def body_style(name: str, k: int, n: int) -> tuple[Color, Dashes]:
-    """Colour and stroke of the k-th of n bodies of a case."""
+    """Return colour and dash pattern of a body.
+
+    Args:
+        name: Case id.
+        k: Index of the body.
+        n: Number of bodies.
+
+    Returns:
+        Colour and dash pattern.
+    """
     return style.tint(style.style_of(name).color, k, n), style.DASH_PATTERNS[k % len(style.DASH_PATTERNS)]
 
 
 def agent_legend(cases: Cases) -> list[tuple[Artist, str]]:
-    """Which agent has which stroke, where there are several."""
+    """Return legend handles and labels of the agents; none if there is only one agent.
+
+    Args:
+        cases: Log of each case.
+
+    Returns:
+        Pairs of handle and agent name.
+    """
     agents = next(iter(cases.values())).agent.values.tolist()
-    strokes = [
+    styles = [
         (style.tint(GREY, k, len(agents)), style.DASH_PATTERNS[k % len(style.DASH_PATTERNS)])
         for k in range(len(agents))
     ]
     return [
         (Line2D([], [], color=color, linestyle=dashes, linewidth=1.3), agent)
-        for (color, dashes), agent in zip(strokes, agents, strict=True)
+        for (color, dashes), agent in zip(styles, agents, strict=True)
         if len(agents) > 1
     ]
 
@@ -129,26 +190,50 @@ def agent_legend(cases: Cases) -> list[tuple[Artist, str]]:
 
 
 def sample_period(t: xr.DataArray) -> float:
-    """Time between two rows of the log, s; 0 where there is only one."""
+    """Return the time between two rows of a log [s], or 0 if there is only one row."""
     return float(t[1] - t[0]) if len(t) > 1 else 0.0
 
 
 def samples(ds: xr.Dataset, seconds: float) -> int:
-    """Ticks in a span of time, at least one."""
+    """Return the number of ticks in a span of time, at least 1.
+
+    Args:
+        ds: Log.
+        seconds: Length of the span [s].
+
+    Returns:
+        The number of ticks.
+    """
     tick = sample_period(ds.time)
     return max(1, round(seconds / tick)) if tick else 1
 
 
 def norm(x: xr.DataArray) -> np.ndarray:
-    """`(time,)` norm of a vector over time."""
+    """Return the norm of a vector signal at each time."""
     return np.linalg.norm(x.values, axis=1)
 
 
 def rms(ds: xr.Dataset, x: np.ndarray) -> np.ndarray:
-    """RMS over a window around each tick: unlike a low-pass it hides no power."""
+    """Compute the RMS over a window of `SMOOTHING_WINDOW` around each tick; unlike a low-pass it retains all power.
+
+    Args:
+        ds: Log, for the control period.
+        x: Signal at all ticks.
+
+    Returns:
+        The RMS, in the unit of the signal.
+    """
     return np.sqrt(uniform_filter1d(x**2, samples(ds, SMOOTHING_WINDOW)))
 
 
 def decimate(ds: xr.Dataset, x: xr.DataArray | np.ndarray) -> np.ndarray:
-    """A signal at the points that are drawn, `STEP` apart."""
+    """Return a signal at the drawn points, which are `STEP` apart.
+
+    Args:
+        ds: Log, for the control period.
+        x: Signal at all ticks.
+
+    Returns:
+        Every n-th value.
+    """
     return np.asarray(x)[:: samples(ds, STEP)]

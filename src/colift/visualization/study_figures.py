@@ -222,7 +222,10 @@ def plot_online_correction(cases: axes_module.Cases, told: Mapping[str, str]) ->
             t, axes_module.decimate(ds, axes_module.rms(ds, axes_module.norm(ds.e_p))), color=style_of(name).color
         )
         column[1].plot(
-            t, axes_module.decimate(ds, axes_module.norm(ds.innovation_L[:, :3])), color=style_of(name).color, linewidth=0.9
+            t,
+            axes_module.decimate(ds, axes_module.norm(ds.innovation_L[:, :3])),
+            color=style_of(name).color,
+            linewidth=0.9,
         )
         for k, agent in enumerate(agents):
             color, dashes = axes_module.body_style(name, k, len(agents))

@@ -1,6 +1,6 @@
-"""How figures look: one colour, dash pattern and mark a case, one style, one way to a file.
+"""Matplotlib style of all figures, line styles and labels of the cases, and output of figures to files.
 
-No state of a user's matplotlib is touched.
+The module does not change the matplotlib settings of the user: `style_context` restores them.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 
 from colift.runtime import atomic_write
 
-COLUMN, PAGE = 3.5, 7.16  # in, width of one column of the journal, and of two
+COLUMN, PAGE = 3.5, 7.16  # in, width of one and of two columns of the journal
 
 STYLE = {
     "font.family": "STIXGeneral",
@@ -48,7 +48,7 @@ STYLE = {
     "legend.columnspacing": 1.2,
     "figure.constrained_layout.use": True,
     "savefig.dpi": 300,
-    "pdf.fonttype": 42,  # TrueType: text stays text, as journals ask
+    "pdf.fonttype": 42,  # TrueType, as journals require: text remains text
     "ps.fonttype": 42,
 }
 
@@ -57,12 +57,21 @@ Color = tuple[float, float, float]
 
 
 class LineStyle(NamedTuple):
-    """How a case is drawn in every figure: told apart by any colour vision, and in black and white."""
+    """Line style of a case in all figures.
+
+    Any two styles differ for all kinds of colour vision and in black and white.
+
+    Attributes:
+        color: Colour as a hexadecimal string.
+        dashes: Dash pattern, in the form that matplotlib's `linestyle` accepts.
+        marker: Matplotlib marker.
+        is_baseline: True for a baseline. Baselines appear in comparisons, not in figures with one column per case.
+    """
 
     color: str
     dashes: Dashes
     marker: str
-    is_baseline: bool = False  # of learning: shown where cases are compared, not where one is looked into
+    is_baseline: bool = False
 
 
 LONG: Dashes = (0, (5, 1.5))
@@ -70,27 +79,42 @@ SHORT: Dashes = (0, (2.5, 1))
 DOTS: Dashes = (0, (1, 1.2))
 MIXED: Dashes = (0, (5, 1.2, 1, 1.2))
 
-# Paul Tol's schemes: high contrast for the paper's cases, whose lightness differs too; bright and muted for others
+# Colour schemes of Paul Tol: high contrast for the cases of the paper, which also differ in lightness; bright and muted
+# for the others.
 LINE_STYLES = {
     "C1": LineStyle("#DDAA33", "-", "s"),
     "C2": LineStyle("#BB5566", LONG, "o"),
     "C3": LineStyle("#004488", "-", "^"),
-    "C4": LineStyle("#000000", MIXED, "D"),
-    "I": LineStyle("#117733", SHORT, "v", is_baseline=True),
-    "DOB": LineStyle("#33BBEE", LONG, "<", is_baseline=True),
-    "P": LineStyle("#AA4499", MIXED, ">", is_baseline=True),
-    "O": LineStyle("#777777", DOTS, "p", is_baseline=True),
-    "F": LineStyle("#EE7733", DOTS, "P", is_baseline=True),
-    "R": LineStyle("#44AA99", MIXED, "X", is_baseline=True),
-    "H": LineStyle("#882255", LONG, "h", is_baseline=True),
+    "adaptive": LineStyle("#000000", MIXED, "D"),
+    "integral": LineStyle("#117733", SHORT, "v", is_baseline=True),
+    "disturbance_observer": LineStyle("#33BBEE", LONG, "<", is_baseline=True),
+    "parametric": LineStyle("#AA4499", MIXED, ">", is_baseline=True),
+    "true_residual": LineStyle("#777777", DOTS, "p", is_baseline=True),
+    "label_feedback": LineStyle("#EE7733", DOTS, "P", is_baseline=True),
+    "regression": LineStyle("#44AA99", MIXED, "X", is_baseline=True),
+    "gp_label_feedback": LineStyle("#882255", LONG, "h", is_baseline=True),
 }
-FALLBACK_STYLES = (  # of which a case without a look of its own has one, the same in every figure
+CASE_LABELS = {
+    "C1": "C1 no learning",
+    "C2": "C2 payload learning",
+    "C3": "C3 payload and agent learning",
+    "adaptive": "adaptive",
+    "integral": "integral action",
+    "disturbance_observer": "disturbance observer",
+    "parametric": "parametric",
+    "regression": "regression",
+    "label_feedback": "label feedback",
+    "gp_label_feedback": "GP with label feedback",
+    "true_residual": "true residual",
+}
+"""Label of each case in legends and titles."""
+FALLBACK_STYLES = (  # for cases without an entry in LINE_STYLES; a case has the same style in all figures
     LineStyle("#999933", LONG, "*"),
     LineStyle("#6699CC", SHORT, "d"),
     LineStyle("#661100", MIXED, "8"),
     LineStyle("#0077BB", DOTS, "H"),
 )
-AGENTS = ("#228833", "#AA3377", "#997700", "#0099BB", "#774411", "#555555")
+AGENT_COLORS = ("#228833", "#AA3377", "#997700", "#0099BB", "#774411", "#555555")
 DASH_PATTERNS: tuple[Dashes, ...] = (
     "-",
     LONG,
@@ -98,16 +122,32 @@ DASH_PATTERNS: tuple[Dashes, ...] = (
     MIXED,
     SHORT,
     (0, (8, 1.5, 1, 1.5, 1, 1.5)),
-)  # of one body's parts
+)  # for the parts of one body
 
 
 def style_of(case: str) -> LineStyle:
-    """The look of a case."""
+    """Return the line style of a case; a case without an entry in `LINE_STYLES` obtains a fixed fallback style.
+
+    Args:
+        case: Case id.
+
+    Returns:
+        The line style.
+    """
     return LINE_STYLES.get(case) or FALLBACK_STYLES[zlib.crc32(case.encode()) % len(FALLBACK_STYLES)]
 
 
 def tint(color: str, k: int, n: int) -> Color:
-    """The k-th of n tints of a colour, from itself towards white."""
+    """Return the k-th of n tints of a colour.
+
+    Args:
+        color: Colour in any form that matplotlib accepts.
+        k: Index of the tint; 0 is the colour itself, higher indices are closer to white.
+        n: Number of tints.
+
+    Returns:
+        Red, green and blue in [0, 1].
+    """
     white = 0.7 * k / n
     red, green, blue = (white + (1 - white) * c for c in to_rgb(color))
     return red, green, blue
@@ -115,24 +155,38 @@ def tint(color: str, k: int, n: int) -> Color:
 
 @contextlib.contextmanager
 def style_context() -> Generator[None]:
-    """Figures in the block look as this module says, whatever a user has set."""
+    """Apply the style of this module within a `with` block, independent of the user's matplotlib settings.
+
+    Yields:
+        Nothing. The settings of the user are restored at the end of the block.
+    """
     with matplotlib.style.context(["default", STYLE]):
         yield
 
 
 def save_figure(figure: Figure, path: Path, run: str | None = None) -> list[Path]:
-    """Write a figure as PDF and as PNG (300 dpi) beside each other, each with the run in its metadata; the files.
+    """Write a figure as PDF and as PNG (300 dpi).
 
-    Rendered in memory, then written whole or not at all; the same figure gives the same bytes. Raises OSError where
-    they cannot be written.
+    The figure is rendered in memory, then written atomically. Equal figures give equal bytes.
+
+    Args:
+        figure: Figure to write.
+        path: Path of the files without suffix.
+        run: Run id for the metadata of both files.
+
+    Returns:
+        Paths of the PDF and the PNG file.
+
+    Raises:
+        OSError: If a file cannot be written.
     """
     files = []
-    told = {"Keywords": run} if run else {}
-    for kind in ("pdf", "png"):
-        state = io.BytesIO()
-        dateless = {"CreationDate": None} if kind == "pdf" else {}
-        figure.savefig(state, format=kind, metadata=told | dateless)
-        figure.set_layout_engine("none")  # the first layout holds for both
-        files.append(path.with_name(f"{path.name}.{kind}"))
-        atomic_write.write_atomic(files[-1], state.getvalue())
+    keywords = {"Keywords": run} if run else {}
+    for suffix in ("pdf", "png"):
+        buffer = io.BytesIO()
+        date = {"CreationDate": None} if suffix == "pdf" else {}  # a date would change the bytes
+        figure.savefig(buffer, format=suffix, metadata=keywords | date)
+        figure.set_layout_engine("none")  # the PNG has the layout of the PDF
+        files.append(path.with_name(f"{path.name}.{suffix}"))
+        atomic_write.write_atomic(files[-1], buffer.getvalue())
     return files

@@ -159,7 +159,9 @@ def _when(settings: Scenario, of: Iterable[tuple[float, Sequence[features.BodyKe
 
 def _limits(settings: Scenario, experiment: Experiment) -> dict[str, Any]:
     """The limits as stated, and what the share of the start's grip is for every agent."""
-    return settings.termination.model_dump() | {"grip_1pkg": np.asarray(experiment.termination_limits.min_delassus).tolist()}
+    return settings.termination.model_dump() | {
+        "grip_1pkg": np.asarray(experiment.termination_limits.min_delassus).tolist()
+    }
 
 
 def _rests_on(flown: Experiment) -> dict[str, Any]:

@@ -74,11 +74,11 @@ def predict(
 class ResidualFunction:
     """An oracle's mean as a function of the state: an unknown whose norm in its RKHS is known."""
 
-    oracle: ResidualModel
+    model: ResidualModel
 
     def __call__(self, state: State) -> ResidualForces:
         """`mean(z)`."""
-        return predict_mean(self.oracle, state.payload, state.agents)
+        return predict_mean(self.model, state.payload, state.agents)
 
 
 def predict_payload(model: ResidualModel, x: Float[Array, "inputs"]) -> Wrench:
