@@ -19,7 +19,7 @@ def settings(**changes: Any) -> Scenario:
     team = {
         "agent_types": {"body": {"base": base, "thrust_max_N": 40.0, "arms": arms}},
         "agents": [{"name": f"n{i}", "type": "body", "contact_positions_m": [c]} for i, c in enumerate(CONTACTS)],
-        "allocation": {"kind": "balanced"},
+        "allocation": {"kind": "least_squares"},
         "disturbances": [source for source in SAMPLE.disturbances if source.acts_on == "payload"],
     }
     return SAMPLE.model_copy(update=team | changes)

@@ -126,5 +126,5 @@ def test_what_the_rotors_can_give_they_give(count, asked):
 
 @pytest.mark.parametrize("count", [2, 3, 5])
 def test_rings_that_cannot_turn_about_every_axis_are_refused(count):
-    with pytest.raises(ValueError, match="an even number of four or more"):
+    with pytest.raises(ValueError, match="must be even and at least 4"):
         actuators.ring_mixer(count, 0.3, 0.02, jnp.array([5.0]))

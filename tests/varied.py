@@ -41,7 +41,7 @@ MIXED = {
         {"name": "bias", "kind": "rotor_bias", "acts_on": "agents", "thrust_N": 0.5},
         {"name": "rub", "kind": "joint_friction", "acts_on": "b", "viscous_Nms": 0.3, "coulomb_Nm": 0.1},
     ],
-    "allocation": {"kind": "balanced"},
+    "allocation": {"kind": "least_squares"},
 }
 
 

@@ -160,7 +160,7 @@ def _row(team: Team, nominal: Team, t: Scalar, truth: GroundTruth, decided: inte
         f_r_hat=joints(x.f_r for x in f_hat.agents),
         Phi=jnp.abs(grasp.constraint_residual(team, z)).max(),
         Phi_dot=jnp.abs(grasp.constraint_rate(team, z)).max(),
-        min_delassus_singular_value=contact_dynamics.grip(team, z),
+        min_delassus_singular_value=grasp.min_delassus_singular_value(team, z),
         **({} if (innovation := decided.innovation) is None else _news(innovation)),
     )
 

@@ -1,12 +1,68 @@
-"""What flies: a pilot made of parts, each of which can be replaced alone. Memory is explicit; nothing sees the truth.
+"""Interfaces of the onboard controller and of its parts.
 
-One tick: observe, record, predict, lead, allocate, realize. A part is a PyTree with the one or two methods of its class
-here; `docs/change_a_part.md` leads from each wish to the one to replace. `Now` is all that a part may look at.
+A controller converts measurements to commands, once in every control period. ``LeaderFollowerController``
+(``colift.onboard.controller``) is composed of the parts below. A user replaces one part, or the whole controller.
+
+One control period of ``LeaderFollowerController``, in the order of the calls:
+
+==  ===============================================  =========================================================
+1   ``ActuatorCompensator.effective_command``        inputs that were in effect since the previous period
+2   ``Estimator.update``                             state estimate and training sample
+3   ``ReferenceTrajectory.evaluate``                 setpoint of the payload
+4   ``InnovationFilter.update``                      innovation of the residual model (optional part)
+5   ``ResidualPredictor.update``                     state of the predictor
+6   ``PayloadController.compute``                    commanded payload acceleration
+7   ``ResidualPredictor.predict``                    predicted residuals ``f_hat``
+8   ``tracking.desired_wrench``                      desired payload wrench ``W``
+9   ``Allocator.allocate``                           commanded contact forces ``lam`` with ``G lam = W``
+10  ``AgentController.compute``                      requested thrust, body torque and joint torques
+11  ``ActuatorCompensator.command``                  commands sent to the vehicles
+12  ``DataRecorder.record``                          data sets of the next model update
+==  ===============================================  =========================================================
+
+Rules for a part:
+
+- It is an immutable PyTree (``colift.math.pytree.pytree``); its parameters are its fields. No base class is needed.
+- Its methods are pure JAX functions. They are compiled, and may be exported as C code.
+- Its state is explicit: ``init`` returns it, and each method returns the next one. A state is any PyTree whose structure,
+  shapes and dtypes do not change; a part without state returns ``()``.
+- Measurements are the only information about the simulated world. ``ControlContext`` contains all inputs of a part.
+
+Units are SI. Positions, velocities and forces are in the world frame. Angular velocities and moments are in the frame
+of their own body. Any exception is stated.
+
+Example:
+    A payload controller that limits the acceleration command of another one::
+
+        @pytree
+        class AccelerationLimit:
+            base: PayloadController
+            max_acceleration: Float[Array, ""]  # m/s^2
+
+            def init(self) -> PartState:
+                return self.base.init()
+
+            def compute(self, state: PartState, context: ControlContext) -> tuple[AccelerationCommand, PartState]:
+                command, state = self.base.compute(state, context)
+                norm = jnp.sqrt((command.a * command.a).sum() + 1e-12)
+                scale = jnp.minimum(1.0, self.max_acceleration / norm)
+                return dataclasses.replace(command, a=scale * command.a), state
+
+
+        experiment = colift.make_experiment(colift.load_scenario("paper"), "C1")
+        controller = experiment.controller
+        limited = AccelerationLimit(base=controller.payload_controller, max_acceleration=jnp.array(2.0))
+        controller = dataclasses.replace(controller, payload_controller=limited)
+        result = colift.run_experiment(dataclasses.replace(experiment, controller=controller))
+
+See Also:
+    docs/change_a_part: how to replace a part in Python and in a scenario file.
+    docs/notation: symbols, units and frames.
 """
 
 from __future__ import annotations
 
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Protocol, TypeAlias, runtime_checkable
 
 from jaxtyping import Array, Bool, Float
 
@@ -21,158 +77,100 @@ from colift.trajectories import base
 
 Scalar = Float[Array, ""]
 
+PartState: TypeAlias = Any
+"""State of a part between control periods: any PyTree of fixed structure, shapes and dtypes; ``()`` for none."""
+
+SaturationFlags = tuple[Bool[Array, "agents"], ...]
+"""Agents whose thrust command was limited, one array per group of agents."""
+
+
+# Data that parts exchange ---------------------------------------------------------------------------------------------
+
 
 @pytree
 class ControlContext:
-    """What is known on board when a tick is decided."""
+    """Inputs of all parts in one control period.
 
-    team: Team  # nominal
+    Attributes:
+        team: Nominal parameters of the team: masses [kg], inertias [kg m^2, body frame], geometry [m, body frame] and
+            gravity [m/s^2, world]. They may differ from those of the simulated team.
+        clock: Time ``t`` of this control period [s] and its length ``dt`` [s].
+        measurement: Readings of all sensors in this period. None if the control law is evaluated at a given state
+            without sensors, as in a linearization.
+        estimate: Estimated state. Agents: attitude, center of mass [m, world], joint positions [rad or m], and their
+            rates. Payload: pose and twist. Also the payload acceleration ``a_L`` and the contact forces on the payload
+            ``lam`` [N, world].
+        setpoint: Desired payload pose at ``clock.t`` with its derivatives: ``p`` to ``j`` in the world frame [m to
+            m/s^3], ``omega`` and ``omega_dot`` in the desired payload frame [rad/s, rad/s^2].
+        last_wrench: Desired payload wrench of the previous period: force [N, world] and moment [N m, payload frame].
+            Zero before the first period.
+        initialized: 0 in the first period, 1 afterwards. Differences and filters start with the second period.
+        preview: Control law evaluated on the reference at times around ``clock.t``. Set for ``AgentController.compute``
+            if the controller has a ``preview_step``; None otherwise.
+        innovation: Innovation of the residual model [N, N m]. None if the controller has no ``innovation_filter``.
+    """
+
+    team: Team
     clock: ControlClock
-    measurement: Measurement | None  # None where the law is linearized around a state that nothing measured
+    measurement: Measurement | None
     estimate: StateEstimate
     setpoint: base.PayloadSetpoint
-    last_wrench: Wrench  # desired wrench of the last tick, zero before the first
-    initialized: Scalar  # 0 in the first tick, 1 after: what is differenced or filtered begins with the second
-    preview: TeamPreview | None = None  # for a realizer that looks ahead
-    innovation: residual_correction.Innovation | None = (
-        None  # what labels say beyond what is learned, where a pilot listens
-    )
+    last_wrench: Wrench
+    initialized: Scalar
+    preview: TeamPreview | None = None
+    innovation: residual_correction.Innovation | None = None
 
 
 @pytree
 class TeamPreview:
-    """What the law asks for on the reference, at `control.NODES` times the step around now; times lead."""
+    """Control law evaluated on the reference at times around the current one; all fields but `step` lead with time.
 
-    step: Scalar  # s
+    The times are ``t + step * PREVIEW_NODES`` (``colift.onboard.control.preview``).
+
+    Attributes:
+        step: Interval between two of the times [s].
+        payload: Payload states on the reference.
+        acceleration_cmd: Commanded payload accelerations there.
+        lam: Commanded contact forces on the payload [N, world].
+        f_hat: Predicted residuals of agents and payload.
+    """
+
+    step: Scalar
     payload: PayloadState
     acceleration_cmd: tracking.AccelerationCommand
-    lam: Float[Array, "times contacts 3"]  # N
+    lam: Float[Array, "times contacts 3"]
     f_hat: ResidualForces
-
-
-# The doors ------------------------------------------------------------------------------------------------------------
-
-
-@runtime_checkable
-class Controller(Protocol):
-    """All that flies: what a loop asks of it."""
-
-    def init(self, first: Measurement, clock: ControlClock) -> tuple[TeamInputs, Any]:
-        """The command that holds the team until the first tick, and the memory before it, from a reading at rest."""
-        ...
-
-    def step(self, state: Any, measurement: Measurement, clock: ControlClock) -> tuple[TeamInputs, Any, Telemetry]:
-        """The command from now on, the next memory, and what was decided."""
-        ...
-
-
-@runtime_checkable
-class Estimator(Protocol):
-    """States from measurements; ours is `estimate.Estimator`."""
-
-    def init(self, team: Team, first: Measurement) -> Any:
-        """The memory at a reading at rest; team: nominal."""
-        ...
-
-    def update(
-        self, team: Team, state: Any, measurement: Measurement, applied: TeamInputs, clock: ControlClock
-    ) -> tuple[StateEstimate, Any]:
-        """What is believed now, given the command of the last tick; with labels, if it has any."""
-        ...
-
-
-@runtime_checkable
-class ResidualPredictor(Protocol):
-    """`f_hat`, the unknown forces that commands compensate."""
-
-    def init(self, team: Team) -> Any:
-        """The memory before the first tick; team: nominal."""
-        ...
-
-    def update(self, state: Any, model: residual_model.ResidualModel, context: ControlContext) -> Any:
-        """The memory of this tick, once a tick."""
-        ...
-
-    def predict(
-        self,
-        state: Any,
-        model: residual_model.ResidualModel,
-        context: ControlContext,
-        acceleration_cmd: tracking.AccelerationCommand,
-    ) -> ResidualForces:
-        """The prediction for a payload that is commanded to accelerate so: now, or where a pilot looks ahead."""
-        ...
-
-
-@runtime_checkable
-class ActuatorCompensator(Protocol):
-    """Commands under which vehicles give what is asked of them."""
-
-    def init(self, command: TeamInputs) -> Any:
-        """The memory after a command has acted for ever."""
-        ...
-
-    def command(self, team: Team, state: Any, requested: TeamInputs, dt: Scalar) -> tuple[TeamInputs, Any]:
-        """The command for what is asked, and the memory one tick of dt, s, later."""
-        ...
-
-    def effective_command(self, state: Any, sent: TeamInputs) -> TeamInputs:
-        """What is believed to have acted in the last tick, in which `sent` was commanded."""
-        ...
-
-
-@runtime_checkable
-class PayloadController(Protocol):
-    """How the payload is to accelerate."""
-
-    def init(self) -> Any:
-        """The memory before the first tick."""
-        ...
-
-    def compute(self, state: Any, context: ControlContext) -> tuple[tracking.AccelerationCommand, Any]:
-        """The commanded acceleration of the payload, and its rate."""
-        ...
-
-
-@runtime_checkable
-class Allocator(Protocol):
-    """Contact forces that give a payload wrench."""
-
-    def allocate(self, context: ControlContext, W: Wrench, W_dot: Wrench) -> ContactForceCommand:
-        """Commanded contact forces, and their rate."""
-        ...
-
-
-@runtime_checkable
-class AgentController(Protocol):
-    """Commands that put contact forces on the payload."""
-
-    def compute(
-        self,
-        context: ControlContext,
-        acceleration_cmd: tracking.AccelerationCommand,
-        forces: ContactForceCommand,
-        f_hat: ResidualForces,
-    ) -> tuple[TeamInputs, SaturationFlags]:
-        """Every agent's command, and which thrusts were limited."""
-        ...
-
-
-SaturationFlags = tuple[Bool[Array, "agents"], ...]
 
 
 @pytree
 class ContactForceCommand:
-    """What an allocator asks of the contacts, world."""
+    """Commanded contact forces of all contacts, in the order of the team.
 
-    lam: Float[Array, "contacts 3"]  # N, on the payload
-    lam_dot: Float[Array, "contacts 3"]  # N/s
-    eta: Float[Array, " eta"]  # N, internal-force input, for the log
+    Attributes:
+        lam: Contact forces on the payload [N, world].
+        lam_dot: Their rate, a feedforward of the agents' attitudes [N/s, world].
+        eta: Internal-force input, coordinates in the null space of the grasp matrix [N]; for the log.
+    """
+
+    lam: Float[Array, "contacts 3"]
+    lam_dot: Float[Array, "contacts 3"]
+    eta: Float[Array, " eta"]
 
 
 @pytree
 class Telemetry:
-    """What one tick decided, for the log."""
+    """Intermediate results of one control period, for the log.
+
+    Attributes:
+        estimate: State estimate.
+        setpoint: Desired payload pose with its derivatives.
+        W_d: Desired payload wrench: force [N, world] and moment [N m, payload frame].
+        lam_cmd: Commanded contact forces on the payload [N, world].
+        f_hat: Predicted residuals of agents and payload.
+        eta: Internal-force input [N].
+        saturated: Agents whose thrust command was limited.
+        innovation: Innovation of the residual model; None if the controller has no innovation filter.
+    """
 
     estimate: StateEstimate
     setpoint: base.PayloadSetpoint
@@ -182,3 +180,254 @@ class Telemetry:
     eta: Float[Array, " eta"]
     saturated: SaturationFlags
     innovation: residual_correction.Innovation | None = None
+
+
+# The whole controller -------------------------------------------------------------------------------------------------
+
+
+@runtime_checkable
+class Controller(Protocol):
+    """Map from measurements to the commands of all agents, called once in every control period.
+
+    Implementation: ``controller.LeaderFollowerController``.
+    """
+
+    def init(self, measurement: Measurement, clock: ControlClock) -> tuple[TeamInputs, PartState]:
+        """Compute the initial command and the initial state.
+
+        Args:
+            measurement: Readings of the team at rest.
+            clock: Time and control period [s].
+
+        Returns:
+            The command until the first control period, and the state before that period.
+        """
+        ...
+
+    def step(
+        self, state: PartState, measurement: Measurement, clock: ControlClock
+    ) -> tuple[TeamInputs, PartState, Telemetry]:
+        """Advance the controller by one control period.
+
+        Args:
+            state: State after the previous control period.
+            measurement: Readings of this control period.
+            clock: Time and control period [s].
+
+        Returns:
+            The command until the next control period, the next state, and intermediate results for the log.
+        """
+        ...
+
+
+# Its parts ------------------------------------------------------------------------------------------------------------
+
+
+@runtime_checkable
+class Estimator(Protocol):
+    """State estimation from measurements; an estimator may also provide training samples.
+
+    Implementation: ``state_estimator.ComplementaryFilter``.
+    """
+
+    def init(self, team: Team, measurement: Measurement) -> PartState:
+        """Compute the state of an estimator in steady state at rest.
+
+        Args:
+            team: Nominal parameters.
+            measurement: Readings of the team at rest.
+
+        Returns:
+            The state before the first control period.
+        """
+        ...
+
+    def update(
+        self, team: Team, state: PartState, measurement: Measurement, applied: TeamInputs, clock: ControlClock
+    ) -> tuple[StateEstimate, PartState]:
+        """Update the estimate with the readings of one control period.
+
+        Args:
+            team: Nominal parameters.
+            state: State after the previous control period.
+            measurement: Readings of this control period.
+            applied: Inputs in effect since the previous control period: thrust [N], body torque [N m, body frame],
+                joint torques or forces [N m or N].
+            clock: Time and control period [s].
+
+        Returns:
+            The state estimate, with a training sample if the estimator computes labels, and the next state.
+        """
+        ...
+
+
+@runtime_checkable
+class ResidualPredictor(Protocol):
+    """Prediction of the residual forces ``f_hat`` that the controller compensates.
+
+    Implementations: ``LearnedResidual``, ``DisturbanceObserver``, ``InnovationCorrection`` and ``TrueResidual`` in
+    ``colift.onboard.learning.residual_predictors``.
+    """
+
+    def init(self, team: Team) -> PartState:
+        """Return the state before the first control period.
+
+        Args:
+            team: Nominal parameters.
+        """
+        ...
+
+    def update(self, state: PartState, model: residual_model.ResidualModel, context: ControlContext) -> PartState:
+        """Advance the state by one control period; called once, before `predict`.
+
+        Args:
+            state: State after the previous control period.
+            model: Residual model in use.
+            context: Inputs of this control period.
+
+        Returns:
+            The state that `predict` receives in this control period.
+        """
+        ...
+
+    def predict(
+        self,
+        state: PartState,
+        model: residual_model.ResidualModel,
+        context: ControlContext,
+        acceleration_cmd: tracking.AccelerationCommand,
+    ) -> ResidualForces:
+        """Predict the residual forces for a commanded payload acceleration.
+
+        With a preview the method is also evaluated at states on the reference, with the time of `context.clock`.
+
+        Args:
+            state: Result of `update` in this control period.
+            model: Residual model in use.
+            context: Inputs at the time of the prediction.
+            acceleration_cmd: Commanded payload acceleration [m/s^2 world, rad/s^2 payload frame].
+
+        Returns:
+            Residuals of the agents (force on the center of mass [N, world], moment [N m, body frame], joint torques
+            or forces [N m or N]) and of the payload (force [N, world], moment [N m, payload frame]).
+        """
+        ...
+
+
+@runtime_checkable
+class PayloadController(Protocol):
+    """Tracking controller of the payload; the leader of the paper.
+
+    Implementations: ``GeometricTracking`` and ``IntegralAction`` in ``colift.onboard.control.payload_controllers``.
+    """
+
+    def init(self) -> PartState:
+        """Return the state before the first control period."""
+        ...
+
+    def compute(self, state: PartState, context: ControlContext) -> tuple[tracking.AccelerationCommand, PartState]:
+        """Compute the commanded payload acceleration and its rate.
+
+        Args:
+            state: State after the previous control period.
+            context: Inputs of this control period.
+
+        Returns:
+            The acceleration command and the next state.
+        """
+        ...
+
+
+@runtime_checkable
+class Allocator(Protocol):
+    """Distribution of a payload wrench to contact forces.
+
+    Implementation: ``allocators.LinearAllocator``.
+    """
+
+    def allocate(self, context: ControlContext, W: Wrench, W_dot: Wrench) -> ContactForceCommand:
+        """Compute contact forces ``lam`` with ``G lam = W`` and their rate.
+
+        Args:
+            context: Inputs of this control period.
+            W: Desired payload wrench: force [N, world] and moment [N m, payload frame].
+            W_dot: Its rate [N/s, N m/s], same frames.
+
+        Returns:
+            Commanded contact forces on the payload.
+        """
+        ...
+
+
+@runtime_checkable
+class AgentController(Protocol):
+    """Controller of all agents: commands that apply the contact forces to the payload.
+
+    Implementations: ``ThrustVectoringController`` and ``PreviewThrustVectoringController`` in
+    ``colift.onboard.control.agent_controllers``.
+    """
+
+    def compute(
+        self,
+        context: ControlContext,
+        acceleration_cmd: tracking.AccelerationCommand,
+        forces: ContactForceCommand,
+        f_hat: ResidualForces,
+    ) -> tuple[TeamInputs, SaturationFlags]:
+        """Compute the requested inputs of all agents.
+
+        Args:
+            context: Inputs of this control period.
+            acceleration_cmd: Commanded payload acceleration, which the arm tips follow.
+            forces: Commanded contact forces.
+            f_hat: Predicted residuals.
+
+        Returns:
+            By group of agents: thrust [N], body torque [N m, body frame] and joint torques or forces [N m or N]; and
+            the agents whose thrust was limited.
+        """
+        ...
+
+
+@runtime_checkable
+class ActuatorCompensator(Protocol):
+    """Compensation of the actuator dynamics.
+
+    Implementations: ``NoCompensation`` and ``LagInversion`` in ``colift.onboard.control.actuator_compensation``.
+    """
+
+    def init(self, command: TeamInputs) -> PartState:
+        """Return the state after a constant command.
+
+        Args:
+            command: Command that has been constant for a long time.
+        """
+        ...
+
+    def command(
+        self, team: Team, state: PartState, requested: TeamInputs, dt: Scalar
+    ) -> tuple[TeamInputs, PartState]:
+        """Compute the commands with which the actuators produce the requested inputs.
+
+        Args:
+            team: Nominal parameters.
+            state: State after the previous control period.
+            requested: Inputs that should act on the agents.
+            dt: Control period [s].
+
+        Returns:
+            The commands to be sent, and the state one control period later.
+        """
+        ...
+
+    def effective_command(self, state: PartState, last_command: TeamInputs) -> TeamInputs:
+        """Estimate the inputs that acted on the agents since the previous control period.
+
+        Args:
+            state: State after the previous control period.
+            last_command: Commands sent in the previous control period.
+
+        Returns:
+            Estimated inputs, in the units of the commands.
+        """
+        ...

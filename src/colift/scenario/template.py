@@ -221,6 +221,7 @@ def _scenario(name: str, vehicle: VehicleTemplate, agents: int) -> str:
 # A scenario to begin with, written by `colift new`. What to change first: the vehicle, where it holds the payload, the
 # payload, the path. After every change `colift check {name}.yaml` says whether it is sound, and what to change if not;
 # `colift study {name}.yaml` flies it. Every setting, its unit and its default: docs/scenarios.md.
+schema: 2
 name: {name}
 description: {agents} agents around a plate.
 duration_s: 24
@@ -236,7 +237,7 @@ payload: {{mass_kg: {mass:g}, inertia_kgm2: [{inertia:.4g}, {inertia:.4g}, {1.9 
 nominal:  # what the controller believes where it is wrong, and has to learn
   payload: {{mass_kg: {0.8 * mass:.4g}, inertia_kgm2: [{0.8 * inertia:.4g}, {0.8 * inertia:.4g}, {1.52 * inertia:.4g}]}}
 
-start:
+initial_state:
   position_error_m: [0.05, -0.05, 0.05]
 
 reference:
@@ -269,7 +270,7 @@ control:  # a slow mode: K_p, K_v; a fast one that grows: agent_k_omega, K_v low
   complementary_filter_Hz: 5
   joint_filter_Hz: 20
 
-allocation: {{kind: balanced}}
+allocation: {{kind: least_squares}}
 
 learning:
   update_times_s: [2, 4, 6, 8, 10, 12]
@@ -278,9 +279,9 @@ learning:
   sample_Hz: 20
   label_filter_Hz: 8
   max_samples: 256
-  payload: {{force_N: 1, moment_Nm: 0.2, force_noise_std_N: 0.1, moment_noise_std_Nm: 0.02}}
+  payload: {{force_std_N: 1, moment_std_Nm: 0.2, force_noise_std_N: 0.1, moment_noise_std_Nm: 0.02}}
   agents:
-    {{force_N: 1, moment_Nm: 0.1, joint_Nm: 0.1, force_noise_std_N: 0.1, moment_noise_std_Nm: 0.01, joint_torque_noise_std_Nm: 0.01}}
+    {{force_std_N: 1, moment_std_Nm: 0.1, joint_torque_std_Nm: 0.1, force_noise_std_N: 0.1, moment_noise_std_Nm: 0.01, joint_torque_noise_std_Nm: 0.01}}
 """
 
 

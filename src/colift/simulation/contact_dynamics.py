@@ -37,9 +37,6 @@ NEWTON_ITERATIONS = 50
 PAYLOAD_MASS_SCALE = 1e6  # factor on payload mass and inertia in the metric of the initial correction; bases: its root
 
 
-min_delassus_singular_value = grasp.min_delassus_singular_value
-
-
 @pytree
 class AgentAcceleration:
     """Accelerations of one agent, or of a group of agents."""
@@ -178,7 +175,7 @@ def forward_dynamics(
     """Compute accelerations and contact forces of the coupled DAE by index reduction (Eq. dae_*).
 
     The multipliers make the second derivative of the constraint Phi vanish. They are unique if and only if
-    `A M^-1 A^T` is invertible (docs/errata.md, row 15); `min_delassus_singular_value` measures this.
+    `A M^-1 A^T` is invertible (docs/errata.md, row 15); `grasp.min_delassus_singular_value` measures this.
 
     Args:
         team: True parameters.
@@ -459,7 +456,7 @@ def consistent_initial_state(team: Team, guess: State, names: Sequence[str] = ()
     outcome = "does not converge" if np.isfinite(residual).all() else "reaches a singular grasp"
     raise ValueError(
         f"initial state: cannot be made consistent with the grasp to {CONSISTENCY_TOLERANCE:g} m and m/s; "
-        f"Newton's method {outcome}; smallest residuals: {left}"
+        f"Newton's method {outcome}; smallest residuals: {remaining}"
     )
 
 

@@ -1,7 +1,8 @@
-"""The truth's unknown forces: named sources, each a force or torque at a point of a body.
+"""Disturbances of the simulated plant: forces and torques at points of the payload and of the agents.
 
-A law says what force and torque act on a body that moves in a certain way at a certain time; a `Mount` says where. The
-point's Jacobian maps them to `(f_x, f_w, f_r)` of an agent or to the payload's wrench. Only the plant uses this module.
+A `DisturbanceModel` defines force and torque as a function of a point's motion and of time. `PayloadDisturbance` and
+`AgentDisturbance` attach a model to a body. The Jacobian of the point maps force and torque to `(f_x, f_w, f_r)` of an
+agent or to the payload wrench. Onboard code does not import this module.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ Vector = Float[Array, "3"]
 
 @pytree
 class PointKinematics:
-    """How the point of attack moves."""
+    """Motion of the point at which a disturbance acts."""
 
     x: Vector  # m, world
     v: Vector  # m/s, world
@@ -37,44 +38,81 @@ class PointKinematics:
 
 
 class DisturbanceModel:
-    """A force (N, world) and a torque (N m, body frame) as a function of a point's motion, time and a memory.
+    """Base class of disturbances: force and torque as a function of a point's motion, time and a state.
 
-    One of your own is a `pytree` that extends this class. It is time invariant if force and torque depend on the motion
-    alone, as Assumption 3 wants; certificates ask (`varying`). A law without a memory leaves `begin` and `after` alone.
+    A custom model is a `pytree` that extends this class. A model without a state overrides `__call__` alone. Models whose
+    force and torque depend on the motion alone set `time_invariant`, as Assumption 3 requires; certificates check it.
+
+    Attributes:
+        time_invariant: Whether force and torque are functions of the motion alone.
+
+    Example:
+        ::
+
+            @pytree
+            class LinearDrag(DisturbanceModel):
+                coefficient: Float[Array, ""]  # N s/m
+                time_invariant: ClassVar[bool] = True
+
+                def __call__(self, at, t, state):
+                    return -self.coefficient * at.v, jnp.zeros(3)
     """
 
     time_invariant: ClassVar[bool]
 
     def __call__(self, at: PointKinematics, t: Scalar, state: Any) -> tuple[Vector, Vector]:
-        """Force and torque at time t, s."""
+        """Compute force and torque.
+
+        Args:
+            at: Motion of the point.
+            t: Time [s].
+            state: State of the model, as `init` and `update` return it.
+
+        Returns:
+            Force [N, world] and torque [N m, body frame].
+
+        Raises:
+            NotImplementedError: In the base class.
+        """
         raise NotImplementedError
 
     def init(self) -> Any:
-        """The memory before the flight, a PyTree; every agent that carries the law has its own."""
+        """Return the initial state, a PyTree; every agent with this disturbance has a separate one."""
         return ()
 
     def update(self, at: PointKinematics, t: Scalar, state: Any, dt: Scalar) -> Any:
-        """The memory at t + dt, from the motion at t; a step of the plant holds it in between."""
+        """Advance the state by one step; it is constant during a plant step.
+
+        Args:
+            at: Motion of the point at time t.
+            t: Time [s].
+            state: State at time t.
+            dt: Step length [s].
+
+        Returns:
+            The state at time t + dt.
+        """
         return state
 
 
 @pytree
 class ConstantWrench(DisturbanceModel):
-    """A force fixed in the world and a torque fixed in the body."""
+    """Constant force in the world frame and constant torque in the body frame."""
 
     force: Vector  # N
     torque: Vector  # N m
     time_invariant: ClassVar[bool] = True
 
     def __call__(self, at: PointKinematics, t: Scalar, state: Any) -> tuple[Vector, Vector]:
+        """Return the constant force and torque."""
         return self.force, self.torque
 
 
 @pytree
 class Wind(DisturbanceModel):
-    """Drag in a steady wind field: `F = -(c_1 + c_2 |w|) w`, `w = v - wind(x)` the velocity through the air.
+    """Drag in a steady wind field: `F = -(c_1 + c_2 |w|) w`, with the air-relative velocity `w = v - wind(x)`.
 
-    `wind(x) = mean + sum_k gust_k sin(wave_k . x + phase_k)`: it varies in space, not in time.
+    The field `wind(x) = mean + sum_k gust_k sin(wave_k . x + phase_k)` varies in space and is constant in time.
     """
 
     linear: Scalar  # N s/m
@@ -86,17 +124,19 @@ class Wind(DisturbanceModel):
     time_invariant: ClassVar[bool] = True
 
     def __call__(self, at: PointKinematics, t: Scalar, state: Any) -> tuple[Vector, Vector]:
+        """Return the drag force; the torque is zero."""
         sines = jnp.sin((self.wave * at.x[None]).sum(1) + self.phase)
         w = at.v - self.mean - (self.gust * sines[:, None]).sum(0)
-        speed = jnp.sqrt((w * w).sum() + 1e-6)  # smooth where the air is at rest
+        speed = jnp.sqrt((w * w).sum() + 1e-6)  # differentiable at w = 0
         return -(self.linear + self.quadratic * speed) * w, jnp.zeros(3)
 
 
 @pytree
 class TimeVaryingWind(DisturbanceModel):
-    """A wind that turns about the vertical and whose gusts travel: at time t the wind of phases `phase - rate t`.
+    """Wind with travelling gusts and a change of direction about the vertical.
 
-    Its mean turns by `angle` within `over` from `start` on, smoothly.
+    At time t the gust phases are `phase - rate t`. The mean rotates smoothly by `turn_angle` within `ramp_time` after
+    `start`.
     """
 
     base_wind: Wind
@@ -107,30 +147,35 @@ class TimeVaryingWind(DisturbanceModel):
     time_invariant: ClassVar[bool] = False
 
     def __call__(self, at: PointKinematics, t: Scalar, state: Any) -> tuple[Vector, Vector]:
+        """Return the drag force in the wind at time t; the torque is zero."""
         angle = self.turn_angle * smoothstep((t - self.start) / self.ramp_time)
-        turned = so3.exp(angle * jnp.array([0.0, 0.0, 1.0]))
-        context = dataclasses.replace(
-            self.base_wind, mean=matvec(turned, self.base_wind.mean), phase=self.base_wind.phase - self.phase_rate * t
+        rotation = so3.exp(angle * jnp.array([0.0, 0.0, 1.0]))
+        wind = dataclasses.replace(
+            self.base_wind, mean=matvec(rotation, self.base_wind.mean), phase=self.base_wind.phase - self.phase_rate * t
         )
-        return context(at, t, state)
+        return wind(at, t, state)
 
 
 def smoothstep(s: Scalar) -> Scalar:
-    """`s^2 (3 - 2 s)`, from 0 at s = 0 to 1 at s = 1, level before and after."""
+    """Compute `s^2 (3 - 2 s)` for s in [0, 1]; 0 below and 1 above."""
     s = jnp.clip(s, 0.0, 1.0)
     return s * s * (3 - 2 * s)
 
 
 @pytree
 class Tether(DisturbanceModel):
-    """An elastic line to a fixed point: `F = k (|d| - l) d / |d|`, `d` from the body to the anchor; taut only."""
+    """Elastic line to a fixed anchor: `F = k (|d| - l) d / |d|` if `|d| > l`, otherwise zero.
+
+    The vector d points from the body to the anchor.
+    """
 
     anchor: Vector  # m, world
     stiffness: Scalar  # N/m
-    length: Scalar  # m, unstretched
+    length: Scalar  # m, rest length
     time_invariant: ClassVar[bool] = True
 
     def __call__(self, at: PointKinematics, t: Scalar, state: Any) -> tuple[Vector, Vector]:
+        """Return the tension force; the torque is zero."""
         d = self.anchor - at.x
         distance = jnp.sqrt((d * d).sum() + 1e-9)
         return self.stiffness * jnp.maximum(distance - self.length, 0.0) / distance * d, jnp.zeros(3)
@@ -138,84 +183,89 @@ class Tether(DisturbanceModel):
 
 @pytree
 class GaussianJet(DisturbanceModel):
-    """A local stream: `F = force exp(-|x - center|^2 / (2 width^2))`."""
+    """Local air jet with a Gaussian force profile: `F = force exp(-|x - center|^2 / (2 width^2))`."""
 
     force: Vector  # N at the centre
     center: Vector  # m, world
-    width: Scalar  # m
+    width: Scalar  # m, standard deviation of the profile
     time_invariant: ClassVar[bool] = True
 
     def __call__(self, at: PointKinematics, t: Scalar, state: Any) -> tuple[Vector, Vector]:
+        """Return the jet force; the torque is zero."""
         d = (at.x - self.center) / self.width
         return jnp.exp(-(d * d).sum() / 2) * self.force, jnp.zeros(3)
 
 
 @pytree
 class RotorBias(DisturbanceModel):
-    """Rotors that do not give what is asked: a thrust along the body's third axis and a torque, both constant."""
+    """Constant thrust error along the body z axis and constant torque error."""
 
     thrust: Scalar  # N
     torque: Vector  # N m, body frame
     time_invariant: ClassVar[bool] = True
 
     def __call__(self, at: PointKinematics, t: Scalar, state: Any) -> tuple[Vector, Vector]:
+        """Return the force along the body z axis and the torque."""
         return self.thrust * at.R[:, 2], self.torque
 
 
 @pytree
 class PayloadDisturbance:
-    """A law at a point of the payload."""
+    """Disturbance at a point of the payload."""
 
-    name: str = static(default="")  # of the source, for results
+    name: str = static(default="")  # name of the source in results
     model: DisturbanceModel
     point: Vector  # m, payload frame
 
 
 @pytree
 class AgentDisturbance:
-    """A law at a point of one body of every agent of a group; the group's axis leads all leaves."""
+    """Disturbance at a point of one body of every agent of a group; the agents lead the axes of all leaves."""
 
-    body: int = static()
-    name: str = static(default="")  # of the source, for results
+    body: int = static()  # index of the body in the agent's tree
+    name: str = static(default="")  # name of the source in results
     model: DisturbanceModel
-    point: Float[Array, "*agents 3"]  # m, in the body's frame
-    active: Float[Array, "*agents"]  # 1 on the agents that carry it, 0 on the others
+    point: Float[Array, "*agents 3"]  # m, body frame
+    active: Float[Array, "*agents"]  # 1 for agents with this disturbance, 0 for the others
 
 
 @pytree
 class JointFriction:
-    """Friction in every joint of a group: `f_r = -viscous r_dot - coulomb tanh(r_dot / speed)`."""
+    """Joint friction of a group: `f_r = -viscous r_dot - coulomb tanh(r_dot / speed)`."""
 
     viscous: Float[Array, "*agents n_r"]  # N m s/rad or N s/m
     coulomb: Float[Array, "*agents n_r"]  # N m or N
-    speed: Float[Array, "*agents n_r"]  # rad/s or m/s, below which it is smoothed
+    speed: Float[Array, "*agents n_r"]  # rad/s or m/s, smoothing speed of the Coulomb friction
 
 
 @pytree
 class DisturbanceSet:
-    """All sources of a scenario."""
+    """All disturbances of a scenario."""
 
     payload: tuple[PayloadDisturbance, ...]
-    agents: tuple[tuple[AgentDisturbance, ...], ...]  # by group
-    joints: tuple[JointFriction, ...]  # by group
-    state_functions: tuple[Callable[[State], ResidualForces], ...] = ()  # of the state alone, PyTrees as well
+    agents: tuple[tuple[AgentDisturbance, ...], ...]  # one tuple per group
+    joints: tuple[JointFriction, ...]  # one per group
+    state_functions: tuple[Callable[[State], ResidualForces], ...] = ()  # functions of the state; each is a PyTree
 
 
 @pytree
 class DisturbanceState:
-    """What the laws keep between ticks, by source."""
+    """States of all disturbance models between ticks."""
 
     payload: tuple[Any, ...]
-    agents: tuple[tuple[Any, ...], ...]  # by group, agents lead
+    agents: tuple[tuple[Any, ...], ...]  # one tuple per group, agents lead
 
 
 def init(sources: DisturbanceSet, team: Team) -> DisturbanceState:
-    """The memory of all laws before the flight."""
+    """Return the initial states of all disturbance models."""
     return DisturbanceState(
-        payload=tuple(mount.model.init() for mount in sources.payload),
+        payload=tuple(disturbance.model.init() for disturbance in sources.payload),
         agents=tuple(
-            tuple(jax.vmap(lambda law: law.init(), axis_size=size)(mount.model) for mount in mounts)
-            for size, mounts in zip(team.sizes, sources.agents, strict=True)
+            tuple(
+                jax.vmap(lambda model: model.init(), axis_size=size)(disturbance.model)
+                for disturbance in group_disturbances
+            )
+            for size, group_disturbances in zip(team.sizes, sources.agents, strict=True)
         ),
     )
 
@@ -223,11 +273,24 @@ def init(sources: DisturbanceSet, team: Team) -> DisturbanceState:
 def disturbance_forces(
     sources: DisturbanceSet, team: Team, team_state: State, t: Scalar, disturbance_state: DisturbanceState
 ) -> ResidualForces:
-    """The truth's `f_uk`: what the sources do to every agent and to the payload in the state z at time t, s."""
-    named = ResidualForces(
+    """Compute the true unmodelled forces `f_uk` of all disturbances.
+
+    Args:
+        sources: Disturbances of the scenario.
+        team: True parameters.
+        team_state: State of the team.
+        t: Time [s].
+        disturbance_state: States of the disturbance models.
+
+    Returns:
+        Generalized forces on every agent and the payload wrench.
+    """
+    total = ResidualForces(
         agents=tuple(
-            jax.vmap(_on_agent, in_axes=(0, 0, 0, 0, None, 0))(group, state, mounts, friction, t, kept)
-            for group, state, mounts, friction, kept in zip(
+            jax.vmap(_agent_forces, in_axes=(0, 0, 0, 0, None, 0))(
+                group, state, group_disturbances, friction, t, states
+            )
+            for group, state, group_disturbances, friction, states in zip(
                 team.agent_groups,
                 team_state.agents,
                 sources.agents,
@@ -239,37 +302,52 @@ def disturbance_forces(
         payload=payload_wrench(sources.payload, team_state.payload, t, disturbance_state.payload),
     )
     for function in sources.state_functions:
-        named = jax.tree.map(jnp.add, named, function(team_state))
-    return named
+        total = jax.tree.map(jnp.add, total, function(team_state))
+    return total
 
 
 def initial_forces(sources: DisturbanceSet, team: Team, state: State) -> ResidualForces:
-    """`forces` at time zero, before any law has a past."""
+    """Compute the disturbance forces at time zero with the initial model states."""
     return disturbance_forces(sources, team, state, jnp.zeros(()), init(sources, team))
 
 
 def update(
     sources: DisturbanceSet, team: Team, team_state: State, t: Scalar, disturbance_state: DisturbanceState, dt: Scalar
 ) -> DisturbanceState:
-    """The memory of all laws at t + dt, from the state z at t."""
+    """Advance the states of all disturbance models by one step.
 
-    def of_agent(
-        agent: AerialManipulator, q: AgentState, mounts: tuple[AgentDisturbance, ...], kept: tuple[Any, ...]
+    Args:
+        sources: Disturbances of the scenario.
+        team: True parameters.
+        team_state: State of the team at time t.
+        t: Time [s].
+        disturbance_state: States of the models at time t.
+        dt: Step length [s].
+
+    Returns:
+        The states at time t + dt.
+    """
+
+    def update_agent(
+        agent: AerialManipulator,
+        q: AgentState,
+        group_disturbances: tuple[AgentDisturbance, ...],
+        states: tuple[Any, ...],
     ) -> tuple[Any, ...]:
-        carried = _carried(agent, q)
+        kinematics = _kinematics(agent, q)
         return tuple(
-            mount.model.update(_of_body(agent, q, carried, mount)[0], t, past, dt)
-            for mount, past in zip(mounts, kept, strict=True)
+            disturbance.model.update(_body_point(agent, q, kinematics, disturbance)[0], t, old, dt)
+            for disturbance, old in zip(group_disturbances, states, strict=True)
         )
 
     return DisturbanceState(
         payload=tuple(
-            mount.model.update(_of_payload(mount, team_state.payload), t, past, dt)
-            for mount, past in zip(sources.payload, disturbance_state.payload, strict=True)
+            disturbance.model.update(_payload_point(disturbance, team_state.payload), t, old, dt)
+            for disturbance, old in zip(sources.payload, disturbance_state.payload, strict=True)
         ),
         agents=tuple(
-            jax.vmap(of_agent)(group, state, mounts, kept) if jax.tree.leaves(kept) else kept
-            for group, state, mounts, kept in zip(
+            jax.vmap(update_agent)(group, state, group_disturbances, states) if jax.tree.leaves(states) else states
+            for group, state, group_disturbances, states in zip(
                 team.agent_groups, team_state.agents, sources.agents, disturbance_state.agents, strict=True
             )
         ),
@@ -277,57 +355,89 @@ def update(
 
 
 def time_varying_names(sources: DisturbanceSet) -> tuple[str, ...]:
-    """Names of the active sources that are not time invariant, each once; of one without a name, its law's.
+    """Return the names of the active disturbances that depend on time, without duplicates.
 
-    Friction and functions are time invariant by their equations.
+    A disturbance without a name is listed by its class. Joint friction and state functions are time invariant by
+    definition.
+
+    Args:
+        sources: Disturbances of the scenario.
+
+    Returns:
+        The names in the order of the scenario.
     """
-    return tuple(dict.fromkeys(_name(mount) for mount in _active(sources) if not mount.model.time_invariant))
+    return tuple(
+        dict.fromkeys(_name(disturbance) for disturbance in _active(sources) if not disturbance.model.time_invariant)
+    )
 
 
 def stateful_names(sources: DisturbanceSet) -> tuple[str, ...]:
-    """Names, as `varying` gives them, of the active sources whose force depends on what was before."""
-    return tuple(dict.fromkeys(_name(mount) for mount in _active(sources) if jax.tree.leaves(mount.model.init())))
+    """Return the names of the active disturbances with a state, without duplicates."""
+    return tuple(
+        dict.fromkeys(
+            _name(disturbance) for disturbance in _active(sources) if jax.tree.leaves(disturbance.model.init())
+        )
+    )
 
 
 def _active(sources: DisturbanceSet) -> Iterator[PayloadDisturbance | AgentDisturbance]:
+    """Yield all payload disturbances and the agent disturbances that act on at least one agent."""
     yield from sources.payload
-    yield from (mount for mounts in sources.agents for mount in mounts if np.any(mount.active))
+    yield from (
+        disturbance
+        for group_disturbances in sources.agents
+        for disturbance in group_disturbances
+        if np.any(disturbance.active)
+    )
 
 
-def _name(mount: PayloadDisturbance | AgentDisturbance) -> str:
-    return mount.name or type(mount.model).__name__
+def _name(disturbance: PayloadDisturbance | AgentDisturbance) -> str:
+    """Return the name of a disturbance, or the class of its model."""
+    return disturbance.name or type(disturbance.model).__name__
 
 
 def payload_wrench(
-    mounts: tuple[PayloadDisturbance, ...], q: PayloadState, t: Scalar, state: tuple[Any, ...]
+    disturbances: tuple[PayloadDisturbance, ...], q: PayloadState, t: Scalar, state: tuple[Any, ...]
 ) -> Wrench:
-    """The sum of the payload's sources: `F = sum F_i`, `tau = sum c_i x R^T F_i + T_i`."""
+    """Compute the wrench of the payload disturbances: `F = sum F_i`, `tau = sum c_i x R^T F_i + T_i`.
+
+    Args:
+        disturbances: Disturbances of the payload.
+        q: State of the payload.
+        t: Time [s].
+        state: States of the models.
+
+    Returns:
+        Force [N, world] and moment [N m, payload frame].
+    """
     F, tau = jnp.zeros(3), jnp.zeros(3)
-    for mount, kept in zip(mounts, state, strict=True):
-        force, torque = mount.model(_of_payload(mount, q), t, kept)
-        F, tau = F + force, tau + so3.cross(mount.point, matvec(transpose(q.R), force)) + torque
+    for disturbance, model_state in zip(disturbances, state, strict=True):
+        force, torque = disturbance.model(_payload_point(disturbance, q), t, model_state)
+        F, tau = F + force, tau + so3.cross(disturbance.point, matvec(transpose(q.R), force)) + torque
     return Wrench(F=F, tau=tau)
 
 
-def _of_payload(mount: PayloadDisturbance, q: PayloadState) -> PointKinematics:
-    v = q.v + matvec(q.R, so3.cross(q.omega, mount.point))
-    return PointKinematics(x=q.p + matvec(q.R, mount.point), v=v, R=q.R, omega=q.omega)
+def _payload_point(disturbance: PayloadDisturbance, q: PayloadState) -> PointKinematics:
+    """Return the motion of a disturbance's point on the payload."""
+    v = q.v + matvec(q.R, so3.cross(q.omega, disturbance.point))
+    return PointKinematics(x=q.p + matvec(q.R, disturbance.point), v=v, R=q.R, omega=q.omega)
 
 
-MountedModel = tuple[aerial_manipulator.ForwardKinematics, aerial_manipulator.CentroidalModel, Float[Array, "xi"]]
+AgentKinematics = tuple[aerial_manipulator.ForwardKinematics, aerial_manipulator.CentroidalModel, Float[Array, "xi"]]
 
 
-def _carried(agent: AerialManipulator, q: AgentState) -> MountedModel:
+def _kinematics(agent: AerialManipulator, q: AgentState) -> AgentKinematics:
+    """Return kinematics, centroidal model and velocity `xi = (omega, r_dot)` of an agent."""
     g = aerial_manipulator.forward_kinematics(agent, q.r)
     return g, aerial_manipulator.centroidal_model(agent, g), jnp.concatenate([q.omega, q.r_dot])
 
 
-def _of_body(
-    agent: AerialManipulator, q: AgentState, carried: MountedModel, mount: AgentDisturbance
+def _body_point(
+    agent: AerialManipulator, q: AgentState, kinematics: AgentKinematics, disturbance: AgentDisturbance
 ) -> tuple[PointKinematics, Float[Array, "3 xi"]]:
-    """How the point of a mount moves, and its Jacobian B."""
-    (g, p, xi), i = carried, mount.body
-    lever = matvec(g.rotation[i], mount.point - agent.com[i])
+    """Return the motion of a disturbance's point on an agent, and the point's Jacobian B with respect to xi."""
+    (g, p, xi), i = kinematics, disturbance.body
+    lever = matvec(g.rotation[i], disturbance.point - agent.com[i])
     B = p.J_com[i] - matmul(so3.hat(lever), p.J_angular[i])
     rho = g.joint_origin[i] + lever - p.com_from_base
     return PointKinematics(
@@ -338,22 +448,23 @@ def _of_body(
     ), B
 
 
-def _on_agent(
+def _agent_forces(
     agent: AerialManipulator,
     q: AgentState,
-    mounts: tuple[AgentDisturbance, ...],
+    disturbances: tuple[AgentDisturbance, ...],
     friction: JointFriction,
     t: Scalar,
     state: tuple[Any, ...],
 ) -> GeneralizedForce:
-    carried = g, p, xi = _carried(agent, q)
+    """Compute the generalized forces of all disturbances and of joint friction on one agent."""
+    kinematics = g, p, xi = _kinematics(agent, q)
     f_x, Q = jnp.zeros(3), jnp.zeros_like(xi)
-    for mount, kept in zip(mounts, state, strict=True):
-        at, B = _of_body(agent, q, carried, mount)
-        force, torque = mount.model(at, t, kept)
-        f_x = f_x + mount.active * force
-        by_force = matvec(transpose(B), matvec(transpose(q.R), force))
-        by_torque = matvec(transpose(p.J_angular[mount.body]), matvec(g.rotation[mount.body], torque))
-        Q = Q + mount.active * (by_force + by_torque)
-    rubbing = -friction.viscous * q.r_dot - friction.coulomb * jnp.tanh(q.r_dot / friction.speed)
-    return GeneralizedForce(f_x=f_x, f_w=Q[:3], f_r=Q[3:] + rubbing)
+    for disturbance, model_state in zip(disturbances, state, strict=True):
+        at, B = _body_point(agent, q, kinematics, disturbance)
+        force, torque = disturbance.model(at, t, model_state)
+        f_x = f_x + disturbance.active * force
+        from_force = matvec(transpose(B), matvec(transpose(q.R), force))
+        from_torque = matvec(transpose(p.J_angular[disturbance.body]), matvec(g.rotation[disturbance.body], torque))
+        Q = Q + disturbance.active * (from_force + from_torque)
+    friction_force = -friction.viscous * q.r_dot - friction.coulomb * jnp.tanh(q.r_dot / friction.speed)
+    return GeneralizedForce(f_x=f_x, f_w=Q[:3], f_r=Q[3:] + friction_force)

@@ -1,7 +1,10 @@
-"""What is learned: features, samples that are recorded in flight, frozen oracles.
+"""Input features of the Gaussian processes of payload and agents.
 
-On `[t_k, t_{k+1})` the oracle is an immutable value. Data sets keep the raw, filtered inputs; a feature map turns
-them into what a GP sees, so another map needs no new data.
+Data sets store the filtered inputs without features. A change of the features therefore needs no new data. A features
+object maps the input of the payload or of an agent to the input of its Gaussian process (GP).
+
+See Also:
+    colift.models.state.flatten_payload_state, colift.models.state.flatten_agent_state: the inputs and their order.
 """
 
 from __future__ import annotations
@@ -19,10 +22,18 @@ PAYLOAD_FEATURES = (
     *(f"R_{i}{j}" for i in "xyz" for j in "xyz"),
     *("omega_x", "omega_y", "omega_z", "|v|", "|omega|"),
 )
+"""Names of the paper's payload features, in order."""
 
 
 def agent_feature_names(joints: int) -> tuple[str, ...]:
-    """Names of the agent's features, in order."""
+    """Return the names of the agent features, in order.
+
+    Args:
+        joints: Number of joints of the agent.
+
+    Returns:
+        One name for each component of the agent input.
+    """
     return (
         *(f"R_{i}{j}" for i in "xyz" for j in "xyz"),
         *("x_x", "x_y", "x_z"),
@@ -33,58 +44,80 @@ def agent_feature_names(joints: int) -> tuple[str, ...]:
 
 
 def payload_features(x: Float[Array, "*batch inputs"]) -> Float[Array, "*batch 20"]:
-    """`p, v, vec(R), omega, |v|, |omega|` of a payload sample (docs/errata.md, row 9)."""
+    """Compute the paper's payload features ``p, v, vec(R), omega, |v|, |omega|`` (docs/errata.md, row 9).
+
+    Args:
+        x: Payload inputs in the order of `colift.models.state.flatten_payload_state` [m, m/s, rad/s].
+
+    Returns:
+        Features in the order of `PAYLOAD_FEATURES`.
+    """
     v, omega = x[..., 3:6], x[..., 15:18]
-    speeds = [jnp.sqrt((a * a).sum(-1, keepdims=True) + 1e-12) for a in (v, omega)]  # smooth at rest
+    speeds = [jnp.sqrt((a * a).sum(-1, keepdims=True) + 1e-12) for a in (v, omega)]  # differentiable at rest
     return jnp.concatenate([x[..., :18], *speeds], axis=-1)
 
 
 @runtime_checkable
 class Features(Protocol):
-    """What GPs see of a sample; a kernel of them is a kernel of the sample."""
+    """Protocol of the maps from inputs to GP features.
+
+    A kernel of the features is also a kernel of the inputs, so every map gives a valid GP.
+    """
 
     def payload(self, x: Float[Array, "*batch inputs"]) -> Float[Array, "*batch features"]:
-        """Of a payload sample `p, v, vec(R), omega, ...`."""
+        """Compute the features of payload inputs ``p, v, vec(R), omega, ...``."""
         ...
 
     def agent(self, x: Float[Array, "*batch inputs"]) -> Float[Array, "*batch features"]:
-        """Of an agent's sample `vec(R), x, r, omega, v, r_dot`."""
+        """Compute the features of agent inputs ``vec(R), x, r, omega, v, r_dot``."""
         ...
 
     def payload_names(self) -> tuple[str, ...]:
-        """Of the payload's, in order; one that begins with `omega`, `|omega|` or `r_dot` is a rate."""
+        """Return the names of the payload features, in order.
+
+        A name that begins with ``omega``, ``|omega|`` or ``r_dot`` marks a rate.
+        """
         ...
 
     def agent_names(self, joints: int) -> tuple[str, ...]:
-        """Of an agent's with so many joints."""
+        """Return the names of the features of an agent with the given number of joints, in order."""
         ...
 
 
 @pytree
 class DefaultFeatures:
-    """The paper's features: the payload's sample with its speeds, an agent's sample as it is."""
+    """Features of the paper: payload inputs with both speeds, agent inputs without change."""
 
     def payload(self, x: Float[Array, "*batch inputs"]) -> Float[Array, "*batch 20"]:
-        """`payload_features`."""
+        """Return `payload_features` of the inputs."""
         return payload_features(x)
 
     def agent(self, x: Float[Array, "*batch inputs"]) -> Float[Array, "*batch inputs"]:
-        """The sample."""
+        """Return the inputs."""
         return x
 
     def payload_names(self) -> tuple[str, ...]:
-        """`PAYLOAD_FEATURES`."""
+        """Return `PAYLOAD_FEATURES`."""
         return PAYLOAD_FEATURES
 
     def agent_names(self, joints: int) -> tuple[str, ...]:
-        """`agent_feature_names`."""
+        """Return `agent_feature_names`."""
         return agent_feature_names(joints)
 
 
 BodyKey = tuple[int, int] | str
-"""The payload, as "payload", or (group, agent)."""
+"""Key of a body: ``"payload"``, or ``(group, agent)``."""
 
 
-def compute_features(seen: Features, body: BodyKey, x: np.ndarray) -> np.ndarray:
-    """What GPs of a body see of its samples (host)."""
-    return np.asarray(seen.payload(jnp.asarray(x)) if isinstance(body, str) else seen.agent(jnp.asarray(x)))
+def compute_features(features: Features, body: BodyKey, x: np.ndarray) -> np.ndarray:
+    """Compute the GP features of the samples of one body, on the host.
+
+    Args:
+        features: Feature maps.
+        body: Key of the body.
+        x: Inputs of the body, samples first.
+
+    Returns:
+        Features, samples first.
+    """
+    return np.asarray(features.payload(jnp.asarray(x)) if isinstance(body, str) else features.agent(jnp.asarray(x)))
