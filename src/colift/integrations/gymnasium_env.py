@@ -164,7 +164,7 @@ def step(
         jnp.where(jnp.arange(ticks) < flown, x, 0.0) for x in (reward(rows.e_p, rows.e_R), (rows.e_p * rows.e_p).sum(1))
     )
     e_p = jnp.sqrt(off.sum() / jnp.maximum(flown, 1).astype(off.dtype))
-    return StepResult(loop=then, observation=then.controller.leader[0], reward=good.mean(), e_p=e_p)
+    return StepResult(loop=then, observation=then.controller.payload_controller[0], reward=good.mean(), e_p=e_p)
 
 
 @functools.partial(jax.jit, static_argnums=0)

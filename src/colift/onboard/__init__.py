@@ -1,14 +1,12 @@
-"""Onboard software: state estimation, online learning and control.
+"""Onboard software: controller, state estimation and online learning.
 
-The onboard software receives measurements and returns commands. It has no access to the true state or the true forces,
-so this package does not import `colift.simulation`.
+Nothing in this package imports ``colift.simulation``. Measurements are its only input from the simulated world.
 
-Modules:
-    interfaces: protocols of the exchangeable parts of the controller.
-    controller: leader-follower controller, composed of these parts.
-
-Packages:
-    estimation: states, contact forces and labels from measurements.
-    learning: residual models and their online updates.
-    control: tracking, force allocation, attitude and posture control of the agents.
+==================  ==================================================================
+``interfaces``      protocols of the controller and of its parts, `ControlContext`
+``controller``      leader-follower controller, composed of the parts
+``control``         payload tracking, force allocation, agent control
+``estimation``      state estimation and labels
+``learning``        residual models, data recording, online updates
+==================  ==================================================================
 """

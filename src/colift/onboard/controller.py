@@ -1,13 +1,16 @@
-"""What flies: a pilot made of parts, each of which can be replaced alone. Memory is explicit; nothing sees the truth.
+"""Leader-follower controller of the paper, composed of replaceable parts.
 
-One tick: observe, record, predict, lead, allocate, realize. A part is a PyTree with the one or two methods of its class
-here; `docs/change_a_part.md` leads from each wish to the one to replace. `Now` is all that a part may look at.
+The controller holds the parts of ``colift.onboard.interfaces``, the nominal team, the reference and the residual model
+in use. Its methods are pure functions: the state after each control period is returned explicitly. A part is replaced
+with ``dataclasses.replace``.
+
+See Also:
+    colift.onboard.interfaces: order of the calls in one control period, and the protocol of each part.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -38,6 +41,7 @@ from colift.onboard.interfaces import (
     ContactForceCommand,
     ControlContext,
     Estimator,
+    PartState,
     PayloadController,
     ResidualPredictor,
     TeamPreview,
@@ -51,7 +55,19 @@ Scalar = Float[Array, ""]
 
 
 def context_at(controller: LeaderFollowerController, state: State, a_L: Float[Array, "6"], t: Scalar) -> ControlContext:
-    """What a pilot would know that believed in the state z, without a measurement: to ask its law about a state."""
+    """Return the control context at a given state, without measurement and history.
+
+    Used to evaluate parts of the controller at a state, for linearization and safety checks.
+
+    Args:
+        controller: Controller whose nominal team and reference are used.
+        state: State of the team, taken as the estimate.
+        a_L: Payload acceleration: linear [m/s^2, world], angular [rad/s^2, payload frame].
+        t: Time [s].
+
+    Returns:
+        The context of a first control period at this state, with zero contact forces.
+    """
     lam = tuple(jnp.zeros_like(group.contact_position) for group in controller.team.agent_groups)
     return ControlContext(
         team=controller.team,
@@ -64,27 +80,43 @@ def context_at(controller: LeaderFollowerController, state: State, a_L: Float[Ar
     )
 
 
-# The paper's pilot ----------------------------------------------------------------------------------------------------
-
-
 @pytree
 class ControllerState:
-    """What the flying software keeps between ticks."""
+    """State of the controller between two control periods.
 
-    estimator: Any
+    Attributes:
+        estimator: State of the estimator.
+        recorder: Data sets recorded so far.
+        predictor: State of the residual predictor.
+        payload_controller: State of the payload controller.
+        last_command: Commands of the previous control period, after the thrust limit.
+        actuator: State of the actuator compensator.
+        innovation: State of the innovation filter; None without the filter.
+        last_wrench: Desired payload wrench of the previous control period [N world, N m payload frame].
+        initialized: 0 before the first control period, 1 afterwards.
+    """
+
+    estimator: PartState
     recorder: RecorderState
-    predictor: Any
-    leader: Any
-    last_command: TeamInputs  # commands of the last tick, after the thrust limit
-    actuator: Any
-    innovation: Any
-    last_wrench: Wrench  # desired wrench of the last tick
-    initialized: Scalar  # 0 before the first tick, 1 after
+    predictor: PartState
+    payload_controller: PartState
+    last_command: TeamInputs
+    actuator: PartState
+    innovation: residual_correction.InnovationState | None
+    last_wrench: Wrench
+    initialized: Scalar
 
 
 @pytree
 class ControlDemand:
-    """What the law asks of the team."""
+    """Demand of the payload controller on the team.
+
+    Attributes:
+        acceleration_cmd: Commanded payload acceleration.
+        f_hat: Predicted residuals.
+        W: Desired payload wrench [N world, N m payload frame].
+        forces: Commanded contact forces.
+    """
 
     acceleration_cmd: tracking.AccelerationCommand
     f_hat: ResidualForces
@@ -94,9 +126,35 @@ class ControlDemand:
 
 @pytree
 class LeaderFollowerController:
-    """The paper's pilot: its parts, what they take along, and what has been learned so far."""
+    """Leader-follower controller of the paper: a payload controller (leader) and controllers of the agents.
 
-    team: Team  # nominal
+    Implements the protocol ``Controller``.
+
+    Attributes:
+        team: Nominal parameters.
+        reference: Reference trajectory of the payload.
+        estimator: State estimation and labels.
+        recorder: Sampling of training data.
+        residual_model: Residual model in use; constant between two model updates.
+        residual_predictor: Prediction of the residuals.
+        payload_controller: Tracking controller of the payload.
+        allocator: Distribution of the payload wrench to contact forces.
+        agent_controller: Controller of the agents.
+        actuator_compensator: Compensation of the actuator dynamics; by default none.
+        innovation_filter: Filter of the residual model's innovation; None disables it.
+        preview_step: Interval between the times at which the control law is evaluated on the reference [s]; None
+            disables the preview.
+
+    Example:
+        Replace the payload controller of an experiment::
+
+            controller = experiment.controller
+            integral = IntegralAction(base=controller.payload_controller, K_i=jnp.array(1.0), k_i=jnp.array(5.0))
+            controller = dataclasses.replace(controller, payload_controller=integral)
+            experiment = dataclasses.replace(experiment, controller=controller)
+    """
+
+    team: Team
     reference: base.ReferenceTrajectory
     estimator: Estimator
     recorder: DataRecorder
@@ -107,31 +165,39 @@ class LeaderFollowerController:
     agent_controller: AgentController
     actuator_compensator: ActuatorCompensator = NoCompensation()
     innovation_filter: residual_correction.InnovationFilter | None = None
-    preview_step: Scalar | None = None  # s between the times around now at which the law is evaluated on the reference
+    preview_step: Scalar | None = None
 
-    def init(self, first: Measurement, clock: ControlClock) -> tuple[TeamInputs, ControllerState]:
-        """The command at rest, and the memory before the first tick: empty data sets, that command last applied."""
-        none = tuple(
+    def init(self, measurement: Measurement, clock: ControlClock) -> tuple[TeamInputs, ControllerState]:
+        """Compute the command at rest and the initial state, with empty data sets and this command as the last one.
+
+        Args:
+            measurement: Readings of the team at rest.
+            clock: Time and control period [s].
+
+        Returns:
+            The command until the first control period, and the state before that period.
+        """
+        zero = tuple(
             AgentInput(u=jnp.zeros(size), tau=jnp.zeros((size, 3)), tau_r=jnp.zeros((size, group.tree.joints)))
             for size, group in zip(self.team.sizes, self.team.agent_groups, strict=True)
         )
         state = ControllerState(
-            estimator=self.estimator.init(self.team, first),
+            estimator=self.estimator.init(self.team, measurement),
             recorder=self.recorder.init(self.team, self.residual_model),
             predictor=self.residual_predictor.init(self.team),
-            leader=self.payload_controller.init(),
-            last_command=none,
-            actuator=self.actuator_compensator.init(none),
+            payload_controller=self.payload_controller.init(),
+            last_command=zero,
+            actuator=self.actuator_compensator.init(zero),
             innovation=None if self.innovation_filter is None else self.innovation_filter.init(self.team),
             last_wrench=Wrench(F=jnp.zeros(3), tau=jnp.zeros(3)),
             initialized=jnp.zeros(()),
         )
-        q_hat, _ = self.estimator.update(self.team, state.estimator, first, none, clock)
+        estimate, _ = self.estimator.update(self.team, state.estimator, measurement, zero, clock)
         context = ControlContext(
             team=self.team,
             clock=clock,
-            measurement=first,
-            estimate=q_hat,
+            measurement=measurement,
+            estimate=estimate,
             setpoint=self.reference.evaluate(clock.t),
             last_wrench=state.last_wrench,
             initialized=state.initialized,
@@ -139,100 +205,127 @@ class LeaderFollowerController:
             if self.innovation_filter is None
             else residual_correction.zero_innovation(self.team, clock.t),
         )
-        hover, _, _ = self.control_law(state.leader, state.predictor, context)
+        hover, _, _ = self.control_law(state.payload_controller, state.predictor, context)
         return hover, dataclasses.replace(state, last_command=hover, actuator=self.actuator_compensator.init(hover))
 
     def step(
         self, state: ControllerState, measurement: Measurement, clock: ControlClock
     ) -> tuple[TeamInputs, ControllerState, Telemetry]:
-        """One control tick: the commands, the next memory, and what was decided."""
+        """Advance the controller by one control period.
+
+        Args:
+            state: State after the previous control period.
+            measurement: Readings of this control period.
+            clock: Time and control period [s].
+
+        Returns:
+            The command until the next control period, the next state, and intermediate results for the log.
+        """
         applied = self.actuator_compensator.effective_command(state.actuator, state.last_command)
-        q_hat, seen = self.estimator.update(self.team, state.estimator, measurement, applied, clock)
-        d = self.reference.evaluate(clock.t)
+        estimate, estimator_state = self.estimator.update(self.team, state.estimator, measurement, applied, clock)
+        setpoint = self.reference.evaluate(clock.t)
         context = ControlContext(
             team=self.team,
             clock=clock,
             measurement=measurement,
-            estimate=q_hat,
-            setpoint=d,
+            estimate=estimate,
+            setpoint=setpoint,
             last_wrench=state.last_wrench,
             initialized=state.initialized,
         )
         innovation_state = state.innovation
         if self.innovation_filter is not None:
             innovation_state, innovation = self.innovation_filter.update(
-                innovation_state, self.team, self.residual_model, q_hat, clock
+                innovation_state, self.team, self.residual_model, estimate, clock
             )
             context = dataclasses.replace(context, innovation=innovation)
         predictor = self.residual_predictor.update(state.predictor, self.residual_model, context)
-        requested, leader, decided = self.control_law(state.leader, predictor, context)
-        command, drive = self.actuator_compensator.command(self.team, state.actuator, requested, clock.dt)
+        requested, payload_controller, telemetry = self.control_law(state.payload_controller, predictor, context)
+        command, actuator = self.actuator_compensator.command(self.team, state.actuator, requested, clock.dt)
         state = ControllerState(
-            estimator=seen,
-            recorder=self.recorder.record(state.recorder, measurement, q_hat.sample, clock.t),
+            estimator=estimator_state,
+            recorder=self.recorder.record(state.recorder, measurement, estimate.sample, clock.t),
             innovation=innovation_state,
             predictor=predictor,
-            leader=leader,
+            payload_controller=payload_controller,
             last_command=command,
-            actuator=drive,
-            last_wrench=decided.W_d,
+            actuator=actuator,
+            last_wrench=telemetry.W_d,
             initialized=jnp.ones(()),
         )
-        return command, state, decided
+        return command, state, telemetry
 
-    def control_law(self, leader: Any, predictor: Any, context: ControlContext) -> tuple[TeamInputs, Any, Telemetry]:
-        """The control law at what is known now: what it asks of the vehicles, and the leader's next memory."""
-        requested, then_leader = self._asked(leader, predictor, context)
+    def control_law(
+        self, payload_controller: PartState, predictor: PartState, context: ControlContext
+    ) -> tuple[TeamInputs, PartState, Telemetry]:
+        """Evaluate the control law in a given context, without actuator compensation.
+
+        Args:
+            payload_controller: State of the payload controller.
+            predictor: State of the residual predictor in this control period.
+            context: Inputs of this control period; its preview is computed here.
+
+        Returns:
+            The requested inputs of the agents, the next state of the payload controller, and intermediate results.
+        """
+        demand, next_state = self._demand(payload_controller, predictor, context)
         if self.preview_step is not None:
-            context = dataclasses.replace(context, preview=self._ahead(leader, predictor, context, self.preview_step))
-        inputs, saturated = self.agent_controller.compute(
-            context, requested.acceleration_cmd, requested.forces, requested.f_hat
-        )
-        decided = Telemetry(
+            team_preview = self._preview(payload_controller, predictor, context, self.preview_step)
+            context = dataclasses.replace(context, preview=team_preview)
+        inputs, saturated = self.agent_controller.compute(context, demand.acceleration_cmd, demand.forces, demand.f_hat)
+        telemetry = Telemetry(
             estimate=context.estimate,
             setpoint=context.setpoint,
-            W_d=requested.W,
-            lam_cmd=requested.forces.lam,
-            f_hat=requested.f_hat,
-            eta=requested.forces.eta,
+            W_d=demand.W,
+            lam_cmd=demand.forces.lam,
+            f_hat=demand.f_hat,
+            eta=demand.forces.eta,
             saturated=saturated,
             innovation=context.innovation,
         )
-        return inputs, then_leader, decided
+        return inputs, next_state, telemetry
 
-    def _asked(self, leader: Any, predictor: Any, context: ControlContext) -> tuple[ControlDemand, Any]:
-        to, leader = self.payload_controller.compute(leader, context)
-        f_hat = self.residual_predictor.predict(predictor, self.residual_model, context, to)
-        load = self.team.payload
-        W = tracking.desired_wrench(load, self.team.gravity, context.estimate.payload, to, f_hat.payload)
-        forces = self.allocator.allocate(context, W, Wrench(F=load.mass * to.jerk, tau=jnp.zeros(3)))
-        return ControlDemand(acceleration_cmd=to, f_hat=f_hat, W=W, forces=forces), leader
+    def _demand(
+        self, payload_controller: PartState, predictor: PartState, context: ControlContext
+    ) -> tuple[ControlDemand, PartState]:
+        """Evaluate payload controller, prediction, desired wrench and allocation."""
+        command, payload_controller = self.payload_controller.compute(payload_controller, context)
+        f_hat = self.residual_predictor.predict(predictor, self.residual_model, context, command)
+        payload = self.team.payload
+        W = tracking.desired_wrench(payload, self.team.gravity, context.estimate.payload, command, f_hat.payload)
+        forces = self.allocator.allocate(context, W, Wrench(F=payload.mass * command.jerk, tau=jnp.zeros(3)))
+        return ControlDemand(acceleration_cmd=command, f_hat=f_hat, W=W, forces=forces), payload_controller
 
-    def _ahead(self, leader: Any, predictor: Any, context: ControlContext, step: Scalar) -> TeamPreview:
-        """The law on the reference around now: the payload on it, agents carried along as they turn now."""
+    def _preview(
+        self, payload_controller: PartState, predictor: PartState, context: ControlContext, step: Scalar
+    ) -> TeamPreview:
+        """Evaluate the control law on the reference at times around the current one.
 
-        def at(s: Scalar) -> tuple[PayloadState, ControlDemand]:
+        The payload is on the reference. Agents move with it and continue to rotate at their current angular velocity.
+        """
+
+        def evaluate(s: Scalar) -> tuple[PayloadState, ControlDemand]:
             clock = dataclasses.replace(context.clock, t=context.clock.t + s)
             d = self.reference.evaluate(clock.t)
-            load = PayloadState(R=d.R, p=d.p, v=d.v, omega=d.omega)
+            payload = PayloadState(R=d.R, p=d.p, v=d.v, omega=d.omega)
 
-            def carried(q: AgentState) -> AgentState:
+            def moved(q: AgentState) -> AgentState:
                 R, x = matmul(q.R, so3.exp(s * q.omega)), q.x + d.p - context.setpoint.p
                 return dataclasses.replace(q, R=R, x=x, v=d.v, r_dot=jnp.zeros_like(q.r_dot))
 
             agents, a_L = (
-                tuple(jax.vmap(carried)(q) for q in context.estimate.agents),
+                tuple(jax.vmap(moved)(q) for q in context.estimate.agents),
                 jnp.concatenate([d.a, d.omega_dot]),
             )
-            q_hat = dataclasses.replace(context.estimate, payload=load, agents=agents, a_L=a_L)
-            then = dataclasses.replace(context, clock=clock, setpoint=d, estimate=q_hat)
-            return load, self._asked(leader, predictor, then)[0]
+            estimate = dataclasses.replace(context.estimate, payload=payload, agents=agents, a_L=a_L)
+            previewed = dataclasses.replace(context, clock=clock, setpoint=d, estimate=estimate)
+            return payload, self._demand(payload_controller, predictor, previewed)[0]
 
-        load, requested = jax.vmap(at)(step * jnp.asarray(preview.PREVIEW_NODES))
+        payload, demand = jax.vmap(evaluate)(step * jnp.asarray(preview.PREVIEW_NODES))
         return TeamPreview(
             step=step,
-            payload=load,
-            acceleration_cmd=requested.acceleration_cmd,
-            lam=requested.forces.lam,
-            f_hat=requested.f_hat,
+            payload=payload,
+            acceleration_cmd=demand.acceleration_cmd,
+            lam=demand.forces.lam,
+            f_hat=demand.f_hat,
         )

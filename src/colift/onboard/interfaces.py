@@ -24,8 +24,8 @@ Rules for a part:
 
 - It is an immutable PyTree (``colift.math.pytree.pytree``); its parameters are its fields. No base class is needed.
 - Its methods are pure JAX functions. They are compiled, and may be exported as C code.
-- Its state is explicit: ``init`` returns it, and each method returns the next one. A state is any PyTree whose structure,
-  shapes and dtypes do not change; a part without state returns ``()``.
+- Its state is explicit: ``init`` returns it, and each method returns the next one. A state is any PyTree of fixed
+  structure, shapes and dtypes; a part without state returns ``()``.
 - Measurements are the only information about the simulated world. ``ControlContext`` contains all inputs of a part.
 
 Units are SI. Positions, velocities and forces are in the world frame. Angular velocities and moments are in the frame
@@ -299,7 +299,7 @@ class ResidualPredictor(Protocol):
     ) -> ResidualForces:
         """Predict the residual forces for a commanded payload acceleration.
 
-        With a preview the method is also evaluated at states on the reference, with the time of `context.clock`.
+        With a preview the method is also evaluated at states on the reference; `context.clock` then contains their time.
 
         Args:
             state: Result of `update` in this control period.
@@ -404,9 +404,7 @@ class ActuatorCompensator(Protocol):
         """
         ...
 
-    def command(
-        self, team: Team, state: PartState, requested: TeamInputs, dt: Scalar
-    ) -> tuple[TeamInputs, PartState]:
+    def command(self, team: Team, state: PartState, requested: TeamInputs, dt: Scalar) -> tuple[TeamInputs, PartState]:
         """Compute the commands with which the actuators produce the requested inputs.
 
         Args:

@@ -1,1 +1,17 @@
-"""control"""
+"""Control laws of payload and agents.
+
+============================  ============================================================================
+``tracking``                  geometric tracking of the payload on SE(3), desired wrench
+``payload_controllers``       implementations of `PayloadController`
+``allocation``                linear maps from a payload wrench to contact forces
+``allocators``                implementation of `Allocator`
+``setpoints``                 setpoints of one agent
+``attitude``                  attitude setpoint from the commanded thrust direction
+``preview``                   attitude setpoint with rates from a preview of the reference
+``redundancy``                motion of redundant joints, posture control
+``realization``               inputs of one agent by inverse dynamics
+``agent_controllers``         implementations of `AgentController`
+``actuator_compensation``     implementations of `ActuatorCompensator`
+``label_feedback``            stability limit of the feedback from labels to attitudes
+============================  ============================================================================
+"""

@@ -1,1 +1,1 @@
-"""estimation"""
+"""State estimation and computation of labels from measurements."""
