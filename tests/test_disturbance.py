@@ -371,8 +371,8 @@ def test_functions_add_their_value_at_the_true_state_to_the_named_sources():
         dataclasses.replace(
             named,
             state_functions=(
-                residual_model.ResidualFunction(oracle=first),
-                residual_model.ResidualFunction(oracle=second),
+                residual_model.ResidualFunction(model=first),
+                residual_model.ResidualFunction(model=second),
             ),
         ),
         team,

@@ -113,7 +113,7 @@ def test_deviations_are_those_along_the_reference_and_the_rig_errs_by_its_share_
     jax.tree.map(
         np.testing.assert_array_equal,
         plan.world.disturbances.state_functions,
-        (residual_model.ResidualFunction(oracle=oracle),),
+        (residual_model.ResidualFunction(model=oracle),),
     )
 
 

@@ -1,12 +1,16 @@
-"""What is learned: features, samples that are recorded in flight, frozen oracles.
+"""Identification of rigid-body parameters of the payload by regularized least squares.
 
-On `[t_k, t_{k+1})` the oracle is an immutable value. Data sets keep the raw, filtered inputs; a feature map turns
-them into what a GP sees, so another map needs no new data.
+The inertial wrench of a rigid body is linear in ten parameters: mass, first moments of mass and moments of inertia.
+Labels of the residual therefore identify the error of the nominal parameters. Identified parameters are limited so
+that the inertia of the payload remains physically consistent.
+
+References:
+    Atkeson, An, Hollerbach, *Estimation of inertial parameters of manipulator loads and links*, 1986.
+    Wensing, Kim, Slotine, *Linear matrix inequalities for physically consistent inertial parameter identification*,
+    2018.
 """
 
 from __future__ import annotations
-
-from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -18,14 +22,21 @@ from colift.math import so3
 from colift.models.parameters import Payload
 from colift.models.state import PayloadState
 
-T = TypeVar("T")
-
 
 def inertial_regressor(q: PayloadState, a: Float[Array, "3"], alpha: Float[Array, "3"]) -> Float[Array, "6 10"]:
-    """`Y` with `Y theta` the inertial wrench of a rigid body, theta = (m, m c, J_xx, J_yy, J_zz, J_xy, J_xz, J_yz).
+    """Compute the regressor ``Y`` of the inertial wrench of a rigid body.
 
-    `F = m a + R (alpha x + w x (w x)) m c`, `tau = m c x R^T a + J alpha + w x J w`, `a` the acceleration of the
-    payload's frame less gravity (world), `J` about its origin. Linear in theta; used for the remark on mean functions.
+    ``Y theta`` is the wrench ``F = m a + R (alpha x + w x (w x)) m c``, ``tau = m c x R^T a + J alpha + w x J w`` with
+    the parameters ``theta = (m, m c, J_xx, J_yy, J_zz, J_xy, J_xz, J_yz)``. Here ``c`` is the centre of mass and ``J``
+    the inertia about the origin of the payload frame.
+
+    Args:
+        q: Payload state.
+        a: Acceleration of the payload's origin minus gravity [m/s^2], world frame.
+        alpha: Angular acceleration [rad/s^2], payload frame.
+
+    Returns:
+        Regressor of force [N, world frame] and moment [N m, payload frame].
     """
     w = q.omega
     turn = so3.hat(alpha) + so3.hat(w) @ so3.hat(w)
@@ -36,14 +47,21 @@ def inertial_regressor(q: PayloadState, a: Float[Array, "3"], alpha: Float[Array
 
 
 def _symmetric(v: Float[Array, "3"]) -> Float[Array, "3 6"]:
-    """`S` with `S j = J v` for `j = (J_xx, J_yy, J_zz, J_xy, J_xz, J_yz)`."""
+    """Return ``S`` with ``S j = J v`` for ``j = (J_xx, J_yy, J_zz, J_xy, J_xz, J_yz)``."""
     x, y, z = v[0], v[1], v[2]
     o = jnp.zeros_like(x)
     return jnp.stack([x, o, o, y, z, o, o, y, o, x, o, z, o, o, z, o, x, y]).reshape(3, 6)
 
 
 def inertial_regressors(X: np.ndarray) -> np.ndarray:
-    """`Y(x)`, (samples, 6, 10), at payload samples (host)."""
+    """Compute the inertial regressors of payload samples, on the host.
+
+    Args:
+        X: Payload inputs in the order of `colift.models.state.flatten_payload_state`, accelerations included.
+
+    Returns:
+        Regressors of shape (samples, 6, 10).
+    """
     q = jax.vmap(payload_state_from_input)(jnp.asarray(X))
     return np.asarray(jax.vmap(inertial_regressor)(q, jnp.asarray(X[:, 18:21]), jnp.asarray(X[:, 21:24])))
 
@@ -51,11 +69,19 @@ def inertial_regressors(X: np.ndarray) -> np.ndarray:
 def identify_parameters(
     Phi: np.ndarray, Y: np.ndarray, K: np.ndarray, prior: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Parameters from labels, by least squares with a prior deviation on each parameter (host).
+    """Estimate parameters of a linear model by least squares with a Gaussian prior, on the host.
 
-    Minimizes `sum_i e_i^T K_i^-1 e_i + |theta / prior|^2`, e the errors `Y - Phi theta` and K_i the covariance of
-    output i's, `(outputs, samples, samples)`; a direction that the motion does not excite keeps its prior. Returns
-    theta and, per parameter, how much of the prior's deviation remains (1: not excited).
+    The estimate minimizes ``sum_i e_i^T K_i^-1 e_i + |theta / prior|^2`` with the errors ``e = Y - Phi theta`` of
+    output ``i``. Directions that the motion does not excite keep their prior.
+
+    Args:
+        Phi: Regressors of shape (samples, outputs, parameters).
+        Y: Labels of shape (samples, outputs).
+        K: Noise covariance of each output, of shape (outputs, samples, samples).
+        prior: Prior standard deviation of each parameter.
+
+    Returns:
+        The parameters, and the posterior divided by the prior standard deviation (1: not excited).
     """
     A = (Phi * prior).swapaxes(0, 1)
     T = np.linalg.solve(K, A)
@@ -64,26 +90,42 @@ def identify_parameters(
 
 
 def enforce_physical_consistency(theta: np.ndarray, nominal: Payload) -> np.ndarray:
-    """`theta` as far as it leaves a body, `M - M(theta) >= M / 10` (host).
+    """Reduce identified parameters until the remaining inertia is physically consistent, on the host.
 
-    M is the `(6, 6)` inertia of the payload as believed, `M(theta) = [[m I, -hat(m c)], [hat(m c), J]]`. What is told
-    least goes first: J is scaled down, then `m c` with it, then all. Where less than nothing is left a command pushes
-    the wrong way, whatever the gains.
+    The result satisfies ``M - M(theta) >= M / 10`` with the nominal spatial inertia ``M`` and
+    ``M(theta) = [[m I, -hat(m c)], [hat(m c), J]]``. With a negative inertia, commands would act in the wrong
+    direction for all gains. Parameters are scaled down in the order of their uncertainty: first ``J``, then ``J`` and
+    ``m c``, then all.
+
+    Args:
+        theta: Nominal minus true rigid-body parameters, in the order of `inertial_regressor`.
+        nominal: Nominal payload.
+
+    Returns:
+        The limited parameters.
     """
     M = block_diag(float(nominal.mass) * np.eye(3), nominal.inertia)
     for first in (4, 1, 0):
-        stays, goes = np.where(np.arange(10) < first, theta, 0.0), np.where(np.arange(10) < first, 0.0, theta)
-        room = 0.9 * M - _spatial(stays)
-        if eigvalsh(room)[0] > 0:
+        kept, scaled = np.where(np.arange(10) < first, theta, 0.0), np.where(np.arange(10) < first, 0.0, theta)
+        margin = 0.9 * M - _spatial_inertia(kept)
+        if eigvalsh(margin)[0] > 0:
             break
-    return stays + goes / max(1.0, eigvalsh(_spatial(goes), room)[-1])
+    return kept + scaled / max(1.0, eigvalsh(_spatial_inertia(scaled), margin)[-1])
 
 
-def _spatial(theta: np.ndarray) -> np.ndarray:
+def _spatial_inertia(theta: np.ndarray) -> np.ndarray:
+    """Return ``M(theta)`` of `enforce_physical_consistency`."""
     h, (xx, yy, zz, xy, xz, yz) = np.asarray(so3.hat(jnp.asarray(theta[1:4]))), theta[4:]
     return np.block([[theta[0] * np.eye(3), -h], [h, np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])]])
 
 
 def payload_state_from_input(x: Float[Array, "24"]) -> PayloadState:
-    """Of a payload sample."""
+    """Return the payload state of a payload input.
+
+    Args:
+        x: Payload input in the order of `colift.models.state.flatten_payload_state`.
+
+    Returns:
+        The state part of the input.
+    """
     return PayloadState(p=x[:3], v=x[3:6], R=x[6:15].reshape(3, 3), omega=x[15:18])

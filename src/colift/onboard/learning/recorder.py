@@ -1,7 +1,11 @@
-"""What is learned: features, samples that are recorded in flight, frozen oracles.
+"""Recording of training samples of payload and agents.
 
-On `[t_k, t_{k+1})` the oracle is an immutable value. Data sets keep the raw, filtered inputs; a feature map turns
-them into what a GP sees, so another map needs no new data.
+A recorder adds one sample per period to a data set of fixed capacity. A sample is an input, a label and a time. The
+inputs pass the label filter, so input and label have equal delay.
+
+See Also:
+    colift.onboard.estimation.state_estimator: computation of inputs and labels.
+    colift.gp.dataset: data sets and selection policies.
 """
 
 from __future__ import annotations
@@ -20,34 +24,58 @@ from colift.onboard.learning.residual_model import ResidualModel
 
 Scalar = Float[Array, ""]
 InputLabel = tuple[Float[Array, "..."], Float[Array, "..."]]
+"""Input and label of a body or of all agents of a group."""
 
 
 @pytree
 class RecorderState:
-    """What a recorder keeps between ticks."""
+    """State of a recorder between two control periods.
+
+    Attributes:
+        payload: Data set of the payload.
+        agents: Data sets of the agents, by group; the agent is the first axis.
+        next_sample_time: Time of the next sample [s].
+    """
 
     payload: gp.Dataset
-    agents: tuple[gp.Dataset, ...]  # by group, agents lead
-    next_sample_time: Scalar  # s, when the next sample is taken
+    agents: tuple[gp.Dataset, ...]
+    next_sample_time: Scalar
 
     def latest_time(self) -> float:
-        """When the newest sample was taken, s; 0 where there is none."""
+        """Return the time of the latest sample [s]; 0 without samples."""
         return max(float(data.t.max()) for data in (self.payload, *self.agents))
 
 
 @pytree
 class DataRecorder:
-    """When samples are recorded, and whose: of the estimator's inputs and labels."""
+    """Periodic recorder of the samples of a state estimator.
 
-    sample_period: Scalar  # s between samples, no less than the label filter's memory
-    start: Scalar  # s, once the filters have settled
-    end: Scalar  # s, T_end of Assumption dataset
+    Attributes:
+        sample_period: Time between two samples [s]; at least the memory of the label filter.
+        start: Time of the first sample [s], after the transients of the filters.
+        end: Time after which no sample is recorded [s] (T_end of Assumption dataset).
+        payload: Whether payload samples are recorded.
+        agents: Whether agent samples are recorded.
+        selection_policy: Rule that selects the samples to keep when a data set is full.
+    """
+
+    sample_period: Scalar
+    start: Scalar
+    end: Scalar
     payload: Bool[Array, ""]
     agents: Bool[Array, ""]
-    selection_policy: gp.SelectionPolicy = static(default=gp.keep_first)  # which of them are kept
+    selection_policy: gp.SelectionPolicy = static(default=gp.keep_first)
 
     def init(self, team: Team, model: ResidualModel) -> RecorderState:
-        """Empty data sets, as large as the oracle's."""
+        """Return empty data sets with the capacity of the residual model.
+
+        Args:
+            team: Nominal parameters.
+            model: Residual model that is fitted to the data.
+
+        Returns:
+            The state before the first sample.
+        """
         agents = []
         for size, group in zip(team.sizes, team.agent_groups, strict=True):
             n_r = group.tree.joints
@@ -59,38 +87,75 @@ class DataRecorder:
     def record(
         self, state: RecorderState, measurement: Measurement, labelled: TrainingSample | None, t: Scalar
     ) -> RecorderState:
-        """The data sets after time t, s: with one more sample where one is due."""
-        context = (t >= state.next_sample_time - 1e-9) & (t <= self.end + 1e-9)
+        """Add a sample to the data sets if one is due.
+
+        Args:
+            state: State of the previous control period.
+            measurement: Measurement of this control period.
+            labelled: Sample of the state estimator; None if the estimator provides no labels.
+            t: Time [s].
+
+        Returns:
+            The next state.
+        """
+        due = (t >= state.next_sample_time - 1e-9) & (t <= self.end + 1e-9)
         payload, agents = self.samples(measurement, labelled)
-        fresh = context if labelled is None else context & (labelled.valid > 0)
+        valid = due if labelled is None else due & (labelled.valid > 0)
         each = jax.vmap(self.selection_policy, in_axes=(0, 0, 0, None, None))
         return RecorderState(
-            payload=self.selection_policy(state.payload, *payload, t, fresh & self.payload)[0],
+            payload=self.selection_policy(state.payload, *payload, t, valid & self.payload)[0],
             agents=tuple(
-                each(data, *xy, t, fresh & self.agents)[0] for data, xy in zip(state.agents, agents, strict=True)
+                each(data, *xy, t, valid & self.agents)[0] for data, xy in zip(state.agents, agents, strict=True)
             ),
-            next_sample_time=state.next_sample_time + jnp.where(context, self.sample_period, 0.0),
+            next_sample_time=state.next_sample_time + jnp.where(due, self.sample_period, 0.0),
         )
 
     def samples(
         self, measurement: Measurement, labelled: TrainingSample | None
     ) -> tuple[InputLabel, tuple[InputLabel, ...]]:
-        """`(x, y)` of the payload and of every group's agents. Raises ValueError where nothing is labelled."""
+        """Return inputs and labels of this control period.
+
+        Args:
+            measurement: Measurement of this control period.
+            labelled: Sample of the state estimator.
+
+        Returns:
+            Input and label of the payload, and those of the agents by group.
+
+        Raises:
+            ValueError: If the estimator provides no labels.
+        """
         if labelled is None:
-            raise ValueError("the estimator gives no labels: this pilot cannot learn")
+            raise ValueError("the state estimator provides no labels; online learning requires labels")
         return labelled.payload, labelled.agents
 
 
 @pytree
 class RigRecorder(DataRecorder):
-    """The same, of a calibration rig's true states and nearly true residuals."""
+    """Periodic recorder of the states and residuals of a calibration rig.
+
+    A calibration rig measures the true state, and the true residual with a bounded error.
+    """
 
     def samples(
         self, measurement: Measurement, labelled: TrainingSample | None
     ) -> tuple[InputLabel, tuple[InputLabel, ...]]:
-        """`(x, y)` of the payload and of every group's agents. Raises ValueError where there is no rig."""
+        """Return inputs and labels from the readings of the rig.
+
+        Args:
+            measurement: Measurement of this control period.
+            labelled: Not used.
+
+        Returns:
+            Input and label of the payload, and those of the agents by group.
+
+        Raises:
+            ValueError: If the measurement contains no reading of a rig.
+        """
         if measurement.rig is None:
-            raise ValueError("the world has no calibration rig (`sensor.Rig`) to learn from")
+            raise ValueError(
+                "the measurement contains no rig reading; this recorder requires the sensor model `CalibrationRig`"
+            )
         z, f = measurement.rig.z, measurement.rig.f
         payload = flatten_payload_state(z.payload, jnp.zeros(6)), jnp.concatenate([f.payload.F, f.payload.tau])
         agents = tuple(

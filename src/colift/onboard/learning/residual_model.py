@@ -1,7 +1,11 @@
-"""What is learned: features, samples that are recorded in flight, frozen oracles.
+"""Residual models: predictors of the residual forces that are constant between two updates.
 
-On `[t_k, t_{k+1})` the oracle is an immutable value. Data sets keep the raw, filtered inputs; a feature map turns
-them into what a GP sees, so another map needs no new data.
+A residual model holds one Gaussian process (GP) for the payload and one for each agent. A parametric part may be
+added: a mean function, and the inertial wrench of identified rigid-body parameters. Models are immutable; an update
+returns a new model.
+
+See Also:
+    colift.onboard.learning.model_update: fitting of models to recorded samples.
 """
 
 from __future__ import annotations
@@ -35,22 +39,39 @@ from colift.onboard.learning.mean_functions import BasisMean, DragThrustMean
 
 @pytree
 class ResidualModel:
-    """The frozen predictors of one interval; those that have no data predict zero with their prior's deviation."""
+    """Residual model of payload and agents.
+
+    A body without data has a zero prediction with the standard deviation of its prior.
+
+    Attributes:
+        features: Maps from inputs to GP inputs.
+        payload: GP of the payload.
+        agents: GPs of the agents, by group; the agent is the first axis.
+        inertial_parameters: Nominal minus true rigid-body parameters of the payload, in the order of
+            `inertial_regressor`; zero without identification.
+        mean_function: Mean function that is added to the GPs; None without one.
+        update_index: Index k of the update that produced the model; 0 before the first update.
+    """
 
     features: Features = DefaultFeatures()
     payload: gp.GPPosterior
-    agents: tuple[gp.GPPosterior, ...]  # by group, agents lead
-    inertial_parameters: Float[
-        Array, "10"
-    ]  # nominal less true rigid-body parameters of the payload, or zero: see `regressor`
-    mean_function: BasisMean | DragThrustMean | None = None  # beside the GPs, see `Known`
-    update_index: Int[Array, ""] = dataclasses.field(
-        default_factory=lambda: jnp.zeros((), int)
-    )  # of the update t_k, 0 before any
+    agents: tuple[gp.GPPosterior, ...]
+    inertial_parameters: Float[Array, "10"]
+    mean_function: BasisMean | DragThrustMean | None = None
+    update_index: Int[Array, ""] = dataclasses.field(default_factory=lambda: jnp.zeros((), int))
 
 
 def predict_mean(model: ResidualModel, payload: PayloadState, agents: tuple[AgentState, ...]) -> ResidualForces:
-    """The oracle's `f_hat` without its parametric part, in a state of the team."""
+    """Predict the residual without the inertial part.
+
+    Args:
+        model: Residual model.
+        payload: Payload state.
+        agents: Agent states, by group.
+
+    Returns:
+        The prediction of GPs and mean function [N, N m].
+    """
     return ResidualForces(
         payload=predict_payload(model, flatten_payload_state(payload, jnp.zeros(6))),
         agents=predict_agents(model, tuple(jax.vmap(flatten_agent_state)(q) for q in agents)),
@@ -64,7 +85,20 @@ def predict(
     a: Float[Array, "3"],
     alpha: Float[Array, "3"],
 ) -> ResidualForces:
-    """`f_hat`: the means, and `Y theta` of a payload that accelerates by a less gravity, m/s^2, and alpha, rad/s^2."""
+    """Predict the residual ``f_hat`` of payload and agents.
+
+    The payload prediction is ``mean(q) + Y(q, a, alpha) theta`` with the inertial regressor ``Y``.
+
+    Args:
+        model: Residual model.
+        payload: Payload state.
+        agents: Agent states, by group.
+        a: Acceleration of the payload's origin minus gravity [m/s^2], world frame.
+        alpha: Angular acceleration of the payload [rad/s^2], payload frame.
+
+    Returns:
+        The prediction [N, N m].
+    """
     return add_payload_wrench(
         predict_mean(model, payload, agents), inertial_regressor(payload, a, alpha) @ model.inertial_parameters
     )
@@ -72,17 +106,29 @@ def predict(
 
 @pytree
 class ResidualFunction:
-    """An oracle's mean as a function of the state: an unknown whose norm in its RKHS is known."""
+    """Mean of a residual model as a true residual, for scenarios whose residual has a stated RKHS norm.
+
+    Attributes:
+        model: Residual model that defines the function.
+    """
 
     model: ResidualModel
 
     def __call__(self, state: State) -> ResidualForces:
-        """`mean(z)`."""
+        """Return the mean at a state [N, N m]."""
         return predict_mean(self.model, state.payload, state.agents)
 
 
 def predict_payload(model: ResidualModel, x: Float[Array, "inputs"]) -> Wrench:
-    """The GP's share of `f_hat_L` at a payload sample."""
+    """Predict the payload residual without the inertial part.
+
+    Args:
+        model: Residual model.
+        x: Payload input.
+
+    Returns:
+        The wrench ``f_hat_L`` of GP and mean function.
+    """
     f = gp.mean(model.payload, model.features.payload(x))
     if model.mean_function is not None:
         f = f + model.mean_function.payload_mean(x)
@@ -90,7 +136,15 @@ def predict_payload(model: ResidualModel, x: Float[Array, "inputs"]) -> Wrench:
 
 
 def predict_agents(model: ResidualModel, x: tuple[Float[Array, "agents inputs"], ...]) -> tuple[GeneralizedForce, ...]:
-    """`f_hat_j` of every agent."""
+    """Predict the residuals ``f_hat_j`` of all agents.
+
+    Args:
+        model: Residual model.
+        x: Agent inputs, by group.
+
+    Returns:
+        The predictions, by group.
+    """
     out = []
     for i, (group, inputs) in enumerate(zip(model.agents, x, strict=True)):
         f = jax.vmap(gp.mean)(group, model.features.agent(inputs))
@@ -101,7 +155,15 @@ def predict_agents(model: ResidualModel, x: tuple[Float[Array, "agents inputs"],
 
 
 def predict_padded(model: gp.GPPosterior, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A model's means and variances at up to as many places as its capacity: one shape, one program."""
+    """Evaluate means and variances of a GP on the host, with one compiled program for all numbers of inputs.
+
+    Args:
+        model: GP.
+        X: GP inputs; at least one and at most as many as the capacity of the GP.
+
+    Returns:
+        Means and variances at the inputs.
+    """
     n = len(X)
     padded = np.concatenate([X, np.repeat(X[:1], model.capacity - n, 0)])
     mean, variance = gp.predict(model, jnp.asarray(padded))
@@ -109,34 +171,67 @@ def predict_padded(model: gp.GPPosterior, X: np.ndarray) -> tuple[np.ndarray, np
 
 
 def get_model(model: ResidualModel, body: BodyKey) -> gp.GPPosterior:
-    """A body's model."""
-    return model.payload if isinstance(body, str) else _one(model.agents[body[0]], body[1])
+    """Return the GP of a body.
+
+    Args:
+        model: Residual model.
+        body: Key of the body.
+
+    Returns:
+        The GP without an agent axis.
+    """
+    return model.payload if isinstance(body, str) else _agent_model(model.agents[body[0]], body[1])
 
 
 def replace_models(model: ResidualModel, models: Mapping[BodyKey, gp.GPPosterior]) -> ResidualModel:
-    """The oracle with some bodies' models in place of what they had."""
+    """Replace the GPs of some bodies.
+
+    Args:
+        model: Residual model.
+        models: New GPs, by body.
+
+    Returns:
+        The model with the next update index; the same model if there is no new GP.
+    """
     if not models:
         return model
     groups = []
     for i, group in enumerate(model.agents):
-        each = [models[i, j] if (i, j) in models else _one(group, j) for j in range(len(group.num_points))]
+        each = [models[i, j] if (i, j) in models else _agent_model(group, j) for j in range(len(group.num_points))]
         groups.append(jax.tree.map(lambda *x: jnp.stack(x), *each))
     payload = models.get("payload", model.payload)
     return dataclasses.replace(model, payload=payload, agents=tuple(groups), update_index=model.update_index + 1)
 
 
-def _one(group: gp.GPPosterior, j: int) -> gp.GPPosterior:
+def _agent_model(group: gp.GPPosterior, j: int) -> gp.GPPosterior:
+    """Return the GP of agent j of a group."""
     return jax.tree.map(lambda x: x[j], group)
 
 
 @jax.jit
 def payload_std(model: ResidualModel, x: Float[Array, "time inputs"]) -> Float[Array, "time 6"]:
-    """Posterior deviation of each payload output along a path of samples, N and N m."""
+    """Compute the posterior standard deviation of the payload outputs at a series of inputs.
+
+    Args:
+        model: Residual model.
+        x: Payload inputs, time first.
+
+    Returns:
+        Standard deviations [N, N m].
+    """
     return jnp.sqrt(jax.vmap(gp.variance, in_axes=(None, 0))(model.payload, model.features.payload(x)))
 
 
 @jax.jit
 def agent_std(group: gp.GPPosterior, x: Float[Array, "time agents features"]) -> Float[Array, "time agents outputs"]:
-    """Posterior deviation of each agent output of a group along a path of features."""
+    """Compute the posterior standard deviation of the outputs of a group at a series of features.
+
+    Args:
+        group: GPs of the agents of a group.
+        x: Features of the agents, time first.
+
+    Returns:
+        Standard deviations [N, N m].
+    """
     each = jax.vmap(gp.variance)
     return jnp.sqrt(jax.vmap(each, in_axes=(None, 0))(group, x))
