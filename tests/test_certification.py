@@ -110,7 +110,7 @@ def test_what_is_assumed_stands_in_table_json_and_figure_and_the_word_certified_
     ]
     shown = "\n".join(drawn)
     assert f"assumed: {text}" in shown.replace("\n", " ")
-    assert "radius for this run by recovery, assumed" in shown
+    assert "bound for this run (recovery, assumed)" in shown
     for where in (json.dumps(told), printed, shown):
         assert "certified" not in where
 
@@ -137,7 +137,7 @@ def test_an_error_above_its_radius_is_said_first_and_the_status_is_1(tmp_path, m
     ]
     told = json.loads((tmp_path / "certificate.json").read_text())
     assert told["exceeded"] == [{"flight": "this", **dataclasses.asdict(each)} for each in found.exceeded]
-    assert any(text.startswith("observed above a radius: $e_p$") for text in drawn)
+    assert any(text.startswith("observed error above its bound: $e_p$") for text in drawn)
     result = CliRunner().invoke(app.app, ["certify", "certified", "--out", str(tmp_path)], catch_exceptions=False)
     assert result.exit_code == 0
     assert all(line.startswith("certifying certified") for line in result.stderr.splitlines())
@@ -192,7 +192,7 @@ def test_what_has_no_radius_has_no_row(tmp_path, capsys, save, drawn):
     assert not re.search(r"\bany\b(?! run: it feeds)", printed)
     assert "no radius for any run: it feeds itself" in printed
     assert "assumed: S_X, first order" in printed
-    assert not [text for text in drawn if "radius for any" in text]
+    assert not [text for text in drawn if "bound for any" in text]
     drawn.clear()
     small = dataclasses.replace(
         all_of.plan, bound_assumptions=dataclasses.replace(all_of.plan.bound_assumptions, rkhs_norm=0.05)
@@ -205,4 +205,4 @@ def test_what_has_no_radius_has_no_row(tmp_path, capsys, save, drawn):
     assert table_of(printed) == []
     assert not re.search("none|assumed|nan|inf", printed)
     assert "no radius: the data contradict the stated norm and label errors" in printed
-    assert not [text for text in drawn if "radius for" in text]
+    assert not [text for text in drawn if "bound for" in text]

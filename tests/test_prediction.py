@@ -90,7 +90,7 @@ def test_figure_5_shows_where_there_is_no_radius_and_where_the_error_exceeds_it(
     assert (across.min(), across.max()) == (t[10], t[19])
     assert np.isnan(ax.lines[0].get_ydata()[10:20]).all()
     legend = [text.get_text() for text in ax.figure.legends[0].get_texts()]
-    assert legend[2:] == [*cases["C3"].agent.values, "no finite radius", "error above radius"]
+    assert legend[2:] == [*cases["C3"].agent.values, "no finite bound", "error above bound"]
 
 
 def test_figure_5_says_what_its_radii_rest_on(cases):

@@ -15,7 +15,7 @@ def test_the_spread_over_seeds_has_a_mark_for_each_and_a_line_at_the_median(tmp_
     ]
     files = seed_figures.plot_seed_spread(found, TOLD, tmp_path / "seeds")
     assert [file.name for file in files] == ["seeds.pdf", "seeds.png"]
-    figure = seed_figures._spread(found, TOLD)
+    figure = seed_figures._plot_spread(found, TOLD)
     for ax in figure.axes:
         marks, medians = ax.lines[::2], ax.lines[1::2]
         assert [len(line.get_xdata()) for line in marks] == [5, 5, 5]
@@ -23,7 +23,7 @@ def test_the_spread_over_seeds_has_a_mark_for_each_and_a_line_at_the_median(tmp_
             line.get_xdata()[0] == np.median(mark.get_xdata()) for line, mark in zip(medians, marks, strict=True)
         )
     assert [text.get_text() for text in figure.axes[0].get_yticklabels()] == [
-        "C1: no learning",
-        "O: residuals known exactly",
+        "C1 no learning",
+        "true residual",
         "mine",
     ]

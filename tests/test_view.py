@@ -162,7 +162,7 @@ def test_the_page_draws_cases_in_the_colours_of_the_figures():
     assert table == {name: each.color.lower() for name, each in style.LINE_STYLES.items()}
     agents = re.search(r"AGENTS = \[(.*?)\n\];", source, re.DOTALL)
     assert agents
-    assert re.findall(r'\["(#\w{6})"', agents[1]) == [color.lower() for color in style.AGENTS]
+    assert re.findall(r'\["(#\w{6})"', agents[1]) == [color.lower() for color in style.AGENT_COLORS]
 
 
 @pytest.mark.parametrize("name", [*CASES, *RIVALS])
@@ -348,7 +348,7 @@ def test_a_flight_that_stopped_ends_in_a_cross_at_its_last_finite_value(cases):
     labels = [text.get_text() for text in top.figure.legends[0].get_texts()]
     assert labels[-1] == "stopped early"
     titles = [ax.get_title() for ax in study_figures.plot_contact_forces(chosen, TOLD).axes[:2]]
-    assert titles == ["C1: no learning", "C3: payload and agent learning\n(stopped at 6.1 s)"]
+    assert titles == ["C1 no learning", "C3 payload and agent learning\n(stopped at 6.1 s)"]
 
 
 def test_rivals_alone_are_drawn_and_beside_others_left_out_where_a_case_is_looked_into(cases, tmp_path, monkeypatch):

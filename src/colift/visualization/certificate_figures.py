@@ -1,4 +1,7 @@
-"""How tight the radii of a certificate are: figure 6, and Corollary 1 as a figure."""
+"""Figures of certificates: error bounds and observed errors (figure 6), and bounds against the number of data.
+
+The second figure illustrates Corollary 1 of the paper: more data never increase the certified error.
+"""
 
 from __future__ import annotations
 
@@ -15,65 +18,76 @@ from colift.certification.assumptions import status_label
 from colift.certification.certificate import Certificate
 from colift.visualization import style
 
-TITLE = 130  # characters of a title's line on a page's width
+TITLE = 130  # characters in a line of a title of page width
 
 
-def plot_certificate(found: Certificate, slack: Mapping[str, float], folder: str | Path, run: str) -> list[Path]:
-    """Write figure 6 as PDF and PNG: the radius and the observed error of position, and where the slack comes from.
+def plot_certificate(certificate: Certificate, slack: Mapping[str, float], folder: str | Path, run: str) -> list[Path]:
+    """Write figure 6 as PDF and PNG: certified and observed position error, and the sources of conservatism.
 
-    Titles say what the radii assume and, in red, which errors exceed one; each file names the run in its metadata.
-    Raises OSError where the folder cannot be written.
+    The figure title lists the unproven assumptions. A red title lists the errors that exceed a bound.
+    A folder that cannot be written raises `OSError`.
+
+    Args:
+        certificate: Certificate of a flight.
+        slack: Bounds of the position error under successively stronger arguments [m], by name.
+        folder: Folder of the files.
+        run: Run id for the metadata of the files.
+
+    Returns:
+        Paths of the PDF and the PNG file.
     """
     with style.style_context():
         figure = Figure(figsize=(style.PAGE, 2.9))
         left, right = figure.subplots(1, 2, width_ratios=(1, 0.9))
-        best = found.radii.get("recovery", found.radii["energy"])
-        _errors_and_radii(left, found, "recovery" if "recovery" in found.radii else "energy")
-        _reasoning(right, slack)
-        if above := ", ".join(dict.fromkeys(SYMBOLS[each.error] for each in found.exceeded)):
-            left.set_title(f"observed above a radius: {above}", fontsize=8, color="red")
+        best = certificate.radii.get("recovery", certificate.radii["energy"])
+        _plot_errors_and_radii(left, certificate, "recovery" if "recovery" in certificate.radii else "energy")
+        _plot_slack(right, slack)
+        if above := ", ".join(dict.fromkeys(SYMBOLS[each.error] for each in certificate.exceeded)):
+            left.set_title(f"observed error above its bound: {above}", fontsize=8, color="red")
         if best.assumptions:
             figure.suptitle(textwrap.fill(f"assumed: {', '.join(best.assumptions)}", TITLE), fontsize=8)
         return style.save_figure(figure, Path(folder) / "figure_6_certificate", run)
 
 
 SYMBOLS = {"e_p": "$e_p$", "e_v": "$e_v$", "e_R": "$e_R$", "e_omega": r"$e_\omega$"}
+"""Symbol of each error in titles."""
 
 
-def _errors_and_radii(ax: Axes, found: Certificate, bound: str) -> None:
-    """Position error over time under its radii by one bound, where there are any."""
-    best = found.radii[bound]
-    blue, red, says = (
+def _plot_errors_and_radii(ax: Axes, certificate: Certificate, bound: str) -> None:
+    """Plot the position error over time with its finite a posteriori and a priori bounds of one kind."""
+    best = certificate.radii[bound]
+    blue, red, source = (
         style.LINE_STYLES["C3"].color,
         style.LINE_STYLES["C2"].color,
-        f"by {bound}, {status_label(best.assumptions)}",
+        f"({bound}, {status_label(best.assumptions)})",
     )
-    if np.isfinite(found.bound).all():
-        ax.plot(found.t, 1e3 * found.bound, color=red, label=f"radius for this run {says}")
+    t = certificate.t
+    if np.isfinite(certificate.bound).all():
+        ax.plot(t, 1e3 * certificate.bound, color=red, label=f"bound for this run {source}")
     if np.isfinite(best.a_priori["e_p"]):
-        label = f"radius for any run {says}"
+        label = f"bound for any run {source}"
         ax.axhline(1e3 * best.a_priori["e_p"], color=red, linewidth=0.8, dashes=(1.5, 1.5), label=label)
-    ax.plot(found.t, 1e3 * found.e_p, color=blue, label=r"observed $\Vert e_p\Vert$")
-    label = "greatest with nothing unknown (floor)"
-    ax.axhline(1e3 * found.nominal_error["e_p"], color="0.5", linewidth=0.8, dashes=(4, 2), label=label)
-    ax.set(xlabel="time [s]", ylabel="position error [mm]", xlim=(found.t[0], found.t[-1]), ylim=(0, None))
+    ax.plot(t, 1e3 * certificate.e_p, color=blue, label=r"observed $\Vert e_p\Vert$")
+    label = "maximum nominal error"
+    ax.axhline(1e3 * certificate.nominal_error["e_p"], color="0.5", linewidth=0.8, dashes=(4, 2), label=label)
+    ax.set(xlabel="time [s]", ylabel="position error [mm]", xlim=(t[0], t[-1]), ylim=(0, None))
     ax.set_ylim(top=1.45 * ax.get_ylim()[1])  # room for the legend
     ax.legend(loc="upper left")
 
 
-def _reasoning(ax: Axes, slack: Mapping[str, float]) -> None:
-    """Radii of e_p under ever better reasoning, where there are any, down to what was observed."""
-    causes = [name for name, radius in slack.items() if np.isfinite(radius)]
-    sizes = [1e3 * slack[name] for name in causes]
-    place = np.arange(len(causes))[::-1]
+def _plot_slack(ax: Axes, slack: Mapping[str, float]) -> None:
+    """Plot the finite bounds of e_p under successively stronger arguments, down to the observed error."""
+    names = [name for name, radius in slack.items() if np.isfinite(radius)]
+    sizes = [1e3 * slack[name] for name in names]
+    rows = np.arange(len(names))[::-1]
     colors = {"observed": style.LINE_STYLES["C3"].color, "floor: nothing unknown": "0.6"}
-    ax.barh(place, sizes, color=[colors.get(name, style.LINE_STYLES["C2"].color) for name in causes], height=0.6)
+    ax.barh(rows, sizes, color=[colors.get(name, style.LINE_STYLES["C2"].color) for name in names], height=0.6)
     ax.set_xscale("log")
     ax.xaxis.set_minor_locator(NullLocator())
-    ax.set_yticks(place, causes)
-    ax.set(xlabel=r"greatest $\Vert e_p\Vert$ [mm]", xlim=(0.5 * min(sizes), 100 * max(sizes)))
+    ax.set_yticks(rows, names)
+    ax.set(xlabel=r"maximum $\Vert e_p\Vert$ [mm]", xlim=(0.5 * min(sizes), 100 * max(sizes)))
     ax.grid(axis="y", visible=False)
-    for y, size in zip(place, sizes, strict=True):
+    for y, size in zip(rows, sizes, strict=True):
         ax.text(size * 1.2, y, f"{size:.3g}" if size < 1e4 else f"{size / 1e3:.3g} m", va="center", fontsize=7)
 
 
@@ -84,23 +98,33 @@ def plot_bound_vs_data(
     parts: Mapping[str, Sequence[float]],
     path: str | Path,
 ) -> list[Path]:
-    """Write Corollary 1 as PDF and PNG: ultimate errors, m, against the number of data n, and the floor beneath.
+    """Write ultimate errors and bounds against the number of data as PDF and PNG (Corollary 1 of the paper).
 
-    `parts`, each over its first value, shows what a radius is made of: beta, the greatest deviation, their product.
+    A file that cannot be written raises `OSError`.
+
+    Args:
+        n: Number of data points of each body.
+        radii: Ultimate bounds and observed errors [m], by label.
+        floor: Nominal error [m].
+        parts: Factors of a bound, by label; each curve is divided by its first value.
+        path: Path of the files without suffix.
+
+    Returns:
+        Paths of the PDF and the PNG file.
     """
-    colors, marks = ("#DDAA33", "#BB5566", "#004488"), ("s", "o", "^")
+    colors, markers = ("#DDAA33", "#BB5566", "#004488"), ("s", "o", "^")
     with style.style_context():
         figure = Figure(figsize=(style.PAGE, 2.6))
         left, right = figure.subplots(1, 2)
-        for (name, radius), color, mark in zip(radii.items(), colors, marks, strict=False):
-            left.plot(n, 1e3 * np.asarray(radius), color=color, marker=mark, markersize=3.5, label=name)
-        left.plot(n, 1e3 * np.asarray(floor), color="0.5", linewidth=0.8, dashes=(4, 2), label="floor: nothing unknown")
+        for (name, radius), color, marker in zip(radii.items(), colors, markers, strict=False):
+            left.plot(n, 1e3 * np.asarray(radius), color=color, marker=marker, markersize=3.5, label=name)
+        left.plot(n, 1e3 * np.asarray(floor), color="0.5", linewidth=0.8, dashes=(4, 2), label="nominal error")
         left.set(ylabel=r"ultimate $\Vert e_p\Vert$ [mm]")
-        for (name, part), color, mark in zip(parts.items(), colors, marks, strict=False):
-            right.plot(n, np.asarray(part) / part[0], color=color, marker=mark, markersize=3.5, label=name)
-        right.set(ylabel="relative to the fewest data")
+        for (name, part), color, marker in zip(parts.items(), colors, markers, strict=False):
+            right.plot(n, np.asarray(part) / part[0], color=color, marker=marker, markersize=3.5, label=name)
+        right.set(ylabel="relative to the smallest data set")
         for ax in (left, right):
-            ax.set(xscale="log", yscale="log", xlabel="data points of each body")
+            ax.set(xscale="log", yscale="log", xlabel="data points per body")
             ax.set_xticks(n, [f"{each:g}" for each in n])
             ax.minorticks_off()
             ax.legend()

@@ -1,4 +1,4 @@
-"""The table of learned length-scales: which features matter to which output."""
+"""Table of learned length-scales, which indicate the relevance of each feature for each output."""
 
 from __future__ import annotations
 
@@ -12,22 +12,33 @@ import numpy as np
 from colift.runtime import atomic_write
 
 BodyLengthscales = tuple[Sequence[str], Sequence[str], np.ndarray, np.ndarray, np.ndarray]
-"""Of one body: names of features and outputs; length-scales `(outputs, features)`, in standard deviations of the
-feature; which of them are at their lower bound; which at their upper one."""
+"""Length-scales of one body: names of features and outputs, then three arrays of outputs by features.
+
+The arrays are the length-scales in standard deviations of the feature, and the masks of values at their lower and upper
+bound.
+"""
 
 
 def write_lengthscale_table(bodies: Mapping[str, BodyLengthscales], path: str | Path, run: str) -> list[Path]:
-    """Write the learned length-scales as `<path>.csv` (a row each) and `<path>.md` (a table a body); return the files.
+    """Write the learned length-scales as CSV, one per row, and as Markdown, one table per body.
 
-    Both name the run: each row of the first, the head of the second.
+    Each row of the CSV file and the introduction of the Markdown file contain the run id.
+    A file that cannot be written raises `OSError`.
 
-    Raises OSError where they cannot be written.
+    Args:
+        bodies: Length-scales by body name.
+        path: Path of the files without suffix.
+        run: Run id.
+
+    Returns:
+        Paths of the CSV and the Markdown file.
     """
     rows = [("body", "output", "feature", "lengthscale_in_std", "at_bound", "run")]
     pages = [
         "# Learned length-scales\n\n"
-        "In standard deviations of the feature over the data: where it is far above 1, the output shows no dependence\n"
-        f"on that feature. `>` marks one at its upper bound, `<` one at its lower bound. Of the run {run}.\n"
+        "Length-scales in standard deviations of the feature over the data. Values far above 1 indicate that the\n"
+        "output does not depend on the feature. `>` marks a value at its upper bound, `<` one at its lower bound.\n"
+        f"Run: {run}.\n"
     ]
     for body, (features, outputs, lengthscales, at_lower, at_upper) in bodies.items():
         marks = np.where(at_upper, "upper", np.where(at_lower, "lower", ""))
@@ -46,11 +57,11 @@ def write_lengthscale_table(bodies: Mapping[str, BodyLengthscales], path: str | 
 def _page(
     body: str, features: Sequence[str], outputs: Sequence[str], lengthscales: np.ndarray, marks: np.ndarray
 ) -> str:
-    """One body's table, features by row: the columns are then few."""
+    """Format the table of one body. Features are rows because there are fewer outputs than features."""
     sign = {"upper": "> ", "lower": "< ", "": ""}
     lines = [f"## {body}\n", f"| feature | {' | '.join(outputs)} |", "|---|" + "---:|" * len(outputs)]
     for j, feature in enumerate(features):
         cells = [f"{sign[marks[i, j]]}{lengthscales[i, j]:.3g}" for i in range(len(outputs))]
-        name = feature.replace("|", r"\|")  # a bar would end the cell
+        name = feature.replace("|", r"\|")  # an unescaped bar ends the cell
         lines.append(f"| `{name}` | {' | '.join(cells)} |")
     return "\n".join(lines) + "\n"

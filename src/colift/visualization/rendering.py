@@ -338,7 +338,7 @@ def _team(seen: RenderData, k: int) -> Iterator[Face]:
 def _vehicle(agent: Mapping[str, Any], at: np.ndarray, R: np.ndarray, thick: float, j: int) -> Iterator[Face]:
     """A base: its hub in the agent's colour, and rotors on booms, which are schematic."""
     hub = np.array([0.25, 0.25, 0.15]) * agent["span_m"]
-    yield from _box(at, R, hub, style.AGENTS[j % len(style.AGENTS)])
+    yield from _box(at, R, hub, style.AGENT_COLORS[j % len(style.AGENT_COLORS)])
     for rotor in agent["rotors_m"]:
         middle = at + R @ np.array(rotor)
         yield _rod(at, middle, 0.7 * thick, FRAME)

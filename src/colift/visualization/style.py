@@ -167,7 +167,8 @@ def style_context() -> Generator[None]:
 def save_figure(figure: Figure, path: Path, run: str | None = None) -> list[Path]:
     """Write a figure as PDF and as PNG (300 dpi).
 
-    The figure is rendered in memory, then written atomically. Equal figures give equal bytes.
+    The figure is rendered in memory, then written atomically. Equal figures give equal bytes. A file that
+    cannot be written raises `OSError`.
 
     Args:
         figure: Figure to write.
@@ -176,9 +177,6 @@ def save_figure(figure: Figure, path: Path, run: str | None = None) -> list[Path
 
     Returns:
         Paths of the PDF and the PNG file.
-
-    Raises:
-        OSError: If a file cannot be written.
     """
     files = []
     keywords = {"Keywords": run} if run else {}

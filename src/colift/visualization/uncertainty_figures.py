@@ -1,4 +1,7 @@
-"""Figures 3 and 5: what is said of the unknown forces, and how far off it is, bodies by row, cases by column."""
+"""Figures 3 and 5: uncertainty and error bounds of the predicted residuals, with the true prediction errors.
+
+Rows are bodies and their force or moment, columns are cases.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +24,14 @@ EXCEEDED: dict[str, Any] = {"color": "red", "marker": "|", "markersize": 4, "lin
 
 
 class FigureRow(NamedTuple):
-    """What one row of figures 3 and 5 shows: of which bodies, and what of them."""
+    """Content of one row of figures 3 and 5.
+
+    Attributes:
+        label: Axis label.
+        unit: Unit of the row.
+        of_agents: True for the agents, False for the payload.
+        moment: True for the moment, False for the force.
+    """
 
     label: str
     unit: str
@@ -29,7 +39,7 @@ class FigureRow(NamedTuple):
     moment: bool
 
 
-PARTS = (
+ROWS = (
     FigureRow("payload force", "N", of_agents=False, moment=False),
     FigureRow("payload moment", "N m", of_agents=False, moment=True),
     FigureRow("agents' force", "N", of_agents=True, moment=False),
@@ -37,17 +47,24 @@ PARTS = (
 )
 
 
-def plot_predictive_std(cases: axes.Cases, told: Mapping[str, str]) -> Figure:
-    """Figure 3: predictive deviations of `f_L` and `f_j`, and the true errors `|f - f_hat|` that they stand for.
+def plot_predictive_std(cases: axes.Cases, descriptions: Mapping[str, str]) -> Figure:
+    """Plot figure 3: predictive standard deviations of `f_L` and `f_j` with the true errors `|f - f_hat|`.
 
-    Force and moment apart. A deviation, `log.predictive`, is the RMS that an error has if it is honest, so errors are
-    RMS over a window too; to `|Sigma^(1/2)|` of the posterior it adds what sensors are constantly off as stated.
+    The standard deviation of a calibrated prediction equals the RMS of its error. The figure therefore shows the RMS of
+    the error over a window. The standard deviation is `log.predictive_std`; it includes the stated label bias.
+
+    Args:
+        cases: Log of each case.
+        descriptions: Description of each case.
+
+    Returns:
+        The figure, with separate rows for force and moment.
     """
 
-    def one(ax: Axes, name: str, ds: xr.Dataset, part: FigureRow) -> None:
-        expected, errors = _deviations(ds, part), _errors(ds, part)
-        for k, (sigma, error) in enumerate(zip(expected, errors, strict=True)):
-            color, dashes = axes.body_style(name, k, len(expected))
+    def plot_panel(ax: Axes, name: str, ds: xr.Dataset, row: FigureRow) -> None:
+        deviations, errors = _predictive_std(ds, row), _errors(ds, row)
+        for k, (sigma, error) in enumerate(zip(deviations, errors, strict=True)):
+            color, dashes = axes.body_style(name, k, len(deviations))
             ax.plot(ds.time_sigma, sigma, color=color, linestyle=dashes, linewidth=2.0, alpha=0.55)
             window = max(1, round(axes.SMOOTHING_WINDOW / max(axes.sample_period(ds.time_sigma), axes.STEP)))
             ax.plot(
@@ -59,40 +76,47 @@ def plot_predictive_std(cases: axes.Cases, told: Mapping[str, str]) -> Figure:
             )
 
     handles: list[tuple[Artist, str]] = [
-        (Line2D([], [], color=axes.GREY, linewidth=2.0, alpha=0.55), "predictive deviation"),
+        (Line2D([], [], color=axes.GREY, linewidth=2.0, alpha=0.55), "predictive standard deviation"),
         (Line2D([], [], color=axes.GREY, linewidth=0.9), rf"error $\|f - \hat f\|$, {axes.SMOOTHING_WINDOW:g} s RMS"),
     ]
-    return _by_body(cases, told, one, handles)
+    return _plot_by_body(cases, descriptions, plot_panel, handles)
 
 
-def plot_error_radius(cases: axes.Cases, told: Mapping[str, str]) -> Figure:
-    """Figure 5: radii `rho_bar_L`, `rho_bar_j` over the true errors `|f - f_hat|`.
+def plot_error_radius(cases: axes.Cases, descriptions: Mapping[str, str]) -> Figure:
+    """Plot figure 5: error bounds `rho_bar_L`, `rho_bar_j` with the true errors `|f - f_hat|`.
 
-    Hatched where a radius is infinite: the data contradict the norm and the label errors that it rests on. A red mark
-    on the time axis where an error exceeds its radius.
+    Panels are hatched where a bound is infinite, that is, where data contradict the stated RKHS norm or label errors.
+    Red markers on the time axis show errors above their bound.
+
+    Args:
+        cases: Log of each case.
+        descriptions: Description of each case.
+
+    Returns:
+        The figure, with separate rows for force and moment.
     """
-    seen = {"unbounded": False, "exceeded": False}
+    used_markers = {"unbounded": False, "exceeded": False}
 
-    def one(ax: Axes, name: str, ds: xr.Dataset, part: FigureRow) -> None:
-        t, radii = ds.time_sigma.values, _radii(ds, part)
+    def plot_panel(ax: Axes, name: str, ds: xr.Dataset, row: FigureRow) -> None:
+        t, radii = ds.time_sigma.values, _radii(ds, row)
         across = ax.get_xaxis_transform()
-        for k, (radius, error) in enumerate(zip(radii, _errors(ds, part), strict=True)):
+        for k, (radius, error) in enumerate(zip(radii, _errors(ds, row), strict=True)):
             color, dashes = axes.body_style(name, k, len(radii))
             finite, over = np.isfinite(radius), error > radius
             ax.plot(t, np.where(finite, radius, np.nan), color=color, linestyle=dashes, linewidth=1.6)
             ax.plot(t, error, color=color, linestyle=dashes, linewidth=0.6)
             if not finite.all():
-                seen["unbounded"] = True
+                used_markers["unbounded"] = True
                 ax.fill_between(t, 0, 1, where=~finite, transform=across, **INFINITE_MARKER)
             if over.any():
-                seen["exceeded"] = True
+                used_markers["exceeded"] = True
                 ax.plot(t[over], np.full(over.sum(), 0.02), transform=across, **EXCEEDED)
 
     handles: list[tuple[Artist, str]] = [
-        (Line2D([], [], color=axes.GREY, linewidth=1.6), r"radius $\bar\rho$"),
+        (Line2D([], [], color=axes.GREY, linewidth=1.6), r"error bound $\bar\rho$"),
         (Line2D([], [], color=axes.GREY, linewidth=0.6), r"error $\|f - \hat f\|$"),
     ]
-    figure = _by_body(cases, told, one, handles, lambda: _marked(seen))
+    figure = _plot_by_body(cases, descriptions, plot_panel, handles, lambda: _marker_legend(used_markers))
     attrs = next(iter(cases.values())).attrs
     status = f"assumed: {attrs['rho_assumed']}" if attrs["rho_assumed"] else "all assumptions met"
     figure.suptitle(
@@ -102,66 +126,63 @@ def plot_error_radius(cases: axes.Cases, told: Mapping[str, str]) -> Figure:
     return figure
 
 
-def _marked(seen: Mapping[str, bool]) -> list[tuple[Artist, str]]:
-    """What the marks of figure 5 mean, of those that it has."""
-    marks: dict[str, tuple[Artist, str]] = {
-        "unbounded": (Patch(**INFINITE_MARKER), "no finite radius"),
-        "exceeded": (Line2D([], [], **EXCEEDED), "error above radius"),
+def _marker_legend(used_markers: Mapping[str, bool]) -> list[tuple[Artist, str]]:
+    """Return legend entries of the markers that figure 5 contains."""
+    entries: dict[str, tuple[Artist, str]] = {
+        "unbounded": (Patch(**INFINITE_MARKER), "no finite bound"),
+        "exceeded": (Line2D([], [], **EXCEEDED), "error above bound"),
     }
-    return [mark for kind, mark in marks.items() if seen[kind]]
+    return [entry for kind, entry in entries.items() if used_markers[kind]]
 
 
-def _by_body(
+def _plot_by_body(
     cases: axes.Cases,
-    told: Mapping[str, str],
-    one: Callable[[Axes, str, xr.Dataset, FigureRow], None],
+    descriptions: Mapping[str, str],
+    plot_panel: Callable[[Axes, str, xr.Dataset, FigureRow], None],
     handles: list[tuple[Artist, str]],
-    more: Callable[[], list[tuple[Artist, str]]] = list,
+    extra_handles: Callable[[], list[tuple[Artist, str]]] = list,
 ) -> Figure:
-    """A figure with a row for each part and a column for each case; below, what lines mean, and which agent has which.
-
-    `more`: what there is to explain beside `handles`, asked once all is drawn.
-    """
+    """Plot a figure with a row per item of `ROWS`, a column per case and a legend; `extra_handles` is called last."""
     figure = Figure(figsize=(style.PAGE * max(1, len(cases) / axes.COLUMNS), 5.4))
-    grid = figure.subplots(len(PARTS), len(cases), sharex=True, sharey="row", squeeze=False)
+    grid = figure.subplots(len(ROWS), len(cases), sharex=True, sharey="row", squeeze=False)
     for column, (name, ds) in zip(grid.T, cases.items(), strict=True):
-        for ax, part in zip(column, PARTS, strict=True):
-            one(ax, name, ds, part)
-        column[0].set_title(axes.title(name, ds, told))
+        for ax, row in zip(column, ROWS, strict=True):
+            plot_panel(ax, name, ds, row)
+        column[0].set_title(axes.title(name, ds, descriptions))
         axes.time_axis(column[-1], cases)
-    for row, part in zip(grid, PARTS, strict=True):
-        axes.log_scale(row[0])
-        row[0].set_ylabel(f"{part.label} [{part.unit}]")
+    for panels, row in zip(grid, ROWS, strict=True):
+        axes.log_scale(panels[0])
+        panels[0].set_ylabel(f"{row.label} [{row.unit}]")
     for ax in grid.flat:
-        ax.minorticks_off()  # on twelve panels they take longer to lay out than all else
+        ax.minorticks_off()  # the layout of minor ticks dominates the run time
     figure.align_ylabels(grid[:, 0])
-    handles += axes.agent_legend(cases) + more()
+    handles += axes.agent_legend(cases) + extra_handles()
     figure.legend(*zip(*handles, strict=True), loc="outside lower center", ncols=min(6, len(handles)))
     return figure
 
 
-def _errors(ds: xr.Dataset, part: FigureRow) -> list[np.ndarray]:
-    """`|f - f_hat|` of a part of each of its bodies, at the times of the radii."""
-    at = ds.sel(time=ds.time_sigma.values, method="nearest")
-    load = (at.f_L - at.f_L_hat).values
-    force, torque, joint = ((at[f] - at[f"{f}_hat"]).values for f in ("f_x", "f_w", "f_r"))
-    return _norms(ds, part, load, force, torque, joint)
+def _errors(ds: xr.Dataset, row: FigureRow) -> list[np.ndarray]:
+    """Compute `|f - f_hat|` of each body of a row at the times of the error bounds."""
+    sampled = ds.sel(time=ds.time_sigma.values, method="nearest")
+    payload = (sampled.f_L - sampled.f_L_hat).values
+    force, torque, joint = ((sampled[f] - sampled[f"{f}_hat"]).values for f in ("f_x", "f_w", "f_r"))
+    return _norms(ds, row, payload, force, torque, joint)
 
 
-def _deviations(ds: xr.Dataset, part: FigureRow) -> list[np.ndarray]:
-    """Norms of the predictive deviations of a part of each of its bodies."""
+def _predictive_std(ds: xr.Dataset, row: FigureRow) -> list[np.ndarray]:
+    """Compute the norm of the predictive standard deviations of each body of a row."""
     moments = (np.hypot(ds[f"sigma_{f}"].values, ds[f"bias_{f}"].values) for f in ("f_w", "f_r"))
-    return _norms(ds, part, ds.deviation_f_L.values, ds.deviation_f_x.values, *moments)
+    return _norms(ds, row, ds.deviation_f_L.values, ds.deviation_f_x.values, *moments)
 
 
 def _norms(
-    ds: xr.Dataset, part: FigureRow, load: np.ndarray, force: np.ndarray, torque: np.ndarray, joint: np.ndarray
+    ds: xr.Dataset, row: FigureRow, payload: np.ndarray, force: np.ndarray, torque: np.ndarray, joint: np.ndarray
 ) -> list[np.ndarray]:
-    """Norms over the outputs of a part, by body: of the payload's six, or of an agent's `f_x` or `(f_omega, f_r)`."""
-    if not part.of_agents:
-        return [np.linalg.norm(load[:, 3:] if part.moment else load[:, :3], axis=1)]
+    """Compute norms over the outputs of a row by body: half a payload wrench, an agent's `f_x` or `(f_omega, f_r)`."""
+    if not row.of_agents:
+        return [np.linalg.norm(payload[:, 3:] if row.moment else payload[:, :3], axis=1)]
     agents = ds.agent.values
-    if not part.moment:
+    if not row.moment:
         return [np.linalg.norm(force[:, j], axis=1) for j in range(len(agents))]
     owner = np.array([str(name).split("/")[0] for name in ds.joint.values])
     return [
@@ -169,6 +190,7 @@ def _norms(
     ]
 
 
-def _radii(ds: xr.Dataset, part: FigureRow) -> list[np.ndarray]:
-    name = f"rho_bar_{'j' if part.of_agents else 'L'}_{'moment' if part.moment else 'force'}"
+def _radii(ds: xr.Dataset, row: FigureRow) -> list[np.ndarray]:
+    """Return the error bound of each body of a row."""
+    name = f"rho_bar_{'j' if row.of_agents else 'L'}_{'moment' if row.moment else 'force'}"
     return list(np.atleast_2d(ds[name].values.T))
