@@ -65,7 +65,7 @@ def machine() -> str:
     from colift.codegen import build  # it imports JAX, which `status` does without
 
     names = [line.split(":", 1)[1].strip() for line in _cpuinfo() if line.startswith("model name")]
-    return f"{names[0] if names else platform.machine()}, {build.cores()} cores"
+    return f"{names[0] if names else platform.machine()}, {build.available_cores()} cores"
 
 
 def _cpuinfo() -> list[str]:

@@ -92,7 +92,7 @@ def version(command: str) -> str:
 
 def on(target: str) -> dict[str, Any]:
     """What the replay says on one target."""
-    here, program = build.needed()[0], ["{program}", "{flight}", "{repeats}"]
+    here, program = build.require_compiler()[0], ["{program}", "{flight}", "{repeats}"]
     with tempfile.TemporaryDirectory() as made:
         match target:
             case "x86-64":

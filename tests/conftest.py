@@ -114,16 +114,16 @@ def _compiled_quickly(request: pytest.FixtureRequest) -> Iterator[None]:
     """Elsewhere neither gcc nor XLA optimizes: the same numbers to rounding, sooner."""
     from colift.codegen import build
 
-    levels = build.FAST, build.QUICK
+    levels = build.OPTIMIZED_FLAGS, build.QUICK_FLAGS
     quickly = Path(request.path).stem.removeprefix("test_") not in AS_SHIPPED
     if quickly:
-        build.FAST = build.QUICK = ("-O0",)
+        build.OPTIMIZED_FLAGS = build.QUICK_FLAGS = ("-O0",)
     jax.config.update("jax_disable_most_optimizations", quickly)
-    build.machine.cache_clear()
+    build.build_environment.cache_clear()
     yield
-    build.FAST, build.QUICK = levels
+    build.OPTIMIZED_FLAGS, build.QUICK_FLAGS = levels
     jax.config.update("jax_disable_most_optimizations", False)
-    build.machine.cache_clear()
+    build.build_environment.cache_clear()
 
 
 @pytest.fixture(autouse=True)

@@ -42,7 +42,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def built(folder: Path, *flags: str) -> Path:
     """The replay, compiled with the least that a compiler is asked for."""
-    (command, *_) = build.needed()
+    (command, *_) = build.require_compiler()
     program = folder / "-".join(["replay", *flags])
     sources = [folder / name for name in ("colift.c", "learned.c", "replay.c")]
     done = subprocess.run(

@@ -27,11 +27,11 @@ def new_process(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     known = (
         codegen._target,
-        codegen._say_what_is_lost,
-        build._say_what_is_lost,
-        build._own,
+        codegen._warn_fallback,
+        build._warn_uncached,
+        build._process_folder,
         build.compiler,
-        build.machine,
+        build.build_environment,
     )
     for f in known:
         f.cache_clear()
@@ -99,7 +99,7 @@ def damages() -> list[bytes]:
 def test_what_is_not_what_its_name_says_is_not_loaded_but_made_anew(tmp_path, monkeypatch, compilations):
     """Each in a cache of its own, as a process loads a file of one name once."""
     key, source = answer(1)
-    name = build._file(key, build._compile(source()))
+    name = build._file_name(key, build._compile(source()))
     for k, damage in enumerate(damages()):
         monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / str(k)))
         cache = tmp_path / str(k) / "colift" / "native"
@@ -122,7 +122,7 @@ def test_a_library_renamed_to_another_function_s_is_not_loaded(folder):
 
 
 def test_the_cache_keeps_what_was_used_last(folder, monkeypatch):
-    monkeypatch.setattr(build, "KEPT", 2)
+    monkeypatch.setattr(build, "MAX_LIBRARIES", 2)
     first = build.library(*answer(1))
     (path,) = folder.iterdir()
     (folder / "left by a killed process.new").touch()
@@ -141,8 +141,8 @@ def test_the_cache_keeps_what_was_used_last(folder, monkeypatch):
 
 
 CHILD = """
-from colift.native import build
-build.KEPT = 1
+from colift.codegen import build
+build.MAX_LIBRARIES = 1
 for k in [0, 1, 2] * 8:
     source = f'__attribute__((visibility("default"))) int colift_native(void) {{ return {k}; }}'
     assert build.library(build.key(source), lambda: source).colift_native() == k
@@ -232,14 +232,14 @@ def cc(tmp_path, monkeypatch):
 
 
 def test_the_compiler_may_be_words(monkeypatch, compilations):
-    plain = build.machine()
-    for f in (build.compiler, build.machine):
+    plain = build.build_environment()
+    for f in (build.compiler, build.build_environment):
         f.cache_clear()
     monkeypatch.setenv("CC", "env LC_ALL=C cc -O1")
     assert ask(1) == 1
     assert compilations[0][0].endswith("/env")
     assert compilations[0][1:4] == ["LC_ALL=C", "cc", "-O1"]
-    assert build.machine() != plain
+    assert build.build_environment() != plain
 
 
 @pytest.mark.parametrize(
@@ -273,6 +273,6 @@ def test_a_failing_compiler_is_quoted(folder, monkeypatch):
 
 
 def test_cores_where_the_system_does_not_say(monkeypatch):
-    assert build.cores() >= 1
+    assert build.available_cores() >= 1
     monkeypatch.delattr(os, "sched_getaffinity", raising=False)
-    assert build.cores() == os.cpu_count()
+    assert build.available_cores() == os.cpu_count()

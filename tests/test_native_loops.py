@@ -180,7 +180,7 @@ def test_exponentials_are_exact_to_rounding():
 
 def test_long_functions_are_cut(monkeypatch):
     """What is cut computes the same: values and masks that are used further on lie in the frame."""
-    monkeypatch.setattr(outlining, "LONGEST", 40)
+    monkeypatch.setattr(outlining, "MAX_PART_LINES", 40)
     A = jnp.asarray(np.random.default_rng(0).normal(size=(6, 6)))
 
     def f(A):

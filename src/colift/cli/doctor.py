@@ -26,7 +26,7 @@ def run_diagnostics() -> dict[str, Any]:
     problems: list[str] = []
     return {
         "python": platform.python_version(),
-        "system": f"{platform.system()} {platform.release()}, {platform.machine()}, {build.cores()} processors",
+        "system": f"{platform.system()} {platform.release()}, {platform.machine()}, {build.available_cores()} processors",
         "packages": {name: _version(name) for name in PACKAGES},
         "compiler": _compiler(problems),
         "caches": {name: _cache(name, problems) for name in ("jax", "native")},
@@ -64,7 +64,7 @@ def _compiler(problems: list[str]) -> str | None:
         if command is None:
             problems.append("no C compiler (cc, gcc, clang or $CC): flights are some four times slower, by JAX")
             return None
-        return f"{' '.join(command)}: {build.machine().splitlines()[1]}"
+        return f"{' '.join(command)}: {build.build_environment().splitlines()[1]}"
     except build.CompilerError as error:
         problems.append(str(error))
         return None

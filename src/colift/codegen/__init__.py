@@ -26,11 +26,11 @@ from jax.interpreters import ad, batching, mlir, partial_eval
 from colift.codegen import build, elementwise, emit, indexing, linalg, liveness, loops, reduction, shape_rules
 from colift.codegen.blocks import Function
 from colift.codegen.build import CompilerError
-from colift.codegen.equations import batch_axes, by_jax
-from colift.codegen.fingerprint import digest
+from colift.codegen.equations import batch_axes, evaluate_with_jax
+from colift.codegen.fingerprint import jaxpr_digest
 from colift.codegen.graph import Graph
 from colift.codegen.interpret import UnsupportedPrimitive, interpret
-from colift.codegen.layout import Shape
+from colift.codegen.layout import FunctionLayout
 from colift.codegen.vmap_primitive import trace
 
 __all__ = ["CompilerError", "UnsupportedPrimitive", "compile", "source"]
@@ -42,7 +42,7 @@ log = logging.getLogger(__name__)
 native_p = core.Primitive("native")
 native_p.multiple_results = True
 
-LARGE = 1024  # elements: an argument of more travels alone, and is not copied
+MAX_GROUPED_SIZE = 1024  # elements: an argument of more travels alone, and is not copied
 TYPES = ("float64", "int64", "int32", "uint32", "bool")
 
 
@@ -58,9 +58,9 @@ def compile(f: Callable[..., Any], *, threads: int | None = None) -> Callable[..
     does not know, `OverflowError` for a known integer out of range, `TypeError` for other types, `CompilerError` where
     the C compiler does not work.
     """
-    limit = threads if threads is not None else build.cores()
+    limit = threads if threads is not None else build.available_cores()
     if limit < 1:
-        raise ValueError(f"threads: {limit}; at least 1 is needed")
+        raise ValueError(f"threads: {limit}; at least 1 is required")
 
     @functools.cache
     def traced(tree: Any, avals: tuple[Any, ...]) -> tuple[core.ClosedJaxpr, Any]:
@@ -96,40 +96,40 @@ def _batch(args: Sequence[Any], dims: Sequence[int | None], **params: Any) -> tu
 
 
 def _jvp(primals: Sequence[Any], tangents: Sequence[Any], **params: Any) -> tuple[Any, Any]:
-    f = functools.partial(by_jax, **params)
+    f = functools.partial(evaluate_with_jax, **params)
     return jax.jvp(f, tuple(primals), tuple(map(ad.instantiate_zeros, tangents)))
 
 
-def _by_native(*args: Any, jaxpr: core.ClosedJaxpr, threads: int) -> list[Any]:
+def _call_library(*args: Any, jaxpr: core.ClosedJaxpr, threads: int) -> list[Any]:
     """The value by the compiled code. One sample's arguments travel as one array a type: called in a loop of XLA, each
     further array costs about 0.2 us a step. Joining arguments is cheap; parting joined results is not.
     """
     batch, batched = _batch_shape(args, jaxpr), batch_axes(args, jaxpr) > 0
-    name, parcels = _target(jaxpr, batched)
+    name, groups = _target(jaxpr, batched)
     joined = [
-        args[parcel[0]] if batched else jax.numpy.concatenate([args[k].ravel() for k in parcel]) for parcel in parcels
+        args[group[0]] if batched else jax.numpy.concatenate([args[k].ravel() for k in group]) for group in groups
     ]
     results = [jax.ShapeDtypeStruct((*batch, *v.shape), v.dtype) for v in jaxpr.out_avals]
     return list(jax.ffi.ffi_call(name, results)(*joined, threads=np.int64(threads)))
 
 
-def _parcels(avals: Sequence[Any], used: Sequence[bool], batched: bool) -> list[list[int]]:
+def _group_arguments(avals: Sequence[Any], used: Sequence[bool], batched: bool) -> list[list[int]]:
     """Which of the arguments that are used travel together: small ones of one type; of a batch, none."""
-    kinds = {k: k if batched or v.size > LARGE else v.dtype.name for k, v in enumerate(avals) if used[k]}
+    kinds = {k: k if batched or v.size > MAX_GROUPED_SIZE else v.dtype.name for k, v in enumerate(avals) if used[k]}
     return [[k for k, kind in kinds.items() if kind == one] for one in dict.fromkeys(kinds.values())]
 
 
 def _lower(ctx: mlir.LoweringRuleContext, *args: Any, **params: Any) -> Any:
     try:
-        build.needed()
-        return _lower_by_native(ctx, *args, **params)
+        build.require_compiler()
+        return _lower_to_library(ctx, *args, **params)
     except build.Unavailable as error:
-        _say_what_is_lost(str(error))
-        return _lower_by_jax(ctx, *args, **params)
+        _warn_fallback(str(error))
+        return _lower_with_jax(ctx, *args, **params)
 
 
 @functools.cache
-def _say_what_is_lost(why: str) -> None:
+def _warn_fallback(why: str) -> None:
     log.warning("%s: native code runs on JAX instead, 10 to 100 times slower", why)
 
 
@@ -139,11 +139,11 @@ def _target(jaxpr: core.ClosedJaxpr, batched: bool) -> tuple[str, list[list[int]
 
     A library says itself what travels together, so that one from the cache is not emitted again.
     """
-    name = build.key(digest(jaxpr), str(batched))
+    name = build.key(jaxpr_digest(jaxpr), str(batched))
     shared = build.library(name, lambda: source(jaxpr, batched))
-    parcels = json.loads(ctypes.string_at(ctypes.addressof(ctypes.c_char.in_dll(shared, "colift_parcels"))))
+    groups = json.loads(ctypes.string_at(ctypes.addressof(ctypes.c_char.in_dll(shared, "colift_argument_groups"))))
     jax.ffi.register_ffi_target(f"colift_{name}", jax.ffi.pycapsule(shared.colift_native), platform="cpu")
-    return f"colift_{name}", parcels
+    return f"colift_{name}", groups
 
 
 class Kernel(NamedTuple):
@@ -160,12 +160,12 @@ def kernel(
     jaxpr: core.ClosedJaxpr,
     lanes: int = 1,
     agent_lanes: int = 1,
-    stack: int = emit.STACK,
-    onto: Collection[tuple[int, int]] = (),
+    stack_bytes: int = emit.STACK_BYTES,
+    in_place_results: Collection[tuple[int, int]] = (),
 ) -> Kernel:
     """A function for `lanes` samples side by side, or for one and its agents; arrays beyond `stack` bytes allocated.
 
-    onto: results, each with the argument that it may be written onto where only a few of its elements change.
+    in_place_results: results, each with the argument that it may be written in_place_results where only a few of its elements change.
     Raises `UnsupportedPrimitive`, `OverflowError` and `TypeError` as `compile` does.
     """
     for v in (*jaxpr.in_avals, *jaxpr.out_avals):
@@ -176,22 +176,22 @@ def kernel(
     for k, v in enumerate(jaxpr.in_avals):
         own = g.array(v.size, "in", k)
         nodes.append((g.map("flag", own) if v.dtype == bool else own).reshape(v.shape))
-    thin, _ = partial_eval.dce_jaxpr(jaxpr.jaxpr, [True] * len(jaxpr.out_avals), instantiate=True)
-    outputs = interpret(g, thin, jaxpr.consts, nodes)
+    reduced, _ = partial_eval.dce_jaxpr(jaxpr.jaxpr, [True] * len(jaxpr.out_avals), instantiate=True)
+    outputs = interpret(g, reduced, jaxpr.consts, nodes)
     function = Function(
         inputs=tuple(v.size for v in jaxpr.in_avals),
         graph=g,
-        outputs=[g.numeric(x) for x in outputs],
+        outputs=[g.as_numbers(x) for x in outputs],
     )
-    need = liveness.live(function, liveness.all_of(function.outputs))
-    unit = emit.Source(agent_lanes, stack)
-    written = tuple((k, j) for k, j in onto if liveness.in_place(function, need, k, j))
-    name = unit.add(function, need, Shape(lanes, written=written))
+    live = liveness.analyze_liveness(function, liveness.all_elements(function.outputs))
+    unit = emit.TranslationUnit(agent_lanes, stack_bytes)
+    written = tuple((k, j) for k, j in in_place_results if liveness.writes_in_place(function, live, k, j))
+    name = unit.add(function, live, FunctionLayout(lanes, written=written))
     return Kernel(
         text=unit.functions(),
         name=name,
-        arguments=[k for k, used in enumerate(need.used) if used.any() or k in {j for _, j in written}],
-        results=[k for k, needed in enumerate(need.needed) if needed.any() and k not in {k for k, _ in written}],
+        arguments=[k for k, used in enumerate(live.used) if used.any() or k in {j for _, j in written}],
+        results=[k for k, required in enumerate(live.required) if required.any() and k not in {k for k, _ in written}],
         widths=sorted(unit.widths),
     )
 
@@ -209,10 +209,10 @@ def source(jaxpr: core.ClosedJaxpr, batched: bool) -> str:
     """The C source of a function as XLA calls it, for one sample or for as many as fit a vector."""
     width = build.lanes() if batched else 1
     made = kernel(jaxpr, width, 1 if batched else build.lanes())
-    parcels = _parcels(jaxpr.in_avals, [k in made.arguments for k in range(len(jaxpr.in_avals))], batched)
-    sizes = [[jaxpr.in_avals[k].size for k in parcel] for parcel in parcels]
+    groups = _group_arguments(jaxpr.in_avals, [k in made.arguments for k in range(len(jaxpr.in_avals))], batched)
+    sizes = [[jaxpr.in_avals[k].size for k in group] for group in groups]
     starts = [np.cumsum([0, *size]) for size in sizes]
-    place = {k: f"in[{i}] + {at}" for i, p in enumerate(parcels) for k, at in zip(p, starts[i], strict=False)}
+    place = {k: f"in[{i}] + {at}" for i, p in enumerate(groups) for k, at in zip(p, starts[i], strict=False)}
     args = [place[k] for k in made.arguments] + [f"out[{k}]" for k in made.results]
     files = resources.files("colift.codegen")
     numbers = lambda x: ", ".join(map(str, x)) or "0"  # noqa: E731
@@ -221,13 +221,13 @@ def source(jaxpr: core.ClosedJaxpr, batched: bool) -> str:
         lanes_h(made.widths),
         made.text,
         f"#if IN(0)\n#define WIDTH {width}\n#define V V_{width}\n#define SPLAT splat_{width}",
-        f"#define ARGUMENTS {len(parcels)}\n#define RESULTS {len(jaxpr.out_avals)}",
+        f"#define ARGUMENTS {len(groups)}\n#define RESULTS {len(jaxpr.out_avals)}",
         f"#define RESULT_RANK {len(jaxpr.out_avals[0].shape)}",
         f"static const int64_t ARGUMENT_SIZE[] = {{{numbers(map(sum, sizes))}}};",
         f"static const int64_t RESULT_SIZE[] = {{{numbers(v.size for v in jaxpr.out_avals)}}};",
         f"static void KERNEL(V **in, V **out) {{ {made.name}({', '.join(args)}); }}",
         files.joinpath("ffi.h").read_text(),
-        f'__attribute__((visibility("default"))) const char colift_parcels[] = "{json.dumps(parcels)}";',
+        f'__attribute__((visibility("default"))) const char colift_argument_groups[] = "{json.dumps(groups)}";',
         "#endif",
     ])  # fmt: skip
 
@@ -237,11 +237,11 @@ def _jitted(**params: Any) -> Callable[..., Any]:
     return jax.jit(functools.partial(native_p.bind, **params))
 
 
-_lower_by_jax = mlir.lower_fun(by_jax, multiple_results=True)
-_lower_by_native = mlir.lower_fun(_by_native, multiple_results=True)
+_lower_with_jax = mlir.lower_fun(evaluate_with_jax, multiple_results=True)
+_lower_to_library = mlir.lower_fun(_call_library, multiple_results=True)
 native_p.def_impl(lambda *args, **params: _jitted(**params)(*args))
 native_p.def_abstract_eval(_abstract)
-mlir.register_lowering(native_p, _lower_by_jax)
+mlir.register_lowering(native_p, _lower_with_jax)
 mlir.register_lowering(native_p, _lower, platform="cpu")
 ad.primitive_jvps[native_p] = _jvp
 batching.primitive_batchers[native_p] = _batch

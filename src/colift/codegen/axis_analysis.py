@@ -17,16 +17,16 @@ ELEMENTWISE = {
     "lt", "le", "gt", "ge", "eq", "ne", "and", "or", "not", "xor", "select_n", "convert_element_type",
     "stop_gradient", "copy",
 }  # fmt: skip
-JOINS = {
+REDUCTIONS = {
     "reduce_sum": "add", "reduce_prod": "mul", "reduce_max": "max", "reduce_min": "min", "reduce_and": "min",
     "reduce_or": "max",
 }  # fmt: skip
-REDUCE = {*JOINS, "argmax", "argmin"}
+REDUCE = {*REDUCTIONS, "argmax", "argmin"}
 CUMULATIVE = {"cumsum", "cumprod", "cummax", "cummin"}
 
 
 @dataclass(frozen=True)
-class Rows:
+class AxisForm:
     """How an equation acts at one index of an axis: its parameters then, the axis of each operand (None: it is taken
     whole) and of each result, and how results that have no such axis are joined over it ("": all have it).
     """
@@ -35,119 +35,125 @@ class Rows:
     params: dict[str, Any]
     operands: tuple[int | None, ...]
     results: tuple[int, ...]
-    join: str = ""
+    reduction: str = ""
 
 
-def _less(axes: Iterable[int | np.integer], axis: int) -> tuple[int, ...]:
+def _drop_axis(axes: Iterable[int | np.integer], axis: int) -> tuple[int, ...]:
     """Axes as they are called without one of them."""
     return tuple(int(a) - int(a > axis) for a in axes if a != axis)
 
 
-def _cut(shape: Sequence[Any], axis: int) -> tuple[Any, ...]:
+def _drop_entry(shape: Sequence[Any], axis: int) -> tuple[Any, ...]:
     return (*shape[:axis], *shape[axis + 1 :])
 
 
-def along(e: Equation, axis: int) -> Rows | None:
+def result_axis_form(e: Equation, axis: int) -> AxisForm | None:
     """An equation taken along an axis of its results; None if it mixes indices of it, or its results differ."""
     shapes = [v.aval.shape for v in e.outvars]
-    if any(len(s) <= axis for s in shapes) or len({s[axis] for s in shapes}) != 1 or e.primitive.name not in _ALONG:
+    if (
+        any(len(s) <= axis for s in shapes)
+        or len({s[axis] for s in shapes}) != 1
+        or e.primitive.name not in _AXIS_RULES
+    ):
         return None
-    found = _ALONG[e.primitive.name](e, axis)
+    found = _AXIS_RULES[e.primitive.name](e, axis)
     if found is None:
         return None
     params, operands = found
-    return Rows(shapes[0][axis], params, tuple(operands), (axis,) * len(shapes))
+    return AxisForm(shapes[0][axis], params, tuple(operands), (axis,) * len(shapes))
 
 
-Found = tuple[dict[str, Any], Sequence[int | None]] | None
+RuleResult = tuple[dict[str, Any], Sequence[int | None]] | None
 
 
-def _elementwise(e: Equation, axis: int) -> Found:
+def _elementwise(e: Equation, axis: int) -> RuleResult:
     return e.params, [axis if v.aval.shape else None for v in e.invars]
 
 
-def _over(e: Equation, axis: int) -> Found:
+def _agent_map(e: Equation, axis: int) -> RuleResult:
     return (e.params, [0 if m else None for m in e.params["mapped"]]) if axis == 0 else None
 
 
-def _broadcast(e: Equation, axis: int) -> Found:
+def _broadcast(e: Equation, axis: int) -> RuleResult:
     dims = [int(d) for d in e.params["broadcast_dimensions"]]
-    params = {**e.params, "shape": _cut(e.params["shape"], axis), "broadcast_dimensions": _less(dims, axis)}
+    params = {**e.params, "shape": _drop_entry(e.params["shape"], axis), "broadcast_dimensions": _drop_axis(dims, axis)}
     return params, [dims.index(axis) if axis in dims else None]
 
 
-def _reshape(e: Equation, axis: int) -> Found:
+def _reshape(e: Equation, axis: int) -> RuleResult:
     """An axis stays itself if as many elements lie before it and it is as long."""
     before, after = e.invars[0].aval.shape, e.outvars[0].aval.shape
     lead = math.prod(after[:axis])
     same = [k for k, n in enumerate(before) if n == after[axis] and math.prod(before[:k]) == lead]
     if e.params["dimensions"] is not None or not same or 0 in before:
         return None
-    return {**e.params, "new_sizes": _cut(after, axis)}, same[-1:]
+    return {**e.params, "new_sizes": _drop_entry(after, axis)}, same[-1:]
 
 
-def _squeeze(e: Equation, axis: int) -> Found:
+def _squeeze(e: Equation, axis: int) -> RuleResult:
     gone = [d % e.invars[0].aval.ndim for d in e.params["dimensions"]]
     own = [k for k in range(e.invars[0].aval.ndim) if k not in gone][axis]
-    return {**e.params, "dimensions": _less(gone, own)}, [own]
+    return {**e.params, "dimensions": _drop_axis(gone, own)}, [own]
 
 
-def _transpose(e: Equation, axis: int) -> Found:
+def _transpose(e: Equation, axis: int) -> RuleResult:
     own = int(e.params["permutation"][axis])
     left = [p for k, p in enumerate(e.params["permutation"]) if k != axis]
     return {**e.params, "permutation": tuple(int(p) - (p > own) for p in left)}, [own]
 
 
-def _rev(e: Equation, axis: int) -> Found:
+def _rev(e: Equation, axis: int) -> RuleResult:
     mixes = axis in e.params["dimensions"]
-    return None if mixes else ({**e.params, "dimensions": _less(e.params["dimensions"], axis)}, [axis])
+    return None if mixes else ({**e.params, "dimensions": _drop_axis(e.params["dimensions"], axis)}, [axis])
 
 
-def _slice(e: Equation, axis: int) -> Found:
+def _slice(e: Equation, axis: int) -> RuleResult:
     p = e.params
     stride = p["strides"][axis] if p["strides"] else 1
     if (p["start_indices"][axis], p["limit_indices"][axis], stride) != (0, e.invars[0].aval.shape[axis], 1):
         return None
     cut = ("start_indices", "limit_indices", "strides")
-    return {**p, **{key: p[key] and _cut(p[key], axis) for key in cut}}, [axis]
+    return {**p, **{key: p[key] and _drop_entry(p[key], axis) for key in cut}}, [axis]
 
 
-def _along_another(name: str) -> Callable[[Equation, int], Found]:
+def _other_axis_rule(name: str) -> Callable[[Equation, int], RuleResult]:
     """Of what acts along an axis of the operands, which the results have too."""
 
-    def rows(e: Equation, axis: int) -> Found:
+    def rows(e: Equation, axis: int) -> RuleResult:
         mixed = e.params[name]
         return None if mixed == axis else ({**e.params, name: mixed - (mixed > axis)}, [axis] * len(e.invars))
 
     return rows
 
 
-def _stack(e: Equation, axis: int) -> Found:
+def _stack(e: Equation, axis: int) -> RuleResult:
     made = e.params["axis"]
     own = axis - (axis > made)
     return None if axis == made else ({**e.params, "axis": made - (made > axis)}, [own] * len(e.invars))
 
 
-def _unstack(e: Equation, axis: int) -> Found:
+def _unstack(e: Equation, axis: int) -> RuleResult:
     gone = e.params["axis"]
     own = axis + (axis >= gone)
     return {**e.params, "axis": gone - (gone > own)}, [own]
 
 
-def _pad(e: Equation, axis: int) -> Found:
+def _pad(e: Equation, axis: int) -> RuleResult:
     config = e.params["padding_config"]
     return (
-        ({**e.params, "padding_config": _cut(config, axis)}, [axis, None]) if tuple(config[axis]) == (0, 0, 0) else None
+        ({**e.params, "padding_config": _drop_entry(config, axis)}, [axis, None])
+        if tuple(config[axis]) == (0, 0, 0)
+        else None
     )
 
 
-def _reduce(e: Equation, axis: int) -> Found:
+def _reduce(e: Equation, axis: int) -> RuleResult:
     axes = e.params["axes"]
     own = [k for k in range(e.invars[0].aval.ndim) if k not in axes][axis]
-    return {**e.params, "axes": _less(axes, own)}, [own]
+    return {**e.params, "axes": _drop_axis(axes, own)}, [own]
 
 
-def _dot(e: Equation, axis: int) -> Found:
+def _dot(e: Equation, axis: int) -> RuleResult:
     """A product along an axis of its batch, or one that is free in one operand."""
     (ca, cb), (ba, bb) = e.params["dimension_numbers"]
     free = [
@@ -166,42 +172,44 @@ def _dot(e: Equation, axis: int) -> Found:
 def _without(e: Equation, a: int | None, b: int | None) -> dict[str, Any]:
     """The parameters of a product whose operands lack an axis each."""
     (ca, cb), (ba, bb) = e.params["dimension_numbers"]
-    left, right = (lambda axes, own=own: tuple(map(int, axes)) if own is None else _less(axes, own) for own in (a, b))
+    left, right = (
+        lambda axes, own=own: tuple(map(int, axes)) if own is None else _drop_axis(axes, own) for own in (a, b)
+    )
     return {**e.params, "dimension_numbers": ((left(ca), right(cb)), (left(ba), right(bb)))}
 
 
-_ALONG: dict[str, Callable[[Equation, int], Found]] = {
+_AXIS_RULES: dict[str, Callable[[Equation, int], RuleResult]] = {
     **dict.fromkeys(ELEMENTWISE, _elementwise),
     **dict.fromkeys(REDUCE, _reduce),
-    **dict.fromkeys((*CUMULATIVE, "split"), _along_another("axis")),
-    "over": _over, "broadcast_in_dim": _broadcast, "reshape": _reshape, "squeeze": _squeeze, "transpose": _transpose,
-    "rev": _rev, "slice": _slice, "concatenate": _along_another("dimension"), "stack": _stack, "unstack": _unstack,
+    **dict.fromkeys((*CUMULATIVE, "split"), _other_axis_rule("axis")),
+    "agent_map": _agent_map, "broadcast_in_dim": _broadcast, "reshape": _reshape, "squeeze": _squeeze, "transpose": _transpose,
+    "rev": _rev, "slice": _slice, "concatenate": _other_axis_rule("dimension"), "stack": _stack, "unstack": _unstack,
     "pad": _pad, "dot_general": _dot,
 }  # fmt: skip
 
 
-def joined(e: Equation, operand: int, axis: int) -> Rows | None:
+def reduced_axis_form(e: Equation, operand: int, axis: int) -> AxisForm | None:
     """A sum, product or extreme over an axis of one of its operands; None for any other, and for integers, whose every
     step is checked.
     """
     name = e.primitive.name
     integers = np.issubdtype(e.outvars[0].aval.dtype, np.integer)
     length = e.invars[operand].aval.shape[axis]
-    if name in JOINS and axis in e.params["axes"] and (not integers or JOINS[name] in ("max", "min")):
-        return Rows(length, {**e.params, "axes": _less(e.params["axes"], axis)}, (axis,), (), JOINS[name])
+    if name in REDUCTIONS and axis in e.params["axes"] and (not integers or REDUCTIONS[name] in ("max", "min")):
+        return AxisForm(length, {**e.params, "axes": _drop_axis(e.params["axes"], axis)}, (axis,), (), REDUCTIONS[name])
     if name == "dot_general" and not integers:
         contracted, _ = e.params["dimension_numbers"]
         if axis in contracted[operand]:
             at = list(map(int, contracted[operand])).index(axis)
             a, b = int(contracted[0][at]), int(contracted[1][at])
-            return Rows(length, _without(e, a, b), (a, b), (), "add")
+            return AxisForm(length, _without(e, a, b), (a, b), (), "add")
     return None
 
 
-def taken(e: Equation, operand: int, axis: int) -> Rows | None:
+def operand_axis_form(e: Equation, operand: int, axis: int) -> AxisForm | None:
     """An equation taken along an axis of one of its operands."""
     for k in range(max((v.aval.ndim for v in e.outvars), default=0)):
-        found = along(e, k)
+        found = result_axis_form(e, k)
         if found is not None and found.operands[operand] == axis and e.invars[operand].aval.shape[axis] == found.length:
             return found
-    return joined(e, operand, axis)
+    return reduced_axis_form(e, operand, axis)

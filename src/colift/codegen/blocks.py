@@ -36,13 +36,13 @@ class Block:
 
 
 @dataclass(frozen=True, eq=False)
-class Over(Block):
+class Map(Block):
     """A function over the rows of inputs (where `mapped`); outputs are stacked, or joined by an operation."""
 
     function: Function
     length: int
     mapped: tuple[bool, ...]
-    joins: tuple[str, ...]  # by output: "add", "mul", "max", "min"; "" where rows are stacked
+    reductions: tuple[str, ...]  # by output: "add", "mul", "max", "min"; "" where rows are stacked
 
     @property
     def functions(self) -> tuple[Function, ...]:
@@ -96,7 +96,7 @@ class Window:
     base: np.ndarray  # by point
     offset: np.ndarray  # by element of the window
     stride: tuple[int, ...]
-    last: tuple[int, ...]  # largest index of each kind at which the window fits; the least is zero
+    max_index: tuple[int, ...]  # largest index of each kind at which the window fits; the least is zero
     drops: bool  # whether a window that does not fit is left out; else it is moved to where it does
 
 
@@ -105,7 +105,7 @@ class Read(Block):
     """Windows of an array, (points, window): inputs are the array and the indices (points, kinds)."""
 
     window: Window
-    outside: float  # what a window that is left out holds
+    fill_value: float  # what a window that is left out holds
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,5 +113,5 @@ class Write(Block):
     """An array with windows written: inputs are the array, the indices, the updates (points, window)."""
 
     window: Window
-    join: str  # "", or the operation that joins what is there and what comes
+    reduction: str  # "", or the operation that reductions what is there and what comes
     check: str  # the operation every step is to pass, of integers

@@ -26,16 +26,16 @@ from colift.runtime import cache
 
 FLAGS = ("-std=gnu11", "-march=native", "-fno-math-errno", "-fno-trapping-math", "-fPIC",
          "-fvisibility=hidden", "-w")  # fmt: skip
-FAST = ("-O2",)
+OPTIMIZED_FLAGS = ("-O2",)
 # of parts of long functions: a third of the time to compile; all that they store is needed
-QUICK = ("-O1", "-fno-tree-dse", "-fno-dse")
-KEPT = 256  # libraries in the cache: of a flight some 3 MB, of most functions 0.1
+QUICK_FLAGS = ("-O1", "-fno-tree-dse", "-fno-dse")
+MAX_LIBRARIES = 256  # libraries in the cache: of a flight some 3 MB, of most functions 0.1
 
 log = logging.getLogger(__name__)
 
 
 class CompilerError(RuntimeError):
-    """The host's C compiler does not work, or refused what was emitted."""
+    """The host's C compiler does not statement_count, or refused what was emitted."""
 
 
 class Unavailable(RuntimeError):
@@ -55,7 +55,7 @@ def compiler() -> tuple[str, ...] | None:
     return next(((path, *words) for path, *words in found if path), None)
 
 
-def needed() -> tuple[str, ...]:
+def require_compiler() -> tuple[str, ...]:
     """The compiler's command; raises `Unavailable` if there is none."""
     command = compiler()
     if command is None:
@@ -75,15 +75,22 @@ def _run(command: list[str]) -> str:
 
 
 @functools.cache
-def machine() -> str:
+def build_environment() -> str:
     """What compiled code depends on beside its source: compiler, flags, processor, XLA's interface."""
-    command = [*needed(), "--version"]
+    command = [*require_compiler(), "--version"]
     version = _run(command)
     if not version.strip():
         raise CompilerError(f"{shlex.join(command)}: says nothing, so that its libraries have no name to be kept under")
     header = (Path(jax.ffi.include_dir()) / "xla/ffi/api/c_api.h").read_text()
     return "\n".join(
-        [shlex.join(needed()), version, " ".join([*FLAGS, *FAST, *QUICK]), platform.machine(), *processor(), header]
+        [
+            shlex.join(require_compiler()),
+            version,
+            " ".join([*FLAGS, *OPTIMIZED_FLAGS, *QUICK_FLAGS]),
+            platform.machine(),
+            *processor(),
+            header,
+        ]
     )
 
 
@@ -96,7 +103,7 @@ def processor() -> tuple[str, ...]:
     return tuple(kept) or (platform.processor(),)
 
 
-def cores() -> int:
+def available_cores() -> int:
     """How many processors this process may use; where the system does not say (macOS), how many there are."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
@@ -108,7 +115,7 @@ def lanes() -> int:
 
 def key(*parts: str) -> str:
     """The name under which code made of some text is kept on this machine."""
-    return hashlib.sha256("\0".join([*parts, machine()]).encode()).hexdigest()[:32]
+    return hashlib.sha256("\0".join([*parts, build_environment()]).encode()).hexdigest()[:32]
 
 
 def library(name: str, source: Callable[[], str]) -> ctypes.CDLL:
@@ -117,7 +124,7 @@ def library(name: str, source: Callable[[], str]) -> ctypes.CDLL:
     `name` is the `key` of what the source is made of; it is made only where it is needed. Raises `CompilerError` with
     the compiler's own words, and `Unavailable` where the library can be loaded from neither folder.
     """
-    folders = (lambda: cache.cache_directory("native")), _own
+    folders = (lambda: cache.cache_directory("native")), _process_folder
     for folder in folders:
         with contextlib.suppress(cache.CacheUnavailable):
             if (found := _load(folder(), name)) is not None:
@@ -126,18 +133,18 @@ def library(name: str, source: Callable[[], str]) -> ctypes.CDLL:
     lost = []
     for folder in folders:
         try:
-            found = _keep(folder(), name, made)
+            found = _store(folder(), name, made)
         except cache.CacheUnavailable as error:
             lost.append(str(error))
             continue
         if lost:
-            _say_what_is_lost(*lost)
+            _warn_uncached(*lost)
         return found
     raise Unavailable(f"no native library can be loaded ({'; '.join(lost)})")
 
 
 @functools.cache
-def _own() -> Path:
+def _process_folder() -> Path:
     """A folder that goes when the process ends; raises `Unavailable` where none can be made."""
     try:
         folder = Path(tempfile.mkdtemp(prefix="colift-"))
@@ -148,11 +155,11 @@ def _own() -> Path:
 
 
 @functools.cache
-def _say_what_is_lost(why: str) -> None:
+def _warn_uncached(why: str) -> None:
     log.warning("native code cannot be kept (%s): each process compiles its own, seconds a function", why)
 
 
-def _file(name: str, library: bytes) -> str:
+def _file_name(name: str, library: bytes) -> str:
     """A library's file name. It holds a digest of the library and what it was made of, so a file that is cut short,
     altered, or another function's is not what its name says; and one name is never two libraries.
     """
@@ -163,7 +170,7 @@ def _load(folder: Path, name: str) -> ctypes.CDLL | None:
     """The library of some key, None if there is none that can be loaded; what is not what it says is removed."""
     for path in folder.glob(f"{name}-*.so"):
         with contextlib.suppress(OSError):  # another process may remove it at any time; it can be loaded or not
-            if path.name != _file(name, path.read_bytes()):
+            if path.name != _file_name(name, path.read_bytes()):
                 path.unlink()
                 continue
             with contextlib.suppress(OSError):  # a cache that is only read
@@ -174,21 +181,32 @@ def _load(folder: Path, name: str) -> ctypes.CDLL | None:
 
 def _compile(source: str) -> bytes:
     """What the compiler makes of C source."""
-    with tempfile.TemporaryDirectory(dir=_own()) as folder:
+    with tempfile.TemporaryDirectory(dir=_process_folder()) as folder:
         code, out = Path(folder) / "native.c", Path(folder) / "native.so"
         code.write_text(source)
         files, pieces = [str(code)], re.search(r"^#define PIECES (\d+)\n#define WHOLE (\d+)$", source, re.MULTILINE)
         include = ["-I", jax.ffi.include_dir()]
         if pieces and int(pieces[1]) > 1:
             files = [str(Path(folder) / f"{k}.o") for k in range(int(pieces[1]))]
-            levels = [FAST if k < int(pieces[2]) else QUICK for k in range(len(files))]
+            levels = [OPTIMIZED_FLAGS if k < int(pieces[2]) else QUICK_FLAGS for k in range(len(files))]
             commands = [
-                [*needed(), *FLAGS, *levels[k], *include, "-c", f"-DPIECE={k}", str(code), "-o", file]
+                [*require_compiler(), *FLAGS, *levels[k], *include, "-c", f"-DPIECE={k}", str(code), "-o", file]
                 for k, file in enumerate(files)
             ]
-            with concurrent.futures.ThreadPoolExecutor(cores()) as pool:
+            with concurrent.futures.ThreadPoolExecutor(available_cores()) as pool:
                 list(pool.map(_run, commands))
-        command = [*needed(), *FLAGS, *FAST, "-shared", *include, *files, "-o", str(out), "-lm", "-lpthread"]
+        command = [
+            *require_compiler(),
+            *FLAGS,
+            *OPTIMIZED_FLAGS,
+            "-shared",
+            *include,
+            *files,
+            "-o",
+            str(out),
+            "-lm",
+            "-lpthread",
+        ]
         _run(command)
         made = out.read_bytes() if out.exists() else b""
     if not made:
@@ -196,13 +214,13 @@ def _compile(source: str) -> bytes:
     return made
 
 
-def _keep(folder: Path, name: str, library: bytes) -> ctypes.CDLL:
+def _store(folder: Path, name: str, library: bytes) -> ctypes.CDLL:
     """Put a library into a folder, whole or not at all, load it, and forget old ones; raises `Unwritable`."""
     temporary = folder / f"{name}-{secrets.token_hex(8)}.new"
     try:
         temporary.write_bytes(library)
-        loaded = ctypes.CDLL(str(temporary.replace(folder / _file(name, library))))
-        _forget(folder)
+        loaded = ctypes.CDLL(str(temporary.replace(folder / _file_name(name, library))))
+        _evict(folder)
     except OSError as error:
         with contextlib.suppress(OSError):
             temporary.unlink()
@@ -211,12 +229,12 @@ def _keep(folder: Path, name: str, library: bytes) -> ctypes.CDLL:
     return loaded
 
 
-def _forget(folder: Path) -> None:
+def _evict(folder: Path) -> None:
     """Remove all but the files used last, those of killed processes too; what a process has loaded stays usable."""
     used = {}
     for path in folder.iterdir():
         with contextlib.suppress(OSError):  # removed by another process
             used[path] = path.stat().st_mtime
-    for old in sorted(used, key=used.__getitem__)[:-KEPT]:
+    for old in sorted(used, key=used.__getitem__)[:-MAX_LIBRARIES]:
         with contextlib.suppress(OSError):
             old.unlink()

@@ -7,28 +7,28 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from colift.codegen.blocks import Block, Branch, Over, Read, Scan, While, Window, Write
-from colift.codegen.layout import Place, Shape, number
-from colift.codegen.liveness import Call, Live, in_place
+from colift.codegen.blocks import Block, Branch, Map, Read, Scan, While, Window, Write
+from colift.codegen.layout import ArrayRef, FunctionLayout, c_literal
+from colift.codegen.liveness import BlockLiveness, Liveness, writes_in_place
 
 if TYPE_CHECKING:
-    from colift.codegen.emit import Body
+    from colift.codegen.emit import FunctionEmitter
 
-EMPTY = {"add": "0.0", "mul": "1.0", "max": "-INFINITY", "min": "INFINITY"}
+IDENTITY = {"add": "0.0", "mul": "1.0", "max": "-INFINITY", "min": "INFINITY"}
 
 
-def emit(body: Body, block: int) -> None:
+def emit(body: FunctionEmitter, block: int) -> None:
     """Add the statements of a block whose inputs are there, but for one that comes last."""
-    b, call = body.g.blocks[block], body.need.calls[block]
-    if block in body.last:
+    b, call = body.g.blocks[block], body.live.calls[block]
+    if block in body.final_writes:
         return
     carried = len(b.outputs) if isinstance(b, While) else b.carry if isinstance(b, Scan) else 0
-    for k, (size, needed) in enumerate(zip(b.outputs, call.needed, strict=True)):
-        if k >= carried and needed.any() and (block, k) not in body.arrays:
+    for k, (size, required) in enumerate(zip(b.outputs, call.required, strict=True)):
+        if k >= carried and required.any() and (block, k) not in body.arrays:
             body.arrays[block, k] = body.array(size)
     match b:
-        case Over():
-            _over(body, b, call, _outputs(body, block))
+        case Map():
+            _map(body, b, call, _outputs(body, block))
         case Scan():
             _scan(body, block, b, call)
         case While():
@@ -39,67 +39,71 @@ def emit(body: Body, block: int) -> None:
             _read(body, b, call, _outputs(body, block)[0])
         case Write():
             to = _outputs(body, block)[0]
-            body.fill(to, b.inputs[0], np.flatnonzero(call.used[0]))
+            body.store_nodes(to, b.inputs[0], np.flatnonzero(call.used[0]))
             at, new = (body.pack(x, mask) for x, mask in zip(b.inputs[1:], call.used[1:], strict=True))
             _store(body, b, to, at, new, guard=False)
 
 
-def write_last(body: Body) -> None:
+def emit_final_writes(body: FunctionEmitter) -> None:
     """The writes to inputs in place, once everything else is read: what they need first, then all of them."""
     ready = []
-    for block, to in body.last.items():
-        b, call = body.g.blocks[block], body.need.calls[block]
+    for block, to in body.final_writes.items():
+        b, call = body.g.blocks[block], body.live.calls[block]
         at, new = (body.pack(x, mask, fresh=True) for x, mask in zip(b.inputs[1:], call.used[1:], strict=True))
         ready.append((b, to, at, new))
     for b, to, at, new in ready:
         assert isinstance(b, Write)
-        _store(body, b, to, at, new, guard=body.shape.guard)
+        _store(body, b, to, at, new, guard=body.layout.guard)
 
 
-def _outputs(body: Body, block: int) -> dict[int, Place]:
+def _outputs(body: FunctionEmitter, block: int) -> dict[int, ArrayRef]:
     return {k: place for (which, k), place in body.arrays.items() if which == block}
 
 
-def _say(body: Body, *lines: str) -> None:
-    body.say("\n  ".join(lines))
+def _add_lines(body: FunctionEmitter, *lines: str) -> None:
+    body.add_line("\n  ".join(lines))
 
 
 # over
 
 
-def _over(body: Body, b: Over, call: Call, outputs: dict[int, Place]) -> None:
+def _map(body: FunctionEmitter, b: Map, call: BlockLiveness, outputs: dict[int, ArrayRef]) -> None:
     (inner,) = call.functions
     lanes = body.lanes
-    if lanes == 1 and body.source.agent_lanes > 1 and not _longer_inside(inner, b):
-        lanes = min(body.source.agent_lanes, 1 << (b.length - 1).bit_length())
+    if lanes == 1 and body.unit.agent_lanes > 1 and not _longer_inside(inner, b):
+        lanes = min(body.unit.agent_lanes, 1 << (b.length - 1).bit_length())
     across = lanes != body.lanes  # rows lie in lanes
-    thin = frozenset(k for k, m in enumerate(b.mapped) if not m) if across else frozenset()
-    function = body.source.add(b.function, inner, Shape(lanes, thin=thin))
-    first, before, args = _given(body, b, call, lanes if across else 0)
+    uniform = frozenset(k for k, m in enumerate(b.mapped) if not m) if across else frozenset()
+    function = body.unit.add(b.function, inner, FunctionLayout(lanes, uniform=uniform))
+    first, before, args = _map_arguments(body, b, call, lanes if across else 0)
     after, end = [], []
-    for k, needed in enumerate(inner.needed):
-        if not needed.any():
+    for k, required in enumerate(inner.required):
+        if not required.any():
             continue
-        to, name = outputs[k], body.name("t")
-        if not b.joins[k] and not across:
-            args.append(f"{to} + i * {needed.size}")
+        to, name = outputs[k], body.new_name("t")
+        if not b.reductions[k] and not across:
+            args.append(f"{to} + i * {required.size}")
             continue
-        first.append(f"V_{lanes} {name}[{needed.size}];")
+        first.append(f"V_{lanes} {name}[{required.size}];")
         args.append(name)
-        if b.joins[k]:
-            start, inside, last = _join(to, b.joins[k], name, needed.size, lanes, b.length if across else 0)
+        if b.reductions[k]:
+            start, inside, last = _reduction_lines(
+                to, b.reductions[k], name, required.size, lanes, b.length if across else 0
+            )
             first, after, end = [*first, *start], [*after, inside], [*end, *last]
         else:
             after += [
                 f"for (long e = {low}; e < {high}; e++) for (int l = 0; l < WIDTH_{lanes} && i + l < {b.length}; l++) "
-                f"({to})[(i + l) * {needed.size} + e] = {_lane(f'{name}[e]', lanes)};"
-                for low, high in _intervals(needed)
+                f"({to})[(i + l) * {required.size} + e] = {_lane_expression(f'{name}[e]', lanes)};"
+                for low, high in _intervals(required)
             ]
     loop = f"for (long i = 0; i < {b.length}; i += {f'WIDTH_{lanes}' if across else 1}) {{"
-    _say(body, "{", *first, loop, *before, f"{function}({', '.join(args)});", *after, "}", *end, "}")
+    _add_lines(body, "{", *first, loop, *before, f"{function}({', '.join(args)});", *after, "}", *end, "}")
 
 
-def _given(body: Body, b: Over, call: Call, lanes: int) -> tuple[list[str], list[str], list[str]]:
+def _map_arguments(
+    body: FunctionEmitter, b: Map, call: BlockLiveness, lanes: int
+) -> tuple[list[str], list[str], list[str]]:
     """Statements before and in a loop that bring the inputs of row i, or of as many rows as lanes, and how a call names
     them.
     """
@@ -111,88 +115,90 @@ def _given(body: Body, b: Over, call: Call, lanes: int) -> tuple[list[str], list
         if not b.mapped[k]:
             args.append(str(body.pack(nodes, mask)))
             continue
-        place, elements, offsets, stride = _rows(body, nodes.reshape(b.length, -1), inner.used[k])
+        place, elements, offsets, stride = _row_location(body, nodes.reshape(b.length, -1), inner.used[k])
         shift = int(offsets[0] - elements[0])
         if not lanes and (offsets - elements == shift).all() and shift >= 0:
             args.append(f"{place + shift} + i * {stride}")
             continue
-        name = body.name("t")
+        name = body.new_name("t")
         first.append(f"V_{lanes or body.lanes} {name}[{b.function.inputs[k]}];")
         args.append(name)
         row = "i" if not lanes else f"(i + l < {b.length} ? i + l : {b.length - 1})" if b.length % lanes else "(i + l)"
-        for e, n, offset, step in _steps(elements, offsets):
+        for e, n, offset, step in _strided_runs(elements, offsets):
             each = f"for (int l = 0; l < WIDTH_{lanes}; l++) " if lanes else ""
-            one = _lane(f"({name} + {e})[e]", lanes or 1)
+            one = _lane_expression(f"({name} + {e})[e]", lanes or 1)
             value = f"({place + offset})[e * {step} + {row} * {stride}]"
             before.append(f"for (long e = 0; e < {n}; e++) {each}{one} = {value};")
     return first, before, args
 
 
-def _join(to: Place, join: str, row: str, size: int, lanes: int, length: int) -> tuple[list[str], str, list[str]]:
-    """Statements before, inside and after a loop that join the rows of one output; `length` is 0 where lanes are not
+def _reduction_lines(
+    to: ArrayRef, reduction: str, row: str, size: int, lanes: int, length: int
+) -> tuple[list[str], str, list[str]]:
+    """Statements before, inside and after a loop that reduction the rows of one output; `length` is 0 where lanes are not
     rows, else every lane has a sum of its own until the end.
     """
     each = f"for (long e = 0; e < {size}; e++)"
     if not length:
-        start = f"{each} ({to})[e] = splat_{lanes}({EMPTY[join]});"
-        return [start], f"{each} ({to})[e] = {_joined(join, lanes, f'({to})[e]', f'{row}[e]')};", []
+        start = f"{each} ({to})[e] = splat_{lanes}({IDENTITY[reduction]});"
+        return [start], f"{each} ({to})[e] = {_combine(reduction, lanes, f'({to})[e]', f'{row}[e]')};", []
     total = f"sum_{row}"
-    start = [f"V_{lanes} {total}[{size}];", f"{each} {total}[e] = splat_{lanes}({EMPTY[join]});"]
-    inside = (
-        f"if (i + WIDTH_{lanes} <= {length}) {each} {total}[e] = {_joined(join, lanes, f'{total}[e]', f'{row}[e]')};"
-    )
+    start = [f"V_{lanes} {total}[{size}];", f"{each} {total}[e] = splat_{lanes}({IDENTITY[reduction]});"]
+    inside = f"if (i + WIDTH_{lanes} <= {length}) {each} {total}[e] = {_combine(reduction, lanes, f'{total}[e]', f'{row}[e]')};"
     if length % lanes:
-        mine = _lane(f"{total}[e]", lanes)
-        one = _joined(join, 1, mine, _lane(f"{row}[e]", lanes))
+        mine = _lane_expression(f"{total}[e]", lanes)
+        one = _combine(reduction, 1, mine, _lane_expression(f"{row}[e]", lanes))
         inside += f" else {each} for (int l = 0; i + l < {length}; l++) {mine} = {one};"
-    one = _joined(join, 1, f"({to})[e]", _lane(f"{total}[e]", lanes))
-    first = _lane(f"{total}[e]", lanes, "0")
+    one = _combine(reduction, 1, f"({to})[e]", _lane_expression(f"{total}[e]", lanes))
+    first = _lane_expression(f"{total}[e]", lanes, "0")
     end = f"{each} {{ ({to})[e] = {first}; for (int l = 1; l < WIDTH_{lanes}; l++) ({to})[e] = {one}; }}"
     return start, inside, [end]
 
 
-def _lane(vector: str, lanes: int, lane: str = "l") -> str:
+def _lane_expression(vector: str, lanes: int, lane: str = "l") -> str:
     """The C of one number of a vector, which may be one number: a compiler without vectors has one lane for any."""
     return vector if lanes == 1 else f"AT_{lanes}({vector}, {lane})"
 
 
-def _joined(join: str, lanes: int, a: str, b: str) -> str:
-    sign = {"add": "+", "mul": "*"}.get(join)
-    return f"{a} {sign} {b}" if sign else f"{join}_{lanes}({a}, {b})"
+def _combine(reduction: str, lanes: int, a: str, b: str) -> str:
+    sign = {"add": "+", "mul": "*"}.get(reduction)
+    return f"{a} {sign} {b}" if sign else f"{reduction}_{lanes}({a}, {b})"
 
 
-def _longer_inside(inner: Live, b: Over) -> bool:
+def _longer_inside(inner: Liveness, b: Map) -> bool:
     """Whether lanes are better filled by a longer loop inside."""
 
-    def longest(function_blocks: Sequence[Block], need: Live) -> int:
+    def longest(function_blocks: Sequence[Block], live: Liveness) -> int:
         found = 0
-        for k, call in need.calls.items():
+        for k, call in live.calls.items():
             one = function_blocks[k]
-            found = max(found, one.length if isinstance(one, Over) else 0)
-            for f, live in zip(one.functions, call.functions, strict=True):
-                found = max(found, longest(f.graph.blocks, live))
+            found = max(found, one.length if isinstance(one, Map) else 0)
+            for f, nested in zip(one.functions, call.functions, strict=True):
+                found = max(found, longest(f.graph.blocks, nested))
         return found
 
     return longest(b.function.graph.blocks, inner) > b.length
 
 
-def _rows(body: Body, nodes: np.ndarray, mask: np.ndarray) -> tuple[Place, np.ndarray, np.ndarray, int]:
+def _row_location(
+    body: FunctionEmitter, nodes: np.ndarray, mask: np.ndarray
+) -> tuple[ArrayRef, np.ndarray, np.ndarray, int]:
     """Where the rows of an array lie: from what place, which elements at which offsets, and how far rows are apart."""
     elements = np.flatnonzero(mask)
     some = nodes[:, elements]
     body.require(some.ravel())
-    at = body.g.places(some)
+    at = body.g.range_indices(some)
     stride = int(some[1, 0] - some[0, 0]) if len(some) > 1 else 0
     if at[0, 0] >= 0 and (at == at[0, 0]).all() and (np.diff(some, axis=0) == stride).all() and stride >= 0:
         start, _, kind, array, block = body.g.ranges[int(at[0, 0])]
-        place = body.place(kind, array, block)
-        if not place.thin:
+        place = body.array_ref(kind, array, block)
+        if not place.uniform:
             return place, elements, some[0] - start, stride
     whole = body.pack(nodes.ravel(), np.tile(mask, len(nodes)))
     return whole, elements, elements, nodes.shape[1]
 
 
-def _steps(elements: np.ndarray, offsets: np.ndarray) -> Iterator[tuple[int, int, int, int]]:
+def _strided_runs(elements: np.ndarray, offsets: np.ndarray) -> Iterator[tuple[int, int, int, int]]:
     """Neighbouring elements at evenly spaced offsets: first, how many, offset, step."""
     k = 0
     while k < len(elements):
@@ -221,12 +227,19 @@ class _Carry:
     """The carry of a loop: what stays, what is written to in place, and what moves between two arrays."""
 
     def __init__(
-        self, body: Body, block: int, b: Scan | While, call: Call, step: Live, before: int, count: int
+        self,
+        body: FunctionEmitter,
+        block: int,
+        b: Scan | While,
+        call: BlockLiveness,
+        step: Liveness,
+        before: int,
+        count: int,
     ) -> None:
         function, consts = b.function, b.consts
         self.inputs: dict[int, str] = {}  # what the step reads, by its argument
         self.outputs: dict[int, str] = {}
-        self.moved: list[tuple[str, str, Place, np.ndarray]] = []
+        self.moved: list[tuple[str, str, ArrayRef, np.ndarray]] = []
         kept, written = set(), []
         for k in range(count):
             nodes, mask = b.inputs[before + k], call.used[before + k]
@@ -244,10 +257,10 @@ class _Carry:
                 place = body.pack(nodes, mask)
             else:
                 place = body.pack(nodes, mask, fresh=True)
-                if in_place(function, step, k, argument):
+                if writes_in_place(function, step, k, argument):
                     written.append((k, argument))
                 else:
-                    context, then = body.name("c"), body.name("c")
+                    context, then = body.new_name("c"), body.new_name("c")
                     self.moved.append((context, then, place, mask))
             body.arrays[block, k] = place
             moves = self.moved and self.moved[-1][2] is place
@@ -271,11 +284,11 @@ class _Carry:
         ]
 
 
-def _scan(body: Body, block: int, b: Scan, call: Call) -> None:
+def _scan(body: FunctionEmitter, block: int, b: Scan, call: BlockLiveness) -> None:
     (step,) = call.functions
     carry = _Carry(body, block, b, call, step, b.consts, b.carry)
-    shape = Shape(body.lanes, kept=carry.kept, written=carry.written)
-    function = body.source.add(b.function, step, shape)
+    shape = FunctionLayout(body.lanes, kept=carry.kept, written=carry.written)
+    function = body.unit.add(b.function, step, shape)
     args = dict(carry.inputs)
     for k, (nodes, mask) in enumerate(zip(b.inputs, call.used, strict=True)):
         if not b.consts <= k < b.consts + b.carry and mask.any():
@@ -283,24 +296,24 @@ def _scan(body: Body, block: int, b: Scan, call: Call) -> None:
             args[k] = f"{body.pack(nodes, mask)}{steps}"
     outs = dict(carry.outputs)
     for k in range(b.carry, len(b.outputs)):
-        if step.needed[k].any():
-            outs[k] = f"{body.arrays[block, k]} + t * {step.needed[k].size}"
+        if step.required[k].any():
+            outs[k] = f"{body.arrays[block, k]} + t * {step.required[k].size}"
     count = f"long t = {b.length - 1}; t >= 0; t--" if b.reverse else f"long t = 0; t < {b.length}; t++"
     called = f"{function}({', '.join([*_sorted(args), *_sorted(outs)])});"
-    _say(body, "{", *carry.start, f"for ({count}) {{", called, *carry.swap, "}", *carry.end, "}")
+    _add_lines(body, "{", *carry.start, f"for ({count}) {{", called, *carry.swap, "}", *carry.end, "}")
 
 
 def _sorted(args: dict[int, str]) -> list[str]:
     return [args[k] for k in sorted(args)]
 
 
-def _while(body: Body, block: int, b: While, call: Call) -> None:
+def _while(body: FunctionEmitter, block: int, b: While, call: BlockLiveness) -> None:
     requested, step = call.functions
     w, before = body.lanes, b.tests + b.consts
     carry = _Carry(body, block, b, call, step, before, len(b.outputs))
     guard = w > 1 and bool(carry.written)
-    test = body.source.add(b.test, requested, Shape(w))
-    function = body.source.add(b.function, step, Shape(w, kept=carry.kept, written=carry.written, guard=guard))
+    test = body.unit.add(b.test, requested, FunctionLayout(w))
+    function = body.unit.add(b.function, step, FunctionLayout(w, kept=carry.kept, written=carry.written, guard=guard))
 
     def constants(first: int, used: Sequence[np.ndarray], count: int) -> dict[int, str]:
         return {k: str(body.pack(b.inputs[first + k], used[k])) for k in range(count) if used[k].any()}
@@ -327,13 +340,13 @@ def _while(body: Body, block: int, b: While, call: Call) -> None:
             for context, then, _, mask in carry.moved
             for low, high in _intervals(mask)
         ]
-    _say(body, "{", *carry.start, "for (;;) {", *lines, *carry.swap, "}", *carry.end, "}")
+    _add_lines(body, "{", *carry.start, "for (;;) {", *lines, *carry.swap, "}", *carry.end, "}")
 
 
 # branches
 
 
-def _branch(body: Body, b: Branch, call: Call, outputs: dict[int, Place]) -> None:
+def _branch(body: FunctionEmitter, b: Branch, call: BlockLiveness, outputs: dict[int, ArrayRef]) -> None:
     w, last = body.lanes, len(b.branches) - 1
     which = body.value(int(b.inputs[0][0]))
     packs = [body.pack(x, m) if m.any() else None for x, m in zip(b.inputs[1:], call.used[1:], strict=True)]
@@ -342,7 +355,7 @@ def _branch(body: Body, b: Branch, call: Call, outputs: dict[int, Place]) -> Non
     if w > 1:
         lines.append(f"M_{w} left = eq_{w}(splat_{w}(0.0), splat_{w}(0.0));")
     for k, (f, live) in enumerate(zip(b.branches, call.functions, strict=True)):
-        function = body.source.add(f, live, Shape(w))
+        function = body.unit.add(f, live, FunctionLayout(w))
         args = [str(p) for p, used in zip(packs, live.used, strict=True) if p is not None and used.any()]
         args += [str(made[i]) for i in sorted(made)]
         called = f"{function}({', '.join(args)});"
@@ -354,28 +367,28 @@ def _branch(body: Body, b: Branch, call: Call, outputs: dict[int, Place]) -> Non
         blend = [
             f"for (long e = {low}; e < {high}; e++) ({to})[e] = sel_{w}(mine, ({made[i]})[e], ({to})[e]);"
             for i, to in outputs.items()
-            for low, high in _intervals(call.needed[i])
+            for low, high in _intervals(call.required[i])
         ]
         lines.append(
             f"{{ const M_{w} mine = {mine}; if (any_{w}(mine)) {{ {called} {' '.join(blend)} }} left &= ~mine; }}"
         )
-    _say(body, "{", *lines, "}")
+    _add_lines(body, "{", *lines, "}")
 
 
-def _sizes(b: Branch, outputs: dict[int, Place]) -> list[tuple[int, int]]:
+def _sizes(b: Branch, outputs: dict[int, ArrayRef]) -> list[tuple[int, int]]:
     return [(k, b.outputs[k]) for k in outputs]
 
 
 # reads and writes
 
 
-def _at(window: Window, w: int, at: Place) -> tuple[list[str], str]:
+def _window_lines(window: Window, w: int, at: ArrayRef) -> tuple[list[str], str]:
     """Statements that find where window q begins, `at`, and whether it is `in`; and the offset of its element e."""
     kinds = len(window.stride)
     table = len(window.base) > 1
     lines = ["long at = base[q]; int in = 1;" if table else f"long at = {int(window.base[0])}; int in = 1;"]
-    for d, (stride, last) in enumerate(zip(window.stride, window.last, strict=True)):
-        index = _lane(f"({at})[q * {kinds} + {d}]", w)
+    for d, (stride, last) in enumerate(zip(window.stride, window.max_index, strict=True)):
+        index = _lane_expression(f"({at})[q * {kinds} + {d}]", w)
         lines.append(
             f"{{ const real k = {index}; in &= k >= 0 && k <= {last}; "
             f"at += {stride} * (long)(k > 0 ? (k < {last} ? k : {last}) : 0); }}"
@@ -386,8 +399,8 @@ def _at(window: Window, w: int, at: Place) -> tuple[list[str], str]:
     return lines, "e" if plain else "offset[e]"
 
 
-def _tables(window: Window) -> list[str]:
-    """What `_at` looks up."""
+def _window_tables(window: Window) -> list[str]:
+    """What `_window_lines` looks up."""
     tables = []
     if len(window.base) > 1:
         tables.append(f"static const int base[] = {{{', '.join(map(str, window.base.tolist()))}}};")
@@ -396,28 +409,28 @@ def _tables(window: Window) -> list[str]:
     return tables
 
 
-def _each(window: Window, w: int) -> str:
+def _window_loop(window: Window, w: int) -> str:
     lanes = f" for (int l = 0; l < WIDTH_{w}; l++)" if w > 1 else ""
     return f"for (long q = 0; q < {len(window.base)}; q++){lanes} {{"
 
 
-def _read(body: Body, b: Read, call: Call, to: Place) -> None:
+def _read(body: FunctionEmitter, b: Read, call: BlockLiveness, to: ArrayRef) -> None:
     window, w, n = b.window, body.lanes, b.window.offset.size
     source, at = (body.pack(x, mask) for x, mask in zip(b.inputs, call.used, strict=True))
-    where, element = _at(window, w, at)
-    one = _lane(f"({source})[at + {element}]", w)
+    where, element = _window_lines(window, w, at)
+    one = _lane_expression(f"({source})[at + {element}]", w)
     if window.drops:
-        one = f"in ? {one} : {number(b.outside)}"
-    copy = f"for (long e = 0; e < {n}; e++) {_lane(f'({to})[q * {n} + e]', w)} = {one};"
-    _say(body, "{", *_tables(window), _each(window, w), *where, copy, "}", "}")
+        one = f"in ? {one} : {c_literal(b.fill_value)}"
+    copy = f"for (long e = 0; e < {n}; e++) {_lane_expression(f'({to})[q * {n} + e]', w)} = {one};"
+    _add_lines(body, "{", *_window_tables(window), _window_loop(window, w), *where, copy, "}", "}")
 
 
-def _store(body: Body, b: Write, to: Place, at: Place, new: Place, *, guard: bool) -> None:
+def _store(body: FunctionEmitter, b: Write, to: ArrayRef, at: ArrayRef, new: ArrayRef, *, guard: bool) -> None:
     window, w, n = b.window, body.lanes, b.window.offset.size
-    where, element = _at(window, w, at)
-    there, come = _lane(f"({to})[at + {element}]", w), _lane(f"({new})[q * {n} + e]", w)
-    value = _joined(b.join, 1, there, come) if b.join else come
+    where, element = _window_lines(window, w, at)
+    there, come = _lane_expression(f"({to})[at + {element}]", w), _lane_expression(f"({new})[q * {n} + e]", w)
+    value = _combine(b.reduction, 1, there, come) if b.reduction else come
     value = f"{b.check}_1({value})" if b.check else value
-    skip = [f"if (!{_lane('(*go)', w)}) continue;"] if guard else []
+    skip = [f"if (!{_lane_expression('(*go)', w)}) continue;"] if guard else []
     copy = f"if (in) for (long e = 0; e < {n}; e++) {there} = {value};"
-    _say(body, "{", *_tables(window), _each(window, w), *skip, *where, copy, "}", "}")
+    _add_lines(body, "{", *_window_tables(window), _window_loop(window, w), *skip, *where, copy, "}", "}")

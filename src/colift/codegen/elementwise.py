@@ -7,7 +7,7 @@ import numpy as np
 
 from colift.codegen.equations import Equation
 from colift.codegen.graph import Graph, Nodes
-from colift.codegen.interpret import UnsupportedPrimitive, choose, exact, is_bool, is_integer, rule
+from colift.codegen.interpret import UnsupportedPrimitive, check_integer, is_bool, is_integer, rule, select_case
 
 
 @rule("stop_gradient", "copy", "device_put", "optimization_barrier")
@@ -17,27 +17,27 @@ def _same(g: Graph, eqn: Equation, *x: Nodes) -> list[Nodes]:
 
 @rule("add_any")
 def _add_any(g: Graph, eqn: Equation, a: Nodes, b: Nodes) -> Nodes:
-    return exact(g, eqn, g.map("add", a, b))
+    return check_integer(g, eqn, g.map("add", a, b))
 
 
 @rule("div")
 def _div(g: Graph, eqn: Equation, a: Nodes, b: Nodes) -> Nodes:
     quotient = g.map("div", a, b)
-    return exact(g, eqn, g.map("trunc", quotient)) if is_integer(eqn.invars[0]) else quotient
+    return check_integer(g, eqn, g.map("trunc", quotient)) if is_integer(eqn.invars[0]) else quotient
 
 
 @rule("rem")
 def _rem(g: Graph, eqn: Equation, a: Nodes, b: Nodes) -> Nodes:
-    x, y = g.numbers(a), g.numbers(b)
+    x, y = g.constant_values(a), g.constant_values(b)
     if x is not None and y is not None:
         with np.errstate(invalid="ignore"):  # by zero
-            return exact(g, eqn, g.constants(np.fmod(x, y)))
-    return exact(g, eqn, g.map("fmod", a, b))
+            return check_integer(g, eqn, g.constants(np.fmod(x, y)))
+    return check_integer(g, eqn, g.map("fmod", a, b))
 
 
 @rule("square")
 def _square(g: Graph, eqn: Equation, a: Nodes) -> Nodes:
-    return exact(g, eqn, g.map("mul", a, a))
+    return check_integer(g, eqn, g.map("mul", a, a))
 
 
 @rule("rsqrt")
@@ -54,7 +54,7 @@ def _logistic(g: Graph, eqn: Equation, a: Nodes) -> Nodes:
 @rule("integer_pow")
 def _integer_pow(g: Graph, eqn: Equation, a: Nodes) -> Nodes:
     out = np.asarray(np.frompyfunc(lambda x: g.integer_pow(x, eqn.params["y"]), 1, 1)(a), dtype=np.int64)
-    return exact(g, eqn, out)  # of integers, no step is larger than the last
+    return check_integer(g, eqn, out)  # of integers, no step is larger than the last
 
 
 @rule("pow")
@@ -111,7 +111,7 @@ def _logic(g: Graph, eqn: Equation, *x: Nodes) -> Nodes:
 def _select_n(g: Graph, eqn: Equation, which: Nodes, *cases: Nodes) -> Nodes:
     if is_bool(eqn.invars[0]):
         return g.map("select", which, cases[1], cases[0])
-    return choose(g, which, cases)
+    return select_case(g, which, cases)
 
 
 @rule("convert_element_type")
@@ -124,4 +124,4 @@ def _convert(g: Graph, eqn: Equation, a: Nodes) -> Nodes:
     a, of = g.map("to_number", a), eqn.invars[0]
     if not is_integer(to) or is_bool(of) or of.aval.dtype == to.aval.dtype:
         return a
-    return exact(g, eqn, a if is_integer(of) else g.map("trunc", a))
+    return check_integer(g, eqn, a if is_integer(of) else g.map("trunc", a))

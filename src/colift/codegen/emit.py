@@ -1,4 +1,4 @@
-"""From graphs to C: what is needed, in what order, over how many lanes."""
+"""From graphs to C: what is required, in what order, over how many lanes."""
 
 from __future__ import annotations
 
@@ -9,70 +9,72 @@ import numpy as np
 from colift.codegen import calls, outlining
 from colift.codegen.blocks import Function, Nodes, Scan, While
 from colift.codegen.graph import COMPARE
-from colift.codegen.layout import Place, Shape, number, runs
-from colift.codegen.liveness import Live
+from colift.codegen.layout import ArrayRef, FunctionLayout, c_literal, copy_runs
+from colift.codegen.liveness import Liveness
 
 BINARY = {"add": "+", "sub": "-", "mul": "*", "div": "/", "and": "&", "or": "|"}
-STACK = 1 << 18  # bytes of arrays in one function; more are allocated
+STACK_BYTES = 1 << 18  # bytes of arrays in one function; more are allocated
 
 
-class Source:
+class TranslationUnit:
     """A C translation unit in the making: each distinct function once."""
 
-    def __init__(self, agent_lanes: int = 1, stack: int = STACK) -> None:
+    def __init__(self, agent_lanes: int = 1, stack_bytes: int = STACK_BYTES) -> None:
         self.agent_lanes = agent_lanes  # agents or points beside each other, where samples are not
-        self.stack = stack
+        self.stack_bytes = stack_bytes
         self.widths: set[int] = {1}
         self.names: dict[str, str] = {}
 
-    def add(self, function: Function, need: Live, shape: Shape) -> str:
+    def add(self, function: Function, live: Liveness, layout: FunctionLayout) -> str:
         """Emit a function; its name."""
-        self.widths.add(shape.lanes)
-        text = Body(self, function, need, shape).text()
+        self.widths.add(layout.lanes)
+        text = FunctionEmitter(self, function, live, layout).text()
         return self.names.setdefault(text, f"f{len(self.names)}")
 
     def functions(self) -> str:
         """All functions, callees first."""
-        return outlining.pieces([text.replace("@name", name) for text, name in self.names.items()])
+        return outlining.split_into_pieces([text.replace("@name", name) for text, name in self.names.items()])
 
 
-class Body:
+class FunctionEmitter:
     """One function: statements in the order a depth-first walk from the outputs needs them."""
 
-    def __init__(self, source: Source, function: Function, need: Live, shape: Shape) -> None:
-        self.source, self.function, self.g, self.need, self.shape = source, function, function.graph, need, shape
-        self.lanes = shape.lanes
+    def __init__(self, unit: TranslationUnit, function: Function, live: Liveness, layout: FunctionLayout) -> None:
+        self.unit, self.function, self.g, self.live, self.layout = unit, function, function.graph, live, layout
+        self.lanes = layout.lanes
         self.names: dict[int, str] = {}
         self.lines: list[outlining.Line] = []
-        self.room = 0  # elements of the frame m, where arrays lie
-        self.packs: dict[tuple, Place] = {}
-        self.arrays: dict[tuple[int, int], Place] = {}  # (block, output)
+        self.frame_size = 0  # elements of the frame m, where arrays lie
+        self.packs: dict[tuple, ArrayRef] = {}
+        self.arrays: dict[tuple[int, int], ArrayRef] = {}  # (block, output)
         self.done: set[int] = set()  # blocks emitted
-        self.last: dict[int, Place] = {}  # blocks that write to an input, in place and at the end
+        self.final_writes: dict[int, ArrayRef] = {}  # blocks that write to an input, in place and at the end
         self.counter = 0
 
     def text(self) -> str:
-        outputs, need, shape = self.function.outputs, self.need, self.shape
-        own = [k for k in range(len(outputs)) if need.needed[k].any() and k not in {*shape.kept, *dict(shape.written)}]
-        for k, j in shape.written:
-            self.last[self._block_of(outputs[k])] = Place(f"a{j}")
-        direct = self._direct(own)
+        outputs, live, layout = self.function.outputs, self.live, self.layout
+        own = [
+            k for k in range(len(outputs)) if live.required[k].any() and k not in {*layout.kept, *dict(layout.written)}
+        ]
+        for k, j in layout.written:
+            self.final_writes[self._block_of(outputs[k])] = ArrayRef(f"a{j}")
+        direct = self._direct_outputs(own)
         for k in own:
             if k in direct:
                 self.require(outputs[k][:1])
             else:
-                self.fill(Place(f"o{k}"), outputs[k], np.flatnonzero(need.needed[k]))
-        calls.write_last(self)
-        w, written = self.lanes, {j for _, j in shape.written}
+                self.store_nodes(ArrayRef(f"o{k}"), outputs[k], np.flatnonzero(live.required[k]))
+        calls.emit_final_writes(self)
+        w, written = self.lanes, {j for _, j in layout.written}
         parameters = {
-            f"a{k}": f"{'' if k in written else 'const '}V_{1 if k in shape.thin else w} *restrict a{k}"
-            for k, used in enumerate(need.used)
+            f"a{k}": f"{'' if k in written else 'const '}V_{1 if k in layout.uniform else w} *restrict a{k}"
+            for k, used in enumerate(live.used)
             if used.any() or k in written
         }
         parameters |= {f"o{k}": f"V_{w} *restrict o{k}" for k in own}
-        if shape.guard:
+        if layout.guard:
             parameters["go"] = f"const M_{w} *restrict go"
-        return outlining.assemble(self.lines, parameters, w, self.room, self.source.stack)
+        return outlining.assemble(self.lines, parameters, w, self.frame_size, self.unit.stack_bytes)
 
     def _block_of(self, nodes: Nodes) -> int:
         """The block whose output some nodes are."""
@@ -80,7 +82,7 @@ class Body:
         assert element is not None
         return element[2]
 
-    def _direct(self, own: Sequence[int]) -> set[int]:
+    def _direct_outputs(self, own: Sequence[int]) -> set[int]:
         """Outputs that are one whole array of a block: the block writes them itself."""
         direct = set()
         for k in own:
@@ -92,8 +94,8 @@ class Body:
             b = self.g.blocks[block]
             carried = isinstance(b, While) or (isinstance(b, Scan) and array < b.carry)
             whole = b.outputs[array] == out.size and (np.diff(out) == 1).all()
-            if whole and not carried and (block, array) not in self.arrays and block not in self.last:
-                self.arrays[block, array] = Place(f"o{k}")
+            if whole and not carried and (block, array) not in self.arrays and block not in self.final_writes:
+                self.arrays[block, array] = ArrayRef(f"o{k}")
                 direct.add(k)
         return direct
 
@@ -111,16 +113,16 @@ class Body:
         element = self.g.element(node)
         assert element is not None
         kind, array, block, index = element
-        place = self.place(kind, array, block)
-        return f"splat_{self.lanes}({place[index]})" if place.thin else place[index]
+        place = self.array_ref(kind, array, block)
+        return f"splat_{self.lanes}({place[index]})" if place.uniform else place[index]
 
-    def place(self, kind: str, array: int, block: int) -> Place:
+    def array_ref(self, kind: str, array: int, block: int) -> ArrayRef:
         """Where an input, or a block's output, lies."""
-        thin = self.lanes > 1 and array in self.shape.thin
-        return Place(f"a{array}", 0, thin) if kind == "in" else self.arrays[block, array]
+        uniform = self.lanes > 1 and array in self.layout.uniform
+        return ArrayRef(f"a{array}", 0, uniform) if kind == "in" else self.arrays[block, array]
 
     def require(self, nodes: Nodes) -> None:
-        """Emit what nodes need; a block is ~number on the stack."""
+        """Emit what nodes live; a block is ~number on the stack."""
         stack = self._missing(nodes)
         while stack:
             top = stack[-1]
@@ -152,20 +154,20 @@ class Body:
         return missing
 
     def _missing(self, nodes: Nodes) -> list[int]:
-        at = self.g.places(nodes)
+        at = self.g.range_indices(nodes)
         missing = [n for n in nodes[at < 0].tolist() if n not in self.names]
         blocks = {self.g.ranges[k][4] for k in set(at[at >= 0].tolist())}
         return missing + [~b for b in sorted(blocks) if b >= 0 and b not in self.done]
 
     def _arguments(self, block: int) -> list[int]:
-        b, call = self.g.blocks[block], self.need.calls[block]
+        b, call = self.g.blocks[block], self.live.calls[block]
         return [n for arg, mask in zip(b.inputs, call.used, strict=True) for n in self._missing(arg[mask])]
 
     def _emit(self, node: int) -> None:
         op, *args = self.g.code[node]
         w = self.lanes
         if op == "const":
-            self.names[node] = number(args[0]) if w == 1 else f"splat_{w}({number(args[0])})"
+            self.names[node] = c_literal(args[0]) if w == 1 else f"splat_{w}({c_literal(args[0])})"
             return
         x = [self.expression(a) for a in args]
         if op in ("true", "false"):
@@ -189,80 +191,82 @@ class Body:
             code = f"sel_{w}({x[0]}, {x[1]}, {x[2]})"
         else:
             code = f"{op}_{w}({', '.join(x)})"
-        name, mask = self.name("x"), self.g.is_mask(node)
-        self.say(f"const {'M' if mask else 'V'}_{w} {name} = {code};", {name: mask})
+        name, mask = self.new_name("x"), self.g.is_mask(node)
+        self.add_line(f"const {'M' if mask else 'V'}_{w} {name} = {code};", {name: mask})
         self.names[node] = name
 
     def _sincos(self, argument: int, x: str) -> None:
-        s, c = self.name("x"), self.name("x")
-        self.say(f"V_{self.lanes} {s}, {c}; sincos_{self.lanes}({x}, &{s}, &{c});", {s: False, c: False})
+        s, c = self.new_name("x"), self.new_name("x")
+        self.add_line(f"V_{self.lanes} {s}, {c}; sincos_{self.lanes}({x}, &{s}, &{c});", {s: False, c: False})
         self.names[self.g.make("sin", argument)] = s
         self.names[self.g.make("cos", argument)] = c
 
-    def name(self, letter: str) -> str:
+    def new_name(self, letter: str) -> str:
         """A name of C that is new in this function."""
         self.counter += 1
         return f"{letter}{self.counter}"
 
-    def say(self, text: str, defines: dict[str, bool] | None = None) -> None:
+    def add_line(self, text: str, defines: dict[str, bool] | None = None) -> None:
         """Add a statement; `defines` are the names of its values, and whether they are masks."""
         self.lines.append(outlining.Line(text, defines or {}))
 
     # arrays
 
-    def array(self, size: int) -> Place:
+    def array(self, size: int) -> ArrayRef:
         """Room for an array."""
-        self.room += size
-        return Place("m", self.room - size)
+        self.frame_size += size
+        return ArrayRef("m", self.frame_size - size)
 
-    def pack(self, nodes: Nodes, mask: np.ndarray, *, fresh: bool = False) -> Place:
+    def pack(self, nodes: Nodes, mask: np.ndarray, *, fresh: bool = False) -> ArrayRef:
         """Where nodes lie side by side, those in the mask at least; `fresh`: where nothing else is."""
         at = np.flatnonzero(mask)
         self.require(nodes[at])
-        if not fresh and (found := self._lying(nodes, at)) is not None:
+        if not fresh and (found := self._existing_array(nodes, at)) is not None:
             return found
         key = (nodes.tobytes(), mask.tobytes())
         if fresh or key not in self.packs:
             place = self.array(len(nodes))
-            self.fill(place, nodes, at)
+            self.store_nodes(place, nodes, at)
             if fresh:
                 return place
             self.packs[key] = place
         return self.packs[key]
 
-    def _lying(self, nodes: Nodes, at: np.ndarray) -> Place | None:
+    def _existing_array(self, nodes: Nodes, at: np.ndarray) -> ArrayRef | None:
         """Where nodes lie side by side already."""
-        ranges = self.g.places(nodes[[at[0], at[-1]]])
+        ranges = self.g.range_indices(nodes[[at[0], at[-1]]])
         if ranges[0] < 0 or ranges[0] != ranges[1] or not (nodes[at] - at == nodes[at[0]] - at[0]).all():
             return None
         start, _, kind, array, block = self.g.ranges[int(ranges[0])]
-        place, shift = self.place(kind, array, block), int(nodes[at[0]] - at[0]) - start
-        return None if place.thin or shift < 0 else place + shift
+        place, shift = self.array_ref(kind, array, block), int(nodes[at[0]] - at[0]) - start
+        return None if place.uniform or shift < 0 else place + shift
 
-    def fill(self, to: Place, nodes: Nodes, at: np.ndarray) -> None:
+    def store_nodes(self, target: ArrayRef, nodes: Nodes, at: np.ndarray) -> None:
         """Store nodes into an array: those that lie in a row elsewhere, are one number or are known, by a loop."""
         self.require(nodes[at])
         w = self.lanes
-        for kind, first, n, step in runs(self.g.places(nodes[at]), nodes[at], at, self.g.known(nodes[at])):
+        for kind, first, n, step in copy_runs(
+            self.g.range_indices(nodes[at]), nodes[at], at, self.g.constant_mask(nodes[at])
+        ):
             k, value = int(at[first]), self.expression(int(nodes[at[first]]))
             if kind == "row" and n > 3:
-                start, _, of, array, block = self.g.ranges[int(self.g.places(nodes[at[first : first + 1]])[0])]
-                source = self.place(of, array, block) + (int(nodes[k]) - start)
-                if step == 1 and not source.thin:
-                    self.say(f"memcpy({to + k}, {source}, {n} * sizeof(V_{w}));")
+                start, _, of, array, block = self.g.ranges[int(self.g.range_indices(nodes[at[first : first + 1]])[0])]
+                source = self.array_ref(of, array, block) + (int(nodes[k]) - start)
+                if step == 1 and not source.uniform:
+                    self.add_line(f"memcpy({target + k}, {source}, {n} * sizeof(V_{w}));")
                 else:
                     value = f"({source})[e * {step}]"
-                    value = f"splat_{w}({value})" if source.thin else value
-                    self.say(f"for (long e = 0; e < {n}; e++) ({to + k})[e] = {value};")
+                    value = f"splat_{w}({value})" if source.uniform else value
+                    self.add_line(f"for (long e = 0; e < {n}; e++) ({target + k})[e] = {value};")
             elif kind == "same" and n > 3:
-                self.say(f"for (long e = 0; e < {n}; e++) ({to + k})[e] = {value};")
+                self.add_line(f"for (long e = 0; e < {n}; e++) ({target + k})[e] = {value};")
             elif kind == "known" and n > 3:
-                numbers = self.g.numbers(nodes[at[first : first + n]])
+                numbers = self.g.constant_values(nodes[at[first : first + n]])
                 assert numbers is not None
-                table = ", ".join(map(number, numbers.tolist()))
+                table = ", ".join(map(c_literal, numbers.tolist()))
                 each = "t[e]" if w == 1 else f"splat_{w}(t[e])"
-                self.say(f"{{ static const real t[] = {{{table}}}; "
-                         f"for (long e = 0; e < {n}; e++) ({to + k})[e] = {each}; }}")  # fmt: skip
+                self.add_line(f"{{ static const real t[] = {{{table}}}; "
+                         f"for (long e = 0; e < {n}; e++) ({target + k})[e] = {each}; }}")  # fmt: skip
             else:
                 for i in range(first, first + n):
-                    self.say(f"{to[int(at[i])]} = {self.expression(int(nodes[at[i]]))};")
+                    self.add_line(f"{target[int(at[i])]} = {self.expression(int(nodes[at[i]]))};")

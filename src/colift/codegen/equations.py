@@ -32,7 +32,7 @@ class Equation:
     params: dict[str, Any]
     invars: list[Value]
     outvars: list[Value]
-    place: str = ""  # in the user's code
+    source_location: str = ""  # in the user's code
 
 
 def constant(number: Any, aval: Any = None) -> Value:
@@ -41,7 +41,9 @@ def constant(number: Any, aval: Any = None) -> Value:
     return Value(jax.core.ShapedArray(number.shape, number.dtype) if aval is None else aval, number)
 
 
-def flatten(jaxpr: core.Jaxpr, args: Sequence[Value], place: str = "") -> tuple[list[Equation], list[Value]]:
+def inline_calls(
+    jaxpr: core.Jaxpr, args: Sequence[Value], source_location: str = ""
+) -> tuple[list[Equation], list[Value]]:
     """The equations of a jaxpr applied to values (its constants first), and the values it returns."""
     env: dict[core.Var, Value] = dict(zip((*jaxpr.constvars, *jaxpr.invars), args, strict=True))
 
@@ -51,15 +53,17 @@ def flatten(jaxpr: core.Jaxpr, args: Sequence[Value], place: str = "") -> tuple[
     equations = []
     for eqn in jaxpr.eqns:
         inputs = [read(v) for v in eqn.invars]
-        here = source_info_util.summarize(eqn.source_info) or place  # JAX's own functions know no place of the user's
+        here = (
+            source_info_util.summarize(eqn.source_info) or source_location
+        )  # JAX's own functions know no source_location of the user's
         if eqn.primitive.name in CALLS or eqn.primitive.name == "native":
             inner = eqn.params["jaxpr"] if "jaxpr" in eqn.params else eqn.params["call_jaxpr"]
             if eqn.primitive.name == "native":
-                inner = jax.make_jaxpr(functools.partial(by_jax, jaxpr=inner))(*(v.aval for v in eqn.invars))
+                inner = jax.make_jaxpr(functools.partial(evaluate_with_jax, jaxpr=inner))(*(v.aval for v in eqn.invars))
             if isinstance(inner, core.ClosedJaxpr):
                 inputs = [*map(constant, inner.consts), *inputs]
                 inner = inner.jaxpr
-            more, outputs = flatten(inner, inputs, here)
+            more, outputs = inline_calls(inner, inputs, here)
             equations += more
         else:
             outputs = [Value(v.aval) for v in eqn.outvars]
@@ -68,7 +72,7 @@ def flatten(jaxpr: core.Jaxpr, args: Sequence[Value], place: str = "") -> tuple[
     return equations, [read(v) for v in jaxpr.outvars]
 
 
-def by_jax(*args: Any, jaxpr: core.ClosedJaxpr, threads: int = 1) -> list[Any]:  # noqa: ARG001  as the primitive's
+def evaluate_with_jax(*args: Any, jaxpr: core.ClosedJaxpr, threads: int = 1) -> list[Any]:  # noqa: ARG001  as the primitive's
     """The value of a native function by JAX: leading axes beyond its own are batches, of length one where shared."""
     f = core.jaxpr_as_fun(jaxpr)
     for axis in reversed(range(batch_axes(args, jaxpr))):
@@ -99,14 +103,14 @@ MOVING = {  # no statement of C
 }  # fmt: skip
 
 
-def work(equations: Sequence[Any]) -> int:
+def statement_count(equations: Sequence[Any]) -> int:
     """About how many statements of C equations become."""
     total = 0
     for e in equations:
         name = e.primitive.name
         if inner := [*core.jaxprs_in_params(e.params)]:
-            length = e.params["length"] if name == "scan" else e.outvars[0].aval.shape[0] if name == "over" else 1
-            total += length * sum(work(jaxpr.eqns) for jaxpr in inner)
+            length = e.params["length"] if name == "scan" else e.outvars[0].aval.shape[0] if name == "agent_map" else 1
+            total += length * sum(statement_count(jaxpr.eqns) for jaxpr in inner)
         elif name == "dot_general":
             (contracted, _), _ = e.params["dimension_numbers"]
             shape = e.invars[0].aval.shape

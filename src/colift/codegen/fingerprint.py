@@ -14,7 +14,7 @@ import numpy as np
 from jax.extend import core
 
 
-def digest(jaxpr: core.ClosedJaxpr) -> str:
+def jaxpr_digest(jaxpr: core.ClosedJaxpr) -> str:
     """Differs where equations, constants, JAX's version or this package do; equal for what is traced alike.
 
     Constants are read by their bytes, as text leaves out digits of arrays.

@@ -1,10 +1,10 @@
 """Scalar expressions with sharing and folding, and the functions made of them.
 
-A node is an integer. Equal expressions are one node (hash consing), constants are folded on the way in:
+A node is an integer. Equal expressions are one node (hash consing), constants are folded on the merge in:
 `0 x = 0`, `0 / x = 0`, `1 x = x`, `x + 0 = x`, `x - x = 0`, as real numbers: where x is NaN or infinite (or zero, as
 a divisor) they are zero too, unlike in JAX; and zero has no sign.
 Arrays of nodes are NumPy integer arrays, so moving elements about (slices, transposes, gathers) costs nothing.
-Integers are carried as doubles, exact below 2^53: what computes one is followed by the operation of its type (`WHOLE`),
+Integers are carried as doubles, exact below 2^53: what computes one is followed by the operation of its type (`INTEGER_RANGES`),
 which lets it pass within the range of the type and below 2^53, and is an error otherwise. Booleans are lane masks.
 """
 
@@ -49,7 +49,7 @@ LIBM = {  # one call a lane
     "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "asinh", "acosh", "atanh",
     "exp", "exp2", "expm1", "log", "log1p", "cbrt", "atan2", "pow", "fmod", "erf",
 }  # fmt: skip
-WHOLE = {  # what is carried exactly of an integer type
+INTEGER_RANGES = {  # what is carried exactly of an integer type
     "int64": (1 - 2**53, 2**53 - 1),
     "int32": (-(2**31), 2**31 - 1),
     "uint32": (0, 2**32 - 1),
@@ -95,7 +95,7 @@ class Graph:
         start, _, kind, array, block = self.ranges[bisect.bisect_right(self._range_starts, node) - 1]
         return kind, array, block, node - start
 
-    def places(self, nodes: Nodes) -> np.ndarray:
+    def range_indices(self, nodes: Nodes) -> np.ndarray:
         """For each node the number of its range, -1 for those not made by `array`."""
         if not self.ranges:
             return np.full(nodes.shape, -1)
@@ -104,9 +104,9 @@ class Graph:
         at = np.searchsorted(self._bounds[0], nodes, side="right") - 1
         return np.where(nodes < self._bounds[1][at], at, -1) if len(self.ranges) else at
 
-    def known(self, nodes: Nodes) -> np.ndarray:
+    def constant_mask(self, nodes: Nodes) -> np.ndarray:
         """Which nodes are numbers or truth values known now."""
-        found = self.places(nodes) < 0
+        found = self.range_indices(nodes) < 0
         found[found] = [self.is_constant(n) for n in nodes[found].tolist()]
         return found
 
@@ -143,7 +143,7 @@ class Graph:
         one = (lambda v: self.make("true" if v else "false")) if values.dtype == bool else self.const
         return np.array([one(v) for v in values.ravel().tolist()], dtype=np.int64).reshape(values.shape)
 
-    def numbers(self, nodes: Nodes) -> np.ndarray | None:
+    def constant_values(self, nodes: Nodes) -> np.ndarray | None:
         """The inverse of `constants`, None unless every node is constant."""
         values = []
         for node in nodes.ravel().tolist():
@@ -153,10 +153,10 @@ class Graph:
             values.append(float(code[1]) if code[0] == "const" else code[0] == "true")
         return np.array(values).reshape(nodes.shape)
 
-    def numeric(self, nodes: Nodes) -> Nodes:
+    def as_numbers(self, nodes: Nodes) -> Nodes:
         """`to_number` of many nodes, flat."""
         nodes = np.array(nodes, dtype=np.int64).ravel()
-        made = self.places(nodes) < 0
+        made = self.range_indices(nodes) < 0
         nodes[made] = self.map("to_number", nodes[made])
         return nodes
 
@@ -174,15 +174,15 @@ class Graph:
             values = [self.value(a) for a in args]
             if None not in values:
                 return self.const(fold(*values))
-        elif op in WHOLE:
-            return self._whole(op, *args)
+        elif op in INTEGER_RANGES:
+            return self._checked_integer(op, *args)
         elif op not in LIBM and op != "flag":
             raise AssertionError(op)
         return self.make(op, *args)
 
-    def _whole(self, kind: str, a: int) -> int:
+    def _checked_integer(self, kind: str, a: int) -> int:
         """An integer known to be in range, or checked where it is computed."""
-        low, high = WHOLE[kind]
+        low, high = INTEGER_RANGES[kind]
         x = self.value(a)
         if x is None:
             return a if self.code.get(a, ("",))[0] == kind else self.make(kind, a)
@@ -380,6 +380,6 @@ class Graph:
 
     def block(self, kind: type[Block], inputs: Sequence[Nodes], sizes: Sequence[int], **how: Any) -> list[Nodes]:
         """Add a block; its outputs, flat."""
-        self.blocks.append(kind(inputs=tuple(map(self.numeric, inputs)), outputs=tuple(sizes), **how))
+        self.blocks.append(kind(inputs=tuple(map(self.as_numbers, inputs)), outputs=tuple(sizes), **how))
         self.starts.append(self.count)
         return [self.array(size, "out", k, len(self.blocks) - 1) for k, size in enumerate(sizes)]

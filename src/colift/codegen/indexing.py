@@ -10,8 +10,8 @@ import numpy as np
 
 from colift.codegen.blocks import Read, Window, Write
 from colift.codegen.equations import Equation
-from colift.codegen.graph import WHOLE, Graph, Nodes
-from colift.codegen.interpret import exact, is_integer, rule
+from colift.codegen.graph import INTEGER_RANGES, Graph, Nodes
+from colift.codegen.interpret import check_integer, is_integer, rule
 
 
 def _flat(shape: Sequence[int], coordinates: Sequence[np.ndarray]) -> np.ndarray:
@@ -39,14 +39,14 @@ def _window(
         base=at[:, 0],
         offset=at[0] - at[0, 0],
         stride=tuple(math.prod(shape[int(k) + 1 :]) for k in index_map),
-        last=tuple(shape[int(k)] - window[int(k)] for k in index_map),
+        max_index=tuple(shape[int(k)] - window[int(k)] for k in index_map),
         drops=drops,
     )
 
 
-def _read(g: Graph, a: Nodes, indices: Nodes, window: Window, outside: float) -> Nodes:
+def _read(g: Graph, a: Nodes, indices: Nodes, window: Window, fill_value: float) -> Nodes:
     """Windows of an array, (points, window)."""
-    (out,) = g.block(Read, [a, indices], [window.base.size * window.offset.size], window=window, outside=outside)
+    (out,) = g.block(Read, [a, indices], [window.base.size * window.offset.size], window=window, fill_value=fill_value)
     return out.reshape(window.base.size, window.offset.size)
 
 
@@ -54,7 +54,7 @@ def _read(g: Graph, a: Nodes, indices: Nodes, window: Window, outside: float) ->
 def _dynamic_slice(g: Graph, eqn: Equation, a: Nodes, *start: Nodes) -> Nodes:
     sizes = eqn.params["slice_sizes"]
     at = np.array([int(i) for i in start], dtype=np.int64)
-    numbers = g.numbers(at)
+    numbers = g.constant_values(at)
     if numbers is not None:
         low = np.clip(numbers, 0, np.subtract(a.shape, sizes)).astype(int)
         return a[tuple(slice(i, i + size) for i, size in zip(low, sizes, strict=True))]
@@ -68,7 +68,7 @@ def _dynamic_update_slice(g: Graph, eqn: Equation, a: Nodes, update: Nodes, *sta
     if not update.size:
         return a
     at = np.array([int(i) for i in start], dtype=np.int64)
-    numbers = g.numbers(at)
+    numbers = g.constant_values(at)
     if numbers is not None:
         low = np.clip(numbers, 0, np.subtract(a.shape, update.shape)).astype(int)
         out = a.copy()
@@ -78,13 +78,13 @@ def _dynamic_update_slice(g: Graph, eqn: Equation, a: Nodes, update: Nodes, *sta
     return _write(g, eqn, a, at, update, window, "")
 
 
-def _write(g: Graph, eqn: Equation, a: Nodes, at: Nodes, updates: Nodes, window: Window, join: str) -> Nodes:
+def _write(g: Graph, eqn: Equation, a: Nodes, at: Nodes, updates: Nodes, window: Window, reduction: str) -> Nodes:
     """The array with windows (points, window) written."""
     out = eqn.outvars[0]
-    check = out.aval.dtype.name if join in ("add", "mul") and is_integer(out) else ""
-    assert not check or check in WHOLE
+    check = out.aval.dtype.name if reduction in ("add", "mul") and is_integer(out) else ""
+    assert not check or check in INTEGER_RANGES
     inputs = [a, at, updates]
-    (new,) = g.block(Write, inputs, [a.size], window=window, join=join, check=check)
+    (new,) = g.block(Write, inputs, [a.size], window=window, reduction=reduction, check=check)
     return (g.map("to_flag", new) if out.aval.dtype == bool else new).reshape(a.shape)
 
 
@@ -129,11 +129,11 @@ def _gather(g: Graph, eqn: Equation, a: Nodes, indices: Nodes) -> Nodes:
     dropped = (*d.collapsed_slice_dims, *d.operand_batching_dims)
     order = [k for k in range(eqn.outvars[0].aval.ndim) if k not in d.offset_dims] + list(d.offset_dims)
     kept = [sizes[k] for k in range(a.ndim) if k not in dropped]
-    numbers = g.numbers(indices)
-    outside = _outside(eqn) if fill else 0.0
+    numbers = g.constant_values(indices)
+    fill_value = _fill_value(eqn) if fill else 0.0
     if numbers is None:
         window = _window(a.shape, points, d.start_index_map, sizes, dropped, batching, drops=fill)
-        out = _read(g, a, indices, window, float(outside)).reshape((*points, *kept))
+        out = _read(g, a, indices, window, float(fill_value)).reshape((*points, *kept))
         out = g.map("to_flag", out) if eqn.outvars[0].aval.dtype == bool else out
     else:
         columns = [numbers[..., k].astype(np.int64) for k in range(indices.shape[-1])]
@@ -141,11 +141,11 @@ def _gather(g: Graph, eqn: Equation, a: Nodes, indices: Nodes) -> Nodes:
         out = np.asarray(a[tuple(coordinates)])
         if fill and not fits.all():
             fits = fits.reshape((*points, *[1] * len(kept)))
-            out = np.where(fits, out, g.constants(np.asarray(outside, eqn.outvars[0].aval.dtype)))
+            out = np.where(fits, out, g.constants(np.asarray(fill_value, eqn.outvars[0].aval.dtype)))
     return out.transpose(np.argsort(order))
 
 
-def _outside(eqn: Equation) -> Any:
+def _fill_value(eqn: Equation) -> Any:
     """What a gather gives where a window does not fit."""
     given, dtype = eqn.params["fill_value"], eqn.outvars[0].aval.dtype
     if given is not None:
@@ -173,7 +173,7 @@ def _scatter(g: Graph, eqn: Equation, a: Nodes, indices: Nodes, updates: Nodes) 
     batching = [*zip(d.operand_batching_dims, d.scatter_indices_batching_dims, strict=True)]
     widths = iter(updates.shape[len(points) :])
     sizes = [1 if axis in dropped else next(widths) for axis in range(a.ndim)]
-    numbers = g.numbers(indices)
+    numbers = g.constant_values(indices)
     if numbers is None:
         where = d.scatter_dims_to_operand_dims
         window = _window(a.shape, points, where, sizes, dropped, batching, drops=drops)
@@ -185,5 +185,5 @@ def _scatter(g: Graph, eqn: Equation, a: Nodes, indices: Nodes, updates: Nodes) 
         if fits[point[: len(points)]] or not drops:
             where = tuple(int(c[point]) for c in coordinates)
             one = updates[point]
-            out[where] = exact(g, eqn, g.map(op, out[where], one)) if op else one
+            out[where] = check_integer(g, eqn, g.map(op, out[where], one)) if op else one
     return out

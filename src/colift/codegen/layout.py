@@ -12,15 +12,15 @@ from colift.codegen.blocks import Nodes
 
 
 @dataclass(frozen=True)
-class Place:
-    """Where an array lies: an offset from a pointer of C; `thin` where it holds one number for all lanes."""
+class ArrayRef:
+    """Where an array lies: an offset from a pointer of C; `uniform` where it holds one number for all lanes."""
 
     name: str
     offset: int = 0
-    thin: bool = False
+    uniform: bool = False
 
-    def __add__(self, by: int) -> Place:
-        return Place(self.name, self.offset + by, self.thin)
+    def __add__(self, by: int) -> ArrayRef:
+        return ArrayRef(self.name, self.offset + by, self.uniform)
 
     def __str__(self) -> str:
         return f"{self.name} + {self.offset}" if self.offset else self.name
@@ -30,17 +30,19 @@ class Place:
 
 
 @dataclass(frozen=True)
-class Shape:
-    """How a function is to be written: lanes, and which arguments are thin, outputs left out, or inputs written to."""
+class FunctionLayout:
+    """How a function is to be written: lanes, and which arguments are uniform, outputs left out, or inputs written to."""
 
     lanes: int
-    thin: frozenset[int] = frozenset()
+    uniform: frozenset[int] = frozenset()
     kept: frozenset[int] = frozenset()  # outputs that are an input as it was
     written: tuple[tuple[int, int], ...] = ()  # outputs that are an input written to, and which
     guard: bool = False  # whether a mask says which lanes may be written to in place
 
 
-def runs(ranges: np.ndarray, nodes: Nodes, at: np.ndarray, known: np.ndarray) -> Iterator[tuple[str, int, int, int]]:
+def copy_runs(
+    ranges: np.ndarray, nodes: Nodes, at: np.ndarray, constant: np.ndarray
+) -> Iterator[tuple[str, int, int, int]]:
     """Neighbours that are copied alike: "row" of an array, "same" node, "known" numbers, "one"; first, count, step."""
     beside = np.diff(at) == 1
     steps = np.diff(nodes)
@@ -56,15 +58,15 @@ def runs(ranges: np.ndarray, nodes: Nodes, at: np.ndarray, known: np.ndarray) ->
             kind = "same"
             while k + n < last and beside[k + n - 1] and steps[k + n - 1] == 0:
                 n += 1
-        elif known[k]:
+        elif constant[k]:
             kind = "known"
-            while k + n < last and beside[k + n - 1] and known[k + n] and steps[k + n - 1] != 0:
+            while k + n < last and beside[k + n - 1] and constant[k + n] and steps[k + n - 1] != 0:
                 n += 1
         yield kind, k, n, step
         k += n
 
 
-def number(value: float | str) -> str:
+def c_literal(value: float | str) -> str:
     """A number in C."""
     value = float(value)
     if math.isnan(value):

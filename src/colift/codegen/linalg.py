@@ -13,8 +13,8 @@ import numpy as np
 from colift.codegen.blocks import While
 from colift.codegen.equations import Equation
 from colift.codegen.graph import Graph, Nodes
-from colift.codegen.interpret import UnsupportedPrimitive, closed, rule
-from colift.codegen.loops import function
+from colift.codegen.interpret import UnsupportedPrimitive, interpret_closed, rule
+from colift.codegen.loops import build_function
 
 
 def cholesky(g: Graph, A: Nodes) -> Nodes:
@@ -101,11 +101,11 @@ def _custom_linear_solve(g: Graph, eqn: Equation, *x: Nodes) -> list[Nodes]:
     lengths, jaxprs = eqn.params["const_lengths"], eqn.params["jaxprs"]
     before = lengths.matvec + lengths.vecmat
     consts = x[before : before + lengths.solve]
-    return closed(g, jaxprs.solve, [*consts, *x[sum(lengths) :]])
+    return interpret_closed(g, jaxprs.solve, [*consts, *x[sum(lengths) :]])
 
 
-SWEEPS = 30  # of Jacobi's method, more than it ever needs: it converges quadratically
-CONVERGED = 1e-34  # of the sum of squares, which is off the diagonal: rounding
+MAX_SWEEPS = 30  # of Jacobi's method, more than it ever needs: it converges quadratically
+CONVERGENCE_TOLERANCE = 1e-34  # of the sum of squares, which is off the diagonal: rounding
 
 
 @rule("eigh")
@@ -123,8 +123,8 @@ def jacobi(g: Graph, A: Nodes) -> list[Nodes]:
     one, zero = (g.constants(np.full((), x)) for x in (1.0, 0.0))
     V = np.where(np.eye(n, dtype=bool), one, zero)
     avals = [jax.core.ShapedArray(shape, np.dtype(float)) for shape in (A.shape, A.shape, ())]
-    test = function(g, avals, lambda inner, x: [_rotates_on(inner, x[0], x[2])], [None] * 3)
-    sweep = function(
+    test = build_function(g, avals, lambda inner, x: [_not_converged(inner, x[0], x[2])], [None] * 3)
+    sweep = build_function(
         g, avals, lambda inner, x: [*_sweep(inner, x[0], x[1]), inner.map("add", x[2], _const(inner, 1.0))], [None] * 3
     )
     out = g.block(While, [A, V, zero], [n * n, n * n, 1], test=test, function=sweep, tests=0, consts=0)
@@ -152,12 +152,12 @@ def _squares(g: Graph, A: Nodes) -> Nodes:
     return functools.reduce(lambda x, y: g.map("add", x, y), g.map("mul", A, A).ravel())
 
 
-def _rotates_on(g: Graph, A: Nodes, sweeps: Nodes) -> Nodes:
+def _not_converged(g: Graph, A: Nodes, sweeps: Nodes) -> Nodes:
     off = functools.reduce(
         lambda x, y: g.map("add", x, y), (g.map("mul", x, x) for x in A[np.tril_indices(len(A), -1)])
     )
-    large = g.map("lt", g.map("mul", _const(g, CONVERGED), _squares(g, A)), off)
-    return g.map("logical_and", large, g.map("lt", sweeps, _const(g, float(SWEEPS))))
+    large = g.map("lt", g.map("mul", _const(g, CONVERGENCE_TOLERANCE), _squares(g, A)), off)
+    return g.map("logical_and", large, g.map("lt", sweeps, _const(g, float(MAX_SWEEPS))))
 
 
 def _sweep(g: Graph, A: Nodes, V: Nodes) -> list[Nodes]:

@@ -2,7 +2,7 @@
 
 Code around an `over` works on whole arrays, agents first. Unrolled, it would grow with the team; so would a product of
 large arrays with their size. Equations that keep an axis, or reduce it, are taken one index at a time, and all that can
-run in one pass over it becomes one loop. What joins agents (a sum over them) comes between two loops, unless they are
+run in one pass over it becomes one loop. What reductions agents (a sum over them) comes between two loops, unless they are
 many. Loops hold loops: a body is treated alike.
 """
 
@@ -17,25 +17,25 @@ import jax
 import jax.core
 from jax.extend.core import primitives
 
-from colift.codegen.axis_analysis import Rows, along, joined, taken
-from colift.codegen.equations import Equation, Value, flatten, work
+from colift.codegen.axis_analysis import AxisForm, operand_axis_form, reduced_axis_form, result_axis_form
+from colift.codegen.equations import Equation, Value, inline_calls, statement_count
 
 LOOP = SimpleNamespace(name="loop")
-LARGE = 1000  # statements: an equation of more is a loop if it has an axis that is LONG
-LONG = 16
+LARGE_EQUATION = 1000  # statements: an equation of more is a loop if it has an axis that is MIN_LOOP_LENGTH
+MIN_LOOP_LENGTH = 16
 
 
-def rolled(equations: Sequence[Equation]) -> dict[Equation, Rows]:
+def find_axis_forms(equations: Sequence[Equation]) -> dict[Equation, AxisForm]:
     """The `over`s and the large equations, and all that is connected with them index by index."""
     neighbours = defaultdict(list)
     for e in equations:
         for v in (*e.invars, *e.outvars):
             neighbours[v].append(e)
-    found: dict[Equation, Rows] = {}
+    found: dict[Equation, AxisForm] = {}
     axes: dict[Value, int] = {}  # along which a value is gone through
     waiting: list[Value] = []
 
-    def take(e: Equation, form: Rows) -> None:
+    def take(e: Equation, form: AxisForm) -> None:
         mine = [*zip(e.invars, form.operands, strict=True), *zip(e.outvars, form.results, strict=bool(form.results))]
         mine = [(v, a) for v, a in mine if a is not None and v.aval.shape[a] == form.length and v.number is None]
         if e in found or any(axes.get(v, a) != a for v, a in mine):
@@ -50,38 +50,40 @@ def rolled(equations: Sequence[Equation]) -> dict[Equation, Rows]:
         while waiting:
             v = waiting.pop()
             for e in neighbours[v]:
-                if e not in found and (form := _form(e, v, axes[v])) is not None:
+                if e not in found and (form := _axis_form(e, v, axes[v])) is not None:
                     take(e, form)
 
     for e in equations:
-        if e.primitive.name == "over" and (form := along(e, 0)) is not None:
+        if e.primitive.name == "agent_map" and (form := result_axis_form(e, 0)) is not None:
             take(e, form)
     spread()
-    for e in sorted(equations, key=lambda e: -work([e])):
-        if e not in found and work([e]) > LARGE and (form := _longest(e)) is not None:
+    for e in sorted(equations, key=lambda e: -statement_count([e])):
+        if e not in found and statement_count([e]) > LARGE_EQUATION and (form := _longest_axis_form(e)) is not None:
             take(e, form)
             spread()
     return found
 
 
-def _form(e: Equation, v: Value, axis: int) -> Rows | None:
+def _axis_form(e: Equation, v: Value, axis: int) -> AxisForm | None:
     """The equation along an axis of one of its values; few indices are joined by no loop."""
     if any(v is out for out in e.outvars):
-        return along(e, axis)
-    form = taken(e, next(k for k, x in enumerate(e.invars) if x is v), axis)
-    return None if form is None or (form.join and form.length < LONG) else form
+        return result_axis_form(e, axis)
+    form = operand_axis_form(e, next(k for k, x in enumerate(e.invars) if x is v), axis)
+    return None if form is None or (form.reduction and form.length < MIN_LOOP_LENGTH) else form
 
 
-def _longest(e: Equation) -> Rows | None:
+def _longest_axis_form(e: Equation) -> AxisForm | None:
     """The equation along the longest axis it can be taken along, of its results rather than its operands."""
-    forms = [along(e, k) for k in range(max((v.aval.ndim for v in e.outvars), default=0))]
-    forms += [joined(e, k, a) for k, v in enumerate(e.invars) for a in range(v.aval.ndim)]
-    return max((f for f in forms if f is not None and f.length >= LONG), key=lambda f: f.length, default=None)
+    forms = [result_axis_form(e, k) for k in range(max((v.aval.ndim for v in e.outvars), default=0))]
+    forms += [reduced_axis_form(e, k, a) for k, v in enumerate(e.invars) for a in range(v.aval.ndim)]
+    return max(
+        (f for f in forms if f is not None and f.length >= MIN_LOOP_LENGTH), key=lambda f: f.length, default=None
+    )
 
 
-def roll(equations: Sequence[Equation], outputs: Sequence[Value]) -> list[Equation]:
+def fuse_loops(equations: Sequence[Equation], outputs: Sequence[Value]) -> list[Equation]:
     """The same computation with as few loops as its dependences allow."""
-    forms = rolled(equations)
+    forms = find_axis_forms(equations)
     if not forms:
         return list(equations)
     waiting = {v for e in equations for v in e.outvars}
@@ -96,7 +98,7 @@ def roll(equations: Sequence[Equation], outputs: Sequence[Value]) -> list[Equati
                 waiting.difference_update(e.outvars)
         left = rest
         if left:
-            group = list(_pass(left, forms, waiting))
+            group = list(_loop_members(left, forms, waiting))
             gone = set(group)
             left = [e for e in left if e not in gone]
             used = {v for e in left for v in e.invars} | set(outputs)
@@ -105,7 +107,7 @@ def roll(equations: Sequence[Equation], outputs: Sequence[Value]) -> list[Equati
     return steps
 
 
-def _pass(left: Sequence[Equation], forms: dict[Equation, Rows], waiting: set[Value]) -> Iterator[Equation]:
+def _loop_members(left: Sequence[Equation], forms: dict[Equation, AxisForm], waiting: set[Value]) -> Iterator[Equation]:
     """All that can run in one pass over the axis of the first loop that is left and ready."""
     ready = (e for e in left if e in forms and waiting.isdisjoint(e.invars))
     length = forms[next(ready)].length
@@ -119,7 +121,7 @@ def _pass(left: Sequence[Equation], forms: dict[Equation, Rows], waiting: set[Va
                 yield e
 
 
-def _loop(group: Sequence[tuple[Equation, Rows]], used: set[Value]) -> Equation:
+def _loop(group: Sequence[tuple[Equation, AxisForm]], used: set[Value]) -> Equation:
     """One loop of equations, taken one index at a time."""
     length = group[0][1].length
     inner: dict[tuple[Value, int | None], Value] = {}  # what the body calls a value, by the axis it is read along
@@ -147,19 +149,19 @@ def _loop(group: Sequence[tuple[Equation, Rows]], used: set[Value]) -> Equation:
     made: dict[Value, tuple[Value, int | str]] = {}  # inside, and the axis or how it is joined
     for e, form in group:
         operands = [read(v, axis) for v, axis in zip(e.invars, form.operands, strict=True)]
-        ways = [form.join] * len(e.outvars) if form.join else form.results
-        if e.primitive.name == "over":
-            more, results = flatten(e.params["jaxpr"], operands, e.place)
+        merges = [form.reduction] * len(e.outvars) if form.reduction else form.results
+        if e.primitive.name == "agent_map":
+            more, results = inline_calls(e.params["jaxpr"], operands, e.source_location)
             body += more
         else:
             results = [
-                Value(v.aval) if isinstance(a, str) else less(v, a) for v, a in zip(e.outvars, ways, strict=True)
+                Value(v.aval) if isinstance(a, str) else less(v, a) for v, a in zip(e.outvars, merges, strict=True)
             ]
             body.append(replace(e, params=form.params, invars=operands, outvars=results))
-        for v, mine, way in zip(e.outvars, results, ways, strict=True):
-            made[v] = mine, way
-            if not isinstance(way, str):
-                inner[v, way] = mine
+        for v, mine, merge in zip(e.outvars, results, merges, strict=True):
+            made[v] = mine, merge
+            if not isinstance(merge, str):
+                inner[v, merge] = mine
     outputs = [v for e, _ in group for v in e.outvars if v in used]
     params = {
         "length": length,
@@ -167,6 +169,6 @@ def _loop(group: Sequence[tuple[Equation, Rows]], used: set[Value]) -> Equation:
         "body": body,
         "arguments": [inside for _, inside, _ in inputs],
         "results": [made[v][0] for v in outputs],
-        "ways": tuple(made[v][1] for v in outputs),
+        "merges": tuple(made[v][1] for v in outputs),
     }
-    return Equation(LOOP, params, [v for v, *_ in inputs], outputs, group[0][0].place)
+    return Equation(LOOP, params, [v for v, *_ in inputs], outputs, group[0][0].source_location)

@@ -9,32 +9,33 @@ from typing import Any
 import numpy as np
 from jax.extend import core
 
-from colift.codegen.blocks import Branch, Function, Over, Scan, While
-from colift.codegen.equations import Equation, Value, constant, flatten, work
+from colift.codegen.blocks import Branch, Function, Map, Scan, While
+from colift.codegen.equations import Equation, Value, constant, inline_calls, statement_count
 from colift.codegen.graph import Graph, Nodes
-from colift.codegen.interpret import choose, closed, evaluate, is_bool, rule
+from colift.codegen.interpret import evaluate, interpret_closed, is_bool, rule, select_case
 
-INLINE = 400  # statements: a loop whose whole unrolled work is less is not worth a function
+MAX_INLINE_STATEMENTS = 400  # statements: a loop whose whole unrolled work is less is not worth a function
 
 
 @rule("cond")
 def _cond(g: Graph, eqn: Equation, which: Nodes, *x: Nodes) -> list[Nodes]:
     branches = eqn.params["branches"]
-    known = g.numbers(which)
+    known = g.constant_values(which)
     if known is not None:
-        return closed(g, branches[int(np.clip(known, 0, len(branches) - 1))], x)
-    if sum(work(branch.jaxpr.eqns) for branch in branches) <= INLINE:
-        cases = [closed(g, branch, x) for branch in branches]
-        return [choose(g, which, case) for case in zip(*cases, strict=True)]
+        return interpret_closed(g, branches[int(np.clip(known, 0, len(branches) - 1))], x)
+    if sum(statement_count(branch.jaxpr.eqns) for branch in branches) <= MAX_INLINE_STATEMENTS:
+        cases = [interpret_closed(g, branch, x) for branch in branches]
+        return [select_case(g, which, case) for case in zip(*cases, strict=True)]
     avals = [v.aval for v in eqn.invars[1:]]
     functions = tuple(
-        function(g, avals, lambda inner, nodes, branch=branch: closed(inner, branch, nodes), x) for branch in branches
+        build_function(g, avals, lambda inner, nodes, branch=branch: interpret_closed(inner, branch, nodes), x)
+        for branch in branches
     )
     sizes = [out.size for out in functions[0].outputs]
-    return _typed(g, g.block(Branch, [which, *x], sizes, branches=functions), eqn.outvars)
+    return _restore_types(g, g.block(Branch, [which, *x], sizes, branches=functions), eqn.outvars)
 
 
-def function(
+def build_function(
     g: Graph, avals: Sequence[Any], body: Callable[[Graph, list[Nodes]], list[Nodes]], shared: Sequence[Nodes | None]
 ) -> Function:
     """A function of its own; `shared[k]` are the caller's nodes of argument k, constant ones are folded in."""
@@ -46,19 +47,19 @@ def function(
             mine = inner.map("flag", mine)
         if outer is not None:
             outer, mine = outer.ravel(), np.array(mine)
-            known = np.flatnonzero(g.known(outer))
+            known = np.flatnonzero(g.constant_mask(outer))
             mine[known] = [inner.make(*g.code[n]) for n in outer[known].tolist()]
         nodes.append(mine.astype(np.int64).reshape(aval.shape))
-    outputs = [inner.numeric(x) for x in body(inner, nodes)]
+    outputs = [inner.as_numbers(x) for x in body(inner, nodes)]
     return Function(inputs=tuple(math.prod(a.shape) for a in avals), graph=inner, outputs=outputs)
 
 
-def _alike(x: Nodes) -> Nodes:
+def _row_invariant(x: Nodes) -> Nodes:
     """The nodes that are the same in every row, -1 for those that are not."""
     return np.where((x == x[:1]).all(0), x[0], -1)
 
 
-def _results(g: Graph, body: Function, rows: dict[int, Nodes], outputs: Sequence[Nodes]) -> list[Nodes]:
+def _loop_outputs(g: Graph, body: Function, rows: dict[int, Nodes], outputs: Sequence[Nodes]) -> list[Nodes]:
     """A loop's stacked outputs `(length, size)`; constants, and mapped inputs passed on whole (`rows`), directly."""
     inner = body.graph
     results = []
@@ -67,13 +68,13 @@ def _results(g: Graph, body: Function, rows: dict[int, Nodes], outputs: Sequence
         whole = source is not None and source[0] == "in" and source[3] == 0 and (np.diff(nodes) == 1).all()
         out = rows[source[1]] if whole and rows.get(source[1], out[:, 1:]).shape == out.shape else out
         out = out.copy()
-        for column in np.flatnonzero(inner.known(nodes)).tolist():
+        for column in np.flatnonzero(inner.constant_mask(nodes)).tolist():
             out[:, column] = g.make(*inner.code[int(nodes[column])])
         results.append(out)
     return results
 
 
-def _typed(g: Graph, nodes: Sequence[Nodes], outvars: Sequence[Any]) -> list[Nodes]:
+def _restore_types(g: Graph, nodes: Sequence[Nodes], outvars: Sequence[Any]) -> list[Nodes]:
     """Flat nodes in the shape, and masks where the type, of the variables they are to be."""
     return [
         (g.map("to_flag", x) if is_bool(v) else x).reshape(v.aval.shape) for x, v in zip(nodes, outvars, strict=True)
@@ -83,41 +84,43 @@ def _typed(g: Graph, nodes: Sequence[Nodes], outvars: Sequence[Any]) -> list[Nod
 @rule("loop")
 def _loop(g: Graph, eqn: Equation, *x: Nodes) -> list[Nodes]:
     p = eqn.params
-    length, ways = p["length"], p["ways"]
+    length, merges = p["length"], p["merges"]
     mapped = tuple(axis is not None for axis in p["axes"])
     along = [a if axis is None else np.moveaxis(a, axis, 0) for a, axis in zip(x, p["axes"], strict=True)]
 
     def run(inner: Graph, nodes: Sequence[Nodes]) -> list[Nodes]:
         return evaluate(inner, p["body"], p["results"], dict(zip(p["arguments"], nodes, strict=True)))
 
-    if length == 1 or length * work(p["body"]) <= INLINE:
+    if length == 1 or length * statement_count(p["body"]) <= MAX_INLINE_STATEMENTS:
         rows = [
             run(g, [np.asarray(a[i]) if m else a for a, m in zip(along, mapped, strict=True)]) for i in range(length)
         ]
-        return [_together(g, column, way) for column, way in zip(zip(*rows, strict=True), ways, strict=True)]
+        return [_merge_rows(g, column, merge) for column, merge in zip(zip(*rows, strict=True), merges, strict=True)]
     avals = [v.aval for v in p["arguments"]]
-    body = function(g, avals, run, [_alike(a) if m else a for a, m in zip(along, mapped, strict=True)])
-    joins = tuple(way if isinstance(way, str) else "" for way in ways)
-    sizes = [out.size * (1 if join else length) for out, join in zip(body.outputs, joins, strict=True)]
-    out = g.block(Over, along, sizes, function=body, length=length, mapped=mapped, joins=joins)
+    body = build_function(g, avals, run, [_row_invariant(a) if m else a for a, m in zip(along, mapped, strict=True)])
+    reductions = tuple(merge if isinstance(merge, str) else "" for merge in merges)
+    sizes = [out.size * (1 if reduction else length) for out, reduction in zip(body.outputs, reductions, strict=True)]
+    out = g.block(Map, along, sizes, function=body, length=length, mapped=mapped, reductions=reductions)
     rows = {k: a.reshape(length, -1) for k, (a, m) in enumerate(zip(along, mapped, strict=True)) if m}
-    stacks = [k for k, join in enumerate(joins) if not join]
+    stacks = [k for k, reduction in enumerate(reductions) if not reduction]
     some = Function(inputs=(), graph=body.graph, outputs=[body.outputs[k] for k in stacks])
-    for k, result in zip(stacks, _results(g, some, rows, [out[k].reshape(length, -1) for k in stacks]), strict=True):
+    for k, result in zip(
+        stacks, _loop_outputs(g, some, rows, [out[k].reshape(length, -1) for k in stacks]), strict=True
+    ):
         shape = eqn.outvars[k].aval.shape
-        way = ways[k]
-        out[k] = np.moveaxis(result.reshape(length, *shape[:way], *shape[way + 1 :]), 0, way)
-    return _typed(g, out, eqn.outvars)
+        merge = merges[k]
+        out[k] = np.moveaxis(result.reshape(length, *shape[:merge], *shape[merge + 1 :]), 0, merge)
+    return _restore_types(g, out, eqn.outvars)
 
 
-def _together(g: Graph, rows: Sequence[Nodes], way: int | str) -> Nodes:
+def _merge_rows(g: Graph, rows: Sequence[Nodes], merge: int | str) -> Nodes:
     """The rows of one result, stacked or joined."""
-    if not isinstance(way, str):
-        return np.stack(rows, way)
+    if not isinstance(merge, str):
+        return np.stack(rows, merge)
     out = rows[0]
     for row in rows[1:]:
         logical = any(g.is_mask(int(n)) for n in (*out.ravel()[:1], *row.ravel()[:1]))
-        out = g.map({"min": "logical_and", "max": "logical_or"}[way] if logical else way, out, row)
+        out = g.map({"min": "logical_and", "max": "logical_or"}[merge] if logical else merge, out, row)
     return out
 
 
@@ -126,62 +129,64 @@ def _scan(g: Graph, eqn: Equation, *x: Nodes) -> list[Nodes]:
     p = eqn.params
     body, length, consts, carry = p["jaxpr"], p["length"], p["num_consts"], p["num_carry"]
     shared, state, stacked = x[:consts], list(x[consts : consts + carry]), x[consts + carry :]
-    if length == 0 or length == 1 or length * work(body.jaxpr.eqns) <= INLINE:
+    if length == 0 or length == 1 or length * statement_count(body.jaxpr.eqns) <= MAX_INLINE_STATEMENTS:
         rows = []
         for t in range(length)[:: -1 if p["reverse"] else 1]:
-            out = closed(g, body, [*shared, *state, *(np.asarray(a[t]) for a in stacked)])
+            out = interpret_closed(g, body, [*shared, *state, *(np.asarray(a[t]) for a in stacked)])
             state = out[:carry]
             rows.append(out[carry:])
         rows = rows[:: -1 if p["reverse"] else 1]
         empty = [np.zeros(v.aval.shape, dtype=np.int64) for v in eqn.outvars[carry:]]
         return [*state, *(map(np.stack, zip(*rows, strict=True)) if rows else empty)]
-    step, more, constants = _hoisted(g, body, shared)
-    known = [*constants, *shared, *[None] * carry, *map(_alike, stacked)]
+    step, more, constants = _hoist_invariants(g, body, shared)
+    known = [*constants, *shared, *[None] * carry, *map(_row_invariant, stacked)]
     avals = [*(v.aval for v in more), *(v.aval for v in body.jaxpr.invars)]
-    once = function(g, avals, step, known)
+    once = build_function(g, avals, step, known)
     sizes = [out.size * (1 if k < carry else length) for k, out in enumerate(once.outputs)]
-    how = {"length": length, "consts": consts + len(more), "carry": carry, "reverse": p["reverse"]}
-    out = g.block(Scan, [*constants, *x], sizes, function=once, **how)
+    options = {"length": length, "consts": consts + len(more), "carry": carry, "reverse": p["reverse"]}
+    out = g.block(Scan, [*constants, *x], sizes, function=once, **options)
     tails = [o.reshape(length, -1) for o in out[carry:]]
     ys = Function(inputs=(), graph=once.graph, outputs=once.outputs[carry:])
-    return _typed(g, [*out[:carry], *_results(g, ys, {}, tails)], eqn.outvars)
+    return _restore_types(g, [*out[:carry], *_loop_outputs(g, ys, {}, tails)], eqn.outvars)
 
 
 @rule("while")
 def _while(g: Graph, eqn: Equation, *x: Nodes) -> list[Nodes]:
     p = eqn.params
     tests, consts = p["cond_nconsts"], p["body_nconsts"]
-    requested, shared, state = x[:tests], x[tests : tests + consts], x[tests + consts :]
+    tested, shared, state = x[:tests], x[tests : tests + consts], x[tests + consts :]
     test, body = p["cond_jaxpr"], p["body_jaxpr"]
-    first = g.numbers(np.asarray(closed(g, test, [*requested, *state])[0]))
+    first = g.constant_values(np.asarray(interpret_closed(g, test, [*tested, *state])[0]))
     if first is not None and not first:
         return list(state)
-    step, more, constants = _hoisted(g, body, shared)
-    goes_on = function(
+    step, more, constants = _hoist_invariants(g, body, shared)
+    condition = build_function(
         g,
         [v.aval for v in test.jaxpr.invars],
-        lambda inner, nodes: closed(inner, test, nodes),
-        [*requested, *[None] * len(state)],
+        lambda inner, nodes: interpret_closed(inner, test, nodes),
+        [*tested, *[None] * len(state)],
     )
     avals = [*(v.aval for v in more), *(v.aval for v in body.jaxpr.invars)]
-    once = function(g, avals, step, [*constants, *shared, *[None] * len(state)])
+    once = build_function(g, avals, step, [*constants, *shared, *[None] * len(state)])
     sizes = [a.size for a in state]
-    how = {"test": goes_on, "function": once, "tests": tests, "consts": consts + len(more)}
-    out = g.block(While, [*requested, *constants, *shared, *state], sizes, **how)
-    return _typed(g, out, eqn.outvars)
+    options = {"test": condition, "function": once, "tests": tests, "consts": consts + len(more)}
+    out = g.block(While, [*tested, *constants, *shared, *state], sizes, **options)
+    return _restore_types(g, out, eqn.outvars)
 
 
 Step = Callable[[Graph, list[Nodes]], list[Nodes]]
 
 
-def _hoisted(g: Graph, body: core.ClosedJaxpr, shared: Sequence[Nodes]) -> tuple[Step, list[Value], list[Nodes]]:
+def _hoist_invariants(
+    g: Graph, body: core.ClosedJaxpr, shared: Sequence[Nodes]
+) -> tuple[Step, list[Value], list[Nodes]]:
     """The step of a loop, without what is the same in every step: that becomes further constants, which come first."""
     arguments = [Value(v.aval) for v in body.jaxpr.invars]
-    equations, outputs = flatten(body.jaxpr, [*map(constant, body.consts), *arguments])
+    equations, outputs = inline_calls(body.jaxpr, [*map(constant, body.consts), *arguments])
     fixed = set(arguments[: len(shared)])
     before, after = [], []
     for e in equations:
-        same = e.primitive.name not in LOOPS and all(v in fixed or v.number is not None for v in e.invars)
+        same = e.primitive.name not in NOT_HOISTED and all(v in fixed or v.number is not None for v in e.invars)
         (before if same else after).append(e)
         if same:
             fixed.update(e.outvars)
@@ -195,4 +200,4 @@ def _hoisted(g: Graph, body: core.ClosedJaxpr, shared: Sequence[Nodes]) -> tuple
     return step, more, constants
 
 
-LOOPS = {"scan", "while", "over"}  # what is taken out of a loop only with what is around it
+NOT_HOISTED = {"scan", "while", "agent_map"}  # what is taken out of a loop only with what is around it

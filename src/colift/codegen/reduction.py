@@ -11,14 +11,14 @@ import numpy as np
 
 from colift.codegen.equations import Equation
 from colift.codegen.graph import Graph, Nodes
-from colift.codegen.interpret import exact, rule
+from colift.codegen.interpret import check_integer, rule
 
 
 def _step(g: Graph, eqn: Equation, op: str) -> Callable[[Nodes, Nodes], Nodes]:
-    return lambda x, y: exact(g, eqn, g.map(op, x, y))
+    return lambda x, y: check_integer(g, eqn, g.map(op, x, y))
 
 
-REDUCE = {  # what joins two elements, and what there is of none
+REDUCE = {  # what reductions two elements, and what there is of none
     "reduce_sum": ("add", 0.0),
     "reduce_prod": ("mul", 1.0),
     "reduce_max": ("max", -np.inf),

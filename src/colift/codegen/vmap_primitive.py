@@ -13,8 +13,8 @@ from jax.interpreters import ad, batching, mlir
 
 from colift.math.vmap import AGENT_MAP_TRACER
 
-over_p = core.Primitive("over")
-over_p.multiple_results = True
+agent_map_p = core.Primitive("agent_map")
+agent_map_p.multiple_results = True
 
 
 def trace(f: Callable[..., Any], tree: Any, leaves: Sequence[Any]) -> tuple[core.ClosedJaxpr, Any]:
@@ -26,11 +26,11 @@ def trace(f: Callable[..., Any], tree: Any, leaves: Sequence[Any]) -> tuple[core
         values, out = jax.tree.flatten(f(*jax.tree.unflatten(tree, x)))
         return values
 
-    with AGENT_MAP_TRACER(_keep):
+    with AGENT_MAP_TRACER(_bind_agent_map):
         return jax.make_jaxpr(flat)(*leaves), out
 
 
-def _keep(f: Callable[..., Any], axes: Sequence[int | None], args: Sequence[Any]) -> Any:
+def _bind_agent_map(f: Callable[..., Any], axes: Sequence[int | None], args: Sequence[Any]) -> Any:
     leaves, tree = jax.tree.flatten(args)
     maps = tuple(axis == 0 for axis, arg in zip(axes, args, strict=True) for _ in jax.tree.leaves(arg))
     one = [
@@ -40,7 +40,7 @@ def _keep(f: Callable[..., Any], axes: Sequence[int | None], args: Sequence[Any]
     body, out = trace(f, tree, one)
     # what the body closes over becomes a shared argument, since it may be traced itself
     shared = (False,) * len(body.consts)
-    results = over_p.bind(*body.consts, *leaves, jaxpr=body.jaxpr, mapped=shared + maps)
+    results = agent_map_p.bind(*body.consts, *leaves, jaxpr=body.jaxpr, mapped=shared + maps)
     return jax.tree.unflatten(out, results)
 
 
@@ -61,15 +61,15 @@ def _batch(args: Sequence[Any], dims: Sequence[int | None], **params: Any) -> tu
     return out, [0] * len(out)
 
 
-over_p.def_impl(_vmapped)
-over_p.def_abstract_eval(
+agent_map_p.def_impl(_vmapped)
+agent_map_p.def_abstract_eval(
     lambda *args, jaxpr, mapped: [
         jax.core.ShapedArray((_size(args, mapped), *v.aval.shape), v.aval.dtype) for v in jaxpr.outvars
     ]
 )
-mlir.register_lowering(over_p, mlir.lower_fun(_vmapped, multiple_results=True))
-ad.primitive_jvps[over_p] = _jvp
-batching.primitive_batchers[over_p] = _batch
+mlir.register_lowering(agent_map_p, mlir.lower_fun(_vmapped, multiple_results=True))
+ad.primitive_jvps[agent_map_p] = _jvp
+batching.primitive_batchers[agent_map_p] = _batch
 
 
 def _size(args: Sequence[Any], mapped: Sequence[bool]) -> int:

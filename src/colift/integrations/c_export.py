@@ -149,7 +149,7 @@ class TracedKernel(NamedTuple):
 
 
 def _traced(f: Callable[..., Any], onto: Sequence[tuple[int, int]], **args: Any) -> TracedKernel:
-    made = codegen.kernel(jax.make_jaxpr(f)(*args.values()), agent_lanes=LANES, stack=STACK, onto=onto)
+    made = codegen.kernel(jax.make_jaxpr(f)(*args.values()), agent_lanes=LANES, stack_bytes=STACK, in_place_results=onto)
     leaves = [(of, k) for of, tree in args.items() for k in range(len(jax.tree.leaves(tree)))]
     return TracedKernel(kernel=made, arguments=[leaves[k] for k in made.arguments])
 
