@@ -278,10 +278,10 @@ def test_figure_7_draws_what_labels_say_where_they_stop_and_when_the_world_chang
     assert "figure_7_reaction" in names
     explained = {text.get_text() for text in figure.legends[0].get_texts()}
     assert {
-        "an agent's points",
-        "the correction has faded",
-        "the world has changed",
-        "a misfit is fitted anew",
+        "samples, one agent",
+        "correction weight below 0.5",
+        "change point",
+        "refit",
     } <= explained
     calm = heard.assign(correction_weight=heard.correction_weight * 0 + 1)
     calm.attrs |= {
@@ -292,7 +292,7 @@ def test_figure_7_draws_what_labels_say_where_they_stop_and_when_the_world_chang
     explained = {
         text.get_text() for text in study_figures.plot_online_correction({"C3": calm}, TOLD).legends[0].get_texts()
     }
-    always = {"used of the payload's map", "used of the correction"}
+    always = {"model gain, payload", "correction weight"}
     assert explained == {*calm.agent.values, *always}, "what is not shown is not explained"
 
 
@@ -353,10 +353,18 @@ def test_a_flight_that_stopped_ends_in_a_cross_at_its_last_finite_value(cases):
 
 def test_rivals_alone_are_drawn_and_beside_others_left_out_where_a_case_is_looked_into(cases, tmp_path, monkeypatch):
     drawn = {}
-    for name in ("team", "tracking", "mismatch", "deviation", "contact_forces", "rho_bar"):
-        where = study_figures if hasattr(study_figures, name) else uncertainty_figures
-        monkeypatch.setattr(where, name, lambda cases, *_, name=name: drawn.update({name: list(cases)}) or Figure())
-    monkeypatch.setattr(style, "save", lambda *_: [])
+    plots = {
+        "team": "plot_team",
+        "tracking": "plot_tracking_error",
+        "mismatch": "plot_wrench_mismatch",
+        "deviation": "plot_predictive_std",
+        "contact_forces": "plot_contact_forces",
+        "rho_bar": "plot_error_radius",
+    }
+    for name, function in plots.items():
+        where = study_figures if hasattr(study_figures, function) else uncertainty_figures
+        monkeypatch.setattr(where, function, lambda cases, *_, name=name: drawn.update({name: list(cases)}) or Figure())
+    monkeypatch.setattr(study_figures, "save_figure", lambda *_: [])
     study_figures.write_figures({"true_residual": cases["true_residual"]}, TOLD, tmp_path)
     assert set(map(tuple, drawn.values())) == {("true_residual",)}
     study_figures.write_figures(

@@ -1,4 +1,7 @@
-"""Figures of a study: the team, figures 1, 2 and 4 of the paper, the reaction of figure 7, and the writing of all."""
+"""Figures of a study: team, tracking error, wrench mismatch, contact forces and online correction.
+
+`write_figures` also writes the figures of `uncertainty_figures`.
+"""
 
 from __future__ import annotations
 
@@ -19,69 +22,105 @@ from colift.visualization import axes as axes_module
 from colift.visualization import rendering, uncertainty_figures
 from colift.visualization.style import DASH_PATTERNS, DOTS, PAGE, save_figure, style_context, style_of, tint
 
-MARKS = 9  # on a line, so that it is told from others in black and white
+MARKERS = 9  # per line, so that lines differ in black and white
 BAND = 0.3  # opacity of the range of a noisy signal
 TRUE_ERROR_STYLE: dict[str, Any] = {"color": "0.72", "linewidth": 2.8, "solid_capstyle": "butt"}
 CHANGE_POINT_STYLE: dict[str, Any] = {"color": "#CC3311", "linewidth": 1.0, "linestyle": (0, (4, 2))}
 REFIT_STYLE: dict[str, Any] = {"color": "#0077BB", "linewidth": 1.0, "linestyle": (0, (1, 1.5))}
 EVENTS = {
-    "world_changed": (CHANGE_POINT_STYLE, "the world has changed"),
-    "fitted_anew": (REFIT_STYLE, "a misfit is fitted anew"),
+    "world_changed": (CHANGE_POINT_STYLE, "change point"),
+    "fitted_anew": (REFIT_STYLE, "refit"),
 }
 STOPPED: dict[str, Any] = {"marker": "x", "markersize": 6, "linestyle": "none", "clip_on": False}
 
 
-def write_figures(cases: axes_module.Cases, told: Mapping[str, str], folder: str | Path) -> list[Path]:
-    """Write the figures of some cases, each as PDF and as PNG (300 dpi); return the files. `told`: what the cases are.
+def write_figures(cases: axes_module.Cases, descriptions: Mapping[str, str], folder: str | Path) -> list[Path]:
+    """Write all figures of a study as PDF and PNG (300 dpi).
 
-    Figures 1 and 2 show every case; those that have a column for each leave out rivals of learning where there are
-    other cases; figure 7 shows those that listen to labels. A case that stopped early ends in a cross. Each file names
-    the run in its metadata.
-    Raises ValueError where there are no cases or a log does not hold its scenario, OSError where the folder cannot be
-    written.
+    Figures 1 and 2 show all cases. Figures with one column per case omit the baselines if there are other cases.
+    Figure 7 shows the cases with online correction. The line of a case that stopped early ends in a cross. The metadata
+    of each file contain the run id. A folder that cannot be written raises `OSError`.
+
+    Args:
+        cases: Log of each case.
+        descriptions: Description of each case.
+        folder: Folder of the files.
+
+    Returns:
+        Paths of the files.
+
+    Raises:
+        ValueError: If there are no cases, or if a log contains no valid scenario.
+
+    Example:
+        >>> run_id, logs = log.load_flights(Path("out/paper"), experiment.ALL_CASES)  # doctest: +SKIP
+        >>> write_figures(logs, experiment.ALL_CASES, "figures")  # doctest: +SKIP
     """
     if not cases:
-        raise ValueError("no cases to draw figures of")
-    looked_into = {name: ds for name, ds in cases.items() if not style_of(name).is_baseline} or cases
-    drawn: dict[str, Callable[[], Figure]] = {
+        raise ValueError("there are no cases: figures require at least one log")
+    in_columns = {name: ds for name, ds in cases.items() if not style_of(name).is_baseline} or cases
+    plots: dict[str, Callable[[], Figure]] = {
         "figure_0_team": lambda: plot_team(cases),
-        "figure_1_tracking": lambda: plot_tracking_error(cases, told),
-        "figure_2_mismatch": lambda: plot_wrench_mismatch(cases, told),
-        "figure_3_deviation": lambda: uncertainty_figures.plot_predictive_std(looked_into, told),
-        "figure_4_forces": lambda: plot_contact_forces(looked_into, told),
-        "figure_5_rho_bar": lambda: uncertainty_figures.plot_error_radius(looked_into, told),
+        "figure_1_tracking": lambda: plot_tracking_error(cases, descriptions),
+        "figure_2_mismatch": lambda: plot_wrench_mismatch(cases, descriptions),
+        "figure_3_deviation": lambda: uncertainty_figures.plot_predictive_std(in_columns, descriptions),
+        "figure_4_forces": lambda: plot_contact_forces(in_columns, descriptions),
+        "figure_5_rho_bar": lambda: uncertainty_figures.plot_error_radius(in_columns, descriptions),
     }
-    if listening := {name: ds for name, ds in cases.items() if "r_L" in ds and "world_changed" in ds.attrs}:
-        drawn["figure_7_reaction"] = lambda: plot_online_correction(listening, told)
+    if corrected := {name: ds for name, ds in cases.items() if "r_L" in ds and "world_changed" in ds.attrs}:
+        plots["figure_7_reaction"] = lambda: plot_online_correction(corrected, descriptions)
     files, run = [], next(iter(cases.values())).attrs["run"]
     with style_context():
-        for name, draw in drawn.items():
-            files += save_figure(draw(), Path(folder) / name, run)
+        for name, plot in plots.items():
+            files += save_figure(plot(), Path(folder) / name, run)
     return files
 
 
 def plot_team(cases: axes_module.Cases) -> Figure:
-    """The team at its start with its names, and the whole path with it to scale."""
+    """Plot the team at its initial state with the names of agents and contacts, and the whole path at scale.
+
+    Args:
+        cases: Log of each case; the figure shows the first.
+
+    Returns:
+        The figure.
+    """
     figure = Figure(figsize=(PAGE, 3.3))
     near, far = figure.subplots(1, 2)
     ds = next(iter(cases.values()))
-    seen = rendering.render_data(ds)
-    rendering.draw(near, seen, 0, close=True, names=True)
-    near.set_title("the team at its start")
-    rendering.draw(far, seen, 0, whole_path=True)
-    far.set_title("the whole path")
-    figure.supxlabel(f"grid {rendering.GRID:g} m; {rendering.arrow_scale_label(seen)}", fontsize=8)
+    data = rendering.render_data(ds)
+    rendering.draw(near, data, 0, close=True, names=True)
+    near.set_title("team at its initial state")
+    rendering.draw(far, data, 0, whole_path=True)
+    far.set_title("whole path")
+    figure.supxlabel(f"grid {rendering.GRID:g} m; {rendering.arrow_scale_label(data)}", fontsize=8)
     return figure
 
 
-def plot_tracking_error(cases: axes_module.Cases, told: Mapping[str, str]) -> Figure:
-    """Figure 1: position error norm `|e_p|` and attitude error function `Psi`."""
+def plot_tracking_error(cases: axes_module.Cases, descriptions: Mapping[str, str]) -> Figure:
+    """Plot figure 1: norm of the position error `|e_p|` and attitude error function `Psi`.
+
+    Args:
+        cases: Log of each case.
+        descriptions: Description of each case.
+
+    Returns:
+        The figure.
+    """
     lines = {name: (ds.time.values, (axes_module.norm(ds.e_p), ds.Psi.values)) for name, ds in cases.items()}
-    return _compared(cases, told, lines, [r"$\|e_p\|$ [m]", r"$\Psi$ [–]"])
+    return _plot_comparison(cases, descriptions, lines, [r"$\|e_p\|$ [m]", r"$\Psi$ [–]"])
 
 
-def plot_wrench_mismatch(cases: axes_module.Cases, told: Mapping[str, str]) -> Figure:
-    """Figure 2: wrench mismatch `delta_W`, force and moment apart, RMS over a window."""
+def plot_wrench_mismatch(cases: axes_module.Cases, descriptions: Mapping[str, str]) -> Figure:
+    """Plot figure 2: RMS of the wrench mismatch `delta_W` over a window, separately for force and moment.
+
+    Args:
+        cases: Log of each case.
+        descriptions: Description of each case.
+
+    Returns:
+        The figure.
+    """
     lines = {
         name: (
             ds.time.values,
@@ -90,27 +129,31 @@ def plot_wrench_mismatch(cases: axes_module.Cases, told: Mapping[str, str]) -> F
         for name, ds in cases.items()
     }
     labels = [r"$\|\Delta F\|$ [N]", r"$\|\Delta \tau\|$ [N m]"]
-    return _compared(cases, told, lines, [f"{label}\n({axes_module.SMOOTHING_WINDOW:g} s RMS)" for label in labels])
+    return _plot_comparison(
+        cases, descriptions, lines, [f"{label}\n({axes_module.SMOOTHING_WINDOW:g} s RMS)" for label in labels]
+    )
 
 
-Lines = Mapping[str, tuple[np.ndarray, Sequence[np.ndarray]]]  # times and a signal a panel, by case
+Lines = Mapping[str, tuple[np.ndarray, Sequence[np.ndarray]]]  # by case: times, and one signal per panel
 
 
-def _compared(cases: axes_module.Cases, told: Mapping[str, str], lines: Lines, labels: Sequence[str]) -> Figure:
-    """Panels below each other in which all cases are compared, and their names beside them."""
+def _plot_comparison(
+    cases: axes_module.Cases, descriptions: Mapping[str, str], lines: Lines, labels: Sequence[str]
+) -> Figure:
+    """Plot all cases in panels below each other, with the legend beside them."""
     figure = Figure(figsize=(PAGE, 3.6))
     axes = list(figure.subplots(len(labels), 1, sharex=True))
     for k, (name, ds) in enumerate(cases.items()):
         t, signals = lines[name]
         for ax, y in zip(axes, signals, strict=True):
-            _line(ax, name, ds, t, y, k / len(cases))
+            _plot_line(ax, name, ds, t, y, k / len(cases))
     for ax, label in zip(axes, labels, strict=True):
         axes_module.log_scale(ax)
         ax.set_ylabel(label)
     axes_module.time_axis(axes[-1], cases)
     axes_module.draw_update_lines(axes, cases)
     handles, names = axes[0].get_legend_handles_labels()
-    names = [axes_module.case_label(name, told) for name in names]
+    names = [axes_module.case_label(name, descriptions) for name in names]
     if not all(ds.attrs["complete"] for ds in cases.values()):
         handles.append(Line2D([], [], **STOPPED, color="black"))
         names.append("stopped early")
@@ -119,29 +162,37 @@ def _compared(cases: axes_module.Cases, told: Mapping[str, str], lines: Lines, l
     return figure
 
 
-def _line(ax: Axes, name: str, ds: xr.Dataset, t: np.ndarray, y: np.ndarray, shift: float) -> None:
-    """A case's signal, with marks that those of other cases, at other shifts of 0 to 1, do not cover."""
-    shown, every = style_of(name), axes_module.samples(ds, axes_module.STEP)
+def _plot_line(ax: Axes, name: str, ds: xr.Dataset, t: np.ndarray, y: np.ndarray, shift: float) -> None:
+    """Plot a signal of a case; `shift` in [0, 1) displaces the markers, so that markers of two cases do not overlap."""
+    line, every = style_of(name), axes_module.samples(ds, axes_module.STEP)
     t, y = t[::every], y[::every]
-    apart = max(1, len(t) // MARKS)
+    spacing = max(1, len(t) // MARKERS)
     ax.plot(
         *(t, y),
-        color=shown.color,
-        linestyle=shown.dashes,
-        marker=shown.marker,
-        markevery=(int(shift * apart), apart),
+        color=line.color,
+        linestyle=line.dashes,
+        marker=line.marker,
+        markevery=(int(shift * spacing), spacing),
         label=name,
     )
     finite = np.flatnonzero(np.isfinite(y))
     if not ds.attrs["complete"] and finite.size:
-        ax.plot(t[finite[-1]], y[finite[-1]], **STOPPED, color=shown.color)
+        ax.plot(t[finite[-1]], y[finite[-1]], **STOPPED, color=line.color)
 
 
 # Contact forces -------------------------------------------------------------------------------------------------------
 
 
-def plot_contact_forces(cases: axes_module.Cases, told: Mapping[str, str]) -> Figure:
-    """Figure 4: norms of the estimated contact forces, agents by row, cases by column; below, `|eta|` if it acts."""
+def plot_contact_forces(cases: axes_module.Cases, descriptions: Mapping[str, str]) -> Figure:
+    """Plot figure 4: norms of the estimated contact forces and, if internal forces act, `|eta|` in the last row.
+
+    Args:
+        cases: Log of each case.
+        descriptions: Description of each case.
+
+    Returns:
+        The figure, with agents as rows and cases as columns.
+    """
     first = next(iter(cases.values()))
     agents = [name for name in first.agent.values.tolist() if _contacts_of(first, name)]
     internal = any((axes_module.norm(ds.eta) > 0).any() for ds in cases.values())
@@ -150,13 +201,13 @@ def plot_contact_forces(cases: axes_module.Cases, told: Mapping[str, str]) -> Fi
     grid = figure.subplots(len(rows), len(cases), sharex=True, sharey="row", squeeze=False, height_ratios=rows)
     for column, (name, ds) in zip(grid.T, cases.items(), strict=True):
         for ax, agent in zip(column, agents, strict=False):
-            _contacts(ax, name, ds, _contacts_of(ds, agent))
+            _plot_contacts(ax, name, ds, _contacts_of(ds, agent))
         eta = axes_module.norm(ds.eta)
         if internal:
             column[-1].plot(
                 axes_module.decimate(ds, ds.time), axes_module.decimate(ds, eta), color=style_of(name).color
             )
-        column[0].set_title(axes_module.title(name, ds, told))
+        column[0].set_title(axes_module.title(name, ds, descriptions))
         axes_module.time_axis(column[-1], cases)
         for ax in column:
             axes_module.shade_span(ax, ds.time.values, eta > 0)
@@ -165,16 +216,17 @@ def plot_contact_forces(cases: axes_module.Cases, told: Mapping[str, str]) -> Fi
     if internal:
         grid[-1, 0].set_ylabel(r"$\|\eta\|$ [N]")
     figure.align_ylabels(grid[:, 0])
-    _explain(figure, first, internal)
+    _add_force_legend(figure, first, internal)
     return figure
 
 
 def _contacts_of(ds: xr.Dataset, agent: str) -> list[str]:
+    """Return the contact names of an agent."""
     return [name for name in ds.contact_position.values if name.split("/")[0] == agent]
 
 
-def _contacts(ax: Axes, name: str, ds: xr.Dataset, contacts: Sequence[str]) -> None:
-    """One agent's contacts: the truth, beneath; the range of the raw estimate; its mean over a window, on top."""
+def _plot_contacts(ax: Axes, name: str, ds: xr.Dataset, contacts: Sequence[str]) -> None:
+    """Plot the contact forces of one agent: true value, range of the estimate, and moving average of the estimate."""
     t = axes_module.decimate(ds, ds.time)
     n = axes_module.samples(ds, axes_module.SMOOTHING_WINDOW)
     for k, contact in enumerate(contacts):
@@ -188,31 +240,38 @@ def _contacts(ax: Axes, name: str, ds: xr.Dataset, contacts: Sequence[str]) -> N
         )
 
 
-def _explain(figure: Figure, ds: xr.Dataset, internal: bool) -> None:
-    """The legend of figure 4, in grey: it holds for every column."""
+def _add_force_legend(figure: Figure, ds: xr.Dataset, internal: bool) -> None:
+    """Add the legend of figure 4, in grey because it applies to all columns."""
     arms: dict[int, dict[str, None]] = {}
     for agent in ds.agent.values:
         for k, contact in enumerate(_contacts_of(ds, agent)):
             arms.setdefault(k, {})[contact.split("/")[1]] = None
-    strokes = [(tint(axes_module.GREY, k, len(arms)), DASH_PATTERNS[k % len(DASH_PATTERNS)]) for k in arms]
-    handles: list[Artist] = [Line2D([], [], color=color, linestyle=dashes) for color, dashes in strokes]
+    styles = [(tint(axes_module.GREY, k, len(arms)), DASH_PATTERNS[k % len(DASH_PATTERNS)]) for k in arms]
+    handles: list[Artist] = [Line2D([], [], color=color, linestyle=dashes) for color, dashes in styles]
     labels = [f"{' or '.join(names)}, {axes_module.SMOOTHING_WINDOW:g} s mean" for names in arms.values()]
     handles += [Patch(color=axes_module.GREY, alpha=BAND, linewidth=0), Line2D([], [], **TRUE_ERROR_STYLE)]
-    labels += [f"range in {axes_module.SMOOTHING_WINDOW:g} s", "truth"]
+    labels += [f"range in {axes_module.SMOOTHING_WINDOW:g} s", "true value"]
     if internal:
         handles.append(Patch(color=axes_module.ACTIVE, linewidth=0))
         labels.append(r"$\eta$ active")
     figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
 
 
-# Memory and reflex ----------------------------------------------------------------------------------------------------
+# Online correction ----------------------------------------------------------------------------------------------------
 
 
-def plot_online_correction(cases: axes_module.Cases, told: Mapping[str, str]) -> Figure:
-    """Figure 7: of cases that listen, the error, what labels say beyond the map, how much of either is used, points.
+def plot_online_correction(cases: axes_module.Cases, descriptions: Mapping[str, str]) -> Figure:
+    """Plot figure 7: position error, innovations, gains of model and correction, and number of samples.
 
-    What is used of the payload's map is that of its changes, the mean over force and moment. Shaded where labels have
-    stopped and what they said has faded; a red line where the world was found to have changed.
+    The model gain is that of the payload, averaged over force and moment. Spans without labels are shaded: there the
+    correction weight is below 0.5. Vertical lines mark change points and refits.
+
+    Args:
+        cases: Logs of cases with online correction.
+        descriptions: Description of each case.
+
+    Returns:
+        The figure, with cases as columns.
     """
     figure = Figure(figsize=(PAGE * max(1, len(cases) / axes_module.COLUMNS), 6.0))
     grid = figure.subplots(5, len(cases), sharex=True, sharey="row", squeeze=False)
@@ -235,53 +294,53 @@ def plot_online_correction(cases: axes_module.Cases, told: Mapping[str, str]) ->
             t, axes_module.decimate(ds, ds.model_gain_L.mean("wrench")), color=style_of(name).color, linewidth=0.9
         )
         column[3].plot(t, axes_module.decimate(ds, ds.correction_weight), color=style_of(name).color, linestyle=DOTS)
-        _points(column[4], name, ds)
+        _plot_num_samples(column[4], name, ds)
         for ax in column:
             axes_module.shade_all(ax, ds.time.values, ds.correction_weight.values < 0.5)
             for event, (style, _) in EVENTS.items():
-                for said in filter(None, str(ds.attrs.get(event, "")).split("; ")):
-                    ax.axvline(float(said.split(" s:")[0]), **style)
-        column[0].set_title(axes_module.title(name, ds, told))
+                for entry in filter(None, str(ds.attrs.get(event, "")).split("; ")):
+                    ax.axvline(float(entry.split(" s:")[0]), **style)
+        column[0].set_title(axes_module.title(name, ds, descriptions))
         axes_module.time_axis(column[-1], cases)
     axes_module.log_scale(grid[0, 0])
     grid[3, 0].set_ylim(-0.05, 1.05)
     grid[4, 0].set_ylim(bottom=0)
     labels = [
         r"$\|e_p\|$ [m]" + f"\n({axes_module.SMOOTHING_WINDOW:g} s RMS)",
-        "payload:\n" + r"label $-$ map [N]",
-        "agents:\n" + r"label $-$ map [N]",
-        "used [1]",
-        "points of a body",
+        "payload:\n" + "innovation [N]",
+        "agents:\n" + "innovation [N]",
+        "gain [1]",
+        "samples per body",
     ]
     for row, label in zip(grid, labels, strict=True):
         row[0].set_ylabel(label)
     figure.align_ylabels(grid[:, 0])
     handles = axes_module.agent_legend(cases)
-    handles.append((Line2D([], [], color=axes_module.GREY), "used of the payload's map"))
-    handles.append((Line2D([], [], color=axes_module.GREY, linestyle=DOTS), "used of the correction"))
-    if any(len(_counts(ds)) > 1 for ds in cases.values()):
-        handles.append((Line2D([], [], color=axes_module.GREY), "payload's points"))
-        handles.append((Line2D([], [], color=axes_module.GREY, linestyle=DOTS), "an agent's points"))
+    handles.append((Line2D([], [], color=axes_module.GREY), "model gain, payload"))
+    handles.append((Line2D([], [], color=axes_module.GREY, linestyle=DOTS), "correction weight"))
+    if any(len(_num_samples(ds)) > 1 for ds in cases.values()):
+        handles.append((Line2D([], [], color=axes_module.GREY), "samples, payload"))
+        handles.append((Line2D([], [], color=axes_module.GREY, linestyle=DOTS), "samples, one agent"))
     if any((ds.correction_weight.values < 0.5).any() for ds in cases.values()):
-        handles.append((Patch(color=axes_module.ACTIVE, linewidth=0), "the correction has faded"))
-    for event, (style, what) in EVENTS.items():
+        handles.append((Patch(color=axes_module.ACTIVE, linewidth=0), "correction weight below 0.5"))
+    for event, (style, label) in EVENTS.items():
         if any(ds.attrs.get(event) for ds in cases.values()):
-            handles.append((Line2D([], [], **style), what))
+            handles.append((Line2D([], [], **style), label))
     figure.legend(*zip(*handles, strict=True), loc="outside lower center", ncols=min(4, len(handles)))
     return figure
 
 
-def _points(ax: Axes, name: str, ds: xr.Dataset) -> None:
-    """Samples that the map of the payload, and of an agent if it has others, rests on, from update to update."""
+def _plot_num_samples(ax: Axes, name: str, ds: xr.Dataset) -> None:
+    """Plot the number of samples of the payload model and, if it differs, of the model of one agent."""
     times = [0.0, *np.atleast_1d(ds.attrs["update_times_s"]), float(ds.time[-1])]
-    for counts, dashes in zip(_counts(ds), ("-", DOTS), strict=False):
+    for counts, dashes in zip(_num_samples(ds), ("-", DOTS), strict=False):
         ax.step(times, counts, where="post", color=style_of(name).color, linestyle=dashes)
 
 
-def _counts(ds: xr.Dataset) -> list[np.ndarray]:
-    """Of the payload, and of an agent on average where that is not the same."""
+def _num_samples(ds: xr.Dataset) -> list[np.ndarray]:
+    """Return the number of samples of the payload after each update and, if it differs, the mean over the agents."""
     each = [np.atleast_1d(ds.attrs[f"update_points_{of}"]) for of in ("payload", "agents")]
-    load, agent = (
+    payload, agent = (
         np.concatenate([[0.0], n, n[-1:] if len(n) else [0.0]]) for n in (each[0], each[1] / ds.sizes["agent"])
     )
-    return [load] if np.array_equal(load, agent) else [load, agent]
+    return [payload] if np.array_equal(payload, agent) else [payload, agent]
