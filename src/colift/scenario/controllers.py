@@ -125,7 +125,7 @@ def make_controller(settings: schema.Scenario, nominal: Team) -> controller.Lead
         preview_step=None if ahead is None else array(ahead),
     )
     theirs = {
-        name: build_plugin(part, f"parts.{name}", kind, ours)
+        name: build_plugin(part, f"plugins.{name}", kind, ours)
         for name, kind in CONTROLLER_PARTS.items()
         if (part := getattr(settings.plugins, name)) is not None
     }
@@ -214,9 +214,9 @@ def _drive(settings: schema.Scenario) -> interfaces.ActuatorCompensator:
 
 
 CONTROLLER_PARTS: dict[str, type] = {
-    "leader": interfaces.PayloadController,
+    "payload_controller": interfaces.PayloadController,
     "allocator": interfaces.Allocator,
-    "realizer": interfaces.AgentController,
+    "agent_controller": interfaces.AgentController,
     "estimator": interfaces.Estimator,
-    "predictor": interfaces.ResidualPredictor,
+    "residual_predictor": interfaces.ResidualPredictor,
 }

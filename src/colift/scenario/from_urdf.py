@@ -92,7 +92,7 @@ def _numbers(given: AgentTypeFromUrdf, robot: urdf.Robot) -> dict[str, Any]:
     """As `AgentType` has it."""
     names = ["base", *(joint.name for joint in robot.joints)]
     bodies = [
-        {"mass_kg": body.mass, "com_m": body.com.tolist(), "inertia_kgm2": body.inertia.tolist()}
+        {"mass_kg": body.mass, "center_of_mass_m": body.com.tolist(), "inertia_kgm2": body.inertia.tolist()}
         for body in robot.bodies
     ]
     joints = []
@@ -113,7 +113,7 @@ def _numbers(given: AgentTypeFromUrdf, robot: urdf.Robot) -> dict[str, Any]:
     arms = []
     for tip in given.tips:
         body, point = robot.tip(tip.link, tip.tip_position_m)
-        arms.append({"name": tip.name or tip.link, "joint": names[body], "tip_m": point.tolist()})
+        arms.append({"name": tip.name or tip.link, "joint": names[body], "tip_position_m": point.tolist()})
     return {"base": bodies[0], "thrust_max_N": given.thrust_max_N, "joints": joints, "arms": arms}
 
 

@@ -21,13 +21,13 @@ from colift.scenario.errors import ScenarioError
 def features(settings: schema.Scenario) -> Features:
     """What GPs see of a sample. Raises ScenarioError for features of one's own that are none."""
     given = settings.plugins.features
-    return DefaultFeatures() if given is None else build_plugin(given, "parts.features", Features)
+    return DefaultFeatures() if given is None else build_plugin(given, "plugins.features", Features)
 
 
 def kernel(settings: schema.Scenario) -> gp.Kernel:
     """Of all models, the payload's and the agents'. Raises ScenarioError for one of one's own that is none."""
     given = settings.plugins.kernel
-    return gp.SquaredExponential() if given is None else build_plugin(given, "parts.kernel", gp.Kernel)
+    return gp.SquaredExponential() if given is None else build_plugin(given, "plugins.kernel", gp.Kernel)
 
 
 def prior_model(settings: schema.Scenario, nominal: Team) -> residual_model.ResidualModel:
