@@ -61,9 +61,9 @@ class Drake:
         """As `engine.Mujoco.accelerate`."""
         like = tuple(AgentAcceleration(v_dot=q.v, xi_dot=jnp.concatenate([q.omega, q.r_dot], axis=1)) for q in z.agents)
         contacts = tuple(group.contact_position for group in team.agent_groups)
-        results = [jnp.zeros(6), *mujoco_plant._join(like), *mujoco_plant._join(contacts)]
-        a_L, *of_agents, lam = mujoco_plant._ask(self.hosts.accelerate, results, z, inputs, f, self.h)
-        return Acceleration(agents=mujoco_plant._part(like, of_agents), payload=a_L), mujoco_plant._part(
+        results = [jnp.zeros(6), *mujoco_plant._join_groups(like), *mujoco_plant._join_groups(contacts)]
+        a_L, *of_agents, lam = mujoco_plant._call_host(self.hosts.accelerate, results, z, inputs, f, self.h)
+        return Acceleration(agents=mujoco_plant._split_groups(like, of_agents), payload=a_L), mujoco_plant._split_groups(
             contacts, [lam]
         )
 
@@ -80,9 +80,9 @@ class Drake:
         def one(k: Array, z: State) -> State:
             load, kind = jax.tree.flatten(z.payload)
             f = residual(z, k.astype(dt.dtype) * self.h)
-            after = mujoco_plant._ask(self.hosts.step, mujoco_plant._state_rows(z), z, inputs, f, self.h)
+            after = mujoco_plant._call_host(self.hosts.step, mujoco_plant._state_rows(z), z, inputs, f, self.h)
             rows, of_load = after[: -len(load)], after[-len(load) :]
-            return State(agents=mujoco_plant._part(z.agents, rows), payload=kind.unflatten(of_load))
+            return State(agents=mujoco_plant._split_groups(z.agents, rows), payload=kind.unflatten(of_load))
 
         return jax.lax.fori_loop(0, jnp.round(dt / self.h).astype(int), one, z)
 

@@ -1,1 +1,1 @@
-"""analysis"""
+"""Analysis of scenarios and flights: stability, gain tuning, preflight checks and metrics."""

@@ -1,1 +1,1 @@
-"""closed_loop"""
+"""Closed-loop simulation of world and controller, linearization, and logs."""

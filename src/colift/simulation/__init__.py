@@ -1,1 +1,1 @@
-"""simulation"""
+"""Simulation of the true system: dynamics, disturbances, actuators and sensors."""

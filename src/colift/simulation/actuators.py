@@ -70,8 +70,8 @@ class BoxLimits:
 class RotorMixer:
     """Rotor force limits with priority thrust, then roll and pitch, then yaw.
 
-    The map from rotor forces f to thrust and torque is `(u, tau) = B f`, with `0 <= f <= force_max`. The rotor forces are
-    `f = f_u + k f_tilt + s f_yaw`. The thrust part is clipped first; then k in [0, 1] is maximized, then s.
+    The map from rotor forces f to thrust and torque is `(u, tau) = B f`, with `0 <= f <= force_max`. The rotor forces
+    are `f = f_u + k f_tilt + s f_yaw`. The thrust part is clipped first; then k in [0, 1] is maximized, then s.
     """
 
     effectiveness: Float[Array, "4 rotors"]  # B, rows (u, tau_x, tau_y, tau_z)

@@ -126,8 +126,8 @@ def solve_kkt(
 ]:
     """Solve the saddle-point system of the coupled team.
 
-    The equations are `M a + A^T lam = Q`, `M_L a_L - sum P^T lam = Q_L` and `A a - P a_L + gap = 0`. Among all motions
-    that close the gap, a is nearest to the unconstrained motion in the mass metric (Gauss' principle of least constraint).
+    The equations are `M a + A^T lam = Q`, `M_L a_L - sum P^T lam = Q_L` and `A a - P a_L + gap = 0`. Among all
+    motions that close the gap, a is nearest to the unconstrained motion in the mass metric (Gauss' principle).
 
     Args:
         payload: Mass and inertia of the payload.
@@ -135,7 +135,8 @@ def solve_kkt(
         Q_L: Generalized forces on the payload, force in the world frame, moment in the payload frame [N, N m].
 
     Returns:
-        `(a, a_L, lam)`: agents' motions by group, payload motion, and multipliers by group. Agents are in their base frames.
+        `(a, a_L, lam)`: motions of the agents by group, motion of the payload, multipliers by group. Motions and
+        multipliers of an agent are in its base frame.
     """
     eliminated, added = zip(*(vmap_agents(_eliminate)(s) for s in agents), strict=True)
     total = jnp.concatenate([_mass_matrix(payload), Q_L], axis=1) + sum(share.sum(0) for share in added)
@@ -321,9 +322,9 @@ def project_to_constraints(team: Team, team_state: State) -> State:
     """Project a state onto the constraint manifold by one mass-weighted Newton step.
 
     The poses are corrected to `Phi = 0`, then the velocities to the nearest ones with `Phi_dot = 0`. A correction is
-    `M^-1 A^T` times multipliers: it performs no work to first order and excites no free motion. Both corrections use M and
-    A at the given state, so one factorization serves both. `Phi_dot` is evaluated at the corrected pose. The neglected
-    terms are the products of the two corrections.
+    `M^-1 A^T` times multipliers: it performs no work to first order and excites no free motion. Both corrections use
+    M and A at the given state, so one factorization serves both. `Phi_dot` is evaluated at the corrected pose. The
+    neglected terms are the products of the two corrections.
 
     Args:
         team: Parameters whose mass matrix defines the metric.
@@ -420,8 +421,8 @@ _residuals = jax.jit(lambda team, z: (grasp.constraint_residual(team, z), grasp.
 def consistent_initial_state(team: Team, guess: State, names: Sequence[str] = ()) -> State:
     """Find the state with `Phi = 0` and `Phi_dot = 0` near a guess, by Newton's method on the host.
 
-    The payload and the base attitudes are scaled by `PAYLOAD_MASS_SCALE` in the metric of the projection. They therefore
-    stay at the guess unless the grasp requires a change; agent positions and joints follow.
+    The metric of the projection scales the payload and the base attitudes by `PAYLOAD_MASS_SCALE`. They therefore stay
+    at the guess unless the grasp requires a change; agent positions and joints follow.
 
     Args:
         team: Parameters of the team.

@@ -40,8 +40,9 @@ class PointKinematics:
 class DisturbanceModel:
     """Base class of disturbances: force and torque as a function of a point's motion, time and a state.
 
-    A custom model is a `pytree` that extends this class. A model without a state overrides `__call__` alone. Models whose
-    force and torque depend on the motion alone set `time_invariant`, as Assumption 3 requires; certificates check it.
+    A custom model is a `pytree` that extends this class. A model without a state overrides `__call__` alone.
+    `time_invariant` is true if force and torque depend on the motion alone, as Assumption 3 requires. Certificates
+    check it.
 
     Attributes:
         time_invariant: Whether force and torque are functions of the motion alone.

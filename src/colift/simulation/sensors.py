@@ -1,7 +1,7 @@
-"""What is measured on board, and how sensors corrupt it.
+"""Sensor models: noise, bias, bandwidth, delay and dropout of the measurements.
 
-`Measurement` is all that the flying software ever sees of the truth. `sense` makes one from the truth; the
-noise is drawn beforehand, so that runs that differ in the controller alone see the same noise.
+The `Measurement` is the only information about the true state that the onboard controller receives. The noise is drawn
+in advance from a key, so that runs with different controllers have identical noise.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ Scalar = Float[Array, ""]
 
 @pytree
 class SensorNoise:
-    """Standard deviations of the white noise on each tick's reading, and the tips' bias and bandwidth."""
+    """Standard deviations of the white noise of each reading, and bias and bandwidth of the tip force sensors."""
 
     position: Scalar  # m
     attitude: Scalar  # rad
@@ -35,13 +35,13 @@ class SensorNoise:
     accelerometer: Scalar  # m/s^2
     joint_position: Scalar  # rad or m
     tip_force: Scalar  # N
-    tip_force_bias: Scalar  # N
-    tip_force_bandwidth: Scalar  # Hz, first order
+    tip_force_bias: Scalar  # N, standard deviation of the constant bias
+    tip_force_bandwidth: Scalar  # Hz, first-order low-pass filter
 
 
 @pytree
 class AgentNoise:
-    """Standard normal draws for one tick of a group's sensors."""
+    """Standard normal samples for the sensors of a group at one tick."""
 
     theta: Float[Array, "*time agents 3"]
     x: Float[Array, "*time agents 3"]
@@ -54,7 +54,7 @@ class AgentNoise:
 
 @pytree
 class PayloadNoise:
-    """Standard normal draws for one tick of the payload's sensors."""
+    """Standard normal samples for the payload's sensors at one tick."""
 
     theta: Float[Array, "*time 3"]
     p: Float[Array, "*time 3"]
@@ -65,14 +65,23 @@ class PayloadNoise:
 
 @pytree
 class Noise:
-    """Standard normal draws for one tick, or with a leading time axis, for many."""
+    """Standard normal samples for one tick, or for many with a leading time axis."""
 
-    agents: tuple[AgentNoise, ...]
+    agents: tuple[AgentNoise, ...]  # one per group
     payload: PayloadNoise
 
 
 def sample_noise(team: Team, key: Array, ticks: int) -> Noise:
-    """The noise of `ticks` ticks from one random key."""
+    """Draw the sensor noise of several ticks from one random key.
+
+    Args:
+        team: Parameters that determine the shapes.
+        key: JAX random key.
+        ticks: Number of ticks.
+
+    Returns:
+        Standard normal samples with a leading time axis.
+    """
 
     def normal(key: Array, shapes: dict[str, tuple[int, ...]]) -> dict[str, Array]:
         keys = jax.random.split(key, len(shapes))
@@ -91,7 +100,16 @@ def sample_noise(team: Team, key: Array, ticks: int) -> Noise:
 
 
 def sample_tip_bias(team: Team, sensors: SensorNoise, key: Array) -> tuple[Float[Array, "agents arms 3"], ...]:
-    """The constant bias of every tip force sensor over a run, N, in the tip body's frame: one draw a sensor axis."""
+    """Draw the constant bias of every tip force sensor for one run.
+
+    Args:
+        team: Parameters that determine the shapes.
+        sensors: Standard deviations of the sensors.
+        key: JAX random key.
+
+    Returns:
+        The bias of every sensor axis [N, tip frame], by group.
+    """
     keys = jax.random.split(key, len(team.agent_groups))
     return tuple(
         sensors.tip_force_bias * jax.random.normal(k, (size, group.tree.arms, 3))
@@ -101,14 +119,14 @@ def sample_tip_bias(team: Team, sensors: SensorNoise, key: Array) -> tuple[Float
 
 @pytree
 class SensedState:
-    """What the sensors are exposed to at one instant."""
+    """True quantities that the sensors measure at one instant."""
 
     z: State
     v_dot: tuple[Float[Array, "agents 3"], ...]  # m/s^2, centres of mass, world
-    xi_dot: tuple[Float[Array, "agents xi"], ...]
-    a_L: Float[Array, "6"]
-    lam: tuple[Float[Array, "agents arms 3"], ...]  # N, as passed by the sensors' bandwidth, world
-    f: ResidualForces
+    xi_dot: tuple[Float[Array, "agents xi"], ...]  # rad/s^2 (prismatic joints: m/s^2), (omega_dot, r_ddot)
+    a_L: Float[Array, "6"]  # m/s^2 and rad/s^2, (v_dot in the world, omega_dot in the payload frame)
+    lam: tuple[Float[Array, "agents arms 3"], ...]  # N, contact forces behind the low-pass filter of the sensors, world
+    f: ResidualForces  # unmodelled forces
 
 
 def measure(
@@ -118,15 +136,26 @@ def measure(
     truth: SensedState,
     noise: Noise,
 ) -> Measurement:
-    """One tick's measurement of the truth."""
+    """Compute the measurement of one tick from true quantities.
+
+    Args:
+        team: True parameters.
+        sensors: Standard deviations of the sensor noise.
+        lam_bias: Bias of the tip force sensors [N, tip frame], by group.
+        truth: True quantities at this tick.
+        noise: Standard normal samples of this tick.
+
+    Returns:
+        Readings of all agents and of the payload.
+    """
     q = truth.z.payload
     n = noise.payload
     return Measurement(
         agents=tuple(
             jax.vmap(_sense_agent, in_axes=(0, None, 0, 0, 0, 0, 0, 0, None))(
-                group, sensors, state, v_dot, xi_dot, lam, offset, e, team.gravity
+                group, sensors, state, v_dot, xi_dot, lam, bias, agent_noise, team.gravity
             )
-            for group, state, v_dot, xi_dot, lam, offset, e in zip(
+            for group, state, v_dot, xi_dot, lam, bias, agent_noise in zip(
                 team.agent_groups,
                 truth.z.agents,
                 truth.v_dot,
@@ -148,42 +177,56 @@ def measure(
 
 
 class SensorModel:
-    """A sensor beside those that every team carries: a `pytree` that adds to a measurement, or changes it.
+    """Base class of additional sensors: adds readings to a measurement or modifies existing ones.
 
-    What it says of its own goes into `Measurement.more`, a dictionary by name. One without noise or memory leaves
-    `draw` and `begin` alone.
+    A custom sensor is a `pytree` that extends this class. It stores its readings in `Measurement.extra` under its
+    name. A sensor without noise or state overrides `apply` alone.
     """
 
     def apply(
         self, measurement: Measurement, truth: SensedState, clock: ControlClock, state: Any, noise: Any
     ) -> tuple[Measurement, Any]:
-        """The measurement with this sensor's part in it, and the next memory."""
+        """Add or modify readings.
+
+        Args:
+            measurement: Measurement of the sensors before this one.
+            truth: True quantities at this tick.
+            clock: Time and period [s].
+            state: State of this sensor.
+            noise: Noise of this tick, as `sample_noise` draws it.
+
+        Returns:
+            The new measurement and the next state.
+
+        Raises:
+            NotImplementedError: In the base class.
+        """
         raise NotImplementedError
 
     def sample_noise(self, team: Team, key: Array, ticks: int) -> Any:
-        """The noise of `ticks` ticks from one random key, time first."""
+        """Draw the noise of several ticks from one random key, with time as the leading axis."""
         return ()
 
     def init(self, measurement: Measurement) -> Any:
-        """The memory before the flight, where the other sensors read m at rest."""
+        """Return the initial state, given the measurement at rest."""
         return ()
 
 
 @pytree
 class CalibrationRig(SensorModel):
-    """A calibration rig: the true state, and the residual there, each label off by `error` one way or the other."""
+    """Calibration rig: measures the true state and the residual with a bounded label error of random sign."""
 
-    label_error: ResidualForces
+    label_error: ResidualForces  # absolute error of every label
 
     def apply(
         self, measurement: Measurement, truth: SensedState, clock: ControlClock, state: Any, noise: ResidualForces
     ) -> tuple[Measurement, Any]:
-        """`Measurement.rig`."""
+        """Set `Measurement.rig`."""
         f = jax.tree.map(lambda f, e, sign: f + e * sign, truth.f, self.label_error, noise)
         return dataclasses.replace(measurement, rig=RigReading(z=truth.z, f=f)), state
 
     def sample_noise(self, team: Team, key: Array, ticks: int) -> ResidualForces:
-        """Signs, 1 or -1."""
+        """Draw the signs of the label errors, 1 or -1."""
         leaves, kind = jax.tree.flatten(zero_residual(team))
         signs = [
             jax.random.rademacher(jax.random.fold_in(key, k), (ticks, *leaf.shape), leaf.dtype)
@@ -194,40 +237,40 @@ class CalibrationRig(SensorModel):
 
 @pytree
 class IntermittentState:
-    """What `Intermittent` remembers."""
+    """State of `Intermittent`."""
 
-    last_reading: dict[str, Any]  # the readings that came last
-    age: Scalar  # s, for how long nothing has come
-    next_sample_time: Scalar  # s, when the next is taken
-    delay_line: tuple[tuple[dict[str, Any], Bool[Array, ""]], ...]  # oldest first, and whether they come
+    last_reading: dict[str, Any]  # most recent readings, by channel
+    age: Scalar  # s, age of the most recent readings
+    next_sample_time: Scalar  # s, time of the next sample
+    delay_line: tuple[tuple[dict[str, Any], Bool[Array, ""]], ...]  # pending readings and validity, oldest first
 
 
 @pytree
 class Intermittent(SensorModel):
-    """Readings at a rate of their own, late, and lost now and then; in between the last one that came is held.
+    """Sensor with its own sample rate, a delay and random dropouts; the last reading is held between samples.
 
-    The reading of tick k is taken where `every` has passed since the last, is lost with probability `loss`, and comes
-    `delay` ticks later; from `until` on none is taken. `Measurement.age_s` says for how long
-    nothing new has come.
+    A reading is sampled when `sample_period` has passed since the previous one. It is lost with probability
+    `dropout_probability` and arrives `delay` ticks later. No reading is sampled after `failure_time`.
+    `Measurement.age_s` contains the age of the held readings.
     """
 
     channels: tuple[str, ...] = (
         static()
-    )  # fields of the payload's and of the agents' readings, as `payload.p`, `agents.x`
+    )  # fields of the payload and agent readings, for example `payload.p`, `agents.x`
     sample_period: Scalar  # s
-    dropout_probability: Scalar  # probability
+    dropout_probability: Scalar  # in [0, 1]
     failure_time: Scalar  # s
     delay: int = static(default=0)  # ticks
 
     def sample_noise(self, team: Team, key: Array, ticks: int) -> Float[Array, "time"]:
-        """Uniform numbers; below `loss` a reading is lost."""
+        """Draw uniform numbers; a value below `dropout_probability` discards the reading."""
         return jax.random.uniform(key, (ticks,))
 
     def init(self, measurement: Measurement) -> Any:
-        """Nothing under way."""
-        none = _chosen(measurement, self.channels), jnp.array(False)
+        """Return a state with an empty delay line and the readings at rest."""
+        none = _select_channels(measurement, self.channels), jnp.array(False)
         return IntermittentState(
-            last_reading=_chosen(measurement, self.channels),
+            last_reading=_select_channels(measurement, self.channels),
             age=jnp.zeros(()),
             next_sample_time=jnp.zeros(()),
             delay_line=(none,) * self.delay,
@@ -236,84 +279,91 @@ class Intermittent(SensorModel):
     def apply(
         self, measurement: Measurement, truth: SensedState, clock: ControlClock, state: IntermittentState, noise: Any
     ) -> tuple[Measurement, Any]:
-        """The measurement with what is held in place of what is read."""
-        due = state.next_sample_time
-        taken = (clock.t >= due - 1e-9) & (clock.t < self.failure_time - 1e-9)
-        (context, came), *coming = (
+        """Replace the readings of the channels by the held ones."""
+        next_sample_time = state.next_sample_time
+        sampled = (clock.t >= next_sample_time - 1e-9) & (clock.t < self.failure_time - 1e-9)
+        (reading, arrived), *pending = (
             *state.delay_line,
-            (_chosen(measurement, self.channels), taken & (noise >= self.dropout_probability)),
+            (_select_channels(measurement, self.channels), sampled & (noise >= self.dropout_probability)),
         )
-        held = jax.tree.map(lambda new, old: jnp.where(came, new, old), context, state.last_reading)
-        age = jnp.where(came, self.delay * clock.dt, state.age + clock.dt)
-        due = jnp.where(taken, due + self.sample_period, due)
+        held = jax.tree.map(lambda new, old: jnp.where(arrived, new, old), reading, state.last_reading)
+        age = jnp.where(arrived, self.delay * clock.dt, state.age + clock.dt)
+        next_sample_time = jnp.where(sampled, next_sample_time + self.sample_period, next_sample_time)
         ages = measurement.age_s | dict.fromkeys(self.channels, age)
-        kept = IntermittentState(last_reading=held, age=age, next_sample_time=due, delay_line=tuple(coming))
-        return dataclasses.replace(_put(measurement, self.channels, held), age_s=ages), kept
+        next_state = IntermittentState(
+            last_reading=held, age=age, next_sample_time=next_sample_time, delay_line=tuple(pending)
+        )
+        return dataclasses.replace(_replace_channels(measurement, self.channels, held), age_s=ages), next_state
 
 
 @pytree
 class BiasWalkState:
-    """What `Drifting` remembers: how far the bias of each reading has come; of an attitude, a rotation vector."""
+    """State of `BiasRandomWalk`."""
 
-    bias: dict[str, Any]
+    bias: dict[str, Any]  # bias of every channel, in its unit; a rotation vector [rad] for attitudes
 
 
 @pytree
 class BiasRandomWalk(SensorModel):
-    """A bias that walks at random: `b_0 = start n_0`, `b+ = b + rate sqrt(dt) n`, added to every component.
+    """Sensor bias as a random walk: `b_0 = initial_bias_std n_0`, `b+ = b + random_walk_density sqrt(dt) n`.
 
-    n is standard normal, and n_0 the noise of the first tick.
+    The samples n are standard normal; n_0 is the sample of the first tick.
     """
 
     channels: tuple[str, ...] = (
         static()
-    )  # as for `Intermittent`; of an attitude the walk is a rotation in the body's frame
-    random_walk_density: Scalar  # unit of the reading, or rad, per square root of a second
-    initial_bias_std: Scalar  # unit of the reading, or rad
+    )  # as for `Intermittent`; the bias of an attitude is a rotation in the body frame
+    random_walk_density: Scalar  # unit of the reading (attitude: rad) per square root of a second
+    initial_bias_std: Scalar  # unit of the reading (attitude: rad)
 
     def sample_noise(self, team: Team, key: Array, ticks: int) -> Any:
-        """Standard normal numbers in the shapes of the readings."""
-        sizes, payload = _shapes(team), {"R": 3, "p": 3, "v": 3, "omega": 3, "a": 3}
+        """Draw standard normal samples in the shapes of the readings."""
+        sizes, payload = _noise_shapes(team), {"R": 3, "p": 3, "v": 3, "omega": 3, "a": 3}
         out = {}
         for k, name in enumerate(self.channels):
             body, _, field = name.partition(".")
             keys = jax.random.split(jax.random.fold_in(key, k), len(sizes))
             shapes = [(payload[field],)] if body == "payload" else [size[field] for size in sizes]
-            drawn = [jax.random.normal(one, (ticks, *shape)) for one, shape in zip(keys, shapes, strict=False)]
-            out[name] = drawn[0] if body == "payload" else tuple(drawn)
+            samples = [
+                jax.random.normal(group_key, (ticks, *shape)) for group_key, shape in zip(keys, shapes, strict=False)
+            ]
+            out[name] = samples[0] if body == "payload" else tuple(samples)
         return out
 
     def init(self, measurement: Measurement) -> Any:
-        """No bias yet."""
+        """Return a state without bias."""
         return BiasWalkState(
             bias={
-                name: jax.tree.map(functools.partial(_none, name), x)
-                for name, x in _chosen(measurement, self.channels).items()
+                name: jax.tree.map(functools.partial(_zero_bias, name), x)
+                for name, x in _select_channels(measurement, self.channels).items()
             }
         )
 
     def apply(
         self, measurement: Measurement, truth: SensedState, clock: ControlClock, state: BiasWalkState, noise: Any
     ) -> tuple[Measurement, Any]:
-        """The measurement with the bias added."""
+        """Add the bias to the readings of the channels."""
         step = jnp.where(clock.t > 0, self.random_walk_density * jnp.sqrt(clock.dt), self.initial_bias_std)
         bias = jax.tree.map(lambda b, n: b + step * n, state.bias, noise)
-        read = _chosen(measurement, self.channels)
-        off = {name: jax.tree.map(functools.partial(_added, name), read[name], bias[name]) for name in self.channels}
-        return _put(measurement, self.channels, off), BiasWalkState(bias=bias)
+        readings = _select_channels(measurement, self.channels)
+        biased = {
+            name: jax.tree.map(functools.partial(_add_bias, name), readings[name], bias[name]) for name in self.channels
+        }
+        return _replace_channels(measurement, self.channels, biased), BiasWalkState(bias=bias)
 
 
-def _none(name: str, x: Array) -> Array:
-    """No bias of a reading; of an attitude, no rotation vector."""
+def _zero_bias(name: str, x: Array) -> Array:
+    """Return zeros in the shape of a reading's bias; a rotation vector for attitudes."""
     return jnp.zeros(x.shape[:-1] if name.endswith(".R") else x.shape)
 
 
-def _added(name: str, x: Array, b: Array) -> Array:
+def _add_bias(name: str, x: Array, b: Array) -> Array:
+    """Add the bias to a reading; rotate an attitude in the body frame."""
     return x @ so3.exp(b) if name.endswith(".R") else x + b
 
 
-def _shapes(team: Team) -> list[dict[str, tuple[int, ...]]]:
-    """What noise of each field of the agents' readings is like, by group; attitudes by rotation vector."""
+def _noise_shapes(team: Team) -> list[dict[str, tuple[int, ...]]]:
+    """Return the noise shape of each field of the agents' readings, by group; attitudes have rotation vectors."""
     return [
         dict.fromkeys(("R", "x", "v", "omega", "a"), (size, 3))
         | {"r": (size, group.tree.joints), "lam": (size, group.tree.arms, 3)}
@@ -321,8 +371,8 @@ def _shapes(team: Team) -> list[dict[str, tuple[int, ...]]]:
     ]
 
 
-def _chosen(measurement: Measurement, names: tuple[str, ...]) -> dict[str, Any]:
-    """Readings by name: an array of the payload, one a group of agents."""
+def _select_channels(measurement: Measurement, names: tuple[str, ...]) -> dict[str, Any]:
+    """Return readings by channel: an array of the payload, or one array per group of agents."""
     out = {}
     for name in names:
         body, _, field = name.partition(".")
@@ -334,7 +384,8 @@ def _chosen(measurement: Measurement, names: tuple[str, ...]) -> dict[str, Any]:
     return out
 
 
-def _put(measurement: Measurement, names: tuple[str, ...], values: dict[str, Any]) -> Measurement:
+def _replace_channels(measurement: Measurement, names: tuple[str, ...], values: dict[str, Any]) -> Measurement:
+    """Return the measurement with the readings of these channels replaced."""
     for name in names:
         body, _, field = name.partition(".")
         if body == "payload":
@@ -360,6 +411,7 @@ def _sense_agent(
     noise: AgentNoise,
     gravity: Float[Array, "3"],
 ) -> AgentReading:
+    """Compute the readings of one agent."""
     g = aerial_manipulator.forward_kinematics(agent, q.r)
     p = aerial_manipulator.centroidal_model(agent, g)
     xi = jnp.concatenate([q.omega, q.r_dot])
@@ -378,7 +430,7 @@ def _sense_agent(
 
 
 def _center_acceleration(agent: AerialManipulator, q: AgentState) -> Float[Array, "3"]:
-    """Acceleration of the centre of mass from the base origin at `xi_dot = 0`: `w x (w x s) + 2 w x s' + s''`."""
+    """Compute the acceleration `w x (w x s) + 2 w x s' + s''` of the centre of mass from the base at `xi_dot = 0`."""
 
     def s(r: Float[Array, "n_r"]) -> Float[Array, "3"]:
         return aerial_manipulator.center_of_mass(agent, r)

@@ -1,7 +1,7 @@
-"""The truth that a flight meets: plant, unknown forces, actuators, sensors, each with a memory of its own.
+"""Simulated world: plant, disturbances, actuators and sensors, each with its own state.
 
-A world is anything with the methods of `World`; ours, `Simulated`, is a PyTree of numbers and parts, so that a flight
-compiles. What flies gets `sense`'s measurement and nothing else; `Truth` goes to the log.
+A world is any object with the methods of the protocol `World`. `SimulatedWorld` is a PyTree of numbers and components,
+so that a simulation compiles. The onboard controller receives only the measurement; `GroundTruth` is logged.
 """
 
 from __future__ import annotations
@@ -27,123 +27,152 @@ Scalar = Float[Array, ""]
 
 @pytree
 class WorldState:
-    """The state of our world between ticks."""
+    """State of `SimulatedWorld` between ticks."""
 
     state: State
-    applied_inputs: TeamInputs  # what acted in the last tick
-    filtered_tip_forces: tuple[Float[Array, "agents arms 3"], ...]  # N, tip forces behind the sensors' bandwidth, world
+    applied_inputs: TeamInputs  # inputs during the last tick
+    filtered_tip_forces: tuple[Float[Array, "agents arms 3"], ...]  # N, low-pass filtered contact forces, world
     disturbances: disturbances.DisturbanceState
     actuators: Any
-    sensors: tuple[Any, ...]  # of the extra sensors
+    sensors: tuple[Any, ...]  # states of the additional sensors
 
 
 @pytree
 class GroundTruth:
-    """What is true at the start of a tick, under what acts during it; for the log."""
+    """True quantities at the start of a tick under the inputs of the tick; for the log."""
 
     state: State
     inputs: TeamInputs
     acceleration: contact_dynamics.Acceleration
-    lam: tuple[Float[Array, "agents arms 3"], ...]  # N, contact forces on the payload, world
+    lam: tuple[Float[Array, "agents arms 3"], ...]  # N, contact forces on the payload, world, by group
 
 
 @pytree
 class WorldNoise:
-    """What is random in the sensors of one tick, or with a leading time axis, of many."""
+    """Sensor noise of one tick, or of many ticks with a leading time axis."""
 
     sensors: sensors_module.Noise
-    sensor_models: tuple[Any, ...]
+    sensor_models: tuple[Any, ...]  # noise of the additional sensors
 
 
 @runtime_checkable
 class Plant(Protocol):
-    """The grasped team's motion under known forces."""
+    """Dynamics of the coupled team under given forces."""
 
     def forward_dynamics(
         self, team: Team, state: State, inputs: TeamInputs, f: ResidualForces
     ) -> tuple[contact_dynamics.Acceleration, tuple[Float[Array, "_agents _arms 3"], ...]]:
-        """Accelerations, and contact forces on the payload, N, world."""
+        """Compute accelerations, and contact forces on the payload [N, world] by group."""
         ...
 
     def step(self, team: Team, state: State, inputs: TeamInputs, residual: ResidualFunctionType, dt: Scalar) -> State:
-        """The state after dt, s, inputs held; residual: of a state and of the time since the step began."""
+        """Integrate over dt [s] with constant inputs.
+
+        Args:
+            team: True parameters.
+            state: State at the start of the step.
+            inputs: Inputs, constant over the step.
+            residual: Unmodelled forces as a function of the state and of the time since the step began [s].
+            dt: Step length [s].
+
+        Returns:
+            The state at the end of the step.
+        """
         ...
 
 
 @runtime_checkable
 class World(Protocol):
-    """What a flight meets."""
+    """Interface between simulator and simulated world."""
 
     @property
     def team(self) -> Team:
-        """The true parameters."""
+        """True parameters."""
         ...
 
     def sample_noise(self, key: Array, ticks: int) -> Any:
-        """The noise of `ticks` ticks from one random key, a PyTree with time first."""
+        """Draw the noise of several ticks from one random key, as a PyTree with time as the leading axis."""
         ...
 
     def measure_at_rest(self, state: State) -> Measurement:
-        """What sensors without noise or bias read of the team held still at z: what a pilot begins with."""
+        """Return the measurement of the team at rest, without noise and bias; it initializes the controller."""
         ...
 
     def init(self, state: State, command: TeamInputs) -> Any:
-        """The state at z, held until now by a command."""
+        """Return the initial world state at a team state, with a constant command before the first tick."""
         ...
 
     def measure(self, state: Any, clock: ControlClock, noise: Any) -> tuple[Measurement, Any]:
-        """The measurement now, and the state with the sensors' memory after it."""
+        """Compute the measurement at the current tick.
+
+        Args:
+            state: World state.
+            clock: Time and period [s].
+            noise: Noise of this tick.
+
+        Returns:
+            The measurement, and the world state with the updated sensor states.
+        """
         ...
 
     def step(self, state: Any, command: TeamInputs, clock: ControlClock) -> tuple[Any, GroundTruth]:
-        """The state after the tick, under a command that is held; and the truth at its start."""
+        """Advance the world by one tick with a constant command.
+
+        Args:
+            state: World state at the start of the tick.
+            command: Commands of the controller, by group.
+            clock: Time and period [s].
+
+        Returns:
+            The world state after the tick, and the ground truth at its start.
+        """
         ...
 
 
 @pytree
 class PayloadMassStep:
-    """Mass that is put on the payload's centre of mass in flight, or taken off it."""
+    """Change of the payload mass during the run, at the centre of mass."""
 
-    mass: Scalar  # kg
+    mass: Scalar  # kg, added mass; negative if mass is removed
     start: Scalar  # s
-    ramp_time: Scalar  # s
+    ramp_time: Scalar  # s, duration of the change
 
     def team_at(self, team: Team, t: Scalar) -> Team:
-        """The team at time t, s."""
+        """Return the true parameters at time t [s]."""
         mass = team.payload.mass + self.mass * disturbances.smoothstep((t - self.start) / self.ramp_time)
         return dataclasses.replace(team, payload=dataclasses.replace(team.payload, mass=mass))
 
 
 @pytree
 class SimulatedWorld:
-    """Our world: the grasped team under its sources, flown through actuators and seen by sensors."""
+    """World of the coupled team with disturbances, actuators and sensors; implements `World`."""
 
     team: Team
     plant: Plant
     disturbances: disturbances.DisturbanceSet
-    disturbance_scale: Scalar  # share of the sources that acts: 1 in flight, 0 for the loop by itself
+    disturbance_scale: Scalar  # factor on all disturbances: 1 in simulations, 0 in the linearization of the loop
     actuators: IdealActuators
     sensors: sensors_module.SensorNoise
-    tip_force_bias: tuple[Float[Array, "agents arms 3"], ...]  # N, tip frames
+    tip_force_bias: tuple[Float[Array, "agents arms 3"], ...]  # N, tip frames, by group
     sensor_models: tuple[sensors_module.SensorModel, ...]
     mass_step: PayloadMassStep | None = None
 
     def team_at(self, t: Scalar) -> Team:
-        """The true parameters at time t, s."""
+        """Return the true parameters at time t [s]."""
         return self.team if self.mass_step is None else self.mass_step.team_at(self.team, t)
 
     def sample_noise(self, key: Array, ticks: int) -> WorldNoise:
-        """The noise of `ticks` ticks from one random key."""
-        extra = tuple(one.sample_noise(self.team, key, ticks) for one in self.sensor_models)
+        """Draw the sensor noise of several ticks from one random key."""
+        extra = tuple(sensor.sample_noise(self.team, key, ticks) for sensor in self.sensor_models)
         return WorldNoise(sensors=sensors_module.sample_noise(self.team, key, ticks), sensor_models=extra)
 
     def measure_at_rest(self, state: State) -> Measurement:
-        """What sensors without noise or bias read of the team held still at z: what a pilot begins with."""
-        return self._still(state)[0]
+        """Return the measurement of the team at rest, without noise and bias."""
+        return self._at_rest(state)[0]
 
-    def _still(self, state: State) -> tuple[Measurement, tuple[Any, ...]]:
-        """The reading at rest, and the memories of the extra sensors before it."""
-        still = sensors_module.SensedState(
+    def _at_rest(self, state: State) -> tuple[Measurement, tuple[Any, ...]]:
+        """Return the measurement at rest and the initial states of the additional sensors."""
+        sensed = sensors_module.SensedState(
             z=state,
             v_dot=tuple(jnp.zeros_like(a.v) for a in state.agents),
             xi_dot=tuple(jnp.zeros((a.r.shape[0], 3 + a.r.shape[1])) for a in state.agents),
@@ -151,68 +180,102 @@ class SimulatedWorld:
             lam=tuple(jnp.zeros_like(group.contact_position) for group in self.team.agent_groups),
             f=zero_residual(self.team),
         )
-        quiet = jax.tree.map(lambda x: jnp.zeros(x.shape[1:], x.dtype), self.sample_noise(jax.random.key(0), 1))
-        m = sensors_module.measure(
-            self.team, self.sensors, jax.tree.map(jnp.zeros_like, self.tip_force_bias), still, quiet.sensors
+        zero_noise = jax.tree.map(lambda x: jnp.zeros(x.shape[1:], x.dtype), self.sample_noise(jax.random.key(0), 1))
+        measurement = sensors_module.measure(
+            self.team, self.sensors, jax.tree.map(jnp.zeros_like, self.tip_force_bias), sensed, zero_noise.sensors
         )
-        kept, clock = [], ControlClock(t=jnp.zeros(()), dt=jnp.zeros(()))
-        for one, none in zip(self.sensor_models, quiet.sensor_models, strict=True):
-            kept.append(one.init(m))
-            m, _ = one.apply(m, still, clock, kept[-1], none)
-        return m, tuple(kept)
+        sensor_states, clock = [], ControlClock(t=jnp.zeros(()), dt=jnp.zeros(()))
+        for sensor, sensor_noise in zip(self.sensor_models, zero_noise.sensor_models, strict=True):
+            sensor_states.append(sensor.init(measurement))
+            measurement, _ = sensor.apply(measurement, sensed, clock, sensor_states[-1], sensor_noise)
+        return measurement, tuple(sensor_states)
 
     def init(self, state: State, command: TeamInputs) -> WorldState:
-        """The state at z, held until now by a command."""
-        _, kept = self._still(state)
-        laws = disturbances.init(self.disturbances, self.team)
+        """Return the initial world state at a team state, with a constant command before the first tick."""
+        _, sensor_states = self._at_rest(state)
+        disturbance_state = disturbances.init(self.disturbances, self.team)
         _, lam = self.plant.forward_dynamics(
-            self.team_at(jnp.zeros(())), state, command, self.disturbance_forces(state, jnp.zeros(()), laws)
+            self.team_at(jnp.zeros(())),
+            state,
+            command,
+            self.disturbance_forces(state, jnp.zeros(()), disturbance_state),
         )
         return WorldState(
             state=state,
             applied_inputs=command,
             filtered_tip_forces=lam,
-            disturbances=laws,
+            disturbances=disturbance_state,
             actuators=self.actuators.init(command),
-            sensors=kept,
+            sensors=sensor_states,
         )
 
-    def disturbance_forces(self, state: State, t: Scalar, laws: disturbances.DisturbanceState) -> ResidualForces:
-        """The unknown forces in the state z at time t, s."""
-        f = disturbances.disturbance_forces(self.disturbances, self.team, state, t, laws)
+    def disturbance_forces(
+        self, state: State, t: Scalar, disturbance_state: disturbances.DisturbanceState
+    ) -> ResidualForces:
+        """Compute the unmodelled forces.
+
+        Args:
+            state: State of the team.
+            t: Time [s].
+            disturbance_state: States of the disturbance models.
+
+        Returns:
+            The forces on agents and payload, scaled by `disturbance_scale`.
+        """
+        f = disturbances.disturbance_forces(self.disturbances, self.team, state, t, disturbance_state)
         return jax.tree.map(lambda x: self.disturbance_scale * x, f)
 
     def measure(self, state: WorldState, clock: ControlClock, noise: WorldNoise) -> tuple[Measurement, WorldState]:
-        """The measurement now: the end of the last tick, under what acted in it."""
+        """Compute the measurement at the current tick, with the inputs of the last tick still acting.
+
+        Args:
+            state: World state.
+            clock: Time and period [s].
+            noise: Noise of this tick.
+
+        Returns:
+            The measurement, and the world state with the updated sensor states.
+        """
         t = clock.t
         f = self.disturbance_forces(state.state, t, state.disturbances)
         a, lam = self.plant.forward_dynamics(self.team_at(t), state.state, state.applied_inputs, f)
         b = smoothing_factor(self.sensors.tip_force_bandwidth, clock.dt)
-        felt = tuple(old + b * (new - old) for old, new in zip(state.filtered_tip_forces, lam, strict=True))
-        seen = sensors_module.SensedState(
+        filtered = tuple(old + b * (new - old) for old, new in zip(state.filtered_tip_forces, lam, strict=True))
+        sensed = sensors_module.SensedState(
             z=state.state,
             v_dot=tuple(x.v_dot for x in a.agents),
             xi_dot=tuple(x.xi_dot for x in a.agents),
             a_L=a.payload,
-            lam=felt,
+            lam=filtered,
             f=f,
         )
-        m = sensors_module.measure(self.team, self.sensors, self.tip_force_bias, seen, noise.sensors)
-        kept = []
-        for one, past, drawn in zip(self.sensor_models, state.sensors, noise.sensor_models, strict=True):
-            m, context = one.apply(m, seen, clock, past, drawn)
-            kept.append(context)
-        return m, WorldState(
+        measurement = sensors_module.measure(self.team, self.sensors, self.tip_force_bias, sensed, noise.sensors)
+        sensor_states = []
+        for sensor, sensor_state, sensor_noise in zip(
+            self.sensor_models, state.sensors, noise.sensor_models, strict=True
+        ):
+            measurement, next_sensor_state = sensor.apply(measurement, sensed, clock, sensor_state, sensor_noise)
+            sensor_states.append(next_sensor_state)
+        return measurement, WorldState(
             state=state.state,
             applied_inputs=state.applied_inputs,
-            filtered_tip_forces=felt,
+            filtered_tip_forces=filtered,
             disturbances=state.disturbances,
             actuators=state.actuators,
-            sensors=tuple(kept),
+            sensors=tuple(sensor_states),
         )
 
     def step(self, state: WorldState, command: TeamInputs, clock: ControlClock) -> tuple[WorldState, GroundTruth]:
-        """The state after the tick, under a command that is held; and the truth at its start."""
+        """Advance the world by one tick with a constant command.
+
+        Args:
+            state: World state at the start of the tick.
+            command: Commands of the controller, by group.
+            clock: Time and period [s].
+
+        Returns:
+            The world state after the tick, and the ground truth at its start.
+        """
         t, dt = clock.t, clock.dt
         inputs, actuators = self.actuators(command, state.actuators, clock)
         f = self.disturbance_forces(state.state, t, state.disturbances)
@@ -221,7 +284,7 @@ class SimulatedWorld:
         z = self.plant.step(
             team, state.state, inputs, lambda z, s: self.disturbance_forces(z, t + s, state.disturbances), dt
         )
-        context = WorldState(
+        next_state = WorldState(
             state=z,
             applied_inputs=inputs,
             filtered_tip_forces=state.filtered_tip_forces,
@@ -229,4 +292,4 @@ class SimulatedWorld:
             actuators=actuators,
             sensors=state.sensors,
         )
-        return context, GroundTruth(state=state.state, inputs=inputs, acceleration=a, lam=lam)
+        return next_state, GroundTruth(state=state.state, inputs=inputs, acceleration=a, lam=lam)
