@@ -129,7 +129,7 @@ def test_a_leader_block_that_cannot_carry_every_wrench_is_refused_with_its_rank(
 
 @pytest.mark.parametrize("leaders", [[0, 1, 1], [0, 1, 4], [-1, 0, 1]])
 def test_leaders_must_exist_and_be_named_once(leaders):
-    with pytest.raises(ValueError, match="each must be one of 0 to 3, named once"):
+    with pytest.raises(ValueError, match="each must be one of 0 to 3, without repetition"):
         allocation.leader_follower_allocation(SQUARE, leaders)
 
 
@@ -142,11 +142,11 @@ def test_on_two_agents_with_two_arms_the_paper_s_split_leaves_no_internal_force_
 
 def test_an_internal_force_outside_the_kernel_is_refused_with_its_size():
     plan = allocation.leader_follower_allocation(np.concatenate([SQUARE[:3], -SQUARE[:3]]), [0, 1, 2])
-    with pytest.raises(ValueError, match=r"outside the allocation's kernel \(by up to 1 N\)"):
+    with pytest.raises(ValueError, match=r"outside the null space of the allocation \(by up to 1 N\)"):
         allocation.internal_force_coordinates(
             plan, allocation.squeeze(np.concatenate([SQUARE[:3], -SQUARE[:3]]), [(0, 2, 1.0)])
         )
-    with pytest.raises(ValueError, match="outside the allocation's kernel"):
+    with pytest.raises(ValueError, match="outside the null space of the allocation"):
         allocation.internal_force_coordinates(allocation.least_squares_allocation(SQUARE), np.ones((4, 3)))
 
 
@@ -160,7 +160,7 @@ def test_lam_f0_is_a_force_of_the_followers_and_must_be_internal():
     lam = np.asarray(apply(plan, jnp.array(R), W, eta))
     np.testing.assert_allclose(lam[3:], lam_f0 @ R.T, atol=1e-12)
     np.testing.assert_allclose(dense_G(c, R) @ lam.ravel(), [*W.F, *W.tau], atol=1e-12)
-    with pytest.raises(ValueError, match="not an internal force: it puts the wrench"):
+    with pytest.raises(ValueError, match="not an internal force: its wrench on the payload is"):
         allocation.leader_follower_allocation(c, [0, 1, 2], lam_f0 + np.array([0, 0, 0.1]))
     with pytest.raises(ValueError, match="one force for each of the 3 follower contacts"):
         allocation.leader_follower_allocation(c, [0, 1, 2], lam_f0[:2])

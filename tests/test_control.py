@@ -212,7 +212,7 @@ def test_the_lean_moves_the_centre_of_mass_as_the_posture_of_its_joints_asks(see
     turn = attitude_module.thrust_attitude_setpoint(agent, g, to, share, none)
     q = dataclasses.replace(q, R=turn.R)
     p = aerial_manipulator.centroidal_model(agent, aerial_manipulator.forward_kinematics(agent, q.r))
-    leaned, _ = redundancy._leaned(agent, GAINS, g, q, to, share, none, p, turn)
+    leaned, _ = redundancy.posture_control(agent, GAINS, g, q, to, share, none, p, turn)
     r_dd = -(float(GAINS.posture_bandwidth) ** 2) * off
     lift = -np.asarray(turn.R) @ np.asarray(p.J_tip)[0, :, 3:] @ r_dd  # m/s^2; the tip stays
     f = lift - np.asarray(g)
@@ -231,7 +231,7 @@ def test_joints_give_way_to_what_moves_neither_tips_nor_the_centre_of_mass_and_t
     p = aerial_manipulator.centroidal_model(agent, aerial_manipulator.forward_kinematics(agent, q.r))
     B, H = np.asarray(p.J_tip)[0, :, 3:], np.asarray(p.M_bar)[3:, 3:]
     z, c = np.linalg.svd(B)[2][3:].T @ np.random.default_rng(seed).normal(size=4), np.array([0.3, -0.2, 0.1])
-    give = lambda f_r: np.asarray(redundancy._yielding(agent, p, jnp.asarray(f_r)))  # noqa: E731
+    give = lambda f_r: np.asarray(redundancy.uncontrolled_joint_acceleration(agent, p, jnp.asarray(f_r)))  # noqa: E731
     np.testing.assert_allclose(give(H @ z + B.T @ c), z, atol=1e-8)
     np.testing.assert_allclose(B @ give(np.ones(7)), 0, atol=1e-8)
     _, missed, _ = aligned(job, commands(job))
@@ -251,7 +251,7 @@ def test_joints_of_a_planar_arm_give_way_in_its_plane():
     B, H = np.asarray(p.J_tip)[0, :, 3:], np.asarray(p.M_bar)[3:, 3:]
     assert np.abs(B[1]).max() < 1e-15
     z = np.linalg.svd(B)[2][2:].T @ np.array([1.0, -2.0])
-    np.testing.assert_allclose(redundancy._yielding(agent, p, jnp.asarray(H @ z)), z, atol=1e-8)
+    np.testing.assert_allclose(redundancy.uncontrolled_joint_acceleration(agent, p, jnp.asarray(H @ z)), z, atol=1e-8)
 
 
 # The leader -----------------------------------------------------------------------------------------------------------

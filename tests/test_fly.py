@@ -295,5 +295,5 @@ def test_a_realizer_that_needs_to_look_ahead_says_so():
     far = agent_controllers.PreviewThrustVectoringController(
         gains=ours.gains, yaw=ours.yaw, nominal_posture=ours.nominal_posture
     )
-    with pytest.raises(ValueError, match="needs a pilot that looks ahead"):
+    with pytest.raises(ValueError, match="requires a preview of the reference"):
         run_experiment(dataclasses.replace(with_pilot(of, agent_controller=far), duration=0.01))

@@ -302,6 +302,9 @@ class LeaderFollowerController:
         """Evaluate the control law on the reference at times around the current one.
 
         The payload is on the reference. Agents move with it and continue to rotate at their current angular velocity.
+
+        Returns:
+            The preview of the team.
         """
 
         def evaluate(s: Scalar) -> tuple[PayloadState, ControlDemand]:

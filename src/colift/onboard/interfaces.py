@@ -299,7 +299,7 @@ class ResidualPredictor(Protocol):
     ) -> ResidualForces:
         """Predict the residual forces for a commanded payload acceleration.
 
-        With a preview the method is also evaluated at states on the reference; `context.clock` then contains their time.
+        With a preview the method is also evaluated at states on the reference, with their time in `context.clock`.
 
         Args:
             state: Result of `update` in this control period.

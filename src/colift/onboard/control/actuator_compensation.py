@@ -1,13 +1,8 @@
-"""What flies: a pilot made of parts, each of which can be replaced alone. Memory is explicit; nothing sees the truth.
-
-One tick: observe, record, predict, lead, allocate, realize. A part is a PyTree with the one or two methods of its class
-here; `docs/change_a_part.md` leads from each wish to the one to replace. `Now` is all that a part may look at.
-"""
+"""Implementations of the protocol `ActuatorCompensator`."""
 
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -16,49 +11,54 @@ from colift.math.pytree import pytree
 from colift.models.actuator_lag import ActuatorLag, ActuatorLagState
 from colift.models.parameters import Team
 from colift.models.state import TeamInputs
+from colift.onboard.interfaces import PartState
 
 Scalar = Float[Array, ""]
 
 
 @pytree
 class NoCompensation:
-    """Commands are what is asked, and act at once."""
+    """Commands equal to the requested inputs, for actuators that are assumed ideal."""
 
-    def init(self, command: TeamInputs) -> Any:
-        """Nothing is remembered."""
+    def init(self, command: TeamInputs) -> PartState:
+        """Return the empty state."""
         return ()
 
-    def command(self, team: Team, state: Any, requested: TeamInputs, dt: Scalar) -> tuple[TeamInputs, Any]:
-        """What is asked."""
+    def command(self, team: Team, state: PartState, requested: TeamInputs, dt: Scalar) -> tuple[TeamInputs, PartState]:
+        """Return the requested inputs; see `ActuatorCompensator`."""
         return requested, state
 
-    def effective_command(self, state: Any, sent: TeamInputs) -> TeamInputs:
-        """The last command."""
-        return sent
+    def effective_command(self, state: PartState, last_command: TeamInputs) -> TeamInputs:
+        """Return the last command; see `ActuatorCompensator`."""
+        return last_command
 
 
 @pytree
 class LagInversion:
-    """Vehicles with a lag that is known, driven so that they follow `haste` times as fast."""
+    """Inversion of a modelled actuator lag behind a faster lag.
 
-    lag: ActuatorLag
-    bandwidth_ratio: Scalar
+    Commands are `u + kappa (u_des - u)`, with u the modelled input at the time the command takes effect. The closed
+    actuator response is then `kappa` times as fast.
+    """
+
+    lag: ActuatorLag  # nominal lag and delay of thrust and body torque
+    bandwidth_ratio: Scalar  # kappa, closed-loop bandwidth divided by the bandwidth of the lag
 
     def init(self, command: TeamInputs) -> ActuatorLagState:
-        """The lag's memory."""
+        """Return the state of the lag after a constant command; see `ActuatorCompensator`."""
         return self.lag.init(command)
 
     def command(
         self, team: Team, state: ActuatorLagState, requested: TeamInputs, dt: Scalar
     ) -> tuple[TeamInputs, ActuatorLagState]:
-        """`lag.hastened`, thrust within what rotors give."""
+        """Invert the lag, and limit the thrust to the range of the rotors; see `ActuatorCompensator`."""
         commands = self.lag.invert(state, requested, self.bandwidth_ratio, dt)
         commands = tuple(
-            dataclasses.replace(one, u=jnp.clip(one.u, 0.0, group.thrust_max))
-            for one, group in zip(commands, team.agent_groups, strict=True)
+            dataclasses.replace(command, u=jnp.clip(command.u, 0.0, group.thrust_max))
+            for command, group in zip(commands, team.agent_groups, strict=True)
         )
         return commands, self.lag.step(state, commands, dt)
 
-    def effective_command(self, state: ActuatorLagState, sent: TeamInputs) -> TeamInputs:
-        """What the lag has made of the commands so far."""
+    def effective_command(self, state: ActuatorLagState, last_command: TeamInputs) -> TeamInputs:
+        """Return the output of the lag model; see `ActuatorCompensator`."""
         return state.output

@@ -1,8 +1,4 @@
-"""What flies: a pilot made of parts, each of which can be replaced alone. Memory is explicit; nothing sees the truth.
-
-One tick: observe, record, predict, lead, allocate, realize. A part is a PyTree with the one or two methods of its class
-here; `docs/change_a_part.md` leads from each wish to the one to replace. `Now` is all that a part may look at.
-"""
+"""Implementations of the protocol `AgentController`: thrust vectoring with inverse dynamics."""
 
 from __future__ import annotations
 
@@ -20,11 +16,11 @@ from colift.onboard.interfaces import ContactForceCommand, ControlContext, Satur
 
 @pytree
 class ThrustVectoringController:
-    """The paper's realization: thrust along a commanded direction, tips on the payload, torques by inverse dynamics."""
+    """Agent controller of the paper: thrust along the commanded direction, tips on the payload, inverse dynamics."""
 
-    gains: tracking.Gains
-    yaw: tuple[Float[Array, "agents"], ...]  # rad
-    nominal_posture: tuple[Float[Array, "agents n_r"], ...]
+    gains: tracking.Gains  # feedback gains
+    yaw: tuple[Float[Array, "agents"], ...]  # rad, heading of each agent, world
+    nominal_posture: tuple[Float[Array, "agents n_r"], ...]  # rad or m, joint positions of the posture control
 
     def compute(
         self,
@@ -33,12 +29,12 @@ class ThrustVectoringController:
         forces: ContactForceCommand,
         f_hat: ResidualForces,
     ) -> tuple[TeamInputs, SaturationFlags]:
-        """`control.realize` of every agent, thrust limited to what its rotors give."""
+        """Compute the inputs of all agents, with thrust limited to the range of the rotors; see `AgentController`."""
         team, inputs, saturated = context.team, [], []
-        realize = jax.vmap(realization.agent_inputs, in_axes=(0, None, None, 0, None, None, 0, 0, 0))
-        shares = tuple(
-            setpoints.AgentSetpoint(lam=lam, lam_dot=lam_dot, yaw=heading, nominal_posture=rest)
-            for lam, lam_dot, heading, rest in zip(
+        agent_inputs = jax.vmap(realization.agent_inputs, in_axes=(0, None, None, 0, None, None, 0, 0, 0))
+        agent_setpoints = tuple(
+            setpoints.AgentSetpoint(lam=lam, lam_dot=lam_dot, yaw=yaw, nominal_posture=posture)
+            for lam, lam_dot, yaw, posture in zip(
                 grasp.split_contacts(team, forces.lam),
                 grasp.split_contacts(team, forces.lam_dot),
                 self.yaw,
@@ -46,12 +42,12 @@ class ThrustVectoringController:
                 strict=True,
             )
         )
-        turns = self.attitude_setpoints(context, acceleration_cmd, shares, f_hat)
-        for group, q, share, f, turn in zip(
-            team.agent_groups, context.estimate.agents, shares, f_hat.agents, turns, strict=True
+        attitudes = self.attitude_setpoints(context, acceleration_cmd, agent_setpoints, f_hat)
+        for group, q, setpoint, f, desired in zip(
+            team.agent_groups, context.estimate.agents, agent_setpoints, f_hat.agents, attitudes, strict=True
         ):
-            requested = realize(
-                group, self.gains, team.gravity, q, context.estimate.payload, acceleration_cmd, share, f, turn
+            requested = agent_inputs(
+                group, self.gains, team.gravity, q, context.estimate.payload, acceleration_cmd, setpoint, f, desired
             )
             u = jnp.clip(requested.u, 0.0, group.thrust_max)
             inputs.append(AgentInput(u=u, tau=requested.tau, tau_r=requested.tau_r))
@@ -62,54 +58,91 @@ class ThrustVectoringController:
         self,
         context: ControlContext,
         acceleration_cmd: tracking.AccelerationCommand,
-        shares: tuple[setpoints.AgentSetpoint, ...],
+        agent_setpoints: tuple[setpoints.AgentSetpoint, ...],
         f_hat: ResidualForces,
     ) -> tuple[setpoints.AttitudeSetpoint, ...]:
-        """`control.aligned`, by group."""
-        turn = jax.vmap(attitude.thrust_attitude_setpoint, in_axes=(0, None, None, 0, 0))
-        each = zip(context.team.agent_groups, shares, f_hat.agents, strict=True)
-        return tuple(turn(group, context.team.gravity, acceleration_cmd, share, f) for group, share, f in each)
+        """Compute the attitude setpoints of all agents (`attitude.thrust_attitude_setpoint`).
+
+        Args:
+            context: Inputs of this control period.
+            acceleration_cmd: Commanded payload acceleration.
+            agent_setpoints: Contact forces, heading and posture, by group of agents.
+            f_hat: Predicted residuals.
+
+        Returns:
+            Attitude setpoints by group of agents.
+        """
+        compute = jax.vmap(attitude.thrust_attitude_setpoint, in_axes=(0, None, None, 0, 0))
+        groups = zip(context.team.agent_groups, agent_setpoints, f_hat.agents, strict=True)
+        return tuple(
+            compute(group, context.team.gravity, acceleration_cmd, setpoint, f) for group, setpoint, f in groups
+        )
 
 
 @pytree
 class PreviewThrustVectoringController(ThrustVectoringController):
-    """The same with the attitude's rates from the reference ahead, for a pilot with a `look_ahead`."""
+    """Thrust vectoring with attitude rates from the preview; requires a controller with a `preview_step`."""
 
     def attitude_setpoints(
         self,
         context: ControlContext,
         acceleration_cmd: tracking.AccelerationCommand,
-        shares: tuple[setpoints.AgentSetpoint, ...],
+        agent_setpoints: tuple[setpoints.AgentSetpoint, ...],
         f_hat: ResidualForces,
     ) -> tuple[setpoints.AttitudeSetpoint, ...]:
-        """`control.anticipated`, by group. Raises ValueError where the pilot does not look ahead."""
+        """Compute the attitude setpoints of all agents (`preview.preview_attitude_setpoint`).
+
+        Args:
+            context: Inputs of this control period, with a preview.
+            acceleration_cmd: Commanded payload acceleration.
+            agent_setpoints: Contact forces, heading and posture, by group of agents.
+            f_hat: Predicted residuals.
+
+        Returns:
+            Attitude setpoints by group of agents, with angular accelerations.
+
+        Raises:
+            ValueError: If the context has no preview.
+        """
         if context.preview is None:
-            raise ValueError("this realizer needs a pilot that looks ahead: `LeaderFollower.look_ahead`")
-        far, team, out = context.preview, context.team, []
-        lam = jax.vmap(lambda x: grasp.split_contacts(team, x))(far.lam)
-        for group, q, share, f, lam_far, f_far in zip(
-            team.agent_groups, context.estimate.agents, shares, f_hat.agents, lam, far.f_hat.agents, strict=True
+            raise ValueError(
+                "PreviewThrustVectoringController requires a preview of the reference: set "
+                "`LeaderFollowerController.preview_step` (setting `control.preview_step_s`)"
+            )
+        team_preview, team, out = context.preview, context.team, []
+        lam = jax.vmap(lambda x: grasp.split_contacts(team, x))(team_preview.lam)
+        for group, q, setpoint, f, previewed_lam, previewed_f in zip(
+            team.agent_groups,
+            context.estimate.agents,
+            agent_setpoints,
+            f_hat.agents,
+            lam,
+            team_preview.f_hat.agents,
+            strict=True,
         ):
             out.append(
-                jax.vmap(self._turn, in_axes=(None, None, 0, 0, 0, 0, 1, 1))(
-                    context, acceleration_cmd, group, q, share, f, lam_far, f_far.f_x
+                jax.vmap(self._attitude_setpoint, in_axes=(None, None, 0, 0, 0, 0, 1, 1))(
+                    context, acceleration_cmd, group, q, setpoint, f, previewed_lam, previewed_f.f_x
                 )
             )
         return tuple(out)
 
-    def _turn(
+    def _attitude_setpoint(
         self,
         context: ControlContext,
         acceleration_cmd: tracking.AccelerationCommand,
         agent: AerialManipulator,
         q: AgentState,
-        share: setpoints.AgentSetpoint,
+        setpoint: setpoints.AgentSetpoint,
         f_hat: GeneralizedForce,
         lam: Float[Array, "times arms 3"],
         f_x: Float[Array, "times 3"],
     ) -> setpoints.AttitudeSetpoint:
-        far, gravity = context.preview, context.team.gravity
-        assert far is not None
-        f = agent.mass.sum() * (far.acceleration_cmd.a - gravity[None]) + lam.sum(1) - f_x
-        ahead = preview.AgentPreview(step=far.step, payload=far.payload, acceleration_cmd=far.acceleration_cmd, f=f)
-        return preview.preview_attitude_setpoint(agent, gravity, q, acceleration_cmd, share, f_hat, ahead)
+        """Compute the setpoint of one agent from its previewed contact forces and residual forces."""
+        team_preview, gravity = context.preview, context.team.gravity
+        assert team_preview is not None
+        f = agent.mass.sum() * (team_preview.acceleration_cmd.a - gravity[None]) + lam.sum(1) - f_x
+        agent_preview = preview.AgentPreview(
+            step=team_preview.step, payload=team_preview.payload, acceleration_cmd=team_preview.acceleration_cmd, f=f
+        )
+        return preview.preview_attitude_setpoint(agent, gravity, q, acceleration_cmd, setpoint, f_hat, agent_preview)

@@ -1,7 +1,10 @@
-"""From a payload wrench to contact forces, with internal forces that leave the wrench alone.
+"""Linear allocation of a payload wrench to contact forces, with internal forces.
 
-In the payload frame the grasp matrix `[I ...; hat(c) ...]` is constant, so a right inverse and a basis of its
-kernel are computed once, when a strategy is built. Both strategies are one linear map, `Allocation`.
+In the payload frame the grasp matrix `G = [I ...; hat(c) ...]` is constant. A right inverse and a basis of its null
+space are therefore computed once. Least-squares and leader-follower allocation are both an `AllocationMap`.
+
+See Also:
+    docs/decisions/0005-general-force-allocation: reasons for the two allocations.
 """
 
 from __future__ import annotations
@@ -16,36 +19,50 @@ from colift.math.pytree import pytree
 from colift.models import grasp
 from colift.models.state import Wrench
 
-MAX_CONDITION = 1e8  # of a grasp block; beyond, a wrench of 1 N asks for forces that no arm holds
+MAX_CONDITION = 1e8
+"""Largest condition number of a grasp block; above it, unit wrenches require contact forces that no arm can apply."""
 
 
 @pytree
 class AllocationMap:
-    """`lam = inverse W + kernel eta + offset`, all in the payload frame, contacts stacked."""
+    """Linear map `lam = right_inverse W + nullspace eta + offset`, in the payload frame, contacts stacked."""
 
-    right_inverse: Float[Array, "rows 6"]  # right inverse of G
-    nullspace: Float[Array, "rows eta"]  # orthonormal, G kernel = 0
-    offset: Float[Array, "rows"]  # N, lam_f0 of Eq. follower_force, G offset = 0
+    right_inverse: Float[Array, "rows 6"]  # right inverse of the grasp matrix, forces [N] and moments [N m] to forces
+    nullspace: Float[Array, "rows eta"]  # orthonormal basis, G nullspace = 0
+    offset: Float[Array, "rows"]  # N, payload frame, constant internal force lam_f0 of Eq. follower_force
 
 
 def allocate(
     allocation: AllocationMap, R: Float[Array, "3 3"], W: Wrench, eta: Float[Array, " eta"]
 ) -> Float[Array, "contacts 3"]:
-    """Commanded contact forces on the payload, N, world (Lemma wrench_consistency: `G lam = W` whatever eta)."""
+    """Compute contact forces for a payload wrench; `G lam = W` for all eta (Lemma wrench_consistency).
+
+    Args:
+        allocation: Linear map.
+        R: Payload attitude, payload to world.
+        W: Payload wrench [N world, N m payload frame].
+        eta: Internal-force input [N].
+
+    Returns:
+        Contact forces on the payload [N, world].
+    """
     W_L = jnp.concatenate([R.T @ W.F, W.tau])
     lam = allocation.right_inverse @ W_L + allocation.nullspace @ eta + allocation.offset
     return lam.reshape(-1, 3) @ R.T
 
 
 def least_squares_allocation(c: np.ndarray) -> AllocationMap:
-    """The general allocation `lam = G^+ W + Z eta`: least squares over all contacts, Z a basis of `ker G`.
+    """Build the least-squares allocation over all contacts, `lam = G^+ W + Z eta` with Z a basis of `ker G`.
 
-    `c` holds the contacts by row, payload frame, m.
+    Raises ValueError if the contacts cannot apply every wrench: fewer than three contacts, or collinear contacts.
 
-    Raises:
-        ValueError: if the contacts cannot give every wrench (fewer than three, or collinear).
+    Args:
+        c: Contact points, one per row [m, payload frame].
+
+    Returns:
+        The allocation.
     """
-    G = _matrix(c)
+    G = _grasp_matrix(c)
     _require_rank(G, "the grasp", range(len(c)))
     return AllocationMap(
         right_inverse=jnp.asarray(np.linalg.pinv(G)),
@@ -57,82 +74,111 @@ def least_squares_allocation(c: np.ndarray) -> AllocationMap:
 def leader_follower_allocation(
     c: np.ndarray, leaders: Sequence[int], lam_f0: np.ndarray | None = None
 ) -> AllocationMap:
-    """The paper's split: `lam_l = G_l^+ W`, `lam_f = lam_f0 + N(G_f) eta` (Eq. leader_force, follower_force).
+    """Build the leader-follower allocation of the paper.
 
-    `leaders` are rows of `c`; `lam_f0` is one force per follower contact, in their order, N, payload frame.
+    Leader contacts apply the wrench, `lam_l = G_l^+ W` (Eq. leader_force). Follower contacts apply internal forces only,
+    `lam_f = lam_f0 + N(G_f) eta` (Eq. follower_force).
+
+    Args:
+        c: Contact points, one per row [m, payload frame].
+        leaders: Rows of `c` that are leader contacts.
+        lam_f0: Constant internal force, one row per follower contact in the order of `c` [N, payload frame]; None for
+            zero.
+
+    Returns:
+        The allocation.
 
     Raises:
-        ValueError: if the leader block has rank below 6, a leader is named twice or does not exist, or
-            `lam_f0` is not an internal force of the follower block.
+        ValueError: If the leader block has a rank below 6, a leader is repeated or does not exist, or `lam_f0` is not
+            an internal force of the follower block.
     """
     wrong = [i for i in leaders if not 0 <= i < len(c)]
     if wrong or len(set(leaders)) != len(leaders):
-        raise ValueError(f"leader contacts {list(leaders)}: each must be one of 0 to {len(c) - 1}, named once")
+        raise ValueError(f"leader contacts {list(leaders)}: each must be one of 0 to {len(c) - 1}, without repetition")
     followers = [i for i in range(len(c)) if i not in leaders]
-    G = _matrix(c)
+    G = _grasp_matrix(c)
     rows = (3 * np.asarray(leaders)[:, None] + np.arange(3)).ravel()
-    follow = (3 * np.asarray(followers, dtype=int)[:, None] + np.arange(3)).ravel()
+    follower_rows = (3 * np.asarray(followers, dtype=int)[:, None] + np.arange(3)).ravel()
     _require_rank(G[:, rows], "the leader block", leaders)
-    inverse = np.zeros((3 * len(c), 6))
-    inverse[rows] = np.linalg.pinv(G[:, rows])
+    right_inverse = np.zeros((3 * len(c), 6))
+    right_inverse[rows] = np.linalg.pinv(G[:, rows])
     basis = grasp.grasp_nullspace(c[followers]) if followers else np.zeros((0, 0))
-    kernel = np.zeros((3 * len(c), basis.shape[1]))
-    kernel[follow] = basis
+    nullspace = np.zeros((3 * len(c), basis.shape[1]))
+    nullspace[follower_rows] = basis
     offset = np.zeros(3 * len(c))
     if lam_f0 is not None:
         if lam_f0.shape != (len(followers), 3):
-            raise ValueError(f"lam_f0 must hold one force for each of the {len(followers)} follower contacts")
-        offset[follow] = lam_f0.ravel()
+            raise ValueError(f"lam_f0 must contain one force for each of the {len(followers)} follower contacts")
+        offset[follower_rows] = lam_f0.ravel()
         net = G @ offset
         if np.abs(net).max() > 1e-9 * max(1.0, np.abs(offset).max()):
             raise ValueError(
-                f"lam_f0 is not an internal force: it puts the wrench {np.array2string(net, precision=3)} "
-                "(N, N m) on the payload; its forces and moments must cancel"
+                f"lam_f0 is not an internal force: its wrench on the payload is {np.array2string(net, precision=3)} "
+                "(N, N m) and must be zero"
             )
-    return AllocationMap(right_inverse=jnp.asarray(inverse), nullspace=jnp.asarray(kernel), offset=jnp.asarray(offset))
+    return AllocationMap(
+        right_inverse=jnp.asarray(right_inverse), nullspace=jnp.asarray(nullspace), offset=jnp.asarray(offset)
+    )
 
 
 def internal_force_coordinates(allocation: AllocationMap, lam: np.ndarray) -> np.ndarray:
-    """The eta whose internal force `kernel eta` is `lam`, one force a contact, N, payload frame.
+    """Compute the internal-force input eta with `nullspace eta = lam`.
+
+    Args:
+        allocation: Linear map.
+        lam: Internal force, one row per contact [N, payload frame].
+
+    Returns:
+        Coordinates eta [N].
 
     Raises:
-        ValueError: if the strategy has no internal forces at all, or cannot produce this one.
+        ValueError: If the allocation has no internal forces, or cannot produce this one.
     """
-    kernel = np.asarray(allocation.nullspace)
-    if kernel.shape[1] == 0:
+    nullspace = np.asarray(allocation.nullspace)
+    if nullspace.shape[1] == 0:
         raise ValueError(
-            "this allocation has no internal force: the kernel of the follower block is {0}, so no eta exists; "
-            "use three or more follower contacts that are not collinear, or the balanced allocation"
+            "this allocation has no internal force: the null space of the follower block is {0}; use three or more "
+            "follower contacts that are not collinear, or the least-squares allocation"
         )
-    eta = kernel.T @ lam.ravel()
-    missing = np.abs(kernel @ eta - lam.ravel()).max()
+    eta = nullspace.T @ lam.ravel()
+    missing = np.abs(nullspace @ eta - lam.ravel()).max()
     if missing > 1e-9 * max(1.0, np.abs(lam).max()):
         raise ValueError(
-            f"the requested internal force is outside the allocation's kernel (by up to {missing:.3g} N): "
-            "it must cancel in force and moment and, for the leader-follower split, use follower contacts only"
+            f"the requested internal force is outside the null space of the allocation (by up to {missing:.3g} N): its "
+            "forces and moments must cancel, and a leader-follower allocation accepts follower contacts only"
         )
     return eta
 
 
 def squeeze(c: np.ndarray, pairs: Sequence[tuple[int, int, float]]) -> np.ndarray:
-    """Internal forces that press contacts together: `(a, b, newton)` pushes a towards b and b towards a."""
+    """Compute the internal force that presses pairs of contacts together.
+
+    Args:
+        c: Contact points, one per row [m, payload frame].
+        pairs: Triples `(i, j, force)`: contact i is pushed towards contact j and vice versa with this force [N].
+
+    Returns:
+        Contact forces, one row per contact [N, payload frame].
+    """
     lam = np.zeros_like(c)
-    for a, b, newton in pairs:
-        along = (c[b] - c[a]) / np.linalg.norm(c[b] - c[a])
-        lam[a] += newton * along
-        lam[b] -= newton * along
+    for i, j, force in pairs:
+        direction = (c[j] - c[i]) / np.linalg.norm(c[j] - c[i])
+        lam[i] += force * direction
+        lam[j] -= force * direction
     return lam
 
 
-def _matrix(c: np.ndarray) -> np.ndarray:
+def _grasp_matrix(c: np.ndarray) -> np.ndarray:
+    """Return the grasp matrix in the payload frame."""
     return np.asarray(grasp.grasp_matrix(jnp.asarray(c), jnp.eye(3)))
 
 
-def _require_rank(G: np.ndarray, name: str, used: Sequence[int] | range) -> None:
+def _require_rank(G: np.ndarray, name: str, contacts: Sequence[int] | range) -> None:
+    """Raise ValueError if a block of the grasp matrix has a rank below 6."""
     singular = np.linalg.svd(G, compute_uv=False)
     rank = int((singular > singular[0] / MAX_CONDITION).sum())
     if rank < 6:
         raise ValueError(
-            f"{name} (contacts {list(used)}) has rank {rank}, singular values "
-            f"{np.array2string(singular, precision=3)}; every wrench needs rank 6: three contacts not in line"
+            f"{name} (contacts {list(contacts)}) has rank {rank}, singular values "
+            f"{np.array2string(singular, precision=3)}; rank 6 is required: three contacts that are not collinear"
         )

@@ -1,8 +1,4 @@
-"""What flies: a pilot made of parts, each of which can be replaced alone. Memory is explicit; nothing sees the truth.
-
-One tick: observe, record, predict, lead, allocate, realize. A part is a PyTree with the one or two methods of its class
-here; `docs/change_a_part.md` leads from each wish to the one to replace. `Now` is all that a part may look at.
-"""
+"""Implementation of the protocol `Allocator` by a linear allocation."""
 
 from __future__ import annotations
 
@@ -22,25 +18,25 @@ Scalar = Float[Array, ""]
 
 @pytree
 class InternalForceSchedule:
-    """An internal-force input that is switched on for a while."""
+    """Internal-force input that rises from zero, stays constant, and returns to zero."""
 
-    eta: Float[Array, " eta"]  # N, coordinates in the allocation's kernel
-    start: Scalar  # s
-    end: Scalar  # s
-    ramp: Scalar  # s
+    eta: Float[Array, " eta"]  # N, coordinates in the null space of the allocation
+    start: Scalar  # s, begin of the rise
+    end: Scalar  # s, end of the fall
+    ramp: Scalar  # s, duration of rise and of fall
 
 
 @pytree
 class LinearAllocator:
-    """One of the linear allocations, with an internal force."""
+    """Linear allocation with a scheduled internal force."""
 
-    allocation: AllocationMap
-    internal: InternalForceSchedule
+    allocation: AllocationMap  # map from wrench and internal-force input to contact forces
+    internal: InternalForceSchedule  # internal-force input over time
 
     def allocate(self, context: ControlContext, W: Wrench, W_dot: Wrench) -> ContactForceCommand:
-        """`lam = inverse W + kernel eta + offset`; of its rate, what the wrench's is."""
-        on, R = self.internal, context.estimate.payload.R
-        eta = base.smooth_pulse(context.clock.t, on.start, on.end, on.ramp) * on.eta
+        """Compute `lam = G^+ W + Z eta + offset`; see `Allocator`. Its rate contains that of the wrench only."""
+        schedule, R = self.internal, context.estimate.payload.R
+        eta = base.smooth_pulse(context.clock.t, schedule.start, schedule.end, schedule.ramp) * schedule.eta
         rate = dataclasses.replace(self.allocation, offset=jnp.zeros_like(self.allocation.offset))
         return ContactForceCommand(
             lam=allocate(self.allocation, R, W, eta),

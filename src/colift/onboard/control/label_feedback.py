@@ -1,8 +1,12 @@
-"""How strongly an agent hears its own motion in its labels, and what that leaves of their rate.
+"""Stability limit of the feedback from an agent's labels to its attitude.
 
-Joint rates pass a filter, base and tips do not. While an agent turns about its tips its joints fold, so for the time of
-that filter a label has the arms' inertia in it as a force that is none. Where attitudes follow labels that closes a
-loop, which long or heavy arms make unstable within a few ticks. Derivation: decision 52.
+Joint rates pass a low-pass filter; base and tip readings do not. While an agent rotates about its tips, its joints
+move. During the filter lag the label then contains the inertial force of the arms. The controller compensates this
+apparent residual by a change of attitude, which closes a feedback loop. Its gain grows with arm mass and length, and
+above 1 the loop can be unstable. The rate of the labels is therefore attenuated.
+
+See Also:
+    docs/decisions/0052-stability-limits-of-residual-compensation: derivation and measured results.
 """
 
 from __future__ import annotations
@@ -15,36 +19,56 @@ from colift.models.parameters import AerialManipulator
 from colift.onboard.control import redundancy, tracking
 from colift.onboard.estimation.state_estimator import FilterBandwidths
 
-FREQUENCY_GRID = np.geomspace(1.0, 1e3, 400)  # rad/s, in which the loop's gain is sought
+FREQUENCY_GRID = np.geomspace(1.0, 1e3, 400)
+"""Frequencies at which the loop gain is evaluated [rad/s]."""
 
 
 def label_loop_gain(
-    agent: AerialManipulator, rest: Float[Array, "n_r"], gains: tracking.Gains, filters: FilterBandwidths, force: float
+    agent: AerialManipulator,
+    nominal_posture: Float[Array, "n_r"],
+    gains: tracking.Gains,
+    filters: FilterBandwidths,
+    force: float,
 ) -> float:
-    """The greatest gain from an agent's angular acceleration through its labels back to it.
+    """Compute the largest gain from an agent's angular acceleration through its labels back to it.
 
-    `gamma = max_w |mu / |f| s F(s) (1 - F_j(s)) s k_w / (s + k_w)|` at `s = i w`, with `mu = ||m B_r G||` the force in
-    the label by angular acceleration, `r_dd = G w_dot` as joints fold (`control.folded`), F the filters of labels, F_j
-    that of joints, and f the thrust whose direction follows, N. At 1 and above nothing says that the loop is stable;
-    infinite where there is no weight, and any force is the direction, and where arms are straight at rest, so that
-    nothing says how joints fold.
+    `gamma = max_w |mu / |f| s F(s) (1 - F_j(s)) s k_w / (s + k_w)|` at `s = i w`. Here `mu = |m B_r G|` is the force in
+    the label per angular acceleration, with the joint motion `r_dd = G omega_dot` of `posture_tilt_jacobian`. `F` are
+    the label filters, `F_j` is the joint filter, and `f` is the thrust that the attitude aligns.
+
+    Args:
+        agent: Nominal parameters of one agent.
+        nominal_posture: Joint positions [rad or m].
+        gains: Feedback gains.
+        filters: Bandwidths of the onboard filters.
+        force: Magnitude of the thrust `|f|` [N].
+
+    Returns:
+        The gain. Below 1 the loop is stable; from 1 on stability is not guaranteed. Infinite for zero thrust, and for
+        a posture with straight arms, where the joint motion is not determined.
     """
-    p = aerial_manipulator.centroidal_model(agent, aerial_manipulator.forward_kinematics(agent, rest))
-    folds = np.asarray(p.J_base)[:, 3:] @ np.asarray(redundancy.posture_tilt_jacobian(agent, p))
-    if not np.isfinite(folds).all():
+    p = aerial_manipulator.centroidal_model(agent, aerial_manipulator.forward_kinematics(agent, nominal_posture))
+    com_motion = np.asarray(p.J_base)[:, 3:] @ np.asarray(redundancy.posture_tilt_jacobian(agent, p))
+    if not np.isfinite(com_motion).all():
         return np.inf
-    mu = float(p.mass) * float(np.linalg.norm(folds, 2))
+    mu = float(p.mass) * float(np.linalg.norm(com_motion, 2))
     s, k_omega = 1j * FREQUENCY_GRID, float(gains.agent_k_omega)
-    innovation_state = _low(s, filters.label) ** 2 * _low(s, filters.tip_force) * (1 - _low(s, filters.joint) ** 2)
-    peak = float(np.abs(s * innovation_state * s * k_omega / (s + k_omega)).max())
+    label_response = (
+        _low_pass(s, filters.label) ** 2 * _low_pass(s, filters.tip_force) * (1 - _low_pass(s, filters.joint) ** 2)
+    )
+    peak = float(np.abs(s * label_response * s * k_omega / (s + k_omega)).max())
     return mu * peak / force if force else np.inf
 
 
 def rate_attenuation(gamma: float) -> float:
-    """What part of its labels' rate an agent may follow: all up to a gain of a half, nothing from one on."""
+    """Return the share of its label rates that an agent uses: 1 up to a gain of 0.5, 0 from a gain of 1.
+
+    Args:
+        gamma: Label loop gain of the agent.
+    """
     return float(np.clip(2 - 2 * gamma, 0.0, 1.0))
 
 
-def _low(s: np.ndarray, corner: Float[Array, ""]) -> np.ndarray:
-    """A first-order low-pass, corner in Hz."""
+def _low_pass(s: np.ndarray, corner: Float[Array, ""]) -> np.ndarray:
+    """Return the response of a first-order low-pass filter at s [rad/s]; corner in Hz."""
     return 1 / (1 + s / (2 * np.pi * float(corner)))

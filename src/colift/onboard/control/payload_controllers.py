@@ -1,13 +1,8 @@
-"""What flies: a pilot made of parts, each of which can be replaced alone. Memory is explicit; nothing sees the truth.
-
-One tick: observe, record, predict, lead, allocate, realize. A part is a PyTree with the one or two methods of its class
-here; `docs/change_a_part.md` leads from each wish to the one to replace. `Now` is all that a part may look at.
-"""
+"""Implementations of the protocol `PayloadController`."""
 
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -15,23 +10,23 @@ from jaxtyping import Array, Float
 from colift.math import so3
 from colift.math.pytree import pytree
 from colift.onboard.control import tracking
-from colift.onboard.interfaces import ControlContext, PayloadController
+from colift.onboard.interfaces import ControlContext, PartState, PayloadController
 
 Scalar = Float[Array, ""]
 
 
 @pytree
 class GeometricTracking:
-    """The paper's leader (Eq. payload_force_cmd_learning, payload_torque_cmd_learning), as accelerations."""
+    """Payload controller of the paper (Eq. payload_force_cmd_learning, payload_torque_cmd_learning)."""
 
-    gains: tracking.Gains
+    gains: tracking.Gains  # feedback gains
 
-    def init(self) -> Any:
-        """Nothing is remembered."""
+    def init(self) -> PartState:
+        """Return the empty state."""
         return ()
 
-    def compute(self, state: Any, context: ControlContext) -> tuple[tracking.AccelerationCommand, Any]:
-        """`control.command`."""
+    def compute(self, state: PartState, context: ControlContext) -> tuple[tracking.AccelerationCommand, PartState]:
+        """Compute the acceleration of `tracking.tracking_acceleration`; see `PayloadController`."""
         return tracking.tracking_acceleration(
             self.gains, context.estimate.payload, context.estimate.a_L[:3], context.setpoint
         ), state
@@ -39,21 +34,25 @@ class GeometricTracking:
 
 @pytree
 class IntegralAction:
-    """Another leader with integral action: `a - K_i int e_p`, `alpha - k_i int e_R`, summed over ticks."""
+    """Integral action on position and attitude error, added to another payload controller.
 
-    base: PayloadController
-    K_i: Scalar  # 1/s^3
-    k_i: Scalar  # 1/s^3
+    `a = a_base - K_i int e_p dt`, `alpha = alpha_base - k_i int e_R dt`, with sums over control periods.
+    """
 
-    def init(self) -> Any:
-        """`(K_i int e_p, k_i int e_R)`, and the other's memory."""
+    base: PayloadController  # controller to which the integral action is added
+    K_i: Scalar  # 1/s^3, gain of the integrated position error
+    k_i: Scalar  # 1/s^3, gain of the integrated attitude error
+
+    def init(self) -> PartState:
+        """Return the integrals `(K_i int e_p, k_i int e_R)`, zero, and the state of the base controller."""
         return jnp.zeros(6), self.base.init()
 
-    def compute(self, state: Any, context: ControlContext) -> tuple[tracking.AccelerationCommand, Any]:
-        """The other's command less the integrals."""
-        past, of_other = state
+    def compute(self, state: PartState, context: ControlContext) -> tuple[tracking.AccelerationCommand, PartState]:
+        """Compute the base controller's command minus the integrals; see `PayloadController`."""
+        previous, base_state = state
         q, d = context.estimate.payload, context.setpoint
         rate = jnp.concatenate([self.K_i * (q.p - d.p), self.k_i * so3.e_R(q.R, d.R)])
-        integral = past + context.clock.dt * rate
-        to, of_other = self.base.compute(of_other, context)
-        return dataclasses.replace(to, a=to.a - integral[:3], alpha=to.alpha - integral[3:]), (integral, of_other)
+        integral = previous + context.clock.dt * rate
+        command, base_state = self.base.compute(base_state, context)
+        command = dataclasses.replace(command, a=command.a - integral[:3], alpha=command.alpha - integral[3:])
+        return command, (integral, base_state)

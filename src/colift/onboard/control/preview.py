@@ -1,4 +1,12 @@
-"""What flies: the leader's wrench on SE(3), and how each agent realizes its contact forces."""
+"""Attitude setpoint of an agent with rates from a preview of the reference.
+
+The paper neglects the angular acceleration of the desired attitude and the rate of the predicted residual. With a
+preview the control law is evaluated on the reference at five times around the current one. A quartic polynomial through
+the commanded thrusts provides both quantities without differentiation of measurements.
+
+See Also:
+    docs/decisions/0031-preview-attitude-rates: alternatives and measured results.
+"""
 
 from __future__ import annotations
 
@@ -15,26 +23,28 @@ from colift.models import aerial_manipulator
 from colift.models.parameters import AerialManipulator
 from colift.models.state import AgentState, GeneralizedForce, PayloadState
 from colift.onboard.control.attitude import attitude_trajectory
-from colift.onboard.control.redundancy import _with_tips
+from colift.onboard.control.redundancy import motion_with_tip_constraint
 from colift.onboard.control.setpoints import AgentSetpoint, AttitudeSetpoint
 from colift.onboard.control.tracking import AccelerationCommand
 
-PREVIEW_NODES = np.arange(-2.0, 3.0)  # of times around now, in steps
-# At the nodes, of the quartic through values there: itself, its rate and its second rate, in steps.
+PREVIEW_NODES = np.arange(-2.0, 3.0)
+"""Times of the preview relative to the current one, in steps of the preview."""
 PREVIEW_BASIS = [
     [[math.perm(k, order) * s ** max(k - order, 0) for k in range(5)] for s in PREVIEW_NODES] for order in range(3)
 ]
+"""Derivatives of order 0 to 2 of the monomials of degree 0 to 4 at the nodes, in steps."""
 FINITE_DIFFERENCE_WEIGHTS = np.array(PREVIEW_BASIS) @ np.linalg.inv(np.vander(PREVIEW_NODES, increasing=True))
+"""Weights of the node values for value, first and second derivative of their quartic at each node, in steps."""
 
 
 @pytree
 class AgentPreview:
-    """What one agent is asked for where the law is evaluated on the reference, at `NODES` times the step."""
+    """Control law evaluated on the reference for one agent; fields but `step` lead with the times of the preview."""
 
-    step: Float[Array, ""]  # s
-    payload: PayloadState  # times lead
-    acceleration_cmd: AccelerationCommand
-    f: Float[Array, "times 3"]  # N, `m (a - a_g) + sum lam - f_hat_x`
+    step: Float[Array, ""]  # s, interval between two times
+    payload: PayloadState  # on the reference
+    acceleration_cmd: AccelerationCommand  # of the payload
+    f: Float[Array, "times 3"]  # N, `m (a - a_g) + sum lam - f_hat_x`, world
 
 
 def preview_attitude_setpoint(
@@ -42,36 +52,51 @@ def preview_attitude_setpoint(
     gravity: Float[Array, "3"],
     q: AgentState,
     acceleration_cmd: AccelerationCommand,
-    share: AgentSetpoint,
+    setpoint: AgentSetpoint,
     f_hat: GeneralizedForce,
     preview: AgentPreview,
 ) -> AttitudeSetpoint:
-    """Thrust along `f_dir` with the swing of the agent about its tips, its rates from the reference ahead.
+    """Compute the attitude setpoint with angular velocity and acceleration from the preview.
 
-    `f_dir = m (x_dd - a_g) + sum lam - f_hat_x`: where an agent turns, its centre of mass does not accelerate as the
-    payload does. f_dir is a quartic through five times around now, as the law asks on the reference, so its rates hold
-    that of f_hat and no noise. From the turn without the swing follows the swing, and from that the turn.
+    The third axis is along `f_dir = m (x_dd - a_g) + sum lam - f_hat_x`. The center of mass of a rotating agent does
+    not accelerate as the payload does. The difference `m (x_dd - a_cmd)` is computed from the attitude without it. A
+    quartic through the previewed `f_dir` provides its rates. They include the rate of `f_hat` and no measurement noise.
+
+    Args:
+        agent: Nominal parameters of one agent.
+        gravity: Gravitational acceleration [m/s^2, world].
+        q: Estimated state of the agent.
+        acceleration_cmd: Commanded payload acceleration at the current time.
+        setpoint: Contact forces, heading and posture of the agent.
+        f_hat: Predicted residual of the agent.
+        preview: Control law on the reference around the current time.
+
+    Returns:
+        Attitude, angular velocity and angular acceleration.
     """
     m = agent.mass.sum()
-    still = dataclasses.replace(q, r=share.nominal_posture, r_dot=jnp.zeros_like(q.r_dot))
-    g = aerial_manipulator.forward_kinematics(agent, still.r)
-    reduced, context = aerial_manipulator.centroidal_model(agent, g), len(PREVIEW_NODES) // 2
+    nominal = dataclasses.replace(q, r=setpoint.nominal_posture, r_dot=jnp.zeros_like(q.r_dot))
+    g = aerial_manipulator.forward_kinematics(agent, nominal.r)
+    p, current = aerial_manipulator.centroidal_model(agent, g), len(PREVIEW_NODES) // 2
 
-    def swing(
+    def com_relative_acceleration(
         f: Float[Array, "3 3"], payload: PayloadState, acceleration_cmd: AccelerationCommand
     ) -> Float[Array, "3"]:
-        turn = attitude_trajectory(f, share.yaw)
-        assert turn.omega_dot is not None
-        _, kappa = aerial_manipulator.bias_forces(agent, g, reduced, turn.omega, still.r_dot)
-        free = jnp.concatenate([turn.R.T @ acceleration_cmd.a, jnp.zeros_like(still.r)])
-        y = _with_tips(agent, payload, acceleration_cmd, reduced, kappa, turn.R, turn.omega_dot, free)
-        return turn.R @ y[:3] - acceleration_cmd.a
+        attitude = attitude_trajectory(f, setpoint.yaw)
+        assert attitude.omega_dot is not None
+        _, kappa = aerial_manipulator.bias_forces(agent, g, p, attitude.omega, nominal.r_dot)
+        free = jnp.concatenate([attitude.R.T @ acceleration_cmd.a, jnp.zeros_like(nominal.r)])
+        y = motion_with_tip_constraint(agent, payload, acceleration_cmd, p, kappa, attitude.R, attitude.omega_dot, free)
+        return attitude.R @ y[:3] - acceleration_cmd.a
 
-    swings = m * jax.vmap(swing)(_rates(preview.f, preview.step), preview.payload, preview.acceleration_cmd)
-    f = m * (acceleration_cmd.a - gravity) + share.lam.sum(0) - f_hat.f_x + swings[context]
-    return attitude_trajectory(_rates(preview.f + swings, preview.step)[context].at[0].set(f), share.yaw)
+    inertial_forces = m * jax.vmap(com_relative_acceleration)(
+        _derivatives(preview.f, preview.step), preview.payload, preview.acceleration_cmd
+    )
+    f = m * (acceleration_cmd.a - gravity) + setpoint.lam.sum(0) - f_hat.f_x + inertial_forces[current]
+    derivatives = _derivatives(preview.f + inertial_forces, preview.step)
+    return attitude_trajectory(derivatives[current].at[0].set(f), setpoint.yaw)
 
 
-def _rates(values: Float[Array, "times 3"], step: Float[Array, ""]) -> Float[Array, "times 3 3"]:
-    """Of the quartic through values at the nodes: there, its value, rate and second rate; step: s."""
+def _derivatives(values: Float[Array, "times 3"], step: Float[Array, ""]) -> Float[Array, "times 3 3"]:
+    """Return value, first and second derivative at the nodes of the quartic through values there; step in s."""
     return jnp.stack([jnp.asarray(rate) @ values / step**k for k, rate in enumerate(FINITE_DIFFERENCE_WEIGHTS)], axis=1)

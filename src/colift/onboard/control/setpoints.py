@@ -1,4 +1,4 @@
-"""What flies: the leader's wrench on SE(3), and how each agent realizes its contact forces."""
+"""Setpoints of the agent controllers."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from colift.math.pytree import pytree
 
 @pytree
 class AgentSetpoint:
-    """What one agent is asked for."""
+    """Setpoint of one agent, or of a group of agents on a leading axis."""
 
     lam: Float[Array, "*agents arms 3"]  # N, commanded contact forces on the payload, world
-    lam_dot: Float[Array, "*agents arms 3"]  # N/s, their rate, for the attitude's feed-forward
-    yaw: Float[Array, "*agents"]  # rad
-    nominal_posture: Float[Array, "*agents n_r"]  # joints of the posture task
+    lam_dot: Float[Array, "*agents arms 3"]  # N/s, their rate, feedforward of the attitude, world
+    yaw: Float[Array, "*agents"]  # rad, heading of the first body axis, world
+    nominal_posture: Float[Array, "*agents n_r"]  # rad or m, joint positions of the posture control
 
 
 @pytree
 class AttitudeSetpoint:
-    """The attitude that an agent is to have, and how it turns."""
+    """Desired attitude of an agent and its derivatives."""
 
-    R: Float[Array, "*agents 3 3"]  # its third axis along the thrust
-    omega: Float[Array, "*agents 3"]  # rad/s, in its own frame
-    omega_dot: Float[Array, "*agents 3"] | None = None  # rad/s^2, in its own frame; None where it is neglected
+    R: Float[Array, "*agents 3 3"]  # body to world, third axis along the thrust
+    omega: Float[Array, "*agents 3"]  # rad/s, desired body frame
+    omega_dot: Float[Array, "*agents 3"] | None = None  # rad/s^2, desired body frame; None where it is neglected

@@ -1,7 +1,12 @@
-"""What is learned: features, samples that are recorded in flight, frozen oracles.
+"""Update of residual models from recorded samples.
 
-On `[t_k, t_{k+1})` the oracle is an immutable value. Data sets keep the raw, filtered inputs; a feature map turns
-them into what a GP sees, so another map needs no new data.
+The functions select samples for a fixed budget, fit hyperparameters, and condition the Gaussian processes (GPs) of all
+bodies. After a change point of a body, its previous model is offset and merged with the samples since the change. All
+functions run on the host.
+
+See Also:
+    colift.onboard.learning.semiparametric: joint estimation of mean functions and GPs.
+    docs/learning: equations of sample selection and change points.
 """
 
 from __future__ import annotations
@@ -32,44 +37,74 @@ T = TypeVar("T")
 
 @dataclasses.dataclass(frozen=True)
 class FitOptions:
-    """How hyperparameters are fitted at an update; where there is no `Training`, those of the prior stay."""
+    """Options of the hyperparameter fit at an update.
+
+    Without these options an update keeps all hyperparameters.
+
+    Attributes:
+        payload: Hyperprior of the payload.
+        agents: Hyperpriors of the agents, by group.
+        restarts: Number of additional random starts of the first fit of a body.
+        max_iterations: Largest number of iterations of the optimizer.
+    """
 
     payload: gp.HyperPrior
-    agents: tuple[gp.HyperPrior, ...]  # by group
+    agents: tuple[gp.HyperPrior, ...]
     restarts: int
     max_iterations: int
 
     def prior_for(self, body: BodyKey) -> gp.HyperPrior:
-        """What is believed of a body's hyperparameters before any data."""
+        """Return the hyperprior of a body.
+
+        Args:
+            body: Key of the body.
+
+        Returns:
+            The hyperprior; all agents of a group have the same one.
+        """
         return self.payload if isinstance(body, str) else self.agents[body[0]]
 
 
 Samples = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""Inputs, labels and times [s] of the samples of a body, in the order of time."""
 
 Fits = Mapping[BodyKey, gp.FitResult]
-"""The last fit of each body that has one."""
+"""Last hyperparameter fit of each body that has one."""
 
 
 @dataclasses.dataclass(frozen=True)
 class ChangePoint:
-    """The world of a body has changed: since when, and what was known of it until then."""
+    """Change of the residual of a body, with the model before the change.
 
-    time: float  # s
+    Attributes:
+        time: Time of the change [s].
+        model: GP of the body before the change.
+        theta: Inertial parameters of the residual model before the change.
+    """
+
+    time: float
     model: gp.GPPosterior
-    theta: Float[Array, "10"]  # of the oracle
+    theta: Float[Array, "10"]
 
 
 ChangePoints = Mapping[BodyKey, ChangePoint]
-"""The last change of each body that has seen one."""
+"""Last change point of each body that has one."""
 
 
 def samples_by_body(recorder_state: RecorderState) -> dict[BodyKey, Samples]:
-    """`(X, Y, t)` of every body in the order of time, as recorded: inputs and labels."""
-    found: dict[BodyKey, gp.Dataset] = {"payload": recorder_state.payload}
+    """Return the recorded samples of every body in the order of time.
+
+    Args:
+        recorder_state: Recorded samples.
+
+    Returns:
+        Inputs, labels and times by body.
+    """
+    datasets: dict[BodyKey, gp.Dataset] = {"payload": recorder_state.payload}
     for i, data in enumerate(recorder_state.agents):
-        found |= {(i, j): jax.tree.map(lambda x, j=j: x[j], data) for j in range(len(data.n))}
+        datasets |= {(i, j): jax.tree.map(lambda x, j=j: x[j], data) for j in range(len(data.n))}
     out = {}
-    for body, data in found.items():
+    for body, data in datasets.items():
         t = np.asarray(data.t)[: int(data.n)]
         order = np.argsort(t, kind="stable")
         out[body] = np.asarray(data.X)[order], np.asarray(data.Y)[order], t[order]
@@ -77,65 +112,96 @@ def samples_by_body(recorder_state: RecorderState) -> dict[BodyKey, Samples]:
 
 
 def select_samples(
-    residual_model: ResidualModel,
-    before: RecorderState,
+    model: ResidualModel,
+    previous: RecorderState,
     recorder_state: RecorderState,
-    after: float,
-    context: float,
-    span: float,
-    changes: ChangePoints,
+    last_sample_time: float,
+    t: float,
+    forgetting_time: float,
+    change_points: ChangePoints,
 ) -> RecorderState:
-    """The data sets with what was recorded since `after`, s; of too many samples those that tell most (host).
+    """Add new samples to the selected ones and keep the most informative within the budget.
 
-    As `gp.thinned` has it, with noise that counts as `1 + age / span` times what it is, so that of two samples that
-    tell the same the newer one stays. Where a body's world has changed those before it go first.
+    The selection is `gp.select_subset` with the noise variance multiplied by ``1 + age / forgetting_time``. Of two
+    equally informative samples the newer one is kept. Samples before a change point of their body are removed first.
+
+    Args:
+        model: Residual model with the hyperparameters for the selection; its capacity is the budget.
+        previous: Samples selected at the previous update.
+        recorder_state: Samples of the recorder.
+        last_sample_time: Time of the last sample of the previous update [s]; later samples are new.
+        t: Time of the update [s].
+        forgetting_time: Age at which the noise variance of a sample is doubled [s].
+        change_points: Change points of the bodies.
+
+    Returns:
+        The selected samples.
     """
-    held, new = samples_by_body(before), samples_by_body(recorder_state)
+    selected, recorded = samples_by_body(previous), samples_by_body(recorder_state)
 
-    def of(body: BodyKey) -> Samples:
-        model, fresh = get_model(residual_model, body), new[body][2] > after + 1e-9
-        x, Y, t = (np.concatenate([old, more[fresh]]) for old, more in zip(held[body], new[body], strict=True))
-        since = changes[body].time if body in changes else -np.inf
-        Z = compute_features(residual_model.features, body, x)
-        stays = gp.select_subset(Z, model.hyper, model.capacity, 1 + (context - t) / span, first=t < since)
-        return x[stays], Y[stays], t[stays]
+    def select(body: BodyKey) -> Samples:
+        posterior, new = get_model(model, body), recorded[body][2] > last_sample_time + 1e-9
+        x, Y, times = (
+            np.concatenate([old, samples[new]]) for old, samples in zip(selected[body], recorded[body], strict=True)
+        )
+        change_time = change_points[body].time if body in change_points else -np.inf
+        Z = compute_features(model.features, body, x)
+        noise = 1 + (t - times) / forgetting_time
+        keep = gp.select_subset(Z, posterior.hyper, posterior.capacity, noise, first=times < change_time)
+        return x[keep], Y[keep], times[keep]
 
-    return _recorded(before, parallel_map(of, held))
+    return _replace_samples(previous, parallel_map(select, selected))
 
 
 def drop_before(recorder_state: RecorderState, start: Mapping[BodyKey, float]) -> RecorderState:
-    """The data sets without what bodies recorded before a time of their own, s (host)."""
-    left = {}
-    for body, of in samples_by_body(recorder_state).items():
-        late = of[2] >= start.get(body, -np.inf)
-        left[body] = of[0][late], of[1][late], of[2][late]
-    return _recorded(recorder_state, left)
+    """Remove the samples of some bodies before a time.
+
+    Args:
+        recorder_state: Recorded samples.
+        start: Time of the first sample to keep, by body [s].
+
+    Returns:
+        The remaining samples.
+    """
+    remaining = {}
+    for body, samples in samples_by_body(recorder_state).items():
+        keep = samples[2] >= start.get(body, -np.inf)
+        remaining[body] = samples[0][keep], samples[1][keep], samples[2][keep]
+    return _replace_samples(recorder_state, remaining)
 
 
-def _recorded(like: RecorderState, samples: Mapping[BodyKey, Samples]) -> RecorderState:
-    """Data sets of these samples."""
+def _replace_samples(like: RecorderState, samples: Mapping[BodyKey, Samples]) -> RecorderState:
+    """Return the recorder state with the given samples, in data sets of the same capacity."""
 
-    def data(like: gp.Dataset, of: Samples) -> gp.Dataset:
-        n = len(of[2])
-        X, Y, t = (jnp.asarray(np.pad(x, ((0, like.t.shape[-1] - n), *[(0, 0)] * (x.ndim - 1)))) for x in of)
+    def padded(like: gp.Dataset, body_samples: Samples) -> gp.Dataset:
+        n = len(body_samples[2])
+        X, Y, t = (
+            jnp.asarray(np.pad(x, ((0, like.t.shape[-1] - n), *[(0, 0)] * (x.ndim - 1)))) for x in body_samples
+        )
         return dataclasses.replace(like, X=X, Y=Y, t=t, n=jnp.asarray(n))
 
     groups = []
     for i, group in enumerate(like.agents):
-        each = [data(jax.tree.map(lambda x, j=j: x[j], group), samples[i, j]) for j in range(len(group.n))]
+        each = [padded(jax.tree.map(lambda x, j=j: x[j], group), samples[i, j]) for j in range(len(group.n))]
         groups.append(jax.tree.map(lambda *x: jnp.stack(x), *each))
-    return dataclasses.replace(like, payload=data(like.payload, samples["payload"]), agents=tuple(groups))
+    return dataclasses.replace(like, payload=padded(like.payload, samples["payload"]), agents=tuple(groups))
 
 
 def regression_targets(
-    model: ResidualModel, recorder_state: RecorderState, changes: ChangePoints = MappingProxyType({})
+    model: ResidualModel, recorder_state: RecorderState, change_points: ChangePoints = MappingProxyType({})
 ) -> dict[BodyKey, Samples]:
-    """`(X, Y, t)` of every body in the order of time, X features, Y what the GPs are to explain: labels less `beside`.
+    """Return the training data of the GPs: features, and labels minus the parametric prediction.
 
-    Of a body whose world has changed, those since then.
+    Args:
+        model: Residual model with features, inertial parameters and mean function.
+        recorder_state: Recorded samples.
+        change_points: Change points; samples of a body before its change point are left out.
+
+    Returns:
+        Features, targets and times by body, in the order of time.
     """
-    payload, agents = _beside(model.inertial_parameters, model.mean_function, recorder_state)
-    left = dataclasses.replace(
+    payload, agents = _parametric_prediction(model.inertial_parameters, model.mean_function, recorder_state)
+    targets = dataclasses.replace(
         recorder_state,
         payload=dataclasses.replace(recorder_state.payload, Y=recorder_state.payload.Y - payload),
         agents=tuple(
@@ -144,129 +210,188 @@ def regression_targets(
         ),
     )
     out = {}
-    for body, (x, Y, t) in samples_by_body(left).items():
-        keep = t >= (changes[body].time if body in changes else -np.inf)
+    for body, (x, Y, t) in samples_by_body(targets).items():
+        keep = t >= (change_points[body].time if body in change_points else -np.inf)
         out[body] = compute_features(model.features, body, x[keep]), Y[keep], t[keep]
     return out
 
 
 @jax.jit
-def _beside(
-    theta: Float[Array, "10"], known: BasisMean | DragThrustMean | None, recorder_state: RecorderState
+def _parametric_prediction(
+    theta: Float[Array, "10"], mean_function: BasisMean | DragThrustMean | None, recorder_state: RecorderState
 ) -> tuple[Float[Array, "rows 6"], tuple[Float[Array, "_agents _rows _outputs"] | None, ...]]:
-    """What an oracle says beside its GPs at all samples: `Y theta`, and what is known."""
-    payload = jax.vmap(_inertial, (0, None))(recorder_state.payload.X, theta)
-    if known is None:
+    """Predict the labels of all samples without the GPs: inertial wrench plus mean function."""
+    payload = jax.vmap(_inertial_wrench, (0, None))(recorder_state.payload.X, theta)
+    if mean_function is None:
         return payload, (None,) * len(recorder_state.agents)
-    payload = payload + jax.vmap(known.payload_mean)(recorder_state.payload.X)
-    of = lambda i, X: jax.vmap(lambda x: known.agent_means(i, x), 1, 1)(X)  # noqa: E731
-    return payload, tuple(of(i, data.X) for i, data in enumerate(recorder_state.agents))
+    payload = payload + jax.vmap(mean_function.payload_mean)(recorder_state.payload.X)
+    means = lambda i, X: jax.vmap(lambda x: mean_function.agent_means(i, x), 1, 1)(X)  # noqa: E731
+    return payload, tuple(means(i, data.X) for i, data in enumerate(recorder_state.agents))
 
 
-def _inertial(x: Float[Array, "24"], theta: Float[Array, "10"]) -> Float[Array, "6"]:
-    """`Y theta` at a payload sample."""
+def _inertial_wrench(x: Float[Array, "24"], theta: Float[Array, "10"]) -> Float[Array, "6"]:
+    """Return ``Y theta`` at a payload input."""
     return inertial_regressor(payload_state_from_input(x), x[18:21], x[21:24]) @ theta
 
 
-def offset_model(change: ChangePoint, X: np.ndarray, Y: np.ndarray) -> gp.GPPosterior:
-    """The model before a change, moved by what samples since say beyond it on average, `f + mean(y - f(x))` (host)."""
-    old = change.model
-    more = jnp.asarray((Y - predict_padded(old, X)[0]).mean(0))
-    moved = jnp.where(
-        (jnp.arange(old.capacity) < old.num_points)[:, None], old.Y + jnp.tile(more, (old.capacity, 1)), old.Y
+def offset_model(change_point: ChangePoint, X: np.ndarray, Y: np.ndarray) -> gp.GPPosterior:
+    """Offset the model before a change by the mean error at the samples since: ``mu_0 + mean_k(y_k - mu_0(x_k))``.
+
+    Args:
+        change_point: Change point of a body.
+        X: Features of the samples since the change.
+        Y: Targets of these samples.
+
+    Returns:
+        The offset model.
+    """
+    old = change_point.model
+    offset = jnp.asarray((Y - predict_padded(old, X)[0]).mean(0))
+    targets = jnp.where(
+        (jnp.arange(old.capacity) < old.num_points)[:, None], old.Y + jnp.tile(offset, (old.capacity, 1)), old.Y
     )
     return dataclasses.replace(
-        old, Y=moved, hyper=dataclasses.replace(old.hyper, constant_mean=old.hyper.constant_mean + more)
+        old, Y=targets, hyper=dataclasses.replace(old.hyper, constant_mean=old.hyper.constant_mean + offset)
     )
 
 
 def merge_with_previous(old: gp.GPPosterior, X: np.ndarray, Y: np.ndarray) -> gp.GPPosterior:
-    """A model of samples since a change, and of those before it that tell most, as the budget has room (host).
+    """Condition a GP on the samples since a change and on the most informative samples before it.
 
-    old: as `shifted`. Where the team has not been again the map keeps its shape.
+    Where the team has not been since the change, the model keeps its previous shape.
+
+    Args:
+        old: Offset model of `offset_model`.
+        X: Features of the samples since the change.
+        Y: Targets of these samples.
+
+    Returns:
+        The model within the budget of samples.
     """
     n = int(old.num_points)
-    Z, both = (np.concatenate([np.asarray(before)[:n], new]) for before, new in ((old.X, X), (old.Y, Y)))
-    stays = gp.select_subset(Z, old.hyper, old.capacity, np.ones(len(Z)), first=np.arange(len(Z)) < n)
-    return gp.condition(Z[stays], both[stays], old.hyper, old.capacity)
+    Z, targets = (np.concatenate([np.asarray(before)[:n], new]) for before, new in ((old.X, X), (old.Y, Y)))
+    keep = gp.select_subset(Z, old.hyper, old.capacity, np.ones(len(Z)), first=np.arange(len(Z)) < n)
+    return gp.condition(Z[keep], targets[keep], old.hyper, old.capacity)
 
 
 def fit(
-    residual_model: ResidualModel, recorder_state: RecorderState, training: FitOptions | None, last: Fits
+    model: ResidualModel, recorder_state: RecorderState, fit_options: FitOptions | None, last_fits: Fits
 ) -> tuple[ResidualModel, Fits]:
-    """The oracle frozen on the data so far: fit from the last hyperparameters, then condition (host).
+    """Fit hyperparameters and condition the GPs of all bodies on the recorded samples.
 
-    A body without data keeps its predictor. The constant part of each output's prior mean is the mean of its labels
-    (the remark on mean functions); the rest is the GP's. Bodies are fitted side by side. Without `training` the
-    hyperparameters and the prior mean stay as they are, as error bounds ask for.
+    The fit starts from the last hyperparameters. The constant prior mean of each output is the mean of its labels.
+    Bodies are fitted in parallel. A body with fewer than two samples keeps its model.
+
+    Args:
+        model: Residual model before the update.
+        recorder_state: Recorded samples.
+        fit_options: Options of the fit; None keeps hyperparameters and prior means, as error bounds require.
+        last_fits: Last fits by body.
+
+    Returns:
+        The residual model and the last fits by body.
     """
-    found = {
-        body: (X, Y) for body, (X, Y, _) in regression_targets(residual_model, recorder_state).items() if len(X) > 1
-    }
+    targets = {body: (X, Y) for body, (X, Y, _) in regression_targets(model, recorder_state).items() if len(X) > 1}
 
-    def study(body: BodyKey) -> tuple[gp.FitResult | None, gp.GPPosterior]:
-        (X, Y), frozen = found[body], get_model(residual_model, body)
-        if training is None:
-            return None, gp.condition(X, Y, frozen.hyper, frozen.capacity)
-        before = last.get(body)
+    def fit_body(body: BodyKey) -> tuple[gp.FitResult | None, gp.GPPosterior]:
+        (X, Y), current = targets[body], get_model(model, body)
+        if fit_options is None:
+            return None, gp.condition(X, Y, current.hyper, current.capacity)
+        before = last_fits.get(body)
         fit = gp.fit(
             X,
             Y,
-            hyperprior=training.prior_for(body),
+            hyperprior=fit_options.prior_for(body),
             start=before.hyper if before else None,
-            restarts=0 if before else training.restarts,
-            max_iterations=training.max_iterations,
+            restarts=0 if before else fit_options.restarts,
+            max_iterations=fit_options.max_iterations,
         )
-        return fit, gp.condition(X, Y, fit.hyper, frozen.capacity)
+        return fit, gp.condition(X, Y, fit.hyper, current.capacity)
 
-    learned = parallel_map(study, found)
-    fits = {**last, **{body: fit for body, (fit, _) in learned.items() if fit is not None}}
-    return replace_models(residual_model, {body: model for body, (_, model) in learned.items()}), fits
+    fitted = parallel_map(fit_body, targets)
+    fits = {**last_fits, **{body: fit for body, (fit, _) in fitted.items() if fit is not None}}
+    return replace_models(model, {body: posterior for body, (_, posterior) in fitted.items()}), fits
 
 
 def loo_normalized_error(model: gp.GPPosterior, newest: int) -> float:
-    """Mean of `(y - f)^2` over its predicted variance of a model's newest samples, each left out; 1 if it fits (host).
+    """Compute the mean normalized squared leave-one-out error of the newest samples of a model.
 
-    Rasmussen and Williams 2006, Eqs. 5.11 and 5.12.
+    The error of a sample is divided by its predicted variance (Rasmussen and Williams 2006, Eqs. 5.11 and 5.12). The
+    expected value is 1 for a correct model.
+
+    Args:
+        model: GP of a body.
+        newest: Number of samples, the latest of the model.
+
+    Returns:
+        Mean over samples and outputs.
     """
-    off, variance = (np.asarray(x) for x in gp.leave_one_out(model))
+    error, variance = (np.asarray(x) for x in gp.leave_one_out(model))
     n = int(model.num_points)
-    return float((off**2 / variance)[:, max(0, n - newest) : n].mean())
+    return float((error**2 / variance)[:, max(0, n - newest) : n].mean())
 
 
-def parallel_map(study: Callable[[BodyKey], T], bodies: Collection[BodyKey]) -> dict[BodyKey, T]:
-    """What a study of each body gives; with one BLAS thread each: at these sizes more only wait for each other."""
+def parallel_map(function: Callable[[BodyKey], T], bodies: Collection[BodyKey]) -> dict[BodyKey, T]:
+    """Evaluate a function for every body in parallel threads.
 
-    def one(body: BodyKey) -> T:
+    Each thread uses one BLAS thread: for matrices of this size, more threads increase the computation time.
+
+    Args:
+        function: Function of the key of a body.
+        bodies: Keys of the bodies.
+
+    Returns:
+        Values of the function by body.
+    """
+
+    def call(body: BodyKey) -> T:
         signals.raise_if_interrupted()
-        return study(body)
+        return function(body)
 
     with threadpool_limits(1), ThreadPoolExecutor(os.cpu_count()) as pool:
-        return dict(zip(bodies, pool.map(one, bodies), strict=True))
+        return dict(zip(bodies, pool.map(call, bodies), strict=True))
 
 
 def condition(
     model: ResidualModel,
     recorder_state: RecorderState,
-    changes: ChangePoints = MappingProxyType({}),
-    waiting: Collection[BodyKey] = (),
+    change_points: ChangePoints = MappingProxyType({}),
+    pending: Collection[BodyKey] = (),
 ) -> ResidualModel:
-    """The oracle on the data so far with the hyperparameters and prior means that it has (host).
+    """Condition the GPs of all bodies on the recorded samples with the present hyperparameters and prior means.
 
-    A body whose world has changed learns from what is `amended`; while it is in `waiting` its model from before the
-    change flies on, `shifted`. A body without data keeps its predictor.
+    A body with a change point obtains `merge_with_previous`; while it is pending, its previous model is offset by
+    `offset_model`. A body without data keeps its model.
+
+    Args:
+        model: Residual model before the update.
+        recorder_state: Recorded samples.
+        change_points: Change points of the bodies.
+        pending: Bodies with too few samples since their change point for a new model.
+
+    Returns:
+        The residual model.
     """
     models = {}
-    for body, (X, Y, _) in regression_targets(model, recorder_state, changes).items():
-        frozen = get_model(model, body)
-        if body in changes and len(X):
-            moved = offset_model(changes[body], X, Y)
-            models[body] = moved if body in waiting else merge_with_previous(moved, X, Y)
-        elif body not in changes and len(X) > 1:
-            models[body] = gp.condition(X, Y, frozen.hyper, frozen.capacity)
+    for body, (X, Y, _) in regression_targets(model, recorder_state, change_points).items():
+        current = get_model(model, body)
+        if body in change_points and len(X):
+            offset = offset_model(change_points[body], X, Y)
+            models[body] = offset if body in pending else merge_with_previous(offset, X, Y)
+        elif body not in change_points and len(X) > 1:
+            models[body] = gp.condition(X, Y, current.hyper, current.capacity)
     return replace_models(model, models)
 
 
-def make_change_point(model: ResidualModel, body: BodyKey, since: float) -> ChangePoint:
-    """A change of a body's world: what the oracle knows of it is what was known until then."""
-    return ChangePoint(time=since, model=get_model(model, body), theta=model.inertial_parameters)
+def make_change_point(model: ResidualModel, body: BodyKey, time: float) -> ChangePoint:
+    """Create the change point of a body with the present model as the model before the change.
+
+    Args:
+        model: Residual model before the change.
+        body: Key of the body.
+        time: Time of the change [s].
+
+    Returns:
+        The change point.
+    """
+    return ChangePoint(time=time, model=get_model(model, body), theta=model.inertial_parameters)

@@ -1,6 +1,11 @@
-"""What is learned on the ground while a team flies: models of what was recorded, again and again, in place of the last.
+"""Online updates of residual models: schedule of fits, change detection and refits.
 
-`simulate` asks a school at the times of a plan, and swaps in what it gives once that is ready.
+An online learner is called at the update times of a simulated flight. It returns the residual model to use until the
+next update. It also detects changes of the residual and starts a new model of the affected body.
+
+See Also:
+    colift.closed_loop.flight: calls of the learner and activation of the new model.
+    docs/learning: equations, and a flow chart of an update.
 """
 
 from __future__ import annotations
@@ -29,207 +34,293 @@ log = logging.getLogger(__name__)
 
 @dataclasses.dataclass(frozen=True)
 class OnlineUpdateOptions:
-    """Oracles that go on: newer samples every so often; where the world has changed, the older ones amended.
+    """Options for periodic model updates and change-point handling.
 
-    Of all samples so far those are kept that tell most, the newer ones rather (`learn.kept`).
+    After a change point, the previous model is offset and stays in use until enough new samples exist. It predicts
+    better than a model of few samples as long as labels correct it.
 
-    As long as labels correct it, a model from before the change does better than one of few new samples, and flies on.
-    Once they are silent the new samples speak where the team has been again.
+    Attributes:
+        times: Update times [s].
+        nis_threshold: Factor by which the mean normalized innovation squared (NIS) of a body must exceed its usual
+            value for a change to be declared.
+        transient_time: Time after the first sample above the threshold for which samples are discarded [s].
+        min_samples: Number of samples since a change point that a new model requires.
+        forgetting_time: Age at which the noise variance of a sample is doubled in the sample selection [s].
+        mean_prior: Prior of the mean parameters.
     """
 
-    times: tuple[float, ...]  # s
-    nis_threshold: float  # mean of `place.surprise` above which a body's world has changed, over what is usual for it
-    transient_time: float  # s after the first sample that surprises, until which those that come speak of no world
-    min_samples: int  # samples after a change for a new model; until then what surprises is the same change
-    forgetting_time: float  # s, after which the noise of a sample counts twice when it is decided which are kept
-    mean: semiparametric.MeanPrior  # of what maps hold beside GPs of the place
+    times: tuple[float, ...]
+    nis_threshold: float
+    transient_time: float
+    min_samples: int
+    forgetting_time: float
+    mean_prior: semiparametric.MeanPrior
 
 
 @dataclasses.dataclass(frozen=True)
 class IdentificationOptions:
-    """What parametric identification assumes."""
+    """Options of the parametric identification (case `parametric`).
 
-    label_std: np.ndarray  # (6,) deviation of the payload's labels, N and N m
-    prior_std: np.ndarray  # (10,) deviation of each rigid-body parameter
-    nominal_payload: Payload  # of which a tenth is always left
+    Attributes:
+        label_std: Standard deviations (6,) of the payload labels [N, N m].
+        prior_std: Prior standard deviations (10,) of the rigid-body parameters.
+        nominal_payload: Nominal payload, which limits the identified parameters.
+    """
+
+    label_std: np.ndarray
+    prior_std: np.ndarray
+    nominal_payload: Payload
 
 
 @dataclasses.dataclass(frozen=True)
 class RidgeOptions:
-    """What regression on `learn.basis` assumes."""
+    """Options of the ridge regression (case `regression`).
 
-    ridge: tuple[float, float]  # beside the sum of squared label errors, of squared weights: forces, all other outputs
+    Attributes:
+        ridge: Regularization of the weights of forces, and of the weights of all other outputs.
+    """
+
+    ridge: tuple[float, float]
 
 
 @dataclasses.dataclass(frozen=True)
 class ModelUpdate:
-    """What one update learned."""
+    """Result of one model update, for the log.
 
-    t: float  # s, when its samples were taken
-    activation_time: float  # s, from when on it flew
-    num_samples: dict[str, int]  # samples: of the payload, of all agents together
+    Attributes:
+        t: Time of the last sample that the update may use [s].
+        activation_time: Time from which the updated model is in use [s].
+        num_samples: Number of samples of the payload, and of all agents together.
+        fits: Last hyperparameter fits by body.
+        theta: Inertial parameters (10,) of the model.
+        change_points: Bodies for which this update declared a change.
+        refitted: Bodies whose older samples were discarded and whose hyperparameters and means were fitted again.
+        mean_uncertainties: Mean uncertainties by body.
+        error_message: Reason for which the previous model stays in use; empty if the update succeeded.
+    """
+
+    t: float
+    activation_time: float
+    num_samples: dict[str, int]
     fits: model_update.Fits
-    theta: np.ndarray  # (10,)
-    change_points: tuple[features.BodyKey, ...] = ()  # whose older samples are amended from now on
-    refitted: tuple[features.BodyKey, ...] = ()  # whose are gone, and whose hyperparameters and means are fitted anew
+    theta: np.ndarray
+    change_points: tuple[features.BodyKey, ...] = ()
+    refitted: tuple[features.BodyKey, ...] = ()
     mean_uncertainties: semiparametric.MeanUncertainties = dataclasses.field(default_factory=dict)
-    error_message: str = ""  # why the oracle before it stays
+    error_message: str = ""
 
 
 class OnlineLearner:
-    """What is learned on the ground in one flight: the last fits, and what was known before the world changed."""
+    """Residual models of one simulated flight, updated from the recorded samples.
+
+    Attributes:
+        fit_options: Options of the hyperparameter fit; None keeps all hyperparameters.
+        identification: Options of a parametric identification or a ridge regression in place of Gaussian processes.
+        online_updates: Options for periodic updates; None for updates at fixed times without change detection.
+        fits: Last hyperparameter fits by body.
+        change_points: Last change points by body.
+        nis_history: Mean NIS of the previous updates that declared no change, by body.
+        covariances: Posterior covariances of the mean parameters, by body.
+        mean_uncertainties: Mean uncertainties by body.
+        pending: Bodies with too few samples since their change point for a new model.
+        misspecified: Bodies whose first model since a change point does not fit its own samples.
+        last_sample_time: Time of the last sample that an update has used [s].
+        data: Samples selected until then; None before the first periodic update.
+
+    Example:
+        ::
+
+            learner = OnlineLearner(fit_options, None, None)
+            model, update = learner.update(model, recorder_state, t=10.0, fit=True)
+    """
 
     def __init__(
         self,
-        training: model_update.FitOptions | None,
-        identify: IdentificationOptions | RidgeOptions | None,
-        renewals: OnlineUpdateOptions | None,
+        fit_options: model_update.FitOptions | None,
+        identification: IdentificationOptions | RidgeOptions | None,
+        online_updates: OnlineUpdateOptions | None,
     ) -> None:
-        self.training, self.identify, self.renewals = training, identify, renewals
+        """Create a learner without samples.
+
+        Args:
+            fit_options: Options of the hyperparameter fit.
+            identification: Options of a parametric model in place of Gaussian processes.
+            online_updates: Options for periodic updates.
+        """
+        self.fit_options, self.identification, self.online_updates = fit_options, identification, online_updates
         self.fits: model_update.Fits = {}
-        self.changes: dict[features.BodyKey, model_update.ChangePoint] = {}
-        self.usual: dict[features.BodyKey, list[float]] = {}  # means of `place.surprise` that were no change
-        self.covariances: dict[features.BodyKey, np.ndarray] = {}  # of means
-        self.doubts: semiparametric.MeanUncertainties = {}
-        self.waiting: set[features.BodyKey] = set()  # those that have seen too little since for a new model
-        self.misfits: tuple[features.BodyKey, ...] = ()  # those whose first model since does not fit
-        self.last = 0.0  # s, of the newest sample that an oracle has seen
-        self.data: recorder.RecorderState | None = None  # kept of all samples until then, where learning goes on
+        self.change_points: dict[features.BodyKey, model_update.ChangePoint] = {}
+        self.nis_history: dict[features.BodyKey, list[float]] = {}
+        self.covariances: dict[features.BodyKey, np.ndarray] = {}
+        self.mean_uncertainties: semiparametric.MeanUncertainties = {}
+        self.pending: set[features.BodyKey] = set()
+        self.misspecified: tuple[features.BodyKey, ...] = ()
+        self.last_sample_time = 0.0
+        self.data: recorder.RecorderState | None = None
 
     def update(
         self, model: residual_model.ResidualModel, recorder_state: recorder.RecorderState, t: float, fit: bool
     ) -> tuple[residual_model.ResidualModel, ModelUpdate]:
-        """The oracle of what was recorded until t, s: GPs, with hyperparameters fitted or kept, or parameters.
+        """Update the residual model with the recorded samples.
 
-        Where a fit fails the oracle stays as it was, and the update says why.
+        If a computation fails, the previous model is returned and a warning is logged.
+
+        Args:
+            model: Residual model in use.
+            recorder_state: Recorded samples.
+            t: Time of the update [s].
+            fit: Whether a periodic update fits hyperparameters.
+
+        Returns:
+            The residual model and a description of the update.
         """
-        failed, changed, before = "", (), self._memory()
+        error_message, changed, before = "", (), self._snapshot()
         try:
-            if isinstance(self.identify, RidgeOptions):
-                model = ridge_regression.fit_ridge(model, recorder_state, self.identify.ridge)
-            elif self.identify is not None:
-                n_L, given = int(recorder_state.payload.n), self.identify
+            if isinstance(self.identification, RidgeOptions):
+                model = ridge_regression.fit_ridge(model, recorder_state, self.identification.ridge)
+            elif self.identification is not None:
+                n_L, options = int(recorder_state.payload.n), self.identification
                 X, Y = np.asarray(recorder_state.payload.X)[:n_L], np.asarray(recorder_state.payload.Y)[:n_L]
-                K = given.label_std[:, None, None] ** 2 * np.eye(n_L)
+                K = options.label_std[:, None, None] ** 2 * np.eye(n_L)
                 theta, _ = identification.identify_parameters(
-                    identification.inertial_regressors(X), Y, K, given.prior_std
+                    identification.inertial_regressors(X), Y, K, options.prior_std
                 )
-                model = dataclasses.replace(
-                    model,
-                    inertial_parameters=jnp.asarray(
-                        identification.enforce_physical_consistency(theta, given.nominal_payload)
-                    ),
-                )
-            elif self.renewals is not None:
-                changed = self._look(model, recorder_state, self.renewals)
-                model = self._renew(model, recorder_state, self.renewals, t, fit)
+                theta = identification.enforce_physical_consistency(theta, options.nominal_payload)
+                model = dataclasses.replace(model, inertial_parameters=jnp.asarray(theta))
+            elif self.online_updates is not None:
+                changed = self._detect_changes(model, recorder_state, self.online_updates)
+                model = self._update_periodically(model, recorder_state, self.online_updates, t, fit)
             else:
-                model, self.fits = model_update.fit(model, recorder_state, self.training, self.fits)
-            self.last = max(self.last, recorder_state.latest_time())
+                model, self.fits = model_update.fit(model, recorder_state, self.fit_options, self.fits)
+            self.last_sample_time = max(self.last_sample_time, recorder_state.latest_time())
         except (ValueError, np.linalg.LinAlgError) as error:
-            failed, changed = f"what was learned at t = {t:.3f} s is not used: {error}", ()
+            error_message, changed = f"model update at t = {t:.3f} s failed, previous model stays in use: {error}", ()
             vars(self).update(before)
-            log.warning("%s", failed)
-        seen = self.data or recorder_state
-        n = {"payload": int(seen.payload.n), "agents": sum(int(data.n.sum()) for data in seen.agents)}
+            log.warning("%s", error_message)
+        data = self.data or recorder_state
+        num_samples = {"payload": int(data.payload.n), "agents": sum(int(group.n.sum()) for group in data.agents)}
         update = ModelUpdate(
             t=t,
             activation_time=t,
-            num_samples=n,
+            num_samples=num_samples,
             fits=self.fits,
             theta=np.asarray(model.inertial_parameters),
             change_points=changed,
-            refitted=self.misfits,
-            mean_uncertainties=self.doubts,
-            error_message=failed,
+            refitted=self.misspecified,
+            mean_uncertainties=self.mean_uncertainties,
+            error_message=error_message,
         )
         return model, update
 
-    def _memory(self) -> dict[str, Any]:
-        """What it knows, for the case that it learns nothing; copies of what is changed in place."""
-        usual = {body: [*of] for body, of in self.usual.items()}
-        copies = {"usual": usual, "changes": {**self.changes}, "covariances": {**self.covariances}}
-        return vars(self) | copies | {"misfits": ()}
+    def _snapshot(self) -> dict[str, Any]:
+        """Return the attributes to restore after a failed update, with copies of those that change in place."""
+        history = {body: [*values] for body, values in self.nis_history.items()}
+        copies = {
+            "nis_history": history,
+            "change_points": {**self.change_points},
+            "covariances": {**self.covariances},
+        }
+        return vars(self) | copies | {"misspecified": ()}
 
-    def _renew(
+    def _update_periodically(
         self,
         model: residual_model.ResidualModel,
         recorder_state: recorder.RecorderState,
-        given: OnlineUpdateOptions,
+        options: OnlineUpdateOptions,
         t: float,
         fit: bool,
     ) -> residual_model.ResidualModel:
-        """The oracle with what has been said since the last look; the same one where that is nothing new."""
-        said, waited = recorder_state.latest_time() > self.last, self.waiting
-        self.waiting = self.waiting if said else set()
-        if not said and not waited:
+        """Condition the model on selected samples, and fit it if required.
+
+        Returns the same model if there are neither new samples nor pending bodies.
+        """
+        has_new_samples, pending = recorder_state.latest_time() > self.last_sample_time, self.pending
+        self.pending = self.pending if has_new_samples else set()
+        if not has_new_samples and not pending:
             return model
-        before = jax.tree.map(jnp.zeros_like, recorder_state) if self.data is None else self.data
+        previous = jax.tree.map(jnp.zeros_like, recorder_state) if self.data is None else self.data
         data = model_update.select_samples(
-            model, before, recorder_state, self.last, t, given.forgetting_time, self.changes
+            model, previous, recorder_state, self.last_sample_time, t, options.forgetting_time, self.change_points
         )
-        data = self._over(data, fit)
-        if "payload" in self.changes:
-            model = semiparametric.update_inertial_mean(model, self.changes["payload"], data, given.mean)
+        data = self._close_change_points(data, fit)
+        if "payload" in self.change_points:
+            model = semiparametric.update_inertial_mean(model, self.change_points["payload"], data, options.mean_prior)
         bodies = [
-            body for body in (model_update.samples_by_body(data) if fit else self.misfits) if body not in self.changes
+            body
+            for body in (model_update.samples_by_body(data) if fit else self.misspecified)
+            if body not in self.change_points
         ]
-        if bodies and self.training is not None:
-            model, self.fits, new = semiparametric.fit(
-                model, data, self.training, given.mean, self.fits, bodies, self.changes, self.waiting
+        if bodies and self.fit_options is not None:
+            model, self.fits, covariances = semiparametric.fit(
+                model, data, self.fit_options, options.mean_prior, self.fits, bodies, self.change_points, self.pending
             )
-            self.covariances |= new
+            self.covariances |= covariances
         else:
-            model = model_update.condition(model, data, self.changes, self.waiting)
-        self.doubts = semiparametric.mean_uncertainties(model, data, self.covariances, self.changes)
+            model = model_update.condition(model, data, self.change_points, self.pending)
+        self.mean_uncertainties = semiparametric.mean_uncertainties(model, data, self.covariances, self.change_points)
         self.data = data
         return model
 
-    def _over(self, data: recorder.RecorderState, fit: bool) -> recorder.RecorderState:
-        """The samples without those of before changes that are over: of misfits, and where none is left at a fit."""
-        seen = model_update.samples_by_body(data)
-        alone = {body for body, change in self.changes.items() if seen[body][2].min() >= change.time} - self.waiting
-        over = {*self.misfits, *(alone if fit else ())}
-        since = {body: self.changes[body].time for body in self.misfits}
-        self.changes = {body: change for body, change in self.changes.items() if body not in over}
-        return model_update.drop_before(data, since) if since else data
+    def _close_change_points(self, data: recorder.RecorderState, fit: bool) -> recorder.RecorderState:
+        """Remove the change points of misspecified bodies and, at a fit, those without older samples.
 
-    def _look(
-        self, oracle: residual_model.ResidualModel, recorder_state: recorder.RecorderState, given: OnlineUpdateOptions
-    ) -> tuple[features.BodyKey, ...]:
-        """The bodies for which the world has changed since the last look, each noted with the first that said so.
-
-        While a model of before a change waits it is not asked. When there are enough for a new one that one is, held
-        against its own samples, each left out: where these surprise as much as the newest do it is no other world but
-        a misfit, whose hyperparameters and mean are to be fitted anew, of samples since.
+        Returns the samples without those of misspecified bodies before their change point.
         """
-        found, misfits, seen = [], [], model_update.samples_by_body(self.data or recorder_state)
-        since = {body: int((seen[body][2] >= change.time).sum()) for body, change in self.changes.items()}
-        few = {body for body, n in since.items() if n < given.min_samples}
-        new = self.waiting - few
-        requested = (
-            model_update.condition(oracle, self.data, self.changes, few) if new and self.data is not None else oracle
+        samples = model_update.samples_by_body(data)
+        only_new = {
+            body for body, change in self.change_points.items() if samples[body][2].min() >= change.time
+        } - self.pending
+        closed = {*self.misspecified, *(only_new if fit else ())}
+        start = {body: self.change_points[body].time for body in self.misspecified}
+        self.change_points = {body: change for body, change in self.change_points.items() if body not in closed}
+        return model_update.drop_before(data, start) if start else data
+
+    def _detect_changes(
+        self,
+        model: residual_model.ResidualModel,
+        recorder_state: recorder.RecorderState,
+        options: OnlineUpdateOptions,
+    ) -> tuple[features.BodyKey, ...]:
+        """Compare new samples with the model; return the bodies for which a change is declared.
+
+        A pending body is not tested. When it has enough samples for a new model, this model is tested against its own
+        samples by leave-one-out errors. If these are as large as the errors of the newest samples, the body is
+        misspecified and no change is declared.
+        """
+        changed, misspecified = [], []
+        samples = model_update.samples_by_body(self.data or recorder_state)
+        num_since = {
+            body: int((samples[body][2] >= change.time).sum()) for body, change in self.change_points.items()
+        }
+        too_few = {body for body, n in num_since.items() if n < options.min_samples}
+        first_model = self.pending - too_few  # bodies with their first model since the change
+        tested = (
+            model_update.condition(model, self.data, self.change_points, too_few)
+            if first_model and self.data is not None
+            else model
         )
 
-        def most(before: list[float]) -> float:
-            return given.nis_threshold * max(1.0, float(np.median(before))) if before else np.inf
+        def limit(usual: list[float]) -> float:
+            return options.nis_threshold * max(1.0, float(np.median(usual))) if usual else np.inf
 
-        for body, (t, off) in semiparametric.normalized_innovation_squared(
-            requested, recorder_state, self.doubts, self.last
+        for body, (t, nis) in semiparametric.normalized_innovation_squared(
+            tested, recorder_state, self.mean_uncertainties, self.last_sample_time
         ).items():
-            model, score = residual_model.get_model(requested, body), float(off.mean())
-            if body in few or int(model.num_points) < given.min_samples / 3:  # it knows no world yet
+            posterior, mean_nis = residual_model.get_model(tested, body), float(nis.mean())
+            if body in too_few or int(posterior.num_points) < options.min_samples / 3:  # no reliable model yet
                 continue
-            usual = self.usual.setdefault(body, [])
-            before = [model_update.loo_normalized_error(model, since[body])] if body in new else usual
-            if score > most(before):
-                self.changes[body] = model_update.make_change_point(
-                    requested, body, float(t[np.argmax(off > most(before))]) + given.transient_time
+            history = self.nis_history.setdefault(body, [])
+            usual = (
+                [model_update.loo_normalized_error(posterior, num_since[body])] if body in first_model else history
+            )
+            if mean_nis > limit(usual):
+                self.change_points[body] = model_update.make_change_point(
+                    tested, body, float(t[np.argmax(nis > limit(usual))]) + options.transient_time
                 )
-                found.append(body)
-            elif score > most(usual) and self.training is not None:
-                misfits.append(body)
+                changed.append(body)
+            elif mean_nis > limit(history) and self.fit_options is not None:
+                misspecified.append(body)
             else:
-                usual.append(score)
-        self.misfits, self.waiting = tuple(misfits), few | set(found)
-        return tuple(found)
+                history.append(mean_nis)
+        self.misspecified, self.pending = tuple(misspecified), too_few | set(changed)
+        return tuple(changed)
