@@ -30,4 +30,4 @@ drawn = [
     rendering.render_data(log.load(out / f"{case}.nc"), f"{case}: {experiment.ALL_CASES[case]}")
     for case in ("C1", "C3")
 ]
-rendering.render_video(drawn, here / "flight.gif", speed=4.0, dots=80)
+rendering.render_video(drawn, here / "flight.gif", speed=4.0, dpi=80)

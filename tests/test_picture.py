@@ -56,7 +56,7 @@ def test_bodies_are_drawn_where_the_log_has_them(seen, k):
 
 
 def test_what_is_near_is_drawn_over_what_is_far(seen):
-    near = np.array([face[0] for face in sorted(rendering._team(seen[0], 0), key=lambda face: face[0])])
+    near = np.array([face[0] for face in sorted(rendering._team_faces(seen[0], 0), key=lambda face: face[0])])
     assert (near[1:] >= near[:-1]).all()
     center, half = np.zeros(3), np.array([1.0, 0.5, 0.2])
     faces = list(rendering._box(center, np.eye(3), half, "#808080"))
@@ -71,7 +71,7 @@ def test_what_is_near_is_drawn_over_what_is_far(seen):
 def test_all_that_is_drawn_of_the_team_is_within_the_picture(seen, how):
     (ax,) = drawn(seen[0], 0, **how).axes
     # what lies behind everything is the shadow, which may leave the picture
-    corners = np.concatenate([at for near, at, _ in rendering._team(seen[0], 0) if np.isfinite(near)])
+    corners = np.concatenate([at for near, at, _ in rendering._team_faces(seen[0], 0) if np.isfinite(near)])
     for (low, high), x in zip((ax.get_xlim(), ax.get_ylim()), corners.T, strict=True):
         assert low <= x.min() < x.max() <= high
     assert ax.get_ylim()[1] - ax.get_ylim()[0] == pytest.approx(ax.get_xlim()[1] - ax.get_xlim()[0])  # a square one
@@ -86,7 +86,7 @@ def test_a_view_follows_a_team_whose_path_is_long(seen):
         assert np.ptp(ax.get_xlim()) < 4 * far.shape["size_m"]
 
 
-@pytest.mark.parametrize("kind", rendering.STILLS)
+@pytest.mark.parametrize("kind", rendering.IMAGE_SUFFIXES)
 def test_a_picture_shows_its_time_and_cases(seen, kind, tmp_path):
     rendering.render_image(seen, 1.0, tmp_path / f"at{kind}")
     content = (tmp_path / f"at{kind}").read_bytes()
@@ -98,7 +98,7 @@ def test_a_picture_shows_its_time_and_cases(seen, kind, tmp_path):
 
 
 def test_a_gif_moves_and_lasts_as_long_as_the_flight(seen, tmp_path):
-    rendering.render_video(seen, tmp_path / "film.gif", speed=3.0, dots=60.0, start=0.3)
+    rendering.render_video(seen, tmp_path / "film.gif", speed=3.0, dpi=60.0, start=0.3)
     with Image.open(tmp_path / "film.gif") as film:
         assert film.n_frames == 8  # 1.2 s, thrice as fast, 20 a second: 0.3, 0.45 .. 1.35
         assert film.info["duration"] == 50
@@ -110,7 +110,7 @@ def test_a_gif_moves_and_lasts_as_long_as_the_flight(seen, tmp_path):
 
 @pytest.mark.skipif(shutil.which("ffmpeg") is None, reason="there is no ffmpeg")
 def test_an_mp4_is_one(seen, tmp_path):
-    rendering.render_video(seen[:1], tmp_path / "film.mp4", speed=5.0, dots=50.0)
+    rendering.render_video(seen[:1], tmp_path / "film.mp4", speed=5.0, dpi=50.0)
     said = subprocess.run(
         ["ffprobe", "-v", "error", "-show_entries", "stream=codec_name,pix_fmt,nb_frames", "-of", "csv", "film.mp4"],
         cwd=tmp_path,
@@ -124,10 +124,10 @@ def test_an_mp4_is_one(seen, tmp_path):
 def test_what_cannot_be_drawn_is_said_in_one_line(seen, tmp_path, monkeypatch):
     monkeypatch.setattr("shutil.which", lambda _name: None)
     for draw, answer in (
-        (lambda: rendering.render_image(seen, 0.0, tmp_path / "a.bmp"), r"a\.bmp: must end in \.png, \.pdf, \.svg"),
+        (lambda: rendering.render_image(seen, 0.0, tmp_path / "a.bmp"), r"a\.bmp: the file name must end in \.png, \.pdf, \.svg"),
         (lambda: rendering.render_image(seen, 99.0, tmp_path / "a.png"), r"time 99 s: must be from 0 to 1\.498 s"),
-        (lambda: rendering.render_video(seen, tmp_path / "a.png"), r"a\.png: must end in \.gif or \.mp4"),
-        (lambda: rendering.render_video(seen, tmp_path / "a.mp4"), r"a\.mp4: there is no ffmpeg"),
+        (lambda: rendering.render_video(seen, tmp_path / "a.png"), r"a\.png: the file name must end in \.gif or \.mp4"),
+        (lambda: rendering.render_video(seen, tmp_path / "a.mp4"), r"a\.mp4: MP4 requires ffmpeg"),
     ):
         with pytest.raises(ValueError, match=answer):
             draw()
