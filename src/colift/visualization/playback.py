@@ -1,7 +1,7 @@
-"""Flights as one page that plays them, which needs no network.
+"""Playback page: one HTML file that animates logged flights in a browser without network access.
 
-What it shows is `scene`'s; `playback.js`, which draws it, is built from the folder `playback` of the sources
-(docs/playback.md).
+The module `scene` provides the data. The script `playback.js` draws them; it is built from the folder `playback` of the
+repository (docs/playback.md).
 """
 
 from __future__ import annotations
@@ -33,40 +33,65 @@ POLICY = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inli
 
 
 def write(out: Path, cases: Mapping[str, str]) -> Path:
-    """Write the page of the flights of a folder, `out/view.html`; return its path. `cases`: names, and what they are.
+    """Write the playback page of a study to the folder of its logs.
 
-    Raises ValueError as `log.flights`, OSError where the page cannot be written or another process writes there.
+    Logs that cannot be used raise `ValueError`, as in `log.load_flights` and `build_page`. A folder that cannot be
+    written, or that another process writes to, raises `OSError`.
+
+    Args:
+        out: Folder of the study.
+        cases: Description of each case.
+
+    Returns:
+        Path of the page, `out/view.html`.
     """
-    run, found = log.load_flights(out, cases)
-    text = build_page(found, cases)
+    run, flights = log.load_flights(out, cases)
+    text = build_page(flights, cases)
     with run_directory.lock_run_directory(out, run, (PAGE,)):
         atomic_write.write_atomic(out / PAGE, text.encode())
     return out / PAGE
 
 
 def build_page(flights: Mapping[str, xr.Dataset], cases: Mapping[str, str]) -> str:
-    """The page of some flights of one team: HTML with script, styles and numbers inside.
+    """Build the playback page of flights of one team.
 
-    Raises ValueError for a log that does not hold its scenario.
+    A log without a valid scenario raises `ValueError`.
+
+    Args:
+        flights: Log of each case.
+        cases: Description of each case.
+
+    Returns:
+        HTML that contains script, styles and data.
     """
     return page_html(page_data(flights, cases))
 
 
 def page_data(flights: Mapping[str, xr.Dataset], cases: Mapping[str, str]) -> dict[str, Any]:
-    """What the page's script reads, as JSON may have it; raises as `page`."""
+    """Return the data of the playback page as values for JSON.
+
+    A log without a valid scenario raises `ValueError`.
+
+    Args:
+        flights: Log of each case.
+        cases: Description of each case.
+
+    Returns:
+        Geometry of the team, scales, and the signals and events of each case.
+    """
     first = next(iter(flights.values()))
-    told = poses.scenario_of_log(first)
-    team, _ = team_module.team(told)
-    shape = scene.team_geometry(team, told)
-    moving = {case: scene.frames(ds, team) for case, ds in flights.items()}
-    scales = scene.arrow_scales(moving, shape["size_m"])
+    settings = poses.scenario_of_log(first)
+    team, _ = team_module.team(settings)
+    shape = scene.team_geometry(team, settings)
+    tracks_by_case = {case: scene.frames(ds, team) for case, ds in flights.items()}
+    scales = scene.arrow_scales(tracks_by_case, shape["size_m"])
     return {
-        "scenario": told.name,
-        "seed": told.seed,
+        "scenario": settings.name,
+        "seed": settings.seed,
         "version": first.attrs["version"],
         "run": first.attrs["run"],
         "shape": shape,
-        "ground_m": scene.ground_height(moving),
+        "ground_m": scene.ground_height(tracks_by_case),
         "arrows": {kind: {"label": ARROWS[kind], "N_per_m": x} for kind, x in scales.items()},
         "cases": [
             {
@@ -76,32 +101,42 @@ def page_data(flights: Mapping[str, xr.Dataset], cases: Mapping[str, str]) -> di
                 "t": scene.to_json_times(ds.time.values[scene.frame_rows(ds)]),
                 "t_sigma": scene.to_json_times(ds.time_sigma.values[scene.subsample(ds.time_sigma.values)]),
                 "marks": scene.event_markers(ds),
-                "tracks": {name: encode_array(x) for name, x in (moving[case] | scene.plot_signals(ds)).items()},
+                "tracks": {
+                    name: encode_array(x) for name, x in (tracks_by_case[case] | scene.plot_signals(ds)).items()
+                },
             }
             for case, ds in flights.items()
         ],
     }
 
 
-def page_html(written: Mapping[str, Any], policy: str = POLICY) -> str:
-    """The page as HTML; `policy`: what a browser lets it ask for."""
+def page_html(data: Mapping[str, Any], policy: str = POLICY) -> str:
+    """Return the HTML text of a playback page.
+
+    Args:
+        data: Data of the page, as `page_data` returns them.
+        policy: Content security policy, which restricts the requests of the page.
+
+    Returns:
+        HTML text.
+    """
     script = (resources.files("colift.visualization") / "playback.js").read_text(encoding="utf-8")
-    names = ", ".join(case["name"] for case in written["cases"])
+    names = ", ".join(case["name"] for case in data["cases"])
     return (
         '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         f'<meta http-equiv="Content-Security-Policy" content="{policy}">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n<link rel="icon" href="data:,">\n'
-        f"<title>{html.escape(written['scenario'])}: {names}</title>\n</head>\n<body>\n"
-        f'<script type="application/json" id="flights">{_within_html(written)}</script>\n'
+        f"<title>{html.escape(data['scenario'])}: {names}</title>\n</head>\n<body>\n"
+        f'<script type="application/json" id="flights">{_json_for_html(data)}</script>\n'
         f"<script>\n{script}</script>\n</body>\n</html>\n"
     )
 
 
 def encode_array(x: np.ndarray) -> dict[str, Any]:
-    """An array as JSON: its shape, and its numbers as little-endian float32 in base64."""
+    """Return an array as values for JSON: its shape, and its numbers as little-endian float32 in base64."""
     return {"shape": list(x.shape), "float32": base64.b64encode(np.asarray(x, dtype="<f4").tobytes()).decode()}
 
 
-def _within_html(value: Any) -> str:
-    """Strict JSON that no name in it can end early."""
+def _json_for_html(value: Any) -> str:
+    """Return strict JSON for a script element; it contains no `<`, so that no name can close the element."""
     return json.dumps(value, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")

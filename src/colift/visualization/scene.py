@@ -1,6 +1,7 @@
-"""Flights as they are seen: what is drawn of a team at each time, and what it looks like.
+"""Drawing data of a flight for playback pages, images and videos.
 
-What moves comes from the log, by the model's own kinematics; what does not, from the scenario that the log holds.
+Poses and forces are taken from the log; the forward kinematics of the model give the positions of joints and tips. The
+geometry of the team is taken from the scenario that the log contains.
 """
 
 from __future__ import annotations
@@ -24,68 +25,111 @@ from colift.models.parameters import AerialManipulator, Team
 from colift.scenario import Scenario
 from colift.scenario.team import agent_names, contact_names
 
-MAX_FRAME_RATE = 30.0  # 1/s, at most, of what is drawn
-MIN_LINK_LENGTH = 1e-3  # m, the shortest link that is drawn
-MAX_ARROW_LENGTH = 0.9  # length of the longest arrow of its kind, in sizes of the team
+MAX_FRAME_RATE = 30.0  # 1/s, upper limit of the rate of drawn rows
+MIN_LINK_LENGTH = 1e-3  # m, length of the shortest drawn link
+MAX_ARROW_LENGTH = 0.9  # team sizes, length of the longest arrow of each kind
 
 
-# What moves -----------------------------------------------------------------------------------------------------------
+# Signals --------------------------------------------------------------------------------------------------------------
 
 
 def frame_rows(ds: xr.Dataset) -> np.ndarray:
-    """Which rows of a log are drawn: some `FRAMES` a second, and the last, of those before a pose is not finite."""
+    """Return the indices of the drawn rows of a log, at most `MAX_FRAME_RATE` per second, including the last row.
+
+    Rows from the first pose that is not finite on are omitted.
+
+    Args:
+        ds: Log.
+
+    Returns:
+        Row indices in ascending order.
+    """
     poses = [ds[name].values.reshape(ds.sizes["time"], -1) for name in ("p", "R_L", "p_d", "x", "R", "r")]
-    broken = ~np.isfinite(np.concatenate(poses, axis=1)).all(axis=1)
-    return subsample(ds.time.values[: int(broken.argmax()) if broken.any() else None])
+    not_finite = ~np.isfinite(np.concatenate(poses, axis=1)).all(axis=1)
+    return subsample(ds.time.values[: int(not_finite.argmax()) if not_finite.any() else None])
 
 
 def subsample(t: np.ndarray) -> np.ndarray:
-    """Which of some times are drawn, some `FRAMES` a second, the first and the last among them."""
+    """Return the indices of the drawn times, at most `MAX_FRAME_RATE` per second, including the first and the last.
+
+    Args:
+        t: Equidistant times [s].
+
+    Returns:
+        Indices in ascending order.
+    """
     step = stride(t[1] - t[0]) if len(t) > 1 else 1
     return np.unique([*range(0, len(t), step), max(len(t) - 1, 0)])[: len(t)]
 
 
 def stride(period: float) -> int:
-    """Of how many rows, `period` s apart, one is drawn."""
+    """Return the number of rows from one drawn row to the next.
+
+    Args:
+        period: Time between two rows [s].
+
+    Returns:
+        The number of rows, at least 1.
+    """
     return max(1, round(1 / MAX_FRAME_RATE / period))
 
 
 def to_json_times(t: Any) -> list[float]:
-    """Times as JSON has them."""
+    """Return times as numbers for JSON, rounded to 1e-6 s."""
     return [round(float(each), 6) for each in t]
 
 
 def frames(ds: xr.Dataset, team: Team) -> dict[str, np.ndarray]:
-    """What the scene shows at every drawn row, by name; time leads.
+    """Return the signals of the scene at the drawn rows; the first axis is time.
 
-    p, p_d (3) m: payload and reference; q, q_d (4): their attitudes as quaternions (w, x, y, z), to the world. base,
-    base_q (agents, 3 and 4): origin and attitude of the bases. nodes (nodes, 3) m, world: of each agent its base,
-    joints and tips. u (agents) N; lam (contacts, 3) N, world, on the payload; disturbance (3) N, world, on the payload:
-    all but contacts and gravity that its acceleration shows.
+    Positions are in the world frame [m], attitudes are quaternions (w, x, y, z) from body to world frame.
+
+    - `p`, `q`: pose of the payload.
+    - `p_d`, `q_d`: reference pose.
+    - `base`, `base_q`: origin and attitude of each base.
+    - `nodes`: base, joints and tips of each agent.
+    - `u`: thrust of each agent [N].
+    - `lam`: contact forces on the payload, world frame [N].
+    - `disturbance`: `m_L (a_L - g) - sum lam`, the force on the payload besides contacts and gravity, world frame [N].
+
+    Args:
+        ds: Log.
+        team: True parameters of the team.
+
+    Returns:
+        Signals by name.
     """
     return poses(ds.isel(time=frame_rows(ds)), team)
 
 
-def poses(at: xr.Dataset, team: Team) -> dict[str, np.ndarray]:
-    """The same as `frames` at every row of a log."""
+def poses(ds: xr.Dataset, team: Team) -> dict[str, np.ndarray]:
+    """Return the signals of `frames` at all rows of a log.
+
+    Args:
+        ds: Log.
+        team: True parameters of the team.
+
+    Returns:
+        Signals by name.
+    """
     base, nodes = [], []
-    for group, R, x, r in poses_by_group(at, team):
+    for group, R, x, r in poses_by_group(ds, team):
         points = np.asarray(_points(group, R, x, r))
         base.append(points[:, :, 0])
         nodes.append(points.reshape(len(points), -1, 3))
-    R_d = desired_attitude(jnp.asarray(at.R_L.values), jnp.asarray(at.e_R.values), jnp.asarray(at.Psi.values))
-    pull = float(team.payload.mass) * (at.a_L.values[:, :3] - np.asarray(team.gravity))
+    R_d = desired_attitude(jnp.asarray(ds.R_L.values), jnp.asarray(ds.e_R.values), jnp.asarray(ds.Psi.values))
+    non_gravity = float(team.payload.mass) * (ds.a_L.values[:, :3] - np.asarray(team.gravity))
     return {
-        "p": at.p.values,
-        "q": np.asarray(_quaternion(jnp.asarray(at.R_L.values))),
-        "p_d": at.p_d.values,
+        "p": ds.p.values,
+        "q": np.asarray(_quaternion(jnp.asarray(ds.R_L.values))),
+        "p_d": ds.p_d.values,
         "q_d": np.asarray(_quaternion(R_d)),
         "base": np.concatenate(base, axis=1),
-        "base_q": np.asarray(_quaternion(jnp.asarray(at.R.values))),
+        "base_q": np.asarray(_quaternion(jnp.asarray(ds.R.values))),
         "nodes": np.concatenate(nodes, axis=1),
-        "u": at.u.values,
-        "lam": at.lam.values,
-        "disturbance": pull - at.lam.values.sum(axis=1),
+        "u": ds.u.values,
+        "lam": ds.lam.values,
+        "disturbance": non_gravity - ds.lam.values.sum(axis=1),
     }
 
 
@@ -96,70 +140,106 @@ def _points(
     x: Float[Array, "time agents 3"],
     r: Float[Array, "time agents n_r"],
 ) -> Float[Array, "time agents nodes 3"]:
-    """Base origin, joints and tips in the world, m."""
+    """Compute the positions of base origin, joints and tips in the world frame [m]."""
 
-    def one(agent: AerialManipulator, R: Float[Array, "3 3"], x: Float[Array, "3"], r: Float[Array, "n_r"]) -> Array:
-        moved = aerial_manipulator.forward_kinematics(agent, r).joint_origin[agent.tree.joints + 1 :]
-        from_base = jnp.concatenate([jnp.zeros((1, 3)), moved]) - aerial_manipulator.center_of_mass(agent, r)[None]
+    def agent_points(
+        agent: AerialManipulator, R: Float[Array, "3 3"], x: Float[Array, "3"], r: Float[Array, "n_r"]
+    ) -> Array:
+        joints_and_tips = aerial_manipulator.forward_kinematics(agent, r).joint_origin[agent.tree.joints + 1 :]
+        from_base = (
+            jnp.concatenate([jnp.zeros((1, 3)), joints_and_tips]) - aerial_manipulator.center_of_mass(agent, r)[None]
+        )
         return x[None] + matvec(R[None], from_base)
 
-    return jax.vmap(jax.vmap(one), in_axes=(None, 0, 0, 0))(group, R, x, r)
+    return jax.vmap(jax.vmap(agent_points), in_axes=(None, 0, 0, 0))(group, R, x, r)
 
 
 _quaternion = jax.jit(so3.quaternion)
 
 
 def plot_signals(ds: xr.Dataset) -> dict[str, np.ndarray]:
-    """What the plots show besides: e_p (1) m, angle (1) deg between payload and reference, sigma (2) N.
+    """Return the signals of the plots: those of `error_signals` at the drawn rows, and `sigma`.
 
-    sigma is at its own times: the force parts of `sigma_L` and `sigma_A`.
+    `sigma` contains the force parts of `sigma_L` and `sigma_A` [N] at the drawn times of the uncertainty signals.
+
+    Args:
+        ds: Log.
+
+    Returns:
+        Signals by name; the first axis is time.
     """
     few = ds.isel(time_sigma=subsample(ds.time_sigma.values))
     sigma = np.stack([few.sigma_L_force.values, few.sigma_A_force.values], axis=1)
     return error_signals(ds.isel(time=frame_rows(ds))) | {"sigma": sigma}
 
 
-def error_signals(at: xr.Dataset) -> dict[str, np.ndarray]:
-    """e_p and angle, as `curves` has them, at every row of a log."""
-    angle = np.arctan2(np.linalg.norm(at.e_R.values, axis=1), 1 - at.Psi.values)
+def error_signals(ds: xr.Dataset) -> dict[str, np.ndarray]:
+    """Compute the position error `e_p` [m] and the rotation angle to the reference `angle` [deg] at all rows of a log.
+
+    Args:
+        ds: Log.
+
+    Returns:
+        Signals by name; the first axis is time.
+    """
+    angle = np.arctan2(np.linalg.norm(ds.e_R.values, axis=1), 1 - ds.Psi.values)
     return {
-        "e_p": np.linalg.norm(at.e_p.values, axis=1)[:, None],
+        "e_p": np.linalg.norm(ds.e_p.values, axis=1)[:, None],
         "angle": np.rad2deg(angle)[:, None],
     }
 
 
 def event_markers(ds: xr.Dataset) -> dict[str, Any]:
-    """What a case does when, in s: updates of its models, the end of learning, spans of internal forces and of limits.
+    """Return the events of a flight with their times [s].
 
-    `at_limit` holds, of each agent that met its thrust limit, the spans in which it did; learning that goes on beyond
-    T_end has no end.
+    - `updates`: times of the model updates.
+    - `learning_end`: end of learning, or None if learning continues beyond `T_end`.
+    - `internal`: spans of internal forces.
+    - `at_limit`: for each agent that reached its thrust limit, the spans at the limit.
+
+    Args:
+        ds: Log.
+
+    Returns:
+        Events by name, as values for JSON.
     """
     t, (updates, end) = ds.time.values, log.update_times(ds)
-    met = {str(name): _spans(t, ds.saturated.sel(agent=name).values > 0) for name in ds.agent.values}
+    limited = {str(name): _spans(t, ds.saturated.sel(agent=name).values > 0) for name in ds.agent.values}
     return {
         "updates": updates,
         "learning_end": end,
         "internal": _spans(t, np.linalg.norm(ds.eta.values, axis=1) > 0),
-        "at_limit": {name: spans for name, spans in met.items() if spans},
+        "at_limit": {name: spans for name, spans in limited.items() if spans},
     }
 
 
 def _spans(t: np.ndarray, active: np.ndarray) -> list[list[float]]:
-    """First and last time of every stretch in which something is active; stretches closer than a frame are one."""
-    at = t[active]
-    if not at.size:
+    """Return first and last time of each active span; spans less than a frame apart are merged."""
+    times = t[active]
+    if not times.size:
         return []
-    cuts = np.flatnonzero(np.diff(at) > 1 / MAX_FRAME_RATE)
-    return [to_json_times([a, b]) for a, b in zip(at[[0, *(cuts + 1)]], at[[*cuts, -1]], strict=True)]
+    cuts = np.flatnonzero(np.diff(times) > 1 / MAX_FRAME_RATE)
+    return [to_json_times([a, b]) for a, b in zip(times[[0, *(cuts + 1)]], times[[*cuts, -1]], strict=True)]
 
 
-# What does not --------------------------------------------------------------------------------------------------------
+# Geometry -------------------------------------------------------------------------------------------------------------
 
 
-def team_geometry(team: Team, told: Scenario) -> dict[str, Any]:
-    """The team as the scene draws it: boxes of the bodies' inertia, rotors at their corners, links between nodes."""
+def team_geometry(team: Team, settings: Scenario) -> dict[str, Any]:
+    """Return the geometry of the team as values for JSON.
+
+    Bodies are boxes with the mass and inertia of payload and bases. Rotors are at the corners of a base. Links connect
+    the nodes of `frames`. `size_m` is the size of the team.
+
+    Args:
+        team: True parameters of the team.
+        settings: Scenario, for the names of agents and contacts.
+
+    Returns:
+        Entries `payload`, `agents`, `contacts`, `nodes`, `links` and `size_m`; lengths in m, body frames.
+    """
     half, axes = mjcf.inertia_box(float(team.payload.mass), np.asarray(team.payload.inertia))
-    names, contacts = agent_names(told), iter(contact_names(told))
+    names, contacts = agent_names(settings), iter(contact_names(settings))
     shape: dict[str, Any] = {
         "payload": {"half_m": half.tolist(), "axes_wxyz": np.asarray(_quaternion(jnp.asarray(axes))).tolist()},
         "agents": [],
@@ -172,59 +252,78 @@ def team_geometry(team: Team, told: Scenario) -> dict[str, Any]:
         span, body = mjcf.inertia_box(agent.mass[0], agent.inertia[0])
         span = np.abs(body @ span)
         rotors = [agent.com[0] + span * [x, y, 1] for x, y in mjcf.ROTORS]
-        short = float(span[:2].min())
+        width = float(span[:2].min())
         shape["agents"].append(
             {
                 "name": name,
                 "rotors_m": [np.asarray(each, dtype=float).tolist() for each in rotors],
-                "rotor_radius_m": 0.6 * short,
-                "span_m": short,
+                "rotor_radius_m": 0.6 * width,
+                "span_m": width,
             }
         )
         shape["nodes"] += ["base", *["joint"] * tree.joints, *["tip"] * tree.arms]
         ends = [(parent, agent.joint_position[k], k + 1) for k, parent in enumerate(tree.parents)]
         ends += [(body, agent.tip_position[b], tree.joints + 1 + b) for b, body in enumerate(tree.tip_bodies)]
-        slides = (False, *tree.prismatic)
-        for b, at in enumerate(agent.contact_position):
+        prismatic = (False, *tree.prismatic)
+        for b, position in enumerate(agent.contact_position):
             shape["contacts"].append(
                 {
                     "name": next(contacts),
                     "agent": len(shape["agents"]) - 1,
                     "arm": b,
                     "node": start + tree.joints + 1 + b,
-                    "at_m": at.tolist(),
-                    "on_box_m": (axes @ np.clip(axes.T @ at, -half, half)).tolist(),
+                    "at_m": position.tolist(),
+                    "on_box_m": (axes @ np.clip(axes.T @ position, -half, half)).tolist(),
                 }
             )
         shape["links"] += [
             [start + body, start + node]
             for body, end, node in ends
-            if np.linalg.norm(end) > MIN_LINK_LENGTH or (node < len(slides) and slides[node])
+            if np.linalg.norm(end) > MIN_LINK_LENGTH or (node < len(prismatic) and prismatic[node])
         ]
-    far = [np.linalg.norm(half), *(np.linalg.norm(contact["at_m"]) for contact in shape["contacts"])]
-    return shape | {"size_m": float(max(far) + max(agent["span_m"] for agent in shape["agents"]))}
+    distances = [np.linalg.norm(half), *(np.linalg.norm(contact["at_m"]) for contact in shape["contacts"])]
+    return shape | {"size_m": float(max(distances) + max(agent["span_m"] for agent in shape["agents"]))}
 
 
 def _agents(team: Team) -> Iterator[AerialManipulator]:
-    """Every agent alone, in team order, as NumPy arrays."""
+    """Return the parameters of each agent in team order as NumPy arrays."""
     for size, group in zip(team.sizes, team.agent_groups, strict=True):
         for j in range(size):
             yield jax.tree.map(lambda leaf, j=j: np.asarray(leaf)[j], group)
 
 
-def ground_height(moving: Mapping[str, dict[str, np.ndarray]]) -> float:
-    """Height of the ground, m: 0, or a whole metre below whatever is lower."""
-    lowest = min(float(x[..., 2].min()) for tracks in moving.values() for x in (tracks["nodes"], tracks["p"]))
+def ground_height(tracks_by_case: Mapping[str, dict[str, np.ndarray]]) -> float:
+    """Return the height of the ground, world frame [m]: 0, or the next whole metre below the lowest point.
+
+    Args:
+        tracks_by_case: Signals of `frames` for each case.
+
+    Returns:
+        The height.
+    """
+    lowest = min(float(x[..., 2].min()) for tracks in tracks_by_case.values() for x in (tracks["nodes"], tracks["p"]))
     return float(min(0, math.floor(lowest)))
 
 
-def arrow_scales(moving: Mapping[str, dict[str, np.ndarray]], size: float) -> dict[str, float]:
-    """Newtons a metre of each kind of arrow: 1, 2 or 5 times a power of ten, with which the longest fit the team."""
-    found = {}
+def arrow_scales(tracks_by_case: Mapping[str, dict[str, np.ndarray]], size: float) -> dict[str, float]:
+    """Return the force per arrow length of each kind of arrow [N/m].
+
+    The value is 1, 2 or 5 times a power of ten; 99 % of the arrows are at most `MAX_ARROW_LENGTH` team sizes long.
+
+    Args:
+        tracks_by_case: Signals of `frames` for each case.
+        size: Size of the team [m].
+
+    Returns:
+        Scales by the kinds `thrust`, `contact` and `disturbance`.
+    """
+    scales = {}
     for kind, track in {"thrust": "u", "contact": "lam", "disturbance": "disturbance"}.items():
-        forces = [np.abs(x[track]) if kind == "thrust" else np.linalg.norm(x[track], axis=-1) for x in moving.values()]
+        forces = [
+            np.abs(x[track]) if kind == "thrust" else np.linalg.norm(x[track], axis=-1) for x in tracks_by_case.values()
+        ]
         norms = np.concatenate([force.ravel() for force in forces])
-        most = float(np.quantile(norms[np.isfinite(norms)], 0.99)) / (MAX_ARROW_LENGTH * size)
-        power = 10.0 ** math.floor(math.log10(max(most, 1e-3)))
-        found[kind] = next(power * digit for digit in (1, 2, 5, 10) if power * digit >= max(most, 1e-3))
-    return found
+        required = float(np.quantile(norms[np.isfinite(norms)], 0.99)) / (MAX_ARROW_LENGTH * size)
+        power = 10.0 ** math.floor(math.log10(max(required, 1e-3)))
+        scales[kind] = next(power * digit for digit in (1, 2, 5, 10) if power * digit >= max(required, 1e-3))
+    return scales
