@@ -81,7 +81,7 @@ def sigma(rng: np.random.Generator, shape: Shape, every: int = 5) -> PredictionU
         payload_label_bias=rng.uniform(0.05, 0.1, (len(t), 6)),
         agent_label_bias=tuple(rng.uniform(0.05, 0.1, (len(t), n, 6 + joints)) for n, joints, _ in shape.groups),
         payload_radius=rng.uniform(1, 9, (len(t), 6)),
-        agents_radius=tuple(rng.uniform(1, 9, (len(t), n, 6 + joints)) for n, joints, _ in shape.groups),
+        agent_radius=tuple(rng.uniform(1, 9, (len(t), n, 6 + joints)) for n, joints, _ in shape.groups),
     )
 
 

@@ -55,7 +55,7 @@ def test_the_deviation_of_an_agent_s_label_is_that_of_drawn_biases(seed, case):
     team, z = team_and_state(rng, case)
     for group, q in zip(team.agent_groups, z.agents, strict=True):
         x = jax.vmap(flatten_agent_state)(q)[None]
-        levers = [np.asarray(each) for each in prediction_uncertainty._levers(group, x)]
+        levers = [np.asarray(each) for each in prediction_uncertainty._arm_levers(group, x)]
         found = prediction_uncertainty.agent_label_bias_std(
             LabelBiasModel(tips=BiasModel(0.1), agents=BiasModel(0.2)), np.zeros(1), *levers
         )[0]

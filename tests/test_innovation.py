@@ -348,7 +348,7 @@ def predicted(last: residual_correction.Innovation, of: residual_predictors.Lear
     to = tracking.AccelerationCommand(a=jnp.zeros(3), alpha=jnp.zeros(3), jerk=jnp.zeros(3))
     heeded = tuple(jnp.ones(size) for size in pilot.team.sizes)
     predictor = residual_predictors.InnovationCorrection(
-        base=of, compute=FILTERS.label_delay(), rate_attenuation=heeded
+        base=of, lead_time=FILTERS.label_delay(), rate_attenuation=heeded
     )
     return predictor.predict((), offset(0.0), now, to).payload
 

@@ -83,7 +83,7 @@ def test_labels_pick_the_right_number(rng):
     assert ds.W_d.sel(wrench="tau_y")[0] == rows.W_d[0, 4]
     assert ds.sigma_f_r.sel(joint="agent3/joint1")[2] == sigma.agent_std[2][2, 0, 7]
     assert ds.sigma_f_w.sel(agent="agent1", axis="y")[2] == sigma.agent_std[0][2, 1, 4]
-    assert ds.rho_f_r.sel(joint="agent3/joint1")[2] == sigma.agents_radius[2][2, 0, 7]
+    assert ds.rho_f_r.sel(joint="agent3/joint1")[2] == sigma.agent_radius[2][2, 0, 7]
     assert ds.rho_f_L.sel(wrench="tau_x")[3] == sigma.payload_radius[3, 3]
 
 
@@ -101,7 +101,7 @@ def test_sigma_norms_are_frobenius_norms_of_the_root_of_the_covariance_and_rho_b
             np.testing.assert_allclose(ds[f"sigma_L{part}"][k], norm(sigma.payload_std[k, of]), rtol=1e-12)
             np.testing.assert_allclose(ds[f"sigma_A{part}"][k], sum(norm(x[of]) for x in each), rtol=1e-12)
         for part, of in (("", slice(None)), ("_force", slice(3)), ("_moment", slice(3, None))):
-            radii = [group[k, j, of] for group in sigma.agents_radius for j in range(group.shape[1])]
+            radii = [group[k, j, of] for group in sigma.agent_radius for j in range(group.shape[1])]
             np.testing.assert_allclose(
                 ds[f"rho_bar_L{part}"][k] ** 2, sum(sigma.payload_radius[k, of] ** 2), rtol=1e-12
             )

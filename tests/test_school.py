@@ -20,7 +20,7 @@ MEAN = semiparametric.MeanPrior(payload=np.ones(14), agents=np.ones(5), nominal_
 def going_on(enough: int) -> online_learner.OnlineLearner:
     """Of a flight whose learning does not end."""
     given = online_learner.OnlineUpdateOptions(
-        times=(), nis_threshold=3.0, transient_time=0.0, min_samples=enough, forgetting_time=20.0, mean=MEAN
+        times=(), nis_threshold=3.0, transient_time=0.0, min_samples=enough, forgetting_time=20.0, mean_prior=MEAN
     )
     return online_learner.OnlineLearner(None, None, given)
 
@@ -32,8 +32,8 @@ def test_what_contradicts_a_model_of_enough_samples_is_another_world(enough, cha
     first = [dataclasses.replace(data, n=data.n - 10) for data in (load, agents)]
     oracle, _ = model_update.fit(prior(), both(*first), TRAINING, {})
     taught = going_on(enough)
-    taught.usual = {body: [1.0] for body in ("payload", (0, 0), (0, 1))}
-    taught.last = 2.95
+    taught.nis_history = {body: [1.0] for body in ("payload", (0, 0), (0, 1))}
+    taught.last_sample_time = 2.95
     other = dataclasses.replace(load, Y=load.Y.at[30:].add(50.0))
     _, update = taught.update(oracle, both(other, agents), 4.0, fit=False)
     assert update.change_points == changed
@@ -81,17 +81,17 @@ def test_where_learning_fails_nothing_is_lost(monkeypatch):
     """The oracle stays as it was, the update says why, and the next look finds and learns what this one could not."""
     taught, (load, agents) = going_on(1000), early()
     oracle, _ = model_update.fit(prior(), both(load, agents), TRAINING, {})
-    taught.renewals = dataclasses.replace(taught.renewals, min_samples=60)
-    taught.usual = {body: [1.0] for body in ("payload", (0, 0), (0, 1))}
+    taught.online_updates = dataclasses.replace(taught.online_updates, min_samples=60)
+    taught.nis_history = {body: [1.0] for body in ("payload", (0, 0), (0, 1))}
     other = both(dataclasses.replace(load, Y=load.Y + 50.0), agents)
     with monkeypatch.context() as patch:
-        patch.setattr(model_update, "renew", lambda *_: (_ for _ in ()).throw(ValueError("no factor")))
+        patch.setattr(model_update, "condition", lambda *_: (_ for _ in ()).throw(ValueError("no factor")))
         same, update = taught.update(oracle, other, 4.0, fit=False)
     assert same is oracle
     assert "no factor" in update.error_message
     assert update.change_points == update.refitted == ()
-    assert not taught.changes
-    assert taught.usual["payload"] == [1.0]
+    assert not taught.change_points
+    assert taught.nis_history["payload"] == [1.0]
     _, update = taught.update(oracle, other, 5.0, fit=False)
     assert update.error_message == ""
     assert update.change_points == ("payload",)
@@ -112,10 +112,10 @@ def test_a_change_is_not_over_while_a_model_of_before_waits():
     taught, (load, agents) = going_on(60), early()
     oracle, _ = model_update.fit(prior(), both(load, agents), TRAINING, {})
     taught.update(oracle, both(load, agents), 4.2, fit=False)
-    taught.changes, taught.waiting = {"payload": model_update.make_change_point(oracle, "payload", 4.3)}, {"payload"}
+    taught.change_points, taught.pending = {"payload": model_update.make_change_point(oracle, "payload", 4.3)}, {"payload"}
     after = both(later(load, 10.0), later(agents, 10.0))
     taught.update(oracle, after, 15.0, fit=True)
-    assert "payload" in taught.changes
+    assert "payload" in taught.change_points
     taught.update(oracle, after, 16.0, fit=False)
 
 
@@ -124,11 +124,11 @@ def test_a_change_is_over_at_a_fit_once_no_sample_of_before_is_left(since, over)
     """Of 80 samples 48 stay: 61 are of after 2 s, 46 of after 3.5 s."""
     taught, (load, agents) = going_on(20), early()
     oracle, _ = model_update.fit(prior(), both(load, agents), TRAINING, {})
-    taught.changes = {"payload": model_update.make_change_point(oracle, "payload", since)}
+    taught.change_points = {"payload": model_update.make_change_point(oracle, "payload", since)}
     taught.update(oracle, both(load, agents), 5.0, fit=False)
-    assert "payload" in taught.changes
+    assert "payload" in taught.change_points
     taught.update(oracle, both(later(load, 4.0), agents), 9.0, fit=True)
-    assert ("payload" not in taught.changes) == over
+    assert ("payload" not in taught.change_points) == over
 
 
 @pytest.mark.parametrize("misfit", [True, False])
@@ -139,13 +139,13 @@ def test_a_model_that_waits_is_not_asked_and_a_new_one_is_held_against_its_own_s
     they are smooth and go elsewhere at 12 s that is another world again.
     """
     fitted = []
-    monkeypatch.setattr(semiparametric, "teach", lambda oracle, *given: fitted.append(given[4]) or (oracle, {}, {}))
+    monkeypatch.setattr(semiparametric, "fit", lambda oracle, *given: fitted.append(given[4]) or (oracle, {}, {}))
     taught = going_on(45)
-    taught.training = TRAINING
-    taught.usual = {body: [1.0] for body in ("payload", (0, 0), (0, 1))}
+    taught.fit_options = TRAINING
+    taught.nis_history = {body: [1.0] for body in ("payload", (0, 0), (0, 1))}
     load, agents = early()
     oracle, _ = model_update.fit(prior(), both(load, agents), TRAINING, {})
-    taught.data, taught.last = both(load, agents), 4.0
+    taught.data, taught.last_sample_time = both(load, agents), 4.0
     jumps = 50.0 * (-1.0) ** np.arange(CAPACITY)[:, None] * np.ones(6)
 
     def more(k):
@@ -156,15 +156,15 @@ def test_a_model_that_waits_is_not_asked_and_a_new_one_is_held_against_its_own_s
 
     oracle, update = taught.update(oracle, more(1), 8.0, fit=False)
     assert update.change_points == ("payload",)
-    assert taught.waiting == {"payload"}
+    assert taught.pending == {"payload"}
     assert oracle.payload.num_points == 40  # the model of before
     oracle, update = taught.update(oracle, more(2), 12.0, fit=False)
     assert update.change_points == update.refitted == ()
-    assert taught.waiting == {"payload"}
+    assert taught.pending == {"payload"}
     oracle, update = taught.update(oracle, more(3), 16.0, fit=False)
     assert update.change_points == (() if misfit else ("payload",))
     assert update.refitted == (("payload",) if misfit else ())
-    assert ("payload" in taught.changes) != misfit
+    assert ("payload" in taught.change_points) != misfit
     assert fitted == ([["payload"]] if misfit else [])
     if misfit:
         assert model_update.samples_by_body(taught.data)["payload"][2].min() > 4.0  # what is left of before is gone
@@ -172,15 +172,15 @@ def test_a_model_that_waits_is_not_asked_and_a_new_one_is_held_against_its_own_s
 
 def test_what_surprises_long_after_a_change_is_another_one():
     taught = going_on(30)
-    taught.usual = {body: [1.0] for body in ("payload", (0, 0), (0, 1))}
+    taught.nis_history = {body: [1.0] for body in ("payload", (0, 0), (0, 1))}
     load, agents = early()
     oracle, _ = model_update.fit(prior(), both(load, agents), TRAINING, {})
-    taught.data, taught.last = both(load, agents), 4.0
-    taught.changes = {"payload": model_update.make_change_point(oracle, "payload", 0.05)}
+    taught.data, taught.last_sample_time = both(load, agents), 4.0
+    taught.change_points = {"payload": model_update.make_change_point(oracle, "payload", 0.05)}
     late = dataclasses.replace(later(load, 4.0), Y=load.Y + 50.0)
     _, update = taught.update(oracle, both(late, agents), 8.0, fit=False)
     assert update.change_points == ("payload",)
-    assert taught.changes["payload"].time > 4.0
+    assert taught.change_points["payload"].time > 4.0
 
 
 def test_parameters_that_leave_no_body_are_not_believed():

@@ -196,7 +196,7 @@ def bound_statistics(flight: FlightResult) -> dict[str, Any]:
         np.asarray(getattr(rows, part) - getattr(rows, f"{part}_hat"))[at] for part in linearization.RESIDUAL_SIGNALS
     ]
     errors = linearization.group_by_body(joints, *missed)
-    radii = [sigma.payload_radius, *(group[:, j] for group in sigma.agents_radius for j in range(group.shape[1]))]
+    radii = [sigma.payload_radius, *(group[:, j] for group in sigma.agent_radius for j in range(group.shape[1]))]
     betas = [flight.bands.payload_beta, *(beta for group in flight.bands.agent_beta for beta in group)]
     found = [
         _bounded(error, radius, half) | {"beta": np.asarray(beta).tolist()}

@@ -213,7 +213,7 @@ def _deviations(rows: StepRecord, sigma: PredictionUncertainty) -> dict[str, np.
         "bias_f_L": sigma.payload_label_bias,
         **_by_output("bias", sigma.agent_label_bias),
         "rho_f_L": sigma.payload_radius,
-        **_by_output("rho", sigma.agents_radius),
+        **_by_output("rho", sigma.agent_radius),
         **uncertainty_norms(sigma),
     }
 
@@ -268,7 +268,7 @@ def uncertainty_norms(sigma: PredictionUncertainty) -> dict[str, np.ndarray]:
     out = {}
     for part, of in {"": slice(None), "_force": slice(0, 3), "_moment": slice(3, None)}.items():
         each = [np.linalg.norm(group[..., of], axis=2) for group in sigma.agent_std]
-        radii = [np.linalg.norm(group[..., of], axis=2) for group in sigma.agents_radius]
+        radii = [np.linalg.norm(group[..., of], axis=2) for group in sigma.agent_radius]
         out[f"sigma_L{part}"] = np.linalg.norm(sigma.payload_std[:, of], axis=1)
         out[f"sigma_A{part}"] = np.concatenate(each, axis=1).sum(1)
         out[f"rho_bar_L{part}"] = np.linalg.norm(sigma.payload_radius[:, of], axis=1)

@@ -174,7 +174,7 @@ def with_innovation_filter(
         for group in label_loop_gains(settings, flying.team)
     )
     predictor = residual_predictors.InnovationCorrection(
-        base=flying.residual_predictor, compute=lead, rate_attenuation=heeded
+        base=flying.residual_predictor, lead_time=lead, rate_attenuation=heeded
     )
     return dataclasses.replace(flying, innovation_filter=innovation_filter, residual_predictor=predictor)
 

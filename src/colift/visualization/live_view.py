@@ -137,7 +137,7 @@ def _no_sigma(experiment: Experiment) -> prediction_uncertainty.PredictionUncert
         payload_label_bias=none,
         agent_label_bias=empty,
         payload_radius=none,
-        agents_radius=empty,
+        agent_radius=empty,
     )
 
 

@@ -112,11 +112,10 @@ def confidence_bands(
     Args:
         model: Residual model.
         assumptions: Bound and statements about residual and labels.
-        update_index: Index k = 1, 2, ... of the update. A model without data may have any index; its factor is the
-            RKHS norm.
+        update_index: Index k of the update; at least 1 for a model with data.
 
     Returns:
-        The bounds. A ``ValueError`` results if k < 1 for a model with data.
+        The bounds; the factor of a model without data is the RKHS norm.
     """
     bodies = 1 + sum(len(group.num_points) for group in model.agents)
     payload, beta = _body_bound(model.payload, assumptions, assumptions.payload, bodies, update_index)

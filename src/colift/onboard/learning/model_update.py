@@ -175,9 +175,7 @@ def _replace_samples(like: RecorderState, samples: Mapping[BodyKey, Samples]) ->
 
     def padded(like: gp.Dataset, body_samples: Samples) -> gp.Dataset:
         n = len(body_samples[2])
-        X, Y, t = (
-            jnp.asarray(np.pad(x, ((0, like.t.shape[-1] - n), *[(0, 0)] * (x.ndim - 1)))) for x in body_samples
-        )
+        X, Y, t = (jnp.asarray(np.pad(x, ((0, like.t.shape[-1] - n), *[(0, 0)] * (x.ndim - 1)))) for x in body_samples)
         return dataclasses.replace(like, X=X, Y=Y, t=t, n=jnp.asarray(n))
 
     groups = []

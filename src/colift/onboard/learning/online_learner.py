@@ -289,9 +289,7 @@ class OnlineLearner:
         """
         changed, misspecified = [], []
         samples = model_update.samples_by_body(self.data or recorder_state)
-        num_since = {
-            body: int((samples[body][2] >= change.time).sum()) for body, change in self.change_points.items()
-        }
+        num_since = {body: int((samples[body][2] >= change.time).sum()) for body, change in self.change_points.items()}
         too_few = {body for body, n in num_since.items() if n < options.min_samples}
         first_model = self.pending - too_few  # bodies with their first model since the change
         tested = (
@@ -310,9 +308,7 @@ class OnlineLearner:
             if body in too_few or int(posterior.num_points) < options.min_samples / 3:  # no reliable model yet
                 continue
             history = self.nis_history.setdefault(body, [])
-            usual = (
-                [model_update.loo_normalized_error(posterior, num_since[body])] if body in first_model else history
-            )
+            usual = [model_update.loo_normalized_error(posterior, num_since[body])] if body in first_model else history
             if mean_nis > limit(usual):
                 self.change_points[body] = model_update.make_change_point(
                     tested, body, float(t[np.argmax(nis > limit(usual))]) + options.transient_time

@@ -1,7 +1,12 @@
-"""How far predictions may be off along a flight: posterior deviations, what no label can say, and radii.
+"""Predictive standard deviations, label biases and error bounds along a trajectory.
 
-A posterior knows where data are. A constant error of a sensor is in every label alike: no likelihood sees it, so what
-the sensors' data sheets state of it is a part of its own. Both together are what an error is held against.
+The posterior standard deviation of a residual model depends on the distance to its data. A constant sensor error is
+in all labels, so no likelihood detects it. Its standard deviation follows from the sensor data sheets and is reported
+separately. Prediction errors are compared with both together.
+
+See Also:
+    docs/learning: predictive uncertainty.
+    colift.onboard.learning.confidence_bounds: the error bounds.
 """
 
 from __future__ import annotations
@@ -20,35 +25,58 @@ from colift.models import aerial_manipulator, grasp
 from colift.models.parameters import AerialManipulator, Team
 from colift.onboard.learning import confidence_bounds, residual_model, semiparametric
 
-BATCH_STATES = 128  # states whose deviations are computed at once: one shape, one program
+BATCH_STATES = 128
+"""Number of states of one evaluation, so that one shape has to be compiled."""
 
 
 @pytree
 class PredictionUncertainty:
-    """Deviations of predictions and radii of their errors along a run, at a lower rate than the log; NumPy arrays."""
+    """Standard deviations and error bounds along a run, in NumPy arrays with time on the first axis.
 
-    t: np.ndarray  # s
-    payload_std: np.ndarray  # (time, 6), posterior
-    agent_std: tuple[np.ndarray, ...]  # (time, agents, outputs) by group
-    payload_label_bias: np.ndarray  # (time, 6), of what labels are constantly off, as stated
+    Attributes:
+        t: Times [s].
+        payload_std: Posterior standard deviations of the payload outputs, of shape (time, 6) [N, N m].
+        agent_std: Posterior standard deviations of the agent outputs, by group, of shape (time, agents, outputs).
+        payload_label_bias: Standard deviations of the label bias of the payload, of shape (time, 6) [N, N m].
+        agent_label_bias: Standard deviations of the label bias of the agents, by group.
+        payload_radius: Error bounds of the payload outputs, of shape (time, 6); see `confidence_bounds.error_radius`.
+        agent_radius: Error bounds of the agent outputs, by group.
+    """
+
+    t: np.ndarray
+    payload_std: np.ndarray
+    agent_std: tuple[np.ndarray, ...]
+    payload_label_bias: np.ndarray
     agent_label_bias: tuple[np.ndarray, ...]
-    payload_radius: np.ndarray  # (time, 6), bounds each output's error: see `band.radius`
-    agents_radius: tuple[np.ndarray, ...]
+    payload_radius: np.ndarray
+    agent_radius: tuple[np.ndarray, ...]
 
 
 @dataclasses.dataclass(frozen=True)
 class BiasModel:
-    """What a data sheet states of an error that is constant or wanders: a deviation, `sqrt(start^2 + rate^2 t)`."""
+    """Standard deviation ``sqrt(b_0^2 + q^2 t)`` of a sensor bias, as stated in a data sheet.
 
-    initial_std: float = 0.0  # unit of the reading
-    random_walk_density: float = 0.0  # unit of the reading per square root of a second
+    Attributes:
+        initial_std: Initial standard deviation ``b_0`` in the unit of the measurement.
+        random_walk_density: Density ``q`` of the random walk in the unit of the measurement per root second.
+    """
+
+    initial_std: float = 0.0
+    random_walk_density: float = 0.0
 
     def std_at(self, t: np.ndarray) -> np.ndarray:
-        """At times t, s."""
+        """Return the standard deviation at times.
+
+        Args:
+            t: Times since the initial calibration [s].
+
+        Returns:
+            Standard deviations in the unit of the measurement.
+        """
         return np.sqrt(self.initial_std**2 + self.random_walk_density**2 * t)
 
     def __add__(self, other: BiasModel) -> BiasModel:
-        """Of two errors that know nothing of each other."""
+        """Return the model of the sum of two independent biases."""
         return BiasModel(
             float(np.hypot(self.initial_std, other.initial_std)),
             float(np.hypot(self.random_walk_density, other.random_walk_density)),
@@ -57,16 +85,29 @@ class BiasModel:
 
 @dataclasses.dataclass(frozen=True)
 class LabelBiasModel:
-    """Constant errors of what labels are made of, of each axis."""
+    """Biases of the sensors from which labels are computed, of each axis.
 
-    tips: BiasModel = BiasModel()  # N
-    payload: BiasModel = BiasModel()  # m/s^2, of the accelerometer
-    agents: BiasModel = BiasModel()  # m/s^2
+    Attributes:
+        tips: Bias of the tip force sensors [N].
+        payload: Bias of the payload's accelerometer [m/s^2].
+        agents: Bias of the agents' accelerometers [m/s^2].
+    """
+
+    tips: BiasModel = BiasModel()
+    payload: BiasModel = BiasModel()
+    agents: BiasModel = BiasModel()
 
 
 @dataclasses.dataclass(frozen=True)
 class ModelInterval:
-    """An oracle, its bands and what its means may be off, which hold from a tick on."""
+    """Residual model with its error bounds, in use from one tick until the next interval.
+
+    Attributes:
+        start_tick: Index of the first control period.
+        model: Residual model.
+        bands: Error bounds of the model.
+        mean_uncertainties: Mean uncertainties of the model, by body.
+    """
 
     start_tick: int
     model: residual_model.ResidualModel
@@ -76,83 +117,105 @@ class ModelInterval:
 
 def evaluate_along(
     team: Team,
-    held: Sequence[ModelInterval],
-    every: int,
+    model_intervals: Sequence[ModelInterval],
+    stride: int,
     biases: LabelBiasModel,
     t: np.ndarray,
     x: np.ndarray,
     agents: Sequence,
 ) -> PredictionUncertainty:
-    """Deviations and radii at the true states of a flight, every so many ticks.
+    """Evaluate standard deviations and error bounds at the true states of a run.
 
-    team: as believed. x: payload samples at t, s; agents: those of the agents, by group.
+    Args:
+        team: Nominal parameters.
+        model_intervals: Residual models in the order of their first tick.
+        stride: Number of control periods between two states.
+        biases: Biases of the sensors.
+        t: Times of the states [s].
+        x: Payload inputs, time first.
+        agents: Agent inputs by group, time first.
+
+    Returns:
+        Standard deviations and error bounds at the times.
     """
-    first = [-(-each.start_tick // every) for each in held] + [len(x)]
-    found = []
-    for each, start, end in zip(held, first, first[1:], strict=False):
-        for one in range(start, end, BATCH_STATES):
-            here = slice(one, min(one + BATCH_STATES, end))
-            found.append(_block(team, biases, each, t[here], x[here], [part[here] for part in agents]))
-    payload, of_agents, labels, radius, radius_of_agents = jax.tree.map(lambda *parts: np.concatenate(parts), *found)
+    first = [-(-interval.start_tick // stride) for interval in model_intervals] + [len(x)]
+    blocks = []
+    for interval, start, end in zip(model_intervals, first, first[1:], strict=False):
+        for block_start in range(start, end, BATCH_STATES):
+            rows = slice(block_start, min(block_start + BATCH_STATES, end))
+            blocks.append(_evaluate_block(team, biases, interval, t[rows], x[rows], [group[rows] for group in agents]))
+    payload_std, agent_std, agent_label_bias, payload_radius, agent_radius = jax.tree.map(
+        lambda *parts: np.concatenate(parts), *blocks
+    )
     return PredictionUncertainty(
         t=t,
-        payload_std=payload,
-        agent_std=of_agents,
+        payload_std=payload_std,
+        agent_std=agent_std,
         payload_label_bias=payload_label_bias_std(team, biases, t),
-        agent_label_bias=labels,
-        payload_radius=radius,
-        agents_radius=radius_of_agents,
+        agent_label_bias=agent_label_bias,
+        payload_radius=payload_radius,
+        agent_radius=agent_radius,
     )
 
 
-def _block(
-    team: Team, biases: LabelBiasModel, held: ModelInterval, t: np.ndarray, x: np.ndarray, agents: Sequence[np.ndarray]
+def _evaluate_block(
+    team: Team,
+    biases: LabelBiasModel,
+    interval: ModelInterval,
+    t: np.ndarray,
+    x: np.ndarray,
+    agents: Sequence[np.ndarray],
 ) -> tuple[Any, ...]:
-    """Posterior deviations and radii of payload and agents at a block of states, or at fewer."""
-    n, oracle, bands = len(x), held.model, held.bands
-    full, *of_agents = (
-        jnp.asarray(np.pad(each, ((0, BATCH_STATES - n), *[(0, 0)] * (each.ndim - 1)))) for each in (x, *agents)
+    """Evaluate at most `BATCH_STATES` states; return the fields of the result without the payload's label bias."""
+    n, model, bands = len(x), interval.model, interval.bands
+    padded, *padded_agents = (
+        jnp.asarray(np.pad(inputs, ((0, BATCH_STATES - n), *[(0, 0)] * (inputs.ndim - 1)))) for inputs in (x, *agents)
     )
-    seen = [oracle.features.agent(each) for each in of_agents]
-    payload = np.asarray(residual_model.payload_std(oracle, full))
-    each_agent = [
-        np.array(residual_model.agent_std(model, each)) for model, each in zip(oracle.agents, seen, strict=True)
+    features = [model.features.agent(inputs) for inputs in padded_agents]
+    payload = np.asarray(residual_model.payload_std(model, padded))
+    agent_std = [
+        np.array(residual_model.agent_std(group, inputs)) for group, inputs in zip(model.agents, features, strict=True)
     ]
-    for body, unsure in held.mean_uncertainties.items():
+    for body, uncertainty in interval.mean_uncertainties.items():
         if isinstance(body, str):
-            Z = np.asarray(oracle.features.payload(full))
-            payload = np.hypot(
-                payload,
-                np.sqrt(
-                    semiparametric.mean_variance(
-                        oracle.payload, unsure, Z, semiparametric.mean_regressors(np.asarray(full), True)
-                    )
-                ),
+            Z = np.asarray(model.features.payload(padded))
+            variance = semiparametric.mean_variance(
+                model.payload, uncertainty, Z, semiparametric.mean_regressors(np.asarray(padded), True)
             )
+            payload = np.hypot(payload, np.sqrt(variance))
         else:
             i, j = body
-            Z, one = np.asarray(seen[i])[:, j], residual_model.get_model(oracle, body)
-            more = semiparametric.mean_variance(
-                one, unsure, Z, semiparametric.mean_regressors(np.asarray(of_agents[i])[:, j], False)
+            Z, posterior = np.asarray(features[i])[:, j], residual_model.get_model(model, body)
+            variance = semiparametric.mean_variance(
+                posterior, uncertainty, Z, semiparametric.mean_regressors(np.asarray(padded_agents[i])[:, j], False)
             )
-            each_agent[i][:, j] = np.hypot(each_agent[i][:, j], np.sqrt(more))
-    groups = list(zip(oracle.agents, bands.bound_posterior.agents, bands.agent_beta, seen, strict=True))
+            agent_std[i][:, j] = np.hypot(agent_std[i][:, j], np.sqrt(variance))
+    groups = list(zip(model.agents, bands.bound_posterior.agents, bands.agent_beta, features, strict=True))
     return (
         payload[:n],
-        tuple(each[:n] for each in each_agent),
+        tuple(std[:n] for std in agent_std),
         tuple(
-            agent_label_bias_std(biases, t, *(np.asarray(each)[:n] for each in _levers(group, inputs)))
-            for group, inputs in zip(team.agent_groups, of_agents, strict=True)
+            agent_label_bias_std(biases, t, *(np.asarray(values)[:n] for values in _arm_levers(group, inputs)))
+            for group, inputs in zip(team.agent_groups, padded_agents, strict=True)
         ),
-        np.asarray(confidence_bounds.payload_radius(oracle, bands, full))[:n],
+        np.asarray(confidence_bounds.payload_radius(model, bands, padded))[:n],
         tuple(np.asarray(confidence_bounds.agent_radius(*group))[:n] for group in groups),
     )
 
 
 def payload_label_bias_std(team: Team, biases: LabelBiasModel, t: np.ndarray) -> Float[np.ndarray, "time 6"]:
-    """What biases make of `m_L v_dot - f_g - G lam_hat`: `sqrt(n b^2 + (m_L a)^2)`, `sqrt(sum_c |rho_c x e_i|^2) b`.
+    """Compute the standard deviation of the label bias of the payload.
 
-    N (world) and N m (payload frame); b of each axis of the tips, a of the accelerometer.
+    With ``n`` contacts at ``rho_c``, the tip bias ``b`` and the accelerometer bias ``a``, it is
+    ``sqrt(n b^2 + (m_L a)^2)`` for the force and ``sqrt(sum_c |rho_c x e_i|^2) b`` for the moment about axis i.
+
+    Args:
+        team: Nominal parameters.
+        biases: Biases of the sensors.
+        t: Times [s].
+
+    Returns:
+        Standard deviations of force [N, world frame] and moment [N m, payload frame].
     """
     rho = np.asarray(grasp.contact_points(team))
     b, a = biases.tips.std_at(t), biases.payload.std_at(t)
@@ -168,9 +231,20 @@ def agent_label_bias_std(
     mass: Float[np.ndarray, "time agents"],
     lever: Float[np.ndarray, "time agents moments"],
 ) -> Float[np.ndarray, "time agents outputs"]:
-    """What biases make of Eq. learning_output_components: `sqrt(arms b^2 + (m a)^2)`, N, and `lever b`, N m (base).
+    """Compute the standard deviation of the label bias of agents (Eq. learning_output_components).
 
-    lever: `sqrt(sum tip^2)` over all arms and axes, m, of the moments on the body and on its joints.
+    With the tip bias ``b`` and the accelerometer bias ``a``, it is ``sqrt(arms b^2 + (m a)^2)`` for the force and
+    ``lever b`` for the moments.
+
+    Args:
+        biases: Biases of the sensors.
+        t: Times [s].
+        arms: Number of arms of each agent.
+        mass: Masses of the agents [kg].
+        lever: Root of the sum of squares of the tip Jacobian over arms and axes, of each moment on base and joints [m].
+
+    Returns:
+        Standard deviations of force [N], base moment [N m] and joint torques [N m or N].
     """
     b, a = biases.tips.std_at(t)[:, None], biases.agents.std_at(t)[:, None]
     force = np.sqrt(arms * b**2 + (mass * a) ** 2)
@@ -178,10 +252,10 @@ def agent_label_bias_std(
 
 
 @jax.jit
-def _levers(
+def _arm_levers(
     group: AerialManipulator, x: Float[Array, "time agents inputs"]
 ) -> tuple[Float[Array, "time agents"], Float[Array, "time agents"], Float[Array, "time agents moments"]]:
-    """How many arms agents have, their masses and their levers along a path of inputs."""
+    """Return number of arms, mass and lever of the agents of a group, as `agent_label_bias_std` requires them."""
 
     def one(agent: AerialManipulator, x: Float[Array, "inputs"]) -> tuple[Array, Array, Array]:
         p = aerial_manipulator.centroidal_model(

@@ -1,7 +1,11 @@
-"""What flies: a pilot made of parts, each of which can be replaced alone. Memory is explicit; nothing sees the truth.
+"""Predictors of the residual forces that the controller compensates.
 
-One tick: observe, record, predict, lead, allocate, realize. A part is a PyTree with the one or two methods of its class
-here; `docs/change_a_part.md` leads from each wish to the one to replace. `Now` is all that a part may look at.
+A predictor implements `colift.onboard.interfaces.ResidualPredictor`. The cases of a study differ mainly in their
+predictor: the residual model alone, a disturbance observer, the correction by current labels, or the true residual.
+
+See Also:
+    colift.onboard.learning.residual_model: the predictions of the residual model.
+    colift.onboard.learning.residual_correction: the innovation filter.
 """
 
 from __future__ import annotations
@@ -27,19 +31,26 @@ from colift.onboard.learning import residual_model
 Scalar = Float[Array, ""]
 
 
-# The paper's parts, and those of the rivals ---------------------------------------------------------------------------
-
-
 @pytree
 class LearnedResidual:
-    """`f_hat`: the frozen oracles at the estimated state, the parametric part at the commanded acceleration."""
+    """Prediction ``f_hat`` of the residual model at the estimated state.
+
+    The inertial part is evaluated at the commanded acceleration, because a measured acceleration would close an
+    algebraic loop.
+
+    Example:
+        ::
+
+            predictor = LearnedResidual()
+            f_hat = predictor.predict(predictor.init(team), model, context, acceleration_cmd)
+    """
 
     def init(self, team: Team) -> Any:
-        """Nothing is remembered."""
+        """Return an empty state."""
         return ()
 
     def update(self, state: Any, model: residual_model.ResidualModel, context: ControlContext) -> Any:
-        """Nothing is remembered."""
+        """Return the state without change."""
         return state
 
     def predict(
@@ -49,7 +60,7 @@ class LearnedResidual:
         context: ControlContext,
         acceleration_cmd: tracking.AccelerationCommand,
     ) -> ResidualForces:
-        """`f_hat_L = mean_L(q_L) + Y(q_L, a, alpha) theta`, `f_hat_j = mean_j(q_j)`."""
+        """Return ``f_hat_L = mean_L(q_L) + Y(q_L, a, alpha) theta`` and ``f_hat_j = mean_j(q_j)``."""
         q_hat = context.estimate
         return residual_model.predict(
             model, q_hat.payload, q_hat.agents, acceleration_cmd.a - context.team.gravity, acceleration_cmd.alpha
@@ -58,29 +69,40 @@ class LearnedResidual:
 
 @pytree
 class DisturbanceObserver:
-    """Another predictor with a wrench observer added: a low-pass of what the last command did not explain.
+    """Base predictor plus a disturbance observer of the payload wrench.
 
-    `d = m_L (v_dot - a_g) - F_d`, `J w_dot + w x J w - tau_d`: residual and realization error in one.
+    The observer is a low-pass filter of the wrench that the last command does not explain:
+    ``d_F = m_L (v_dot - a_g) - F_d`` and ``d_tau = J w_dot + w x J w - tau_d``. It contains the residual and the
+    wrench mismatch of the team.
+
+    Attributes:
+        base: Predictor to which the observed wrench is added.
+        bandwidth: Corner frequencies of force and moment [Hz].
+
+    References:
+        Chen, Ballance, Gawthrop, O'Reilly, *A nonlinear disturbance observer for robotic manipulators*, 2000.
     """
 
     base: ResidualPredictor
-    bandwidth: Float[Array, "2"]  # Hz, of the force and of the moment
+    bandwidth: Float[Array, "2"]
 
     def init(self, team: Team) -> Any:
-        """What is observed, and the other's memory."""
+        """Return a zero wrench and the initial state of the base predictor."""
         return jnp.zeros(6), self.base.init(team)
 
     def update(self, state: Any, model: residual_model.ResidualModel, context: ControlContext) -> Any:
-        """`d+ = d + b (d_now - d)`."""
-        d, of_other = state
+        """Advance the low-pass filter ``d+ = d + b (d_now - d)`` by one control period."""
+        d, base_state = state
         q, a = context.estimate.payload, context.estimate.a_L
         W = inverse_dynamics.payload_inverse_dynamics(
             context.team.payload, a[:3] - context.team.gravity, a[3:], q.omega
         )
-        left = jnp.concatenate([W.F - context.last_wrench.F, W.tau - context.last_wrench.tau])
-        # before the first tick there was no command to explain anything
-        d = d + context.initialized * jnp.repeat(smoothing_factor(self.bandwidth, context.clock.dt), 3) * (left - d)
-        return d, self.base.update(of_other, model, context)
+        unexplained = jnp.concatenate([W.F - context.last_wrench.F, W.tau - context.last_wrench.tau])
+        # The first control period has no previous command, so the observer starts with the second.
+        d = d + context.initialized * jnp.repeat(smoothing_factor(self.bandwidth, context.clock.dt), 3) * (
+            unexplained - d
+        )
+        return d, self.base.update(base_state, model, context)
 
     def predict(
         self,
@@ -89,30 +111,36 @@ class DisturbanceObserver:
         context: ControlContext,
         acceleration_cmd: tracking.AccelerationCommand,
     ) -> ResidualForces:
-        """The other's prediction, and what is observed on the payload."""
-        d, of_other = state
-        return add_payload_wrench(self.base.predict(of_other, model, context, acceleration_cmd), d)
+        """Return the base prediction plus the observed payload wrench."""
+        d, base_state = state
+        return add_payload_wrench(self.base.predict(base_state, model, context, acceleration_cmd), d)
 
 
 @pytree
 class InnovationCorrection:
-    """Another predictor as far as labels go along with it, and what they say beyond.
+    """Base predictor corrected by the innovation of current labels.
 
-    `m + alpha (f_hat - m) + r + (w lead + s) r'`, s ahead of now: m the mean as late as labels, alpha how much of its
-    changes they make as well, r' the rate of the label less alpha m, w how much of such rates came true before. Of an
-    agent r' is the part that it may follow without hearing itself (`colift.onboard.control.label_feedback`).
+    Implements ``f = m + alpha (f_hat - m) + r + (w T_lead + s) a g_dot`` (docs/learning, Eq. 3). ``m`` is the filtered
+    prediction, ``alpha`` the model gain, ``r`` the innovation, ``w`` the extrapolation gain and ``g_dot`` the rate of
+    the label minus ``alpha m``. ``s`` is the preview time after the control period of the innovation.
+
+    Attributes:
+        base: Predictor that is corrected.
+        lead_time: Lead time ``T_lead`` that compensates the label delay [s].
+        rate_attenuation: Share ``a`` of the label rate that is used for each agent, by group, in [0, 1]. It limits the
+            label loop gain (`colift.onboard.control.label_feedback`).
     """
 
     base: ResidualPredictor
-    compute: Scalar  # s, for the delay of labels
-    rate_attenuation: tuple[Float[Array, "agents"], ...]  # 0 to 1, by group
+    lead_time: Scalar
+    rate_attenuation: tuple[Float[Array, "agents"], ...]
 
     def init(self, team: Team) -> Any:
-        """The other's memory."""
+        """Return the initial state of the base predictor."""
         return self.base.init(team)
 
     def update(self, state: Any, model: residual_model.ResidualModel, context: ControlContext) -> Any:
-        """The other's memory."""
+        """Return the next state of the base predictor."""
         return self.base.update(state, model, context)
 
     def predict(
@@ -122,18 +150,34 @@ class InnovationCorrection:
         context: ControlContext,
         acceleration_cmd: tracking.AccelerationCommand,
     ) -> ResidualForces:
-        """The sum of both. Raises ValueError where the pilot does not listen."""
+        """Return the corrected prediction.
+
+        Args:
+            state: State of the base predictor.
+            model: Residual model in use.
+            context: Control context with an innovation.
+            acceleration_cmd: Commanded acceleration of the payload.
+
+        Returns:
+            The corrected prediction [N, N m].
+
+        Raises:
+            ValueError: If the control context contains no innovation.
+        """
         if context.innovation is None:
-            raise ValueError("this predictor needs a pilot that listens: `LeaderFollower.listener`")
+            raise ValueError(
+                "the control context contains no innovation; "
+                "this predictor requires `LeaderFollowerController.innovation_filter`"
+            )
         f = self.base.predict(state, model, context, acceleration_cmd)
         innovation, s = context.innovation, context.clock.t - context.innovation.t
 
         def corrected(f: Array, m: Array, alpha: Array, r: Array, rate: Array, w: Array) -> Array:
-            return m + alpha * (f - m) + r + (w * self.compute + s) * rate
+            return m + alpha * (f - m) + r + (w * self.lead_time + s) * rate
 
         agents = zip(innovation.rate.agents, self.rate_attenuation, strict=True)
-        heeded = tuple(jax.tree.map(functools.partial(jnp.multiply, c[:, None]), of) for of, c in agents)
-        rate = dataclasses.replace(innovation.rate, agents=heeded)
+        attenuated = tuple(jax.tree.map(functools.partial(jnp.multiply, a[:, None]), force) for force, a in agents)
+        rate = dataclasses.replace(innovation.rate, agents=attenuated)
         return jax.tree.map(
             corrected,
             f,
@@ -147,18 +191,20 @@ class InnovationCorrection:
 
 @pytree
 class TrueResidual:
-    """The residual as a function that is known exactly, which no team has: what a study measures learners by."""
+    """Exact residual function at the estimated state: a reference for learning that is not realizable.
 
-    function: Callable[
-        [State, tracking.AccelerationCommand, Scalar], ResidualForces
-    ]  # of state, acceleration and time, s; a PyTree
+    Attributes:
+        function: PyTree that returns the residual for state, commanded acceleration and time [s].
+    """
+
+    function: Callable[[State, tracking.AccelerationCommand, Scalar], ResidualForces]
 
     def init(self, team: Team) -> Any:
-        """Nothing is remembered."""
+        """Return an empty state."""
         return ()
 
     def update(self, state: Any, model: residual_model.ResidualModel, context: ControlContext) -> Any:
-        """Nothing is remembered."""
+        """Return the state without change."""
         return state
 
     def predict(
@@ -168,6 +214,6 @@ class TrueResidual:
         context: ControlContext,
         acceleration_cmd: tracking.AccelerationCommand,
     ) -> ResidualForces:
-        """The function at the estimated state and the commanded acceleration."""
+        """Return the residual at the estimated state and the commanded acceleration."""
         z = State(agents=context.estimate.agents, payload=context.estimate.payload)
         return self.function(z, acceleration_cmd, context.clock.t)

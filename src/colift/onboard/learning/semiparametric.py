@@ -346,9 +346,11 @@ def _agent_regressors(x: Float[Array, "samples inputs"]) -> Float[Array, "sample
     """Return drag, thrust and constant columns of an agent."""
 
     def one(x: Float[Array, "inputs"]) -> Float[Array, "3 5"]:
-        force = lambda b: mean_functions.DragThrustMean(  # noqa: E731
-            payload=jnp.zeros(4), agents=(b[None],)
-        ).agent_means(0, x[None])[0, :3]
+        force = (
+            lambda b: mean_functions.DragThrustMean(  # noqa: E731
+                payload=jnp.zeros(4), agents=(b[None],)
+            ).agent_means(0, x[None])[0, :3]
+        )
         return jnp.concatenate([jax.jacfwd(force)(jnp.zeros(2)), jnp.eye(3)], axis=1)
 
     return jax.vmap(one)(x)
