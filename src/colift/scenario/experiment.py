@@ -206,7 +206,7 @@ def _going_on(experiment: flight.Experiment, settings: Scenario) -> flight.Exper
             transient_time=given.transient_time_s,
             min_samples=min(given.min_samples, settings.learning.max_samples),
             forgetting_time=given.forgetting_time_s,
-            mean=priors.mean_prior(settings, experiment.controller.team),
+            mean_prior=priors.mean_prior(settings, experiment.controller.team),
         ),
     )
 
