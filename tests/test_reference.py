@@ -138,7 +138,7 @@ def test_the_reference_starts_at_rest_in_its_center_at_its_attitude(seed):
 def test_a_path_that_leaves_is_the_same_until_then_and_smooth():
     path = dataclasses.replace(swinging(3), ramp_time=jnp.array(1.0))
     shift, swing = jnp.array([1.0, -2.0, 0.5]), jnp.array([0.1, 0.2, -0.1])
-    numbers = {"start": 2.0, "over": 1.5, "swing_start": 5.0, "swing_period": 3.0}
+    numbers = {"start": 2.0, "ramp_time": 1.5, "rotation_start": 5.0, "rotation_period": 3.0}
     off = departure.PathDeparture(
         base=path, offset=shift, rotation_amplitude=swing, **{k: jnp.array(x) for k, x in numbers.items()}
     )

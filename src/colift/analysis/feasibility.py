@@ -62,7 +62,7 @@ def assess_feasibility(settings: Scenario, ready: Mapping[str, flight.Experiment
         if most - need < margin * most:
             warnings.append(
                 f"hovering takes {need:.4g} N of the {most:.4g} N of {name}; "
-                f"what is left, {1 - need / most:.1%}, is below limits.thrust_margin = {margin:g}"
+                f"what is left, {1 - need / most:.1%}, is below termination.hover_thrust_margin = {margin:g}"
             )
     thrust = dict(zip(names, hover.tolist(), strict=True))
     return FeasibilityReport(modes=found, margins=margins, hover_thrust=thrust, warnings=tuple(warnings))

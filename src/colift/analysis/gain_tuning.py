@@ -311,7 +311,7 @@ def _step(costs: np.ndarray, slopes: np.ndarray, low: np.ndarray, high: np.ndarr
 def search_bounds(of: LoopDesign) -> tuple[np.ndarray, np.ndarray]:
     """From where on and how far each of what is chosen may go, as logarithms: `FARTHEST`, but for two.
 
-    `K_p` stays below what the start's error and `limits.thrust_margin` leave of the thrust. The posture is what joints
+    `K_p` stays below what the start's error and `termination.hover_thrust_margin` leave of the thrust. The posture is what joints
     beyond need are to reach, as its user states it: it is not raised, unless the loop grows as it is.
     """
     free = len(tunable_gains(of.settings))

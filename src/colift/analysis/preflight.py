@@ -200,7 +200,7 @@ def _apart(settings: Scenario) -> Iterator[Change]:
         for agent in settings.agents:
             c = np.array(agent.contact_positions_m)
             moved = c.mean(0) + factor * (c - c.mean(0))
-            agents.append(agent.model_copy(update={"contacts_m": tuple(map(tuple, moved.round(4).tolist()))}))
+            agents.append(agent.model_copy(update={"contact_positions_m": tuple(map(tuple, moved.round(4).tolist()))}))
         typed = " ".join(
             f"--set 'agents.{agent.name}.contacts_m={[list(c) for c in agent.contact_positions_m]}'"
             for agent in agents
@@ -288,7 +288,7 @@ def _conditions(settings: Scenario, truth: Team, state: State) -> dict[str, floa
 
 
 def _thrust(settings: Scenario, experiment: flight.Experiment, state: State) -> Finding:
-    """What hovering and the reference take of every agent's thrust; bad where `limits.thrust_margin` is not left."""
+    """What hovering and the reference take of every agent's thrust; bad where `termination.hover_thrust_margin` is not left."""
     names, margin = team.agent_names(settings), settings.termination.hover_thrust_margin
     have = np.concatenate([group.thrust_max for group in experiment.world.team.agent_groups])
     t = np.linspace(0.0, experiment.duration, SAMPLE_TIMES)
@@ -551,12 +551,12 @@ def _rests(settings: Scenario, name: str | None = None) -> Iterator[Change]:
                 continue
             for step in (-0.2, 0.2):
                 value = round(joint.nominal_position_rad + step, 3)
-                turned = joint.model_copy(update={"rest_rad": value})
+                turned = joint.model_copy(update={"nominal_position_rad": value})
                 other = given.model_copy(update={"joints": (*given.joints[:k], turned, *given.joints[k + 1 :])})
                 types = settings.agent_types | {kind: other}
                 yield (
-                    f"--set agent_types.{kind}.joints.{joint.name}.rest_rad={value} "
-                    f"(of a type from URDF agent_types.{kind}.rest_rad.{joint.name}={value})",
+                    f"--set agent_types.{kind}.joints.{joint.name}.nominal_position_rad={value} "
+                    f"(of a type from URDF agent_types.{kind}.nominal_position_rad.{joint.name}={value})",
                     settings.model_copy(update={"agent_types": types}),
                 )
 
@@ -566,12 +566,12 @@ def _heights(settings: Scenario) -> Iterator[Change]:
     for step in (-0.05, 0.05):
         agents = tuple(
             agent.model_copy(
-                update={"contacts_m": tuple((x, y, round(h + step, 4)) for x, y, h in agent.contact_positions_m)}
+                update={"contact_positions_m": tuple((x, y, round(h + step, 4)) for x, y, h in agent.contact_positions_m)}
             )
             for agent in settings.agents
         )
         typed = " ".join(
-            f"--set agents.{agent.name}.contacts_m.{b}.2={c[2]}"
+            f"--set agents.{agent.name}.contact_positions_m.{b}.2={c[2]}"
             for agent in agents
             for b, c in enumerate(agent.contact_positions_m)
         )

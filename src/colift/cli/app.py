@@ -148,7 +148,7 @@ def _settings(
         except scenario.ScenarioError as still:
             raise scenario.ScenarioError(_as_given(str(still), duration)) from None
     if engine is not None and settings.physics.kind != engine:
-        settings = settings.model_copy(update={"plant": {"kind": engine.value}})
+        settings = settings.model_copy(update={"physics": {"kind": engine.value}})
     return settings
 
 

@@ -383,13 +383,13 @@ def _added(data: dict[str, Any]) -> Iterator[ErrorMessage]:
     added, mass = _number(data, "payload_mass_step", "mass_kg"), _number(data, "payload", "mass_kg")
     if mass + added <= 0:
         yield ("payload_mass_step", "mass_kg"), f"must leave some of payload.mass_kg = {mass:g}, got {added:g}"
-    if not math.isnan(added) and _part(data, "plant", "kind") == "mujoco":
-        yield ("payload_mass_step",), "the plant mujoco has a payload that does not change; take kind: rigid"
+    if not math.isnan(added) and _part(data, "physics", "kind") == "mujoco":
+        yield ("payload_mass_step",), "physics mujoco has a payload that does not change; take kind: rigid"
 
 
 def _limits(data: dict[str, Any]) -> Iterator[ErrorMessage]:
     """A start beyond a limit would end the flight at once."""
-    for start, limit, unit in (("position_error_m", "distance_m", "m"), ("attitude_error_deg", "attitude_deg", "deg")):
-        size = math.hypot(*(_number(data, "start", start, i) for i in range(3)))
-        if size > (most := _number(data, "limits", limit)):
-            yield ("start", start), f"is {size:.4g} {unit} from the reference, beyond limits.{limit} = {most:g}"
+    for start, limit, unit in (("position_error_m", "max_position_error_m", "m"), ("attitude_error_deg", "max_attitude_error_deg", "deg")):
+        size = math.hypot(*(_number(data, "initial_state", start, i) for i in range(3)))
+        if size > (most := _number(data, "termination", limit)):
+            yield ("initial_state", start), f"is {size:.4g} {unit} from the reference, beyond termination.{limit} = {most:g}"

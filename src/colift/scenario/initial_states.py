@@ -72,4 +72,4 @@ def _over_contacts(agent: AerialManipulator, yaw: Array, r: Array, payload: Payl
 
 def equilibrium_state(settings: schema.Scenario, team: Team) -> State:
     """The payload on its reference and everything at rest; raises as `start`."""
-    return initial_state(settings.model_copy(update={"start": schema.InitialState()}), team)
+    return initial_state(settings.model_copy(update={"initial_state": schema.InitialState()}), team)
