@@ -1,4 +1,4 @@
-"""Where the payload should be: a smooth pose with the derivatives that the controllers feed forward."""
+"""Setpoint of the payload, protocol of a reference trajectory, and exact derivatives of a pose."""
 
 from __future__ import annotations
 
@@ -18,54 +18,105 @@ Scalar = Float[Array, ""]
 
 @pytree
 class PayloadSetpoint:
-    """The desired payload pose `(p_d, R_d)` at one time, with derivatives."""
+    """Desired payload pose `(p_d, R_d)` at one time, with the derivatives for feedforward."""
 
-    p: Float[Array, "3"]  # m
-    v: Float[Array, "3"]  # m/s
-    a: Float[Array, "3"]  # m/s^2
-    j: Float[Array, "3"]  # m/s^3
-    R: Float[Array, "3 3"]
+    p: Float[Array, "3"]  # m, world
+    v: Float[Array, "3"]  # m/s, world
+    a: Float[Array, "3"]  # m/s^2, world
+    j: Float[Array, "3"]  # m/s^3, world
+    R: Float[Array, "3 3"]  # desired attitude, payload to world
     omega: Float[Array, "3"]  # rad/s, desired payload frame
     omega_dot: Float[Array, "3"]  # rad/s^2, desired payload frame
 
 
 @runtime_checkable
 class ReferenceTrajectory(Protocol):
-    """A smooth pose of the payload over time."""
+    """Smooth pose of the payload as a function of time.
+
+    The position needs three continuous derivatives, and the attitude two. Implementations: ``Lissajous``,
+    ``MinimumSnapTrajectory`` and ``PathDeparture``.
+
+    Example:
+        A circle of constant attitude; `differentiate_pose` computes the derivatives::
+
+            @pytree
+            class Circle:
+                radius: Float[Array, ""]  # m
+                rate: Float[Array, ""]  # rad/s
+
+                def evaluate(self, t: Float[Array, ""]) -> PayloadSetpoint:
+                    def pose(t: Float[Array, ""]) -> Float[Array, "6"]:
+                        x, y = self.radius * jnp.cos(self.rate * t), self.radius * jnp.sin(self.rate * t)
+                        return jnp.stack([x, y, *jnp.zeros(4)])
+
+                    return differentiate_pose(pose, jnp.eye(3), t)
+    """
 
     def evaluate(self, t: Scalar) -> PayloadSetpoint:
-        """The setpoint at time t, s."""
+        """Compute the setpoint at a time.
+
+        Args:
+            t: Time [s].
+
+        Returns:
+            Desired pose with its derivatives.
+        """
         ...
 
 
 def differentiate_pose(
     pose: Callable[[Scalar], Float[Array, "6"]], R: Float[Array, "3 3"], t: Scalar
 ) -> PayloadSetpoint:
-    """The setpoint of `pose(t) = (p, theta)`, attitude `R exp(theta)`, with exact derivatives.
+    """Compute the setpoint of a pose function by nested forward-mode differentiation, without approximation.
 
-    `omega_d = (R_d^T R_d_dot)^vee`, payload frame, and its rate.
+    The desired attitude is `R_d = R exp(theta)`, and `omega_d = (R_d^T R_d_dot)^vee`.
+
+    Args:
+        pose: Function from time [s] to position [m, world] and rotation vector `theta` [rad, frame of R].
+        R: Attitude at `theta = 0`, payload to world.
+        t: Time [s].
+
+    Returns:
+        Desired pose with its derivatives.
     """
 
-    def turning(t: Scalar) -> tuple[Float[Array, "3 3"], Float[Array, "3"]]:
-        R_d, R_d_dot = _and_rate(lambda t: matmul(R, so3.exp(pose(t)[3:])))(t)
+    def attitude(t: Scalar) -> tuple[Float[Array, "3 3"], Float[Array, "3"]]:
+        R_d, R_d_dot = _with_rate(lambda t: matmul(R, so3.exp(pose(t)[3:])))(t)
         return R_d, so3.vee(matmul(transpose(R_d), R_d_dot))
 
-    (R_d, omega), (_, omega_dot) = _and_rate(turning)(t)
-    ((p, v), (_, a)), (_, (_, j)) = _and_rate(_and_rate(_and_rate(lambda t: pose(t)[:3])))(t)
+    (R_d, omega), (_, omega_dot) = _with_rate(attitude)(t)
+    ((p, v), (_, a)), (_, (_, j)) = _with_rate(_with_rate(_with_rate(lambda t: pose(t)[:3])))(t)
     return PayloadSetpoint(p=p, v=v, a=a, j=j, R=R_d, omega=omega, omega_dot=omega_dot)
 
 
-def _and_rate(f: Callable[[Scalar], Any]) -> Callable[[Scalar], tuple[Any, Any]]:
-    """A function and its derivative in time, both from one evaluation."""
+def _with_rate(f: Callable[[Scalar], Any]) -> Callable[[Scalar], tuple[Any, Any]]:
+    """Return a function that evaluates f together with its time derivative."""
     return lambda t: jax.jvp(f, (t,), (jnp.ones_like(t),))
 
 
 def smooth_step(s: Float[Array, "*batch"]) -> Float[Array, "*batch"]:
-    """0 before 0, 1 after 1, a polynomial of degree 7 between, with three vanishing derivatives at both ends."""
+    """Compute a smooth step from 0 at `s <= 0` to 1 at `s >= 1`, with three derivatives of zero at both ends.
+
+    Args:
+        s: Argument; the step is a polynomial of degree 7 between 0 and 1.
+
+    Returns:
+        Value of the step, in [0, 1].
+    """
     s = jnp.clip(s, 0.0, 1.0)
     return s**4 * (35 - 84 * s + 70 * s**2 - 20 * s**3)
 
 
 def smooth_pulse(t: Float[Array, "*batch"], start: Scalar, end: Scalar, ramp: Scalar) -> Float[Array, "*batch"]:
-    """Rises smoothly from 0 at `start`, is 1 in between, is 0 again from `end`; each flank lasts `ramp`, s."""
+    """Compute a smooth pulse from 0 to 1 and back to 0.
+
+    Args:
+        t: Time [s].
+        start: Begin of the rise [s].
+        end: End of the fall [s].
+        ramp: Duration of rise and of fall [s].
+
+    Returns:
+        Value of the pulse, in [0, 1].
+    """
     return smooth_step((t - start) / ramp) * smooth_step((end - t) / ramp)

@@ -1,4 +1,4 @@
-"""Where the payload should be: a smooth pose with the derivatives that the controllers feed forward."""
+"""Smooth departure of the payload from a Lissajous trajectory, for trajectories not used in training."""
 
 from __future__ import annotations
 
@@ -14,26 +14,28 @@ Scalar = Float[Array, ""]
 
 @pytree
 class PathDeparture:
-    """Another path that moves off by `shift` from `start` on, and turns as it had not: `swing sin(2 pi s / period)`.
+    """Lissajous trajectory with an offset and an added oscillation of the attitude from given times on.
 
-    s is the time since `swing_start`; both rise within `over`.
+    The position is shifted by `offset` from `start` on. The rotation vector is increased by
+    `rotation_amplitude sin(2 pi s / rotation_period)`, with s the time since `rotation_start`. Both changes rise within
+    `ramp_time`.
     """
 
-    base: Lissajous
-    offset: Float[Array, "3"]  # m
-    start: Float[Array, ""]  # s
-    ramp_time: Float[Array, ""]  # s
-    rotation_amplitude: Float[Array, "3"]  # rad, rotation vector in the frame of the path's R
-    rotation_start: Float[Array, ""]  # s
+    base: Lissajous  # trajectory before the departure
+    offset: Float[Array, "3"]  # m, world
+    start: Float[Array, ""]  # s, begin of the offset
+    ramp_time: Float[Array, ""]  # s, duration of the rise
+    rotation_amplitude: Float[Array, "3"]  # rad, rotation vector in the frame of `base.R`
+    rotation_start: Float[Array, ""]  # s, begin of the oscillation
     rotation_period: Float[Array, ""]  # s
 
     def evaluate(self, t: Scalar) -> PayloadSetpoint:
-        """The setpoint at time t, s; derivatives are exact (nested forward differentiation)."""
+        """Compute the setpoint at time t [s]; see `ReferenceTrajectory`."""
 
         def pose(t: Scalar) -> Float[Array, "6"]:
             s = t - self.rotation_start
-            turn = smooth_step(s / self.ramp_time) * jnp.sin(2 * jnp.pi * s / self.rotation_period)
-            off = smooth_step((t - self.start) / self.ramp_time)
-            return self.base.pose(t) + jnp.concatenate([off * self.offset, turn * self.rotation_amplitude])
+            rotation = smooth_step(s / self.ramp_time) * jnp.sin(2 * jnp.pi * s / self.rotation_period)
+            shift = smooth_step((t - self.start) / self.ramp_time)
+            return self.base.pose(t) + jnp.concatenate([shift * self.offset, rotation * self.rotation_amplitude])
 
         return differentiate_pose(pose, self.base.R, t)

@@ -1,4 +1,4 @@
-"""Where the payload should be: a smooth pose with the derivatives that the controllers feed forward."""
+"""Sinusoidal reference trajectory in position and attitude."""
 
 from __future__ import annotations
 
@@ -13,29 +13,37 @@ Scalar = Float[Array, ""]
 
 @pytree
 class Lissajous:
-    """`p_d = center + ramp(t) amplitude sin(2 pi t / period + phase)`, axis by axis, and the same of the attitude.
+    """Lissajous curve in position, and an oscillation of the attitude.
 
-    `R_d = R exp(ramp(t) swing sin(2 pi t / swing_period + swing_phase))`: with a swing of zero it is constant. `ramp`
-    rises from 0 to 1 in `ramp_s` with three vanishing derivatives at both ends, so the payload starts at rest.
+    By axis `p_d = center + ramp(t) amplitude sin(2 pi t / period + phase)`. The attitude is
+    `R_d = R exp(ramp(t) rotation_amplitude sin(2 pi t / rotation_period + rotation_phase))`. `ramp` is a smooth step of
+    duration `ramp_time` with three derivatives of zero at both ends, so the payload starts at rest.
     """
 
-    center: Float[Array, "3"]  # m
-    amplitude: Float[Array, "3"]  # m
-    period: Float[Array, "3"]  # s
-    phase: Float[Array, "3"]  # rad
-    ramp_time: Float[Array, ""]  # s
-    R: Float[Array, "3 3"]  # attitude about which it swings, payload to world
-    rotation_amplitude: Float[Array, "3"]  # rad, rotation vector in the frame of R
-    rotation_period: Float[Array, "3"]  # s
-    rotation_phase: Float[Array, "3"]  # rad
+    center: Float[Array, "3"]  # m, world
+    amplitude: Float[Array, "3"]  # m, world
+    period: Float[Array, "3"]  # s, by axis
+    phase: Float[Array, "3"]  # rad, by axis
+    ramp_time: Float[Array, ""]  # s, duration of the rise of both amplitudes
+    R: Float[Array, "3 3"]  # mean attitude, payload to world
+    rotation_amplitude: Float[Array, "3"]  # rad, rotation vector in the frame of R; zero for a constant attitude
+    rotation_period: Float[Array, "3"]  # s, by component of the rotation vector
+    rotation_phase: Float[Array, "3"]  # rad, by component of the rotation vector
 
     def evaluate(self, t: Scalar) -> PayloadSetpoint:
-        """The setpoint at time t, s; derivatives are exact (nested forward differentiation)."""
+        """Compute the setpoint at time t [s]; see `ReferenceTrajectory`."""
         return differentiate_pose(self.pose, self.R, t)
 
     def pose(self, t: Scalar) -> Float[Array, "6"]:
-        """Position, m, and rotation vector off R, rad, at time t, s."""
-        on = smooth_step(t / self.ramp_time)
+        """Compute the pose without derivatives.
+
+        Args:
+            t: Time [s].
+
+        Returns:
+            Position [m, world] and rotation vector relative to R [rad, frame of R].
+        """
+        ramp = smooth_step(t / self.ramp_time)
         wave = jnp.sin(2 * jnp.pi * t / self.period + self.phase)
-        turn = jnp.sin(2 * jnp.pi * t / self.rotation_period + self.rotation_phase)
-        return jnp.concatenate([self.center + on * self.amplitude * wave, on * self.rotation_amplitude * turn])
+        rotation = jnp.sin(2 * jnp.pi * t / self.rotation_period + self.rotation_phase)
+        return jnp.concatenate([self.center + ramp * self.amplitude * wave, ramp * self.rotation_amplitude * rotation])

@@ -1,4 +1,8 @@
-"""Where the payload should be: a smooth pose with the derivatives that the controllers feed forward."""
+"""Minimum-snap reference trajectory through waypoints.
+
+References:
+    Mellinger, Kumar, *Minimum snap trajectory generation and control for quadrotors*, ICRA 2011.
+"""
 
 from __future__ import annotations
 
@@ -16,17 +20,17 @@ Scalar = Float[Array, ""]
 
 @pytree
 class MinimumSnapTrajectory:
-    """Polynomials between poses, of least `int |d^4/dt^4|^2`: minimum snap, smooth to the sixth derivative inside.
+    """Piecewise polynomial trajectory that minimizes `int |d^4/dt^4 (p, theta)|^2`; built by `minimum_snap`.
 
-    `(p, theta)(t) = sum_k c_k s^k`, `s = t - t_i` on `[t_i, t_(i+1)]`, `R_d = exp(theta)`; before the first pose and
-    after the last it stands still. Made by `waypoints`.
+    `(p, theta)(t) = sum_k c_k s^k` with `s = t - t_i` on `[t_i, t_(i+1)]`, and `R_d = exp(theta)`. Derivatives up to
+    the sixth are continuous at inner knots. The pose is constant before the first knot and after the last one.
     """
 
-    knots: Float[Array, "knots"]  # s, ascending
-    coefficients: Float[Array, "pieces 8 6"]  # m, rad, over powers of s
+    knots: Float[Array, "knots"]  # s, times of the waypoints, ascending
+    coefficients: Float[Array, "pieces 8 6"]  # m (world) and rad per s^k, by piece and power k
 
     def evaluate(self, t: Scalar) -> PayloadSetpoint:
-        """The setpoint at time t, s."""
+        """Compute the setpoint at time t [s]; see `ReferenceTrajectory`."""
         t = jnp.clip(t, self.knots[0], self.knots[-1])
         i = jnp.clip((t >= self.knots).sum() - 1, 0, len(self.knots) - 2)
         c, start = self.coefficients[i], self.knots[i]
@@ -41,16 +45,32 @@ class MinimumSnapTrajectory:
 
 
 def minimum_snap(t: np.ndarray, p: np.ndarray, theta: np.ndarray) -> MinimumSnapTrajectory:
-    """The minimum-snap path through poses at given times, at rest at both ends (Mellinger and Kumar 2011); on the host.
+    """Compute the minimum-snap trajectory through poses at given times, at rest at both ends (host).
 
-    t: (n,) s, ascending; p: (n, 3) m; theta: (n, 3) rotation vectors of the attitude, rad, which turn from one to the
-    next the way their difference says. Of all curves with velocity, acceleration and jerk zero at both ends, the one of
-    least snap is a polynomial of degree 7 between poses whose derivatives up to the sixth are continuous.
-    Raises ValueError for fewer than two poses or times that do not ascend.
+    Velocity, acceleration and jerk are zero at both ends. The minimizer is a polynomial of degree 7 between two poses,
+    with continuous derivatives up to the sixth.
+
+    Args:
+        t: Times of the n poses, ascending [s].
+        p: Positions, one per row [m, world].
+        theta: Rotation vectors of the attitudes, one per row [rad]; they are interpolated by component, so their
+            differences determine the direction of rotation.
+
+    Returns:
+        The trajectory.
+
+    Raises:
+        ValueError: If there are fewer than two poses, the numbers of times and poses differ, or the times do not
+            ascend.
+
+    Example:
+        Move by 1 m along x within 4 s::
+
+            reference = minimum_snap(np.array([0.0, 4.0]), np.array([[0, 0, 1], [1, 0, 1]]), np.zeros((2, 3)))
     """
     t, poses = np.asarray(t, float), np.concatenate([p, theta], axis=1)
     if len(t) < 2 or len(poses) != len(t):
-        raise ValueError(f"waypoints: {len(t)} times for {len(poses)} poses; at least two of each are needed")
+        raise ValueError(f"waypoints: {len(t)} times for {len(poses)} poses; equal numbers of at least 2 are required")
     if not (np.diff(t) > 0).all():
         raise ValueError(f"waypoints: times must ascend, got {t.tolist()}")
     span, pieces = np.diff(t), len(t) - 1
@@ -63,7 +83,7 @@ def minimum_snap(t: np.ndarray, p: np.ndarray, theta: np.ndarray) -> MinimumSnap
         A.append(line.ravel())
         b.append(np.broadcast_to(value, 6))
 
-    for i in range(pieces):  # in units of each piece's length, so that powers stay of order one
+    for i in range(pieces):  # time in units of the length of the piece, so that the powers are of order one
         row((i, _powers(0.0, 0)), value=poses[i])
         row((i, _powers(1.0, 0)), value=poses[i + 1])
     for k in (1, 2, 3):
@@ -79,5 +99,5 @@ def minimum_snap(t: np.ndarray, p: np.ndarray, theta: np.ndarray) -> MinimumSnap
 
 
 def _powers(s: float, k: int) -> np.ndarray:
-    """The k-th derivative of `(1, s, ..., s^7)`."""
+    """Return the k-th derivative of `(1, s, ..., s^7)`."""
     return np.array([math.perm(n, k) * s ** (n - k) if n >= k else 0.0 for n in range(8)])

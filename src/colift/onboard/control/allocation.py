@@ -76,7 +76,7 @@ def leader_follower_allocation(
 ) -> AllocationMap:
     """Build the leader-follower allocation of the paper.
 
-    Leader contacts apply the wrench, `lam_l = G_l^+ W` (Eq. leader_force). Follower contacts apply internal forces only,
+    Leader contacts apply the wrench, `lam_l = G_l^+ W` (Eq. leader_force). Follower contacts apply internal forces,
     `lam_f = lam_f0 + N(G_f) eta` (Eq. follower_force).
 
     Args:

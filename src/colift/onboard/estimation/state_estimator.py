@@ -1,11 +1,18 @@
-"""From measurements to states, contact forces and labels, with past samples only.
+"""State estimation and residual labels from measurements.
 
-Pose and velocity of every body come from a complementary filter: gyroscope and accelerometer carry the last
-estimate to now, the measured pose and velocity pull it slowly. It takes the noise out without a delay.
+Pose and velocity of every body come from a complementary filter. Gyroscope and accelerometer predict them; the measured
+pose and velocity correct the prediction at a low bandwidth. This removes noise without delay.
 
-A label is what the nominal equations leave over. Momenta are differenced over one tick, every term is summed
-raw, and the sum goes through one filter: so all terms see the same delay, and the inputs of the learned maps are
-delayed by the same filter. The tips report through a known bandwidth; the other terms pass through a copy of it.
+A label is the residual of the nominal equations. Momenta are differenced over one control period, all terms are summed
+without filtering, and the sum passes one filter. All terms therefore have the same delay. The inputs of the learned
+models pass the same filter. Tip force sensors have a known bandwidth; the other terms pass a copy of this filter.
+
+See Also:
+    docs/learning: equations of the labels and their delay.
+    docs/decisions/0007-sum-label-terms-before-filtering: reasons and measured results.
+
+References:
+    Mahony, Hamel, Pflimlin, *Nonlinear complementary filters on the special orthogonal group*, IEEE TAC 2008.
 """
 
 from __future__ import annotations
@@ -32,6 +39,7 @@ from colift.models.state import (
     AgentState,
     ControlClock,
     PayloadState,
+    TeamInputs,
     flatten_agent_state,
     flatten_payload_state,
 )
@@ -41,43 +49,47 @@ Scalar = Float[Array, ""]
 
 @pytree
 class FilterBandwidths:
-    """Corner frequencies of the on-board filters."""
+    """Corner frequencies of the onboard filters."""
 
-    complementary: Scalar  # Hz, how fast measured poses and velocities pull the inertial prediction
-    imu_bias: Scalar  # Hz, how fast constant errors of gyroscopes and accelerometers are learned from what that misses
+    complementary: Scalar  # Hz, correction of predicted poses and velocities by the measured ones
+    imu_bias: Scalar  # Hz, estimation of the biases of gyroscopes and accelerometers from the corrections
     joint: Scalar  # Hz, second order, joint positions and their rates
-    label: Scalar  # Hz, second order, labels and the inputs paired with them
-    tip_force: Scalar  # Hz, first order: the bandwidth the tip sensors are known to have
+    label: Scalar  # Hz, second order, labels and their inputs
+    tip_force: Scalar  # Hz, first order, known bandwidth of the tip force sensors
 
     def label_delay(self) -> Scalar:
-        """Of labels, s: `1 / (pi label) + 1 / (2 pi tip_force)`."""
+        """Return the delay of labels `1 / (pi label) + 1 / (2 pi tip_force)` [s]."""
         return (1 / self.label + 1 / (2 * self.tip_force)) / jnp.pi
 
 
 @pytree
 class NavState:
-    """Pose and velocity of a body's sensor origin, as fused."""
+    """Pose and velocity of the sensor origin of a body."""
 
-    R: Float[Array, "*agents 3 3"]
-    x: Float[Array, "*agents 3"]  # m
-    v: Float[Array, "*agents 3"]  # m/s
+    R: Float[Array, "*agents 3 3"]  # attitude, body to world
+    x: Float[Array, "*agents 3"]  # m, position, world
+    v: Float[Array, "*agents 3"]  # m/s, velocity, world
 
 
 @pytree
 class ImuBias:
-    """Constant errors of a body's gyroscope and accelerometer, as believed."""
+    """Estimated biases of gyroscope and accelerometer of a body."""
 
     omega: Float[Array, "*agents 3"]  # rad/s, body frame
     a: Float[Array, "*agents 3"]  # m/s^2, body frame
 
 
 def zero_bias(*agents: int) -> ImuBias:
-    """None known yet."""
+    """Return zero biases.
+
+    Args:
+        *agents: Leading axes of the arrays; none for a single body.
+    """
     return ImuBias(omega=jnp.zeros((*agents, 3)), a=jnp.zeros((*agents, 3)))
 
 
 def complementary_update(
-    past: tuple[NavState, ImuBias],
+    previous: tuple[NavState, ImuBias],
     measured: NavState,
     omega: so3.Vector,
     a: so3.Vector,
@@ -86,105 +98,119 @@ def complementary_update(
     initialized: Scalar,
     dt: Scalar,
 ) -> tuple[NavState, ImuBias, so3.Vector, so3.Vector]:
-    """One body: `R = R_- exp(omega dt) exp(b e)`, `v = v_- + a dt + b (..)`, `x = x_- + v dt + b (..)`.
+    """Advance the complementary filter of one body by one control period.
 
-    `e` is the skew part of what the prediction misses; `omega` and `a`, the specific force in the body frame, are what
-    is measured less its bias, and are returned. Biases follow what is missed: `b_omega' = -k e`,
-    `b_a' = -k R^T (v_measured - v)`, k the product of the corners of fusion and bias, rad^2/s^2.
+    `R = R_- exp(omega dt) exp(b e)`, `v = v_- + a dt + b (v_measured - v)`, `x = x_- + v dt + b (x_measured - x)`.
+    `e` is the skew part of the attitude error of the prediction, and b the smoothing factor. The biases follow
+    `b_omega' = -k e` and `b_a' = -k R^T (v_measured - v)`. k is the product of the corner frequencies of fusion and
+    bias [rad^2/s^2].
+
+    Args:
+        previous: Pose, velocity and biases of the previous control period.
+        measured: Measured pose and velocity.
+        omega: Angular velocity of the gyroscope [rad/s, body frame].
+        a: Specific force of the accelerometer [m/s^2, body frame].
+        gravity: Gravitational acceleration [m/s^2, world].
+        filters: Corner frequencies.
+        initialized: 0 in the first control period, in which the measured values are taken over; 1 afterwards.
+        dt: Control period [s].
+
+    Returns:
+        Pose and velocity, biases, and angular velocity and specific force without their biases, in the body frame.
     """
-    was, bias = past
-    omega, felt = omega - bias.omega, a - bias.a
+    nav, bias = previous
+    omega, specific_force = omega - bias.omega, a - bias.a
     b = initial_smoothing_factor(initialized, smoothing_factor(filters.complementary, dt))
-    acceleration = was.R @ felt + gravity
-    R = was.R @ so3.exp(omega * dt)
-    v = was.v + acceleration * dt
-    x = was.x + was.v * dt + acceleration * (dt * dt / 2)
+    acceleration = nav.R @ specific_force + gravity
+    R = nav.R @ so3.exp(omega * dt)
+    v = nav.v + acceleration * dt
+    x = nav.x + nav.v * dt + acceleration * (dt * dt / 2)
     e, e_v = so3.vee(R.T @ measured.R), measured.v - v
     k = initialized * dt * (2 * jnp.pi) ** 2 * filters.complementary * filters.imu_bias
-    learned = ImuBias(omega=bias.omega - k * e, a=bias.a - k * (R.T @ e_v))
-    return NavState(R=R @ so3.exp(b * e), x=x + b * (measured.x - x), v=v + b * e_v), learned, omega, felt
+    next_bias = ImuBias(omega=bias.omega - k * e, a=bias.a - k * (R.T @ e_v))
+    fused = NavState(R=R @ so3.exp(b * e), x=x + b * (measured.x - x), v=v + b * e_v)
+    return fused, next_bias, omega, specific_force
 
 
 @pytree
 class AgentFilterState:
-    """What the estimator keeps of a group between ticks."""
+    """Filter state of one agent, or of a group of agents, between control periods."""
 
-    base: NavState
-    bias: ImuBias
-    joint: SecondOrderLowPassState
-    momenta: Float[Array, "*agents xi"]  # (mu, nu) of the last tick
-    com_velocity_offset: Float[Array, "*agents 3"]  # m/s, v - v_0 of the last tick
+    base: NavState  # of the base origin
+    bias: ImuBias  # of the base sensors
+    joint: SecondOrderLowPassState  # rad or m, filter of the joint positions
+    momenta: Float[Array, "*agents xi"]  # (mu, nu) of the previous control period, base frame
+    com_velocity_offset: Float[Array, "*agents 3"]  # m/s, center of mass minus base origin, previous period, world
     modelled_force: Float[
         Array, "*agents label"
-    ]  # label without contact forces, behind the copy of the tips' bandwidth
-    label: SecondOrderLowPassState
-    inputs: SecondOrderLowPassState  # the inputs of the learned map, behind the labels' filter
+    ]  # label without contact forces, after the copy of the tip force filter
+    label: SecondOrderLowPassState  # N and N m, label filter
+    inputs: SecondOrderLowPassState  # inputs of the learned model, after the label filter
 
 
 @pytree
 class EstimatorState:
-    """What the estimator keeps between ticks."""
+    """State of the estimator between control periods."""
 
-    agents: tuple[AgentFilterState, ...]
-    payload: NavState
-    bias: ImuBias
-    omega: Float[Array, "3"]  # rad/s, of the payload in the last tick
-    modelled_wrench: Float[Array, "6"]
-    label: SecondOrderLowPassState
-    inputs: SecondOrderLowPassState
-    time_since_label: Scalar  # s since the last label
-    initialized: Float[Array, ""]  # 0 before the first tick, 1 after
+    agents: tuple[AgentFilterState, ...]  # by group
+    payload: NavState  # of the payload's center of mass
+    bias: ImuBias  # of the payload's sensors
+    omega: Float[Array, "3"]  # rad/s, of the payload in the previous control period, payload frame
+    modelled_wrench: Float[Array, "6"]  # N and N m, label without contact forces, after the tip force filter
+    label: SecondOrderLowPassState  # N and N m, label filter of the payload
+    inputs: SecondOrderLowPassState  # inputs of the payload's learned model, after the label filter
+    time_since_label: Scalar  # s, since the last valid label
+    initialized: Float[Array, ""]  # 0 before the first control period, 1 afterwards
 
 
 @pytree
 class TrainingSample:
-    """Inputs of the learned maps with their labels, of one tick."""
+    """Inputs of the learned models with their labels, in one control period."""
 
-    payload: tuple[Float[Array, "24"], Float[Array, "6"]]
-    agents: tuple[tuple[Float[Array, "agents inputs"], Float[Array, "agents outputs"]], ...]
-    valid: Float[Array, ""]  # 1 where the tips have spoken lately, 0 where they are silent and labels stand still
-    sample_interval: Float[Array, ""]  # s since the label before
+    payload: tuple[Float[Array, "24"], Float[Array, "6"]]  # input; label, N world and N m payload frame
+    agents: tuple[tuple[Float[Array, "agents inputs"], Float[Array, "agents outputs"]], ...]  # the same, by group
+    valid: Float[Array, ""]  # 1 if the tip readings are recent; 0 if not, then the labels are held
+    sample_interval: Float[Array, ""]  # s, since the previous valid label
 
 
 @pytree
 class StateEstimate:
-    """What the flying software believes after one tick."""
+    """State estimate of one control period."""
 
-    agents: tuple[AgentState, ...]
+    agents: tuple[AgentState, ...]  # by group
     payload: PayloadState
-    a_L: Float[Array, "6"]  # (v_dot world, raw difference of omega), m/s^2 and rad/s^2
-    lam: tuple[Float[Array, "agents arms 3"], ...]  # N, lam_hat, world
-    sample: TrainingSample | None = None  # what can be learned from now; None where an estimator gives no labels
+    a_L: Float[Array, "6"]  # payload acceleration, m/s^2 world and rad/s^2 payload frame; the latter is not filtered
+    lam: tuple[Float[Array, "agents arms 3"], ...]  # N, measured contact forces on the payload, world, by group
+    sample: TrainingSample | None = None  # None if the estimator computes no labels
 
 
 @pytree
 class ComplementaryFilter:
-    """The estimator that comes with colift: a complementary filter, and labels by the nominal equations."""
+    """Default estimator: a complementary filter per body, and labels by the nominal equations.
 
-    filters: FilterBandwidths
-    max_reading_age: Scalar  # s, how old a reading of the tips may be for a label
+    Implements the protocol ``Estimator``.
+    """
 
-    def init(self, team: Team, first: Measurement) -> EstimatorState:
-        """The memory at the first measurement, as if the team had stood there for ever."""
-        return _begin(team, first)
+    filters: FilterBandwidths  # corner frequencies of all filters
+    max_reading_age: Scalar  # s, largest age of a tip reading for a valid label
+
+    def init(self, team: Team, measurement: Measurement) -> EstimatorState:
+        """Return the steady state at the first measurement, with zero labels; see `Estimator`."""
+        return _initial_state(team, measurement)
 
     def update(
-        self,
-        team: Team,
-        state: EstimatorState,
-        measurement: Measurement,
-        applied: tuple[AgentInput, ...],
-        clock: ControlClock,
+        self, team: Team, state: EstimatorState, measurement: Measurement, applied: TeamInputs, clock: ControlClock
     ) -> tuple[StateEstimate, EstimatorState]:
-        """One tick: states, `lam_hat` and the filtered labels, given the inputs applied since the last tick."""
+        """Compute states, contact forces and filtered labels of one control period; see `Estimator`."""
         age = measurement.age_s.get("agents.lam", jnp.zeros(()))
-        fresh = (age <= self.max_reading_age + 1e-9).astype(float)
-        return _observe(team, self.filters, state, measurement, applied, fresh, clock.dt)
+        valid = (age <= self.max_reading_age + 1e-9).astype(float)
+        return _update(team, self.filters, state, measurement, applied, valid, clock.dt)
 
 
-def _begin(team: Team, first: Measurement) -> EstimatorState:
+def _initial_state(team: Team, measurement: Measurement) -> EstimatorState:
+    """Return the steady state of all filters at a measurement."""
     agents = []
-    for size, group, m in zip(team.sizes, team.agent_groups, first.agents, strict=True):
+    for size, group, m in zip(team.sizes, team.agent_groups, measurement.agents, strict=True):
         xi = 3 + group.tree.joints
         agents.append(
             AgentFilterState(
@@ -199,7 +225,7 @@ def _begin(team: Team, first: Measurement) -> EstimatorState:
             )
         )
     zero = jnp.zeros(6)
-    q = first.payload
+    q = measurement.payload
     return EstimatorState(
         agents=tuple(agents),
         payload=NavState(R=q.R, x=q.p, v=q.v),
@@ -213,94 +239,94 @@ def _begin(team: Team, first: Measurement) -> EstimatorState:
     )
 
 
-def _observe(
+def _update(
     team: Team,
     filters: FilterBandwidths,
-    filter_state: EstimatorState,
+    state: EstimatorState,
     measurement: Measurement,
-    applied: tuple[AgentInput, ...],
-    fresh: Scalar,
+    applied: TeamInputs,
+    valid: Scalar,
     dt: Scalar,
 ) -> tuple[StateEstimate, EstimatorState]:
+    """Advance all filters by one control period; `valid` is 1 if the tip readings give a label."""
     q = measurement.payload
     agents, states, forces = [], [], []
-    at, past = NavState(R=q.R, x=q.p, v=q.v), (filter_state.payload, filter_state.bias)
+    measured, previous = NavState(R=q.R, x=q.p, v=q.v), (state.payload, state.bias)
     fused, bias, omega, a = complementary_update(
-        past, at, q.omega, q.a, team.gravity, filters, filter_state.initialized, dt
+        previous, measured, q.omega, q.a, team.gravity, filters, state.initialized, dt
     )
-    load = PayloadState(R=fused.R, p=fused.x, omega=omega, v=fused.v)
-    waited = filter_state.time_since_label + dt
-    b = fresh * irregular_smoothing_factor(
-        smoothing_factor(filters.label, dt), waited / dt
-    )  # labels stand still where the tips are silent
-    observe_agent = jax.vmap(_observe_agent, in_axes=(0, None, 0, 0, 0, None, None, None, None))
-    for group, past, reading, u in zip(
-        team.agent_groups, filter_state.agents, measurement.agents, applied, strict=True
+    payload = PayloadState(R=fused.R, p=fused.x, omega=omega, v=fused.v)
+    interval = state.time_since_label + dt
+    # Without a valid label the filters of labels and inputs hold their values.
+    b = valid * irregular_smoothing_factor(smoothing_factor(filters.label, dt), interval / dt)
+    update_agents = jax.vmap(_update_agent, in_axes=(0, None, 0, 0, 0, None, None, None, None))
+    for group, agent_state, reading, u in zip(
+        team.agent_groups, state.agents, measurement.agents, applied, strict=True
     ):
-        state, lam, context = observe_agent(
-            group, filters, past, reading, u, team.gravity, filter_state.initialized, b, dt
+        estimate, lam, next_agent_state = update_agents(
+            group, filters, agent_state, reading, u, team.gravity, state.initialized, b, dt
         )
-        agents.append(context)
-        states.append(state)
+        agents.append(next_agent_state)
+        states.append(estimate)
         forces.append(lam)
-    # nothing to difference on the first tick
-    omega_dot = filter_state.initialized * (omega - filter_state.omega) / dt
-    felt = load.R @ a
-    known, contact = _payload_label(team, load, felt, omega_dot, tuple(forces))
-    known = filter_state.modelled_wrench + initial_smoothing_factor(
-        filter_state.initialized, smoothing_factor(filters.tip_force, dt)
-    ) * (known - filter_state.modelled_wrench)
-    context = EstimatorState(
+    # The first control period has no difference.
+    omega_dot = state.initialized * (omega - state.omega) / dt
+    specific_force = payload.R @ a
+    modelled, contact = _payload_label(team, payload, specific_force, omega_dot, tuple(forces))
+    modelled = state.modelled_wrench + initial_smoothing_factor(
+        state.initialized, smoothing_factor(filters.tip_force, dt)
+    ) * (modelled - state.modelled_wrench)
+    next_state = EstimatorState(
         agents=tuple(agents),
         payload=fused,
         bias=bias,
         omega=omega,
-        modelled_wrench=known,
-        label=_pass(filter_state.label, known - contact, b, filter_state.initialized),
-        inputs=_pass(
-            filter_state.inputs,
-            flatten_payload_state(load, jnp.concatenate([felt, omega_dot])),
+        modelled_wrench=modelled,
+        label=_filter_label(state.label, modelled - contact, b, state.initialized),
+        inputs=_filter_label(
+            state.inputs,
+            flatten_payload_state(payload, jnp.concatenate([specific_force, omega_dot])),
             b,
-            filter_state.initialized,
+            state.initialized,
         ),
-        time_since_label=(1 - fresh) * waited,
+        time_since_label=(1 - valid) * interval,
         initialized=jnp.ones(()),
     )
-    a_L = jnp.concatenate([felt + team.gravity, omega_dot])
-    labelled = TrainingSample(
-        payload=(context.inputs.stage2, context.label.stage2),
-        agents=tuple((past.inputs.stage2, past.label.stage2) for past in context.agents),
-        valid=fresh,
-        sample_interval=waited,
+    a_L = jnp.concatenate([specific_force + team.gravity, omega_dot])
+    sample = TrainingSample(
+        payload=(next_state.inputs.stage2, next_state.label.stage2),
+        agents=tuple((agent.inputs.stage2, agent.label.stage2) for agent in next_state.agents),
+        valid=valid,
+        sample_interval=interval,
     )
-    return StateEstimate(agents=tuple(states), payload=load, a_L=a_L, lam=tuple(forces), sample=labelled), context
+    return StateEstimate(agents=tuple(states), payload=payload, a_L=a_L, lam=tuple(forces), sample=sample), next_state
 
 
-def _pass(
+def _filter_label(
     state: SecondOrderLowPassState, x: Float[Array, "*shape"], b: Scalar, initialized: Scalar
 ) -> SecondOrderLowPassState:
-    """Through the labels' filter with the blend b; it begins at its first sample."""
-    settled = jax.tree.map(lambda past, context: context + initialized * (past - context), state, steady_state(x))
-    return update(settled, x, b)
+    """Advance the label filter with the smoothing factor b; the first sample sets its steady state."""
+    start = jax.tree.map(lambda old, new: new + initialized * (old - new), state, steady_state(x))
+    return update(start, x, b)
 
 
 def _payload_label(
     team: Team,
     q: PayloadState,
-    felt: Float[Array, "3"],
+    specific_force: Float[Array, "3"],
     omega_dot: Float[Array, "3"],
     lam: tuple[Float[Array, "agents arms 3"], ...],
 ) -> tuple[Float[Array, "6"], Float[Array, "6"]]:
-    """`(m_L v_dot - f_g, J w_dot + w x J w)` and `G lam_hat`; the label is their difference (learning section)."""
-    known = inverse_dynamics.payload_inverse_dynamics(team.payload, felt, omega_dot, q.omega)
+    """Return `(m_L v_dot - f_g, J w_dot + w x J w)` and `G lam_hat`; their difference is the label."""
+    modelled = inverse_dynamics.payload_inverse_dynamics(team.payload, specific_force, omega_dot, q.omega)
     W = grasp.payload_wrench(grasp.contact_points(team), q.R, grasp.stack_contacts(lam))
-    return jnp.concatenate([known.F, known.tau]), jnp.concatenate([W.F, W.tau])
+    return jnp.concatenate([modelled.F, modelled.tau]), jnp.concatenate([W.F, W.tau])
 
 
-def _observe_agent(
+def _update_agent(
     agent: AerialManipulator,
     filters: FilterBandwidths,
-    past: AgentFilterState,
+    state: AgentFilterState,
     m: AgentReading,
     u: AgentInput,
     gravity: Float[Array, "3"],
@@ -308,42 +334,43 @@ def _observe_agent(
     b_label: Scalar,
     dt: Scalar,
 ) -> tuple[AgentState, Float[Array, "arms 3"], AgentFilterState]:
-    """State, contact forces and the label of Eq. learning_output_components for one agent."""
-    at = NavState(R=m.R, x=m.x, v=m.v)
-    base, bias, omega, felt = complementary_update(
-        (past.base, past.bias), at, m.omega, m.a, gravity, filters, initialized, dt
+    """Compute state, contact forces and label (Eq. learning_output_components) of one agent, and its filter state."""
+    measured = NavState(R=m.R, x=m.x, v=m.v)
+    base, bias, omega, specific_force = complementary_update(
+        (state.base, state.bias), measured, m.omega, m.a, gravity, filters, initialized, dt
     )
     b = smoothing_factor(filters.joint, dt)
-    joint = update(past.joint, m.r, b)
-    # the rate of `outer` that its own recursion implies: no second difference
+    joint = update(state.joint, m.r, b)
+    # The rate of stage 2 follows from its own recursion; no second difference is needed.
     r_dot = (joint.stage1 - joint.stage2) * b / ((1 - b) * dt)
-    r = 2 * joint.stage1 - joint.stage2  # a joint that turns steadily is where it is, not where it was
+    r = 2 * joint.stage1 - joint.stage2  # no lag at a constant rate (double exponential smoothing, Brown 1959)
     g = aerial_manipulator.forward_kinematics(agent, r)
     p = aerial_manipulator.centroidal_model(agent, g)
     xi = jnp.concatenate([omega, r_dot])
-    carried = -(base.R @ (p.J_base @ xi))
-    q = AgentState(R=base.R, x=base.x + base.R @ p.com_from_base, r=r, omega=omega, v=base.v + carried, r_dot=r_dot)
+    velocity_offset = -(base.R @ (p.J_base @ xi))
+    x, v = base.x + base.R @ p.com_from_base, base.v + velocity_offset
+    q = AgentState(R=base.R, x=x, r=r, omega=omega, v=v, r_dot=r_dot)
     lam_base = jnp.einsum("bij,bj->bi", g.rotation[jnp.array(agent.tree.tip_bodies)], m.lam)
     lam = lam_base @ base.R.T
     momenta = p.M_bar @ xi
-    # the same tick on both ends of each difference; nothing to difference on the first
-    momenta_dot = initialized * (momenta - past.momenta) / dt
-    carried_dot = initialized * (carried - past.com_velocity_offset) / dt
+    # Both differences span the same control period; the first period has none.
+    momenta_dot = initialized * (momenta - state.momenta) / dt
+    velocity_offset_dot = initialized * (velocity_offset - state.com_velocity_offset) / dt
     drift = aerial_manipulator.momentum_drift(agent, r, xi)
-    force = p.mass * (base.R @ felt + carried_dot) - u.u * base.R[:, 2]
+    force = p.mass * (base.R @ specific_force + velocity_offset_dot) - u.u * base.R[:, 2]
     moment = momenta_dot - drift - jnp.concatenate([u.tau, u.tau_r]) - u.u * p.J_base[2]
-    known = past.modelled_force + initial_smoothing_factor(initialized, smoothing_factor(filters.tip_force, dt)) * (
-        jnp.concatenate([force, moment]) - past.modelled_force
+    modelled = state.modelled_force + initial_smoothing_factor(initialized, smoothing_factor(filters.tip_force, dt)) * (
+        jnp.concatenate([force, moment]) - state.modelled_force
     )
     contact = jnp.concatenate([lam.sum(0), (p.J_tip * lam_base[:, :, None]).sum((0, 1))])
-    context = AgentFilterState(
+    next_state = AgentFilterState(
         base=base,
         bias=bias,
         joint=joint,
         momenta=momenta,
-        com_velocity_offset=carried,
-        modelled_force=known,
-        label=_pass(past.label, known + contact, b_label, initialized),
-        inputs=_pass(past.inputs, flatten_agent_state(q), b_label, initialized),
+        com_velocity_offset=velocity_offset,
+        modelled_force=modelled,
+        label=_filter_label(state.label, modelled + contact, b_label, initialized),
+        inputs=_filter_label(state.inputs, flatten_agent_state(q), b_label, initialized),
     )
-    return q, lam, context
+    return q, lam, next_state
