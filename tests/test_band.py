@@ -168,7 +168,7 @@ def test_before_any_data_beta_is_the_norm_whatever_the_bound(norm, k, bound):
 
 def test_an_oracle_with_data_is_of_an_update_and_one_without_needs_none():
     _, model = labelled(np.random.default_rng(0), 2.0, np.full(OUTPUTS, 0.1))
-    with pytest.raises(ValueError, match="updates count from 1"):
+    with pytest.raises(ValueError, match="k = 0: must be at least 1"):
         confidence_bounds.confidence_bands(oracle(model), stated(), 0)
     empty = oracle(gp.prior(hyper(), CAPACITY))
     none = gp.prior(hyper(9, 24), CAPACITY)

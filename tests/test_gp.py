@@ -407,7 +407,7 @@ def test_singular_gram_matrix_is_refused_in_words():
         ((-1.0, [1.0], 0.1), "signal_variance"),
         ((1.0, [1.0, np.nan], 0.1), "lengthscales"),
         ((1.0, [1.0], 0.0), "noise_variance"),
-        ((1.0, [1.0], 0.1, np.inf), "offset"),
+        ((1.0, [1.0], 0.1, np.inf), "constant_mean"),
         (([1.0, 2.0], [1.0], [0.1, 0.1, 0.1]), "signal_variance has shape"),
         (([1.0, 2.0], np.ones((3, 4)), 0.1), "signal_variance has shape"),
     ],
@@ -692,12 +692,12 @@ def test_a_damaged_file_is_refused_in_one_way_or_read_whole(tmp_path):
                 content[at:at] = rng.bytes(int(rng.integers(1, 9)))
         return bytes(content)
 
-    arrays = serialization._arrays(whole)
+    arrays = serialization._read_arrays(whole)
     refused = 0
     for k in range(3000):
         try:
-            read = serialization._arrays(damaged(k))
-            serialization._check(read)
+            read = serialization._read_arrays(damaged(k))
+            serialization._validate_arrays(read)
         except ValueError as error:
             assert str(error)
             refused += 1
@@ -725,12 +725,12 @@ WRONG = {
     "no noise": ({"noise_variance": lambda a: 1e-30 * a}, "noise_variance"),
     "zero length": ({"lengthscales": lambda a: 0 * a}, "lengthscales"),
     "turned lengths": ({"lengthscales": lambda a: a.T}, "lengthscales has shape"),
-    "infinite offset": ({"offset": lambda a: a + np.inf}, "offset"),
+    "infinite constant mean": ({"constant_mean": lambda a: a + np.inf}, "constant_mean"),
     "scalar signal": ({"signal_variance": lambda a: a[0]}, "signal_variance has shape"),
     "single precision": ({"X": lambda a: a.astype(np.float32)}, "X has type float32: must be float64"),
     "complex": ({"Y": lambda a: a + 1j}, "Y has type complex128"),
-    "text": ({"offset": lambda a: np.asarray(["a", "b", "c"])}, "offset has type"),
-    "capacity of 5": ({"capacity": lambda a: a - 3}, "capacity = 5: must hold the 6 points"),
+    "text": ({"constant_mean": lambda a: np.asarray(["a", "b", "c"])}, "constant_mean has type"),
+    "capacity of 5": ({"capacity": lambda a: a - 3}, "capacity = 5: must be at least 6"),
     "negative capacity": ({"capacity": lambda a: -a}, "capacity = -8"),
     "endless capacity": ({"capacity": lambda a: a + 2**61}, "be at most 18918 for 3 outputs"),
     "broken capacity": ({"capacity": lambda a: a + 0.5}, "capacity has type float64"),
@@ -738,8 +738,8 @@ WRONG = {
     "format 1": ({"format": lambda a: np.asarray("colift gp 1")}, "format is colift gp 1"),
     "formats": ({"format": lambda a: np.stack([a, a])}, "format is"),
     "no format": ({"format": None}, "format is not stated"),
-    "no X": ({"X": None}, "holds .*: must hold"),
-    "more": ({"alpha": lambda a: np.ones(3)}, "holds .*alpha.*: must hold"),
+    "no X": ({"X": None}, "contains .*: must contain"),
+    "more": ({"alpha": lambda a: np.ones(3)}, "contains .*alpha.*: must contain"),
     "objects": ({"X": lambda a: a.astype(object)}, "not a GP file"),
 }
 

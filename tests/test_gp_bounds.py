@@ -498,7 +498,7 @@ def test_confidences_and_weights_out_of_range_are_refused():
             error_bounds.union_bound_levels(0.9, weights)
     with pytest.raises(ValueError, match="parts = 0"):
         error_bounds.product_levels(0.9, 0)
-    with pytest.raises(ValueError, match="updates count from 1"):
+    with pytest.raises(ValueError, match="k = 0: must be at least 1"):
         error_bounds.update_confidence_share(0)
 
 

@@ -146,7 +146,7 @@ def test_weights_are_where_the_derivative_is_zero():
         for factor in (0.9, 1.1):
             near = w.copy()
             near[j] *= factor
-            other = ellipsoid._weighed(allowed, near[None])
+            other = ellipsoid._ellipsoids(allowed, near[None])
             assert float(other.covariance(k, square)[0, 0, 0]) >= least * (1 - 5e-3)
 
 

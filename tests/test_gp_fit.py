@@ -377,11 +377,14 @@ def test_a_belief_is_shared_once_in_standardized_units():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"factor": 1.0}, "factor = 1.0: must exceed 1"),
-        ({"factor": np.nan}, "factor = nan"),
-        ({"least": 0.0}, "least = 0.0"),
-        ({"least": 2.0, "greatest": 1.0}, "least = 2.0, greatest = 1.0: must satisfy"),
-        ({"greatest": np.inf}, "greatest = inf"),
+        ({"scale_factor": 1.0}, "scale_factor = 1.0: must exceed 1"),
+        ({"scale_factor": np.nan}, "scale_factor = nan"),
+        ({"min_lengthscale": 0.0}, "min_lengthscale = 0.0"),
+        (
+            {"min_lengthscale": 2.0, "max_lengthscale": 1.0},
+            "min_lengthscale = 2.0, max_lengthscale = 1.0: must satisfy",
+        ),
+        ({"max_lengthscale": np.inf}, "max_lengthscale = inf"),
     ],
 )
 def test_bad_beliefs_are_refused_in_words(change, message):
@@ -391,7 +394,7 @@ def test_bad_beliefs_are_refused_in_words(change, message):
 
 def test_a_belief_about_other_data_is_refused_in_words():
     X, Y = drawn(0)
-    with pytest.raises(ValueError, match=r"belief has lengthscales \(3, 8\): must be .* = \(2, 5\)"):
+    with pytest.raises(ValueError, match=r"hyperprior has lengthscales \(3, 8\): must be .* = \(2, 5\)"):
         gp.fit(X, Y, hyperprior=BELIEF)
     broken = dataclasses.replace(BELIEF.median, noise_variance=-BELIEF.median.noise_variance)
     with pytest.raises(ValueError, match="noise_variance = "):
@@ -449,10 +452,10 @@ def test_the_marginal_likelihood_is_that_of_a_dense_normal_and_its_slope_that_of
     X, _, Phi, _, _ = body(seed, N=12)
     Phi, Y = np.concatenate([Phi, Phi[:, ::-1]], axis=1), rng.normal(size=(12, 4))
     belief = believed(outputs=4, lengthscale=rng.uniform(0.5, 2, 2))
-    parts = [semiparametric._part(X, outputs, belief) for outputs in ([0, 1], [2, 3])]
+    parts = [semiparametric._output_group(X, outputs, belief) for outputs in ([0, 1], [2, 3])]
     t, kernel = rng.normal(size=6) - [1, 0, 2, 1, 0, 2], belief.median.kernel
     value, slope, theta, covariance = semiparametric.log_marginal_likelihood(t, parts, Y, Phi, PRIOR, kernel)
-    hyper = semiparametric._hyper(t, parts, 2, kernel)
+    hyper = semiparametric._hyperparameters(t, parts, 2, kernel)
     C = whole(X, hyper, Phi, PRIOR, range(4))
     y, B = Y.T.reshape(-1), Phi.transpose(1, 0, 2).reshape(-1, 3)
     assert value == pytest.approx(multivariate_normal(cov=C).logpdf(y), rel=1e-9)

@@ -1,17 +1,26 @@
-"""Exact batched GPs for control loops: many small posteriors, fixed capacity, no recompilation. Knows no robot.
+"""Exact Gaussian process (GP) regression for control loops.
 
-kernel      how alike a function's values at two points are
-hyper       hyperparameters, and the box they are learned in
-likelihood  log marginal likelihood and its gradient (host)
-training    hyperparameters from data (host)
-posterior   condition, mean, variance, predict, append, remove, and what a data set tells
-parametric  GPs beside a mean function linear in parameters that outputs share (host)
-data        data policies of a fixed budget, update schedules
-thinning    which of too many points to keep (host)
-store       a GP in a file
-bounds      how far the mean may be from the function, and what each bound assumes
-recovery    the tightest bound under bounded noise, by a conic program (host)
-ellipsoid   bounds of many functionals at once under bounded noise (host)
+A posterior holds many independent outputs over shared inputs at a fixed capacity, so that new data cause no
+recompilation. The package does not depend on robot models.
+
+Modules:
+    kernels: Correlation functions of scaled distances.
+    hyperparameters: Hyperparameters, their bounds and their prior.
+    likelihood: Log marginal likelihood and its gradient (host).
+    fitting: Hyperparameters from data (host).
+    posterior: Conditioning, prediction, and insertion or removal of single points.
+    semiparametric: GPs with a mean function that is linear in shared parameters (host).
+    dataset: Selection policies of a fixed budget, and update schedules.
+    subset_selection: Selection of a subset of data by information (host).
+    serialization: Storage of a posterior in a file.
+    error_bounds: Error bounds of the posterior mean, and the assumptions of each bound.
+    optimal_recovery: Smallest bound under bounded noise, by a conic program (host).
+    ellipsoid: Bounds of many functionals at once under bounded noise (host).
+
+Example:
+    >>> fit = gp.fit(X, Y)
+    >>> model = gp.condition(X, Y, fit.hyper)
+    >>> mean, variance = gp.predict(model, jnp.asarray(points))
 """
 
 from colift.gp import ellipsoid, error_bounds, optimal_recovery

@@ -1,7 +1,7 @@
-"""Data of a fixed budget: which points of a stream to keep, and when to learn from them.
+"""Data sets of a fixed budget: selection of points from a stream, and update schedules.
 
-`first_come`, `first_in_first_out` and `Uniform` keep a buffer of pairs and cost O(1); `informative` keeps a GP, whose
-posterior tells which point is worth keeping, and costs O(N^2).
+`keep_first`, `sliding_window` and `ReservoirSampling` maintain a buffer of pairs at a cost of O(1) per point.
+`max_variance_subset` maintains a posterior, whose variance ranks the points, at a cost of O(N^2) per point.
 """
 
 from __future__ import annotations
@@ -28,17 +28,35 @@ from colift.math.pytree import pytree
 
 @pytree
 class Dataset:
-    """Pairs kept of a stream; the first n rows are in use (Eq. dataset_*_online)."""
+    """Pairs selected from a stream; the first `n` rows are in use (Eq. dataset_*_online).
+
+    Attributes:
+        X: Inputs.
+        Y: Labels.
+        t: Time of each pair [s].
+        n: Number of rows in use.
+        num_seen: Number of valid points offered so far.
+    """
 
     X: Float[Array, "*batch capacity dimensions"]
     Y: Float[Array, "*batch capacity outputs"]
-    t: Float[Array, "*batch capacity"]  # s, when each came
-    n: Int[Array, "*batch"]  # rows in use
-    num_seen: Int[Array, "*batch"]  # points seen so far, without those that are refused in any case
+    t: Float[Array, "*batch capacity"]  # s
+    n: Int[Array, "*batch"]
+    num_seen: Int[Array, "*batch"]
 
 
 def empty_dataset(capacity: int, dimensions: int, outputs: int, batch: tuple[int, ...] = ()) -> Dataset:
-    """No data yet, in a budget of `capacity` points; `batch` leads every leaf."""
+    """Return an empty data set.
+
+    Args:
+        capacity: Maximum number of points.
+        dimensions: Number of inputs.
+        outputs: Number of outputs.
+        batch: Leading batch axes of every leaf.
+
+    Returns:
+        A data set without points.
+    """
     return Dataset(
         X=jnp.zeros((*batch, capacity, dimensions)),
         Y=jnp.zeros((*batch, capacity, outputs)),
@@ -50,7 +68,7 @@ def empty_dataset(capacity: int, dimensions: int, outputs: int, batch: tuple[int
 
 @runtime_checkable
 class SelectionPolicy(Protocol):
-    """What becomes of a point `(x, y)` that came at time t, s, if it is offered: the data after, and if it was kept."""
+    """Protocol of a policy that decides whether an offered point is kept, and which point it replaces."""
 
     def __call__(
         self,
@@ -60,7 +78,23 @@ class SelectionPolicy(Protocol):
         t: Float[Array, ""],
         offered: Bool[Array, ""],
     ) -> tuple[Dataset, Bool[Array, ""]]:
-        """A point that is not finite or beyond 1e100 in size is refused. Raises ValueError for a shape of no point."""
+        """Offer a point to the data set.
+
+        A point that is not finite, or has an entry above 1e100 in magnitude, is rejected.
+
+        Args:
+            data: Current data set.
+            x: Input.
+            y: Label.
+            t: Time of the point [s].
+            offered: False to leave the data set unchanged.
+
+        Returns:
+            The next data set, and whether the point was kept.
+
+        Raises:
+            ValueError: If `x` or `y` does not have the shape of one point.
+        """
         ...
 
 
@@ -72,9 +106,9 @@ def keep_first(
     t: Float[Array, ""],
     offered: Bool[Array, ""],
 ) -> tuple[Dataset, Bool[Array, ""]]:
-    """Keep the first points: full data stay as they are."""
+    """Keep the first points of a stream; a full data set does not change. See `SelectionPolicy`."""
     check_point(data.X, data.Y, x, y)
-    return _put(data, x, y, t, offered, data.num_seen)
+    return _write_row(data, x, y, t, offered, data.num_seen)
 
 
 @jax.jit
@@ -85,16 +119,20 @@ def sliding_window(
     t: Float[Array, ""],
     offered: Bool[Array, ""],
 ) -> tuple[Dataset, Bool[Array, ""]]:
-    """Keep the newest points: a new one takes the place of the oldest."""
+    """Keep the newest points of a stream: a new point replaces the oldest. See `SelectionPolicy`."""
     check_point(data.X, data.Y, x, y)
-    return _put(data, x, y, t, offered, data.num_seen % len(data.X))
+    return _write_row(data, x, y, t, offered, data.num_seen % len(data.X))
 
 
 @pytree
 class ReservoirSampling:
-    """Keep a uniform random sample of all points so far (reservoir sampling: Vitter 1985, Algorithm R)."""
+    """Keep a uniform random sample of all points so far (Vitter 1985, Algorithm R).
 
-    key: Key[Array, ""]  # fixed for a stream; point k draws from `fold_in(key, k)`
+    Attributes:
+        key: Random key of the stream; point k uses `fold_in(key, k)`.
+    """
+
+    key: Key[Array, ""]
 
     def __call__(
         self,
@@ -104,38 +142,46 @@ class ReservoirSampling:
         t: Float[Array, ""],
         offered: Bool[Array, ""],
     ) -> tuple[Dataset, Bool[Array, ""]]:
-        """The data after a point, and whether it was kept."""
+        """Offer a point to the data set; see `SelectionPolicy`."""
         check_point(data.X, data.Y, x, y)
         k = data.num_seen
         drawn = jax.random.randint(jax.random.fold_in(self.key, k), (), 0, k + 1)
-        return _put(data, x, y, t, offered, jnp.where(k < len(data.X), k, drawn))
+        return _write_row(data, x, y, t, offered, jnp.where(k < len(data.X), k, drawn))
 
 
-def _put(data: Dataset, x: Array, y: Array, t: Array, offered: Array, slot: Array) -> tuple[Dataset, Array]:
-    """Write to row `slot` when it is within capacity and the point is one that `condition` takes."""
-    sound = offered & is_finite_point(x, y)
-    kept = sound & (slot < len(data.X))
+def _write_row(data: Dataset, x: Array, y: Array, t: Array, offered: Array, slot: Array) -> tuple[Dataset, Array]:
+    """Write a point to row `slot` if the row exists and the point is valid."""
+    valid = offered & is_finite_point(x, y)
+    kept = valid & (slot < len(data.X))
     slot = jnp.where(kept, slot, 0)
-    put = Dataset(
+    written = Dataset(
         X=data.X.at[slot].set(jnp.where(kept, x, data.X[slot])),
         Y=data.Y.at[slot].set(jnp.where(kept, y, data.Y[slot])),
         t=data.t.at[slot].set(jnp.where(kept, t, data.t[slot])),
         n=jnp.minimum(data.n + kept.astype(data.n.dtype), len(data.X)),
-        num_seen=data.num_seen + sound.astype(data.num_seen.dtype),
+        num_seen=data.num_seen + valid.astype(data.num_seen.dtype),
     )
-    return put, kept
+    return written, kept
 
 
 @jax.jit
 def max_variance_subset(
     gp: GPPosterior, x: Float[Array, " dimensions"], y: Float[Array, " outputs"], gate: Float[Array, ""]
 ) -> tuple[GPPosterior, Bool[Array, ""]]:
-    """Keep the points the posterior knows least about, and whether this one is kept.
+    """Keep the points of largest posterior variance.
 
-    A point's novelty is its posterior variance over the signal variance, the largest over the outputs; that of a
-    kept point is its own with itself left out. A point below `gate` (in (0, 1)) is refused; a full GP gives up its
-    most redundant point, the one of least novelty, unless that is more novel than the new one. What `append`
-    refuses is refused. A point below the gate costs a `variance`.
+    The novelty of a point is the ratio of posterior variance and signal variance, maximized over the outputs. The
+    novelty of a kept point is computed by leave-one-out. A full posterior gives up its point of least novelty for a
+    point of larger novelty. A point below the gate costs one evaluation of `variance`.
+
+    Args:
+        gp: Posterior on the kept points.
+        x: Input of the new point.
+        y: Label of the new point.
+        gate: Novelty below which a point is rejected, in (0, 1).
+
+    Returns:
+        The next posterior, and whether the point was kept. Points that `append` rejects are not kept.
     """
     check_point(gp.X, gp.Y, x, y)
     check_shape("gate", gate, (), "a number")
@@ -145,14 +191,14 @@ def max_variance_subset(
         return gp, jnp.zeros((), dtype=bool)
 
     def exchange(gp: GPPosterior) -> tuple[GPPosterior, Array]:
-        held = _novelty_held(gp)
-        redundant = jnp.argmin(held)
+        novelties = _leave_one_out_novelty(gp)
+        redundant = jnp.argmin(novelties)
 
         def put(gp: GPPosterior) -> tuple[GPPosterior, Array]:
             grown, kept = append(remove(gp, redundant)[0], x, y)
             return jax.tree.map(lambda new, old: jnp.where(kept, new, old), grown, gp), kept
 
-        return jax.lax.cond(novelty > held[redundant], put, refuse, gp)
+        return jax.lax.cond(novelty > novelties[redundant], put, refuse, gp)
 
     def offer(gp: GPPosterior) -> tuple[GPPosterior, Array]:
         return jax.lax.cond(gp.num_points == gp.capacity, exchange, lambda gp: append(gp, x, y), gp)
@@ -160,35 +206,63 @@ def max_variance_subset(
     return jax.lax.cond(novelty > gate, offer, refuse, gp)
 
 
-def _novelty_held(gp: GPPosterior) -> Array:
-    """Of each point held, the novelty it would have if it came now; `(capacity,)`, infinite past n."""
+def _leave_one_out_novelty(gp: GPPosterior) -> Array:
+    """Compute the leave-one-out novelty of each kept point, `(capacity,)`; infinite for empty rows."""
     s, v = gp.hyper.signal_variance, gp.hyper.noise_variance
     _, left_out = leave_one_out(gp)
-    held = jnp.max((left_out - v[:, None]) / s[:, None], axis=0)
-    return jnp.where(jnp.arange(gp.capacity) < gp.num_points, held, jnp.inf)
+    novelty = jnp.max((left_out - v[:, None]) / s[:, None], axis=0)
+    return jnp.where(jnp.arange(gp.capacity) < gp.num_points, novelty, jnp.inf)
 
 
 @dataclasses.dataclass(frozen=True)
 class ScheduledUpdate:
-    """Update at stated times, none after `end` (the paper's T_end: data sets change finitely often)."""
+    """Update schedule of fixed times, none of them after an end time (T_end of the paper).
+
+    Attributes:
+        times: Update times [s].
+        end: Last time at which an update is allowed [s].
+    """
 
     times: tuple[float, ...]  # s
     end: float  # s
 
-    def due(self, since: float, context: float, gain: float) -> bool:
-        """Whether a stated time lies in `(since, now]`, since being the time of the last check; s."""
+    def due(self, last_check: float, time: float, gain: float) -> bool:
+        """Return whether an update time lies in `(last_check, time]`.
+
+        Args:
+            last_check: Time of the previous check [s].
+            time: Current time [s].
+            gain: Not used.
+
+        Returns:
+            True if an update is due.
+        """
         del gain
-        return any(since < t <= context for t in self.times if t <= self.end)
+        return any(last_check < t <= time for t in self.times if t <= self.end)
 
 
 @dataclasses.dataclass(frozen=True)
 class InformationTriggeredUpdate:
-    """Update when the data have gained `least` nats of information since the last update, none after `end`."""
+    """Update schedule triggered by the information gain of new data, with an end time.
+
+    Attributes:
+        min_gain: Information gain that triggers an update, summed over outputs [nats].
+        end: Last time at which an update is allowed [s].
+    """
 
     min_gain: float  # nats, summed over outputs
     end: float  # s
 
-    def due(self, since: float, context: float, gain: float) -> bool:
-        """Whether `gain`, the information gained since the last update (nats), is enough at time `now` (s)."""
-        del since
-        return context <= self.end and gain >= self.min_gain
+    def due(self, last_check: float, time: float, gain: float) -> bool:
+        """Return whether the information gain suffices for an update.
+
+        Args:
+            last_check: Not used.
+            time: Current time [s].
+            gain: Information gained since the last update [nats].
+
+        Returns:
+            True if an update is due.
+        """
+        del last_check
+        return time <= self.end and gain >= self.min_gain

@@ -1,11 +1,14 @@
-"""Optimal recovery: all that data with bounded noise tell about a linear functional of the function (host).
+"""Optimal recovery: tight bounds of linear functionals from a norm bound and data with bounded noise (host).
 
-The interval from the least to the greatest value that a function of norm at most B can have there, if it passes every
-datum within eps. No bound from the same assumptions is smaller (Scharnhorst, Maddalena, Jiang and Jones 2023; in
-general Micchelli and Rivlin 1977). One conic program a side, so for certificates and not for a control loop.
+The bounds are the extreme values over all functions with RKHS norm at most B that fit every label within eps. No
+smaller bound follows from these assumptions (Scharnhorst, Maddalena, Jiang and Jones 2023; in general Micchelli and
+Rivlin 1977). Each side needs one conic program, so the method serves certificates and not control loops.
 
-`recover` serves one functional. For many on the same data: `consistent` once, then `greatest` for each, or `least` for
-all at once.
+`recovery_interval` treats one functional. For many functionals on the same data, call `feasible_set` once, then
+`maximize_functional` for each or `minimize_upper_bounds` for all.
+
+See Also:
+    docs/bounds.md: Derivation.
 """
 
 from __future__ import annotations
@@ -23,76 +26,118 @@ from colift.gp.hyperparameters import Hyperparameters
 from colift.gp.kernels import Kernel
 from colift.gp.likelihood import kernel_matrix
 
-# By how much the program's eps and B exceed the stated, tried in turn: room inside, without which the solver stalls.
-# The result is for the stated ones all the same, and the less room, the closer it is to the best.
+# Relative margins by which eps and B of the program exceed the stated values, tried in order. Without an interior the
+# solver stalls. The result is valid for the stated values; a smaller margin gives a tighter bound.
 MARGINS = (1e-6, 1e-5, 1e-4, 1e-3)
-ITERATE_DTYPE = np.float32  # of the iterates of `least`: whatever they are, they bound
-CHECK_INTERVAL = (
-    100  # iterations of `least` between two looks at what they gained; some gain nothing in fifty, and then much
-)
-MIN_IMPROVEMENT = 1e-3  # of the largest value f can have, that a round must gain somewhere for another to follow
+ITERATE_DTYPE = np.float32  # precision of the iterates; the bound is valid for any iterate
+CHECK_INTERVAL = 100  # iterations per round; within fifty iterations some functionals do not yet improve
+MIN_IMPROVEMENT = 1e-3  # fraction of the largest function value; a round without this gain is the last
 MAX_ROUNDS = 20
-BATCH_SIZE = 256  # functionals of `least` at a time: what is read and written stays in a core's cache
-RELAXATION = 1.6  # times the step, as usual
-ADMM_PENALTY = 0.03  # of multipliers that differ from their copies, for functionals of size one
-ROUNDING = 1e-12  # of products of some thousand correlations, for weights whose magnitudes sum to one
-RANK_TOLERANCE = 1e-13  # directions of the Gram matrix below this fraction of its largest are lost in rounding
-INFEASIBLE_MESSAGE = "the data contradict norm and noise_bound: no function of that norm passes that closely"
+BATCH_SIZE = 256  # functionals per batch, so that the arrays fit into a core's cache
+RELAXATION = 1.6  # over-relaxation of the step (Boyd et al. 2011, 3.4.3)
+ADMM_PENALTY = 0.03  # penalty parameter for functionals of unit norm
+ROUNDING = 1e-12  # rounding of products of about 1000 correlations, for weights of unit 1-norm
+RANK_TOLERANCE = 1e-13  # eigenvalues of the Gram matrix below this fraction of the largest are rounding errors
+INFEASIBLE_MESSAGE = (
+    "the data contradict norm and noise_bound: no function of this norm fits all labels within noise_bound"
+)
 
 
 @dataclasses.dataclass(frozen=True)
 class RecoveryInterval:
-    """Values the functional can have; unit of y times that of the weights."""
+    """Interval of the admissible values of a functional [unit of y times unit of the weights]."""
 
     lower: float
     upper: float
 
     def radius(self, estimate: float) -> float:
-        """Largest distance of a possible value from `estimate`."""
+        """Return the largest distance of an admissible value from an estimate.
+
+        Args:
+            estimate: Estimate of the functional [unit of y times unit of the weights].
+
+        Returns:
+            Distance in the same unit.
+        """
         return max(self.upper - estimate, estimate - self.lower)
 
 
 @dataclasses.dataclass(frozen=True)
 class FeasibleSet:
-    """The functions of one output that norm and data allow: `||f|| <= B`, `|Y_k - offset - f(x_k)| <= eps`.
+    """Set of the functions of one output with `||f|| <= B` and `|Y_k - constant_mean - f(x_k)| <= eps`.
 
-    Kept in units of `unit = B sqrt(signal_variance)`, the largest value f can have, with inputs in length-scales.
+    Values are in units of `unit = B sqrt(signal_variance)`, the largest function value; inputs are in length-scales.
+
+    Attributes:
+        U: Inputs in length-scales, `(N, dimensions)`.
+        K: Correlations of the data, `(N, N)`.
+        r: Labels `(Y - constant_mean) / unit`, `(N,)`.
+        eps: Noise bound divided by `unit`.
+        unit: Largest function value [unit of y].
+        norm: RKHS norm bound B.
+        signal_variance: Signal variance [unit of y squared].
+        lengthscales: Length-scales, `(dimensions,)` [unit of x].
+        kernel: Correlation function.
     """
 
-    U: np.ndarray  # (N, dimensions), inputs
-    K: np.ndarray  # (N, N), correlations of the data
-    r: np.ndarray  # (N,), (Y - offset) / unit
+    U: np.ndarray
+    K: np.ndarray
+    r: np.ndarray
     eps: float
-    unit: float  # unit of y
-    norm: float  # B
-    signal_variance: float  # (unit of y)^2
-    lengthscales: np.ndarray  # (dimensions,), unit of x
+    unit: float
+    norm: float
+    signal_variance: float
+    lengthscales: np.ndarray
     kernel: Kernel
 
     def correlations(self, points: np.ndarray) -> np.ndarray:
-        """`k(x_k, z_l) / signal_variance`, `(N, L)`: products with weights are the `k` of a functional."""
+        """Compute `k(x_k, z_l) / signal_variance` of data and points.
+
+        The product with the weights of a functional gives the argument `k` of the functions below.
+
+        Args:
+            points: `(L, dimensions)` [unit of x].
+
+        Returns:
+            `(N, L)`.
+        """
         return kernel_matrix(self.kernel, self.U, points / self.lengthscales)
 
 
 @dataclasses.dataclass(frozen=True)
 class WorstCase:
-    """The greatest value of a functional, and what proves and what reaches it.
+    """Maximum of a functional, with its certificate and its maximizer.
 
-    `value` is an upper bound whatever the solver's tolerance. `nu`: multipliers of the data. `weights`: those of the
-    data's kernels and of the functional's representer in the function that reaches the value, up to that tolerance.
+    Attributes:
+        value: Upper bound of the maximum, valid for any solver tolerance [unit of y times unit of the weights].
+        nu: Multipliers of the data, `(N,)`.
+        weights: Kernel weights of the maximizer for the data and for the functional's representer, `(N + 1,)`
+            [1 / unit of y], accurate to the solver tolerance.
     """
 
-    value: float  # unit of y times that of the functional's weights
-    nu: np.ndarray  # (N,)
-    weights: np.ndarray  # (N + 1,), 1 / unit of y, for kernels of `signal_variance`
+    value: float
+    nu: np.ndarray
+    weights: np.ndarray
 
 
 def feasible_set(
     X: ArrayLike, Y: ArrayLike, hyper: Hyperparameters, output: int, norm: float, noise_bound: float
 ) -> FeasibleSet:
-    """What the data of one output allow; norm: B; noise_bound: eps, unit of y.
+    """Create the set of functions that the data of one output allow.
 
-    X: `(N, dimensions)`; Y: `(N, outputs)`. Raises ValueError for shapes or numbers that are not that.
+    Args:
+        X: Inputs, `(N, dimensions)`.
+        Y: Labels, `(N, outputs)`.
+        hyper: Hyperparameters; the noise variance is not used.
+        output: Index of the output.
+        norm: RKHS norm bound B.
+        noise_bound: Bound eps of each label error [unit of y].
+
+    Returns:
+        The feasible set.
+
+    Raises:
+        ValueError: If a shape is wrong, or norm or noise bound is not positive and finite.
     """
     X, Y = validate_data(X, Y)
     for name, value in (("norm", norm), ("noise_bound", noise_bound)):
@@ -124,129 +169,194 @@ def recovery_interval(
     points: ArrayLike,
     weights: ArrayLike = (1.0,),
 ) -> RecoveryInterval:
-    """Bounds on `sum_l a_l (offset + f(z_l))` over all f with `||f|| <= B`, `|Y_k - offset - f(x_k)| <= eps`.
+    """Bound `sum_l a_l (constant_mean + f(z_l))` over all f of the feasible set.
 
-    Any numbers nu give an upper bound, for `f(z) = sum_k nu_k f(x_k) + <f, k_z - sum_k nu_k k_xk>`:
-    `nu^T r + eps |nu|_1 + B ||k_z - sum_k nu_k k_xk||`. The program finds the best nu, and what is returned is this
-    expression at what it found, so that no tolerance of the solver enters. Where the program has no solution the
-    data contradict B and eps.
+    The feasible set contains all f with `||f|| <= B` and `|Y_k - constant_mean - f(x_k)| <= eps`.
 
-    X: `(N, dimensions)`; Y: `(N, outputs)`; points z: `(L, dimensions)`, weights a: `(L,)`, one point's value by
-    default. norm: B; noise_bound: eps, unit of y. `noise_variance` has no part in it.
-    Raises ValueError for shapes or numbers that are not that, or data that contradict B and eps; RuntimeError
-    where the solver fails.
+    Any multipliers nu give an upper bound, since `f(z) = sum_k nu_k f(x_k) + <f, k_z - sum_k nu_k k_xk>`:
+    `nu^T r + eps |nu|_1 + B ||k_z - sum_k nu_k k_xk||`. The conic program finds the best nu. The returned value is this
+    expression at the solver's nu, so it does not depend on solver tolerances.
+
+    Args:
+        X: Inputs, `(N, dimensions)`.
+        Y: Labels, `(N, outputs)`.
+        hyper: Hyperparameters; the noise variance is not used.
+        output: Index of the output.
+        norm: RKHS norm bound B.
+        noise_bound: Bound eps of each label error [unit of y].
+        points: Points z, `(L, dimensions)` [unit of x].
+        weights: Weights a, `(L,)`; by default the value at one point.
+
+    Returns:
+        Interval of the functional's values.
+
+    Raises:
+        ValueError: If shapes or numbers are not admissible.
     """
-    allowed = feasible_set(X, Y, hyper, output, norm, noise_bound)
+    feasible = feasible_set(X, Y, hyper, output, norm, noise_bound)
     Z, a = np.asarray(points, dtype=float), np.asarray(weights, dtype=float)
-    dimensions = allowed.U.shape[1]
+    dimensions = feasible.U.shape[1]
     if Z.shape != (a.size, dimensions) or a.ndim != 1 or not (np.isfinite(Z).all() and np.isfinite(a).all()):
         raise ValueError(f"points {Z.shape} and weights {a.shape}: must be finite, (L, {dimensions}) and (L,)")
-    k, V = allowed.correlations(Z) @ a, Z / allowed.lengthscales
-    square, mass = float(a @ kernel_matrix(hyper.kernel, V, V) @ a), float(np.abs(a).sum())
-    upper, lower = (sign * maximize_functional(allowed, sign * k, square, mass).value for sign in (1, -1))
+    k, V = feasible.correlations(Z) @ a, Z / feasible.lengthscales
+    squared_norm, l1_norm = float(a @ kernel_matrix(hyper.kernel, V, V) @ a), float(np.abs(a).sum())
+    upper, lower = (sign * maximize_functional(feasible, sign * k, squared_norm, l1_norm).value for sign in (1, -1))
     centre = float(np.asarray(hyper.constant_mean)[output]) * a.sum()
     return RecoveryInterval(lower=float(centre + lower), upper=float(centre + upper))
 
 
-def maximize_functional(allowed: FeasibleSet, k: np.ndarray, square: float, mass: float) -> WorstCase:
-    """The greatest value of a functional of f, given its representer's products with the data's and with itself.
+def maximize_functional(feasible: FeasibleSet, k: np.ndarray, squared_norm: float, l1_norm: float) -> WorstCase:
+    """Maximize a functional of f, given by the inner products of its representer.
 
-    For `sum_l a_l f(z_l)`: `k = correlations(Z) a`, `(N,)`, `square = a^T C a` with C the correlations of Z, and `mass
-    = |a|_1`. Raises as `recover` does.
+    For `sum_l a_l f(z_l)`: `k = correlations(Z) a`, `squared_norm = a^T C a` with the correlations C of Z, and
+    `l1_norm = |a|_1`. A ValueError is raised if the data contradict norm and noise bound, and a RuntimeError if the
+    solver fails.
+
+    Args:
+        feasible: Functions allowed by norm and data.
+        k: Inner products with the data's representers, `(N,)`.
+        squared_norm: Inner product of the representer with itself.
+        l1_norm: Sum of the magnitudes of the weights.
+
+    Returns:
+        Upper bound, multipliers and maximizer.
     """
-    square = max(square, 0.0)  # rounded
-    size = square**0.5 or 1.0  # a functional that is zero has no size to be measured in
-    nu, weights = _solution(allowed, k / size, square / size**2)
-    nu, weights = size * nu, weights * allowed.unit / allowed.signal_variance
+    squared_norm = max(squared_norm, 0.0)  # may be negative by rounding
+    size = squared_norm**0.5 or 1.0  # the zero functional is not scaled
+    nu, weights = _solve_conic_program(feasible, k / size, squared_norm / size**2)
+    nu, weights = size * nu, weights * feasible.unit / feasible.signal_variance
     weights[-1] /= size
     return WorstCase(
-        value=float(dual_upper_bounds(allowed, nu[:, None], k[:, None], np.array([square]), np.array([mass]))[0]),
+        value=float(
+            dual_upper_bounds(feasible, nu[:, None], k[:, None], np.array([squared_norm]), np.array([l1_norm]))[0]
+        ),
         nu=nu,
         weights=weights,
     )
 
 
 def dual_upper_bounds(
-    allowed: FeasibleSet, nu: np.ndarray, k: np.ndarray, square: np.ndarray, mass: np.ndarray
+    feasible: FeasibleSet, nu: np.ndarray, k: np.ndarray, squared_norm: np.ndarray, l1_norm: np.ndarray
 ) -> np.ndarray:
-    """Upper bounds of many functionals by any multipliers, `nu^T r + eps |nu|_1 + B ||k_z - sum_k nu_k k_xk||`.
+    """Compute upper bounds of functionals from any multipliers, `nu^T r + eps |nu|_1 + B ||k_z - sum_k nu_k k_xk||`.
 
-    nu, k: `(N, functionals)`; square, mass: `(functionals,)`; see `greatest`.
+    Args:
+        feasible: Functions allowed by norm and data.
+        nu: Multipliers, `(N, functionals)`.
+        k: Inner products with the data's representers, `(N, functionals)`; see `maximize_functional`.
+        squared_norm: `(functionals,)`.
+        l1_norm: `(functionals,)`.
+
+    Returns:
+        Upper bounds, `(functionals,)`.
     """
     size = np.abs(nu).sum(0)
-    # Products of rounded correlations err by less than this, which would else make a residual near zero too small.
-    rounding = ROUNDING * (mass + size) ** 2
-    residual2 = np.maximum(square + np.sum(nu * (allowed.K @ nu - 2 * k), axis=0), 0.0) + rounding
-    return allowed.unit * (allowed.r @ nu + allowed.eps * size + np.sqrt(residual2))
+    # bound of the rounding error of the products, which can make a small residual too small
+    rounding = ROUNDING * (l1_norm + size) ** 2
+    residual2 = np.maximum(squared_norm + np.sum(nu * (feasible.K @ nu - 2 * k), axis=0), 0.0) + rounding
+    return feasible.unit * (feasible.r @ nu + feasible.eps * size + np.sqrt(residual2))
 
 
-def minimize_upper_bounds(allowed: FeasibleSet, k: np.ndarray, square: np.ndarray, mass: np.ndarray) -> np.ndarray:
-    """Upper bounds of many functionals, `above` at multipliers that are nearly the best: within about `GAIN`.
+def minimize_upper_bounds(
+    feasible: FeasibleSet, k: np.ndarray, squared_norm: np.ndarray, l1_norm: np.ndarray
+) -> np.ndarray:
+    """Compute nearly optimal upper bounds of many functionals, to about `MIN_IMPROVEMENT`.
 
-    `min_nu g(nu) + eps |nu|_1`, `g(nu) = r^T nu + sqrt(square - 2 k^T nu + nu^T K nu)`, by the alternating direction
-    method of multipliers (Boyd et al. 2011, 3.4.3), whose step in g is diagonal in the eigenvectors of K; whatever it
-    finds bounds. k: `(N, functionals)`; square, mass: `(functionals,)`; see `greatest`. Raises as `recover`: of data
-    that contradict B and eps the program of a functional of nothing knows.
+    `min_nu g(nu) + eps |nu|_1`, `g(nu) = r^T nu + sqrt(squared_norm - 2 k^T nu + nu^T K nu)`, is solved by the
+    alternating direction method of multipliers (Boyd et al. 2011, 3.4.3). Its step in g is diagonal in the eigenvectors
+    of K. The result is an upper bound for any iterate. A conic program for the zero functional checks that the data do
+    not contradict norm and noise bound; it raises as `maximize_functional`.
+
+    Args:
+        feasible: Functions allowed by norm and data.
+        k: Inner products with the data's representers, `(N, functionals)`; see `maximize_functional`.
+        squared_norm: `(functionals,)`.
+        l1_norm: `(functionals,)`.
+
+    Returns:
+        Upper bounds, `(functionals,)`.
     """
-    _solution(allowed, np.zeros(len(allowed.r)), 0.0)
-    values, V = (x.astype(ITERATE_DTYPE) for x in linalg.eigh(allowed.K))
+    _solve_conic_program(feasible, np.zeros(len(feasible.r)), 0.0)
+    values, V = (x.astype(ITERATE_DTYPE) for x in linalg.eigh(feasible.K))
     values = np.maximum(values, 0)[:, None]
-    best, square = np.empty_like(square), np.maximum(square, 0.0)  # rounded
+    best, squared_norm = np.empty_like(squared_norm), np.maximum(squared_norm, 0.0)  # may be negative by rounding
     for first in range(0, len(best), BATCH_SIZE):
-        some = slice(first, first + BATCH_SIZE)
-        best[some] = _least(allowed, values, V, k[:, some], square[some], mass[some])
+        batch = slice(first, first + BATCH_SIZE)
+        best[batch] = _minimize_batch(feasible, values, V, k[:, batch], squared_norm[batch], l1_norm[batch])
     return best
 
 
-def _least(
-    allowed: FeasibleSet, values: np.ndarray, V: np.ndarray, k: np.ndarray, square: np.ndarray, mass: np.ndarray
+def _minimize_batch(
+    feasible: FeasibleSet,
+    values: np.ndarray,
+    V: np.ndarray,
+    k: np.ndarray,
+    squared_norm: np.ndarray,
+    l1_norm: np.ndarray,
 ) -> np.ndarray:
-    """`least` of some functionals, `K = V diag(values) V^T`."""
-    size = np.where(square > 0, np.sqrt(square), 1.0)
-    c, r = V.T @ (k / size).astype(ITERATE_DTYPE), (V.T @ allowed.r.astype(ITERATE_DTYPE))[:, None]
-    most = ITERATE_DTYPE(allowed.eps / ADMM_PENALTY)
-    copy, price = np.zeros((2, *k.shape), ITERATE_DTYPE)
-    root, tiny = np.ones(len(square), ITERATE_DTYPE), np.finfo(ITERATE_DTYPE).eps  # root: sqrt(...), held within a step
-    best, left = dual_upper_bounds(allowed, copy, k, square, mass), np.arange(len(square))
+    """Compute `minimize_upper_bounds` for one batch of functionals, with `K = V diag(values) V^T`."""
+    size = np.where(squared_norm > 0, np.sqrt(squared_norm), 1.0)
+    c, r = V.T @ (k / size).astype(ITERATE_DTYPE), (V.T @ feasible.r.astype(ITERATE_DTYPE))[:, None]
+    threshold = ITERATE_DTYPE(feasible.eps / ADMM_PENALTY)
+    copy, dual = np.zeros((2, *k.shape), ITERATE_DTYPE)
+    # root is the square root in g, constant within a step
+    root, tiny = np.ones(len(squared_norm), ITERATE_DTYPE), np.finfo(ITERATE_DTYPE).eps
+    best, remaining = dual_upper_bounds(feasible, copy, k, squared_norm, l1_norm), np.arange(len(squared_norm))
     for _ in range(MAX_ROUNDS):
         for _ in range(CHECK_INTERVAL):
-            nu = (c + root * (ADMM_PENALTY * (V.T @ (copy - price)) - r)) / (values + ADMM_PENALTY * root)
+            nu = (c + root * (ADMM_PENALTY * (V.T @ (copy - dual)) - r)) / (values + ADMM_PENALTY * root)
             root = np.sqrt(np.maximum(1 + np.sum(nu * (values * nu - 2 * c), axis=0), tiny))
-            price += RELAXATION * (V @ nu) + (1 - RELAXATION) * copy
-            copy = price - np.clip(price, -most, most)
-            price -= copy
-        found = dual_upper_bounds(allowed, size[left] * copy, k[:, left], square[left], mass[left])
-        gains = best[left] - found > MIN_IMPROVEMENT * allowed.unit * size[left]
-        best[left] = np.fmin(best[left], found)  # what is no number bounds nothing
-        left, root = left[gains], root[gains]
-        c, copy, price = c[:, gains], copy[:, gains], price[:, gains]
-        if not len(left):
+            dual += RELAXATION * (V @ nu) + (1 - RELAXATION) * copy
+            copy = dual - np.clip(dual, -threshold, threshold)
+            dual -= copy
+        bounds = dual_upper_bounds(
+            feasible, size[remaining] * copy, k[:, remaining], squared_norm[remaining], l1_norm[remaining]
+        )
+        gains = best[remaining] - bounds > MIN_IMPROVEMENT * feasible.unit * size[remaining]
+        best[remaining] = np.fmin(best[remaining], bounds)  # ignores NaN
+        remaining, root = remaining[gains], root[gains]
+        c, copy, dual = c[:, gains], copy[:, gains], dual[:, gains]
+        if not len(remaining):
             break
     return best
 
 
-def _solution(allowed: FeasibleSet, k: np.ndarray, square: float) -> tuple[np.ndarray, np.ndarray]:
-    """The best nu, and the function that proves it best as weights of the data's representers and the functional's.
+def _solve_conic_program(feasible: FeasibleSet, k: np.ndarray, squared_norm: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the best nu, and the maximizing function as kernel weights.
 
-    From the program `max F_z c` over `|c| <= 1`, `|r - F c| <= eps`, with `[F; F_z] [F; F_z]^T` the Gram matrix:
-    c are coordinates of f in an orthonormal basis of the span of all representers.
+    The weights belong to the data and the functional's representer, in this order.
+
+    The program is `max F_z c` over `|c| <= 1`, `|r - F c| <= eps`, where `[F; F_z] [F; F_z]^T` is the Gram matrix. c
+    are coordinates of f in an orthonormal basis of the span of all representers.
+
+    Args:
+        feasible: Functions allowed by norm and data.
+        k: Inner products with the data's representers, `(N,)`.
+        squared_norm: Inner product of the functional's representer with itself.
+
+    Returns:
+        nu `(N,)` and weights `(N + 1,)`.
+
+    Raises:
+        ValueError: If the data contradict norm and noise bound.
+        RuntimeError: If the solver fails.
     """
-    gram = np.block([[allowed.K, k[:, None]], [k[None], np.full((1, 1), square)]])
+    gram = np.block([[feasible.K, k[:, None]], [k[None], np.full((1, 1), squared_norm)]])
     values, vectors = linalg.eigh(gram)
     kept = values > RANK_TOLERANCE * values[-1]
     vectors, scale, N = vectors[:, kept], np.sqrt(values[kept]), len(k)
     for margin in MARGINS:
-        status, x, z = _solve(vectors * scale, allowed.r, allowed.eps * (1 + margin), 1 + margin)
+        status, x, z = _solve(vectors * scale, feasible.r, feasible.eps * (1 + margin), 1 + margin)
         if "PrimalInfeasible" in status:
             raise ValueError(INFEASIBLE_MESSAGE)
         if status in ("Solved", "AlmostSolved"):
             return z[:N] - z[N : 2 * N], vectors @ (x / scale)
-    raise RuntimeError(f"Clarabel ended with {status} on {N} points, noise_bound / (norm sqrt(s)) = {allowed.eps:.3g}")
+    raise RuntimeError(f"Clarabel ended with {status} on {N} points, noise_bound / (norm sqrt(s)) = {feasible.eps:.3g}")
 
 
 def _solve(F: np.ndarray, r: np.ndarray, eps: float, B: float) -> tuple[str, np.ndarray, np.ndarray]:
-    """Clarabel's status, its c, and its multipliers of `F c <= eps + r`, `-F c <= eps - r`, `|c| <= B`, in order."""
-    # not at the top: nothing in flight needs it; by name: it is compiled and has no stubs
+    """Return Clarabel's status, c, and multipliers of `F c <= eps + r`, `-F c <= eps - r` and `|c| <= B` (in order)."""
+    # imported here since simulations do not need it, and by name since the compiled module has no stubs
     clarabel: Any = importlib.import_module("clarabel")
     N, rank = len(r), F.shape[1]
     rows = sparse.csc_matrix(np.vstack([F[:N], -F[:N], np.zeros((1, rank)), -np.eye(rank)]))

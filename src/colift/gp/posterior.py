@@ -1,7 +1,7 @@
-"""The posterior of independent outputs over shared inputs, at a fixed capacity so that data never recompile.
+"""Posterior of independent outputs over shared inputs, with a fixed capacity so that new data cause no recompilation.
 
-`W_i = L_i^-1` with `L_i L_i^T = K_i = K_f + noise_variance I` is stored rather than L: every query, and every
-`append`, is then a product. Rows of W at and past n are those of the identity, and alpha is zero there.
+The posterior stores `W_i = L_i^-1` with `L_i L_i^T = K_i = K_f + noise_variance I` instead of L. Every query and every
+`append` is then a matrix product. Rows of W from n on are those of the identity, and alpha is zero there.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from jaxtyping import Array, Bool, Float, Int
 from numpy.typing import ArrayLike
 from scipy.linalg.lapack import dpotrf, dtrtri
 
-from colift.gp.fitting import LARGEST, validate_data
+from colift.gp.fitting import MAX_MAGNITUDE, validate_data
 from colift.gp.hyperparameters import Hyperparameters, validate
 from colift.gp.likelihood import (
     LOG_2PI,
@@ -27,31 +27,47 @@ from colift.gp.likelihood import (
 )
 from colift.math.pytree import pytree
 
-# Of `predict`: most points in a block, strips of W, and the blocks from which strips repay their copying; measured.
-BLOCK, STRIPS, MANY = 64, 8, 8
+# `predict`: points per block, strips of W, and the number of blocks above which strips save time (measured).
+BLOCK_SIZE, NUM_STRIPS, MIN_BLOCKS_FOR_STRIPS = 64, 8, 8
 
 
 @pytree
 class GPPosterior:
-    """Exact posterior of `outputs` GPs on n data points; on none, the prior."""
+    """Exact posterior of independent GPs on `num_points` data points; without points it is the prior.
+
+    Attributes:
+        hyper: Hyperparameters.
+        X: Inputs.
+        Y: Labels.
+        num_points: Number of rows in use, from the first.
+        inverse_cholesky: Inverse Cholesky factors W, lower triangular.
+        alpha: `K^-1 (Y - constant_mean)`.
+    """
 
     hyper: Hyperparameters
     X: Float[Array, "*batch capacity dimensions"]
     Y: Float[Array, "*batch capacity outputs"]
-    num_points: Int[Array, "*batch"]  # points in use, the first n rows
-    inverse_cholesky: Float[Array, "*batch outputs capacity capacity"]  # inverse Cholesky factors, lower triangular
-    alpha: Float[Array, "*batch outputs capacity"]  # K^-1 (Y - offset)
+    num_points: Int[Array, "*batch"]
+    inverse_cholesky: Float[Array, "*batch outputs capacity capacity"]
+    alpha: Float[Array, "*batch outputs capacity"]
 
     @property
     def capacity(self) -> int:
-        """Points it can hold."""
+        """Maximum number of points."""
         return self.X.shape[-2]
 
 
 def prior(hyper: Hyperparameters, capacity: int) -> GPPosterior:
-    """The posterior on no data: mean `offset`, variance `signal_variance`; the shapes of a conditioned one.
+    """Create a posterior without data, with mean `constant_mean` and variance `signal_variance`.
 
-    Raises ValueError where `hyper` is not what `check` allows at this capacity.
+    A ValueError is raised if `validate` rejects the hyperparameters at this capacity.
+
+    Args:
+        hyper: Hyperparameters.
+        capacity: Maximum number of points.
+
+    Returns:
+        Posterior with the shapes of a conditioned one.
     """
     validate(hyper, capacity)
     m, D = hyper.lengthscales.shape
@@ -66,10 +82,20 @@ def prior(hyper: Hyperparameters, capacity: int) -> GPPosterior:
 
 
 def condition(X: ArrayLike, Y: ArrayLike, hyper: Hyperparameters, capacity: int | None = None) -> GPPosterior:
-    """The posterior on data X `(N, dimensions)`, Y `(N, outputs)` (host, O(N^3)).
+    """Condition a GP on data (host, O(N^3)).
 
-    Raises ValueError for data that are not finite or beyond 1e100 in size, shapes that disagree with `hyper`, more
-    points than `capacity`, or `hyper` that `check` does not allow at this capacity.
+    Args:
+        X: Inputs, `(N, dimensions)`.
+        Y: Labels, `(N, outputs)`.
+        hyper: Hyperparameters.
+        capacity: Maximum number of points; default: N.
+
+    Returns:
+        Posterior.
+
+    Raises:
+        ValueError: If data or hyperparameters are not admissible (see `validate_data`, `validate`), shapes disagree
+            with `hyper`, or there are more points than `capacity`.
     """
     X, Y = validate_data(X, Y)
     N, (m, D) = len(X), hyper.lengthscales.shape
@@ -97,8 +123,8 @@ def condition(X: ArrayLike, Y: ArrayLike, hyper: Hyperparameters, capacity: int 
                 finite = np.isfinite(w @ w) and np.isfinite(alpha[i]).all()
             if not finite:
                 raise ValueError(
-                    f"output {i}: Y of size {np.abs(Y[:, i]).max():.3g} and offset = {offset[i]:.3g} are beyond "
-                    f"float64 beside noise_variance = {v[i]:.3g}"
+                    f"output {i}: Y of magnitude {np.abs(Y[:, i]).max():.3g} and constant_mean = {offset[i]:.3g} "
+                    f"exceed the range of float64 for noise_variance = {v[i]:.3g}"
                 )
     pad = ((0, capacity - N), (0, 0))
     return GPPosterior(
@@ -114,10 +140,21 @@ def condition(X: ArrayLike, Y: ArrayLike, hyper: Hyperparameters, capacity: int 
 def from_expansion(
     hyper: Hyperparameters, centers: ArrayLike, weights: ArrayLike, capacity: int | None = None
 ) -> GPPosterior:
-    """The function `f_i = offset_i + sum_k weights_ik k_i(centers_k, .)` as a posterior mean: `mean` evaluates it.
+    """Create a posterior whose mean is `f_i = constant_mean_i + sum_k weights_ik k_i(centers_k, .)`.
 
-    It is the mean on data `K weights`, which it passes at the centres up to `noise_variance weights`.
-    Raises ValueError for what `condition` does not allow, or weights that are not `(outputs, centers)`.
+    It is the mean on the data `K weights`, which it fits at the centers up to `noise_variance weights`.
+
+    Args:
+        hyper: Hyperparameters.
+        centers: `(N, dimensions)` [unit of x].
+        weights: Kernel weights, `(outputs, N)`.
+        capacity: Maximum number of points; default: N.
+
+    Returns:
+        Posterior with this mean.
+
+    Raises:
+        ValueError: If the weights are not finite or of another shape.
     """
     X, weights = np.asarray(centers, dtype=float), np.asarray(weights, dtype=float)
     if X.ndim != 2 or weights.shape != (len(hyper.signal_variance), len(X)) or not np.isfinite(weights).all():
@@ -133,34 +170,53 @@ def from_expansion(
 
 @jax.jit
 def rkhs_norm(gp: GPPosterior) -> Float[Array, " outputs"]:
-    """Norm of `mu_i - offset_i` in the RKHS of its kernel, `sqrt(alpha^T K_f alpha)`; no unit."""
+    """Compute the RKHS norm of `mu_i - constant_mean_i`, `sqrt(alpha^T K_f alpha)`.
+
+    Args:
+        gp: Posterior.
+
+    Returns:
+        Norm of each output, without unit.
+    """
     K = jax.vmap(lambda x: _kernel(gp, x))(gp.X)
     square = jnp.einsum("ij,jik,ik->i", gp.alpha, K, gp.alpha)
     return jnp.sqrt(jnp.maximum(square, 0.0))
 
 
 def _kernel(gp: GPPosterior, x: Float[Array, " dimensions"]) -> Float[Array, "outputs capacity"]:
-    """`k_i(x, X)` for every output and row, rows past n included."""
+    """Compute `k_i(x, X)` for every output and row, including empty rows."""
     difference = gp.X - x[None, :]
     r2 = (1 / gp.hyper.lengthscales**2) @ (difference * difference).T
     return gp.hyper.signal_variance[:, None] * gp.hyper.kernel(r2)
 
 
-def _in_use(gp: GPPosterior) -> Bool[Array, "1 capacity"]:
+def _row_mask(gp: GPPosterior) -> Bool[Array, "1 capacity"]:
+    """Return which rows are in use."""
     return (jnp.arange(gp.capacity) < gp.num_points)[None, :]
 
 
-def _kernel_in_use(gp: GPPosterior, x: Float[Array, " dimensions"]) -> Float[Array, "outputs capacity"]:
-    return jnp.where(_in_use(gp), _kernel(gp, x), 0.0)
+def _masked_kernel(gp: GPPosterior, x: Float[Array, " dimensions"]) -> Float[Array, "outputs capacity"]:
+    """Compute `k_i(x, X)`, zero for empty rows."""
+    return jnp.where(_row_mask(gp), _kernel(gp, x), 0.0)
 
 
 def _residual(gp: GPPosterior) -> Float[Array, "outputs capacity"]:
-    """`Y - offset`, zero past n."""
-    return jnp.where(_in_use(gp), (gp.Y - gp.hyper.constant_mean[None, :]).T, 0.0)
+    """Compute `Y - constant_mean`, zero for empty rows."""
+    return jnp.where(_row_mask(gp), (gp.Y - gp.hyper.constant_mean[None, :]).T, 0.0)
 
 
 def check_shape(name: str, value: Array, shape: tuple[int | str, ...], meaning: str) -> None:
-    """Raise ValueError where an argument is of another shape or not real; while tracing, so at no cost in a loop."""
+    """Check shape and type of an argument while tracing, at no cost in a loop.
+
+    Args:
+        name: Name of the argument.
+        value: Argument.
+        shape: Required shape.
+        meaning: Explanation of the shape for the message.
+
+    Raises:
+        ValueError: If the argument has another shape or is not real.
+    """
     found = getattr(value, "shape", None)
     if found != shape:
         has = f"is a {type(value).__name__}" if found is None else f"has shape {found}"
@@ -170,7 +226,17 @@ def check_shape(name: str, value: Array, shape: tuple[int | str, ...], meaning: 
 
 
 def check_point(X: Array, Y: Array, x: Array, y: Array | None = None) -> None:
-    """Raise ValueError where x, y are no point for inputs X and outputs Y, or X and Y those of more than one model."""
+    """Check that x and y form one point of a single posterior or data set.
+
+    Args:
+        X: Inputs of the data.
+        Y: Labels of the data.
+        x: Input of the point.
+        y: Label of the point.
+
+    Raises:
+        ValueError: If the data have batch axes, or a shape is not that of one point.
+    """
     if X.ndim != 2:
         raise ValueError(f"the data have batch axes {X.shape[:-2]}: use jax.vmap over stacked models")
     check_shape("x", x, X.shape[1:], "a number a dimension")
@@ -179,15 +245,31 @@ def check_point(X: Array, Y: Array, x: Array, y: Array | None = None) -> None:
 
 
 def is_finite_point(x: Array, y: Array) -> Bool[Array, ""]:
-    """Whether a point is finite and within 1e100 in size, as `condition` demands."""
-    return (jnp.abs(x) <= LARGEST).all() & (jnp.abs(y) <= LARGEST).all()
+    """Return whether a point is finite and at most 1e100 in magnitude, as required by `condition`.
+
+    Args:
+        x: Input.
+        y: Label.
+
+    Returns:
+        True for an admissible point.
+    """
+    return (jnp.abs(x) <= MAX_MAGNITUDE).all() & (jnp.abs(y) <= MAX_MAGNITUDE).all()
 
 
 @jax.jit
 def mean(gp: GPPosterior, x: Float[Array, " dimensions"]) -> Float[Array, " outputs"]:
-    """`mu_i(x) = offset_i + k_i(x, X) alpha_i` (paper, learning section); unit of y. Vmap over x or stacked GPs.
+    """Compute the posterior mean `mu_i(x) = constant_mean_i + k_i(x, X) alpha_i` (paper, learning section).
 
-    Raises ValueError, as all here that take a point do, for a shape that is not one point's.
+    Use `jax.vmap` over x or stacked posteriors. All functions of this module that take a point raise a ValueError for
+    another shape.
+
+    Args:
+        gp: Posterior.
+        x: Input.
+
+    Returns:
+        Mean of each output [unit of y].
     """
     check_point(gp.X, gp.Y, x)
     return gp.hyper.constant_mean + jnp.sum(_kernel(gp, x) * gp.alpha, axis=-1)
@@ -195,12 +277,19 @@ def mean(gp: GPPosterior, x: Float[Array, " dimensions"]) -> Float[Array, " outp
 
 @jax.jit
 def variance(gp: GPPosterior, x: Float[Array, " dimensions"]) -> Float[Array, " outputs"]:
-    """`sigma_i^2(x) = signal_variance_i - |W_i k_i(X, x)|^2`, of the function, without noise; (unit of y)^2.
+    """Compute the posterior variance of the function without noise, `signal_variance_i - |W_i k_i(X, x)|^2`.
 
-    Exact arithmetic gives at least zero, so a rounded value below it is set to zero.
+    The exact value is not negative, so negative rounded values are set to zero.
+
+    Args:
+        gp: Posterior.
+        x: Input.
+
+    Returns:
+        Variance of each output [unit of y squared].
     """
     check_point(gp.X, gp.Y, x)
-    v = jnp.einsum("ijk,ik->ij", gp.inverse_cholesky, _kernel_in_use(gp, x))
+    v = jnp.einsum("ijk,ik->ij", gp.inverse_cholesky, _masked_kernel(gp, x))
     return jnp.maximum(gp.hyper.signal_variance - jnp.sum(v * v, axis=-1), 0.0)
 
 
@@ -208,32 +297,41 @@ def variance(gp: GPPosterior, x: Float[Array, " dimensions"]) -> Float[Array, " 
 def predict(
     gp: GPPosterior, x: Float[Array, "points dimensions"]
 ) -> tuple[Float[Array, "points outputs"], Float[Array, "points outputs"]]:
-    """`mean` and `variance` at many points at once, from one evaluation of the kernel.
+    """Compute `mean` and `variance` at many points with one evaluation of the kernel.
 
-    Points go through in blocks, whose kernel values stay in the processor's cache; for many of them W goes in strips
-    of rows, each without the zeros right of it.
+    Points are processed in blocks, whose kernel values fit into the processor's cache. For many blocks, W is split into
+    strips of rows without the zeros to their right.
+
+    Args:
+        gp: Posterior.
+        x: Inputs.
+
+    Returns:
+        Mean [unit of y] and variance [unit of y squared] at each point.
+
+    Raises:
+        ValueError: If the posterior has batch axes.
     """
     if gp.X.ndim != 2:
         raise ValueError(f"gp has batch axes {gp.X.shape[:-2]}: use jax.vmap over stacked GPs")
     points = x.shape[0] if getattr(x, "ndim", 0) == 2 else "points"
     check_shape("x", x, (points, gp.X.shape[1]), "a row a point")
-    parts = STRIPS if len(x) > MANY * BLOCK else 1
+    parts = NUM_STRIPS if len(x) > MIN_BLOCKS_FOR_STRIPS * BLOCK_SIZE else 1
     edges = sorted({gp.capacity * i // parts for i in range(parts + 1)})
-    strips = jax.lax.optimization_barrier(
-        [gp.inverse_cholesky[:, a:b, :b] for a, b in itertools.pairwise(edges)]
-    )  # once, not a block
+    # the barrier prevents a copy per block
+    strips = jax.lax.optimization_barrier([gp.inverse_cholesky[:, a:b, :b] for a, b in itertools.pairwise(edges)])
     h = gp.hyper
 
     def block(x: Float[Array, "block dimensions"]) -> tuple[Array, Array]:
-        k = jax.vmap(lambda x: _kernel_in_use(gp, x), out_axes=2)(x)
+        k = jax.vmap(lambda x: _masked_kernel(gp, x), out_axes=2)(x)
         mu = jnp.einsum("ik,ikp->pi", gp.alpha, k)
         v = [jnp.einsum("ijk,ikp->ijp", W, k[:, : W.shape[2]]) for W in strips]
         explained = sum((jnp.sum(u * u, axis=1) for u in v), jnp.zeros(mu.shape[::-1]))
         return h.constant_mean[None] + mu, jnp.maximum(h.signal_variance[None] - explained.T, 0.0)
 
-    if len(x) <= BLOCK:
+    if len(x) <= BLOCK_SIZE:
         return block(x)
-    blocks = -(-len(x) // BLOCK)
+    blocks = -(-len(x) // BLOCK_SIZE)
     size = -(-len(x) // blocks)
     padded = jnp.pad(x, ((0, blocks * size - len(x)), (0, 0)))
     mu, sigma2 = jax.lax.map(block, padded.reshape(blocks, size, x.shape[1]))
@@ -244,32 +342,44 @@ def predict(
 def append(
     gp: GPPosterior, x: Float[Array, " dimensions"], y: Float[Array, " outputs"]
 ) -> tuple[GPPosterior, Bool[Array, ""]]:
-    """The posterior with one more point, in O(N^2), and whether it was accepted.
+    """Add one point to the posterior in O(N^2).
 
-    With `c = W k(X, x)` and `lam^2 = k(x, x) + noise_variance - |c|^2`, W gains the row
-    `w = [-c^T W, 1] / lam`, and alpha gains `w (w . (Y - offset))`.
+    With `c = W k(X, x)` and `lam^2 = k(x, x) + noise_variance - |c|^2`, W gains the row `w = [-c^T W, 1] / lam`, and
+    alpha gains `w (w . (Y - constant_mean))`. From about N = 1000 on, most of the time is the copy of W. A compiled
+    loop updates in place, as does `jax.jit(append, donate_argnums=0)`, which deletes the arrays of gp including
+    `hyper`.
 
-    The result holds a copy of W, most of the time from N = 1000 on. A compiled loop writes in place, and so does
-    `jax.jit(append, donate_argnums=0)`, which deletes the arrays of gp, `hyper` among them.
-    The GP is returned as it was, with False, when it is full, the point is not finite or beyond 1e100 in size, alpha
-    would be, the noise is below `least_noise_to_grow`, or rounding has eaten more than half of the noise variance in a
-    lam^2 (exact arithmetic gives lam^2 >= noise_variance): there W would lose its meaning; `condition` goes further.
+    A point is rejected if
+
+    - the posterior is full;
+    - the point, or the resulting alpha, is not finite or above 1e100 in magnitude;
+    - the noise variance is below `min_noise_ratio_for_append`;
+    - rounding reduces a lam^2 below half of the noise variance (its exact lower bound). `condition` accepts such
+      points.
+
+    Args:
+        gp: Posterior.
+        x: Input.
+        y: Label.
+
+    Returns:
+        The next posterior, and whether the point was accepted. A rejected point leaves the posterior unchanged.
     """
     check_point(gp.X, gp.Y, x, y)
-    sound = (gp.num_points < gp.capacity) & is_finite_point(x, y)
-    x, y = jnp.where(sound, x, 0.0), jnp.where(sound, y, 0.0)
+    valid = (gp.num_points < gp.capacity) & is_finite_point(x, y)
+    x, y = jnp.where(valid, x, 0.0), jnp.where(valid, y, 0.0)
     i = jnp.minimum(gp.num_points, gp.capacity - 1)
     h = gp.hyper
-    c = jnp.einsum("ijk,ik->ij", gp.inverse_cholesky, _kernel_in_use(gp, x))
+    c = jnp.einsum("ijk,ik->ij", gp.inverse_cholesky, _masked_kernel(gp, x))
     lam2 = h.signal_variance + h.noise_variance - jnp.sum(c * c, axis=-1)
     lam = jnp.sqrt(jnp.maximum(lam2, h.noise_variance))
     w = (-jnp.einsum("ijk,ij->ik", gp.inverse_cholesky, c)).at[:, i].set(1.0) / lam[:, None]
-    Y = gp.Y.at[i].set(jnp.where(sound, y, gp.Y[i]))
+    Y = gp.Y.at[i].set(jnp.where(valid, y, gp.Y[i]))
     gain = jnp.sum(w * (Y - h.constant_mean[None, :]).T, axis=-1)
     alpha = gp.alpha + w * gain[:, None]
     finite = jnp.isfinite(gain * gain).all() & jnp.isfinite(alpha).all()
     growing = h.noise_variance >= min_noise_ratio_for_append(gp.capacity) * h.signal_variance
-    accepted = sound & finite & (growing & (lam2 >= 0.5 * h.noise_variance)).all()
+    accepted = valid & finite & (growing & (lam2 >= 0.5 * h.noise_variance)).all()
     grown = GPPosterior(
         hyper=h,
         X=gp.X.at[i].set(jnp.where(accepted, x, gp.X[i])),
@@ -283,12 +393,18 @@ def append(
 
 @jax.jit
 def remove(gp: GPPosterior, i: Int[Array, ""]) -> tuple[GPPosterior, Bool[Array, ""]]:
-    """The posterior without point i (later points move up one row), in O(N^2), and whether there was one to remove.
+    """Remove point i from the posterior in O(N^2); later points move up one row.
 
-    Row `a = W_i` is rotated with each later row in turn, `(a, W_k) <- (p a + q W_k, p W_k - q a) / r` with
-    `p = a_i, q = W_ki, r^2 = p^2 + q^2`, which clears column i in all rows but a; a is then dropped. Rotations
-    keep `W^T W = K^-1`, so what is left is the inverse factor of K without row and column i.
-    An index without a point returns the GP as it was, with False.
+    Row `a = W_i` is rotated with each later row, `(a, W_k) <- (p a + q W_k, p W_k - q a) / r` with
+    `p = a_i, q = W_ki, r^2 = p^2 + q^2`. This clears column i in all rows except a, which is then dropped. Rotations
+    preserve `W^T W = K^-1`, so the remaining rows are the inverse factor of K without row and column i.
+
+    Args:
+        gp: Posterior.
+        i: Row of the point.
+
+    Returns:
+        The next posterior, and whether a point was removed. An index without a point leaves the posterior unchanged.
     """
     check_shape("i", i, (), "a row")
     rows = jnp.arange(gp.capacity)
@@ -328,28 +444,54 @@ def remove(gp: GPPosterior, i: Int[Array, ""]) -> tuple[GPPosterior, Bool[Array,
 
 @jax.jit
 def log_likelihood(gp: GPPosterior) -> Float[Array, " outputs"]:
-    """`-1/2 r^T K^-1 r - 1/2 log|K| - n/2 log 2 pi`, `r = Y - offset`, of each output; nats."""
+    """Compute the log marginal likelihood `-1/2 r^T K^-1 r - 1/2 log|K| - n/2 log 2 pi` with `r = Y - constant_mean`.
+
+    Args:
+        gp: Posterior.
+
+    Returns:
+        Log likelihood of each output [nats].
+    """
     r = _residual(gp)
-    return -0.5 * jnp.sum(r * gp.alpha, axis=-1) + _log_pivots(gp) - 0.5 * gp.num_points.astype(r.dtype) * LOG_2PI
+    return (
+        -0.5 * jnp.sum(r * gp.alpha, axis=-1)
+        + _log_det_inverse_factor(gp)
+        - 0.5 * gp.num_points.astype(r.dtype) * LOG_2PI
+    )
 
 
 @jax.jit
 def information_gain(gp: GPPosterior) -> Float[Array, " outputs"]:
-    """`I(y; f) = 1/2 log|I + K_f / noise_variance|` of the data it holds, for each output; nats."""
-    return -_log_pivots(gp) - 0.5 * gp.num_points.astype(gp.inverse_cholesky.dtype) * jnp.log(gp.hyper.noise_variance)
+    """Compute the information gain of the data, `I(y; f) = 1/2 log|I + K_f / noise_variance|`.
+
+    Args:
+        gp: Posterior.
+
+    Returns:
+        Information gain of each output [nats].
+    """
+    return -_log_det_inverse_factor(gp) - 0.5 * gp.num_points.astype(gp.inverse_cholesky.dtype) * jnp.log(
+        gp.hyper.noise_variance
+    )
 
 
-def _log_pivots(gp: GPPosterior) -> Float[Array, " outputs"]:
-    """`-1/2 log|K|`; the identity rows past n add nothing."""
+def _log_det_inverse_factor(gp: GPPosterior) -> Float[Array, " outputs"]:
+    """Compute `-1/2 log|K|`; the identity rows do not contribute."""
     return jnp.sum(jnp.log(jnp.diagonal(gp.inverse_cholesky, axis1=1, axis2=2)), axis=-1)
 
 
 @jax.jit
 def leave_one_out(gp: GPPosterior) -> tuple[Float[Array, "outputs capacity"], Float[Array, "outputs capacity"]]:
-    """`y_k - mu_{-k}(x_k) = alpha_k / P_kk` and its predicted variance `1 / P_kk` (noise included), `P = K^-1`.
+    """Compute leave-one-out errors `y_k - mu_{-k}(x_k) = alpha_k / P_kk` and variances `1 / P_kk`, with `P = K^-1`.
 
-    Rasmussen and Williams 2006, Eqs. 5.11 and 5.12; rows past n hold 0 and the prior's variance.
+    Rasmussen and Williams 2006, Eqs. 5.11 and 5.12. The variances include the noise.
+
+    Args:
+        gp: Posterior.
+
+    Returns:
+        Errors [unit of y] and variances [unit of y squared]; empty rows hold 0 and the prior variance of a label.
     """
     P = jnp.sum(gp.inverse_cholesky * gp.inverse_cholesky, axis=1)
     empty = (gp.hyper.signal_variance + gp.hyper.noise_variance)[:, None]
-    return gp.alpha / P, jnp.where(_in_use(gp), 1 / P, empty)
+    return gp.alpha / P, jnp.where(_row_mask(gp), 1 / P, empty)

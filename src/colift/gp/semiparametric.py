@@ -1,8 +1,8 @@
-"""GPs beside a mean function that is linear in parameters which outputs share (the paper's remark).
+"""GPs with a mean function that is linear in parameters shared by the outputs (remark of the paper).
 
-`y_i(x) = phi_i(x) theta + f_i(x) + noise`, `theta ~ N(0, diag(prior)^2)`: parameters and hyperparameters are found
-together, and the GP then takes `Y - Phi theta`. The basis values are data here; what they mean (mass, first moments,
-drag) is the caller's.
+`y_i(x) = phi_i(x) theta + f_i(x) + noise` with `theta ~ N(0, diag(prior)^2)`. Parameters and hyperparameters are fitted
+together; the GP is then conditioned on `Y - Phi theta`. The basis values are data here. The caller defines their
+meaning, for example mass, first moments or drag (Rasmussen and Williams 2006, Section 2.7).
 """
 
 from __future__ import annotations
@@ -31,20 +31,20 @@ from colift.gp.likelihood import (
 
 @dataclasses.dataclass(frozen=True)
 class SemiparametricFit:
-    """What outputs over one mean come to."""
+    """Fitted parameters and hyperparameters of outputs with a common mean function."""
 
     hyper: Hyperparameters
-    """Zero offset: a constant is a column of Phi."""
+    """Hyperparameters with zero constant mean; a constant is a column of Phi."""
     theta: np.ndarray
-    """`(parameters,)`, unit of y over unit of phi; where the data do not excite one, its prior's zero."""
+    """`(parameters,)`, posterior mean [unit of y / unit of phi]; zero for parameters that the data do not excite."""
     covariance: np.ndarray
-    """`(parameters, parameters)`, of their error."""
+    """`(parameters, parameters)`, posterior covariance of theta."""
     log_likelihood: np.ndarray
-    """`(outputs,)`, nats: each output's share of its group's, given theta."""
-    evaluations: int
+    """`(outputs,)`, share of each output in the log likelihood given theta [nats]."""
+    num_evaluations: int
     """Evaluations of the likelihood and its gradient."""
     converged: bool
-    """Whether the tolerance was met within `max_iterations`."""
+    """True if the tolerance was met within `max_iterations`."""
 
 
 def fit_semiparametric(
@@ -58,20 +58,31 @@ def fit_semiparametric(
     start: Hyperparameters | None = None,
     max_iterations: int = 100,
 ) -> SemiparametricFit:
-    """Mode of the posterior of hyperparameters, theta integrated out, and theta's mean under them.
+    """Fit the hyperparameters by MAP estimation with theta marginalized, and theta by its posterior mean.
 
-    X: `(N, dimensions)`, Y: `(N, outputs)`, Phi: `(N, outputs, parameters)`, prior: `(parameters,)` deviations. The
-    outputs of a group share signal and noise variance and one factor on the length-scales of the belief's medians, its
-    first output's; an input at `UNSEEN` there is not looked at. Beliefs as in `Belief`, of each of the three once.
-    Raises ValueError for data that are not finite or shapes that disagree.
+    Outputs of a group share signal variance, noise variance and one factor of the prior's median length-scales, taken
+    from the first output. Inputs with `INACTIVE_LENGTHSCALE` are not used. The hyperprior counts once for each of the
+    three shared values. A ValueError is raised for data that are not finite and for shapes that disagree.
+
+    Args:
+        X: Inputs, `(N, dimensions)`.
+        Y: Labels, `(N, outputs)`.
+        Phi: Basis values, `(N, outputs, parameters)`.
+        prior: Prior standard deviation of each parameter.
+        groups: Outputs that share hyperparameters.
+        hyperprior: Prior of the hyperparameters.
+        start: Start in place of the prior's median.
+        max_iterations: Maximum number of iterations.
+
+    Returns:
+        Fitted parameters and hyperparameters.
     """
-    X, Y, Phi, prior = _checked(X, Y, Phi, prior)
-    parts = [_part(X, list(outputs), hyperprior) for outputs in groups]
+    X, Y, Phi, prior = _validate(X, Y, Phi, prior)
+    parts = [_output_group(X, list(outputs), hyperprior) for outputs in groups]
     centers = [part.log_parameters(hyperprior.median) for part in parts]
     starts = centers if start is None else [part.log_parameters(start) for part in parts]
-    deviation = np.log(hyperprior.scale_factor) * np.tile(
-        [2.0, 1.0, 2.0], len(parts)
-    )  # a variance has twice the logarithm
+    # the log of a variance is twice the log of its deviation
+    deviation = np.log(hyperprior.scale_factor) * np.tile([2.0, 1.0, 2.0], len(parts))
     center, kernel = np.concatenate(centers), hyperprior.median.kernel
 
     def negative(t: np.ndarray) -> tuple[float, np.ndarray]:
@@ -85,60 +96,90 @@ def fit_semiparametric(
         first = np.clip(np.concatenate(starts), *bounds.T)
         found = minimize(negative, first, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
         _, _, theta, covariance = log_marginal_likelihood(found.x, parts, Y, Phi, prior, kernel)
-        likelihood = _given(found.x, parts, Y - Phi @ theta, kernel)
+        likelihood = _output_log_likelihoods(found.x, parts, Y - Phi @ theta, kernel)
     return SemiparametricFit(
-        hyper=_hyper(found.x, parts, X.shape[1], kernel),
+        hyper=_hyperparameters(found.x, parts, X.shape[1], kernel),
         theta=theta,
         covariance=covariance,
         log_likelihood=likelihood,
-        evaluations=found.nfev,
+        num_evaluations=found.nfev,
         converged=bool(found.success),
     )
 
 
 @dataclasses.dataclass(frozen=True)
 class OutputGroup:
-    """Outputs that share `(log s, log factor, log v)`."""
+    """Outputs that share `(log s, log factor, log v)`.
+
+    Attributes:
+        outputs: Indices of the outputs.
+        columns: Active inputs.
+        lengthscales: Length-scales at a factor of 1.
+        r2: Squared scaled distances at a factor of 1, `(N, N)`.
+        bounds: Bounds of the three logarithms, `(3, 2)`.
+    """
 
     outputs: list[int]
-    columns: np.ndarray  # of X that they look at
-    lengthscales: np.ndarray  # at a factor of 1
-    r2: np.ndarray  # (N, N), squares of distances in those
-    bounds: np.ndarray  # (3, 2)
+    columns: np.ndarray
+    lengthscales: np.ndarray
+    r2: np.ndarray
+    bounds: np.ndarray
 
-    def log_parameters(self, given: Hyperparameters) -> np.ndarray:
-        """Of a hyperparameter set, what this part has."""
+    def log_parameters(self, hyper: Hyperparameters) -> np.ndarray:
+        """Return the three logarithms of this group.
+
+        Args:
+            hyper: Hyperparameters of all outputs.
+
+        Returns:
+            `(log s, log factor, log v)`.
+        """
         i = self.outputs[0]
-        ratio = np.asarray(given.lengthscales)[i, self.columns] / self.lengthscales
-        return np.log([float(given.signal_variance[i]), np.exp(np.log(ratio).mean()), float(given.noise_variance[i])])
+        ratio = np.asarray(hyper.lengthscales)[i, self.columns] / self.lengthscales
+        return np.log([float(hyper.signal_variance[i]), np.exp(np.log(ratio).mean()), float(hyper.noise_variance[i])])
 
 
-def _part(X: np.ndarray, outputs: list[int], hyperprior: HyperPrior) -> OutputGroup:
+def _output_group(X: np.ndarray, outputs: list[int], hyperprior: HyperPrior) -> OutputGroup:
+    """Create a group of outputs with its distances and bounds."""
     median = np.asarray(hyperprior.median.lengthscales)[outputs[0]]
     columns = np.flatnonzero(median < INACTIVE_LENGTHSCALE)
     shape = median[columns]
     r2 = np.empty((len(X), len(X)))
     squared_distances(X[:, columns] / shape, r2)
     signal = np.log(float(hyperprior.median.signal_variance[outputs[0]]))
-    wide = 2 * np.log(1e3)  # a variance may be a million times what is believed, or as much less
+    log_range = 2 * np.log(1e3)  # a variance may differ from the prior's median by a factor of 1e6
     factor = np.log([hyperprior.min_lengthscale / shape.max(), hyperprior.max_lengthscale / shape.min()])
     noise = np.log(float(hyperprior.median.noise_variance[outputs[0]]))
-    least = signal + np.log(min_noise_ratio(len(X))) + wide
-    limits = [[signal - wide, signal + wide], factor, [max(noise - wide, least), noise + wide]]
+    min_noise = signal + np.log(min_noise_ratio(len(X))) + log_range
+    limits = [[signal - log_range, signal + log_range], factor, [max(noise - log_range, min_noise), noise + log_range]]
     return OutputGroup(outputs=outputs, columns=columns, lengthscales=shape, r2=r2, bounds=np.array(limits))
 
 
 def log_marginal_likelihood(
     t: np.ndarray, parts: Sequence[OutputGroup], Y: np.ndarray, Phi: np.ndarray, prior: np.ndarray, kernel: Kernel
 ) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
-    """`log N(y; 0, C)`, `C = K + Phi diag(prior)^2 Phi^T`, its gradient, and theta's mean and covariance.
+    """Compute `log N(y; 0, C)` with `C = K + Phi diag(prior)^2 Phi^T`, its gradient, and the posterior of theta.
 
     With `A = diag(prior)^-2 + Phi^T K^-1 Phi`: `theta = A^-1 Phi^T K^-1 y`, `C^-1 y = K^-1 (y - Phi theta)`,
     `|C| = |K| |A| |diag(prior)|^2`, and the gradient is `1/2 tr((a a^T - C^-1) dK/dt)`, `a = C^-1 y`,
     `C^-1 = K^-1 - K^-1 Phi A^-1 Phi^T K^-1` (Rasmussen and Williams 2006, Section 2.7 and Eq. 5.9).
+
+    Args:
+        t: Logarithms `(log s, log factor, log v)` of each group.
+        parts: Groups of outputs.
+        Y: Labels, `(N, outputs)`.
+        Phi: Basis values, `(N, outputs, parameters)`.
+        prior: Prior standard deviation of each parameter.
+        kernel: Correlation function.
+
+    Returns:
+        Value [nats], gradient, and mean and covariance of theta.
+
+    Raises:
+        ValueError: If K is not positive definite to working precision.
     """
     N, p = len(Y), len(prior)
-    A, b, log_det, done = np.diag(1 / prior**2), np.zeros(p), 2 * np.log(prior).sum(), []
+    A, b, log_det, factors = np.diag(1 / prior**2), np.zeros(p), 2 * np.log(prior).sum(), []
     for part, (s, factor, v) in zip(parts, np.exp(t).reshape(-1, 3), strict=True):
         E, slope = kernel.numpy_value_and_slope(part.r2 / factor**2)
         L, info = dpotrf((s * E + v * np.eye(N)).T, lower=1, clean=1)
@@ -150,12 +191,12 @@ def log_marginal_likelihood(
         T = np.einsum("ab,bqp->aqp", P, Phi[:, part.outputs], optimize=True)  # K^-1 Phi
         A += np.einsum("aqp,aqr->pr", Phi[:, part.outputs], T, optimize=True)
         b += np.einsum("aqp,aq->p", T, Y[:, part.outputs], optimize=True)
-        done.append((E, slope, P, T))
+        factors.append((E, slope, P, T))
     factor_A = cho_factor(A, lower=True)
     theta, covariance = cho_solve(factor_A, b), cho_solve(factor_A, np.eye(p))
     log_det += 2 * np.log(np.diagonal(factor_A[0])).sum()
     value, gradient = -0.5 * (log_det + Y.size * LOG_2PI), np.empty(len(t))
-    for k, (part, (E, slope, P, T)) in enumerate(zip(parts, done, strict=True)):
+    for k, (part, (E, slope, P, T)) in enumerate(zip(parts, factors, strict=True)):
         s, factor, v = np.exp(t[3 * k : 3 * k + 3])
         R = Y[:, part.outputs] - Phi[:, part.outputs] @ theta
         a = P @ R
@@ -169,8 +210,8 @@ def log_marginal_likelihood(
     return value, gradient, theta, covariance
 
 
-def _given(t: np.ndarray, parts: Sequence[OutputGroup], R: np.ndarray, kernel: Kernel) -> np.ndarray:
-    """Log likelihood of each output's `Y - Phi theta`, nats."""
+def _output_log_likelihoods(t: np.ndarray, parts: Sequence[OutputGroup], R: np.ndarray, kernel: Kernel) -> np.ndarray:
+    """Compute the log likelihood of `Y - Phi theta` of each output [nats]."""
     N, out = len(R), np.empty(R.shape[1])
     for part, (s, factor, v) in zip(parts, np.exp(t).reshape(-1, 3), strict=True):
         E, _ = kernel.numpy_value_and_slope(part.r2 / factor**2)
@@ -181,7 +222,8 @@ def _given(t: np.ndarray, parts: Sequence[OutputGroup], R: np.ndarray, kernel: K
     return out
 
 
-def _hyper(t: np.ndarray, parts: Sequence[OutputGroup], dimensions: int, kernel: Kernel) -> Hyperparameters:
+def _hyperparameters(t: np.ndarray, parts: Sequence[OutputGroup], dimensions: int, kernel: Kernel) -> Hyperparameters:
+    """Expand the logarithms of the groups to hyperparameters of all outputs."""
     m = sum(len(part.outputs) for part in parts)
     signal, noise, scale = np.empty(m), np.empty(m), np.full((m, dimensions), INACTIVE_LENGTHSCALE)
     for part, (s, factor, v) in zip(parts, np.exp(t).reshape(-1, 3), strict=True):
@@ -196,9 +238,10 @@ def _hyper(t: np.ndarray, parts: Sequence[OutputGroup], dimensions: int, kernel:
     )
 
 
-def _checked(
+def _validate(
     X: ArrayLike, Y: ArrayLike, Phi: ArrayLike, prior: ArrayLike
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Convert the arguments to arrays; raise ValueError if they are not finite or their shapes disagree."""
     X, Y = validate_data(X, Y)
     Phi, prior = np.asarray(Phi, dtype=float), np.asarray(prior, dtype=float)
     if Phi.ndim != 3 or Phi.shape[:2] != Y.shape or not np.isfinite(Phi).all():

@@ -1,4 +1,4 @@
-"""Which points to keep where there are more than a budget allows: those that tell most beside the others (host)."""
+"""Selection of a subset of the data by information gain, for data sets above the budget (host)."""
 
 from __future__ import annotations
 
@@ -12,52 +12,60 @@ from colift.gp.likelihood import conditioning_error_message, gram_matrix, single
 
 
 def select_subset(X: ArrayLike, hyper: Hyperparameters, budget: int, noise: ArrayLike, first: ArrayLike) -> np.ndarray:
-    """Whether each point of X `(N, dimensions)` is kept: one by one the others go that tell least beside what is left.
+    """Select points by greedy removal of the point with the least information given the others.
 
-    Point k tells `I(y; f) - I(y_{-k}; f) = -1/2 sum_i log(v_ik P_ikk)` nats, summed over outputs, with
-    `P_i = (K_f,i + diag(v_i))^-1` of the points left and `v_ik = noise_k noise_variance_i`. It costs O(N^2) a point
-    that goes, after one inverse.
+    The information of point k is `I(y; f) - I(y_{-k}; f) = -1/2 sum_i log(v_ik P_ikk)` [nats], summed over outputs,
+    with `P_i = (K_f,i + diag(v_i))^-1` of the remaining points and `v_ik = noise_k noise_variance_i`. A removal costs
+    O(N^2) after one inverse. A ValueError is raised if a Gram matrix is not positive definite to working precision.
 
-    noise: (N,) how many times the noise variance a point has for this purpose. first: (N,) those that go before any
-    other does. Raises ValueError where a Gram matrix is not positive definite to working precision.
+    Args:
+        X: Inputs, `(N, dimensions)`.
+        hyper: Hyperparameters.
+        budget: Maximum number of points to keep.
+        noise: Factor of the noise variance of each point for the selection, `(N,)`.
+        first: Points that are removed before any other point, `(N,)`.
+
+    Returns:
+        Whether each point is kept, `(N,)`.
     """
-    X, noise, may = np.asarray(X, float), np.asarray(noise, float), np.asarray(first, bool)
-    stays = np.ones(len(X), bool)
-    if may.sum() <= len(X) - budget:  # all of them go
-        stays, may = ~may, ~may
-    if stays.sum() > budget:
+    X, noise, removable = np.asarray(X, float), np.asarray(noise, float), np.asarray(first, bool)
+    kept = np.ones(len(X), bool)
+    if removable.sum() <= len(X) - budget:  # all removable points are removed
+        kept, removable = ~removable, ~removable
+    if kept.sum() > budget:
         with single_thread_blas(len(X)):
-            stays[_told_by_others(X, hyper, int(stays.sum()) - budget, noise, may, stays)] = False
-    return stays
+            kept[_redundant_points(X, hyper, int(kept.sum()) - budget, noise, removable, kept)] = False
+    return kept
 
 
-def _told_by_others(
-    X: np.ndarray, hyper: Hyperparameters, going: int, noise: np.ndarray, may: np.ndarray, stays: np.ndarray
+def _redundant_points(
+    X: np.ndarray, hyper: Hyperparameters, num_removed: int, noise: np.ndarray, removable: np.ndarray, kept: np.ndarray
 ) -> np.ndarray:
-    """So many of those that may go, of the points that are left."""
-    left, own = np.flatnonzero(may), may[stays]
-    kinds, outputs = np.unique(_kinds(hyper), axis=0, return_counts=True)  # outputs with the same hyperparameters
-    P = [_inverse(X[stays], noise[stays], kind, hyper)[np.ix_(own, own)] for kind in kinds]
+    """Return the indices of the points to remove."""
+    candidates, submatrix = np.flatnonzero(removable), removable[kept]
+    # outputs with equal hyperparameters share an inverse
+    kinds, outputs = np.unique(_output_parameters(hyper), axis=0, return_counts=True)
+    P = [_inverse(X[kept], noise[kept], kind, hyper)[np.ix_(submatrix, submatrix)] for kind in kinds]
     P = [np.asfortranarray(p) for p in P]
-    v, gone = noise[left], np.zeros(len(left), bool)
-    for _ in range(going):
+    v, removed = noise[candidates], np.zeros(len(candidates), bool)
+    for _ in range(num_removed):
         left_out = np.stack([p.diagonal() for p in P]) * kinds[:, 1:2] * v
-        k = int(np.argmin(np.where(gone, np.inf, -outputs @ np.log(np.where(gone, 1.0, left_out)))))
+        k = int(np.argmin(np.where(removed, np.inf, -outputs @ np.log(np.where(removed, 1.0, left_out)))))
         for i, p in enumerate(P):  # the inverse without row and column k
             row = np.concatenate([p[k, :k], p[k:, k]])
             P[i] = dsyr(-1 / row[k], row, lower=1, a=p, overwrite_a=1)
-        gone[k] = True
-    return left[gone]
+        removed[k] = True
+    return candidates[removed]
 
 
-def _kinds(hyper: Hyperparameters) -> np.ndarray:
-    """Of each output signal and noise variance, and length-scales."""
+def _output_parameters(hyper: Hyperparameters) -> np.ndarray:
+    """Return signal variance, noise variance and length-scales of each output as rows."""
     columns = hyper.signal_variance, hyper.noise_variance, *np.asarray(hyper.lengthscales).T
     return np.column_stack([np.asarray(a) for a in columns])
 
 
 def _inverse(X: np.ndarray, noise: np.ndarray, kind: np.ndarray, hyper: Hyperparameters) -> np.ndarray:
-    """The lower triangle of P."""
+    """Compute the lower triangle of P."""
     K = gram_matrix(X, kind[0], kind[2:], 0.0, hyper.kernel)
     K.flat[:: len(K) + 1] += kind[1] * noise
     L, info = dpotrf(K, lower=1)
