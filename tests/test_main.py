@@ -388,7 +388,7 @@ def test_a_run_that_fails_is_saved_marked_incomplete_and_status_1(tmp_path: Path
     for case in ("C1", "C2", "C3"):
         found = summary["cases"][case]
         assert not found["complete"]
-        assert "beyond limits." in found["stopped"]
+        assert "beyond termination." in found["stopped"]
         assert "t = 0.0" in found["stopped"]
         assert f"{case} is incomplete: {found['stopped']}" in said
         flight = log.load(out / f"{case}.nc")

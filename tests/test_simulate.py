@@ -180,7 +180,7 @@ def test_what_is_learned_flies_when_it_is_ready_and_not_before(latency, monkeypa
     assert [update.activation_time for update in flight.updates] == pytest.approx([0.8, 1.2])
     heard = np.abs(flight.records.f_L_hat).max(1) > 0
     assert flight.records.t[heard][0] == pytest.approx(0.8)
-    said = "nothing was learned at t = 0.600 s: what was learned before was not ready (learning.fit_latency)"
+    said = "no model update at t = 0.600 s: the previous update was not finished (learning.fit_latency)"
     assert flight.learning_warnings == (said,)
 
 
@@ -195,7 +195,7 @@ def test_what_is_not_ready_when_the_flight_ends_is_said():
     of = dataclasses.replace(plan("C3"), duration=0.7, update_times=(0.5,), fit_latency=0.3, fit_options=None)
     flight = run_experiment(of)
     assert not flight.updates
-    assert flight.learning_warnings == ("what was learned at t = 0.500 s was not ready when the flight ended",)
+    assert flight.learning_warnings == ("the model update of t = 0.500 s was not finished when the flight ended",)
     assert flight.learning_warnings[0] in metrics.summary(flight, of.world.team, of.controller.team)["warnings"]
 
 
@@ -269,8 +269,8 @@ def watched(rows: signals.StepRecord) -> dict[str, np.ndarray]:
     [
         ("distance", ["the payload is"], "max_position_error_m"),
         ("height", ["the payload is at", "agent front is at", "agent rear is at"], "min_height_m"),
-        ("attitude", ["the payload is turned"], "attitude_deg"),
-        ("tilt", ["agent front pushes", "agent rear pushes"], "max_tilt_deg"),
+        ("attitude", ["the attitude error of the payload is"], "max_attitude_error_deg"),
+        ("tilt", ["the thrust of agent front is", "the thrust of agent rear is"], "max_tilt_deg"),
         ("saturation", ["thrust of agent front", "thrust of agent rear"], "max_saturation_time_s"),
     ],
 )
@@ -287,7 +287,7 @@ def test_a_run_stops_at_the_tick_that_first_exceeds_a_limit_and_says_which(limit
     assert whose[int(np.argmax(signal[first]))] in stopped.termination_reason
     degrees = np.rad2deg(1) if setting.endswith("_deg") else 1.0
     said = float(stopped.termination_reason.rpartition(" ")[2])
-    assert f"at t = {first * 0.002:.3f} s, beyond limits.{setting} = " in stopped.termination_reason
+    assert f"at t = {first * 0.002:.3f} s, beyond termination.{setting} = " in stopped.termination_reason
     assert abs(said) == pytest.approx(abs(most) * degrees, rel=1e-5)
 
 
@@ -376,5 +376,5 @@ def test_a_part_that_native_code_cannot_call_is_flown_by_jax(caplog):
     with caplog.at_level("INFO", logger="colift.simulate"):
         flown = run_experiment(dataclasses.replace(with_world(of, disturbances=sources), duration=0.02))
     assert flown.termination_reason == ""
-    assert "flown by JAX" in caplog.text
+    assert "simulation runs in JAX" in caplog.text
     assert "pure_callback" in caplog.text

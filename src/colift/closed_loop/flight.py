@@ -1,21 +1,29 @@
-"""Closes the loop: truth, sensors, flight software, log; and the updates of the learned models at times t_k."""
+"""Simulated flights: rollouts of the closed loop with model updates at the times `t_k`.
+
+Control periods run in chunks on the device. Model updates run on the host between two rollouts, and each new model
+becomes active after the stated fit latency.
+
+See Also:
+    colift.closed_loop.simulator: one control period, and rollouts.
+    colift.onboard.learning.online_learner: the model updates.
+"""
 
 from __future__ import annotations
 
 import dataclasses
 import time
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from colift.closed_loop import termination
-from colift.closed_loop.signals import DERIVED_SIGNALS, StepRecord, _admittance, model_inputs
-from colift.closed_loop.simulator import LoopConfig, LoopState, _watched, reset, rollout
+from colift.closed_loop.signals import DERIVED_SIGNALS, StepRecord, delassus_matrix, model_inputs
+from colift.closed_loop.simulator import LoopConfig, LoopState, monitored_values, reset, rollout
 from colift.models import grasp
 from colift.models.state import State
+from colift.onboard.controller import LeaderFollowerController
 from colift.onboard.learning import confidence_bounds, model_update, prediction_uncertainty, residual_model
 from colift.onboard.learning.online_learner import (
     IdentificationOptions,
@@ -26,31 +34,51 @@ from colift.onboard.learning.online_learner import (
 )
 from colift.onboard.learning.prediction_uncertainty import LabelBiasModel, ModelInterval, PredictionUncertainty
 from colift.runtime import signals
+from colift.simulation.world import World
 
 
 @dataclasses.dataclass(frozen=True)
 class Experiment:
-    """One run: who flies where, how long, and when it learns."""
+    """Complete definition of one simulated flight.
 
-    world: Any  # a `world.World`
-    controller: Any  # a `fly.Pilot`; one that learns is a `fly.LeaderFollower`
-    agent_names: tuple[str, ...]  # their names, in team order
+    Attributes:
+        world: Simulated world.
+        controller: Onboard controller with its initial residual model.
+        agent_names: Agent names in team order.
+        termination_limits: Limits whose violation ends the flight.
+        dt: Control period [s].
+        initial_state: Initial state on the constraint manifold.
+        duration: Duration of the flight [s].
+        update_times: Times `t_k` at which hyperparameters are fitted [s].
+        fit_options: Options of the fits; None keeps the initial hyperparameters.
+        identification: Options of the method that replaces Gaussian processes, if any.
+        bound_assumptions: Assumptions of the error bounds along the flight.
+        label_biases: Constant sensor errors according to the data sheets.
+        seed: Seed of the sensor noise.
+        online_updates: Options of the periodic updates, if any.
+        fit_latency: Time between an update and the activation of its model [s]; None: the computation time on this
+            machine.
+    """
+
+    world: World
+    controller: LeaderFollowerController
+    agent_names: tuple[str, ...]
     termination_limits: termination.TerminationLimits
-    dt: float  # s, the clock's tick
-    initial_state: State  # on the manifold
-    duration: float  # s
-    update_times: tuple[float, ...]  # t_k, s, at which hyperparameters are fitted
-    fit_options: model_update.FitOptions | None  # None: hyperparameters as stated by the oracle before any data
-    identification: IdentificationOptions | RidgeOptions | None  # what learns instead of GPs
-    bound_assumptions: confidence_bounds.BoundAssumptions  # what the radii along the run rest on
-    label_biases: LabelBiasModel  # what data sheets state of constant errors
+    dt: float
+    initial_state: State
+    duration: float
+    update_times: tuple[float, ...]
+    fit_options: model_update.FitOptions | None
+    identification: IdentificationOptions | RidgeOptions | None
+    bound_assumptions: confidence_bounds.BoundAssumptions
+    label_biases: LabelBiasModel
     seed: int
-    online_updates: OnlineUpdateOptions | None = None  # between and after those
-    fit_latency: float | None = 0.0  # s that a fit takes until what it learned flies; None: as long as it takes here
+    online_updates: OnlineUpdateOptions | None = None
+    fit_latency: float | None = 0.0
 
     @property
     def loop_config(self) -> LoopConfig:
-        """What its ticks need, before anything is learned."""
+        """Constant data of the closed loop before the first model update."""
         return LoopConfig(
             world=self.world,
             controller=self.controller,
@@ -61,178 +89,244 @@ class Experiment:
 
 @dataclasses.dataclass(frozen=True)
 class FlightResult:
-    """A run as it was flown."""
+    """Records of a simulated flight, its residual models and their uncertainty.
 
-    records: StepRecord  # NumPy arrays
+    Attributes:
+        records: Records of all ticks as NumPy arrays.
+        uncertainty: Standard deviations and error bounds along the flight, at a lower rate.
+        updates: Model updates in the order of their activation.
+        termination_reason: Violated limit, body and time; empty if the flight is complete.
+        model_intervals: Residual models in the order of their first tick.
+        wall_time: Computation time by stage [s].
+        learning_warnings: Sentences on updates that failed, were omitted or were not finished.
+    """
+
+    records: StepRecord
     uncertainty: PredictionUncertainty
     updates: tuple[ModelUpdate, ...]
-    termination_reason: str  # empty if the run is complete; else what failed, where and when
-    model_intervals: tuple[ModelInterval, ...]  # its oracles, from the first tick on
-    wall_time: dict[str, float]  # s, by stage
-    learning_warnings: tuple[str, ...] = ()  # sentences: fits that failed, came too late or were not begun, and why
+    termination_reason: str
+    model_intervals: tuple[ModelInterval, ...]
+    wall_time: dict[str, float]
+    learning_warnings: tuple[str, ...] = ()
 
     @property
     def model(self) -> residual_model.ResidualModel:
-        """The last one."""
+        """Residual model at the end of the flight."""
         return self.model_intervals[-1].model
 
     @property
     def bands(self) -> confidence_bounds.ConfidenceBands:
-        """Of that oracle."""
+        """Confidence bands of this model."""
         return self.model_intervals[-1].bands
 
 
-CHUNK_DURATION = 0.5  # s of flight between two reports of progress, and between two looks at the status
-UNCERTAINTY_PERIOD = 0.02  # s, at most the control period
+CHUNK_DURATION = 0.5  # s, simulated time between two reports of progress
+UNCERTAINTY_PERIOD = 0.02  # s, between two evaluations of the uncertainty; at least one control period
 
 
 def ticks_per_chunk(experiment: Experiment) -> int:
-    """How many ticks are flown, and how much noise is drawn, at once."""
+    """Return the number of control periods in one chunk, for which the noise is drawn at once."""
     return max(1, round(CHUNK_DURATION / experiment.dt))
 
 
 def run_experiment(
     experiment: Experiment,
     progress: Callable[[float], None] = lambda _t: None,
-    seen: Callable[[StepRecord], None] = lambda _rows: None,
+    on_chunk: Callable[[StepRecord], None] = lambda _rows: None,
 ) -> FlightResult:
-    """Fly a plan: chunks of ticks on the device, fits on the host at each update time.
+    """Simulate a flight with its model updates.
 
-    Stops at the tick at which something is no longer finite, a grasp is near singular or another of the world's limits
-    is exceeded; what was flown until then is returned, with the reason in words. `progress` hears the time reached, s;
-    `seen` is handed the rows of each chunk as it ends.
+    The flight ends at the first tick at which a value is not finite or a termination limit is violated. The records
+    until then are returned together with the reason.
+
+    Args:
+        experiment: Definition of the flight.
+        progress: Function called with the simulated time [s] after each chunk.
+        on_chunk: Function called with the records of each chunk.
+
+    Returns:
+        The records, the residual models and their uncertainty.
+
+    Example:
+        ::
+
+            scenario = colift.load_scenario("paper")
+            flight = run_experiment(colift.make_experiment(scenario, "C1"))
+            print(np.linalg.norm(flight.records.e_p[-1]))
     """
     dt, setup = experiment.dt, experiment.loop_config
-    room, ticks = ticks_per_chunk(experiment), round(experiment.duration / dt)
-    school, due = (
-        OnlineLearner(experiment.fit_options, experiment.identification, experiment.online_updates),
-        _times(experiment),
-    )
+    chunk_ticks, ticks = ticks_per_chunk(experiment), round(experiment.duration / dt)
+    model_updates = _ModelUpdates(experiment)
     key = jax.random.fold_in(jax.random.key(experiment.seed), 2)
-    model, updates, flown, coming = experiment.controller.residual_model, [], [], None
-    busy: list[float] = []  # s, when something was to be learned while what was learned before was not ready
-    wall = {"simulation": 0.0, "fit": 0.0}
-    held = [
-        ModelInterval(
-            start_tick=0, model=model, bands=confidence_bounds.confidence_bands(model, experiment.bound_assumptions, 1)
-        )
-    ]
+    chunks, wall_time = [], {"simulation": 0.0, "fit": 0.0}
     loop = reset(setup, experiment.initial_state)
-    done, stopped = 0, ""
+    done, termination_reason = 0, ""
     progress(0.0)
-    while done < ticks and not stopped:
+    while done < ticks and not termination_reason:
         signals.raise_if_interrupted()
-        first = done - done % room  # noise is drawn in whole chunks of the run, wherever an update cuts them
-        stops = [k for k in (*due, ticks, *([coming[0]] if coming else [])) if k > done]
-        until = min(first + room, *stops)
-        began = time.perf_counter()
-        noise = _draw(experiment.world, jax.random.fold_in(key, first), room)
-        if done > first:
-            noise = jax.tree.map(lambda x, used=done - first: jnp.roll(x, -used, axis=0), noise)
-        loop, rows = rollout(setup, loop, noise, jnp.asarray(until - done))
-        last = int(loop.tick)
-        rows = jax.tree.map(lambda x, n=last - done: np.asarray(x)[:n], rows)
-        flown.append(rows)
+        chunk_start = done - done % chunk_ticks  # noise is drawn for whole chunks, so that updates do not change it
+        chunk_end = min(chunk_start + chunk_ticks, ticks, *model_updates.event_ticks(done))
+        start_time = time.perf_counter()
+        noise = _draw_noise(experiment.world, jax.random.fold_in(key, chunk_start), chunk_ticks)
+        if done > chunk_start:
+            noise = jax.tree.map(lambda x, offset=done - chunk_start: jnp.roll(x, -offset, axis=0), noise)
+        loop, rows = rollout(setup, loop, noise, jnp.asarray(chunk_end - done))
+        end_tick = int(loop.tick)
+        rows = jax.tree.map(lambda x, n=end_tick - done: np.asarray(x)[:n], rows)
+        chunks.append(rows)
         if int(loop.termination):
-            stopped = _why(experiment, rows, loop)
-        done = last
-        wall["simulation"] += time.perf_counter() - began
-        seen(rows)
-        began = time.perf_counter()
-        requested = done in due and done < ticks
-        while not stopped:
-            if coming and coming[0] <= done:
-                _, model, update = coming
-                coming = None
-                setup = dataclasses.replace(
-                    setup, controller=dataclasses.replace(experiment.controller, residual_model=model)
-                )
-                bands = confidence_bounds.confidence_bands(model, experiment.bound_assumptions, len(updates) + 1)
-                held.append(
-                    ModelInterval(
-                        start_tick=done, model=model, bands=bands, mean_uncertainties=update.mean_uncertainties
-                    )
-                )
-                updates.append(dataclasses.replace(update, activation_time=done * dt))
-            elif requested and coming is None:
-                requested = False
-                learned, update = school.update(model, loop.controller.recorder, done * dt, fit=due[done])
-                taken = time.perf_counter() - began if experiment.fit_latency is None else experiment.fit_latency
-                coming = done + round(taken / dt), learned, update
-            else:
-                break
-        if requested and not stopped:
-            busy.append(done * dt)
-        wall["fit"] += time.perf_counter() - began
+            termination_reason = _termination_reason(experiment, rows, loop)
+        done = end_tick
+        wall_time["simulation"] += time.perf_counter() - start_time
+        on_chunk(rows)
+        start_time = time.perf_counter()
+        if not termination_reason and model_updates.run(done, done < ticks, loop):
+            controller = dataclasses.replace(experiment.controller, residual_model=model_updates.model)
+            setup = dataclasses.replace(setup, controller=controller)
+        wall_time["fit"] += time.perf_counter() - start_time
         progress(done * dt)
-    rows, began = jax.tree.map(lambda *x: np.concatenate(x), *flown), time.perf_counter()
-    sigma = _deviations(experiment, held, rows)
+    rows, start_time = jax.tree.map(lambda *x: np.concatenate(x), *chunks), time.perf_counter()
+    uncertainty = _evaluate_uncertainty(experiment, model_updates.intervals, rows)
     return FlightResult(
         records=rows,
-        uncertainty=sigma,
-        updates=tuple(updates),
-        termination_reason=stopped,
-        model_intervals=tuple(held),
-        wall_time=wall | {"radii": time.perf_counter() - began},
-        learning_warnings=_unused(updates, busy, None if coming is None else coming[2]),
+        uncertainty=uncertainty,
+        updates=tuple(model_updates.activated),
+        termination_reason=termination_reason,
+        model_intervals=tuple(model_updates.intervals),
+        wall_time=wall_time | {"radii": time.perf_counter() - start_time},
+        learning_warnings=model_updates.warnings(),
     )
 
 
-def _unused(updates: Sequence[ModelUpdate], busy: Sequence[float], coming: ModelUpdate | None) -> tuple[str, ...]:
-    """What was to be learned and did not fly, in sentences: fits that failed, were not begun or are still to come."""
-    said = [update.error_message for update in updates if update.error_message]
-    if busy:
-        times = ", ".join(f"{t:.3f}" for t in busy)
-        said.append(
-            f"nothing was learned at t = {times} s: what was learned before was not ready (learning.fit_latency)"
+class _ModelUpdates:
+    """Schedule of the model updates of one flight, the model in use and the update that is not yet active."""
+
+    def __init__(self, experiment: Experiment) -> None:
+        """Start with the initial residual model of the controller."""
+        self.experiment = experiment
+        self.learner = OnlineLearner(experiment.fit_options, experiment.identification, experiment.online_updates)
+        self.due = _update_ticks(experiment)
+        self.model = experiment.controller.residual_model
+        self.pending: tuple[int, residual_model.ResidualModel, ModelUpdate] | None = None
+        self.activated: list[ModelUpdate] = []
+        self.omitted: list[float] = []  # s, update times at which the previous update was not finished
+        bands = confidence_bounds.confidence_bands(self.model, experiment.bound_assumptions, 1)
+        self.intervals = [ModelInterval(start_tick=0, model=self.model, bands=bands)]
+
+    def event_ticks(self, done: int) -> list[int]:
+        """Return the ticks after `done` at which an update is due or becomes active."""
+        return [k for k in (*self.due, *([self.pending[0]] if self.pending else [])) if k > done]
+
+    def run(self, done: int, continues: bool, loop: LoopState) -> bool:
+        """Perform the update that is due at a tick, and activate the pending one.
+
+        Args:
+            done: Number of simulated ticks.
+            continues: Whether the flight continues; no update is started at its end.
+            loop: Loop state, which contains the recorded samples.
+
+        Returns:
+            Whether another model is in use.
+        """
+        start_time, dt = time.perf_counter(), self.experiment.dt
+        is_due, changed = done in self.due and continues, False
+        while True:
+            if self.pending and self.pending[0] <= done:
+                (_, self.model, update), self.pending = self.pending, None
+                self._record_activation(done, update)
+                changed = True
+            elif is_due and self.pending is None:
+                is_due = False
+                model, update = self.learner.update(self.model, loop.controller.recorder, done * dt, fit=self.due[done])
+                latency = self.experiment.fit_latency
+                latency = time.perf_counter() - start_time if latency is None else latency
+                self.pending = done + round(latency / dt), model, update
+            else:
+                break
+        if is_due:
+            self.omitted.append(done * dt)
+        return changed
+
+    def _record_activation(self, done: int, update: ModelUpdate) -> None:
+        """Record that the model of an update is in use from this tick on."""
+        bands = confidence_bounds.confidence_bands(
+            self.model, self.experiment.bound_assumptions, len(self.activated) + 1
         )
-    if coming is not None:
-        said.append(f"what was learned at t = {coming.t:.3f} s was not ready when the flight ended")
-    return tuple(said)
+        self.intervals.append(
+            ModelInterval(start_tick=done, model=self.model, bands=bands, mean_uncertainties=update.mean_uncertainties)
+        )
+        self.activated.append(dataclasses.replace(update, activation_time=done * self.experiment.dt))
+
+    def warnings(self) -> tuple[str, ...]:
+        """Describe updates that failed, were omitted or were not finished, one sentence each."""
+        found = [update.error_message for update in self.activated if update.error_message]
+        if self.omitted:
+            times = ", ".join(f"{t:.3f}" for t in self.omitted)
+            found.append(
+                f"no model update at t = {times} s: the previous update was not finished (learning.fit_latency)"
+            )
+        if self.pending is not None:
+            t = self.pending[2].t
+            found.append(f"the model update of t = {t:.3f} s was not finished when the flight ended")
+        return tuple(found)
 
 
-_draw = jax.jit(lambda world, key, ticks: world.sample_noise(key, ticks), static_argnums=2)
+_draw_noise = jax.jit(lambda world, key, ticks: world.sample_noise(key, ticks), static_argnums=2)
 
 
-def _times(experiment: Experiment) -> dict[int, bool]:
-    """The ticks at which something is learned, in order, and whether hyperparameters are fitted there."""
+def _update_ticks(experiment: Experiment) -> dict[int, bool]:
+    """Return the ticks of all updates in ascending order, and whether hyperparameters are fitted there."""
     fits = {round(t / experiment.dt) for t in experiment.update_times if t < experiment.duration}
-    renewals = () if experiment.online_updates is None else experiment.online_updates.times
-    others = {round(t / experiment.dt) for t in renewals if t < experiment.duration}
-    return {tick: tick in fits for tick in sorted(fits | others)}
+    online_times = () if experiment.online_updates is None else experiment.online_updates.times
+    online = {round(t / experiment.dt) for t in online_times if t < experiment.duration}
+    return {tick: tick in fits for tick in sorted(fits | online)}
 
 
-def _deviations(experiment: Experiment, held: Sequence[ModelInterval], rows: StepRecord) -> PredictionUncertainty:
-    """Deviations and radii at the true states of a flight, every so many ticks."""
-    every = max(1, round(UNCERTAINTY_PERIOD / experiment.dt))
-    seldom = jax.tree.map(lambda x: x[::every], rows)
-    x, agents = model_inputs(experiment.world.team, seldom)
-    a = seldom.a_L - np.concatenate([np.asarray(experiment.controller.team.gravity), np.zeros(3)])
+def _evaluate_uncertainty(
+    experiment: Experiment, model_intervals: Sequence[ModelInterval], rows: StepRecord
+) -> PredictionUncertainty:
+    """Evaluate standard deviations and error bounds at the true states of a flight, at a lower rate."""
+    stride = max(1, round(UNCERTAINTY_PERIOD / experiment.dt))
+    sparse = jax.tree.map(lambda x: x[::stride], rows)
+    x, agents = model_inputs(experiment.world.team, sparse)
+    a = sparse.a_L - np.concatenate([np.asarray(experiment.controller.team.gravity), np.zeros(3)])
     x = np.concatenate([x, a], axis=1)
     return prediction_uncertainty.evaluate_along(
-        experiment.controller.team, held, every, experiment.label_biases, np.asarray(seldom.t), x, agents
+        experiment.controller.team, model_intervals, stride, experiment.label_biases, np.asarray(sparse.t), x, agents
     )
 
 
-def _why(experiment: Experiment, rows: StepRecord, loop: LoopState) -> str:
-    """What ended a run: a signal not finite, causes first; an agent and its arms near singular; or another limit."""
-    t, cause, allowed = rows.t[-1], termination.TerminationCause(int(loop.termination)), experiment.termination_limits
+def _termination_reason(experiment: Experiment, rows: StepRecord, loop: LoopState) -> str:
+    """Describe the reason for the end of a flight.
+
+    A signal that is not finite is named first, in the order of cause and effect. Otherwise the message contains the
+    singular grasp or the violated limit of the motion.
+
+    Args:
+        experiment: Definition of the flight.
+        rows: Records of the last chunk.
+        loop: Loop state at the end.
+
+    Returns:
+        A sentence with value, time and limit.
+    """
+    t, cause, limits = rows.t[-1], termination.TerminationCause(int(loop.termination)), experiment.termination_limits
     if cause == termination.TerminationCause.NOT_FINITE:
-        signals = [field.name for field in dataclasses.fields(rows) if getattr(rows, field.name) is not None]
-        for signal in sorted(signals, key=DERIVED_SIGNALS.__contains__):
-            if not np.isfinite(getattr(rows, signal)[-1]).all():
-                return f"signal {signal} is not finite at t = {t:.3f} s"
+        names = [field.name for field in dataclasses.fields(rows) if getattr(rows, field.name) is not None]
+        for name in sorted(names, key=DERIVED_SIGNALS.__contains__):
+            if not np.isfinite(getattr(rows, name)[-1]).all():
+                return f"signal {name} is not finite at t = {t:.3f} s"
         return f"the state is not finite after t = {t:.3f} s"
     if cause == termination.TerminationCause.SINGULAR_GRASP:
-        weak = int(np.argmin(rows.min_delassus_singular_value[-1] / np.asarray(allowed.min_delassus)))
+        weakest = int(np.argmin(rows.min_delassus_singular_value[-1] / np.asarray(limits.min_delassus)))
         value, arms = (
-            rows.min_delassus_singular_value[-1, weak],
-            grasp.describe_redundant_arms(_admittance(experiment.world.team, np.asarray(rows.r)[-1], weak)),
+            rows.min_delassus_singular_value[-1, weakest],
+            grasp.describe_redundant_arms(delassus_matrix(experiment.world.team, np.asarray(rows.r)[-1], weakest)),
         )
         return (
-            f"the grasp of agent {experiment.agent_names[weak]} is near singular at t = {t:.3f} s: "
-            f"{value:.3g} < {float(allowed.min_delassus[weak]):.3g} 1/kg (limits.grip); {arms}"
+            f"the grasp of agent {experiment.agent_names[weakest]} is near singular at t = {t:.3f} s: "
+            f"{value:.3g} < {float(limits.min_delassus[weakest]):.3g} 1/kg (termination.min_grasp_ratio); {arms}"
         )
-    held = jnp.concatenate(loop.saturated_ticks).astype(float) * experiment.dt
-    context = _watched(jax.tree.map(lambda x: jnp.asarray(x[-1]), rows), jnp.asarray(True), held)
-    return termination.format_cause(cause, allowed, jax.tree.map(np.asarray, context), float(t), experiment.agent_names)
+    saturated = jnp.concatenate(loop.saturated_ticks).astype(float) * experiment.dt
+    values = monitored_values(jax.tree.map(lambda x: jnp.asarray(x[-1]), rows), jnp.asarray(True), saturated)
+    return termination.format_cause(cause, limits, jax.tree.map(np.asarray, values), float(t), experiment.agent_names)

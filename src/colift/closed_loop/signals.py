@@ -1,4 +1,8 @@
-"""Closes the loop: truth, sensors, flight software, log; and the updates of the learned models at times t_k."""
+"""Signals of one tick for the log: true state, inputs, errors, contact forces and residuals.
+
+See Also:
+    colift.closed_loop.log: names, units and frames of the signals.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +26,11 @@ Scalar = Float[Array, ""]
 
 @pytree
 class StepRecord:
-    """What the log keeps of one tick; agents, joints and contacts of all groups in a row."""
+    """Logged signals of one tick; agents, joints and contacts of all groups are concatenated.
+
+    `colift.closed_loop.log.SIGNALS` defines unit, frame and meaning of each field. The last ten fields are None unless
+    the controller has an innovation filter.
+    """
 
     t: Float[Array, "*time"]
     p: Float[Array, "*time 3"]
@@ -64,7 +72,7 @@ class StepRecord:
     Phi: Float[Array, "*time"]
     Phi_dot: Float[Array, "*time"]
     min_delassus_singular_value: Float[Array, "*time agents"]
-    # of pilots that listen to labels
+    # Only for controllers with an innovation filter
     innovation_L: Float[Array, "*time 6"] | None = None
     innovation_x: Float[Array, "*time agents 3"] | None = None
     model_gain_L: Float[Array, "*time 6"] | None = None
@@ -80,20 +88,31 @@ class StepRecord:
 def true_residual(
     nominal: Team, team_state: State, a: contact_dynamics.Acceleration, lam: tuple, inputs: TeamInputs
 ) -> ResidualForces:
-    """What the nominal equations leave over when the truth accelerates by `a`: the labels without any error.
+    """Compute the residual of the nominal equations of motion for true accelerations: the labels without any error.
 
-    It is `f_uk` itself where the parameters are right, and holds the mass and inertia mismatch where they are not.
+    The result equals `f_uk` if the nominal parameters are correct. Otherwise it includes the mismatch of mass and
+    inertia.
+
+    Args:
+        nominal: Nominal parameters.
+        team_state: True state.
+        a: True accelerations.
+        lam: True contact forces on the payload [N, world], by group.
+        inputs: Applied inputs, by group.
+
+    Returns:
+        Residual forces on agents and payload.
     """
     q, g = team_state.payload, nominal.gravity
     W = grasp.payload_wrench(grasp.contact_points(nominal), q.R, grasp.stack_contacts(lam))
-    known = inverse_dynamics.payload_inverse_dynamics(nominal.payload, a.payload[:3] - g, a.payload[3:], q.omega)
+    required = inverse_dynamics.payload_inverse_dynamics(nominal.payload, a.payload[:3] - g, a.payload[3:], q.omega)
     agents = tuple(
-        jax.vmap(_agent_residual, in_axes=(0, 0, 0, 0, 0, None))(group, state, acc, part, u, g)
-        for group, state, acc, part, u in zip(
+        jax.vmap(_agent_residual, in_axes=(0, 0, 0, 0, 0, None))(group, state, a_j, lam_j, u, g)
+        for group, state, a_j, lam_j, u in zip(
             nominal.agent_groups, team_state.agents, a.agents, lam, inputs, strict=True
         )
     )
-    return ResidualForces(agents=agents, payload=Wrench(F=known.F - W.F, tau=known.tau - W.tau))
+    return ResidualForces(agents=agents, payload=Wrench(F=required.F - W.F, tau=required.tau - W.tau))
 
 
 def _agent_residual(
@@ -104,19 +123,34 @@ def _agent_residual(
     u: AgentInput,
     gravity: Float[Array, "3"],
 ) -> GeneralizedForce:
+    """Compute the residual of the nominal equations of motion of one agent."""
     force, Q, thrust = inverse_dynamics.agent_inverse_dynamics(agent, q, a.v_dot - gravity, a.xi_dot, lam)
     Q = Q - jnp.concatenate([u.tau, u.tau_r]) - u.u * thrust
     return GeneralizedForce(f_x=force - u.u * q.R[:, 2], f_w=Q[:3], f_r=Q[3:])
 
 
-def _row(team: Team, nominal: Team, t: Scalar, truth: GroundTruth, decided: interfaces.Telemetry) -> StepRecord:
+def make_record(
+    team: Team, nominal: Team, t: Scalar, truth: GroundTruth, telemetry: interfaces.Telemetry
+) -> StepRecord:
+    """Assemble the record of one tick.
+
+    Args:
+        team: True parameters.
+        nominal: Nominal parameters of the controller.
+        t: Time of the tick [s].
+        truth: True quantities at the start of the tick.
+        telemetry: Intermediate results of the controller.
+
+    Returns:
+        The record.
+    """
     z, a, inputs = truth.state, truth.acceleration, truth.inputs
-    q, d = z.payload, decided.setpoint
+    q, d = z.payload, telemetry.setpoint
     force = grasp.stack_contacts(truth.lam)
-    # the mismatch at the attitude the allocator used, so that delta_W = G e_lam holds exactly
-    W = grasp.payload_wrench(grasp.contact_points(nominal), decided.estimate.payload.R, force)
+    # Wrench at the attitude that the allocator used, so that delta_W = G e_lam holds exactly
+    W = grasp.payload_wrench(grasp.contact_points(nominal), telemetry.estimate.payload.R, force)
     f = true_residual(nominal, z, a, truth.lam, inputs)
-    f_hat = decided.f_hat
+    f_hat = telemetry.f_hat
     vec = lambda W: jnp.concatenate([W.F, W.tau])  # noqa: E731
     agents = lambda parts: jnp.concatenate(list(parts))  # noqa: E731
     joints = lambda parts: jnp.concatenate([x.reshape(-1) for x in parts])  # noqa: E731
@@ -142,14 +176,14 @@ def _row(team: Team, nominal: Team, t: Scalar, truth: GroundTruth, decided: inte
         u=agents(u.u for u in inputs),
         tau=agents(u.tau for u in inputs),
         tau_r=joints(u.tau_r for u in inputs),
-        thrust_saturated=agents(decided.saturated),
+        thrust_saturated=agents(telemetry.saturated),
         lam=force,
-        lam_cmd=decided.lam_cmd,
-        lam_hat=grasp.stack_contacts(decided.estimate.lam),
-        R_L_hat=decided.estimate.payload.R,
-        W_d=vec(decided.W_d),
-        delta_W=vec(W) - vec(decided.W_d),
-        eta=decided.eta,
+        lam_cmd=telemetry.lam_cmd,
+        lam_hat=grasp.stack_contacts(telemetry.estimate.lam),
+        R_L_hat=telemetry.estimate.payload.R,
+        W_d=vec(telemetry.W_d),
+        delta_W=vec(W) - vec(telemetry.W_d),
+        eta=telemetry.eta,
         f_L=vec(f.payload),
         f_L_hat=vec(f_hat.payload),
         f_x=agents(x.f_x for x in f.agents),
@@ -161,47 +195,74 @@ def _row(team: Team, nominal: Team, t: Scalar, truth: GroundTruth, decided: inte
         Phi=jnp.abs(grasp.constraint_residual(team, z)).max(),
         Phi_dot=jnp.abs(grasp.constraint_rate(team, z)).max(),
         min_delassus_singular_value=grasp.min_delassus_singular_value(team, z),
-        **({} if (innovation := decided.innovation) is None else _news(innovation)),
+        **({} if (innovation := telemetry.innovation) is None else _innovation_signals(innovation)),
     )
 
 
-def _news(innovation: residual_correction.Innovation) -> dict[str, Array]:
-    def parts(of: ResidualForces) -> tuple[Array, Array]:
-        return jnp.concatenate([of.payload.F, of.payload.tau]), jnp.concatenate([agent.f_x for agent in of.agents])
+def _innovation_signals(innovation: residual_correction.Innovation) -> dict[str, Array]:
+    """Return the record fields of the innovation."""
 
-    told = {
+    def parts(forces: ResidualForces) -> tuple[Array, Array]:
+        return jnp.concatenate([forces.payload.F, forces.payload.tau]), jnp.concatenate(
+            [agent.f_x for agent in forces.agents]
+        )
+
+    signals = {
         "r": innovation.r,
         "trust": innovation.model_gain,
         "late": innovation.delay_error_rms,
         "left": innovation.correction_error_rms,
     }
-    split = {f"{name}_{body}": x for name, of in told.items() for body, x in zip("Lx", parts(of), strict=True)}
+    split = {
+        f"{name}_{body}": x for name, forces in signals.items() for body, x in zip("Lx", parts(forces), strict=True)
+    }
     return split | {"fresh": innovation.correction_weight, "comes": innovation.labels_available}
 
 
 def model_inputs(team: Team, rows: StepRecord) -> tuple[np.ndarray, tuple[np.ndarray, ...]]:
-    """The learned maps' inputs at the true states of a flight: `(time, 18)`, and `(time, agents, inputs)` by group."""
+    """Return the inputs of the learned models at the true states of a flight.
+
+    Args:
+        team: Team that determines the layout of the records.
+        rows: Records of the flight.
+
+    Returns:
+        Payload inputs `(time, 18)`, and agent inputs `(time, agents, inputs)` by group.
+    """
     time = len(rows.t)
     agents, first, joint = [], 0, 0
     for size, group in zip(team.sizes, team.agent_groups, strict=True):
-        one, many = slice(first, first + size), slice(joint, joint + size * group.tree.joints)
-        r, r_dot = (a[:, many].reshape(time, size, -1) for a in (rows.r, rows.r_dot))
-        R, x, omega, v = (a[:, one] for a in (rows.R, rows.x, rows.omega, rows.v_agent))
+        agent_slice, joint_slice = slice(first, first + size), slice(joint, joint + size * group.tree.joints)
+        r, r_dot = (a[:, joint_slice].reshape(time, size, -1) for a in (rows.r, rows.r_dot))
+        R, x, omega, v = (a[:, agent_slice] for a in (rows.R, rows.x, rows.omega, rows.v_agent))
         agents.append(np.concatenate([R.reshape(time, size, 9), x, r, omega, v, r_dot], axis=2))
-        first, joint = one.stop, many.stop
+        first, joint = agent_slice.stop, joint_slice.stop
     payload = np.concatenate([rows.p, rows.v, rows.R_L.reshape(time, 9), rows.omega_L], axis=1)
     return payload, tuple(agents)
 
 
-DERIVED_SIGNALS = ("a_L", "lam", "delta_W", "f_L", "f_x", "f_w", "f_r")  # what follows from everything else in a tick
+DERIVED_SIGNALS = ("a_L", "lam", "delta_W", "f_L", "f_x", "f_w", "f_r")
+"""Signals that are computed from all others of a tick: not finite if any of those is not finite."""
 
 
-def _admittance(team: Team, r: np.ndarray, agent: int) -> np.ndarray:
-    """Of one agent, counted through the groups, as are the joints of all agents in r."""
+def delassus_matrix(team: Team, r: np.ndarray, agent: int) -> np.ndarray:
+    """Return the Delassus matrix `A M^-1 A^T` of one agent.
+
+    Args:
+        team: Parameters of the team.
+        r: Joint positions of all agents in team order.
+        agent: Index of the agent in team order.
+
+    Returns:
+        The matrix [1/kg].
+
+    Raises:
+        IndexError: If the team has fewer agents.
+    """
     for size, group in zip(team.sizes, team.agent_groups, strict=True):
         joints = group.tree.joints
         if agent < size:
             own = jnp.asarray(r[agent * joints : (agent + 1) * joints])
             return np.asarray(grasp.delassus_matrix(jax.tree.map(lambda x, j=agent: x[j], group), own))
         agent, r = agent - size, r[size * joints :]
-    raise IndexError(f"agent {agent} beyond the team")
+    raise IndexError(f"agent {agent}: index exceeds the number of agents")

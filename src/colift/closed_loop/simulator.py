@@ -1,4 +1,11 @@
-"""Closes the loop: truth, sensors, flight software, log; and the updates of the learned models at times t_k."""
+"""Simulator: one control period of world and controller, and rollouts of many periods.
+
+A rollout runs as generated C where a C compiler is available and every component has native code, otherwise as a
+compiled JAX program. Both yield the same records.
+
+See Also:
+    colift.closed_loop.flight: flights with model updates between rollouts.
+"""
 
 from __future__ import annotations
 
@@ -13,9 +20,11 @@ from jaxtyping import Array, Bool, Float, Int
 
 from colift import codegen
 from colift.closed_loop import termination
-from colift.closed_loop.signals import StepRecord, _row
+from colift.closed_loop.signals import StepRecord, make_record
 from colift.math.pytree import pytree
 from colift.models.state import ControlClock, State
+from colift.onboard.interfaces import Controller
+from colift.simulation.world import World
 
 Scalar = Float[Array, ""]
 
@@ -24,31 +33,44 @@ log = logging.getLogger(__name__)
 
 @pytree
 class LoopState:
-    """The state of world and pilot between ticks."""
+    """State of world and controller between ticks."""
 
-    world: Any
-    controller: Any
+    world: Any  # state of the world; its type depends on the world
+    controller: Any  # state of the controller; its type depends on the controller
     tick: Int[Array, ""]
-    saturated_ticks: tuple[Int[Array, "agents"], ...]  # ticks that each thrust has been at its limit without a break
-    termination: Int[Array, ""]  # the `limits.Cause`, 0 while the flight goes on
+    saturated_ticks: tuple[
+        Int[Array, "agents"], ...
+    ]  # ticks of each thrust at its limit without interruption, by group
+    termination: Int[Array, ""]  # a `termination.TerminationCause`, 0 during the flight
 
 
 @pytree
 class LoopConfig:
-    """Who flies where: what a tick needs beside the state of the loop."""
+    """Constant data of a closed loop: world, controller, termination limits and period."""
 
-    world: Any  # a `world.World`
-    controller: Any  # a `fly.Pilot`
+    world: World
+    controller: Controller
     termination_limits: termination.TerminationLimits
-    dt: Scalar  # s, the clock's tick
+    dt: Scalar  # s, control period
 
 
 def reset(setup: LoopConfig, state: State) -> LoopState:
-    """The loop before its first tick: the team at z, held by the command of a noise-free tick at rest."""
-    return _program(_start, setup, state)(setup, state)
+    """Return the loop state before the first tick.
+
+    The command before the first tick is the one that the controller computes from the noise-free measurement at rest.
+
+    Args:
+        setup: World, controller, limits and period.
+        state: Initial state of the team.
+
+    Returns:
+        The loop state.
+    """
+    return _program(_reset, setup, state)(setup, state)
 
 
-def _start(setup: LoopConfig, state: State) -> LoopState:
+def _reset(setup: LoopConfig, state: State) -> LoopState:
+    """Compute `reset`; compiled by `_program`."""
     command, controller_state = setup.controller.init(
         setup.world.measure_at_rest(state), ControlClock(t=jnp.zeros(()), dt=setup.dt)
     )
@@ -62,33 +84,52 @@ def _start(setup: LoopConfig, state: State) -> LoopState:
 
 
 def step(setup: LoopConfig, loop: LoopState, noise: Any) -> tuple[LoopState, StepRecord]:
-    """Measure, fly, step, log: one control period with the commands held."""
+    """Simulate one control period: measure, compute the commands, advance the world, record.
+
+    Args:
+        setup: World, controller, limits and period.
+        loop: Loop state at the start of the period.
+        noise: Sensor noise of this tick.
+
+    Returns:
+        The loop state after the period and the record of the tick.
+    """
     world, dt = setup.world, setup.dt
     clock = ControlClock(t=loop.tick.astype(dt.dtype) * dt, dt=dt)
-    m, state = world.measure(loop.world, clock, noise)
-    command, controller_state, decided = setup.controller.step(loop.controller, m, clock)
+    measurement, state = world.measure(loop.world, clock, noise)
+    command, controller_state, telemetry = setup.controller.step(loop.controller, measurement, clock)
     state, truth = world.step(state, command, clock)
-    row = _row(world.team, setup.controller.team, clock.t, truth, decided)
+    row = make_record(world.team, setup.controller.team, clock.t, truth, telemetry)
     saturated = tuple(
-        jnp.where(context, past + 1, 0) for past, context in zip(loop.saturated_ticks, decided.saturated, strict=True)
+        jnp.where(at_limit, ticks + 1, 0)
+        for ticks, at_limit in zip(loop.saturated_ticks, telemetry.saturated, strict=True)
     )
-    watched = _watched(row, _finite(state.z) & _finite(row), jnp.concatenate(saturated).astype(dt.dtype) * dt)
+    values = monitored_values(row, _finite(state.z) & _finite(row), jnp.concatenate(saturated).astype(dt.dtype) * dt)
     loop = LoopState(
         world=state,
         controller=controller_state,
         tick=loop.tick + 1,
         saturated_ticks=saturated,
         termination=jnp.where(
-            loop.termination > 0, loop.termination, termination.check_termination(setup.termination_limits, watched)
+            loop.termination > 0, loop.termination, termination.check_termination(setup.termination_limits, values)
         ),
     )
     return loop, row
 
 
-def _watched(
+def monitored_values(
     row: StepRecord, finite: Bool[Array, ""], saturated: Float[Array, "agents"]
 ) -> termination.MonitoredValues:
-    """What may end the flight: the row of one tick, and for how long each thrust has been at its limit, s."""
+    """Return the monitored values of one tick.
+
+    Args:
+        row: Record of the tick.
+        finite: Whether state and record are finite.
+        saturated: Time of each thrust at its limit without interruption [s].
+
+    Returns:
+        The values that are compared with the termination limits.
+    """
     return termination.MonitoredValues(
         finite=finite,
         delassus=row.min_delassus_singular_value,
@@ -101,52 +142,72 @@ def _watched(
 
 
 def _finite(tree: object) -> Bool[Array, ""]:
+    """Return whether all leaves are finite."""
     return jnp.stack([jnp.isfinite(x).all() for x in jax.tree.leaves(tree)]).all()
 
 
 def rollout(setup: LoopConfig, loop: LoopState, noise: Any, ticks: Int[Array, ""]) -> tuple[LoopState, StepRecord]:
-    """Up to `ticks` ticks, at most as many as there is noise; stops after the tick that met a limit.
+    """Simulate up to `ticks` control periods; stop after the tick at which a limit is exceeded.
 
-    In native code where there is a C compiler, by JAX where there is none or a part calls what has no native code.
-    The number of ticks is data, not shape: intervals of any length share one compiled program.
+    The number of ticks is data rather than shape, so that rollouts of any length share one compiled program.
+
+    Args:
+        setup: World, controller, limits and period.
+        loop: Loop state at the start.
+        noise: Sensor noise with a leading time axis; its length limits the number of ticks.
+        ticks: Number of control periods.
+
+    Returns:
+        The loop state at the end, and records with a leading time axis as long as the noise. Records after the last
+        tick are zero.
+
+    Example:
+        ::
+
+            loop = simulator.reset(experiment.loop_config, experiment.initial_state)
+            noise = experiment.world.sample_noise(key, 100)
+            loop, records = simulator.rollout(experiment.loop_config, loop, noise, jnp.asarray(100))
     """
     return compile_rollout(setup, loop, noise, ticks)(setup, loop, noise, ticks)
 
 
-def compile_rollout(*like: Any) -> Callable[..., tuple[LoopState, StepRecord]]:
-    """What `advance` runs for arguments like these: many short calls need not look it up each time."""
-    return _program(_advance, *like)
+def compile_rollout(*templates: Any) -> Callable[..., tuple[LoopState, StepRecord]]:
+    """Return the compiled program of `rollout` for arguments like these; avoids the look-up in many short calls."""
+    return _program(_advance, *templates)
 
 
-def _program(f: Callable[..., Any], *like: Any) -> Callable[..., Any]:
-    leaves, structure = jax.tree.flatten(like)
+def _program(f: Callable[..., Any], *templates: Any) -> Callable[..., Any]:
+    """Return the compiled program of a function for arguments like these."""
+    leaves, structure = jax.tree.flatten(templates)
     return _compiled(f, structure, tuple(map(jax.typeof, leaves)))
 
 
 @functools.cache
-def _compiled(f: Callable[..., Any], structure: Any, like: tuple[Any, ...]) -> Callable[..., Any]:
+def _compiled(f: Callable[..., Any], structure: Any, types: tuple[Any, ...]) -> Callable[..., Any]:
+    """Compile a function to C, or with JAX if a component has no native code."""
     compiled = jax.jit(codegen.compile(f))
     try:
-        compiled.lower(*jax.tree.unflatten(structure, like))
+        compiled.lower(*jax.tree.unflatten(structure, types))
     except codegen.UnsupportedPrimitive as error:
-        log.info("flown by JAX, a few times slower: %s", error)
+        log.info("simulation runs in JAX, several times slower than generated C: %s", error)
         return jax.jit(f)
     return compiled
 
 
 def _advance(setup: LoopConfig, loop: LoopState, noise: Any, ticks: Int[Array, ""]) -> tuple[LoopState, StepRecord]:
-    room, context = jax.tree.leaves(noise)[0].shape[0], lambda i: jax.tree.map(lambda x: x[i], noise)
-    one = jax.jit(step)  # traced once, for its row's shapes and for the loop
-    shape = jax.eval_shape(one, setup, loop, jax.eval_shape(context, 0))[1]
-    rows = jax.tree.map(lambda s: jnp.zeros((room, *s.shape), s.dtype), shape)
+    """Simulate up to `ticks` periods; see `rollout`."""
+    capacity, noise_at = jax.tree.leaves(noise)[0].shape[0], lambda i: jax.tree.map(lambda x: x[i], noise)
+    traced_step = jax.jit(step)  # traced once for both the shapes of the records and the loop
+    shape = jax.eval_shape(traced_step, setup, loop, jax.eval_shape(noise_at, 0))[1]
+    rows = jax.tree.map(lambda s: jnp.zeros((capacity, *s.shape), s.dtype), shape)
 
     def body(carry: tuple[LoopState, StepRecord, Int[Array, ""]]) -> tuple[LoopState, StepRecord, Int[Array, ""]]:
         loop, rows, i = carry
-        loop, row = one(setup, loop, context(i))
+        loop, row = traced_step(setup, loop, noise_at(i))
         return loop, jax.tree.map(lambda buffer, x: buffer.at[i].set(x), rows, row), i + 1
 
-    def go_on(carry: tuple[LoopState, StepRecord, Int[Array, ""]]) -> Bool[Array, ""]:
-        return (carry[2] < jnp.minimum(ticks, room)) & (carry[0].termination == 0)
+    def unfinished(carry: tuple[LoopState, StepRecord, Int[Array, ""]]) -> Bool[Array, ""]:
+        return (carry[2] < jnp.minimum(ticks, capacity)) & (carry[0].termination == 0)
 
-    loop, rows, _ = jax.lax.while_loop(go_on, body, (loop, rows, jnp.zeros((), int)))
+    loop, rows, _ = jax.lax.while_loop(unfinished, body, (loop, rows, jnp.zeros((), int)))
     return loop, rows

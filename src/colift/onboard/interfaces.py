@@ -192,6 +192,11 @@ class Controller(Protocol):
     Implementation: ``controller.LeaderFollowerController``.
     """
 
+    @property
+    def team(self) -> Team:
+        """Nominal parameters of the team; the log computes residuals with them."""
+        ...
+
     def init(self, measurement: Measurement, clock: ControlClock) -> tuple[TeamInputs, PartState]:
         """Compute the initial command and the initial state.
 
