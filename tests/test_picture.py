@@ -124,7 +124,10 @@ def test_an_mp4_is_one(seen, tmp_path):
 def test_what_cannot_be_drawn_is_said_in_one_line(seen, tmp_path, monkeypatch):
     monkeypatch.setattr("shutil.which", lambda _name: None)
     for draw, answer in (
-        (lambda: rendering.render_image(seen, 0.0, tmp_path / "a.bmp"), r"a\.bmp: the file name must end in \.png, \.pdf, \.svg"),
+        (
+            lambda: rendering.render_image(seen, 0.0, tmp_path / "a.bmp"),
+            r"a\.bmp: the file name must end in \.png, \.pdf, \.svg",
+        ),
         (lambda: rendering.render_image(seen, 99.0, tmp_path / "a.png"), r"time 99 s: must be from 0 to 1\.498 s"),
         (lambda: rendering.render_video(seen, tmp_path / "a.png"), r"a\.png: the file name must end in \.gif or \.mp4"),
         (lambda: rendering.render_video(seen, tmp_path / "a.mp4"), r"a\.mp4: MP4 requires ffmpeg"),

@@ -73,8 +73,9 @@ def test_a_report_holds_what_was_run_table_figures_playback_and_settings(out):
     assert html.escape(SUMMARY["command"]) in text
     assert run_directory.read_run_id(out / "report.html") == flights.RUN
     assert "jax 0.10.1" in text
-    assert "nothing: every case flew to its end within its limits." in text
-    assert text.index("Beware") < text.index("What was run") < text.index("Second half") < text.index("Playback")
+    assert "No warnings: all cases are complete and within their limits." in text
+    titles = re.findall(r"<h2>(.*?)</h2>", text)
+    assert titles == ["Warnings", "Run", "Second half of the run", "Figures", "Playback", "Settings"]
     assert "<td>C3</td><td>1.2</td>" in text  # mm
     assert text.count("<img ") == 1
     assert "Figure 1. Position error" in text
@@ -107,9 +108,9 @@ def test_warnings_come_first_and_what_spoils_a_result_before_the_rest(out):
         (" class=bad", "C3 is incomplete: beyond limits"),
         ("", "unstable at rest"),
         ("", "C3: the step is too long"),
-        ("", "C3: thrust met its limit at 7 ticks, agents together"),
-        ("", "C3: an error of prediction is above its radius (figure 5) 25.0% of the time"),
-        ("", "radii of figure 5 rest on what is not shown: norm"),
+        ("", "C3: thrust reached its limit at 7 ticks (sum over the agents)"),
+        ("", "C3: a prediction error exceeds its bound (figure 5) 25.0% of the time"),
+        ("", "the error bounds of figure 5 require unproven assumptions: norm"),
     ]
 
 
@@ -136,8 +137,8 @@ def test_a_certificate_of_the_same_run_is_in_it_and_one_of_another_is_not(out):
     assert "Certificate" not in made(out)
     (out / "certificate.json").write_text(json.dumps(certified))
     text = made(out)
-    assert "certificate: e_p is above a radius of energy: observed 0.003, radius 0.002" in text
-    assert "the certificate rests on what is not shown: first order" in text
+    assert "certificate: e_p is above a bound of energy: observed 0.003, bound 0.002" in text
+    assert "the certificate requires unproven assumptions: first order" in text
     assert "<td>energy</td><td>this</td><td>2</td>" in text
     assert "assumed: first order" in text
 
@@ -160,9 +161,12 @@ def test_differences_are_those_to_the_shipped_scenario_as_set_takes_them():
 @pytest.mark.parametrize(
     ("spoil", "answer"),
     [
-        (lambda out: (out / "summary.json").unlink(), "holds no summary.json, which colift study writes"),
+        (lambda out: (out / "summary.json").unlink(), "contains no summary.json; colift study writes it"),
         (lambda out: [(out / f"{case}.nc").unlink() for case in played.CASES], "holds no flight"),
-        (lambda out: written(out, {}, run="colift-run-ba9876543210"), "holds flights of colift-run-0123456789ab and a"),
+        (
+            lambda out: written(out, {}, run="colift-run-ba9876543210"),
+            "contains flights of colift-run-0123456789ab and a",
+        ),
     ],
 )
 def test_a_folder_without_a_study_is_one_line_and_status_2(out, spoil, answer):

@@ -1,4 +1,8 @@
-"""A flight that is seen while it flies: the playback's page, on this computer alone, fed by server-sent events."""
+"""Live playback page of a running simulation.
+
+A local web server provides the page and sends new frames as server-sent events. It accepts connections from this
+computer only.
+"""
 
 from __future__ import annotations
 
@@ -26,75 +30,85 @@ from colift.visualization import playback, scene
 
 HOST = "127.0.0.1"
 POLICY = f"{playback.POLICY}; connect-src 'self'"
-EVENTS = "/events"
+EVENTS = "/events"  # path of the event stream
 
 
 @contextlib.contextmanager
 def serve_live_flight(
-    settings: Scenario, experiment: Experiment, case: str, told: str, ready: Callable[[str], None]
+    settings: Scenario, experiment: Experiment, case: str, description: str, ready: Callable[[str], None]
 ) -> Generator[FlightResult]:
-    """Fly a plan of a scenario and show it; its page stays until the block ends. `told`: what the case is.
+    """Run an experiment and serve its live playback page until the `with` block ends.
 
-    `ready` is handed the page's address once the first half second is flown. Raises OSError where there is no port.
+    An `OSError` indicates that no port is available.
+
+    Args:
+        settings: Scenario.
+        experiment: Experiment of one case of the scenario.
+        case: Case id.
+        description: Description of the case.
+        ready: Function that is called with the address of the page after the first half second of the simulation.
+
+    Yields:
+        The result of the simulation.
     """
-    flown, live = [], EventStream()
-    drawn = _Drawn(settings, experiment, case)
+    chunks, stream = [], EventStream()
+    encoder = _FrameEncoder(settings, experiment, case)
 
-    def seen(rows: signals.StepRecord) -> None:
-        flown.append(rows)
-        ds = drawn.dataset(jax.tree.map(lambda *parts: np.concatenate(parts), *flown), _no_sigma(experiment))
-        live.publish(drawn.event(ds))
-        if len(flown) == 1:
-            ready(held.enter_context(_served(drawn.page(ds, told).encode(), live)))
+    def publish_chunk(rows: signals.StepRecord) -> None:
+        chunks.append(rows)
+        ds = encoder.dataset(jax.tree.map(lambda *parts: np.concatenate(parts), *chunks), _no_uncertainty(experiment))
+        stream.publish(encoder.event(ds))
+        if len(chunks) == 1:
+            ready(resources.enter_context(_serve(encoder.page(ds, description).encode(), stream)))
 
-    with contextlib.ExitStack() as held:
-        flight = run_experiment(experiment, seen=seen)
-        ds = drawn.dataset(flight.records, flight.uncertainty, flight.termination_reason)
-        live.publish(drawn.event(ds) | drawn.sigma(ds))
-        live.close()
+    with contextlib.ExitStack() as resources:
+        flight = run_experiment(experiment, on_chunk=publish_chunk)
+        ds = encoder.dataset(flight.records, flight.uncertainty, flight.termination_reason)
+        stream.publish(encoder.event(ds) | encoder.sigma(ds))
+        stream.close()
         yield flight
 
 
-class _Drawn:
-    """What is drawn of a flight, frame by frame, while it gets longer."""
+class _FrameEncoder:
+    """Encode the frames of a running simulation as events."""
 
     def __init__(self, settings: Scenario, experiment: Experiment, case: str) -> None:
-        self.settings, self.plan, self.case, self.sent = settings, experiment, case, 0
+        self.settings, self.experiment, self.case, self.num_sent = settings, experiment, case, 0
         self.team: Team = team.team(settings)[0]
         ticks, step = round(experiment.duration / experiment.dt), scene.stride(experiment.dt)
         self.ticks = np.unique([*range(0, ticks, step), ticks - 1])
-        self.room = ticks_per_chunk(experiment) // step + 2  # frames that are computed at once: one shape, one program
+        self.batch_size = ticks_per_chunk(experiment) // step + 2  # constant, so that JAX compiles one program
 
     def dataset(
         self, rows: signals.StepRecord, sigma: prediction_uncertainty.PredictionUncertainty, stopped: str = ""
     ) -> xr.Dataset:
-        """The log of what is flown, as a study has it."""
-        told, renewals = self.settings, self.plan.online_updates
-        learns = sorted({*self.plan.update_times, *(renewals.times if renewals else ())})
+        """Return the log of the simulation until now, in the form that a study writes."""
+        settings, online_updates = self.settings, self.experiment.online_updates
+        update_times = sorted({*self.experiment.update_times, *(online_updates.times if online_updates else ())})
         attrs = {
-            "scenario_json": told.model_dump_json(exclude_none=True),
+            "scenario_json": settings.model_dump_json(exclude_none=True),
             "version": version("colift"),
-            "run": run_directory.run_id(version("colift"), told.digest),
+            "run": run_directory.run_id(version("colift"), settings.digest),
             "case": self.case,
             "stopped": stopped,
-            "update_times_s": [t for t in learns if t <= rows.t[-1] + self.plan.dt],
-            "T_end_s": told.learning.end_s,
+            "update_times_s": [t for t in update_times if t <= rows.t[-1] + self.experiment.dt],
+            "T_end_s": settings.learning.end_s,
         }
-        names = (team.agent_names(told), team.joint_names(told), team.contact_names(told))
+        names = (team.agent_names(settings), team.joint_names(settings), team.contact_names(settings))
         labels = dict(zip(("agents", "joints", "contacts"), names, strict=True))
         return log.dataset(rows, sigma=sigma, attrs=attrs, **labels)
 
     def event(self, ds: xr.Dataset) -> dict[str, Any]:
-        """The frames that are new since the event before, and what is told of the flight until now."""
+        """Return the frames since the previous event, and the events of the flight until now."""
         until = int(np.searchsorted(self.ticks, scene.frame_rows(ds)[-1], side="right"))
-        fresh = self.ticks[self.sent : until]
-        tracks, first = {}, self.sent
-        for start in range(0, len(fresh), self.room):
-            pick = fresh[start : start + self.room]
-            at = ds.isel(time=np.pad(pick, (0, self.room - len(pick)), mode="edge"))
-            for name, x in (scene.poses(at, self.team) | scene.error_signals(at)).items():
-                tracks.setdefault(name, []).append(x[: len(pick)])
-        self.sent = until
+        new_ticks = self.ticks[self.num_sent : until]
+        tracks, first = {}, self.num_sent
+        for start in range(0, len(new_ticks), self.batch_size):
+            batch = new_ticks[start : start + self.batch_size]
+            rows = ds.isel(time=np.pad(batch, (0, self.batch_size - len(batch)), mode="edge"))
+            for name, x in (scene.poses(rows, self.team) | scene.error_signals(rows)).items():
+                tracks.setdefault(name, []).append(x[: len(batch)])
+        self.num_sent = until
         return {
             "from": first,
             "known": until,
@@ -104,28 +118,28 @@ class _Drawn:
         }
 
     def sigma(self, ds: xr.Dataset) -> dict[str, Any]:
-        """The deviations, which are computed when the flight has ended."""
-        at = ds.time_sigma.values[scene.subsample(ds.time_sigma.values)]
-        return {"t_sigma": scene.to_json_times(at), "sigma": playback.encode_array(scene.plot_signals(ds)["sigma"])}
+        """Return the predictive standard deviations, which are available at the end of the simulation."""
+        t = ds.time_sigma.values[scene.subsample(ds.time_sigma.values)]
+        return {"t_sigma": scene.to_json_times(t), "sigma": playback.encode_array(scene.plot_signals(ds)["sigma"])}
 
-    def page(self, ds: xr.Dataset, told: str) -> str:
-        """The page with the first frame, the whole reference, and room for the rest."""
-        written = playback.page_data({self.case: ds}, {self.case: told})
-        t = self.ticks * self.plan.dt
-        wanted = jax.jit(jax.vmap(trajectories.make_reference(self.settings).evaluate))(jnp.asarray(t))
-        whole = {"p_d": np.asarray(wanted.p), "q_d": np.asarray(jax.jit(so3.quaternion)(wanted.R))}
-        (shown,) = written["cases"]
-        at = ds.isel(time=[0])
-        for name, x in (scene.poses(at, self.team) | scene.error_signals(at)).items():
-            room = np.full((len(t), *x.shape[1:]), np.nan)
-            room[0] = x[0]
-            shown["tracks"][name] = playback.encode_array(whole.get(name, room))
-        shown |= {"t": scene.to_json_times(t), "known": 1}
-        return playback.page_html(written | {"live": EVENTS}, POLICY)
+    def page(self, ds: xr.Dataset, description: str) -> str:
+        """Return the page with the first frame, the whole reference, and empty arrays for the other frames."""
+        data = playback.page_data({self.case: ds}, {self.case: description})
+        t = self.ticks * self.experiment.dt
+        setpoints = jax.jit(jax.vmap(trajectories.make_reference(self.settings).evaluate))(jnp.asarray(t))
+        reference = {"p_d": np.asarray(setpoints.p), "q_d": np.asarray(jax.jit(so3.quaternion)(setpoints.R))}
+        (case_data,) = data["cases"]
+        first = ds.isel(time=[0])
+        for name, x in (scene.poses(first, self.team) | scene.error_signals(first)).items():
+            frames = np.full((len(t), *x.shape[1:]), np.nan)
+            frames[0] = x[0]
+            case_data["tracks"][name] = playback.encode_array(reference.get(name, frames))
+        case_data |= {"t": scene.to_json_times(t), "known": 1}
+        return playback.page_html(data | {"live": EVENTS}, POLICY)
 
 
-def _no_sigma(experiment: Experiment) -> prediction_uncertainty.PredictionUncertainty:
-    """The deviations before there are any."""
+def _no_uncertainty(experiment: Experiment) -> prediction_uncertainty.PredictionUncertainty:
+    """Return empty uncertainty signals, for the log of a simulation that has not ended."""
     groups: Team = experiment.world.team
     sizes = zip(groups.sizes, groups.agent_groups, strict=True)
     empty = tuple(np.zeros((0, size, 6 + group.tree.joints)) for size, group in sizes)
@@ -145,69 +159,74 @@ def _no_sigma(experiment: Experiment) -> prediction_uncertainty.PredictionUncert
 
 
 class EventStream:
-    """Events of a flight: told by one thread, followed from the first one on by any number."""
+    """Stream of server-sent events: one thread publishes, any number of threads receive all events."""
 
     def __init__(self) -> None:
+        """Create an empty stream."""
         self._events: list[bytes] = []
-        self._over = False
+        self._closed = False
         self._changed = threading.Condition()
 
     def publish(self, event: dict[str, Any]) -> None:
-        """Adds an event."""
+        """Append an event.
+
+        Args:
+            event: Values for JSON.
+        """
         with self._changed:
             self._events.append(f"data: {json.dumps(event, allow_nan=False, separators=(',', ':'))}\n\n".encode())
             self._changed.notify_all()
 
     def close(self) -> None:
-        """No event follows."""
+        """Close the stream; no event may follow."""
         with self._changed:
-            self._over = True
+            self._closed = True
             self._changed.notify_all()
 
     def subscribe(self) -> Iterator[bytes]:
-        """Every event as it is sent, then the end."""
+        """Return an iterator over all events in the format of server-sent events, until the stream is closed."""
         k = 0
         while True:
             with self._changed:
-                self._changed.wait_for(lambda k=k: self._over or len(self._events) > k)
-                fresh, over = self._events[k:], self._over
-            yield from fresh
-            k += len(fresh)
-            if over:
+                self._changed.wait_for(lambda k=k: self._closed or len(self._events) > k)
+                new_events, closed = self._events[k:], self._closed
+            yield from new_events
+            k += len(new_events)
+            if closed:
                 yield b"event: end\ndata: {}\n\n"
                 return
 
 
 @contextlib.contextmanager
-def _served(page: bytes, live: EventStream) -> Generator[str]:
-    """The page and its events on a free port of this computer, until the block ends; the address."""
+def _serve(page: bytes, stream: EventStream) -> Generator[str]:
+    """Serve the page and its events on a free port of this computer until the block ends; yield the address."""
 
-    class Answer(BaseHTTPRequestHandler):
+    class RequestHandler(BaseHTTPRequestHandler):
         def do_GET(self) -> None:
-            ours = f"{HOST}:{server.server_port}"
-            if self.headers.get("Host") not in (ours, f"localhost:{server.server_port}"):
-                self.send_error(403)  # a page of another host whose name was made to mean this computer
+            address = f"{HOST}:{server.server_port}"
+            if self.headers.get("Host") not in (address, f"localhost:{server.server_port}"):
+                self.send_error(403)  # DNS rebinding: the name of another host resolves to this computer
             elif self.path == "/":
-                self._begin("text/html; charset=utf-8")
+                self._send_headers("text/html; charset=utf-8")
                 self.wfile.write(page)
             elif self.path == EVENTS:
-                self._begin("text/event-stream")
-                with contextlib.suppress(ConnectionError):  # the reader has gone
-                    for event in live.subscribe():
+                self._send_headers("text/event-stream")
+                with contextlib.suppress(ConnectionError):  # the browser has closed the page
+                    for event in stream.subscribe():
                         self.wfile.write(event)
             else:
                 self.send_error(404)
 
-        def _begin(self, kind: str) -> None:
+        def _send_headers(self, content_type: str) -> None:
             self.send_response(200)
-            self.send_header("Content-Type", kind)
+            self.send_header("Content-Type", content_type)
             self.send_header("Cache-Control", "no-store")
             self.end_headers()
 
         def log_message(self, format: str, *args: Any) -> None:  # noqa: A002
-            pass  # the terminal is the flight's
+            pass  # requests must not appear between the log lines of the simulation
 
-    server = ThreadingHTTPServer((HOST, 0), Answer)
+    server = ThreadingHTTPServer((HOST, 0), RequestHandler)
     thread = threading.Thread(target=server.serve_forever, args=(0.1,), daemon=True)
     thread.start()
     try:

@@ -1,6 +1,6 @@
-"""A study as one page to read, send and keep: what was run, what to beware of, table, figures, certificate, playback.
+"""Report of a study as one HTML page: warnings, run, metrics, figures, certificate, playback and settings.
 
-The page needs no network and no other file.
+The page requires no network access and no other file.
 """
 
 from __future__ import annotations
@@ -25,15 +25,16 @@ PAGE = "report.html"
 SUMMARY, CERTIFICATE = "summary.json", "certificate.json"
 POLICY = f"{playback.POLICY}; frame-src 'self'"
 CAPTIONS = {
-    "figure_0_team": "The team at its start, and the whole path",
+    "figure_0_team": "Team at its initial state, and the whole path",
     "figure_1_tracking": "Figure 1. Position error and attitude error function",
-    "figure_2_mismatch": "Figure 2. Wrench mismatch, force and moment apart",
-    "figure_3_deviation": "Figure 3. Predictive deviations, and the errors that they stand for",
-    "figure_4_forces": "Figure 4. Contact forces as estimated, over the truth, and internal forces",
-    "figure_5_rho_bar": "Figure 5. Radii over the true errors of prediction",
-    "figure_6_certificate": "Figure 6. Certified radius and observed error of position, and where the slack comes from",
-    "figure_7_reaction": "Figure 7. Memory and reflex: the error, what labels say beyond the map, what is used, points",
+    "figure_2_mismatch": "Figure 2. Wrench mismatch, force and moment",
+    "figure_3_deviation": "Figure 3. Predictive standard deviations and true prediction errors",
+    "figure_4_forces": "Figure 4. Estimated and true contact forces, and internal forces",
+    "figure_5_rho_bar": "Figure 5. Error bounds and true prediction errors",
+    "figure_6_certificate": "Figure 6. Certified and observed position error, and sources of conservatism",
+    "figure_7_reaction": "Figure 7. Online correction: position error, innovations, gains, number of samples",
 }
+"""Caption of each figure file."""
 STYLE = """
 :root { color-scheme: light dark; --text: #22262b; --quiet: #5c646d; --line: #d3d8dd; --paper: #fff; --bad: #b3261e; }
 @media (prefers-color-scheme: dark) {
@@ -57,155 +58,194 @@ iframe { width: 100%; height: 760px; border: 1px solid var(--line); }
 def write_report(
     out: Path,
     cases: Mapping[str, str],
-    merits: Callable[[dict[str, Any]], Table],
-    radii: Callable[[dict[str, Any]], tuple[Table, Sequence[str]]],
+    metrics_table: Callable[[dict[str, Any]], Table],
+    certificate_table: Callable[[dict[str, Any]], tuple[Table, Sequence[str]]],
 ) -> Path:
-    """Write the page of a folder's study, `out/report.html`; return its path. `cases`: names, and what they are.
+    """Write the report of a study to its folder.
 
-    merits: the table of a summary; radii: that of a certificate, and sentences below it. Raises ValueError where the
-    folder holds no study, or logs that are not of one run or do not hold their scenario; OSError where the page cannot
-    be written or another process writes to the folder.
+    Logs that cannot be used raise `ValueError`. A folder that cannot be written, or that another process writes to,
+    raises `OSError`.
+
+    Args:
+        out: Folder of the study.
+        cases: Description of each case.
+        metrics_table: Function that returns the table of a summary.
+        certificate_table: Function that returns the table of a certificate and the sentences below it.
+
+    Returns:
+        Path of the report, `out/report.html`.
+
+    Raises:
+        ValueError: If the folder contains no summary, or if its logs and its summary are of different runs.
     """
     if not (out / SUMMARY).is_file():
-        raise ValueError(f"{out} holds no {SUMMARY}, which colift study writes when its flights have ended")
-    summary, found = json.loads((out / SUMMARY).read_text()), log.load_flights(out, cases)[1]
-    run, first = summary["run"], next(iter(found.values()))
+        raise ValueError(f"{out} contains no {SUMMARY}; colift study writes it at the end of all flights")
+    summary, flights = json.loads((out / SUMMARY).read_text()), log.load_flights(out, cases)[1]
+    run, first = summary["run"], next(iter(flights.values()))
     if first.attrs["run"] != run:
         raise ValueError(
-            f"{out} holds flights of {first.attrs['run']} and a {SUMMARY} of {run}: run colift study again"
+            f"{out} contains flights of {first.attrs['run']} and a {SUMMARY} of {run}: run colift study again"
         )
-    told = poses.scenario_of_log(first)
-    certified = None
+    settings = poses.scenario_of_log(first)
+    certificate = None
     if (out / CERTIFICATE).is_file() and run_directory.read_run_id(out / CERTIFICATE) == run:
-        certified = json.loads((out / CERTIFICATE).read_text())
+        certificate = json.loads((out / CERTIFICATE).read_text())
+    descriptions = _definitions({name: cases[name] for name in flights})
     parts = [
-        _head(told, summary),
-        _section("Beware", _list(collect_warnings(summary, certified))),
-        _section("What was run", _run(summary, told)),
-        _section("Second half of the run", _table(merits(summary)) + _words({name: cases[name] for name in found})),
-        _section("Figures", "".join(_figures(out, run, certified is not None))),
+        _head(settings, summary),
+        _section("Warnings", _list(collect_warnings(summary, certificate))),
+        _section("Run", _run(summary, settings)),
+        _section("Second half of the run", _table(metrics_table(summary)) + descriptions),
+        _section("Figures", "".join(_figures(out, run, certificate is not None))),
     ]
-    if certified is not None:
-        table, said = radii(certified)
-        parts.append(_section("Certificate", _table(table) + "".join(f"<p>{html.escape(line)}</p>" for line in said)))
-    inside = html.escape(playback.build_page(found, cases))
-    parts.append(_section("Playback", f'<iframe title="the flights, played" srcdoc="{inside}"></iframe>'))
-    parts.append(_section("Settings", _settings(told)))
+    if certificate is not None:
+        table, lines = certificate_table(certificate)
+        parts.append(_section("Certificate", _table(table) + "".join(f"<p>{html.escape(line)}</p>" for line in lines)))
+    page = html.escape(playback.build_page(flights, cases))
+    parts.append(_section("Playback", f'<iframe title="playback of the flights" srcdoc="{page}"></iframe>'))
+    parts.append(_section("Settings", _settings(settings)))
     with run_directory.lock_run_directory(out, run, (PAGE,)):
-        atomic_write.write_atomic(out / PAGE, _document(told.name, "\n".join(parts)).encode())
+        atomic_write.write_atomic(out / PAGE, _document(settings.name, "\n".join(parts)).encode())
     return out / PAGE
 
 
-def collect_warnings(summary: Mapping[str, Any], certified: Mapping[str, Any] | None) -> list[tuple[bool, str]]:
-    """What a reader must know before the figures, in sentences, each with whether a result is spoiled by it."""
-    said = [
+def collect_warnings(summary: Mapping[str, Any], certificate: Mapping[str, Any] | None) -> list[tuple[bool, str]]:
+    """Return the warnings at the top of a report.
+
+    Args:
+        summary: Content of `summary.json`.
+        certificate: Content of `certificate.json`, or None.
+
+    Returns:
+        Pairs of severity and text. The severity is True if the warning invalidates a result.
+    """
+    warnings = [
         (True, f"{case} is incomplete: {x['stopped']}") for case, x in summary["cases"].items() if not x["complete"]
     ]
-    if certified is not None:
-        said += [
-            (True, f"certificate: {each['error']} is above a radius of {each['bound']}: {_over(each)}")
-            for each in certified["exceeded"]
+    if certificate is not None:
+        warnings += [
+            (True, f"certificate: {each['error']} is above a bound of {each['bound']}: {_excess(each)}")
+            for each in certificate["exceeded"]
         ]
-    said += [(False, text) for text in summary["warnings"]]
-    for case, found in summary["cases"].items():
-        said += [(False, f"{case}: {text}") for text in found["warnings"]]
-        if found["saturated_ticks"]:
-            said.append((False, f"{case}: thrust met its limit at {found['saturated_ticks']} ticks, agents together"))
-        bodies = [found["bound"]["payload"], *found["bound"]["agents"]]
-        most = max(max(body["exceeded_share"].values()) for body in bodies)
-        if most > 0:
-            said.append(
-                (False, f"{case}: an error of prediction is above its radius (figure 5) {most:.1%} of the time")
+    warnings += [(False, text) for text in summary["warnings"]]
+    for case, metrics in summary["cases"].items():
+        warnings += [(False, f"{case}: {text}") for text in metrics["warnings"]]
+        if ticks := metrics["saturated_ticks"]:
+            warnings.append((False, f"{case}: thrust reached its limit at {ticks} ticks (sum over the agents)"))
+        bodies = [metrics["bound"]["payload"], *metrics["bound"]["agents"]]
+        maximum = max(max(body["exceeded_share"].values()) for body in bodies)
+        if maximum > 0:
+            warnings.append(
+                (False, f"{case}: a prediction error exceeds its bound (figure 5) {maximum:.1%} of the time")
             )
     if summary["bound"]["assumed"]:
-        said.append((False, f"radii of figure 5 rest on what is not shown: {', '.join(summary['bound']['assumed'])}"))
-    if certified is not None:
-        assumed = dict.fromkeys(name for radii in certified["radii"].values() for name in radii["assumed"])
-        said += [(False, f"the certificate rests on what is not shown: {', '.join(assumed)}")] if assumed else []
-    return said
+        assumptions = ", ".join(summary["bound"]["assumed"])
+        warnings.append((False, f"the error bounds of figure 5 require unproven assumptions: {assumptions}"))
+    if certificate is not None:
+        assumed = dict.fromkeys(name for radii in certificate["radii"].values() for name in radii["assumed"])
+        warnings += [(False, f"the certificate requires unproven assumptions: {', '.join(assumed)}")] if assumed else []
+    return warnings
 
 
-def _over(each: Mapping[str, Any]) -> str:
-    return f"observed {each['observed']:.4g}, radius {each['radius']:.4g} (SI units)"
+def _excess(each: Mapping[str, Any]) -> str:
+    """Return a text with the observed error and its bound."""
+    return f"observed {each['observed']:.4g}, bound {each['radius']:.4g} (SI units)"
 
 
-def setting_differences(told: Scenario) -> list[tuple[str, str, str]] | None:
-    """Settings that are not as in the shipped scenario of the same name: where, there, here; None if there is none."""
-    if told.name not in scenario.shipped_names():
+def setting_differences(settings: Scenario) -> list[tuple[str, str, str]] | None:
+    """Compare a scenario with the shipped scenario of the same name.
+
+    Args:
+        settings: Scenario.
+
+    Returns:
+        Path, shipped value and present value of each setting that differs; None if no shipped scenario has this name.
+    """
+    if settings.name not in scenario.shipped_names():
         return None
-    shipped, here = (_leaves(each.model_dump(mode="json")) for each in (scenario.load_scenario(told.name), told))
-    said = lambda x, where: json.dumps(x[where]) if where in x else "absent"  # noqa: E731
+    shipped, here = (
+        _leaves(each.model_dump(mode="json")) for each in (scenario.load_scenario(settings.name), settings)
+    )
+    text = lambda values, path: json.dumps(values[path]) if path in values else "absent"  # noqa: E731
     return [
-        (where, said(shipped, where), said(here, where))
-        for where in dict.fromkeys([*shipped, *here])
-        if said(shipped, where) != said(here, where)
+        (path, text(shipped, path), text(here, path))
+        for path in dict.fromkeys([*shipped, *here])
+        if text(shipped, path) != text(here, path)
     ]
 
 
-def _leaves(value: Any, place: str = "") -> dict[str, Any]:
-    """Settings by their path, as `--set` takes it; what is null is absent."""
+def _leaves(value: Any, path: str = "") -> dict[str, Any]:
+    """Return settings by their path, in the form of `--set`; null values are omitted."""
     if isinstance(value, dict):
         items = value.items()
     elif isinstance(value, list) and any(isinstance(item, dict | list) for item in value):
         items = enumerate(value)
     else:
-        return {} if value is None else {place: value}
-    found: dict[str, Any] = {}
+        return {} if value is None else {path: value}
+    leaves: dict[str, Any] = {}
     for name, item in items:
-        found |= _leaves(item, f"{place}.{name}" if place else str(name))
-    return found
+        leaves |= _leaves(item, f"{path}.{name}" if path else str(name))
+    return leaves
 
 
 # HTML -----------------------------------------------------------------------------------------------------------------
 
 
-def _head(told: Scenario, summary: Mapping[str, Any]) -> str:
-    described = f"<p>{html.escape(told.description)}</p>" if told.description else ""
-    return f'<h1>{html.escape(told.name)}</h1>{described}<p class="quiet">colift {html.escape(summary["version"])}</p>'
+def _head(settings: Scenario, summary: Mapping[str, Any]) -> str:
+    """Return title, description and version."""
+    description = f"<p>{html.escape(settings.description)}</p>" if settings.description else ""
+    version = html.escape(summary["version"])
+    return f'<h1>{html.escape(settings.name)}</h1>{description}<p class="quiet">colift {version}</p>'
 
 
 def _section(title: str, content: str) -> str:
+    """Return a section with its title."""
     return f"<section><h2>{html.escape(title)}</h2>\n{content}</section>"
 
 
-def _list(said: Sequence[tuple[bool, str]]) -> str:
-    if not said:
-        return "<p>nothing: every case flew to its end within its limits.</p>"
-    items = (f"<li{' class=bad' * bad}>{html.escape(text)}</li>" for bad, text in said)
+def _list(warnings: Sequence[tuple[bool, str]]) -> str:
+    """Return the list of warnings."""
+    if not warnings:
+        return "<p>No warnings: all cases are complete and within their limits.</p>"
+    items = (f"<li{' class=bad' * severe}>{html.escape(text)}</li>" for severe, text in warnings)
     return f'<ul id="warnings">{"".join(items)}</ul>'
 
 
-def _run(summary: Mapping[str, Any], told: Scenario) -> str:
-    """What was run, and what of it is not as shipped."""
-    slowest, margins = summary["slowest_mode"], summary.get("margins")  # a study of before has none
+def _run(summary: Mapping[str, Any], settings: Scenario) -> str:
+    """Return the table of the run and the settings that differ from the shipped scenario."""
+    slowest, margins = summary["slowest_mode"], summary.get("margins")  # absent in old studies
     rows = {
         "command": summary["command"],
-        "scenario": f"{told.name}, seed {summary['seed']}, {told.duration_s:g} s at {told.control_Hz:g} Hz",
+        "scenario": f"{settings.name}, seed {summary['seed']}, {settings.duration_s:g} s at {settings.control_Hz:g} Hz",
         "plant": summary["plant"],
         "slowest mode at rest": slowest["says"] if slowest else "not found",
         "margins at rest": margins["says"] if margins else "none",
-        "versions": ", ".join(f"{name} {given}" for name, given in summary["versions"].items()),
+        "versions": ", ".join(f"{name} {version}" for name, version in summary["versions"].items()),
         "run": f"{summary['run']}, settings {summary['settings']}",
     }
-    found = setting_differences(told)
-    if found is None:
-        return _words(rows) + f"<p>{html.escape(told.name)} is not a shipped scenario; its settings are at the end.</p>"
-    if not found:
-        return _words(rows) + f"<p>Settings are those of the shipped scenario {html.escape(told.name)}.</p>"
+    differences, name = setting_differences(settings), html.escape(settings.name)
+    if differences is None:
+        return _definitions(rows) + f"<p>{name} is not a shipped scenario; the last section contains its settings.</p>"
+    if not differences:
+        return _definitions(rows) + f"<p>All settings are those of the shipped scenario {name}.</p>"
     cells = "".join(
-        f"<tr>{''.join(f'<td>{html.escape(each)}</td>' for each in difference)}</tr>" for difference in found
+        f"<tr>{''.join(f'<td>{html.escape(each)}</td>' for each in difference)}</tr>" for difference in differences
     )
-    head = f"<tr><th>setting</th><th>{html.escape(told.name)} as shipped</th><th>here</th></tr>"
-    return _words(rows) + f'<h3>Not as shipped</h3><div class="wide"><table class="words">{head}{cells}</table></div>'
+    head = f"<tr><th>setting</th><th>shipped scenario {name}</th><th>this run</th></tr>"
+    return (
+        _definitions(rows)
+        + f'<h3>Changed settings</h3><div class="wide"><table class="words">{head}{cells}</table></div>'
+    )
 
 
-def _words(rows: Mapping[str, str]) -> str:
+def _definitions(rows: Mapping[str, str]) -> str:
+    """Return a table with a name and a text in each row."""
     cells = "".join(f"<tr><th>{html.escape(name)}</th><td>{html.escape(x)}</td></tr>" for name, x in rows.items())
     return f'<table class="words">{cells}</table>'
 
 
 def _table(table: Table) -> str:
-    """A table as the terminal has it."""
+    """Return a table of the terminal as HTML."""
     head = "".join(
         f"<th>{html.escape(str(column.header).strip())}</th>".replace("\n", "<br>") for column in table.columns
     )
@@ -216,21 +256,23 @@ def _table(table: Table) -> str:
 
 
 def _figures(out: Path, run: str, certified: bool) -> Iterator[str]:
-    """The figures of the run that the folder holds."""
+    """Return the figures of the run in the folder."""
     for name, caption in CAPTIONS.items():
         file = out / f"{name}.png"
         if file.is_file() and run_directory.read_run_id(file) == run and (certified or name != "figure_6_certificate"):
             data = base64.b64encode(file.read_bytes()).decode()
-            picture = f'<img alt="{caption}" src="data:image/png;base64,{data}">'
-            yield f"<figure>{picture}<figcaption>{caption}</figcaption></figure>\n"
+            image = f'<img alt="{caption}" src="data:image/png;base64,{data}">'
+            yield f"<figure>{image}<figcaption>{caption}</figcaption></figure>\n"
 
 
-def _settings(told: Scenario) -> str:
-    text = html.escape(scenario.to_yaml(told))
-    return f"<details><summary>all of them, as a scenario file</summary><pre>{text}</pre></details>"
+def _settings(settings: Scenario) -> str:
+    """Return the scenario file."""
+    text = html.escape(scenario.to_yaml(settings))
+    return f"<details><summary>scenario file with all settings</summary><pre>{text}</pre></details>"
 
 
 def _document(title: str, content: str) -> str:
+    """Return the HTML document."""
     return (
         '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">\n'

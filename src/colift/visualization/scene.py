@@ -204,7 +204,7 @@ def event_markers(ds: xr.Dataset) -> dict[str, Any]:
         Events by name, as values for JSON.
     """
     t, (updates, end) = ds.time.values, log.update_times(ds)
-    limited = {str(name): _spans(t, ds.saturated.sel(agent=name).values > 0) for name in ds.agent.values}
+    limited = {str(name): _spans(t, ds.thrust_saturated.sel(agent=name).values > 0) for name in ds.agent.values}
     return {
         "updates": updates,
         "learning_end": end,

@@ -67,7 +67,7 @@ def write_figures(cases: axes_module.Cases, descriptions: Mapping[str, str], fol
         "figure_4_forces": lambda: plot_contact_forces(in_columns, descriptions),
         "figure_5_rho_bar": lambda: uncertainty_figures.plot_error_radius(in_columns, descriptions),
     }
-    if corrected := {name: ds for name, ds in cases.items() if "r_L" in ds and "world_changed" in ds.attrs}:
+    if corrected := {name: ds for name, ds in cases.items() if "innovation_L" in ds and "world_changed" in ds.attrs}:
         plots["figure_7_reaction"] = lambda: plot_online_correction(corrected, descriptions)
     files, run = [], next(iter(cases.values())).attrs["run"]
     with style_context():
