@@ -1,1 +1,1 @@
-"""integrations"""
+"""Interfaces to Gymnasium, ROS 2, PX4, MCAP and embedded C code."""

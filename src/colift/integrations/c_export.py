@@ -1,8 +1,9 @@
-"""What flies as C: the pilot's tick in C99 without allocation, threads or libraries but the math library.
+"""C code generation for the onboard controller.
 
-The code is made from the same JAX functions as native flights, for one sample. What was learned is a block of constants
-of its own, behind a pointer, so that an update on board is an assignment. A program replays a flight that was flown
-here and compares the commands. Not flown on hardware.
+The generated C99 code computes one control period. It allocates no memory, starts no threads and requires the math
+library only. The source is the same JAX code that simulations use. The residual model is a separate block of constants
+behind a pointer, so that an assignment updates the model on board. A replay program compares the commands of the C code
+with those of a simulated flight. The code was not tested on hardware.
 """
 
 from __future__ import annotations
@@ -27,9 +28,9 @@ from colift.models.state import ControlClock, TeamInputs
 from colift.onboard.learning import residual_model
 from colift.runtime import atomic_write
 
-STACK = 1 << 40  # bytes: no array is allocated
-LANES = 4  # agents, or points of a mean, side by side where a compiler has vectors: two doubles at once, or four
-UNITS = {  # of the fields of readings and commands; an attitude has none
+STACK = 1 << 40  # bytes; so large that no array is allocated on the heap
+LANES = 4  # agents or samples per vector; compilers map a vector to registers of two or four doubles
+UNITS = {  # of the fields of measurements and commands; an attitude has no unit
     "R": "",
     "p": "m",
     "x": "m",
@@ -45,9 +46,15 @@ UNITS = {  # of the fields of readings and commands; an attitude has none
 
 
 class ReplayData(NamedTuple):
-    """Ticks of a flight as the pilot met them, time first."""
+    """Measurements and commands of a simulated flight; the first axis is time.
 
-    t: Array  # s
+    Attributes:
+        t: Times of the ticks [s].
+        m: Measurements at the ticks.
+        command: Commands that the controller computes from the measurements.
+    """
+
+    t: Array
     m: Measurement
     command: TeamInputs
 
@@ -55,74 +62,97 @@ class ReplayData(NamedTuple):
 def replay(
     experiment: flight.Experiment, model: residual_model.ResidualModel, ticks: int
 ) -> tuple[Measurement, ReplayData]:
-    """The reading at rest before a flight with a frozen oracle, and the flight's first ticks."""
+    """Simulate a flight with a fixed residual model.
+
+    Args:
+        experiment: Experiment that defines world, controller and initial state.
+        model: Residual model of the controller.
+        ticks: Number of control periods.
+
+    Returns:
+        The measurement at rest before the flight, and measurements and commands of all ticks.
+    """
     setup = dataclasses.replace(
         experiment.loop_config, controller=dataclasses.replace(experiment.controller, residual_model=model)
     )
     noise = experiment.world.sample_noise(jax.random.key(experiment.seed), ticks)
-    flown = jax.jit(codegen.compile(_flown))(setup, simulator.reset(setup, experiment.initial_state), noise)
-    return experiment.world.measure_at_rest(experiment.initial_state), flown
+    flight_data = jax.jit(codegen.compile(_simulate))(setup, simulator.reset(setup, experiment.initial_state), noise)
+    return experiment.world.measure_at_rest(experiment.initial_state), flight_data
 
 
-def _flown(setup: simulator.LoopConfig, loop: simulator.LoopState, noise: Any) -> ReplayData:
-    def one(state: tuple[Any, Any], context: tuple[Array, Any]) -> tuple[tuple[Any, Any], ReplayData]:
-        (world, controller_state), (t, drawn) = state, context
+def _simulate(setup: simulator.LoopConfig, loop: simulator.LoopState, noise: Any) -> ReplayData:
+    """Simulate the closed loop and record measurements and commands."""
+
+    def tick(state: tuple[Any, Any], context: tuple[Array, Any]) -> tuple[tuple[Any, Any], ReplayData]:
+        (world, controller_state), (t, sample) = state, context
         clock = ControlClock(t=t, dt=setup.dt)
-        m, world = setup.world.measure(world, clock, drawn)
+        m, world = setup.world.measure(world, clock, sample)
         command, controller_state, _ = setup.controller.step(controller_state, m, clock)
         world, _ = setup.world.step(world, command, clock)
         return (world, controller_state), ReplayData(t=t, m=m, command=command)
 
     ticks = jax.tree.leaves(noise)[0].shape[0]
     t = jnp.arange(ticks, dtype=float) * setup.dt
-    return jax.lax.scan(one, (loop.world, loop.controller), (t, noise))[1]
+    return jax.lax.scan(tick, (loop.world, loop.controller), (t, noise))[1]
 
 
 def export_c(
     experiment: flight.Experiment, model: residual_model.ResidualModel, ticks: int, folder: Path, name: str
 ) -> None:
-    """Write the pilot with what it has learned, a replay of `ticks` ticks, and what builds and runs both.
+    """Write the C code of a controller with its residual model, a flight for the replay program, and a CMake file.
 
-    Raises OSError where the folder cannot be written, `native.UnsupportedPrimitive` for a part that calls what has no
-    C, with its place.
+    A folder that cannot be written raises `OSError`. A part of the controller that uses an operation without C code
+    raises `codegen.UnsupportedPrimitive`, which names the source line.
+
+    Args:
+        experiment: Experiment that defines the controller and the flight.
+        model: Residual model.
+        ticks: Length of the flight in control periods.
+        folder: Folder of the files; it is created if necessary.
+        name: Name of the controller in the comments of the code.
+
+    Example:
+        >>> experiment = colift.make_experiment(colift.load("paper"), "C3")  # doctest: +SKIP
+        >>> flight = colift.run(experiment)  # doctest: +SKIP
+        >>> export_c(experiment, flight.model, 500, Path("c"), "paper, C3")  # doctest: +SKIP
     """
     controller, dt = experiment.controller, jnp.asarray(experiment.dt)
-    rest, flown = replay(experiment, model, ticks)
+    rest, flight_data = replay(experiment, model, ticks)
 
-    def begin(model: residual_model.ResidualModel, first: Measurement) -> tuple[TeamInputs, Any]:
+    def init_controller(model: residual_model.ResidualModel, first: Measurement) -> tuple[TeamInputs, Any]:
         return dataclasses.replace(controller, residual_model=model).init(first, ControlClock(t=jnp.zeros(()), dt=dt))
 
-    def step(
+    def step_controller(
         model: residual_model.ResidualModel, t: Array, measurement: Measurement, state: Any
     ) -> tuple[TeamInputs, Any]:
         return dataclasses.replace(controller, residual_model=model).step(state, measurement, ControlClock(t=t, dt=dt))[
             :2
         ]
 
-    command, state = jax.eval_shape(begin, model, rest)
-    commands, before, own = (len(jax.tree.leaves(x)) for x in (command, (model, 0.0, rest), state))
-    carried = [(commands + k, before + k) for k in range(own)]
-    init = _traced(begin, (), model=model, measurement=rest)
-    tick = _traced(step, carried, model=model, t=jnp.zeros(()), measurement=rest, state=state)
+    command, state = jax.eval_shape(init_controller, model, rest)
+    num_commands, num_inputs, num_states = (len(jax.tree.leaves(x)) for x in (command, (model, 0.0, rest), state))
+    in_place = [(num_commands + k, num_inputs + k) for k in range(num_states)]
+    init = _trace(init_controller, (), model=model, measurement=rest)
+    tick = _trace(step_controller, in_place, model=model, t=jnp.zeros(()), measurement=rest, state=state)
     structs = {
-        "model": CStruct(model, "what was learned"),
-        "measurement": CStruct(rest, "what is measured at one time"),
-        "state": CStruct(state, "what the pilot remembers from tick to tick"),
-        "command": CStruct({"agents": command}, "what vehicles are to do until the next tick"),
+        "model": CStruct(model, "residual model"),
+        "measurement": CStruct(rest, "measurements at one time"),
+        "state": CStruct(state, "internal state of the controller"),
+        "command": CStruct({"agents": command}, "commands of the vehicles until the next call"),
     }
-    for of, k in (*init.arguments, *tick.arguments):
-        if of in structs:
-            structs[of].used.add(k)
-    for of in ("state", "command"):
-        structs[of].used |= {k for k, (_, shape) in enumerate(structs[of].leaves) if 0 not in shape}
-    head = _header(name, structs, experiment.dt)
-    about = f"/* {name}, by colift {version('colift')}. This file belongs to its user. */\n"
+    for struct, k in (*init.arguments, *tick.arguments):
+        if struct in structs:
+            structs[struct].used.add(k)
+    for struct in ("state", "command"):
+        structs[struct].used |= {k for k, (_, shape) in enumerate(structs[struct].members) if 0 not in shape}
+    header = _header(name, structs, experiment.dt)
+    notice = f"/* {name}, generated by colift {version('colift')}. This file belongs to its user. */\n"
     initial_model = structs["model"].initializer(model)
     files = {
-        "colift.h": about + head,
-        "colift.c": about + _code(structs, init, tick),
-        "learned.c": f'{about}#include "colift.h"\n\nconst colift_model colift_trained_model = {initial_model};\n',
-        "replay.c": about + resources.files("colift.codegen").joinpath("replay.c").read_text(),
+        "colift.h": notice + header,
+        "colift.c": notice + _code(structs, init, tick),
+        "learned.c": f'{notice}#include "colift.h"\n\nconst colift_model colift_trained_model = {initial_model};\n',
+        "replay.c": notice + resources.files("colift.codegen").joinpath("replay.c").read_text(),
         "CMakeLists.txt": CMAKE,
     }
     folder.mkdir(parents=True, exist_ok=True)
@@ -130,9 +160,9 @@ def export_c(
         atomic_write.write_atomic(folder / file, text.encode())
     rows = np.concatenate(
         [
-            np.asarray(flown.t)[:, None],
-            structs["measurement"].rows(flown.m, ticks),
-            structs["command"].rows(flown.command, ticks),
+            np.asarray(flight_data.t)[:, None],
+            structs["measurement"].rows(flight_data.m, ticks),
+            structs["command"].rows(flight_data.command, ticks),
         ],
         axis=1,
     )
@@ -142,73 +172,124 @@ def export_c(
 
 
 class TracedKernel(NamedTuple):
-    """A function as C, and its parameters: of which argument, and which leaf of it."""
+    """C code of a function.
+
+    Attributes:
+        kernel: The C code.
+        arguments: Struct name and member index of each parameter of the C function.
+    """
 
     kernel: codegen.Kernel
     arguments: list[tuple[str, int]]
 
 
-def _traced(f: Callable[..., Any], onto: Sequence[tuple[int, int]], **args: Any) -> TracedKernel:
-    made = codegen.kernel(jax.make_jaxpr(f)(*args.values()), agent_lanes=LANES, stack_bytes=STACK, in_place_results=onto)
-    leaves = [(of, k) for of, tree in args.items() for k in range(len(jax.tree.leaves(tree)))]
-    return TracedKernel(kernel=made, arguments=[leaves[k] for k in made.arguments])
+def _trace(f: Callable[..., Any], onto: Sequence[tuple[int, int]], **args: Any) -> TracedKernel:
+    """Generate the C code of a function; `onto` contains pairs of a result and the argument that it overwrites."""
+    kernel = codegen.kernel(
+        jax.make_jaxpr(f)(*args.values()), agent_lanes=LANES, stack_bytes=STACK, in_place_results=onto
+    )
+    leaves = [(struct, k) for struct, tree in args.items() for k in range(len(jax.tree.leaves(tree)))]
+    return TracedKernel(kernel=kernel, arguments=[leaves[k] for k in kernel.arguments])
 
 
 class CStruct:
-    """A PyTree as a C struct: a member a leaf, named by its path; a number is a `colift_real`, whatever its type."""
+    """C struct that represents a PyTree: one member per leaf, named by its path; all numbers are `colift_real`.
 
-    def __init__(self, tree: Any, about: str) -> None:
-        self.about = about
-        self.leaves = [(_name(path), leaf.shape) for path, leaf in jax.tree_util.tree_leaves_with_path(tree)]
+    Attributes:
+        description: Comment above the declaration.
+        members: Name and shape of each member.
+        used: Indices of the members that the code uses; the declaration contains only these.
+    """
+
+    def __init__(self, tree: Any, description: str) -> None:
+        """Derive the members from a PyTree.
+
+        Args:
+            tree: PyTree of arrays.
+            description: Comment above the declaration.
+        """
+        self.description = description
+        self.members = [(_name(path), leaf.shape) for path, leaf in jax.tree_util.tree_leaves_with_path(tree)]
         self.used: set[int] = set()
 
     def declaration(self, name: str) -> str:
-        """The declaration, of the members that are used."""
-        members = []
+        """Return the declaration of the struct.
+
+        Args:
+            name: Name of the type without the prefix `colift_`.
+
+        Returns:
+            C code.
+        """
+        lines = []
         for k in sorted(self.used):
-            member, shape = self.leaves[k]
+            member, shape = self.members[k]
             unit = UNITS.get(re.split(r"_\d+_|payload_", member)[-1], "")
-            said = ", ".join([unit] * bool(unit) + [" x ".join(map(str, shape))] * (len(shape) > 1))
+            comment = ", ".join([unit] * bool(unit) + [" x ".join(map(str, shape))] * (len(shape) > 1))
             size = f"[{self.size(k)}]" if shape else ""
-            members.append(f"  colift_real {member}{size};" + (f" /* {said} */" if said else ""))
-        return f"/* {self.about} */\ntypedef struct {{\n" + "\n".join(members) + f"\n}} colift_{name};\n"
+            lines.append(f"  colift_real {member}{size};" + (f" /* {comment} */" if comment else ""))
+        return f"/* {self.description} */\ntypedef struct {{\n" + "\n".join(lines) + f"\n}} colift_{name};\n"
 
     def size(self, k: int) -> int:
-        """Numbers of a leaf."""
-        return int(np.prod(self.leaves[k][1]))
+        """Return the number of elements of the k-th member."""
+        return int(np.prod(self.members[k][1]))
 
-    def pointer(self, of: str, k: int) -> str:
-        """To the first number of a leaf."""
-        member, shape = self.leaves[k]
-        return f"{of}->{member}" if shape else f"&{of}->{member}"
+    def pointer(self, struct: str, k: int) -> str:
+        """Return a C expression that points to the first number of a member.
+
+        Args:
+            struct: Name of a variable that points to the struct.
+            k: Index of the member.
+
+        Returns:
+            C expression.
+        """
+        member, shape = self.members[k]
+        return f"{struct}->{member}" if shape else f"&{struct}->{member}"
 
     def initializer(self, tree: Any) -> str:
-        """A constant of this struct."""
+        """Return a C initializer of the struct.
+
+        Args:
+            tree: PyTree with the values.
+
+        Returns:
+            C code.
+        """
         values = jax.tree.leaves(tree)
         parts = []
         for k in sorted(self.used):
             numbers = ", ".join(repr(float(x)) for x in np.asarray(values[k], float).ravel())
-            parts.append(f"  .{self.leaves[k][0]} = " + (f"{{{numbers}}}" if self.leaves[k][1] else numbers))
+            parts.append(f"  .{self.members[k][0]} = " + (f"{{{numbers}}}" if self.members[k][1] else numbers))
         return "{\n" + ",\n".join(parts) + "\n}"
 
     def rows(self, tree: Any, time: int) -> np.ndarray:
-        """`(time, numbers)`: its members in their order, of a PyTree with time first."""
+        """Return the numbers of all used members in their order.
+
+        Args:
+            tree: PyTree whose leaves have time as first axis.
+            time: Number of times.
+
+        Returns:
+            One row per time.
+        """
         values = jax.tree.leaves(tree)
         return np.concatenate([np.asarray(values[k], float).reshape(time, -1) for k in sorted(self.used)], axis=1)
 
 
 def _name(path: Sequence[Any]) -> str:
-    """The path of a leaf as a name of C."""
+    """Return the path of a leaf as a C identifier."""
     return re.sub(r"\W+", "_", jax.tree_util.keystr(tuple(path))).strip("_") or "value"
 
 
 def _header(name: str, structs: dict[str, CStruct], dt: float) -> str:
-    kinds = "\n".join(struct.declaration(of) for of, struct in structs.items())
+    """Return the content of `colift.h`."""
+    declarations = "\n".join(struct.declaration(struct_name) for struct_name, struct in structs.items())
     return f"""/*
- * The pilot of {name}. Made by colift from the functions that it flies; not flown on hardware.
- * SI units, z up; matrices by rows, agents in the order of the team. One call of colift_step every
- * {dt:g} s, with the time since the first. No function allocates, keeps a state of its own or calls
- * anything but the math library.
+ * Controller of {name}. Generated by colift from the code of its simulation; not tested on hardware.
+ * SI units, z up; matrices by rows, agents in the order of the team. Call colift_step every {dt:g} s
+ * with the time since the first call. No function allocates memory, keeps a static state or calls
+ * functions outside the math library.
  */
 #ifndef COLIFT_H
 #define COLIFT_H
@@ -223,16 +304,16 @@ typedef float colift_real;
 typedef double colift_real;
 #endif
 
-{kinds}
+{declarations}
 #define COLIFT_PERIOD {dt!r} /* s */
 
-extern const colift_model colift_trained_model; /* of the flight that this was made from */
+extern const colift_model colift_trained_model; /* residual model of the exported flight */
 
-/* The memory before the first tick and the command that holds the team until then, from a reading at rest. */
+/* Computes the initial state and the command that holds the team at rest, from a measurement at rest. */
 void colift_init(const colift_model *model, const colift_measurement *m, colift_state *state,
                  colift_command *command);
 
-/* One tick: the command from now on. Returns 0, or 1 where a counter left the integers that are exact. */
+/* Computes the command of one control period. Returns 0, or 1 if a counter exceeds the exact integers. */
 int colift_step(const colift_model *model, colift_real t, const colift_measurement *m, colift_state *state,
                 colift_command *command);
 
@@ -244,19 +325,20 @@ int colift_step(const colift_model *model, colift_real t, const colift_measureme
 
 
 def _code(structs: dict[str, CStruct], init: TracedKernel, tick: TracedKernel) -> str:
+    """Return the content of `colift.c`."""
     read = lambda name: resources.files("colift.codegen").joinpath(name).read_text()  # noqa: E731
-    commands, state = len(structs["command"].leaves), structs["state"]
-    begun = [state.pointer("state", k - commands) for k in init.kernel.results if k >= commands]
-    moved = [k - commands for k in tick.kernel.results if k >= commands]  # what is not written to in place
-    after = {k: f"next_{state.leaves[k][0]}" for k in moved}
-    rooms = [f"colift_real {room}[{state.size(k)}];" for k, room in after.items()]
-    moves = [f"memcpy({state.pointer('state', k)}, {room}, sizeof {room});" for k, room in after.items()]
-    start, step = _call(structs, init, begun), _call(structs, tick, list(after.values()))
+    num_commands, state = len(structs["command"].members), structs["state"]
+    initial = [state.pointer("state", k - num_commands) for k in init.kernel.results if k >= num_commands]
+    copied = [k - num_commands for k in tick.kernel.results if k >= num_commands]  # the others are updated in place
+    buffers = {k: f"next_{state.members[k][0]}" for k in copied}
+    declarations = [f"colift_real {buffer}[{state.size(k)}];" for k, buffer in buffers.items()]
+    copies = [f"memcpy({state.pointer('state', k)}, {buffer}, sizeof {buffer});" for k, buffer in buffers.items()]
+    start, step = _call(structs, init, initial), _call(structs, tick, list(buffers.values()))
     return "\n".join([
         '#include "colift.h"\n',
         read("onboard.h"),
-        codegen.lanes_h(sorted({*init.kernel.widths, *tick.kernel.widths})),
-        re.sub(r"\bf(\d)", r"g\1", init.kernel.text),  # two kernels in one file
+        codegen.lanes_header(sorted({*init.kernel.widths, *tick.kernel.widths})),
+        re.sub(r"\bf(\d)", r"g\1", init.kernel.text),  # distinct names of the functions of the two kernels
         "#undef PIECES\n#undef WHOLE",
         tick.kernel.text,
         "void colift_init(const colift_model *model, const colift_measurement *m, colift_state *state,",
@@ -264,20 +346,20 @@ def _code(structs: dict[str, CStruct], init: TracedKernel, tick: TracedKernel) -
         f"  (void)model;\n  {start.replace('f', 'g', 1)}\n}}\n",
         "int colift_step(const colift_model *model, colift_real t, const colift_measurement *m,",
         "                colift_state *state, colift_command *command) {",
-        *(f"  {line}" for line in ["outside = 0;", *rooms, step, *moves, "return outside;"]),
+        *(f"  {line}" for line in ["outside = 0;", *declarations, step, *copies, "return outside;"]),
         "}\n",
     ])  # fmt: skip
 
 
-def _call(structs: dict[str, CStruct], made: TracedKernel, remembered: Sequence[str]) -> str:
-    """The call of a kernel; `remembered`: where the next memory goes."""
+def _call(structs: dict[str, CStruct], traced: TracedKernel, next_state: Sequence[str]) -> str:
+    """Return the call of a kernel; `next_state` contains the destinations of the next state."""
     arguments = [
-        structs[of].pointer("m" if of == "measurement" else of, k) if of in structs else f"&{of}"
-        for of, k in made.arguments
+        structs[struct].pointer("m" if struct == "measurement" else struct, k) if struct in structs else f"&{struct}"
+        for struct, k in traced.arguments
     ]
     command = structs["command"]
-    commanded = [command.pointer("command", k) for k in made.kernel.results if k < len(command.leaves)]
-    return f"{made.kernel.name}({', '.join([*arguments, *commanded, *remembered])});"
+    commands = [command.pointer("command", k) for k in traced.kernel.results if k < len(command.members)]
+    return f"{traced.kernel.name}({', '.join([*arguments, *commands, *next_state])});"
 
 
 CMAKE = """cmake_minimum_required(VERSION 3.16)
@@ -288,7 +370,7 @@ if(NOT CMAKE_BUILD_TYPE)
   set(CMAKE_BUILD_TYPE Release)
 endif()
 option(COLIFT_FLOAT32 "single precision" OFF)
-option(COLIFT_NATIVE "for the processor that compiles, with all its vectors" OFF)
+option(COLIFT_NATIVE "instruction set of the compiling processor" OFF)
 
 add_library(colift colift.c learned.c)
 target_include_directories(colift PUBLIC ${CMAKE_CURRENT_SOURCE_DIR})
@@ -301,7 +383,7 @@ if(COLIFT_NATIVE)
   target_compile_options(colift PRIVATE -march=native)
 endif()
 if(CMAKE_C_COMPILER_ID STREQUAL "GNU")
-  target_compile_options(colift PRIVATE -Wno-psabi) # no vector leaves colift.c
+  target_compile_options(colift PRIVATE -Wno-psabi) # no vector type crosses the interface of colift.c
 endif()
 
 add_executable(replay replay.c)
