@@ -30,7 +30,7 @@ def names(path: Path) -> set[str]:
 def test_runs_of_other_settings_or_versions_have_other_names():
     made = {run_directory.run_id(version, digest) for version in ("0.1.0", "0.2.0") for digest in ("a", "b")}
     assert len(made) == 4
-    assert all(run_directory.NAME.fullmatch(name.encode()) for name in made)
+    assert all(run_directory.RUN_ID_PATTERN.fullmatch(name.encode()) for name in made)
     assert run_directory.run_id("0.1.0", "a") == run_directory.run_id("0.1.0", "a")
 
 
@@ -42,7 +42,7 @@ def test_a_run_replaces_its_own_kind_and_what_is_of_another_run(tmp_path: Path, 
     fill(tmp_path, B, tuple(mine))
     with run_directory.lock_run_directory(tmp_path, A, NAMES) as out:
         run_directory.remove_stale_files(out, study.STUDY_FILES, study.CERTIFICATE_FILES)
-        assert names(tmp_path) - {run_directory.LOCK} == mine | (set(certified) if before == A else set())
+        assert names(tmp_path) - {run_directory.LOCK_FILE} == mine | (set(certified) if before == A else set())
     with run_directory.lock_run_directory(tmp_path, B, NAMES) as out:
         run_directory.remove_stale_files(out, study.CERTIFICATE_FILES, study.STUDY_FILES)
     assert names(tmp_path) == mine
@@ -52,7 +52,7 @@ def test_a_file_in_the_way_that_colift_did_not_write_is_refused_and_nothing_is_t
     fill(tmp_path, B, ("C1.nc",))
     (tmp_path / "summary.json").write_text("{}")
     with (
-        pytest.raises(OSError, match=r"holds summary\.json, which no run of colift wrote"),
+        pytest.raises(OSError, match=r"contains summary\.json, which colift did not write"),
         run_directory.lock_run_directory(tmp_path, A, NAMES),
     ):
         pass
@@ -80,8 +80,8 @@ def test_a_folder_that_may_not_be_written_is_said_to_be_one(tmp_path: Path):
 
 def hold(path: Path, **changed: object) -> None:
     """Leave a lock as this process would, but for what is changed."""
-    me = {"host": socket.gethostname(), "pid": os.getpid(), "began": run_directory._began(os.getpid()), "since": 0}
-    (path / run_directory.LOCK).write_text(json.dumps(me | changed))
+    me = {"host": socket.gethostname(), "pid": os.getpid(), "began": run_directory._start_time(os.getpid()), "since": 0}
+    (path / run_directory.LOCK_FILE).write_text(json.dumps(me | changed))
 
 
 def test_two_do_not_write_into_one_folder(tmp_path: Path):
@@ -89,7 +89,7 @@ def test_two_do_not_write_into_one_folder(tmp_path: Path):
         with pytest.raises(BlockingIOError, match=rf"is in use: process {os.getpid()} on ") as caught:
             run_directory.lock_run_directory(tmp_path, A, NAMES).__enter__()
         assert "\n" not in str(caught.value)
-        assert names(tmp_path) == {run_directory.LOCK}
+        assert names(tmp_path) == {run_directory.LOCK_FILE}
     assert names(tmp_path) == set()
 
 
@@ -107,14 +107,14 @@ def test_the_lock_of_a_process_that_has_ended_is_taken_over(tmp_path: Path):
     for changed in ({"pid": ended.pid}, {"pid": 2**40}, {"began": "1"}):
         hold(tmp_path, **changed)
         with run_directory.lock_run_directory(tmp_path, A, NAMES):
-            assert json.loads((tmp_path / run_directory.LOCK).read_text())["pid"] == os.getpid()
+            assert json.loads((tmp_path / run_directory.LOCK_FILE).read_text())["pid"] == os.getpid()
         assert names(tmp_path) == set()
 
 
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="the system does not say when a process began")
 def test_a_process_that_has_ended_but_was_not_waited_for_has_ended(tmp_path: Path):
     with subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE) as process:
-        hold(tmp_path, pid=process.pid, began=run_directory._began(process.pid))
+        hold(tmp_path, pid=process.pid, began=run_directory._start_time(process.pid))
         with pytest.raises(BlockingIOError, match="in use"):
             run_directory.lock_run_directory(tmp_path, A, NAMES).__enter__()
         assert process.stdin
@@ -127,7 +127,7 @@ def test_a_process_that_has_ended_but_was_not_waited_for_has_ended(tmp_path: Pat
 
 @pytest.mark.parametrize("content", [b"", b"{", b"[]", b"{}", b'{"pid": "me"}', b"\xff"])
 def test_a_lock_that_names_nobody_is_taken_over(tmp_path: Path, content: bytes):
-    (tmp_path / run_directory.LOCK).write_bytes(content)
+    (tmp_path / run_directory.LOCK_FILE).write_bytes(content)
     with run_directory.lock_run_directory(tmp_path, A, NAMES):
         pass
     assert names(tmp_path) == set()
@@ -137,7 +137,7 @@ def test_a_lock_of_another_computer_is_respected_and_it_is_said_how_to_end_it(tm
     hold(tmp_path, host="elsewhere", pid=1)
     with pytest.raises(OSError, match=r"process 1 on elsewhere .* if that process has ended, remove .*colift\.lock"):
         run_directory.lock_run_directory(tmp_path, A, NAMES).__enter__()
-    assert names(tmp_path) == {run_directory.LOCK}
+    assert names(tmp_path) == {run_directory.LOCK_FILE}
 
 
 def test_what_killed_processes_left_half_written_goes(tmp_path: Path):
@@ -151,18 +151,18 @@ def test_what_killed_processes_left_half_written_goes(tmp_path: Path):
 CONTEND = """
 import os, sys, time
 from pathlib import Path
-from colift import folder
+from colift.runtime import run_directory
 path, done = Path(sys.argv[1]), 0
 while done < 25:
     try:
-        with folder.claim(path, "colift-run-000000000000", ()):
+        with run_directory.lock_run_directory(path, "colift-run-000000000000", ()):
             inside = os.open(path / "inside", os.O_CREAT | os.O_EXCL)  # fails if another is inside
             time.sleep(0.001)
             os.close(inside)
             (path / "inside").unlink()
             done += 1
             if done % 5 == 0:  # killed: the lock stays, and names nobody who lives
-                (path / folder.LOCK).write_text((path / folder.LOCK).read_text().replace('"pid": ', '"pid": 9999999'))
+                (path / run_directory.LOCK_FILE).write_text((path / run_directory.LOCK_FILE).read_text().replace('"pid": ', '"pid": 9999999'))
     except BlockingIOError:
         time.sleep(0.001)
 print("done")

@@ -14,13 +14,13 @@ from colift.runtime import signals
 
 BEGIN = """
 import gc, os, signal, sys, threading, time
-from colift import interrupt
+from colift.runtime import signals
 signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored where the tests run in a shell's background
 def ask(number=signal.SIGINT):
     os.kill(os.getpid(), number)
 def work():
     while True:
-        interrupt.check()
+        signals.raise_if_interrupted()
         time.sleep(0.005)
 """
 
@@ -35,7 +35,7 @@ def ended(code: str) -> subprocess.CompletedProcess[str]:
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_the_work_ends_where_it_looks_and_is_cleared_up(number: signal.Signals):
     done = ended(f"""
-with interrupt.heeded(), interrupt.at_the_end(lambda: print("cleared")):
+with signals.handle_signals(), signals.on_exit(lambda: print("cleared")):
     ask({number})
     work()
 print("went on")
@@ -53,7 +53,7 @@ def collected(phase, info):
         time.sleep(0.01)
 asked = []
 gc.callbacks.append(collected)
-with interrupt.heeded():
+with signals.handle_signals():
     gc.collect()
     work()
 """)
@@ -67,7 +67,7 @@ class Cleared:
 def deaf():
     while True:
         try:
-            interrupt.check()
+            signals.raise_if_interrupted()
             time.sleep(0.01)
         except BaseException:
             pass  # as deaf as a compiler
@@ -78,22 +78,22 @@ def test_work_that_does_not_look_is_ended_after_the_grace():
     done = ended(
         BUSY
         + """
-interrupt.GRACE = 0.2
-with interrupt.heeded(), interrupt.at_the_end(Cleared()):
+signals.GRACE_PERIOD = 0.2
+with signals.handle_signals(), signals.on_exit(Cleared()):
     ask()
     deaf()
 """
     )
     assert (done.returncode, done.stdout) == (130, "cleared\n")
-    assert done.stderr == "interrupted in the middle of a step; files that were written are whole\n"
+    assert done.stderr == "terminated before the current step was complete; all written files are complete\n"
 
 
 def test_a_second_signal_ends_at_once():
     done = ended(
         BUSY
         + """
-interrupt.GRACE = 1000.0
-with interrupt.heeded(), interrupt.at_the_end(Cleared()):
+signals.GRACE_PERIOD = 1000.0
+with signals.handle_signals(), signals.on_exit(Cleared()):
     threading.Timer(0.3, ask).start()
     threading.Timer(0.6, ask).start()
     deaf()
@@ -106,9 +106,9 @@ def test_whatever_ends_the_work_after_the_request_the_status_is_that_of_the_requ
     """A compiler that the same Ctrl-C kills fails, and its failure is not the news."""
     for how in ("raise OSError('the compiler was killed')", "sys.exit(0)", "pass"):
         done = ended(f"""
-with interrupt.heeded():
+with signals.handle_signals():
     ask()
-    while not interrupt._asked:
+    while not signals._received:
         time.sleep(0.001)
     {how}
 """)
@@ -119,11 +119,11 @@ def test_other_signals_and_ignored_ones_ask_for_nothing():
     done = ended("""
 signal.signal(signal.SIGTERM, signal.SIG_IGN)
 signal.signal(signal.SIGUSR1, lambda *_: None)
-with interrupt.heeded():
+with signals.handle_signals():
     for number in (signal.SIGTERM, signal.SIGUSR1):
         ask(number)
         time.sleep(0.1)
-        interrupt.check()
+        signals.raise_if_interrupted()
 assert signal.getsignal(signal.SIGTERM) is signal.SIG_IGN
 print("went on")
 """)

@@ -151,7 +151,7 @@ def test_a_folder_with_a_file_of_someone_else_in_the_way_is_refused_before_any_f
     (tmp_path / "C1.nc").write_text("mine")
     status, said = invoke("study", "paper", "--out", str(tmp_path))
     assert (status, said.count("\n")) == (2, 1)
-    assert "holds C1.nc, which no run of colift wrote" in said
+    assert "contains C1.nc, which colift did not write" in said
     assert [file.name for file in tmp_path.iterdir()] == ["C1.nc"]
 
 
@@ -241,7 +241,7 @@ def test_a_file_that_colift_did_not_write_is_not_replaced(tmp_path: Path):
     (tmp_path / "C1.csv").write_text("mine")
     status, said = invoke("export", "csv", str(tmp_path))
     assert status == 2
-    assert "holds C1.csv, which no run of colift wrote" in said
+    assert "contains C1.csv, which colift did not write" in said
     assert (tmp_path / "C1.csv").read_text() == "mine"
 
 

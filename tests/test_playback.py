@@ -165,7 +165,7 @@ def test_the_command_says_where_the_page_is_and_opens_it_only_if_asked(tmp_path,
     (tmp_path / "view.html").write_text("of someone else")
     said = CliRunner().invoke(app, ["view", str(tmp_path)])
     assert said.exit_code == 2
-    assert "holds view.html, which no run of colift wrote" in said.stderr
+    assert "contains view.html, which colift did not write" in said.stderr
     assert (tmp_path / "view.html").read_text() == "of someone else"
 
 

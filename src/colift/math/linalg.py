@@ -1,8 +1,8 @@
-"""Products and symmetric positive definite systems of small fixed sizes, without a library call.
+"""Matrix products and symmetric positive definite systems of small fixed sizes.
 
-A multirotor's matrices are 6 x 6: at that size a call into a general routine costs more than the arithmetic, and
-sums of products fuse with what surrounds them. Leading axes are batch. A matrix that is not positive definite
-gives NaN, which the run's status reports.
+The matrices of an aerial manipulator are about 6 x 6. At this size a call of a general routine costs more than its
+arithmetic, and sums of products can be fused with other operations. Leading axes are batch axes. A matrix that is not
+positive definite gives NaN; the status of the run reports it.
 """
 
 from __future__ import annotations
@@ -14,18 +14,18 @@ from jaxtyping import Array, Float
 
 @jax.jit
 def matmul(A: Float[Array, "*#batch n k"], B: Float[Array, "*#batch k m"]) -> Float[Array, "*#batch n m"]:
-    """`A B`, broadcasting the leading axes."""
+    """Compute the products `A B`; leading axes are broadcast."""
     return (A[..., :, :, None] * B[..., None, :, :]).sum(-2)
 
 
 @jax.jit
 def matvec(A: Float[Array, "*#batch n k"], x: Float[Array, "*#batch k"]) -> Float[Array, "*#batch n"]:
-    """`A x`, broadcasting the leading axes."""
+    """Compute the products `A x`; leading axes are broadcast."""
     return (A * x[..., None, :]).sum(-1)
 
 
 def transpose(A: Float[Array, "*batch n m"]) -> Float[Array, "*batch m n"]:
-    """`A^T` of every matrix."""
+    """Return `A^T` of every matrix."""
     return jnp.swapaxes(A, -1, -2)
 
 
@@ -33,9 +33,17 @@ def transpose(A: Float[Array, "*batch n m"]) -> Float[Array, "*batch m n"]:
 def udu_eliminate(
     A: Float[Array, "*batch n n"], B: Float[Array, "*batch n m"]
 ) -> tuple[Float[Array, "*batch n n"], Float[Array, "*batch n"], Float[Array, "*batch n m"]]:
-    """`(U, d, U^-T B)` with U unit upper triangular and `A = U^T diag(1/d) U`, row by row; A's lower part is not read.
+    """Factorize `A = U^T diag(1/d) U` and reduce a right-hand side to `Y = U^-T B` (square-root-free Cholesky).
 
-    Cholesky without roots: one division a row, which is what costs. `B^T A^-1 B = Y^T diag(d) Y` for `Y = U^-T B`.
+    With the result `B^T A^-1 B = Y^T diag(d) Y`. The factorization needs one division per row, the most expensive
+    operation.
+
+    Args:
+        A: Symmetric positive definite matrices; the lower triangles are not read.
+        B: Right-hand sides.
+
+    Returns:
+        U, unit upper triangular; the inverse pivots d; and Y.
     """
     n = A.shape[-1]
     rest = jnp.concatenate([A, B], axis=-1)
@@ -53,7 +61,15 @@ def udu_eliminate(
 
 @jax.jit
 def forward(U: Float[Array, "*batch n n"], B: Float[Array, "*batch n m"]) -> Float[Array, "*batch n m"]:
-    """`U^-T B` for unit upper triangular U."""
+    """Solve `U^T X = B` by forward substitution.
+
+    Args:
+        U: Unit upper triangular matrices.
+        B: Right-hand sides.
+
+    Returns:
+        `U^-T B`.
+    """
     rows = []
     rest = B
     for k in range(U.shape[-1]):
@@ -64,7 +80,15 @@ def forward(U: Float[Array, "*batch n n"], B: Float[Array, "*batch n m"]) -> Flo
 
 @jax.jit
 def backward(U: Float[Array, "*batch n n"], B: Float[Array, "*batch n m"]) -> Float[Array, "*batch n m"]:
-    """`U^-1 B` for unit upper triangular U."""
+    """Solve `U X = B` by backward substitution.
+
+    Args:
+        U: Unit upper triangular matrices.
+        B: Right-hand sides.
+
+    Returns:
+        `U^-1 B`.
+    """
     rows = []
     rest = B
     for k in reversed(range(U.shape[-1])):
@@ -75,6 +99,14 @@ def backward(U: Float[Array, "*batch n n"], B: Float[Array, "*batch n m"]) -> Fl
 
 @jax.jit
 def solve(A: Float[Array, "*batch n n"], B: Float[Array, "*batch n m"]) -> Float[Array, "*batch n m"]:
-    """`A^-1 B` for symmetric positive definite A."""
+    """Solve `A X = B`.
+
+    Args:
+        A: Symmetric positive definite matrices; the lower triangles are not read.
+        B: Right-hand sides.
+
+    Returns:
+        `A^-1 B`; NaN where A is not positive definite.
+    """
     U, d, Y = udu_eliminate(A, B)
     return backward(U, d[..., None] * Y)

@@ -1,4 +1,4 @@
-"""The one dialect of data class: frozen, keyword-only, registered with JAX as a PyTree."""
+"""Decorator for immutable dataclasses that JAX treats as PyTrees; all data types of the project use it."""
 
 from __future__ import annotations
 
@@ -11,14 +11,37 @@ T = TypeVar("T")
 
 
 def static(**kwargs: Any) -> Any:
-    """A field that is part of the structure (hashable, compared at trace time), not a leaf."""
+    """Declare a field that belongs to the tree structure instead of the leaves.
+
+    Its value must be hashable. Functions are compiled again for another value.
+
+    Args:
+        **kwargs: Arguments of `dataclasses.field`, such as `default`.
+
+    Returns:
+        The field specifier.
+    """
     return dataclasses.field(metadata={"static": True}, **kwargs)
 
 
 @dataclass_transform(kw_only_default=True, frozen_default=True, field_specifiers=(static,))
 def pytree(cls: type[T]) -> type[T]:
-    """Turn a class body of annotated fields into an immutable PyTree.
+    """Convert a class with annotated fields to a frozen, keyword-only dataclass that is a JAX PyTree.
 
-    Fields made by `static` go into the tree's structure; all others are leaves or subtrees.
+    Fields declared with `static` belong to the tree structure; all others are leaves or subtrees.
+
+    Args:
+        cls: Class to be converted.
+
+    Returns:
+        The dataclass.
+
+    Example:
+        ::
+
+            @pytree
+            class Spring:
+                stiffness: Float[Array, ""]  # N/m
+                exponent: int = static(default=1)
     """
     return jax.tree_util.register_dataclass(dataclasses.dataclass(frozen=True, kw_only=True)(cls))

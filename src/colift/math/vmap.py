@@ -1,7 +1,8 @@
-"""One function over the agents of a group: `jax.vmap`, but for a back end that writes code.
+"""Vectorization of a function over the agents of a group that a code generator can intercept.
 
-Such a back end wants the body once, however many agents a group has, and `vmap` leaves no trace of it. So while it
-traces, it says how the map is to be kept; at any other time the map is `vmap`, and nothing of JAX's internals is here.
+A code generator needs the function body once, independent of the number of agents, but `jax.vmap` replaces it by
+batched operations. The code generator therefore sets `AGENT_MAP_TRACER` while it traces. Otherwise `vmap_agents` is
+`jax.vmap`.
 """
 
 from __future__ import annotations
@@ -13,20 +14,35 @@ from typing import Any
 import jax
 
 AGENT_MAP_TRACER = jax.make_user_context(None)
-"""While `kept_by(keep)` holds, `over(f)` is `keep(f, axes, args)`; what `jax.jit` traced before is not reused."""
+"""JAX context; within `with AGENT_MAP_TRACER(bind)` a call of `vmap_agents(f)` returns `bind(f, axes, args)`.
+
+The context is part of the cache key of `jax.jit`, so functions that were traced outside of it are traced again.
+"""
 
 
 def vmap_agents(f: Callable[..., Any], in_axes: int | Sequence[int | None] | None = 0) -> Callable[..., Any]:
-    """`jax.vmap(f, in_axes)`, where an argument (any PyTree) is mapped over its leading axis (0) or shared (None)."""
+    """Vectorize a function over the agents of a group, as `jax.vmap`.
+
+    The returned function raises ValueError if its mapped arguments have different lengths.
+
+    Args:
+        f: Function of one agent; its arguments are PyTrees.
+        in_axes: For each argument, or for all: 0 to map its leading axis, None to share it.
+
+    Returns:
+        Function of all agents.
+    """
 
     @functools.wraps(f)
     def mapped(*args: Any) -> Any:
         axes = (in_axes,) * len(args) if in_axes is None or isinstance(in_axes, int) else tuple(in_axes)
-        own = (leaf for axis, arg in zip(axes, args, strict=True) if axis == 0 for leaf in jax.tree.leaves(arg))
-        sizes = {leaf.shape[0] for leaf in own}
+        leaves = (leaf for axis, arg in zip(axes, args, strict=True) if axis == 0 for leaf in jax.tree.leaves(arg))
+        sizes = {leaf.shape[0] for leaf in leaves}
         if len(sizes) != 1:
-            raise ValueError(f"over: mapped arguments must share one leading axis, got lengths {sorted(sizes)}")
-        keep = AGENT_MAP_TRACER.value
-        return jax.vmap(f, in_axes=axes)(*args) if keep is None else keep(f, axes, args)
+            raise ValueError(
+                f"vmap_agents: mapped arguments must have equal lengths of their leading axes, got {sorted(sizes)}"
+            )
+        bind = AGENT_MAP_TRACER.value
+        return jax.vmap(f, in_axes=axes)(*args) if bind is None else bind(f, axes, args)
 
     return mapped

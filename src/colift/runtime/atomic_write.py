@@ -1,4 +1,4 @@
-"""Files written whole or not at all: the one way in which this package puts results on a disk."""
+"""Atomic writes of files: a file is written completely or not at all. All results are written by these functions."""
 
 from __future__ import annotations
 
@@ -13,10 +13,17 @@ from colift.runtime import signals
 
 
 def write_atomic(path: str | Path, content: bytes) -> None:
-    """Write a file whole or not at all: to a temporary name in the same folder, to the disk, then renamed.
+    """Write a file atomically.
 
-    Its mode is what the umask gives a new file. Raises OSError, with the path and the reason in one line; then `path`
-    is as it was before. Nothing is written once the process is asked to end.
+    The content is written to a temporary file in the same folder, flushed to the disk, and renamed. The file mode
+    follows the umask. After a request to terminate the process nothing is written.
+
+    Args:
+        path: File.
+        content: New content.
+
+    Raises:
+        OSError: If the file cannot be written, with path and reason in one line; `path` is then unchanged.
     """
     signals.raise_if_interrupted()
     path = Path(path)
@@ -29,7 +36,7 @@ def write_atomic(path: str | Path, content: bytes) -> None:
                 os.fsync(file.fileno())
             temporary.replace(path)
         except BaseException:
-            with contextlib.suppress(OSError):  # the first failure is the one to tell
+            with contextlib.suppress(OSError):  # the first error is reported
                 temporary.unlink()
             raise
     except OSError as error:
@@ -37,15 +44,26 @@ def write_atomic(path: str | Path, content: bytes) -> None:
 
 
 def write_json_atomic(value: Any, path: Path) -> Any:
-    """Write strict JSON as `write` does; what is not finite becomes null. What the file holds; raises as `write`."""
-    held = _finite(value)
-    write_atomic(path, (json.dumps(held, indent=2, allow_nan=False) + "\n").encode())
-    return held
+    """Write a value as strict JSON, atomically; numbers that are not finite become null.
+
+    Raises OSError as `write_atomic`.
+
+    Args:
+        value: Nested dictionaries and lists of strings, numbers, booleans and None.
+        path: File.
+
+    Returns:
+        The written value.
+    """
+    finite = _replace_nonfinite(value)
+    write_atomic(path, (json.dumps(finite, indent=2, allow_nan=False) + "\n").encode())
+    return finite
 
 
-def _finite(value: Any) -> Any:
+def _replace_nonfinite(value: Any) -> Any:
+    """Replace numbers that are not finite by None."""
     if isinstance(value, dict):
-        return {key: _finite(item) for key, item in value.items()}
+        return {key: _replace_nonfinite(item) for key, item in value.items()}
     if isinstance(value, list):
-        return [_finite(item) for item in value]
+        return [_replace_nonfinite(item) for item in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -1,4 +1,4 @@
-"""Where what is compiled is kept: JAX's programs and native libraries, in the user's cache folder."""
+"""Cache folder of the user for compiled JAX programs and native libraries."""
 
 from __future__ import annotations
 
@@ -7,20 +7,29 @@ from pathlib import Path
 
 
 class CacheUnavailable(OSError):
-    """What is made cannot be kept: no process finds what another one made."""
+    """Error of a cache folder that cannot be created; compiled programs are then not shared between processes."""
 
 
 def cache_directory(name: str) -> Path:
-    """`$XDG_CACHE_HOME/colift/NAME`, by default under `~/.cache`, made if it is not there.
+    """Return a cache folder, and create it if it does not exist.
 
-    Raises `Unwritable` where there is no home, or the folder cannot be made. A relative `$XDG_CACHE_HOME` is
-    ignored, as its specification says.
+    The folder is `$XDG_CACHE_HOME/colift/NAME`, by default under `~/.cache`. A relative `$XDG_CACHE_HOME` is ignored,
+    as specified by the XDG Base Directory Specification.
+
+    Args:
+        name: Name of the folder.
+
+    Returns:
+        The folder.
+
+    Raises:
+        CacheUnavailable: If there is no home folder, or the folder cannot be created.
     """
     root = Path(os.environ.get("XDG_CACHE_HOME", ""))
     try:
         path = (root if root.is_absolute() else Path.home() / ".cache") / "colift" / name
-    except RuntimeError:  # neither $HOME, nor a user whom the system knows
-        raise CacheUnavailable("there is no home folder; $XDG_CACHE_HOME would name another") from None
+    except RuntimeError:  # neither $HOME nor an entry of the user in the system's database
+        raise CacheUnavailable("there is no home folder; set $XDG_CACHE_HOME to a folder for caches") from None
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:

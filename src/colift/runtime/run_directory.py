@@ -1,7 +1,10 @@
-"""The folder of one run's results: it holds the files of one run, and one process at a time writes to it.
+"""Result folder of one run, to which one process at a time writes.
 
-Every file names its run in its own way: an attribute of a NetCDF file, an entry of JSON, a keyword of a figure, a
-column or a line of a table. The name is the same string in all of them, and is found by looking for it.
+Every result file contains the identifier of its run: as an attribute of a NetCDF file, an entry of a JSON file, a
+keyword of a figure, or a column or line of a table. It is the same string in all files, so a text search finds it.
+
+See Also:
+    docs/decisions/0018-keep-one-run-per-directory: reasons.
 """
 
 from __future__ import annotations
@@ -23,67 +26,115 @@ from typing import Any
 
 from colift.runtime import signals
 
-LOCK = ".colift.lock"
-NAME = re.compile(rb"colift-run-([0-9a-f]{12})(?![0-9a-f])")
+LOCK_FILE = ".colift.lock"
+"""Name of the lock file in a run directory."""
+RUN_ID_PATTERN = re.compile(rb"colift-run-([0-9a-f]{12})(?![0-9a-f])")
+"""Identifier of a run as it appears in files."""
 
 
 @dataclasses.dataclass(frozen=True)
 class RunDirectory:
-    """A folder that this process alone writes to, for the files of one run."""
+    """Folder that is locked for the files of one run.
+
+    Attributes:
+        path: The folder.
+        run_id: Identifier of the run.
+    """
 
     path: Path
     run_id: str
 
 
 def run_id(version: str, digest: str) -> str:
-    """The name of a run: it differs when the version does or any setting, the seed among them."""
+    """Return the identifier of a run; it depends on the version and on all settings, including the seed.
+
+    Args:
+        version: Version of the package.
+        digest: Digest of the settings.
+    """
     return f"colift-run-{hashlib.sha256(f'{version} {digest}'.encode()).hexdigest()[:12]}"
 
 
 @contextlib.contextmanager
-def lock_run_directory(path: Path, run: str, names: Sequence[str]) -> Generator[RunDirectory]:
-    """Make a folder and write to it alone, under a lock that is released however the block ends.
+def lock_run_directory(path: Path, run_id: str, patterns: Sequence[str]) -> Generator[RunDirectory]:
+    """Create a folder and lock it for this process; the lock is removed when the block ends.
 
-    `names`, with `*` for any text, are those of the files that the run may write or replace. A lock whose process has
-    ended is taken over; on another computer's it cannot be known. Raises OSError, in one line, where the folder cannot
-    be written, where another process writes to it, or where colift did not write a file that has one of the names.
+    A lock of a process that has ended is removed. A lock of another computer is respected, because its process cannot
+    be checked. Raises BlockingIOError, an OSError, if another process writes to the folder.
+
+    Args:
+        path: Folder.
+        run_id: Identifier of the run.
+        patterns: Names of the files that the run may write or replace, with `*` as a wildcard.
+
+    Yields:
+        The locked folder.
+
+    Raises:
+        OSError: If the folder cannot be written, or if a file with one of the names was not written by colift.
     """
-    _prepare(path)
-    with contextlib.ExitStack() as held:
-        _lock(path / LOCK, held)
-        _clear_parts(path)
-        foreign = [file.name for file in list_files(path, names) if read_run_id(file) is None]
+    _create_directory(path)
+    with contextlib.ExitStack() as stack:
+        _lock(path / LOCK_FILE, stack)
+        _remove_partial_files(path)
+        foreign = [file.name for file in list_files(path, patterns) if read_run_id(file) is None]
         if foreign:
             raise OSError(
-                f"{path} holds {', '.join(foreign)}, which no run of colift wrote: move it, or choose another --out"
+                f"{path} contains {', '.join(foreign)}, which colift did not write: move it, or choose another --out"
             )
-        yield RunDirectory(path, run)
+        yield RunDirectory(path, run_id)
 
 
-def list_files(path: Path, names: Sequence[str]) -> list[Path]:
-    """The files of a folder that have one of the names."""
-    return sorted({file for name in names for file in path.glob(name)})
+def list_files(path: Path, patterns: Sequence[str]) -> list[Path]:
+    """List the files of a folder that match one of the patterns.
+
+    Args:
+        path: Folder.
+        patterns: Names of files, with `*` as a wildcard.
+
+    Returns:
+        The files in alphabetical order.
+    """
+    return sorted({file for pattern in patterns for file in path.glob(pattern)})
 
 
 def read_run_id(file: Path) -> str | None:
-    """The name of the run that a file states; None if it states none."""
-    found = NAME.search(file.read_bytes())
+    """Return the identifier of the run that a file contains; None if it contains none.
+
+    Args:
+        file: Result file of any format.
+    """
+    found = RUN_ID_PATTERN.search(file.read_bytes())
     return None if found is None else found.group().decode()
 
 
-def stale_files(folder: RunDirectory, names: Sequence[str]) -> list[Path]:
-    """The files under the names that are of another run than the folder's."""
-    return [file for file in list_files(folder.path, names) if read_run_id(file) not in (None, folder.run_id)]
+def stale_files(directory: RunDirectory, patterns: Sequence[str]) -> list[Path]:
+    """List the matching files that belong to another run than the directory.
+
+    Args:
+        directory: Locked folder.
+        patterns: Names of files, with `*` as a wildcard.
+
+    Returns:
+        The files in alphabetical order; files without an identifier are not listed.
+    """
+    return [file for file in list_files(directory.path, patterns) if read_run_id(file) not in (None, directory.run_id)]
 
 
-def remove_stale_files(folder: RunDirectory, names: Sequence[str], others: Sequence[str]) -> None:
-    """Remove the files under `names`, of whatever run, and those under `others` that are of another run than this."""
-    for file in list_files(folder.path, names) + stale_files(folder, others):
+def remove_stale_files(directory: RunDirectory, patterns: Sequence[str], other_patterns: Sequence[str]) -> None:
+    """Remove files of earlier runs.
+
+    Args:
+        directory: Locked folder.
+        patterns: Names of files that are removed whatever their run, with `*` as a wildcard.
+        other_patterns: Names of files that are removed only if they belong to another run.
+    """
+    for file in list_files(directory.path, patterns) + stale_files(directory, other_patterns):
         file.unlink(missing_ok=True)
 
 
-def _prepare(path: Path) -> None:
-    """Make the folder and see that it can be written, now rather than after the flights."""
+def _create_directory(path: Path) -> None:
+    """Create the folder and check that it can be written, so that errors occur before the simulation."""
     try:
         path.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=path):
@@ -94,8 +145,8 @@ def _prepare(path: Path) -> None:
         raise OSError(error.errno, f"cannot write to {path}: {error.strerror or error}") from None
 
 
-def _clear_parts(path: Path) -> None:
-    """Remove what killed processes left half written: under the lock, nothing else is being written."""
+def _remove_partial_files(path: Path) -> None:
+    """Remove partial files of killed processes; under the lock no other process writes files."""
     for part in path.glob(".*.[0-9]*.part"):
         part.unlink(missing_ok=True)
 
@@ -103,53 +154,61 @@ def _clear_parts(path: Path) -> None:
 # The lock -------------------------------------------------------------------------------------------------------------
 
 
-def _lock(lock: Path, held: contextlib.ExitStack) -> None:
-    """Make the lock file, which one process can (O_EXCL, over NFS too); it says who holds it."""
-    me = {"host": socket.gethostname(), "pid": os.getpid(), "began": _began(os.getpid()), "since": int(time.time())}
-    mine = json.dumps({**me, "claim": secrets.token_hex(8)}).encode()  # one process may claim twice
-    held.enter_context(signals.on_exit(lambda: _release(lock, mine)))
+def _lock(lock: Path, stack: contextlib.ExitStack) -> None:
+    """Create the lock file with the owner's identity; O_EXCL admits one process, also over NFS."""
+    owner = {
+        "host": socket.gethostname(),
+        "pid": os.getpid(),
+        "began": _start_time(os.getpid()),
+        "since": int(time.time()),
+    }
+    content = json.dumps({**owner, "claim": secrets.token_hex(8)}).encode()  # one process may lock several times
+    stack.enter_context(signals.on_exit(lambda: _release(lock, content)))
     while True:
         try:
             with lock.open("xb", buffering=0) as file:
-                file.write(mine)
+                file.write(content)
             return
         except FileExistsError:
-            _take_over(lock)
+            _remove_stale_lock(lock)
         except OSError as error:
             lock.unlink(missing_ok=True)
             raise OSError(error.errno, f"cannot write {lock}: {error.strerror}") from None
 
 
-def _release(lock: Path, mine: bytes) -> None:
-    """Remove the lock if it is this claim's."""
+def _release(lock: Path, content: bytes) -> None:
+    """Remove the lock file if it has this content."""
     with contextlib.suppress(FileNotFoundError):
-        if lock.read_bytes() == mine:
+        if lock.read_bytes() == content:
             lock.unlink()
 
 
-def _take_over(lock: Path) -> None:
-    """Remove a lock whose process has ended; OSError where it has not, or may not have.
+def _remove_stale_lock(lock: Path) -> None:
+    """Remove a lock whose process has ended.
 
-    One process at a time: a lock that is stale here cannot have become another's by the time it is removed.
+    One process at a time executes this, so a stale lock cannot be replaced by a new one before it is removed.
+
+    Raises:
+        BlockingIOError: If the process runs, or is on another computer.
     """
-    with _alone(lock.parent):
-        found = _read(lock)
+    with _exclusive(lock.parent):
+        found = _read_lock(lock)
         if found is None:
             return
-        _, holder = found
-        if holder is not None:
-            here = holder["host"] == socket.gethostname()
-            if not here or _lives(holder["pid"], holder["began"]):
-                since = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(holder["since"]))
-                who = f"process {holder['pid']} on {holder['host']} writes to it since {since}"
-                gone = "" if here else f"; if that process has ended, remove {lock}"
-                raise BlockingIOError(f"{lock.parent} is in use: {who}; wait, or choose another --out{gone}")
+        _, owner = found
+        if owner is not None:
+            is_local = owner["host"] == socket.gethostname()
+            if not is_local or _is_running(owner["pid"], owner["began"]):
+                since = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(owner["since"]))
+                process = f"process {owner['pid']} on {owner['host']} has been writing to it since {since}"
+                remedy = "" if is_local else f"; if that process has ended, remove {lock}"
+                raise BlockingIOError(f"{lock.parent} is in use: {process}; wait, or choose another --out{remedy}")
         lock.unlink(missing_ok=True)
 
 
 @contextlib.contextmanager
-def _alone(path: Path) -> Generator[None]:
-    """One process of this computer at a time is in the block, as far as the folder's file system knows such locks."""
+def _exclusive(path: Path) -> Generator[None]:
+    """Admit one process of this computer at a time to the block, if the file system supports such locks."""
     descriptor = os.open(path, os.O_RDONLY)
     try:
         with contextlib.suppress(OSError):
@@ -159,38 +218,35 @@ def _alone(path: Path) -> Generator[None]:
         os.close(descriptor)
 
 
-def _read(lock: Path) -> tuple[bytes, dict[str, Any] | None] | None:
-    """A lock file and who holds it: nobody where it does not say so, though there was time to write it."""
+def _read_lock(lock: Path) -> tuple[bytes, dict[str, Any] | None] | None:
+    """Return content and owner of a lock file; no owner if it stays invalid for a second, None if there is no file."""
     content = b""
     for _ in range(20):
         try:
             content = lock.read_bytes()
-            holder = json.loads(content)
+            owner = json.loads(content)
             kinds = {"host": str, "pid": int, "began": str, "since": float}
-            return content, {key: kind(holder[key]) for key, kind in kinds.items()}
+            return content, {key: kind(owner[key]) for key, kind in kinds.items()}
         except FileNotFoundError:
             return None
-        except (ValueError, TypeError, KeyError):  # made but not yet written
+        except (ValueError, TypeError, KeyError):  # created, but not yet written
             time.sleep(0.05)
     return content, None
 
 
-def _lives(pid: int, began: str) -> bool:
-    """Whether that process runs on this computer, and is no later one under the same number."""
+def _is_running(pid: int, began: str) -> bool:
+    """Return whether the process runs on this computer; its start time excludes a later process of the same number."""
     try:
         os.kill(pid, 0)
     except (ProcessLookupError, OverflowError):
         return False
-    except PermissionError:  # another user's
+    except PermissionError:  # process of another user
         pass
-    return _began(pid) == began
+    return _start_time(pid) == began
 
 
-def _began(pid: int) -> str:
-    """When a process began, in the kernel's ticks since the computer did.
-
-    Empty where the system does not say: the number alone must then tell. `ended` where only its entry is left.
-    """
+def _start_time(pid: int) -> str:
+    """Return the start time of a process in kernel ticks; empty if unavailable, `ended` for a zombie process."""
     try:
         state, *after = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     except OSError:

@@ -1,8 +1,9 @@
-"""A request to end, by Ctrl-C or SIGTERM: the work reads it where it may end, and is ended where it does not in time.
+"""Orderly termination after Ctrl-C or SIGTERM.
 
-Python's own KeyboardInterrupt is raised wherever the main thread happens to be. In a callback that drops exceptions,
-such as JAX's of every garbage collection, it is lost and the run goes on; in a compiler it waits for minutes. Here
-the signal reaches a thread of its own, which sets a flag. The work calls `check` where it may end.
+Python raises KeyboardInterrupt at an arbitrary point of the main thread. Within a callback that ignores exceptions,
+such as JAX's callback of the garbage collector, it is lost and the run continues. Within a compiler it is delayed by
+minutes. Here a separate thread receives the signal and sets a flag. Long computations call `raise_if_interrupted` at
+points where they may end. If none is reached within `GRACE_PERIOD`, the process is terminated.
 """
 
 from __future__ import annotations
@@ -15,103 +16,116 @@ import sys
 import threading
 from collections.abc import Callable, Generator
 
-GRACE_PERIOD = 5.0  # s, for the work to come to a `check`, which a compiler or a long fit may not
+GRACE_PERIOD = 5.0
+"""Time [s] from the first signal to forced termination, for computations that check the flag rarely."""
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
+"""Signals that request termination."""
 
-_asked: list[int] = []  # the first signal
-_acts: list[Callable[[], None]] = []
+_received: list[int] = []  # the first signal
+_exit_actions: list[Callable[[], None]] = []
 
 
 class Interrupted(BaseException):
-    """The process is asked to end. Not an Exception: what handles errors must not keep a run alive."""
+    """Request to terminate the process. It is no Exception, so error handlers do not catch it."""
 
 
 def raise_if_interrupted() -> None:
-    """Raise Interrupted if the process is asked to end; without a command line that heeds signals it never is."""
-    if _asked:
+    """Raise Interrupted if termination was requested; without `handle_signals` this never occurs.
+
+    Raises:
+        Interrupted: If a signal was received.
+    """
+    if _received:
         raise Interrupted
 
 
 @contextlib.contextmanager
-def on_exit(act: Callable[[], None]) -> Generator[None]:
-    """Do `act` when the block ends, however it ends: also where the process is ended by force within it.
+def on_exit(action: Callable[[], None]) -> Generator[None]:
+    """Call a function when the block ends, also if the process is terminated by force within the block.
 
-    Then another thread may do it too, so twice must be as good as once.
+    Args:
+        action: Function without arguments. It may be called twice, also by another thread.
+
+    Yields:
+        Nothing.
     """
-    _acts.append(act)
+    _exit_actions.append(action)
     try:
         yield
     finally:
-        _acts.remove(act)
-        act()
+        _exit_actions.remove(action)
+        action()
 
 
 @contextlib.contextmanager
 def handle_signals() -> Generator[None]:
-    """Within the block, Ctrl-C and SIGTERM ask the work to end; the process then ends with 128 + the signal's number.
+    """Terminate the process in an orderly way after Ctrl-C or SIGTERM within the block.
 
-    It ends where the work calls `check`, after `GRACE` at the latest, and at once at a second signal. A signal that
-    the process ignores, as under `nohup` or in a script's background, stays ignored. Off the main thread, which alone
-    may take signals, nothing is done.
+    The process ends where `raise_if_interrupted` is called, after `GRACE_PERIOD` at the latest, or at once after a
+    second signal. Its exit status is 128 plus the number of the signal. A signal that the process ignores, for example
+    under `nohup`, stays ignored. Outside the main thread, which alone may handle signals, the block has no effect.
+
+    Yields:
+        Nothing.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    ours, theirs = socket.socketpair()
-    theirs.setblocking(False)  # Python writes to it where the signal arrives
-    watcher = threading.Thread(target=_watch, args=(ours,), daemon=True)
+    receiver, sender = socket.socketpair()
+    sender.setblocking(False)  # Python writes the signal number to it when a signal arrives
+    watcher = threading.Thread(target=_watch, args=(receiver,), daemon=True)
     watcher.start()
-    before = {number: signal.getsignal(number) for number in SIGNALS}
-    wakeup = signal.set_wakeup_fd(theirs.fileno(), warn_on_full_buffer=False)
+    previous = {number: signal.getsignal(number) for number in SIGNALS}
+    wakeup = signal.set_wakeup_fd(sender.fileno(), warn_on_full_buffer=False)
     try:
-        for number, handler in before.items():
+        for number, handler in previous.items():
             if handler is not signal.SIG_IGN:
-                signal.signal(number, lambda *_: None)  # the watcher is told; this only lets the process live
+                signal.signal(number, lambda *_: None)  # the thread handles the signal; this keeps the process running
         yield
     except BaseException:
-        if not _asked:
+        if not _received:
             raise
     finally:
-        if _asked:
-            _end(_asked[0])
-        for number, handler in before.items():
+        if _received:
+            _terminate(_received[0])
+        for number, handler in previous.items():
             signal.signal(number, handler)
         signal.set_wakeup_fd(wakeup)
-        theirs.close()
+        sender.close()
         watcher.join()
-        ours.close()
-        _asked.clear()
+        receiver.close()
+        _received.clear()
 
 
-def _watch(told: socket.socket) -> None:
-    """Wait for a signal, then for a second one, for the end of the time there is, or for the block to end."""
-    first = _next(told)
+def _watch(receiver: socket.socket) -> None:
+    """Wait for a signal; then terminate the process after the grace period or a second signal, or if the block ends."""
+    first = _next_signal(receiver)
     if first is None:
         return
-    _asked.append(first)
-    told.settimeout(GRACE_PERIOD)
+    _received.append(first)
+    receiver.settimeout(GRACE_PERIOD)
     with contextlib.suppress(TimeoutError):
-        if _next(told) is None:
+        if _next_signal(receiver) is None:
             return
-    with contextlib.suppress(OSError):  # past Python's buffers, whose locks the work may hold
-        shown = b"\r\x1b[K\x1b[?25h" if os.isatty(2) else b""
-        os.write(2, shown + b"interrupted in the middle of a step; files that were written are whole\n")
-    _end(first)
+    with contextlib.suppress(OSError):  # not through Python's buffers, because the main thread may hold their locks
+        reset_line = b"\r\x1b[K\x1b[?25h" if os.isatty(2) else b""
+        os.write(2, reset_line + b"terminated before the current step was complete; all written files are complete\n")
+    _terminate(first)
 
 
-def _next(told: socket.socket) -> int | None:
-    """The next of the signals heeded; None where no more will come."""
-    while number := told.recv(1):
+def _next_signal(receiver: socket.socket) -> int | None:
+    """Return the next signal of `SIGNALS`; None after the end of the block."""
+    while number := receiver.recv(1):
         if number[0] in SIGNALS:
             return number[0]
     return None
 
 
-def _end(number: int) -> None:
-    """The process ends here: threads that compile or fly would keep it alive for minutes."""
-    for act in reversed(_acts):
+def _terminate(number: int) -> None:
+    """Terminate the process at once; other threads, such as compilers, would keep it running for minutes."""
+    for action in reversed(_exit_actions):
         with contextlib.suppress(Exception):
-            act()
+            action()
     if threading.current_thread() is threading.main_thread():
         for stream in (sys.stdout, sys.stderr):
             with contextlib.suppress(Exception):
