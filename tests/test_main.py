@@ -233,7 +233,7 @@ def test_flights_are_written_beside_their_logs_and_replaced_with_them(kind: str,
 def test_a_folder_without_flights_is_said(kind: str, tmp_path: Path):
     status, said = invoke("export", kind, str(tmp_path))
     assert (status, said.count("\n")) == (2, 1)
-    assert "holds no flight" in said
+    assert "contains no log" in said
 
 
 def test_a_file_that_colift_did_not_write_is_not_replaced(tmp_path: Path):

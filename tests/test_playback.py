@@ -143,7 +143,7 @@ def test_a_folder_without_flights_of_one_run_is_one_line_and_status_2(tmp_path):
     log.save(random_log(), tmp_path / "C1.nc")
     log.save(random_log().assign_attrs(run="colift-run-ba9876543210"), tmp_path / "C3.nc")
     (tmp_path / "empty").mkdir()
-    for out, answer in ((tmp_path, "holds flights of 2 runs"), (tmp_path / "empty", "holds no flight (C1.nc, ")):
+    for out, answer in ((tmp_path, "contains logs of 2 runs"), (tmp_path / "empty", "contains no log (C1.nc, ")):
         said = CliRunner().invoke(app, ["view", str(out)])
         assert (said.exit_code, said.stderr.count("\n")) == (2, 1)
         assert f"{out} {answer}" in said.stderr

@@ -162,7 +162,7 @@ def test_differences_are_those_to_the_shipped_scenario_as_set_takes_them():
     ("spoil", "answer"),
     [
         (lambda out: (out / "summary.json").unlink(), "contains no summary.json; colift study writes it"),
-        (lambda out: [(out / f"{case}.nc").unlink() for case in played.CASES], "holds no flight"),
+        (lambda out: [(out / f"{case}.nc").unlink() for case in played.CASES], "contains no log"),
         (
             lambda out: written(out, {}, run="colift-run-ba9876543210"),
             "contains flights of colift-run-0123456789ab and a",

@@ -1,7 +1,10 @@
-"""The closed loop around rest on the grasp, to first order: from unknown forces to the payload's errors.
+"""Linearization of the continuous closed loop at rest, from unmodelled forces to the payload errors.
 
-Rest, nominal = truth, ideal sensors, reference held at its start. The loop moves on the grasp, so its state has two
-coordinates for each of the team's free velocities.
+The nominal parameters equal the true ones, the sensors are ideal and the reference is constant. The state is restricted
+to the constraint manifold, so it has two coordinates for each free velocity of the team.
+
+See Also:
+    colift.analysis.stability: eigenvalues of the sampled loop with filters and delays.
 """
 
 from __future__ import annotations
@@ -24,46 +27,68 @@ from colift.onboard import controller
 from colift.simulation import contact_dynamics
 
 OUTPUTS = {"e_p": 3, "e_v": 3, "e_R": 3, "e_omega": 3, "a": 3, "alpha": 3, "delta_W": 6}
-"""Rows of `Response.C`: tracking errors, payload acceleration less the commanded one (m/s^2, rad/s^2), mismatch."""
+"""Outputs of `LinearizedLoop.C` and their sizes.
+
+`e_*` are tracking errors, `a` and `alpha` are payload accelerations minus the commanded ones [m/s^2, rad/s^2], and
+`delta_W` is the wrench mismatch [N, N m].
+"""
 
 
 @dataclasses.dataclass(frozen=True)
 class LinearizedLoop:
-    """`x_dot = A x + B f~`, `y = C x + D f~`: f~ the unknown forces that are not compensated, y as in `OUTPUTS`."""
+    """Linear closed loop `x_dot = A x + B f~`, `y = C x + D f~` with residual errors f~ and outputs y as in `OUTPUTS`.
+
+    The input f~ contains the unmodelled forces that the controller does not compensate.
+    """
 
     A: np.ndarray  # (states, states) 1/s
     B: np.ndarray  # (states, inputs)
     C: np.ndarray  # (outputs, states)
     D: np.ndarray  # (outputs, inputs)
-    basis: np.ndarray  # (coordinates, states), orthonormal: the states as a raveled `dynamics.Shift`
-    bodies: tuple[slice, ...]  # columns of the payload's residual, then of each agent's, in team order
+    basis: np.ndarray  # (coordinates, states), orthonormal; maps x to a flat `contact_dynamics.StateTangent`
+    bodies: tuple[slice, ...]  # input columns of the payload, then of each agent in team order
 
     def output_rows(self, output: str) -> slice:
-        """Where an output of `OUTPUTS` stands in C and D."""
+        """Return the rows of an output of `OUTPUTS` in C and D."""
         names = list(OUTPUTS)
         first = sum(OUTPUTS[name] for name in names[: names.index(output)])
         return slice(first, first + OUTPUTS[output])
 
 
 def flatten(f: ResidualForces) -> Float[Array, " inputs"]:
-    """A residual as a row: the payload's wrench, then `(f_x, f_w, f_r)` of each agent, in team order."""
-    agents = [jnp.concatenate([part.f_x, part.f_w, part.f_r], axis=1).reshape(-1) for part in f.agents]
+    """Flatten a residual: payload wrench, then `(f_x, f_w, f_r)` of each agent in team order."""
+    agents = [jnp.concatenate([group.f_x, group.f_w, group.f_r], axis=1).reshape(-1) for group in f.agents]
     return jnp.concatenate([f.payload.F, f.payload.tau, *agents])
 
 
 def unflatten(team: Team, f: Float[Array, " inputs"]) -> ResidualForces:
-    """The inverse of `flatten`."""
+    """Restore a residual from a flat row; inverse of `flatten`.
+
+    Args:
+        team: Team that determines the layout.
+        f: Flat residual.
+
+    Returns:
+        The residual of agents and payload.
+    """
     agents, first = [], 6
     for size, group in zip(team.sizes, team.agent_groups, strict=True):
         n = 6 + group.tree.joints
-        part = f[first : first + size * n].reshape(size, n)
-        agents.append(split_agent_force(part))
+        rows = f[first : first + size * n].reshape(size, n)
+        agents.append(split_agent_force(rows))
         first += size * n
     return ResidualForces(agents=tuple(agents), payload=Wrench(F=f[:3], tau=f[3:6]))
 
 
 def body_columns(team: Team) -> tuple[slice, ...]:
-    """Columns of a flat residual that belong to the payload, then to each agent."""
+    """Return the columns of a flat residual that belong to the payload, then to each agent.
+
+    Args:
+        team: Team that determines the layout.
+
+    Returns:
+        One slice per body.
+    """
     ends = [0, 6]
     for size, group in zip(team.sizes, team.agent_groups, strict=True):
         ends += [ends[-1] + (6 + group.tree.joints) * (k + 1) for k in range(size)]
@@ -71,15 +96,23 @@ def body_columns(team: Team) -> tuple[slice, ...]:
 
 
 RESIDUAL_SIGNALS = ("f_L", "f_x", "f_w", "f_r")
-"""How a residual is logged: the payload's, then of all agents, the joints of each behind those of the one before."""
+"""Logged signals of a residual: payload wrench, then forces, moments and joint torques of all agents."""
 
 
 def group_by_body(
     joints: Sequence[int], f_L: np.ndarray, f_x: np.ndarray, f_w: np.ndarray, f_r: np.ndarray
 ) -> list[np.ndarray]:
-    """Residuals along a flight, logged as `PARTS`, of the payload and of each agent, `(times, 6)` and `(times, 6 + n)`.
+    """Group logged residuals by body.
 
-    joints: n of each agent.
+    Args:
+        joints: Number of joints of each agent.
+        f_L: Payload residual, time first [N, N m].
+        f_x: Forces on the agents, time first [N].
+        f_w: Moments on the agents, time first [N m].
+        f_r: Joint torques of all agents in team order, time first [N m or N].
+
+    Returns:
+        Arrays `(times, 6)` of the payload and `(times, 6 + n)` of each agent with n joints.
     """
     ends = itertools.pairwise(np.cumsum([0, *joints]).tolist())
     agents = (np.concatenate([f_x[:, j], f_w[:, j], f_r[:, a:b]], axis=1) for j, (a, b) in enumerate(ends))
@@ -87,18 +120,25 @@ def group_by_body(
 
 
 def linearize(onboard_controller: controller.LeaderFollowerController, state: State) -> LinearizedLoop:
-    """The loop's response around z, on the grasp and at rest; on the host.
+    """Linearize the closed loop at an equilibrium on the constraint manifold, on the host.
 
-    `A = T^T J T` with T a basis of the directions that keep Phi and Phi_dot. The measured acceleration that the
-    control law uses is the one it causes: `a = a(z, a, f~)` is solved to first order. For forces that an oracle
-    compensates, give the pilot one that predicts zero: f~ is what is left.
+    The result is `A = T^T J T`, where T is a basis of the directions that keep Phi and Phi_dot at zero. The control law
+    uses the measured acceleration, which the law itself causes: `a = a(z, a, f~)` is solved to first order. The input
+    f~ is the residual minus its prediction if the residual predictor of the controller returns zero.
+
+    Args:
+        onboard_controller: Controller whose parameters are taken as true.
+        state: State at rest on the constraint manifold.
+
+    Returns:
+        The linear closed loop.
     """
     J, C = (np.asarray(x) for x in _jacobians(onboard_controller, state))
     n = C.shape[1]
     rates, a, y = J[:n], J[n : n + 6], J[n + 6 :]
-    free = np.r_[0:n, n + 6 : J.shape[1]]  # every column but the measured acceleration's
-    caused = np.linalg.solve(np.eye(6) - a[:, n : n + 6], a[:, free])
-    rates, y = (part[:, free] + part[:, n : n + 6] @ caused for part in (rates, y))
+    free = np.r_[0:n, n + 6 : J.shape[1]]  # every column except those of the measured acceleration
+    response = np.linalg.solve(np.eye(6) - a[:, n : n + 6], a[:, free])
+    rates, y = (part[:, free] + part[:, n : n + 6] @ response for part in (rates, y))
     _, singular, Vt = np.linalg.svd(C)
     T = Vt[int((singular > 1e-9 * singular[0]).sum()) :].T
     return LinearizedLoop(
@@ -113,39 +153,58 @@ def linearize(onboard_controller: controller.LeaderFollowerController, state: St
 
 @jax.jit
 def _jacobians(onboard_controller: controller.LeaderFollowerController, state: State) -> tuple[jax.Array, jax.Array]:
-    """Of (rate, payload acceleration, outputs) by (z, measured a, f~), and of (Phi, Phi_dot) by z; local coordinates.
+    """Compute the Jacobians of the loop and of the constraints in local coordinates.
 
-    One column at a time: a batch of directions would take three times as long to compile.
+    The first is that of (rate, payload acceleration, outputs) with respect to (state, measured acceleration, f~), the
+    second that of (Phi, Phi_dot) with respect to the state. Columns are computed one at a time, because a batch of
+    directions takes about three times as long to compile.
+
+    Args:
+        onboard_controller: Controller whose parameters are taken as true.
+        state: Base point.
+
+    Returns:
+        Both Jacobians.
     """
     team = onboard_controller.team
     zero, unravel = ravel_pytree(contact_dynamics.zero_tangent(state))
-    f, none, t = flatten(zero_residual(team)), jnp.zeros(6), jnp.zeros(())
+    f, zero_acceleration, t = flatten(zero_residual(team)), jnp.zeros(6), jnp.zeros(())
     d = onboard_controller.reference.evaluate(t)
-    memories = onboard_controller.payload_controller.init(), onboard_controller.residual_predictor.init(team)
+    part_states = onboard_controller.payload_controller.init(), onboard_controller.residual_predictor.init(team)
 
     def loop(y: jax.Array) -> jax.Array:
         shift, a, f = jnp.split(y, [len(zero), len(zero) + 6])
-        moved = unravel(shift)
-        at = contact_dynamics.retract(state, moved)
-        context = controller.context_at(onboard_controller, at, a, t)
-        inputs, _, decided = onboard_controller.control_law(*memories, context)
-        acceleration, lam = contact_dynamics.forward_dynamics(team, at, inputs, unflatten(team, f))
-        q, a_L = at.payload, acceleration.payload
-        to, _ = onboard_controller.payload_controller.compute(memories[0], context)
+        tangent = unravel(shift)
+        displaced = contact_dynamics.retract(state, tangent)
+        context = controller.context_at(onboard_controller, displaced, a, t)
+        inputs, _, telemetry = onboard_controller.control_law(*part_states, context)
+        acceleration, lam = contact_dynamics.forward_dynamics(team, displaced, inputs, unflatten(team, f))
+        q, a_L = displaced.payload, acceleration.payload
+        acceleration_cmd, _ = onboard_controller.payload_controller.compute(part_states[0], context)
         W = grasp.payload_wrench(grasp.contact_points(team), q.R, grasp.stack_contacts(lam))
         errors = [q.p - d.p, q.v - d.v, so3.e_R(q.R, d.R), so3.e_omega(q.R, q.omega, d.R, d.omega)]
-        missed = [a_L[:3] - to.a, a_L[3:] - to.alpha, W.F - decided.W_d.F, W.tau - decided.W_d.tau]
+        deviations = [
+            a_L[:3] - acceleration_cmd.a,
+            a_L[3:] - acceleration_cmd.alpha,
+            W.F - telemetry.W_d.F,
+            W.tau - telemetry.W_d.tau,
+        ]
         return jnp.concatenate(
-            [ravel_pytree(contact_dynamics.tangent_rate(at, moved, acceleration))[0], a_L, *errors, *missed]
+            [
+                ravel_pytree(contact_dynamics.tangent_rate(displaced, tangent, acceleration))[0],
+                a_L,
+                *errors,
+                *deviations,
+            ]
         )
 
     def constraint(d: jax.Array) -> jax.Array:
-        at = contact_dynamics.retract(state, unravel(d))
+        displaced = contact_dynamics.retract(state, unravel(d))
         return jnp.concatenate(
-            [grasp.constraint_residual(team, at).reshape(-1), grasp.constraint_rate(team, at).reshape(-1)]
+            [grasp.constraint_residual(team, displaced).reshape(-1), grasp.constraint_rate(team, displaced).reshape(-1)]
         )
 
-    y = jnp.concatenate([zero, none, f])
+    y = jnp.concatenate([zero, zero_acceleration, f])
     J = jax.lax.map(lambda e: jax.jvp(loop, (y,), (e,))[1], jnp.eye(len(y)))
     C = jax.lax.map(lambda e: jax.jvp(constraint, (zero,), (e,))[1], jnp.eye(len(zero)))
     return J.T, C.T
