@@ -1,7 +1,7 @@
 """A flight's tick with frozen oracles: native code beside JAX's loop, many flights at once, more agents.
 
 C3 of the paper's study: 24 posterior means at 256 points, sensors, filters, labels, control, plant, log. The points are
-random, since what a tick costs does not depend on where they are. Larger teams are those of `colift new`, two arms an
+random, since what a tick costs does not depend on where they are. Larger teams are those of `colift init`, two arms an
 agent; each agent brings 9 means of its own.
 """
 

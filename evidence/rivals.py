@@ -6,7 +6,7 @@ weights (as Koller et al. 2018, Lederer et al. 2019 do). `L1`: one number for ea
 along the path enlarged by a small gain, times the L1 norm of the loop (as in L1 adaptive control, Hovakimyan and Cao
 2010; Lakshmanan et al. 2020). `conformal`: the quantile of what 500 flights with other draws reached (Vovk et al. 2005;
 Lindemann et al. 2023), with no model at all. Each is held against flights with other forces that norm and data allow:
-what was drawn, and tries of `colift attack`.
+what was drawn, and tries of `colift falsify`.
 """
 
 from __future__ import annotations

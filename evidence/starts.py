@@ -1,4 +1,4 @@
-"""Teams that `colift new` writes, as they come: what `check` says of them, and whether C1 > C2 > C3 holds."""
+"""Teams that `colift init` writes, as they come: what `check` says of them, and whether C1 > C2 > C3 holds."""
 
 from __future__ import annotations
 

@@ -44,7 +44,7 @@ def fly(item: str) -> dict[str, Any]:
 
 
 def as_new(settings: Scenario) -> Scenario:
-    """With the gains that `colift new` writes."""
+    """With the gains that `colift init` writes."""
     control = scenario.parse(template.scenario_template("new", 3, 1), "new.yaml").control
     gains = {name: getattr(control, name) for name in gain_tuning.tunable_gains(settings)}
     return settings.model_copy(update={"control": settings.control.model_copy(update=gains)})

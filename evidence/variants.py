@@ -1,6 +1,6 @@
 """The certificate of other flights than those of `certified`: each holds what it says, or says why it says nothing.
 
-Tries of `colift attack`, each kind of flight of its own: other forces, late updates, starts far off, faster and slower
+Tries of `colift falsify`, each kind of flight of its own: other forces, late updates, starts far off, faster and slower
 paths, the study's noise, other control rates, weaker rotors; unknown forces that norm and labels allow and that make
 errors great; and other teams in the world of `certified`, with their own payload, gains, allocation and control rate.
 """

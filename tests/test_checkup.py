@@ -263,8 +263,8 @@ def test_joints_beyond_need_that_return_too_slowly_are_bad_and_named(monkeypatch
             lambda c, r: 1.2 if c.agent_k_R > 300 else 1.1 if r else 0.0,
             ("agent_k_R=350.0 makes it 1.2", "nominal_position_rad"),
         ),
-        (lambda _c, _r: 0.9, ("begin from `colift new`",)),
-        (lambda _c, _r: np.nan, ("begin from `colift new`",)),  # no rest
+        (lambda _c, _r: 0.9, ("begin from `colift init`",)),
+        (lambda _c, _r: np.nan, ("begin from `colift init`",)),  # no rest
     ],
 )
 def test_what_lets_joints_return_sooner_is_tried(monkeypatch, rates, advice):

@@ -478,7 +478,7 @@ def _steadier(
         better = sorted(each for each in tried if each[0] < context - 0.02 * abs(context))[:MAX_CANDIDATES]
         if better:
             return tuple(f"{typed} makes it {rate:+.3g} rad/s" for rate, typed in better)
-    return ("no single gain, joint or height of contacts that was tried steadies it: begin from `colift new`",)
+    return ("no single gain, joint or height of contacts that was tried steadies it: begin from `colift init`",)
 
 
 def _quicker(settings: Scenario, context: float, joint: str, progress: Callable[[str], None]) -> tuple[str, ...]:
@@ -498,7 +498,7 @@ def _quicker(settings: Scenario, context: float, joint: str, progress: Callable[
                 (enough if rate >= stated / 2 else sooner).append((rate, typed))
     best = sorted(enough or sooner, reverse=True)[:MAX_CANDIDATES]
     said = tuple(f"{typed} makes it {rate:.3g} 1/s" for rate, typed in best)
-    return said or (f"no posture, attitude gain or rest of {joint} that was tried helps: begin from `colift new`",)
+    return said or (f"no posture, attitude gain or rest of {joint} that was tried helps: begin from `colift init`",)
 
 
 def _postures(settings: Scenario, context: float) -> Iterator[Change]:

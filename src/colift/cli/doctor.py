@@ -1,4 +1,4 @@
-"""What colift runs on: versions, compiler, caches, devices, and whether native code computes what JAX does."""
+"""Diagnostics of an installation: versions, compiler, caches, devices, and a test of native code against JAX."""
 
 from __future__ import annotations
 
@@ -18,15 +18,22 @@ from colift.codegen import build
 from colift.runtime import cache
 
 PACKAGES = ("colift", "jax", "jaxlib", "numpy", "scipy", "pydantic", "h5netcdf", "clarabel", "mujoco")
-TOLERANCE = 1e-12  # of the largest entry: what a sum in another order may differ
+"""Packages whose versions are reported."""
+TOLERANCE = 1e-12
+"""Largest accepted difference of native code and JAX, relative to the largest entry; covers the order of summation."""
 
 
 def run_diagnostics() -> dict[str, Any]:
-    """All of it, by name; `problems` lists in sentences what is not as it should be."""
+    """Examine the installation and test native code.
+
+    Returns:
+        Findings by name. The entry ``problems`` is a list of sentences, empty if everything works.
+    """
     problems: list[str] = []
+    system = f"{platform.system()} {platform.release()}, {platform.machine()}, {build.available_cores()} processors"
     return {
         "python": platform.python_version(),
-        "system": f"{platform.system()} {platform.release()}, {platform.machine()}, {build.available_cores()} processors",
+        "system": system,
         "packages": {name: _version(name) for name in PACKAGES},
         "compiler": _compiler(problems),
         "caches": {name: _cache(name, problems) for name in ("jax", "native")},
@@ -37,17 +44,30 @@ def run_diagnostics() -> dict[str, Any]:
 
 
 def format_report(found: dict[str, Any]) -> list[str]:
-    """The same as a person reads it."""
-    said = [f"{'python':10} {found['python']}, {found['system']}"]
-    said += [f"{'packages':10} " + ", ".join(f"{name} {given or 'none'}" for name, given in found["packages"].items())]
-    said += [f"{'compiler':10} {found['compiler'] or 'none'}"]
-    for name, kept in found["caches"].items():
-        said.append(
-            f"{name + ' cache':10} " + (f"{kept['folder']}: {kept['files']} files, {kept['MB']} MB" if kept else "none")
-        )
-    said += [f"{'gpu':10} {', '.join(found['gpu']) if found['gpu'] else 'none; none is used'}"]
-    said += [f"{'self-test':10} {found['self_test']}"]
-    return [*said, *(f"problem: {each}" for each in found["problems"])]
+    """Format the findings for a terminal.
+
+    Args:
+        found: Findings of `run_diagnostics`.
+
+    Returns:
+        One line for each finding and each problem.
+    """
+    versions = ", ".join(f"{name} {number or 'none'}" for name, number in found["packages"].items())
+    lines = [
+        _line("python", f"{found['python']}, {found['system']}"),
+        _line("packages", versions),
+        _line("compiler", found["compiler"] or "none"),
+    ]
+    for name, stored in found["caches"].items():
+        text = f"{stored['folder']}: {stored['files']} files, {stored['MB']} MB" if stored else "none"
+        lines.append(_line(f"{name} cache", text))
+    lines.append(_line("gpu", ", ".join(found["gpu"]) if found["gpu"] else "none; none is used"))
+    lines.append(_line("self-test", found["self_test"]))
+    return [*lines, *(f"problem: {problem}" for problem in found["problems"])]
+
+
+def _line(label: str, text: str) -> str:
+    return f"{label:10} {text}"
 
 
 def _version(package: str) -> str | None:
@@ -58,11 +78,13 @@ def _version(package: str) -> str | None:
 
 
 def _compiler(problems: list[str]) -> str | None:
-    """The C compiler's command and what it calls itself."""
+    """Return the command and the version of the C compiler; report a missing or failing one."""
     try:
         command = build.compiler()
         if command is None:
-            problems.append("no C compiler (cc, gcc, clang or $CC): flights are some four times slower, by JAX")
+            problems.append(
+                "no C compiler was found (cc, gcc, clang or $CC): flights run in JAX, about four times slower"
+            )
             return None
         return f"{' '.join(command)}: {build.build_environment().splitlines()[1]}"
     except build.CompilerError as error:
@@ -71,35 +93,39 @@ def _compiler(problems: list[str]) -> str | None:
 
 
 def _cache(name: str, problems: list[str]) -> dict[str, Any] | None:
-    """Folder, number of files and size."""
+    """Return folder, number of files and size of a cache; report one that is not available."""
     try:
         folder = cache.cache_directory(name)
     except cache.CacheUnavailable as error:
-        problems.append(f"what is compiled cannot be kept: {error}")
+        problems.append(f"compiled code cannot be stored: {error}")
         return None
-    if name == "jax" and (named := jax.config.values["jax_compilation_cache_dir"]):
-        folder = Path(named)  # by a variable of JAX's own
+    if name == "jax" and (configured := jax.config.values["jax_compilation_cache_dir"]):
+        folder = Path(configured)  # set by JAX's own environment variable
     sizes = [entry.stat().st_size for entry in os.scandir(folder) if entry.is_file()] if folder.is_dir() else []
     return {"folder": str(folder), "files": len(sizes), "MB": round(sum(sizes) / 1e6, 1)}
 
 
 def _self_test(problems: list[str]) -> str:
-    """Native code against JAX, on a few products, a solution and a loop."""
+    """Compare native code with JAX on a loop of matrix products; report a failure or a difference."""
     A = jnp.asarray(np.random.default_rng(0).normal(size=(6, 6)))
-    expected, began = np.asarray(jax.jit(_sample)(A)), time.perf_counter()
+    expected, start = np.asarray(jax.jit(_sample)(A)), time.perf_counter()
     try:
         found = np.asarray(jax.jit(codegen.compile(_sample))(A))
     except (codegen.UnsupportedPrimitive, build.CompilerError, OSError) as error:
         problems.append(f"native code does not work: {error}")
         return "failed"
-    off = float(np.abs(found - expected).max() / np.abs(expected).max())
-    if not off <= TOLERANCE:
-        problems.append(f"native code differs from JAX by {off:.2g} of the largest entry: clear the native cache")
+    difference = float(np.abs(found - expected).max() / np.abs(expected).max())
+    if not difference <= TOLERANCE:
+        problems.append(
+            f"native code differs from JAX by {difference:.2g} of the largest entry: clear the native cache"
+        )
         return "failed"
-    return f"native code agrees with JAX within {off:.1g}, {time.perf_counter() - began:.2f} s"
+    return f"native code agrees with JAX within {difference:.1g}, {time.perf_counter() - start:.2f} s"
 
 
 def _sample(A: jax.Array) -> jax.Array:
+    """Evaluate the function of the self-test."""
+
     def body(_: Any, x: jax.Array) -> jax.Array:
         return jnp.tanh(A @ x) + x.T
 

@@ -1,25 +1,233 @@
-"""Tables on a terminal: in parts where they are wider, letters by name where they cannot be printed."""
+"""Tables of results on a terminal.
+
+A table that is wider than the terminal is printed in parts. Greek letters are spelled out where they cannot be encoded.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
 
+from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Column, Table
 
+if TYPE_CHECKING:
+    from colift.workflows.falsification import FalsificationTrial
 
-def cell(value: float | None, scale: float, spec: str) -> str:
-    """A number in a table, `none` for what is none or not finite."""
+
+class Metric(NamedTuple):
+    """Column of the table of a study.
+
+    Attributes:
+        heading: Symbol of the metric.
+        unit: Unit of the printed value.
+        key: Name of the metric in the summary.
+        scale: Factor from the summary's unit to the printed unit.
+        spec: Format specification of the printed value.
+    """
+
+    heading: str
+    unit: str
+    key: str
+    scale: float
+    spec: str
+
+
+STUDY_METRICS = (
+    Metric("e_p", "mm", "e_p_rms_m", 1e3, ".1f"),
+    Metric("e_R", "mrad", "e_R_rms", 1e3, ".1f"),
+    Metric("Ψ", "1e-6", "Psi_mean", 1e6, ".1f"),
+    Metric("ΔW", "N", "delta_W_force_rms_N", 1.0, ".2f"),
+    Metric("ΔW", "N m", "delta_W_moment_rms_Nm", 1.0, ".2f"),
+    Metric("e_λ", "N", "e_lam_rms_N", 1.0, ".2f"),
+    Metric("σ_L", "N", "sigma_L_force_mean", 1.0, ".2f"),
+    Metric("σ_A", "N", "sigma_A_force_mean", 1.0, ".2f"),
+    Metric("λ", "max N", "lam_max_N", 1.0, ".1f"),
+    Metric("u", "max N", "thrust_max_N", 1.0, ".1f"),
+)
+"""Columns of the table of a study."""
+ERROR_UNITS = {"e_p": (1e3, "mm"), "e_v": (1e3, "mm/s"), "e_R": (1e3, "1e-3"), "e_omega": (1e3, "mrad/s")}
+"""Factor from SI units to the printed unit, and the printed unit, by tracking error."""
+RADIUS_KIND_LABELS = {"tube": "any", "run": "this"}
+"""Labels of the kinds of bounds: for any run in the tube, or along the simulated run."""
+ASCII_GREEK = str.maketrans({"Ψ": "Psi", "Δ": "d", "λ": "lam", "σ": "sigma", "ω": "omega"})
+"""Greek letters spelled out."""
+
+
+# Results --------------------------------------------------------------------------------------------------------------
+
+
+def study_table(summary: Mapping[str, Any]) -> Table:
+    """Return the metrics of all cases over the second half of the run.
+
+    Args:
+        summary: Content of ``summary.json``.
+
+    Returns:
+        A table with one row for each case.
+    """
+    table = Table(
+        title=f"{summary['scenario']}, seed {summary['seed']}: second half of the run",
+        box=SIMPLE_HEAD,
+        padding=(0, 1, 0, 0),
+    )
+    table.add_column("case\n", no_wrap=True)
+    for metric in STUDY_METRICS:
+        table.add_column(f"{metric.heading}\n{metric.unit}", justify="right", no_wrap=True)
+    for case, found in summary["cases"].items():
+        table.add_row(case, *(format_cell(found[metric.key], metric.scale, metric.spec) for metric in STUDY_METRICS))
+    return table
+
+
+def held_out_table(summary: Mapping[str, Any]) -> Table:
+    """Return the RMS position errors on held-out trajectories beside those on the training trajectory.
+
+    Args:
+        summary: Content of ``summary.json`` of a study with held-out trajectories.
+
+    Returns:
+        A table with one row for each case.
+    """
+    found = summary["heldout"]
+    paths = list(next(iter(found.values())))
+    table = Table(title="e_p, mm, with the last learned model, frozen", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    for heading in ("case", "training", *paths):
+        table.add_column(heading, justify="left" if heading == "case" else "right", no_wrap=True)
+    for case, held_out in found.items():
+        errors_m = [summary["cases"][case]["e_p_rms_m"], *(held_out[path]["e_p_rms_m"] for path in paths)]
+        table.add_row(case, *("stopped" if e is None else f"{1e3 * e:.1f}" for e in errors_m))
+    return table
+
+
+def certificate_table(summary: Mapping[str, Any]) -> Table:
+    """Return observed errors and error bounds of a certificate.
+
+    A bound that does not exist has no row.
+
+    Args:
+        summary: Content of ``certificate.json``.
+
+    Returns:
+        A table with rows for observed errors and for every bound by kind.
+    """
+    first, last = summary["window_s"]
+    table = Table(
+        title=f"{summary['scenario']}, seed {summary['seed']}: largest errors from {first:.1f} to {last:.1f} s",
+        box=SIMPLE_HEAD,
+        padding=(0, 1, 0, 0),
+        pad_edge=False,
+    )
+    table.add_column("bound\n", no_wrap=True)
+    table.add_column("run\n", no_wrap=True)
+    for error, (_, unit) in ERROR_UNITS.items():
+        table.add_column(f"{error.replace('omega', 'ω')}\n{unit}", justify="right", no_wrap=True)
+    table.add_column("e_p / \nobs.", justify="right", no_wrap=True)
+    table.add_column("status\n", no_wrap=True)
+    for label, key in (("observed", "observed"), ("nominal", "floor"), ("nonlinear part", "beyond_first_order")):
+        if summary[key]:
+            table.add_row(
+                label, "", *(_format_size(summary[key][e], scale) for e, (scale, _) in ERROR_UNITS.items()), "", ""
+            )
+    exceeded = {(each["bound"], each["of"]) for each in summary["exceeded"] if each["flight"] == "this"}
+    for bound, radii in summary["radii"].items():
+        for kind, label in RADIUS_KIND_LABELS.items():
+            if has_radius(radii[kind]):
+                status = "exceeded" if (bound, kind) in exceeded else radii["status"]
+                cells = [_format_size(radii[kind][e], scale) for e, (scale, _) in ERROR_UNITS.items()]
+                ratio = format_cell(radii["tightness"][kind]["e_p"], 1.0, ".2g")
+                table.add_row(bound, label, *cells, ratio, status)
+    return table
+
+
+def has_radius(radii: Mapping[str, float | None]) -> bool:
+    """Return whether the bound of any error exists."""
+    return any(radius is not None for radius in radii.values())
+
+
+def falsification_table(trials: Sequence[FalsificationTrial], name: str) -> Table:
+    """Return the ratio of observed error and bound for every trial.
+
+    Args:
+        trials: Completed trials.
+        name: Name of the scenario.
+
+    Returns:
+        A table with one row for each trial.
+    """
+    table = Table(title=f"{name}: observed / bound", box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
+    table.add_column("trial", no_wrap=True)
+    for error in ERROR_UNITS:
+        table.add_column(error.replace("omega", "ω"), justify="right", no_wrap=True)
+    table.add_column("out of interval", justify="right", no_wrap=True)
+    for trial in trials:
+        outside = f"{trial.violations} of {trial.num_components}" if trial.ratios else ""
+        ratios = (format_cell(trial.ratios.get(error), 1.0, ".3f") for error in ERROR_UNITS)
+        table.add_row(trial.name, *ratios, outside)
+    return table
+
+
+# Cells and output -----------------------------------------------------------------------------------------------------
+
+
+def format_cell(value: float | None, scale: float, spec: str) -> str:
+    """Format a number of a table.
+
+    Args:
+        value: Number; None if it does not exist.
+        scale: Factor before formatting.
+        spec: Format specification.
+
+    Returns:
+        The text, ``none`` for a number that does not exist or is not finite.
+    """
     if value is None or not math.isfinite(value):
         return "none"
     return format(value * scale, spec if abs(value * scale) < 1e5 else ".0e")
 
 
-ASCII_GREEK = str.maketrans({"Ψ": "Psi", "Δ": "d", "λ": "lam", "σ": "sigma", "ω": "omega"})
+def _format_size(value: float | None, scale: float) -> str:
+    """Format with three digits, and with all digits up to 1e5 because an exponent would widen the column."""
+    whole = value is not None and 1e3 <= value * scale < 1e5
+    return format_cell(value, scale, ".0f" if whole else ".3g")
 
 
-def _spelled(text: str, encoding: str) -> str:
-    """Greek letters by name where they cannot be printed."""
+def print_table(table: Table, lead: int = 1) -> None:
+    """Print a table; one that is wider than the terminal in parts below each other.
+
+    Args:
+        table: Table to print.
+        lead: Number of first columns that every part repeats.
+    """
+    width = Console().width
+    parts: list[list[Column]] = []
+    for column in table.columns[lead:]:
+        if not parts or _width(_select(table, [*table.columns[:lead], *parts[-1], column])) > width:
+            parts.append([])
+        parts[-1].append(column)
+    for k, columns in enumerate(parts):
+        part = _select(table, [*table.columns[:lead], *columns])
+        part.title = None if k else table.title
+        console = Console(width=max(width, _width(part)))
+        with console.capture() as captured:  # rich would end the process if the pipe is closed
+            console.print(part)
+        print(captured.get(), end="", flush=True)
+
+
+def _select(table: Table, columns: Sequence[Column]) -> Table:
+    """Return a table of some columns."""
+    part = Table(box=table.box, padding=table.padding, pad_edge=table.pad_edge)
+    encoding = Console().encoding
+    for column in columns:
+        part.add_column(_spell_out(str(column.header), encoding), justify=column.justify, no_wrap=True)
+    for cells in zip(*(column.cells for column in columns), strict=True):
+        part.add_row(*cells)
+    return part
+
+
+def _spell_out(text: str, encoding: str) -> str:
+    """Spell out Greek letters that an encoding does not contain."""
     try:
         text.encode(encoding)
     except UnicodeEncodeError:
@@ -27,35 +235,7 @@ def _spelled(text: str, encoding: str) -> str:
     return text
 
 
-def show(table: Table, lead: int = 1) -> None:
-    """Print a table; one wider than the terminal in parts below each other, each with the `lead` first columns."""
-    width = Console().width
-    parts: list[list[Column]] = []
-    for column in table.columns[lead:]:
-        if not parts or _width(_part(table, [*table.columns[:lead], *parts[-1], column])) > width:
-            parts.append([])
-        parts[-1].append(column)
-    for k, columns in enumerate(parts):
-        part = _part(table, [*table.columns[:lead], *columns])
-        part.title = None if k else table.title
-        console = Console(width=max(width, _width(part)))
-        with console.capture() as shown:  # rich would end the process where the reader has gone
-            console.print(part)
-        print(shown.get(), end="", flush=True)
-
-
-def _part(table: Table, columns: list[Column]) -> Table:
-    """Some columns of a table, as a table."""
-    part = Table(box=table.box, padding=table.padding, pad_edge=table.pad_edge)
-    encoding = Console().encoding
-    for column in columns:
-        part.add_column(_spelled(str(column.header), encoding), justify=column.justify, no_wrap=True)
-    for cells in zip(*(column.cells for column in columns), strict=True):
-        part.add_row(*cells)
-    return part
-
-
 def _width(table: Table) -> int:
-    """How wide a table is where there is room."""
+    """Return the width of a table on a terminal of sufficient width."""
     console = Console(width=10_000)
     return console.measure(table).maximum

@@ -218,7 +218,7 @@ def _scenario(name: str, vehicle: VehicleTemplate, agents: int) -> str:
     mass = round(0.3 * vehicle.mass * agents, 2)
     inertia = mass * (radius + 0.1) ** 2 / 4  # of a round plate; a body needs some thickness, so less about the axis
     return f"""\
-# A scenario to begin with, written by `colift new`. What to change first: the vehicle, where it holds the payload, the
+# A scenario to begin with, written by `colift init`. What to change first: the vehicle, where it holds the payload, the
 # payload, the path. After every change `colift check {name}.yaml` says whether it is sound, and what to change if not;
 # `colift study {name}.yaml` flies it. Every setting, its unit and its default: docs/scenarios.md.
 schema: 2

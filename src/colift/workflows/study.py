@@ -28,7 +28,7 @@ from colift.scenario import Scenario, priors, team
 from colift.scenario.experiment import ALL_CASES
 from colift.workflows import generalization
 
-STUDY_FILES = (  # every file that a study may leave, and what `colift view`, `report` and `export` make of them
+STUDY_FILES = (  # every file that a study may leave, and what `colift playback`, `report` and `export` make of them
     *(f"{case}.{kind}" for case in ALL_CASES for kind in ("nc", "csv", "mcap")),
     *(
         "figure_[0-57]_*.pdf",
@@ -40,7 +40,12 @@ STUDY_FILES = (  # every file that a study may leave, and what `colift view`, `r
         "report.html",
     ),
 )
-CERTIFICATE_FILES = ("attack.json", "certificate.json", "figure_6_certificate.pdf", "figure_6_certificate.png")
+CERTIFICATE_FILES = (
+    "certificate.json",
+    "falsification.json",
+    "figure_6_certificate.pdf",
+    "figure_6_certificate.png",
+)
 
 
 def open_run_directory(settings: Scenario, out: Path) -> AbstractContextManager[RunDirectory]:

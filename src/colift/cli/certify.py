@@ -1,0 +1,238 @@
+"""Commands on error bounds: certify and falsify."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import json
+import shlex
+from collections.abc import Mapping, Sequence
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from colift.cli import common, tables
+
+if TYPE_CHECKING:
+    from colift.scenario import Scenario
+    from colift.workflows.falsification import FalsificationTrial
+
+FALSIFICATION_FILE = "falsification.json"
+
+
+def certify(
+    name: common.ScenarioArgument,
+    out: common.OutOption = None,
+    overrides: common.OverridesOption = None,
+    duration: common.DurationOption = None,
+    seed: common.SeedOption = None,
+    adversarial_test: Annotated[
+        bool,
+        typer.Option(
+            "--adversarial-test",
+            help="Also simulate the worst residual forces that RKHS norm and training data allow.",
+        ),
+    ] = False,
+    quiet: common.QuietOption = False,
+    as_json: common.JsonOption = False,
+) -> None:
+    """Compute ultimate bounds of the tracking errors in case C3 and compare them with the observed errors.
+
+    Simulates the scenario and its nominal trajectory, along which the residual forces equal the learned means. Writes
+    certificate.json and figure 6 (docs/certificate.md). Status 1: an observed error exceeds its bound.
+    """
+    from colift.workflows import certification
+
+    read = functools.partial(common.load_settings, name, overrides, duration, seed)
+    with common.open_results(read, out, "no certificate was written to") as (settings, folder):
+        try:
+            with common.show_progress(f"certifying {settings.name}", quiet) as progress:
+                made = certification.certify(settings, progress=progress)
+                worst = certification.test_with_adversary(made, progress=progress) if adversarial_test else None
+                summary = certification.save_certificate(settings, made, worst, folder, progress)
+        except ValueError as error:
+            common.fail(error)
+    with common.guard_output(f"; the results are in {folder.path}"):
+        if as_json:
+            print(json.dumps(summary, indent=2))
+        else:
+            print_certificate(summary, folder.path)
+    if summary["exceeded"]:
+        common.exit_with(common.EXIT_VIOLATION)
+
+
+def falsify(
+    name: common.ScenarioArgument,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Folder for the results; default: out/SCENARIO-falsification.")
+    ] = None,
+    overrides: common.OverridesOption = None,
+    duration: common.DurationOption = None,
+    seed: common.SeedOption = None,
+    rounds: Annotated[
+        int, typer.Option("--rounds", min=1, help="Number of rounds; each draws one trial of every kind.")
+    ] = 1,
+    trials: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--case",
+            metavar="TRIAL",
+            help="Run only this trial, such as 'worst e_p 0'; repeatable, or separated by commas.",
+        ),
+    ] = None,
+    quiet: common.QuietOption = False,
+    as_json: common.JsonOption = False,
+) -> None:
+    """Search for flights that violate a certified error bound.
+
+    Simulates residual forces that satisfy the RKHS norm and the labels, and compares the errors with the a priori
+    bounds in case C3. Flights with other seeds, updates, initial states, trajectories, noise, rates and thrust limits
+    are compared with their own bounds.
+
+    Prints the largest ratio of every error and the command that reproduces it. Writes falsification.json after every
+    trial (docs/certificate.md). Status 1: a bound is violated.
+    """
+    from colift.runtime import atomic_write
+    from colift.workflows import falsification
+
+    read = functools.partial(common.load_settings, name, overrides, duration, seed)
+    completed: list[FalsificationTrial] = []
+    summary: Any = None
+    with common.open_results(read, out, "completed trials are in", "-falsification") as (settings, folder):
+        requested = common.split_values(trials) if trials else falsification.trial_names(settings, rounds)
+        try:
+            with common.show_progress(f"falsifying the bounds of {settings.name}", quiet) as progress:
+                for trial in falsification.falsify(settings, requested, progress):
+                    completed.append(trial)
+                    summary = atomic_write.write_json_atomic(
+                        _falsification_summary(folder.run_id, settings, completed), folder.path / FALSIFICATION_FILE
+                    )
+        except ValueError as error:
+            common.fail(error)
+    options = [word for override in overrides or () for word in ("--set", override)]
+    options += [] if duration is None else ["--duration", f"{duration:g}"]
+    with common.guard_output(f"; the results are in {folder.path}"):
+        if as_json:
+            print(json.dumps(summary, indent=2))
+        else:
+            print_falsification(completed, name, options, settings.seed, folder.path)
+    if any(trial.is_violated for trial in completed):
+        common.exit_with(common.EXIT_VIOLATION)
+
+
+def _falsification_summary(run: str, settings: Scenario, trials: Sequence[FalsificationTrial]) -> dict[str, Any]:
+    """Return the content of `FALSIFICATION_FILE`."""
+    rows = [dataclasses.asdict(trial) for trial in trials]
+    return {"run": run, "scenario": settings.name, "seed": settings.seed, "version": version("colift"), "trials": rows}
+
+
+def print_falsification(
+    trials: Sequence[FalsificationTrial], name: str, options: Sequence[str], seed: int, folder: Path
+) -> None:
+    """Print a row for each trial, then the largest ratio of each error with the command that reproduces it.
+
+    Args:
+        trials: Completed trials.
+        name: Scenario as given on the command line.
+        options: Overrides and duration as given on the command line.
+        seed: Seed of the scenario.
+        folder: Folder of the results.
+    """
+    tables.print_table(tables.falsification_table(trials, name))
+    for trial in trials:
+        if trial.message:
+            print(f"{trial.name}: {trial.message}")
+    for error in tables.ERROR_UNITS:
+        compared = [trial for trial in trials if error in trial.ratios]
+        if compared:
+            worst = max(compared, key=lambda trial: trial.ratios[error])
+            print(f"{error}: worst {worst.ratios[error]:.3f}, colift {_repeat_command(worst, name, options, seed)}")
+    compared = [trial for trial in trials if trial.ratios]
+    violated = [trial.name for trial in trials if trial.is_violated]
+    names = f": {', '.join(violated)}" if violated else ""
+    print(f"{len(violated)} of {len(compared)} trials that have bounds violate one{names}")
+    print(f"results in {folder}")
+
+
+def _repeat_command(trial: FalsificationTrial, name: str, options: Sequence[str], seed: int) -> str:
+    """Return the words after ``colift`` that reproduce a trial."""
+    seeds = [override for override in trial.changes if override.startswith("seed=")]
+    others = [override for override in trial.changes if override not in seeds]
+    sets = [*options, *(word for override in others for word in ("--set", override))]
+    selection = [] if trial.changes else ["--case", trial.name]
+    number = seeds[0].removeprefix("seed=") if seeds else str(seed)
+    return shlex.join(["certify" if trial.changes else "falsify", name, *sets, "--seed", number, *selection])
+
+
+def print_certificate(summary: Mapping[str, Any], folder: Path) -> None:
+    """Print violated bounds, the table of bounds with the observed errors, and the conservatism of the position bound.
+
+    Args:
+        summary: Content of ``certificate.json``.
+        folder: Folder of the results.
+    """
+    for line in _violations(summary["exceeded"]):
+        common.print_error(line)
+    tables.print_table(tables.certificate_table(summary), lead=2)
+    for line in certificate_notes(summary):
+        print(line)
+    if summary["adversary"]:
+        ratio = summary["adversary"]["radius_over_adversary"]
+        print(f"bound / error under the worst residual forces consistent with the data: {ratio:.3f}")
+    print("\nbound of e_p by assumption, mm:")
+    for cause, radius in summary["slack_m"].items():
+        if radius is not None:
+            print(f"  {tables.format_cell(radius, 1e3, '.3g'):>8}  {cause}")
+    print(f"results in {folder}")
+
+
+def certificate_notes(summary: Mapping[str, Any]) -> list[str]:
+    """Return sentences on the assumptions of the bounds that exist and on those that do not exist.
+
+    Args:
+        summary: Content of ``certificate.json``.
+
+    Returns:
+        One line for each statement.
+    """
+    existing = [
+        bound
+        for bound, radii in summary["radii"].items()
+        if any(tables.has_radius(radii[kind]) for kind in tables.RADIUS_KIND_LABELS)
+    ]
+    return [*_assumptions({bound: summary["radii"][bound]["assumed"] for bound in existing}), *_missing(summary)]
+
+
+def _violations(exceeded: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Return a line for every error of a flight that exceeds a bound, with all such bounds."""
+    lines: dict[tuple[str, str], str] = {}
+    for each in exceeded:
+        scale, unit = tables.ERROR_UNITS[each["error"]]
+        run = "the adversarial run" if each["flight"] == "adversary" else "this run"
+        start = f"{each['error']} of {run} exceeds its bound: observed {each['observed'] * scale:.4g} {unit}, bound"
+        line = lines.get((run, each["error"]), "")
+        kind = tables.RADIUS_KIND_LABELS[each["of"]]
+        radius = f"{each['radius'] * scale:.4g} {unit} ({each['bound']}, {kind} run)"
+        lines[run, each["error"]] = f"{line}, {radius}" if line else f"{start} {radius}"
+    return list(lines.values())
+
+
+def _assumptions(names: Mapping[str, Sequence[str]]) -> list[str]:
+    """Return a line with the assumptions of all bounds and a line for each bound with additional ones."""
+    common_names = [name for name in next(iter(names.values()), []) if all(name in each for each in names.values())]
+    lines = [f"assumed: {', '.join(common_names)}"] if common_names else []
+    for bound, each in names.items():
+        additional = [name for name in each if name not in common_names]
+        lines += [f"assumed by {bound} also: {', '.join(additional)}"] if additional else []
+    return lines
+
+
+def _missing(summary: Mapping[str, Any]) -> list[str]:
+    """Return the reasons for bounds that do not exist, and the meaning of the two kinds of bounds."""
+    lines = [f"{bound}: left out, {reason}" for bound, reason in summary["left_out"].items()]
+    if summary["no_tube"]:
+        some = any(tables.has_radius(radii["run"]) for radii in summary["radii"].values())
+        return [*lines, f"no bound{' for any run' if some else ''}: {summary['no_tube']}"]
+    return [*lines, "any run: bound a priori, before the flight; this run: bound along the simulated trajectory"]

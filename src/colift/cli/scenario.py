@@ -1,0 +1,300 @@
+"""Commands on scenario files: list, print-config, init, migrate, check and tune."""
+
+from __future__ import annotations
+
+import difflib
+import json
+import os
+import shlex
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from colift.cli import common
+from colift.runtime import signals
+
+if TYPE_CHECKING:
+    from colift.analysis.gain_tuning import EvaluationBudget, LoopDesign
+    from colift.scenario import Scenario
+
+
+def list_scenarios(as_json: common.JsonOption = False) -> None:
+    """List the shipped scenarios."""
+    from colift import scenario
+
+    found = {name: scenario.load_scenario(name).description for name in scenario.shipped_names()}
+    with common.guard_output():
+        if as_json:
+            print(json.dumps(found, indent=2))
+        else:
+            print("\n".join(f"{name:16} {description}" for name, description in found.items()))
+
+
+def print_config(
+    name: common.ScenarioArgument, overrides: common.OverridesOption = None, as_json: common.JsonOption = False
+) -> None:
+    """Print the settings of a scenario.
+
+    A shipped scenario is printed as it is written. A file, or a scenario with overrides, is printed with all settings.
+    """
+    from colift import scenario
+
+    try:
+        as_written = name in scenario.shipped_names() and not overrides
+        if as_json:
+            text = common.load_settings(name, overrides).model_dump_json(indent=2) + "\n"
+        elif as_written:
+            text = scenario.shipped_text(name)
+        else:
+            text = scenario.to_yaml(common.load_settings(name, overrides))
+    except scenario.ScenarioError as error:
+        common.fail(error)
+    with common.guard_output():
+        print(text, end="")
+
+
+def init(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="File to write, such as my_team.yaml.")],
+    agents: Annotated[int, typer.Option("--agents", help="Number of agents.")] = 2,
+    arms: Annotated[
+        int | None,
+        typer.Option("--arms", help="Arms of each agent: 0 (the base holds the payload itself), 1 or 2; default: 2."),
+    ] = None,
+    urdf: Annotated[
+        Path | None, typer.Option("--urdf", metavar="FILE", help="Read the agent's model from a URDF file instead.")
+    ] = None,
+) -> None:
+    """Write a commented scenario as a starting point.
+
+    No file is overwritten. Run ``colift check`` after every edit of the file.
+    """
+    from colift import scenario
+    from colift.scenario import template
+
+    try:
+        if file.suffix not in scenario.SUFFIXES:
+            common.fail(f"{file}: must end in {' or '.join(scenario.SUFFIXES)}")
+        if urdf is not None and arms is not None:
+            common.fail(f"--arms {arms}: must be left out with --urdf, whose file defines the arms")
+        name = template.scenario_name(file)
+        if urdf is None:
+            text = template.scenario_template(name, agents, 2 if arms is None else arms)
+        else:
+            text = template.from_urdf(name, agents, urdf, file.parent)
+        if file.exists():
+            common.fail(f"{file}: exists; it is not overwritten")
+        _write_new(file, text)
+    except (ValueError, OSError) as error:
+        common.fail(error)
+    with common.guard_output():
+        print(f"{file}: {agents} agents; next: colift check {shlex.quote(str(file))}")
+
+
+def _write_new(file: Path, text: str) -> None:
+    """Write a file that must not exist yet; fail with OSError if it exists."""
+    with file.open("x", encoding="utf-8") as opened:
+        opened.write(text)
+
+
+# Migration ------------------------------------------------------------------------------------------------------------
+
+
+def migrate(
+    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Scenario files of schema 1.")],
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", metavar="FILE", help="File to write instead of the original; for one FILE only."),
+    ] = None,
+    check_only: Annotated[
+        bool, typer.Option("--check", help="Print the changes and write nothing. Status 1: a file needs migration.")
+    ] = False,
+    quiet: common.QuietOption = False,
+) -> None:
+    """Rewrite scenario files of an earlier schema in the current one.
+
+    Settings are renamed; numbers and comments are kept. Each file is replaced as a whole, and the changed lines are
+    printed. If one file cannot be read, none is written.
+    """
+    from colift.runtime import atomic_write
+    from colift.scenario.migration import SCHEMA
+
+    signals.raise_if_interrupted()
+    if out is not None and (len(files) > 1 or check_only):
+        common.fail(f"--out {out}: must be used with one FILE and without --check")
+    texts = _migrated_texts(files, out)
+    outdated = 0
+    for file, (old, new) in texts.items():
+        target = out or file
+        outdated += old != new
+        try:
+            if not check_only and (old != new or out is not None):
+                atomic_write.write_atomic(target.resolve(), new.encode())  # a link keeps pointing to the file
+        except OSError as error:
+            common.fail(error)
+        with common.guard_output():
+            for line in _migration_report(file, target, old, new, check_only, quiet):
+                print(line)
+    if check_only and outdated:
+        common.print_error(f"{outdated} of {len(texts)} files are not of schema {SCHEMA}: run colift migrate")
+        common.exit_with(common.EXIT_FAILED_CHECK)
+
+
+def _migrated_texts(files: list[Path], out: Path | None) -> dict[Path, tuple[str, str]]:
+    """Return the old and the new text of every file; end the command after all errors are reported."""
+    from colift import scenario
+    from colift.scenario.migration import migrate_text
+
+    texts: dict[Path, tuple[str, str]] = {}
+    errors = []
+    for file in files:
+        wrong = [path for path in (file, out) if path is not None and path.suffix not in scenario.SUFFIXES]
+        try:
+            if wrong:
+                errors.append(f"{wrong[0]}: must end in {' or '.join(scenario.SUFFIXES)}")
+                continue
+            old = file.read_text(encoding="utf-8-sig")
+            texts[file] = old, migrate_text(old)
+        except UnicodeDecodeError as error:
+            errors.append(f"{file}: is not UTF-8 text (byte {error.start})")
+        except OSError as error:
+            errors.append(common.describe_error(error))
+        except scenario.ScenarioError as error:
+            errors.append(f"{file}: {error}")
+    if errors:
+        common.fail("\n".join(errors))
+    return texts
+
+
+def _migration_report(file: Path, target: Path, old: str, new: str, check_only: bool, quiet: bool) -> list[str]:
+    """Return the lines that describe the migration of one file."""
+    from colift.scenario.migration import SCHEMA
+
+    if old == new:
+        return [f"{file}: is of schema {SCHEMA}{'' if target == file else f'; copied to {target}'}"]
+    changes = list(difflib.unified_diff(old.splitlines(), new.splitlines(), lineterm="", n=0))[2:]
+    lines = [line for line in changes if not line.startswith("@@")]
+    added = sum(line.startswith("+") for line in lines)
+    state = "needs migration" if check_only else f"rewritten in {target}" if target != file else "rewritten"
+    head = f"{file}: {state}: schema {SCHEMA}, {added} changed lines"
+    return [head] if quiet else [head, *(f"  {line}" for line in lines)]
+
+
+# Checks and gains -----------------------------------------------------------------------------------------------------
+
+
+def check(
+    name: common.ScenarioArgument,
+    overrides: common.OverridesOption = None,
+    quiet: common.QuietOption = False,
+    as_json: common.JsonOption = False,
+) -> None:
+    """Check a scenario before it is simulated and suggest corrections.
+
+    Checks mass, contacts, thrust, joints, the slowest mode and the delay margin of the linearized closed loop.
+    Status 0: all checks passed. Status 1: a check failed. Status 2: the scenario cannot be read.
+    """
+    from colift import scenario
+    from colift.analysis import preflight
+
+    signals.raise_if_interrupted()
+    try:
+        settings = common.load_settings(name, overrides)
+        with common.show_progress(f"checking {settings.name}", quiet) as progress:
+            found = preflight.run_preflight(settings, progress)
+    except (scenario.ScenarioError, OSError) as error:
+        common.fail(error)
+    with common.guard_output():
+        if as_json:
+            print(json.dumps(found.summary, indent=2))
+        else:
+            for line in found.format_report():
+                print(line)
+    if not found.passed:
+        common.exit_with(common.EXIT_FAILED_CHECK)
+
+
+def tune(
+    name: common.ScenarioArgument,
+    out: Annotated[Path, typer.Option("--out", metavar="FILE", help="Scenario file to write; it must not exist yet.")],
+    overrides: common.OverridesOption = None,
+    quiet: common.QuietOption = False,
+    as_json: common.JsonOption = False,
+) -> None:
+    """Optimize the gains of a scenario for decay rate, delay margin and disturbance rejection.
+
+    Prints modes and margins before and after, and writes the scenario with the optimized gains. No file is
+    overwritten. The search takes some minutes. On Ctrl-C, the best gains so far are written.
+    """
+    from colift import scenario
+    from colift.analysis import gain_tuning
+
+    signals.raise_if_interrupted()
+    try:
+        _require_writable(out)
+        settings, written = common.load_settings(name, overrides), None
+        if not overrides and name in scenario.shipped_names():
+            written = scenario.shipped_text(name)
+        elif not overrides:
+            written = Path(name).expanduser().read_text(encoding="utf-8-sig")
+        before, after, spent, values = _search_gains(settings, written, out, quiet)
+        _write_new(out, gain_tuning.to_yaml(after.settings, written, str(out)))
+    except (scenario.ScenarioError, ValueError, OSError) as error:
+        common.fail(error)
+    with common.guard_output():
+        if as_json:
+            found = {"before": values[0], "after": values[1], **spent._asdict()}
+            print(json.dumps(found | {"control": after.settings.model_dump(mode="json")["control"]}, indent=2))
+        else:
+            report = gain_tuning.format_report(before, after, *values, spent)
+            print("\n".join([*report, f"{settings.name} with these gains is in {out}"]))
+
+
+def _require_writable(out: Path) -> None:
+    """End the command if a scenario file cannot be created at a path."""
+    from colift import scenario
+
+    if out.suffix not in scenario.SUFFIXES:
+        common.fail(f"--out {out}: must end in {' or '.join(scenario.SUFFIXES)}")
+    if out.exists():
+        common.fail(f"--out {out}: exists; it is not overwritten")
+    if not (out.parent.is_dir() and os.access(out.parent, os.W_OK)):
+        common.fail(f"--out {out}: the folder {out.parent} does not exist or is not writable")
+
+
+Values = dict[str, float | str]
+
+
+def _search_gains(
+    settings: Scenario, written: str | None, out: Path, quiet: bool
+) -> tuple[LoopDesign, LoopDesign, EvaluationBudget, tuple[Values, Values]]:
+    """Optimize gains; on a request to end, write the best gains so far and propagate it.
+
+    Args:
+        settings: Scenario whose gains are optimized.
+        written: Text of its file, into which the gains are inserted; None if overrides apply.
+        out: File to write on a request to end.
+        quiet: Print no progress.
+
+    Returns:
+        The design before and after, the number of evaluations, and the values of both designs for the report.
+
+    Raises:
+        Interrupted: If the process is requested to end.
+    """
+    from colift.analysis import gain_tuning
+
+    best: list[LoopDesign] = []
+    try:
+        with common.show_progress(f"tuning {settings.name}", quiet) as progress:
+            before, after, spent = gain_tuning.tune(settings, progress, best.append)
+            best.append(after)
+            progress("flights with both")
+            values = gain_tuning.summary_values(before), gain_tuning.summary_values(after)
+    except signals.Interrupted:
+        if best:
+            _write_new(out, gain_tuning.to_yaml(best[-1].settings, written, str(out)))
+        note = f"the best gains so far are in {out}" if best else f"nothing was written to {out}"
+        common.print_warning(f"interrupted; {note}")
+        raise
+    return before, after, spent, values

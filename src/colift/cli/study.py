@@ -1,0 +1,229 @@
+"""Commands that simulate flights and compare them: study and run."""
+
+from __future__ import annotations
+
+import functools
+import json
+import math
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from colift.cli import common, tables
+
+if TYPE_CHECKING:
+    from colift.analysis.feasibility import FeasibilityReport
+    from colift.closed_loop.flight import Experiment
+    from colift.runtime.run_directory import RunDirectory
+    from colift.scenario import Scenario
+
+PROGRESS_PERIOD = 5.0
+"""Shortest time between two lines of progress where no progress bar can be drawn [s]."""
+
+
+def study(
+    name: common.ScenarioArgument,
+    out: common.OutOption = None,
+    overrides: common.OverridesOption = None,
+    duration: common.DurationOption = None,
+    seed: common.SeedOption = None,
+    baselines: Annotated[
+        bool,
+        typer.Option(
+            "--baselines",
+            help="Also simulate the baselines: integral, disturbance_observer, parametric, regression, label_feedback, "
+            "gp_label_feedback, and true_residual.",
+        ),
+    ] = False,
+    cases: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--case",
+            help="Case to simulate; repeatable, or separated by commas; default: C1, C2 and C3.",
+            autocompletion=common.complete_case,
+        ),
+    ] = None,
+    held_out: Annotated[
+        bool,
+        typer.Option(
+            "--held-out",
+            help="Also simulate each case with its last learned model, frozen, on trajectories without training data.",
+        ),
+    ] = False,
+    engine: common.EngineOption = None,
+    quiet: common.QuietOption = False,
+    as_json: common.JsonOption = False,
+) -> None:
+    """Simulate a scenario in several cases and compare them.
+
+    The cases of the paper are C1 (no learning), C2 (payload learning) and C3 (payload and agent learning). The case
+    adaptive adds online model updates and feedback correction.
+
+    Writes one NetCDF log for each case, figures as PDF and PNG, tables of length scales, and summary.json. Status 1: a
+    flight ended early.
+    """
+    from colift.scenario import experiment
+
+    requested = list(experiment.PAPER_CASES) if cases is None else common.parse_cases(cases)
+    selected = dict.fromkeys([*requested, *(experiment.BASELINES if baselines else ())])
+    read = functools.partial(common.load_settings, name, overrides, duration, seed, engine)
+    _simulate(read, tuple(selected), out, quiet, as_json, held_out=held_out)
+
+
+def run(
+    name: common.ScenarioArgument,
+    case: common.CaseOption = "C3",
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Folder for the results; default: out/SCENARIO-CASE.")
+    ] = None,
+    overrides: common.OverridesOption = None,
+    duration: common.DurationOption = None,
+    seed: common.SeedOption = None,
+    engine: common.EngineOption = None,
+    quiet: common.QuietOption = False,
+    as_json: common.JsonOption = False,
+) -> None:
+    """Simulate a scenario in one case and write the same files as ``colift study``."""
+    case = common.parse_case(case)
+    read = functools.partial(common.load_settings, name, overrides, duration, seed, engine)
+    _simulate(read, (case,), out, quiet, as_json, f"-{case}")
+
+
+def _simulate(
+    read: Callable[[], Scenario],
+    cases: tuple[str, ...],
+    out: Path | None,
+    quiet: bool,
+    as_json: bool,
+    suffix: str = "",
+    held_out: bool = False,
+) -> None:
+    """Simulate cases of a scenario, write the results and print them.
+
+    Args:
+        read: Function that returns the settings.
+        cases: Identifiers of the cases.
+        out: Folder for the results; by default named after the scenario and the suffix.
+        quiet: Print only warnings and results.
+        as_json: Print the summary as JSON instead of tables.
+        suffix: Suffix of the default folder's name.
+        held_out: Simulate held-out trajectories as well.
+    """
+    from colift.analysis import feasibility
+    from colift.scenario import experiment
+    from colift.workflows import generalization
+
+    with common.open_results(read, out, "completed cases are in", suffix) as (settings, folder):
+        with common.show_progress(f"preparing {settings.name}", quiet) as progress:
+            experiments = experiment.make_experiments(settings, cases)
+            held_out_experiments = generalization.heldout_experiments(settings, cases) if held_out else {}
+            progress("linearization at equilibrium")
+            feasibility_report = feasibility.assess_feasibility(settings, experiments)
+        with common.guard_output():
+            print_feasibility(feasibility_report, quiet or as_json)
+        summary = _run_with_progress(settings, folder, experiments, feasibility_report, held_out_experiments, quiet)
+    with common.guard_output(f"; the results are in {folder.path}"):
+        if as_json:
+            print(json.dumps(summary, indent=2))
+        else:
+            print_study(summary, folder.path)
+    if any(not found["complete"] for found in summary["cases"].values()):
+        common.exit_with(common.EXIT_INCOMPLETE)
+
+
+def _run_with_progress(
+    settings: Scenario,
+    folder: RunDirectory,
+    experiments: Mapping[str, Experiment],
+    feasibility_report: FeasibilityReport,
+    held_out: Mapping[str, Mapping[str, Experiment]],
+    quiet: bool,
+) -> dict[str, Any]:
+    """Run a study with a progress bar for each case, or with lines where no bar can be drawn."""
+    from colift.scenario import experiment
+    from colift.workflows import generalization
+    from colift.workflows.study import run_study
+
+    titles = {case: experiment.ALL_CASES[case] for case in experiments}
+    if held_out:
+        titles |= generalization.titles(titles)
+    simulate = functools.partial(run_study, settings, folder, experiments, feasibility_report, heldout=held_out)
+    if quiet:
+        return simulate()
+    if not common.error_console.is_terminal:
+        return simulate(progress=progress_lines(titles, settings.duration_s))
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.completed:5.1f} of {task.total:g} s"),
+        TimeElapsedColumn(),
+    )
+    with Progress(*columns, console=common.error_console) as bars:
+        tasks = {
+            case: bars.add_task(f"{case:3} {title}", total=settings.duration_s, start=False)
+            for case, title in titles.items()
+        }
+
+        def progress(case: str, t: float) -> None:
+            if t == 0.0:
+                bars.start_task(tasks[case])
+            bars.update(tasks[case], completed=t)
+
+        return simulate(progress=progress)
+
+
+def progress_lines(titles: Mapping[str, str], duration: float) -> Callable[[str, float], None]:
+    """Return a function that prints progress where no bar can be drawn.
+
+    It prints a line when a case begins, when it ends, and in between at most one every `PROGRESS_PERIOD`.
+
+    Args:
+        titles: Descriptions by case.
+        duration: Duration of a flight [s].
+
+    Returns:
+        Function of the case and the simulated time [s].
+    """
+    last_printed = -math.inf
+
+    def progress(case: str, t: float) -> None:
+        nonlocal last_printed
+        now = time.monotonic()
+        if t == 0.0:
+            common.print_status(f"{case}: {titles[case]}, {duration:g} s to simulate")
+        elif now - last_printed >= PROGRESS_PERIOD or t >= duration:
+            common.print_status(f"{case}: {t:.1f} of {duration:g} s")
+        else:
+            return
+        last_printed = now
+
+    return progress
+
+
+def print_feasibility(report: FeasibilityReport, warnings_only: bool) -> None:
+    """Print the properties of the linearized closed loop that are available before the flights."""
+    if not warnings_only and report.modes is not None and report.modes.stable:
+        print(f"slowest mode at equilibrium on the reference: {report.modes.describe_slowest()}", flush=True)
+    if not warnings_only and report.margins is not None:
+        print(report.margins.describe(), flush=True)
+    for text in report.warnings:
+        common.print_warning(f"warning: {text}")
+
+
+def print_study(summary: Mapping[str, Any], folder: Path) -> None:
+    """Print incomplete cases, the tables of a study, its warnings and the folder of its results."""
+    for case, found in summary["cases"].items():
+        if not found["complete"]:
+            common.print_error(f"{case} is incomplete: {found['stopped']}")
+    tables.print_table(tables.study_table(summary))
+    if "heldout" in summary:
+        tables.print_table(tables.held_out_table(summary))
+    for case, found in summary["cases"].items():
+        for text in found["warnings"]:
+            common.print_warning(f"warning: {case}: {text}")
+    print(f"results in {folder}")

@@ -1,0 +1,158 @@
+"""Commands that show results: playback, live and report."""
+
+from __future__ import annotations
+
+import time
+import webbrowser
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from colift.cli import certify, common, tables
+from colift.runtime import signals
+
+StudyArgument = Annotated[
+    Path, typer.Argument(metavar="OUT", help="Folder that `colift study` or `colift run` has written.")
+]
+
+
+def playback(
+    out: StudyArgument,
+    open_page: common.OpenOption = False,
+    image: Annotated[
+        Path | None, typer.Option("--image", metavar="FILE", help="Write an image instead: PNG, PDF or SVG.")
+    ] = None,
+    at: Annotated[float, typer.Option("--at", metavar="SECONDS", help="Time of the image in the flight.")] = 0.0,
+    video: Annotated[
+        Path | None,
+        typer.Option("--video", metavar="FILE", help="Write a video instead: GIF, or MP4 (requires ffmpeg)."),
+    ] = None,
+    speed: Annotated[
+        float, typer.Option("--speed", min=0.1, max=20, help="Speed of the video relative to real time.")
+    ] = 1.0,
+    cases: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--case",
+            help="Case in the image or video; repeatable, or separated by commas; default: C3.",
+            autocompletion=common.complete_case,
+        ),
+    ] = None,
+) -> None:
+    """Write an interactive page that plays back the flights of a study.
+
+    The page is OUT/view.html and requires no network (docs/playback.md).
+    """
+    from colift.scenario import experiment
+    from colift.visualization import playback
+
+    try:
+        if image or video:
+            _draw(out, common.parse_cases(cases or ["C3"]), experiment.ALL_CASES, image, at, video, speed)
+            return
+        page = playback.write(out, experiment.ALL_CASES)
+    except (ValueError, OSError) as error:
+        common.fail(error)
+    common.print_page(f"the flights are in {page}", page, open_page)
+
+
+def _draw(
+    out: Path,
+    cases: Sequence[str],
+    titles: Mapping[str, str],
+    image: Path | None,
+    at: float,
+    video: Path | None,
+    speed: float,
+) -> None:
+    """Write an image, a video or both of some cases.
+
+    Args:
+        out: Folder of the study.
+        cases: Identifiers of the cases.
+        titles: Descriptions of all cases.
+        image: File of the image.
+        at: Time of the image [s].
+        video: File of the video.
+        speed: Speed of the video relative to real time.
+
+    Raises:
+        ValueError: If the folder holds no log of a case.
+    """
+    from colift.closed_loop import log
+    from colift.visualization import rendering
+
+    _, found = log.load_flights(out, titles)
+    if missing := [case for case in cases if case not in found]:
+        raise ValueError(f"{out} holds {', '.join(found)}, not {', '.join(missing)}: choose by --case")
+    data = [rendering.render_data(found[case], f"{case}: {titles[case]}") for case in cases]
+    if image:
+        rendering.render_image(data, at, image)
+    if video:
+        with common.show_progress(f"rendering {video}"):
+            rendering.render_video(data, video, speed)
+    with common.guard_output():
+        print(f"{', '.join(cases)}: {', '.join(str(file) for file in (image, video) if file)}")
+
+
+def live(
+    name: common.ScenarioArgument,
+    case: common.CaseOption = "C3",
+    overrides: common.OverridesOption = None,
+    duration: common.DurationOption = None,
+    seed: common.SeedOption = None,
+    open_page: common.OpenOption = False,
+) -> None:
+    """Simulate one case and show it in a browser while it runs, until Ctrl-C.
+
+    The page is available on this computer only. No file is written; use ``colift run`` to keep a flight.
+    """
+    from colift import codegen, scenario
+    from colift.scenario import experiment
+    from colift.visualization import live_view
+
+    case = common.parse_case(case)
+
+    def ready(address: str) -> None:
+        with common.guard_output():
+            print(f"{case} of {settings.name}: {address} (Ctrl-C ends it)", flush=True)
+        if open_page:
+            webbrowser.open(address)
+
+    signals.raise_if_interrupted()
+    try:
+        settings = common.load_settings(name, overrides, duration, seed)
+        with live_view.serve_live_flight(
+            settings, experiment.make_experiment(settings, case), case, experiment.ALL_CASES[case], ready
+        ) as flight:
+            reason = f": {flight.termination_reason}" if flight.termination_reason else ""
+            with common.guard_output():
+                print(f"the flight has ended{reason}", flush=True)
+            while True:  # the page stays available
+                signals.raise_if_interrupted()
+                time.sleep(0.1)
+    except (scenario.ScenarioError, codegen.CompilerError, OSError) as error:
+        common.fail(error)
+
+
+def report(out: StudyArgument, open_page: common.OpenOption = False) -> None:
+    """Write a report of a study on one page.
+
+    The page is OUT/report.html and requires no network. It contains the settings, warnings, tables, figures, playback
+    and, where it exists, the certificate (docs/playback.md).
+    """
+    from colift.scenario import experiment
+    from colift.visualization.report import write_report
+
+    try:
+        page = write_report(
+            out,
+            experiment.ALL_CASES,
+            tables.study_table,
+            lambda summary: (tables.certificate_table(summary), certify.certificate_notes(summary)),
+        )
+    except (ValueError, OSError) as error:
+        common.fail(error)
+    common.print_page(f"the report is {page}", page, open_page)
