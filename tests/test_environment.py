@@ -83,13 +83,13 @@ def test_an_action_acts_and_is_cut_at_one(alone: TransportEnv) -> None:
 
 
 def test_what_is_seen_is_the_pilot_s_not_the_truth(alone: TransportEnv) -> None:
-    """It is a function of `fly.Now`, and differs from the truth by what the sensors do."""
-    assert list(inspect.signature(gymnasium_env.observation).parameters) == ["now"]
+    """It is a function of the control context, and differs from the truth by what the sensors do."""
+    assert list(inspect.signature(gymnasium_env.observation).parameters) == ["context"]
     assert isinstance(alone.task.setup.controller.payload_controller, interfaces.PayloadController)
     alone.reset(seed=3)
     before = alone._loop
     seen, _, _, _, info = alone.step(np.zeros(6, np.float32))
-    seed = jnp.array([alone._noise, alone._steps - 1])
+    seed = jnp.array([alone._noise_seed, alone._steps - 1])
     setup, ticks = alone.task.setup, alone.task.frame_skip
     noise = setup.world.sample_noise(jax.random.fold_in(jax.random.key(seed[0]), seed[1]), ticks)
     rows = simulator.rollout(setup, before, noise, jnp.asarray(ticks))[1]
@@ -117,7 +117,7 @@ def test_an_episode_is_truncated_after_the_scenario_s_duration(alone: TransportE
 def test_an_episode_ends_with_the_limit_that_was_met(path: Path) -> None:
     """Pushed away from the reference, the payload meets the limit of its distance; then nothing moves any more."""
     env = TransportEnv(
-        str(path), changes=["termination.max_position_error_m=0.21", "duration_s=1"], step_s=STEP, force_N=60.0
+        str(path), overrides=["termination.max_position_error_m=0.21", "duration_s=1"], step_s=STEP, force_N=60.0
     )
     seen, info = env.reset(seed=5)
     assert info["cause"] == termination.TerminationCause.NONE
@@ -204,10 +204,10 @@ def test_what_cannot_be_is_refused(given: dict[str, float], answer: str, path: P
 
 
 def test_a_case_that_learns_on_the_way_is_refused(path: Path) -> None:
-    with pytest.raises(ValueError, match="case 'C3' learns on the way"):
+    with pytest.raises(ValueError, match="case 'C3' updates its models during a flight"):
         TransportEnv(str(path), case="C3")
 
 
 def test_seeds_must_be_as_many_as_flights(many: TransportVecEnv) -> None:
-    with pytest.raises(ValueError, match="seed: 2 given for 3 flights"):
+    with pytest.raises(ValueError, match="seed: 2 seeds for 3 simulations"):
         many.reset(seed=[1, 2])
