@@ -167,7 +167,7 @@ def test_without_a_cache_each_process_compiles_its_own_and_one_line_says_so(file
     assert [ask(1), ask(2), ask(1)] == [1, 2, 1]
     assert len(compilations) == 2
     (line,) = warnings(caplog)
-    assert "native code cannot be kept (" in line
+    assert "native code cannot be cached (" in line
     assert "Not a directory" in line
 
 
@@ -246,7 +246,7 @@ def test_the_compiler_may_be_words(monkeypatch, compilations):
     ("text", "said"),
     [
         ("#!/bin/sh\necho broken >&2; exit 3", r"my cc' -m64 --version: exit status 3: broken"),
-        ("#!/bin/sh\nexit 0", "my cc' -m64 --version: says nothing"),
+        ("#!/bin/sh\nexit 0", "my cc' -m64 --version: prints no version"),
         ("#!/bin/sh\necho 1.0", r"my cc' -m64 .*: exit status 0, but no library was written"),
         ("no script", r"my cc' -m64 --version: cannot be run: Exec format error"),
         ("#!/no/such/shell\n", r"my cc' -m64 --version: cannot be run: No such file"),

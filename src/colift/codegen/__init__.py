@@ -1,9 +1,19 @@
-"""The native back end: a JAX function as C, for the CPU, vectorized over a batch.
+"""C code generation from jaxprs: compile a JAX function for the CPU and vectorize it over a batch.
 
-The function is traced to a jaxpr as `jax.jit` would, the jaxpr is evaluated on symbolic scalars (`interpret`,
-`graph`), and what remains is written as C (`emit`), compiled by the host's compiler, cached (`build`), and called
-through `jax.ffi`. There is no second description of any model: JAX's value is the definition, and its
-derivatives are JAX's. Code is made for one sample, and for as many side by side as fit the processor's vectors.
+The pipeline has five stages: `jax.make_jaxpr` traces the function, `loop_fusion` forms loops over agents and large
+arrays, `interpret` evaluates the jaxpr on the symbolic scalars of `graph`, `emit` writes C, and `build` compiles and
+caches it. The result is called through `jax.ffi`. JAX defines the value and the derivatives, so no second description
+of the model exists. A function is compiled for one sample, or for as many samples as fit a vector register.
+
+Example:
+    >>> import jax, jax.numpy as jnp
+    >>> from colift import codegen
+    >>> f = jax.jit(codegen.compile(lambda x: jnp.sin(x) * x))
+    >>> f(jnp.ones(3)).shape
+    (3,)
+
+See Also:
+    docs/decisions/0002-generate-c-from-jaxprs.md: the reasons for this design and its measured cost.
 """
 
 from __future__ import annotations
@@ -35,38 +45,55 @@ from colift.codegen.vmap_primitive import trace
 
 __all__ = ["CompilerError", "UnsupportedPrimitive", "compile", "source"]
 
-RULES = (elementwise, shape_rules, indexing, reduction, linalg, loops)  # each registers its own
+RULES = (elementwise, shape_rules, indexing, reduction, linalg, loops)  # each registers its rules on import
 
 log = logging.getLogger(__name__)
 
 native_p = core.Primitive("native")
 native_p.multiple_results = True
 
-MAX_GROUPED_SIZE = 1024  # elements: an argument of more travels alone, and is not copied
+MAX_GROUPED_SIZE = 1024  # elements; a larger argument is passed on its own, which avoids a copy
 TYPES = ("float64", "int64", "int32", "uint32", "bool")
 
 
 def compile(f: Callable[..., Any], *, threads: int | None = None) -> Callable[..., Any]:  # noqa: A001
-    """`f` in native code: same arguments, same value to rounding, usable under `jit`, `vmap` and `grad`.
+    """Compile a JAX function to native code that is usable under `jit`, `vmap` and `grad`.
 
-    Arguments and results are PyTrees of float64, integer or boolean arrays. Under `vmap`, samples are
-    cut among `threads` threads (default: the processors this process may use); every argument may have a batch
-    axis or not. Numbers `f` closes over are folded into the code; numbers that vary are to be arguments.
-    Derivatives, and devices other than a CPU, use `f` itself, as does everything where no C compiler is found or no
-    library can be loaded (one warning says so). Integers are JAX's as long as they stay below 2^53 and in the range of
-    their type; a call in which one does not is an error of JAX's. Raises `UnsupportedPrimitive` for what the emitter
-    does not know, `OverflowError` for a known integer out of range, `TypeError` for other types, `CompilerError` where
-    the C compiler does not work.
+    The value equals that of `f` to rounding. Derivatives and devices other than a CPU use `f` itself. So does a host
+    without a C compiler, or one that cannot load the library; one warning reports this.
+
+    Constants that `f` closes over become literals in the code, so varying numbers must be arguments. Integers are
+    carried as doubles: a call fails with a JAX runtime error if one exceeds 2^53 or the range of its type.
+
+    The first call may raise `UnsupportedPrimitive` for an operation without a rule, `OverflowError` for a constant
+    integer out of range, `TypeError` for other array types or a traced constant, and `CompilerError` if the C compiler
+    fails.
+
+    Args:
+        f: Function of PyTrees of float64, integer or boolean arrays; returns such a PyTree.
+        threads: Maximum number of threads for a batch; default: the processors available to this process.
+
+    Returns:
+        A function with the signature of `f`. Under `vmap`, each argument may have a batch axis or not.
+
+    Raises:
+        ValueError: If `threads` is less than 1.
+
+    Example:
+        >>> import jax, jax.numpy as jnp
+        >>> norms = jax.jit(jax.vmap(compile(lambda x: jnp.sqrt(x @ x))))
+        >>> norms(jnp.ones((5, 4))).tolist()
+        [2.0, 2.0, 2.0, 2.0, 2.0]
     """
     limit = threads if threads is not None else build.available_cores()
     if limit < 1:
-        raise ValueError(f"threads: {limit}; at least 1 is required")
+        raise ValueError(f"threads is {limit}, must be at least 1")
 
     @functools.cache
     def traced(tree: Any, avals: tuple[Any, ...]) -> tuple[core.ClosedJaxpr, Any]:
         jaxpr, out = trace(f, tree, avals)
         if any(isinstance(c, jax.core.Tracer) for c in jaxpr.consts):
-            raise TypeError(f"native.compile: {f} closes over a traced value; pass it as an argument")
+            raise TypeError(f"codegen.compile: {f} closes over a traced value; pass it as an argument")
         return jaxpr, out
 
     @functools.wraps(f)
@@ -80,29 +107,38 @@ def compile(f: Callable[..., Any], *, threads: int | None = None) -> Callable[..
 
 
 def _batch_shape(args: Sequence[Any], jaxpr: core.ClosedJaxpr) -> tuple[int, ...]:
+    """Return the broadcast shape of the batch axes; empty for one sample."""
     axes = batch_axes(args, jaxpr)
     return np.broadcast_shapes(*(np.shape(a)[:axes] for a in args)) if axes else ()
 
 
 def _abstract(*args: Any, jaxpr: core.ClosedJaxpr, threads: int) -> list[Any]:  # noqa: ARG001
+    """Return the abstract results of the primitive."""
     batch = _batch_shape(args, jaxpr)
     return [jax.core.ShapedArray((*batch, *v.shape), v.dtype) for v in jaxpr.out_avals]
 
 
 def _batch(args: Sequence[Any], dims: Sequence[int | None], **params: Any) -> tuple[Any, list[int]]:
+    """Batching rule: move each batch axis to the front; shared arguments get an axis of length one."""
     move = [x[None] if d is None else jax.numpy.moveaxis(x, d, 0) for x, d in zip(args, dims, strict=True)]
     out = native_p.bind(*move, **params)
     return out, [0] * len(out)
 
 
 def _jvp(primals: Sequence[Any], tangents: Sequence[Any], **params: Any) -> tuple[Any, Any]:
+    """Differentiation rule: the derivative of the JAX function."""
     f = functools.partial(evaluate_with_jax, **params)
     return jax.jvp(f, tuple(primals), tuple(map(ad.instantiate_zeros, tangents)))
 
 
 def _call_library(*args: Any, jaxpr: core.ClosedJaxpr, threads: int) -> list[Any]:
-    """The value by the compiled code. One sample's arguments travel as one array a type: called in a loop of XLA, each
-    further array costs about 0.2 us a step. Joining arguments is cheap; parting joined results is not.
+    """Call the compiled library.
+
+    The small arguments of one sample are concatenated to one array per type, because each array costs about 0.2 us per
+    call in a loop of XLA. Results stay separate: splitting a concatenated result costs more than it saves.
+
+    Returns:
+        The results.
     """
     batch, batched = _batch_shape(args, jaxpr), batch_axes(args, jaxpr) > 0
     name, groups = _target(jaxpr, batched)
@@ -114,12 +150,13 @@ def _call_library(*args: Any, jaxpr: core.ClosedJaxpr, threads: int) -> list[Any
 
 
 def _group_arguments(avals: Sequence[Any], used: Sequence[bool], batched: bool) -> list[list[int]]:
-    """Which of the arguments that are used travel together: small ones of one type; of a batch, none."""
+    """Group the used arguments that are passed as one array: small ones of one type; none of a batch."""
     kinds = {k: k if batched or v.size > MAX_GROUPED_SIZE else v.dtype.name for k, v in enumerate(avals) if used[k]}
     return [[k for k, kind in kinds.items() if kind == one] for one in dict.fromkeys(kinds.values())]
 
 
 def _lower(ctx: mlir.LoweringRuleContext, *args: Any, **params: Any) -> Any:
+    """Lowering rule for the CPU: the compiled library, or JAX if native code is unavailable."""
     try:
         build.require_compiler()
         return _lower_to_library(ctx, *args, **params)
@@ -129,15 +166,19 @@ def _lower(ctx: mlir.LoweringRuleContext, *args: Any, **params: Any) -> Any:
 
 
 @functools.cache
-def _warn_fallback(why: str) -> None:
-    log.warning("%s: native code runs on JAX instead, 10 to 100 times slower", why)
+def _warn_fallback(reason: str) -> None:
+    """Warn once per reason that functions run on JAX."""
+    log.warning("%s: native code runs on JAX instead, 10 to 100 times slower", reason)
 
 
 @functools.cache
 def _target(jaxpr: core.ClosedJaxpr, batched: bool) -> tuple[str, list[list[int]]]:
-    """Emit, compile and register a function; the name XLA knows it by, and what arguments travel together.
+    """Emit, compile and register a function; return its XLA target name and its argument groups.
 
-    A library says itself what travels together, so that one from the cache is not emitted again.
+    The library stores its argument groups, so a cached library is used without emitting the C source again.
+
+    Returns:
+        Target name and argument groups.
     """
     name = build.key(jaxpr_digest(jaxpr), str(batched))
     shared = build.library(name, lambda: source(jaxpr, batched))
@@ -147,7 +188,15 @@ def _target(jaxpr: core.ClosedJaxpr, batched: bool) -> tuple[str, list[list[int]
 
 
 class Kernel(NamedTuple):
-    """A function as C: its text, its name, and which arguments and results are its parameters, in that order."""
+    """C text of a function and its interface; the parameters are the arguments, then the results.
+
+    Attributes:
+        text: C definitions, callees first.
+        name: Name of the C function.
+        arguments: Indices of the arguments that are parameters.
+        results: Indices of the results that are parameters.
+        widths: Vector widths that the text uses; `lanes_header` provides their types and functions.
+    """
 
     text: str
     name: str
@@ -163,14 +212,28 @@ def kernel(
     stack_bytes: int = emit.STACK_BYTES,
     in_place_results: Collection[tuple[int, int]] = (),
 ) -> Kernel:
-    """A function for `lanes` samples side by side, or for one and its agents; arrays beyond `stack` bytes allocated.
+    """Generate the C functions of a jaxpr without the interface to XLA.
 
-    in_place_results: results, each with the argument that it may be written in_place_results where only a few of its elements change.
-    Raises `UnsupportedPrimitive`, `OverflowError` and `TypeError` as `compile` does.
+    Raises `UnsupportedPrimitive` for an operation without a rule and `OverflowError` for a constant integer out of
+    range.
+
+    Args:
+        jaxpr: Function of float64, integer or boolean arrays.
+        lanes: Samples per vector; 1 for a single sample.
+        agent_lanes: Agents or rows per vector inside loops of a single sample.
+        stack_bytes: Maximum size of the arrays of one C function on the stack; larger ones are allocated.
+        in_place_results: Pairs of result and argument. The result is written into the argument if only some of its
+            elements change.
+
+    Returns:
+        The C text and its interface.
+
+    Raises:
+        TypeError: If an argument or result has another array type.
     """
     for v in (*jaxpr.in_avals, *jaxpr.out_avals):
         if v.dtype.name not in TYPES:
-            raise TypeError(f"native: arrays must be of type {', '.join(TYPES)}; got {v.dtype.name}")
+            raise TypeError(f"codegen: arrays must be of type {', '.join(TYPES)}; got {v.dtype.name}")
     g = Graph()
     nodes = []
     for k, v in enumerate(jaxpr.in_avals):
@@ -196,8 +259,15 @@ def kernel(
     )
 
 
-def lanes_h(widths: Sequence[int]) -> str:
-    """What kernels of some widths are made of."""
+def lanes_header(widths: Sequence[int]) -> str:
+    """Return the C types and functions for vectors of several widths.
+
+    Args:
+        widths: Numbers of lanes, `Kernel.widths`.
+
+    Returns:
+        C text; one copy of `lanes.h` per width.
+    """
     text = resources.files("colift.codegen").joinpath("lanes.h").read_text()
     one = "#define WIDTH_{w} 1\n#define AT_{w}(x, l) (x)"
     many = "#define WIDTH_{w} {w}\n#define AT_{w}(x, l) (x)[l]"
@@ -206,7 +276,15 @@ def lanes_h(widths: Sequence[int]) -> str:
 
 
 def source(jaxpr: core.ClosedJaxpr, batched: bool) -> str:
-    """The C source of a function as XLA calls it, for one sample or for as many as fit a vector."""
+    """Return the C source of a function with its XLA entry point.
+
+    Args:
+        jaxpr: Function of float64, integer or boolean arrays.
+        batched: Whether the lanes of a vector hold samples of a batch; otherwise agents of one sample.
+
+    Returns:
+        The complete C translation unit.
+    """
     width = build.lanes() if batched else 1
     made = kernel(jaxpr, width, 1 if batched else build.lanes())
     groups = _group_arguments(jaxpr.in_avals, [k in made.arguments for k in range(len(jaxpr.in_avals))], batched)
@@ -218,7 +296,7 @@ def source(jaxpr: core.ClosedJaxpr, batched: bool) -> str:
     numbers = lambda x: ", ".join(map(str, x)) or "0"  # noqa: E731
     return "\n".join([
         files.joinpath("prelude.h").read_text(),
-        lanes_h(made.widths),
+        lanes_header(made.widths),
         made.text,
         f"#if IN(0)\n#define WIDTH {width}\n#define V V_{width}\n#define SPLAT splat_{width}",
         f"#define ARGUMENTS {len(groups)}\n#define RESULTS {len(jaxpr.out_avals)}",
@@ -234,6 +312,7 @@ def source(jaxpr: core.ClosedJaxpr, batched: bool) -> str:
 
 @functools.cache
 def _jitted(**params: Any) -> Callable[..., Any]:
+    """Return the jitted primitive, for calls outside of `jax.jit`."""
     return jax.jit(functools.partial(native_p.bind, **params))
 
 

@@ -1,4 +1,8 @@
-"""Equations taken one index of an axis at a time: which axis of each operand goes with which of the result."""
+"""Axis analysis of jaxpr equations: rewrite an equation so that it acts at one index of an axis.
+
+Such a rewrite exists if each index of a result's axis depends on one index of one axis of each operand, or if the
+equation reduces over an axis. `loop_fusion` forms loops from the rewritten equations.
+"""
 
 from __future__ import annotations
 
@@ -27,8 +31,14 @@ CUMULATIVE = {"cumsum", "cumprod", "cummax", "cummin"}
 
 @dataclass(frozen=True)
 class AxisForm:
-    """How an equation acts at one index of an axis: its parameters then, the axis of each operand (None: it is taken
-    whole) and of each result, and how results that have no such axis are joined over it ("": all have it).
+    """Form of an equation at one index of an axis.
+
+    Attributes:
+        length: Length of the axis.
+        params: Parameters of the equation at one index.
+        operands: Axis of each operand; None if the operand is used whole.
+        results: Axis of each result; empty for a reduction.
+        reduction: Operation that combines the values of all indices; "" if the results have the axis.
     """
 
     length: int
@@ -39,16 +49,25 @@ class AxisForm:
 
 
 def _drop_axis(axes: Iterable[int | np.integer], axis: int) -> tuple[int, ...]:
-    """Axes as they are called without one of them."""
+    """Renumber axes after one of them is removed."""
     return tuple(int(a) - int(a > axis) for a in axes if a != axis)
 
 
 def _drop_entry(shape: Sequence[Any], axis: int) -> tuple[Any, ...]:
+    """Remove the entry of one axis."""
     return (*shape[:axis], *shape[axis + 1 :])
 
 
 def result_axis_form(e: Equation, axis: int) -> AxisForm | None:
-    """An equation taken along an axis of its results; None if it mixes indices of it, or its results differ."""
+    """Rewrite an equation at one index of an axis of its results.
+
+    Args:
+        e: Equation.
+        axis: Axis of every result.
+
+    Returns:
+        The form at one index; None if the equation mixes indices of the axis or its results differ in length.
+    """
     shapes = [v.aval.shape for v in e.outvars]
     if (
         any(len(s) <= axis for s in shapes)
@@ -81,7 +100,7 @@ def _broadcast(e: Equation, axis: int) -> RuleResult:
 
 
 def _reshape(e: Equation, axis: int) -> RuleResult:
-    """An axis stays itself if as many elements lie before it and it is as long."""
+    """Rule of reshape: an axis is kept if its length and the number of elements before it are kept."""
     before, after = e.invars[0].aval.shape, e.outvars[0].aval.shape
     lead = math.prod(after[:axis])
     same = [k for k, n in enumerate(before) if n == after[axis] and math.prod(before[:k]) == lead]
@@ -117,7 +136,7 @@ def _slice(e: Equation, axis: int) -> RuleResult:
 
 
 def _other_axis_rule(name: str) -> Callable[[Equation, int], RuleResult]:
-    """Of what acts along an axis of the operands, which the results have too."""
+    """Return the rule of an equation that mixes the axis given by its parameter `name` and keeps all others."""
 
     def rows(e: Equation, axis: int) -> RuleResult:
         mixed = e.params[name]
@@ -154,7 +173,7 @@ def _reduce(e: Equation, axis: int) -> RuleResult:
 
 
 def _dot(e: Equation, axis: int) -> RuleResult:
-    """A product along an axis of its batch, or one that is free in one operand."""
+    """Rule of products: a batch axis, or an axis that only one operand has."""
     (ca, cb), (ba, bb) = e.params["dimension_numbers"]
     free = [
         [k for k in range(v.aval.ndim) if k not in (*c, *b)]
@@ -170,7 +189,7 @@ def _dot(e: Equation, axis: int) -> RuleResult:
 
 
 def _without(e: Equation, a: int | None, b: int | None) -> dict[str, Any]:
-    """The parameters of a product whose operands lack an axis each."""
+    """Return the parameters of a product after one axis of each operand is removed."""
     (ca, cb), (ba, bb) = e.params["dimension_numbers"]
     left, right = (
         lambda axes, own=own: tuple(map(int, axes)) if own is None else _drop_axis(axes, own) for own in (a, b)
@@ -182,15 +201,23 @@ _AXIS_RULES: dict[str, Callable[[Equation, int], RuleResult]] = {
     **dict.fromkeys(ELEMENTWISE, _elementwise),
     **dict.fromkeys(REDUCE, _reduce),
     **dict.fromkeys((*CUMULATIVE, "split"), _other_axis_rule("axis")),
-    "agent_map": _agent_map, "broadcast_in_dim": _broadcast, "reshape": _reshape, "squeeze": _squeeze, "transpose": _transpose,
+    "agent_map": _agent_map, "broadcast_in_dim": _broadcast, "reshape": _reshape, "squeeze": _squeeze,
+    "transpose": _transpose,
     "rev": _rev, "slice": _slice, "concatenate": _other_axis_rule("dimension"), "stack": _stack, "unstack": _unstack,
     "pad": _pad, "dot_general": _dot,
 }  # fmt: skip
 
 
 def reduced_axis_form(e: Equation, operand: int, axis: int) -> AxisForm | None:
-    """A sum, product or extreme over an axis of one of its operands; None for any other, and for integers, whose every
-    step is checked.
+    """Rewrite a reduction or contraction at one index of the axis that it reduces.
+
+    Args:
+        e: Equation.
+        operand: Index of the operand.
+        axis: Axis of the operand.
+
+    Returns:
+        The form at one index; None for other equations and for integers, whose partial sums are checked in order.
     """
     name = e.primitive.name
     integers = np.issubdtype(e.outvars[0].aval.dtype, np.integer)
@@ -207,7 +234,16 @@ def reduced_axis_form(e: Equation, operand: int, axis: int) -> AxisForm | None:
 
 
 def operand_axis_form(e: Equation, operand: int, axis: int) -> AxisForm | None:
-    """An equation taken along an axis of one of its operands."""
+    """Rewrite an equation at one index of an axis of one of its operands.
+
+    Args:
+        e: Equation.
+        operand: Index of the operand.
+        axis: Axis of the operand.
+
+    Returns:
+        The form at one index; None if no rewrite exists.
+    """
     for k in range(max((v.aval.ndim for v in e.outvars), default=0)):
         found = result_axis_form(e, k)
         if found is not None and found.operands[operand] == axis and e.invars[operand].aval.shape[axis] == found.length:

@@ -1,4 +1,8 @@
-"""What a function does to whole arrays: loops, branches, and reads and writes at computed places."""
+"""Operations on whole arrays: loops, branches, and reads and writes at computed indices.
+
+A `Graph` contains scalar expressions only. An operation whose unrolled form would be too large, or whose indices are
+unknown at compile time, is a block of the graph.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +19,13 @@ Nodes = np.ndarray  # of int64
 
 @dataclass
 class Function:
-    """A C function to be: input sizes, a graph, and the nodes of each output."""
+    """Intermediate form of one C function.
+
+    Attributes:
+        inputs: Size of each input array.
+        graph: Expressions and blocks.
+        outputs: Nodes of each output array.
+    """
 
     inputs: tuple[int, ...]
     graph: Graph
@@ -24,34 +34,59 @@ class Function:
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """A call whose inputs (flat nodes) and outputs (sizes) are arrays."""
+    """Operation on arrays.
+
+    Attributes:
+        inputs: Nodes of each input array, flat.
+        outputs: Size of each output array.
+    """
 
     inputs: tuple[Nodes, ...]
     outputs: tuple[int, ...]
 
     @property
     def functions(self) -> tuple[Function, ...]:
-        """What is called."""
+        """Functions that the block calls."""
         return ()
 
 
 @dataclass(frozen=True, eq=False)
 class Map(Block):
-    """A function over the rows of inputs (where `mapped`); outputs are stacked, or joined by an operation."""
+    """Loop over independent rows.
+
+    Attributes:
+        function: Function of one row.
+        length: Number of rows.
+        mapped: Whether each input has rows; otherwise all rows share it.
+        reductions: For each output the operation that combines the rows, "add", "mul", "max" or "min"; "" if the rows
+            are stacked.
+    """
 
     function: Function
     length: int
     mapped: tuple[bool, ...]
-    reductions: tuple[str, ...]  # by output: "add", "mul", "max", "min"; "" where rows are stacked
+    reductions: tuple[str, ...]
 
     @property
     def functions(self) -> tuple[Function, ...]:
+        """Functions that the block calls."""
         return (self.function,)
 
 
 @dataclass(frozen=True, eq=False)
 class Scan(Block):
-    """A function over time: inputs are `consts`, the carry, what is scanned; outputs the last carry, the stacks."""
+    """Loop with a carry, `jax.lax.scan`.
+
+    The inputs are the constants, the initial carry and the scanned arrays. The outputs are the final carry and the
+    stacked arrays.
+
+    Attributes:
+        function: Function of one step.
+        length: Number of steps.
+        consts: Number of constants.
+        carry: Number of carried arrays.
+        reverse: Whether the last element is scanned first.
+    """
 
     function: Function
     length: int
@@ -61,57 +96,88 @@ class Scan(Block):
 
     @property
     def functions(self) -> tuple[Function, ...]:
+        """Functions that the block calls."""
         return (self.function,)
 
 
 @dataclass(frozen=True, eq=False)
 class While(Block):
-    """A function while a test holds: inputs are the test's constants, the function's, the carry; outputs the carry."""
+    """Loop until a condition fails, `jax.lax.while_loop`.
+
+    The inputs are the constants of the condition, those of the body, and the carry. The outputs are the final carry.
+
+    Attributes:
+        test: Condition.
+        function: Body.
+        tests: Number of constants of the condition.
+        consts: Number of constants of the body.
+    """
 
     test: Function
     function: Function
-    tests: int  # constants of the test
-    consts: int  # of the function
+    tests: int
+    consts: int
 
     @property
     def functions(self) -> tuple[Function, ...]:
+        """Functions that the block calls."""
         return (self.test, self.function)
 
 
 @dataclass(frozen=True, eq=False)
 class Branch(Block):
-    """One of several functions: the first input is which, the nearest where there is none."""
+    """Call of one of several functions; the first input is its index, clipped to the valid range."""
 
     branches: tuple[Function, ...]
 
     @property
     def functions(self) -> tuple[Function, ...]:
+        """Functions that the block calls."""
         return self.branches
 
 
 @dataclass(frozen=True, eq=False)
 class Window:
-    """Where in a flat array a window lies: at point q, `base[q] + sum_d stride[d] index[q, d] + offset`."""
+    """Location of windows in a flat array: window q has the elements `base[q] + sum_d stride[d] index[q, d] + offset`.
 
-    base: np.ndarray  # by point
-    offset: np.ndarray  # by element of the window
+    Attributes:
+        base: Element of each window at index zero.
+        offset: Offset of each element of a window.
+        stride: Stride of each index.
+        max_index: Largest value of each index at which the window fits; the smallest is zero.
+        drops: Whether a window that does not fit is left out; otherwise its index is clipped.
+    """
+
+    base: np.ndarray
+    offset: np.ndarray
     stride: tuple[int, ...]
-    max_index: tuple[int, ...]  # largest index of each kind at which the window fits; the least is zero
-    drops: bool  # whether a window that does not fit is left out; else it is moved to where it does
+    max_index: tuple[int, ...]
+    drops: bool
 
 
 @dataclass(frozen=True, eq=False)
 class Read(Block):
-    """Windows of an array, (points, window): inputs are the array and the indices (points, kinds)."""
+    """Read of windows; the inputs are the array and the indices, one row per window.
+
+    Attributes:
+        window: Location of the windows.
+        fill_value: Value of the elements of a window that is left out.
+    """
 
     window: Window
-    fill_value: float  # what a window that is left out holds
+    fill_value: float
 
 
 @dataclass(frozen=True, eq=False)
 class Write(Block):
-    """An array with windows written: inputs are the array, the indices, the updates (points, window)."""
+    """Write of windows; the inputs are the array, the indices (one row per window) and the new elements.
+
+    Attributes:
+        window: Location of the windows.
+        reduction: Operation that combines old and new elements; "" if the new ones replace the old ones.
+        check: Range check of integers after every operation; "" for other types.
+    """
 
     window: Window
-    reduction: str  # "", or the operation that reductions what is there and what comes
-    check: str  # the operation every step is to pass, of integers
+    reduction: str
+    check: str

@@ -1,4 +1,11 @@
-"""The host's C compiler, and the cache of what it made."""
+"""Compilation of C source with the host's compiler, and the cache of the libraries.
+
+A library is cached under a key of the source's origin, the compiler, the flags and the processor. It is verified before
+it is loaded. If the cache directory is not writable, each process compiles into a temporary directory of its own.
+
+See Also:
+    docs/decisions/0019-verify-cached-artifacts.md: the reasons for the verification.
+"""
 
 from __future__ import annotations
 
@@ -27,36 +34,49 @@ from colift.runtime import cache
 FLAGS = ("-std=gnu11", "-march=native", "-fno-math-errno", "-fno-trapping-math", "-fPIC",
          "-fvisibility=hidden", "-w")  # fmt: skip
 OPTIMIZED_FLAGS = ("-O2",)
-# of parts of long functions: a third of the time to compile; all that they store is needed
+# For the parts of long functions: -O1 takes a third of the time of -O2. Dead stores are not searched for, because
+# another part reads every value that is stored.
 QUICK_FLAGS = ("-O1", "-fno-tree-dse", "-fno-dse")
-MAX_LIBRARIES = 256  # libraries in the cache: of a flight some 3 MB, of most functions 0.1
+MAX_LIBRARIES = 256  # in the cache; about 3 MB for a simulation, 0.1 MB for most functions
 
 log = logging.getLogger(__name__)
 
 
 class CompilerError(RuntimeError):
-    """The host's C compiler does not statement_count, or refused what was emitted."""
+    """The host's C compiler does not work, or it rejects the emitted source."""
 
 
 class Unavailable(RuntimeError):
-    """This host cannot run native code: it has no C compiler, or lets no library be loaded."""
+    """The host cannot run native code: no C compiler is installed, or no library can be loaded."""
 
 
 @functools.cache
 def compiler() -> tuple[str, ...] | None:
-    """The C compiler's command: `$CC`, which may hold words (`ccache gcc -m64`), else `cc`, `gcc` or `clang`; None
-    if there is none. Raises `CompilerError` for a `$CC` with an open quotation.
+    """Find the C compiler: `$CC`, which may contain options (`ccache gcc -m64`), else `cc`, `gcc` or `clang`.
+
+    Returns:
+        The command with its options, or None if no compiler is installed.
+
+    Raises:
+        CompilerError: If `$CC` contains an unclosed quotation.
     """
     try:
-        wanted = shlex.split(os.environ.get("CC", ""))
+        custom = shlex.split(os.environ.get("CC", ""))
     except ValueError as error:
         raise CompilerError(f"$CC is {os.environ['CC']!r}: {error}") from None
-    found = ((shutil.which(words[0]), *words[1:]) for words in ([wanted] if wanted else [["cc"], ["gcc"], ["clang"]]))
+    found = ((shutil.which(words[0]), *words[1:]) for words in ([custom] if wanted else [["cc"], ["gcc"], ["clang"]]))
     return next(((path, *words) for path, *words in found if path), None)
 
 
 def require_compiler() -> tuple[str, ...]:
-    """The compiler's command; raises `Unavailable` if there is none."""
+    """Return the compiler's command.
+
+    Returns:
+        The command with its options.
+
+    Raises:
+        Unavailable: If no C compiler is installed.
+    """
     command = compiler()
     if command is None:
         raise Unavailable("no C compiler (cc, gcc, clang or $CC) found")
@@ -64,7 +84,7 @@ def require_compiler() -> tuple[str, ...]:
 
 
 def _run(command: list[str]) -> str:
-    """What a command of the compiler prints; raises `CompilerError` with its own words."""
+    """Run a command of the compiler and return its output; raise `CompilerError` with its error output."""
     try:
         done = subprocess.run(command, capture_output=True, text=True, errors="replace", check=False)
     except OSError as error:
@@ -76,11 +96,18 @@ def _run(command: list[str]) -> str:
 
 @functools.cache
 def build_environment() -> str:
-    """What compiled code depends on beside its source: compiler, flags, processor, XLA's interface."""
+    """Describe what compiled code depends on besides its source: compiler, flags, processor, header of XLA.
+
+    Returns:
+        One item per line; the second line is the first line of the compiler's version.
+
+    Raises:
+        CompilerError: If the compiler does not print a version.
+    """
     command = [*require_compiler(), "--version"]
     version = _run(command)
     if not version.strip():
-        raise CompilerError(f"{shlex.join(command)}: says nothing, so that its libraries have no name to be kept under")
+        raise CompilerError(f"{shlex.join(command)}: prints no version, which the names of cached libraries require")
     header = (Path(jax.ffi.include_dir()) / "xla/ffi/api/c_api.h").read_text()
     return "\n".join(
         [
@@ -96,7 +123,7 @@ def build_environment() -> str:
 
 @functools.cache
 def processor() -> tuple[str, ...]:
-    """What the operating system says of the processor's kind and instructions."""
+    """Return the processor's model and instruction sets as reported by the operating system."""
     file = Path("/proc/cpuinfo")
     lines = file.read_text().split("\n\n")[0].splitlines() if file.exists() else []
     kept = (line for line in lines if line.startswith(("model name", "flags", "Features", "CPU part")))
@@ -104,25 +131,35 @@ def processor() -> tuple[str, ...]:
 
 
 def available_cores() -> int:
-    """How many processors this process may use; where the system does not say (macOS), how many there are."""
+    """Return the number of processors available to this process; on macOS, the number of all processors."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def lanes() -> int:
-    """How many samples to put side by side: a vector register of doubles, or two short ones."""
+    """Return the number of samples per vector: 8 with AVX-512, else 4, which may span two registers."""
     return 8 if any("avx512f" in line for line in processor()) else 4
 
 
 def key(*parts: str) -> str:
-    """The name under which code made of some text is kept on this machine."""
+    """Return the name under which a library is cached: a hash of the given texts and the build environment."""
     return hashlib.sha256("\0".join([*parts, build_environment()]).encode()).hexdigest()[:32]
 
 
 def library(name: str, source: Callable[[], str]) -> ctypes.CDLL:
-    """What C source compiles to, or the cache has; where that cannot be written, from this process's own folder.
+    """Load a library from the cache, or compile it and store it there.
 
-    `name` is the `key` of what the source is made of; it is made only where it is needed. Raises `CompilerError` with
-    the compiler's own words, and `Unavailable` where the library can be loaded from neither folder.
+    If the cache is not usable, the library is stored in a temporary directory of this process; one warning reports
+    this. A failing compiler raises `CompilerError` with its error output.
+
+    Args:
+        name: The `key` of the texts that determine the source.
+        source: Returns the C source; called only if the library is not cached.
+
+    Returns:
+        The loaded library.
+
+    Raises:
+        Unavailable: If the library can be loaded from neither directory.
     """
     folders = (lambda: cache.cache_directory("native")), _process_folder
     for folder in folders:
@@ -145,7 +182,7 @@ def library(name: str, source: Callable[[], str]) -> ctypes.CDLL:
 
 @functools.cache
 def _process_folder() -> Path:
-    """A folder that goes when the process ends; raises `Unavailable` where none can be made."""
+    """Create a directory that is removed when the process ends; raise `Unavailable` if that fails."""
     try:
         folder = Path(tempfile.mkdtemp(prefix="colift-"))
     except OSError as error:
@@ -155,32 +192,35 @@ def _process_folder() -> Path:
 
 
 @functools.cache
-def _warn_uncached(why: str) -> None:
-    log.warning("native code cannot be kept (%s): each process compiles its own, seconds a function", why)
+def _warn_uncached(reason: str) -> None:
+    """Warn once per reason that libraries are not cached."""
+    log.warning("native code cannot be cached (%s): each process compiles every function again", reason)
 
 
 def _file_name(name: str, library: bytes) -> str:
-    """A library's file name. It holds a digest of the library and what it was made of, so a file that is cut short,
-    altered, or another function's is not what its name says; and one name is never two libraries.
+    """Return the file name of a library.
+
+    The name contains a hash of the key and the content. A truncated, altered or renamed file therefore does not match
+    its name, and two different libraries never share a name.
     """
     return f"{name}-{hashlib.sha256(name.encode() + library).hexdigest()[:32]}.so"
 
 
 def _load(folder: Path, name: str) -> ctypes.CDLL | None:
-    """The library of some key, None if there is none that can be loaded; what is not what it says is removed."""
+    """Load the library of a key; None if no valid file exists. A file that does not match its name is removed."""
     for path in folder.glob(f"{name}-*.so"):
-        with contextlib.suppress(OSError):  # another process may remove it at any time; it can be loaded or not
+        with contextlib.suppress(OSError):  # another process may remove the file; the library may not load
             if path.name != _file_name(name, path.read_bytes()):
                 path.unlink()
                 continue
-            with contextlib.suppress(OSError):  # a cache that is only read
-                os.utime(path)  # when it was last used
+            with contextlib.suppress(OSError):  # the cache may be read-only
+                os.utime(path)  # time of last use, for `_evict`
             return ctypes.CDLL(str(path))
     return None
 
 
 def _compile(source: str) -> bytes:
-    """What the compiler makes of C source."""
+    """Compile C source to a shared library; long sources are compiled in pieces, in parallel."""
     with tempfile.TemporaryDirectory(dir=_process_folder()) as folder:
         code, out = Path(folder) / "native.c", Path(folder) / "native.so"
         code.write_text(source)
@@ -215,7 +255,7 @@ def _compile(source: str) -> bytes:
 
 
 def _store(folder: Path, name: str, library: bytes) -> ctypes.CDLL:
-    """Put a library into a folder, whole or not at all, load it, and forget old ones; raises `Unwritable`."""
+    """Write a library atomically, load it and remove old ones; raise `CacheUnavailable` if that fails."""
     temporary = folder / f"{name}-{secrets.token_hex(8)}.new"
     try:
         temporary.write_bytes(library)
@@ -224,13 +264,13 @@ def _store(folder: Path, name: str, library: bytes) -> ctypes.CDLL:
     except OSError as error:
         with contextlib.suppress(OSError):
             temporary.unlink()
-        why = error.strerror or str(error).rsplit(": ", 1)[-1]  # of a library that is not loaded: its name, then why
-        raise cache.CacheUnavailable(f"{folder}: {why}") from None
+        reason = error.strerror or str(error).rsplit(": ", 1)[-1]  # a loader error is "name: reason"
+        raise cache.CacheUnavailable(f"{folder}: {reason}") from None
     return loaded
 
 
 def _evict(folder: Path) -> None:
-    """Remove all but the files used last, those of killed processes too; what a process has loaded stays usable."""
+    """Remove all but the most recently used files; libraries that are loaded stay usable."""
     used = {}
     for path in folder.iterdir():
         with contextlib.suppress(OSError):  # removed by another process

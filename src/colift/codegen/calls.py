@@ -1,4 +1,4 @@
-"""The C of blocks: loops, branches, and reads and writes at computed places."""
+"""Emission of blocks: C loops, branches, and reads and writes at computed indices."""
 
 from __future__ import annotations
 
@@ -18,7 +18,12 @@ IDENTITY = {"add": "0.0", "mul": "1.0", "max": "-INFINITY", "min": "INFINITY"}
 
 
 def emit(body: FunctionEmitter, block: int) -> None:
-    """Add the statements of a block whose inputs are there, but for one that comes last."""
+    """Add the statements of a block; a write in place is deferred to `emit_final_writes`.
+
+    Args:
+        body: Function that contains the block; the statements of the block's inputs are present.
+        block: Index of the block.
+    """
     b, call = body.g.blocks[block], body.live.calls[block]
     if block in body.final_writes:
         return
@@ -45,7 +50,11 @@ def emit(body: FunctionEmitter, block: int) -> None:
 
 
 def emit_final_writes(body: FunctionEmitter) -> None:
-    """The writes to inputs in place, once everything else is read: what they need first, then all of them."""
+    """Add the writes into inputs, after all reads of these inputs.
+
+    Args:
+        body: Function; all other statements are present.
+    """
     ready = []
     for block, to in body.final_writes.items():
         b, call = body.g.blocks[block], body.live.calls[block]
@@ -57,22 +66,25 @@ def emit_final_writes(body: FunctionEmitter) -> None:
 
 
 def _outputs(body: FunctionEmitter, block: int) -> dict[int, ArrayRef]:
+    """Return the locations of the required outputs of a block."""
     return {k: place for (which, k), place in body.arrays.items() if which == block}
 
 
 def _add_lines(body: FunctionEmitter, *lines: str) -> None:
+    """Add lines as one statement, so that outlining does not separate them."""
     body.add_line("\n  ".join(lines))
 
 
-# over
+# maps
 
 
 def _map(body: FunctionEmitter, b: Map, call: BlockLiveness, outputs: dict[int, ArrayRef]) -> None:
+    """Add a loop over rows; for a single sample the lanes of a vector hold rows."""
     (inner,) = call.functions
     lanes = body.lanes
     if lanes == 1 and body.unit.agent_lanes > 1 and not _longer_inside(inner, b):
         lanes = min(body.unit.agent_lanes, 1 << (b.length - 1).bit_length())
-    across = lanes != body.lanes  # rows lie in lanes
+    across = lanes != body.lanes  # whether lanes hold rows
     uniform = frozenset(k for k, m in enumerate(b.mapped) if not m) if across else frozenset()
     function = body.unit.add(b.function, inner, FunctionLayout(lanes, uniform=uniform))
     first, before, args = _map_arguments(body, b, call, lanes if across else 0)
@@ -104,8 +116,9 @@ def _map(body: FunctionEmitter, b: Map, call: BlockLiveness, outputs: dict[int, 
 def _map_arguments(
     body: FunctionEmitter, b: Map, call: BlockLiveness, lanes: int
 ) -> tuple[list[str], list[str], list[str]]:
-    """Statements before and in a loop that bring the inputs of row i, or of as many rows as lanes, and how a call names
-    them.
+    """Return the statements before and inside a loop that load the inputs of row i, and the arguments of the call.
+
+    If `lanes` is positive, one iteration loads that many rows.
     """
     (inner,) = call.functions
     first, before, args = [], [], []
@@ -135,8 +148,9 @@ def _map_arguments(
 def _reduction_lines(
     to: ArrayRef, reduction: str, row: str, size: int, lanes: int, length: int
 ) -> tuple[list[str], str, list[str]]:
-    """Statements before, inside and after a loop that reduction the rows of one output; `length` is 0 where lanes are not
-    rows, else every lane has a sum of its own until the end.
+    """Return the statements before, inside and after a loop that reduce the rows of one output.
+
+    `length` is 0 if lanes do not hold rows. Otherwise each lane accumulates a partial result until the end.
     """
     each = f"for (long e = 0; e < {size}; e++)"
     if not length:
@@ -144,7 +158,8 @@ def _reduction_lines(
         return [start], f"{each} ({to})[e] = {_combine(reduction, lanes, f'({to})[e]', f'{row}[e]')};", []
     total = f"sum_{row}"
     start = [f"V_{lanes} {total}[{size}];", f"{each} {total}[e] = splat_{lanes}({IDENTITY[reduction]});"]
-    inside = f"if (i + WIDTH_{lanes} <= {length}) {each} {total}[e] = {_combine(reduction, lanes, f'{total}[e]', f'{row}[e]')};"
+    whole = _combine(reduction, lanes, f"{total}[e]", f"{row}[e]")
+    inside = f"if (i + WIDTH_{lanes} <= {length}) {each} {total}[e] = {whole};"
     if length % lanes:
         mine = _lane_expression(f"{total}[e]", lanes)
         one = _combine(reduction, 1, mine, _lane_expression(f"{row}[e]", lanes))
@@ -156,17 +171,18 @@ def _reduction_lines(
 
 
 def _lane_expression(vector: str, lanes: int, lane: str = "l") -> str:
-    """The C of one number of a vector, which may be one number: a compiler without vectors has one lane for any."""
+    """Return the C expression of one lane; without compiler support for vectors, a vector is one number."""
     return vector if lanes == 1 else f"AT_{lanes}({vector}, {lane})"
 
 
 def _combine(reduction: str, lanes: int, a: str, b: str) -> str:
+    """Return the C expression of a reduction operation."""
     sign = {"add": "+", "mul": "*"}.get(reduction)
     return f"{a} {sign} {b}" if sign else f"{reduction}_{lanes}({a}, {b})"
 
 
 def _longer_inside(inner: Liveness, b: Map) -> bool:
-    """Whether lanes are better filled by a longer loop inside."""
+    """Return whether the body contains a longer loop, which fills the lanes better."""
 
     def longest(function_blocks: Sequence[Block], live: Liveness) -> int:
         found = 0
@@ -183,7 +199,7 @@ def _longer_inside(inner: Liveness, b: Map) -> bool:
 def _row_location(
     body: FunctionEmitter, nodes: np.ndarray, mask: np.ndarray
 ) -> tuple[ArrayRef, np.ndarray, np.ndarray, int]:
-    """Where the rows of an array lie: from what place, which elements at which offsets, and how far rows are apart."""
+    """Locate the rows of an array: location, required elements, their offsets, and the distance between rows."""
     elements = np.flatnonzero(mask)
     some = nodes[:, elements]
     body.require(some.ravel())
@@ -199,7 +215,7 @@ def _row_location(
 
 
 def _strided_runs(elements: np.ndarray, offsets: np.ndarray) -> Iterator[tuple[int, int, int, int]]:
-    """Neighbouring elements at evenly spaced offsets: first, how many, offset, step."""
+    """Iterate over runs of adjacent elements with equally spaced offsets: first element, count, offset, step."""
     k = 0
     while k < len(elements):
         n, step = 1, 1
@@ -214,7 +230,7 @@ def _strided_runs(elements: np.ndarray, offsets: np.ndarray) -> Iterator[tuple[i
 
 
 def _intervals(mask: np.ndarray) -> list[tuple[int, int]]:
-    """Where a mask holds."""
+    """Return the intervals in which a mask is true."""
     at = np.flatnonzero(mask)
     cuts = np.flatnonzero(np.diff(at) > 1)
     return [(int(at[i]), int(at[j]) + 1) for i, j in zip([0, *(cuts + 1)], [*cuts, at.size - 1], strict=True)]
@@ -224,7 +240,10 @@ def _intervals(mask: np.ndarray) -> list[tuple[int, int]]:
 
 
 class _Carry:
-    """The carry of a loop: what stays, what is written to in place, and what moves between two arrays."""
+    """Storage of the carry of a loop.
+
+    A carried array either stays unchanged, is written in place, or alternates between two buffers.
+    """
 
     def __init__(
         self,
@@ -237,7 +256,7 @@ class _Carry:
         count: int,
     ) -> None:
         function, consts = b.function, b.consts
-        self.inputs: dict[int, str] = {}  # what the step reads, by its argument
+        self.inputs: dict[int, str] = {}  # C expression of each argument of the step
         self.outputs: dict[int, str] = {}
         self.moved: list[tuple[str, str, ArrayRef, np.ndarray]] = []
         kept, written = set(), []
@@ -285,6 +304,7 @@ class _Carry:
 
 
 def _scan(body: FunctionEmitter, block: int, b: Scan, call: BlockLiveness) -> None:
+    """Add a loop with a fixed number of steps."""
     (step,) = call.functions
     carry = _Carry(body, block, b, call, step, b.consts, b.carry)
     shape = FunctionLayout(body.lanes, kept=carry.kept, written=carry.written)
@@ -304,10 +324,12 @@ def _scan(body: FunctionEmitter, block: int, b: Scan, call: BlockLiveness) -> No
 
 
 def _sorted(args: dict[int, str]) -> list[str]:
+    """Return expressions in order of their index."""
     return [args[k] for k in sorted(args)]
 
 
 def _while(body: FunctionEmitter, block: int, b: While, call: BlockLiveness) -> None:
+    """Add a loop that runs until the condition fails in every lane; finished lanes keep their carry."""
     requested, step = call.functions
     w, before = body.lanes, b.tests + b.consts
     carry = _Carry(body, block, b, call, step, before, len(b.outputs))
@@ -347,6 +369,7 @@ def _while(body: FunctionEmitter, block: int, b: While, call: BlockLiveness) -> 
 
 
 def _branch(body: FunctionEmitter, b: Branch, call: BlockLiveness, outputs: dict[int, ArrayRef]) -> None:
+    """Add a branch; with several lanes, each case runs if any lane requires it, and the results are blended."""
     w, last = body.lanes, len(b.branches) - 1
     which = body.value(int(b.inputs[0][0]))
     packs = [body.pack(x, m) if m.any() else None for x, m in zip(b.inputs[1:], call.used[1:], strict=True)]
@@ -376,6 +399,7 @@ def _branch(body: FunctionEmitter, b: Branch, call: BlockLiveness, outputs: dict
 
 
 def _sizes(b: Branch, outputs: dict[int, ArrayRef]) -> list[tuple[int, int]]:
+    """Return index and size of each required output."""
     return [(k, b.outputs[k]) for k in outputs]
 
 
@@ -383,7 +407,10 @@ def _sizes(b: Branch, outputs: dict[int, ArrayRef]) -> list[tuple[int, int]]:
 
 
 def _window_lines(window: Window, w: int, at: ArrayRef) -> tuple[list[str], str]:
-    """Statements that find where window q begins, `at`, and whether it is `in`; and the offset of its element e."""
+    """Return the statements that set `at` to the start of window q and `in` to whether it fits.
+
+    The second result is the C expression of the offset of element e.
+    """
     kinds = len(window.stride)
     table = len(window.base) > 1
     lines = ["long at = base[q]; int in = 1;" if table else f"long at = {int(window.base[0])}; int in = 1;"]
@@ -400,7 +427,7 @@ def _window_lines(window: Window, w: int, at: ArrayRef) -> tuple[list[str], str]
 
 
 def _window_tables(window: Window) -> list[str]:
-    """What `_window_lines` looks up."""
+    """Return the declarations of the tables that `_window_lines` uses."""
     tables = []
     if len(window.base) > 1:
         tables.append(f"static const int base[] = {{{', '.join(map(str, window.base.tolist()))}}};")
@@ -410,6 +437,7 @@ def _window_tables(window: Window) -> list[str]:
 
 
 def _window_loop(window: Window, w: int) -> str:
+    """Return the head of the loop over windows and lanes."""
     lanes = f" for (int l = 0; l < WIDTH_{w}; l++)" if w > 1 else ""
     return f"for (long q = 0; q < {len(window.base)}; q++){lanes} {{"
 

@@ -1,5 +1,5 @@
-# ruff: noqa: ARG001  every rule takes the graph and the equation
-"""Rules of what acts on one element at a time."""
+# ruff: noqa: ARG001  every rule has the arguments graph and equation
+"""Rules of elementwise primitives."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def _div(g: Graph, eqn: Equation, a: Nodes, b: Nodes) -> Nodes:
 def _rem(g: Graph, eqn: Equation, a: Nodes, b: Nodes) -> Nodes:
     x, y = g.constant_values(a), g.constant_values(b)
     if x is not None and y is not None:
-        with np.errstate(invalid="ignore"):  # by zero
+        with np.errstate(invalid="ignore"):  # division by zero
             return check_integer(g, eqn, g.constants(np.fmod(x, y)))
     return check_integer(g, eqn, g.map("fmod", a, b))
 
@@ -54,7 +54,7 @@ def _logistic(g: Graph, eqn: Equation, a: Nodes) -> Nodes:
 @rule("integer_pow")
 def _integer_pow(g: Graph, eqn: Equation, a: Nodes) -> Nodes:
     out = np.asarray(np.frompyfunc(lambda x: g.integer_pow(x, eqn.params["y"]), 1, 1)(a), dtype=np.int64)
-    return check_integer(g, eqn, out)  # of integers, no step is larger than the last
+    return check_integer(g, eqn, out)  # no intermediate integer exceeds the result, so one check suffices
 
 
 @rule("pow")
@@ -103,7 +103,7 @@ def _compare(g: Graph, eqn: Equation, a: Nodes, b: Nodes) -> Nodes:
 @rule("and", "or", "not", "xor")
 def _logic(g: Graph, eqn: Equation, *x: Nodes) -> Nodes:
     if not is_bool(eqn.invars[0]):
-        raise UnsupportedPrimitive(f"native: bitwise '{eqn.primitive.name}' of integers is not supported")
+        raise UnsupportedPrimitive(f"codegen: bitwise '{eqn.primitive.name}' of integers is not supported")
     return g.map("logical_" + eqn.primitive.name, *x)
 
 
@@ -120,7 +120,7 @@ def _convert(g: Graph, eqn: Equation, a: Nodes) -> Nodes:
     if is_bool(to):
         return g.map("to_mask", a)
     if not is_integer(to) and to.aval.dtype != np.float64:
-        raise UnsupportedPrimitive(f"native: arrays must be float64, integer or boolean, got {to.aval.dtype}")
+        raise UnsupportedPrimitive(f"codegen: arrays must be float64, integer or boolean, got {to.aval.dtype}")
     a, of = g.map("to_number", a), eqn.invars[0]
     if not is_integer(to) or is_bool(of) or of.aval.dtype == to.aval.dtype:
         return a

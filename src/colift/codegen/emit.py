@@ -1,4 +1,4 @@
-"""From graphs to C: what is required, in what order, over how many lanes."""
+"""Emission of C from graphs: required nodes only, in depth-first order, for a number of vector lanes."""
 
 from __future__ import annotations
 
@@ -13,45 +13,74 @@ from colift.codegen.layout import ArrayRef, FunctionLayout, c_literal, copy_runs
 from colift.codegen.liveness import Liveness
 
 BINARY = {"add": "+", "sub": "-", "mul": "*", "div": "/", "and": "&", "or": "|"}
-STACK_BYTES = 1 << 18  # bytes of arrays in one function; more are allocated
+STACK_BYTES = 1 << 18  # arrays of one function on the stack; larger frames are allocated
 
 
 class TranslationUnit:
-    """A C translation unit in the making: each distinct function once."""
+    """C translation unit under construction; functions with equal text are emitted once.
+
+    Attributes:
+        agent_lanes: Agents or rows per vector inside loops of a single sample.
+        stack_bytes: Maximum size of the frame of one function on the stack.
+        widths: Vector widths that the functions use.
+        names: Name of each function, by its text.
+    """
 
     def __init__(self, agent_lanes: int = 1, stack_bytes: int = STACK_BYTES) -> None:
-        self.agent_lanes = agent_lanes  # agents or points beside each other, where samples are not
+        """Make an empty unit."""
+        self.agent_lanes = agent_lanes
         self.stack_bytes = stack_bytes
         self.widths: set[int] = {1}
         self.names: dict[str, str] = {}
 
     def add(self, function: Function, live: Liveness, layout: FunctionLayout) -> str:
-        """Emit a function; its name."""
+        """Emit a function unless its text exists.
+
+        Args:
+            function: Function.
+            live: Required parts.
+            layout: Calling convention.
+
+        Returns:
+            Name of the C function.
+        """
         self.widths.add(layout.lanes)
         text = FunctionEmitter(self, function, live, layout).text()
         return self.names.setdefault(text, f"f{len(self.names)}")
 
     def functions(self) -> str:
-        """All functions, callees first."""
+        """Return the text of all functions, callees first."""
         return outlining.split_into_pieces([text.replace("@name", name) for text, name in self.names.items()])
 
 
 class FunctionEmitter:
-    """One function: statements in the order a depth-first walk from the outputs needs them."""
+    """Emission of one function: statements in the order of a depth-first search from the outputs.
+
+    Attributes:
+        names: C expression of each emitted node.
+        lines: Statements.
+        frame_size: Elements of the frame `m`, the local array that stores all other arrays.
+        packs: Location of node arrays that were copied to the frame.
+        arrays: Location of each output of a block, by block and output.
+        done: Blocks that are emitted.
+        final_writes: Blocks that write into an input, and the location of that input.
+    """
 
     def __init__(self, unit: TranslationUnit, function: Function, live: Liveness, layout: FunctionLayout) -> None:
+        """Prepare the emission of a function."""
         self.unit, self.function, self.g, self.live, self.layout = unit, function, function.graph, live, layout
         self.lanes = layout.lanes
         self.names: dict[int, str] = {}
         self.lines: list[outlining.Line] = []
-        self.frame_size = 0  # elements of the frame m, where arrays lie
+        self.frame_size = 0
         self.packs: dict[tuple, ArrayRef] = {}
-        self.arrays: dict[tuple[int, int], ArrayRef] = {}  # (block, output)
-        self.done: set[int] = set()  # blocks emitted
-        self.final_writes: dict[int, ArrayRef] = {}  # blocks that write to an input, in place and at the end
+        self.arrays: dict[tuple[int, int], ArrayRef] = {}
+        self.done: set[int] = set()
+        self.final_writes: dict[int, ArrayRef] = {}
         self.counter = 0
 
     def text(self) -> str:
+        """Return the C text; the name of the function is the placeholder `@name`."""
         outputs, live, layout = self.function.outputs, self.live, self.layout
         own = [
             k for k in range(len(outputs)) if live.required[k].any() and k not in {*layout.kept, *dict(layout.written)}
@@ -77,13 +106,13 @@ class FunctionEmitter:
         return outlining.assemble(self.lines, parameters, w, self.frame_size, self.unit.stack_bytes)
 
     def _block_of(self, nodes: Nodes) -> int:
-        """The block whose output some nodes are."""
+        """Return the block that computes the given nodes."""
         element = self.g.element(int(nodes[0]))
         assert element is not None
         return element[2]
 
     def _direct_outputs(self, own: Sequence[int]) -> set[int]:
-        """Outputs that are one whole array of a block: the block writes them itself."""
+        """Find the outputs that equal one array of a block; the block stores them directly."""
         direct = set()
         for k in own:
             out = self.function.outputs[k]
@@ -102,12 +131,12 @@ class FunctionEmitter:
     # values
 
     def value(self, node: int) -> str:
-        """The C expression of a node, after the statements it needs."""
+        """Emit a node and return its C expression."""
         self.require(np.array([node]))
         return self.expression(node)
 
     def expression(self, node: int) -> str:
-        """The C expression of a node whose statements are there."""
+        """Return the C expression of a node that is emitted."""
         if node in self.names:
             return self.names[node]
         element = self.g.element(node)
@@ -117,12 +146,12 @@ class FunctionEmitter:
         return f"splat_{self.lanes}({place[index]})" if place.uniform else place[index]
 
     def array_ref(self, kind: str, array: int, block: int) -> ArrayRef:
-        """Where an input, or a block's output, lies."""
+        """Return the location of an input (`kind` "in") or of an output of a block."""
         uniform = self.lanes > 1 and array in self.layout.uniform
         return ArrayRef(f"a{array}", 0, uniform) if kind == "in" else self.arrays[block, array]
 
     def require(self, nodes: Nodes) -> None:
-        """Emit what nodes live; a block is ~number on the stack."""
+        """Emit nodes and their dependences; the stack holds nodes, and blocks as `~block`."""
         stack = self._missing(nodes)
         while stack:
             top = stack[-1]
@@ -142,6 +171,7 @@ class FunctionEmitter:
                 self._emit(top)
 
     def _missing_of(self, node: int) -> list[int]:
+        """Return the arguments of an expression that are not emitted."""
         missing = []
         for n in self.g.arguments(node):
             if n in self.names:
@@ -154,16 +184,19 @@ class FunctionEmitter:
         return missing
 
     def _missing(self, nodes: Nodes) -> list[int]:
+        """Return the nodes and blocks that are not emitted."""
         at = self.g.range_indices(nodes)
         missing = [n for n in nodes[at < 0].tolist() if n not in self.names]
         blocks = {self.g.ranges[k][4] for k in set(at[at >= 0].tolist())}
         return missing + [~b for b in sorted(blocks) if b >= 0 and b not in self.done]
 
     def _arguments(self, block: int) -> list[int]:
+        """Return the inputs of a block that are not emitted."""
         b, call = self.g.blocks[block], self.live.calls[block]
         return [n for arg, mask in zip(b.inputs, call.used, strict=True) for n in self._missing(arg[mask])]
 
     def _emit(self, node: int) -> None:
+        """Add the statement of an expression whose arguments are emitted."""
         op, *args = self.g.code[node]
         w = self.lanes
         if op == "const":
@@ -196,29 +229,39 @@ class FunctionEmitter:
         self.names[node] = name
 
     def _sincos(self, argument: int, x: str) -> None:
+        """Add one statement that computes sine and cosine of an argument."""
         s, c = self.new_name("x"), self.new_name("x")
         self.add_line(f"V_{self.lanes} {s}, {c}; sincos_{self.lanes}({x}, &{s}, &{c});", {s: False, c: False})
         self.names[self.g.make("sin", argument)] = s
         self.names[self.g.make("cos", argument)] = c
 
     def new_name(self, letter: str) -> str:
-        """A name of C that is new in this function."""
+        """Return an unused C name that begins with a letter."""
         self.counter += 1
         return f"{letter}{self.counter}"
 
     def add_line(self, text: str, defines: dict[str, bool] | None = None) -> None:
-        """Add a statement; `defines` are the names of its values, and whether they are masks."""
+        """Add a statement; `defines` lists the names that it defines, and whether each is a mask."""
         self.lines.append(outlining.Line(text, defines or {}))
 
     # arrays
 
     def array(self, size: int) -> ArrayRef:
-        """Room for an array."""
+        """Reserve an array in the frame."""
         self.frame_size += size
         return ArrayRef("m", self.frame_size - size)
 
     def pack(self, nodes: Nodes, mask: np.ndarray, *, fresh: bool = False) -> ArrayRef:
-        """Where nodes lie side by side, those in the mask at least; `fresh`: where nothing else is."""
+        """Return a location where nodes are contiguous; copy them to the frame if necessary.
+
+        Args:
+            nodes: Nodes of the array.
+            mask: Elements that are required; the others may hold any value.
+            fresh: Whether the location must not be shared with other arrays.
+
+        Returns:
+            The location.
+        """
         at = np.flatnonzero(mask)
         self.require(nodes[at])
         if not fresh and (found := self._existing_array(nodes, at)) is not None:
@@ -233,7 +276,7 @@ class FunctionEmitter:
         return self.packs[key]
 
     def _existing_array(self, nodes: Nodes, at: np.ndarray) -> ArrayRef | None:
-        """Where nodes lie side by side already."""
+        """Return the location of nodes that are contiguous in an existing array, or None."""
         ranges = self.g.range_indices(nodes[[at[0], at[-1]]])
         if ranges[0] < 0 or ranges[0] != ranges[1] or not (nodes[at] - at == nodes[at[0]] - at[0]).all():
             return None
@@ -242,7 +285,13 @@ class FunctionEmitter:
         return None if place.uniform or shift < 0 else place + shift
 
     def store_nodes(self, target: ArrayRef, nodes: Nodes, at: np.ndarray) -> None:
-        """Store nodes into an array: those that lie in a row elsewhere, are one number or are known, by a loop."""
+        """Store nodes in an array; rows of other arrays, repeated nodes and constants are copied by loops.
+
+        Args:
+            target: Location of the array.
+            nodes: Nodes of the array.
+            at: Indices of the elements to be stored.
+        """
         self.require(nodes[at])
         w = self.lanes
         for kind, first, n, step in copy_runs(

@@ -1,4 +1,7 @@
-"""A jaxpr as one flat list of equations: calls are opened, so that what they hold can be arranged anew."""
+"""Flat list of the equations of a jaxpr, with nested calls inlined.
+
+Inlining makes the equations of nested functions available to `loop_fusion`, which reorders them.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +21,12 @@ CALLS = {"jit", "custom_jvp_call", "custom_vjp_call", "remat2"}
 
 @dataclass(frozen=True, eq=False)
 class Value:
-    """What an equation reads or makes; `number` where it is known now."""
+    """Variable of an equation.
+
+    Attributes:
+        aval: Shape and type.
+        number: Value, if it is known at compile time.
+    """
 
     aval: Any
     number: np.ndarray | None = None
@@ -26,17 +34,33 @@ class Value:
 
 @dataclass(frozen=True, eq=False)
 class Equation:
-    """One primitive applied, with the fields of JAX's own."""
+    """Application of a primitive, with the fields of `jax.extend.core.JaxprEqn`.
+
+    Attributes:
+        primitive: Primitive of JAX, or an object with a `name`.
+        params: Parameters of the primitive.
+        invars: Operands.
+        outvars: Results.
+        source_location: File and line in the user's code; "" if unknown.
+    """
 
     primitive: Any
     params: dict[str, Any]
     invars: list[Value]
     outvars: list[Value]
-    source_location: str = ""  # in the user's code
+    source_location: str = ""
 
 
 def constant(number: Any, aval: Any = None) -> Value:
-    """A value known now."""
+    """Make a value that is known at compile time.
+
+    Args:
+        number: Array or scalar.
+        aval: Shape and type; default: those of `number`.
+
+    Returns:
+        The value.
+    """
     number = np.asarray(number)
     return Value(jax.core.ShapedArray(number.shape, number.dtype) if aval is None else aval, number)
 
@@ -44,7 +68,16 @@ def constant(number: Any, aval: Any = None) -> Value:
 def inline_calls(
     jaxpr: core.Jaxpr, args: Sequence[Value], source_location: str = ""
 ) -> tuple[list[Equation], list[Value]]:
-    """The equations of a jaxpr applied to values (its constants first), and the values it returns."""
+    """List the equations of a jaxpr applied to values.
+
+    Args:
+        jaxpr: Jaxpr; nested calls are inlined.
+        args: Values of its constants, then of its arguments.
+        source_location: Location of the enclosing equation, used where JAX reports none.
+
+    Returns:
+        The equations and the values of the outputs.
+    """
     env: dict[core.Var, Value] = dict(zip((*jaxpr.constvars, *jaxpr.invars), args, strict=True))
 
     def read(v: Any) -> Value:
@@ -53,9 +86,8 @@ def inline_calls(
     equations = []
     for eqn in jaxpr.eqns:
         inputs = [read(v) for v in eqn.invars]
-        here = (
-            source_info_util.summarize(eqn.source_info) or source_location
-        )  # JAX's own functions know no source_location of the user's
+        # JAX reports no user location for its own functions
+        here = source_info_util.summarize(eqn.source_info) or source_location
         if eqn.primitive.name in CALLS or eqn.primitive.name == "native":
             inner = eqn.params["jaxpr"] if "jaxpr" in eqn.params else eqn.params["call_jaxpr"]
             if eqn.primitive.name == "native":
@@ -73,7 +105,16 @@ def inline_calls(
 
 
 def evaluate_with_jax(*args: Any, jaxpr: core.ClosedJaxpr, threads: int = 1) -> list[Any]:  # noqa: ARG001  as the primitive's
-    """The value of a native function by JAX: leading axes beyond its own are batches, of length one where shared."""
+    """Evaluate a native function with JAX.
+
+    Args:
+        *args: Arguments; leading axes beyond those of the function are batch axes, of length one if shared.
+        jaxpr: The function.
+        threads: Not used; a parameter of the native primitive.
+
+    Returns:
+        The results.
+    """
     f = core.jaxpr_as_fun(jaxpr)
     for axis in reversed(range(batch_axes(args, jaxpr))):
         f = _mapped(f, [np.shape(x)[axis] != 1 for x in args])
@@ -81,6 +122,8 @@ def evaluate_with_jax(*args: Any, jaxpr: core.ClosedJaxpr, threads: int = 1) -> 
 
 
 def _mapped(f: Callable[..., Any], own: Sequence[bool]) -> Callable[..., Any]:
+    """Map `f` over the first axis of the arguments that own it; the others have length one there."""
+
     def g(*args: Any) -> Any:
         if not any(own):
             return [x[None] for x in f(*(a[0] for a in args))]
@@ -92,11 +135,19 @@ def _mapped(f: Callable[..., Any], own: Sequence[bool]) -> Callable[..., Any]:
 
 
 def batch_axes(args: Sequence[Any], jaxpr: core.ClosedJaxpr) -> int:
-    """How many leading axes the arguments have beyond the function's own."""
+    """Count the leading axes of the arguments beyond those of the function.
+
+    Args:
+        args: Arguments, all with the same number of batch axes.
+        jaxpr: The function.
+
+    Returns:
+        Number of batch axes.
+    """
     return next((np.ndim(a) - v.ndim for a, v in zip(args, jaxpr.in_avals, strict=True)), 0)
 
 
-MOVING = {  # no statement of C
+MOVING = {  # primitives that emit no C statements
     "reshape", "squeeze", "transpose", "rev", "broadcast_in_dim", "iota", "slice", "split", "concatenate", "stack",
     "unstack", "tile", "pad", "convert_element_type", "gather", "dynamic_slice", "dynamic_update_slice", "scatter",
     "copy", "stop_gradient",
@@ -104,7 +155,14 @@ MOVING = {  # no statement of C
 
 
 def statement_count(equations: Sequence[Any]) -> int:
-    """About how many statements of C equations become."""
+    """Estimate the number of C statements of unrolled equations.
+
+    Args:
+        equations: Equations of this module or of JAX.
+
+    Returns:
+        Approximate number of statements.
+    """
     total = 0
     for e in equations:
         name = e.primitive.name

@@ -1,4 +1,7 @@
-"""The identity of a function before its code is written: what the code is made of."""
+"""Fingerprint of a jaxpr, the key of compiled code in the cache.
+
+The fingerprint is computed before code generation, so a cached library is loaded without emitting its source.
+"""
 
 from __future__ import annotations
 
@@ -15,9 +18,15 @@ from jax.extend import core
 
 
 def jaxpr_digest(jaxpr: core.ClosedJaxpr) -> str:
-    """Differs where equations, constants, JAX's version or this package do; equal for what is traced alike.
+    """Hash the equations, the constants, the version of JAX and the files of this package.
 
-    Constants are read by their bytes, as text leaves out digits of arrays.
+    Constants enter by their bytes, because the text of a jaxpr omits digits of arrays.
+
+    Args:
+        jaxpr: Traced function.
+
+    Returns:
+        Hexadecimal SHA-256 hash.
     """
     found = hashlib.sha256()
     for part in (jax.__version__, _package(), str(jaxpr)):
@@ -29,7 +38,7 @@ def jaxpr_digest(jaxpr: core.ClosedJaxpr) -> str:
 
 
 def _constants(jaxpr: core.Jaxpr) -> Iterator[Any]:
-    """Literals, and the constants of the functions inside."""
+    """Iterate over the literals and the constants of nested jaxprs."""
     for eqn in jaxpr.eqns:
         yield from (v.val for v in eqn.invars if isinstance(v, core.Literal))
         for param in eqn.params.values():
@@ -45,7 +54,7 @@ def _constants(jaxpr: core.Jaxpr) -> Iterator[Any]:
 
 @functools.cache
 def _package() -> str:
-    """A digest of the files that write the code."""
+    """Hash the files of this package, which determine the emitted code."""
     files = sorted(
         (file for file in resources.files("colift.codegen").iterdir() if file.is_file()), key=lambda f: f.name
     )

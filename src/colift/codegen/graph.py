@@ -1,11 +1,13 @@
-"""Scalar expressions with sharing and folding, and the functions made of them.
+"""Scalar expression graph with common subexpression elimination and constant folding.
 
-A node is an integer. Equal expressions are one node (hash consing), constants are folded on the merge in:
-`0 x = 0`, `0 / x = 0`, `1 x = x`, `x + 0 = x`, `x - x = 0`, as real numbers: where x is NaN or infinite (or zero, as
-a divisor) they are zero too, unlike in JAX; and zero has no sign.
-Arrays of nodes are NumPy integer arrays, so moving elements about (slices, transposes, gathers) costs nothing.
-Integers are carried as doubles, exact below 2^53: what computes one is followed by the operation of its type (`INTEGER_RANGES`),
-which lets it pass within the range of the type and below 2^53, and is an error otherwise. Booleans are lane masks.
+A node is an integer, and equal expressions are one node (hash consing). Arrays of nodes are NumPy integer arrays, so
+slices, transposes and constant gathers emit no code.
+
+Constants fold as real numbers do: `0 x = 0`, `0 / x = 0`, `1 x = x`, `x + 0 = x`, `x - x = 0`. Unlike in JAX, this
+includes a NaN, an infinity and a zero divisor, and zero has no sign.
+
+Integers are carried as doubles, exact below 2^53. A range check of the type (`INTEGER_RANGES`) follows each operation
+with an integer result. Booleans are lane masks.
 """
 
 from __future__ import annotations
@@ -24,6 +26,7 @@ MASKS = {*COMPARE, "and", "or", "not", "true", "false", "nonzero", "flag"}
 
 
 def _divide(a: float, b: float) -> float:
+    """Divide as IEEE 754 does, without an error for a zero divisor."""
     with np.errstate(all="ignore"):
         return float(np.float64(a) / np.float64(b))
 
@@ -45,11 +48,11 @@ FOLD: dict[str, Callable[..., float]] = {
     "max": lambda a, b: float(np.maximum(a, b)),
     "min": lambda a, b: float(np.minimum(a, b)),
 }
-LIBM = {  # one call a lane
+LIBM = {  # one call of the C library per lane
     "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "asinh", "acosh", "atanh",
     "exp", "exp2", "expm1", "log", "log1p", "cbrt", "atan2", "pow", "fmod", "erf",
 }  # fmt: skip
-INTEGER_RANGES = {  # what is carried exactly of an integer type
+INTEGER_RANGES = {  # smallest and largest integer of each type that a double carries exactly
     "int64": (1 - 2**53, 2**53 - 1),
     "int32": (-(2**31), 2**31 - 1),
     "uint32": (0, 2**32 - 1),
@@ -63,23 +66,44 @@ COMPARE_FOLD = {
 
 
 class Graph:
-    """The nodes of one function."""
+    """Nodes and blocks of one function.
+
+    Attributes:
+        code: Expression of each node: operation and argument nodes, or ("const", value).
+        node: Node of each expression, the inverse of `code`.
+        blocks: Operations on arrays.
+        starts: First node of the outputs of each block.
+        ranges: For each array of nodes its first node, size, kind ("in" or "out"), index and block.
+        count: Number of nodes.
+        ufuncs: Elementwise operations by name.
+    """
 
     def __init__(self) -> None:
-        self.code: dict[int, tuple] = {}  # node -> (op, *argument nodes), or ("const", value)
+        """Make an empty graph."""
+        self.code: dict[int, tuple] = {}
         self.node: dict[tuple, int] = {}
         self.blocks: list[Block] = []
-        self.starts: list[int] = []  # first node of each block's outputs
-        self.ranges: list[tuple[int, int, str, int, int]] = []  # start, size, "in" or "out", array, block
+        self.starts: list[int] = []
+        self.ranges: list[tuple[int, int, str, int, int]] = []
         self._range_starts: list[int] = []
-        self._bounds: np.ndarray | None = None  # starts and ends of `ranges`
+        self._bounds: np.ndarray | None = None  # first and last node plus one of `ranges`
         self.count = 0
         self.ufuncs: dict[str, np.ufunc] = {}
 
     # nodes
 
     def array(self, size: int, kind: str, array: int, block: int = -1) -> Nodes:
-        """Nodes for the elements of an input, or of an output of a block."""
+        """Make nodes for the elements of an array.
+
+        Args:
+            size: Number of elements.
+            kind: "in" for an input of the function, "out" for an output of a block.
+            array: Index of the input or output.
+            block: Index of the block; -1 for an input.
+
+        Returns:
+            Consecutive nodes.
+        """
         start = self.count
         if size:
             self._range_starts.append(start)
@@ -89,14 +113,14 @@ class Graph:
         return np.arange(start, start + size)
 
     def element(self, node: int) -> tuple[str, int, int, int] | None:
-        """`(kind, array, block, index)` of a node made by `array`, None for any other."""
+        """Return `(kind, array, block, index)` of an array element, None for an expression."""
         if node in self.code:
             return None
         start, _, kind, array, block = self.ranges[bisect.bisect_right(self._range_starts, node) - 1]
         return kind, array, block, node - start
 
     def range_indices(self, nodes: Nodes) -> np.ndarray:
-        """For each node the number of its range, -1 for those not made by `array`."""
+        """Return the index in `ranges` of each node, -1 for expressions."""
         if not self.ranges:
             return np.full(nodes.shape, -1)
         if self._bounds is None:
@@ -105,13 +129,13 @@ class Graph:
         return np.where(nodes < self._bounds[1][at], at, -1) if len(self.ranges) else at
 
     def constant_mask(self, nodes: Nodes) -> np.ndarray:
-        """Which nodes are numbers or truth values known now."""
+        """Return a mask of the nodes that are constants."""
         found = self.range_indices(nodes) < 0
         found[found] = [self.is_constant(n) for n in nodes[found].tolist()]
         return found
 
     def make(self, *code: object) -> int:
-        """The node of an expression."""
+        """Return the node of an expression; make one if the expression is new."""
         found = self.node.get(code)
         if found is None:
             found = self.count
@@ -121,30 +145,42 @@ class Graph:
         return found
 
     def arguments(self, node: int) -> tuple[int, ...]:
-        """The nodes an expression is made of."""
+        """Return the argument nodes of an expression."""
         op, *args = self.code[node]
         return () if op == "const" else tuple(args)
 
     def const(self, value: float | int) -> int:
-        """The node of a number; zeros of both signs are one. Raises `OverflowError` for what no double is."""
+        """Return the node of a number; both zeros are one node.
+
+        Args:
+            value: Number.
+
+        Returns:
+            The node.
+
+        Raises:
+            OverflowError: If an integer is not exactly a double.
+        """
         if float(value) != value and isinstance(value, int):
-            raise OverflowError(f"native: the integer {value} is no double; integers are carried as doubles")
+            raise OverflowError(
+                f"codegen: the integer {value} is not exactly a double; integers are carried as doubles"
+            )
         value = float(value)
         return self.make("const", value if value == value and value != 0 else (0.0 if value == 0 else "nan"))
 
     def value(self, node: int) -> float | None:
-        """The number behind a constant node, None for any other."""
+        """Return the number of a constant node, None for other nodes."""
         code = self.code.get(node)
         return float(code[1]) if code is not None and code[0] == "const" else None
 
     def constants(self, values: np.ndarray) -> Nodes:
-        """Nodes of an array of numbers or truth values."""
+        """Return the nodes of an array of numbers or booleans."""
         values = np.asarray(values)
         one = (lambda v: self.make("true" if v else "false")) if values.dtype == bool else self.const
         return np.array([one(v) for v in values.ravel().tolist()], dtype=np.int64).reshape(values.shape)
 
     def constant_values(self, nodes: Nodes) -> np.ndarray | None:
-        """The inverse of `constants`, None unless every node is constant."""
+        """Return the values of constant nodes, None if a node is not constant; the inverse of `constants`."""
         values = []
         for node in nodes.ravel().tolist():
             if not self.is_constant(node):
@@ -154,14 +190,22 @@ class Graph:
         return np.array(values).reshape(nodes.shape)
 
     def as_numbers(self, nodes: Nodes) -> Nodes:
-        """`to_number` of many nodes, flat."""
+        """Flatten nodes and convert masks to numbers."""
         nodes = np.array(nodes, dtype=np.int64).ravel()
         made = self.range_indices(nodes) < 0
         nodes[made] = self.map("to_number", nodes[made])
         return nodes
 
     def map(self, op: str, *arrays: Nodes | np.integer | int) -> Nodes:
-        """An operation elementwise, broadcasting."""
+        """Apply an operation elementwise, with broadcasting.
+
+        Args:
+            op: Name of a method of this class, of `FOLD`, `LIBM` or `INTEGER_RANGES`, or "flag".
+            *arrays: Nodes of each operand.
+
+        Returns:
+            The nodes of the results.
+        """
         f = self.ufuncs.get(op)
         if f is None:
             rule = getattr(self, op, None) or (lambda *a, op=op: self._plain(op, *a))
@@ -169,6 +213,7 @@ class Graph:
         return np.asarray(f(*arrays), dtype=np.int64)
 
     def _plain(self, op: str, *args: int) -> int:
+        """Make the node of an operation without a method; fold constants."""
         fold = FOLD.get(op)
         if fold is not None:
             values = [self.value(a) for a in args]
@@ -181,22 +226,24 @@ class Graph:
         return self.make(op, *args)
 
     def _checked_integer(self, kind: str, a: int) -> int:
-        """An integer known to be in range, or checked where it is computed."""
+        """Check the range of an integer: now if it is constant, else at run time."""
         low, high = INTEGER_RANGES[kind]
         x = self.value(a)
         if x is None:
             return a if self.code.get(a, ("",))[0] == kind else self.make(kind, a)
         if not low <= x <= high:
-            raise OverflowError(f"native: an {kind} would be {x:.17g}; {low} to {high} are carried exactly")
+            raise OverflowError(f"codegen: an {kind} would be {x:.17g}; {low} to {high} is carried exactly")
         return a
 
-    # arithmetic, in a canonical form: negation outermost, arguments of commutative operations sorted
+    # arithmetic in canonical form: negation is outermost, arguments of commutative operations are sorted
 
     def _negated(self, a: int) -> int | None:
+        """Return the argument of a negation, None for other nodes."""
         code = self.code.get(a)
         return code[1] if code is not None and code[0] == "neg" else None
 
     def add(self, a: int, b: int) -> int:
+        """Return the node of `a + b`."""
         x, y = self.value(a), self.value(b)
         if x is not None and y is not None:
             return self.const(x + y)
@@ -214,6 +261,7 @@ class Graph:
         return self.make("add", a, b) if a < b else self.make("add", b, a)
 
     def sub(self, a: int, b: int) -> int:
+        """Return the node of `a - b`."""
         x, y = self.value(a), self.value(b)
         if x is not None and y is not None:
             return self.const(x - y)
@@ -231,6 +279,7 @@ class Graph:
         return self.make("sub", a, b)
 
     def neg(self, a: int) -> int:
+        """Return the node of `-a`."""
         x = self.value(a)
         if x is not None:
             return self.const(-x)
@@ -242,6 +291,7 @@ class Graph:
         return self.make("neg", a)
 
     def mul(self, a: int, b: int) -> int:
+        """Return the node of `a b`."""
         x, y = self.value(a), self.value(b)
         if x is not None and y is not None:
             return self.const(x * y)
@@ -263,12 +313,13 @@ class Graph:
         return self.make("mul", a, b) if a < b else self.make("mul", b, a)
 
     def div(self, a: int, b: int) -> int:
+        """Return the node of `a / b`."""
         x, y = self.value(a), self.value(b)
         if x is not None and y is not None:
             return self.const(_divide(x, y))
         if x == 0:
             return a
-        if y is not None and y != 0 and math.frexp(y)[0] in (0.5, -0.5):  # a power of two: exact
+        if y is not None and y != 0 and math.frexp(y)[0] in (0.5, -0.5):  # the reciprocal of a power of two is exact
             return self.mul(a, self.const(1 / y))
         m, n = self._negated(a), self._negated(b)
         if m is not None or n is not None:
@@ -277,7 +328,7 @@ class Graph:
         return self.make("div", a, b)
 
     def integer_pow(self, a: int, power: int) -> int:
-        """`a^power` by squaring."""
+        """Return the node of `a^power`, computed by squaring."""
         if power < 0:
             return self.div(self.const(1.0), self.integer_pow(a, -power))
         result, square = self.const(1.0), a
@@ -288,67 +339,78 @@ class Graph:
         return result
 
     def sign(self, a: int) -> int:
+        """Return the node of the sign of `a`; zero and NaN are kept."""
         zero = self.const(0.0)
-        below = self.select(self.lt(a, zero), self.const(-1.0), a)  # a itself: zero, or NaN
+        below = self.select(self.lt(a, zero), self.const(-1.0), a)  # zero and NaN are kept
         return self.select(self.lt(zero, a), self.const(1.0), below)
 
     # logic
 
     def _compare(self, op: str, a: int, b: int) -> int:
+        """Make the mask of a comparison; fold constants."""
         x, y = self.value(a), self.value(b)
         if x is not None and y is not None:
             return self.make("true" if COMPARE_FOLD[op](x, y) else "false")
         return self.make(op, a, b)
 
     def lt(self, a: int, b: int) -> int:
+        """Return the mask of `a < b`."""
         return self._compare("lt", a, b)
 
     def le(self, a: int, b: int) -> int:
+        """Return the mask of `a <= b`."""
         return self._compare("le", a, b)
 
     def eq(self, a: int, b: int) -> int:
+        """Return the mask of `a = b`."""
         return self._compare("eq", a, b)
 
     def ne(self, a: int, b: int) -> int:
+        """Return the mask of `a != b`."""
         return self._compare("ne", a, b)
 
     def truth(self, a: int) -> bool | None:
-        """The truth value of a constant mask, None for any other."""
+        """Return the value of a constant mask, None for other nodes."""
         code = self.code.get(a)
         return code[0] == "true" if code is not None and code[0] in ("true", "false") else None
 
     def is_mask(self, a: int) -> bool:
-        """Whether a node is a mask rather than a number."""
+        """Return whether a node is a mask."""
         code = self.code.get(a)
         return code is not None and code[0] in MASKS
 
     def is_constant(self, a: int) -> bool:
-        """Whether a node is a number or a truth value known now."""
+        """Return whether a node is a constant number or mask."""
         code = self.code.get(a)
         return code is not None and code[0] in ("const", "true", "false")
 
     def logical_and(self, a: int, b: int) -> int:
+        """Return the conjunction of two masks."""
         for x, y in ((a, b), (b, a)):
             if self.truth(x) is not None:
                 return y if self.truth(x) else x
         return a if a == b else self.make("and", min(a, b), max(a, b))
 
     def logical_not(self, a: int) -> int:
+        """Return the negation of a mask."""
         if self.truth(a) is not None:
             return self.make("false" if self.truth(a) else "true")
         code = self.code[a]
         return code[1] if code[0] == "not" else self.make("not", a)
 
     def logical_or(self, a: int, b: int) -> int:
+        """Return the disjunction of two masks."""
         for x, y in ((a, b), (b, a)):
             if self.truth(x) is not None:
                 return x if self.truth(x) else y
         return a if a == b else self.make("or", min(a, b), max(a, b))
 
     def logical_xor(self, a: int, b: int) -> int:
+        """Return the exclusive disjunction of two masks."""
         return self.logical_or(self.logical_and(a, self.logical_not(b)), self.logical_and(self.logical_not(a), b))
 
     def select(self, mask: int, if_true: int, if_false: int) -> int:
+        """Return the node of `if_true` where a mask holds, else `if_false`."""
         known = self.truth(mask)
         if known is not None:
             return if_true if known else if_false
@@ -360,26 +422,36 @@ class Graph:
         return self.make("select", mask, if_true, if_false)
 
     def to_mask(self, a: int) -> int:
-        """The truth value of a number."""
+        """Convert a number to a mask; numbers other than zero are true."""
         if self.is_mask(a):
             return a
         x = self.value(a)
         return self.make("nonzero", a) if x is None else self.make("true" if x != 0 else "false")
 
     def to_flag(self, a: int) -> int:
-        """The truth value of a number that is one or zero."""
+        """Convert a number that is one or zero to a mask."""
         return self.to_mask(a) if self.is_constant(a) else self.make("flag", a)
 
     def to_number(self, a: int) -> int:
-        """One for true, zero for false. A `flag` is the mask of a number that is one or zero already."""
+        """Convert a mask to one or zero; the conversion of `to_flag` is undone."""
         if a in self.code and self.code[a][0] == "flag":
             return self.code[a][1]
         return self.select(a, self.const(1.0), self.const(0.0)) if self.is_mask(a) else a
 
     # blocks
 
-    def block(self, kind: type[Block], inputs: Sequence[Nodes], sizes: Sequence[int], **how: Any) -> list[Nodes]:
-        """Add a block; its outputs, flat."""
-        self.blocks.append(kind(inputs=tuple(map(self.as_numbers, inputs)), outputs=tuple(sizes), **how))
+    def block(self, kind: type[Block], inputs: Sequence[Nodes], sizes: Sequence[int], **options: Any) -> list[Nodes]:
+        """Add a block.
+
+        Args:
+            kind: Class of the block.
+            inputs: Nodes of each input; masks are converted to numbers.
+            sizes: Size of each output.
+            **options: Further fields of the class.
+
+        Returns:
+            The nodes of each output, flat.
+        """
+        self.blocks.append(kind(inputs=tuple(map(self.as_numbers, inputs)), outputs=tuple(sizes), **options))
         self.starts.append(self.count)
         return [self.array(size, "out", k, len(self.blocks) - 1) for k, size in enumerate(sizes)]

@@ -1,4 +1,8 @@
-"""Rules of indexing: elements at known positions are moved about, others are read and written when the code runs."""
+"""Rules of slices, gathers and scatters.
+
+Constant indices permute node arrays and emit no code. Indices that are computed at run time become blocks that read or
+write windows of an array.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +19,7 @@ from colift.codegen.interpret import check_integer, is_integer, rule
 
 
 def _flat(shape: Sequence[int], coordinates: Sequence[np.ndarray]) -> np.ndarray:
-    """Positions in the flat array."""
+    """Convert coordinates to indices of the flat array."""
     strides = [math.prod(shape[k + 1 :]) for k in range(len(shape))]
     return np.asarray(sum((c * s for c, s in zip(coordinates, strides, strict=True)), np.zeros((), dtype=np.int64)))
 
@@ -30,7 +34,7 @@ def _window(
     *,
     drops: bool,
 ) -> Window:
-    """`_windows` where the indices are not known: a window at index zero, and how an index moves it."""
+    """Describe the windows for indices that are unknown at compile time: the windows at index zero, and the strides."""
     zero = [np.zeros(points, dtype=np.int64) for _ in index_map]
     coordinates, _ = _windows(shape, zero, index_map, window, dropped, batching, points)
     at = np.broadcast_to(_flat(shape, coordinates), (*points, *coordinates[0].shape[len(points) :])) if shape else 0
@@ -45,7 +49,7 @@ def _window(
 
 
 def _read(g: Graph, a: Nodes, indices: Nodes, window: Window, fill_value: float) -> Nodes:
-    """Windows of an array, (points, window)."""
+    """Add a block that reads windows of an array; return one row per window."""
     (out,) = g.block(Read, [a, indices], [window.base.size * window.offset.size], window=window, fill_value=fill_value)
     return out.reshape(window.base.size, window.offset.size)
 
@@ -79,7 +83,7 @@ def _dynamic_update_slice(g: Graph, eqn: Equation, a: Nodes, update: Nodes, *sta
 
 
 def _write(g: Graph, eqn: Equation, a: Nodes, at: Nodes, updates: Nodes, window: Window, reduction: str) -> Nodes:
-    """The array with windows (points, window) written."""
+    """Add a block that writes windows of an array, one row of `updates` per window; return the new array."""
     out = eqn.outvars[0]
     check = out.aval.dtype.name if reduction in ("add", "mul") and is_integer(out) else ""
     assert not check or check in INTEGER_RANGES
@@ -97,9 +101,19 @@ def _windows(
     batching: Sequence[tuple[int | np.integer, int | np.integer]],
     points: tuple[int, ...],
 ) -> tuple[list[np.ndarray], np.ndarray]:
-    """Operand coordinates `(points..., window...)` of all windows of a gather or scatter, and which fit inside.
+    """Compute the operand coordinates of all windows of a gather or scatter, and whether each window fits.
 
-    `window` has one size an operand axis, `dropped` are the axes that the result does not have.
+    Args:
+        shape: Shape of the operand.
+        index: Index of every window, one array for each entry of `index_map`.
+        index_map: Operand axis of each index.
+        window: Size of a window along each operand axis.
+        dropped: Operand axes that the result does not have.
+        batching: Pairs of operand axis and batch axis of the indices.
+        points: Shape of the set of windows.
+
+    Returns:
+        One array per operand axis, with the axes `(points..., window...)`, and a mask of the windows that fit.
     """
     start = [np.zeros(points, dtype=np.int64) for _ in shape]
     for axis, column in zip(index_map, index, strict=True):
@@ -146,7 +160,7 @@ def _gather(g: Graph, eqn: Equation, a: Nodes, indices: Nodes) -> Nodes:
 
 
 def _fill_value(eqn: Equation) -> Any:
-    """What a gather gives where a window does not fit."""
+    """Return the value that a gather returns for a window that does not fit."""
     given, dtype = eqn.params["fill_value"], eqn.outvars[0].aval.dtype
     if given is not None:
         return given

@@ -1,4 +1,8 @@
-"""From jaxprs to graphs: an evaluation on NumPy arrays of nodes, by one rule a primitive."""
+"""Symbolic evaluation of jaxprs: every primitive has a rule on NumPy arrays of graph nodes.
+
+A rule receives the graph, the equation and one node array per operand. It returns one node array, or a list of them.
+Primitives without a rule are evaluated by JAX if all operands are constants.
+"""
 
 from __future__ import annotations
 
@@ -16,15 +20,27 @@ from colift.codegen.loop_fusion import fuse_loops
 Rule = Callable[..., Any]
 RULES: dict[str, Rule] = {}
 
-MAX_STATEMENTS = 50_000  # statements of one operation outside a loop: what is larger takes a C compiler minutes
+MAX_STATEMENTS = 50_000  # of one operation outside a loop; a C compiler needs minutes for larger ones
 
 
 class UnsupportedPrimitive(NotImplementedError):
-    """A function holds an operation the native back end does not know."""
+    """A function contains an operation for which code generation has no rule."""
 
 
 def rule(*names: str) -> Callable[[Rule], Rule]:
-    """Register `f(graph, eqn, *nodes)`, the rule of some primitives; it returns one array, or a list."""
+    """Make a decorator that registers the rule of one or more primitives.
+
+    Args:
+        *names: Names of the primitives.
+
+    Returns:
+        The decorator; a rule has the arguments graph, equation and one node array per operand.
+
+    Example:
+        >>> @rule("copy")
+        ... def _copy(g, eqn, a):
+        ...     return a
+    """
 
     def register(f: Rule) -> Rule:
         RULES.update(dict.fromkeys(names, f))
@@ -34,21 +50,45 @@ def rule(*names: str) -> Callable[[Rule], Rule]:
 
 
 def interpret(g: Graph, jaxpr: core.Jaxpr, consts: Sequence[Any], args: Sequence[Nodes]) -> list[Nodes]:
-    """Add a jaxpr's equations to a graph; `consts` are arrays of numbers."""
+    """Add the equations of a jaxpr to a graph.
+
+    Args:
+        g: Graph.
+        jaxpr: Jaxpr.
+        consts: Values of its constants.
+        args: Nodes of its arguments.
+
+    Returns:
+        The nodes of its outputs.
+    """
     values = [Value(v.aval) for v in jaxpr.invars]
     equations, outputs = inline_calls(jaxpr, [*map(constant, consts), *values])
     return evaluate(g, equations, outputs, dict(zip(values, args, strict=True)))
 
 
 def interpret_closed(g: Graph, jaxpr: core.ClosedJaxpr, args: Sequence[Nodes]) -> list[Nodes]:
-    """`interpret` with the jaxpr's own constants."""
+    """Add the equations of a closed jaxpr to a graph; see `interpret`."""
     return interpret(g, jaxpr.jaxpr, jaxpr.consts, args)
 
 
 def evaluate(
     g: Graph, equations: Sequence[Equation], outputs: Sequence[Value], inputs: dict[Value, Nodes]
 ) -> list[Nodes]:
-    """The nodes of `outputs`, given those of the values that come from outside."""
+    """Evaluate equations symbolically.
+
+    Args:
+        g: Graph to which nodes are added.
+        equations: Equations in order of evaluation.
+        outputs: Values to be returned.
+        inputs: Nodes of the values that no equation defines.
+
+    Returns:
+        The nodes of `outputs`.
+
+    Raises:
+        UnsupportedPrimitive: If an operation has no rule or is too large.
+        OverflowError: If a constant integer is out of range.
+    """
     env = dict(inputs)
 
     def read(v: Value) -> Nodes:
@@ -68,11 +108,12 @@ def evaluate(
 
 
 def _apply(g: Graph, eqn: Equation, nodes: list[Nodes]) -> list[Nodes]:
+    """Apply the rule of one equation; fold it if it has no rule and all operands are constants."""
     name, shapes = eqn.primitive.name, [v.aval.shape for v in eqn.outvars]
-    if shapes and all(0 in shape for shape in shapes):  # of a vehicle without joints, say: nothing to compute
+    if shapes and all(0 in shape for shape in shapes):  # empty arrays, such as those of a vehicle without joints
         return [np.zeros(shape, dtype=np.int64) for shape in shapes]
     if name not in ("loop", "scan", "while", "cond") and (size := statement_count([eqn])) > MAX_STATEMENTS:
-        raise UnsupportedPrimitive(f"native: '{name}' would be {size} statements of C, {MAX_STATEMENTS} are allowed")
+        raise UnsupportedPrimitive(f"codegen: '{name}' would be {size} statements of C, {MAX_STATEMENTS} are allowed")
     if name in RULES:
         out = RULES[name](g, eqn, *nodes)
     elif name in LIBM or name in FOLD:
@@ -80,7 +121,7 @@ def _apply(g: Graph, eqn: Equation, nodes: list[Nodes]) -> list[Nodes]:
     else:
         values = [g.constant_values(x) for x in nodes]
         if any(v is None for v in values):
-            raise UnsupportedPrimitive(f"native: primitive '{name}' is not supported")
+            raise UnsupportedPrimitive(f"codegen: primitive '{name}' is not supported")
         with jax.ensure_compile_time_eval():
             typed = [np.asarray(v, x.aval.dtype) for v, x in zip(values, eqn.invars, strict=True)]
             out = eqn.primitive.bind(*typed, **eqn.params)
@@ -89,29 +130,50 @@ def _apply(g: Graph, eqn: Equation, nodes: list[Nodes]) -> list[Nodes]:
 
 
 def is_bool(v: Any) -> bool:
-    """Whether a jaxpr's variable holds truth values, which are carried as doubles 0 and 1."""
+    """Return whether a value is boolean; booleans are lane masks, or doubles 0 and 1 in arrays."""
     return v.aval.dtype == bool
 
 
 def is_integer(v: Any) -> bool:
-    """Whether a jaxpr's variable holds integers, which are carried as doubles, exact below 2^53."""
+    """Return whether a value is an integer; integers are carried as doubles, exact below 2^53."""
     return np.issubdtype(v.aval.dtype, np.integer)
 
 
 def check_integer(g: Graph, eqn: Equation, a: Nodes) -> Nodes:
-    """What an equation computed: as it is, or, of integers, checked to be what JAX has. Every step is to be checked,
-    as what has once been rounded may come back into the range.
+    """Add the range check of integer results; results of other types pass unchanged.
+
+    Every intermediate integer needs a check: a value that was rounded may return into the valid range.
+
+    Args:
+        g: Graph.
+        eqn: Equation that computes `a`.
+        a: Nodes of its first result.
+
+    Returns:
+        The checked nodes.
+
+    Raises:
+        UnsupportedPrimitive: If the integer type is not supported.
     """
     out = eqn.outvars[0]
     if not is_integer(out):
         return a
     if out.aval.dtype.name not in INTEGER_RANGES:
-        raise UnsupportedPrimitive(f"native: integers must be {', '.join(INTEGER_RANGES)}; got {out.aval.dtype}")
+        raise UnsupportedPrimitive(f"codegen: integers must be {', '.join(INTEGER_RANGES)}; got {out.aval.dtype}")
     return g.map(out.aval.dtype.name, a)
 
 
 def select_case(g: Graph, which: Nodes, cases: Sequence[Nodes]) -> Nodes:
-    """`cases[which]`, an index out of range being the nearest in range."""
+    """Select `cases[which]` elementwise; an index out of range is clipped.
+
+    Args:
+        g: Graph.
+        which: Nodes of the index.
+        cases: Nodes of each case.
+
+    Returns:
+        The nodes of the selected elements.
+    """
     out = cases[-1]
     for k in reversed(range(len(cases) - 1)):
         out = g.map("select", g.map("le", which, g.constants(np.array(float(k)))), cases[k], out)

@@ -1,4 +1,4 @@
-"""Where arrays lie in C, and how a function is to be written."""
+"""Locations of arrays in C, and the calling convention of a function."""
 
 from __future__ import annotations
 
@@ -13,37 +13,65 @@ from colift.codegen.blocks import Nodes
 
 @dataclass(frozen=True)
 class ArrayRef:
-    """Where an array lies: an offset from a pointer of C; `uniform` where it holds one number for all lanes."""
+    """Location of an array in C.
+
+    Attributes:
+        name: Pointer.
+        offset: Offset from the pointer, in elements.
+        uniform: Whether an element is one number for all lanes, not a vector.
+    """
 
     name: str
     offset: int = 0
     uniform: bool = False
 
-    def __add__(self, by: int) -> ArrayRef:
-        return ArrayRef(self.name, self.offset + by, self.uniform)
+    def __add__(self, offset: int) -> ArrayRef:
+        """Return the location moved by an offset."""
+        return ArrayRef(self.name, self.offset + offset, self.uniform)
 
     def __str__(self) -> str:
+        """Return the C expression of the pointer."""
         return f"{self.name} + {self.offset}" if self.offset else self.name
 
     def __getitem__(self, index: int) -> str:
+        """Return the C expression of an element."""
         return f"{self.name}[{self.offset + index}]"
 
 
 @dataclass(frozen=True)
 class FunctionLayout:
-    """How a function is to be written: lanes, and which arguments are uniform, outputs left out, or inputs written to."""
+    """Calling convention of a C function.
+
+    Attributes:
+        lanes: Samples per vector.
+        uniform: Inputs with one number for all lanes.
+        kept: Outputs that equal an input and are not parameters.
+        written: Pairs of output and input; the output is written into the input.
+        guard: Whether a mask selects the lanes that may be written in place.
+    """
 
     lanes: int
     uniform: frozenset[int] = frozenset()
-    kept: frozenset[int] = frozenset()  # outputs that are an input as it was
-    written: tuple[tuple[int, int], ...] = ()  # outputs that are an input written to, and which
-    guard: bool = False  # whether a mask says which lanes may be written to in place
+    kept: frozenset[int] = frozenset()
+    written: tuple[tuple[int, int], ...] = ()
+    guard: bool = False
 
 
 def copy_runs(
     ranges: np.ndarray, nodes: Nodes, at: np.ndarray, constant: np.ndarray
 ) -> Iterator[tuple[str, int, int, int]]:
-    """Neighbours that are copied alike: "row" of an array, "same" node, "known" numbers, "one"; first, count, step."""
+    """Group neighbouring elements that one statement can copy.
+
+    Args:
+        ranges: Range of each node in the graph, -1 for expressions.
+        nodes: Nodes to be copied.
+        at: Target index of each node.
+        constant: Mask of the constant nodes.
+
+    Yields:
+        Kind, first element, count and step. The kind is "row" (elements of one array at a constant step), "same" (one
+        node), "known" (constants) or "one" (a single element).
+    """
     beside = np.diff(at) == 1
     steps = np.diff(nodes)
     one = beside & (ranges[1:] == ranges[:-1])
@@ -67,7 +95,7 @@ def copy_runs(
 
 
 def c_literal(value: float | str) -> str:
-    """A number in C."""
+    """Return the C literal of a number."""
     value = float(value)
     if math.isnan(value):
         return "NAN"

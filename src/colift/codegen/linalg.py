@@ -1,5 +1,9 @@
-# ruff: noqa: ARG001  every rule takes the graph and the equation
-"""Dense factorizations and solutions of a fixed small size, written out by the scalar."""
+# ruff: noqa: ARG001  every rule has the arguments graph and equation
+"""Rules of dense linear algebra: unrolled factorizations and solutions of small fixed size.
+
+References:
+    Golub, Van Loan, *Matrix Computations*, 4th ed., 2013.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +22,15 @@ from colift.codegen.loops import build_function
 
 
 def cholesky(g: Graph, A: Nodes) -> Nodes:
-    """Lower triangular `L` with `A = L L^T`; only the lower part of A is read."""
+    """Compute the Cholesky factor: lower triangular `L` with `A = L L^T`.
+
+    Args:
+        g: Graph.
+        A: Nodes of a symmetric positive definite matrix; only its lower triangle is read.
+
+    Returns:
+        The nodes of `L`.
+    """
     n = A.shape[0]
     L = np.full((n, n), g.const(0.0))
     for j in range(n):
@@ -31,7 +43,18 @@ def cholesky(g: Graph, A: Nodes) -> Nodes:
 
 
 def triangular_solve(g: Graph, A: Nodes, B: Nodes, lower: bool, unit_diagonal: bool) -> Nodes:
-    """`A^-1 B` for triangular A."""
+    """Solve `A X = B` by substitution.
+
+    Args:
+        g: Graph.
+        A: Nodes of a triangular matrix.
+        B: Nodes of the right-hand sides, by column.
+        lower: Whether A is lower triangular; otherwise upper.
+        unit_diagonal: Whether the diagonal of A is one and is not read.
+
+    Returns:
+        The nodes of `X`.
+    """
     n = A.shape[0]
     X = B.copy()
     order = range(n) if lower else range(n)[::-1]
@@ -44,7 +67,15 @@ def triangular_solve(g: Graph, A: Nodes, B: Nodes, lower: bool, unit_diagonal: b
 
 
 def lu(g: Graph, A: Nodes) -> list[Nodes]:
-    """`P A = L U` with partial pivoting: L and U in one matrix, the pivots, and the permutation."""
+    """Compute the LU factorization `P A = L U` with partial pivoting.
+
+    Args:
+        g: Graph.
+        A: Nodes of a matrix.
+
+    Returns:
+        The nodes of L and U in one matrix, of the pivots, and of the permutation.
+    """
     m, n = A.shape
     A = A.copy()
     number = [g.const(float(i)) for i in range(m)]
@@ -67,7 +98,7 @@ def lu(g: Graph, A: Nodes) -> list[Nodes]:
 
 
 def _matrices(f: Callable[..., Any], *x: Nodes) -> list[Nodes]:
-    """A function of matrices over leading batch axes."""
+    """Apply a function of matrices over leading batch axes."""
     batch = x[0].shape[:-2]
     results = [f(*(m[i] for m in x)) for i in np.ndindex(batch)]
     return [np.stack(parts).reshape(*batch, *parts[0].shape) for parts in zip(*results, strict=True)]
@@ -104,21 +135,29 @@ def _custom_linear_solve(g: Graph, eqn: Equation, *x: Nodes) -> list[Nodes]:
     return interpret_closed(g, jaxprs.solve, [*consts, *x[sum(lengths) :]])
 
 
-MAX_SWEEPS = 30  # of Jacobi's method, more than it ever needs: it converges quadratically
-CONVERGENCE_TOLERANCE = 1e-34  # of the sum of squares, which is off the diagonal: rounding
+MAX_SWEEPS = 30  # not reached in practice, because Jacobi's method converges quadratically
+CONVERGENCE_TOLERANCE = 1e-34  # share of the squared Frobenius norm off the diagonal; below rounding
 
 
 @rule("eigh")
 def _eigh(g: Graph, eqn: Equation, a: Nodes) -> list[Nodes]:
-    """Eigenvectors (their sign is no more defined than LAPACK's) and eigenvalues in ascending order."""
+    """Compute eigenvectors and eigenvalues in ascending order; signs of eigenvectors may differ from LAPACK's."""
     n = a.shape[-1]
     if not eqn.params["lower"] or eqn.outvars[1].aval.shape[-1] != n:
-        raise UnsupportedPrimitive("native: 'eigh' is supported of the lower triangle, and for all eigenvalues")
+        raise UnsupportedPrimitive("codegen: 'eigh' is supported only for the lower triangle and for all eigenvalues")
     return _matrices(lambda A: jacobi(g, np.where(np.tri(n, dtype=bool), A, A.T)), a)
 
 
 def jacobi(g: Graph, A: Nodes) -> list[Nodes]:
-    """`A = V diag(w) V^T` of a symmetric matrix by cyclic rotations (Golub and Van Loan 2013, section 8.5)."""
+    """Compute the eigendecomposition `A = V diag(w) V^T` by cyclic Jacobi rotations (Golub and Van Loan, section 8.5).
+
+    Args:
+        g: Graph.
+        A: Nodes of a symmetric matrix.
+
+    Returns:
+        The nodes of `V` and of `w` in ascending order; `w` is NaN if A contains a NaN.
+    """
     n = A.shape[0]
     one, zero = (g.constants(np.full((), x)) for x in (1.0, 0.0))
     V = np.where(np.eye(n, dtype=bool), one, zero)
@@ -144,15 +183,17 @@ def jacobi(g: Graph, A: Nodes) -> list[Nodes]:
 
 
 def _const(g: Graph, x: float) -> Nodes:
+    """Return the node of a constant as an array without axes."""
     return g.constants(np.array(x))
 
 
 def _squares(g: Graph, A: Nodes) -> Nodes:
-    """The sum of squares of all elements."""
+    """Compute the sum of squares of all elements."""
     return functools.reduce(lambda x, y: g.map("add", x, y), g.map("mul", A, A).ravel())
 
 
 def _not_converged(g: Graph, A: Nodes, sweeps: Nodes) -> Nodes:
+    """Compute whether another sweep is necessary and allowed."""
     off = functools.reduce(
         lambda x, y: g.map("add", x, y), (g.map("mul", x, x) for x in A[np.tril_indices(len(A), -1)])
     )
@@ -161,12 +202,12 @@ def _not_converged(g: Graph, A: Nodes, sweeps: Nodes) -> Nodes:
 
 
 def _sweep(g: Graph, A: Nodes, V: Nodes) -> list[Nodes]:
-    """Rotate every element off the diagonal to zero, once."""
+    """Rotate every element off the diagonal to zero once; return the matrix and the product of rotations."""
     A, V, one = A.copy(), V.copy(), _const(g, 1.0)
     add, sub, mul, div = (lambda x, y, op=op: g.map(op, x, y) for op in ("add", "sub", "mul", "div"))
     for p in range(len(A)):
         for q in range(p + 1, len(A)):
-            # t = tan of the angle: the smaller root of t^2 + 2 theta t - 1
+            # t, the tangent of the rotation angle, is the root of smaller size of t^2 + 2 theta t - 1
             theta = div(sub(A[q, q], A[p, p]), mul(_const(g, 2.0), A[q, p]))
             t = div(one, add(g.map("abs", theta), g.map("sqrt", add(mul(theta, theta), one))))
             t = g.map("select", g.map("lt", theta, _const(g, 0.0)), g.map("neg", t), t)

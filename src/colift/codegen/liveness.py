@@ -1,4 +1,7 @@
-"""What of a function is required: results nobody reads are not computed, through calls and loops."""
+"""Liveness analysis: find the nodes and array elements that the outputs of a function depend on.
+
+The analysis includes loops and branches. The emitter writes no statement for an element that is not required.
+"""
 
 from __future__ import annotations
 
@@ -10,30 +13,53 @@ import numpy as np
 from colift.codegen.blocks import Block, Branch, Function, Map, Nodes, Read, Scan, While, Write
 from colift.codegen.graph import Graph
 
-Masks = list[np.ndarray]  # of bool, one an array
+Masks = list[np.ndarray]  # one boolean mask per array
 
 
 @dataclass(frozen=True)
 class Liveness:
-    """What of a function is required for some of its outputs."""
+    """Required parts of a function.
 
-    nodes: np.ndarray  # of bool
-    used: tuple[np.ndarray, ...]  # elements of each input
-    required: tuple[np.ndarray, ...]  # elements of each output
-    calls: dict[int, BlockLiveness]  # by block
+    Attributes:
+        nodes: Mask of the required nodes.
+        used: Masks of the required elements of each input.
+        required: Masks of the required elements of each output.
+        calls: Required parts of each required block, by its index.
+    """
+
+    nodes: np.ndarray
+    used: tuple[np.ndarray, ...]
+    required: tuple[np.ndarray, ...]
+    calls: dict[int, BlockLiveness]
 
 
 @dataclass(frozen=True)
 class BlockLiveness:
-    """What of a block is required."""
+    """Required parts of a block.
+
+    Attributes:
+        functions: Required parts of each function that the block calls.
+        used: Masks of the required elements of each input.
+        required: Masks of the required elements of each output.
+    """
 
     functions: tuple[Liveness, ...]
-    used: tuple[np.ndarray, ...]  # elements of each of the block's inputs
-    required: tuple[np.ndarray, ...]  # elements of each of the block's outputs
+    used: tuple[np.ndarray, ...]
+    required: tuple[np.ndarray, ...]
 
 
 def analyze_liveness(function: Function, required: Sequence[np.ndarray]) -> Liveness:
-    """Walk back from the required elements of the outputs. Nodes are numbered in topological order."""
+    """Mark the parts of a function that some elements of its outputs depend on.
+
+    Nodes are numbered in topological order, so one pass from the last node to the first suffices.
+
+    Args:
+        function: Function.
+        required: Mask of each output.
+
+    Returns:
+        The required parts.
+    """
     g = function.graph
     nodes = np.zeros(g.count, dtype=bool)
     for out, mask in zip(function.outputs, required, strict=True):
@@ -57,7 +83,7 @@ def analyze_liveness(function: Function, required: Sequence[np.ndarray]) -> Live
 
 
 def _mark_arguments(g: Graph, nodes: np.ndarray, start: int, stop: int) -> None:
-    """Mark the arguments of the expressions required among the nodes from start to stop."""
+    """Mark the arguments of the required expressions among the nodes from start to stop."""
     for node in range(stop - 1, start - 1, -1):
         if nodes[node]:
             for argument in g.arguments(node):
@@ -65,7 +91,18 @@ def _mark_arguments(g: Graph, nodes: np.ndarray, start: int, stop: int) -> None:
 
 
 def analyze_block(b: Block, required: Masks) -> BlockLiveness:
-    """What of a block is required for some elements of its outputs."""
+    """Mark the parts of a block that some elements of its outputs depend on.
+
+    Args:
+        b: Block.
+        required: Mask of each output.
+
+    Returns:
+        The required parts.
+
+    Raises:
+        AssertionError: If the type of the block is unknown.
+    """
     match b:
         case Map():
             functions, used = _map(b, required)
@@ -111,7 +148,7 @@ def _while(b: While, required: Masks) -> tuple[tuple[Liveness, ...], Masks]:
 
 
 def _carry_liveness(f: Function, state: Masks, stacks: Masks, consts: int) -> tuple[Liveness, Masks]:
-    """What a step needs so that the carry has what is required of it, next and at the end."""
+    """Find the fixed point of the required elements of a carry, at the next step and at the end."""
     while True:
         found = analyze_liveness(f, [*state, *stacks])
         again = [n | u for n, u in zip(state, found.used[consts : consts + len(state)], strict=True)]
@@ -121,12 +158,24 @@ def _carry_liveness(f: Function, state: Masks, stacks: Masks, consts: int) -> tu
 
 
 def all_elements(arrays: Sequence[Nodes]) -> Masks:
-    """Every element of every array required."""
+    """Return masks that require every element of every array."""
     return [np.ones(x.size, dtype=bool) for x in arrays]
 
 
 def writes_in_place(function: Function, live: Liveness, output: int, argument: int) -> bool:
-    """Whether an output is an input written to once, by a block that nothing else reads."""
+    """Return whether an output may be stored in an input.
+
+    This holds if one write block changes the input and nothing else reads the result of that block.
+
+    Args:
+        function: Function.
+        live: Required parts of the function.
+        output: Index of the output.
+        argument: Index of the input.
+
+    Returns:
+        True if the output may share the memory of the input.
+    """
     g, nodes = function.graph, function.outputs[output]
     element = g.element(int(nodes[0])) if nodes.size else None
     if element is None or element[0] != "out" or element[3] != 0 or not (np.diff(nodes) == 1).all():

@@ -1,9 +1,11 @@
-"""Loops over agents, and over the points of large arrays: what acts at each index of an axis alone is one loop.
+"""Loop fusion: form loops over agents and over the axes of large arrays, as few as dependences allow.
 
-Code around an `over` works on whole arrays, agents first. Unrolled, it would grow with the team; so would a product of
-large arrays with their size. Equations that keep an axis, or reduce it, are taken one index at a time, and all that can
-run in one pass over it becomes one loop. What reductions agents (a sum over them) comes between two loops, unless they are
-many. Loops hold loops: a body is treated alike.
+Unrolled code would grow with the number of agents and with the size of arrays. Equations that act at each index of an
+axis independently, or reduce the axis, become the body of one loop. Reductions over few agents stay outside; they
+separate two loops. Loop bodies are treated in the same way, so loops nest.
+
+References:
+    Kennedy, McKinley, *Maximizing loop parallelism and improving data locality via loop fusion and distribution*, 1993.
 """
 
 from __future__ import annotations
@@ -21,21 +23,31 @@ from colift.codegen.axis_analysis import AxisForm, operand_axis_form, reduced_ax
 from colift.codegen.equations import Equation, Value, inline_calls, statement_count
 
 LOOP = SimpleNamespace(name="loop")
-LARGE_EQUATION = 1000  # statements: an equation of more is a loop if it has an axis that is MIN_LOOP_LENGTH
-MIN_LOOP_LENGTH = 16
+LARGE_EQUATION = 1000  # statements; a larger equation becomes a loop if it has an axis of MIN_LOOP_LENGTH or more
+MIN_LOOP_LENGTH = 16  # indices; shorter axes are unrolled
 
 
 def find_axis_forms(equations: Sequence[Equation]) -> dict[Equation, AxisForm]:
-    """The `over`s and the large equations, and all that is connected with them index by index."""
+    """Find the equations that become parts of loops.
+
+    The search starts at maps over agents and at large equations. It continues along shared values as long as an
+    equation acts on the same axis.
+
+    Args:
+        equations: Equations in order of evaluation.
+
+    Returns:
+        The form at one index for each equation that becomes a part of a loop.
+    """
     neighbours = defaultdict(list)
     for e in equations:
         for v in (*e.invars, *e.outvars):
             neighbours[v].append(e)
     found: dict[Equation, AxisForm] = {}
-    axes: dict[Value, int] = {}  # along which a value is gone through
+    axes: dict[Value, int] = {}  # loop axis of each value
     waiting: list[Value] = []
 
-    def take(e: Equation, form: AxisForm) -> None:
+    def add(e: Equation, form: AxisForm) -> None:
         mine = [*zip(e.invars, form.operands, strict=True), *zip(e.outvars, form.results, strict=bool(form.results))]
         mine = [(v, a) for v, a in mine if a is not None and v.aval.shape[a] == form.length and v.number is None]
         if e in found or any(axes.get(v, a) != a for v, a in mine):
@@ -51,21 +63,21 @@ def find_axis_forms(equations: Sequence[Equation]) -> dict[Equation, AxisForm]:
             v = waiting.pop()
             for e in neighbours[v]:
                 if e not in found and (form := _axis_form(e, v, axes[v])) is not None:
-                    take(e, form)
+                    add(e, form)
 
     for e in equations:
         if e.primitive.name == "agent_map" and (form := result_axis_form(e, 0)) is not None:
-            take(e, form)
+            add(e, form)
     spread()
     for e in sorted(equations, key=lambda e: -statement_count([e])):
         if e not in found and statement_count([e]) > LARGE_EQUATION and (form := _longest_axis_form(e)) is not None:
-            take(e, form)
+            add(e, form)
             spread()
     return found
 
 
 def _axis_form(e: Equation, v: Value, axis: int) -> AxisForm | None:
-    """The equation along an axis of one of its values; few indices are joined by no loop."""
+    """Rewrite an equation along an axis of one of its values; short reductions are excluded."""
     if any(v is out for out in e.outvars):
         return result_axis_form(e, axis)
     form = operand_axis_form(e, next(k for k, x in enumerate(e.invars) if x is v), axis)
@@ -73,7 +85,7 @@ def _axis_form(e: Equation, v: Value, axis: int) -> AxisForm | None:
 
 
 def _longest_axis_form(e: Equation) -> AxisForm | None:
-    """The equation along the longest axis it can be taken along, of its results rather than its operands."""
+    """Rewrite an equation along its longest suitable axis; axes of results take precedence over reduced axes."""
     forms = [result_axis_form(e, k) for k in range(max((v.aval.ndim for v in e.outvars), default=0))]
     forms += [reduced_axis_form(e, k, a) for k, v in enumerate(e.invars) for a in range(v.aval.ndim)]
     return max(
@@ -82,7 +94,15 @@ def _longest_axis_form(e: Equation) -> AxisForm | None:
 
 
 def fuse_loops(equations: Sequence[Equation], outputs: Sequence[Value]) -> list[Equation]:
-    """The same computation with as few loops as its dependences allow."""
+    """Replace equations by loops, as few as their dependences allow.
+
+    Args:
+        equations: Equations in order of evaluation.
+        outputs: Values that are used after the equations.
+
+    Returns:
+        Equivalent equations in order of evaluation; a loop is an equation of the primitive `LOOP`.
+    """
     forms = find_axis_forms(equations)
     if not forms:
         return list(equations)
@@ -108,7 +128,7 @@ def fuse_loops(equations: Sequence[Equation], outputs: Sequence[Value]) -> list[
 
 
 def _loop_members(left: Sequence[Equation], forms: dict[Equation, AxisForm], waiting: set[Value]) -> Iterator[Equation]:
-    """All that can run in one pass over the axis of the first loop that is left and ready."""
+    """Iterate over the equations that can run in the same loop as the first equation that is ready."""
     ready = (e for e in left if e in forms and waiting.isdisjoint(e.invars))
     length = forms[next(ready)].length
     made: dict[Value, int] = {}
@@ -122,10 +142,10 @@ def _loop_members(left: Sequence[Equation], forms: dict[Equation, AxisForm], wai
 
 
 def _loop(group: Sequence[tuple[Equation, AxisForm]], used: set[Value]) -> Equation:
-    """One loop of equations, taken one index at a time."""
+    """Make one loop of equations and their forms; `used` are the values that are used outside of the loop."""
     length = group[0][1].length
-    inner: dict[tuple[Value, int | None], Value] = {}  # what the body calls a value, by the axis it is read along
-    inputs: list[tuple[Value, Value, int | None]] = []  # outside, inside, the axis
+    inner: dict[tuple[Value, int | None], Value] = {}  # value inside the body, by loop axis
+    inputs: list[tuple[Value, Value, int | None]] = []  # value outside, value inside, axis
     body: list[Equation] = []
 
     def less(v: Value, axis: int) -> Value:
@@ -136,7 +156,7 @@ def _loop(group: Sequence[tuple[Equation, AxisForm]], used: set[Value]) -> Equat
         if axis is None and v.number is not None:
             return v
         if (v, axis) not in inner:
-            only = axis is not None and v.aval.shape[axis] != length  # lax stretches axes of length one
+            only = axis is not None and v.aval.shape[axis] != length  # lax broadcasts axes of length one
             mine = Value(v.aval) if axis is None or only else less(v, axis)
             inputs.append((v, mine, None if only else axis))
             if only:
@@ -146,7 +166,7 @@ def _loop(group: Sequence[tuple[Equation, AxisForm]], used: set[Value]) -> Equat
             inner[v, axis] = mine
         return inner[v, axis]
 
-    made: dict[Value, tuple[Value, int | str]] = {}  # inside, and the axis or how it is joined
+    made: dict[Value, tuple[Value, int | str]] = {}  # value inside, and its axis or reduction
     for e, form in group:
         operands = [read(v, axis) for v, axis in zip(e.invars, form.operands, strict=True)]
         merges = [form.reduction] * len(e.outvars) if form.reduction else form.results

@@ -1,4 +1,7 @@
-"""Rules of branches and loops."""
+"""Rules of branches and loops: `cond`, `scan`, `while` and the loops formed by `loop_fusion`.
+
+Small loops and branches are unrolled. Others become blocks whose bodies are functions of their own.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,7 @@ from colift.codegen.equations import Equation, Value, constant, inline_calls, st
 from colift.codegen.graph import Graph, Nodes
 from colift.codegen.interpret import evaluate, interpret_closed, is_bool, rule, select_case
 
-MAX_INLINE_STATEMENTS = 400  # statements: a loop whose whole unrolled work is less is not worth a function
+MAX_INLINE_STATEMENTS = 400  # a loop or branch with at most this many unrolled statements is unrolled
 
 
 @rule("cond")
@@ -38,7 +41,17 @@ def _cond(g: Graph, eqn: Equation, which: Nodes, *x: Nodes) -> list[Nodes]:
 def build_function(
     g: Graph, avals: Sequence[Any], body: Callable[[Graph, list[Nodes]], list[Nodes]], shared: Sequence[Nodes | None]
 ) -> Function:
-    """A function of its own; `shared[k]` are the caller's nodes of argument k, constant ones are folded in."""
+    """Build the function of a loop body or branch.
+
+    Args:
+        g: Graph of the caller.
+        avals: Shape and type of each argument.
+        body: Adds the body to a graph; receives the nodes of the arguments and returns those of the results.
+        shared: Nodes of each argument in the caller, -1 or None where they vary; constants are folded into the body.
+
+    Returns:
+        The function.
+    """
     inner = Graph()
     nodes = []
     for k, (aval, outer) in enumerate(zip(avals, shared, strict=True)):
@@ -55,12 +68,12 @@ def build_function(
 
 
 def _row_invariant(x: Nodes) -> Nodes:
-    """The nodes that are the same in every row, -1 for those that are not."""
+    """Return the nodes that are equal in every row, -1 for the others."""
     return np.where((x == x[:1]).all(0), x[0], -1)
 
 
 def _loop_outputs(g: Graph, body: Function, rows: dict[int, Nodes], outputs: Sequence[Nodes]) -> list[Nodes]:
-    """A loop's stacked outputs `(length, size)`; constants, and mapped inputs passed on whole (`rows`), directly."""
+    """Return the stacked outputs of a loop; constants and unchanged inputs (`rows`) bypass the loop."""
     inner = body.graph
     results = []
     for out, nodes in zip(outputs, body.outputs, strict=True):
@@ -75,7 +88,7 @@ def _loop_outputs(g: Graph, body: Function, rows: dict[int, Nodes], outputs: Seq
 
 
 def _restore_types(g: Graph, nodes: Sequence[Nodes], outvars: Sequence[Any]) -> list[Nodes]:
-    """Flat nodes in the shape, and masks where the type, of the variables they are to be."""
+    """Give flat nodes the shapes of variables; convert numbers to masks where the type is boolean."""
     return [
         (g.map("to_flag", x) if is_bool(v) else x).reshape(v.aval.shape) for x, v in zip(nodes, outvars, strict=True)
     ]
@@ -114,7 +127,7 @@ def _loop(g: Graph, eqn: Equation, *x: Nodes) -> list[Nodes]:
 
 
 def _merge_rows(g: Graph, rows: Sequence[Nodes], merge: int | str) -> Nodes:
-    """The rows of one result, stacked or joined."""
+    """Stack the rows of one result along an axis, or reduce them by an operation."""
     if not isinstance(merge, str):
         return np.stack(rows, merge)
     out = rows[0]
@@ -180,7 +193,16 @@ Step = Callable[[Graph, list[Nodes]], list[Nodes]]
 def _hoist_invariants(
     g: Graph, body: core.ClosedJaxpr, shared: Sequence[Nodes]
 ) -> tuple[Step, list[Value], list[Nodes]]:
-    """The step of a loop, without what is the same in every step: that becomes further constants, which come first."""
+    """Hoist loop-invariant equations out of a loop.
+
+    Args:
+        g: Graph of the caller.
+        body: Body of the loop.
+        shared: Nodes of its constants in the caller.
+
+    Returns:
+        The remaining body, its additional constants (which come first), and their nodes in the caller.
+    """
     arguments = [Value(v.aval) for v in body.jaxpr.invars]
     equations, outputs = inline_calls(body.jaxpr, [*map(constant, body.consts), *arguments])
     fixed = set(arguments[: len(shared)])
@@ -200,4 +222,4 @@ def _hoist_invariants(
     return step, more, constants
 
 
-NOT_HOISTED = {"scan", "while", "agent_map"}  # what is taken out of a loop only with what is around it
+NOT_HOISTED = {"scan", "while", "agent_map"}  # loops are hoisted only as a part of an enclosing loop

@@ -1,6 +1,7 @@
-"""A long function in parts: the time of C compilers grows faster than the length of what they compile.
+"""Outlining: split long C functions into parts, because compile time grows faster than linearly with length.
 
-Statements keep their order. A part is cut where the fewest values are used further on; those lie in the frame.
+Statements keep their order. A cut is placed where the fewest values are live; those values are stored in the frame, an
+array that all parts share.
 """
 
 from __future__ import annotations
@@ -11,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-MAX_PART_LINES = 1000  # lines of one part
-MAX_PIECE_LINES = 8000  # lines of what is compiled at once
+MAX_PART_LINES = 1000  # of one part of a function
+MAX_PIECE_LINES = 8000  # of one piece of the source, the unit of parallel compilation
 PART_PATTERN = re.compile(r"OWN .*? f\d+_\d+\(")
 NAME_PATTERN = re.compile(r"\bx\d+\b")
 PARAMETER_PATTERN = re.compile(r"\b(?:[ao]\d+|m|go)\b")
@@ -20,14 +21,30 @@ PARAMETER_PATTERN = re.compile(r"\b(?:[ao]\d+|m|go)\b")
 
 @dataclass(frozen=True)
 class Line:
-    """A statement, and the values it defines: whether they are masks."""
+    """C statement.
+
+    Attributes:
+        text: The statement.
+        defines: Names that it defines, and whether each is a mask.
+    """
 
     text: str
     defines: dict[str, bool]
 
 
 def assemble(lines: Sequence[Line], parameters: dict[str, str], lanes: int, frame_size: int, stack_bytes: int) -> str:
-    """The text of a function `@name` of some statements; its frame m has `frame_size` elements before what is added here."""
+    """Write a C function of statements; its name is the placeholder `@name`.
+
+    Args:
+        lines: Statements in order.
+        parameters: Declarations of the parameters, by name.
+        lanes: Samples per vector.
+        frame_size: Elements of the frame that the statements use.
+        stack_bytes: Maximum size of a frame on the stack; a larger one is allocated.
+
+    Returns:
+        C definitions of the parts, then of the function.
+    """
     parts, frame_size = _split_function(lines, lanes, frame_size)
     inner = {**parameters, "m": f"V_{lanes} *restrict m"}
     texts, body = [], parts[0]
@@ -46,14 +63,22 @@ def assemble(lines: Sequence[Line], parameters: dict[str, str], lanes: int, fram
 
 
 def _function(name: str, parameters: Sequence[str], body: Sequence[str]) -> str:
+    """Return the C definition of a function."""
     text = "\n".join("  " + line for line in body)
     return f"OWN __attribute__((noinline)) void {name}({', '.join(parameters) or 'void'}) {{\n{text}\n}}\n"
 
 
 def split_into_pieces(functions: Sequence[str]) -> str:
-    """The text of functions in as many pieces as it takes for none to be long; those of parts of functions come last.
+    """Distribute functions over pieces of limited length.
 
-    Parts lie behind so that they can be compiled otherwise: what is not cut is short, and what runs most.
+    Parts of functions come last, because `build` compiles them with other flags: functions that are not split are short
+    and run most often.
+
+    Args:
+        functions: Texts as returned by `assemble`, callees first.
+
+    Returns:
+        C text with a guard `IN(piece)` around each piece.
     """
     single = [text for many in functions for text in re.split(r"^(?=OWN )", many, flags=re.MULTILINE) if text]
     heads = [text.split(" {\n", 1)[0] + ";" for text in single]
@@ -69,6 +94,7 @@ def split_into_pieces(functions: Sequence[str]) -> str:
 
 
 def _fill_pieces(texts: Sequence[str]) -> list[list[str]]:
+    """Group texts in order until a group exceeds the maximum length."""
     found: list[list[str]] = [[]]
     for text in texts:
         if sum(part.count("\n") for part in found[-1]) > MAX_PIECE_LINES:
@@ -78,7 +104,7 @@ def _fill_pieces(texts: Sequence[str]) -> list[list[str]]:
 
 
 def _split_function(lines: Sequence[Line], lanes: int, frame_size: int) -> tuple[list[list[str]], int]:
-    """The statements of each part, and the frame_size of the frame then."""
+    """Split statements into parts; return the lines of each part and the size of the frame."""
     if sum(line.text.count("\n") + 1 for line in lines) <= MAX_PART_LINES:
         return [[line.text for line in lines]], frame_size
     used = [set(NAME_PATTERN.findall(line.text)) - line.defines.keys() for line in lines]
@@ -109,9 +135,9 @@ def _split_function(lines: Sequence[Line], lanes: int, frame_size: int) -> tuple
 
 
 def _assign_parts(lines: Sequence[Line], used: Sequence[set[str]]) -> list[int]:
-    """The part of each statement."""
+    """Assign each statement to a part."""
     last = {name: k for k, names in enumerate(used) for name in names}
-    alive = np.zeros(len(lines) + 1, dtype=int)  # before a statement, values used from it on
+    alive = np.zeros(len(lines) + 1, dtype=int)  # number of live values before each statement
     for k, line in enumerate(lines):
         for name in line.defines:
             if name in last:

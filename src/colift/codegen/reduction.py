@@ -1,4 +1,4 @@
-"""Rules of sums, products, extremes and contractions."""
+"""Rules of sums, products, extrema, cumulative operations and tensor contractions."""
 
 from __future__ import annotations
 
@@ -15,10 +15,11 @@ from colift.codegen.interpret import check_integer, rule
 
 
 def _step(g: Graph, eqn: Equation, op: str) -> Callable[[Nodes, Nodes], Nodes]:
+    """Return an operation of two operands whose integer results are range-checked."""
     return lambda x, y: check_integer(g, eqn, g.map(op, x, y))
 
 
-REDUCE = {  # what reductions two elements, and what there is of none
+REDUCE = {  # operation, and its identity element, the reduction of an empty axis
     "reduce_sum": ("add", 0.0),
     "reduce_prod": ("mul", 1.0),
     "reduce_max": ("max", -np.inf),

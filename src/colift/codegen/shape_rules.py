@@ -1,5 +1,5 @@
-# ruff: noqa: ARG001  every rule takes the graph and the equation
-"""Rules of what moves elements about: nothing of it reaches the code."""
+# ruff: noqa: ARG001  every rule has the arguments graph and equation
+"""Rules of primitives that only move elements; they permute node arrays and emit no code."""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""`colift.math.vmap.over` as a primitive that keeps its body; its value, derivatives and batching are those of `vmap`."""
+"""`colift.math.vmap.vmap_agents` as a primitive whose body stays in the jaxpr.
+
+`jax.vmap` replaces a function by batched operations, which hides the loop over agents from the code generator. This
+primitive keeps the function. Its value, derivatives and batching are those of `jax.vmap`.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +22,16 @@ agent_map_p.multiple_results = True
 
 
 def trace(f: Callable[..., Any], tree: Any, leaves: Sequence[Any]) -> tuple[core.ClosedJaxpr, Any]:
-    """The jaxpr of `f` on the leaves of its arguments, maps over agents kept, and the structure of its result."""
+    """Trace a function; maps over agents remain equations of the jaxpr.
+
+    Args:
+        f: Function of PyTrees.
+        tree: Tree structure of the argument tuple.
+        leaves: Arrays or abstract values of the arguments.
+
+    Returns:
+        The jaxpr of the leaves, and the tree structure of the result.
+    """
     out = None
 
     def flat(*x: Any) -> list[Any]:
@@ -31,6 +44,7 @@ def trace(f: Callable[..., Any], tree: Any, leaves: Sequence[Any]) -> tuple[core
 
 
 def _bind_agent_map(f: Callable[..., Any], axes: Sequence[int | None], args: Sequence[Any]) -> Any:
+    """Bind the primitive for a map of `f` over agents; `axes` is 0 or None for each argument."""
     leaves, tree = jax.tree.flatten(args)
     maps = tuple(axis == 0 for axis, arg in zip(axes, args, strict=True) for _ in jax.tree.leaves(arg))
     one = [
@@ -38,13 +52,15 @@ def _bind_agent_map(f: Callable[..., Any], axes: Sequence[int | None], args: Seq
         for leaf, m in zip(leaves, maps, strict=True)
     ]
     body, out = trace(f, tree, one)
-    # what the body closes over becomes a shared argument, since it may be traced itself
+    # closed-over values become shared arguments, because they may be tracers
     shared = (False,) * len(body.consts)
     results = agent_map_p.bind(*body.consts, *leaves, jaxpr=body.jaxpr, mapped=shared + maps)
     return jax.tree.unflatten(out, results)
 
 
 def _vmapped(*args: Any, jaxpr: core.Jaxpr, mapped: tuple[bool, ...]) -> list[Any]:
+    """Evaluate the primitive by `jax.vmap`."""
+
     def body(*args: Any) -> list[Any]:
         consts = len(jaxpr.constvars)
         return jax.core.eval_jaxpr(jaxpr, args[:consts], *args[consts:])
@@ -73,4 +89,5 @@ batching.primitive_batchers[agent_map_p] = _batch
 
 
 def _size(args: Sequence[Any], mapped: Sequence[bool]) -> int:
+    """Return the number of agents."""
     return next(a.shape[0] for a, m in zip(args, mapped, strict=True) if m)
