@@ -88,7 +88,7 @@ def test_another_flight_is_not_this_one(folder: Path, program: Path, tmp_path: P
     assert replayed(program, tmp_path / "moved.bin")["largest_relative_difference"] > 1e-9
     (tmp_path / "short.bin").write_bytes(b"12345678")
     done = subprocess.run([program, tmp_path / "short.bin"], capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stderr) == (2, f"{tmp_path / 'short.bin'}: not a flight of this pilot\n")
+    assert (done.returncode, done.stderr) == (2, f"{tmp_path / 'short.bin'}: not a recorded flight of this controller\n")
     assert subprocess.run([program], capture_output=True, check=False).returncode == 2
 
 
@@ -97,7 +97,7 @@ def test_the_code_allocates_nothing_has_no_threads_and_no_state_of_its_own(folde
     assert set(re.findall(r"#include <(.*)>", code)) == {"math.h", "stdint.h", "string.h"}
     assert not re.search(r"\b(?:malloc|calloc|free|allocate|aligned_alloc|pthread\w*|_Thread_local)\b", code)
     kept = set(re.findall(r"^static (?!inline|const|void)[^(\n]*;", code, re.MULTILINE))
-    assert kept == {"static int outside;"}
+    assert kept == {"static int integer_overflow;"}
 
 
 def test_members_are_the_paths_of_the_pytrees_with_units(folder: Path):
@@ -132,7 +132,7 @@ def test_a_replay_is_the_flight_that_native_code_flies():
 def test_on_the_command_line_an_unknown_case_is_one_line_and_status_2(tmp_path: Path):
     result = CliRunner().invoke(app, ["export", "c", "paper", "--case", "C9", "--out", str(tmp_path / "c")])
     assert result.exit_code == 2
-    assert result.stderr == "--case C9: must be one of C1, C2, C3, C4, I, DOB, P, O, F, R, H\n"
+    assert result.stderr == f"--case C9: must be one of {', '.join(experiment.ALL_CASES)}\n"
     assert not (tmp_path / "c").exists()
 
 

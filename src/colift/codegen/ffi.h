@@ -1,8 +1,8 @@
-/* The entry XLA calls: cuts a batch into blocks of WIDTH samples, one a lane, and blocks among threads.
+/* Entry point for XLA: splits a batch into blocks of WIDTH samples, one per lane, and distributes blocks over threads.
  *
- * Needs: WIDTH, V, KERNEL(V **in, V **out), SPLAT, and of the arguments and results of one sample
+ * Requires WIDTH, V, KERNEL(V **in, V **out), SPLAT, and for the arguments and results of one sample
  * ARGUMENTS, RESULTS, ARGUMENT_SIZE[], RESULT_SIZE[] (elements), RESULT_RANK (axes of the first result).
- * Leading axes beyond a sample's are the batch; an axis of length one where the result's is longer is shared.
+ * Leading axes beyond those of a sample are batch axes. A batch axis of length one is shared if the result's is longer.
  */
 #if WIDTH == 1
 #define LANE(x, i) (x)
@@ -14,7 +14,7 @@ typedef struct {
   const XLA_FFI_CallFrame *frame;
   int64_t first, last; /* blocks */
   int64_t samples;
-  int outside; /* whether an integer left what doubles carry exactly */
+  int integer_overflow; /* whether an integer exceeded the range that doubles carry exactly */
 } Work;
 
 static double load(const XLA_FFI_Buffer *b, int64_t i) {
@@ -22,14 +22,14 @@ static double load(const XLA_FFI_Buffer *b, int64_t i) {
     case XLA_FFI_DataType_F64: return ((const double *)b->data)[i];
     case XLA_FFI_DataType_S64: {
       const int64_t x = ((const int64_t *)b->data)[i];
-      outside |= x > 9007199254740991 || x < -9007199254740991;
+      integer_overflow |= x > 9007199254740991 || x < -9007199254740991;
       return (double)x;
     }
     case XLA_FFI_DataType_S32: return (double)((const int32_t *)b->data)[i];
     case XLA_FFI_DataType_U32: return (double)((const uint32_t *)b->data)[i];
     case XLA_FFI_DataType_PRED:
     case XLA_FFI_DataType_U8: return (double)((const uint8_t *)b->data)[i];
-    default: return NAN; /* refused when the function is traced */
+    default: return NAN; /* other types are rejected when the function is traced */
   }
 }
 
@@ -45,7 +45,7 @@ static void store(const XLA_FFI_Buffer *b, int64_t i, double x) {
   }
 }
 
-/* which sample of an argument belongs to a sample of the batch */
+/* index of the sample of an argument that belongs to a sample of the batch */
 static int64_t sample_of(const XLA_FFI_Buffer *b, const XLA_FFI_Buffer *like, int64_t axes, int64_t sample) {
   int64_t index = 0, stride = 1;
   for (int64_t k = axes - 1; k >= 0; k--) {
@@ -61,17 +61,17 @@ static int64_t sample_of(const XLA_FFI_Buffer *b, const XLA_FFI_Buffer *like, in
 
 static void *work(void *p) {
   Work *w = p;
-  outside = 0;
+  integer_overflow = 0;
   const XLA_FFI_CallFrame *f = w->frame;
   const XLA_FFI_Buffer *like = f->rets.rets[0];
   const int64_t axes = like->rank - RESULT_RANK;
   int64_t total = 1;
   for (int i = 0; i < ARGUMENTS; i++) total += ARGUMENT_SIZE[i];
   for (int i = 0; i < RESULTS; i++) total += RESULT_SIZE[i];
-  const int direct = WIDTH == 1; /* one sample of doubles is used where it lies */
+  const int direct = WIDTH == 1; /* one sample of doubles is used without a copy */
   V *memory = allocate(total * sizeof(V));
   V *in[ARGUMENTS + 1], *out[RESULTS], *next = memory;
-  int own[ARGUMENTS + 1]; /* whether the batch has a value a sample */
+  int own[ARGUMENTS + 1]; /* whether the argument has one value per sample */
   for (int i = 0; i < ARGUMENTS; i++) {
     const XLA_FFI_Buffer *b = f->args.args[i];
     in[i] = next;
@@ -116,11 +116,11 @@ static void *work(void *p) {
     }
   }
   free(memory);
-  w->outside = outside;
+  w->integer_overflow = integer_overflow;
   return NULL;
 }
 
-static XLA_FFI_Error *refuse(const XLA_FFI_CallFrame *f, XLA_FFI_Error_Code code, const char *message) {
+static XLA_FFI_Error *make_error(const XLA_FFI_CallFrame *f, XLA_FFI_Error_Code code, const char *message) {
   XLA_FFI_Error_Create_Args args = {.struct_size = XLA_FFI_Error_Create_Args_STRUCT_SIZE,
                                     .message = message,
                                     .errc = code};
@@ -135,13 +135,14 @@ __attribute__((visibility("default"))) XLA_FFI_Error *colift_native(XLA_FFI_Call
     return NULL;
   }
   if (f->args.size != ARGUMENTS || f->rets.size != RESULTS || f->attrs.size != 1)
-    return refuse(f, XLA_FFI_Error_Code_INVALID_ARGUMENT, "colift native: not the arguments it was compiled for");
+    return make_error(f, XLA_FFI_Error_Code_INVALID_ARGUMENT,
+                      "colift codegen: arguments differ from those of the compiled function");
   const int64_t limit = *(const int64_t *)((const XLA_FFI_Scalar *)f->attrs.attrs[0])->value;
   const XLA_FFI_Buffer *like = f->rets.rets[0];
   int64_t samples = 1;
   for (int64_t k = 0; k < like->rank - RESULT_RANK; k++) samples *= like->dims[k];
   const int64_t blocks = (samples + WIDTH - 1) / WIDTH;
-  int64_t threads = blocks / 4 < limit ? blocks / 4 : limit; /* a thread costs what a few blocks do */
+  int64_t threads = blocks / 4 < limit ? blocks / 4 : limit; /* starting a thread costs as much as a few blocks */
   if (threads < 1) threads = 1;
   Work w[threads];
   pthread_t thread[threads];
@@ -155,8 +156,8 @@ __attribute__((visibility("default"))) XLA_FFI_Error *colift_native(XLA_FFI_Call
     else work(&w[i]);
   }
   for (int64_t i = 0; i < threads; i++)
-    if (w[i].outside)
-      return refuse(f, XLA_FFI_Error_Code_OUT_OF_RANGE,
-                    "colift native: an integer left its type's range or 2^53, or was divided by zero, or made of NaN");
+    if (w[i].integer_overflow)
+      return make_error(f, XLA_FFI_Error_Code_OUT_OF_RANGE,
+                        "colift codegen: integer out of its type's range or beyond 2^53, division by zero, or NaN");
   return NULL;
 }

@@ -1,9 +1,9 @@
-/* Vectors in the compiler's own vector types, and the functions C lacks for them.
+/* Vector types of the compiler, and elementwise functions for them.
  *
- * Included once for every number of lanes, LANES, with AT_LANES and WIDTH_LANES: lane l of a vector, and how many there
- * are, one where the compiler has none. V is the vector, M its mask (all ones or all zeros a lane), N(name) the name of
- * a function for this width. One lane is a plain number. `real` and `whole` are float and int32_t where SINGLE is
- * defined, else double and int64_t.
+ * Included once for each number of lanes, LANES. AT_LANES(x, l) is lane l of a vector; WIDTH_LANES is the number of
+ * lanes, one if the compiler has no vector types. V is the vector type, M its mask (all ones or all zeros per lane),
+ * N(name) the name of a function for this width. A vector of one lane is a number. `real` and `integer` are float and
+ * int32_t if SINGLE is defined, else double and int64_t.
  */
 #define JOIN_(a, b) a##_##b
 #define JOIN(a, b) JOIN_(a, b)
@@ -15,10 +15,10 @@
 
 #if LANES == 1 || defined ONE_LANE
 typedef real V;
-typedef whole M;
+typedef integer M;
 #else
 typedef real V __attribute__((vector_size(sizeof(real) * LANES)));
-typedef whole M __attribute__((vector_size(sizeof(real) * LANES)));
+typedef integer M __attribute__((vector_size(sizeof(real) * LANES)));
 #endif
 
 #ifdef SINGLE
@@ -59,13 +59,13 @@ static inline M N(eq)(V a, V b) { return (M)(a == b); }
 static inline M N(ne)(V a, V b) { return (M)(a != b); }
 static inline V N(sel)(M m, V a, V b) { return (V)(((M)a & m) | ((M)b & ~m)); }
 static inline int N(any)(M m) {
-  whole r = 0;
+  integer r = 0;
   for (int i = 0; i < WIDTH; i++) r |= AT(m, i);
   return r != 0;
 }
 #endif
 
-/* like IEEE 754-2019 maximum and minimum: a NaN in either argument is the result */
+/* maximum and minimum of IEEE 754-2019: the result is NaN if an argument is NaN */
 static inline V N(max)(V a, V b) { return N(sel)(N(lt)(b, a) | N(ne)(a, a), a, b); }
 static inline V N(min)(V a, V b) { return N(sel)(N(lt)(a, b) | N(ne)(a, a), a, b); }
 
@@ -107,8 +107,8 @@ LANEWISE2(atan2, F(atan2))
 LANEWISE2(pow, F(pow))
 LANEWISE2(fmod, F(fmod))
 
-/* integers, in numbers: what is within the range of its type and exact (below 2^53, in single precision 2^24) is passed
- * on, all else is noted */
+/* range check of integers that are carried as floating-point numbers: the value is returned unchanged; a flag is set if
+ * it is outside the range of its type or not exact (2^53 or more, in single precision 2^24 or more) */
 #ifdef SINGLE
 #define EXACT(bound) 16777216.0f
 #else
@@ -116,7 +116,7 @@ LANEWISE2(fmod, F(fmod))
 #endif
 #define WHOLE(name, low, high)                                                                   \
   static inline V N(name)(V a) {                                                                 \
-    outside |= N(any)(~(N(le)(N(splat)(low), a) & N(le)(a, N(splat)(high))));                    \
+    integer_overflow |= N(any)(~(N(le)(N(splat)(low), a) & N(le)(a, N(splat)(high))));           \
     return a;                                                                                    \
   }
 WHOLE(int64, -EXACT(9007199254740991.0), EXACT(9007199254740991.0))
@@ -131,10 +131,10 @@ static inline void N(sincos)(V x, V *sine, V *cosine) {
 }
 #else
 
-/* Sine and cosine together: reduction by pi/2 in two parts, then the polynomials of fdlibm (k_sin.c, k_cos.c), below
- * 1 ulp; arguments where two parts do not suffice go to the C library.
+/* Sine and cosine: range reduction by pi/2 in two parts, then the polynomials of fdlibm (k_sin.c, k_cos.c); error below
+ * 1 ulp. Arguments that are too large for the two-part reduction use the C library.
  *
- * Of the polynomials: Copyright (C) 1993 by Sun Microsystems, Inc. All rights reserved. Developed at SunSoft, a Sun
+ * Copyright of the polynomials: Copyright (C) 1993 by Sun Microsystems, Inc. All rights reserved. Developed at SunSoft, a Sun
  * Microsystems, Inc. business. Permission to use, copy, modify, and distribute this software is freely granted,
  * provided that this notice is preserved. */
 static inline void N(sincos)(V x, V *sine, V *cosine) {
@@ -143,7 +143,7 @@ static inline void N(sincos)(V x, V *sine, V *cosine) {
     for (int i = 0; i < WIDTH; i++) AT(*cosine, i) = cos(AT(x, i));
     return;
   }
-  const double round = 6755399441055744.0; /* 1.5 * 2^52: adding it leaves the nearest integer in the low bits */
+  const double round = 6755399441055744.0; /* 1.5 * 2^52; adding it puts the nearest integer into the low bits */
   V shifted = x * 0.63661977236758134308 + round;
   M quadrant = N(bits)(shifted);
   V k = shifted - round;
@@ -169,10 +169,10 @@ static inline void N(sincos)(V x, V *sine, V *cosine) {
   *cosine = N(real)(N(bits)(N(sel)(odd, s, c)) ^ (((quadrant + 1) & 2) << 62));
 }
 
-/* e^x = 2^k e^r with |r| at most ln 2 / 2, e^r by Taylor's polynomial of order 13: below 1 ulp */
+/* e^x = 2^k e^r with |r| at most ln 2 / 2, e^r by a Taylor polynomial of order 13; error below 1 ulp */
 static inline V N(exp)(V x) {
   const double round = 6755399441055744.0; /* as in sincos */
-  x = N(min)(N(max)(x, N(splat)(-750.0)), N(splat)(710.0)); /* beyond, zero and infinity; a NaN stays */
+  x = N(min)(N(max)(x, N(splat)(-750.0)), N(splat)(710.0)); /* the result is zero or infinity beyond; a NaN is kept */
   V shifted = x * 1.44269504088896338700 + round;
   V k = shifted - round;
   V r = (x - k * 6.93147180369123816490e-01) - k * 1.90821492927058770002e-10;
@@ -182,7 +182,7 @@ static inline V N(exp)(V x) {
   V c = (2.755731922398589e-07 + r * 2.505210838544172e-08) + r2 * (2.08767569878681e-09 + r * 1.6059043836821613e-10);
   V q = a + r4 * (b + r4 * c);
   M n = N(bits)(shifted) - N(bits)(N(splat)(round));
-  M half = n >> 1; /* in two steps, as 2^k may be out of range where the product is not */
+  M half = n >> 1; /* in two factors, because 2^k may overflow although the product does not */
   return (1.0 + (r + r2 * q)) * N(real)((half + 1023) << 52) * N(real)((n - half + 1023) << 52);
 }
 

@@ -2,11 +2,11 @@
 #include <stdint.h>
 #include <string.h>
 
-/* Without a processor's vectors, or GCC's and clang's types of them, one number at a time. */
+/* Vectors have one lane if the processor has no vector unit or the compiler has no vector types (GCC, clang). */
 #if !defined __GNUC__ || !(defined __SSE2__ || defined __ARM_NEON)
 #define ONE_LANE
 #else
-#pragma GCC diagnostic ignored "-Wpsabi" /* no vector leaves this file */
+#pragma GCC diagnostic ignored "-Wpsabi" /* no function with vector parameters is exported */
 #endif
 
 #ifndef __GNUC__
@@ -29,13 +29,13 @@
 typedef colift_real real;
 #ifdef COLIFT_FLOAT32
 #define SINGLE
-typedef int32_t whole;
+typedef int32_t integer;
 #else
-typedef int64_t whole;
+typedef int64_t integer;
 #endif
 
 #define IN(piece) 1
 #define OWN static
 
-/* whether an integer left what a number carries exactly, since the tick began */
-static int outside;
+/* whether an integer exceeded the range that a number carries exactly, since the step began */
+static int integer_overflow;

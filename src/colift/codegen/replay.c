@@ -1,8 +1,9 @@
-/* Replays a flight: steps the pilot through what it measured then and compares its commands with those of then.
+/* Replays a recorded flight: runs the controller on the recorded measurements and compares its commands.
  *
  * usage: replay flight.bin [repeats]
- * Rows of doubles, little endian: time, measurement, command; the first is the reading at rest, without a command.
- * Prints the largest difference, absolute and as a share of each member's largest command, and the times of the steps.
+ * The file contains rows of little-endian doubles: time, measurement, command. The first row is the measurement at
+ * rest, without a command. The program prints the largest differences, absolute and relative to one plus the recorded
+ * command, and the execution times of the steps.
  */
 #include <math.h>
 #include <stdio.h>
@@ -26,7 +27,7 @@ static int ascending(const void *a, const void *b) {
   return (x > y) - (x < y);
 }
 
-static double now(void) { return clock() * (1e6 / CLOCKS_PER_SEC); } /* us of the processor */
+static double now(void) { return clock() * (1e6 / CLOCKS_PER_SEC); } /* CPU time in us */
 
 int main(int argc, char **argv) {
   FILE *file = argc > 1 ? fopen(argv[1], "rb") : NULL;
@@ -38,13 +39,13 @@ int main(int argc, char **argv) {
   fseek(file, 0, SEEK_END);
   const long bytes = ftell(file), rows = bytes / (ROW * (long)sizeof(double));
   rewind(file);
-  double *flight = malloc(bytes), *took = malloc((rows + 1) * sizeof(double) * repeats);
-  if (!flight || !took || rows < 2 || fread(flight, ROW * sizeof(double), rows, file) != (size_t)rows) {
-    fprintf(stderr, "%s: not a flight of this pilot\n", argv[1]);
+  double *flight = malloc(bytes), *durations = malloc((rows + 1) * sizeof(double) * repeats);
+  if (!flight || !durations || rows < 2 || fread(flight, ROW * sizeof(double), rows, file) != (size_t)rows) {
+    fprintf(stderr, "%s: not a recorded flight of this controller\n", argv[1]);
     return 2;
   }
   double largest = 0, share = 0;
-  int lost = 0;
+  int overflow = 0;
   long steps = 0;
   for (int k = 0; k < repeats; k++) {
     colift_measurement m;
@@ -56,8 +57,8 @@ int main(int argc, char **argv) {
       const double *row = flight + i * ROW;
       take(row + 1, &m, MEASURED);
       const double began = now();
-      lost |= colift_step(&colift_trained_model, (colift_real)row[0], &m, &state, &command);
-      took[steps] = now() - began;
+      overflow |= colift_step(&colift_trained_model, (colift_real)row[0], &m, &state, &command);
+      durations[steps] = now() - began;
       for (int j = 0; j < COMMANDED; j++) {
         const double want = row[1 + MEASURED + j], off = fabs((double)((colift_real *)&command)[j] - want);
         if (!(off <= largest)) largest = off;
@@ -65,17 +66,17 @@ int main(int argc, char **argv) {
       }
     }
   }
-  qsort(took, steps, sizeof *took, ascending);
+  qsort(durations, steps, sizeof *durations, ascending);
   printf("steps %ld\n", steps);
   printf("largest_difference %.3g\n", largest);
   printf("largest_relative_difference %.3g\n", share);
-  printf("median_us %.2f\n", took[steps / 2]);
-  printf("p999_us %.2f\n", took[(long)(0.999 * steps)]);
+  printf("median_us %.2f\n", durations[steps / 2]);
+  printf("p999_us %.2f\n", durations[(long)(0.999 * steps)]);
   printf("state_bytes %lu\n", (unsigned long)sizeof(colift_state));
   printf("model_bytes %lu\n", (unsigned long)sizeof(colift_model));
-  if (lost) fprintf(stderr, "a counter left the integers that are exact\n");
+  if (overflow) fprintf(stderr, "integer overflow: a counter is not exactly representable\n");
   free(flight);
-  free(took);
+  free(durations);
   fclose(file);
-  return lost || !(largest <= HUGE_VAL);
+  return overflow || !(largest <= HUGE_VAL);
 }

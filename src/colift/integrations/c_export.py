@@ -346,7 +346,7 @@ def _code(structs: dict[str, CStruct], init: TracedKernel, tick: TracedKernel) -
         f"  (void)model;\n  {start.replace('f', 'g', 1)}\n}}\n",
         "int colift_step(const colift_model *model, colift_real t, const colift_measurement *m,",
         "                colift_state *state, colift_command *command) {",
-        *(f"  {line}" for line in ["outside = 0;", *declarations, step, *copies, "return outside;"]),
+        *(f"  {line}" for line in ["integer_overflow = 0;", *declarations, step, *copies, "return integer_overflow;"]),
         "}\n",
     ])  # fmt: skip
 
