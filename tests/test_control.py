@@ -391,7 +391,7 @@ def test_without_a_swing_the_rates_are_those_of_what_is_asked_ahead(seed):
     structure = ((KinematicTree(parents=(), prismatic=(), tip_bodies=(0,)), 1),)
     team, z = teams.team(rng, structure), teams.free_state(rng, structure)
     body = jax.tree.map(lambda x: x[0], team.agent_groups[0])
-    body = dataclasses.replace(body, J_tip=body.J_com[:1], contact_position=jnp.zeros((1, 3)))
+    body = dataclasses.replace(body, tip_position=body.com[:1], contact_position=jnp.zeros((1, 3)))
     q = jax.tree.map(lambda x: x[0], z.agents[0])
     step, c = 0.03, rng.normal(size=(5, 3)) * np.array([1, 1, 1, 2, 6])[:, None] + [[0, 0, 20], *[[0, 0, 0]] * 4]
     at = step * preview.PREVIEW_NODES

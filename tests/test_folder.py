@@ -162,7 +162,8 @@ while done < 25:
             (path / "inside").unlink()
             done += 1
             if done % 5 == 0:  # killed: the lock stays, and names nobody who lives
-                (path / run_directory.LOCK_FILE).write_text((path / run_directory.LOCK_FILE).read_text().replace('"pid": ', '"pid": 9999999'))
+                lock = path / run_directory.LOCK_FILE
+                lock.write_text(lock.read_text().replace('"pid": ', '"pid": 9999999'))
     except BlockingIOError:
         time.sleep(0.001)
 print("done")
