@@ -143,7 +143,7 @@ def test_what_is_sent_is_the_reading_in_px4_s_frames_and_units() -> None:
     forward = R.apply([1, 0, 0])
     np.testing.assert_allclose(to_ned.apply([1, 0, 0]), [forward[1], forward[0], -forward[2]], atol=1e-6)
     north = to_ned.apply([sensor.xmag, sensor.ymag, sensor.zmag])
-    np.testing.assert_allclose(north, home.field, atol=1e-6)
+    np.testing.assert_allclose(north, home.magnetic_field, atol=1e-6)
     np.testing.assert_allclose([state.vx, state.vy, state.vz], 100 * np.array([v[1], v[0], -v[2]]), atol=0.5)
     np.testing.assert_allclose([gps.vn, gps.ve, gps.vd], [state.vx, state.vy, state.vz])
     np.testing.assert_allclose(np.array([state.xacc, state.yacc, state.zacc]) * 9.80665e-3, a * [1, -1, -1], atol=5e-3)
@@ -157,7 +157,7 @@ def test_only_this_computer_is_listened_to() -> None:
     with px4_hil.open_servers(2, 0) as servers:
         assert {server.getsockname()[0] for server in servers} == {"127.0.0.1"}
         with (
-            pytest.raises(TimeoutError, match=r"no autopilot has come to 127.0.0.1:\d+ in 0.01 s"),
+            pytest.raises(TimeoutError, match=r"no autopilot connected to 127.0.0.1:\d+ within 0.01 s"),
             px4_hil.accept_connections(servers, 0.01),
         ):
             pass

@@ -108,7 +108,7 @@ def test_places_on_earth_are_as_far_apart_as_in_the_world(p: np.ndarray) -> None
     a, b = np.deg2rad([lat, px4_frames.HOME.latitude])
     c = np.deg2rad(lon - px4_frames.HOME.longitude)
     haversine = np.sin((a - b) / 2) ** 2 + np.cos(a) * np.cos(b) * np.sin(c / 2) ** 2
-    far = 2 * px4_frames.EARTH * np.arcsin(np.sqrt(haversine))
+    far = 2 * px4_frames.EARTH_RADIUS * np.arcsin(np.sqrt(haversine))
     assert far == pytest.approx(np.hypot(p[0], p[1]), abs=0.02)
     assert alt - px4_frames.HOME.altitude == pytest.approx(p[2], abs=6e-4)
     assert np.sign(lat - px4_frames.HOME.latitude) in (0, np.sign(p[1]))

@@ -290,7 +290,7 @@ class TransportEnv(gymnasium.Env):
     Action: force (world frame) over `force_N` and moment (payload frame) over `moment_Nm`, each in [-1, 1].
     Observation: the quantities of `BOUNDS` in [-1, 1], agents and contacts in team order. Reward: mean of `reward` over
     the step; 0 after the end of the flight. An episode is terminated at a termination limit of the scenario. It is
-    truncated after the duration of the scenario. `info["cause"]` is the `termination.TerminationCause`; `info["e_p_m"]`
+    truncated after the duration of the scenario. `info["cause"]` is the `termination.TerminationCause`. `info["e_p_m"]`
     is the RMS of the true position error over the step [m]. A reset simulates one step without action to obtain an observation.
 
     Attributes:
@@ -301,7 +301,8 @@ class TransportEnv(gymnasium.Env):
     Example:
         >>> env = TransportEnv("paper", step_s=0.02)  # doctest: +SKIP
         >>> observation, info = env.reset(seed=0)  # doctest: +SKIP
-        >>> observation, reward, terminated, truncated, info = env.step(env.action_space.sample())  # doctest: +SKIP
+        >>> action = env.action_space.sample()  # doctest: +SKIP
+        >>> observation, reward, terminated, truncated, info = env.step(action)  # doctest: +SKIP
     """
 
     metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012, as Gymnasium declares it
