@@ -67,7 +67,7 @@ def measured() -> tuple[Any, Measurement]:
     """The paper's nominal team, and a measurement of it with every number random."""
     truth, nominal = team.team(TOLD)
     rng = np.random.default_rng(0)
-    like = ros2_node._still(truth)
+    like = ros2_node._zero_measurement(truth)
     drawn = jax.tree.map(lambda x: jnp.asarray(rng.normal(size=x.shape)), like)
 
     def turned(x: jax.Array) -> jax.Array:
@@ -102,7 +102,7 @@ def test_what_cannot_be_flown_with_is_refused(measured: tuple[Any, Measurement])
     assert "x " in answer(f"/{agent}/pose", lambda x: setattr(x.pose.position, "y", np.nan))
     assert "is not a unit quaternion" in answer("/payload/pose", lambda x: setattr(x.pose.orientation, "w", 3.0))
     missing = answer(f"/{agent}/joint_states", lambda x: setattr(x, "name", ["other", *x.name[:-1]]))
-    assert f"/{agent}/joint_states: {joint} missing; there are other" in missing
+    assert f"/{agent}/joint_states: {joint} missing; the message contains other" in missing
 
 
 @pytest.mark.long
@@ -161,7 +161,7 @@ def test_with_ros_it_commands_while_it_hears_and_then_no_more() -> None:
     thread = threading.Thread(target=feed, daemon=True)
     thread.start()
     try:
-        with pytest.raises(TimeoutError, match=r"silent for 0\.1 s: nothing more is commanded"):
+        with pytest.raises(TimeoutError, match=r"for 0\.1 s: commands stop"):
             ros2_node.spin(plan, of, 120.0)
     finally:
         over.set()

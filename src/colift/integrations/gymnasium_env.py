@@ -291,7 +291,8 @@ class TransportEnv(gymnasium.Env):
     Observation: the quantities of `BOUNDS` in [-1, 1], agents and contacts in team order. Reward: mean of `reward` over
     the step; 0 after the end of the flight. An episode is terminated at a termination limit of the scenario. It is
     truncated after the duration of the scenario. `info["cause"]` is the `termination.TerminationCause`. `info["e_p_m"]`
-    is the RMS of the true position error over the step [m]. A reset simulates one step without action to obtain an observation.
+    is the RMS of the true position error over the step [m]. A reset simulates one step without action to obtain an
+    observation.
 
     Attributes:
         task: Simulation, action scale and length of an episode.

@@ -1,8 +1,8 @@
-"""A flight as a ROS 2 bag in the MCAP format: poses, wrenches and joint states (the extra `mcap`).
+"""Export of flights as ROS 2 bags in MCAP format with poses, wrenches and joint states (extra `mcap`).
 
-Frames are `world`, `payload` (at its centre of mass), an agent's name (its base, the root of its URDF) and
-`agent/arm` (its contact, fixed in the payload); `/tf` says where they are. A wrench is in the frame that its header
-names. Time begins at 0. ROS has no `-` in names: here it is `_`.
+Frames are `world`, `payload` (origin at the centre of mass), the name of each agent (its base, the root of its URDF)
+and `agent/arm` (the contact, fixed in the payload frame); `/tf` contains their poses. A wrench is in the frame of its
+header. Time starts at 0. ROS does not permit `-` in names; it is replaced by `_`.
 """
 
 from __future__ import annotations
@@ -44,7 +44,14 @@ Vector3, Point, Quaternion, Transform, TransformStamped, Pose, PoseStamped, Wren
 
 
 class BagTopic(NamedTuple):
-    """One stream of messages: what it is at row k of the log, under a header."""
+    """Topic of a bag.
+
+    Attributes:
+        name: Name of the topic.
+        type: Message type.
+        frame: Frame id of the header.
+        message: Function of header and row index that returns the message.
+    """
 
     name: str
     type: Any
@@ -53,26 +60,36 @@ class BagTopic(NamedTuple):
 
 
 def to_mcap(ds: xr.Dataset) -> bytes:
-    """The flight of a log as an MCAP file, a message a topic a tick; the metadata `colift` say what was flown.
+    """Convert the log of a flight to an MCAP file with one message per topic and tick.
 
-    Raises ValueError for a log that does not hold its scenario, and for names that are the same to ROS.
+    The metadata record `colift` identifies run, scenario and case. A log without a valid scenario raises `ValueError`,
+    as do names that are equal after the replacement of `-`.
+
+    Args:
+        ds: Log.
+
+    Returns:
+        Content of the file.
+
+    Example:
+        >>> Path("C3.mcap").write_bytes(to_mcap(log.load("out/paper/C3.nc")))  # doctest: +SKIP
     """
-    told = poses.scenario_of_log(ds)
-    team, _ = team_module.team(told)
+    settings = poses.scenario_of_log(ds)
+    team, _ = team_module.team(settings)
     topics = tuple(_topics(ds, team))
-    state = io.BytesIO()
-    writer = Writer(state)
+    buffer = io.BytesIO()
+    writer = Writer(buffer)
     writer.start(profile="ros2", library=f"colift {version('colift')}")
-    schemas: dict[str, int] = {}
+    schemas: dict[str, int] = {}  # id by message type
     channels = []
     for topic in topics:
-        kind = topic.type.__msgtype__
-        if kind not in schemas:
-            text, _ = ROS.generate_msgdef(kind, ros_version=2)
-            schemas[kind] = writer.register_schema(kind, "ros2msg", text.encode())
-        channels.append(writer.register_channel(topic.name, "cdr", schemas[kind]))
-    stated = ("run", "scenario", "case", "seed", "version", "stopped")
-    writer.add_metadata("colift", {name: str(ds.attrs[name]) for name in stated if name in ds.attrs})
+        type_name = topic.type.__msgtype__
+        if type_name not in schemas:
+            text, _ = ROS.generate_msgdef(type_name, ros_version=2)
+            schemas[type_name] = writer.register_schema(type_name, "ros2msg", text.encode())
+        channels.append(writer.register_channel(topic.name, "cdr", schemas[type_name]))
+    attributes = ("run", "scenario", "case", "seed", "version", "stopped")
+    writer.add_metadata("colift", {name: str(ds.attrs[name]) for name in attributes if name in ds.attrs})
     for k, t in enumerate(np.rint(1e9 * ds.time.values).astype(int).tolist()):
         stamp = Time(sec=t // 10**9, nanosec=t % 10**9)
         for topic, channel in zip(topics, channels, strict=True):
@@ -80,66 +97,78 @@ def to_mcap(ds: xr.Dataset) -> bytes:
             data = ROS.serialize_cdr(message, topic.type.__msgtype__)
             writer.add_message(channel, log_time=t, data=bytes(data), publish_time=t)
     writer.finish()
-    return state.getvalue()
+    return buffer.getvalue()
 
 
 def _topics(ds: xr.Dataset, team: Team) -> Iterator[BagTopic]:
+    """Generate all topics; raise ValueError for names that are equal in ROS."""
     R_L, lam = ds.R_L.values, ds.lam.values
     into_payload = lambda F: np.einsum("tji,tj->ti", R_L, F)  # noqa: E731
     agents, contacts = ([str(name) for name in ds[dim].values] for dim in ("agent", "contact"))
-    frame = {name: _ros(name) for name in (*agents, *contacts)}
+    frame = {name: _ros_name(name) for name in (*agents, *contacts)}
     names = [WORLD, PAYLOAD, *frame.values()]
     if len(set(names)) < len(names):
-        same = sorted({name for name in names if names.count(name) > 1})
-        raise ValueError(f"{', '.join(same)}: more than one frame of that name in ROS, which has no '-' in names")
+        duplicates = sorted({name for name in names if names.count(name) > 1})
+        raise ValueError(f"{', '.join(duplicates)}: frame names must be unique after the replacement of '-' by '_'")
     R_d = poses.desired_attitude(jnp.asarray(R_L), jnp.asarray(ds.e_R.values), jnp.asarray(ds.Psi.values))
     base, attitude = base_positions(ds, team), _quaternions(ds.R.values)
     q_L, W = _quaternions(R_L), ds.W_d.values
-    placed = [(WORLD, PAYLOAD, ds.p.values, q_L)]
+    transforms = [(WORLD, PAYLOAD, ds.p.values, q_L)]
     yield _pose("/payload/pose", ds.p.values, q_L)
     yield _pose("/payload/reference", ds.p_d.values, _quaternions(R_d))
     yield _wrench("/payload/wrench_desired", PAYLOAD, into_payload(W[:, :3]), W[:, 3:])
     for j, name in enumerate(agents):
-        at = frame[name]
+        frame_id = frame[name]
         thrust = ds.u.values[:, j, None] * aerial_manipulator.E3
-        placed.append((WORLD, at, base[:, j], attitude[:, j]))
-        yield _pose(f"/{at}/pose", base[:, j], attitude[:, j])
-        yield _wrench(f"/{at}/wrench", at, thrust, ds.tau.values[:, j])
+        transforms.append((WORLD, frame_id, base[:, j], attitude[:, j]))
+        yield _pose(f"/{frame_id}/pose", base[:, j], attitude[:, j])
+        yield _wrench(f"/{frame_id}/wrench", frame_id, thrust, ds.tau.values[:, j])
         own = [k for k, joint in enumerate(ds.joint.values) if str(joint).startswith(f"{name}/")]
         if own:
             joints = [str(ds.joint.values[k]).partition("/")[2] for k in own]
-            yield _joints(f"/{at}/joint_states", joints, *(ds[x].values[:, own] for x in ("r", "r_dot", "tau_r")))
-    ends = np.concatenate([np.asarray(group.contact_position).reshape(-1, 3) for group in team.agent_groups])
-    level = np.tile([1.0, 0.0, 0.0, 0.0], (len(R_L), 1))
+            yield _joints(f"/{frame_id}/joint_states", joints, *(ds[x].values[:, own] for x in ("r", "r_dot", "tau_r")))
+    positions = np.concatenate([np.asarray(group.contact_position).reshape(-1, 3) for group in team.agent_groups])
+    identity = np.tile([1.0, 0.0, 0.0, 0.0], (len(R_L), 1))
     for b, name in enumerate(contacts):
-        at = frame[name]
-        placed.append((PAYLOAD, at, np.tile(ends[b], (len(R_L), 1)), level))
-        yield _wrench(f"/{at}/force", at, into_payload(lam[:, b]), np.zeros((len(R_L), 3)))
-    yield _frames(placed)
+        frame_id = frame[name]
+        transforms.append((PAYLOAD, frame_id, np.tile(positions[b], (len(R_L), 1)), identity))
+        yield _wrench(f"/{frame_id}/force", frame_id, into_payload(lam[:, b]), np.zeros((len(R_L), 3)))
+    yield _transforms(transforms)
 
 
 def base_positions(ds: xr.Dataset, team: Team) -> np.ndarray:
-    """Origins of the bases in the world along a log, `(time, agents, 3)`, m: `x - R s(r)`."""
-    found = [np.asarray(_origins(*group)) for group in poses.poses_by_group(ds, team)]
-    return np.concatenate(found, axis=1)
+    """Compute the positions of the base origins in the world frame: `x - R s(r)`, s: centre of mass in the base frame.
+
+    Args:
+        ds: Log.
+        team: True parameters of the team.
+
+    Returns:
+        Positions by time and agent [m].
+    """
+    groups = [np.asarray(_base_origins(*group)) for group in poses.poses_by_group(ds, team)]
+    return np.concatenate(groups, axis=1)
 
 
 @jax.vmap
-def _origin(
+def _base_origin(
     agent: AerialManipulator, R: Float[Array, "3 3"], x: Float[Array, "3"], r: Float[Array, "n_r"]
 ) -> Float[Array, "3"]:
+    """Compute the position of one base origin."""
     return x - matvec(R, aerial_manipulator.center_of_mass(agent, r))
 
 
-_origins = jax.jit(jax.vmap(_origin, in_axes=(None, 0, 0, 0)))
-_turned = jax.jit(so3.quaternion)
+_base_origins = jax.jit(jax.vmap(_base_origin, in_axes=(None, 0, 0, 0)))
+_quaternion_of = jax.jit(so3.quaternion)
 
 
 def _quaternions(R: Any) -> np.ndarray:
-    return np.asarray(_turned(jnp.asarray(R)))
+    """Return the quaternions (w, x, y, z) of rotation matrices."""
+    return np.asarray(_quaternion_of(jnp.asarray(R)))
 
 
-def _ros(name: str) -> str:
+def _ros_name(name: str) -> str:
+    """Replace `-`, which ROS does not permit in names."""
     return name.replace("-", "_")
 
 
@@ -147,6 +176,8 @@ def _ros(name: str) -> str:
 
 
 def _pose(topic: str, p: np.ndarray, q: np.ndarray) -> BagTopic:
+    """Return the topic of a pose in the world frame."""
+
     def message(header: Any, k: int) -> Any:
         return PoseStamped(header=header, pose=Pose(position=_vector(Point, p[k]), orientation=_quaternion(q[k])))
 
@@ -154,6 +185,8 @@ def _pose(topic: str, p: np.ndarray, q: np.ndarray) -> BagTopic:
 
 
 def _wrench(topic: str, frame: str, F: np.ndarray, tau: np.ndarray) -> BagTopic:
+    """Return the topic of a wrench."""
+
     def message(header: Any, k: int) -> Any:
         return WrenchStamped(
             header=header, wrench=Wrench(force=_vector(Vector3, F[k]), torque=_vector(Vector3, tau[k]))
@@ -163,7 +196,8 @@ def _wrench(topic: str, frame: str, F: np.ndarray, tau: np.ndarray) -> BagTopic:
 
 
 def _joints(topic: str, names: Sequence[str], r: np.ndarray, r_dot: np.ndarray, tau: np.ndarray) -> BagTopic:
-    r, r_dot, tau = map(np.ascontiguousarray, (r, r_dot, tau))  # rosbags takes no other rows
+    """Return the topic of joint states."""
+    r, r_dot, tau = map(np.ascontiguousarray, (r, r_dot, tau))  # rosbags requires contiguous rows
 
     def message(header: Any, k: int) -> Any:
         return JointState(header=header, name=list(names), position=r[k], velocity=r_dot[k], effort=tau[k])
@@ -171,7 +205,9 @@ def _joints(topic: str, names: Sequence[str], r: np.ndarray, r_dot: np.ndarray, 
     return BagTopic(topic, JointState, "", message)
 
 
-def _frames(placed: Sequence[tuple[str, str, np.ndarray, np.ndarray]]) -> BagTopic:
+def _transforms(transforms: Sequence[tuple[str, str, np.ndarray, np.ndarray]]) -> BagTopic:
+    """Return the topic `/tf`; each transform consists of parent, child, position and quaternion."""
+
     def message(header: Any, k: int) -> Any:
         return TFMessage(
             transforms=[
@@ -180,18 +216,20 @@ def _frames(placed: Sequence[tuple[str, str, np.ndarray, np.ndarray]]) -> BagTop
                     child_frame_id=child,
                     transform=Transform(translation=_vector(Vector3, p[k]), rotation=_quaternion(q[k])),
                 )
-                for parent, child, p, q in placed
+                for parent, child, p, q in transforms
             ]
         )
 
     return BagTopic("/tf", TFMessage, WORLD, message)
 
 
-def _vector(kind: Any, v: np.ndarray) -> Any:
+def _vector(message_type: Any, v: np.ndarray) -> Any:
+    """Return a message with fields x, y and z."""
     x, y, z = v.tolist()
-    return kind(x=x, y=y, z=z)
+    return message_type(x=x, y=y, z=z)
 
 
 def _quaternion(wxyz: np.ndarray) -> Any:
+    """Return the message of a quaternion."""
     w, x, y, z = wxyz.tolist()
     return Quaternion(x=x, y=y, z=z, w=w)

@@ -1,10 +1,19 @@
-"""The pilot's tick as a ROS 2 node: sensors' topics in, commands' topics out (the extra `ros`; docs/ros2_px4.md).
+"""ROS 2 node of the onboard controller (extra `ros`; docs/ros2_px4.md).
 
-Of each `body`, `payload` or an agent's name: `/body/pose` (PoseStamped, world), `/body/velocity` (Vector3Stamped,
-world) and `/body/imu` (Imu: rate and specific force, body frame); of each agent also `/agent/joint_states`
-(JointState), and of each contact `/agent/arm/tip_force` (WrenchStamped: force on the payload, frame of the tip's body).
-Out: `/agent/command` (WrenchStamped, base frame: thrust along z, body torque) and `/agent/joint_commands` (JointState,
-effort). ROS's world is ENU and its bodies FLU, as ours. What a message holds is read without ROS.
+Subscribed topics; BODY is `payload` or the name of an agent:
+
+- `/BODY/pose`: PoseStamped, world frame.
+- `/BODY/velocity`: Vector3Stamped, world frame.
+- `/BODY/imu`: Imu; angular velocity and specific force, body frame.
+- `/AGENT/joint_states`: JointState.
+- `/AGENT/ARM/tip_force`: WrenchStamped; force on the payload in the frame of the tip's body.
+
+Published topics:
+
+- `/AGENT/command`: WrenchStamped, base frame; thrust along z and body torque.
+- `/AGENT/joint_commands`: JointState; joint torques.
+
+The world frame is ENU and body frames are FLU, in ROS as in colift. The conversion of messages does not require ROS.
 """
 
 from __future__ import annotations
@@ -25,115 +34,159 @@ from colift.models.state import ControlClock, TeamInputs
 from colift.scenario import Scenario, team
 
 PAYLOAD = "payload"
-MAX_MESSAGE_AGE = 0.1  # s, after which a reading is not flown with
+MAX_MESSAGE_AGE = 0.1  # s, age at which the node stops
 
 
 class RosNames(NamedTuple):
-    """Of everything in team order, as ROS has them: `-` is `_`."""
+    """Names of a team in ROS, in team order; `-` is replaced by `_`.
+
+    Attributes:
+        agents: Name of each agent.
+        joints: Names of the joints of each agent.
+        arms: Names of the arms of each agent.
+    """
 
     agents: tuple[str, ...]
-    joints: tuple[tuple[str, ...], ...]  # of each agent
+    joints: tuple[tuple[str, ...], ...]
     arms: tuple[tuple[str, ...], ...]
 
 
 def names(settings: Scenario) -> RosNames:
-    """The names of a scenario's team."""
+    """Return the ROS names of the team of a scenario.
+
+    Args:
+        settings: Scenario.
+
+    Returns:
+        The names.
+    """
     agents = team.agent_names(settings)
 
-    def own(of: tuple[str, ...], agent: str) -> tuple[str, ...]:
-        return tuple(name.partition("/")[2] for name in of if name.startswith(f"{agent}/"))
+    def own(names: tuple[str, ...], agent: str) -> tuple[str, ...]:
+        return tuple(name.partition("/")[2] for name in names if name.startswith(f"{agent}/"))
 
     joints, arms = team.joint_names(settings), team.contact_names(settings)
     return RosNames(
-        agents=tuple(_ros(agent) for agent in agents),
+        agents=tuple(_ros_name(agent) for agent in agents),
         joints=tuple(own(joints, agent) for agent in agents),
-        arms=tuple(tuple(map(_ros, own(arms, agent))) for agent in agents),
+        arms=tuple(tuple(map(_ros_name, own(arms, agent))) for agent in agents),
     )
 
 
-def _ros(name: str) -> str:
+def _ros_name(name: str) -> str:
+    """Replace `-`, which ROS does not permit in names."""
     return name.replace("-", "_")
 
 
-def topics(of: RosNames) -> dict[str, str]:
-    """Every topic that is listened to, and its message's type."""
-    found = {}
-    for body in (PAYLOAD, *of.agents):
-        found |= {f"/{body}/pose": "PoseStamped", f"/{body}/velocity": "Vector3Stamped", f"/{body}/imu": "Imu"}
-    for agent, joints, arms in zip(*of, strict=True):
-        found |= {f"/{agent}/joint_states": "JointState"} if joints else {}
-        found |= {f"/{agent}/{arm}/tip_force": "WrenchStamped" for arm in arms}
-    return found
+def topics(names: RosNames) -> dict[str, str]:
+    """Return the subscribed topics.
 
+    Args:
+        names: ROS names of the team.
 
-def measurement_from_messages(team: Team, of: RosNames, innovation_state: Mapping[str, Any]) -> Measurement:
-    """What the last message of every topic says, by topic.
-
-    Raises ValueError for an attitude that is none, a joint that is missing, and a number that is not finite.
+    Returns:
+        Message type by topic.
     """
-    each = [_agent(*one, innovation_state) for one in zip(*of, strict=True)]
+    types = {}
+    for body in (PAYLOAD, *names.agents):
+        types |= {f"/{body}/pose": "PoseStamped", f"/{body}/velocity": "Vector3Stamped", f"/{body}/imu": "Imu"}
+    for agent, joints, arms in zip(*names, strict=True):
+        types |= {f"/{agent}/joint_states": "JointState"} if joints else {}
+        types |= {f"/{agent}/{arm}/tip_force": "WrenchStamped" for arm in arms}
+    return types
+
+
+def measurement_from_messages(team: Team, names: RosNames, messages: Mapping[str, Any]) -> Measurement:
+    """Convert the last message of each topic to a measurement.
+
+    An orientation that is not a unit quaternion, a missing joint, or a value that is not finite raises `ValueError`.
+
+    Args:
+        team: Parameters of the team.
+        names: ROS names of the team.
+        messages: Last message of each topic.
+
+    Returns:
+        The measurement.
+    """
+    agents = [_agent(*agent_names, messages) for agent_names in zip(*names, strict=True)]
     groups, first = [], 0
     for size in team.sizes:
-        of_group = each[first : first + size]
-        groups.append(AgentReading(**{name: _array(name, [one[name] for one in of_group]) for name in of_group[0]}))
+        group = agents[first : first + size]
+        groups.append(AgentReading(**{name: _array(name, [agent[name] for agent in group]) for name in group[0]}))
         first += size
-    return Measurement(
-        agents=tuple(groups),
-        payload=PayloadReading(**{
-            "p" if name == "x" else name: _array(f"{PAYLOAD}'s {name}", x) for name, x in _body(PAYLOAD, innovation_state).items()
-        }),
-    )  # fmt: skip
+    payload = {
+        "p" if name == "x" else name: _array(f"{PAYLOAD} {name}", values)
+        for name, values in _body(PAYLOAD, messages).items()
+    }
+    return Measurement(agents=tuple(groups), payload=PayloadReading(**payload))
 
 
-def _array(what: str, values: Any) -> jax.Array:
+def _array(name: str, values: Any) -> jax.Array:
+    """Return values as an array; raise ValueError if a value is not finite."""
     array = np.asarray(values, float)
     if not np.isfinite(array).all():
-        raise ValueError(f"{what} {array.tolist()} is not finite")
+        raise ValueError(f"{name} {array.tolist()} is not finite")
     return jnp.asarray(array)
 
 
 def _xyz(v: Any) -> list[float]:
+    """Return the components of a vector message."""
     return [v.x, v.y, v.z]
 
 
-def _body(body: str, innovation_state: Mapping[str, Any]) -> dict[str, Any]:
-    pose, imu = innovation_state[f"/{body}/pose"].pose, innovation_state[f"/{body}/imu"]
+def _body(body: str, messages: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the measurements of a body by field name."""
+    pose, imu = messages[f"/{body}/pose"].pose, messages[f"/{body}/imu"]
     q = np.array([pose.orientation.x, pose.orientation.y, pose.orientation.z, pose.orientation.w])
     if not abs(q @ q - 1) <= 1e-3:
         raise ValueError(f"/{body}/pose: the orientation {q.tolist()} is not a unit quaternion")
     return {
         "R": Rotation.from_quat(q).as_matrix(),
         "x": _xyz(pose.position),
-        "v": _xyz(innovation_state[f"/{body}/velocity"].vector),
+        "v": _xyz(messages[f"/{body}/velocity"].vector),
         "omega": _xyz(imu.angular_velocity),
         "a": _xyz(imu.linear_acceleration),
     }
 
 
-def _agent(
-    name: str, joints: tuple[str, ...], arms: tuple[str, ...], innovation_state: Mapping[str, Any]
-) -> dict[str, Any]:
+def _agent(name: str, joints: tuple[str, ...], arms: tuple[str, ...], messages: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the measurements of an agent by field name."""
     r = []
     if joints:
-        state = innovation_state[f"/{name}/joint_states"]
-        at = dict(zip(state.name, state.position, strict=True))
-        if missing := [joint for joint in joints if joint not in at]:
-            raise ValueError(f"/{name}/joint_states: {', '.join(missing)} missing; there are {', '.join(at)}")
-        r = [at[joint] for joint in joints]
-    lam = [_xyz(innovation_state[f"/{name}/{arm}/tip_force"].wrench.force) for arm in arms]
-    return _body(name, innovation_state) | {"r": r, "lam": lam}
+        message = messages[f"/{name}/joint_states"]
+        positions = dict(zip(message.name, message.position, strict=True))
+        if missing := [joint for joint in joints if joint not in positions]:
+            available = ", ".join(positions)
+            raise ValueError(f"/{name}/joint_states: {', '.join(missing)} missing; the message contains {available}")
+        r = [positions[joint] for joint in joints]
+    lam = [_xyz(messages[f"/{name}/{arm}/tip_force"].wrench.force) for arm in arms]
+    return _body(name, messages) | {"r": r, "lam": lam}
 
 
 class AgentCommand(NamedTuple):
-    """What one agent is to do until the next tick."""
+    """Command of one agent for one control period.
 
-    u: float  # N
-    tau: np.ndarray  # N m, base frame
-    tau_r: np.ndarray  # N m or N
+    Attributes:
+        u: Thrust [N].
+        tau: Body torque, base frame [N m].
+        tau_r: Joint torques [N m]; forces of prismatic joints [N].
+    """
+
+    u: float
+    tau: np.ndarray
+    tau_r: np.ndarray
 
 
 def command_messages(inputs: TeamInputs) -> list[AgentCommand]:
-    """Of each agent, in team order."""
+    """Split the inputs of a team into the commands of its agents.
+
+    Args:
+        inputs: Inputs of all agents.
+
+    Returns:
+        Commands in team order.
+    """
     return [
         AgentCommand(float(u), tau, tau_r)
         for group in jax.tree.map(np.asarray, inputs)
@@ -142,21 +195,44 @@ def command_messages(inputs: TeamInputs) -> list[AgentCommand]:
 
 
 class ControllerStep:
-    """The pilot between ticks, without ROS: compiled when it is made, begun by the first measurement, at rest."""
+    """Controller with its state, independent of ROS; the first measurement, at rest, initializes the state.
 
-    def __init__(self, experiment: flight.Experiment, of: RosNames) -> None:
-        self.pilot, self.names, self.dt, self.ticks = experiment.controller, of, experiment.dt, 0
-        still = _still(self.pilot.team)
-        self._begin = jax.jit(lambda controller, *now: controller.init(*now)[1])
-        self.memory = self._begin(self.pilot, still, self._clock())
-        self._tick = _compiled(self.pilot, self.memory, still, self._clock())
+    Attributes:
+        controller: Onboard controller.
+        names: ROS names of the team.
+        dt: Control period [s].
+        ticks: Number of control periods until now.
+        state: State of the controller.
+    """
 
-    def __call__(self, innovation_state: Mapping[str, Any]) -> list[AgentCommand]:
-        """The commands from now on; raises ValueError as `measurement`."""
-        m = measurement_from_messages(self.pilot.team, self.names, innovation_state)
+    def __init__(self, experiment: flight.Experiment, names: RosNames) -> None:
+        """Compile the controller.
+
+        Args:
+            experiment: Experiment that defines controller and control period.
+            names: ROS names of the team.
+        """
+        self.controller, self.names, self.dt, self.ticks = experiment.controller, names, experiment.dt, 0
+        measurement = _zero_measurement(self.controller.team)
+        self._init = jax.jit(lambda controller, *inputs: controller.init(*inputs)[1])
+        self.state = self._init(self.controller, measurement, self._clock())
+        self._step = _compile_step(self.controller, self.state, measurement, self._clock())
+
+    def __call__(self, messages: Mapping[str, Any]) -> list[AgentCommand]:
+        """Compute the commands of one control period.
+
+        Messages that are not valid raise `ValueError`, as in `measurement_from_messages`.
+
+        Args:
+            messages: Last message of each topic.
+
+        Returns:
+            Commands in team order.
+        """
+        m = measurement_from_messages(self.controller.team, self.names, messages)
         if self.ticks == 0:
-            self.memory = self._begin(self.pilot, m, self._clock())
-        command, self.memory = self._tick(self.pilot, self.memory, m, self._clock())
+            self.state = self._init(self.controller, m, self._clock())
+        command, self.state = self._step(self.controller, self.state, m, self._clock())
         self.ticks += 1
         return command_messages(command)
 
@@ -164,34 +240,50 @@ class ControllerStep:
         return ControlClock(t=jnp.asarray(self.ticks * self.dt), dt=jnp.asarray(self.dt))
 
 
-def _still(team: Team) -> Measurement:
-    """A measurement of the team's shapes."""
+def _zero_measurement(team: Team) -> Measurement:
+    """Return a measurement with the shapes of the team, zero except for the attitudes."""
     zero = {name: jnp.zeros(3) for name in ("x", "v", "omega", "a")}
     groups = []
     for size, group in zip(team.sizes, team.agent_groups, strict=True):
-        one = {"R": jnp.eye(3), **zero, "r": jnp.zeros(group.tree.joints), "lam": jnp.zeros((group.tree.arms, 3))}
-        groups.append(AgentReading(**{name: jnp.repeat(x[None], size, axis=0) for name, x in one.items()}))
+        agent = {"R": jnp.eye(3), **zero, "r": jnp.zeros(group.tree.joints), "lam": jnp.zeros((group.tree.arms, 3))}
+        groups.append(AgentReading(**{name: jnp.repeat(x[None], size, axis=0) for name, x in agent.items()}))
     zero["p"] = zero.pop("x")
     return Measurement(agents=tuple(groups), payload=PayloadReading(R=jnp.eye(3), **zero))
 
 
-def _compiled(*like: Any) -> Callable[..., Any]:
-    """The tick in native code, or by JAX where a part has none: its first call must not take seconds."""
-    tick = lambda controller, *now: controller.step(*now)[:2]  # noqa: E731
+def _compile_step(*args: Any) -> Callable[..., Any]:
+    """Compile a control period to native code, or by JAX if an operation has none, and call it once."""
+    step = lambda controller, *inputs: controller.step(*inputs)[:2]  # noqa: E731
     try:
-        made = jax.jit(codegen.compile(tick))
-        made.lower(*like)
+        compiled = jax.jit(codegen.compile(step))
+        compiled.lower(*args)
     except codegen.UnsupportedPrimitive:
-        made = jax.jit(tick)
-    jax.block_until_ready(made(*like))
-    return made
+        compiled = jax.jit(step)
+    jax.block_until_ready(compiled(*args))
+    return compiled
 
 
-def spin(experiment: flight.Experiment, of: RosNames, seconds: float = float("inf")) -> int:
-    """Fly a plan's pilot as the ROS 2 node `colift`, for so long; the number of ticks that were commanded.
+def spin(experiment: flight.Experiment, names: RosNames, seconds: float = float("inf")) -> int:
+    """Run the controller of an experiment as the ROS 2 node `colift`.
 
-    It begins once every topic was heard. Raises ModuleNotFoundError where ROS is not installed, TimeoutError where a
-    topic falls silent for `STALE`, ValueError as `measurement`: then nothing more is commanded.
+    The node publishes commands when it has received a message on each topic. After an exception it publishes no further
+    commands. A message that is not valid raises `ValueError`. A topic without a message for `MAX_MESSAGE_AGE` raises
+    `TimeoutError`.
+
+    Args:
+        experiment: Experiment that defines controller and control period.
+        names: ROS names of the team.
+        seconds: Duration [s].
+
+    Returns:
+        Number of control periods.
+
+    Raises:
+        ModuleNotFoundError: If ROS 2 is not installed.
+
+    Example:
+        >>> settings = colift.load("paper")  # doctest: +SKIP
+        >>> spin(make_experiment(settings, "C1"), names(settings))  # doctest: +SKIP
     """
     try:
         import rclpy
@@ -199,48 +291,48 @@ def spin(experiment: flight.Experiment, of: RosNames, seconds: float = float("in
         from sensor_msgs.msg import Imu, JointState
     except ModuleNotFoundError as error:
         raise ModuleNotFoundError("ROS 2 is not installed: pip install 'colift[ros]'", name="rclpy") from error
-    kinds = {kind.__name__: kind for kind in (PoseStamped, Vector3Stamped, WrenchStamped, Imu, JointState)}
-    tick, innovation_state, since = ControllerStep(experiment, of), {}, {}
+    message_types = {kind.__name__: kind for kind in (PoseStamped, Vector3Stamped, WrenchStamped, Imu, JointState)}
+    controller_step, messages, received = ControllerStep(experiment, names), {}, {}
     rclpy.init()
     try:
         node = rclpy.create_node("colift")
-        context = lambda: 1e-9 * node.get_clock().now().nanoseconds  # noqa: E731
+        now = lambda: 1e-9 * node.get_clock().now().nanoseconds  # noqa: E731
 
-        def hear(topic: str) -> Callable[[Any], None]:
-            def keep(message: Any) -> None:
-                innovation_state[topic], since[topic] = message, context()
+        def make_callback(topic: str) -> Callable[[Any], None]:
+            def store(message: Any) -> None:
+                messages[topic], received[topic] = message, now()
 
-            return keep
+            return store
 
-        wanted = topics(of)
-        for topic, kind in wanted.items():
-            node.create_subscription(kinds[kind], topic, hear(topic), 10)
-        wrenches = [node.create_publisher(WrenchStamped, f"/{agent}/command", 10) for agent in of.agents]
-        efforts = [node.create_publisher(JointState, f"/{agent}/joint_commands", 10) for agent in of.agents]
+        required = topics(names)
+        for topic, type_name in required.items():
+            node.create_subscription(message_types[type_name], topic, make_callback(topic), 10)
+        wrenches = [node.create_publisher(WrenchStamped, f"/{agent}/command", 10) for agent in names.agents]
+        efforts = [node.create_publisher(JointState, f"/{agent}/joint_commands", 10) for agent in names.agents]
 
         def step() -> None:
-            if innovation_state.keys() != wanted.keys():
+            if messages.keys() != required.keys():
                 return
-            silent = [topic for topic, t in since.items() if context() - t > MAX_MESSAGE_AGE]
-            if silent and tick.ticks:
-                raise TimeoutError(f"{', '.join(silent)} silent for {MAX_MESSAGE_AGE:g} s: nothing more is commanded")
+            outdated = [topic for topic, t in received.items() if now() - t > MAX_MESSAGE_AGE]
+            if outdated and controller_step.ticks:
+                raise TimeoutError(f"no message on {', '.join(outdated)} for {MAX_MESSAGE_AGE:g} s: commands stop")
             stamp = node.get_clock().now().to_msg()
-            for j, command in enumerate(tick(innovation_state)):
+            for j, command in enumerate(controller_step(messages)):
                 message = WrenchStamped()
-                message.header.stamp, message.header.frame_id = stamp, of.agents[j]
+                message.header.stamp, message.header.frame_id = stamp, names.agents[j]
                 message.wrench.force.z = command.u
                 torque = message.wrench.torque
                 torque.x, torque.y, torque.z = command.tau.tolist()
                 wrenches[j].publish(message)
-                if of.joints[j]:
-                    message = JointState(name=list(of.joints[j]), effort=command.tau_r.tolist())
+                if names.joints[j]:
+                    message = JointState(name=list(names.joints[j]), effort=command.tau_r.tolist())
                     message.header.stamp = stamp
                     efforts[j].publish(message)
 
         node.create_timer(experiment.dt, step)
-        until = context() + seconds
-        while context() < until and rclpy.ok():
+        end = now() + seconds
+        while now() < end and rclpy.ok():
             rclpy.spin_once(node, timeout_sec=0.1)
     finally:
         rclpy.try_shutdown()
-    return tick.ticks
+    return controller_step.ticks
