@@ -64,7 +64,7 @@ def compiler() -> tuple[str, ...] | None:
         custom = shlex.split(os.environ.get("CC", ""))
     except ValueError as error:
         raise CompilerError(f"$CC is {os.environ['CC']!r}: {error}") from None
-    found = ((shutil.which(words[0]), *words[1:]) for words in ([custom] if wanted else [["cc"], ["gcc"], ["clang"]]))
+    found = ((shutil.which(words[0]), *words[1:]) for words in ([custom] if custom else [["cc"], ["gcc"], ["clang"]]))
     return next(((path, *words) for path, *words in found if path), None)
 
 
