@@ -1,11 +1,11 @@
-// The flights as colift/playback.py packs them, and where things are between two of their frames.
+// Decoding of the flights that colift/visualization/playback.py encodes, and interpolation between frames.
 
 const decoded = ({ shape, float32 }) => {
   const bytes = Uint8Array.from(atob(float32), (letter) => letter.charCodeAt(0));
   return { width: shape.slice(1).reduce((n, each) => n * each, 1), values: new Float32Array(bytes.buffer) };
 };
 
-/** What Python wrote into the page: the team's shape and every case with its tracks as arrays. */
+/** Returns the data of the page: geometry of the team, and all cases with their tracks as arrays. */
 export function flights(text) {
   const written = JSON.parse(text);
   for (const flight of written.cases) {
@@ -14,7 +14,7 @@ export function flights(text) {
   return written;
 }
 
-/** More frames of a flight that is watched, at their place; what is told of it until now. */
+/** Stores new frames of a running simulation and its events until now. */
 export function arrive(flight, { from, known, tracks, marks, stopped, t_sigma, sigma }) {
   for (const [name, packed] of Object.entries(tracks)) {
     const { width, values } = decoded(packed);
@@ -27,10 +27,10 @@ export function arrive(flight, { from, known, tracks, marks, stopped, t_sigma, s
   }
 }
 
-/** When the last frame that is there is, s. */
+/** Returns the time of the last available frame, s. */
 export const last = ({ t, known = t.length }) => t[known - 1];
 
-/** The frame before a time and how far it is to the next, 0 to 1; the first or last frame outside of the flight. */
+/** Returns the frame before a time and the fraction to the next frame, 0 to 1; first or last frame outside the flight. */
 export function moment({ t: times, known = times.length }, t) {
   let low = 0;
   let high = known - 1;
@@ -43,7 +43,7 @@ export function moment({ t: times, known = times.length }, t) {
   return { i: low, s: Math.max(0, (t - times[low]) / (times[high] - times[low])) };
 }
 
-/** Three numbers of a track at a moment, from column `k` on, into a vector of three.js. */
+/** Writes three numbers of a track at a moment, from column `k` on, into a vector of three.js. */
 export function vector(track, { i, s }, k, into) {
   const { width, values } = track;
   const a = i * width + k;
@@ -53,20 +53,20 @@ export function vector(track, { i, s }, k, into) {
   return into.set(between(0), between(1), between(2));
 }
 
-/** A rotation of a track (w, x, y, z) at a moment, into a quaternion of three.js. */
+/** Writes a rotation of a track (w, x, y, z) at a moment into a quaternion of three.js. */
 export function rotation(track, { i, s }, k, into, spare) {
   const read = (at, q) => q.set(track.values[at + 1], track.values[at + 2], track.values[at + 3], track.values[at]);
   read(i * track.width + k, into);
   return s === 0 ? into : into.slerp(read((i + 1) * track.width + k, spare), s);
 }
 
-/** One number of a track at a moment. */
+/** Returns one number of a track at a moment. */
 export function number(track, { i, s }, k) {
   const a = i * track.width + k;
   return s === 0 ? track.values[a] : track.values[a] + s * (track.values[a + track.width] - track.values[a]);
 }
 
-/** A column of a track as a list that a plot takes: null where it is not finite. */
+/** Returns a column of a track as a list for a plot; null for values that are not finite. */
 export function column(track, k) {
   const out = [];
   for (let at = k; at < track.values.length; at += track.width) {
@@ -75,7 +75,7 @@ export function column(track, k) {
   return out;
 }
 
-/** Norms of the three columns of a track from `k` on, as a list that a plot takes. */
+/** Returns the norms of the three columns of a track from `k` on as a list for a plot. */
 export function norms(track, k) {
   const [x, y, z] = [0, 1, 2].map((n) => column(track, k + n));
   return x.map((each, i) => (each === null || y[i] === null || z[i] === null ? null : Math.hypot(each, y[i], z[i])));

@@ -1,17 +1,18 @@
-// Colours: those of the figures (colift/look.py) on light ground, their lighter sisters on dark (Paul Tol's schemes).
+// Colours: on a light background those of the figures (colift/visualization/style.py), on a dark one lighter variants
+// (colour schemes of Paul Tol).
 
 const CASES = {
   C1: ["#ddaa33", "#eecc66"],
   C2: ["#bb5566", "#ee99aa"],
   C3: ["#004488", "#6699cc"],
-  C4: ["#000000", "#ffffff"],
-  I: ["#117733", "#44aa77"],
-  DOB: ["#33bbee", "#88ccee"],
-  P: ["#aa4499", "#dd88cc"],
-  O: ["#777777", "#aaaaaa"],
-  F: ["#ee7733", "#ffaa77"],
-  R: ["#44aa99", "#77ccbb"],
-  H: ["#882255", "#cc6699"],
+  adaptive: ["#000000", "#ffffff"],
+  integral: ["#117733", "#44aa77"],
+  disturbance_observer: ["#33bbee", "#88ccee"],
+  parametric: ["#aa4499", "#dd88cc"],
+  true_residual: ["#777777", "#aaaaaa"],
+  label_feedback: ["#ee7733", "#ffaa77"],
+  regression: ["#44aa99", "#77ccbb"],
+  gp_label_feedback: ["#882255", "#cc6699"],
 };
 const AGENTS = [
   ["#228833", "#66cc77"],
@@ -24,14 +25,14 @@ const AGENTS = [
 const dark = matchMedia("(prefers-color-scheme: dark)");
 const shade = () => (dark.matches ? 1 : 0);
 
-/** Calls back when the reader changes between light and dark. */
+/** Calls a function when the colour scheme changes between light and dark. */
 export const onTheme = (changed) => dark.addEventListener("change", changed);
 
-/** The colour of a case. */
-export const caseColor = (name) => (CASES[name] ?? CASES.O)[shade()];
+/** Returns the colour of a case. */
+export const caseColor = (name) => (CASES[name] ?? CASES.true_residual)[shade()];
 
-/** The colour of the k-th agent's curves. */
+/** Returns the colour of the k-th agent's curves. */
 export const agentColor = (k) => AGENTS[k % AGENTS.length][shade()];
 
-/** A colour that the style sheet names. */
+/** Returns a colour of the style sheet. */
 export const ink = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();

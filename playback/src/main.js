@@ -1,4 +1,4 @@
-// The page: what is shown at which time, and what the reader asks of it.
+// The page: elements, time, and input of the user.
 import uplotStyle from "uplot/dist/uPlot.min.css";
 import { arrive, flights, last } from "./flight.js";
 import { caseColor, onTheme } from "./look.js";
@@ -6,7 +6,7 @@ import pageStyle from "./page.css";
 import { build as buildPlots } from "./plots.js";
 import { build as buildScene } from "./scene.js";
 
-const STEP = 1 / 30; // s, that an arrow key moves
+const STEP = 1 / 30; // s, step of an arrow key
 const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 4];
 
 const make = (tag, properties = {}, ...children) => {
@@ -18,17 +18,17 @@ const make = (tag, properties = {}, ...children) => {
 document.head.append(make("style", { textContent: uplotStyle + pageStyle }));
 const written = flights(document.getElementById("flights").textContent);
 const { cases, arrows } = written;
-const whole = Math.max(...cases.map(({ t }) => t[t.length - 1])); // s, also of a flight that is still watched
+const whole = Math.max(...cases.map(({ t }) => t[t.length - 1])); // s, also of a running simulation
 const end = () => Math.max(...cases.map(last));
-let flying = Boolean(written.live);
+let running = Boolean(written.live);
 const state = { t: 0, p: null, case: 0, playing: false, speed: 1, follow: false, ghosts: true };
 
-// What the page consists of -------------------------------------------------------------------------------------------
+// Elements -----------------------------------------------------------------------------------------------------------
 
 const stage = make("div", { id: "stage" });
 const plotted = make("div", { id: "plots" });
 const play = make("button", { id: "play", title: "play or pause (space)" });
-const follow = make("button", { id: "follow", textContent: "follow", title: "the camera follows the payload (f)" });
+const follow = make("button", { id: "follow", textContent: "follow", title: "camera follows the payload (f)" });
 const slider = make("input", { id: "time", type: "range", min: 0, max: whole, step: "any", value: 0, title: "time" });
 const clock = make("output", { id: "clock" });
 const mode = make("output", { id: "mode" });
@@ -39,7 +39,7 @@ const chips = cases.map(({ name, label }, k) =>
   make("button", { className: "chip", title: label, onclick: () => choose(k) }, make("b", { textContent: name }), make("span", { textContent: label })),
 );
 const swatches = Object.entries(arrows).map(([kind, { label, N_per_m: scale }]) => {
-  const box = make("input", { type: "checkbox", checked: true, onchange: () => (scene?.show(kind, box.checked), ask()) });
+  const box = make("input", { type: "checkbox", checked: true, onchange: () => (scene?.show(kind, box.checked), requestFrame()) });
   return make("label", { className: kind }, box, make("i"), make("span", { textContent: label }), make("em", { textContent: `${scale} N per m` }));
 });
 const ground = make("p");
@@ -49,11 +49,11 @@ const legend = make(
   make("summary", { textContent: "legend" }),
   ...swatches,
   make("p", {}, make("i", { className: "line reference" }), "reference path"),
-  make("p", {}, make("i", { className: "line wanted" }), "reference pose now"),
-  make("p", {}, make("i", { className: "line flown" }), "path flown"),
+  make("p", {}, make("i", { className: "line wanted" }), "present reference pose"),
+  make("p", {}, make("i", { className: "line flown" }), "simulated path"),
   ground,
 );
-const others = cases.length > 1 ? [make("label", { id: "others" }, ghosts, "others as ghosts")] : [];
+const others = cases.length > 1 ? [make("label", { id: "others" }, ghosts, "other cases transparent")] : [];
 document.body.append(
   make(
     "header",
@@ -63,28 +63,28 @@ document.body.append(
     make("nav", {}, ...chips, ...others),
   ),
   make("main", {}, make("div", { id: "left" }, stage, make("div", { id: "bar" }, play, slider, clock, speed, follow), mode), plotted),
-  make("footer", {}, "space: play or pause   ← →: step   f: follow   drag: turn   wheel: closer   point at a plot: go there"),
+  make("footer", {}, "space: play or pause   ← →: step   f: follow   drag: rotate   wheel: zoom   click in a plot: set the time"),
 );
 stage.append(legend);
 
 // Time ----------------------------------------------------------------------------------------------------------------
 
-let asked = false;
-let before = null; // ms, when the frame before was drawn, while playing
+let requested = false;
+let before = null; // ms, time of the previous frame while playing
 
-/** Asks for a frame; several asks make one. */
-function ask() {
-  if (!asked) requestAnimationFrame(frame);
-  asked = true;
+/** Requests a frame; several requests result in one. */
+function requestFrame() {
+  if (!requested) requestAnimationFrame(frame);
+  requested = true;
 }
 
 function frame(at) {
-  asked = false;
+  requested = false;
   if (state.playing) {
     if (before !== null) seek(state.t + (state.speed * (at - before)) / 1000);
     before = at;
-    if (state.t < end()) ask();
-    else if (flying) before = null; // until there is more
+    if (state.t < end()) requestFrame();
+    else if (running) before = null; // wait for more frames
     else run(false);
   }
   scene?.draw();
@@ -92,19 +92,19 @@ function frame(at) {
 
 const within = (t, spans) => spans.some(([from, to]) => t >= from && t <= to);
 
-/** What the chosen case is doing, in words. */
-function doing() {
+/** Returns the status of the selected case as text. */
+function status() {
   const { stopped, marks } = cases[state.case];
   const until = last(cases[state.case]);
   if (stopped && state.t >= until) return `stopped at ${until.toFixed(2)} s: ${stopped}`;
   const made = marks.updates.filter((each) => each <= state.t).length;
   const words = [];
   if (marks.updates.length) {
-    words.push(state.t < (marks.learning_end ?? Infinity) ? "learning" : "learning has ended", `${made} of ${marks.updates.length} updates`);
+    words.push(state.t < (marks.learning_end ?? Infinity) ? "learning" : "learning ended", `${made} of ${marks.updates.length} updates`);
   } else words.push("no learned model");
-  if (within(state.t, marks.internal)) words.push("internal forces act");
+  if (within(state.t, marks.internal)) words.push("internal forces active");
   for (const [name, spans] of Object.entries(marks.at_limit)) {
-    if (within(state.t, spans)) words.push(`${name} at its thrust limit`);
+    if (within(state.t, spans)) words.push(`${name} at thrust limit`);
   }
   return words.join(", ");
 }
@@ -116,16 +116,16 @@ function seek(t) {
   plots.move(state.t);
   slider.value = state.t;
   clock.textContent = `${state.t.toFixed(2)} s`;
-  mode.textContent = `${cases[state.case].name}: ${doing()}`;
-  ask();
+  mode.textContent = `${cases[state.case].name}: ${status()}`;
+  requestFrame();
 }
 
 function run(on) {
   state.playing = on;
   before = null;
-  if (on && state.t >= end() && !flying) seek(0);
+  if (on && state.t >= end() && !running) seek(0);
   play.textContent = on ? "pause" : "play";
-  ask();
+  requestFrame();
 }
 
 function choose(k) {
@@ -141,10 +141,10 @@ function track(on) {
   state.follow = on;
   follow.setAttribute("aria-pressed", on);
   scene?.follow(on);
-  ask();
+  requestFrame();
 }
 
-// What the reader does ------------------------------------------------------------------------------------------------
+// Input of the user ---------------------------------------------------------------------------------------------------
 
 play.onclick = () => run(!state.playing);
 follow.onclick = () => track(!state.follow);
@@ -154,7 +154,7 @@ ghosts.onchange = () => {
   state.ghosts = ghosts.checked;
   choose(state.case);
 };
-addEventListener("pointerup", ({ target }) => target.closest("button")?.blur()); // space plays, whatever was pressed
+addEventListener("pointerup", ({ target }) => target.closest("button")?.blur()); // afterwards the space key plays, not the button
 addEventListener("keydown", (event) => {
   const { key, target, ctrlKey, metaKey, altKey } = event;
   if (ctrlKey || metaKey || altKey || target.matches("select")) return;
@@ -171,14 +171,14 @@ addEventListener("keydown", (event) => {
   }
 });
 
-// The start -----------------------------------------------------------------------------------------------------------
+// Start ---------------------------------------------------------------------------------------------------------------
 
 let scene = null;
 try {
-  scene = buildScene(stage, written, ask);
+  scene = buildScene(stage, written, requestFrame);
   ground.textContent = `grid: ${scene.step} m, at z = ${written.ground_m} m`;
 } catch (error) {
-  stage.prepend(make("p", { id: "blind", textContent: `no scene: ${error.message}` }));
+  stage.prepend(make("p", { id: "blind", textContent: `the 3D view is not available: ${error.message}` }));
 }
 const plots = buildPlots(plotted, written, seek);
 const tint = () => chips.forEach((chip, k) => chip.style.setProperty("--own", caseColor(cases[k].name)));
@@ -194,16 +194,16 @@ onTheme(() => {
 new ResizeObserver(() => {
   scene?.size();
   plots.size();
-  ask();
+  requestFrame();
 }).observe(document.body);
 
-// A flight that is watched -----------------------------------------------------------------------------------------------
+// Running simulation -----------------------------------------------------------------------------------------------------
 
-if (flying) {
+if (running) {
   const source = new EventSource(written.live);
   const ended = () => {
     source.close();
-    flying = false;
+    running = false;
   };
   source.onmessage = ({ data }) => {
     arrive(cases[0], JSON.parse(data));
@@ -211,9 +211,9 @@ if (flying) {
     choose(0);
   };
   source.addEventListener("end", ended);
-  source.onerror = ended; // what has come stays
+  source.onerror = ended; // received frames remain
   run(true);
 }
 
 window.seek = seek;
-window.state = () => ({ ...state, case: cases[state.case].name, end: end(), flying });
+window.state = () => ({ ...state, case: cases[state.case].name, end: end(), running });

@@ -1,27 +1,27 @@
-// The plots: errors, contact forces and deviations over time, under one cursor.
+// Plots of errors, contact forces and predictive standard deviations over time, with a common cursor.
 import uPlot from "uplot";
 import { column, norms } from "./flight.js";
 import { agentColor, caseColor, ink } from "./look.js";
 
 const DASHES = [[], [7, 4], [2, 3], [9, 3, 2, 3]];
-const GUTTER = 58; // px, left of every plot: their time axes lie below each other
-const HEIGHT = 132; // px, of a plot without a time axis, in a page that scrolls
-const [LEAST, MOST] = [84, 240]; // px, where plots fill their column
-const AXIS = 40; // px, for the time axis of the last
+const GUTTER = 58; // px, left margin of all plots, so that their time axes are aligned
+const HEIGHT = 132; // px, height of a plot without time axis in a scrolling page
+const [MIN_HEIGHT, MAX_HEIGHT] = [84, 240]; // px, if the plots fill their column
+const AXIS = 40; // px, height of the time axis of the last plot
 const shorter = (value) => (value == null ? "–" : Math.abs(value) >= 100 ? value.toFixed(0) : value.toPrecision(3));
 
-/** From a power of ten to a power of ten, so that there are two to read. */
+/** Returns a range between powers of ten, so that the axis has at least two ticks. */
 const wholeDecades = (_, low, high) => [10 ** Math.floor(Math.log10(low || 0.1)), 10 ** Math.ceil(Math.log10(high || 1))];
 
 const powers = (_, at) => at.map((value) => (value === null ? "" : String(Number(value.toPrecision(3)))));
 
-/** Curves of one plot: each with its label, colour, dashes, times and values; those not chosen are faint. */
+/** Returns the curves of one plot with label, colour, dashes, times and values; cases that are not selected are faint. */
 function curves(kind, { shape, cases }, chosen, others) {
-  const seen = cases.map((flight, k) => ({ flight, faint: k !== chosen })).filter(({ faint }) => others || !faint);
+  const visible = cases.map((flight, k) => ({ flight, faint: k !== chosen })).filter(({ faint }) => others || !faint);
   const each = (name, tracks, k, dash, at = "t") =>
-    seen.map(({ flight, faint }) => ({
+    visible.map(({ flight, faint }) => ({
       label: name || flight.name,
-      told: !name || !faint, // where a case has several curves, colours tell the others
+      listed: !name || !faint, // with several curves per case the legend lists the selected case only
       color: caseColor(flight.name),
       dash,
       faint,
@@ -39,7 +39,7 @@ function curves(kind, { shape, cases }, chosen, others) {
     color: agentColor(agent),
     dash: DASHES[arm % DASHES.length],
     faint: false,
-    told: true,
+    listed: true,
     t,
     y: norms(tracks.lam, 3 * k),
   }));
@@ -49,10 +49,10 @@ const PLOTS = [
   { kind: "position", title: "Position error", unit: "|e| [m]", log: true },
   { kind: "attitude", title: "Attitude error", unit: "angle [deg]", log: true },
   { kind: "contact", title: "Contact forces on the payload", unit: "|λ| [N]", log: false },
-  { kind: "deviation", title: "Predictive deviation of learned forces", unit: "σ [N]", log: true },
+  { kind: "deviation", title: "Predictive standard deviation of the residual", unit: "σ [N]", log: true },
 ];
 
-/** Vertical lines where models were updated, dashed where learning ends, grey where internal forces act. */
+/** Draws lines at model updates, a dashed line at the end of learning, and spans of internal forces and thrust limits. */
 function marks({ marks: { updates, learning_end: end, internal, at_limit: limits } }) {
   return (u) => {
     const { ctx, bbox } = u;
@@ -84,13 +84,13 @@ function marks({ marks: { updates, learning_end: end, internal, at_limit: limits
   };
 }
 
-/** What the marks of the chosen case mean, of those that it has. */
+/** Returns the legend of the event markers of the selected case. */
 function key({ marks: { updates, learning_end: end, internal, at_limit: limits } }) {
   const entries = [
     ["update", "models updated", updates.length],
-    ["end", "learning ends", updates.length && end !== null],
-    ["active", "internal forces act", internal.length],
-    ["limit", "an agent at its thrust limit", Object.keys(limits).length],
+    ["end", "end of learning", updates.length && end !== null],
+    ["active", "internal forces active", internal.length],
+    ["limit", "agent at thrust limit", Object.keys(limits).length],
   ];
   const line = Object.assign(document.createElement("p"), { id: "key" });
   for (const [kind, text] of entries.filter(([, , any]) => any)) {
@@ -101,13 +101,13 @@ function key({ marks: { updates, learning_end: end, internal, at_limit: limits }
   return line;
 }
 
-/** The plots in an element; `seek(t)` is called where the reader points. */
+/** Builds the plots in an element; `seek(t)` is called with the selected time. */
 export function build(element, written, seek) {
   let drawn = [];
-  let explained = null;
+  let markerLegend = null;
   let now = 0;
   const end = Math.max(...written.cases.map(({ t }) => t[t.length - 1]));
-  const span = Math.ceil(10 * end - 1e-6) / 10; // so that the last of its ticks is seen
+  const span = Math.ceil(10 * end - 1e-6) / 10; // so that the last tick is visible
   const last = (k) => k === PLOTS.length - 1;
 
   function one({ kind, title, unit, log }, k, chosen, others) {
@@ -158,14 +158,14 @@ export function build(element, written, seek) {
     section.append(legend);
     const cursor = Object.assign(document.createElement("div"), { className: "cursor" });
     plot.over.append(cursor);
-    const told = all.map(({ label, color, dash, faint, told }, n) => {
+    const readouts = all.map(({ label, color, dash, faint, listed }, n) => {
       const line = ["solid", "dashed", "dotted", "double"][DASHES.indexOf(dash)];
       const marker = document.createElement("i");
       marker.style.borderTop = `3px ${line} ${color}`;
       const value = document.createElement("b");
       const entry = Object.assign(document.createElement("span"), { className: faint ? "faint" : "" });
       entry.append(marker, label, value);
-      if (told) legend.append(entry);
+      if (listed) legend.append(entry);
       return (at) => (value.textContent = shorter(data[n + 1][at]));
     });
     const point = (event) => {
@@ -176,25 +176,25 @@ export function build(element, written, seek) {
       point(event);
     });
     plot.over.addEventListener("pointermove", point);
-    return { plot, section, cursor, told };
+    return { plot, section, cursor, readouts };
   }
 
   function move(t) {
     now = t;
-    for (const { plot, cursor, told } of drawn) {
+    for (const { plot, cursor, readouts } of drawn) {
       cursor.style.left = `${(100 * t) / span}%`;
       const at = plot.valToIdx(t);
-      for (const tell of told) tell(at);
+      for (const update of readouts) update(at);
     }
   }
 
-  /** Plots fill their column where that ends with the window, and scroll where they would be too low. */
+  /** Fits the heights of the plots to the window; if they would be too small, the column scrolls. */
   function size() {
     if (!drawn.length) return;
-    const used = drawn.reduce((sum, { section, plot }) => sum + section.offsetHeight - plot.root.offsetHeight, explained.offsetHeight);
+    const used = drawn.reduce((sum, { section, plot }) => sum + section.offsetHeight - plot.root.offsetHeight, markerLegend.offsetHeight);
     const fills = getComputedStyle(element).overflowY === "auto";
     const room = (element.clientHeight - used - AXIS - 10 * PLOTS.length) / PLOTS.length;
-    const height = fills ? Math.floor(Math.min(Math.max(room, LEAST), MOST)) : HEIGHT;
+    const height = fills ? Math.floor(Math.min(Math.max(room, MIN_HEIGHT), MAX_HEIGHT)) : HEIGHT;
     drawn.forEach(({ plot, section }, k) => {
       plot.setSize({ width: section.clientWidth, height: height + (last(k) ? AXIS : 0) });
     });
@@ -205,8 +205,8 @@ export function build(element, written, seek) {
     size,
     show(chosen, others) {
       for (const { plot } of drawn) plot.destroy();
-      explained = key(written.cases[chosen]);
-      element.replaceChildren(explained);
+      markerLegend = key(written.cases[chosen]);
+      element.replaceChildren(markerLegend);
       drawn = PLOTS.map((spec, k) => one(spec, k, chosen, others));
       size();
       move(now);

@@ -1,4 +1,4 @@
-// The scene: teams, reference, paths and arrows in the world frame, z up, metres.
+// 3D scene: teams, reference, paths and arrows in the world frame, z up, metres.
 import {
   AmbientLight,
   Box3,
@@ -31,10 +31,10 @@ import { OrbitControls } from "three/examples/jsm/controls/OrbitControls.js";
 import { moment, number, rotation, vector } from "./flight.js";
 import { agentColor, caseColor, ink } from "./look.js";
 
-const CLOSE = 2; // sizes of the team, edge of the box about the payload that a camera which follows it sees
-const MARGIN = 0.92; // of the window, what is filled
-const GHOST = 0.2; // opacity of a case that is not chosen
-const UP = new Vector3(0, 1, 0); // along which three.js builds cylinders and cones
+const CLOSE = 2; // team sizes, edge of the box around the payload in the view of a following camera
+const MARGIN = 0.92; // filled fraction of the window
+const GHOST = 0.2; // opacity of a case that is not selected
+const UP = new Vector3(0, 1, 0); // axis of cylinders and cones in three.js
 const ROD = new CylinderGeometry(1, 1, 1, 12);
 const BALL = new SphereGeometry(1, 16, 12);
 const HEAD = new ConeGeometry(1, 1, 16).translate(0, -0.5, 0);
@@ -42,7 +42,7 @@ const a = new Vector3();
 const b = new Vector3();
 const spare = new Quaternion();
 
-/** Lays a rod between two points. */
+/** Places a rod between two points. */
 function lay(rod, from, to, thickness) {
   b.subVectors(to, from);
   const length = b.length();
@@ -51,7 +51,7 @@ function lay(rod, from, to, thickness) {
   if (length > 1e-6) rod.quaternion.setFromUnitVectors(UP, b.divideScalar(length));
 }
 
-/** An arrow whose length is a force over `perMetre`, N per m. */
+/** Returns an arrow whose length is a force over `perMetre`, N per m. */
 function arrow(thickness, perMetre, paint) {
   const shaft = new Mesh(ROD, paint);
   const head = new Mesh(HEAD, paint);
@@ -79,7 +79,7 @@ function arrow(thickness, perMetre, paint) {
   };
 }
 
-/** The bodies of one case: its payload, agents with rotors, arms. `ghost` makes them translucent. */
+/** Returns the bodies of one case: payload, agents with rotors, arms. */
 function team(shape, flight) {
   const group = new Group();
   const thick = 0.014 * shape.size_m;
@@ -150,7 +150,7 @@ function team(shape, flight) {
       nodes.forEach((node, k) => balls[k].position.copy(vector(track, now, 3 * k, node)));
       shape.links.forEach(([from, to], k) => lay(rods[k], nodes[from], nodes[to], thick));
     },
-    /** Makes a ghost as faint as it is close to the chosen case, which it would veil. */
+    /** Reduces the opacity of a case near the selected case, so that it does not cover it. */
     fade(distance) {
       const opacity = GHOST * Math.min(1, distance / (0.1 * shape.size_m));
       for (const paint of [...Object.values(paints), ...hubs]) paint.opacity = opacity;
@@ -172,16 +172,16 @@ function team(shape, flight) {
   };
 }
 
-/** A line through the columns of a track. */
+/** Returns a line through the points of a track. */
 function path(track, paint) {
   const line = new Line(new BufferGeometry(), paint);
   line.geometry.setAttribute("position", new BufferAttribute(track.values, 3));
-  line.frustumCulled = false; // what of it is drawn changes
-  line.geometry.boundingSphere = new Sphere(); // nor is it sorted by one, which what is not yet flown would spoil
+  line.frustumCulled = false; // the drawn part changes
+  line.geometry.boundingSphere = new Sphere(); // frames that are not yet available would invalidate it
   return line;
 }
 
-/** Lines of a grid on the ground about a point, `step` apart. */
+/** Returns the lines of a ground grid around a point, `step` apart. */
 function grid(center, half, step, height, paint) {
   const [x0, y0] = [center.x, center.y].map((each) => Math.round(each / step) * step);
   const n = Math.ceil(half / step);
@@ -194,12 +194,12 @@ function grid(center, half, step, height, paint) {
   return new LineSegments(geometry, paint);
 }
 
-/** The corners of a box. */
+/** Returns the corners of a box. */
 function corners({ min, max }) {
   return [min.x, max.x].flatMap((x) => [min.y, max.y].flatMap((y) => [min.z, max.z].map((z) => new Vector3(x, y, z))));
 }
 
-/** The scene in an element; throws where the browser has no WebGL. `changed` is called when the reader moves it. */
+/** Builds the scene in an element; throws without WebGL. `changed` is called when the user moves the camera. */
 export function build(element, { shape, cases, arrows, ground_m }, changed) {
   const renderer = new WebGLRenderer({ antialias: true });
   renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
@@ -217,7 +217,7 @@ export function build(element, { shape, cases, arrows, ground_m }, changed) {
   const teams = cases.map((flight) => team(shape, flight));
   scene.add(...teams.map(({ group }) => group));
   const paints = Object.fromEntries(Object.keys(arrows).map((kind) => [kind, new MeshBasicMaterial()]));
-  paints.disturbance.depthTest = false; // it begins inside of the payload
+  paints.disturbance.depthTest = false; // the arrow starts inside the payload
   const grow = (kind) => arrow(0.011 * shape.size_m, arrows[kind].N_per_m, paints[kind]);
   const forces = {
     thrust: shape.agents.map(() => grow("thrust")),
@@ -293,7 +293,7 @@ export function build(element, { shape, cases, arrows, ground_m }, changed) {
     camera.updateProjectionMatrix();
   }
 
-  /** Looks at points from where all of them are just seen, as many px from one edge as from the other. */
+  /** Places the camera so that all points fill the view and are centred. */
   function fit(points) {
     const back = new Vector3(0.75, -1.5, 0.62).normalize();
     const right = new Vector3().crossVectors(camera.up, back).normalize();
@@ -346,7 +346,7 @@ export function build(element, { shape, cases, arrows, ground_m }, changed) {
       last.copy(teams[chosen].load.position);
       fit(on ? corners(new Box3().setFromCenterAndSize(last, a.setScalar(CLOSE * shape.size_m))) : whole);
     },
-    /** Everything as it is at a time; returns where the payload of the chosen case is shown, m. */
+    /** Shows all objects at a time; returns the position of the payload of the selected case, m. */
     pose(t) {
       teams.forEach((each, k) => each.pose(moment(cases[k], t)));
       teams.forEach((each, k) => {
@@ -389,7 +389,7 @@ export function build(element, { shape, cases, arrows, ground_m }, changed) {
       renderer.render(scene, camera);
       for (const { element: text, at } of labels) place(text, at);
     },
-    /** More of the flights is known. */
+    /** Updates the paths after new frames have been received. */
     arrived() {
       for (const line of flown) line.geometry.getAttribute("position").needsUpdate = true;
     },
