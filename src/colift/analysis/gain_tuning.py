@@ -25,7 +25,7 @@ from colift.scenario import Scenario, ScenarioError, experiment, initial_states,
 from colift.scenario import to_yaml as every_setting
 from colift.simulation import disturbances
 
-GAINS = ("K_p", "K_v", "k_R", "k_omega", "agent_k_R", "agent_k_omega", "posture")
+GAINS = ("K_p", "K_v", "k_R", "k_omega", "agent_k_R", "agent_k_omega", "posture_bandwidth")
 # What is chosen, as logarithms: frequency and damping of the payload's position, of its attitude, of agents' attitudes,
 # and the posture's rate: `K_p = w^2`, `K_v = 2 d w`. A frequency moves both poles of a pair alike, also if they meet.
 TUNED_GAINS = np.array([

@@ -185,7 +185,7 @@ def _mend(settings: Scenario, refusal: str, progress: Callable[[str], None]) -> 
         )
     for words, change in (
         ("cannot hover", "raise agent_types: thrust_max_N, lower payload.mass_kg, or add an agent"),
-        ("rank", "move a contact (agents: contacts_m) away from the line through the others"),
+        ("rank", "move a contact (agents: contact_positions_m) away from the line through the others"),
         ("joints for", "give the agent more joints (agent_types: joints), or fewer arms"),
     ):
         if words in refusal:
@@ -249,7 +249,7 @@ def _contacts(settings: Scenario, truth: Team) -> Finding:
         far = int(np.argmax(np.linalg.norm(np.cross(c - c.mean(0), line), axis=1)))
         advice = (
             f"contacts lie almost on one line along ({', '.join(f'{x:.2f}' for x in line)}): "
-            f"move {names[far]} away from it (agents: contacts_m), or add an agent beside it",
+            f"move {names[far]} away from it (agents: contact_positions_m), or add an agent beside it",
         )
     return Finding(
         "contacts",
@@ -506,7 +506,7 @@ def _postures(settings: Scenario, context: float) -> Iterator[Change]:
     stated = settings.control.posture_bandwidth
     for value in dict.fromkeys(float(f"{x:.2g}") for x in ((stated / 2, context) if stated else (1.0, 3.0))):
         if value > 0:
-            yield _controlled(settings, "posture", value)
+            yield _controlled(settings, "posture_bandwidth", value)
 
 
 def _patient(settings: Scenario, context: float, progress: Callable[[str], None]) -> tuple[str, ...]:
