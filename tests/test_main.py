@@ -17,7 +17,8 @@ import typer
 from typer.testing import CliRunner
 
 from colift import codegen, scenario
-from colift.cli import app
+from colift.cli import common
+from colift.cli import study as study_commands
 from colift.cli.app import app
 from colift.closed_loop import log
 from colift.models import urdf
@@ -43,7 +44,7 @@ def invoke(*arguments: str) -> tuple[int, str]:
 @pytest.fixture(autouse=True)
 def _no_figures(monkeypatch: pytest.MonkeyPatch) -> None:
     """`flown` has drawn them; ten seconds of every other study are saved."""
-    monkeypatch.setattr(study_figures, "figures", lambda *_: [])
+    monkeypatch.setattr(study_figures, "write_figures", lambda *_: [])
 
 
 def test_an_unknown_scenario_is_one_line_and_status_2():
@@ -57,7 +58,7 @@ def test_an_unknown_scenario_is_one_line_and_status_2():
 def test_what_is_listed_and_shown_is_there_for_programs():
     listed = CliRunner().invoke(app, ["list", "--json"])
     assert list(json.loads(listed.stdout)) == scenario.shipped_names()
-    shown = CliRunner().invoke(app, ["show", "paper", "--set", "payload.mass_kg=2", "--json"])
+    shown = CliRunner().invoke(app, ["print-config", "paper", "--set", "payload.mass_kg=2", "--json"])
     assert json.loads(shown.stdout)["payload"]["mass_kg"] == 2
 
 
@@ -65,8 +66,8 @@ def test_settings_complete_by_their_paths_entries_of_lists_by_name():
     ctx = typer.Context(click.Command("run"))
     for name, found in (("paper", ["payload.mass_kg="]), (None, ["payload.mass_kg="]), ("papr", [])):
         ctx.params = {"name": name}
-        assert app._setting_paths(ctx, "payload.m") == found
-    paths = app._leaves(scenario.load_scenario("paper").model_dump(mode="json"))
+        assert common.complete_setting(ctx, "payload.m") == found
+    paths = common.setting_paths(scenario.load_scenario("paper").model_dump(mode="json"))
     assert "disturbances.load_wind.mean_wind_mps" in paths
     assert all(
         scenario.load_scenario("paper", [f"{path}={value}"])
@@ -75,22 +76,22 @@ def test_settings_complete_by_their_paths_entries_of_lists_by_name():
 
 
 def test_a_run_that_ends_before_learning_does_ends_it_and_says_so(capsys: pytest.CaptureFixture[str]):
-    short = app._settings("paper", (), 5.0)
+    short = common.load_settings("paper", (), 5.0)
     assert (short.duration_s, short.learning.end_s, short.learning.update_times_s) == (5.0, 5.0, (2.0, 4.0))
-    assert app._settings("paper", (), 12.0).learning == scenario.load_scenario("paper").learning
-    assert app._settings("paper", ["learning.end_s=4", "learning.update_times_s=[2]"], 4.5).learning.end_s == 4
-    longer = app._settings("paper", ["learning.end_s=25", "learning.update_times_s=[2, 24]"], 30.0)
+    assert common.load_settings("paper", (), 12.0).learning == scenario.load_scenario("paper").learning
+    assert common.load_settings("paper", ["learning.end_s=4", "learning.update_times_s=[2]"], 4.5).learning.end_s == 4
+    longer = common.load_settings("paper", ["learning.end_s=25", "learning.update_times_s=[2, 24]"], 30.0)
     assert longer.learning.update_times_s == (2.0, 24.0)
     capsys.readouterr()
-    assert app._settings("paper", (), 1.5).learning.end_s == 1.5
+    assert common.load_settings("paper", (), 1.5).learning.end_s == 1.5
     assert "nothing is learned in 1.5 s: the first update is at 2 s" in capsys.readouterr().err
     with pytest.raises(scenario.ScenarioError) as refused:
-        app._settings("paper", (), -1.0)
+        common.load_settings("paper", (), -1.0)
     assert str(refused.value).count("\n") == 0
 
 
 def test_no_case_at_all_is_refused():
-    assert invoke("study", "paper", "--cases", "")[0] == 2
+    assert invoke("study", "paper", "--case", "")[0] == 2
 
 
 def test_a_file_that_cannot_be_read_is_one_line_and_status_2(tmp_path: Path):
@@ -105,7 +106,7 @@ def test_a_file_that_cannot_be_read_is_one_line_and_status_2(tmp_path: Path):
         ("seed: 0", "seed: !!bool foo", "broken.yaml:7: seed: tags are not used in a scenario, got '!!bool'"),
         ("seed: 0", f"seed: {2**63}", "broken.yaml:7: seed: must be from 0 to 9223372036854775807"),
         ("name: paper", 'name: "\\ud800"', "broken.yaml:3: name: holds characters that are not text"),
-        ("capacity: 256", "capacity: 9999", "learning.max_samples: the 24 outputs of the models would take 19.2 GB"),
+        ("max_samples: 256", "max_samples: 9999", "learning.max_samples: the 24 outputs of the models would take 19.2 GB"),
         ("duration_s: 20", "duration_s: 99999", "duration_s [s]: the log of this team at 500 Hz would take"),
         ("name: paper", "a: &a [*a]\nname: paper", "broken.yaml:3: is nested more than 20 deep"),
     ],
@@ -178,7 +179,7 @@ def test_what_a_compiler_that_fails_says_comes_without_a_traceback_and_status_2(
     def plans(settings: scenario.Scenario, cases: object) -> None:
         raise codegen.CompilerError("cc --version:\nexit status 1")
 
-    monkeypatch.setattr(experiment, "plans", plans)
+    monkeypatch.setattr(experiment, "make_experiments", plans)
     status, said = invoke("study", "paper", "--out", str(tmp_path))
     assert (status, said.splitlines()[1:]) == (2, ["cc --version:", "exit status 1"])
 
@@ -188,7 +189,7 @@ def test_an_engine_takes_the_place_of_the_scenario_s(given, flown, tmp_path, mon
     def plans(settings: scenario.Scenario, cases: object) -> None:
         raise scenario.ScenarioError(f"by {settings.physics.kind}")
 
-    monkeypatch.setattr(experiment, "plans", plans)
+    monkeypatch.setattr(experiment, "make_experiments", plans)
     status, said = invoke("study", "paper", *given, "--out", str(tmp_path))
     assert (status, said.splitlines()[-1]) == (2, f"by {flown}")
 
@@ -207,8 +208,8 @@ def test_a_duration_that_ends_before_learning_does_is_said(
     def plans(settings: scenario.Scenario, *_: object) -> None:
         raise scenario.ScenarioError(f"until {settings.learning.end_s:g} s")
 
-    monkeypatch.setattr(experiment, "plan", plans)
-    monkeypatch.setattr(experiment, "plans", plans)
+    monkeypatch.setattr(experiment, "make_experiment", plans)
+    monkeypatch.setattr(experiment, "make_experiments", plans)
     status, said = invoke(*command, "paper", "--duration", "5", "--out", str(tmp_path / "out"))
     first, *_, last = said.splitlines()
     assert (status, first) == (2, "warning: learning ends with the run, at 5 s (learning.end_s is 10)")
@@ -270,19 +271,19 @@ def test_scenarios_are_listed():
 
 
 def test_a_shipped_scenario_is_shown_as_it_is_written():
-    result = CliRunner().invoke(app, ["show", "paper"])
+    result = CliRunner().invoke(app, ["print-config", "paper"])
     assert result.exit_code == 0
     assert result.output == scenario.shipped_text("paper")
 
 
 def test_a_scenario_that_is_changed_or_of_a_file_is_shown_with_every_setting(tmp_path: Path):
-    result = CliRunner().invoke(app, ["show", "paper", "--set", "payload.mass_kg=2"])
+    result = CliRunner().invoke(app, ["print-config", "paper", "--set", "payload.mass_kg=2"])
     assert result.exit_code == 0
     assert scenario.parse(result.output, "shown") == scenario.load_scenario("paper", ("payload.mass_kg=2",))
-    of_file = CliRunner().invoke(app, ["show", str(light.write(tmp_path / "light.yaml"))])
+    of_file = CliRunner().invoke(app, ["print-config", str(light.write(tmp_path / "light.yaml"))])
     assert scenario.parse(of_file.output, "shown") == light.settings()
     assert "tip_force_bandwidth_Hz: 50.0" in of_file.output
-    assert invoke("show", "papr")[0] == 2
+    assert invoke("print-config", "papr")[0] == 2
 
 
 SHORT = light.SAMPLE.learning.model_copy(update={"update_times_s": (1, 2), "end_s": 2, "max_iter": 5})
@@ -293,7 +294,7 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A short study of the smallest team with all rivals, from a file, under another seed."""
     folder = tmp_path_factory.mktemp("study")
     path = light.write(folder / "short.yaml", duration_s=3, learning=SHORT)
-    status, said = invoke("study", str(path), "--cases", "C1,C2,C3,DOB,P", "--seed", "7", "--out", str(folder / "out"))
+    status, said = invoke("study", str(path), "--case", "C1,C2,C3", "--case", "Disturbance_Observer,PARAMETRIC", "--seed", "7", "--out", str(folder / "out"))
     assert status == 0, said
     return folder / "out"
 
@@ -351,7 +352,7 @@ def test_signals_are_labelled_and_have_units(flown: Path):
     flight = log.load(flown / "C3.nc")
     assert flight.attrs["case"] == "C3"
     assert flight.attrs["rho_assumed"] == "norm, energy, sensor noise, sampled estimator"
-    assert log.load(flown / "DOB.nc").attrs["rho_assumed"] == f"{flight.attrs['rho_assumed']}, posterior mean"
+    assert log.load(flown / "disturbance_observer.nc").attrs["rho_assumed"] == f"{flight.attrs['rho_assumed']}, posterior mean"
     assert (flight.attrs["rho_bound"], flight.attrs["rho_norm"]) == ("energy", 3)
     assert len(flight.attrs["rho_label_error_agents"]) == 18
     assert (flight.attrs["limit_distance_m"], flight.attrs["limit_grip"]) == (3, 0.01)
@@ -366,7 +367,7 @@ def test_signals_are_labelled_and_have_units(flown: Path):
 def test_a_study_can_be_played(flown: Path, tmp_path: Path):
     for case in ("C1", "parametric"):
         shutil.copy(flown / f"{case}.nc", tmp_path)
-    status, said = invoke("view", str(tmp_path))
+    status, said = invoke("playback", str(tmp_path))
     assert (status, said) == (0, "")
     assert run_directory.read_run_id(tmp_path / "view.html") == run_directory.read_run_id(flown / "C1.nc")
     assert log.load(flown / "C1.nc").attrs["scenario_json"].startswith('{"name":"sample"')
@@ -376,15 +377,15 @@ def test_a_run_that_fails_is_saved_marked_incomplete_and_status_1(tmp_path: Path
     wild = light.SAMPLE.control.model_copy(update={"agent_k_omega": 2e3})
     path, out = light.write(tmp_path / "wild.yaml", control=wild), tmp_path / "out"
     out.mkdir()
-    for name in ("I.nc", "figure_6_certificate.pdf", "notes"):
+    for name in ("integral.nc", "figure_6_certificate.pdf", "notes"):
         (out / name).write_text(f"of another run: {run_directory.run_id('0.1.0', 'another')}")
     status, said = invoke("study", str(path), "--out", str(out))
     assert status == 1
     assert f"{out} holds results of another run: they are replaced" in said
     assert set(out.iterdir()) - set(run_directory.list_files(out, study.STUDY_FILES)) == {out / "notes"}
-    assert not (out / "I.nc").exists()
+    assert not (out / "integral.nc").exists()
     summary = json.loads((out / "summary.json").read_text())
-    assert "warning: unstable at rest" in said.partition("C1")[0]
+    assert "warning: the loop is unstable at equilibrium" in said.partition("C1")[0]
     for case in ("C1", "C2", "C3"):
         found = summary["cases"][case]
         assert not found["complete"]
@@ -401,24 +402,24 @@ def test_one_case_is_flown_alone_and_quietly_and_its_summary_is_printed_as_json(
     monkeypatch.chdir(tmp_path)
     learning = light.SAMPLE.learning.model_copy(update={"update_times_s": (0.5,), "end_s": 0.6, "start_s": 0.1})
     light.write(tmp_path / "short.yaml", duration_s=1.0, learning=learning)
-    done = CliRunner().invoke(app, ["run", "short.yaml", "--case", "C1", "--quiet", "--json"], catch_exceptions=False)
+    done = CliRunner().invoke(app, ["run", "short.yaml", "--case", "c1", "--quiet", "--json"], catch_exceptions=False)
     assert (done.exit_code, done.stderr) == (0, "")
     summary = json.loads(done.stdout)
     assert list(summary["cases"]) == ["C1"]
     assert summary == json.loads((tmp_path / "out" / "sample-C1" / "summary.json").read_text())
     assert log.load(tmp_path / "out" / "sample-C1" / "C1.nc").attrs["complete"] == 1
-    asked = ["study", "short.yaml", "--cases", "C1", "--heldout", "--out", "held"]
+    asked = ["study", "short.yaml", "--case", "C1", "--held-out", "--out", "held"]
     done = CliRunner().invoke(app, asked, catch_exceptions=False)
     assert done.exit_code == 0
-    assert "C1, backwards: C1's map, the same curve the other way round, 1 s to fly" in done.stderr
+    assert "C1, backwards: C1's residual model, the same curve in the opposite direction, 1 s to simulate" in done.stderr
     found = json.loads((tmp_path / "held" / "summary.json").read_text())["heldout"]
     assert list(found) == ["C1"]
     assert list(found["C1"]) == ["backwards", "larger", "moved"]
     assert all(each["e_p_rms_m"] > 0 and each["stopped"] == "" for each in found["C1"].values())
-    title = done.stdout.index("with the map of the end, frozen")
+    title = done.stdout.index("with the last learned model, frozen")
     assert f"{1e3 * found['C1']['moved']['e_p_rms_m']:.1f}" in done.stdout[title:]
     status, said = invoke("run", "short.yaml", "--case", "C9")
-    assert (status, said) == (2, "--case C9: must be one of C1, C2, C3, C4, I, DOB, P, O, F, R, H\n")
+    assert (status, said) == (2, f"--case C9: must be one of {', '.join(experiment.ALL_CASES)}\n")
 
 
 def test_help_loads_nothing_that_it_does_not_need():
@@ -426,7 +427,7 @@ def test_help_loads_nothing_that_it_does_not_need():
         "import sys; from typer.testing import CliRunner; from colift.cli.app import app\n"
         "done = CliRunner().invoke(app, ['study', '--help'])\n"
         "assert done.exit_code == 0 and '--baselines' in done.output, done.output\n"
-        "heavy = ('matplotlib', 'scipy', 'xarray', 'colift.scenario', 'colift.simulate')\n"
+        "heavy = ('matplotlib', 'scipy', 'xarray', 'colift.scenario', 'colift.simulation')\n"
         "print(*(m for m in heavy if m in sys.modules))"
     )
     environment = os.environ | {"COLUMNS": "100"}
@@ -447,8 +448,8 @@ def complete(*words: str) -> list[str]:
 def test_commands_scenarios_and_cases_complete_in_a_shell():
     assert complete("repo") == ["report"]
     assert complete("study", "pa") == [name for name in scenario.shipped_names() if name.startswith("pa")] != []
-    assert complete("run", "paper", "--case", "C") == ["C1", "C2", "C3", "adaptive"]
-    assert complete("view", "out", "--case", "D") == ["disturbance_observer"]
+    assert complete("run", "paper", "--case", "c") == ["C1", "C2", "C3"]
+    assert complete("playback", "out", "--case", "D") == ["disturbance_observer"]
     said = CliRunner().invoke(app, [], prog_name="colift", env={"_COLIFT_COMPLETE": "source_bash"})
     assert "complete -o default -F _colift_completion colift" in said.stdout
     assert "--install-completion" in CliRunner().invoke(app, ["--help"], env={"COLUMNS": "100"}).stdout
@@ -462,12 +463,12 @@ def test_where_no_bar_can_be_drawn_a_case_says_when_it_begins_how_far_it_is_and_
 ):
     said = []
     for every in (1e9, 0.0):
-        monkeypatch.setattr(app, "EVERY", every)
-        progress = app._lines({"C1": "no learning"}, 20.0)
+        monkeypatch.setattr(study_commands, "PROGRESS_PERIOD", every)
+        progress = study_commands.progress_lines({"C1": "no learning"}, 20.0)
         for t in (0.0, 0.5, 1.0, 20.0):
             progress("C1", t)
         said.append(capsys.readouterr().err.splitlines())
-    ends = ["C1: no learning, 20 s to fly", "C1: 20.0 of 20 s"]
+    ends = ["C1: no learning, 20 s to simulate", "C1: 20.0 of 20 s"]
     assert said[0] == ends
     assert said[1] == [ends[0], "C1: 0.5 of 20 s", "C1: 1.0 of 20 s", ends[1]]
 
@@ -476,13 +477,13 @@ SHOW = """
 import signal, sys
 signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored where the tests run in a shell's background
 from pathlib import Path
-import colift.cli.app as command
-numbers = {key: 1.0 for _, _, key, *_ in command.COLUMNS} | {"complete": True, "stopped": "", "warnings": []}
+from colift.cli import app as command, common, study, tables
+numbers = {metric.key: 1.0 for metric in tables.STUDY_METRICS} | {"complete": True, "stopped": "", "warnings": []}
 summary = {"scenario": "ladung \\u03bb", "seed": 1, "cases": {"C1": numbers}}
 @command.app.command()
 def table() -> None:
-    with command._printed("; the results are in out"):
-        command._report(summary, Path("out"))
+    with common.guard_output("; the results are in out"):
+        study.print_study(summary, Path("out"))
 command.main()
 """
 

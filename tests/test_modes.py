@@ -41,17 +41,17 @@ def at_500_hertz() -> stability.Modes:
 
 def flown(of: flight.Experiment, x: stability.LoopStateTree, d: np.ndarray, ticks: int) -> np.ndarray:
     """Coordinates around x, so many ticks after d, of the loop as it flies with nothing unknown and no noise."""
-    of = dataclasses.replace(of, world=stability._alone(of.world))
+    of = dataclasses.replace(of, world=stability._without_disturbances(of.world))
     noise = of.world.sample_noise(jax.random.key(0), flight.ticks_per_chunk(of))
     loop = simulator.reset(of.loop_config, z())
     loop, _ = simulator.rollout(of.loop_config, loop, noise, jnp.asarray(1))
-    at = jax.tree.map(lambda leaf: leaf[0], stability._move(x, jnp.asarray(d[None])))
+    at = jax.tree.map(lambda leaf: leaf[0], stability._displace(x, jnp.asarray(d[None])))
     # the clock goes on, but the reference of the first quarter of a second moves by less than 1e-6 m
     still = paper.with_pilot(of, reference=dataclasses.replace(of.controller.reference, amplitude=jnp.zeros(3)))
-    loop = dataclasses.replace(stability._put(loop, at), tick=jnp.zeros((), int))
+    loop = dataclasses.replace(stability._insert_states(loop, at), tick=jnp.zeros((), int))
     loop, _ = simulator.rollout(still.loop_config, loop, noise, jnp.asarray(ticks))
     assert int(loop.tick) == ticks
-    y = jax.tree.map(lambda leaf: leaf[None], stability._take(loop))
+    y = jax.tree.map(lambda leaf: leaf[None], stability._select_states(loop))
     return np.asarray(stability._coordinates(x, y))[0]
 
 
@@ -72,7 +72,7 @@ def test_a_tiny_disturbance_goes_the_way_the_modes_say(seed):
 @functools.cache
 def settled() -> signals.StepRecord:
     """A whole flight with nothing unknown but the bodies' parameters, the reference at rest, no noise."""
-    of = dataclasses.replace(plan(), world=stability._alone(plan().world))
+    of = dataclasses.replace(plan(), world=stability._without_disturbances(plan().world))
     still = dataclasses.replace(of.controller.reference, amplitude=jnp.zeros(3))
     alone = paper.with_internal(of, eta=jnp.zeros_like(of.controller.allocator.internal.eta))
     return paper.fly(paper.with_pilot(alone, reference=still), 14.0).records
@@ -83,16 +83,16 @@ def test_the_rest_is_where_the_flown_loop_settles_off_the_reference_by_the_weigh
     x, M = rest()
     assert np.abs(flown(plan(), x, np.zeros(len(M)), 1)).max() < 1e-8
     rows = settled()
-    np.testing.assert_allclose(x[".world.z.payload.p"], rows.p[-1], atol=1e-5)
-    np.testing.assert_allclose(x[".world.z.payload.R"], rows.R_L[-1], atol=1e-5)
-    np.testing.assert_allclose(x[".world.z.agents[0].r"].ravel(), rows.r[-1], atol=1e-5)
-    np.testing.assert_allclose(x[".world.applied[0].u"], rows.u[-1], atol=1e-3)
+    np.testing.assert_allclose(x[".world.state.payload.p"], rows.p[-1], atol=1e-5)
+    np.testing.assert_allclose(x[".world.state.payload.R"], rows.R_L[-1], atol=1e-5)
+    np.testing.assert_allclose(x[".world.state.agents[0].r"].ravel(), rows.r[-1], atol=1e-5)
+    np.testing.assert_allclose(x[".world.applied_inputs[0].u"], rows.u[-1], atol=1e-3)
     of = paper.plan("C1")
     (group,), load = of.controller.team.agent_groups, of.controller.team.payload
     more = float(of.world.team.payload.mass - load.mass) * 9.81
     # asked to accelerate upwards, the agents push with their own mass times that as well
     sag = more / float((load.mass + group.mass.sum()) * of.controller.payload_controller.gains.K_p[2, 2])
-    np.testing.assert_allclose(x[".world.z.payload.p"] - of.controller.reference.center, [0, 0, -sag], atol=1e-8)
+    np.testing.assert_allclose(x[".world.state.payload.p"] - of.controller.reference.center, [0, 0, -sag], atol=1e-8)
 
 
 def test_a_team_that_flies_is_not_called_unstable():
@@ -121,7 +121,7 @@ def test_too_slow_a_control_rate_is_called_unstable_and_is(monkeypatch):
 
     The loop as it flies follows the mode that grows, for as long as it is small.
     """
-    monkeypatch.setattr(flight, "CHUNK", 12.5)  # as many ticks as half a second has at 500 Hz: one program
+    monkeypatch.setattr(flight, "CHUNK_DURATION", 12.5)  # as many ticks as half a second has at 500 Hz: one program
     slow = plan(20.0)
     x, M = stability.equilibrium_and_jacobian(slow, z())
     found = stability.modes_at_equilibrium(slow, z())
@@ -138,7 +138,7 @@ def test_too_slow_a_control_rate_is_called_unstable_and_is(monkeypatch):
 
 def test_no_rest_is_said():
     nowhere = dataclasses.replace(paper.plan("C1").controller.reference, center=jnp.full(3, np.nan))
-    with pytest.raises(ValueError, match="no rest near the start of its reference"):
+    with pytest.raises(ValueError, match="no equilibrium near the start of its reference"):
         stability.modes_at_equilibrium(paper.with_pilot(plan(), reference=nowhere), z())
 
 
@@ -151,7 +151,7 @@ def modes_of(y: np.ndarray, dt: float) -> np.ndarray:
 def test_the_slowest_mode_is_how_the_flown_loop_settles():
     """What the log of a whole flight shows last is the slowest mode alone."""
     found = at_500_hertz()
-    assert found.describe_slowest().endswith("seen most in theta_z")
+    assert found.describe_slowest().endswith("largest in theta_z")
     flown = modes_of(settled().e_R[1000:2500:50, 2], 0.1)  # from 2 s to 5 s
     for value in flown:
         assert np.abs(found.eigenvalues[:2] - value).min() < 0.01 * abs(value)
@@ -163,7 +163,7 @@ def test_modes_name_what_moves():
     none = {"attitude": np.zeros((2, 0, 3)), "joints": np.zeros((2, 0))}
     found = stability.Modes(eigenvalues=np.array([0.3 + 2j, -1 + 0j]), payload=shape, **none)
     assert not found.stable
-    assert found.describe_slowest() == "+0.30 +2.00i rad/s, seen most in p_y"
+    assert found.describe_slowest() == "+0.30 +2.00i rad/s, largest in p_y"
     unseen = stability.Modes(eigenvalues=np.array([-0.3 + 2j]), payload=np.full((1, 6), 0.01), **none)
     assert unseen.stable
     assert "the agents' attitudes" in unseen.describe_slowest()
@@ -185,14 +185,16 @@ def three_bodies(delay_s: float = 0.0) -> tuple[stability.LoopStateTree, np.ndar
 @pytest.mark.long
 def test_from_where_a_loop_has_settled_the_rest_is_the_same():
     plan = experiment.make_experiment(light.settings(), "C1")
-    setup, loop, noise = stability._begun(plan, initial_states.equilibrium_state(light.settings(), plan.world.team))
-    settled = stability._settled(setup, loop, noise)
+    setup, loop, noise = stability._undisturbed_loop(
+        plan, initial_states.equilibrium_state(light.settings(), plan.world.team)
+    )
+    settled = stability._simulate_settling(setup, loop, noise)
     assert int(settled.tick) == int(loop.tick), "its clock was held"
     apart = stability._coordinates(
-        stability._take(loop), jax.tree.map(lambda leaf: leaf[None], stability._take(settled))
+        stability._select_states(loop), jax.tree.map(lambda leaf: leaf[None], stability._select_states(settled))
     )
     assert np.abs(apart).max() > 1e-3, "rest is off the reference by what is not known of the payload"
-    rests = [stability._rest(setup, of, noise) for of in (loop, settled)]
+    rests = [stability._newton_equilibrium(setup, of, noise) for of in (loop, settled)]
     (x, _), (y, _) = (found for found in rests if found)
     between = stability._coordinates(x, jax.tree.map(lambda leaf: leaf[None], y))
     np.testing.assert_allclose(between, 0, atol=1e-6)
@@ -204,11 +206,11 @@ def test_the_delay_margin_ends_where_the_loop_that_has_a_delay_is_unstable():
     x, M = three_bodies()
     ticks = stability.delay_margin(x, M, 25)
     assert 1 <= ticks < 25
-    command, world = stability._rows_of(x, r"\.memory\.sent.*"), stability._rows_of(x, r"\.world.*")
+    command, world = stability._rows_of(x, r"\.controller\.last_command.*"), stability._rows_of(x, r"\.world.*")
     memory = np.setdiff1d(np.arange(len(M)), world)
     B = np.zeros((len(M), len(command)))
     B[world] = M[np.ix_(world, memory)] @ np.linalg.pinv(M[np.ix_(command, memory)])
-    appended = [np.linalg.eigvals(stability._delayed(M, B, M[command], k)) for k in (ticks, ticks + 1)]
+    appended = [np.linalg.eigvals(stability._append_delay(M, B, M[command], k)) for k in (ticks, ticks + 1)]
     within = np.linalg.eigvals(three_bodies((ticks + 1) / 500)[1])
     slow = [values[np.abs(values) > 0.5] for values in (appended[1], within)]
     assert len(slow[0]) == len(slow[1]) > 20
@@ -224,7 +226,7 @@ def test_the_gain_margin_ends_where_the_loop_of_stronger_or_weaker_commands_is_u
     x, M = three_bodies()
     least, greatest = stability.gain_margin(x, M)
     assert least < 1 < greatest
-    B, K = stability._commands(x, M)
+    B, K = stability._input_matrices(x, M)
     radius = lambda g: np.abs(np.linalg.eigvals(M + (g - 1) * B @ K)).max()  # noqa: E731
     for end, beyond in ((least, 0.98), (greatest, 1.02)):
         assert radius(end) < 1
@@ -233,15 +235,15 @@ def test_the_gain_margin_ends_where_the_loop_of_stronger_or_weaker_commands_is_u
     assert np.isnan(stability.gain_margin(x, 1.1 * M)).all()
     found = stability.stability_margins(x, M, 0.002)
     assert found.delay_margin == pytest.approx(0.002 * stability.delay_margin(x, M, 25))
-    assert f"{greatest:.3g} times as strong" in found.describe()
+    assert f" to {greatest:.3g}" in found.describe()
 
 
 @pytest.mark.long
 def test_a_memory_that_moves_no_command_has_no_delay_margin():
     x, M = three_bodies()
     M = M.copy()
-    M[np.ix_(stability._rows_of(x, r"\.memory\.sent.*"), stability._rows_of(x, r"\.memory.*"))] = 0
-    with pytest.raises(ValueError, match="does not move every command"):
+    M[np.ix_(stability._rows_of(x, r"\.controller\.last_command.*"), stability._rows_of(x, r"\.controller.*"))] = 0
+    with pytest.raises(ValueError, match="does not determine every command"):
         stability.delay_margin(x, M, 5)
 
 
@@ -249,7 +251,7 @@ def test_a_memory_that_moves_no_command_has_no_delay_margin():
 def test_a_command_that_next_to_nothing_moves_counts_on_neither_side_of_its_threshold():
     """Of a team that `tune` came by, one command's singular value was 0.9e-7 by the memory and 1.4e-7 by all."""
     x, M = three_bodies()
-    sent, world = (stability._rows_of(x, where) for where in (r"\.memory\.sent\[\d+\]\..*", r"\.world\..*"))
+    sent, world = (stability._rows_of(x, where) for where in (r"\.controller\.last_command\[\d+\]\..*", r"\.world\..*"))
     memory = np.setdiff1d(np.arange(len(M)), world)
     U, s, V = np.linalg.svd(M[np.ix_(sent, memory)], full_matrices=False)
     s[-1] = 0.9e-7 * s[0]
@@ -304,11 +306,19 @@ def test_sensors_with_a_clock_of_their_own_read_at_every_tick_of_the_rest():
 
 def test_second_moments_of_what_labels_say_are_no_motion():
     """At rest they are nothing to first order; as coordinates they went negative on the way there."""
-    carried = stability._take(simulator.reset(paper.plan("label_feedback").loop_config, z()))
-    of_listener = [key for key in carried if ".listener." in key]
-    assert any(".moved.label." in key for key in of_listener)
-    second = ("late", "said", "age", "gap", "foretold", "moved.products", "moved.squares")
-    assert not [key for key in of_listener if any(f".listener.{word}" in key for word in second)]
+    carried = stability._select_states(simulator.reset(paper.plan("label_feedback").loop_config, z()))
+    of_filter = [key for key in carried if ".innovation." in key]
+    assert any(".comovement.label_lowpass." in key for key in of_filter)
+    second = (
+        "delay_error_ms",
+        "window_mean_square",
+        "mean_label_age",
+        "longest_gap",
+        "rate_forecast",
+        "comovement.cross_moment",
+        "comovement.second_moment",
+    )
+    assert not [key for key in of_filter if any(f".innovation.{word}" in key for word in second)]
 
 
 @pytest.mark.long

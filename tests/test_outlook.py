@@ -18,15 +18,16 @@ def test_what_is_known_before_a_flight_is_the_slowest_mode_and_how_much_thrust_i
     margins = ahead.summary["margins"]
     assert 0.004 <= margins["delay_s"] <= 0.05
     assert margins["gain"][0] < 0.8 < 1.2 < margins["gain"][1]
-    assert margins["says"].startswith("commands may come")
+    assert margins["says"].startswith("delay margin ")
     assert list(ahead.hover_thrust) == ["front", "rear"]
     narrow = feasibility.assess_feasibility(
         paper.lighter(30.0), {"C1": experiment.make_experiment(paper.lighter(30.0), "C1")}
     )
     assert [warning.partition(" N of ")[2] for warning in narrow.warnings] == [
-        "the 30 N of front; what is left, 5.5%, is below termination.hover_thrust_margin = 0.1",
-        "the 30 N of rear; what is left, 7.1%, is below termination.hover_thrust_margin = 0.1",
+        "30 N to hover: the margin of 5.5% is below termination.hover_thrust_margin = 0.1",
+        "30 N to hover: the margin of 7.1% is below termination.hover_thrust_margin = 0.1",
     ]
+    assert [warning.partition(" needs ")[0] for warning in narrow.warnings] == ["front", "rear"]
 
 
 @pytest.mark.long
@@ -35,6 +36,6 @@ def test_a_loop_that_is_unstable_at_rest_is_a_warning_before_the_flight():
         paper.SETTINGS, {"C1": paper.with_gains(paper.plan("C1"), agent_k_omega=paper.number(1e3))}
     )
     (warning,) = ahead.warnings
-    assert warning.startswith("unstable at rest on the reference: slowest mode +")
+    assert warning.startswith("the loop is unstable at equilibrium: slowest mode +")
     assert ahead.summary["slowest_mode"]["stable"] is False
     assert ahead.summary["margins"] is None

@@ -126,8 +126,8 @@ def test_a_page_asks_for_nothing_and_no_name_ends_it_early():
 @pytest.mark.parametrize(
     ("scenario_json", "answer"),
     [
-        (None, "C1 of colift-run-0123456789ab does not hold its scenario, as logs of an earlier colift do not"),
-        ('{"name": 1}', r"is not one of this colift \(name: must be text, got 1\): run colift study again"),
+        (None, "the log C1 of run colift-run-0123456789ab contains no scenario; it was written by an earlier version of colift"),
+        ('{"name": 1}', r"cannot read the scenario in the log \(name: must be text, got 1\): run colift study again"),
     ],
 )
 def test_a_log_without_a_scenario_is_refused(scenario_json, answer):
@@ -144,7 +144,7 @@ def test_a_folder_without_flights_of_one_run_is_one_line_and_status_2(tmp_path):
     log.save(random_log().assign_attrs(run="colift-run-ba9876543210"), tmp_path / "C3.nc")
     (tmp_path / "empty").mkdir()
     for out, answer in ((tmp_path, "contains logs of 2 runs"), (tmp_path / "empty", "contains no log (C1.nc, ")):
-        said = CliRunner().invoke(app, ["view", str(out)])
+        said = CliRunner().invoke(app, ["playback", str(out)])
         assert (said.exit_code, said.stderr.count("\n")) == (2, 1)
         assert f"{out} {answer}" in said.stderr
         assert not (out / "view.html").exists()
@@ -154,16 +154,16 @@ def test_the_command_says_where_the_page_is_and_opens_it_only_if_asked(tmp_path,
     log.save(random_log(), tmp_path / "C1.nc")
     opened = []
     monkeypatch.setattr("webbrowser.open", lambda address: opened.append(address) or len(opened) == 1)
-    said = CliRunner().invoke(app, ["view", str(tmp_path)])
+    said = CliRunner().invoke(app, ["playback", str(tmp_path)])
     assert (said.exit_code, said.stdout) == (0, f"the flights are in {tmp_path / 'view.html'}\n")
     assert opened == []
-    said = CliRunner().invoke(app, ["view", str(tmp_path), "--open"])
+    said = CliRunner().invoke(app, ["playback", str(tmp_path), "--open"])
     assert (said.exit_code, opened) == (0, [(tmp_path / "view.html").as_uri()])
-    said = CliRunner().invoke(app, ["view", str(tmp_path), "--open"])
-    assert (said.exit_code, said.stderr) == (2, "there is no browser to open it in\n")
+    said = CliRunner().invoke(app, ["playback", str(tmp_path), "--open"])
+    assert (said.exit_code, said.stderr) == (2, "no browser was found to open the page\n")
     assert sorted(file.name for file in tmp_path.iterdir()) == ["C1.nc", "view.html"]
     (tmp_path / "view.html").write_text("of someone else")
-    said = CliRunner().invoke(app, ["view", str(tmp_path)])
+    said = CliRunner().invoke(app, ["playback", str(tmp_path)])
     assert said.exit_code == 2
     assert "contains view.html, which colift did not write" in said.stderr
     assert (tmp_path / "view.html").read_text() == "of someone else"
@@ -291,7 +291,7 @@ def test_a_seek_is_seen(page):
     page.transient_time()
     assert differ(before, part(page, "#stage")) > 500
     assert page.evaluate("document.querySelector('#clock').textContent") == "1.20 s"
-    assert page.evaluate("document.querySelector('#mode').textContent") == "C3: learning has ended, 1 of 1 updates"
+    assert page.evaluate("document.querySelector('#mode').textContent") == "C3: learning ended, 1 of 1 updates"
     page.evaluate("seek(-3)")
     assert page.evaluate("state().t") == 0
 
@@ -397,7 +397,7 @@ def test_a_flight_that_stopped_says_so_and_stays_where_it_ended(window, flown, t
 def test_without_webgl_the_plots_are_there(made, tmp_path_factory):
     with opened(tmp_path_factory, "--disable-3d-apis") as blind:
         blind.open(made)
-        assert blind.evaluate("document.querySelector('#blind').textContent").startswith("no scene:")
+        assert blind.evaluate("document.querySelector('#blind').textContent").startswith("the 3D view is not available:")
         blind.evaluate("seek(1.0)")
         assert blind.evaluate("document.querySelector('#clock').textContent") == "1.00 s"
         assert blind.evaluate("document.querySelectorAll('.uplot canvas').length") == 4

@@ -31,7 +31,7 @@ SUMMARY = {
     "command": "colift study 'my team.yaml' --seed 1",
     "versions": {"python": "3.11.0", "jax": "0.10.1"},
     "slowest_mode": {"stable": True, "says": "-0.9 rad/s", "rad_s": []},
-    "margins": {"delay_s": 0.014, "gain": [0.4, 1.5], "says": "commands may come 14 ms later"},
+    "margins": {"delay_s": 0.014, "gain": [0.4, 1.5], "says": "delay margin 14 ms"},
     "warnings": [],
     "bound": {"assumed": []},
 }

@@ -293,7 +293,7 @@ def test_joints_beyond_need_return_to_rest_as_fast_as_is_stated(seed):
     changed = given.model_copy(
         update={
             "agent_types": {"one_arm": kind.model_copy(update={"joints": tuple(joints), "arms": (arm,)})},
-            "control": given.control.model_copy(update={"posture": rate}),
+            "control": given.control.model_copy(update={"posture_bandwidth": rate}),
         }
     )
     _, nominal = team.team(changed)

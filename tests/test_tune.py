@@ -94,14 +94,14 @@ def test_late_commands_count(monkeypatch: pytest.MonkeyPatch):
     of = lit()
     late = np.eye(6) * np.exp(0.5 * of.experiment.dt)
     assert of.cost < 0
-    monkeypatch.setattr(stability, "delayed", lambda _x, _M, _ticks: late)
+    monkeypatch.setattr(stability, "with_input_delay", lambda _x, _M, _ticks: late)
     assert of.cost == pytest.approx(0.5)
     assert of.delay_ticks == 2
 
 
 def test_the_posture_is_a_gain_only_where_joints_are_beyond_need():
-    assert "posture" not in gain_tuning.tunable_gains(scenario.load_scenario("paper"))
-    assert "posture" in gain_tuning.tunable_gains(scenario.load_scenario("beam"))
+    assert "posture_bandwidth" not in gain_tuning.tunable_gains(scenario.load_scenario("paper"))
+    assert "posture_bandwidth" in gain_tuning.tunable_gains(scenario.load_scenario("beam"))
     assert gain_tuning.tunable_gains(light.settings()) == gain_tuning.GAINS[:-1]
 
 
@@ -144,9 +144,9 @@ def test_the_error_over_decay_falls_along_its_slopes():
     of = gain_tuning.simulate_cost(lit())
     assert isinstance(of, gain_tuning.FlightCost)
     assert of.cost == pytest.approx(of.error / -lit().cost)
-    costs, slopes = gain_tuning._flown_slopes(of)
+    costs, slopes = gain_tuning._flight_gradients(of)
     assert costs.max() >= of.cost * (1 - 1e-9)
-    step = gain_tuning._step(costs, slopes, np.full(6, -0.05), np.full(6, 0.05))
+    step = gain_tuning._linear_program_step(costs, slopes, np.full(6, -0.05), np.full(6, 0.05))
     nearer = gain_tuning.simulate_cost(gain_tuning.linearize_scenario(gain_tuning.scale_gains(of.loop.settings, step)))
     assert isinstance(nearer, gain_tuning.FlightCost)
     promised = of.cost - (costs + slopes @ step).max()
@@ -159,25 +159,25 @@ def test_what_grows_is_not_flown_and_what_is_lost_or_saturated_has_no_error(monk
     of = lit()
     flight = flight_module.run_experiment(of.experiment)
     for change, said in (
-        ({"stopped": "as it was told to"}, "lost"),
+        ({"termination_reason": "limit exceeded"}, "lost"),
         (
             {
-                "rows": dataclasses.replace(
+                "records": dataclasses.replace(
                     flight.records, thrust_saturated=np.ones_like(flight.records.thrust_saturated)
                 )
             },
             "saturated",
         ),
     ):
-        monkeypatch.setattr(flight_module, "fly_plan", lambda _plan, c=change: dataclasses.replace(flight, **c))
+        monkeypatch.setattr(gain_tuning, "run_experiment", lambda _plan, c=change: dataclasses.replace(flight, **c))
         assert gain_tuning.simulate_cost(of) == said
     known = gain_tuning.FlightCost(of, 0.1)
     monkeypatch.setattr(
-        flight_module, "fly_plan", lambda _plan: dataclasses.replace(flight, termination_reason="near it")
+        gain_tuning, "run_experiment", lambda _plan: dataclasses.replace(flight, termination_reason="near it")
     )
-    rates, slopes = gain_tuning._slopes(of)
-    np.testing.assert_allclose(gain_tuning._flown_slopes(known)[1], (0.1 / rates**2)[:, None] * slopes)
-    monkeypatch.setattr(flight_module, "fly_plan", lambda _plan: pytest.fail("flown"))
+    rates, slopes = gain_tuning._mode_gradients(of)
+    np.testing.assert_allclose(gain_tuning._flight_gradients(known)[1], (0.1 / rates**2)[:, None] * slopes)
+    monkeypatch.setattr(gain_tuning, "run_experiment", lambda _plan: pytest.fail("flown"))
     grows = dataclasses.replace(of, step_jacobian=np.eye(len(of.step_jacobian)) * 1.01)
     assert gain_tuning.simulate_cost(grows) == "grows"
     assert gain_tuning.summary_values(grows)["displacement_C1_m"] == "grows"
@@ -207,13 +207,13 @@ def test_tune_flies_from_where_it_costs_less_and_returns_the_cheapest(monkeypatc
     def flown_slopes(of: gain_tuning.FlightCost) -> gain_tuning.Slopes:
         return np.array([of.cost]), (of.cost * -(gain_tuning.TUNED_GAINS[0, :6] + gain_tuning.TUNED_GAINS[1, :6]))[None]
 
-    monkeypatch.setattr(gain_tuning, "loop", fake)
-    monkeypatch.setattr(gain_tuning, "_most_stiffness", lambda _of: gain_tuning.MAX_GAIN_RATIO)
-    monkeypatch.setattr(gain_tuning, "_slopes", slopes)
-    monkeypatch.setattr(gain_tuning, "_flown_slopes", flown_slopes)
+    monkeypatch.setattr(gain_tuning, "linearize_scenario", fake)
+    monkeypatch.setattr(gain_tuning, "_max_frequency_ratio", lambda _of: gain_tuning.MAX_GAIN_RATIO)
+    monkeypatch.setattr(gain_tuning, "_mode_gradients", slopes)
+    monkeypatch.setattr(gain_tuning, "_flight_gradients", flown_slopes)
     for lost_above in (np.inf, 1.2 * given.control.K_v[0]):
         flies = lambda of, most=lost_above: gain_tuning.FlightCost(of, 1 / K(of)[0]) if K(of)[1] <= most else "lost"  # noqa: E731
-        monkeypatch.setattr(gain_tuning, "flown", flies)
+        monkeypatch.setattr(gain_tuning, "simulate_cost", flies)
         first, best, spent = gain_tuning.tune(given)
         assert first.settings == given
         start, end = flies(first), flies(best)
@@ -222,7 +222,7 @@ def test_tune_flies_from_where_it_costs_less_and_returns_the_cheapest(monkeypatc
         assert end.cost < start.cost
         assert 2 < spent.simulations <= gain_tuning.MAX_SIMULATIONS
         assert spent.simulations < spent.linearizations <= gain_tuning.MAX_LINEARIZATIONS + gain_tuning.MAX_SIMULATIONS
-    monkeypatch.setattr(gain_tuning, "flown", lambda _of: "lost")
+    monkeypatch.setattr(gain_tuning, "simulate_cost", lambda _of: "lost")
     _, best, spent = gain_tuning.tune(given)
     assert best.cost == pytest.approx(-4 * given.control.K_v[0], rel=0.01)
     assert spent.simulations == 2
@@ -230,7 +230,7 @@ def test_tune_flies_from_where_it_costs_less_and_returns_the_cheapest(monkeypatc
 
 def test_a_posture_is_not_raised_above_what_is_stated_unless_the_loop_grows(monkeypatch: pytest.MonkeyPatch):
     """Joints beyond need are to reach what their user states; a greater statement would only be missed by more."""
-    monkeypatch.setattr(gain_tuning, "_most_stiffness", lambda _of: 0.5)
+    monkeypatch.setattr(gain_tuning, "_max_frequency_ratio", lambda _of: 0.5)
     known = {field.name: getattr(lit(), field.name) for field in dataclasses.fields(gain_tuning.LoopDesign)}
 
     class At(gain_tuning.LoopDesign):
@@ -275,20 +275,20 @@ def test_thrust_bounds_the_stiffness():
     near = of.settings.model_copy(
         update={"start": of.settings.initial_state.model_copy(update={"position_error_m": (0, 0, 0)})}
     )
-    assert gain_tuning._most_stiffness(dataclasses.replace(of, settings=near)) == gain_tuning.MAX_GAIN_RATIO
+    assert gain_tuning._max_frequency_ratio(dataclasses.replace(of, settings=near)) == gain_tuning.MAX_GAIN_RATIO
     wide = of.settings.termination.model_copy(update={"max_position_error_m": 10.0})
     far = of.settings.model_copy(
         update={"start": of.settings.initial_state.model_copy(update={"position_error_m": (9, 0, 0)}), "limits": wide}
     )
-    assert gain_tuning._most_stiffness(dataclasses.replace(of, settings=far)) == 0
+    assert gain_tuning._max_frequency_ratio(dataclasses.replace(of, settings=far)) == 0
 
 
 @pytest.mark.long
 def test_a_real_loop_s_slopes_point_where_it_decays_faster():
     """The light team: the rate along a short step, as the slopes have it and as the loop with it has it."""
     of = lit()
-    rates, slopes = gain_tuning._slopes(of)
-    step = gain_tuning._step(rates, slopes, np.full(6, -0.05), np.full(6, 0.05))
+    rates, slopes = gain_tuning._mode_gradients(of)
+    step = gain_tuning._linear_program_step(rates, slopes, np.full(6, -0.05), np.full(6, 0.05))
     assert gain_tuning.linearize_scenario(gain_tuning.scale_gains(of.settings, step)).cost < of.cost
     found = gain_tuning.summary_values(of)
     assert found["slowest_mode_1ps"] <= of.cost
@@ -300,7 +300,7 @@ def test_a_real_loop_s_slopes_point_where_it_decays_faster():
 
 def test_the_command_writes_a_scenario_and_overwrites_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     made = light.write(tmp_path / "team.yaml")
-    monkeypatch.setattr(gain_tuning, "flown", lambda of: gain_tuning.FlightCost(of, 0.1))
+    monkeypatch.setattr(gain_tuning, "simulate_cost", lambda of: gain_tuning.FlightCost(of, 0.1))
     after = dataclasses.replace(lit(), settings=gain_tuning.scale_gains(lit().settings, np.full(6, 0.1)))
     monkeypatch.setattr(
         gain_tuning, "tune", lambda _settings, _say, _better: (lit(), after, gain_tuning.EvaluationBudget(9, 2))

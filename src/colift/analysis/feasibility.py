@@ -1,4 +1,4 @@
-"""What is known of a scenario before it is flown: its slowest mode, margins, and the thrust that hovering leaves."""
+"""Feasibility of a scenario before simulation: slowest mode, stability margins and hover thrust."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from colift.scenario import Scenario, initial_states, team, termination
 
 @dataclasses.dataclass(frozen=True)
 class FeasibilityReport:
-    """What is known of a scenario before it is flown."""
+    """Results of the feasibility assessment of a scenario."""
 
-    modes: stability.Modes | None  # of the first case, at rest; None where it finds no rest
-    margins: stability.Margins | None  # of the same; None where there are no modes, or they are unstable
-    hover_thrust: Mapping[str, float]  # N, thrust that each agent needs to hover on the reference
+    modes: stability.Modes | None  # of the first case at equilibrium; None if no equilibrium was found
+    margins: stability.Margins | None  # of the first case; None if the loop has no equilibrium or is unstable
+    hover_thrust: Mapping[str, float]  # N, thrust of each agent in hover on the reference
     warnings: tuple[str, ...]  # sentences
 
     @property
     def summary(self) -> dict[str, Any]:
-        """As `summary.json` has it."""
-        found = self.modes
+        """Entries of `summary.json`."""
+        modes = self.modes
         mode = (
             None
-            if found is None
-            else {"stable": found.stable, "says": found.describe_slowest(), "rad_s": list(found.slowest_eigenvalue)}
+            if modes is None
+            else {"stable": modes.stable, "says": modes.describe_slowest(), "rad_s": list(modes.slowest_eigenvalue)}
         )
         margins = None
         if self.margins is not None:
@@ -42,27 +42,35 @@ class FeasibilityReport:
         return {"slowest_mode": mode, "margins": margins, "hover_thrust_N": hover, "warnings": warnings}
 
 
-def assess_feasibility(settings: Scenario, ready: Mapping[str, flight.Experiment]) -> FeasibilityReport:
-    """How the loop of the first plan behaves at rest, sampled as it flies, and how much thrust hovering leaves."""
-    first, warnings, found, margins = next(iter(ready.values())), [], None, None
+def assess_feasibility(settings: Scenario, experiments: Mapping[str, flight.Experiment]) -> FeasibilityReport:
+    """Assess the sampled loop of the first experiment at equilibrium, and the thrust in hover.
+
+    Args:
+        settings: Scenario.
+        experiments: Experiments by case; the first one is linearized.
+
+    Returns:
+        Modes, margins, hover thrust and warnings.
+    """
+    first, warnings, modes, margins = next(iter(experiments.values())), [], None, None
     try:
         x, M = stability.equilibrium_and_jacobian(first, initial_states.equilibrium_state(settings, first.world.team))
-        found = stability.compute_modes(x, M, first.dt)
-        if found.stable:
+        modes = stability.compute_modes(x, M, first.dt)
+        if modes.stable:
             margins = stability.stability_margins(x, M, first.dt)
         else:
-            warnings.append(f"unstable at rest on the reference: slowest mode {found.describe_slowest()}")
+            warnings.append(f"the loop is unstable at equilibrium: slowest mode {modes.describe_slowest()}")
     except ValueError as error:
         warnings.append(str(error))
     names, truth = team.agent_names(settings), first.world.team
     hover = termination.true_hover_thrust(settings, truth, first.controller, first.world.disturbances)
-    have = np.concatenate([group.thrust_max for group in truth.agent_groups])
+    available = np.concatenate([group.thrust_max for group in truth.agent_groups])
     margin = settings.termination.hover_thrust_margin
-    for name, need, most in zip(names, hover, have, strict=True):
-        if most - need < margin * most:
+    for name, required, maximum in zip(names, hover, available, strict=True):
+        if maximum - required < margin * maximum:
             warnings.append(
-                f"hovering takes {need:.4g} N of the {most:.4g} N of {name}; "
-                f"what is left, {1 - need / most:.1%}, is below termination.hover_thrust_margin = {margin:g}"
+                f"{name} needs {required:.4g} N of {maximum:.4g} N to hover: the margin of "
+                f"{1 - required / maximum:.1%} is below termination.hover_thrust_margin = {margin:g}"
             )
     thrust = dict(zip(names, hover.tolist(), strict=True))
-    return FeasibilityReport(modes=found, margins=margins, hover_thrust=thrust, warnings=tuple(warnings))
+    return FeasibilityReport(modes=modes, margins=margins, hover_thrust=thrust, warnings=tuple(warnings))

@@ -1,4 +1,4 @@
-"""Figures of merit of a flight."""
+"""Performance metrics of a simulated flight: tracking errors, contact forces, coverage and error bounds."""
 
 from __future__ import annotations
 
@@ -17,30 +17,36 @@ from colift.models.parameters import Team
 from colift.models.state import PayloadState
 from colift.onboard.learning import identification
 
-HIGH_FREQUENCY_HZ = 20.0  # above it, contact forces chatter rather than act
-MAX_CONSTRAINT_RATE = (
-    1e-9  # m/s, of the grasp after a step: below it is rounding, above it the step is too long for the motion
-)
+HIGH_FREQUENCY_HZ = 20.0  # contact forces above it do not move the payload noticeably
+MAX_CONSTRAINT_RATE = 1e-9  # m/s, `|Phi_dot|` after a step; larger values indicate that the step is too long
 
 
 Samples = np.ndarray | jax.Array
 
 
 def rms_norm(x: Samples) -> float:
-    """Root mean square over time of the Euclidean norm of each sample (all axes but the first)."""
+    """Compute the root mean square over time of the Euclidean norm of each sample (all axes but the first)."""
     return float(np.sqrt((x.reshape(len(x), -1) ** 2).sum(1).mean()))
 
 
 def second_half(rows: StepRecord) -> StepRecord:
-    """The rows after the middle of the flight."""
+    """Return the records of the second half of the flight."""
     return jax.tree.map(lambda x: x[len(rows.t) // 2 :], rows)
 
 
 def summary(flight: FlightResult, truth: Team, nominal: Team) -> dict[str, Any]:
-    """Everything `summary.json` says of one case but its wall times: RMS and means over the second half of the run.
+    """Compute the entries of one case in `summary.json`, except computation times.
 
-    Norms of wrenches and of sigma are given as force part, moment part and the paper's plain norm, which adds
-    newtons and newton metres.
+    RMS values and means are over the second half of the flight. Norms of wrenches and of sigma are given in three
+    forms: force part, moment part, and the total norm of the paper, which adds newtons and newton metres.
+
+    Args:
+        flight: Result of the flight.
+        truth: True parameters.
+        nominal: Nominal parameters of the controller.
+
+    Returns:
+        Values by name, ready for JSON.
     """
     rows, half = flight.records, second_half(flight.records)
     out: dict[str, Any] = {
@@ -79,24 +85,37 @@ def summary(flight: FlightResult, truth: Team, nominal: Team) -> dict[str, Any]:
 
 
 def warn_step_size(rows: StepRecord) -> str:
-    """A sentence where the grasp's velocity residual `|Phi_dot|` shows that steps are too long for the motion, or none.
+    """Return a warning if the constraint rate `|Phi_dot|` indicates that the time step is too long.
 
-    After a step it is of second order in what one projection had to correct.
+    After a step the rate is of second order in the correction of the projection.
+
+    Args:
+        rows: Records of the flight.
+
+    Returns:
+        A sentence, or an empty string.
     """
-    over = np.flatnonzero(rows.Phi_dot > MAX_CONSTRAINT_RATE)
-    if not len(over):
+    exceeded = np.flatnonzero(rows.Phi_dot > MAX_CONSTRAINT_RATE)
+    if not len(exceeded):
         return ""
     worst = int(np.nanargmax(rows.Phi_dot))
     return (
-        f"the step is too long for the motion: from t = {rows.t[over[0]]:.3f} s tips slide on the payload, by up to "
-        f"{rows.Phi_dot[worst]:.3g} m/s at t = {rows.t[worst]:.3f} s ({MAX_CONSTRAINT_RATE:g} allowed); raise control_Hz"
+        f"the time step is too long for the motion: from t = {rows.t[exceeded[0]]:.3f} s on, the contact "
+        f"velocity error is up to {rows.Phi_dot[worst]:.3g} m/s, at t = {rows.t[worst]:.3f} s "
+        f"(at most {MAX_CONSTRAINT_RATE:g} allowed); raise control_Hz"
     )
 
 
 def high_frequency_rms(rows: StepRecord) -> float:
-    """RMS of the contact forces above 20 Hz (fourth-order Butterworth, forward and back), worst component, N.
+    """Compute the RMS of the contact forces above 20 Hz, largest over the components.
 
-    NaN for rows too few to filter (a flight that stopped early).
+    The filter is a fourth-order Butterworth high-pass, forward and backward.
+
+    Args:
+        rows: Records of the flight.
+
+    Returns:
+        The RMS [N]; NaN for fewer than 100 records, for example after an early termination.
     """
     if len(rows.t) < 100:
         return float("nan")
@@ -107,6 +126,7 @@ def high_frequency_rms(rows: StepRecord) -> float:
 
 
 def _wrenches(rows: StepRecord, nominal: Team, lam: Samples) -> np.ndarray:
+    """Compute the payload wrenches of contact forces at the estimated attitude."""
     W = jax.vmap(grasp.payload_wrench, in_axes=(None, 0, 0))(
         grasp.contact_points(nominal), jnp.asarray(rows.R_L_hat), jnp.asarray(lam)
     )
@@ -114,20 +134,27 @@ def _wrenches(rows: StepRecord, nominal: Team, lam: Samples) -> np.ndarray:
 
 
 def wrench_consistency_error(rows: StepRecord, nominal: Team) -> float:
-    """Largest `|G lam_cmd - W_d|`, N and N m, G at the attitude the allocator used (Lemma wrench_consistency)."""
+    """Compute the largest `|G lam_cmd - W_d|` [N, N m] (Lemma wrench_consistency).
+
+    The grasp matrix G is evaluated at the attitude that the allocator used.
+
+    Args:
+        rows: Records of the flight.
+        nominal: Nominal parameters of the controller.
+
+    Returns:
+        The largest norm over the flight.
+    """
     return float(np.linalg.norm(_wrenches(rows, nominal, rows.lam_cmd) - rows.W_d, axis=1).max())
 
 
 def interface_identity_error(rows: StepRecord, nominal: Team) -> float:
-    """Largest `|delta_W - G e_lam|`, N and N m, G at the attitude the allocator used."""
+    """Compute the largest `|delta_W - G e_lam|` [N, N m], with G at the attitude that the allocator used."""
     return float(np.linalg.norm(_wrenches(rows, nominal, rows.lam - rows.lam_cmd) - rows.delta_W, axis=1).max())
 
 
 def _sigma(flight: FlightResult) -> dict[str, float]:
-    """Means over the second half of `sigma_L` and `sigma_A`, Frobenius norms of `Sigma^(1/2)` (Section V).
-
-    A flight that stopped before its second half holds a sample of them gives its last one.
-    """
+    """Compute means of `sigma_L` and `sigma_A`, Frobenius norms of `Sigma^(1/2)` (Section V), over the second half."""
     half = _half(flight)
     return {
         f"{name}_mean": float(x[half].mean())
@@ -137,121 +164,163 @@ def _sigma(flight: FlightResult) -> dict[str, float]:
 
 
 def correlations(flight: FlightResult) -> dict[str, dict[str, float | None]]:
-    """Pearson correlations of sigma_L with `|e_p|` and of sigma_A with `|delta_W|`; None where one is constant.
+    """Compute Pearson correlations of sigma_L with `|e_p|` and of sigma_A with `|delta_W|`.
 
-    Over the run, after the first update, and over the second half: over the run both fall where something is learned
-    first, which says little.
+    They are computed over the flight, after the first update, and over the second half. Both values fall at the first
+    update, so that the correlation over the whole flight is not informative.
+
+    Args:
+        flight: Result of the flight.
+
+    Returns:
+        Correlations by pair and interval; None if one of the signals is constant.
     """
-    rows, sigma, at = flight.records, flight.uncertainty, log.uncertainty_indices(flight.records, flight.uncertainty)
+    rows, sigma, indices = (
+        flight.records,
+        flight.uncertainty,
+        log.uncertainty_indices(flight.records, flight.uncertainty),
+    )
     first = flight.updates[0].activation_time if flight.updates else np.inf
-    parts = {"run": sigma.t >= 0, "after_first_update": sigma.t >= first, "second_half": _half(flight)}
+    intervals = {"run": sigma.t >= 0, "after_first_update": sigma.t >= first, "second_half": _half(flight)}
     norms = log.uncertainty_norms(sigma)
     pairs = {
-        "sigma_L_e_p": (norms["sigma_L"], np.linalg.norm(rows.e_p[at], axis=1)),
-        "sigma_A_delta_W": (norms["sigma_A"], np.linalg.norm(rows.delta_W[at], axis=1)),
+        "sigma_L_e_p": (norms["sigma_L"], np.linalg.norm(rows.e_p[indices], axis=1)),
+        "sigma_A_delta_W": (norms["sigma_A"], np.linalg.norm(rows.delta_W[indices], axis=1)),
     }
-    return {name: {part: _correlation(a[of], b[of]) for part, of in parts.items()} for name, (a, b) in pairs.items()}
+    return {
+        name: {interval: _correlation(a[selected], b[selected]) for interval, selected in intervals.items()}
+        for name, (a, b) in pairs.items()
+    }
 
 
 def _correlation(a: np.ndarray, b: np.ndarray) -> float | None:
-    flat = len(a) < 2 or np.ptp(a) <= 1e-9 * np.abs(a).max() or np.ptp(b) == 0
-    return None if flat else float(np.corrcoef(a, b)[0, 1])
+    """Return the Pearson correlation, or None if one signal is constant."""
+    is_constant = len(a) < 2 or np.ptp(a) <= 1e-9 * np.abs(a).max() or np.ptp(b) == 0
+    return None if is_constant else float(np.corrcoef(a, b)[0, 1])
 
 
 def _half(flight: FlightResult) -> np.ndarray:
-    """Which of sigma's samples are of the second half; of a flight that ended before, its last one."""
+    """Select the uncertainty samples of the second half; the last one if the flight ended before."""
     return flight.uncertainty.t >= min(flight.records.t[len(flight.records.t) // 2], flight.uncertainty.t[-1])
 
 
 def miscoverage(flight: FlightResult) -> dict[str, Any]:
-    """Of the second half, the share of samples whose error exceeds 1.96 `log.predictive` deviations: 5 % if honest.
+    """Compute the fraction of samples outside the 95 % prediction interval over the second half.
 
-    Of the payload's six outputs and of each agent's `f_x`. `error_over_deviation`: the RMS of one over the other, 1 if
-    deviations are honest, and less if they are too wide.
+    The nominal value is 5 %. `error_over_deviation` is the RMS of the error divided by its predictive standard
+    deviation: 1 if the standard deviations are correct, below 1 if they are conservative.
+
+    Args:
+        flight: Result of the flight.
+
+    Returns:
+        Both values for the six outputs of the payload and for `f_x` of each agent.
     """
-    rows, at, half = flight.records, log.uncertainty_indices(flight.records, flight.uncertainty), _half(flight)
-    found = {}
-    errors = (rows.f_L - rows.f_L_hat)[at], (rows.f_x - rows.f_x_hat)[at]
-    expected = log.predictive_std(rows, flight.uncertainty)
-    for body, error, deviation in zip(("payload", "agents"), errors, expected, strict=True):
-        off = np.abs(error[half]) / deviation[half]
-        found[body] = {
-            "share": (off > 1.96).mean(0).tolist(),
-            "error_over_deviation": np.sqrt((off**2).mean(0)).tolist(),
+    rows, indices, half = flight.records, log.uncertainty_indices(flight.records, flight.uncertainty), _half(flight)
+    result = {}
+    errors = (rows.f_L - rows.f_L_hat)[indices], (rows.f_x - rows.f_x_hat)[indices]
+    std = log.predictive_std(rows, flight.uncertainty)
+    for body, error, std_body in zip(("payload", "agents"), errors, std, strict=True):
+        normalized = np.abs(error[half]) / std_body[half]
+        result[body] = {
+            "share": (normalized > 1.96).mean(0).tolist(),
+            "error_over_deviation": np.sqrt((normalized**2).mean(0)).tolist(),
         }
-    return found
+    return result
 
 
 def bound_statistics(flight: FlightResult) -> dict[str, Any]:
-    """How the radii along the run compare with the true errors `f - f_hat`: of the payload, and of each agent.
+    """Compare the error bounds along the flight with the true errors `f - f_hat` of payload and agents.
 
-    `exceeded_share`: of the run's samples, how many lie above, of the plain norm, its force part, its moment part and
-    any single output. `tightness_median`: of `rho_bar / |f - f_hat|` over the second half (infinite where data
-    contradict what the bound rests on). `beta`: of the last update, by output.
+    `exceeded_share` is the fraction of samples whose error exceeds the bound, for the total norm, its force part, its
+    moment part and any single output. `tightness_median` is the median of `rho_bar / |f - f_hat|` over the second half;
+    it is infinite if data contradict the assumptions of the bound. `beta` belongs to the last update, by output.
+
+    Args:
+        flight: Result of the flight.
+
+    Returns:
+        The statistics of the payload and of each agent.
     """
-    rows, at, sigma = flight.records, log.uncertainty_indices(flight.records, flight.uncertainty), flight.uncertainty
+    rows, indices, sigma = (
+        flight.records,
+        log.uncertainty_indices(flight.records, flight.uncertainty),
+        flight.uncertainty,
+    )
     half = _half(flight)
     joints = [group.shape[2] - 6 for group in sigma.agent_std for _ in range(group.shape[1])]
-    missed = [
-        np.asarray(getattr(rows, part) - getattr(rows, f"{part}_hat"))[at] for part in linearization.RESIDUAL_SIGNALS
+    residual_errors = [
+        np.asarray(getattr(rows, name) - getattr(rows, f"{name}_hat"))[indices]
+        for name in linearization.RESIDUAL_SIGNALS
     ]
-    errors = linearization.group_by_body(joints, *missed)
+    errors = linearization.group_by_body(joints, *residual_errors)
     radii = [sigma.payload_radius, *(group[:, j] for group in sigma.agent_radius for j in range(group.shape[1]))]
     betas = [flight.bands.payload_beta, *(beta for group in flight.bands.agent_beta for beta in group)]
-    found = [
+    statistics = [
         _bounded(error, radius, half) | {"beta": np.asarray(beta).tolist()}
         for error, radius, beta in zip(errors, radii, betas, strict=True)
     ]
-    return {"payload": found[0], "agents": found[1:]}
+    return {"payload": statistics[0], "agents": statistics[1:]}
 
 
 def _bounded(error: np.ndarray, radius: np.ndarray, half: np.ndarray) -> dict[str, Any]:
-    """Of one body, all its outputs by column."""
+    """Compute the bound statistics of one body, with all its outputs as columns."""
     norm = lambda x: np.linalg.norm(x, axis=1)  # noqa: E731
-    over = {
+    exceeded = {
         "plain": norm(error) > norm(radius),
         "force": norm(error[:, :3]) > norm(radius[:, :3]),
         "moment": norm(error[:, 3:]) > norm(radius[:, 3:]),
         "any_output": (np.abs(error) > radius).any(1),
     }
-    with np.errstate(divide="ignore"):  # a residual that is known exactly has no error
+    with np.errstate(divide="ignore"):  # the error of an exact residual is zero
         tightness = norm(radius[half]) / norm(error[half])
     return {
-        "exceeded_share": {part: float(where.mean()) for part, where in over.items()},
+        "exceeded_share": {part: float(mask.mean()) for part, mask in exceeded.items()},
         "tightness_median": float(np.median(tightness)),
     }
 
 
 def residual_statistics(rows: StepRecord, truth: Team, nominal: Team) -> dict[str, Any]:
-    """How much of the residuals is constant and how much varies with the state, over the given rows.
+    """Compute constant and varying parts of the residuals.
 
-    `varying_rms` of the payload is what remains of each channel without its mean and without the mass and inertia
-    mismatch (known here from the truth); `constant_share` is the mean's share of each channel's power.
+    `varying_rms` is the standard deviation of each payload channel without the effect of mass and inertia errors, which
+    is computed from the true parameters. `constant_share` is the fraction of each channel's power in its mean.
+
+    Args:
+        rows: Records of the flight.
+        truth: True parameters.
+        nominal: Nominal parameters of the controller.
+
+    Returns:
+        The statistics of the payload and of the agents.
     """
 
     @jax.vmap
-    def inertial(p: jax.Array, v: jax.Array, R: jax.Array, omega: jax.Array, a: jax.Array) -> jax.Array:
+    def parameter_residual(p: jax.Array, v: jax.Array, R: jax.Array, omega: jax.Array, a: jax.Array) -> jax.Array:
         q = PayloadState(p=p, v=v, R=R, omega=omega)
         return identification.inertial_regressor(q, a[:3] - nominal.gravity, a[3:]) @ jnp.asarray(
             parameter_mismatch(truth, nominal)
         )
 
-    sources = rows.f_L - np.asarray(inertial(*map(jnp.asarray, (rows.p, rows.v, rows.R_L, rows.omega_L, rows.a_L))))
+    remainder = rows.f_L - np.asarray(
+        parameter_residual(*map(jnp.asarray, (rows.p, rows.v, rows.R_L, rows.omega_L, rows.a_L)))
+    )
     return {
-        "payload": _share(rows.f_L) | {"varying_rms": (sources - sources.mean(0)).std(0).tolist()},
+        "payload": _share(rows.f_L) | {"varying_rms": (remainder - remainder.mean(0)).std(0).tolist()},
         "agents_force": _share(rows.f_x.reshape(len(rows.t), -1)),
         "agents_moment": _share(rows.f_w.reshape(len(rows.t), -1)),
     }
 
 
 def _share(f: Samples) -> dict[str, list[float]]:
+    """Compute mean, standard deviation and fraction of the power in the mean, by channel."""
     mean, rms = f.mean(0), f.std(0)
     power = np.maximum(mean**2 + rms**2, np.finfo(float).tiny)
     return {"mean": mean.tolist(), "std": rms.tolist(), "constant_share": (mean**2 / power).tolist()}
 
 
 def parameter_mismatch(truth: Team, nominal: Team) -> np.ndarray:
-    """Nominal less true rigid-body parameters of the payload, in the order of `learn.regressor`."""
+    """Return nominal minus true rigid-body parameters of the payload, as `inertial_regressor` orders them."""
     J = np.asarray(nominal.payload.inertia - truth.payload.inertia)
     m = float(nominal.payload.mass - truth.payload.mass)
     return np.array([m, 0, 0, 0, J[0, 0], J[1, 1], J[2, 2], J[0, 1], J[0, 2], J[1, 2]])

@@ -1,4 +1,4 @@
-"""Scenario, poses and reference attitudes of a logged flight."""
+"""Scenario, agent poses and reference attitudes from the log of a flight."""
 
 from __future__ import annotations
 
@@ -18,31 +18,49 @@ from colift.scenario.migration import migrate_data
 
 
 def scenario_of_log(ds: xr.Dataset) -> Scenario:
-    """The scenario that a log holds; raises ValueError where it holds none that this version reads."""
+    """Return the scenario that is stored in a log.
+
+    Args:
+        ds: Dataset of a flight.
+
+    Returns:
+        The scenario, migrated to the present schema.
+
+    Raises:
+        ValueError: If the log contains no scenario that this version can read.
+    """
     try:
-        told = json.loads(ds.attrs["scenario_json"])
-        told = migrate_data(told)
-        told.pop("plugins", None)  # code beside the scenario, of which nothing is drawn
-        return Scenario.model_validate_json(json.dumps(told))
+        data = json.loads(ds.attrs["scenario_json"])
+        data = migrate_data(data)
+        data.pop("plugins", None)  # drawing a team needs no plugin code
+        return Scenario.model_validate_json(json.dumps(data))
     except KeyError:
         raise ValueError(
-            f"{ds.attrs.get('case', 'the log')} of {ds.attrs.get('run', 'no run')} does not hold its scenario, as "
-            "logs of an earlier colift do not: run colift study again"
+            f"the log {ds.attrs.get('case', '')} of run {ds.attrs.get('run', 'unknown')} contains no scenario; it was "
+            "written by an earlier version of colift: run colift study again"
         ) from None
     except (ScenarioError, json.JSONDecodeError, AttributeError) as error:
         first = str(error).splitlines()[0]
         raise ValueError(
-            f"the scenario in the log is not one of this colift ({first}): run colift study again"
+            f"this version of colift cannot read the scenario in the log ({first}): run colift study again"
         ) from None
 
 
-def poses_by_group(at: xr.Dataset, team: Team) -> Iterator[tuple[AerialManipulator, Array, Array, Array]]:
-    """Each group of a team with attitudes, centres of mass, m, and joints of its agents along a log; time leads."""
+def poses_by_group(ds: xr.Dataset, team: Team) -> Iterator[tuple[AerialManipulator, Array, Array, Array]]:
+    """Yield each group of a team with its attitudes, centres of mass and joint positions along a log.
+
+    Args:
+        ds: Dataset with the times to use.
+        team: Team that determines the layout.
+
+    Yields:
+        Group, attitudes (body to world), centres of mass [m, world] and joint positions [rad or m]; time first.
+    """
     agents = joints = 0
     for size, group in zip(team.sizes, team.agent_groups, strict=True):
-        own, n = slice(agents, agents + size), size * group.tree.joints
-        r = at.r.values[:, joints : joints + n].reshape(at.sizes["time"], size, group.tree.joints)
-        yield group, jnp.asarray(at.R.values[:, own]), jnp.asarray(at.x.values[:, own]), jnp.asarray(r)
+        agent_slice, n = slice(agents, agents + size), size * group.tree.joints
+        r = ds.r.values[:, joints : joints + n].reshape(ds.sizes["time"], size, group.tree.joints)
+        yield group, jnp.asarray(ds.R.values[:, agent_slice]), jnp.asarray(ds.x.values[:, agent_slice]), jnp.asarray(r)
         agents, joints = agents + size, joints + n
 
 
@@ -50,7 +68,18 @@ def poses_by_group(at: xr.Dataset, team: Team) -> Iterator[tuple[AerialManipulat
 def desired_attitude(
     R: Float[Array, "time 3 3"], e_R: Float[Array, "time 3"], Psi: Float[Array, "time"]
 ) -> Float[Array, "time 3 3"]:
-    """`R_d = R Q^T` with `Q = R_d^T R = I + hat(e_R) + hat(e_R)^2 / (2 - Psi)`: Rodrigues' formula, sine and cosine."""
+    """Compute the desired attitude from attitude, attitude error and error function.
+
+    The result is `R_d = R Q^T` with `Q = R_d^T R = I + hat(e_R) + hat(e_R)^2 / (2 - Psi)`, from Rodrigues' formula.
+
+    Args:
+        R: Payload attitude, body to world.
+        e_R: Attitude error.
+        Psi: Attitude error function `tr(I - R_d^T R) / 2`.
+
+    Returns:
+        Desired attitude, body to world.
+    """
     skew = so3.hat(e_R)
-    turn = 1 / jnp.maximum(2 - Psi, 1e-12)
-    return R @ transpose(so3.identity((len(Psi),)) + skew + turn[:, None, None] * (skew @ skew))
+    weight = 1 / jnp.maximum(2 - Psi, 1e-12)
+    return R @ transpose(so3.identity((len(Psi),)) + skew + weight[:, None, None] * (skew @ skew))

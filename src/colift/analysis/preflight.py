@@ -241,7 +241,7 @@ def _contacts(settings: Scenario, truth: Team) -> Finding:
     """The grasp matrix: whether every wrench can be given, and how much worse the worst than the best."""
     c, names = np.asarray(grasp.contact_points(truth)), team.contact_names(settings)
     length = max(float(np.sqrt((c**2).sum(1).mean())), 1e-9)
-    values = grasp.singular_values(truth, length)
+    values = grasp.grasp_matrix_singular_values(truth, length)
     rank, condition = int((values[0] < 1e6 * values).sum()), float(values[0] / max(values[-1], 1e-300))
     advice: tuple[str, ...] = ()
     if rank < 6 or condition > MAX_GRASP_CONDITION:

@@ -1,7 +1,11 @@
-"""The sampled loop at rest, to first order: how fast a small disturbance dies out, or grows.
+"""Stability of the sampled closed loop at equilibrium: modes, and margins of delay and gain.
 
-One tick of what flies, with its filters, and one step of the plant under the held command are a map of what the one
-hands to the next. Its fixed point is the rest; its derivative there has the modes.
+One control period of controller and plant, with filters and held commands, is a discrete-time map of the loop state.
+The fixed point of the map is the equilibrium of the loop. The eigenvalues of the Jacobian there are the modes.
+
+See Also:
+    colift.closed_loop.linearization: linearization of the continuous loop without filters.
+    docs/stability: definitions and measured results.
 """
 
 from __future__ import annotations
@@ -28,61 +32,78 @@ from colift.runtime import signals
 from colift.simulation import sensors
 from colift.simulation.world import SimulatedWorld, WorldNoise
 
-MAX_NEWTON_ITERATIONS = 30  # of Newton's method; from a team that hovers level it takes a handful
-SETTLING_TIME = 10.0  # s of flight, where Newton's method needs another start
-EQUILIBRIUM_TOLERANCE = 1e-9  # what a tick may still change, in SI units
-STEP = 1e-5  # of differences, in SI units; they neglect its fourth power
-DEADBEAT_THRESHOLD = 0.01  # a mode that leaves less than this of itself after one tick is no mode of the motion
-MARGINAL_THRESHOLD = 1e-6  # rad/s, below which a rate is rounding: of |z|, divided by the tick
+MAX_NEWTON_ITERATIONS = 30  # about five are needed from level hover
+SETTLING_TIME = 10.0  # s, simulated before a second attempt of Newton's method
+EQUILIBRIUM_TOLERANCE = 1e-9  # largest change of the loop state in one tick, in SI units
+STEP = 1e-5  # of finite differences, in SI units; terms of fourth order are neglected
+DEADBEAT_THRESHOLD = 0.01  # modes with a smaller |z| decay within one tick and are omitted
+MARGINAL_THRESHOLD = 1e-6  # rad/s, rounding error of a rate: that of |z| divided by the control period
 
 
-POSE = r"\.world\.z\.(payload\.[Rp]|agents\[\d+\]\.[Rxr])"
-LEARNING = r"\.recorder\.|\.estimator\.(agents\[\d+\]\.)?bias\b|\.(warm|fresh|silent|ticks)$"
-SECOND_ORDER_STATES = (
-    r"\.listener\.(late|said|gap|age|foretold|moved\.(products|squares))"  # of the second order at rest
+# Paths of loop states in `simulator.LoopState`, as regular expressions
+POSE = r"\.world\.state\.(payload\.[Rp]|agents\[\d+\]\.[Rxr])"
+LEARNING = (
+    r"\.recorder\.|\.estimator\.(agents\[\d+\]\.)?bias\b"
+    r"|\.estimator\.time_since_label$|\.(initialized|correction_weight)$"
 )
-SENSORS = r"\.extra\[\d+\]\.(age|due|bias)\b"  # their clocks and drifts, which stand still
-LABELS = r"\.estimator\.(agents\[\d+\]\.)?(momenta|carried|known|label|state)\b"
+SECOND_ORDER_STATES = (  # quadratic in the deviation from the equilibrium
+    r"\.innovation\.(delay_error_ms|window_mean_square|longest_gap|mean_label_age|rate_forecast"
+    r"|comovement\.(cross_moment|second_moment))"
+)
+SENSORS = r"\.sensors\[\d+\]\.(age|next_sample_time|bias)\b"  # sensor clocks and drifts are held with the loop's clock
+LABELS = r"\.estimator\.(agents\[\d+\]\.)?(momenta|com_velocity_offset|modelled_force|modelled_wrench|label|inputs)\b"
 
 
 @dataclasses.dataclass(frozen=True)
 class Modes:
-    """The sampled loop's modes at rest, slowest first, as rates `log(z) / dt`, and how each moves the payload."""
+    """Modes of the sampled loop at equilibrium, slowest first, with eigenvalues `log(z) / dt` and mode shapes.
+
+    Amplitudes are relative to the largest pose amplitude of the mode.
+    """
 
     eigenvalues: np.ndarray  # (modes,) rad/s
-    payload: np.ndarray  # (modes, 6) amplitude of the payload's (theta, p), the largest pose of the mode being 1
-    attitude: np.ndarray  # (modes, agents, 3) that of every agent's rotation vector, body frame
-    joints: np.ndarray  # (modes, joints) that of every joint, in team order
+    payload: np.ndarray  # (modes, 6) amplitudes of the payload's (theta, p)
+    attitude: np.ndarray  # (modes, agents, 3) amplitudes of the agents' rotation vectors, body frame
+    joints: np.ndarray  # (modes, joints) amplitudes of the joints, in team order
     names: tuple[str, ...] = ("theta_x", "theta_y", "theta_z", "p_x", "p_y", "p_z")
 
     @property
     def stable(self) -> bool:
-        """Whether every mode decays."""
+        """True if every mode decays."""
         return bool(self.eigenvalues[0].real < -MARGINAL_THRESHOLD)
 
     @property
     def slowest_eigenvalue(self) -> tuple[float, float]:
-        """Real and imaginary part of the slowest eigenvalue, rad/s."""
+        """Real and imaginary part of the slowest eigenvalue [rad/s]."""
         return float(self.eigenvalues[0].real), float(self.eigenvalues[0].imag)
 
     def describe_slowest(self) -> str:
-        """The slowest mode in words: its eigenvalue and where it is seen most."""
+        """Describe the slowest mode: its eigenvalue and its largest amplitude."""
         value, shape = self.eigenvalues[0], self.payload[0]
-        seen = self.names[int(np.argmax(shape))] if shape.max() > 0.05 else "the agents' attitudes and joints"
-        return f"{value.real:+.2f} {abs(value.imag):+.2f}i rad/s, seen most in {seen}"
+        largest = self.names[int(np.argmax(shape))] if shape.max() > 0.05 else "the agents' attitudes and joints"
+        return f"{value.real:+.2f} {abs(value.imag):+.2f}i rad/s, largest in {largest}"
 
 
 LoopStateTree = dict[str, Array]
-"""What one tick hands to the next, of world and memory, by its place in the loop, as far as it may come back."""
+"""Loop states that influence the plant in later ticks, by their path in `simulator.LoopState`."""
 
 
 def modes_at_equilibrium(experiment: flight.Experiment, state: State) -> Modes:
-    """Modes of a plan's loop at the rest near z, as `monodromy` has it."""
+    """Compute the modes of an experiment's loop at the equilibrium near a state."""
     return compute_modes(*equilibrium_and_jacobian(experiment, state), experiment.dt)
 
 
 def compute_modes(x: LoopStateTree, M: np.ndarray, dt: float) -> Modes:
-    """Modes of a loop with the rest x and the derivative M of its tick of dt, s."""
+    """Compute the modes of a loop from its Jacobian.
+
+    Args:
+        x: Equilibrium of the loop.
+        M: Jacobian of one tick at x.
+        dt: Control period [s].
+
+    Returns:
+        The modes, slowest first.
+    """
     values, vectors = np.linalg.eig(M)
     order = np.argsort(-np.abs(values))
     order = order[np.abs(values[order]) > DEADBEAT_THRESHOLD]
@@ -90,36 +111,53 @@ def compute_modes(x: LoopStateTree, M: np.ndarray, dt: float) -> Modes:
     shapes = shapes / np.maximum(shapes[_rows_of(x, POSE)].max(0), np.finfo(float).tiny)
     return Modes(
         eigenvalues=np.log(values[order].astype(complex)) / dt,
-        payload=shapes[np.concatenate([_rows_of(x, rf"\.world\.z\.payload\.{part}") for part in "Rp"])].T,
-        attitude=shapes[_rows_of(x, r"\.world\.z\.agents\[\d+\]\.R")].T.reshape(len(order), -1, 3),
-        joints=shapes[_rows_of(x, r"\.world\.z\.agents\[\d+\]\.r")].T,
+        payload=shapes[np.concatenate([_rows_of(x, rf"\.world\.state\.payload\.{part}") for part in "Rp"])].T,
+        attitude=shapes[_rows_of(x, r"\.world\.state\.agents\[\d+\]\.R")].T.reshape(len(order), -1, 3),
+        joints=shapes[_rows_of(x, r"\.world\.state\.agents\[\d+\]\.r")].T,
     )
 
 
-def delay_margin(x: LoopStateTree, M: np.ndarray, most: int) -> int:
-    """How many whole ticks, at most `most`, every command may come later until the loop is unstable; -1 if it is.
+def delay_margin(x: LoopStateTree, M: np.ndarray, max_ticks: int) -> int:
+    """Compute the delay margin in whole ticks.
 
-    M as `monodromy` has it. What the pilot remembers moves the world through commands alone, so M tells how they act:
-    `world_memory = B K_memory`, K the rows of the command that was applied. Raises ValueError where what is remembered
-    does not move every command by itself.
+    The controller state influences the world only through the commands, so M determines the input matrix B:
+    `M[world, controller] = B K`, with K the rows of the applied command.
+
+    A ValueError is raised if the controller state does not determine every command independently.
+
+    Args:
+        x: Equilibrium of the loop.
+        M: Jacobian of one tick at x.
+        max_ticks: Largest delay that is tested, in ticks.
+
+    Returns:
+        Largest additional delay of all commands for which the loop is stable, at most `max_ticks`; -1 if the loop is
+        unstable without delay.
     """
-    B, K = _commands(x, M)
-    for ticks in range(most + 1):
-        if np.abs(np.linalg.eigvals(_delayed(M, B, K, ticks))).max() >= 1:
+    B, K = _input_matrices(x, M)
+    for ticks in range(max_ticks + 1):
+        if np.abs(np.linalg.eigvals(_append_delay(M, B, K, ticks))).max() >= 1:
             return ticks - 1
-    return most
+    return max_ticks
 
 
-MAX_GAIN = 4.0  # beyond which, and below the inverse of which, a gain margin is not sought
+MAX_GAIN = 4.0  # largest gain that is tested; the smallest is its inverse
 
 
 def gain_margin(x: LoopStateTree, M: np.ndarray) -> tuple[float, float]:
-    """How many times as weak, and as strong, all commands may be with the loop still stable: a range about 1.
+    """Compute the range of a common gain of all commands for which the loop is stable.
 
-    `x+ = (M + (g - 1) B K) x`; its ends to 1 %, within `GAIN_MOST`. NaN where the loop is unstable as it is. Raises as
-    `delay_margin`.
+    The loop with gain g is `x+ = (M + (g - 1) B K) x`. The limits are computed to 1 %, within `1 / MAX_GAIN` and
+    `MAX_GAIN`. Raises a ValueError as `delay_margin`.
+
+    Args:
+        x: Equilibrium of the loop.
+        M: Jacobian of one tick at x.
+
+    Returns:
+        Smallest and largest gain; NaN if the loop is unstable with gain 1.
     """
-    B, K = _commands(x, M)
+    B, K = _input_matrices(x, M)
     BK = B @ K
 
     def stable(g: float) -> bool:
@@ -127,254 +165,313 @@ def gain_margin(x: LoopStateTree, M: np.ndarray) -> tuple[float, float]:
 
     if not stable(1.0):
         return np.nan, np.nan
-    ends = []
+    limits = []
     for step in (MAX_GAIN**-0.25, MAX_GAIN**0.25):
-        good, bad = 1.0, step
-        while stable(bad) and not np.isclose(good, step**3):
-            good, bad = bad, bad * step
-        if stable(bad):
-            ends.append(bad)
+        stable_gain, unstable_gain = 1.0, step
+        while stable(unstable_gain) and not np.isclose(stable_gain, step**3):
+            stable_gain, unstable_gain = unstable_gain, unstable_gain * step
+        if stable(unstable_gain):
+            limits.append(unstable_gain)
             continue
-        while abs(np.log(bad / good)) > 0.01:
-            middle = float(np.sqrt(good * bad))
-            good, bad = (middle, bad) if stable(middle) else (good, middle)
-        ends.append(good)
-    return ends[0], ends[1]
+        while abs(np.log(unstable_gain / stable_gain)) > 0.01:
+            middle = float(np.sqrt(stable_gain * unstable_gain))
+            stable_gain, unstable_gain = (middle, unstable_gain) if stable(middle) else (stable_gain, middle)
+        limits.append(stable_gain)
+    return limits[0], limits[1]
 
 
 @dataclasses.dataclass(frozen=True)
 class Margins:
-    """How far commands may be off, all alike, with the loop at rest still stable."""
+    """Delay and gain margin of the loop at equilibrium, for all commands alike."""
 
-    delay_margin: float  # s, how much later they may come
-    gain_margin: tuple[float, float]  # how many times as strong they may be
-    max_delay_tested: float  # s, up to which a delay was tried
+    delay_margin: float  # s, largest additional delay
+    gain_margin: tuple[float, float]  # smallest and largest gain
+    max_delay_tested: float  # s
 
     def describe(self) -> str:
-        """In words."""
-        delay = f"{1e3 * self.delay_margin:.3g} ms later" + (
-            " or more" if self.delay_margin >= self.max_delay_tested else ""
-        )
-        return f"commands may come {delay}, or be {format_gain_margin(self.gain_margin)}"
+        """Describe both margins in a sentence."""
+        delay = f"{1e3 * self.delay_margin:.3g} ms" + (" or more" if self.delay_margin >= self.max_delay_tested else "")
+        return f"delay margin {delay}, gain margin {format_gain_margin(self.gain_margin)}"
 
 
 def format_gain_margin(gain: tuple[float, float]) -> str:
-    """A gain margin in words."""
-    least, greatest = gain
-    low = f"{least:.2g}" + (" or less" if least <= 1.001 / MAX_GAIN else "")
-    high = f"{greatest:.3g}" + (" or more" if greatest >= MAX_GAIN / 1.001 else "")
-    return f"{low} to {high} times as strong"
+    """Format a gain margin as a range."""
+    smallest, largest = gain
+    low = f"{smallest:.2g}" + (" or less" if smallest <= 1.001 / MAX_GAIN else "")
+    high = f"{largest:.3g}" + (" or more" if largest >= MAX_GAIN / 1.001 else "")
+    return f"{low} to {high}"
 
 
-MAX_DELAY = 0.05  # s, beyond which a delay margin is not sought
+MAX_DELAY = 0.05  # s, largest delay that is tested
 
 
 def stability_margins(x: LoopStateTree, M: np.ndarray, dt: float) -> Margins:
-    """Delay and gain margin of a loop with ticks of dt, s; raises as `delay_margin`."""
-    most = round(MAX_DELAY / dt)
+    """Compute delay and gain margin; raises a ValueError as `delay_margin`.
+
+    Args:
+        x: Equilibrium of the loop.
+        M: Jacobian of one tick at x.
+        dt: Control period [s].
+
+    Returns:
+        Both margins.
+    """
+    max_ticks = round(MAX_DELAY / dt)
     return Margins(
-        delay_margin=delay_margin(x, M, most) * dt, gain_margin=gain_margin(x, M), max_delay_tested=most * dt
+        delay_margin=delay_margin(x, M, max_ticks) * dt, gain_margin=gain_margin(x, M), max_delay_tested=max_ticks * dt
     )
 
 
 def with_input_delay(x: LoopStateTree, M: np.ndarray, ticks: int) -> np.ndarray:
-    """The derivative of a loop whose commands act so many ticks later; raises as `delay_margin`."""
-    return _delayed(M, *_commands(x, M), ticks)
+    """Return the Jacobian of the loop with commands delayed by whole ticks; raises a ValueError as `delay_margin`."""
+    return _append_delay(M, *_input_matrices(x, M), ticks)
 
 
-NEGLIGIBLE_SENSITIVITY = 1e-7  # of the most that any state moves a command by
+NEGLIGIBLE_SENSITIVITY = 1e-7  # relative to the largest sensitivity of the commands to a state
 
 
-def _commands(x: LoopStateTree, M: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """`(B, K)`: how commands move the world, and the rows of M by which they follow."""
-    command, world = _rows_of(x, r"\.memory\.sent\[\d+\]\..*"), _rows_of(x, r"\.world\..*")
+def _input_matrices(x: LoopStateTree, M: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the input matrix B of the commands, and the rows K of M that compute the commands.
+
+    Args:
+        x: Equilibrium of the loop.
+        M: Jacobian of one tick at x.
+
+    Returns:
+        `(B, K)`.
+
+    Raises:
+        ValueError: If the controller state does not determine every command independently.
+    """
+    command, world = _rows_of(x, r"\.controller\.last_command\[\d+\]\..*"), _rows_of(x, r"\.world\..*")
     state, K = np.setdiff1d(np.arange(len(M)), world), M[command]
-    # M is known to some 1e-10; what next to no state commands, as a force that only squeezes, needs no column of B
+    # M is accurate to about 1e-10; a command that hardly any state changes, such as a squeeze force, has no column in B
     inverse = np.linalg.pinv(K[:, state], rcond=NEGLIGIBLE_SENSITIVITY)
     if np.linalg.norm(K - K[:, state] @ (inverse @ K), 2) > 10 * NEGLIGIBLE_SENSITIVITY * np.linalg.norm(K, 2):
-        raise ValueError("what the pilot remembers does not move every command by itself")
+        raise ValueError("the controller state does not determine every command independently")
     B = np.zeros((len(M), len(command)))
     B[world] = M[np.ix_(world, state)] @ inverse
     return B, K
 
 
-def _delayed(M: np.ndarray, B: np.ndarray, K: np.ndarray, ticks: int) -> np.ndarray:
-    """`x+ = (M - B K) x + B u_1`, `u_k+ = u_(k+1)`, the last one `K x`: a queue between command and world."""
+def _append_delay(M: np.ndarray, B: np.ndarray, K: np.ndarray, ticks: int) -> np.ndarray:
+    """Append a queue of commands: `x+ = (M - B K) x + B u_1`, `u_k+ = u_(k+1)`, and `K x` as the last element."""
     if ticks == 0:
         return M
     n, m = B.shape
-    whole = np.eye(n + m * ticks, k=m)
-    whole[:n] = 0.0
-    whole[:n, :n], whole[:n, n : n + m], whole[-m:, :n] = M - B @ K, B, K
-    return whole
+    extended = np.eye(n + m * ticks, k=m)
+    extended[:n] = 0.0
+    extended[:n, :n], extended[:n, n : n + m], extended[-m:, :n] = M - B @ K, B, K
+    return extended
 
 
-def _rows_of(x: LoopStateTree, where: str) -> np.ndarray:
-    """The rows of the coordinates at the places whose names are of a form."""
-    place = _unravel(x, np.arange(sum(math.prod(shape) for _, shape in _shapes(x))))
-    return np.concatenate([place[key].ravel() for key in sorted(place) if re.fullmatch(where, key)])
+def _rows_of(x: LoopStateTree, pattern: str) -> np.ndarray:
+    """Return the coordinates of the loop states whose path matches a regular expression."""
+    indices = _unravel(x, np.arange(sum(math.prod(shape) for _, shape in _shapes(x))))
+    return np.concatenate([indices[key].ravel() for key in sorted(indices) if re.fullmatch(pattern, key)])
 
 
 def equilibrium_and_jacobian(experiment: flight.Experiment, state: State) -> tuple[LoopStateTree, np.ndarray]:
-    """The rest x near z, the reference held at its start, and the map's derivative there; on the host.
+    """Compute the equilibrium of the loop near a state and the Jacobian of one tick there, on the host.
 
-    Bodies move by the truth's parameters and are flown by the nominal ones; sensors are exact and read at every tick,
-    and nothing else acts that is unknown. So the rest may be off the reference, as by a payload that is heavier than
-    believed. Newton's method on `x = map(x)`, its slope anew where the last one helps little, by differences of
-    `simulate.advance`: no program is compiled that a flight does not need anyway. Where it does not get there from z,
-    as where rest is half a metre lower, it begins where the loop has settled. Raises ValueError where there is no rest
-    near z.
+    The reference is held at its start. Plant parameters are the true ones, controller parameters the nominal ones.
+    Sensors are exact and sampled at every tick, and there are no disturbances. The equilibrium can therefore differ
+    from the reference, for example for a payload that is heavier than its nominal model. Newton's method solves
+    `x = map(x)`; its Jacobian is recomputed only if an iteration reduces the residual by less than a factor of 10.
+    Finite differences use the compiled `simulator.rollout`, so no additional program is compiled. If Newton's method
+    fails, it is restarted from the loop state after a simulation of `SETTLING_TIME`.
+
+    Args:
+        experiment: Definition of the flight.
+        state: Initial guess of the team state.
+
+    Returns:
+        The equilibrium and the Jacobian.
+
+    Raises:
+        ValueError: If no equilibrium is found near the state.
     """
-    setup, loop, noise = _begun(experiment, state)
-    found = _rest(setup, loop, noise) or _rest(setup, _settled(setup, loop, noise), noise)
-    if found is None:
-        raise ValueError("the team finds no rest near the start of its reference")
-    return found
+    setup, loop, noise = _undisturbed_loop(experiment, state)
+    result = _newton_equilibrium(setup, loop, noise) or _newton_equilibrium(
+        setup, _simulate_settling(setup, loop, noise), noise
+    )
+    if result is None:
+        raise ValueError("the loop has no equilibrium near the start of its reference")
+    return result
 
 
-def _rest(
+def _newton_equilibrium(
     setup: simulator.LoopConfig, loop: simulator.LoopState, noise: WorldNoise
 ) -> tuple[LoopStateTree, np.ndarray] | None:
-    """By Newton's method from a loop, the rest and the derivative there."""
-    slope, last = None, np.inf
+    """Find equilibrium and Jacobian by Newton's method from a loop state; None if it does not converge."""
+    jacobian, previous = None, np.inf
     for _ in range(MAX_NEWTON_ITERATIONS):
         signals.raise_if_interrupted()
-        off = _changed(setup, loop, noise, [_take(loop)])[0]
-        if np.abs(off).max() <= EQUILIBRIUM_TOLERANCE:
-            return _take(loop), _slope(setup, loop, noise)
-        if not np.isfinite(off).all():
+        residual = _after_one_tick(setup, loop, noise, [_select_states(loop)])[0]
+        if np.abs(residual).max() <= EQUILIBRIUM_TOLERANCE:
+            return _select_states(loop), _finite_difference_jacobian(setup, loop, noise)
+        if not np.isfinite(residual).all():
             break
-        if slope is None or np.abs(off).max() > last / 10:
-            ahead = _around(setup, loop, noise, (1,))[0]
-            slope = (ahead - off).T / STEP  # to first order in the step: it only searches
-        if not np.isfinite(slope).all():
+        if jacobian is None or np.abs(residual).max() > previous / 10:
+            moved = _evaluate_around(setup, loop, noise, (1,))[0]
+            jacobian = (moved - residual).T / STEP  # first order in the step suffices for the search
+        if not np.isfinite(jacobian).all():
             break
-        last = np.abs(off).max()
-        step = np.linalg.lstsq(np.eye(len(off)) - slope, off)[0]
-        loop = _put(loop, jax.tree.map(lambda leaf: leaf[0], _move(_take(loop), jnp.asarray(step[None]))))
+        previous = np.abs(residual).max()
+        step = np.linalg.lstsq(np.eye(len(residual)) - jacobian, residual)[0]
+        loop = _insert_states(
+            loop, jax.tree.map(lambda leaf: leaf[0], _displace(_select_states(loop), jnp.asarray(step[None])))
+        )
     return None
 
 
-def _settled(setup: simulator.LoopConfig, loop: simulator.LoopState, noise: WorldNoise) -> simulator.LoopState:
-    """The loop after `SETTLE`, its clock put back every twentieth of a second, in which the reference hardly begins."""
+def _simulate_settling(
+    setup: simulator.LoopConfig, loop: simulator.LoopState, noise: WorldNoise
+) -> simulator.LoopState:
+    """Simulate for `SETTLING_TIME`; resetting the clock every 0.05 s holds the reference near its start."""
     ticks = max(1, round(0.05 / float(setup.dt)))
     for _ in range(round(SETTLING_TIME / float(setup.dt)) // ticks):
-        after, _ = simulator.rollout(setup, loop, noise, jnp.asarray(ticks))
-        loop = dataclasses.replace(after, tick=loop.tick, termination=loop.termination)
+        end, _ = simulator.rollout(setup, loop, noise, jnp.asarray(ticks))
+        loop = dataclasses.replace(end, tick=loop.tick, termination=loop.termination)
     return loop
 
 
-def _begun(experiment: flight.Experiment, state: State) -> tuple[simulator.LoopConfig, simulator.LoopState, WorldNoise]:
-    """The loop by itself just after z, its clock held and no limit met, and the noise of sensors that have none.
+def _undisturbed_loop(
+    experiment: flight.Experiment, state: State
+) -> tuple[simulator.LoopConfig, simulator.LoopState, WorldNoise]:
+    """Return configuration, state and noise of the loop without disturbances and limits, with the clock at zero.
 
-    Just after: a tick, and as many more as the latest readings take to come.
+    The state is taken after one tick and as many further ticks as the largest sensor delay.
     """
-    experiment = dataclasses.replace(experiment, world=_alone(experiment.world))
+    experiment = dataclasses.replace(experiment, world=_without_disturbances(experiment.world))
     noise = experiment.world.sample_noise(jax.random.key(0), flight.ticks_per_chunk(experiment))
-    begun = simulator.reset(experiment.loop_config, state)
-    late = max(
-        (part.delay for part in experiment.world.sensor_models if isinstance(part, sensors.Intermittent)), default=0
+    start = simulator.reset(experiment.loop_config, state)
+    max_delay = max(
+        (sensor.delay for sensor in experiment.world.sensor_models if isinstance(sensor, sensors.Intermittent)),
+        default=0,
     )
-    after, _ = simulator.rollout(experiment.loop_config, begun, noise, jnp.asarray(1 + late))
-    return experiment.loop_config, dataclasses.replace(after, tick=begun.tick, termination=begun.termination), noise
+    end, _ = simulator.rollout(experiment.loop_config, start, noise, jnp.asarray(1 + max_delay))
+    return experiment.loop_config, dataclasses.replace(end, tick=start.tick, termination=start.termination), noise
 
 
 def predict_growth_rate(experiment: flight.Experiment, state: State, x: LoopStateTree, M: np.ndarray) -> float:
-    """Growth rate, 1/s, of the slowest mode of a plan near the one of rest x and derivative M, to first order.
+    """Predict the growth rate of the slowest mode of an experiment near a known equilibrium, to first order.
 
-    `z' = w^H M' v`, v and w the mode's right and left vectors with `w^H v = 1`: M' along one mode is four ticks where
-    all of M' is hundreds.
+    The derivative is `z' = w^H M' v`, with right and left eigenvectors v and w normalized to `w^H v = 1`. It requires
+    four ticks instead of the hundreds for all of M'.
+
+    Args:
+        experiment: Changed experiment.
+        state: Initial guess of its team state.
+        x: Equilibrium of the original loop.
+        M: Jacobian of the original loop at x.
+
+    Returns:
+        The growth rate [1/s].
     """
-    setup, loop, noise = _begun(experiment, state)
-    loop = _put(loop, x)
+    setup, loop, noise = _undisturbed_loop(experiment, state)
+    loop = _insert_states(loop, x)
     values, left, right = linalg.eig(M, left=True)
     k = int(np.argmax(np.abs(values)))
     v, w = right[:, k], left[:, k].conj()
     w = w / (w @ v)
     parts = np.stack([v.real, v.imag])
-    moved = _move(x, jnp.asarray(STEP * np.concatenate([parts, -parts])))
-    ahead = _changed(setup, loop, noise, [_row(moved, jnp.asarray(i)) for i in range(4)])
-    along = (ahead[:2] - ahead[2:]) / (2 * STEP)
-    return float(np.log(np.abs(w @ (along[0] + 1j * along[1]))) / experiment.dt)
+    moved = _displace(x, jnp.asarray(STEP * np.concatenate([parts, -parts])))
+    changed = _after_one_tick(setup, loop, noise, [_batch_element(moved, jnp.asarray(i)) for i in range(4)])
+    derivative = (changed[:2] - changed[2:]) / (2 * STEP)
+    return float(np.log(np.abs(w @ (derivative[0] + 1j * derivative[1]))) / experiment.dt)
 
 
 def step_jacobian(experiment: flight.Experiment, state: State, x: LoopStateTree) -> np.ndarray:
-    """The derivative of a plan's loop at x, the rest of a loop near it, as `estimate` takes it along one mode."""
-    setup, loop, noise = _begun(experiment, state)
-    return _slope(setup, _put(loop, x), noise)
+    """Compute the Jacobian of one tick of an experiment at the equilibrium x of a similar loop.
+
+    Args:
+        experiment: Changed experiment.
+        state: Initial guess of its team state.
+        x: Equilibrium of a similar loop.
+
+    Returns:
+        The Jacobian.
+    """
+    setup, loop, noise = _undisturbed_loop(experiment, state)
+    return _finite_difference_jacobian(setup, _insert_states(loop, x), noise)
 
 
-def _slope(setup: simulator.LoopConfig, loop: simulator.LoopState, noise: Any) -> np.ndarray:
-    """The map's derivative at a loop: `(8 (f_1 - f_-1) - (f_2 - f_-2)) / (12 h)`, f_k k steps h along a coordinate."""
-    near, back, far, farther_back = _around(setup, loop, noise, (1, -1, 2, -2))
-    return ((8 * (near - back) - (far - farther_back)) / (12 * STEP)).T
+def _finite_difference_jacobian(
+    setup: simulator.LoopConfig, loop: simulator.LoopState, noise: WorldNoise
+) -> np.ndarray:
+    """Compute the Jacobian of one tick by `(8 (f_1 - f_-1) - (f_2 - f_-2)) / (12 h)`, with f_k at k steps h."""
+    forward, backward, forward_2, backward_2 = _evaluate_around(setup, loop, noise, (1, -1, 2, -2))
+    return ((8 * (forward - backward) - (forward_2 - backward_2)) / (12 * STEP)).T
 
 
-def _around(setup: simulator.LoopConfig, loop: simulator.LoopState, noise: Any, steps: Sequence[int]) -> np.ndarray:
-    """`(steps, coordinates, coordinates)`: the map so many times `STEP` along each coordinate from a loop."""
-    x = _take(loop)
+def _evaluate_around(
+    setup: simulator.LoopConfig, loop: simulator.LoopState, noise: WorldNoise, steps: Sequence[int]
+) -> np.ndarray:
+    """Evaluate one tick at multiples of `STEP` along each coordinate, `(steps, coordinates, coordinates)`."""
+    x = _select_states(loop)
     n = sum(math.prod(shape) for _, shape in _shapes(x))
     moves = STEP * np.stack([k * np.eye(n) for k in steps])
-    moved = _move(x, jnp.asarray(moves.reshape(-1, n)))
-    at = [_row(moved, jnp.asarray(k)) for k in range(len(steps) * n)]
-    return _changed(setup, loop, noise, at).reshape(len(steps), n, n)
+    moved = _displace(x, jnp.asarray(moves.reshape(-1, n)))
+    points = [_batch_element(moved, jnp.asarray(k)) for k in range(len(steps) * n)]
+    return _after_one_tick(setup, loop, noise, points).reshape(len(steps), n, n)
 
 
-def _changed(
-    setup: simulator.LoopConfig, loop: simulator.LoopState, noise: WorldNoise, at: Sequence[LoopStateTree]
+def _after_one_tick(
+    setup: simulator.LoopConfig, loop: simulator.LoopState, noise: WorldNoise, points: Sequence[LoopStateTree]
 ) -> np.ndarray:
-    """What a loop carries one tick after each of `at`, in coordinates around what it carries now."""
-    leaves, kind = jax.tree.flatten(loop)
-    carried = _take(loop)
-    place = {key: k for k, (key, _) in enumerate(_leaves(loop)) if key in carried}
-    one = jnp.asarray(1)
-    run, after = simulator.compile_rollout(setup, loop, noise, one), []
-    for y in at:
-        here = list(leaves)
-        for key, k in place.items():
-            here[k] = y[key]
-        there = jax.tree.leaves(run(setup, kind.unflatten(here), noise, one)[0])
-        after.append({key: there[k] for key, k in place.items()})
-    return np.asarray(_coordinates(_take(loop), jax.tree.map(lambda *leaf: np.stack(leaf), *after)))
+    """Return the states one tick after each of the given ones, in coordinates around the present state of the loop."""
+    leaves, structure = jax.tree.flatten(loop)
+    carried = _select_states(loop)
+    positions = {key: k for k, (key, _) in enumerate(_leaves(loop)) if key in carried}
+    one_tick = jnp.asarray(1)
+    program, results = simulator.compile_rollout(setup, loop, noise, one_tick), []
+    for point in points:
+        leaves_before = list(leaves)
+        for key, k in positions.items():
+            leaves_before[k] = point[key]
+        leaves_after = jax.tree.leaves(program(setup, structure.unflatten(leaves_before), noise, one_tick)[0])
+        results.append({key: leaves_after[k] for key, k in positions.items()})
+    return np.asarray(_coordinates(_select_states(loop), jax.tree.map(lambda *leaf: np.stack(leaf), *results)))
 
 
-def _alone(world: SimulatedWorld) -> SimulatedWorld:
-    """The true bodies with nothing else unknown, and sensors without noise or bias that read at every tick."""
-    quiet = jax.tree.map(jnp.zeros_like, world.sensors)
+def _without_disturbances(world: SimulatedWorld) -> SimulatedWorld:
+    """Return the world without disturbances and with ideal sensors sampled at every tick."""
+    zero_noise = jax.tree.map(jnp.zeros_like, world.sensors)
     return dataclasses.replace(
         world,
         disturbance_scale=jnp.zeros_like(world.disturbance_scale),
-        sensors=dataclasses.replace(quiet, tip_force_bandwidth=world.sensors.tip_force_bandwidth),
+        sensors=dataclasses.replace(zero_noise, tip_force_bandwidth=world.sensors.tip_force_bandwidth),
         tip_force_bias=jax.tree.map(jnp.zeros_like, world.tip_force_bias),
-        sensor_models=tuple(map(_faithful, world.sensor_models)),
+        sensor_models=tuple(map(_ideal_sensor, world.sensor_models)),
     )
 
 
-def _faithful(part: sensors.SensorModel) -> sensors.SensorModel:
-    """A sensor that reads whenever it is asked and drifts nowhere: its own clock would stand still with the loop's."""
+def _ideal_sensor(sensor: sensors.SensorModel) -> sensors.SensorModel:
+    """Return a sensor without dropouts and drift, sampled at every tick, because the clock of the loop is held."""
     zero = jnp.zeros(())
-    match part:
+    match sensor:
         case sensors.Intermittent():
             return dataclasses.replace(
-                part, sample_period=zero, dropout_probability=zero, failure_time=jnp.full((), jnp.inf)
+                sensor, sample_period=zero, dropout_probability=zero, failure_time=jnp.full((), jnp.inf)
             )
         case sensors.BiasRandomWalk():
-            return dataclasses.replace(part, random_walk_density=zero, initial_bias_std=zero)
+            return dataclasses.replace(sensor, random_walk_density=zero, initial_bias_std=zero)
         case _:
-            return part
+            return sensor
 
 
-# Local coordinates: a rotation vector, body frame, of every attitude; a difference of everything else -----------------
+# Local coordinates: rotation vectors in the body frame for attitudes, differences for all other states ----------------
 
 
 def _shapes(x: LoopStateTree) -> list[tuple[bool, tuple[int, ...]]]:
-    """Of every leaf, whether it is an attitude, and the shape of its coordinates."""
+    """Return for every leaf whether it is an attitude, and the shape of its coordinates."""
     leaves = [(key.endswith(".R"), x[key].shape) for key in sorted(x)]
     return [(attitude, shape[:-1] if attitude else shape) for attitude, shape in leaves]
 
 
 def _unravel(x: LoopStateTree, d: Any) -> dict[str, Any]:
-    """A row of coordinates at the places that they move."""
+    """Split a row of coordinates into the leaves that they change."""
     shapes = [shape for _, shape in _shapes(x)]
     ends = np.cumsum([0] + [math.prod(shape) for shape in shapes])
     parts = [d[a:b].reshape(shape) for (a, b), shape in zip(itertools.pairwise(ends), shapes, strict=True)]
@@ -383,42 +480,57 @@ def _unravel(x: LoopStateTree, d: Any) -> dict[str, Any]:
 
 @jax.jit
 @functools.partial(jax.vmap, in_axes=(None, 0))
-def _move(x: LoopStateTree, d: Array) -> LoopStateTree:
-    turns = jax.tree.unflatten(jax.tree.structure(x), [attitude for attitude, _ in _shapes(x)])
-    return jax.tree.map(lambda attitude, a, b: matmul(a, so3.exp(b)) if attitude else a + b, turns, x, _unravel(x, d))
+def _displace(x: LoopStateTree, d: Array) -> LoopStateTree:
+    """Apply rows of local coordinates to a state; attitudes by `R exp(theta)`."""
+    is_attitude = jax.tree.unflatten(jax.tree.structure(x), [attitude for attitude, _ in _shapes(x)])
+    return jax.tree.map(
+        lambda attitude, a, b: matmul(a, so3.exp(b)) if attitude else a + b, is_attitude, x, _unravel(x, d)
+    )
 
 
 @jax.jit
-def _row(moved: LoopStateTree, k: Array) -> LoopStateTree:
-    return jax.tree.map(lambda leaf: leaf[k], moved)
+def _batch_element(batch: LoopStateTree, k: Array) -> LoopStateTree:
+    """Return one state of a batch."""
+    return jax.tree.map(lambda leaf: leaf[k], batch)
 
 
 @jax.jit
 @functools.partial(jax.vmap, in_axes=(None, 0))
 def _coordinates(x: LoopStateTree, y: LoopStateTree) -> Array:
-    """Of y around x, to first order."""
+    """Return local coordinates of y around x, to first order."""
     pairs = zip(_shapes(x), jax.tree.leaves(x), jax.tree.leaves(y), strict=True)
     parts = [so3.vee(matmul(jnp.swapaxes(a, -1, -2), b)) if attitude else b - a for (attitude, _), a, b in pairs]
     return jnp.concatenate([part.ravel() for part in parts])
 
 
-# What a tick hands on -------------------------------------------------------------------------------------------------
+# States that one tick passes to the next ------------------------------------------------------------------------------
 
 
-def _take(loop: simulator.LoopState) -> LoopStateTree:
-    """Data are for learning, and labels where nobody listens: they come back to the plant through no tick."""
-    listens = getattr(loop.controller, "listener", None) is not None
-    apart = "|".join((LEARNING, SENSORS, SECOND_ORDER_STATES if listens else LABELS))
+def _select_states(loop: simulator.LoopState) -> LoopStateTree:
+    """Select the states that influence the plant in later ticks.
+
+    Recorded data are excluded, as are label filters if the controller has no innovation filter.
+
+    Args:
+        loop: Loop state.
+
+    Returns:
+        The floating-point leaves by path.
+    """
+    has_innovation_filter = getattr(loop.controller, "innovation", None) is not None
+    excluded = "|".join((LEARNING, SENSORS, SECOND_ORDER_STATES if has_innovation_filter else LABELS))
     return {
         key: leaf
         for key, leaf in _leaves(loop)
-        if jnp.issubdtype(leaf.dtype, jnp.floating) and not re.search(apart, key)
+        if jnp.issubdtype(leaf.dtype, jnp.floating) and not re.search(excluded, key)
     }
 
 
-def _put(loop: simulator.LoopState, x: LoopStateTree) -> simulator.LoopState:
+def _insert_states(loop: simulator.LoopState, x: LoopStateTree) -> simulator.LoopState:
+    """Replace the selected states of a loop."""
     return jax.tree.unflatten(jax.tree.structure(loop), [x.get(key, leaf) for key, leaf in _leaves(loop)])
 
 
 def _leaves(loop: simulator.LoopState) -> list[tuple[str, Array]]:
+    """Return all leaves of a loop with their paths."""
     return [(jax.tree_util.keystr(path), leaf) for path, leaf in jax.tree_util.tree_leaves_with_path(loop)]
