@@ -36,7 +36,7 @@ def test_runs_of_other_settings_or_versions_have_other_names():
 
 @pytest.mark.parametrize("before", [A, B])
 def test_a_run_replaces_its_own_kind_and_what_is_of_another_run(tmp_path: Path, before: str):
-    flown, certified = ("C1.nc", "I.nc", "figure_1_tracking.pdf", "summary.json"), ("certificate.json",)
+    flown, certified = ("C1.nc", "integral.nc", "figure_1_tracking.pdf", "summary.json"), ("certificate.json",)
     fill(tmp_path, before, flown + certified)
     mine = {"notes.md", "figure_9_mine.pdf", "C9.nc"}
     fill(tmp_path, B, tuple(mine))

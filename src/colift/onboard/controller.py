@@ -235,6 +235,7 @@ class LeaderFollowerController:
         )
         innovation_state = state.innovation
         if self.innovation_filter is not None:
+            assert innovation_state is not None  # for the type checker: `init` sets it with the filter
             innovation_state, innovation = self.innovation_filter.update(
                 innovation_state, self.team, self.residual_model, estimate, clock
             )

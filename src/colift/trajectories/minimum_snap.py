@@ -70,7 +70,7 @@ def minimum_snap(t: np.ndarray, p: np.ndarray, theta: np.ndarray) -> MinimumSnap
     """
     t, poses = np.asarray(t, float), np.concatenate([p, theta], axis=1)
     if len(t) < 2 or len(poses) != len(t):
-        raise ValueError(f"waypoints: {len(t)} times for {len(poses)} poses; equal numbers of at least 2 are required")
+        raise ValueError(f"waypoints: {len(t)} times for {len(poses)} poses; equal numbers, at least two, are required")
     if not (np.diff(t) > 0).all():
         raise ValueError(f"waypoints: times must ascend, got {t.tolist()}")
     span, pieces = np.diff(t), len(t) - 1
