@@ -93,7 +93,7 @@ def growth(seconds: float) -> tuple[dict[str, Any], dict[str, bool]]:
 
 def run(seconds: float) -> Outcome:
     """Ratios to JAX's loop in the same run; times real time; growth with the team."""
-    setup, loop, noise = ready(colift.payload("paper"))
+    setup, loop, noise = ready(colift.load_scenario("paper"))
     ticks, by_jax = jnp.asarray(TICKS), jax.jit(simulator._advance)
     contenders = {
         "native": (lambda: jax.block_until_ready(simulator.rollout(setup, loop, noise, ticks)), TICKS),

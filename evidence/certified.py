@@ -36,7 +36,7 @@ def fly(item: str) -> dict[str, Any]:
     _linear[noise] = made.equilibrium_linearization
     out = figures(made)
     if kind == "adversary":
-        out["adversary"] = figures(certification.test_with_adversary(made))
+        out["adversary"] = figures(certification.run_adversarial_test(made))
     return out
 
 

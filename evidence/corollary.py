@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from colift import scenario
-from colift.certification import certificate, reachability
+from colift.certification import body_models, reachability
 from colift.visualization import certificate_figures
 from colift.workflows import certification
 from evidence import collect
@@ -33,8 +33,8 @@ def fly(seed: int, rate: float) -> dict[str, Any]:
         settings.model_copy(update={"seed": seed, "learning": learning}), names=("energy", "recovery")
     )
     found = made.certificate
-    (payload, *_) = certificate.body_models(
-        made.plan, made.flight, made.nominal_linearization.records, made.nominal_linearization.nodes, "energy"
+    (payload, *_) = body_models.body_models(
+        made.experiment, made.flight, made.nominal_linearization.records, made.nominal_linearization.nodes, "energy"
     )
     radius = reachability.max_error(payload).max(0)
     return {

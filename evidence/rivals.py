@@ -18,7 +18,15 @@ from typing import Any
 import numpy as np
 
 from colift import scenario
-from colift.certification import adversary, certificate, linearized_trajectory, reachability, tube
+from colift.certification import (
+    a_priori,
+    adversary,
+    body_models,
+    linearized_trajectory,
+    nominal_run,
+    reachability,
+    tube,
+)
 from colift.certification.certificate import ERRORS
 from colift.closed_loop.flight import FlightResult, run_experiment
 from colift.scenario import experiment
@@ -62,9 +70,9 @@ def compared(seed: int) -> dict[str, Any]:
         L = falsification.ADVERSARIAL_DISTURBANCE[kind](
             made, int(number), np.random.default_rng((seed, int(number), *kind.encode()))
         )
-        forces = adversary.worst_case_residual(made.plan, made.flight, loop.nodes, loop.records, L)
+        forces = adversary.worst_case_residual(made.experiment, made.flight, loop.nodes, loop.records, L)
         rows, _ = linearized_trajectory.simulate_nominal(
-            certificate.nominal_experiment(made.plan, forces), made.flight.model_intervals, seed=seed
+            nominal_run.nominal_experiment(made.experiment, forces), made.flight.model_intervals, seed=seed
         )
         late = rows.t >= found.window[0] - 1e-9
         reached[name] = {error: _size(getattr(rows, error)[late]) for error in ERRORS}
@@ -78,9 +86,9 @@ def rivals(made: certification.CertificationResult) -> dict[str, dict[str, float
     `e^0 + sum_k |L_k| (rho + d)(t_k)`, `d = M (rho + d)`; and `e^0 + sum_k |L_k| r`, `r = (1 - sup sum M)^-1 sup rho`.
     """
     loop, window = made.nominal_linearization, made.certificate.window
-    held = certificate.body_models(made.plan, made.flight, loop.records, loop.nodes, "energy")
+    held = body_models.body_models(made.experiment, made.flight, loop.records, loop.nodes, "energy")
     rho = np.concatenate([reachability.max_error(body) for body in held], axis=1)
-    gains = certificate.tube_gains(loop, held)
+    gains = a_priori.tube_gains(loop, held)
     cells = np.stack([rho[part].max(0) for part in np.split(np.arange(len(rho)), gains.nodes[:-1] + 1)])
     all_of = np.full_like(rho, np.inf)
     try:

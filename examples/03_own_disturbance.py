@@ -53,7 +53,7 @@ def blown(plan: flight.Experiment, law: disturbances.DisturbanceModel) -> flight
 
 def main() -> None:
     """Fly two seconds without and with it, and say how far apart the payloads end, and how hard it pushed."""
-    plan = dataclasses.replace(colift.make_experiment(colift.payload(PLATE), "C1"), duration=2.0)
+    plan = dataclasses.replace(colift.make_experiment(colift.load_scenario(PLATE), "C1"), duration=2.0)
     squall = Squall(gust=jnp.array([6.0, 3.0, 0.0]), lag=jnp.array(0.5), drag=jnp.array(0.4))
     calm, rough = (colift.run_experiment(of).records for of in (plan, blown(plan, squall)))
     pushed = np.linalg.norm((rough.f_L - calm.f_L)[:, :3], axis=1).max()

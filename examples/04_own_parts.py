@@ -122,7 +122,7 @@ def changed(plan: flight.Experiment) -> flight.Experiment:
 
 def main() -> None:
     """Fly two seconds with the paper's parts and with these, and say how they differ."""
-    plan = dataclasses.replace(colift.make_experiment(colift.payload(PLATE), "C1"), duration=2.0)
+    plan = dataclasses.replace(colift.make_experiment(colift.load_scenario(PLATE), "C1"), duration=2.0)
     for of, what in ((plan, "the paper's parts"), (changed(plan), "parts of one's own")):
         rows = colift.run_experiment(of).records
         sideways = np.linalg.norm(rows.lam[-1, 2, :2])

@@ -61,7 +61,7 @@ def taught(plan: flight.Experiment, kernel: gp.Kernel) -> flight.Experiment:
 
 def main() -> None:
     """Fly C2 for two seconds, learn from the first 1.5, and say what the labels told."""
-    plan = dataclasses.replace(colift.make_experiment(colift.payload(PLATE), "C2"), duration=2.0, update_times=(1.5,))
+    plan = dataclasses.replace(colift.make_experiment(colift.load_scenario(PLATE), "C2"), duration=2.0, update_times=(1.5,))
     flight = colift.run_experiment(taught(plan, Heavy(a=jnp.array(1.0))))
     fit, rows = flight.updates[0].fits["payload"], flight.records
     print(f"{flight.updates[0].n['payload']} samples, {type(fit.hyper.kernel).__name__}; ", end="")

@@ -1,4 +1,4 @@
-"""What a log says: a flight as labelled signals with units, read by xarray.
+"""Log of a flight: labelled signals with units, read by xarray.
 
 `colift study` writes the same for every case, as `out/paper/C3.nc`. Run it with `python examples/07_read_a_log.py`.
 """
@@ -18,12 +18,11 @@ PLATE = Path(__file__).with_name("plate.yaml")
 
 
 def main() -> None:
-    """Fly, save, read, and ask: how far off, who carries how much, what was learned when."""
-    settings = colift.payload(PLATE)
-    plan = dataclasses.replace(colift.make_experiment(settings, "C3"), duration=2.0, update_times=(1.0,))
-    flight = colift.run_experiment(plan)
+    """Simulate, save and read a flight; print the tracking error, the contact forces and the predictive uncertainty."""
+    experiment = colift.make_experiment(colift.load_scenario(PLATE), "C3")
+    flight = colift.run_experiment(dataclasses.replace(experiment, duration=2.0, update_times=(1.0,)))
     with tempfile.TemporaryDirectory() as folder:
-        log.save(colift.flight_dataset(settings, "C3", flight, plan), Path(folder) / "C3.nc")
+        flight.save(Path(folder) / "C3.nc")
         ds = log.load(Path(folder) / "C3.nc")
     print(f"{ds.attrs['scenario']}, {ds.attrs['case']}: {len(ds.data_vars)} signals, {ds.sizes['time']} ticks")
     late = ds.sel(time=slice(1.5, None))

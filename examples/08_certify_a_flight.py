@@ -12,7 +12,7 @@ from colift.workflows import certification
 
 def main() -> None:
     """Print the radius of every error of the flown path, what was observed, and what the radii rest on."""
-    made = certification.certify(colift.payload("certified"), names=("energy", "recovery"))
+    made = certification.certify(colift.load_scenario("certified"), names=("energy", "recovery"))
     found = made.certificate
     first, last = found.window
     for bound, radii in found.radii.items():

@@ -20,7 +20,7 @@ TICKS = 250
 
 def main() -> None:
     """Say what was written, and by how much the program's commands differ from Python's."""
-    plan = dataclasses.replace(colift.make_experiment(colift.payload(PLATE), "C3"), duration=2.0, update_times=(1.0,))
+    plan = dataclasses.replace(colift.make_experiment(colift.load_scenario(PLATE), "C3"), duration=2.0, update_times=(1.0,))
     flight = colift.run_experiment(plan)
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)

@@ -24,7 +24,7 @@ FLIGHTS, TICKS = 8, 1000
 
 def main() -> None:
     """Fly the batch for two seconds, and print where each payload is."""
-    plan = colift.make_experiment(colift.payload(PLATE), "C1")
+    plan = colift.make_experiment(colift.load_scenario(PLATE), "C1")
     setup, noise = plan.loop_config, plan.world.sample_noise(jax.random.key(0), TICKS)
     begun = simulator.reset(setup, plan.initial_state)
 

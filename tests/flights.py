@@ -65,7 +65,7 @@ def rows(rng: np.random.Generator, shape: Shape) -> StepRecord:
         for field in dataclasses.fields(StepRecord)
     }
     leaves["t"] = shape.period * np.arange(shape.time)
-    leaves["saturated"] = leaves["saturated"] > 1
+    leaves["thrust_saturated"] = leaves["thrust_saturated"] > 1
     leaves["Psi"] = np.abs(leaves["Psi"])
     # built of JAX arrays, so that the annotations are checked; in a flight the leaves are NumPy's too
     return jax.tree.map(np.array, StepRecord(**{name: jnp.asarray(x) for name, x in leaves.items()}))

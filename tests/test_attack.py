@@ -42,7 +42,7 @@ def test_a_round_is_every_kind_once_and_each_follows_from_its_name():
     )
     assert "path 0" not in falsification.trial_names(hover, 1)
     for name in ("worst 0", "drawn", "drawn -1", "path 0", "drawn x"):
-        with pytest.raises(ValueError, match=r"is no try: must be one of worst e_p, .*'worst e_p 0'"):
+        with pytest.raises(ValueError, match=r"unknown trial '.*': must be one of worst e_p, .*'worst e_p 0'"):
             list(falsification.falsify(hover, [name]))
 
 
@@ -83,9 +83,9 @@ def test_a_radius_that_is_too_small_is_found_out(certified, monkeypatch):
 
 def test_a_run_that_ends_early_within_finite_radii_breaks_them(certified, monkeypatch):
     def ends(*_, **__):
-        raise linearized_trajectory.TerminatedEarly("the twin ended at t = 1 s: distance")
+        raise linearized_trajectory.TerminatedEarly("the nominal trajectory ended at t = 1 s: distance")
 
-    monkeypatch.setattr(linearized_trajectory, "flown", ends)
+    monkeypatch.setattr(linearized_trajectory, "simulate_nominal", ends)
     one = next(falsification.falsify(short(), ["drawn 0"]))
     assert one.is_violated
     assert one.max_ratio == math.inf
@@ -124,7 +124,7 @@ def test_another_flight_is_held_against_its_own_radii_and_refused_in_words(monke
 
     monkeypatch.setattr(certification, "certify", refuses)
     one = next(falsification.falsify(short(), ["start 0"]))
-    assert one.message == "refused: no certificate: the flight stopped: it tips over"
+    assert one.message == "rejected: no certificate: the flight stopped: it tips over"
     assert (one.ratios, one.is_violated) == ({}, False)
 
 
@@ -138,27 +138,27 @@ def test_what_was_tried_is_told_with_how_to_repeat_it_and_kept(tmp_path, monkeyp
         falsification.FalsificationTrial("seed 0", ("seed=1004",), {**ratios, "e_R": 0.75}, 0, 12, ""),
         falsification.FalsificationTrial("rate 0", ("control_Hz=100",), {}, 0, 0, "refused: too slow"),
     ]
-    monkeypatch.setattr(falsification, "attack", lambda *_: iter(given))
-    asked = ["attack", "certified", "--seed", "3", "--set", "duration_s=30", "--out", str(tmp_path)]
+    monkeypatch.setattr(falsification, "falsify", lambda *_: iter(given))
+    asked = ["falsify", "certified", "--seed", "3", "--set", "duration_s=30", "--out", str(tmp_path)]
     result = CliRunner().invoke(app.app, asked, catch_exceptions=False)
     assert result.exit_code == 1
     lines = result.stdout.splitlines()
     again = "certified --set duration_s=30"
-    assert f"e_p: worst 0.500, colift attack {again} --seed 3 --only 'drawn 0'" in lines
+    assert f"e_p: worst 0.500, colift falsify {again} --seed 3 --case 'drawn 0'" in lines
     assert (
         f"e_v: worst 1.500, colift certify {again} --set 'initial_state.position_error_m=[1, 0, 0]' --seed 3" in lines
     )
     assert f"e_R: worst 0.750, colift certify {again} --seed 1004" in lines
     assert "rate 0: refused: too slow" in lines
-    assert "1 of 3 tries that have radii break one: start 0" in lines
-    kept = json.loads((tmp_path / "attack.json").read_text())
-    assert [one["name"] for one in kept["tries"]] == ["drawn 0", "start 0", "seed 0", "rate 0"]
-    assert kept["tries"][1]["ratios"]["e_v"] == 1.5
-    assert Path(tmp_path / "attack.json").read_text().count(kept["run"]) == 1
+    assert "1 of 3 trials that have bounds violate one: start 0" in lines
+    kept = json.loads((tmp_path / "falsification.json").read_text())
+    assert [one["name"] for one in kept["trials"]] == ["drawn 0", "start 0", "seed 0", "rate 0"]
+    assert kept["trials"][1]["ratios"]["e_v"] == 1.5
+    assert Path(tmp_path / "falsification.json").read_text().count(kept["run"]) == 1
 
 
 def test_a_name_that_is_no_try_is_said_with_those_that_are(tmp_path):
-    asked = ["attack", "certified", "--only", "worst", "--out", str(tmp_path)]
+    asked = ["falsify", "certified", "--case", "worst", "--out", str(tmp_path)]
     result = CliRunner().invoke(app.app, asked)
     assert result.exit_code == 2
-    assert "'worst' is no try: must be one of worst e_p" in result.stderr
+    assert "unknown trial 'worst': must be one of worst e_p" in result.stderr

@@ -48,7 +48,7 @@ def labelled(
 def stated(
     bound: str = "energy", norm: float = 2.0, eps: float = 0.1, **other: object
 ) -> confidence_bounds.BoundAssumptions:
-    given = {"bound": bound, "confidence": 0.95, "norm": norm, "payload": np.full(6, eps)}
+    given = {"bound": bound, "confidence": 0.95, "rkhs_norm": norm, "payload": np.full(6, eps)}
     return confidence_bounds.BoundAssumptions(**(given | {"agents": (np.full((2, 9), eps),)} | other))
 
 
@@ -216,7 +216,7 @@ def test_data_that_contradict_what_is_stated_leave_no_radius():
 
 
 def test_what_is_not_met_is_assumed_by_name():
-    assert stated().assumed == ("norm", "energy")
+    assert stated().assumed == ("rkhs norm", "bounded noise energy")
     assert stated(satisfied=frozenset({BoundAssumption.RKHS_NORM, BoundAssumption.BOUNDED_NOISE})).assumed == ()
     rig = frozenset(
         {
@@ -226,15 +226,15 @@ def test_what_is_not_met_is_assumed_by_name():
             BoundAssumption.FIXED_HYPERPARAMETERS,
         }
     )
-    assert stated("abbasi_yadkori", satisfied=rig).assumed == ("norm",)
-    assert stated("srinivas", satisfied=rig).assumed == ("norm", "within model")
+    assert stated("abbasi_yadkori", satisfied=rig).assumed == ("rkhs norm",)
+    assert stated("srinivas", satisfied=rig).assumed == ("rkhs norm", "within model")
 
 
 @pytest.mark.parametrize(
     ("wrong", "says"),
     [
         ({"bound": "chernoff"}, "bound = 'chernoff': must be one of energy"),
-        ({"norm": 0.0}, "norm = 0.0: must be positive"),
+        ({"rkhs_norm": 0.0}, "rkhs_norm = 0.0: must be positive"),
         ({"payload": np.array([0.1] * 5 + [0.0])}, "payload"),
         ({"agents": (np.full((2, 9), np.nan),)}, r"agents\[0\]"),
     ],

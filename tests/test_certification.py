@@ -17,7 +17,8 @@ from rich.console import Console
 from typer.testing import CliRunner
 
 from colift.certification import agent_iss, certificate
-from colift.cli import app
+from colift.cli import app, common
+from colift.cli import certify as certify_commands
 from colift.runtime import run_directory
 from colift.visualization import style
 from colift.workflows import certification, study
@@ -45,7 +46,7 @@ def table_of(printed: str) -> list[list[str]]:
 @pytest.fixture
 def save(tmp_path, monkeypatch):
     """`save_certificate` under a name that is no word of a certificate, without the interface's long gains."""
-    monkeypatch.setattr(agent_iss, "interface", lambda _loop, _floor: LAYER)
+    monkeypatch.setattr(agent_iss, "agent_iss_constants", lambda _loop, _floor: LAYER)
     settings = short().model_copy(update={"name": "short"})
 
     def saved(
@@ -88,7 +89,7 @@ def test_a_certificate_is_saved_whole_and_told_in_a_table(tmp_path, capsys, save
             assert told["radii"][name]["tightness"]["run"][error] == (ratio if np.isfinite(ratio) else None)
     assert told["adversary"]["radius_over_adversary"] == told["radii"]["recovery"]["tightness"]["run"]["e_p"]
     assert told["exceeded"] == []
-    app._report_certificate(told, tmp_path)
+    certify_commands.print_certificate(told, tmp_path)
     printed, said = capsys.readouterr()
     assert said == ""
     for bound in NAMES:
@@ -102,7 +103,7 @@ def test_what_is_assumed_stands_in_table_json_and_figure_and_the_word_certified_
     for radii in told["radii"].values():
         assert ", ".join(radii["assumed"]) == text
         assert radii["status"] == "assumed"
-    app._report_certificate(told, tmp_path)
+    certify_commands.print_certificate(told, tmp_path)
     printed = capsys.readouterr().out
     assert f"assumed: {text}" in printed
     assert [(row[0], row[1], row[-1]) for row in table_of(printed)] == [
@@ -123,9 +124,7 @@ def test_an_error_above_its_radius_is_said_first_and_the_status_is_1(tmp_path, m
     assert result.exit_code == 1
     found = exceeded().certificate
     observed, radius = 1e3 * found.observed["e_p"], 1e3 * found.radii["energy"].a_priori["e_p"]
-    first = (
-        f"e_p of this run is above its radius: observed {observed:.4g} mm, radius {radius:.4g} mm (energy, any run), "
-    )
+    first = f"e_p of this run exceeds its bound: observed {observed:.4g} mm, bound {radius:.4g} mm (energy, any run), "
     said = [line for line in result.output.splitlines() if not line.startswith("certifying certified")]  # progress
     assert said[0].startswith(first)
     red = [line for line in result.stderr.splitlines() if line in said]
@@ -157,8 +156,8 @@ def test_the_example_prints_the_radii_of_its_flight_and_fails_where_one_is_excee
 
 def test_an_error_above_its_radius_is_said_in_red(tmp_path, monkeypatch, save):
     terminal = Console(file=io.StringIO(), force_terminal=True, color_system="standard", width=200)
-    monkeypatch.setattr(app, "errors", terminal)
-    app._report_certificate(save(exceeded()), tmp_path)
+    monkeypatch.setattr(common, "error_console", terminal)
+    certify_commands.print_certificate(save(exceeded()), tmp_path)
     lines = terminal.file.getvalue().splitlines()
     assert len(lines) == len({each.error for each in exceeded().certificate.exceeded})
     assert all(line.startswith("\x1b[31m") for line in lines)
@@ -169,9 +168,9 @@ def test_an_adversary_that_exceeds_its_radius_breaks_the_certificate_too(tmp_pat
     beyond = dataclasses.replace(made().certificate, observed=observed)
     told = save(made(), dataclasses.replace(made(), certificate=beyond))
     assert {each["flight"] for each in told["exceeded"]} == {"adversary"}
-    app._report_certificate(told, tmp_path)
+    certify_commands.print_certificate(told, tmp_path)
     printed, said = capsys.readouterr()
-    assert said.startswith("e_p of the adversary's run is above its radius: observed ")
+    assert said.startswith("e_p of the adversarial run exceeds its bound: observed ")
     assert " exceeded" not in printed
 
 
@@ -186,23 +185,23 @@ def test_what_has_no_radius_has_no_row(tmp_path, capsys, save, drawn):
     }
     before = dataclasses.replace(all_of.certificate.a_priori, tube=None, tube_failure="it feeds itself")
     lost = dataclasses.replace(all_of.certificate, radii=radii, a_priori=before)
-    app._report_certificate(save(dataclasses.replace(all_of, certificate=lost)), tmp_path)
+    certify_commands.print_certificate(save(dataclasses.replace(all_of, certificate=lost)), tmp_path)
     printed = capsys.readouterr().out
     assert [row[1] for row in table_of(printed)] == ["this"] * len(NAMES)
     assert not re.search(r"\bany\b(?! run: it feeds)", printed)
-    assert "no radius for any run: it feeds itself" in printed
+    assert "no bound for any run: it feeds itself" in printed
     assert "assumed: S_X, first order" in printed
     assert not [text for text in drawn if "bound for any" in text]
     drawn.clear()
     small = dataclasses.replace(
-        all_of.plan, bound_assumptions=dataclasses.replace(all_of.plan.bound_assumptions, rkhs_norm=0.05)
+        all_of.experiment, bound_assumptions=dataclasses.replace(all_of.experiment.bound_assumptions, rkhs_norm=0.05)
     )
     nothing = certificate.certify(small, all_of.flight, all_of.nominal_linearization, ("energy", "recovery"))
-    told = save(dataclasses.replace(all_of, plan=small, certificate=nothing))
+    told = save(dataclasses.replace(all_of, experiment=small, certificate=nothing))
     assert told["exceeded"] == []
-    app._report_certificate(told, tmp_path)
+    certify_commands.print_certificate(told, tmp_path)
     printed = capsys.readouterr().out
     assert table_of(printed) == []
     assert not re.search("none|assumed|nan|inf", printed)
-    assert "no radius: the data contradict the stated norm and label errors" in printed
+    assert "no bound: the data contradict the stated norm and label errors" in printed
     assert not [text for text in drawn if "bound for" in text]

@@ -12,7 +12,18 @@ import pytest
 from scipy.stats import norm
 
 from colift import gp
-from colift.certification import adversary, agent_iss, assumptions, certificate, linearized_trajectory, reachability
+from colift.certification import (
+    a_priori,
+    adversary,
+    agent_iss,
+    assumptions,
+    body_models,
+    certificate,
+    conservatism,
+    linearized_trajectory,
+    nominal_run,
+    reachability,
+)
 from colift.closed_loop import flight, signals
 from colift.gp import optimal_recovery
 from colift.gp.error_bounds import BoundAssumption
@@ -118,12 +129,12 @@ def test_every_body_s_unknown_is_within_its_band_along_the_path(key):
     all_of = made()
     path = all_of.nominal_linearization.nodes
     rows = all_of.flight.records if key == "run" else all_of.nominal_linearization.records
-    held = certificate.body_models(all_of.plan, all_of.flight, rows, path, "energy")
-    (unknown,), oracle = all_of.plan.world.disturbances.state_functions, all_of.flight.model
+    held = body_models.body_models(all_of.experiment, all_of.flight, rows, path, "energy")
+    (unknown,), oracle = all_of.experiment.world.disturbances.state_functions, all_of.flight.model
     function = unknown.model
     pairs = zip(models(function), models(oracle), strict=True)
     means = jax.vmap(gp.mean, (None, 0))
-    for body, x, (f, model) in zip(held, seen(all_of.plan, rows), pairs, strict=True):
+    for body, x, (f, model) in zip(held, seen(all_of.experiment, rows), pairs, strict=True):
         np.testing.assert_allclose(body.x, x[path], atol=1e-12)
         points = jnp.asarray(x[path])
         apart = np.abs(np.asarray(means(f, points)) - np.asarray(means(model, points)))
@@ -135,10 +146,12 @@ def test_what_is_unknown_on_the_run_is_as_near_that_of_the_twin_s_path_as_the_tu
     assert found is not None
     assert 0 < found.contraction < 1
     path = all_of.nominal_linearization.nodes
-    (unknown,), oracle = all_of.plan.world.disturbances.state_functions, all_of.flight.model
+    (unknown,), oracle = all_of.experiment.world.disturbances.state_functions, all_of.flight.model
     pairs = zip(models(unknown.model), models(oracle), strict=True)
     means, apart = jax.vmap(gp.mean, (None, 0)), []
-    run, twin = (seen(all_of.plan, rows) for rows in (all_of.flight.records, all_of.nominal_linearization.records))
+    run, twin = (
+        seen(all_of.experiment, rows) for rows in (all_of.flight.records, all_of.nominal_linearization.records)
+    )
     for a, b, (f, model) in zip(run, twin, pairs, strict=True):
         left = [means(f, jnp.asarray(x[path])) - means(model, jnp.asarray(x[path])) for x in (a, b)]
         apart.append(np.asarray(left[0] - left[1]))
@@ -157,13 +170,14 @@ def test_what_is_assumed_is_what_the_flight_does_not_cover_and_what_the_bound_ne
     for radii in all_of.certificate.radii.values():
         assert radii.assumptions == flown
     doubted = dataclasses.replace(
-        all_of.plan.bound_assumptions, satisfied=all_of.plan.bound_assumptions.satisfied - {BoundAssumption.RKHS_NORM}
+        all_of.experiment.bound_assumptions,
+        satisfied=all_of.experiment.bound_assumptions.satisfied - {BoundAssumption.RKHS_NORM},
     )
-    plan = dataclasses.replace(all_of.plan, bound_assumptions=doubted)
+    plan = dataclasses.replace(all_of.experiment, bound_assumptions=doubted)
     assert energy(plan).radii["energy"].assumptions == ("norm", *flown)
-    team = all_of.plan.controller.team
+    team = all_of.experiment.controller.team
     weak = dataclasses.replace(team.agent_groups[0], thrust_max=jnp.array([40.0, 40.0, 16.0]))
-    pressed = with_pilot(all_of.plan, team=dataclasses.replace(team, agent_groups=(weak,)))
+    pressed = with_pilot(all_of.experiment, team=dataclasses.replace(team, agent_groups=(weak,)))
     assert energy(pressed).radii["energy"].assumptions == (
         assumptions.FIRST_ORDER,
         assumptions.SATURATION,
@@ -177,31 +191,29 @@ def energy(plan: flight.Experiment) -> certificate.Certificate:
 
 
 def test_errors_count_over_the_last_round_of_a_reference_that_has_one():
-    of, path = made(), made().plan.controller.reference
-    assert not certificate.evaluation_grid(of.plan, of.flight, of.nominal_linearization).full_period
-    quick = with_pilot(of.plan, reference=dataclasses.replace(path, period=jnp.full(3, 2.5)))
-    grid = certificate.evaluation_grid(quick, of.flight, of.nominal_linearization)
+    of, path = made(), made().experiment.controller.reference
+    assert not nominal_run.evaluation_grid(of.experiment, of.flight, of.nominal_linearization).full_period
+    quick = with_pilot(of.experiment, reference=dataclasses.replace(path, period=jnp.full(3, 2.5)))
+    grid = nominal_run.evaluation_grid(quick, of.flight, of.nominal_linearization)
     assert grid.full_period
     assert of.flight.records.t[grid.window][0] == pytest.approx(6.5)
     uneven = dataclasses.replace(path, period=jnp.array([8.0, 5.0, 4.0]))
-    assert certificate._round(uneven) == pytest.approx(40)
-    assert certificate._round(dataclasses.replace(uneven, amplitude=jnp.array([1.0, 0.0, 1.0]))) == pytest.approx(8)
-    assert certificate._round(dataclasses.replace(path, period=jnp.full(3, 2.5))) == pytest.approx(2.5)
-    assert certificate._round(None) is None
+    assert nominal_run._period(uneven) == pytest.approx(40)
+    assert nominal_run._period(dataclasses.replace(uneven, amplitude=jnp.array([1.0, 0.0, 1.0]))) == pytest.approx(8)
+    assert nominal_run._period(dataclasses.replace(path, period=jnp.full(3, 2.5))) == pytest.approx(2.5)
+    assert nominal_run._period(None) is None
 
 
 @pytest.mark.long
 def test_noise_that_moves_the_loop_otherwise_than_to_first_order_is_refused(monkeypatch):
     of = made()
-    sensors = dataclasses.replace(of.plan.world.sensors, attitude=jnp.asarray(2e-3))
+    sensors = dataclasses.replace(of.experiment.world.sensors, attitude=jnp.asarray(2e-3))
     monkeypatch.setattr(
-        linearized_trajectory, "deviations", lambda loop, rows: np.full((len(loop.nodes), len(rows)), 1e-6)
+        linearized_trajectory, "noise_std", lambda loop, rows: np.full((len(loop.nodes), len(rows)), 1e-6)
     )
-    monkeypatch.setattr(certificate, "_quantile", lambda *_: 1.0)
-    with pytest.raises(
-        ValueError, match=r"noise of sensors alone moves e_\w+ by \S+, where to first order it is 1e-06"
-    ):
-        energy(with_world(of.plan, sensors=sensors))
+    monkeypatch.setattr(a_priori, "_noise_quantile", lambda *_: 1.0)
+    with pytest.raises(ValueError, match=r"sensor noise alone changes e_\w+ by \S+; to first order the bound is 1e-06"):
+        energy(with_world(of.experiment, sensors=sensors))
 
 
 @pytest.mark.long
@@ -210,11 +222,11 @@ def test_noise_adds_its_quantile_to_every_component(monkeypatch):
     of, quiet, _ = made(), made().certificate, energy_spans()
     assert set(quiet.noise.values()) == {0.0}
     monkeypatch.setattr(
-        linearized_trajectory, "deviations", lambda loop, rows: np.full((len(loop.nodes), len(rows)), 1e-5)
+        linearized_trajectory, "noise_std", lambda loop, rows: np.full((len(loop.nodes), len(rows)), 1e-5)
     )
-    noisy = energy(of.plan)
+    noisy = energy(of.experiment)
     ticks = int((of.flight.records.t >= quiet.window[0] - 1e-9).sum())
-    sigmas = norm.isf((1 - of.plan.bound_assumptions.confidence) / (2 * 12 * ticks))
+    sigmas = norm.isf((1 - of.experiment.bound_assumptions.confidence) / (2 * 12 * ticks))
     assert noisy.noise["e_p"] == pytest.approx(1e-5 * sigmas, rel=1e-9)
     for key, span in noisy.intervals.items():
         before = energy_spans()[key]
@@ -225,15 +237,17 @@ def test_noise_adds_its_quantile_to_every_component(monkeypatch):
 @functools.cache
 def energy_spans() -> dict[str, certificate.ErrorInterval]:
     """Without noise; made before `variation` is changed."""
-    return dict(energy(made().plan).intervals)
+    return dict(energy(made().experiment).intervals)
 
 
 def test_what_is_known_before_the_flight_is_the_same_for_another_run_and_taken_once(monkeypatch):
     all_of = made()
     before, rows = all_of.certificate.a_priori, jax.tree.map(jnp.asarray, all_of.flight.records)
     moved = dataclasses.replace(all_of.flight, records=dataclasses.replace(rows, e_p=rows.e_p + 1e-3))
-    monkeypatch.setattr(certificate, "_before", lambda *_: pytest.fail("it is known"))
-    found = certificate.certify(all_of.plan, moved, all_of.nominal_linearization, ("energy", "recovery"), before=before)
+    monkeypatch.setattr(a_priori, "analyze_a_priori", lambda *_: pytest.fail("it is known"))
+    found = certificate.certify(
+        all_of.experiment, moved, all_of.nominal_linearization, ("energy", "recovery"), before=before
+    )
     assert set(found.radii) == {"energy", "recovery"}
     assert set(before.reachable_deviation) > set(found.radii)
     for name, radii in found.radii.items():
@@ -253,9 +267,9 @@ def test_where_no_function_passes_optimal_recovery_is_left_out_with_the_reason(m
     def failed(*_: object) -> None:
         raise ValueError("the data contradict norm and noise_bound")
 
-    monkeypatch.setattr(optimal_recovery, "least", failed)
+    monkeypatch.setattr(optimal_recovery, "minimize_upper_bounds", failed)
     all_of = made()
-    found = certificate.certify(all_of.plan, all_of.flight, all_of.nominal_linearization, ("recovery",))
+    found = certificate.certify(all_of.experiment, all_of.flight, all_of.nominal_linearization, ("recovery",))
     assert set(found.radii) == {"energy"}
     assert "contradict" in found.unavailable_bounds["recovery"]
     assert found.radii["energy"].a_posteriori == all_of.certificate.radii["energy"].a_posteriori
@@ -263,8 +277,8 @@ def test_where_no_function_passes_optimal_recovery_is_left_out_with_the_reason(m
 
 def test_data_that_contradict_what_is_stated_certify_nothing():
     all_of = made()
-    small = dataclasses.replace(all_of.plan.bound_assumptions, rkhs_norm=0.05)
-    plan = dataclasses.replace(all_of.plan, bound_assumptions=small)
+    small = dataclasses.replace(all_of.experiment.bound_assumptions, rkhs_norm=0.05)
+    plan = dataclasses.replace(all_of.experiment, bound_assumptions=small)
     found = certificate.certify(plan, all_of.flight, all_of.nominal_linearization, ("recovery",))
     assert found.a_priori.tube is None
     assert "contradict" in found.a_priori.tube_failure
@@ -274,23 +288,23 @@ def test_data_that_contradict_what_is_stated_certify_nothing():
 
 
 def test_flights_that_allow_no_certificate_are_refused_in_words():
-    plan, flight = made().plan, made().flight
+    plan, flight = made().experiment, made().flight
     with pytest.raises(ValueError, match="no certificate: the flight stopped: signal p"):
-        certificate.nominal_trajectory(plan, dataclasses.replace(flight, termination_reason="signal p is not finite"))
-    with pytest.raises(ValueError, match="no certificate: the flight never learned"):
-        certificate.nominal_trajectory(plan, dataclasses.replace(flight, updates=()))
-    plan, flight = late().plan, late().flight
+        nominal_run.nominal_trajectory(plan, dataclasses.replace(flight, termination_reason="signal p is not finite"))
+    with pytest.raises(ValueError, match="no certificate: the flight has no model update"):
+        nominal_run.nominal_trajectory(plan, dataclasses.replace(flight, updates=()))
+    plan, flight = late().experiment, late().flight
     near = dataclasses.replace(
         plan, termination_limits=dataclasses.replace(plan.termination_limits, max_distance=jnp.asarray(1e-4))
     )
-    with pytest.raises(ValueError, match=r"no certificate: the twin ended at t = .* s: distance"):
-        certificate.nominal_trajectory(near, flight)
+    with pytest.raises(ValueError, match=r"no certificate: the nominal trajectory ended at t = .* s: distance"):
+        nominal_run.nominal_trajectory(near, flight)
 
 
 def test_slack_goes_from_the_paper_s_reasoning_down_to_what_was_observed():
     """With no mismatch but that of the static algebra, which no gain is below: the order stays."""
     all_of, found = made(), made().certificate
-    vartheta = certificate.nominal_mismatch(all_of.plan, all_of.flight, all_of.nominal_linearization)
+    vartheta = conservatism.nominal_mismatch(all_of.experiment, all_of.flight, all_of.nominal_linearization)
     late = all_of.nominal_linearization.records.t >= found.window[0] - 1e-9
     expected = [
         np.linalg.norm(all_of.nominal_linearization.records.delta_W[late][:, half], axis=1).max()
@@ -308,23 +322,21 @@ def test_slack_goes_from_the_paper_s_reasoning_down_to_what_was_observed():
         ]
     )
     layer = agent_iss.AgentIss(alpha=np.ones(2), gamma=1.0, kappa=kappa, vartheta=vartheta, static=kappa)
-    slack = certificate.conservatism_breakdown(all_of.plan, all_of.flight, all_of.nominal_linearization, layer, found)
+    slack = conservatism.conservatism_breakdown(
+        all_of.experiment, all_of.flight, all_of.nominal_linearization, layer, found
+    )
     paper, energy, both, *_ = slack.values()
     e_p = {
         (name, key): getattr(found.radii[name], key)["e_p"]
         for name in ("energy", "recovery")
-        for key in ("tube", "run")
+        for key in ("a_priori", "a_posteriori")
     }
-    assert paper > energy > e_p["energy", "tube"]
+    assert paper > energy > e_p["energy", "a_priori"]
     assert energy > both > found.nominal_error["e_p"]
-    assert e_p["energy", "tube"] >= e_p["recovery", "tube"] > e_p["recovery", "run"]
-    told = [
-        slack[f"{name}, one functional, {where}"]
-        for name in ("energy", "recovery")
-        for where in ("any run", "this run")
-    ]
+    assert e_p["energy", "a_priori"] >= e_p["recovery", "a_priori"] > e_p["recovery", "a_posteriori"]
+    told = [slack[f"{name}, {where}"] for name in ("energy", "recovery") for where in ("a priori", "a posteriori")]
     assert told == list(e_p.values())
-    assert (slack["observed"], slack["floor: nothing unknown"]) == (found.observed["e_p"], found.nominal_error["e_p"])
+    assert (slack["observed"], slack["nominal error"]) == (found.observed["e_p"], found.nominal_error["e_p"])
 
 
 # The adversary --------------------------------------------------------------------------------------------------------
@@ -335,8 +347,8 @@ def test_the_adversary_keeps_norm_and_labels_and_comes_near_the_bound_where_it_i
     all_of, found = made(), made().certificate
     loop = all_of.nominal_linearization
     e_p = adversary.error_functional(loop, "e_p", found.worst_time, found.worst_direction)
-    unknown = adversary.worst_case_residual(all_of.plan, all_of.flight, loop.nodes, all_of.flight.records, e_p)
-    held = certificate.body_models(all_of.plan, all_of.flight, all_of.flight.records, loop.nodes, "energy")
+    unknown = adversary.worst_case_residual(all_of.experiment, all_of.flight, loop.nodes, all_of.flight.records, e_p)
+    held = body_models.body_models(all_of.experiment, all_of.flight, all_of.flight.records, loop.nodes, "energy")
     functions = models(unknown)
     means, left_over = jax.vmap(gp.mean, (None, 0)), []
     for body, f in zip(held, functions, strict=True):
@@ -423,6 +435,6 @@ def of_another_kernel(oracle: residual_model.ResidualModel) -> residual_model.Re
 )
 def test_a_part_that_the_equations_do_not_hold_for_is_refused_by_name(change, named):
     of = plan("C3")
-    certificate.check_supported(of)
+    nominal_run.check_supported(of)
     with pytest.raises(ValueError, match=f"do not hold for {named}$"):
-        certificate.check_supported(change(of))
+        nominal_run.check_supported(change(of))

@@ -249,7 +249,7 @@ def test_squares_and_products_by_a_factor_are_no_less_than_those_of_the_covarian
 
 def test_what_a_factor_leaves_out_is_bounded_where_it_leaves_much(monkeypatch):
     """With columns only until a tenth of the greatest variance is left."""
-    monkeypatch.setattr(reachability, "SPANNED", 0.1)
+    monkeypatch.setattr(reachability, "RANK_TOLERANCE", 0.1)
     rng = np.random.default_rng(4)
     x = rng.uniform(-3, 3, (60, 2))
     S = np.exp(-0.5 * cdist(x, x, "sqeuclidean"))

@@ -180,7 +180,7 @@ def test_sampled_ever_finer_the_discrete_gain_is_the_continuous_one(seed):
         (np.eye(3) + np.eye(3, k=1), 1.0, 1.0, "must be symmetric"),
         (np.eye(2), 1.0, 1.0, "3 x 3"),
         (1.0, float("nan"), 1.0, "must be a finite number"),
-        (1.0, 1.0, -1.0, "rho = -1.0 m/s\\^2: must be finite and not negative"),
+        (1.0, 1.0, -1.0, "rho = -1.0 m/s\\^2: must be finite and at least 0"),
     ],
 )
 def test_gains_that_give_no_bound_are_refused(K_p, K_v, rho, message):

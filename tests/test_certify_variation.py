@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from colift import gp
-from colift.certification import certificate, linearized_trajectory
+from colift.certification import certificate, linearized_trajectory, nominal_run
 from colift.closed_loop import flight, signals, simulator
 from tests.certified_flights import LAST, late, made
 from tests.paper_flights import with_world
@@ -26,7 +26,7 @@ seeds = st.integers(0, 2**31)
 def test_under_its_own_oracles_at_their_times_a_flight_is_the_flight():
     """Without noise, and without a school; labels alone differ, which nobody hears."""
     of = made()
-    plan = dataclasses.replace(of.plan, update_times=())
+    plan = dataclasses.replace(of.experiment, update_times=())
     rows, loops = linearized_trajectory.simulate_nominal(plan, of.flight.model_intervals, [0, 1000])
     for name in ("e_p", "e_omega", "u", "lam", "f_L_hat", "f_x_hat", "tau_r"):
         np.testing.assert_array_equal(getattr(rows, name), getattr(of.flight.records, name), err_msg=name)
@@ -35,9 +35,9 @@ def test_under_its_own_oracles_at_their_times_a_flight_is_the_flight():
 
 def unknown(of: object, rows: signals.StepRecord) -> np.ndarray:
     """`f~` at the states of a flight: the drawn forces less the last oracle's means, (ticks, inputs)."""
-    (function,), oracle = of.plan.world.disturbances.state_functions, of.flight.model
+    (function,), oracle = of.experiment.world.disturbances.state_functions, of.flight.model
     truth, means = function.model, jax.jit(jax.vmap(gp.mean, (None, 0)))
-    x, (agents,) = signals.model_inputs(of.plan.world.team, rows)
+    x, (agents,) = signals.model_inputs(of.experiment.world.team, rows)
     first = oracle.features.payload(jnp.asarray(x))
     parts = [means(truth.payload, first) - means(oracle.payload, first)]
     for j in range(agents.shape[1]):
@@ -67,7 +67,7 @@ def test_what_the_unknown_forces_bring_about_is_their_sum_with_the_weights(fligh
 
 def test_nothing_else_that_a_loop_remembers_moves_a_command_or_the_plant():
     of = made()
-    plan = dataclasses.replace(certificate.nominal_experiment(of.plan, of.flight.model), duration=8.0)
+    plan = dataclasses.replace(nominal_run.nominal_experiment(of.experiment, of.flight.model), duration=8.0)
     nodes = np.array([1500])
     rows, (loop,) = linearized_trajectory.simulate_nominal(plan, of.flight.model_intervals, nodes)
     setup = dataclasses.replace(
@@ -95,9 +95,9 @@ def test_what_noise_brings_about_has_the_deviations_that_are_told():
     noisy = dict.fromkeys(
         ("position", "velocity", "attitude", "body_rate", "accelerometer", "joint"), jnp.asarray(1e-3)
     )
-    sensors = dataclasses.replace(of.plan.world.sensors, **noisy)
+    sensors = dataclasses.replace(of.experiment.world.sensors, **noisy)
     schedule = of.flight.model_intervals
-    plan = with_world(certificate.nominal_experiment(of.plan, of.flight.model), sensors=sensors)
+    plan = with_world(nominal_run.nominal_experiment(of.experiment, of.flight.model), sensors=sensors)
     loop = linearized_trajectory.linearize_along(plan, schedule, noisy=True)
     np.testing.assert_array_equal(loop.records.p, of.nominal_linearization.records.p)
     plan = dataclasses.replace(plan, controller=dataclasses.replace(plan.controller, residual_model=of.flight.model))
@@ -114,11 +114,13 @@ def test_what_noise_brings_about_has_the_deviations_that_are_told():
 
 def test_a_twin_that_meets_a_limit_has_no_variation():
     of = made()
-    plan = certificate.nominal_experiment(of.plan, of.flight.model)
+    plan = nominal_run.nominal_experiment(of.experiment, of.flight.model)
     near = dataclasses.replace(
         plan, termination_limits=dataclasses.replace(plan.termination_limits, max_distance=jnp.asarray(1e-4))
     )
-    with pytest.raises(linearized_trajectory.TerminatedEarly, match=r"the twin ended at t = .* s: distance"):
+    with pytest.raises(
+        linearized_trajectory.TerminatedEarly, match=r"the nominal trajectory ended at t = .* s: distance"
+    ):
         linearized_trajectory.simulate_nominal(near, of.flight.model_intervals)
 
 
@@ -179,7 +181,7 @@ def test_a_stride_is_its_ticks_one_after_another(seed, ticks):
     """With derivatives that go straight from one to the other, and an unknown that does."""
     rng, n, m = np.random.default_rng(seed), 4, 2
     first, last = rng.normal(size=(2, n, n + m + 3)) / n
-    A, B, N = linearized_trajectory._stride(first, last, ticks, n, m)
+    A, B, N = linearized_trajectory._discretize(first, last, ticks, n, m)
     x0, f = rng.normal(size=n), rng.normal(size=(2, m))
     x, P = x0, np.zeros((n, n))
     for j in range(ticks):

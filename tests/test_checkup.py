@@ -147,8 +147,8 @@ def test_what_is_alike_in_a_team_is_said_once():
 
 def test_arms_that_hang_straight_over_their_contacts_are_told_contacts_that_bend_them(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(stability, "monodromy", no_rest)
-    changes = [f"agent_types.two_arms.joints.{joint}.rest_rad=0" for joint in ("left", "right")]
-    changes += [f"agents.{name}.contacts_m=[[{x}, 0.08, 0.05], [{x}, -0.08, 0.05]]" for name, x in CONTACTS.items()]
+    changes = [f"agent_types.two_arms.joints.{joint}.nominal_position_rad=0" for joint in ("left", "right")]
+    changes += [f"agents.{name}.contact_positions_m=[[{x}, 0.08, 0.05], [{x}, -0.08, 0.05]]" for name, x in CONTACTS.items()]
     refused = finding(preflight.run_preflight(scenario.load_scenario("paper", changes)), "refused")
     assert "front: grasp Jacobian is nearly singular" in refused.message
     (advice,) = refused.advice
@@ -166,7 +166,7 @@ CONTACTS = {"front": 0.5, "rear": -0.5}
 
 
 def test_agents_whose_stated_rest_is_straight_follow_no_rate_of_labels():
-    changes = [f"agent_types.two_arms.joints.{joint}.rest_rad=0" for joint in ("left", "right")]
+    changes = [f"agent_types.two_arms.joints.{joint}.nominal_position_rad=0" for joint in ("left", "right")]
     straight = scenario.load_scenario("paper", changes)  # their contacts bend them: the team can be built
     (said,) = preflight._labels(straight, team.team(straight)[1])
     assert "front has straight arms where its joints are stated to rest" in said.message
@@ -200,7 +200,7 @@ def test_joints_near_a_singular_grasp_are_named(monkeypatch: pytest.MonkeyPatch)
         "agent_types.two_arms.joints.1.nominal_position_rad=0.03",
         "agent_types.two_arms.joints.2.nominal_position_rad=-0.03",
     )
-    contacts = [f"agents.{i}.contacts_m=[[{x}, 0.089, 0.05], [{x}, -0.089, 0.05]]" for i, x in ((0, 0.5), (1, -0.5))]
+    contacts = [f"agents.{i}.contact_positions_m=[[{x}, 0.089, 0.05], [{x}, -0.089, 0.05]]" for i, x in ((0, 0.5), (1, -0.5))]
     settings = scenario.load_scenario("paper", (*change, *contacts))
     joints = finding(preflight.run_preflight(settings), "joints")
     assert joints.values["condition"]["front"] > preflight.MAX_JACOBIAN_CONDITION

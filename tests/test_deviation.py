@@ -80,8 +80,8 @@ def test_what_a_scenario_states_of_its_sensors_is_what_is_believed_of_labels(nam
     found = assumptions.label_bias_model(settings)
     starts, rates = {"agents.lam": settings.sensors.tip_force_bias_N**2}, {}
     for each in settings.sensors.models:
-        if each.kind == "drifting":
-            for reading in each.of:
+        if each.kind == "bias_random_walk":
+            for reading in each.channels:
                 starts[reading] = starts.get(reading, 0.0) + each.initial_bias_std**2
                 rates[reading] = rates.get(reading, 0.0) + each.random_walk_density**2
     for walk, reading in ((found.tips, "agents.lam"), (found.payload, "payload.a"), (found.agents, "agents.a")):

@@ -33,16 +33,16 @@ def test_no_compiler_and_no_cache_are_problems_with_status_1(monkeypatch: pytest
         raise cache.CacheUnavailable(f"{name}: Permission denied")
 
     monkeypatch.setattr(build, "compiler", lambda: None)
-    monkeypatch.setattr(cache, "folder", unwritable)
+    monkeypatch.setattr(cache, "cache_directory", unwritable)
     said = CliRunner().invoke(app, ["doctor"])
     assert said.exit_code == 1
-    assert "problem: no C compiler" in said.stdout
-    assert "problem: what is compiled cannot be kept: jax: Permission denied" in said.stdout
+    assert "problem: no C compiler was found" in said.stdout
+    assert "problem: compiled code cannot be stored: jax: Permission denied" in said.stdout
     assert "compiler   none" in said.stdout
 
 
 def test_native_code_that_computes_something_else_is_a_problem(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(doctor.native, "compile", lambda f: lambda A: f(A) * 1.001)
+    monkeypatch.setattr(doctor.codegen, "compile", lambda f: lambda A: f(A) * 1.001)
     found = doctor.run_diagnostics()
     assert found["self_test"] == "failed"
     assert "native code differs from JAX by 0.001" in found["problems"][0]

@@ -31,7 +31,7 @@ PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").r
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 COLIFT = typer.main.get_command(app.app)
-RUN = {("new",), ("list",), ("show",), ("export", "mjcf")}  # what answers in a second or two
+RUN = {("init",), ("list",), ("print-config",), ("export", "mjcf")}  # what answers in a second or two
 ELSEWHERE = {  # examples that another module runs, which has the flight or the oracle for them
     "02_own_team": "test_examples.py",
     "08_certify_a_flight": "test_certify_certificate.py",
@@ -116,12 +116,12 @@ def run(words: list[str], folder: Path) -> None:
         return
     path, given = parsed(words[1:])
     if path in RUN:
-        if path == ("new",):
+        if path == ("init",):
             Path(given["file"]).unlink(missing_ok=True)
         done = CliRunner().invoke(app.app, words[1:])
         assert done.exit_code == 0, done.output
     elif "name" in given:
-        scenario.load_scenario(given["name"], given.get("changes") or ())
+        scenario.load_scenario(given["name"], given.get("overrides") or ())
 
 
 # A page ---------------------------------------------------------------------------------------------------------------

@@ -532,7 +532,7 @@ def test_an_input_of_another_shape_is_refused_in_words(shape, unchecked):
         lambda: gp.max_variance_subset(p, x, y, gate),
         lambda: gp.sliding_window(data, x, y, T, NOW),
         lambda: gp.ReservoirSampling(key=key)(data, x, y, T, NOW),
-        lambda: gp.error_bounds.radius(p, x, jnp.ones(3)),
+        lambda: gp.error_bounds.error_radius(p, x, jnp.ones(3)),
     ]
     for call in calls:
         with pytest.raises(ValueError, match=rf"x has shape {re.escape(str(shape))}: must be an array of shape \(4,\)"):
@@ -592,7 +592,7 @@ def test_numbers_beyond_range_are_refused_aloud_and_change_nothing(huge):
 
 def test_outputs_beyond_float64_beside_the_noise_are_refused():
     hyper = gp.make_hyperparameters(1e-190, [1.0], 1e-195)
-    with pytest.raises(ValueError, match=r"output 0: Y of size 1e\+90 .* noise_variance = 1e-195"):
+    with pytest.raises(ValueError, match=r"output 0: Y of magnitude 1e\+90 .* noise_variance = 1e-195"):
         gp.condition([[0.0]], [[1e90]], hyper)
     p = gp.prior(hyper, 2)
     after, accepted = gp.append(p, jnp.zeros(1), jnp.asarray([1e90]))
@@ -617,7 +617,7 @@ def test_predict_in_strips_is_mean_and_variance(monkeypatch):
     X, Y, hyper, _ = problem(1, N=30)
     p, x = gp.condition(X, Y, hyper, 37), jnp.asarray(np.tile(X, (5, 1)))
     whole = gp.predict(p, x)
-    monkeypatch.setattr(posterior, "MANY", 0)
+    monkeypatch.setattr(posterior, "MIN_BLOCKS_FOR_STRIPS", 0)
     jax.clear_caches()
     for a, b in zip(gp.predict(p, x), whole, strict=True):
         np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-9 * float(jnp.abs(b).max()))
@@ -732,7 +732,7 @@ WRONG = {
     "text": ({"constant_mean": lambda a: np.asarray(["a", "b", "c"])}, "constant_mean has type"),
     "capacity of 5": ({"capacity": lambda a: a - 3}, "capacity = 5: must be at least 6"),
     "negative capacity": ({"capacity": lambda a: -a}, "capacity = -8"),
-    "endless capacity": ({"capacity": lambda a: a + 2**61}, "be at most 18918 for 3 outputs"),
+    "endless capacity": ({"capacity": lambda a: a + 2**61}, "and at most 18918 for 3 outputs"),
     "broken capacity": ({"capacity": lambda a: a + 0.5}, "capacity has type float64"),
     "two capacities": ({"capacity": lambda a: np.stack([a, a])}, "capacity has shape"),
     "format 1": ({"format": lambda a: np.asarray("colift gp 1")}, "format is colift gp 1"),

@@ -55,7 +55,7 @@ def deviation(p, x):
 
 def log_det(p, i, scale=1.0):
     """`ln det(scale (I + K_f / v))`, by NumPy from the entries."""
-    n, v = int(p.n), arrays(p.hyper, i)[2]
+    n, v = int(p.num_points), arrays(p.hyper, i)[2]
     return np.linalg.slogdet(scale * gram(np.asarray(p.X)[:n], p.hyper, i) / v)[1]
 
 
@@ -418,7 +418,7 @@ def test_radii_follow_the_unit_of_the_output(seed, unit):
         lambda p, eps: error_bounds.bounded_energy(p, B, eps),
         lambda p, eps: error_bounds.abbasi_yadkori(p, B, eps, 0.9),
         lambda p, eps: error_bounds.chowdhury_gopalan(p, B, eps, 0.9, 50),
-        lambda p, eps: error_bounds.srinivas(p, B, 0.9, error_bounds.max_information_gain(p.hyper, p.n + 1)),
+        lambda p, eps: error_bounds.srinivas(p, B, 0.9, error_bounds.max_information_gain(p.hyper, p.num_points + 1)),
     ):
         np.testing.assert_allclose(bound(p, eps) * deviation(p, x) * unit, bound(q, eps * unit) * deviation(q, x), 1e-7)
 
@@ -554,7 +554,8 @@ def test_what_a_bound_needs_and_what_follows_from_what_is_met():
 
 
 def test_every_name_with_needs_is_a_function():
-    assert all(hasattr(error_bounds, name) or hasattr(optimal_recovery, name) for name in REQUIRED_ASSUMPTIONS)
+    functions = {"energy": error_bounds.bounded_energy, "recover": optimal_recovery.recovery_interval}
+    assert all(name in functions or hasattr(error_bounds, name) for name in REQUIRED_ASSUMPTIONS)
 
 
 # -- a sample of the evidence ------------------------------------------------------------------------------------

@@ -155,7 +155,7 @@ def test_labels_beyond_many_keep_one_weight(monkeypatch: pytest.MonkeyPatch):
     _, _, k, square = functionals(allowed, rng, 3, 2)
     trace = np.trace(square, axis1=1, axis2=2)
     narrow = ellipsoid.minimize_width(allowed, k, trace).covariance(k, square)
-    monkeypatch.setattr(ellipsoid, "MANY", 3)
+    monkeypatch.setattr(ellipsoid, "MAX_INDIVIDUAL_WEIGHTS", 3)
     one = ellipsoid.minimize_width(allowed, k, trace)
     assert len(one.Q) == 1
     wide = one.covariance(k, square)

@@ -239,7 +239,7 @@ def test_duplicates_and_two_points_are_fitted():
         (np.array([[1.0], [np.nan]]), np.ones((2, 1)), {}, r"X\[1, 0\] = nan"),
         (np.ones((2, 1)), np.array([[1.0], [-np.inf]]), {}, r"Y\[1, 0\] = -inf"),
         (np.ones((2, 1)), np.ones((3, 1)), {}, "one N"),
-        (np.ones((2, 1)), np.ones((2, 1)), {"offset": [np.nan]}, "offset"),
+        (np.ones((2, 1)), np.ones((2, 1)), {"constant_mean": [np.nan]}, "constant_mean"),
         (np.ones((2, 1)), np.ones((2, 1)), {"start": gp.make_hyperparameters(1.0, [1.0, 1.0], 0.1)}, "start has"),
     ],
 )

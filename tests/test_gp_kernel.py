@@ -137,7 +137,7 @@ def test_optimal_recovery_holds_for_a_function_of_the_kernel_s_space():
 
 @pytest.mark.parametrize("by", [2.0, np.nan])
 def test_what_is_no_correlation_is_refused(by):
-    with pytest.raises(ValueError, match=f"the kernel Times is {by:g} at distance zero: must be 1"):
+    with pytest.raises(ValueError, match=f"the kernel Times has the value {by:g} at distance zero: must be 1"):
         gp.make_hyperparameters(1.0, [1.0], 0.1, kernel=Times(by=by))
 
 

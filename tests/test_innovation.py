@@ -82,7 +82,13 @@ def heard(
 def listener(
     fade: float = np.inf, span: float = 0.5, hold: float = 0.0, doubt: float = 0.0, coherence: float = 0.0
 ) -> residual_correction.InnovationFilter:
-    given = {"fade": fade, "span": span, "hold": hold, "doubt": doubt, "coherence": coherence}
+    given = {
+        "decay_time": fade,
+        "averaging_time": span,
+        "hold_time": hold,
+        "variance_ratio": doubt,
+        "coherence": coherence,
+    }
     return residual_correction.InnovationFilter(filters=FILTERS, **{name: jnp.array(x) for name, x in given.items()})
 
 

@@ -139,7 +139,7 @@ def test_a_second_fit_starts_where_the_first_ended_and_a_body_without_data_keeps
 
     def watched(X, Y, **given):
         asked.append((given["start"], given["restarts"]))
-        return fit(X, Y, **given | {"max_iter": 2})
+        return fit(X, Y, **given | {"max_iterations": 2})
 
     monkeypatch.setattr(gp, "fit", watched)
     agents = samples(1, 30, 24, 9, (2,))

@@ -65,7 +65,7 @@ def test_every_variable_says_its_unit_frame_and_symbol(rng):
 
 def test_rates_have_the_units_of_what_they_are_rates_of(rng):
     ds = flights.dataset(rng)
-    for name, rate in (("p", "v"), ("x", "x_dot"), ("Phi", "Phi_dot")):
+    for name, rate in (("p", "v"), ("x", "v_agent"), ("Phi", "Phi_dot")):
         assert ds[rate].attrs["units"] == ds[name].attrs["units"] + "/s"
     for exact, predicted in (("f_L", "f_L_hat"), ("f_x", "sigma_f_x"), ("f_r", "sigma_f_r"), ("lam", "lam_hat")):
         assert ds[exact].attrs["units"] == ds[predicted].attrs["units"]
@@ -119,7 +119,7 @@ def test_a_file_gives_back_every_bit(rng, shape, tmp_path):
     log.save(ds, tmp_path / "C3.nc")
     again = log.load(tmp_path / "C3.nc")
     xr.testing.assert_identical(again.drop_attrs(deep=False), ds.drop_attrs(deep=False))
-    assert again.saturated.dtype == bool
+    assert again.thrust_saturated.dtype == bool
     assert again.attrs.keys() == ds.attrs.keys()
     for name, value in ds.attrs.items():
         np.testing.assert_array_equal(again.attrs[name], value)
@@ -225,7 +225,7 @@ def test_a_table_reads_back_to_every_digit():
     np.testing.assert_array_equal(numbers("W_d tau_x [N m]"), ds.W_d.sel(wrench="tau_x"))
     np.testing.assert_array_equal(numbers("a_L v_dot_z [m/s^2]"), ds.a_L.sel(acceleration="v_dot_z"))
     np.testing.assert_array_equal(numbers("a_L omega_dot_z [rad/s^2]"), ds.a_L.sel(acceleration="omega_dot_z"))
-    np.testing.assert_array_equal(numbers("saturated agent0 [1]"), ds.saturated.sel(agent="agent0"))
+    np.testing.assert_array_equal(numbers("thrust_saturated agent0 [1]"), ds.thrust_saturated.sel(agent="agent0"))
     np.testing.assert_array_equal(numbers("eta 3 [N]"), ds.eta[:, 3])
     count = 2 + sum(x.size // len(x) for x in ds.data_vars.values())
     assert len(head) == count

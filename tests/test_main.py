@@ -257,7 +257,7 @@ def test_each_type_of_agent_is_written_as_urdf(tmp_path: Path):
     robot = urdf.load_urdf(out / files[0])
     assert [joint.name for joint in robot.joints] == [joint.name for joint in kind.joints]
     assert {f"{arm.name}_tip" for arm in kind.arms} < set(robot.links)
-    back = urdf.agent(
+    back = urdf.make_agent(
         robot, [f"{arm.name}_tip" for arm in kind.arms], told.agents[0].contact_positions_m, kind.thrust_max_N
     )
     for found, expected in zip(*map(jax.tree.leaves, (back, team.agent_models(told).popitem()[1])), strict=True):

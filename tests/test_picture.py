@@ -141,13 +141,13 @@ def test_the_command_draws_the_cases_that_are_asked_for(tmp_path):
     for case, ds in played.flown().items():
         log.save(ds, tmp_path / f"{case}.nc")
     said = CliRunner().invoke(
-        app, ["view", str(tmp_path), "--picture", str(tmp_path / "a.png"), "--at", "1", "--case", "C1", "--case", "C3"]
+        app, ["playback", str(tmp_path), "--image", str(tmp_path / "a.png"), "--at", "1", "--case", "C1", "--case", "C3"]
     )
     assert (said.exit_code, said.stdout) == (0, f"C1, C3: {tmp_path / 'a.png'}\n")
     assert not (tmp_path / "view.html").exists()
-    said = CliRunner().invoke(app, ["view", str(tmp_path), "--film", str(tmp_path / "a.gif"), "--case", "C2"])
+    said = CliRunner().invoke(app, ["playback", str(tmp_path), "--video", str(tmp_path / "a.gif"), "--case", "C2"])
     assert (said.exit_code, said.stderr) == (2, f"{tmp_path} holds C1, C3, not C2: choose by --case\n")
-    said = CliRunner().invoke(app, ["view", str(tmp_path), "--picture", "a.png", "--case", "C9"])
+    said = CliRunner().invoke(app, ["playback", str(tmp_path), "--image", "a.png", "--case", "C9"])
     assert said.exit_code == 2
     assert "--case C9: must be one of C1" in said.stderr
 

@@ -34,8 +34,8 @@ def test_figure_3_draws_every_error_beside_its_deviation_force_and_moment_apart(
     assert [ax.get_ylabel().split("[")[1] for ax in panels[:, 0]] == ["N]", "N m]", "N]", "N m]"]
     for k, name in enumerate(CASES):
         ds = cases[name]
-        moments = [np.hypot(ds[f"sigma_{f}"], ds[f"bias_{f}"]) for f in ("f_w", "f_r")]
-        sigmas, true = bodies(ds, [ds.deviation_f_L, ds.deviation_f_x, *moments]), errors(ds)
+        moments = [np.hypot(ds[f"sigma_{f}"], ds[f"label_bias_std_{f}"]) for f in ("f_w", "f_r")]
+        sigmas, true = bodies(ds, [ds.predictive_std_f_L, ds.predictive_std_f_x, *moments]), errors(ds)
         for ax, sigma, error in zip(panels[:, k], sigmas, true, strict=True):
             assert len(ax.lines) == 2 * len(sigma)
             for n, (expected, flown) in enumerate(zip(sigma, error, strict=True)):

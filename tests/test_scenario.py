@@ -168,7 +168,7 @@ WRONG = [  # what is written, what instead, the line that answers
     ("K_p: 5", "K_p: [5, 5, 0]", "control.K_p[2] [1/s²]: must be from 1e-6 to 1e8 (beyond it"),
     ("kind: jet", "kind: jett", "disturbances[2]: kind must be one of"),
     ("kind: jet", "kind: jett", "got 'jett'; did you mean 'jet'?"),
-    ("kind: balanced", "kind: leader_follower", "allocation.leader_contacts: is required"),
+    ("kind: least_squares", "kind: leader_follower", "allocation.leader_contacts: is required"),
     ("acts_on: front", "acts_on: frnt", "disturbances[4].acts_on: 'frnt' is not the payload"),
     ("acts_on: front", "acts_on: payload", "disturbances[4].acts_on: rotor_bias acts on agents"),
     ("acts_on: front", "acts_on: front, body: lft", "disturbances[4].body: 'lft' is not a body of agent 'front'"),
@@ -177,7 +177,7 @@ WRONG = [  # what is written, what instead, the line that answers
     ("name: rear,", "name: front,", "agents[1].name: 'front' is used twice"),
     ("name: rear,", "name: payload,", "agents[1].name: 'payload' has a meaning of its own"),
     ("name: rear, type: two_arms", "name: rear, type: two_arm", "agents[1].type: 'two_arm' is not one of agent_types"),
-    ("[[-0.5, 0.36, 0.05], ", "[", "agents[1].contacts_m [m]: must hold one contact for each of the 2 arms"),
+    ("[[-0.5, 0.36, 0.05], ", "[", "agents[1].contact_positions_m [m]: must hold one contact for each of the 2 arms"),
     (
         "parent: waist\n        position_m: [0, 0.08",
         "parent: right\n        position_m: [0, 0.08",
@@ -186,7 +186,7 @@ WRONG = [  # what is written, what instead, the line that answers
     ("name: left, joint: left", "name: left, joint: lift", "arms[0].joint: 'lift' is not a body of this agent type"),
     ("rear/right, 1.0", "rear/righ, 1.0", "pairs[1][1]: 'rear/righ' is not a contact"),
     ("[rear/left, rear/right", "[rear/left, rear/left", "pairs[1][1]: must be another contact"),
-    ("ramp_time_s: 0.5", "ramp_time_s: 5", "internal.ramp_s [s]: two flanks must fit"),
+    ("ramp_time_s: 0.5", "ramp_time_s: 5", "internal.ramp_time_s [s]: two flanks must fit"),
     ("[2.5, 4.5, 6.5", "[2.5, 6.5, 4.5", "update_times_s[2] [s]: must exceed the one before, 6.5, got 4.5"),
     ("[2.5, 4.5", "[0.2, 4.5", "update_times_s[0] [s]: must exceed start_s = 0.5"),
     ("  end_s: 10\n", "  end_s: 30\n", "learning.end_s [s]: must not exceed duration_s = 20, got 30"),
@@ -218,21 +218,21 @@ WRONG = [  # what is written, what instead, the line that answers
         "duration_s: 3000",
         "the log of this team at 500 Hz would take 3.37 GB; 2 GB are allowed, 1779 s",
     ),
-    ("capacity: 256", "capacity: 2283", "the 24 outputs of the models would take 1 GB; 1 GB are allowed, 2282 points"),
-    ("capacity: 256", "capacity: 1", "learning.max_samples: must be from 2 to 20000 (a fit takes two"),
+    ("max_samples: 256", "max_samples: 2283", "the 24 outputs of the models would take 1 GB; 1 GB are allowed, 2282 points"),
+    ("max_samples: 256", "max_samples: 1", "learning.max_samples: must be from 2 to 20000 (a fit takes two"),
     (
         "seed: 0",
-        "drawn: {rkhs_norm: 1, num_centers: 3000}",
+        "random_residual: {rkhs_norm: 1, num_centers: 3000}",
         "random_residual.num_centers: the 24 outputs of the models would take 1.73 GB",
     ),
     (
         "ramp_time_s: 3\n",
-        "ramp_time_s: 20\ndrawn: {rkhs_norm: 1}\n",
+        "ramp_time_s: 20\nrandom_residual: {rkhs_norm: 1}\n",
         "reference.ramp_time_s [s]: must be less than duration_s = 20",
     ),
     ("[2.5, 4.5", "[2.5, 2.53", "update_times_s[1] [s]: must be a period of sample_Hz = 25 after the one before, 2.5"),
     ("[2.5, 4.5", "[0.52, 4.5", "update_times_s[0] [s]: must be a period of sample_Hz = 25 after start_s, 0.5"),
-    ("[2.5, 0, 1]", "[25, 0, 1]", "gusts[0].wave_radpm [rad/m]: has a wavelength of 0.251 m, less than the 1.23 m"),
+    ("[2.5, 0, 1]", "[25, 0, 1]", "gusts[0].wave_vector_radpm [rad/m]: has a wavelength of 0.251 m, less than the 1.23 m"),
     ("[2.5, 0, 1]", "[250, 0, 1]", "wave_vector_radpm[0] [rad/m]: must be from -63 to 63 (a wavelength of 10 cm"),
     ("[2.5, 0, 1]", "[1e-4, 0, 1e-4]", "wave_vector_radpm [rad/m]: has a wavelength above 10 km, which is a mean wind"),
     ("center_m: [0, 0, 2]", "center_m: [<<, 0, 2]", "reference.center_m[0] [m]: must be a number, got '<<'"),
@@ -267,7 +267,7 @@ def test_a_mistake_is_answered_in_words(written, instead, answer):
 
 def test_what_follows_from_a_mistake_is_not_told_beside_it():
     assert len(mistakes(SAMPLE.replace("seed: 0", "seed: !!bool foo"))) == 1
-    assert len(mistakes(SAMPLE.replace("capacity: 256", "capacity: 1e6"))) == 1
+    assert len(mistakes(SAMPLE.replace("max_samples: 256", "max_samples: 1e6"))) == 1
 
 
 def test_of_very_many_mistakes_the_first_are_told_and_the_others_counted():
@@ -320,7 +320,7 @@ def test_a_misspelt_setting_is_recognized(key, at, double):
         ("agents.rear.yaw_deg=30", ("name: rear,", "name: rear, yaw_deg: 30,")),
         ("agents.0.contact_positions_m.1.2=0.04", ("[0.5, -0.36, 0.05]", "[0.5, -0.36, 0.04]")),
         ("sensors.tip_force_N=0.2", ("\ncontrol:", "\nsensors: {tip_force_N: 0.2}\ncontrol:")),
-        ("allocation={kind: balanced}", (SAMPLE[SAMPLE.index("  internal:") : SAMPLE.index("\nlearning:")], "")),
+        ("allocation={kind: least_squares}", (SAMPLE[SAMPLE.index("  internal:") : SAMPLE.index("\nlearning:")], "")),
         ("description= a = b", ("A scenario for tests.\n", "a = b\n")),
     ],
 )
@@ -385,11 +385,11 @@ def test_a_file_may_say_only_where_it_differs(tmp_path):
     """Sections by setting, entries of lists by name, and a section of another kind as a whole; twice over."""
     one, two = tmp_path / "one.yaml", tmp_path / "two.yaml"
     one.write_text(
-        "like: paper\nname: one\npayload: {mass_kg: 2}\ndisturbances:\n  - {name: clamp, force_N: [0, 0, -2]}\n"
+        "extends: paper\nname: one\npayload: {mass_kg: 2}\ndisturbances:\n  - {name: clamp, force_N: [0, 0, -2]}\n"
         "  - {name: more, kind: constant, acts_on: payload, force_N: [1, 0, 0]}\nallocation:\n"
         "  {kind: leader_follower, leader_contacts: [front/left, front/right, rear/left]}\n"
     )
-    two.write_text("like: one.yaml\nname: two\n")
+    two.write_text("extends: one.yaml\nname: two\n")
     paper, found = scenario.load_scenario("paper"), scenario.load_scenario(one)
     assert found.payload.mass_kg == 2
     assert found.payload.inertia_kgm2 == paper.payload.inertia_kgm2
@@ -404,17 +404,17 @@ def test_a_file_may_say_only_where_it_differs(tmp_path):
 @pytest.mark.parametrize(
     ("text", "answer"),
     [
-        ("like: paper\npayload: {mass_kg: -2}\n", "own.yaml:2: payload.mass_kg [kg]: must be"),
+        ("extends: paper\npayload: {mass_kg: -2}\n", "own.yaml:2: payload.mass_kg [kg]: must be"),
         (
-            "like: paper\ndisturbances:\n  - {name: clamp, force: 1}\n",
+            "extends: paper\ndisturbances:\n  - {name: clamp, force: 1}\n",
             "own.yaml:3: disturbances[3].force: is not a setting",
         ),
-        ("like: papr\n", "own.yaml:1: extends: there is no scenario 'papr' (shipped: "),
-        ("like: nowhere.yaml\n", "own.yaml:1: extends: 'nowhere.yaml' cannot be read: "),
-        ("like: [paper]\n", "own.yaml:1: extends: must be the name of a shipped scenario"),
-        ("like: own.yaml\n", "own.yaml:1: extends: 4 files that are like one another are enough"),
+        ("extends: papr\n", "own.yaml:1: extends: there is no scenario 'papr' (shipped: "),
+        ("extends: nowhere.yaml\n", "own.yaml:1: extends: 'nowhere.yaml' cannot be read: "),
+        ("extends: [paper]\n", "own.yaml:1: extends: must be the name of a shipped scenario"),
+        ("extends: own.yaml\n", "own.yaml:1: extends: 4 files that extend one another are the limit"),
         (
-            "name: a\nlike: paper\nadded: {mass_kg: -2, start_s: 1}\n",
+            "name: a\nextends: paper\npayload_mass_step: {mass_kg: -2, start_s: 1}\n",
             "own.yaml:3: payload_mass_step.mass_kg [kg]: must leave some of",
         ),
     ],
@@ -533,7 +533,7 @@ PAPER = scenario.load_scenario("paper")
         ({"disturbances": [{"kind": "jett"}]}, r"disturbances\[0\]: kind must be one of .* did you mean 'jet'?"),
         (
             {"disturbances": [{"kind": "wind", "name": "a", "acts_on": "payload", "mean_wind_mps": [0.0, 0.0, 999.0]}]},
-            r"disturbances\[0\].mean_mps\[2\] \[m/s\]: must be from -340 to 340 \(the speed of sound\), got 999",
+            r"disturbances\[0\].mean_wind_mps\[2\] \[m/s\]: must be from -340 to 340 \(the speed of sound\), got 999",
         ),
     ],
 )

@@ -48,20 +48,20 @@ def test_in_the_certified_scenario_nothing_is_assumed_unless_it_is_changed():
     norm, learning = certified.random_residual.rkhs_norm, certified.learning.model_dump()
     bounds = ("energy", "srinivas", "abbasi_yadkori", "chowdhury_gopalan", "fiedler")
     for bound in bounds:
-        assert assumed(certificate={"bound": bound, "norm": norm}) == ()
-    assert assumed(certificate={"norm": 0.9 * norm}) == ("norm",)
+        assert assumed(certificate={"error_bound": bound, "rkhs_norm": norm}) == ()
+    assert assumed(certificate={"rkhs_norm": 0.9 * norm}) == ("norm",)
     assert assumed(disturbances=scenario.load_scenario("paper").disturbances) == ("norm",)
     assert assumed(nominal={"payload": scenario.load_scenario("paper").payload.model_dump() | {"mass_kg": 1.2}}) == (
         "norm",
     )
-    assert assumed(random_residual=None, learning=learning | {"samples": "estimated"}) == ("norm", "energy")
+    assert assumed(random_residual=None, learning=learning | {"label_source": "onboard"}) == ("norm", "energy")
     fitted = {
-        "certificate": {"bound": "abbasi_yadkori", "norm": norm},
-        "learning": learning | {"hyperparameters": "fitted"},
+        "certificate": {"error_bound": "abbasi_yadkori", "rkhs_norm": norm},
+        "learning": learning | {"hyperparameters": "optimized"},
     }
     assert assumed(**fitted) == ("norm", "stated")
-    small = {"force_N": 1e-6, "moment_Nm": 1e-6}
-    assert assumed(certificate={"norm": norm, "payload": small}) == ("energy",)
+    small = {"force_error_N": 1e-6, "moment_error_Nm": 1e-6}
+    assert assumed(certificate={"rkhs_norm": norm, "payload_label_error": small}) == ("energy",)
 
 
 def test_a_label_error_of_zero_is_refused():

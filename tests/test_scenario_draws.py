@@ -13,12 +13,12 @@ from colift.onboard.learning import residual_model
 from colift.scenario import Scenario, ScenarioError, experiment, initial_states, random_residuals, team, trajectories
 from tests.varied import changed
 
-SEEDED = {"norm": 1.7, "centers": 6, "spread": 0.0}
+SEEDED = {"rkhs_norm": 1.7, "num_centers": 6, "center_std": 0.0}
 
 
 def drawn(**sections: object) -> tuple[residual_model.ResidualModel, ResidualForces, Scenario]:
     """What `certified` draws with few kernels on the reference itself."""
-    s = changed("certified", **({"drawn": SEEDED} | sections))
+    s = changed("certified", **({"random_residual": SEEDED} | sections))
     truth, _ = team.team(s)
     found = random_residuals.sample_residuals(s, truth, start())
     assert found is not None
@@ -45,7 +45,7 @@ def correlations(X: np.ndarray, Z: np.ndarray, ls: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("spread", [0.0, 0.3])
 def test_every_output_of_every_body_has_exactly_the_norm_that_is_stated(spread):
-    s = changed("certified", random_residual=SEEDED | {"spread": spread})
+    s = changed("certified", random_residual=SEEDED | {"center_std": spread})
     truth, _ = team.team(s)
     found = random_residuals.sample_residuals(s, truth, start())
     assert found is not None
@@ -61,7 +61,7 @@ def test_every_output_of_every_body_has_exactly_the_norm_that_is_stated(spread):
 
 def test_what_is_drawn_depends_on_the_seed_alone():
     first, deviation, _ = drawn()
-    again, _, _ = drawn(certificate={"norm": 9.0})
+    again, _, _ = drawn(certificate={"rkhs_norm": 9.0})
     other, _, _ = drawn(seed=1)
     jax.tree.map(np.testing.assert_array_equal, first, again)
     assert not np.isclose(first.payload.alpha[:, :6], other.payload.alpha[:, :6]).any()
@@ -86,7 +86,7 @@ def test_kernels_stand_where_the_team_would_pass():
         np.testing.assert_allclose(x[:, 18:21], payload[:, 3:6], atol=1e-12)
         np.testing.assert_allclose(x[:, 12:15], np.tile(start().agents[0].r[j], (6, 1)), atol=1e-12)
     scattered = random_residuals.sample_residuals(
-        changed("certified", random_residual=SEEDED | {"spread": 0.5}), team.team(s)[0], start()
+        changed("certified", random_residual=SEEDED | {"center_std": 0.5}), team.team(s)[0], start()
     )
     assert scattered is not None
     off = (np.asarray(scattered[0].payload.X)[:6] - payload) / np.asarray(oracle.payload.hyper.lengthscales)[0]
@@ -122,7 +122,7 @@ def test_nothing_is_drawn_where_it_is_not_asked_for_and_no_norm_is_an_error():
     truth, _ = team.team(s)
     assert random_residuals.sample_residuals(s, truth, start()) is None
     assert experiment.make_experiment(s, "C1").world.disturbances.state_functions == ()
-    for bad in ({"norm": 0}, {"norm": 1, "centers": 0}, {"norm": 1, "spread": -0.1}):
+    for bad in ({"rkhs_norm": 0}, {"rkhs_norm": 1, "num_centers": 0}, {"rkhs_norm": 1, "center_std": -0.1}):
         with pytest.raises(ScenarioError):
             changed("certified", random_residual=bad)
 
@@ -132,8 +132,8 @@ means = jax.jit(jax.vmap(gp.mean, (None, 0)))
 
 def test_outputs_that_vary_too_little_are_drawn_again_and_others_are_as_they_were():
     """Along the reference as the truth flies it, half from least to greatest, in signal deviations."""
-    free, _, s = drawn(drawn=SEEDED | {"least": 0.0})
-    asked, _, _ = drawn(drawn=SEEDED | {"least": 0.5})
+    free, _, s = drawn(random_residual=SEEDED | {"min_variation": 0.0})
+    asked, _, _ = drawn(random_residual=SEEDED | {"min_variation": 0.5})
     t = jnp.linspace(s.reference.ramp_time_s, s.duration_s, 150)  # not the moments at which draws look
     payload, (agents,) = random_residuals._carried(trajectories.make_reference(s), free.features, start(), t)
     few = 0
@@ -147,6 +147,6 @@ def test_outputs_that_vary_too_little_are_drawn_again_and_others_are_as_they_wer
 
 
 def test_more_than_a_function_of_that_norm_varies_by_is_refused(monkeypatch):
-    monkeypatch.setattr(random_residuals, "DRAWS", 3)
-    with pytest.raises(ScenarioError, match=r"certified: drawn\.least: after 3 draws"):
-        drawn(drawn=SEEDED | {"norm": 0.1, "least": 0.9})
+    monkeypatch.setattr(random_residuals, "MAX_ATTEMPTS", 3)
+    with pytest.raises(ScenarioError, match=r"certified: random_residual\.min_variation: after 3 draws"):
+        drawn(random_residual=SEEDED | {"rkhs_norm": 0.1, "min_variation": 0.9})

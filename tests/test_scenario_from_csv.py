@@ -51,7 +51,7 @@ def test_a_table_is_the_same_as_poses_in_the_file(tmp_path):
         (HEAD + "".join(f"\n{i},0,0,1" for i in range(101)), "file: 'way.csv': line 102: at most 100 poses"),
         (f'{HEAD}\n0,0,0,"1\n', "file: 'way.csv': cannot be read: unexpected end of data"),
         (b"\xff\xfe\x00", "file: 'way.csv': cannot be read: 'utf-8' codec can't decode byte 0xff"),
-        (f"{HEAD}\n5,0,0,1\n5,1,0,1\n", "poses[1].t_s [s]: must be 0.01 s or more after the pose before, 5, got 5"),
+        (f"{HEAD}\n5,0,0,1\n5,1,0,1\n", "poses[1].time_s [s]: must be 0.01 s or more after the pose before, 5, got 5"),
     ],
 )
 def test_mistakes_in_a_table_are_told_with_its_line(tmp_path, table, says):
@@ -74,4 +74,4 @@ def test_mistakes_about_a_table_are_told(tmp_path, reference, says):
 
 def test_a_list_is_not_called_too_short_for_its_bad_entries(tmp_path):
     poses = "{kind: waypoints, poses: [{time_s: 0, position_m: [0, 0, 1]}, {time_s: a, position_m: [1, 0, 1.5]}]}"
-    assert refused(tmp_path, "", poses) == ["poses[1].t_s [s]: must be a number, got 'a'"]
+    assert refused(tmp_path, "", poses) == ["poses[1].time_s [s]: must be a number, got 'a'"]

@@ -17,72 +17,74 @@ from tests import light
 
 SAMPLE = (Path(__file__).parent / "sample_scenario.yaml").read_text(encoding="utf-8")
 MODULE = '''
+import dataclasses
 from typing import Annotated, Any, ClassVar
 
-import dataclasses
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 from pydantic import Field
 
-from colift import actuator, disturbance, dynamics, gp, reference, sensor
-from colift.pytree import pytree
-from colift.scenario import Section, quantities as of
+from colift import gp
+from colift.math.pytree import pytree
+from colift.scenario import Section, fields
+from colift.simulation import actuators, disturbances, sensors
+from colift.trajectories import lissajous
 
 
 @pytree
-class Shy:
+class Scaled:
     payload_controller: Any
     share: Float[Array, ""]
 
-    def begin(self):
-        return self.leader.begin()
+    def init(self):
+        return self.payload_controller.init()
 
-    def lead(self, memory, now):
-        to, memory = self.leader.lead(memory, now)
-        return dataclasses.replace(to, a=self.share * to.a), memory
+    def compute(self, state, context):
+        command, state = self.payload_controller.compute(state, context)
+        return dataclasses.replace(command, a=self.share * command.a), state
 
 
-class ShyLeader(Section):
+class ScaledController(Section):
     share: Annotated[float, Field(gt=0, le=1)] = 1.0
 
-    def build(self, pilot):
-        return Shy(leader=pilot.leader, share=self.share)
+    def build(self, controller):
+        return Scaled(payload_controller=controller.payload_controller, share=self.share)
 
 
 @pytree
 class Hovering:
-    path: reference.Lissajous
+    path: lissajous.Lissajous
 
-    def at(self, t):
-        return self.path.at(jnp.zeros(()))
+    def evaluate(self, t):
+        return self.path.evaluate(jnp.zeros(()))
 
 
 class Hover(Section):
-    """Stands where it says."""
+    """A constant position."""
 
-    attachment_point_m: of.Position
+    position_m: fields.Position
 
     def build(self):
         zero, one = jnp.zeros(3), jnp.ones(3)
         return Hovering(
-            path=reference.Lissajous(
-                center=jnp.array(self.point_m), amplitude=zero, period=one, phase=zero, ramp=jnp.ones(()),
-                R=jnp.eye(3), swing=zero, swing_period=one, swing_phase=zero,
+            path=lissajous.Lissajous(
+                center=jnp.array(self.position_m), amplitude=zero, period=one, phase=zero, ramp_time=jnp.ones(()),
+                R=jnp.eye(3), rotation_amplitude=zero, rotation_period=one, rotation_phase=zero,
             )
         )
 
 
 @pytree
-class Sway(disturbance.Law):
+class Sway(disturbances.DisturbanceModel):
     force: Float[Array, "3"]
     time_invariant: ClassVar[bool] = False
 
-    def __call__(self, at, t, memory):
+    def __call__(self, at, t, state):
         return self.force * jnp.sin(t), jnp.zeros(3)
 
 
-class SwayLaw(Section):
-    force_N: of.Force
+class SwayForce(Section):
+    force_N: fields.Force
 
     def build(self):
         return Sway(force=jnp.array(self.force_N))
@@ -90,46 +92,47 @@ class SwayLaw(Section):
 
 @pytree
 class Late(Sway):
-    def begin(self):
+    def init(self):
         return jnp.zeros(3)
 
-    def after(self, at, t, memory, dt):
+    def update(self, at, t, state, dt):
         return at.v
 
 
-class LateLaw(SwayLaw):
+class LateForce(SwayForce):
     def build(self):
         return Late(force=jnp.array(self.force_N))
 
 
 @pytree
-class Offset(sensor.Extra):
+class Offset(sensors.SensorModel):
     by: Float[Array, "3"]
 
-    def read(self, m, truth, clock, memory, noise):
-        return dataclasses.replace(m, payload=dataclasses.replace(m.payload, p=m.payload.p + self.by)), memory
+    def apply(self, measurement, truth, clock, state, noise):
+        payload = dataclasses.replace(measurement.payload, p=measurement.payload.p + self.by)
+        return dataclasses.replace(measurement, payload=payload), state
 
 
 class OffsetSensor(Section):
-    by_m: of.Position
+    by_m: fields.Position
 
     def build(self):
         return Offset(by=jnp.array(self.by_m))
 
 
 @pytree
-class Weak(actuator.Ideal):
+class Weak(actuators.IdealActuators):
     share: Float[Array, ""]
 
-    def __call__(self, command, memory, clock):
-        return tuple(dataclasses.replace(c, u=self.share * c.u) for c in command), memory
+    def __call__(self, command, state, clock):
+        return tuple(dataclasses.replace(c, u=self.share * c.u) for c in command), state
 
 
 class WeakActuators(Section):
-    share: of.Share = 0.9
+    share: fields.Fraction = 0.9
 
     def build(self, world):
-        assert world.team.groups
+        assert world.team.agent_groups
         return Weak(share=self.share)
 
 
@@ -139,8 +142,8 @@ class SamePlant(Section):
 
 
 @pytree
-class Where:
-    """The payload's position alone; of an agent, its centre of mass."""
+class PositionOnly:
+    """The payload's position, and an agent's center of mass."""
 
     def payload(self, x):
         return x[..., :3]
@@ -155,24 +158,24 @@ class Where:
         return ("x_x", "x_y", "x_z")
 
 
-class WhereFeatures(Section):
+class PositionFeatures(Section):
     def build(self):
-        return Where()
+        return PositionOnly()
 
 
 @pytree
-class Heavy(gp.Kernel):
+class RationalQuadratic(gp.Kernel):
     a: jnp.ndarray
 
     def __call__(self, r2):
         return (1 + r2 / (2 * self.a)) ** -self.a
 
 
-class HeavyKernel(Section):
+class RationalQuadraticKernel(Section):
     a: float
 
     def build(self):
-        return Heavy(a=jnp.asarray(self.a))
+        return RationalQuadratic(a=jnp.asarray(self.a))
 
 
 class Nothing(Section):
@@ -194,10 +197,10 @@ class Plain:
 def folder(tmp_path_factory):
     """A folder with a module of parts, of a name that no other test has."""
     path = tmp_path_factory.mktemp("own")
-    (path / "parts_of_test_own.py").write_text(MODULE)
+    (path / "plugins_of_tests.py").write_text(MODULE)
     yield path
     sys.path.remove(str(path))
-    del sys.modules["parts_of_test_own"]
+    del sys.modules["plugins_of_tests"]
 
 
 def read(folder: Path, more: str, text: str = SAMPLE) -> Scenario:
@@ -206,11 +209,11 @@ def read(folder: Path, more: str, text: str = SAMPLE) -> Scenario:
 
 
 def own(name: str, settings: str = "{}") -> str:
-    return f"{{kind: own, class_path: 'parts_of_test_own:{name}', settings: {settings}}}"
+    return f"{{kind: plugin, class_path: 'plugins_of_tests:{name}', settings: {settings}}}"
 
 
 def part(name: str, settings: str = "{}") -> str:
-    return own(name, settings).replace("kind: own, ", "")
+    return own(name, settings).replace("kind: plugin, ", "")
 
 
 def refused(folder: Path, more: str) -> str:
@@ -224,21 +227,21 @@ def refused(folder: Path, more: str) -> str:
 
 def test_parts_of_every_kind_are_built_from_their_settings_and_fly(folder):
     def named(name: str, **settings: object) -> dict[str, object]:
-        return {"kind": "own", "part": f"parts_of_test_own:{name}", "settings": settings}
+        return {"kind": "plugin", "class_path": f"plugins_of_tests:{name}", "settings": settings}
 
-    sway = named("SwayLaw", force_N=[1, 0, 0])
+    sway = named("SwayForce", force_N=[1, 0, 0])
     with plugin_path(folder):
         path = light.write(
             folder / "all.yaml",
             disturbances=[sway | {"name": "sway", "acts_on": "payload"}, sway | {"name": "sways", "acts_on": "agents"}],
-            sensors={"then": [named("OffsetSensor", by_m=[0, 0, 0.1])]},
-            reference=named("Hover", point_m=[1, 2, 3]),
+            sensors={"models": [named("OffsetSensor", by_m=[0, 0, 0.1])]},
+            reference=named("Hover", position_m=[1, 2, 3]),
             actuators=named("WeakActuators"),
             physics=named("SamePlant"),
             plugins={
-                "leader": {"part": "parts_of_test_own:ShyLeader", "settings": {"share": 0.5}},
-                "features": {"part": "parts_of_test_own:WhereFeatures"},
-                "kernel": {"part": "parts_of_test_own:HeavyKernel", "settings": {"a": 0.7}},
+                "payload_controller": {"class_path": "plugins_of_tests:ScaledController", "settings": {"share": 0.5}},
+                "features": {"class_path": "plugins_of_tests:PositionFeatures"},
+                "kernel": {"class_path": "plugins_of_tests:RationalQuadraticKernel", "settings": {"a": 0.7}},
             },
         )
     settings = scenario.load_scenario(path)
@@ -246,7 +249,7 @@ def test_parts_of_every_kind_are_built_from_their_settings_and_fly(folder):
     assert (
         plan.controller.residual_model.payload.X.shape[-1] == plan.controller.residual_model.agents[0].X.shape[-1] == 3
     )
-    assert type(plan.controller.payload_controller).__name__ == "Shy"
+    assert type(plan.controller.payload_controller).__name__ == "Scaled"
     assert plan.controller.payload_controller.share == 0.5
     assert plan.controller.payload_controller.share.dtype == float
     assert type(plan.world.actuators).__name__ == "Weak"
@@ -257,7 +260,7 @@ def test_parts_of_every_kind_are_built_from_their_settings_and_fly(folder):
     flight = colift.run_experiment(dataclasses.replace(plan, controller=pilot, update_times=(0.2,), duration=0.3))
     assert not flight.termination_reason
     assert flight.updates[0].fits["payload"].lengthscales.shape == (6, 3)
-    assert {type(fit.hyper.kernel).__name__ for fit in flight.updates[0].fits.values()} == {"Heavy"}
+    assert {type(fit.hyper.kernel).__name__ for fit in flight.updates[0].fits.values()} == {"RationalQuadratic"}
     assert (flight.uncertainty.payload_std[-1] < flight.uncertainty.payload_std[0]).all(), (
         "what was learned is seen where it was learned"
     )
@@ -267,14 +270,14 @@ def test_parts_of_every_kind_are_built_from_their_settings_and_fly(folder):
 def test_residuals_known_exactly_are_refused_where_a_law_remembers(folder):
     with plugin_path(folder):
         laws = [
-            {"kind": "own", "part": f"parts_of_test_own:{law}", "settings": {"force_N": [1, 0, 0]}}
+            {"kind": "plugin", "class_path": f"plugins_of_tests:{law}", "settings": {"force_N": [1, 0, 0]}}
             | {"name": f"{law}_{bodies}", "acts_on": bodies}
-            for law in ("SwayLaw", "LateLaw")
+            for law in ("SwayForce", "LateForce")
             for bodies in ("payload", "agents")
         ]
         settings = scenario.load_scenario(light.write(folder / "late.yaml", disturbances=laws))
     with pytest.raises(
-        ScenarioError, match=r"case O knows .* these laws remember what was before: LateLaw_payload, LateLaw_agents$"
+        ScenarioError, match=r"case O knows .* these laws remember what was before: LateForce_payload, LateForce_agents$"
     ):
         colift.make_experiment(settings, "true_residual")
     assert colift.make_experiment(settings, "C1").world.disturbances.payload
@@ -282,7 +285,7 @@ def test_residuals_known_exactly_are_refused_where_a_law_remembers(folder):
 
 def test_settings_are_part_of_what_identifies_a_run_and_survive_a_copy(folder):
     one, two = (
-        read(folder, f"\nparts: {{payload_controller: {part('ShyLeader', f'{{share: {x}}}')}}}") for x in (0.5, 0.6)
+        read(folder, f"\nplugins: {{payload_controller: {part('ScaledController', f'{{share: {x}}}')}}}") for x in (0.5, 0.6)
     )
     assert one.digest != two.digest
     again = Scenario.model_validate_json(one.model_dump_json())
@@ -294,33 +297,33 @@ def test_settings_are_part_of_what_identifies_a_run_and_survive_a_copy(folder):
 @pytest.mark.parametrize(
     ("more", "says"),
     [
-        ("part: 3", "plugins.payload_controller.class_path: must be text, got 3"),
-        ("part: 'parts:'", "plugins.payload_controller.class_path: must be `module:Name`, got 'parts:'"),
-        ("part: 'no_such_module:A'", "there is no module 'no_such_module' in "),
-        ("part: 'parts_of_test_own:ShyLeade'", "parts_of_test_own has no 'ShyLeade'; did you mean 'ShyLeader'?"),
-        ("part: 'parts_of_test_own:Bare'", "must be a class that extends colift.scenario.Section and has a method"),
-        ("part: 'parts_of_test_own:Plain'", "must be a class that extends colift.scenario.Section and has a method"),
-        ("part: 'parts_of_test_own:MODULE'", "parts_of_test_own has no 'MODULE'"),
-        ("part: 'parts_of_test_own:jnp'", "must be a class"),
+        ("class_path: 3", "plugins.payload_controller.class_path: must be text, got 3"),
+        ("class_path: 'parts:'", "plugins.payload_controller.class_path: must be `module:Name`, got 'parts:'"),
+        ("class_path: 'no_such_module:A'", "there is no module 'no_such_module' in "),
+        ("class_path: 'plugins_of_tests:ScaledControlle'", "plugins_of_tests has no 'ScaledControlle'; did you mean 'ScaledController'?"),
+        ("class_path: 'plugins_of_tests:Bare'", "must be a class that extends colift.scenario.Section and has a method"),
+        ("class_path: 'plugins_of_tests:Plain'", "must be a class that extends colift.scenario.Section and has a method"),
+        ("class_path: 'plugins_of_tests:MODULE'", "plugins_of_tests has no 'MODULE'"),
+        ("class_path: 'plugins_of_tests:jnp'", "must be a class"),
         (
-            "part: 'parts_of_test_own:ShyLeader', settings: 3",
+            "class_path: 'plugins_of_tests:ScaledController', settings: 3",
             "plugins.payload_controller.settings: must be settings by name, got 3",
         ),
         (
-            "part: 'parts_of_test_own:ShyLeader', settings: {share: 2}",
+            "class_path: 'plugins_of_tests:ScaledController', settings: {share: 2}",
             "plugins.payload_controller.settings.share: must be at most 1, got 2",
         ),
         (
-            "part: 'parts_of_test_own:ShyLeader', settings: {share: 0}",
+            "class_path: 'plugins_of_tests:ScaledController', settings: {share: 0}",
             "plugins.payload_controller.settings.share: must exceed 0, got 0",
         ),
-        ("part: 'parts_of_test_own:ShyLeader', settings: {shar: 1}", "is not a setting here; did you mean 'share'?"),
-        ("part: 'parts_of_test_own:ShyLeader', setting: {}", "is not a setting here; did you mean 'settings'?"),
+        ("class_path: 'plugins_of_tests:ScaledController', settings: {shar: 1}", "is not a setting here; did you mean 'share'?"),
+        ("class_path: 'plugins_of_tests:ScaledController', setting: {}", "is not a setting here; did you mean 'settings'?"),
         ("settings: {}", "plugins.payload_controller.class_path: is required"),
     ],
 )
 def test_mistakes_in_a_part_are_told_with_their_place(folder, more, says):
-    assert says in refused(folder, f"\nparts: {{payload_controller: {{{more}}}}}")
+    assert says in refused(folder, f"\nplugins: {{payload_controller: {{{more}}}}}")
 
 
 def test_a_range_of_a_part_s_quantity_says_why(folder):
@@ -340,14 +343,14 @@ def test_a_range_of_a_part_s_quantity_says_why(folder):
 def test_a_module_that_cannot_be_imported_says_where_and_why(folder, module, code, says):
     (folder / f"{module}.py").write_text(code)
     assert f"{module} cannot be imported: {says}" in refused(
-        folder, f"\nparts: {{payload_controller: {{class_path: '{module}:A'}}}}"
+        folder, f"\nplugins: {{payload_controller: {{class_path: '{module}:A'}}}}"
     )
 
 
 def test_of_two_modules_of_one_name_the_other_is_refused(folder, tmp_path):
-    read(folder, f"\nparts: {{payload_controller: {part('ShyLeader')}}}")
-    (tmp_path / "parts_of_test_own.py").write_text(MODULE)
-    assert "give it another name" in refused(tmp_path, f"\nparts: {{payload_controller: {part('ShyLeader')}}}")
+    read(folder, f"\nplugins: {{payload_controller: {part('ScaledController')}}}")
+    (tmp_path / "plugins_of_tests.py").write_text(MODULE)
+    assert "give it another name" in refused(tmp_path, f"\nplugins: {{payload_controller: {part('ScaledController')}}}")
     sys.path.remove(str(tmp_path))
 
 
@@ -355,11 +358,11 @@ def test_of_two_modules_of_one_name_the_other_is_refused(folder, tmp_path):
     ("more", "says"),
     [
         (
-            f"parts: {{payload_controller: {part('Nothing')}}}",
-            "plugins.payload_controller: parts_of_test_own:Nothing built a value of type dict",
+            f"plugins: {{payload_controller: {part('Nothing')}}}",
+            "plugins.payload_controller: plugins_of_tests:Nothing built a value of type dict",
         ),
-        (f"plant: {own('Nothing')}", "which is no colift.simulation.world.Plant"),
-        (f"actuators: {own('Nothing')}", "which is no colift.simulation.actuators.Ideal"),
+        (f"physics: {own('Nothing')}", "which is no colift.simulation.world.Plant"),
+        (f"actuators: {own('Nothing')}", "which is no colift.simulation.actuators.IdealActuators"),
     ],
 )
 def test_what_is_built_must_be_a_part(folder, more, says):
@@ -376,8 +379,8 @@ def test_a_scenario_without_parts_of_one_s_own_leaves_the_import_path_alone(tmp_
 
 
 def test_drawn_residuals_need_a_reference_that_colift_knows(folder):
-    path = f"reference: {own('Hover', '{attachment_point_m: [0, 0, 1]}')}\n"
+    path = f"reference: {own('Hover', '{position_m: [0, 0, 1]}')}\n"
     text = re.sub(r"^reference:\n(  .*\n)*", path, SAMPLE, flags=re.MULTILINE)
     read(folder, "", text)
-    with pytest.raises(ScenarioError, match="drawn: must be left out: its centres lie along a reference"):
-        read(folder, "\ndrawn: {rkhs_norm: 2}\n", text)
+    with pytest.raises(ScenarioError, match="random_residual: must be left out: its centres lie along a reference"):
+        read(folder, "\nrandom_residual: {rkhs_norm: 2}\n", text)

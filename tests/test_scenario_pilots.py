@@ -60,5 +60,5 @@ def test_a_look_ahead_is_the_realizer_s_and_the_pilot_s():
     far = settings.model_copy(update={"control": settings.control.model_copy(update={"preview_step_s": 0.03})})
     _, nominal = team.team(settings)
     ours, theirs = controllers.make_controller(settings, nominal), controllers.make_controller(far, nominal)
-    assert (type(ours.agent_controller).__name__, ours.preview_step) == ("Aligned", None)
-    assert (type(theirs.agent_controller).__name__, float(theirs.preview_step)) == ("Anticipating", 0.03)
+    assert (type(ours.agent_controller).__name__, ours.preview_step) == ("ThrustVectoringController", None)
+    assert (type(theirs.agent_controller).__name__, float(theirs.preview_step)) == ("PreviewThrustVectoringController", 0.03)

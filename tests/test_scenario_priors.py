@@ -44,7 +44,7 @@ def test_noise_too_small_for_the_data_is_refused_with_its_section():
 
 
 def test_fits_start_from_what_the_scenario_states_and_stay_within_its_bounds():
-    learning = {"lengthscale_bounds": (0.2, 20.0), "hyperprior_factor": 2.0, "restarts": 4, "max_iter": 7}
+    learning = {"lengthscale_bounds": (0.2, 20.0), "hyperprior_factor": 2.0, "n_restarts": 4, "max_iter": 7}
     s = changed("paper", learning=scenario.load_scenario("paper").learning.model_dump() | learning)
     _, nominal = team.team(s)
     training, oracle = priors.fit_options(s, nominal), priors.prior_model(s, nominal)

@@ -24,7 +24,7 @@ def test_the_log_is_no_larger_than_the_settings_are_told(name):
 
 
 def test_the_models_have_as_many_outputs_as_the_settings_are_told():
-    s = mixed().model_copy(update={"learning": mixed().learning.model_copy(update={"capacity": 3})})
+    s = mixed().model_copy(update={"learning": mixed().learning.model_copy(update={"max_samples": 3})})
     oracle = priors.prior_model(s, team.team(s)[1])
     W = [oracle.payload.inverse_cholesky, *(model.inverse_cholesky for model in oracle.agents)]
     assert sum(matrices.size for matrices in W) == 3**2 * model_outputs(s.model_dump())

@@ -104,8 +104,8 @@ def test_curves_are_those_of_the_log():
 def test_marks_are_spans_of_time():
     ds = random_log(flights.PAPER._replace(time=1000)).assign_attrs(update_times_s=[0.5, 1.0], T_end_s=1.0)
     ds.eta[:] = ds.eta * ((ds.time >= 0.2) & (ds.time <= 0.4))
-    ds.saturated[:] = False
-    ds.saturated[100:103, 1] = ds.saturated[110:112, 1] = ds.saturated[900, 1] = True
+    ds.thrust_saturated[:] = False
+    ds.thrust_saturated[100:103, 1] = ds.thrust_saturated[110:112, 1] = ds.thrust_saturated[900, 1] = True
     found = scene.event_markers(ds)
     assert (found["updates"], found["learning_end"]) == ([0.5, 1.0], 1.0)
     assert scene.event_markers(ds.assign_attrs(T_end_s=0.9))["learning_end"] is None

@@ -268,7 +268,7 @@ def test_a_sensor_that_dies_holds_its_last_reading_and_ages():
     m = streamed(intermittent(("payload.p",), until=0.1))
     x, k = np.asarray(m.payload.p[:, 0] - ideal().payload.p[0]), np.arange(400)
     np.testing.assert_allclose(x, 0.002 * np.minimum(k, 49), atol=1e-12)
-    np.testing.assert_allclose(m.age_s["payload.p"], 0.002 * np.maximum(k - 49, 0), atol=1e-12)
+    np.testing.assert_allclose(m.measurement_age_s["payload.p"], 0.002 * np.maximum(k - 49, 0), atol=1e-12)
 
 
 @pytest.mark.parametrize("delay", [0, 3])
@@ -280,8 +280,8 @@ def test_a_slow_sensor_holds_its_last_reading_and_says_how_old_it_is(delay):
     last = np.maximum((k - delay) // 10, 0) * 10
     np.testing.assert_allclose(x, 0.002 * last, atol=1e-12)
     seen = k >= delay
-    assert set(m.age_s) == {"payload.p"}
-    np.testing.assert_allclose(np.asarray(m.age_s["payload.p"])[seen], 0.002 * (k - last)[seen], atol=1e-12)
+    assert set(m.measurement_age_s) == {"payload.p"}
+    np.testing.assert_allclose(np.asarray(m.measurement_age_s["payload.p"])[seen], 0.002 * (k - last)[seen], atol=1e-12)
     np.testing.assert_array_equal(m.payload.v, np.broadcast_to(ideal().payload.v, m.payload.v.shape))
 
 

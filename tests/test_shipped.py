@@ -105,7 +105,7 @@ def test_a_team_that_ships_stands_on_a_grasp_that_bears_every_wrench_and_lifts_i
     """That it starts on its grasp is seen in test_scenario_starts.py; `./dev evidence tuned` flies the first five."""
     given = scenario.load_scenario(name)
     truth, _ = team.team(given)
-    values = grasp.singular_values(
+    values = grasp.grasp_matrix_singular_values(
         truth, length=float(np.sqrt((np.asarray(grasp.contact_points(truth)) ** 2).sum(1).mean()))
     )
     assert values[0] < preflight.MAX_GRASP_CONDITION * values[-1]

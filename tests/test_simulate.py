@@ -305,7 +305,7 @@ def test_a_run_whose_grasp_is_near_singular_stops_at_that_tick_and_names_the_age
     assert least[first, agent] <= limit
     assert stopped.termination_reason.startswith(f"the grasp of agent {name} is near singular at t = {t:.3f} s: ")
     assert stopped.termination_reason.endswith(
-        " 1/kg (termination.min_grasp_ratio); arms 1 and 2 work against each other"
+        " 1/kg (termination.min_grasp_ratio); the constraints of arms 1 and 2 are redundant"
     )
     assert len(stopped.uncertainty.t) == first // 10 + 1
 

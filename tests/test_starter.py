@@ -34,7 +34,7 @@ def test_what_is_written_is_sound(tmp_path: Path):
     """The smallest team; `./dev evidence starts` has larger ones, and flies them."""
     agents, arms = 3, 0
     file = tmp_path / "my_team.yaml"
-    written = CliRunner().invoke(app, ["new", str(file), "--agents", str(agents), "--arms", str(arms)])
+    written = CliRunner().invoke(app, ["init", str(file), "--agents", str(agents), "--arms", str(arms)])
     assert written.exit_code == 0, written.stderr
     assert written.stdout == f"{file}: {agents} agents; next: colift check {file}\n"
     settings = scenario.load_scenario(file)
@@ -54,14 +54,14 @@ def test_vehicles_stand_apart_around_the_plate_on_their_contacts(agents: int, ar
     places = np.array([np.mean(agent.contact_positions_m, axis=0) for agent in settings.agents])
     apart = np.linalg.norm(places[:, None] - places, axis=2) + 10 * np.eye(agents)
     assert apart.min() > (1.0 if arms == 2 else 0.49)
-    values = grasp.singular_values(team.team(settings)[0], length=0.5)
+    values = grasp.grasp_matrix_singular_values(team.team(settings)[0], length=0.5)
     assert values[0] < 6 * values[-1]
 
 
 @pytest.mark.parametrize(("agents", "arms"), [(1, 2), (0, 2), (101, 1), (3, 3), (3, -1)])
 def test_a_team_that_cannot_be_is_refused_in_one_line(agents: int, arms: int, tmp_path: Path):
     file = tmp_path / "t.yaml"
-    done = CliRunner().invoke(app, ["new", str(file), "--agents", str(agents), "--arms", str(arms)])
+    done = CliRunner().invoke(app, ["init", str(file), "--agents", str(agents), "--arms", str(arms)])
     assert (done.exit_code, done.stderr.count("\n")) == (2, 1)
     assert "must be" in done.stderr
     assert not file.exists()
@@ -70,12 +70,12 @@ def test_a_team_that_cannot_be_is_refused_in_one_line(agents: int, arms: int, tm
 def test_nothing_is_overwritten_and_the_ending_is_yaml(tmp_path: Path):
     file = tmp_path / "mine.yaml"
     file.write_text("mine")
-    done = CliRunner().invoke(app, ["new", str(file)])
+    done = CliRunner().invoke(app, ["init", str(file)])
     assert (done.exit_code, done.stderr.count("\n")) == (2, 1)
     assert done.stderr == f"{file}: exists; it is not overwritten\n"
     assert file.read_text() == "mine"
-    assert CliRunner().invoke(app, ["new", str(tmp_path / "mine")]).exit_code == 2
-    assert CliRunner().invoke(app, ["new", str(tmp_path / "none" / "mine.yaml")]).exit_code == 2
+    assert CliRunner().invoke(app, ["init", str(tmp_path / "mine")]).exit_code == 2
+    assert CliRunner().invoke(app, ["init", str(tmp_path / "none" / "mine.yaml")]).exit_code == 2
 
 
 @pytest.mark.parametrize(("stem", "name"), [("team", "team"), ("my team", "my_team"), ("2nd", "_2nd"), ("Ä", "_")])
@@ -95,7 +95,7 @@ def test_a_vehicle_from_urdf_stands_with_its_hands_on_the_plate(tmp_path: Path):
     file = urdf(tmp_path, upper, ARM.format(name="lower", parent="upper", x=0.05))
     made = tmp_path / "teams" / "mine.yaml"
     made.parent.mkdir()
-    done = CliRunner().invoke(app, ["new", str(made), "--agents", "3", "--urdf", str(file)])
+    done = CliRunner().invoke(app, ["init", str(made), "--agents", "3", "--urdf", str(file)])
     assert done.exit_code == 0, done.stderr
     assert 'urdf: "../vehicle.urdf"' in made.read_text()
     settings = scenario.load_scenario(made)
@@ -109,7 +109,7 @@ def test_arms_that_are_straight_at_zero_are_bent_and_the_contacts_are_where_thei
     """The paper's own vehicle, by way of a URDF file: both arms hang straight down there, where none can follow."""
     assert CliRunner().invoke(app, ["export", "urdf", "paper", "--out", str(tmp_path)]).exit_code == 0
     made = tmp_path / "mine.yaml"
-    done = CliRunner().invoke(app, ["new", str(made), "--urdf", str(tmp_path / "two_arms.urdf"), "--agents", "2"])
+    done = CliRunner().invoke(app, ["init", str(made), "--urdf", str(tmp_path / "two_arms.urdf"), "--agents", "2"])
     assert done.exit_code == 0, done.stderr
     settings = scenario.load_scenario(made)
     assert [joint.nominal_position_rad for joint in settings.agent_types["vehicle"].joints] == [0.0, 1.2, -1.2]
@@ -125,7 +125,7 @@ def test_where_no_bend_lets_arms_follow_joints_stay_at_zero_and_check_says_what_
     lower = [ARM.format(name=f"{name} lower", parent=name, x=0.0) for name in ("ahead", "behind")]
     made = tmp_path / "mine.yaml"
     file = urdf(tmp_path, *hands, *lower)
-    done = CliRunner().invoke(app, ["new", str(made), "--agents", "2", "--urdf", str(file)])
+    done = CliRunner().invoke(app, ["init", str(made), "--agents", "2", "--urdf", str(file)])
     assert done.exit_code == 0, done.stderr
     assert "    # nominal_position_rad" in made.read_text()
 
@@ -140,7 +140,7 @@ def test_where_no_bend_lets_arms_follow_joints_stay_at_zero_and_check_says_what_
 )
 def test_what_a_urdf_file_does_not_go_with_is_refused(given: list[str], answer: str, tmp_path: Path):
     made = tmp_path / "mine.yaml"
-    done = CliRunner().invoke(app, ["new", str(made), "--urdf", str(urdf(tmp_path)), *given])
+    done = CliRunner().invoke(app, ["init", str(made), "--urdf", str(urdf(tmp_path)), *given])
     assert (done.exit_code, done.stderr.count("\n")) == (2, 1)
     assert answer in done.stderr
 
@@ -149,6 +149,6 @@ def test_a_urdf_file_that_is_none_is_told_with_its_place(tmp_path: Path):
     bad = tmp_path / "bad.urdf"
     bad.write_text("<robot>")
     for file, answer in ((bad, "bad.urdf:1"), (tmp_path / "none.urdf", "none.urdf")):
-        done = CliRunner().invoke(app, ["new", str(tmp_path / "mine.yaml"), "--urdf", str(file)])
+        done = CliRunner().invoke(app, ["init", str(tmp_path / "mine.yaml"), "--urdf", str(file)])
         assert (done.exit_code, done.stderr.count("\n")) == (2, 1)
         assert answer in done.stderr

@@ -8,8 +8,7 @@ import pytest
 from rich.console import Console
 from rich.table import Table
 
-from colift.cli.app import COLUMNS
-from colift.cli.tables import cell, show
+from colift.cli.tables import STUDY_METRICS, format_cell, print_table
 
 
 def shown(columns: int, encoding: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> str:
@@ -18,15 +17,15 @@ def shown(columns: int, encoding: str, capsys: pytest.CaptureFixture[str], monke
     monkeypatch.setattr(Console, "encoding", encoding)
     table = Table(title="numbers")
     table.add_column("case\n")
-    for heading, unit, *_ in COLUMNS:
-        table.add_column(f"{heading}\n{unit}", justify="right")
+    for metric in STUDY_METRICS:
+        table.add_column(f"{metric.heading}\n{metric.unit}", justify="right")
     for i in range(3):
         table.add_row(f"C{i}", *NUMBERS[i])
-    show(table)
+    print_table(table)
     return capsys.readouterr().out
 
 
-NUMBERS = [[f"{(i + 2) * 7919**k % 99991 / 10:.1f}" for k in range(1, len(COLUMNS) + 1)] for i in range(3)]
+NUMBERS = [[f"{(i + 2) * 7919**k % 99991 / 10:.1f}" for k in range(1, len(STUDY_METRICS) + 1)] for i in range(3)]
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "cp1252", "ascii"])
@@ -45,4 +44,4 @@ def test_a_terminal_of_any_width_crops_no_digit(
 
 
 def test_what_is_no_number_is_said():
-    assert [cell(x, 1e3, ".1f") for x in (0.0123, 1e9, None, float("nan"))] == ["12.3", "1e+12", "none", "none"]
+    assert [format_cell(x, 1e3, ".1f") for x in (0.0123, 1e9, None, float("nan"))] == ["12.3", "1e+12", "none", "none"]

@@ -70,7 +70,7 @@ def test_mass_matrix_and_tips_are_pinocchios(seed: int) -> None:
     text, tips = random_urdf(rng, int(rng.integers(2, 11)))
     robot = urdf.parse_urdf(text, "r.urdf")
     offset = 0.1 * rng.normal(size=3)
-    agent = urdf.agent(robot, [tips[0], (tips[1], offset)], np.zeros((2, 3)).tolist(), 50.0)
+    agent = urdf.make_agent(robot, [tips[0], (tips[1], offset)], np.zeros((2, 3)).tolist(), 50.0)
     state = teams.agent_state(rng, agent.tree)
     model = pin.buildModelFromXML(text, pin.JointModelFreeFlyer())
     data = model.createData()
@@ -166,7 +166,7 @@ def test_a_body_is_checked_when_its_links_are_merged(placeholder: str, seed: int
 def test_links_whose_sum_is_not_physical_are_refused_by_all_their_names() -> None:
     flat = '<mass value="0.001"/><inertia ixx="1e-6" iyy="1e-6" izz="9" ixy="0" ixz="0" iyz="0"/>'
     text = TWO_ARMS.replace('<link name="tool"/>', f'<link name="tool"><inertial>{flat}</inertial></link>')
-    told = r"^two\.urdf:4: link 'arm' with what is fixed to it \(tool\): inertia breaks the triangle inequality"
+    told = r"^two\.urdf:4: link 'arm' with what is fixed to it \(tool\): inertia violates the triangle inequality"
     with pytest.raises(ValueError, match=told):
         urdf.parse_urdf(text, "two.urdf")
 
@@ -284,7 +284,7 @@ REFUSED = [
     (MASS, '<mass value="-0.12"/>', r"two\.urdf:4: link 'arm': mass -0\.12 kg is negative"),
     (MASS, '<mass value="0"/>', r"link 'arm': mass 0 kg is not positive"),
     (MASS, MASS * 2, "<mass> stands twice in <inertial>"),
-    (INERTIA, 'ixx="9e-4" iyy="9e-4" izz="2e-3"', r"link 'arm': inertia breaks the triangle inequality.*kg m\^2"),
+    (INERTIA, 'ixx="9e-4" iyy="9e-4" izz="2e-3"', r"link 'arm': inertia violates the triangle inequality.*kg m\^2"),
     (INERTIA, 'ixx="9e-4" iyy="9e-4" izz="-1e-5"', r"link 'arm': inertia is not positive definite: .*-1e-05"),
     (INERTIA, 'ixx="0" iyy="0" izz="0"', r"two\.urdf:4: link 'arm': inertia is not positive definite"),
     (INERTIA, 'ixx="9e-4" iyy="9e-4"', r"link 'arm': <inertia> has no 'izz'"),
@@ -333,7 +333,7 @@ def test_a_moving_body_without_inertia_and_a_cycle_without_a_root_are_refused() 
 )
 def test_an_agent_has_tips_contacts_and_a_thrust_that_can_be(tip, contact, thrust: float, answer: str) -> None:
     with pytest.raises(ValueError, match=rf"^two\.urdf: {answer}"):
-        urdf.agent(urdf.parse_urdf(TWO_ARMS, "two.urdf"), [tip], [contact], thrust)
+        urdf.make_agent(urdf.parse_urdf(TWO_ARMS, "two.urdf"), [tip], [contact], thrust)
 
 
 def test_a_file_without_end_or_of_no_known_encoding_is_refused() -> None:
@@ -349,9 +349,9 @@ def test_a_file_without_end_or_of_no_known_encoding_is_refused() -> None:
 def test_tips_are_links_and_as_many_as_contacts() -> None:
     robot = urdf.parse_urdf(TWO_ARMS, "two.urdf")
     with pytest.raises(ValueError, match=r"two\.urdf: tip 'tol' is not a link; links: base, arm, tool"):
-        urdf.agent(robot, ["tol"], [[0.0, 0.0, 0.0]], 50.0)
+        urdf.make_agent(robot, ["tol"], [[0.0, 0.0, 0.0]], 50.0)
     with pytest.raises(ValueError, match="1 tips for 2 contacts"):
-        urdf.agent(robot, ["tool"], [[0.0, 0.0, 0.0]] * 2, 50.0)
+        urdf.make_agent(robot, ["tool"], [[0.0, 0.0, 0.0]] * 2, 50.0)
 
 
 # In scenario files ----------------------------------------------------------------------------------------------------
@@ -415,7 +415,7 @@ def test_a_scenario_and_python_read_one_agent_alike(seed: int, written: Path) ->
     told = told.replace(FROM_URDF, re.sub("    rest.*\n", "", kind)).replace("/left_hand", f"/{tips[0]}")
     truth, _ = team.team(scenario.parse(told, str(written)))
     robot = urdf.load_urdf(written.parent / "vehicles" / "two.urdf")
-    agent = urdf.agent(
+    agent = urdf.make_agent(
         robot, [tips[0], (tips[1], [0.0, 0.0, -0.3])], np.asarray(truth.agent_groups[0].contact_position[1]), 50.0
     )
     assert agent.tree == truth.agent_groups[0].tree
@@ -514,7 +514,7 @@ def test_what_is_written_reads_back_to_the_same_agent(tree: int) -> None:
     order = [joints.index(joint.name) for joint in robot.joints]
     assert sorted(order) == list(range(len(joints)))
     body = {0: 0} | {k + 1: i + 1 for i, k in enumerate(order)}
-    back = urdf.agent(
+    back = urdf.make_agent(
         robot, [f"{arm}_tip" for arm in arms], np.asarray(agent.contact_position), float(agent.thrust_max)
     )
     assert back.tree.parents == tuple(body[agent.tree.parents[k]] for k in order)

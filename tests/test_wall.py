@@ -99,7 +99,7 @@ def fly_on() -> Any:
 
 
 COMMANDS = ("u", "tau", "tau_r", "lam_cmd", "W_d", "f_L_hat", "f_x_hat", "f_w_hat", "f_r_hat", "lam_hat", "R_L_hat")
-COMMANDS += ("eta", "saturated")
+COMMANDS += ("eta", "thrust_saturated")
 
 
 def changed(one: Any, other: Any) -> list[str]:

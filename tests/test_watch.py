@@ -107,7 +107,7 @@ def test_other_paths_and_other_names_of_this_computer_are_refused(watched, path,
 def test_the_page_shows_what_came_and_asks_nobody_else(watched, tmp_path):
     with browser.page(tmp_path) as page:
         page.visit(watched["address"])
-        page.wait("!state().flying")
+        page.wait("!state().running")
         state = page.evaluate("state()")
         rows = watched["flight"].records
         assert (state["case"], state["end"]) == (CASE, pytest.approx(rows.t[-1], abs=1e-6))
@@ -120,7 +120,7 @@ def test_the_page_shows_what_came_and_asks_nobody_else(watched, tmp_path):
 @pytest.mark.long
 def test_ctrl_c_ends_the_command_and_its_page(tmp_path):
     file = light.write(tmp_path / "short.yaml", learning=played.told().learning, duration_s=1.5)
-    command = [sys.executable, "-m", "colift", "watch", str(file), "--case", "C1"]
+    command = [sys.executable, "-m", "colift", "live", str(file), "--case", "C1"]
     heeding = "signal.signal(signal.SIGINT, signal.default_int_handler)"  # ignored in a shell's background
     reset = f"import os, signal, sys; {heeding}; os.execv(sys.argv[1], sys.argv[1:])"
     command = [sys.executable, "-c", reset, *command]

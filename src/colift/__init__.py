@@ -74,23 +74,20 @@ if _YNN not in os.environ.get("XLA_FLAGS", ""):
 
 _HOME = {
     "AerialManipulator": "models.parameters",
-    "Experiment": "closed_loop.flight",
-    "FlightResult": "closed_loop.flight",
-    "GPPosterior": "gp",
+    "Experiment": "workflows.python_api",
+    "Flight": "workflows.python_api",
     "KinematicTree": "models.parameters",
     "Payload": "models.parameters",
     "Scenario": "scenario",
+    "ScenarioError": "scenario",
     "State": "models.state",
+    "Study": "workflows.python_api",
     "Team": "models.parameters",
-    "flight_dataset": "workflows.study",
-    "forward_dynamics": "simulation.contact_dynamics",
-    "linearize": "closed_loop.linearization",
-    "load_scenario": "scenario",
-    "make_experiment": "scenario.experiment",
-    "project_to_constraints": "simulation.contact_dynamics",
-    "rkmk4_step": "simulation.contact_dynamics",
-    "run_experiment": "closed_loop.flight",
-    "summary": "analysis.metrics",
+    "load_scenario": "workflows.python_api",
+    "make_experiment": "workflows.python_api",
+    "run_batch": "workflows.python_api",
+    "run_experiment": "workflows.python_api",
+    "run_study": "workflows.python_api",
 }
 __all__ = list(_HOME)
 

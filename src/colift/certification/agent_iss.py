@@ -1,7 +1,10 @@
-"""What the agents make of unknown forces: the constants of Assumption 5 (ass:agent_layer_iss), computed.
+"""Constants of the agents' input-to-state stability, Assumption 5 (ass:agent_layer_iss).
 
-Static part: exact algebra of the rigid grasp, at any state. Dynamic part: peak gains of the linearized loop.
-Derivation: `docs/certificate.md`, "Interface of the agents".
+The static gains follow from the algebra of the rigid grasp and hold at any state. The dynamic gains are peak gains of
+the linearized closed loop.
+
+See Also:
+    docs/certificate.md: "Input-to-state stability of the agents".
 """
 
 from __future__ import annotations
@@ -27,80 +30,104 @@ Matrix = NDArray[np.float64]
 
 @dataclasses.dataclass(frozen=True)
 class AgentIss:
-    """`|delta_W| <= alpha e^{-gamma (t - t_k)} |x(t_k)| + sum_b kappa_b sup |f~_b| + vartheta`, force and moment apart.
+    """Constants of `|delta_W| <= alpha e^{-gamma (t - t_k)} |x(t_k)| + sum_b kappa_b sup |f~_b| + vartheta`.
 
-    The paper's transient starts from `e_lambda(t_k)`, which does not determine it; the loop's state x does (in the
-    coordinates of `response.Response.basis`). Its sum has no payload term; `kappa[:, 0]` is that term.
+    Rows are force [N] and moment [N m]. The paper's transient starts from `e_lambda(t_k)`, which does not determine it.
+    The closed loop's state x does; its coordinates are those of `LinearizedLoop.basis`. The paper's sum has no payload
+    term, which is `kappa[:, 0]` here.
+
+    Attributes:
+        alpha: Transient gains, `(2,)` [N, N m], for a state of unit norm.
+        gamma: Decay rate, 0.9 times the rate of the slowest mode [1/s].
+        kappa: Gains of `|f~_b|` (forces in N and moments in N m together), `(2, bodies)`, payload first.
+        vartheta: Mismatch without residual, `(2,)` [N, N m].
+        static: Gains of the rigid-grasp algebra at rest, `(2, bodies)`.
     """
 
-    alpha: Matrix  # (2,) N and N m, for a state of size 1
-    gamma: float  # 1/s, 0.9 of the slowest mode's rate
-    kappa: Matrix  # (2, bodies) N and N m; of |f~_b| in N and N m together, payload first
-    vartheta: Matrix  # (2,) N and N m: what is left without unknown forces
-    static: Matrix  # (2, bodies) gains of the exact algebra, at rest
+    alpha: Matrix
+    gamma: float
+    kappa: Matrix
+    vartheta: Matrix
+    static: Matrix
 
 
 @jax.jit
 def algebraic_gain(team: Team, state: State) -> tuple[Float[Array, "6 inputs"], Float[Array, "6 inputs"]]:
-    """`(D, K)`: `(a, alpha) - (a_cmd, alpha_cmd) = D f~`, `delta_W = K f~` at z, f~ flat as in `colift.closed_loop.linearization`.
+    """Compute `(D, K)` with `(a, alpha) - (a_cmd, alpha_cmd) = D f~` and `delta_W = K f~` at a state.
 
-    f~ is what commands do not compensate: unknown forces less their estimates, and the thrust that points elsewhere,
-    `-(I - b b^T) f_des` on the agent's centre of mass, `b` its third axis. Exact for any state on the grasp, as the
-    plant is linear in forces: `D_L = (M_L + M_A)^-1`, `K_L = -M_A (M_L + M_A)^-1`, M_A the agents' inertia as felt at
-    the payload.
+    f~ contains the forces that the commands do not compensate, in the order of `closed_loop.linearization`. These are
+    the prediction error of the residuals, and the misaligned thrust `-(I - b b^T) f_des` at each agent's center of
+    mass, with its third axis b. The result is exact for every state of the rigid grasp, since the plant is linear in
+    forces: `D_L = (M_L + M_A)^-1`, `K_L = -M_A (M_L + M_A)^-1`, with the agents' inertia M_A reflected to the payload.
+
+    Args:
+        team: Parameters of the team.
+        state: State of the plant.
+
+    Returns:
+        D [1/kg, 1/(kg m^2)] and K.
     """
-    still = tuple(
+    zero_inputs = tuple(
         AgentInput(u=jnp.zeros(size), tau=jnp.zeros((size, 3)), tau_r=jnp.zeros((size, group.tree.joints)))
         for size, group in zip(team.sizes, team.agent_groups, strict=True)
     )
 
-    def caused(f: Float[Array, " inputs"]) -> Float[Array, "12"]:
-        a, lam = contact_dynamics.forward_dynamics(team, state, still, linearization.unflatten(team, f))
+    def response(f: Float[Array, " inputs"]) -> Float[Array, "12"]:
+        a, lam = contact_dynamics.forward_dynamics(team, state, zero_inputs, linearization.unflatten(team, f))
         W = grasp.payload_wrench(grasp.contact_points(team), state.payload.R, grasp.stack_contacts(lam))
         return jnp.concatenate([a.payload, W.F, W.tau])
 
-    J = jax.jacfwd(caused)(jnp.zeros(linearization.body_columns(team)[-1].stop))
+    J = jax.jacfwd(response)(jnp.zeros(linearization.body_columns(team)[-1].stop))
     return J[:6], J[6:]
 
 
 def agent_iss_constants(linear: LinearizedLoop, vartheta: Matrix) -> AgentIss:
-    """The constants from the linearized loop; `vartheta` (N, N m) is measured, see `colift.certification.certificate`."""
+    """Compute the constants of Assumption 5 from the linearized closed loop.
+
+    Args:
+        linear: Closed loop linearized at rest.
+        vartheta: Mismatch without residual, `(2,)` [N, N m]; see `conservatism.nominal_mismatch`.
+
+    Returns:
+        Constants of the bound.
+    """
     rows = linear.output_rows("delta_W")
     C, D = linear.C[rows], linear.D[rows]
     halves = [slice(0, 3), slice(3, 6)]
     gamma = -0.9 * float(np.linalg.eigvals(linear.A).real.max())
     kappa = np.zeros((2, len(linear.bodies)))
-    fixed = np.zeros_like(kappa)
+    static = np.zeros_like(kappa)
     for h, half in enumerate(halves):
         for b, columns in enumerate(linear.bodies):
             n = columns.stop - columns.start
             kappa[h, b] = peak_gain.peak_gain_continuous(
                 linear.A, linear.B[:, columns], C[half], D[half, columns], [n], [1.0]
             ).bound
-            fixed[h, b] = np.linalg.norm(D[half, columns], 2)
+            static[h, b] = np.linalg.norm(D[half, columns], 2)
     return AgentIss(
-        alpha=np.array([_peak(linear.A, C[half], gamma) for half in halves]),
+        alpha=np.array([_peak_norm(linear.A, C[half], gamma) for half in halves]),
         gamma=gamma,
         kappa=kappa,
         vartheta=np.asarray(vartheta),
-        static=fixed,
+        static=static,
     )
 
 
-def _peak(A: Matrix, C: Matrix, gamma: float) -> float:
-    """An upper bound of `sup_t |C e^{M t}|`, `M = A + gamma`, close to it.
+def _peak_norm(A: Matrix, C: Matrix, gamma: float) -> float:
+    """Return a tight upper bound of `sup_t |C e^{M t}|` with `M = A + gamma`.
 
-    From samples a tenth of the fastest mode's time apart, until it has died out. Between two of them the norm is at
-    most the greater one plus `h^2 / 8 sup |H''|`, where `H'' = C e^{M t} M^2 e^{M s}`, `|e^{M s}| <= e^{|M| h}`.
+    The samples are 0.1 times the period of the fastest mode apart and end when the response has decayed. Between two
+    samples the norm is at most the larger one plus `h^2 / 8 sup |H''|`, where `H'' = C e^{M t} M^2 e^{M s}` and
+    `|e^{M s}| <= e^{|M| h}`.
     """
     M = A + gamma * np.eye(len(A))
     values, vectors = np.linalg.eig(A)
     step, values = 0.1 / np.abs(values).max(), values + gamma
     left, right = C @ vectors, np.linalg.inv(vectors)
-    bend, greatest = step**2 / 8 * np.exp(step * np.linalg.norm(M, 2)) * M @ M, 0.0
+    curvature, greatest = step**2 / 8 * np.exp(step * np.linalg.norm(M, 2)) * M @ M, 0.0
     times = np.arange(0.0, -12 / values.real.max(), step)
-    for some in np.array_split(times, 1 + len(times) // 1000):
-        H = ((left * np.exp(some[:, None] * values)[:, None]) @ right).real
-        sizes = np.linalg.norm(H, 2, axis=(1, 2)) + np.linalg.norm(H @ bend, 2, axis=(1, 2))
+    for chunk in np.array_split(times, 1 + len(times) // 1000):
+        H = ((left * np.exp(chunk[:, None] * values)[:, None]) @ right).real
+        sizes = np.linalg.norm(H, 2, axis=(1, 2)) + np.linalg.norm(H @ curvature, 2, axis=(1, 2))
         greatest = max(greatest, float(sizes.max()))
     return greatest * (1 + peak_gain.ROUNDING)

@@ -1,7 +1,10 @@
-"""What a result of a flight rests on and does not show, by name: with any such name it is assumed, never certified.
+"""Names of the assumptions that a result of a run requires but does not show.
 
-`band.Stated` has what bounds of the prediction error rest on; here is what a flight adds. What each name means, and
-what would cover it: `docs/certificate.md`, "What is assumed".
+A result with any such name is reported as assumed, never as certified. `BoundAssumptions` lists the assumptions of the
+bound of the prediction error; this module adds those of a run.
+
+See Also:
+    docs/certificate.md: Meaning of each name, section "Assumptions".
 """
 
 from __future__ import annotations
@@ -23,50 +26,78 @@ MEAN = "posterior mean"
 
 
 def status_label(names: Collection[str]) -> str:
-    """What a result that rests on these may be called."""
+    """Return the status of a result with the given assumptions.
+
+    Args:
+        names: Names of the assumptions that are not shown.
+
+    Returns:
+        "assumed" or "certified".
+    """
     return "assumed" if names else "certified"
 
 
-def certificate_assumptions(experiment: flight.Experiment, limited: bool, whole: bool) -> tuple[str, ...]:
-    """What the radii of a flight rest on beside the bound of the prediction error.
+def certificate_assumptions(experiment: flight.Experiment, may_saturate: bool, full_period: bool) -> tuple[str, ...]:
+    """Return the assumptions of the bounds of a run, in addition to those of the bound of the prediction error.
 
-    The loop is linearized along its twin (always assumed); what noise adds to the tube is in no radius. limited: a
-    thrust of some run in the tube may be cut off; whole: errors are taken over a whole round of the reference.
+    The linearization along the nominal trajectory is always assumed. The effect of noise on the tube is in no bound.
+
+    Args:
+        experiment: Experiment of the run.
+        may_saturate: True if a thrust of some run in the tube may saturate.
+        full_period: True if errors are evaluated over a full period of the reference.
+
+    Returns:
+        Names of the assumptions.
     """
     return (
         FIRST_ORDER,
         *([NOISE] if has_sensor_noise(experiment.world.sensors) else []),
-        *([SATURATION] if limited else []),
-        *([] if whole else [PERIODICITY]),
-        *_invariance(experiment),
+        *([SATURATION] if may_saturate else []),
+        *([] if full_period else [PERIODICITY]),
+        *_time_invariance(experiment),
     )
 
 
 def radius_assumptions(experiment: flight.Experiment) -> tuple[str, ...]:
-    """What the radii `rho_bar` about the flown `f_hat` rest on.
+    """Return the assumptions of the logged error bounds `rho_bar` about the prediction `f_hat`.
 
-    A band is about the posterior mean at the true state. What flies is the mean at the estimated one, and of some
-    rivals (an observer, identified parameters, a residual that is told) no posterior mean at all.
+    A bound concerns the posterior mean at the true state. The controller uses the mean at the estimated state. In some
+    cases (disturbance observer, identified parameters, true residual) the prediction is no posterior mean.
+
+    Args:
+        experiment: Experiment of the run.
+
+    Returns:
+        Names of the assumptions.
     """
-    rival = experiment.identification is not None or not isinstance(
+    not_posterior_mean = experiment.identification is not None or not isinstance(
         experiment.controller.residual_predictor, residual_predictors.LearnedResidual
     )
     return (
         *experiment.bound_assumptions.assumed,
         *([NOISE] if has_sensor_noise(experiment.world.sensors) else []),
         SAMPLED,
-        *([MEAN] if rival else []),
-        *_invariance(experiment),
+        *([MEAN] if not_posterior_mean else []),
+        *_time_invariance(experiment),
     )
 
 
 def has_sensor_noise(sensors: SensorNoise) -> bool:
-    """Whether any reading of a flying team is off the truth; the calibration rig's errors are the labels' own."""
-    other = {"tip_force_bandwidth"}
-    return any(float(getattr(sensors, x.name)) != 0 for x in dataclasses.fields(sensors) if x.name not in other)
+    """Return whether any sensor reading of the team has noise or bias; errors of the calibration rig are label errors.
+
+    Args:
+        sensors: Standard deviations of the sensors.
+
+    Returns:
+        True if a standard deviation is not zero.
+    """
+    not_noise = {"tip_force_bandwidth"}
+    return any(float(getattr(sensors, x.name)) != 0 for x in dataclasses.fields(sensors) if x.name not in not_noise)
 
 
-def _invariance(experiment: flight.Experiment) -> tuple[str, ...]:
+def _time_invariance(experiment: flight.Experiment) -> tuple[str, ...]:
+    """Return the assumption of time invariance of each active source that depends on time."""
     return tuple(
         f"time invariance of {name}" for name in disturbances.time_varying_names(experiment.world.disturbances)
     )

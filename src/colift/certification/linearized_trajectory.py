@@ -1,12 +1,15 @@
-"""The loop that flies, linearized along a flight: sampled, held, estimated and compensated as it is.
+"""Closed loop linearized along the nominal trajectory, including sampling, hold, estimation and compensation.
 
-A run that starts as its twin differs from it by the unknown forces `f~` that the twin does not have, and by noise:
+A run with the same initial state differs from the nominal trajectory by the prediction error `f~` and by noise:
 
     x_(k+1) = A_k x_k + B_k f~(t_k) + B'_k f~(t_(k+1)) + n_k,    y_k = C_k x_k + D_k f~(t_k),    x_0 = 0
 
-to first order; node k is a tick of the flight, and `f~` goes straight between nodes. The states are those of plant and
-estimator that commands depend on, as they are logged: an attitude is the nine entries of its matrix. One derivative of
-`simulate.tick` by forward mode is taken at every node. Derivation: `docs/certificate.md`, "The loop along a flight".
+to first order. Node k is a tick of the simulation, and `f~` is linear between nodes. The states are those of plant and
+estimator on which commands depend, in the coordinates of the records; an attitude is the nine entries of its matrix.
+One forward-mode derivative of `simulator.step` is evaluated at every node.
+
+See Also:
+    docs/certificate.md: Derivation, "Closed loop linearized along the nominal trajectory".
 """
 
 from __future__ import annotations
@@ -35,71 +38,103 @@ from colift.runtime import signals
 Matrix = NDArray[np.float64]
 Nodes = Sequence[int] | NDArray[np.integer]
 
-MAX_NODE_SPACING = 0.04  # s, at most, between nodes
-CHUNK_NODES = 16  # nodes over which what many outputs answer to is taken at once
+MAX_NODE_SPACING = 0.04  # maximum time between nodes [s]
+CHUNK_NODES = 16  # nodes per chunk of the adjoint recursion
 
 
 class TerminatedEarly(ValueError):
-    """A twin met a limit before its time."""
+    """Error raised if the nominal simulation reaches a termination limit."""
 
 
 @dataclasses.dataclass(frozen=True)
 class LinearizedTrajectory:
-    """The deviation of runs from a twin, to first order; see the module."""
+    """Deviation of runs from the nominal trajectory, to first order.
 
-    model_schedule: tuple[ModelInterval, ...]  # the oracles that fly, the twin's as the flight's
-    records: StepRecord  # the twin's
-    nodes: NDArray[np.intp]  # ticks
-    A: Matrix  # (nodes - 1, states, states)
-    B: Matrix  # (nodes - 1, 2, states, inputs)
-    N: Matrix  # (nodes - 1, states, states), the covariance that noise adds until the next node
-    C: Matrix  # (nodes, outputs, states)
-    D: Matrix  # (nodes, outputs, inputs)
-    N_y: Matrix  # (nodes, outputs), the variance of an output by the noise of its own tick
-    outputs: dict[str, slice]  # rows of C and D by name: the errors, u, payload, agent 0, ...
-    bodies: tuple[slice, ...]  # inputs of the payload, then of each agent
+    Attributes:
+        model_schedule: Residual models and their start ticks, those of the simulated run.
+        records: Records of the nominal trajectory.
+        nodes: Ticks of the nodes.
+        A: State matrices, `(nodes - 1, states, states)`.
+        B: Input matrices of both ends of an interval, `(nodes - 1, 2, states, inputs)`.
+        N: Noise covariance added until the next node, `(nodes - 1, states, states)`.
+        C: Output matrices, `(nodes, outputs, states)`.
+        D: Feedthrough matrices, `(nodes, outputs, inputs)`.
+        N_y: Variance of an output due to the noise of its own tick, `(nodes, outputs)`.
+        outputs: Rows of C and D by name: errors, thrusts `u`, and the states of payload and agents.
+        bodies: Input columns of the payload, then of each agent.
+    """
+
+    model_schedule: tuple[ModelInterval, ...]
+    records: StepRecord
+    nodes: NDArray[np.intp]
+    A: Matrix
+    B: Matrix
+    N: Matrix
+    C: Matrix
+    D: Matrix
+    N_y: Matrix
+    outputs: dict[str, slice]
+    bodies: tuple[slice, ...]
 
     @property
     def t(self) -> Matrix:
-        """s, of the nodes."""
+        """Time of the nodes [s]."""
         return np.asarray(self.records.t, float)[self.nodes]
 
     def output_rows(self, *names: str) -> NDArray[np.intp]:
-        """Where some outputs stand in C and D, one behind the other."""
+        """Return the rows of some outputs in C and D, in the given order.
+
+        Args:
+            *names: Names in `outputs`.
+
+        Returns:
+            Row indices.
+        """
         return np.concatenate([np.arange(self.outputs[name].start, self.outputs[name].stop) for name in names])
 
 
 @pytree
-class _Pushed:
-    """An unknown force that is the same everywhere."""
+class _ConstantForce:
+    """Residual force that is independent of the state."""
 
     force: Any
 
     def __call__(self, _z: State) -> Any:
+        """Return the force."""
         return self.force
 
 
 def simulate_nominal(
     experiment: flight.Experiment, schedule: Sequence[ModelInterval], nodes: Nodes = (), seed: int | None = None
 ) -> tuple[StepRecord, list[simulator.LoopState]]:
-    """A flight without a school: oracles are replaced as scheduled. Its rows, and the loop at nodes.
+    """Simulate without online learning; residual models are replaced as scheduled.
 
-    seed: of the noise; None: without any. Raises Ended where it meets a limit.
+    Args:
+        experiment: Experiment in the nominal world.
+        schedule: Residual models and their start ticks.
+        nodes: Ticks at which the closed-loop state is stored.
+        seed: Seed of the sensor noise; None for no noise.
+
+    Returns:
+        Records of the run, and the closed-loop state at each node.
+
+    Raises:
+        TerminatedEarly: If the run reaches a termination limit.
     """
-    ticks, room, key = (
+    ticks, chunk, key = (
         round(experiment.duration / experiment.dt),
         flight.ticks_per_chunk(experiment),
         jax.random.key(seed or 0),
     )
-    quiet = jax.tree.map(jnp.zeros_like, experiment.world.sample_noise(key, room))
-    setup, loop, rows, loops = (
+    no_noise = jax.tree.map(jnp.zeros_like, experiment.world.sample_noise(key, chunk))
+    setup, loop, records, loops = (
         experiment.loop_config,
         simulator.reset(experiment.loop_config, experiment.initial_state),
         [],
         [],
     )
     models = {one.start_tick: one.model for one in schedule}
-    stops = sorted({*models, *map(int, nodes), *range(0, ticks, room), ticks})
+    stops = sorted({*models, *map(int, nodes), *range(0, ticks, chunk), ticks})
     at = set(map(int, nodes))
     for first, end in zip(stops, [*stops[1:], ticks], strict=True):
         if first in models:
@@ -109,51 +144,61 @@ def simulate_nominal(
         if first in at:
             loops.append(loop)
         if end > first:
-            noise = quiet if seed is None else experiment.world.sample_noise(jax.random.fold_in(key, first), room)
-            loop, flown = simulator.rollout(setup, loop, noise, jnp.asarray(end - first))
-            rows.append(jax.tree.map(lambda x, n=end - first: np.asarray(x)[:n], flown))
+            noise = no_noise if seed is None else experiment.world.sample_noise(jax.random.fold_in(key, first), chunk)
+            loop, step_records = simulator.rollout(setup, loop, noise, jnp.asarray(end - first))
+            records.append(jax.tree.map(lambda x, n=end - first: np.asarray(x)[:n], step_records))
         if int(loop.termination):
             cause = termination.TerminationCause(int(loop.termination)).name.lower().replace("_", " ")
-            raise TerminatedEarly(f"the twin ended at t = {int(loop.tick) * experiment.dt:.3g} s: {cause}")
+            raise TerminatedEarly(
+                f"the nominal trajectory ended at t = {int(loop.tick) * experiment.dt:.3g} s: {cause}"
+            )
         signals.raise_if_interrupted()
-    return jax.tree.map(lambda *x: np.concatenate(x), *rows), loops
+    return jax.tree.map(lambda *x: np.concatenate(x), *records), loops
 
 
 def linearize_along(
     experiment: flight.Experiment, schedule: Sequence[ModelInterval], noisy: bool
 ) -> LinearizedTrajectory:
-    """The variation along the flight of a plan, whose world is the twin's, under oracles as scheduled.
+    """Linearize the closed loop along the run of an experiment, with residual models as scheduled.
 
-    noisy: whether covariances are asked for; else they are zero. Raises as `flown`.
+    Errors are raised as by `simulate_nominal`.
+
+    Args:
+        experiment: Experiment in the nominal world.
+        schedule: Residual models and their start ticks.
+        noisy: True to compute noise covariances; else they are zero.
+
+    Returns:
+        The linearized closed loop.
     """
     ticks, stride = round(experiment.duration / experiment.dt), max(1, round(MAX_NODE_SPACING / experiment.dt))
     nodes = np.array(sorted({*range(0, ticks, stride), ticks - 1, *(one.start_tick for one in schedule)}))
-    rows, loops = simulate_nominal(experiment, schedule, nodes)
-    derivative = _Derivative(experiment, loops[0], noisy)
+    records, loops = simulate_nominal(experiment, schedule, nodes)
+    derivative = _StepDerivative(experiment, loops[0], noisy)
     setups = [
         dataclasses.replace(
             experiment.loop_config, controller=dataclasses.replace(experiment.controller, residual_model=o.model)
         )
         for o in schedule
     ]
-    flies = np.searchsorted([one.start_tick for one in schedule], nodes, side="right") - 1
-    J = [derivative.at(setups[which], loop) for which, loop in zip(flies, loops, strict=True)]
+    active = np.searchsorted([one.start_tick for one in schedule], nodes, side="right") - 1
+    J = [derivative.at(setups[which], loop) for which, loop in zip(active, loops, strict=True)]
     n, m = derivative.states, derivative.inputs
-    # before an update the derivative at its end is that of the oracle until then
+    # the derivative at the end of an interval uses the residual model of the interval
     last = [
-        then if flies[k + 1] == flies[k] else derivative.at(setups[flies[k]], loops[k + 1])
-        for k, then in enumerate(J[1:])
+        following if active[k + 1] == active[k] else derivative.at(setups[active[k]], loops[k + 1])
+        for k, following in enumerate(J[1:])
     ]
     with threadpool_limits(1):  # the matrices are small
         strides = [
-            _stride(first[:n], then[:n], int(end - start), n, m)
-            for first, then, (start, end) in zip(J[:-1], last, itertools.pairwise(nodes), strict=True)
+            _discretize(first[:n], following[:n], int(end - start), n, m)
+            for first, following, (start, end) in zip(J[:-1], last, itertools.pairwise(nodes), strict=True)
         ]
     A, B, N = map(np.stack, zip(*strides, strict=True))
     out = np.stack([j[n:] for j in J])
     return LinearizedTrajectory(
         model_schedule=tuple(schedule),
-        records=rows,
+        records=records,
         nodes=nodes,
         A=A,
         B=B,
@@ -166,62 +211,63 @@ def linearize_along(
     )
 
 
-def _stride(first: Matrix, last: Matrix, ticks: int, n: int, m: int) -> tuple[Matrix, Matrix, Matrix]:
-    """`(A, (B, B'), N)` over some ticks, whose derivatives go straight from the first to the last."""
+def _discretize(first: Matrix, last: Matrix, ticks: int, n: int, m: int) -> tuple[Matrix, Matrix, Matrix]:
+    """Compute `(A, (B, B'), N)` over some ticks; derivatives are interpolated between the first and the last tick."""
     A, B, N = np.eye(n), np.zeros((2, n, m)), np.zeros((n, n))
     for j in range(ticks):
         s = (j + 0.5) / ticks
-        context = first + (j / ticks) * (last - first)
-        step, push, noise = context[:, :n], context[:, n : n + m], context[:, n + m :]
+        derivative = first + (j / ticks) * (last - first)
+        step, input_matrix, noise = derivative[:, :n], derivative[:, n : n + m], derivative[:, n + m :]
         A, B = step @ A, step @ B
         if noise.size:
             N = step @ N @ step.T + noise @ noise.T
-        B[0] += (1 - s) * push
-        B[1] += s * push
+        B[0] += (1 - s) * input_matrix
+        B[1] += s * input_matrix
     return A, B, N
 
 
-class _Derivative:
-    """Of one tick by the states that commands depend on, by an unknown force, and by the sensors' noise."""
+class _StepDerivative:
+    """Derivative of one step with respect to states, a constant residual and sensor noise."""
 
     def __init__(self, experiment: flight.Experiment, loop: simulator.LoopState, noisy: bool) -> None:
-        self.quiet = jax.tree.map(
+        """Determine the sizes of states, inputs and noise, and the rows of the outputs."""
+        self.no_noise = jax.tree.map(
             lambda x: jnp.zeros(x.shape[1:], x.dtype), experiment.world.sample_noise(jax.random.key(0), 1)
         )
-        self.states, self.inputs, noise = _sizes(experiment.loop_config, loop, self.quiet)
+        self.states, self.inputs, noise = _sizes(experiment.loop_config, loop, self.no_noise)
         columns = jnp.eye(self.states + self.inputs + noise)
         self.columns = columns if noisy else columns[: self.states + self.inputs]
-        named = jax.eval_shape(lambda: _outputs(experiment.loop_config, loop, self.quiet)[1])
+        named = jax.eval_shape(lambda: _outputs(experiment.loop_config, loop, self.no_noise)[1])
         ends = itertools.pairwise(np.cumsum([0, *(x.size for x in named.values())]).tolist())
         self.outputs = {name: slice(*both) for name, both in zip(named, ends, strict=True)}
 
     def at(self, setup: simulator.LoopConfig, loop: simulator.LoopState) -> Matrix:
-        """`(states + outputs, columns)`."""
+        """Compute the derivative at a closed-loop state, `(states + outputs, columns)`."""
         signals.raise_if_interrupted()
-        return np.asarray(_columns(setup, loop, self.quiet, self.columns)).T
+        return np.asarray(_columns(setup, loop, self.no_noise, self.columns)).T
 
 
-def _sizes(setup: simulator.LoopConfig, loop: simulator.LoopState, quiet: Any) -> tuple[int, int, int]:
-    """Of states, unknown forces and noise."""
+def _sizes(setup: simulator.LoopConfig, loop: simulator.LoopState, no_noise: Any) -> tuple[int, int, int]:
+    """Return the number of states, residual components and noise components."""
     size = lambda tree: sum(x.size for x in jax.tree.leaves(tree))  # noqa: E731
-    return size(_moving(loop)), linearization.body_columns(setup.controller.team)[-1].stop, size(quiet.sensors)
+    return size(_moving(loop)), linearization.body_columns(setup.controller.team)[-1].stop, size(no_noise.sensors)
 
 
-def _column(setup: simulator.LoopConfig, loop: simulator.LoopState, quiet: Any, e: Array) -> Array:
-    """The derivative of a tick along a direction, its outputs behind the states."""
-    states, inputs, _ = _sizes(setup, loop, quiet)
+def _column(setup: simulator.LoopConfig, loop: simulator.LoopState, no_noise: Any, e: Array) -> Array:
+    """Compute the directional derivative of a step; the outputs follow the states."""
+    states, inputs, _ = _sizes(setup, loop, no_noise)
     x, unravel = ravel_pytree(_moving(loop))
-    _, unravel_noise = ravel_pytree(quiet.sensors)
+    _, unravel_noise = ravel_pytree(no_noise.sensors)
 
     def tick(y: Array) -> Array:
         moved, f, n = jnp.split(y, [states, states + inputs])
         sources = setup.world.disturbances
-        pushed = _Pushed(force=linearization.unflatten(setup.controller.team, f))
-        sources = dataclasses.replace(sources, state_functions=(*sources.state_functions, pushed))
+        constant_force = _ConstantForce(force=linearization.unflatten(setup.controller.team, f))
+        sources = dataclasses.replace(sources, state_functions=(*sources.state_functions, constant_force))
         world = dataclasses.replace(setup.world, disturbances=sources)
-        drawn = dataclasses.replace(quiet, sensors=unravel_noise(n))
-        then, out = _outputs(dataclasses.replace(setup, world=world), _with(loop, unravel(x + moved)), drawn)
-        return jnp.concatenate([ravel_pytree(_moving(then))[0], *(out[name].reshape(-1) for name in sorted(out))])
+        drawn = dataclasses.replace(no_noise, sensors=unravel_noise(n))
+        next_loop, out = _outputs(dataclasses.replace(setup, world=world), _with(loop, unravel(x + moved)), drawn)
+        return jnp.concatenate([ravel_pytree(_moving(next_loop))[0], *(out[name].reshape(-1) for name in sorted(out))])
 
     return jax.jvp(tick, (jnp.zeros_like(e),), (e,))[1]
 
@@ -230,80 +276,94 @@ _columns = jax.jit(jax.vmap(codegen.compile(_column), (None, None, None, 0)))
 
 
 def _moving(loop: simulator.LoopState) -> Any:
-    """What moves commands or plant, of a loop whose labels no frozen oracle hears."""
-    world, seen = loop.world, loop.controller.estimator
-    agents = tuple((one.base, one.bias, one.joint) for one in seen.agents)
-    return world.state, world.applied_inputs, agents, seen.payload, seen.bias
+    """Return the states on which commands or plant depend, for frozen residual models."""
+    world, estimator = loop.world, loop.controller.estimator
+    agents = tuple((one.base, one.bias, one.joint) for one in estimator.agents)
+    return world.state, world.applied_inputs, agents, estimator.payload, estimator.bias
 
 
 def _with(loop: simulator.LoopState, moving: Any) -> simulator.LoopState:
-    """The loop with other values of `_moving`."""
-    z, applied, agents, load, bias = moving
+    """Replace the values of `_moving` in a closed-loop state."""
+    z, applied, agents, payload, bias = moving
     agents = tuple(
         dataclasses.replace(one, base=base, bias=b, joint=joint)
         for one, (base, b, joint) in zip(loop.controller.estimator.agents, agents, strict=True)
     )
-    seen = dataclasses.replace(loop.controller.estimator, agents=agents, payload=load, bias=bias)
+    estimator = dataclasses.replace(loop.controller.estimator, agents=agents, payload=payload, bias=bias)
     return dataclasses.replace(
         loop,
         world=dataclasses.replace(loop.world, state=z, applied_inputs=applied),
-        controller=dataclasses.replace(loop.controller, estimator=seen),
+        controller=dataclasses.replace(loop.controller, estimator=estimator),
     )
 
 
 def _outputs(
     setup: simulator.LoopConfig, loop: simulator.LoopState, noise: Any
 ) -> tuple[simulator.LoopState, dict[str, Array]]:
-    """The loop a tick later, and this tick's outputs: errors, thrusts, and what the maps of every body are of."""
+    """Return the next closed-loop state and the outputs of this step: errors, thrusts and the states of all bodies."""
     z = loop.world.state
-    then, row = simulator.step(setup, loop, noise)
+    next_loop, row = simulator.step(setup, loop, noise)
     bodies = {"payload": flatten_payload_state(z.payload, jnp.zeros(6))[:18]}
     agents = [x for group in z.agents for x in jax.vmap(flatten_agent_state)(group)]
     bodies |= {f"agent {j}": x for j, x in enumerate(agents)}
     errors = {"e_p": row.e_p, "e_v": row.e_v, "e_R": row.e_R, "e_omega": row.e_omega, "u": row.u}
-    return then, errors | bodies
+    return next_loop, errors | bodies
 
 
-# What inputs make of outputs ------------------------------------------------------------------------------------------
+# Effect of inputs and noise on outputs ------------------------------------------------------------------------------
 
 
-def adjoint_weights(of: LinearizedTrajectory, rows: Nodes, at: Nodes) -> Matrix:
-    """`L[t, row, k, input]`: what `f~` at node k adds to an output at node `at[t]`, by the adjoint; `at` ascends."""
+def adjoint_weights(loop: LinearizedTrajectory, rows: Nodes, at: Nodes) -> Matrix:
+    """Compute the weights of `f~` in each output by the adjoint recursion.
+
+    Args:
+        loop: Linearized closed loop.
+        rows: Rows of the outputs.
+        at: Nodes of the outputs, ascending.
+
+    Returns:
+        `L[t, row, k, input]`, the effect of `f~` at node k on an output at node `at[t]`.
+    """
     at = np.asarray(at)
-    adjoint = of.C[at][:, rows]
-    many, n, m = *adjoint.shape[1:], of.B.shape[3]
-    L = np.zeros((len(at), many, len(of.nodes), m))
+    adjoint = loop.C[at][:, rows]
+    many, n, m = *adjoint.shape[1:], loop.B.shape[3]
+    L = np.zeros((len(at), many, len(loop.nodes), m))
     for t, k in enumerate(at):
-        L[t, :, k] = of.D[k, rows]
+        L[t, :, k] = loop.D[k, rows]
     ends = sorted({*range(0, int(at.max(initial=0)), CHUNK_NODES), *map(int, at)})
     for start, end in reversed(list(itertools.pairwise(ends))):
         later = slice(int(np.searchsorted(at, end)), None)
-        flat, (A, B) = adjoint[later].reshape(-1, n), _carried(of, start, end)
+        flat, (A, B) = adjoint[later].reshape(-1, n), _transition(loop, start, end)
         L[later, :, start : end + 1] += (flat @ B).reshape(-1, many, end - start + 1, m)
         adjoint[later] = (flat @ A).reshape(-1, many, n)
     return L
 
 
-def _carried(of: LinearizedTrajectory, start: int, end: int) -> tuple[Matrix, Matrix]:
-    """What the state at a node, and `f~` from there to another, make of the state at that: `x_end = A x + B f~`.
-
-    B: (states, (end - start + 1) inputs).
-    """
-    n, m = of.B.shape[2:]
+def _transition(loop: LinearizedTrajectory, start: int, end: int) -> tuple[Matrix, Matrix]:
+    """Return A and B of `x_end = A x + B f~` between two nodes, with B `(states, (end - start + 1) inputs)`."""
+    n, m = loop.B.shape[2:]
     A, B = np.eye(n), np.zeros((n, end - start + 1, m))
     for k in reversed(range(start, end)):
-        B[:, k - start] += A @ of.B[k, 0]
-        B[:, k - start + 1] += A @ of.B[k, 1]
-        A = A @ of.A[k]
+        B[:, k - start] += A @ loop.B[k, 0]
+        B[:, k - start + 1] += A @ loop.B[k, 1]
+        A = A @ loop.A[k]
     return A, B.reshape(n, -1)
 
 
-def noise_std(of: LinearizedTrajectory, rows: Nodes) -> Matrix:
-    """`(nodes, rows)`, the standard deviation of outputs by the sensors' noise: `P_(k+1) = A P A^T + N`."""
-    P, out = np.zeros_like(of.A[0]), np.empty((len(of.nodes), len(rows)))
+def noise_std(loop: LinearizedTrajectory, rows: Nodes) -> Matrix:
+    """Compute the standard deviation of outputs due to sensor noise, `P_(k+1) = A P A^T + N`.
+
+    Args:
+        loop: Linearized closed loop.
+        rows: Rows of the outputs.
+
+    Returns:
+        `(nodes, rows)`, in the units of the outputs.
+    """
+    P, out = np.zeros_like(loop.A[0]), np.empty((len(loop.nodes), len(rows)))
     for k in range(len(out)):
-        C = of.C[k, rows]
-        out[k] = np.sqrt(np.maximum(((C @ P) * C).sum(1), 0) + of.N_y[k, rows])
-        if k < len(of.A):
-            P = of.A[k] @ P @ of.A[k].T + of.N[k]
+        C = loop.C[k, rows]
+        out[k] = np.sqrt(np.maximum(((C @ P) * C).sum(1), 0) + loop.N_y[k, rows])
+        if k < len(loop.A):
+            P = loop.A[k] @ P @ loop.A[k].T + loop.N[k]
     return out

@@ -50,7 +50,7 @@ def certify(
         try:
             with common.show_progress(f"certifying {settings.name}", quiet) as progress:
                 made = certification.certify(settings, progress=progress)
-                worst = certification.test_with_adversary(made, progress=progress) if adversarial_test else None
+                worst = certification.run_adversarial_test(made, progress=progress) if adversarial_test else None
                 summary = certification.save_certificate(settings, made, worst, folder, progress)
         except ValueError as error:
             common.fail(error)

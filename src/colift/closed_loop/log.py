@@ -62,13 +62,13 @@ SIGNALS = {
     "R": SignalSpec(("agent", *ROTATION_DIMS), "1", "base to world", "base attitude R_j"),
     "x": SignalSpec(AGENT_VECTOR_DIMS, "m", "world", "centre of mass of an agent x_j"),
     "omega": SignalSpec(AGENT_VECTOR_DIMS, "rad/s", "base", "base angular velocity omega_j"),
-    "x_dot": SignalSpec(AGENT_VECTOR_DIMS, "m/s", "world", "velocity of the centre of mass dx_j/dt"),
+    "v_agent": SignalSpec(AGENT_VECTOR_DIMS, "m/s", "world", "velocity of the centre of mass dx_j/dt"),
     "r": SignalSpec(JOINT, ANGLE, "joint", "joint position r"),
     "r_dot": SignalSpec(JOINT, RATE, "joint", "joint rate dr/dt"),
     "u": SignalSpec(AGENT, "N", "along the base's z axis", "thrust u_j, as applied"),
     "tau": SignalSpec(AGENT_VECTOR_DIMS, "N m", "base", "body torque tau_j, as applied"),
     "tau_r": SignalSpec(JOINT, TORQUE, "joint", "joint torque tau_r, as applied"),
-    "saturated": SignalSpec(AGENT, "1", "none", "1 if the thrust is at its limit, otherwise 0"),
+    "thrust_saturated": SignalSpec(AGENT, "1", "none", "1 if the thrust is at its limit, otherwise 0"),
     "lam": SignalSpec(CONTACT, "N", "world", "contact force on the payload lambda_app"),
     "lam_cmd": SignalSpec(CONTACT, "N", "world", "commanded contact force lambda_cmd"),
     "lam_hat": SignalSpec(CONTACT, "N", "world", "estimated contact force lambda_hat"),
@@ -88,19 +88,23 @@ SIGNALS = {
     "f_r_hat": SignalSpec(JOINT, TORQUE, "joint", "agent residual f_r, predicted"),
     "Phi": SignalSpec((), "m", "none", "largest constraint violation |Phi|"),
     "Phi_dot": SignalSpec((), "m/s", "none", "largest constraint rate |dPhi/dt|"),
-    "singular": SignalSpec(AGENT, "1/kg", "none", "smallest singular value of A_j M_j^-1 A_j^T"),
-    "r_L": SignalSpec(FORCE, NEWTON, WRENCH_FRAMES, "innovation of the payload residual, as applied"),
-    "r_x": SignalSpec(AGENT_VECTOR_DIMS, "N", "world", "innovation of the agent residual f_x, as applied"),
-    "trust_L": SignalSpec(
+    "min_delassus_singular_value": SignalSpec(AGENT, "1/kg", "none", "smallest singular value of A_j M_j^-1 A_j^T"),
+    "innovation_L": SignalSpec(FORCE, NEWTON, WRENCH_FRAMES, "innovation of the payload residual, as applied"),
+    "innovation_x": SignalSpec(AGENT_VECTOR_DIMS, "N", "world", "innovation of the agent residual f_x, as applied"),
+    "model_gain_L": SignalSpec(
         FORCE, "1 (F), 1 (tau)", WRENCH_FRAMES, "gain of changes of the payload residual model, in [0, 1]"
     ),
-    "trust_x": SignalSpec(AGENT_VECTOR_DIMS, "1", "world", "gain of changes of the f_x residual model, in [0, 1]"),
-    "late_L": SignalSpec(FORCE, NEWTON, WRENCH_FRAMES, "RMS error of the payload labels due to their delay"),
-    "late_x": SignalSpec(AGENT_VECTOR_DIMS, "N", "world", "RMS error of the f_x labels due to their delay"),
-    "left_L": SignalSpec(FORCE, NEWTON, WRENCH_FRAMES, "RMS error of the corrected payload prediction without labels"),
-    "left_x": SignalSpec(AGENT_VECTOR_DIMS, "N", "world", "RMS error of the corrected f_x prediction without labels"),
-    "fresh": SignalSpec((), "1", "none", "weight of the current innovation; 0: decayed to its mean"),
-    "comes": SignalSpec((), "1", "none", "1 while labels are available, otherwise 0"),
+    "model_gain_x": SignalSpec(AGENT_VECTOR_DIMS, "1", "world", "gain of changes of the f_x residual model, in [0, 1]"),
+    "delay_error_L": SignalSpec(FORCE, NEWTON, WRENCH_FRAMES, "RMS error of the payload labels due to their delay"),
+    "delay_error_x": SignalSpec(AGENT_VECTOR_DIMS, "N", "world", "RMS error of the f_x labels due to their delay"),
+    "correction_error_L": SignalSpec(
+        FORCE, NEWTON, WRENCH_FRAMES, "RMS error of the corrected payload prediction without labels"
+    ),
+    "correction_error_x": SignalSpec(
+        AGENT_VECTOR_DIMS, "N", "world", "RMS error of the corrected f_x prediction without labels"
+    ),
+    "correction_weight": SignalSpec((), "1", "none", "weight of the current innovation; 0: decayed to its mean"),
+    "labels_available": SignalSpec((), "1", "none", "1 while labels are available, otherwise 0"),
 }
 """Signals of `StepRecord` except the time; the last ten exist for controllers with an innovation filter."""
 
@@ -121,20 +125,22 @@ UNCERTAINTY_SIGNALS = {
     "sigma_A_moment": SignalSpec(
         (), TORQUE, "none", "sum over agents of the norm of the (f_omega, f_r) part of sigma_A"
     ),
-    "bias_f_L": SignalSpec(
+    "label_bias_std_f_L": SignalSpec(
         FORCE, NEWTON, WRENCH_FRAMES, "standard deviation of the label bias of f_uk,L, from data sheets"
     ),
-    "bias_f_x": SignalSpec(
+    "label_bias_std_f_x": SignalSpec(
         AGENT_VECTOR_DIMS, "N", "world", "standard deviation of the label bias of f_x, from data sheets"
     ),
-    "bias_f_w": SignalSpec(
+    "label_bias_std_f_w": SignalSpec(
         AGENT_VECTOR_DIMS, "N m", "base", "standard deviation of the label bias of f_omega, from data sheets"
     ),
-    "bias_f_r": SignalSpec(JOINT, TORQUE, "joint", "standard deviation of the label bias of f_r, from data sheets"),
-    "deviation_f_L": SignalSpec(
+    "label_bias_std_f_r": SignalSpec(
+        JOINT, TORQUE, "joint", "standard deviation of the label bias of f_r, from data sheets"
+    ),
+    "predictive_std_f_L": SignalSpec(
         FORCE, NEWTON, WRENCH_FRAMES, "predictive standard deviation of the payload residual f_uk,L"
     ),
-    "deviation_f_x": SignalSpec(
+    "predictive_std_f_x": SignalSpec(
         AGENT_VECTOR_DIMS, "N", "world", "predictive standard deviation of the agent residual f_x"
     ),
     "rho_f_L": SignalSpec(
@@ -226,12 +232,12 @@ def _uncertainty_signals(rows: StepRecord, sigma: PredictionUncertainty) -> dict
     """Return all uncertainty signals by name."""
     payload, force = predictive_std(rows, sigma)
     return {
-        "deviation_f_L": payload,
-        "deviation_f_x": force,
+        "predictive_std_f_L": payload,
+        "predictive_std_f_x": force,
         "sigma_f_L": sigma.payload_std,
         **_by_output("sigma", sigma.agent_std),
-        "bias_f_L": sigma.payload_label_bias,
-        **_by_output("bias", sigma.agent_label_bias),
+        "label_bias_std_f_L": sigma.payload_label_bias,
+        **_by_output("label_bias_std", sigma.agent_label_bias),
         "rho_f_L": sigma.payload_radius,
         **_by_output("rho", sigma.agent_radius),
         **uncertainty_norms(sigma),

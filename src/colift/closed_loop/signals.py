@@ -208,15 +208,18 @@ def _innovation_signals(innovation: residual_correction.Innovation) -> dict[str,
         )
 
     signals = {
-        "r": innovation.r,
-        "trust": innovation.model_gain,
-        "late": innovation.delay_error_rms,
-        "left": innovation.correction_error_rms,
+        "innovation": innovation.r,
+        "model_gain": innovation.model_gain,
+        "delay_error": innovation.delay_error_rms,
+        "correction_error": innovation.correction_error_rms,
     }
     split = {
         f"{name}_{body}": x for name, forces in signals.items() for body, x in zip("Lx", parts(forces), strict=True)
     }
-    return split | {"fresh": innovation.correction_weight, "comes": innovation.labels_available}
+    return split | {
+        "correction_weight": innovation.correction_weight,
+        "labels_available": innovation.labels_available,
+    }
 
 
 def model_inputs(team: Team, rows: StepRecord) -> tuple[np.ndarray, tuple[np.ndarray, ...]]:

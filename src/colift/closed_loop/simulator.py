@@ -104,7 +104,9 @@ def step(setup: LoopConfig, loop: LoopState, noise: Any) -> tuple[LoopState, Ste
         jnp.where(at_limit, ticks + 1, 0)
         for ticks, at_limit in zip(loop.saturated_ticks, telemetry.saturated, strict=True)
     )
-    values = monitored_values(row, _finite(state.state) & _finite(row), jnp.concatenate(saturated).astype(dt.dtype) * dt)
+    values = monitored_values(
+        row, _finite(state.state) & _finite(row), jnp.concatenate(saturated).astype(dt.dtype) * dt
+    )
     loop = LoopState(
         world=state,
         controller=controller_state,

@@ -134,7 +134,7 @@ static inline void N(sincos)(V x, V *sine, V *cosine) {
 /* Sine and cosine: range reduction by pi/2 in two parts, then the polynomials of fdlibm (k_sin.c, k_cos.c); error below
  * 1 ulp. Arguments that are too large for the two-part reduction use the C library.
  *
- * Copyright of the polynomials: Copyright (C) 1993 by Sun Microsystems, Inc. All rights reserved. Developed at SunSoft, a Sun
+ * Notice of fdlibm: Copyright (C) 1993 by Sun Microsystems, Inc. All rights reserved. Developed at SunSoft, a Sun
  * Microsystems, Inc. business. Permission to use, copy, modify, and distribute this software is freely granted,
  * provided that this notice is preserved. */
 static inline void N(sincos)(V x, V *sine, V *cosine) {

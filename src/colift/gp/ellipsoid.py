@@ -81,7 +81,8 @@ class FunctionalEllipsoids:
 def minimize_width(feasible: FeasibleSet, k: np.ndarray, squared_norm: np.ndarray) -> FunctionalEllipsoids:
     """Find weights for which the trace of a set's covariance is small.
 
-    A ValueError is raised if the data contradict norm and noise bound. The iteration starts from the weights of the energy bound, `w = 1 / (N eps^2)`. Each iteration multiplies `w_k` by
+    A ValueError is raised if the data contradict norm and noise bound. The iteration starts from the weights of the
+    energy bound, `w = 1 / (N eps^2)`. Each iteration multiplies `w_k` by
     `((R_k^2 + beta^2 |G_k|^2 / trace) / eps^2)^EXPONENT`, with the remainders R of the labels and G of k. At a fixed
     point the derivative of `beta^2 trace` is zero. The best iterate is returned.
 

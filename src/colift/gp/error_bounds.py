@@ -82,8 +82,8 @@ REQUIRED_ASSUMPTIONS = {
             BoundAssumption.FIXED_HYPERPARAMETERS,
         }
     ),
-    "greatest_gain_on_pool": frozenset({BoundAssumption.FINITE_CANDIDATES}),
-    "split_product": frozenset({BoundAssumption.INDEPENDENT_OUTPUTS}),
+    "max_information_gain_greedy": frozenset({BoundAssumption.FINITE_CANDIDATES}),
+    "product_levels": frozenset({BoundAssumption.INDEPENDENT_OUTPUTS}),
 }
 """Assumptions of each bound by its name; `recover` is the bound of `colift.gp.optimal_recovery`."""
 

@@ -1,4 +1,10 @@
-"""The rigid grasp: constraints, grasp matrix, internal forces."""
+"""Rigid grasp: contact constraints, grasp matrix, internal forces, and rank tests.
+
+Contacts are numbered by group, agent and arm. The rank tests run on the host, outside of `jax.jit`.
+
+References:
+    Murray, Li, Sastry, *A Mathematical Introduction to Robotic Manipulation*, 1994, ch. 5.
+"""
 
 from __future__ import annotations
 
@@ -16,20 +22,37 @@ from colift.models import aerial_manipulator
 from colift.models.parameters import AerialManipulator, Team, agent_names
 from colift.models.state import AgentState, PayloadState, State, Wrench
 
-MAX_CONDITION = 1e12  # of an agent's contact admittance: beyond, contact forces have fewer than four digits
-# of an agent's grasp Jacobian; the reference agent has 13 at rest, 1e3 at 0.005 rad from straight down
+# Condition number of an agent's Delassus matrix; beyond it, contact forces have fewer than four accurate digits.
+MAX_CONDITION = 1e12
+# Condition number of an agent's grasp Jacobian. The reference agent has 13 at rest, and 1e3 if an arm is 0.005 rad from
+# pointing straight down.
 MAX_JACOBIAN_CONDITION = 1e3
 
 Contacts = Float[Array, "contacts 3"]
 
 
 def contact_points(team: Team) -> Contacts:
-    """Attachment points `c` of all contacts, payload frame, m, in the order groups, agents, arms."""
+    """Return the attachment points `c` of all contacts.
+
+    Args:
+        team: Team.
+
+    Returns:
+        Points in the payload frame [m].
+    """
     return jnp.concatenate([group.contact_position.reshape(-1, 3) for group in team.agent_groups])
 
 
 def contact_names(team: Team, names: Sequence[str] = ()) -> tuple[str, ...]:
-    """One label a contact, `<agent> arm <b>`, in the order of `contacts`."""
+    """Return one name per contact, `<agent> arm <b>`.
+
+    Args:
+        team: Team.
+        names: Names of the agents in team order; default: `agent 1`, `agent 2`, ...
+
+    Returns:
+        The names in the order of the contacts.
+    """
     arms = [group.tree.arms for size, group in zip(team.sizes, team.agent_groups, strict=True) for _ in range(size)]
     return tuple(
         f"{name} arm {b + 1}" for name, n in zip(agent_names(team, names), arms, strict=True) for b in range(n)
@@ -37,7 +60,15 @@ def contact_names(team: Team, names: Sequence[str] = ()) -> tuple[str, ...]:
 
 
 def split_contacts(team: Team, lam: Contacts) -> tuple[Float[Array, "_agents _arms 3"], ...]:
-    """One row a contact, cut into the groups' `(agents, arms, 3)`."""
+    """Split an array with one row per contact into one array per group.
+
+    Args:
+        team: Team.
+        lam: One row per contact, such as contact forces [N].
+
+    Returns:
+        One array per group.
+    """
     parts, start = [], 0
     for size, group in zip(team.sizes, team.agent_groups, strict=True):
         stop = start + size * group.tree.arms
@@ -47,26 +78,58 @@ def split_contacts(team: Team, lam: Contacts) -> tuple[Float[Array, "_agents _ar
 
 
 def stack_contacts(lam: tuple[Float[Array, "_agents _arms 3"], ...]) -> Contacts:
-    """The inverse of `split`."""
+    """Concatenate the arrays of the groups, the inverse of `split_contacts`.
+
+    Args:
+        lam: One array per group.
+
+    Returns:
+        One row per contact.
+    """
     return jnp.concatenate([part.reshape(-1, 3) for part in lam])
 
 
 def payload_wrench(c: Contacts, R: Float[Array, "3 3"], lam: Contacts) -> Wrench:
-    """`W = G lam`: `F = sum lam` in the world, `tau = sum c x R^T lam` in the payload frame (docs/errata.md, row 1)."""
+    """Compute the payload wrench `W = G lam` of contact forces (docs/errata.md, row 1).
+
+    `F = sum lam_b`, `tau = sum c_b x R^T lam_b`.
+
+    Args:
+        c: Attachment points, payload frame [m].
+        R: Attitude of the payload.
+        lam: Contact forces on the payload, world frame [N].
+
+    Returns:
+        Force, world frame [N], and moment, payload frame [N m].
+    """
     return Wrench(F=lam.sum(0), tau=so3.cross(c, lam @ R).sum(0))
 
 
 def grasp_matrix(c: Contacts, R: Float[Array, "3 3"]) -> Float[Array, "6 3*contacts"]:
-    """The grasp matrix `G = [I ...; hat(c) R^T ...]` with `W = G lam` (lam stacked)."""
+    """Compute the grasp matrix `G = [I ...; hat(c_b) R^T ...]`, which maps stacked contact forces to the wrench.
+
+    Args:
+        c: Attachment points, payload frame [m].
+        R: Attitude of the payload.
+
+    Returns:
+        The grasp matrix.
+    """
     moment = so3.hat(c) @ R.T[None]
     force = so3.identity((c.shape[0],))
     return jnp.concatenate([force, moment], axis=1).transpose(1, 0, 2).reshape(6, -1)
 
 
 def grasp_nullspace(c: np.ndarray) -> np.ndarray:
-    """An orthonormal basis of `ker G`, columns, at `R = I`: turned by R it is one at every attitude.
+    """Compute an orthonormal basis of the null space of the grasp matrix at `R = I` by singular value decomposition.
 
-    `c` holds the contacts by row. The basis comes from the singular value decomposition on the host.
+    The basis with each force rotated by R is a basis at attitude R. The function runs on the host.
+
+    Args:
+        c: Attachment points by row, payload frame [m].
+
+    Returns:
+        The basis vectors, internal forces, by column.
     """
     G = np.asarray(grasp_matrix(jnp.asarray(c), jnp.eye(3)))
     _, singular, Vt = np.linalg.svd(G)
@@ -77,7 +140,17 @@ def grasp_nullspace(c: np.ndarray) -> np.ndarray:
 def contact_error(
     agent: AerialManipulator, q: aerial_manipulator.CentroidalModel, state: AgentState, payload: PayloadState
 ) -> Float[Array, "arms 3"]:
-    """`R^T phi_b`: how far one agent's tips are from the payload's contacts, base frame, m (Eq. dae_constraints)."""
+    """Compute the position error `R^T phi_b` between the tips of an agent and its contacts (Eq. dae_constraints).
+
+    Args:
+        agent: Parameters of the agent.
+        q: Model of the agent at its joint positions.
+        state: State of the agent.
+        payload: State of the payload.
+
+    Returns:
+        Position errors, base frame [m].
+    """
     c = matvec(payload.R[None], agent.contact_position)
     return q.tip_from_com + matvec(state.R.T[None], (state.x - payload.p)[None] - c)
 
@@ -85,45 +158,83 @@ def contact_error(
 def contact_error_rate(
     agent: AerialManipulator, q: aerial_manipulator.CentroidalModel, state: AgentState, payload: PayloadState
 ) -> Float[Array, "arms 3"]:
-    """`R^T phi_b_dot = B_b xi + R^T (v - v_L - R_L (omega_L x c_b))`, base frame, m/s."""
+    """Compute the velocity error between the tips of an agent and its contacts.
+
+    `R^T phi_b_dot = B_b xi + R^T (v - v_L - R_L (omega_L x c_b))`.
+
+    Args:
+        agent: Parameters of the agent.
+        q: Model of the agent at its joint positions.
+        state: State of the agent.
+        payload: State of the payload.
+
+    Returns:
+        Velocity errors, base frame [m/s].
+    """
     xi = jnp.concatenate([state.omega, state.r_dot])
     c_dot = matvec(payload.R[None], so3.cross(payload.omega[None], agent.contact_position))
     return matvec(q.J_tip, xi[None]) + matvec(state.R.T[None], (state.v - payload.v)[None] - c_dot)
 
 
-Gap = Callable[
+ContactFunction = Callable[
     [AerialManipulator, aerial_manipulator.CentroidalModel, AgentState, PayloadState], Float[Array, "arms 3"]
 ]
 
 
 def constraint_residual(team: Team, state: State) -> Contacts:
-    """Constraint `phi_b = x + R rho_b(r) - (p + R_L c_b)` of every contact, world, m (Eq. dae_constraints)."""
-    return _of_team(contact_error, team, state)
+    """Compute the constraint residual `phi_b = x + R rho_b(r) - (p + R_L c_b)` (Eq. dae_constraints).
+
+    Args:
+        team: Team.
+        state: State of the team.
+
+    Returns:
+        Residual of each contact, world frame [m].
+    """
+    return _all_contacts(contact_error, team, state)
 
 
 def constraint_rate(team: Team, state: State) -> Contacts:
-    """Constraint velocity `v + R B_b xi - (v_L + R_L (omega_L x c_b))` of every contact, world, m/s."""
-    return _of_team(contact_error_rate, team, state)
+    """Compute the constraint velocity `v + R B_b xi - (v_L + R_L (omega_L x c_b))`.
+
+    Args:
+        team: Team.
+        state: State of the team.
+
+    Returns:
+        Velocity of each contact, world frame [m/s].
+    """
+    return _all_contacts(contact_error_rate, team, state)
 
 
-def _of_team(gap: Gap, team: Team, team_state: State) -> Contacts:
-    def of_one(agent: AerialManipulator, state: AgentState) -> Float[Array, "arms 3"]:
+def _all_contacts(contact_function: ContactFunction, team: Team, team_state: State) -> Contacts:
+    """Evaluate a function for every agent, rotate the results to the world frame and concatenate them."""
+
+    def one_agent(agent: AerialManipulator, state: AgentState) -> Float[Array, "arms 3"]:
         q = aerial_manipulator.centroidal_model(agent, aerial_manipulator.forward_kinematics(agent, state.r))
-        return matvec(state.R[None], gap(agent, q, state, team_state.payload))
+        return matvec(state.R[None], contact_function(agent, q, state, team_state.payload))
 
     return stack_contacts(
         tuple(
-            vmap_agents(of_one)(group, state) for group, state in zip(team.agent_groups, team_state.agents, strict=True)
+            vmap_agents(one_agent)(group, state)
+            for group, state in zip(team.agent_groups, team_state.agents, strict=True)
         )
     )
 
 
 def delassus_matrix(agent: AerialManipulator, r: Float[Array, "n_r"]) -> Float[Array, "forces forces"]:
-    """`S = A M^-1 A^T = 1/m + B M_bar^-1 B^T`, 1/kg: how contacts yield to contact forces; base frame, a function of r.
+    """Compute the Delassus matrix of an agent, `S = A M^-1 A^T = 1/m + B M_bar^-1 B^T`.
 
-    An agent flies freely, so whatever the payload can do to its contacts the agent can do as well: `ker S` lies in
-    `ker P^T`, and the team's `A M^-1 A^T` is invertible if and only if every agent's S is. Its smallest eigenvalue
-    is at least the smallest of theirs.
+    S maps contact forces to accelerations of the contacts. The matrix of the team is invertible if and only if S is
+    invertible for every agent, because each agent has a free base. The smallest eigenvalue of the team's matrix is at
+    least the smallest one of the agents.
+
+    Args:
+        agent: Parameters of the agent.
+        r: Joint positions [rad, m].
+
+    Returns:
+        The matrix, base frame [1/kg].
     """
     q = aerial_manipulator.centroidal_model(agent, aerial_manipulator.forward_kinematics(agent, r))
     n = agent.tree.arms
@@ -133,7 +244,15 @@ def delassus_matrix(agent: AerialManipulator, r: Float[Array, "n_r"]) -> Float[A
 
 
 def min_delassus_singular_value(team: Team, team_state: State) -> Float[Array, "agents"]:
-    """Smallest singular value of each agent's `admittance`, 1/kg: zero where its arms grasp redundantly or lock up."""
+    """Compute the smallest singular value of each agent's Delassus matrix; zero for a redundant or singular grasp.
+
+    Args:
+        team: Team.
+        team_state: State of the team.
+
+    Returns:
+        Singular values in team order [1/kg].
+    """
     return jnp.concatenate(
         [
             jnp.linalg.eigvalsh(jax.vmap(delassus_matrix)(group, state.r))[:, 0]
@@ -143,84 +262,133 @@ def min_delassus_singular_value(team: Team, team_state: State) -> Float[Array, "
 
 
 def describe_redundant_arms(S: np.ndarray) -> str:
-    """`arms 1 and 2 work against each other`: those that share in the force to which an `admittance` S yields least."""
+    """Describe the arms with a share in the contact force that accelerates the contacts least.
+
+    Args:
+        S: Delassus matrix of one agent [1/kg].
+
+    Returns:
+        A clause for messages, such as "the constraints of arms 1 and 2 are redundant".
+    """
     _, vectors = np.linalg.eigh(S)
     share = np.linalg.norm(vectors[:, 0].reshape(-1, 3), axis=1)
     arms = [str(b + 1) for b in range(len(share)) if share[b] > 0.1]
-    return f"arm {arms[0]} locks up" if len(arms) == 1 else f"arms {' and '.join(arms)} work against each other"
+    if len(arms) == 1:
+        return f"arm {arms[0]} is singular"
+    return f"the constraints of arms {' and '.join(arms)} are redundant"
 
 
 def check_grasp(team: Team, state: State, names: Sequence[str] = ()) -> float:
-    """Condition number of the team's `A M^-1 A^T` at z; on the host.
+    """Test whether contact forces are unique and compute the condition number of the team's `A M^-1 A^T`.
 
-    Raises `ValueError` where that exceeds `CONDITION_MAX`, which leaves contact forces undefined, with rank, condition
-    number and singular values, the agents at fault and the arms that work against each other.
+    Args:
+        team: Team.
+        state: State of the team.
+        names: Names of the agents in team order, for messages.
+
+    Returns:
+        The condition number.
+
+    Raises:
+        ValueError: If the Delassus matrix of an agent is singular, condition number above `MAX_CONDITION`. The message
+            contains agent, rank, condition number, singular values and redundant arms.
     """
     faults = []
     for name, agent, r, _ in iter_agents(team, state, names):
-        S = np.asarray(_admittance(agent, r))
+        S = np.asarray(_delassus_matrix(agent, r))
         values = np.linalg.eigvalsh(S)
         rank = int((values > values[-1] / MAX_CONDITION).sum())
         if rank < len(values):
             faults.append(
                 f"{name}: rank {rank} of {len(values)}, condition {values[-1] / max(values[0], 1e-300):.3g}, singular "
-                f"values {_listed(values[::-1])} 1/kg, {describe_redundant_arms(S)}"
-                + _too_few_joints(agent.tree.arms, agent.tree.joints)
+                f"values {_format_values(values[::-1])} 1/kg, {describe_redundant_arms(S)}"
+                + _describe_missing_joints(agent.tree.arms, agent.tree.joints)
             )
     if faults:
         raise ValueError("redundant or singular grasp, so contact forces are not unique. " + "; ".join(faults))
-    return float(np.linalg.cond(np.asarray(_team_admittance(team, state))))
+    return float(np.linalg.cond(np.asarray(_team_delassus_matrix(team, state))))
 
 
 def check_controllability(team: Team, state: State, names: Sequence[str] = ()) -> None:
-    """Raise `ValueError` unless every payload wrench and every agent's attitude can be commanded at z; on the host.
+    """Test whether every payload wrench and the attitude of every agent can be commanded.
 
-    The grasp matrix needs rank 6: three contacts that are not collinear. An agent needs `n_r >= 3 n - 3` joints and a
-    grasp Jacobian `[I, d rho / d r]` of rank 3 n, better conditioned than `JACOBIAN_CONDITION_MAX`, so that the
-    payload's motion and its attitude fix position and joints.
+    The grasp matrix must have rank 6, which requires three contacts that are not collinear. An agent with n arms must
+    have `n_r >= 3 n - 3` joints and a grasp Jacobian `[I, d rho / d r]` of rank 3 n with a condition number below
+    `MAX_JACOBIAN_CONDITION`. Then the motion of the payload and the attitude of the agent determine its position and
+    joints.
+
+    Args:
+        team: Team.
+        state: State of the team.
+        names: Names of the agents in team order, for messages.
+
+    Raises:
+        ValueError: If a condition is violated; the message contains rank, condition number and singular values.
     """
-    G = singular_values(team)
+    G = grasp_matrix_singular_values(team)
     rank = int((G[0] < 1e6 * G).sum())
     if rank < 6:
         raise ValueError(
             f"the grasp matrix of {', '.join(contact_names(team, names))} has rank {rank} of 6, condition "
-            f"{G[0] / max(G[-1], 1e-300):.3g}, singular values {_listed(G)}: "
-            "no force can turn the payload about every axis; use three contacts that are not collinear"
+            f"{G[0] / max(G[-1], 1e-300):.3g}, singular values {_format_values(G)}: "
+            "contact forces cannot generate every moment; use three contacts that are not collinear"
         )
     for name, agent, r, _ in iter_agents(team, state, names):
         n, n_r = agent.tree.arms, agent.tree.joints
         if n_r < 3 * n - 3:
             raise ValueError(
-                f"{name}: {n_r} joints for {n} arms, so its grasp Jacobian has rank {3 + n_r} of {3 * n} at most; its "
-                f"attitude is free only with {3 * n - 3} joints or more"
+                f"{name}: {n_r} joints for {n} arms limit the rank of its grasp Jacobian to {3 + n_r} of {3 * n}; its "
+                f"attitude can be commanded only with {3 * n - 3} joints or more"
             )
         J, _ = grasp_jacobian_svd(agent, r)
         if not J[-1] * MAX_JACOBIAN_CONDITION > J[0]:
             raise ValueError(
-                f"{name}: grasp Jacobian is nearly singular at joints {_listed(np.asarray(r))}: singular values "
-                f"{_listed(J)}, condition {J[0] / max(J[-1], 1e-300):.3g}, allowed {MAX_JACOBIAN_CONDITION:g}"
+                f"{name}: grasp Jacobian is nearly singular at joints {_format_values(np.asarray(r))}: singular values "
+                f"{_format_values(J)}, condition {J[0] / max(J[-1], 1e-300):.3g}, allowed {MAX_JACOBIAN_CONDITION:g}"
             )
 
 
-def singular_values(team: Team, length: float = 1.0) -> np.ndarray:
-    """`(6,)` of the grasp matrix at `R = I`, largest first; moments in units of `length`, m, times 1 N; on the host."""
+def grasp_matrix_singular_values(team: Team, length: float = 1.0) -> np.ndarray:
+    """Compute the six singular values of the grasp matrix at `R = I`, with scaled moments.
+
+    Args:
+        team: Team.
+        length: Unit of length of the moments [m].
+
+    Returns:
+        Singular values in descending order.
+    """
     scale = np.repeat([1.0, 1 / length], 3)[:, None]
-    return np.linalg.svd(scale * np.asarray(_matrix(team, np.eye(3))), compute_uv=False)
+    return np.linalg.svd(scale * np.asarray(_team_grasp_matrix(team, np.eye(3))), compute_uv=False)
 
 
 def grasp_jacobian_svd(agent: AerialManipulator, r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Singular values of the grasp Jacobian `[I, d rho / d r]`, largest first, and the `(n_r,)` share of every joint.
+    """Compute the singular value decomposition of the grasp Jacobian `[I, d rho / d r]` of an agent.
 
-    The share is of the motion that moves the contacts least; on the host.
+    Args:
+        agent: Parameters of the agent.
+        r: Joint positions [rad, m].
+
+    Returns:
+        Singular values in descending order, and the share of each joint in the motion that moves the contacts least.
     """
-    _, singular, Vt = np.linalg.svd(np.asarray(_jacobian(agent, r)))
+    _, singular, Vt = np.linalg.svd(np.asarray(_grasp_jacobian(agent, r)))
     return singular, np.abs(Vt[len(singular) - 1, 3:])
 
 
 def iter_agents(
     team: Team, team_state: State, names: Sequence[str]
 ) -> Iterator[tuple[str, AerialManipulator, np.ndarray, np.ndarray]]:
-    """Name, parameters, joints and attitude of every agent, in team order."""
+    """Iterate over the agents in team order.
+
+    Args:
+        team: Team.
+        team_state: State of the team.
+        names: Names of the agents in team order; empty for default names.
+
+    Yields:
+        Name, parameters, joint positions [rad, m] and attitude.
+    """
     name = iter(agent_names(team, names))
     for group, state in zip(team.agent_groups, team_state.agents, strict=True):
         for j in range(state.r.shape[0]):
@@ -228,34 +396,38 @@ def iter_agents(
             yield next(name), own, q.r, q.R
 
 
-def _too_few_joints(arms: int, joints: int) -> str:
+def _describe_missing_joints(arms: int, joints: int) -> str:
+    """Describe a lack of joints for the fixed distances between contacts; "" if there are enough."""
     fixed = {1: 0, 2: 1}.get(arms, 3 * arms - 6)
     if joints >= fixed:
         return ""
-    return f" (the payload fixes {fixed} distances between its {arms} contacts; its {joints} joints cannot follow)"
+    return f" (the payload fixes {fixed} distances between its {arms} contacts; {joints} joints are too few)"
 
 
-def _listed(values: np.ndarray) -> str:
+def _format_values(values: np.ndarray) -> str:
+    """Format numbers with three digits."""
     return ", ".join(f"{value:.3g}" for value in values)
 
 
 @jax.jit
-def _jacobian(agent: AerialManipulator, r: Float[Array, "n_r"]) -> Float[Array, "forces free"]:
-    """`[I, d rho / d r]` of an agent's contacts."""
+def _grasp_jacobian(agent: AerialManipulator, r: Float[Array, "n_r"]) -> Float[Array, "forces free"]:
+    """Compute the grasp Jacobian `[I, d rho / d r]` of an agent."""
     n = agent.tree.arms
     B = aerial_manipulator.centroidal_model(agent, aerial_manipulator.forward_kinematics(agent, r)).J_tip[:, :, 3:]
     return jnp.concatenate([jnp.tile(jnp.eye(3), (n, 1)), B.reshape(3 * n, -1)], axis=1)
 
 
-_admittance = jax.jit(delassus_matrix)
-_matrix = jax.jit(lambda team, R: grasp_matrix(contact_points(team), R))
+_delassus_matrix = jax.jit(delassus_matrix)
+_team_grasp_matrix = jax.jit(lambda team, R: grasp_matrix(contact_points(team), R))
 
 
-def _team_admittance(team: Team, state: State) -> np.ndarray:
-    """`A M^-1 A^T` of the whole team, 1/kg, in the frame of each contact's base."""
-    blocks = [(np.asarray(_admittance(agent, r)), np.asarray(R)) for _, agent, r, R in iter_agents(team, state, ())]
+def _team_delassus_matrix(team: Team, state: State) -> np.ndarray:
+    """Compute `A M^-1 A^T` of the team [1/kg]; each contact is expressed in the base frame of its agent."""
+    blocks = [
+        (np.asarray(_delassus_matrix(agent, r)), np.asarray(R)) for _, agent, r, R in iter_agents(team, state, ())
+    ]
     arms = [len(S) // 3 for S, _ in blocks]
-    G = np.asarray(_matrix(team, state.payload.R)).reshape(6, -1, 3)
+    G = np.asarray(_team_grasp_matrix(team, state.payload.R)).reshape(6, -1, 3)
     turn = np.repeat(np.array([R for _, R in blocks]), arms, axis=0)
     P = np.einsum("gci,cik->gck", G, turn).reshape(6, -1).T
     M_L = _block_diagonal([float(team.payload.mass) * np.eye(3), np.asarray(team.payload.inertia)])
@@ -263,9 +435,9 @@ def _team_admittance(team: Team, state: State) -> np.ndarray:
 
 
 def _block_diagonal(blocks: Sequence[np.ndarray]) -> np.ndarray:
-    """Square blocks along the diagonal (SciPy has it too, and takes 0.2 s to import)."""
+    """Place square blocks on the diagonal; the import of the SciPy equivalent takes 0.2 s."""
     ends = np.cumsum([len(block) for block in blocks])
-    whole = np.zeros((ends[-1], ends[-1]))
+    matrix = np.zeros((ends[-1], ends[-1]))
     for block, end in zip(blocks, ends, strict=True):
-        whole[end - len(block) : end, end - len(block) : end] = block
-    return whole
+        matrix[end - len(block) : end, end - len(block) : end] = block
+    return matrix

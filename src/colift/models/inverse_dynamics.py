@@ -1,6 +1,6 @@
-"""The equations of motion, backwards: what must act on payload and agents for them to accelerate in a certain way.
+"""Inverse dynamics: forces on payload and agents for given accelerations.
 
-Labels, commands and the residuals of a log are all read off here: known forces on one side, the rest on the other.
+Labels, commands and the residuals of a log are differences between these forces and the known ones.
 """
 
 from __future__ import annotations
@@ -15,42 +15,75 @@ from colift.models.state import AgentState, Wrench
 
 
 def payload_inverse_dynamics(
-    payload_model: Payload, specific: Float[Array, "3"], alpha: Float[Array, "3"], omega: Float[Array, "3"]
+    payload_model: Payload, specific_force: Float[Array, "3"], alpha: Float[Array, "3"], omega: Float[Array, "3"]
 ) -> Wrench:
-    """`F = m_L (v_dot - a_g)`, `tau = J_L w_dot + w x J_L w` (Eq. dae_payload): all that acts besides gravity.
+    """Compute the wrench of all forces on the payload except gravity (Eq. dae_payload).
 
-    specific: `v_dot - a_g`, m/s^2, world; alpha: `w_dot`, rad/s^2, and omega, rad/s, payload frame.
+    `F = m_L (v_dot - a_g)`, `tau = J_L w_dot + w x J_L w`.
+
+    Args:
+        payload_model: Parameters of the payload.
+        specific_force: `v_dot - a_g`, world frame [m/s^2].
+        alpha: Angular acceleration `w_dot`, payload frame [rad/s^2].
+        omega: Angular velocity `w`, payload frame [rad/s].
+
+    Returns:
+        The wrench [N, N m].
     """
     J = payload_model.inertia
-    return Wrench(F=payload_model.mass * specific, tau=matvec(J, alpha) + so3.cross(omega, matvec(J, omega)))
+    return Wrench(F=payload_model.mass * specific_force, tau=matvec(J, alpha) + so3.cross(omega, matvec(J, omega)))
 
 
 def agent_inverse_dynamics(
     agent: AerialManipulator,
     q: AgentState,
-    specific: Float[Array, "3"],
+    specific_force: Float[Array, "3"],
     xi_dot: Float[Array, "xi"],
     lam: Float[Array, "arms 3"],
 ) -> tuple[Float[Array, "3"], Float[Array, "xi"], Float[Array, "xi"]]:
-    """`m (v_dot - a_g) + sum lam`, world, and `M_bar xi_dot + h + sum B_b^T R^T lam_b` (Eq. dae_agent_*).
+    """Compute the generalized forces of inputs and residual on an agent (Eq. dae_agent_*).
 
-    Thrust and torques give `u R e_3` and `u B_0^T e_3 + (tau, tau_r)` of it, the unknown the rest; third, `B_0^T e_3`.
-    specific: `v_dot - a_g`, m/s^2, world; lam: N, on the payload, world.
+    The forces are `m (v_dot - a_g) + sum lam_b` on the center of mass and
+    `M_bar xi_dot + h + sum B_b^T R^T lam_b` on `(mu, nu)`. The inputs contribute `u R e_3` and
+    `u B_0^T e_3 + (tau, tau_r)`; the remainder is the residual.
+
+    Args:
+        agent: Parameters of the agent.
+        q: State of the agent.
+        specific_force: `v_dot - a_g` of the center of mass, world frame [m/s^2].
+        xi_dot: `(w_dot, r_ddot)`, body frame [rad/s^2, m/s^2].
+        lam: Contact forces on the payload, world frame [N].
+
+    Returns:
+        The force on the center of mass, world frame [N]; the force on `(mu, nu)` [N m, N]; and `B_0^T e_3`, the
+        direction of the thrust in `(mu, nu)` [m].
     """
     g = aerial_manipulator.forward_kinematics(agent, q.r)
     p = aerial_manipulator.centroidal_model(agent, g)
     h, _ = aerial_manipulator.bias_forces(agent, g, p, q.omega, q.r_dot)
-    return agent_inverse_dynamics_reduced(p, h, q, specific, xi_dot, lam)
+    return agent_inverse_dynamics_reduced(p, h, q, specific_force, xi_dot, lam)
 
 
 def agent_inverse_dynamics_reduced(
     p: aerial_manipulator.CentroidalModel,
     h: Float[Array, "xi"],
     q: AgentState,
-    specific: Float[Array, "3"],
+    specific_force: Float[Array, "3"],
     xi_dot: Float[Array, "xi"],
     lam: Float[Array, "arms 3"],
 ) -> tuple[Float[Array, "3"], Float[Array, "xi"], Float[Array, "xi"]]:
-    """As `agent`, where the reduced model p and the bias h are known already."""
-    pull = (lam @ q.R).reshape(-1) @ p.J_tip.reshape(3 * lam.shape[0], -1)
-    return p.mass * specific + lam.sum(0), p.M_bar @ xi_dot + h + pull, p.J_base[2]
+    """Compute `agent_inverse_dynamics` from an evaluated model.
+
+    Args:
+        p: Model of the agent at its joint positions.
+        h: Bias forces on `(mu, nu)` [N m, N].
+        q: State of the agent.
+        specific_force: `v_dot - a_g` of the center of mass, world frame [m/s^2].
+        xi_dot: `(w_dot, r_ddot)`, body frame [rad/s^2, m/s^2].
+        lam: Contact forces on the payload, world frame [N].
+
+    Returns:
+        The results of `agent_inverse_dynamics`.
+    """
+    contact = (lam @ q.R).reshape(-1) @ p.J_tip.reshape(3 * lam.shape[0], -1)
+    return p.mass * specific_force + lam.sum(0), p.M_bar @ xi_dot + h + contact, p.J_base[2]

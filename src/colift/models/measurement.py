@@ -1,11 +1,10 @@
-"""What sensors say: all that what flies ever sees of the truth."""
+"""Sensor readings, the only information about the plant that the controller receives."""
 
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
 
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, PyTree
 
 from colift.math.pytree import pytree
 from colift.models.state import ResidualForces, State
@@ -13,33 +12,37 @@ from colift.models.state import ResidualForces, State
 
 @pytree
 class AgentReading:
-    """One agent's sensors: pose and twist of the base, accelerometer at its origin, encoders, tip forces."""
+    """Readings of an agent: pose and twist of the base, accelerometer at its origin, encoders, tip force sensors."""
 
-    R: Float[Array, "*agents 3 3"]  # base attitude
+    R: Float[Array, "*agents 3 3"]  # base attitude, body to world
     x: Float[Array, "*agents 3"]  # m, base origin, world
     v: Float[Array, "*agents 3"]  # m/s, base origin, world
     omega: Float[Array, "*agents 3"]  # rad/s, base frame
     a: Float[Array, "*agents 3"]  # m/s^2, specific force at the base origin, base frame
-    r: Float[Array, "*agents n_r"]  # rad or m
-    lam: Float[Array, "*agents arms 3"]  # N, force on the payload, in the tip body's frame
+    r: Float[Array, "*agents n_r"]  # rad or m, joint positions
+    lam: Float[Array, "*agents arms 3"]  # N, force on the payload, frame of the tip body
 
 
 @pytree
 class PayloadReading:
-    """The payload's sensors: pose, twist, accelerometer at the centre of mass."""
+    """Readings of the payload: pose, twist, accelerometer at the center of mass."""
 
-    R: Float[Array, "3 3"]
-    p: Float[Array, "3"]  # m
-    v: Float[Array, "3"]  # m/s
+    R: Float[Array, "3 3"]  # payload attitude, payload frame to world
+    p: Float[Array, "3"]  # m, center of mass, world
+    v: Float[Array, "3"]  # m/s, world
     omega: Float[Array, "3"]  # rad/s, payload frame
     a: Float[Array, "3"]  # m/s^2, specific force, payload frame
 
 
 @pytree
 class RigReading:
-    """What a calibration rig reports: the state it holds the team in, and the residual there with bounded noise.
+    """Readings of a calibration rig: a prescribed state and its residual with bounded noise.
 
-    No flying team has one. It is for studies whose labels must obey a stated bound.
+    A rig exists in studies only, to obtain labels with a stated error bound.
+
+    Attributes:
+        z: State in which the rig holds the team.
+        f: Residual forces in that state, with noise.
     """
 
     z: State
@@ -48,10 +51,18 @@ class RigReading:
 
 @pytree
 class Measurement:
-    """Everything the flying software sees in one tick; what a world has no sensor for is None, and not there."""
+    """Readings of all sensors in one control period.
+
+    Attributes:
+        agents: Readings of the agents, by group.
+        payload: Readings of the payload.
+        rig: Readings of a calibration rig; None without one.
+        measurement_age_s: Age of each reading that is held between samples [s], by name.
+        extra: Readings of user-defined sensors, by name; each is a PyTree of arrays.
+    """
 
     agents: tuple[AgentReading, ...]
     payload: PayloadReading
     rig: RigReading | None = None
-    age_s: dict[str, Float[Array, ""]] = dataclasses.field(default_factory=dict)  # of readings that are held, by name
-    extra: dict[str, Any] = dataclasses.field(default_factory=dict)  # what sensors of your own say, by name
+    measurement_age_s: dict[str, Float[Array, ""]] = dataclasses.field(default_factory=dict)
+    extra: dict[str, PyTree] = dataclasses.field(default_factory=dict)

@@ -1,10 +1,15 @@
-"""A team in a state as an MJCF document, the XML that MuJoCo reads; MuJoCo is not needed to write it.
+"""Export of a team as an MJCF document, the XML format of MuJoCo; MuJoCo is not required.
 
-Payload and bases are free bodies, joints hinges and slides; a contact is a `connect` constraint between a site of the
-payload and one of the tip's body. Nothing else touches: geoms are for the eye. MuJoCo has no rigid constraint. Its
-contact forces obey `(A + S) lam = a_ref - a_0`: `A = J M^-1 J^T`, `a_0` how the ends of the contacts part without them,
-`a_ref = -2 r_dot / (d T) - r / (d T)^2` the pull back from a gap r, and `S = (1 - d) / d` of about the diagonal of A is
-the softness. T and d are the first numbers of `solref` and `solimp`; T to 0 and d to 1 is rigid (docs/decisions/0025).
+Payload and bases are free bodies; joints are hinges and slides. A contact is a `connect` constraint between a site of
+the payload and a site of the tip body. Geoms are for display only and do not collide.
+
+MuJoCo's constraints are soft. The contact forces satisfy `(A + S) lam = a_ref - a_0`, where `A = J M^-1 J^T`, `a_0` is
+the relative acceleration at the contacts without contact forces, and `a_ref = -2 r_dot / (d T) - r / (d T)^2` is the
+stabilization of a position error r. The softness S is about `(1 - d) / d` times the diagonal of A. T and d are the
+first parameters of `solref` and `solimp`; the constraint is rigid in the limit T to 0, d to 1.
+
+See Also:
+    docs/decisions/0025-contact-settings-of-the-mujoco-plant.md: the reasons for the settings.
 """
 
 from __future__ import annotations
@@ -25,9 +30,9 @@ from colift.models.parameters import AerialManipulator, KinematicTree, Team, age
 from colift.models.state import AgentState, State
 
 TIMESTEP = 5e-4  # s
-IMPEDANCE = 0.9999  # d: the largest that MuJoCo takes
-MIN_ARM_LENGTH = 1e-3  # m, arm that is shown
-ROTORS = ((1, 1), (1, -1), (-1, 1), (-1, -1))  # corners of a base that carry one, for the eye
+IMPEDANCE = 0.9999  # d, the maximum in MuJoCo
+MIN_ARM_LENGTH = 1e-3  # m, shorter arms are not displayed
+ROTORS = ((1, 1), (1, -1), (-1, 1), (-1, -1))  # signs of the corners of the base, for display
 
 
 Numbers = np.ndarray | jax.Array
@@ -35,14 +40,26 @@ Scalar = float | jax.Array
 
 
 class ContactSoftness(NamedTuple):
-    """How far a contact is from rigid."""
+    """Softness of contact constraints.
 
-    time_constant: float  # s, T; MuJoCo raises it to two timesteps where it is less
-    impedance: float = IMPEDANCE  # d
+    Attributes:
+        time_constant: T [s]; MuJoCo uses at least two timesteps.
+        impedance: d, in (0, 1).
+    """
+
+    time_constant: float
+    impedance: float = IMPEDANCE
 
 
 def stiffest_contact(timestep: float) -> ContactSoftness:
-    """The least softness that MuJoCo has at a timestep, s."""
+    """Return the stiffest contact that MuJoCo supports.
+
+    Args:
+        timestep: Timestep of MuJoCo [s].
+
+    Returns:
+        The softness.
+    """
     return ContactSoftness(time_constant=2 * timestep)
 
 
@@ -50,7 +67,7 @@ RIGID = stiffest_contact(TIMESTEP)
 
 
 class _Part(NamedTuple):
-    """One agent with what it is called."""
+    """One agent and the names of its elements."""
 
     name: str
     agent: AerialManipulator
@@ -60,7 +77,15 @@ class _Part(NamedTuple):
 
 
 def joint_names(team: Team, names: Sequence[str] = ()) -> tuple[str, ...]:
-    """One name a joint, `<agent>/joint <k>`, in team order."""
+    """Return one name per joint, `<agent>/joint <k>`, in team order.
+
+    Args:
+        team: Team.
+        names: Names of the agents in team order; default: `agent 1`, `agent 2`, ...
+
+    Returns:
+        The names.
+    """
     counts = [group.tree.joints for size, group in zip(team.sizes, team.agent_groups, strict=True) for _ in range(size)]
     each = zip(agent_names(team, names), counts, strict=True)
     return tuple(f"{name}/joint {k + 1}" for name, n in each for k in range(n))
@@ -75,10 +100,23 @@ def to_mjcf(
     timestep: float = TIMESTEP,
     softness: ContactSoftness = RIGID,
 ) -> str:
-    """The team as MJCF, its state the keyframe `start`; names in team order, by default those of `model` and `grasp`.
+    """Write a team as an MJCF document; the state is the keyframe `start`.
 
-    Actuators: `<agent> thrust` (N, along the base's third axis), `<agent> torque x` to `z` (N m, base frame), and one
-    a joint. Quantities are SI, angles in radians. Raises ValueError unless there are as many names as there are things.
+    The actuators of an agent are `<agent> thrust` (N, along the third axis of the base), `<agent> torque x`, `y` and
+    `z` (N m, base frame), and one per joint with the name of the joint. All quantities are in SI units and radians. A
+    wrong number of names raises `ValueError`.
+
+    Args:
+        team: Team.
+        state: State of the team.
+        names: Names of the agents in team order; default: `parameters.agent_names`.
+        joints: Names of the joints in team order; default: `joint_names`.
+        contacts: Names of the contacts in team order; default: `grasp.contact_names`.
+        timestep: Timestep of MuJoCo [s].
+        softness: Softness of the contacts.
+
+    Returns:
+        The XML document.
     """
     parts = tuple(_parts(team, state, names, joints, contacts))
     root = Element("mujoco", model="colift")
@@ -105,27 +143,29 @@ def to_mjcf(
 def _parts(
     team: Team, team_state: State, names: Sequence[str], joints: Sequence[str], contacts: Sequence[str]
 ) -> Iterator[_Part]:
-    """Every agent, its joints and contacts named."""
+    """Iterate over the agents with the names of their joints and contacts."""
     name = iter(agent_names(team, names))
-    of_joints = iter(_named("joints", joints, joint_names(team, names)))
-    of_contacts = iter(_named("contacts", contacts, grasp.contact_names(team, names)))
+    remaining_joints = iter(_names_or_default("joints", joints, joint_names(team, names)))
+    remaining_contacts = iter(_names_or_default("contacts", contacts, grasp.contact_names(team, names)))
     for group, state in zip(team.agent_groups, team_state.agents, strict=True):
         for j in range(len(state.r)):
             agent, q = jax.tree.map(lambda x, j=j: np.asarray(x)[j], (group, state))
-            moving = tuple(itertools.islice(of_joints, agent.tree.joints))
-            yield _Part(next(name), agent, q, moving, tuple(itertools.islice(of_contacts, agent.tree.arms)))
+            moving = tuple(itertools.islice(remaining_joints, agent.tree.joints))
+            yield _Part(next(name), agent, q, moving, tuple(itertools.islice(remaining_contacts, agent.tree.arms)))
 
 
-def _named(what: str, given: Sequence[str], default: tuple[str, ...]) -> Sequence[str]:
-    if given and len(given) != len(default):
-        raise ValueError(f"{what}: {len(given)} given for {len(default)}: {list(given)}")
-    return given or default
+def _names_or_default(kind: str, names: Sequence[str], default: tuple[str, ...]) -> Sequence[str]:
+    """Return the given names, or the default names if there are none."""
+    if names and len(names) != len(default):
+        raise ValueError(f"{kind}: {len(names)} given for {len(default)}: {list(names)}")
+    return names or default
 
 
 # Bodies ---------------------------------------------------------------------------------------------------------------
 
 
 def _add_bodies(world: Element, team: Team, state: State, parts: tuple[_Part, ...]) -> None:
+    """Add payload and agents to the world."""
     mass, inertia = float(team.payload.mass), np.asarray(team.payload.inertia)
     body = SubElement(world, "body", name="payload", pos=_text(state.payload.p), quat=_quaternion(state.payload.R))
     SubElement(body, "freejoint", name="payload")
@@ -139,7 +179,7 @@ def _add_bodies(world: Element, team: Team, state: State, parts: tuple[_Part, ..
 
 
 def _add_agent(world: Element, part: _Part) -> None:
-    """A base on a free joint, with its rotors, and what it carries."""
+    """Add the base of an agent on a free joint, its rotors, and the bodies of its arms."""
     origin, _ = _base(part)
     base = SubElement(world, "body", name=part.name, pos=_text(origin), quat=_quaternion(part.state.R))
     SubElement(base, "freejoint", name=part.name)
@@ -153,7 +193,7 @@ def _add_agent(world: Element, part: _Part) -> None:
 
 
 def _fill(body: Element, part: _Part, i: int) -> None:
-    """Inertia, arms and tips of body i, then the bodies that hang on it."""
+    """Add inertia, arms and tips of body i, then its child bodies."""
     agent, tree = part.agent, part.agent.tree
     carried = [k for k, parent in enumerate(tree.parents) if parent == i]
     tips = [b for b, tip in enumerate(tree.tip_bodies) if tip == i]
@@ -172,7 +212,7 @@ def _fill(body: Element, part: _Part, i: int) -> None:
 
 
 def _depth_first(tree: KinematicTree) -> list[int]:
-    """Joints in the order in which MuJoCo counts them: with each, all that hang on it before its next sibling."""
+    """Return the joints in the order of MuJoCo, a depth-first traversal of the tree."""
 
     def below(body: int) -> Iterator[int]:
         for k, parent in enumerate(tree.parents):
@@ -184,31 +224,40 @@ def _depth_first(tree: KinematicTree) -> list[int]:
 
 
 def _add_inertia(body: Element, mass: Scalar, com: Numbers, J: Numbers) -> None:
+    """Add mass, center of mass and inertia to a body."""
     full = [J[0, 0], J[1, 1], J[2, 2], J[0, 1], J[0, 2], J[1, 2]]
     SubElement(body, "inertial", pos=_text(com), mass=_text(mass), fullinertia=_text(full))
 
 
 def _add_box(body: Element, mass: Scalar, com: Numbers, inertia: Numbers) -> np.ndarray:
-    """A box with the body's inertia; half of what it spans, m."""
+    """Add a box with the inertia of a body; return half of its extent along the body axes [m]."""
     half, axes = inertia_box(mass, inertia)
     SubElement(body, "geom", type="box", pos=_text(com), quat=_quaternion(axes), size=_text(half))
     return np.abs(axes @ half)
 
 
 def inertia_box(mass: Scalar, inertia: Numbers) -> tuple[np.ndarray, np.ndarray]:
-    """The box with a body's mass, kg, and inertia, kg m^2: half its edges, m, and its axes by column, body's frame.
+    """Compute the homogeneous box with a given mass and inertia, for display.
 
-    `a^2 = 3 (J_b + J_c - J_a) / 2 m`; no edge is shorter than 2 mm.
+    Half the edge along axis a is `sqrt(3 (J_b + J_c - J_a) / (2 m))`, and at least 1 mm.
+
+    Args:
+        mass: Mass m [kg].
+        inertia: Inertia about the center of mass, body frame [kg m^2].
+
+    Returns:
+        Half the edges [m], and the axes of the box by column, body frame.
     """
     J, axes = np.linalg.eigh(inertia)
     axes[:, 0] *= np.linalg.det(axes)
     return np.sqrt(np.maximum(1.5 * (J.sum() - 2 * J) / mass, 1e-6)), axes
 
 
-# The rest -------------------------------------------------------------------------------------------------------------
+# Actuators and coordinates --------------------------------------------------------------------------------------------
 
 
 def _add_actuators(actuator: Element, parts: tuple[_Part, ...]) -> None:
+    """Add the motors of thrust, torque and joints."""
     for part in parts:
         thrust = SubElement(actuator, "motor", name=f"{part.name} thrust", site=part.name, gear="0 0 1 0 0 0")
         thrust.attrib |= {"ctrllimited": "true", "ctrlrange": _text([0, part.agent.thrust_max])}
@@ -220,7 +269,7 @@ def _add_actuators(actuator: Element, parts: tuple[_Part, ...]) -> None:
 
 
 def _coordinates(state: State, parts: tuple[_Part, ...]) -> tuple[list[float], list[float]]:
-    """`qpos` and `qvel` of MuJoCo: of a free body position, quaternion, velocity in the world, rate in the body."""
+    """Return `qpos` and `qvel` of MuJoCo; free bodies have world velocities and body rates."""
     q = jax.tree.map(np.asarray, state.payload)
     qpos, qvel = [*q.p, *_wxyz(q.R)], [*q.v, *q.omega]
     for part in parts:
@@ -232,25 +281,28 @@ def _coordinates(state: State, parts: tuple[_Part, ...]) -> tuple[list[float], l
 
 
 def _base(part: _Part) -> tuple[np.ndarray, np.ndarray]:
-    """Position, m, and velocity, m/s, of the base's origin: `x - R s`, `v + R B xi`."""
+    """Compute position [m] and velocity [m/s] of the base origin, world frame: `x - R s`, `v + R B xi`."""
     origin, velocity = _origin(part.agent, part.state)
     return np.asarray(origin), np.asarray(velocity)
 
 
 @jax.jit
 def _origin(agent: AerialManipulator, q: AgentState) -> tuple[jax.Array, jax.Array]:
+    """Compute position and velocity of the base origin, see `_base`."""
     p = aerial_manipulator.centroidal_model(agent, aerial_manipulator.forward_kinematics(agent, q.r))
     return q.x - q.R @ p.com_from_base, q.v + q.R @ (p.J_base @ jnp.concatenate([q.omega, q.r_dot]))
 
 
 def _wxyz(R: Numbers) -> np.ndarray:
+    """Convert a rotation matrix to a quaternion, scalar first."""
     return Rotation.from_matrix(np.asarray(R)).as_quat(scalar_first=True)
 
 
 def _quaternion(R: Numbers) -> str:
+    """Format the quaternion of a rotation matrix."""
     return _text(_wxyz(R))
 
 
 def _text(numbers: object) -> str:
-    """Numbers with all their digits."""
+    """Format numbers with all digits."""
     return " ".join(repr(float(x)) for x in np.atleast_1d(np.asarray(numbers, dtype=float)))

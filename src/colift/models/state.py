@@ -1,9 +1,7 @@
-"""The nouns: parameters and states of a team, as immutable PyTrees.
+"""States, inputs and forces of a team as immutable PyTrees.
 
-Frames: world unless the name says otherwise; body rates are in the body's own frame. Agents that share a
-`Tree` (joints and arms, not numbers) are stacked on a leading `agents` axis in one group; a team is a tuple
-of such groups, so unlike agents need no padding. Two values of one type `Team` exist in a run: the truth,
-which the plant integrates, and the nominal one, which flies.
+Agents of a group are stacked on a leading `agents` axis, see `colift.models.parameters`. Quantities are expressed in the
+world frame unless stated otherwise; body rates and torques are in the body frame.
 """
 
 from __future__ import annotations
@@ -20,29 +18,34 @@ from colift.models.parameters import Team
 
 @pytree
 class AgentState:
-    """`q_bar = (R, x, r, omega, v, r_dot)` of one agent, or of a group on a leading axis."""
+    """State `q_bar = (R, x, r, omega, v, r_dot)` of one agent, or of a group with a leading `agents` axis."""
 
     R: Float[Array, "*agents 3 3"]  # base attitude, body to world
-    x: Float[Array, "*agents 3"]  # m, centre of mass of the whole agent
-    r: Float[Array, "*agents n_r"]  # rad or m
+    x: Float[Array, "*agents 3"]  # m, center of mass of the agent
+    r: Float[Array, "*agents n_r"]  # rad or m, joint positions
     omega: Float[Array, "*agents 3"]  # rad/s, body frame
-    v: Float[Array, "*agents 3"]  # m/s, velocity of the centre of mass
-    r_dot: Float[Array, "*agents n_r"]  # rad/s or m/s
+    v: Float[Array, "*agents 3"]  # m/s, velocity of the center of mass
+    r_dot: Float[Array, "*agents n_r"]  # rad/s or m/s, joint velocities
 
 
 @pytree
 class PayloadState:
-    """`q_L = (p, v, R, omega)` of the payload."""
+    """State `q_L = (p, v, R, omega)` of the payload."""
 
-    R: Float[Array, "3 3"]
-    p: Float[Array, "3"]  # m
+    R: Float[Array, "3 3"]  # payload attitude, payload frame to world
+    p: Float[Array, "3"]  # m, center of mass
     omega: Float[Array, "3"]  # rad/s, payload frame
-    v: Float[Array, "3"]  # m/s
+    v: Float[Array, "3"]  # m/s, velocity of the center of mass
 
 
 @pytree
 class State:
-    """The differential state z: 12 (N + 1) + 2 N n_r numbers on the grasp's manifold."""
+    """State z of the team, `12 (N + 1) + 2 N n_r` numbers for N agents; it satisfies the contact constraints.
+
+    Attributes:
+        agents: States of the agents, by group.
+        payload: State of the payload.
+    """
 
     agents: tuple[AgentState, ...]
     payload: PayloadState
@@ -50,24 +53,24 @@ class State:
 
 @pytree
 class ControlClock:
-    """The time of a tick, and how long one lasts: one clock for a whole flight."""
+    """Time and length of a control period."""
 
-    t: Float[Array, ""]  # s
-    dt: Float[Array, ""]  # s
+    t: Float[Array, ""]  # s, time since the start
+    dt: Float[Array, ""]  # s, control period
 
 
 @pytree
 class AgentInput:
-    """What an agent commands: thrust along `R e_3`, body torque, joint torques or forces."""
+    """Inputs of an agent: thrust along `R e_3`, body torque, joint torques or forces."""
 
-    u: Float[Array, "*agents"]  # N
+    u: Float[Array, "*agents"]  # N, thrust
     tau: Float[Array, "*agents 3"]  # N m, body frame
-    tau_r: Float[Array, "*agents n_r"]  # N m or N
+    tau_r: Float[Array, "*agents n_r"]  # N m or N, joint torques or forces
 
 
 @pytree
 class GeneralizedForce:
-    """A generalized force on one agent: `f_x` on its centre of mass, `(f_w, f_r)` on `(mu, nu)`."""
+    """Generalized force on an agent: `f_x` on the center of mass, `(f_w, f_r)` on the momenta `(mu, nu)`."""
 
     f_x: Float[Array, "*agents 3"]  # N, world
     f_w: Float[Array, "*agents 3"]  # N m, body frame
@@ -76,7 +79,7 @@ class GeneralizedForce:
 
 @pytree
 class Wrench:
-    """A force in the world frame and a moment in the payload frame, on the payload."""
+    """Wrench on the payload: force in the world frame, moment about the center of mass in the payload frame."""
 
     F: Float[Array, "3"]  # N, world
     tau: Float[Array, "3"]  # N m, payload frame
@@ -84,40 +87,82 @@ class Wrench:
 
 @pytree
 class ResidualForces:
-    """The unknown `f_uk` of agents and payload, or an estimate of it."""
+    """Residual forces `f_uk`, which the nominal equations do not contain, or an estimate of them.
+
+    Attributes:
+        agents: Generalized forces on the agents, by group.
+        payload: Wrench on the payload.
+    """
 
     agents: tuple[GeneralizedForce, ...]
     payload: Wrench
 
 
 TeamInputs = tuple[AgentInput, ...]
-"""What acts on the agents or is asked of them, by group."""
+"""Inputs of all agents, by group."""
 ResidualFunctionType = Callable[[State, Float[Array, ""]], ResidualForces]
-"""The residual of a state and of the time since a step began, s."""
+"""Function that returns the residual forces for a state and the time since the start of the step [s]."""
 
 
 def flatten_agent_state(q: AgentState) -> Float[Array, "inputs"]:
-    """`vec(R), x, r, omega, v, r_dot`: the inputs of an agent's learned map (Eq. dataset_agent_online)."""
+    """Concatenate the state of an agent, the input of its residual model (Eq. dataset_agent_online).
+
+    Args:
+        q: State of one agent.
+
+    Returns:
+        `vec(R), x, r, omega, v, r_dot`.
+    """
     return jnp.concatenate([q.R.reshape(9), q.x, q.r, q.omega, q.v, q.r_dot])
 
 
 def flatten_payload_state(q: PayloadState, a: Float[Array, "6"]) -> Float[Array, "24"]:
-    """`p, v, vec(R), omega`, the payload's state (Eq. dataset_payload_online), then `(v_dot - a_g, w_dot)`."""
+    """Concatenate the state and the acceleration of the payload (Eq. dataset_payload_online).
+
+    Args:
+        q: State of the payload.
+        a: `v_dot - a_g`, world frame, and `w_dot`, payload frame [m/s^2, rad/s^2].
+
+    Returns:
+        `p, v, vec(R), omega, a`.
+    """
     return jnp.concatenate([q.p, q.v, q.R.reshape(9), q.omega, a])
 
 
 def split_agent_force(y: Float[Array, "agents outputs"]) -> GeneralizedForce:
-    """Agents' forces of their outputs, `(f_x, f_w, f_r)` in a row."""
+    """Split the outputs of residual models into generalized forces.
+
+    Args:
+        y: `(f_x, f_w, f_r)` of each agent [N, N m].
+
+    Returns:
+        The forces on the group.
+    """
     return GeneralizedForce(f_x=y[:, :3], f_w=y[:, 3:6], f_r=y[:, 6:])
 
 
 def add_payload_wrench(f: ResidualForces, W: Float[Array, "6"]) -> ResidualForces:
-    """The residual and a wrench on the payload, N and N m."""
+    """Add a wrench to the residual of the payload.
+
+    Args:
+        f: Residual forces.
+        W: Force, world frame, and moment, payload frame [N, N m].
+
+    Returns:
+        The sum.
+    """
     return dataclasses.replace(f, payload=Wrench(F=f.payload.F + W[:3], tau=f.payload.tau + W[3:]))
 
 
 def zero_residual(team: Team) -> ResidualForces:
-    """The zero residual of a team."""
+    """Return zero residual forces.
+
+    Args:
+        team: Team, which determines the shapes.
+
+    Returns:
+        The zero residual.
+    """
     return ResidualForces(
         agents=tuple(
             GeneralizedForce(

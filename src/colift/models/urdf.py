@@ -1,10 +1,19 @@
-"""An agent from a URDF file, and as one: a tree of links and joints as base, joints and tips.
+"""Import of an agent from a URDF file, and export to URDF.
 
-The root link is the base: its frame is the agent's, thrust along its third axis. Links that fixed joints hold together
-are one body, and it is the body that must be physical, not each link of it: files hold placeholders. Joints are
-numbered depth-first, children in the order of the file. The equations have no joint that follows another (`<mimic>`):
-a choice says whether such joints are frozen or independent. Shapes, limits, damping, friction, transmissions and
-extensions are not part of the equations, and are not read.
+The root link is the base of the agent; thrust acts along its third axis. Links that are connected by fixed joints form
+one body. The physical consistency of bodies is checked, not that of links, because files contain placeholder links.
+Joints are numbered depth-first, children in the order of the file.
+
+The model has no coupled joints (`<mimic>`); an option selects whether such joints are frozen or independent. Geometry,
+limits, damping, friction, transmissions and extensions are ignored.
+
+Example:
+    >>> from colift.models import urdf
+    >>> text = '''<robot name="drone"><link name="base"><inertial><mass value="1"/>
+    ... <inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link></robot>'''
+    >>> robot = urdf.parse_urdf(text, "drone.urdf")
+    >>> urdf.make_agent(robot, [("base", (0.0, 0.0, -0.1))], [(0.5, 0.0, 0.0)], thrust_max=20.0).mass.tolist()
+    [1.0]
 """
 
 from __future__ import annotations
@@ -26,49 +35,56 @@ from scipy.spatial.transform import Rotation
 from colift.models import validation
 from colift.models.parameters import AerialManipulator, KinematicTree
 
-TURNS, SLIDES = "continuous", "prismatic"
-TYPES = {"revolute": False, TURNS: False, SLIDES: True}  # whether it slides
-UNLIMITED = 1e6  # m, m/s and N: of a sliding joint without limits
+CONTINUOUS, PRISMATIC = "continuous", "prismatic"
+JOINT_TYPES = {"revolute": False, CONTINUOUS: False, PRISMATIC: True}  # whether the joint is prismatic
+UNLIMITED = 1e6  # m, m/s and N, limits that the format requires for a prismatic joint
 Vector = Sequence[float] | np.ndarray
 Mimic = Literal["frozen", "independent"]
-ZERO, NO_REST = (0.0, 0.0, 0.0), MappingProxyType({})
-MAX_NUMBER = 1e12  # of a number, whose products must not overflow
-MAX_BYTES = 16 * 2**20  # of a file; robots of a hundred links take one
+ZERO, ZERO_POSITIONS = (0.0, 0.0, 0.0), MappingProxyType({})
+MAX_NUMBER = 1e12  # largest number, so that products do not overflow
+MAX_BYTES = 16 * 2**20  # largest file; a robot with a hundred links has about 1 MiB
 
 
 @dataclasses.dataclass(frozen=True)
 class Body:
-    """A rigid body: a link and all that fixed joints hold to it, in that link's frame."""
+    """Rigid body: a link and the links connected to it by fixed joints, in the frame of the first link."""
 
     mass: float  # kg
-    com: np.ndarray  # m
-    inertia: np.ndarray  # kg m^2, about the centre of mass
+    com: np.ndarray  # m, center of mass
+    inertia: np.ndarray  # kg m^2, about the center of mass
 
 
 @dataclasses.dataclass(frozen=True)
 class Joint:
-    """A joint that moves; its frame at rest is the body's that it moves."""
+    """Movable joint; its frame at position zero is the frame of the body that it moves."""
 
-    name: str
-    parent: int  # body
-    prismatic: bool
-    position: np.ndarray  # m, joint origin in the parent's frame
-    rotation: np.ndarray  # joint frame at rest, to the parent's frame
+    name: str  # name in the file
+    parent: int  # index of the parent body
+    prismatic: bool  # whether the joint translates
+    position: np.ndarray  # m, joint origin in the parent frame
+    rotation: np.ndarray  # joint frame at position zero to parent frame
     axis: np.ndarray  # unit vector, joint frame
 
 
 @dataclasses.dataclass(frozen=True)
 class Placement:
-    """Where the frame of a link is: `x_body = rotation x_link + position`."""
+    """Pose of a link in the frame of its body: `x_body = rotation x_link + position`."""
 
-    body: int
-    rotation: np.ndarray
-    position: np.ndarray  # m
+    body: int  # index of the body
+    rotation: np.ndarray  # link frame to body frame
+    position: np.ndarray  # m, link origin in the body frame
 
 
 @dataclasses.dataclass(frozen=True)
 class Robot:
-    """What a URDF file says of the equations of motion; joint k moves body k + 1, body 0 is the base."""
+    """Kinematics and inertias of a URDF file; joint k moves body k + 1, body 0 is the base.
+
+    Attributes:
+        file: File name, for messages.
+        bodies: Rigid bodies.
+        joints: Movable joints.
+        links: Pose of each link, by its name.
+    """
 
     file: str
     bodies: tuple[Body, ...]
@@ -76,9 +92,17 @@ class Robot:
     links: Mapping[str, Placement]
 
     def tip(self, link: str, offset: Vector = ZERO) -> tuple[int, np.ndarray]:
-        """The body that carries a point of a link, given in the link's frame, and the point in the body's frame, m.
+        """Locate a point of a link.
 
-        Raises `ValueError` for a link that the file does not have, with those it has, and an offset that is no vector.
+        Args:
+            link: Name of the link.
+            offset: Point in the link frame [m].
+
+        Returns:
+            Index of the body, and the point in the body frame [m].
+
+        Raises:
+            ValueError: If the file has no such link, or the offset is not a vector.
         """
         if link not in self.links:
             raise ValueError(f"{self.file}: tip {link!r} is not a link; links: {', '.join(self.links)}")
@@ -86,31 +110,55 @@ class Robot:
         return at.body, at.position + at.rotation @ _vector(f"{self.file}: the offset of tip {link!r}", offset)
 
 
-def _vector(what: str, given: Vector) -> np.ndarray:
-    vector = np.asarray(given, float)
+def _vector(name: str, values: Vector) -> np.ndarray:
+    """Validate a vector; `name` is its name in messages."""
+    vector = np.asarray(values, float)
     if vector.shape != (3,) or not np.isfinite(vector).all():
-        raise ValueError(f"{what} must be three finite numbers, m, got {np.asarray(given).tolist()}")
+        raise ValueError(f"{name} must be three finite numbers, m, got {np.asarray(values).tolist()}")
     return vector
 
 
-def load_urdf(path: str | Path, mimic: Mimic | None = None, rest: Mapping[str, float] = NO_REST) -> Robot:
-    """The robot of a URDF file; raises `OSError` where it cannot be read, and `ValueError` as `parse` does."""
+def load_urdf(path: str | Path, mimic: Mimic | None = None, rest: Mapping[str, float] = ZERO_POSITIONS) -> Robot:
+    """Read a URDF file.
+
+    A file that cannot be read raises `OSError`.
+
+    Args:
+        path: File.
+        mimic: Treatment of coupled joints, see `parse_urdf`.
+        rest: Positions for frozen joints, see `parse_urdf`.
+
+    Returns:
+        The robot.
+
+    Raises:
+        ValueError: If the file is too large, or for the reasons of `parse_urdf`.
+    """
     with Path(path).open("rb") as file:
         text = file.read(MAX_BYTES + 1)
     if len(text) > MAX_BYTES:
-        raise ValueError(f"{path}:1: is larger than {MAX_BYTES // 2**20} MiB, which no URDF file is")
+        raise ValueError(f"{path}:1: the file is larger than {MAX_BYTES // 2**20} MiB, the maximum for URDF files")
     return parse_urdf(text, str(path), mimic, rest)
 
 
-def parse_urdf(text: str | bytes, file: str, mimic: Mimic | None = None, rest: Mapping[str, float] = NO_REST) -> Robot:
-    """The robot that a text describes; `file` names it in messages.
+def parse_urdf(
+    text: str | bytes, file: str, mimic: Mimic | None = None, rest: Mapping[str, float] = ZERO_POSITIONS
+) -> Robot:
+    """Parse a URDF document.
 
-    `mimic` says what becomes of joints that follow another one: `frozen`, fixed at `multiplier rest + offset`, the
-    followed joint at its `rest` position, rad or m, 0 where left out; or `independent`, each a joint of its own.
+    A message of an error begins with `file:line:`. The parser raises `ValueError` for a text that is not XML or contains
+    a DOCTYPE, links that are not one tree, a joint of an unsupported type, a coupled joint if `mimic` is None, a
+    negative mass, or a body without physical inertia (`validation.validate_inertia`).
 
-    Raises `ValueError` as `file:line: ...` for what is not XML, has a DOCTYPE, is not one tree of links, holds a joint
-    that is not revolute, continuous, prismatic or fixed, a joint that follows another where `mimic` is None, a negative
-    mass, or a body that no rigid body is (`model.check_body`) when its links are merged.
+    Args:
+        text: XML document.
+        file: File name, for messages.
+        mimic: Treatment of coupled joints (`<mimic>`): "frozen" fixes them at `multiplier position + offset`, where
+            `position` is that of the joint they depend on; "independent" makes them independent joints.
+        rest: Position of each joint that frozen joints depend on [rad, m], by name; default: 0.
+
+    Returns:
+        The robot.
     """
     robot = _xml(text, file)
     if robot.tag != "robot":
@@ -118,10 +166,10 @@ def parse_urdf(text: str | bytes, file: str, mimic: Mimic | None = None, rest: M
     for element in robot.children:
         if element.tag.startswith("xacro:"):
             _fail(element, f"<{element.tag}> is a macro; expand the file with xacro first")
-    links, all_joints = _named(robot, "link"), _named(robot, "joint")
+    links, all_joints = _elements_by_name(robot, "link"), _elements_by_name(robot, "joint")
     root, below = _tree(robot, links, all_joints)
-    frozen = _frozen(all_joints, mimic, rest)
-    held: list[list[tuple[_Element, Placement]]] = [[]]  # of each body: its links
+    frozen = _frozen_positions(all_joints, mimic, rest)
+    body_links: list[list[tuple[_Element, Placement]]] = [[]]  # links of each body
     joints: list[Joint] = []
     places: dict[str, Placement] = {}
     base = Placement(body=0, rotation=np.eye(3), position=np.zeros(3))
@@ -129,30 +177,40 @@ def parse_urdf(text: str | bytes, file: str, mimic: Mimic | None = None, rest: M
     while ahead:
         name, joint, place = ahead.pop()
         if joint is not None:
-            place = _placed(joint, place)
+            place = _joint_frame(joint, place)
             if joint.attributes["name"] in frozen:
-                place = _moved(_joint(joint, place), place, frozen[joint.attributes["name"]])
+                place = _displaced(_joint(joint, place), place, frozen[joint.attributes["name"]])
             elif joint.attributes["type"] != "fixed":
                 joints.append(_joint(joint, place))
                 place = Placement(body=len(joints), rotation=np.eye(3), position=np.zeros(3))
-                held.append([])
+                body_links.append([])
         places[name] = place
-        held[place.body].append((links[name], place))
+        body_links[place.body].append((links[name], place))
         ahead += [(child, element, place) for child, element in reversed(below[name])]
-    return Robot(file=file, bodies=tuple(_body(parts) for parts in held), joints=tuple(joints), links=places)
+    return Robot(file=file, bodies=tuple(_body(parts) for parts in body_links), joints=tuple(joints), links=places)
 
 
-def agent(
+def make_agent(
     robot: Robot, tips: Sequence[str | tuple[str, Vector]], contact: Sequence[Vector] | np.ndarray, thrust_max: float
 ) -> AerialManipulator:
-    """One agent, without the leading axis of a group (`model.stack` adds it).
+    """Make the parameters of an agent.
 
-    `tips` are links, each with an offset in its own frame, m, where the tip is not its origin: one arm each. `contact`
-    are the attachments `c` in the payload's frame, m; `thrust_max` is in N. Raises `ValueError` for a tip that is not a
-    link, where tips and contacts differ in number, and for a contact or a thrust that cannot be.
+    Args:
+        robot: Kinematics and inertias.
+        tips: One link per arm; its origin is the tip, or a point given by an offset in the link frame [m].
+        contact: Attachment point of each arm, payload frame [m].
+        thrust_max: Maximum thrust [N].
+
+    Returns:
+        Parameters of one agent; `parameters.stack_agents` adds the axis of a group.
+
+    Raises:
+        ValueError: If a tip is not a link, the numbers of tips and contacts differ, or a value is invalid.
     """
     if len(tips) != len(contact) or not tips:
-        raise ValueError(f"{robot.file}: {len(tips)} tips for {len(contact)} contacts; as many as contacts, at least 1")
+        raise ValueError(
+            f"{robot.file}: {len(tips)} tips for {len(contact)} contacts; the numbers must be equal and at least 1"
+        )
     attached = np.array([_vector(f"{robot.file}: contact {i}", c) for i, c in enumerate(contact)])
     if not 0 < thrust_max < np.inf:
         raise ValueError(f"{robot.file}: thrust_max {thrust_max:g} N is not positive and finite")
@@ -177,12 +235,23 @@ def agent(
 
 
 def to_urdf(name: str, agent: AerialManipulator, joints: Sequence[str], arms: Sequence[str]) -> str:
-    """An agent, without a group's leading axis, as the URDF file that `parse` reads back, to rounding.
+    """Write an agent as a URDF document; `parse_urdf` returns the same parameters to rounding.
 
-    The root link is `base`; joint `j` moves link `j_link`, and the tip of arm `a` is the origin of link `a_tip`. The
-    equations have no limits: joints that turn are continuous, those that slide have the limits that the format demands,
-    so far out (`FAR`) that none is met. Thrust and contacts with the payload have no place in the format. Raises
-    ValueError unless there are as many names as there are joints and arms.
+    The root link is `base`. Joint `j` moves link `j_link`; the tip of arm `a` is the origin of link `a_tip`. The model
+    has no joint limits, so rotational joints are continuous and prismatic joints have the limits `UNLIMITED`. The
+    format has no elements for thrust and payload contacts.
+
+    Args:
+        name: Name of the robot.
+        agent: Parameters of one agent, without the axis of a group.
+        joints: Names of the joints.
+        arms: Names of the arms.
+
+    Returns:
+        The XML document.
+
+    Raises:
+        ValueError: If the numbers of names and of joints or arms differ.
     """
     tree = agent.tree
     if (len(joints), len(arms)) != (tree.joints, tree.arms):
@@ -197,7 +266,9 @@ def to_urdf(name: str, agent: AerialManipulator, joints: Sequence[str], arms: Se
         SubElement(inertial, "inertia", {entry: _text(agent.inertia[i][at]) for entry, at in J.items()})
     for k, (joint, parent) in enumerate(zip(joints, tree.parents, strict=True)):
         at = (agent.joint_position[k], rpy(agent.joint_rotation[k]))
-        moving = _add_joint(robot, joint, SLIDES if tree.prismatic[k] else TURNS, links[parent], links[k + 1], *at)
+        moving = _add_joint(
+            robot, joint, PRISMATIC if tree.prismatic[k] else CONTINUOUS, links[parent], links[k + 1], *at
+        )
         SubElement(moving, "axis", xyz=_text(agent.joint_axis[k]))
         if tree.prismatic[k]:
             SubElement(
@@ -218,6 +289,7 @@ def to_urdf(name: str, agent: AerialManipulator, joints: Sequence[str], arms: Se
 def _add_joint(
     robot: Element, name: str, kind: str, parent: str, child: str, xyz: np.ndarray, angles: np.ndarray
 ) -> Element:
+    """Add a joint with its parent, child and origin."""
     joint = SubElement(robot, "joint", name=name, type=kind)
     SubElement(joint, "parent", link=parent)
     SubElement(joint, "child", link=child)
@@ -226,7 +298,16 @@ def _add_joint(
 
 
 def rpy(R: np.ndarray) -> np.ndarray:
-    """Roll, pitch, yaw of `R = R_z(yaw) R_y(pitch) R_x(roll)`, rad; to rounding also where the pitch is upright."""
+    """Compute roll, pitch and yaw of `R = R_z(yaw) R_y(pitch) R_x(roll)`.
+
+    The angles reproduce R to rounding, also at a pitch of 90 degrees.
+
+    Args:
+        R: Rotation matrix.
+
+    Returns:
+        The angles [rad].
+    """
     yaw = np.arctan2(R[1, 0], R[0, 0])
     c, s = np.cos(yaw), np.sin(yaw)
     pitch = np.arctan2(-R[2, 0], c * R[0, 0] + s * R[1, 0])
@@ -235,7 +316,7 @@ def rpy(R: np.ndarray) -> np.ndarray:
 
 
 def _text(numbers: object) -> str:
-    """Numbers with all their digits."""
+    """Format numbers with all digits."""
     return " ".join(repr(float(x)) for x in np.atleast_1d(np.asarray(numbers, dtype=float)))
 
 
@@ -244,91 +325,97 @@ def _text(numbers: object) -> str:
 
 @dataclasses.dataclass
 class _Element:
+    """XML element with its location."""
+
     tag: str
     attributes: dict[str, str]
     place: str  # file:line
     children: list[_Element]
 
     def one(self, tag: str) -> _Element | None:
-        """The child of a name, which stands at most once."""
+        """Return the child with a tag, or None; fail if there are several."""
         found = [child for child in self.children if child.tag == tag]
         if len(found) > 1:
-            _fail(found[1], f"<{tag}> stands twice in {self}")
+            _fail(found[1], f"<{tag}> occurs twice in {self}")
         return found[0] if found else None
 
     def __str__(self) -> str:
+        """Return tag and name, for messages."""
         return f"{self.tag} {self.attributes['name']!r}" if "name" in self.attributes else f"<{self.tag}>"
 
 
 class _Doctype(ValueError):
-    pass
+    """The document contains a DOCTYPE."""
 
 
-def _fail(at: _Element, sentence: str) -> NoReturn:
-    raise ValueError(f"{at.place}: {sentence}")
+def _fail(element: _Element, message: str) -> NoReturn:
+    """Raise `ValueError` with the location of an element."""
+    raise ValueError(f"{element.place}: {message}")
 
 
 def _xml(text: str | bytes, file: str) -> _Element:
-    """The first element; a DOCTYPE, which could make entities expand without end, is refused."""
+    """Parse the root element; a DOCTYPE is rejected, because entities could expand without limit."""
     parser, top = expat.ParserCreate(), _Element("", {}, file, [])
     open_elements = [top]
 
-    def begin(tag: str, given: dict[str, str]) -> None:
-        element = _Element(tag, given, f"{file}:{parser.CurrentLineNumber}", [])
+    def begin(tag: str, attributes: dict[str, str]) -> None:
+        element = _Element(tag, attributes, f"{file}:{parser.CurrentLineNumber}", [])
         open_elements[-1].children.append(element)
         open_elements.append(element)
 
-    def refuse(*_: object) -> None:
+    def reject(*_: object) -> None:
         raise _Doctype(f"{file}:{parser.CurrentLineNumber}: a DOCTYPE is not allowed in a URDF file")
 
     parser.StartElementHandler = begin
     parser.EndElementHandler = lambda _: open_elements.pop()
-    parser.StartDoctypeDeclHandler = refuse
+    parser.StartDoctypeDeclHandler = reject
     try:
         parser.Parse(text, True)
     except expat.ExpatError as error:
         raise ValueError(f"{file}:{error.lineno}: not XML: {expat.ErrorString(error.code)}") from None
     except _Doctype:
         raise
-    except (LookupError, ValueError) as error:  # of the encoding that the file names, or of half a character
+    except (LookupError, ValueError) as error:  # unknown encoding, or an incomplete character
         raise ValueError(f"{file}:{parser.CurrentLineNumber}: not XML: {error}") from None
     return top.children[0]
 
 
-def _attribute(element: _Element, name: str, of: _Element) -> str:
+def _attribute(element: _Element, name: str, owner: _Element) -> str:
+    """Return a required attribute."""
     if name not in element.attributes:
-        _fail(element, f"{of}: <{element.tag}> has no {name!r}")
+        _fail(element, f"{owner}: <{element.tag}> has no {name!r}")
     return element.attributes[name]
 
 
-def _numbers(element: _Element | None, name: str, count: int, default: Vector, of: _Element) -> np.ndarray:
-    """So many finite numbers of an attribute, or the default where element or attribute is absent."""
+def _numbers(element: _Element | None, name: str, count: int, default: Vector, owner: _Element) -> np.ndarray:
+    """Return the `count` finite numbers of an attribute, or the default if element or attribute is absent."""
     if element is None or name not in element.attributes:
         return np.array(default, float)
-    given = element.attributes[name]
+    text = element.attributes[name]
     try:
-        values = np.array([float(word) for word in given.split()])
+        values = np.array([float(word) for word in text.split()])
     except ValueError:
         values = np.array([])
-    cut = given if len(given) <= 60 else f"{given[:60]}..."
+    cut = text if len(text) <= 60 else f"{text[:60]}..."
     if len(values) != count or not np.isfinite(values).all():
         wanted = "a finite number" if count == 1 else f"{count} finite numbers"
-        _fail(element, f"{of}: {name!r} of <{element.tag}> must be {wanted}, got {cut!r}")
+        _fail(element, f"{owner}: {name!r} of <{element.tag}> must be {wanted}, got {cut!r}")
     if np.abs(values).max() > MAX_NUMBER:
-        _fail(element, f"{of}: {name!r} of <{element.tag}> must be at most {MAX_NUMBER:g} in size, got {cut!r}")
+        _fail(element, f"{owner}: {name!r} of <{element.tag}> must be at most {MAX_NUMBER:g} in size, got {cut!r}")
     return values
 
 
 # Links and joints -----------------------------------------------------------------------------------------------------
 
 
-def _named(robot: _Element, tag: str) -> dict[str, _Element]:
+def _elements_by_name(robot: _Element, tag: str) -> dict[str, _Element]:
+    """Return the elements with a tag, by name; fail if a name occurs twice."""
     found: dict[str, _Element] = {}
     for element in robot.children:
         if element.tag == tag:
             name = _attribute(element, "name", robot)
             if name in found:
-                _fail(element, f"{element} stands twice, first at {found[name].place}")
+                _fail(element, f"{element} occurs twice, first at {found[name].place}")
             found[name] = element
     return found
 
@@ -336,29 +423,30 @@ def _named(robot: _Element, tag: str) -> dict[str, _Element]:
 def _tree(
     robot: _Element, links: dict[str, _Element], joints: dict[str, _Element]
 ) -> tuple[str, dict[str, list[tuple[str, _Element]]]]:
-    """The root link, and below each link its children with the joints to them; refuses what is not one tree."""
+    """Return the root link and the children of each link with their joints; fail unless the links are one tree."""
     below: dict[str, list[tuple[str, _Element]]] = {name: [] for name in links}
     holder: dict[str, _Element] = {}
     for joint in joints.values():
         parent, child = _link_of(joint, "parent", links), _link_of(joint, "child", links)
         if child in holder:
-            _fail(joint, f"{joint}: link {child!r} has a parent already, by {holder[child]} at {holder[child].place}")
+            _fail(joint, f"{joint}: link {child!r} is already the child of {holder[child]} at {holder[child].place}")
         _check_type(joint)
         holder[child] = joint
         below[parent].append((child, joint))
     roots = [name for name in links if name not in holder]
     if not roots:
-        _fail(robot, "no root: every link is the child of a joint" if links else "there are no links")
+        _fail(robot, "no root link: every link is the child of a joint" if links else "the file has no links")
     if len(roots) > 1:
         _fail(links[roots[1]], f"one root link is allowed, found {len(roots)}: {', '.join(roots)}")
     reached = list(_below(roots[0], below))
     for name, element in links.items():
         if name not in reached:
-            _fail(element, f"{element} is in a cycle of joints: it does not hang on the root {roots[0]!r}")
+            _fail(element, f"{element} is in a cycle of joints: it is not connected to the root {roots[0]!r}")
     return roots[0], below
 
 
 def _below(root: str, below: dict[str, list[tuple[str, _Element]]]) -> Iterator[str]:
+    """Iterate over the links that are connected to the root."""
     ahead = [root]
     while ahead:
         name = ahead.pop()
@@ -377,28 +465,29 @@ def _link_of(joint: _Element, end: str, links: dict[str, _Element]) -> str:
 
 
 def _check_type(joint: _Element) -> None:
-    kind, known = _attribute(joint, "type", joint), (*TYPES, "fixed")
+    kind, known = _attribute(joint, "type", joint), (*JOINT_TYPES, "fixed")
     if kind not in known:
         _fail(joint, f"{joint}: type {kind!r} is not supported; allowed: {', '.join(known)}")
 
 
-def _origin(element: _Element, of: _Element) -> tuple[np.ndarray, np.ndarray]:
-    """Rotation `R_z(yaw) R_y(pitch) R_x(roll)` and position of an element's origin."""
+def _origin(element: _Element, owner: _Element) -> tuple[np.ndarray, np.ndarray]:
+    """Return rotation `R_z(yaw) R_y(pitch) R_x(roll)` and position [m] of the origin of an element."""
     origin = element.one("origin")
-    (c_r, c_p, c_y), (s_r, s_p, s_y) = (f(_numbers(origin, "rpy", 3, ZERO, of)) for f in (np.cos, np.sin))
+    (c_r, c_p, c_y), (s_r, s_p, s_y) = (f(_numbers(origin, "rpy", 3, ZERO, owner)) for f in (np.cos, np.sin))
     R_x = np.array([[1, 0, 0], [0, c_r, -s_r], [0, s_r, c_r]])
     R_y = np.array([[c_p, 0, s_p], [0, 1, 0], [-s_p, 0, c_p]])
     R_z = np.array([[c_y, -s_y, 0], [s_y, c_y, 0], [0, 0, 1]])
-    return R_z @ R_y @ R_x, _numbers(origin, "xyz", 3, ZERO, of)
+    return R_z @ R_y @ R_x, _numbers(origin, "xyz", 3, ZERO, owner)
 
 
-def _placed(joint: _Element, parent: Placement) -> Placement:
-    """A joint's frame at rest in the body that carries it."""
+def _joint_frame(joint: _Element, parent: Placement) -> Placement:
+    """Return the frame of a joint at position zero in its parent body."""
     R, p = _origin(joint, joint)
     return Placement(body=parent.body, rotation=parent.rotation @ R, position=parent.position + parent.rotation @ p)
 
 
 def _joint(joint: _Element, at: Placement) -> Joint:
+    """Make a joint from its element and its frame."""
     element = joint.one("axis")
     axis = _numbers(element, "xyz", 3, (1.0, 0.0, 0.0), joint)
     length = np.linalg.norm(axis)
@@ -407,18 +496,18 @@ def _joint(joint: _Element, at: Placement) -> Joint:
     return Joint(
         name=joint.attributes["name"],
         parent=at.body,
-        prismatic=TYPES[joint.attributes["type"]],
+        prismatic=JOINT_TYPES[joint.attributes["type"]],
         position=at.position,
         rotation=at.rotation,
         axis=axis / length,
     )
 
 
-# Joints that follow another -------------------------------------------------------------------------------------------
+# Coupled joints -------------------------------------------------------------------------------------------------------
 
 
-def _frozen(joints: dict[str, _Element], mimic: Mimic | None, rest: Mapping[str, float]) -> dict[str, float]:
-    """Where each joint that follows another is held, by name, rad or m; none where they are independent."""
+def _frozen_positions(joints: dict[str, _Element], mimic: Mimic | None, rest: Mapping[str, float]) -> dict[str, float]:
+    """Return the positions of frozen coupled joints [rad, m], by name; empty if they are independent."""
     followers = {
         name: element
         for name, joint in joints.items()
@@ -428,33 +517,33 @@ def _frozen(joints: dict[str, _Element], mimic: Mimic | None, rest: Mapping[str,
         if mimic is None:
             _fail(
                 element,
-                f"{joints[name]} follows another (<mimic>), which the equations do not have: choose mimic "
-                "'frozen' (it is fixed where the joint it follows rests) or 'independent' (it moves on its own)",
+                f"{joints[name]} depends on another joint (<mimic>), which the model does not support: choose mimic "
+                "'frozen' (fixed at the rest position of that joint) or 'independent' (an independent joint)",
             )
     return {name: _held_at(name, joints, rest) for name in followers if mimic == "frozen"}
 
 
 def _held_at(name: str, joints: dict[str, _Element], rest: Mapping[str, float]) -> float:
-    """`multiplier rest + offset`, along the chain of joints that follow up to one that does not."""
+    """Compute the position `multiplier position + offset` along a chain of coupled joints."""
     chain, gain, offset = [name], 1.0, 0.0
     while (element := joints[chain[-1]].one("mimic")) is not None and joints[chain[-1]].attributes["type"] != "fixed":
         joint = joints[chain[-1]]
         followed = _attribute(element, "joint", joint)
         if followed not in joints:
-            _fail(element, f"{joint} follows {followed!r}, which is not a joint")
+            _fail(element, f"{joint} depends on {followed!r}, which is not a joint")
         if followed in chain:
-            _fail(element, f"{joint} follows itself, by way of {', '.join(chain)}")
+            _fail(element, f"{joint} depends on itself through {', '.join(chain)}")
         offset += gain * _numbers(element, "offset", 1, (0.0,), joint)[0]
         gain *= _numbers(element, "multiplier", 1, (1.0,), joint)[0]
         chain.append(followed)
     return float(gain * rest.get(chain[-1], 0.0) + offset)
 
 
-def _moved(joint: Joint, at: Placement, by: float) -> Placement:
-    """A joint's frame as it is moved by a position, rad or m; `R = exp(by axis)` where it turns."""
+def _displaced(joint: Joint, at: Placement, position: float) -> Placement:
+    """Return the frame of a joint at a position [rad, m]; `R = exp(position axis)` for a rotational joint."""
     if joint.prismatic:
-        return dataclasses.replace(at, position=at.position + by * at.rotation @ joint.axis)
-    return dataclasses.replace(at, rotation=at.rotation @ Rotation.from_rotvec(by * joint.axis).as_matrix())
+        return dataclasses.replace(at, position=at.position + position * at.rotation @ joint.axis)
+    return dataclasses.replace(at, rotation=at.rotation @ Rotation.from_rotvec(position * joint.axis).as_matrix())
 
 
 # Inertia --------------------------------------------------------------------------------------------------------------
@@ -463,7 +552,7 @@ ENTRIES = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 
 
 def _inertial(link: _Element) -> Body | None:
-    """A link's own mass and inertia, in its own frame, physical or not; None where there is none."""
+    """Read mass and inertia of a link in its frame, without a check of physical consistency; None if absent."""
     inertial = link.one("inertial")
     if inertial is None:
         return None
@@ -477,6 +566,7 @@ def _inertial(link: _Element) -> Body | None:
 
 
 def _entry(inertial: _Element, tag: str, name: str, link: _Element) -> float:
+    """Read a required number of an inertial element."""
     element = inertial.one(tag)
     if element is None:
         _fail(inertial, f"{link}: <inertial> has no <{tag}>")
@@ -485,16 +575,16 @@ def _entry(inertial: _Element, tag: str, name: str, link: _Element) -> float:
 
 
 def _body(parts: list[tuple[_Element, Placement]]) -> Body:
-    """Links held together: `m = sum m_i`, centre of mass, `J = sum J_i + m_i (d^2 I - d d^T)` about it."""
+    """Merge links to a body: `m = sum m_i`, center of mass, `J = sum J_i + m_i (d^2 I - d d^T)` about it."""
     first, _ = parts[0]
     own = [(link, _inertial(link), place) for link, place in parts]
     some = [(body, place) for _, body, place in own if body is not None]
     if not some:
         names = ", ".join(link.attributes["name"] for link, _ in parts[1:])
-        also = f", nor have the links fixed to it: {names}" if names else ""
-        _fail(first, f"{first} has no <inertial>{also}; a body that moves needs mass and inertia")
+        also = f", nor do the links fixed to it: {names}" if names else ""
+        _fail(first, f"{first} has no <inertial>{also}; every body requires mass and inertia")
     names = ", ".join(link.attributes["name"] for link, body, _ in own[1:] if body is not None)
-    whole = f"{first.place}: {first}" + (f" with what is fixed to it ({names})" if names else "")
+    whole = f"{first.place}: {first}" + (f" with the links fixed to it ({names})" if names else "")
     m = np.array([body.mass for body, _ in some])
     validation.validate_mass(whole, m.sum())
     s = np.array([place.position + place.rotation @ body.com for body, place in some])
@@ -508,5 +598,5 @@ def _body(parts: list[tuple[_Element, Placement]]) -> Body:
 
 
 def _symmetric(J: np.ndarray) -> np.ndarray:
-    """Without the asymmetry of rounding."""
+    """Remove asymmetry due to rounding."""
     return (J + J.T) / 2

@@ -1,9 +1,10 @@
-"""The nouns: parameters and states of a team, as immutable PyTrees.
+"""Validation of team parameters: physical consistency of inertias, rotation matrices, finite values.
 
-Frames: world unless the name says otherwise; body rates are in the body's own frame. Agents that share a
-`Tree` (joints and arms, not numbers) are stacked on a leading `agents` axis in one group; a team is a tuple
-of such groups, so unlike agents need no padding. Two values of one type `Team` exist in a run: the truth,
-which the plant integrates, and the nominal one, which flies.
+The functions run on the host, outside of `jax.jit`.
+
+References:
+    Traversaro, Brossette, Escande, Nori, *Identification of fully physical consistent inertial parameters using
+    optimization on manifolds*, IROS 2016.
 """
 
 from __future__ import annotations
@@ -18,10 +19,18 @@ from colift.models.parameters import Team, agent_names
 
 
 def validate_team(team: Team, names: Sequence[str] = ()) -> None:
-    """Raise `ValueError` with name and numbers unless every body is physical and every joint frame is one; on the host.
+    """Validate all parameters of a team.
 
-    Masses are positive, inertias symmetric, positive definite and within the triangle inequality (no principal moment
-    exceeds the sum of the others), joint axes unit vectors, joint frames rotations, thrusts positive, points finite.
+    Masses and thrusts must be positive, joint axes unit vectors, joint frames rotations, and positions finite. Inertias
+    must be symmetric, positive definite and satisfy the triangle inequality: no principal moment exceeds the sum of the
+    others.
+
+    Args:
+        team: Team.
+        names: Names of the agents in team order, for messages.
+
+    Raises:
+        ValueError: If a parameter is invalid; the message contains the body, the value and the condition.
     """
     if not np.isfinite(team.gravity).all():
         raise ValueError(f"gravity {np.asarray(team.gravity).tolist()} m/s^2 is not finite")
@@ -33,9 +42,9 @@ def validate_team(team: Team, names: Sequence[str] = ()) -> None:
             validate_inertia(f"{name}, body {i}", group.mass[j, i], group.inertia[j, i])
         if not 0 < group.thrust_max[j] < np.inf:
             raise ValueError(f"{name}: thrust_max {group.thrust_max[j]:g} N is not positive and finite")
-        for what in ("com", "joint_position", "tip_position", "contact_position"):
-            if not np.isfinite(points := np.asarray(getattr(group, what)[j])).all():
-                raise ValueError(f"{name}: {what} {points.tolist()} m is not finite")
+        for field in ("com", "joint_position", "tip_position", "contact_position"):
+            if not np.isfinite(points := np.asarray(getattr(group, field)[j])).all():
+                raise ValueError(f"{name}: {field} {points.tolist()} m is not finite")
         for k in range(group.tree.joints):
             axis, R = np.asarray(group.joint_axis[j, k]), np.asarray(group.joint_rotation[j, k])
             if not abs(np.linalg.norm(axis) - 1) <= 1e-9:
@@ -45,18 +54,35 @@ def validate_team(team: Team, names: Sequence[str] = ()) -> None:
 
 
 def validate_mass(body: str, mass: ArrayLike) -> None:
-    """Raise `ValueError`, which begins with `body`, for a mass (kg) that is not positive and finite."""
+    """Validate a mass.
+
+    Args:
+        body: Name of the body, for messages.
+        mass: Mass [kg].
+
+    Raises:
+        ValueError: If the mass is not positive and finite.
+    """
     m = float(np.asarray(mass))
     if not (np.isfinite(m) and m > 0):
         raise ValueError(f"{body}: mass {m:g} kg is not positive{'' if np.isfinite(m) else ' and finite'}")
 
 
 def validate_inertia(body: str, mass: ArrayLike, inertia: ArrayLike) -> None:
-    """Raise `ValueError`, which begins with `body`, for a mass (kg) and an inertia (kg m^2) that no rigid body has."""
+    """Validate mass and inertia of a rigid body.
+
+    Args:
+        body: Name of the body, for messages.
+        mass: Mass [kg].
+        inertia: Inertia about the center of mass [kg m^2].
+
+    Raises:
+        ValueError: If no rigid body has these values.
+    """
     validate_mass(body, mass)
     J = np.asarray(inertia)
     if J.shape != (3, 3) or not np.isfinite(J).all():
-        raise ValueError(f"{body}: inertia {J.tolist()} kg m^2 is not three rows of three finite numbers")
+        raise ValueError(f"{body}: inertia {J.tolist()} kg m^2 is not a 3 x 3 matrix of finite numbers")
     if not np.allclose(J, J.T, rtol=0, atol=1e-9 * np.abs(J).max()):
         raise ValueError(f"{body}: inertia {J.tolist()} kg m^2 is not symmetric")
     a, b, c = np.linalg.eigvalsh(J)
@@ -66,6 +92,6 @@ def validate_inertia(body: str, mass: ArrayLike, inertia: ArrayLike) -> None:
         )
     if c > (a + b) * (1 + 1e-9):
         raise ValueError(
-            f"{body}: inertia breaks the triangle inequality: principal moments {a:.4g}, {b:.4g}, {c:.4g} kg m^2, "
+            f"{body}: inertia violates the triangle inequality: principal moments {a:.4g}, {b:.4g}, {c:.4g} kg m^2, "
             f"and {c:.4g} > {a + b:.4g}"
         )

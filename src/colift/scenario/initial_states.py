@@ -63,7 +63,7 @@ _off = jax.jit(lambda R, theta: matmul(R, so3.exp(theta)))
 def _over_contacts(agent: AerialManipulator, yaw: Array, r: Array, payload: PayloadState) -> AgentState:
     """Agents at rest, each with its tips, on average, where they belong."""
     R = so3.exp(yaw * jnp.asarray(IDENTITY[2]))
-    tips = aerial_manipulator.forward_kinematics(agent, r).joint_origin[-agent.tree.arms :]
+    tips = aerial_manipulator.forward_kinematics(agent, r).points[-agent.tree.arms :]
     base = payload.p + (agent.contact_position @ payload.R.T - tips @ R.T).mean(0)
     zero = jnp.zeros(3)
     x = base + R @ aerial_manipulator.center_of_mass(agent, r)

@@ -20,7 +20,7 @@ from colift.scenario import validation
 from colift.scenario.errors import format_value, suggestion
 
 PLUGIN_DIRECTORY: ContextVar[Path | None] = ContextVar(
-    "BESIDE", default=None
+    "PLUGIN_DIRECTORY", default=None
 )  # the folder of the scenario that is read
 
 
@@ -42,7 +42,7 @@ def plugin_settings(name: str, given: Any, base: type[BaseModel]) -> BaseModel:
     try:
         kind = _kind(name, base)
     except ValueError as error:
-        raise validation.as_validation_error([(("part",), str(error))], "worded") from None
+        raise validation.as_validation_error([(("class_path",), str(error))], "worded") from None
     try:
         return TypeAdapter(kind).validate_python(given)
     except ValidationError as error:

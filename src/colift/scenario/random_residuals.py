@@ -58,7 +58,7 @@ def sample_residuals(
                 return model, values.std(0)
             w[few] = again.normal(size=(few.sum(), len(X)))
         raise ScenarioError(
-            f"{settings.name}: drawn.least: after {MAX_ATTEMPTS} draws an output still varied by less than {given.min_variation:g} "
+            f"{settings.name}: random_residual.min_variation: after {MAX_ATTEMPTS} draws an output still varied by less than {given.min_variation:g} "
             "signal deviations along the reference; lower it, or choose shorter length-scales or a longer reference"
         )
 

@@ -134,7 +134,7 @@ def from_urdf(name: str, agents: int, file: Path, folder: Path) -> str:
     if len(tips) * agents < 3:
         raise ValueError(f"--agents {agents}: each holds the payload at {len(tips)}, and three contacts are needed")
     mass = sum(body.mass for body in robot.bodies)
-    own = urdf.agent(robot, tips, np.zeros((len(tips), 3)), 1.0)
+    own = urdf.make_agent(robot, tips, np.zeros((len(tips), 3)), 1.0)
     r = _bent(own)
     points = _reach(own, r)
     path = json.dumps(os.path.relpath(file, folder), ensure_ascii=False)
@@ -168,7 +168,7 @@ NUM_CANDIDATES = 3000
 
 def _reach(own: AerialManipulator, r: np.ndarray) -> np.ndarray:
     """Where an agent's tips are in its base's frame, `(arms, 3)`, m."""
-    return np.asarray(aerial_manipulator.forward_kinematics(own, jnp.asarray(r)).joint_origin[-own.tree.arms :])
+    return np.asarray(aerial_manipulator.forward_kinematics(own, jnp.asarray(r)).points[-own.tree.arms :])
 
 
 def _bent(own: AerialManipulator) -> np.ndarray:

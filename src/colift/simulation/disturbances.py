@@ -440,7 +440,7 @@ def _body_point(
     (g, p, xi), i = kinematics, disturbance.body
     lever = matvec(g.rotation[i], disturbance.point - agent.com[i])
     B = p.J_com[i] - matmul(so3.hat(lever), p.J_angular[i])
-    rho = g.joint_origin[i] + lever - p.com_from_base
+    rho = g.points[i] + lever - p.com_from_base
     return PointKinematics(
         x=q.x + matvec(q.R, rho),
         v=q.v + matvec(q.R, matvec(B, xi)),

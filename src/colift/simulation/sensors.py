@@ -251,7 +251,7 @@ class Intermittent(SensorModel):
 
     A reading is sampled when `sample_period` has passed since the previous one. It is lost with probability
     `dropout_probability` and arrives `delay` ticks later. No reading is sampled after `failure_time`.
-    `Measurement.age_s` contains the age of the held readings.
+    `Measurement.measurement_age_s` contains the age of the held readings.
     """
 
     channels: tuple[str, ...] = (
@@ -289,11 +289,11 @@ class Intermittent(SensorModel):
         held = jax.tree.map(lambda new, old: jnp.where(arrived, new, old), reading, state.last_reading)
         age = jnp.where(arrived, self.delay * clock.dt, state.age + clock.dt)
         next_sample_time = jnp.where(sampled, next_sample_time + self.sample_period, next_sample_time)
-        ages = measurement.age_s | dict.fromkeys(self.channels, age)
+        ages = measurement.measurement_age_s | dict.fromkeys(self.channels, age)
         next_state = IntermittentState(
             last_reading=held, age=age, next_sample_time=next_sample_time, delay_line=tuple(pending)
         )
-        return dataclasses.replace(_replace_channels(measurement, self.channels, held), age_s=ages), next_state
+        return dataclasses.replace(_replace_channels(measurement, self.channels, held), measurement_age_s=ages), next_state
 
 
 @pytree

@@ -80,7 +80,7 @@ def _plot_slack(ax: Axes, slack: Mapping[str, float]) -> None:
     names = [name for name, radius in slack.items() if np.isfinite(radius)]
     sizes = [1e3 * slack[name] for name in names]
     rows = np.arange(len(names))[::-1]
-    colors = {"observed": style.LINE_STYLES["C3"].color, "floor: nothing unknown": "0.6"}
+    colors = {"observed": style.LINE_STYLES["C3"].color, "nominal error": "0.6"}
     ax.barh(rows, sizes, color=[colors.get(name, style.LINE_STYLES["C2"].color) for name in names], height=0.6)
     ax.set_xscale("log")
     ax.xaxis.set_minor_locator(NullLocator())

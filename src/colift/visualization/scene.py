@@ -145,7 +145,7 @@ def _points(
     def agent_points(
         agent: AerialManipulator, R: Float[Array, "3 3"], x: Float[Array, "3"], r: Float[Array, "n_r"]
     ) -> Array:
-        joints_and_tips = aerial_manipulator.forward_kinematics(agent, r).joint_origin[agent.tree.joints + 1 :]
+        joints_and_tips = aerial_manipulator.forward_kinematics(agent, r).points[agent.tree.joints + 1 :]
         from_base = (
             jnp.concatenate([jnp.zeros((1, 3)), joints_and_tips]) - aerial_manipulator.center_of_mass(agent, r)[None]
         )

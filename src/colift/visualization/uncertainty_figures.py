@@ -171,8 +171,8 @@ def _errors(ds: xr.Dataset, row: FigureRow) -> list[np.ndarray]:
 
 def _predictive_std(ds: xr.Dataset, row: FigureRow) -> list[np.ndarray]:
     """Compute the norm of the predictive standard deviations of each body of a row."""
-    moments = (np.hypot(ds[f"sigma_{f}"].values, ds[f"bias_{f}"].values) for f in ("f_w", "f_r"))
-    return _norms(ds, row, ds.deviation_f_L.values, ds.deviation_f_x.values, *moments)
+    moments = (np.hypot(ds[f"sigma_{f}"].values, ds[f"label_bias_std_{f}"].values) for f in ("f_w", "f_r"))
+    return _norms(ds, row, ds.predictive_std_f_L.values, ds.predictive_std_f_x.values, *moments)
 
 
 def _norms(

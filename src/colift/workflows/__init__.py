@@ -1,1 +1,1 @@
-"""workflows"""
+"""Complete tasks on a scenario: study, certification, falsification and evaluation on held-out trajectories."""

@@ -1,7 +1,10 @@
-"""A search for what breaks a certificate: unknown forces and flights chosen to be bad, each flown.
+"""Falsification of a certificate: search for runs whose errors exceed their bounds.
 
-Unknown forces that keep the stated norm and every label are held against the radii for any run of the flight as it is;
-other flights (seeds, updates, starts, paths, noise, rates, thrust limits) against those of their own certificates.
+Trials with worst-case residuals are compared with the a priori bounds of the scenario. Trials with a changed scenario
+(seed, update times, initial state, reference, noise, rates, thrust limits) are compared with their own certificates.
+
+See Also:
+    docs/certificate.md: Section "Falsification".
 """
 
 from __future__ import annotations
@@ -13,7 +16,7 @@ from collections.abc import Callable, Generator, Mapping, Sequence
 import numpy as np
 
 from colift import scenario
-from colift.certification import adversary, certificate, linearized_trajectory
+from colift.certification import adversary, linearized_trajectory, nominal_run
 from colift.certification.certificate import ERRORS
 from colift.closed_loop import signals
 from colift.scenario import Scenario, ScenarioError
@@ -22,149 +25,193 @@ from colift.workflows import certification
 from colift.workflows.certification import CertificationResult
 
 Matrix = np.ndarray
-NAMES = ("energy", "recovery")  # the bounds that the radii for any run are of
-STUDY_NOISE = "paper"  # the scenario whose sensors others are given
+NAMES = ("energy", "recovery")  # bounds of the prediction error
+STUDY_NOISE = "paper"  # scenario that defines the sensor noise
 
 
 @dataclasses.dataclass(frozen=True)
 class FalsificationTrial:
-    """One attempt: observed errors over radii, which hold while these are at most one."""
+    """Result of one trial.
+
+    Attributes:
+        name: Kind and number of the trial.
+        changes: Overrides of the scenario with which `colift certify` repeats the trial; empty for worst-case
+            residuals.
+        ratios: Observed error over its bound, by error; empty if no bound exists. A ratio above one is a violation.
+        violations: Number of error components outside their interval, over all times.
+        num_components: Number of evaluated error components.
+        message: Reason why no bound exists, or how the run ended early.
+    """
 
     name: str
-    changes: tuple[str, ...]  # of the scenario: with these `colift certify` repeats it; empty for an unknown force
-    ratios: Mapping[str, float]  # by error; empty where there is no radius
-    violations: int  # components of errors beyond their span at some time
-    num_components: int  # of so many
-    message: str  # why there is no radius, or how the flight ended early
+    changes: tuple[str, ...]
+    ratios: Mapping[str, float]
+    violations: int
+    num_components: int
+    message: str
 
     @property
     def max_ratio(self) -> float:
-        """The greatest ratio; zero where there is none."""
+        """Largest ratio; zero if no bound exists."""
         return max(self.ratios.values(), default=0.0)
 
     @property
     def is_violated(self) -> bool:
-        """Whether a radius or a span was exceeded."""
+        """True if a bound or an interval was exceeded."""
         return self.max_ratio > 1 or self.violations > 0
 
 
 def trial_names(settings: Scenario, rounds: int) -> list[str]:
-    """The tries of so many rounds, by name: a kind and a number, from which all that is drawn follows."""
+    """Return the names of the trials of some rounds: a kind and a number, which determine all random draws.
+
+    Args:
+        settings: Scenario.
+        rounds: Number of rounds; each contains every kind once.
+
+    Returns:
+        Names of the trials.
+    """
     return [f"{kind} {k}" for k in range(rounds) for kind in (*ADVERSARIAL_DISTURBANCE, *_kinds(settings))]
 
 
 def falsify(
-    settings: Scenario, tries: Sequence[str], progress: Callable[[str], None] = lambda _what: None
+    settings: Scenario, names: Sequence[str], progress: Callable[[str], None] = lambda _message: None
 ) -> Generator[FalsificationTrial]:
-    """Certify a scenario, then try. Raises as `certification.certify`, ValueError for a name that is no try."""
-    for name in tries:
+    """Run trials against the certificate of a scenario.
+
+    The scenario is certified when the first trial needs it; errors are raised as by `certification.certify`. An unknown
+    name raises a ValueError before the first trial.
+
+    Args:
+        settings: Scenario.
+        names: Names of the trials; see `trial_names`.
+        progress: Function called with a description of each step.
+
+    Yields:
+        Result of each trial.
+    """
+    for name in names:
         _split(settings, name)
-    made = None
-    for name in tries:
+    result = None
+    for name in names:
         progress(name)
         kind, k = _split(settings, name)
         rng = np.random.default_rng((settings.seed, k, *kind.encode()))
         if kind in ADVERSARIAL_DISTURBANCE:
-            made = made or certification.certify(settings, names=NAMES, progress=progress)
-            yield _unknown(name, made, ADVERSARIAL_DISTURBANCE[kind](made, k, rng), settings.seed + 1 + k)
+            result = result or certification.certify(settings, names=NAMES, progress=progress)
+            yield _residual_trial(name, result, ADVERSARIAL_DISTURBANCE[kind](result, k, rng), settings.seed + 1 + k)
         else:
-            yield _flight(name, settings, TRIAL_KINDS[kind](settings, k, rng))
+            yield _scenario_trial(name, settings, TRIAL_KINDS[kind](settings, k, rng))
 
 
 def _split(settings: Scenario, name: str) -> tuple[str, int]:
+    """Split a trial's name into kind and number; raise ValueError for an unknown name."""
     kind, _, k = name.rpartition(" ")
     kinds = (*ADVERSARIAL_DISTURBANCE, *_kinds(settings))
     if kind not in kinds or not k.isdecimal():
-        raise ValueError(f"{name!r} is no try: must be one of {', '.join(kinds)}, and a number, as in '{kinds[0]} 0'")
+        raise ValueError(
+            f"unknown trial {name!r}: must be one of {', '.join(kinds)} and a number, as in '{kinds[0]} 0'"
+        )
     return kind, int(k)
 
 
 def _kinds(settings: Scenario) -> tuple[str, ...]:
+    """Return the kinds of scenario changes that apply to a scenario."""
     return tuple(kind for kind in TRIAL_KINDS if kind != "path" or isinstance(settings.reference, Lissajous))
 
 
-# Unknown forces: functionals `sum_k L_k f~(t_k)` of a path, each made as great as norm and labels allow ---------------
+# Worst-case residuals: functionals `sum_k L_k f~(t_k)`, maximized within norm and data --------------------------------
 
 
-def _extreme(error: str) -> Callable[[CertificationResult, int, np.random.Generator], Matrix]:
-    def functional(made: CertificationResult, k: int, rng: np.random.Generator) -> Matrix:
-        """The error at some time along some direction; first when and where its span reaches farthest."""
-        found, i = made.certificate, 3 * ERRORS.index(error)
+def _worst_error(error: str) -> Callable[[CertificationResult, int, np.random.Generator], Matrix]:
+    """Return a generator of functionals that maximize one error."""
+
+    def functional(result: CertificationResult, k: int, rng: np.random.Generator) -> Matrix:
+        """Return the error at a random time and direction; for k = 0 where its interval is farthest from zero."""
+        found, i = result.certificate, 3 * ERRORS.index(error)
         lower, upper = (x[:, i : i + 3] for x in (found.intervals["tube"].lower, found.intervals["tube"].upper))
         corner = np.where(np.abs(upper) >= np.abs(lower), upper, lower)
         at = int(np.argmax(np.linalg.norm(corner, axis=1))) if k == 0 else int(rng.integers(len(found.t)))
         direction = corner[at] if k == 0 and np.isfinite(corner[at]).all() else rng.normal(size=3)
         return adversary.error_functional(
-            made.nominal_linearization, error, found.t[at], direction / np.linalg.norm(direction)
+            result.nominal_linearization, error, found.t[at], direction / np.linalg.norm(direction)
         )
 
     return functional
 
 
-def _drawn(made: CertificationResult, _k: int, rng: np.random.Generator) -> Matrix:
-    """Anywhere: an extreme point of what is allowed, as a random functional finds it."""
-    return rng.normal(size=(len(made.nominal_linearization.nodes), made.nominal_linearization.bodies[-1].stop))
+def _random_functional(result: CertificationResult, _k: int, rng: np.random.Generator) -> Matrix:
+    """Draw a random functional, which finds an extreme point of the allowed residuals."""
+    return rng.normal(size=(len(result.nominal_linearization.nodes), result.nominal_linearization.bodies[-1].stop))
 
 
-def _swinging(made: CertificationResult, _k: int, rng: np.random.Generator) -> Matrix:
-    """To and fro with one frequency, every output in a phase of its own."""
-    frequency, many = math.exp(rng.uniform(math.log(0.05), math.log(2.0))), made.nominal_linearization.bodies[-1].stop
-    phase = rng.uniform(0, 2 * np.pi, many)
-    return np.cos(2 * np.pi * frequency * made.nominal_linearization.t[:, None] + phase)
+def _sinusoidal_functional(result: CertificationResult, _k: int, rng: np.random.Generator) -> Matrix:
+    """Draw a sinusoidal functional with one frequency and a random phase for each output."""
+    frequency, inputs = (
+        math.exp(rng.uniform(math.log(0.05), math.log(2.0))),
+        result.nominal_linearization.bodies[-1].stop,
+    )
+    phase = rng.uniform(0, 2 * np.pi, inputs)
+    return np.cos(2 * np.pi * frequency * result.nominal_linearization.t[:, None] + phase)
 
 
 ADVERSARIAL_DISTURBANCE: dict[str, Callable[[CertificationResult, int, np.random.Generator], Matrix]] = {
-    **{f"worst {error}": _extreme(error) for error in ERRORS},
-    "drawn": _drawn,
-    "swinging": _swinging,
+    **{f"worst {error}": _worst_error(error) for error in ERRORS},
+    "drawn": _random_functional,
+    "swinging": _sinusoidal_functional,
 }
 
 
-def _unknown(name: str, made: CertificationResult, L: Matrix, seed: int) -> FalsificationTrial:
-    """Forces that make a functional great, flown with noise of their own, against the radii for any run."""
-    found = made.certificate
+def _residual_trial(name: str, result: CertificationResult, L: Matrix, seed: int) -> FalsificationTrial:
+    """Simulate residuals that maximize a functional, with new sensor noise, and compare with the a priori bounds."""
+    found = result.certificate
     components = found.errors.size
     try:
         forces = adversary.worst_case_residual(
-            made.plan, made.flight, made.nominal_linearization.nodes, made.nominal_linearization.records, L
+            result.experiment,
+            result.flight,
+            result.nominal_linearization.nodes,
+            result.nominal_linearization.records,
+            L,
         )
     except (ValueError, RuntimeError) as error:
         return FalsificationTrial(name, (), {}, 0, components, str(error))
     radii = found.radii["recovery" if "recovery" in found.radii else "energy"].a_priori
     try:
-        rows, _ = linearized_trajectory.simulate_nominal(
-            certificate.nominal_experiment(made.plan, forces), made.flight.model_intervals, seed=seed
+        records, _ = linearized_trajectory.simulate_nominal(
+            nominal_run.nominal_experiment(result.experiment, forces), result.flight.model_intervals, seed=seed
         )
     except linearized_trajectory.TerminatedEarly as error:
         ended = dict.fromkeys(ERRORS, math.inf) if np.isfinite(list(radii.values())).all() else {}
         return FalsificationTrial(name, (), ended, 0, components, str(error))
-    late = np.asarray(rows.t) >= found.window[0] - 1e-9
-    ratios = _ratios({error: _greatest(rows, error, late) for error in ERRORS}, radii)
-    errors = np.concatenate([getattr(rows, error) for error in ERRORS], axis=1)
-    at = np.searchsorted(rows.t, found.t - 1e-9)
-    left = found.intervals["tube"].num_outside(errors[at]) if ratios else 0
-    return FalsificationTrial(name, (), ratios, left, components, "" if ratios else found.a_priori.tube_failure)
+    late = np.asarray(records.t) >= found.window[0] - 1e-9
+    ratios = _ratios({error: _max_norm(records, error, late) for error in ERRORS}, radii)
+    errors = np.concatenate([getattr(records, error) for error in ERRORS], axis=1)
+    at = np.searchsorted(records.t, found.t - 1e-9)
+    violations = found.intervals["tube"].num_outside(errors[at]) if ratios else 0
+    return FalsificationTrial(name, (), ratios, violations, components, "" if ratios else found.a_priori.tube_failure)
 
 
-def _greatest(rows: signals.StepRecord, error: str, late: Matrix) -> float:
-    return float(np.linalg.norm(getattr(rows, error)[late], axis=1).max())
+def _max_norm(records: signals.StepRecord, error: str, late: Matrix) -> float:
+    """Return the largest norm of an error over selected ticks."""
+    return float(np.linalg.norm(getattr(records, error)[late], axis=1).max())
 
 
 def _ratios(observed: Mapping[str, float], radii: Mapping[str, float]) -> dict[str, float]:
-    """By error, where radii are finite."""
+    """Return observed errors over bounds, by error, for finite bounds."""
     return {error: observed[error] / radius for error, radius in radii.items() if math.isfinite(radius)}
 
 
-# Other flights: changes of the scenario -------------------------------------------------------------------------------
+# Changes of the scenario ----------------------------------------------------------------------------------------------
 
 
 def _seed(settings: Scenario, k: int, _rng: np.random.Generator) -> list[str]:
-    """Other forces where they are drawn, other noise, other labels' errors."""
+    """Change the seed of residuals, sensor noise and label errors."""
     return [f"seed={settings.seed + 1001 + k}"]
 
 
 def _late_update(settings: Scenario, _k: int, rng: np.random.Generator) -> list[str]:
-    """The last update later, up to shortly before the end."""
+    """Delay the last update, at most until shortly before the end of the run."""
     *before, last = settings.learning.update_times_s
     since, step = settings.learning.start_s, 1 / settings.learning.sample_Hz
     latest = settings.duration_s - 1.0
@@ -175,31 +222,31 @@ def _late_update(settings: Scenario, _k: int, rng: np.random.Generator) -> list[
 
 
 def _start(_settings: Scenario, _k: int, rng: np.random.Generator) -> list[str]:
-    """Far from the reference, turned and moving."""
+    """Offset initial position, attitude and velocity from the reference."""
     off, turned, velocity = (size * x / np.linalg.norm(x) for x, size in zip(
         rng.normal(size=(3, 3)), rng.uniform(0.2, 1, 3) * [0.5, 40.0, 0.5], strict=True
     ))  # fmt: skip
     return [
-        f"start.{name}={[float(f'{x:.3g}') for x in value]}"
+        f"initial_state.{name}={[float(f'{x:.3g}') for x in value]}"
         for name, value in (("position_error_m", off), ("attitude_error_deg", turned), ("velocity_mps", velocity))
     ]
 
 
 def _path(settings: Scenario, k: int, rng: np.random.Generator) -> list[str]:
-    """Flown faster, slower, faster, ..."""
+    """Scale the period of the reference, alternately faster and slower."""
     factor = rng.uniform(0.7, 0.9) if k % 2 == 0 else rng.uniform(1.2, 1.6)
-    path = settings.reference
-    assert isinstance(path, Lissajous)  # other paths have no such try
+    reference = settings.reference
+    assert isinstance(reference, Lissajous)  # ensured by `_kinds`
     return [f"reference.period_s={[float(f'{factor * T:.3g}') for T in path.period_s]}"]
 
 
 def _sensors(_settings: Scenario, k: int, rng: np.random.Generator) -> list[str]:
-    """The study's noise, then up to twice as much."""
+    """Set the sensor noise of the scenario `paper`, then a multiple of it up to 2."""
     factor = 1.0 if k == 0 else float(rng.uniform(0.3, 2.0))
-    theirs = scenario.load_scenario(STUDY_NOISE).sensors.model_dump()
+    noise = scenario.load_scenario(STUDY_NOISE).sensors.model_dump()
     return [
         f"sensors.{name}={value * factor:.4g}"
-        for name, value in theirs.items()
+        for name, value in noise.items()
         if isinstance(value, float) and not name.endswith("Hz")
     ]
 
@@ -208,11 +255,11 @@ RATES = (100.0, 200.0, 400.0, 500.0)  # Hz
 
 
 def _rate(settings: Scenario, k: int, _rng: np.random.Generator) -> list[str]:
-    """Control at other rates."""
+    """Change the control rate and reduce filter corners above its Nyquist frequency."""
     hertz = [each for each in RATES if each != settings.control_Hz][k % (len(RATES) - 1)]
     slower = {
         "control.joint_filter_Hz": settings.control.joint_filter_Hz,
-        "learning.filter_Hz": settings.learning.label_filter_Hz,
+        "learning.label_filter_Hz": settings.learning.label_filter_Hz,
     }
     return [
         f"control_Hz={hertz:g}",
@@ -221,7 +268,7 @@ def _rate(settings: Scenario, k: int, _rng: np.random.Generator) -> list[str]:
 
 
 def _thrust(settings: Scenario, _k: int, rng: np.random.Generator) -> list[str]:
-    """Weaker rotors."""
+    """Reduce the thrust limits."""
     factor = rng.uniform(0.4, 0.8)
     return [
         f"agent_types.{name}.thrust_max_N={factor * kind.thrust_max_N:.3g}"
@@ -240,16 +287,18 @@ TRIAL_KINDS: dict[str, Callable[[Scenario, int, np.random.Generator], list[str]]
 }
 
 
-def _flight(name: str, settings: Scenario, changes: Sequence[str]) -> FalsificationTrial:
-    """Another flight against its own radii, for any run and for its own, by the energy bound."""
+def _scenario_trial(name: str, settings: Scenario, overrides: Sequence[str]) -> FalsificationTrial:
+    """Certify a changed scenario by the energy bound and compare its errors with its own bounds."""
     try:
         found = certification.certify(
-            scenario.parse(scenario.to_yaml(settings), settings.name, changes), names=("energy",)
+            scenario.parse(scenario.to_yaml(settings), settings.name, overrides), names=("energy",)
         ).certificate
     except (ScenarioError, ValueError) as error:
-        return FalsificationTrial(name, tuple(changes), {}, 0, 0, f"refused: {' '.join(str(error).split())}")
+        return FalsificationTrial(name, tuple(overrides), {}, 0, 0, f"rejected: {' '.join(str(error).split())}")
     radii = found.radii["energy"]
-    each = [_ratios(found.observed, of) for of in (radii.a_priori, radii.a_posteriori)]
+    each = [_ratios(found.observed, bounds) for bounds in (radii.a_priori, radii.a_posteriori)]
     ratios = {error: max(ratio[error] for ratio in each if error in ratio) for error in each[1]}
-    left = sum(span.num_outside(found.errors) for span in found.intervals.values())
-    return FalsificationTrial(name, tuple(changes), ratios, left, found.errors.size, found.a_priori.tube_failure)
+    violations = sum(span.num_outside(found.errors) for span in found.intervals.values())
+    return FalsificationTrial(
+        name, tuple(overrides), ratios, violations, found.errors.size, found.a_priori.tube_failure
+    )

@@ -1,4 +1,4 @@
-"""The flights of a study and what is written of them: logs, figures, tables, a summary."""
+"""Study of a scenario: simulation of all cases, and output of logs, figures, tables and summary."""
 
 from __future__ import annotations
 
@@ -28,7 +28,8 @@ from colift.scenario import Scenario, priors, team
 from colift.scenario.experiment import ALL_CASES
 from colift.workflows import generalization
 
-STUDY_FILES = (  # every file that a study may leave, and what `colift playback`, `report` and `export` make of them
+# output files of a study, and of `colift playback`, `report` and `export` for its logs
+STUDY_FILES = (
     *(f"{case}.{kind}" for case in ALL_CASES for kind in ("nc", "csv", "mcap")),
     *(
         "figure_[0-57]_*.pdf",
@@ -49,7 +50,15 @@ CERTIFICATE_FILES = (
 
 
 def open_run_directory(settings: Scenario, out: Path) -> AbstractContextManager[RunDirectory]:
-    """The folder for the results of a scenario, this process's alone within the block; raises as `folder.claim`."""
+    """Lock the directory for the results of a scenario; errors are raised as by `run_directory.lock_run_directory`.
+
+    Args:
+        settings: Scenario.
+        out: Directory.
+
+    Returns:
+        Context manager in which this process owns the directory.
+    """
     return run_directory.lock_run_directory(
         out, run_directory.run_id(version("colift"), settings.digest), STUDY_FILES + CERTIFICATE_FILES
     )
@@ -58,80 +67,114 @@ def open_run_directory(settings: Scenario, out: Path) -> AbstractContextManager[
 def run_study(
     settings: Scenario,
     out: RunDirectory,
-    ready: Mapping[str, Experiment],
+    experiments: Mapping[str, Experiment],
     preview: FeasibilityReport,
     progress: Callable[[str, float], None] = lambda _case, _t: None,
     heldout: Mapping[str, Mapping[str, Experiment]] = MappingProxyType({}),
 ) -> dict[str, Any]:
-    """Fly the plans of `study.plans`, write a NetCDF file each, figures, tables and `summary.json`; return the summary.
+    """Simulate the cases of a study, and write a NetCDF file for each, figures, tables and `summary.json`.
 
-    ahead: their `outlook.outlook`, which the summary repeats. unseen: `heldout.plans`, flown with the map that each
-    case ended with; of them the summary has the RMS position errors over the second half. Replaces an earlier study,
-    and the certificate of another run, before the first flight. Raises OSError where `out` cannot be written.
+    An earlier study, and the certificate of another run, are removed first. For held-out references, the final model of
+    each case is used, and the summary contains the RMS position error over the second half. An OSError is raised if the
+    directory is not writable.
+
+    Args:
+        settings: Scenario.
+        out: Directory of the results.
+        experiments: Experiments by case.
+        preview: Feasibility report of the experiments, which the summary repeats.
+        progress: Function called with case and simulated time [s].
+        heldout: Experiments on held-out references, by variant and case.
+
+    Returns:
+        Content of `summary.json`.
     """
     from colift.visualization import lengthscale_table, study_figures
 
     run_directory.remove_stale_files(out, STUDY_FILES, CERTIFICATE_FILES)
-    summary: dict[str, Any] = {
-        "scenario": settings.name,
-        "seed": settings.seed,
-        "version": version("colift"),
-        "settings": settings.digest,
-        "plant": settings.physics.kind,
-        "run": out.run_id,
-        "command": shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]),
-        "versions": {"python": platform.python_version()}
-        | {name: version(name) for name in ("jax", "jaxlib", "numpy")},
-        **preview.summary,
-        "limits": _limits(settings, next(iter(ready.values()))),
-        "cases": {},
-        **({"heldout": {}} if heldout else {}),
-    }
+    summary = _summary_header(settings, out.run_id, experiments, preview)
+    if heldout:
+        summary["heldout"] = {}
     data, fits = {}, {}
-    first = next(iter(ready.values()))
-    for case, flying in ready.items():
-        flight = run_experiment(flying, lambda t, case=case: progress(case, t))
-        began = time.perf_counter()
-        data[case] = flight_dataset(settings, case, flight, flying, out.run_id)
+    first = next(iter(experiments.values()))
+    for case, experiment in experiments.items():
+        flight = run_experiment(experiment, lambda t, case=case: progress(case, t))
+        start = time.perf_counter()
+        data[case] = flight_dataset(settings, case, flight, experiment, out.run_id)
         log.save(data[case], out.path / f"{case}.nc")
-        found = metrics.summary(flight, flying.world.team, flying.controller.team)
-        found["wall_s"] = {**flight.wall_time, "output": time.perf_counter() - began}
+        found = metrics.summary(flight, experiment.world.team, experiment.controller.team)
+        found["wall_s"] = {**flight.wall_time, "output": time.perf_counter() - start}
         summary["cases"][case] = found
         if flight.updates:
             fits[case] = flight.updates[-1].fits
-        for path, experiments in heldout.items():
-            told = f"{case}, {path}"
-            there = generalization.freeze_model(experiments[case], flight.model)
-            other = run_experiment(there, lambda t, told=told: progress(told, t))
-            error = None if other.termination_reason else metrics.rms_norm(metrics.second_half(other.records).e_p)
-            summary["heldout"].setdefault(case, {})[path] = {"e_p_rms_m": error, "stopped": other.termination_reason}
-    summary["bound"] = _rests_on(first)
-    summary["residual"] = summary["cases"][list(ready)[-1]]["residual"]
-    began = time.perf_counter()
+        for path, variants in heldout.items():
+            title = f"{case}, {path}"
+            frozen = generalization.freeze_model(variants[case], flight.model)
+            heldout_flight = run_experiment(frozen, lambda t, title=title: progress(title, t))
+            summary["heldout"].setdefault(case, {})[path] = _heldout_summary(heldout_flight)
+    summary["bound"] = _bound_statements(first)
+    summary["residual"] = summary["cases"][list(experiments)[-1]]["residual"]
+    start = time.perf_counter()
     study_figures.write_figures(data, ALL_CASES, out.path)
     for case, learned in fits.items():
         if learned:
             lengthscale_table.write_lengthscale_table(
                 _lengthscales(settings, learned), out.path / f"lengthscales_{case}", out.run_id
             )
-    summary["wall_s"] = {"figures": time.perf_counter() - began}
+    summary["wall_s"] = {"figures": time.perf_counter() - start}
     return atomic_write.write_json_atomic(summary, out.path / "summary.json")
 
 
-def flight_dataset(settings: Scenario, case: str, flight: FlightResult, flown: Experiment, run: str = "") -> xr.Dataset:
-    """A flight as labelled signals, `ds.lam.sel(contact="front/left")`, with what identifies it; `log.save` writes it.
+def _summary_header(
+    settings: Scenario, run_id: str, experiments: Mapping[str, Experiment], preview: FeasibilityReport
+) -> dict[str, Any]:
+    """Return the entries of the summary that are known before the first run."""
+    return {
+        "scenario": settings.name,
+        "seed": settings.seed,
+        "version": version("colift"),
+        "settings": settings.digest,
+        "plant": settings.physics.kind,
+        "run": run_id,
+        "command": shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]),
+        "versions": {"python": platform.python_version()}
+        | {name: version(name) for name in ("jax", "jaxlib", "numpy")},
+        **preview.summary,
+        "limits": _limits(settings, next(iter(experiments.values()))),
+        "cases": {},
+    }
 
-    run: the name of the run whose results it joins (`folder.run_name`), none for a flight in Python.
+
+def _heldout_summary(flight: FlightResult) -> dict[str, Any]:
+    """Return the RMS position error [m] over the second half of a run, None if it stopped early, and the reason."""
+    error = None if flight.termination_reason else metrics.rms_norm(metrics.second_half(flight.records).e_p)
+    return {"e_p_rms_m": error, "stopped": flight.termination_reason}
+
+
+def flight_dataset(
+    settings: Scenario, case: str, flight: FlightResult, experiment: Experiment, run: str = ""
+) -> xr.Dataset:
+    """Convert a run to labeled signals with identifying attributes, e.g. `ds.lam.sel(contact="front/left")`.
+
+    Args:
+        settings: Scenario.
+        case: Identifier of the case.
+        flight: Simulated run.
+        experiment: Experiment of the run.
+        run: Identifier of the results directory's run; empty outside of a study.
+
+    Returns:
+        Data set for `log.save`.
     """
     contacts = team.contact_names(settings)
-    joints, rests_on = team.joint_names(settings), _rests_on(flown)
+    joints, statements = team.joint_names(settings), _bound_statements(experiment)
     attrs = {
         "scenario": settings.name,
         "case": case,
         "seed": settings.seed,
         "version": version("colift"),
         "settings": settings.digest,
-        "scenario_json": settings.model_dump_json(exclude_none=True),  # a log is shown by the team that it is of
+        "scenario_json": settings.model_dump_json(exclude_none=True),  # defines the team for playback
         "run": run,
         "complete": int(not flight.termination_reason),
         "stopped": flight.termination_reason,
@@ -140,16 +183,16 @@ def flight_dataset(settings: Scenario, case: str, flight: FlightResult, flown: E
         "unused": "; ".join(flight.learning_warnings),
         "update_points_payload": [update.num_samples["payload"] for update in flight.updates],
         "update_points_agents": [update.num_samples["agents"] for update in flight.updates],
-        "world_changed": _when(settings, ((update.t, update.change_points) for update in flight.updates)),
-        "fitted_anew": _when(settings, ((update.t, update.refitted) for update in flight.updates)),
+        "world_changed": _describe_events(settings, ((update.t, update.change_points) for update in flight.updates)),
+        "fitted_anew": _describe_events(settings, ((update.t, update.refitted) for update in flight.updates)),
         "T_end_s": settings.learning.end_s,
-        **{f"limit_{name}": value for name, value in _limits(settings, flown).items() if value is not None},
-        **{f"rho_{name}": value for name, value in rests_on.items()},
-        "rho_assumed": ", ".join(rests_on["assumed"]),  # lists of words are not for every reader of NetCDF
+        **{f"limit_{name}": value for name, value in _limits(settings, experiment).items() if value is not None},
+        **{f"rho_{name}": value for name, value in statements.items()},
+        "rho_assumed": ", ".join(statements["assumed"]),  # some readers of NetCDF do not support lists of strings
     }
     return log.dataset(
         flight.records,
-        agents=flown.agent_names,
+        agents=experiment.agent_names,
         joints=joints,
         contacts=contacts,
         attrs=attrs,
@@ -157,46 +200,49 @@ def flight_dataset(settings: Scenario, case: str, flight: FlightResult, flown: E
     )
 
 
-def _when(settings: Scenario, of: Iterable[tuple[float, Sequence[features.BodyKey]]]) -> str:
-    """At which times for whom, in words."""
-    return "; ".join(f"{t:g} s: {', '.join(_body_name(settings, body) for body in who)}" for t, who in of if who)
+def _describe_events(settings: Scenario, events: Iterable[tuple[float, Sequence[features.BodyKey]]]) -> str:
+    """Describe the times and bodies of model update events."""
+    return "; ".join(
+        f"{t:g} s: {', '.join(_body_name(settings, body) for body in who)}" for t, bodies in events if bodies
+    )
 
 
 def _limits(settings: Scenario, experiment: Experiment) -> dict[str, Any]:
-    """The limits as stated, and what the share of the start's grip is for every agent."""
+    """Return the termination limits of the settings and the absolute grasp limit of each agent."""
     return settings.termination.model_dump() | {
         "grip_1pkg": np.asarray(experiment.termination_limits.min_delassus).tolist()
     }
 
 
-def _rests_on(flown: Experiment) -> dict[str, Any]:
-    """What the radii along the run rest on; `assumed` names what of it is not shown."""
-    stated = flown.bound_assumptions
+def _bound_statements(experiment: Experiment) -> dict[str, Any]:
+    """Return the assumptions of the error bounds along the run; `assumed` lists those that are not shown."""
+    stated = experiment.bound_assumptions
     return {
         "bound": stated.bound,
         "confidence": stated.confidence,
         "norm": stated.rkhs_norm,
         "label_error_payload": stated.payload.tolist(),
         "label_error_agents": np.concatenate([eps.ravel() for eps in stated.agents]).tolist(),
-        "assumed": list(assumptions.radius_assumptions(flown)),
+        "assumed": list(assumptions.radius_assumptions(experiment)),
     }
 
 
 def _body_name(settings: Scenario, body: features.BodyKey) -> str:
+    """Return the name of a body."""
     return body if isinstance(body, str) else team.group_agents(settings)[body[0]][body[1]].name
 
 
 def _lengthscales(settings: Scenario, fits: model_update.Fits) -> dict[str, Any]:
-    """The last fits by body name, with the names of their features and outputs."""
-    out, seen = {}, priors.features(settings)
+    """Return the last fits by body name, with the names of features and outputs."""
+    out, feature_map = {}, priors.features(settings)
     for body, fit in fits.items():
         if isinstance(body, str):
-            name, features, joints = body, seen.payload_names(), []
+            name, features, joints = body, feature_map.payload_names(), []
         else:
             group, j = body
             agent = team.group_agents(settings)[group][j]
             moved = settings.agent_types[agent.type].joints
-            name, features, joints = agent.name, seen.agent_names(len(moved)), [m.name for m in moved]
+            name, features, joints = agent.name, feature_map.agent_names(len(moved)), [m.name for m in moved]
         outputs = ["F_x", "F_y", "F_z", "tau_x", "tau_y", "tau_z", *(f"tau_{joint}" for joint in joints)]
         out[name] = (features, outputs, fit.lengthscales, fit.at_lower, fit.at_upper)
     return out

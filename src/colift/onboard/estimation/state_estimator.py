@@ -202,7 +202,7 @@ class ComplementaryFilter:
         self, team: Team, state: EstimatorState, measurement: Measurement, applied: TeamInputs, clock: ControlClock
     ) -> tuple[StateEstimate, EstimatorState]:
         """Compute states, contact forces and filtered labels of one control period; see `Estimator`."""
-        age = measurement.age_s.get("agents.lam", jnp.zeros(()))
+        age = measurement.measurement_age_s.get("agents.lam", jnp.zeros(()))
         valid = (age <= self.max_reading_age + 1e-9).astype(float)
         return _update(team, self.filters, state, measurement, applied, valid, clock.dt)
 

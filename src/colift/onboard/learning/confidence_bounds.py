@@ -43,10 +43,7 @@ class BoundAssumptions:
         rkhs_norm: Bound B of the RKHS norm of each output minus its prior mean; ``|f| <= B sqrt(signal_variance)``.
         payload: Bounds ``eps`` (6,) of the label errors of the payload [N, N m].
         agents: Bounds of the label errors of the agents, by group, of shape (agents, outputs) [N, N m].
-        satisfied: Assumptions that are known to hold.
-
-    Raises:
-        ValueError: If the bound is unknown, or a norm or label error is not positive and finite.
+        satisfied: Assumptions that hold by construction of the scenario.
     """
 
     bound: str
@@ -57,6 +54,11 @@ class BoundAssumptions:
     satisfied: frozenset[error_bounds.BoundAssumption] = frozenset()
 
     def __post_init__(self) -> None:
+        """Check bound, norm and label errors.
+
+        Raises:
+            ValueError: If the bound is unknown, or a norm or label error is not positive and finite.
+        """
         if self.bound not in ONLINE_BOUNDS:
             raise ValueError(f"bound = {self.bound!r}: must be one of {', '.join(ONLINE_BOUNDS)}")
         if not (np.isfinite(self.rkhs_norm) and self.rkhs_norm > 0):

@@ -232,7 +232,8 @@ class OnlineLearner:
     ) -> residual_model.ResidualModel:
         """Condition the model on selected samples, and fit it if required.
 
-        Returns the same model if there are neither new samples nor pending bodies.
+        Returns:
+            The updated model; the same model if there are neither new samples nor pending bodies.
         """
         has_new_samples, pending = recorder_state.latest_time() > self.last_sample_time, self.pending
         self.pending = self.pending if has_new_samples else set()
@@ -264,7 +265,8 @@ class OnlineLearner:
     def _close_change_points(self, data: recorder.RecorderState, fit: bool) -> recorder.RecorderState:
         """Remove the change points of misspecified bodies and, at a fit, those without older samples.
 
-        Returns the samples without those of misspecified bodies before their change point.
+        Returns:
+            The samples without those of misspecified bodies before their change point.
         """
         samples = model_update.samples_by_body(data)
         only_new = {
@@ -281,11 +283,14 @@ class OnlineLearner:
         recorder_state: recorder.RecorderState,
         options: OnlineUpdateOptions,
     ) -> tuple[features.BodyKey, ...]:
-        """Compare new samples with the model; return the bodies for which a change is declared.
+        """Compare new samples with the model and declare changes.
 
         A pending body is not tested. When it has enough samples for a new model, this model is tested against its own
         samples by leave-one-out errors. If these are as large as the errors of the newest samples, the body is
         misspecified and no change is declared.
+
+        Returns:
+            The bodies for which a change is declared.
         """
         changed, misspecified = [], []
         samples = model_update.samples_by_body(self.data or recorder_state)

@@ -206,8 +206,9 @@ def _evaluate_block(
 def payload_label_bias_std(team: Team, biases: LabelBiasModel, t: np.ndarray) -> Float[np.ndarray, "time 6"]:
     """Compute the standard deviation of the label bias of the payload.
 
-    With ``n`` contacts at ``rho_c``, the tip bias ``b`` and the accelerometer bias ``a``, it is
-    ``sqrt(n b^2 + (m_L a)^2)`` for the force and ``sqrt(sum_c |rho_c x e_i|^2) b`` for the moment about axis i.
+    Let ``b`` be the tip bias, ``a`` the accelerometer bias, and ``rho_c`` the positions of the ``n`` contacts. The
+    standard deviation of the force is ``sqrt(n b^2 + (m_L a)^2)``. That of the moment about axis i is
+    ``sqrt(sum_c |rho_c x e_i|^2) b``.
 
     Args:
         team: Nominal parameters.

@@ -194,8 +194,8 @@ class InnovationFilter:
     Provides the terms of ``f = m + alpha (f_hat - m) + r + (w T_lead + s) dg/dt`` (docs/learning, Eq. 3), with the
     filtered prediction ``m = F f_hat`` and ``g = F y - alpha m``.
 
-    - *Model gain.* ``alpha = (v + n <dy dm>) / (v + n <dm^2>)``, limited to [0, 1], is the share of model changes ``dm``
-      that label changes ``dy`` confirm (Eq. 4). ``v`` is the variance of labels and ``n`` the variance ratio.
+    - *Model gain.* ``alpha = (v + n <dy dm>) / (v + n <dm^2>)``, limited to [0, 1], is the share of model changes
+      ``dm`` that label changes ``dy`` confirm (Eq. 4). ``v`` is the variance of labels, ``n`` the variance ratio.
     - *Extrapolation gain.* Once per label delay ``D``, the predicted change ``d = D dg/dt`` is compared with the actual
       change ``Dg``. With the autocorrelation ``h = exp(-2 pi f_y D)`` of filtered white noise and the coherence ``c``,
       ``w = n (<Dg d> - h <d^2>) / ((1 - h) c (v + n <d^2>))``, limited to [0, 1] (Eq. 5).
@@ -428,7 +428,8 @@ class InnovationFilter:
     ) -> RateForecast:
         """Compare the forecast with the label once it is one label delay old, and start a new one.
 
-        A forecast from before an interruption of labels does not enter the moments.
+        Returns:
+            The forecast; one from before an interruption of labels does not enter the moments.
         """
         forecast = state.rate_forecast
         uninterrupted = state.initialized * (
@@ -508,7 +509,8 @@ def _error_rms(
 def _transfer_to_model(state: InnovationState, f: ResidualForces, update_index: Int[Array, ""]) -> InnovationState:
     """Offset the state by the step of the prediction when the model is replaced (bumpless transfer).
 
-    The state then equals that of a filter whose model has always been the new one, up to a constant.
+    Returns:
+        The state of a filter whose model has always been the new one, up to a constant.
     """
     step = jax.tree.map(
         lambda new, old: jnp.where((update_index != state.update_index) & (state.initialized > 0), new - old, 0.0),

@@ -45,9 +45,10 @@ class MeanPrior:
     """Prior standard deviations of the parameters of the mean functions.
 
     Attributes:
-        payload: Standard deviations (14,) of mass [kg], three first moments [kg m], drag coefficient [N s/m], drag
-            coefficient times lever [N s], and constants of force [N] and moment [N m].
-        agents: Standard deviations (5,) of drag coefficient [N s/m], thrust bias [N] and constant forces [N].
+        payload: Standard deviations (14,) of the payload parameters: mass [kg], first moments [kg m], drag coefficient
+            [N s/m], drag coefficient times lever [N s], constant force [N] and constant moment [N m].
+        agents: Standard deviations (5,) of the agent parameters: drag coefficient [N s/m], thrust bias [N] and
+            constant force [N].
         nominal_payload: Nominal payload, which limits the identified inertial parameters.
     """
 
@@ -346,11 +347,10 @@ def _agent_regressors(x: Float[Array, "samples inputs"]) -> Float[Array, "sample
     """Return drag, thrust and constant columns of an agent."""
 
     def one(x: Float[Array, "inputs"]) -> Float[Array, "3 5"]:
-        force = (
-            lambda b: mean_functions.DragThrustMean(  # noqa: E731
-                payload=jnp.zeros(4), agents=(b[None],)
-            ).agent_means(0, x[None])[0, :3]
-        )
+        def force(b: Float[Array, "2"]) -> Float[Array, "3"]:
+            mean_function = mean_functions.DragThrustMean(payload=jnp.zeros(4), agents=(b[None],))
+            return mean_function.agent_means(0, x[None])[0, :3]
+
         return jnp.concatenate([jax.jacfwd(force)(jnp.zeros(2)), jnp.eye(3)], axis=1)
 
     return jax.vmap(one)(x)
