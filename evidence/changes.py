@@ -100,7 +100,7 @@ def fly(item: str) -> dict[str, Any]:
         "by_second_m": by,
         "delta_W_rms_N": metrics.rms_norm(rows.delta_W[rows.t >= late][:, :3]) if rows.t[-1] > late else None,
         "chatter_N": metrics.high_frequency_rms(metrics.second_half(rows)),
-        "stopped": flight.termination_reason,
+        "termination_reason": flight.termination_reason,
         "changed_s": [update.t for update in flight.updates if update.change_points],
     }
 
@@ -147,7 +147,7 @@ def targets(found: dict[str, Any]) -> list[Target]:
 
 
 def _error(flown: dict[str, Any]) -> float:
-    return np.inf if flown["stopped"] or flown["e_p_rms_m"] is None else flown["e_p_rms_m"]
+    return np.inf if flown["termination_reason"] or flown["e_p_rms_m"] is None else flown["e_p_rms_m"]
 
 
 def _said(errors: list[float]) -> str:

@@ -63,9 +63,9 @@ class Drake:
         contacts = tuple(group.contact_position for group in team.agent_groups)
         results = [jnp.zeros(6), *mujoco_plant._join_groups(like), *mujoco_plant._join_groups(contacts)]
         a_L, *of_agents, lam = mujoco_plant._call_host(self.hosts.accelerate, results, z, inputs, f, self.h)
-        return Acceleration(agents=mujoco_plant._split_groups(like, of_agents), payload=a_L), mujoco_plant._split_groups(
-            contacts, [lam]
-        )
+        return Acceleration(
+            agents=mujoco_plant._split_groups(like, of_agents), payload=a_L
+        ), mujoco_plant._split_groups(contacts, [lam])
 
     def step(
         self,

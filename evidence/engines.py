@@ -81,7 +81,7 @@ def case(name: str) -> dict[str, Any]:
     return {
         "e_p_rms_m": found,
         "apart": None if stopped else apart(theirs.records, ours.records),
-        "stopped": stopped,
+        "termination_reason": stopped,
         "cpu_s": {"ours": ours_s, "mujoco": theirs_s},
     }
 
@@ -109,8 +109,8 @@ def main() -> bool:
     for name, row in found["settings"].items():
         print(f"{name:42}", "  ".join(f"{what} {value:.3g}" for what, value in row.items()))
     for name in CASES:
-        if found[name]["stopped"]:
-            print(name, found[name]["stopped"])
+        if found[name]["termination_reason"]:
+            print(name, found[name]["termination_reason"])
             return False
         print(name, "  ".join(f"{what} {value:.3g}" for what, value in found[name]["apart"].items()), end="   ")
         print("  ".join(f"e_p {who} {1e3 * value:.2f} mm" for who, value in found[name]["e_p_rms_m"].items()))

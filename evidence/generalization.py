@@ -476,7 +476,7 @@ def fly(item: str) -> dict[str, Any]:
         termination.TerminationCause(int(loop.termination)).name if int(loop.termination) else "",
         metrics.second_half(rows),
     )
-    found: dict[str, Any] = {"stopped": stopped, "e_p_rms_m": metrics.rms_norm(rows.e_p)}
+    found: dict[str, Any] = {"termination_reason": stopped, "e_p_rms_m": metrics.rms_norm(rows.e_p)}
     if case != "true_residual" and not stopped:
         e_L, e_x = rows.f_L_hat - rows.f_L, rows.f_x_hat - rows.f_x
         found |= {

@@ -49,8 +49,8 @@ def targets(found: dict[str, Any]) -> dict[str, bool]:
         "sigma_A": abs(c1["sigma_A_mean"] - c2["sigma_A_mean"]) < 1e-9 and falls("sigma_A_mean", (c3, c2, 0.99)),
         "constraint": all(f["Phi_max_m"] <= 1e-10 and f["Phi_dot_max"] <= 1e-10 for f in flown),
         "wrench": all(f["wrench_consistency_max"] <= 1e-9 and f["interface_identity_max"] <= 1e-9 for f in flown),
-        "chatter": all(f["lam_hf_rms_N"] <= 0.2 for f in flown),
-        "data": c3["n_data"]["payload"] >= 200 and len(c3["updates"]) >= 4,
+        "chatter": all(f["contact_force_hf_rms_N"] <= 0.2 for f in flown),
+        "data": c3["num_samples"]["payload"] >= 200 and len(c3["updates"]) >= 4,
         "varying": bool((varying >= [0.3] * 3 + [0.03] * 3).all()),
     }
 

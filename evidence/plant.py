@@ -178,7 +178,7 @@ def flight(name: str) -> dict[str, object]:
     rows = (flown := run_experiment(experiment.make_experiment(settings, "C1"))).records
     cosine = (np.einsum("tij,ij->t", rows.R_L, rows.R_L[0]) - 1) / 2
     return {
-        "stopped": flown.termination_reason,
+        "termination_reason": flown.termination_reason,
         "duration_s": float(rows.t[-1]),
         "saturated": float(rows.thrust_saturated.mean()),
         "turned_deg": float(np.rad2deg(np.arccos(np.clip(cosine, -1, 1))).max()),
@@ -344,7 +344,7 @@ def summarize(found: dict[str, dict]) -> dict[str, object]:
         "momentum": table["momentum"]["worst"] <= 1e-8,  # ty: ignore
         "order": all(round(r["state"]) == 4 for r in orders) and min(r["force"] for r in orders) >= 3,
         "residual": max(held) <= 1e-10
-        and all(not v["stopped"] for v in of("flight").values())
+        and all(not v["termination_reason"] for v in of("flight").values())
         and found["flight, saturated"]["saturated"] > 0.5
         and min(v["turned_deg"] for item, v in found.items() if item.startswith(("residual", "flight, turned"))) >= 90,
         "gradient": max(value for values in slopes.values() for value in values) <= 1e-6,

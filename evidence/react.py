@@ -74,7 +74,7 @@ def fly(item: str) -> dict[str, Any]:
     if asked["dead_s"]:
         plans["faded"] = faded(plans["gp_label_feedback"], settings)
     cases = {case: flown(plan) for case, plan in plans.items()}
-    if cases["adaptive"]["stopped"]:
+    if cases["adaptive"]["termination_reason"]:
         cases["C1"] = flown(experiment.make_experiment(settings, "C1"))
     return {"asked": asked, **cases}
 
@@ -101,9 +101,11 @@ def flown(plan: Experiment) -> dict[str, Any]:
     return {
         "e_p_rms_m": metrics.rms_norm(rows.e_p[late]) if late.any() else None,
         "e_p_soon_m": metrics.rms_norm(rows.e_p[soon]) if soon.any() else None,
-        "stopped": flight.termination_reason,
+        "termination_reason": flight.termination_reason,
         "chatter_N": metrics.high_frequency_rms(metrics.second_half(rows)),
-        "outside": {name: surprised(flight, *span) for name, span in (("second_half", HALF), ("changing", CHANGING))},
+        "miscoverage": {
+            name: surprised(flight, *span) for name, span in (("second_half", HALF), ("changing", CHANGING))
+        },
     }
 
 
@@ -131,14 +133,14 @@ def main() -> bool:
     """Print how C4 compares, and what is asked of it beside what it misses; whether all holds."""
     found_of = collect("react", map(str, range(SAMPLES)), fly)
     lost = {
-        case: [item for item, found in found_of.items() if found[case]["stopped"]]
+        case: [item for item, found in found_of.items() if found[case]["termination_reason"]]
         for case in (*CASES, "label_feedback led")
     }
     print("ended early: " + ", ".join(f"{case} {len(items)}" for case, items in lost.items()))
     whole = {
         item: found
         for item, found in found_of.items()
-        if not any(found[case]["stopped"] for case in ("adaptive", "true_residual"))
+        if not any(found[case]["termination_reason"] for case in ("adaptive", "true_residual"))
     }
 
     for case in (*CASES, "label_feedback led"):
@@ -154,7 +156,7 @@ def main() -> bool:
 def error(found: dict[str, Any], case: str) -> float:
     """The position error of a case after the changes, m; infinite where its flight ended early."""
     e = found[case]["e_p_rms_m"]
-    return np.inf if found[case]["stopped"] or e is None else e
+    return np.inf if found[case]["termination_reason"] or e is None else e
 
 
 def targets(found_of: dict[str, Any]) -> list[Target]:
@@ -163,17 +165,17 @@ def targets(found_of: dict[str, Any]) -> list[Target]:
     def over(flights: list[dict[str, Any]], *cases: str) -> list[float]:
         return [error(f, "adaptive") / min(error(f, case) for case in cases) for f in flights]
 
-    lost = [item for item, found in found_of.items() if found["adaptive"]["stopped"]]
+    lost = [item for item, found in found_of.items() if found["adaptive"]["termination_reason"]]
     every = [
         found
         for found in found_of.values()
-        if not any(found[case]["stopped"] for case in ("adaptive", "true_residual"))
+        if not any(found[case]["termination_reason"] for case in ("adaptive", "true_residual"))
     ]
     lasting = [f for f in every if f["asked"]["dead_s"] is None]
     silent = [f for f in every if f["asked"]["dead_s"] is not None]
     stepped = [f for f in every if abs(f["asked"]["turn_deg"]) > 30 or abs(f["asked"]["added_kg"]) > 0.1]
     soon = [f["adaptive"]["e_p_soon_m"] / f["true_residual"]["e_p_soon_m"] for f in stepped]
-    outside = {span: [f["adaptive"]["outside"][span] for f in every] for span in ("second_half", "changing")}
+    outside = {span: [f["adaptive"]["miscoverage"][span] for f in every] for span in ("second_half", "changing")}
     asked = (  # of what, at most, in which share of the flights
         ("labels available: e_p of adaptive over true_residual", over(lasting, "true_residual"), 2.5, 0.9),
         (
@@ -204,7 +206,7 @@ def targets(found_of: dict[str, Any]) -> list[Target]:
         within, note = share(ratios, most)
         percent = 100 * within / len(ratios)
         shares.append(Target(f"{what}, at most {most:g}", percent, least=100 * least, unit="% of flights", note=note))
-    worse = sum(found_of[item]["C1"]["stopped"] == "" for item in lost)
+    worse = sum(found_of[item]["C1"]["termination_reason"] == "" for item in lost)
     return [*shares, Target("flights that adaptive loses and C1 completes", worse, most=0)]
 
 

@@ -33,7 +33,7 @@ def fly(item: str) -> dict[str, Any]:
         flight = run_experiment(plan)
         half = metrics.second_half(flight.records)
         errors = {"e_p_rms_m": metrics.rms_norm(half.e_p), "Psi_mean": float(np.mean(half.Psi))}
-        found[case] = {"stopped": flight.termination_reason} | ({} if flight.termination_reason else errors)
+        found[case] = {"termination_reason": flight.termination_reason} | ({} if flight.termination_reason else errors)
     return found
 
 
@@ -43,7 +43,7 @@ def main() -> bool:
     flown, good = collect("redundant", items, fly), True
     for item in items:
         found = flown[item]
-        if stopped := {case: each["stopped"] for case, each in found.items() if each["stopped"]}:
+        if stopped := {case: each["termination_reason"] for case, each in found.items() if each["termination_reason"]}:
             print(f"{item}: {stopped}")
             good = False
             continue

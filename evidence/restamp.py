@@ -45,7 +45,7 @@ UNCOMPARED = {
     *("wall_s", "cpu_s", "ours_cpu_s", "cpu_over_ours", "cost_s", "took_s", "at_s", "s", "median_us", "p999_us"),
     *("largest_process_MB", "versions", "compiler", "drake"),
 }
-MESSAGES = {"says", "message", "said", "stopped", "warnings", "wrong", "failures", "skipped", "seen_by"}
+MESSAGES = {"says", "message", "said", "termination_reason", "warnings", "wrong", "failures", "skipped", "seen_by"}
 ITEMS = {  # the item that is replayed, where it is not the first that is stored: cheap, and of much of the code
     "certified": "101",
     "changes": "home: adaptive: 0",

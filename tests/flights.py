@@ -87,6 +87,13 @@ def sigma(rng: np.random.Generator, shape: Shape, every: int = 5) -> PredictionU
 
 def dataset(rng: np.random.Generator, shape: Shape = PAPER, **attrs: object) -> xr.Dataset:
     """A random flight as the study logs it."""
-    stated = {"case": "C3", "seed": 1, "complete": 1, "stopped": "", "update_times_s": [0.02, 0.05], "T_end_s": 0.05}
-    stated |= {"rho_bound": "energy", "rho_confidence": 0.95, "rho_assumed": "norm, energy", "run": RUN}
+    stated = {
+        "case": "C3",
+        "seed": 1,
+        "complete": 1,
+        "termination_reason": "",
+        "update_times_s": [0.02, 0.05],
+        "T_end_s": 0.05,
+    }
+    stated |= {"rho_bound": "energy", "rho_confidence": 0.95, "bound_assumptions": "norm, energy", "run": RUN}
     return log.dataset(rows(rng, shape), sigma=sigma(rng, shape), attrs=stated | attrs, **shape.names)

@@ -23,7 +23,13 @@ def labelled(
     rows: signals.StepRecord, sigma: prediction_uncertainty.PredictionUncertainty, told: scenario.Scenario, **attrs: Any
 ) -> xr.Dataset:
     """A log as a study writes it, of what pages are made of."""
-    stated = {"stopped": "", "complete": 1, "update_times_s": [], "T_end_s": told.learning.end_s, "version": "0.1.0"}
+    stated = {
+        "termination_reason": "",
+        "complete": 1,
+        "update_times_s": [],
+        "T_end_s": told.learning.end_s,
+        "version": "0.1.0",
+    }
     stated |= {"scenario_json": told.model_dump_json(exclude_none=True), "run": flights.RUN, "case": "C1"}
     names = (team.agent_names(told), team.joint_names(told), team.contact_names(told))
     named = dict(zip(("agents", "joints", "contacts"), names, strict=True))

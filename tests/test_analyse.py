@@ -84,9 +84,12 @@ def test_the_summary_is_of_the_second_half_but_for_what_must_hold_always():
     assert found["delta_W_rms"] == pytest.approx(np.hypot(force, moment), rel=1e-12)
     assert found["lam_max_N"] == pytest.approx(max(np.sqrt((f**2).sum()) for f in rows.lam[late].reshape(-1, 3)))
     assert (found["thrust_min_N"], found["thrust_max_N"]) == (rows.u[late].min(), rows.u[late].max())
-    assert (found["Phi_max_m"], found["singular_min"]) == (rows.Phi.max(), rows.min_delassus_singular_value.min())
+    assert (found["Phi_max_m"], found["min_delassus_singular_value"]) == (
+        rows.Phi.max(),
+        rows.min_delassus_singular_value.min(),
+    )
     assert found["saturated_ticks"] == sum(bool(tick.any()) for tick in rows.thrust_saturated)
-    assert found["n_data"] == {"payload": 0, "agents": 0}
+    assert found["num_samples"] == {"payload": 0, "agents": 0}
     sigma = made.uncertainty
     late = sigma.t >= rows.t[120]
     each = [np.linalg.norm(sigma.agent_std[0][late, j], axis=1) for j in range(2)]

@@ -13,7 +13,7 @@ import pytest
 from typer.testing import CliRunner
 
 from colift import scenario
-from colift.analysis import preflight, stability
+from colift.analysis import preflight, remedies, stability
 from colift.cli.app import app
 from colift.scenario import Scenario, experiment, initial_states, team, template, termination
 from tests import light
@@ -45,9 +45,9 @@ def test_a_team_that_flies_is_sound():
         "delay",
         "gain",
     ]
-    assert good.format_report()[-1] == "sample: sound"
+    assert good.format_report()[-1] == "sample: passed"
     assert finding(good, "mass").values["total_kg"] == 6
-    assert "payload 1.5 kg (believed 1.2 kg), 3 agents from n0 to n2 of 1.5 kg each" in finding(good, "mass").message
+    assert "payload 1.5 kg (nominal 1.2 kg), 3 agents from n0 to n2 of 1.5 kg each" in finding(good, "mass").message
     assert finding(good, "contacts").values["rank"] == 6
     assert 0.002 <= finding(good, "delay").values["margin_s"] <= 0.05
     assert json.loads(json.dumps(good.summary))["mode"]["rad_s"][0] < 0
@@ -63,30 +63,30 @@ def test_a_mode_that_grows_is_bad_and_the_change_that_is_said_steadies_it():
     assert "unstable" in bad.message
     assert re.search(r"moves n\d in (roll|pitch|yaw)", bad.message)
     assert not any(each.subject == "delay" for each in wild.findings)
-    (rate,) = re.fullmatch(r"--set control\.agent_k_omega=28\.0 makes it ([+-]\S+) rad/s", bad.advice[0]).groups()
+    (rate,) = re.fullmatch(r"--set control\.agent_k_omega=28\.0 yields ([+-]\S+) rad/s", bad.advice[0]).groups()
     assert float(rate) == pytest.approx(finding(found("good"), "mode").values["rad_s"][0], abs=1e-2)
     assert float(rate) < 0 < finding(wild, "mode").values["rad_s"][0]
-    assert wild.format_report()[-1] == "sample: bad: mode, learned"
+    assert wild.format_report()[-1] == "sample: failed: mode, learned"
 
 
 @pytest.mark.long
 def test_too_little_delay_margin_is_bad_with_the_gain_that_gives_more(monkeypatch: pytest.MonkeyPatch):
-    every = list(preflight._gains(light.settings()))
-    monkeypatch.setattr(preflight, "DELAY_LEAST", 0.02)
-    monkeypatch.setattr(preflight, "_gains", lambda _: [each for each in every if "agent_k_omega" in each[0]])
+    every = list(remedies.gain_changes(light.settings()))
+    monkeypatch.setattr(preflight, "MIN_DELAY_MARGIN", 0.02)
+    monkeypatch.setattr(remedies, "gain_changes", lambda _: [each for each in every if "agent_k_omega" in each[0]])
     late = finding(preflight.run_preflight(light.settings()), "delay")
-    margin = re.fullmatch(r"--set control\.agent_k_omega=19\.6 makes it (\S+) s", late.advice[0])
+    margin = re.fullmatch(r"--set control\.agent_k_omega=19\.6 yields (\S+) s", late.advice[0])
     assert margin
     assert float(margin[1]) > late.values["margin_s"]
 
 
 def test_a_delay_margin_that_is_not_known_is_said_and_not_called_bad(monkeypatch: pytest.MonkeyPatch):
     def unknown(*_: object) -> None:
-        raise ValueError("what the pilot remembers does not move every command by itself")
+        raise ValueError("the controller state does not determine every command independently")
 
     monkeypatch.setattr(stability, "delay_margin", unknown)
     said = preflight._delay(light.settings(), {}, np.eye(1), print)
-    assert said.message.endswith("is not known: what the pilot remembers does not move every command by itself")
+    assert said.message.endswith("is not known: the controller state does not determine every command independently")
     assert (said.advice, said.values) == ((), {"margin_s": None})
 
 
@@ -120,18 +120,18 @@ def heavier(kg: float) -> Scenario:
 
 
 def test_little_thrust_is_bad_with_how_much_it_should_be(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(stability, "monodromy", no_rest)
+    monkeypatch.setattr(stability, "equilibrium_and_jacobian", no_rest)
     seen = preflight.run_preflight(heavier(7.0))
     thrust = finding(seen, "thrust")
     assert [line.split(":")[0] for line in thrust.advice] == ["hover", "reference"]
     need = max(thrust.values["hover_N"].values())
     assert f"agent_types.body.thrust_max_N to {need / 0.9:.3g} or more" in thrust.advice[0]
-    assert "no rest" in finding(seen, "rest").message
+    assert "no equilibrium" in finding(seen, "rest").message
 
 
 def test_a_team_that_has_no_thrust_to_spare_is_not_told_to_share_it_or_to_fly_slower(monkeypatch: pytest.MonkeyPatch):
     """Where hover leaves less than is asked of all thrust together no place of contacts helps, and no reference."""
-    monkeypatch.setattr(stability, "monodromy", no_rest)
+    monkeypatch.setattr(stability, "equilibrium_and_jacobian", no_rest)
     limits = light.SAMPLE.termination.model_copy(update={"hover_thrust_margin": 0.3})
     few = preflight.run_preflight(heavier(7.0).model_copy(update={"termination": limits}))
     hover, reference = finding(few, "thrust").advice
@@ -146,9 +146,11 @@ def test_what_is_alike_in_a_team_is_said_once():
 
 
 def test_arms_that_hang_straight_over_their_contacts_are_told_contacts_that_bend_them(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(stability, "monodromy", no_rest)
+    monkeypatch.setattr(stability, "equilibrium_and_jacobian", no_rest)
     changes = [f"agent_types.two_arms.joints.{joint}.nominal_position_rad=0" for joint in ("left", "right")]
-    changes += [f"agents.{name}.contact_positions_m=[[{x}, 0.08, 0.05], [{x}, -0.08, 0.05]]" for name, x in CONTACTS.items()]
+    changes += [
+        f"agents.{name}.contact_positions_m=[[{x}, 0.08, 0.05], [{x}, -0.08, 0.05]]" for name, x in CONTACTS.items()
+    ]
     refused = finding(preflight.run_preflight(scenario.load_scenario("paper", changes)), "refused")
     assert "front: grasp Jacobian is nearly singular" in refused.message
     (advice,) = refused.advice
@@ -157,8 +159,12 @@ def test_arms_that_hang_straight_over_their_contacts_are_told_contacts_that_bend
     settings = scenario.load_scenario("paper", [*changes, *better])
     truth, _ = team.team(settings)
     assert (
-        max(preflight._conditions(settings, truth, initial_states.equilibrium_state(settings, truth)).values())
-        < preflight.MAX_JACOBIAN_CONDITION
+        max(
+            remedies.grasp_jacobian_conditions(
+                settings, truth, initial_states.equilibrium_state(settings, truth)
+            ).values()
+        )
+        < remedies.MAX_JACOBIAN_CONDITION
     )
 
 
@@ -169,8 +175,8 @@ def test_agents_whose_stated_rest_is_straight_follow_no_rate_of_labels():
     changes = [f"agent_types.two_arms.joints.{joint}.nominal_position_rad=0" for joint in ("left", "right")]
     straight = scenario.load_scenario("paper", changes)  # their contacts bend them: the team can be built
     (said,) = preflight._labels(straight, team.team(straight)[1])
-    assert "front has straight arms where its joints are stated to rest" in said.message
-    assert "follow none" in said.message
+    assert "front has straight arms at its nominal joint positions" in said.message
+    assert "use none" in said.message
     json.dumps(said.values, allow_nan=False)
     falling = scenario.load_scenario("paper", ["gravity_mps2=[0, 0, 0]"])
     (said,) = preflight._labels(falling, team.team(falling)[1])
@@ -178,7 +184,7 @@ def test_agents_whose_stated_rest_is_straight_follow_no_rate_of_labels():
 
 
 def no_rest(*_: object) -> None:
-    raise ValueError("the team finds no rest near the start of its reference")
+    raise ValueError("the loop has no equilibrium near the start of its reference")
 
 
 def test_what_cannot_be_built_is_said_with_what_to_change():
@@ -195,16 +201,20 @@ def test_what_cannot_be_built_is_said_with_what_to_change():
 
 
 def test_joints_near_a_singular_grasp_are_named(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(stability, "monodromy", no_rest)
+    monkeypatch.setattr(stability, "equilibrium_and_jacobian", no_rest)
     change = (
         "agent_types.two_arms.joints.1.nominal_position_rad=0.03",
         "agent_types.two_arms.joints.2.nominal_position_rad=-0.03",
     )
-    contacts = [f"agents.{i}.contact_positions_m=[[{x}, 0.089, 0.05], [{x}, -0.089, 0.05]]" for i, x in ((0, 0.5), (1, -0.5))]
+    contacts = [
+        f"agents.{i}.contact_positions_m=[[{x}, 0.089, 0.05], [{x}, -0.089, 0.05]]" for i, x in ((0, 0.5), (1, -0.5))
+    ]
     settings = scenario.load_scenario("paper", (*change, *contacts))
     joints = finding(preflight.run_preflight(settings), "joints")
-    assert joints.values["condition"]["front"] > preflight.MAX_JACOBIAN_CONDITION
-    assert re.match(r"front: turn the rest of joint \w+ away from \S+ \(agent_types.two_arms.joints", joints.advice[0])
+    assert joints.values["condition"]["front"] > remedies.MAX_JACOBIAN_CONDITION
+    assert re.match(
+        r"front: move the nominal position of joint \w+ away from \S+ \(agent_types.two_arms.joints", joints.advice[0]
+    )
 
 
 def test_the_command_prints_the_findings_and_its_status_says_whether_all_is_sound(monkeypatch: pytest.MonkeyPatch):
@@ -212,7 +222,7 @@ def test_the_command_prints_the_findings_and_its_status_says_whether_all_is_soun
     *rest, last = good.findings
     bad = dataclasses.replace(good, findings=(*rest, dataclasses.replace(last, advice=("another gain",))))
     for here, status in [(good, 0), (bad, 1)]:
-        monkeypatch.setattr(preflight, "check", lambda _settings, _say, here=here: here)
+        monkeypatch.setattr(preflight, "run_preflight", lambda _settings, _say, here=here: here)
         said = CliRunner().invoke(app, ["check", "paper"])
         assert said.exit_code == status
         assert said.stdout.splitlines() == here.format_report()
@@ -236,10 +246,10 @@ def moving(rate: float, joint: float, load: float) -> stability.Modes:
 
 def test_joints_beyond_need_that_return_too_slowly_are_bad_and_named(monkeypatch):
     beam, say = scenario.load_scenario("beam", ("control.posture_bandwidth=5",)), lambda _what: None
-    monkeypatch.setattr(preflight, "_quicker", lambda _settings, rate, joint, _say: (f"{rate} {joint}",))
+    monkeypatch.setattr(remedies, "posture_changes", lambda _settings, rate, joint, _say: (f"{rate} {joint}",))
     (slow,) = preflight._posture(beam, moving(2.4, 1.0, 0.1), say)
     assert (
-        slow.message == "joints beyond need return at 2.4 1/s, slowest agent_2/shoulder; control.posture_bandwidth = 5"
+        slow.message == "redundant joints converge at 2.4 1/s, slowest agent_2/shoulder; control.posture_bandwidth = 5"
     )
     assert slow.advice == ("2.4 agent_2/shoulder",)
     (fast,) = preflight._posture(beam, moving(2.6, 1.0, 0.1), say)
@@ -257,11 +267,11 @@ def test_joints_beyond_need_that_return_too_slowly_are_bad_and_named(monkeypatch
     [
         (
             lambda c, _r: 1.5 if c.posture_bandwidth == 2.5 else 2.0 if c.agent_k_omega > 30 else 1.0,
-            ("posture=2.5 makes it 1.5",),
+            ("posture_bandwidth=2.5 yields 1.5",),
         ),
         (
             lambda c, r: 1.2 if c.agent_k_R > 300 else 1.1 if r else 0.0,
-            ("agent_k_R=350.0 makes it 1.2", "nominal_position_rad"),
+            ("agent_k_R=350.0 yields 1.2", "nominal_position_rad"),
         ),
         (lambda _c, _r: 0.9, ("begin from `colift init`",)),
         (lambda _c, _r: np.nan, ("begin from `colift init`",)),  # no rest
@@ -279,8 +289,8 @@ def test_what_lets_joints_return_sooner_is_tried(monkeypatch, rates, advice):
             raise ValueError("no rest")
         return moving(rate, 1.0, 0.1)
 
-    monkeypatch.setattr(preflight, "_at_rest", at_rest)
-    said = preflight._quicker(beam, 1.0, "agent_2/shoulder", lambda _what: None)
+    monkeypatch.setattr(remedies, "modes_at_equilibrium", at_rest)
+    said = remedies.posture_changes(beam, 1.0, "agent_2/shoulder", lambda _what: None)
     assert len(said) == len(advice)
     assert all(part in line for part, line in zip(advice, said, strict=True))
 
@@ -291,7 +301,8 @@ def test_agents_that_hear_themselves_are_named_and_others_are_not():
     (said,) = preflight._labels(loud, team.team(loud)[1])
     assert (
         said.message
-        == "agent_1 hears 0.78 of its own motion: F, H and C4 follow 43% of its labels' rate, and gusts later"
+        == "agent_1 has a label loop gain of 0.78: cases with label feedback use 43% of its label rates and respond later to "
+        "gusts"
     )
     assert not said.advice
     assert set(said.values["gain"]) == {"agent_1", "agent_2", "agent_3"}

@@ -88,7 +88,10 @@ def test_another_flight_is_not_this_one(folder: Path, program: Path, tmp_path: P
     assert replayed(program, tmp_path / "moved.bin")["largest_relative_difference"] > 1e-9
     (tmp_path / "short.bin").write_bytes(b"12345678")
     done = subprocess.run([program, tmp_path / "short.bin"], capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stderr) == (2, f"{tmp_path / 'short.bin'}: not a recorded flight of this controller\n")
+    assert (done.returncode, done.stderr) == (
+        2,
+        f"{tmp_path / 'short.bin'}: not a recorded flight of this controller\n",
+    )
     assert subprocess.run([program], capture_output=True, check=False).returncode == 2
 
 

@@ -115,10 +115,14 @@ def test_a_fit_is_of_the_belief_s_kernel_and_no_worse_than_scikit_learns():
 
 def test_kernels_of_belief_and_start_must_agree():
     X, Y, hyper, _ = problem(5, outputs=1)
-    with pytest.raises(ValueError, match=r"kernels of hyperprior \(Rough\) and start \(SquaredExponential\): must be equal"):
+    with pytest.raises(
+        ValueError, match=r"kernels of hyperprior \(Rough\) and start \(SquaredExponential\): must be equal"
+    ):
         gp.fit(X, Y, hyperprior=gp.HyperPrior(dataclasses.replace(hyper, kernel=Rough())), start=hyper)
     one, other = (dataclasses.replace(hyper, kernel=Heavy(a=jnp.array(a))) for a in (1.0, 30.0))
-    with pytest.raises(ValueError, match=re.escape("kernels of hyperprior (Heavy [1.0]) and start (Heavy [30.0]): must be equal")):
+    with pytest.raises(
+        ValueError, match=re.escape("kernels of hyperprior (Heavy [1.0]) and start (Heavy [30.0]): must be equal")
+    ):
         gp.fit(X, Y, hyperprior=gp.HyperPrior(one), start=other)
 
 

@@ -30,8 +30,16 @@ from tests import flights, light
 
 PROMISED = {
     *("e_p_rms_m", "e_v_rms", "e_R_rms", "e_omega_rms", "Psi_mean", "delta_W_rms", "e_lam_rms_N", "sigma_L_mean"),
-    *("sigma_A_mean", "lam_max_N", "lam_hf_rms_N", "thrust_min_N", "thrust_max_N", "Phi_max_m", "Phi_dot_max"),
-    *("wrench_consistency_max", "eta_max_N", "n_data", "updates", "wall_s"),
+    *(
+        "sigma_A_mean",
+        "lam_max_N",
+        "contact_force_hf_rms_N",
+        "thrust_min_N",
+        "thrust_max_N",
+        "Phi_max_m",
+        "Phi_dot_max",
+    ),
+    *("wrench_consistency_max", "eta_max_N", "num_samples", "updates", "wall_s"),
 }
 FIGURES = ("tracking", "mismatch", "deviation", "forces", "rho_bar")
 
@@ -106,7 +114,11 @@ def test_a_file_that_cannot_be_read_is_one_line_and_status_2(tmp_path: Path):
         ("seed: 0", "seed: !!bool foo", "broken.yaml:7: seed: tags are not used in a scenario, got '!!bool'"),
         ("seed: 0", f"seed: {2**63}", "broken.yaml:7: seed: must be from 0 to 9223372036854775807"),
         ("name: paper", 'name: "\\ud800"', "broken.yaml:3: name: holds characters that are not text"),
-        ("max_samples: 256", "max_samples: 9999", "learning.max_samples: the 24 outputs of the models would take 19.2 GB"),
+        (
+            "max_samples: 256",
+            "max_samples: 9999",
+            "learning.max_samples: the 24 outputs of the models would take 19.2 GB",
+        ),
         ("duration_s: 20", "duration_s: 99999", "duration_s [s]: the log of this team at 500 Hz would take"),
         ("name: paper", "a: &a [*a]\nname: paper", "broken.yaml:3: is nested more than 20 deep"),
     ],
@@ -294,7 +306,18 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A short study of the smallest team with all rivals, from a file, under another seed."""
     folder = tmp_path_factory.mktemp("study")
     path = light.write(folder / "short.yaml", duration_s=3, learning=SHORT)
-    status, said = invoke("study", str(path), "--case", "C1,C2,C3", "--case", "Disturbance_Observer,PARAMETRIC", "--seed", "7", "--out", str(folder / "out"))
+    status, said = invoke(
+        "study",
+        str(path),
+        "--case",
+        "C1,C2,C3",
+        "--case",
+        "Disturbance_Observer,PARAMETRIC",
+        "--seed",
+        "7",
+        "--out",
+        str(folder / "out"),
+    )
     assert status == 0, said
     return folder / "out"
 
@@ -334,8 +357,8 @@ def test_the_summary_holds_what_it_promises(flown: Path):
         assert found["Phi_max_m"] <= 1e-10
         assert found["Phi_dot_max"] <= 1e-10
         assert found["wrench_consistency_max"] <= 1e-9
-        assert found["n_data"]["payload"] == (38 if case in ("C2", "C3", "parametric") else 0)
-        assert found["n_data"]["agents"] == (3 * 38 if case == "C3" else 0)
+        assert found["num_samples"]["payload"] == (38 if case in ("C2", "C3", "parametric") else 0)
+        assert found["num_samples"]["agents"] == (3 * 38 if case == "C3" else 0)
         assert found["warnings"] == []
     assert summary["slowest_mode"]["stable"]
     assert set(summary["hover_thrust_N"]) == set(light.NAMES)
@@ -351,8 +374,11 @@ def test_the_summary_holds_what_it_promises(flown: Path):
 def test_signals_are_labelled_and_have_units(flown: Path):
     flight = log.load(flown / "C3.nc")
     assert flight.attrs["case"] == "C3"
-    assert flight.attrs["rho_assumed"] == "norm, energy, sensor noise, sampled estimator"
-    assert log.load(flown / "disturbance_observer.nc").attrs["rho_assumed"] == f"{flight.attrs['rho_assumed']}, posterior mean"
+    assert flight.attrs["bound_assumptions"] == "norm, energy, sensor noise, sampled estimator"
+    assert (
+        log.load(flown / "disturbance_observer.nc").attrs["bound_assumptions"]
+        == f"{flight.attrs['bound_assumptions']}, posterior mean"
+    )
     assert (flight.attrs["rho_bound"], flight.attrs["rho_norm"]) == ("energy", 3)
     assert len(flight.attrs["rho_label_error_agents"]) == 18
     assert (flight.attrs["limit_distance_m"], flight.attrs["limit_grip"]) == (3, 0.01)
@@ -389,12 +415,12 @@ def test_a_run_that_fails_is_saved_marked_incomplete_and_status_1(tmp_path: Path
     for case in ("C1", "C2", "C3"):
         found = summary["cases"][case]
         assert not found["complete"]
-        assert "beyond termination." in found["stopped"]
-        assert "t = 0.0" in found["stopped"]
+        assert "beyond termination." in found["termination_reason"]
+        assert "t = 0.0" in found["termination_reason"]
         assert f"{case} is incomplete: {found['stopped']}" in said
         flight = log.load(out / f"{case}.nc")
         assert flight.attrs["complete"] == 0
-        assert flight.attrs["stopped"] == found["stopped"]
+        assert flight.attrs["termination_reason"] == found["termination_reason"]
         assert 1 <= flight.sizes["time"] < 20
 
 
@@ -411,11 +437,13 @@ def test_one_case_is_flown_alone_and_quietly_and_its_summary_is_printed_as_json(
     asked = ["study", "short.yaml", "--case", "C1", "--held-out", "--out", "held"]
     done = CliRunner().invoke(app, asked, catch_exceptions=False)
     assert done.exit_code == 0
-    assert "C1, backwards: C1's residual model, the same curve in the opposite direction, 1 s to simulate" in done.stderr
+    assert (
+        "C1, backwards: C1's residual model, the same curve in the opposite direction, 1 s to simulate" in done.stderr
+    )
     found = json.loads((tmp_path / "held" / "summary.json").read_text())["heldout"]
     assert list(found) == ["C1"]
     assert list(found["C1"]) == ["backwards", "larger", "moved"]
-    assert all(each["e_p_rms_m"] > 0 and each["stopped"] == "" for each in found["C1"].values())
+    assert all(each["e_p_rms_m"] > 0 and each["termination_reason"] == "" for each in found["C1"].values())
     title = done.stdout.index("with the last learned model, frozen")
     assert f"{1e3 * found['C1']['moved']['e_p_rms_m']:.1f}" in done.stdout[title:]
     status, said = invoke("run", "short.yaml", "--case", "C9")
@@ -478,7 +506,7 @@ import signal, sys
 signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored where the tests run in a shell's background
 from pathlib import Path
 from colift.cli import app as command, common, study, tables
-numbers = {metric.key: 1.0 for metric in tables.STUDY_METRICS} | {"complete": True, "stopped": "", "warnings": []}
+numbers = {metric.key: 1.0 for metric in tables.STUDY_METRICS} | {"complete": True, "termination_reason": "", "warnings": []}
 summary = {"scenario": "ladung \\u03bb", "seed": 1, "cases": {"C1": numbers}}
 @command.app.command()
 def table() -> None:

@@ -54,9 +54,7 @@ def test_a_step_is_jax_s_or_refused(kind, data):
     near = st.sampled_from([low, low + 1, high, high - 1, 0, 1, 2, 2**16, 2**26 + 1]).filter(lambda x: low <= x <= high)
     one = st.one_of(near, st.integers(low, high), st.integers(max(low, -1000), 1000))
     a, b = data.draw(one), data.draw(one)
-    name = data.draw(
-        st.sampled_from([name for name in STEPS if kind != "uint32" or name not in ("opposite", "size")])
-    )
+    name = data.draw(st.sampled_from([name for name in STEPS if kind != "uint32" or name not in ("opposite", "size")]))
     args = jnp.asarray(a, kind), jnp.asarray(b, kind)
     steps = exactly(name, a, b)
     if steps and all(low <= x <= high for x in steps):

@@ -141,7 +141,8 @@ def test_the_command_draws_the_cases_that_are_asked_for(tmp_path):
     for case, ds in played.flown().items():
         log.save(ds, tmp_path / f"{case}.nc")
     said = CliRunner().invoke(
-        app, ["playback", str(tmp_path), "--image", str(tmp_path / "a.png"), "--at", "1", "--case", "C1", "--case", "C3"]
+        app,
+        ["playback", str(tmp_path), "--image", str(tmp_path / "a.png"), "--at", "1", "--case", "C1", "--case", "C3"],
     )
     assert (said.exit_code, said.stdout) == (0, f"C1, C3: {tmp_path / 'a.png'}\n")
     assert not (tmp_path / "view.html").exists()

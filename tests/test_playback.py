@@ -126,7 +126,10 @@ def test_a_page_asks_for_nothing_and_no_name_ends_it_early():
 @pytest.mark.parametrize(
     ("scenario_json", "answer"),
     [
-        (None, "the log C1 of run colift-run-0123456789ab contains no scenario; it was written by an earlier version of colift"),
+        (
+            None,
+            "the log C1 of run colift-run-0123456789ab contains no scenario; it was written by an earlier version of colift",
+        ),
         ('{"name": 1}', r"cannot read the scenario in the log \(name: must be text, got 1\): run colift study again"),
     ],
 )
@@ -382,7 +385,7 @@ def test_it_fits_a_window_and_a_phone_light_and_dark(page, made, width, dark):
 def test_a_flight_that_stopped_says_so_and_stays_where_it_ended(window, flown, tmp_path):
     early = flown["C1"].isel(time=slice(0, 300), time_sigma=slice(0, 20)).copy(deep=True)
     early.x[-1] = np.nan
-    early.attrs |= {"stopped": "a made-up reason", "complete": 0}
+    early.attrs |= {"termination_reason": "a made-up reason", "complete": 0}
     log.save(early, tmp_path / "C1.nc")
     log.save(flown["C3"], tmp_path / "C3.nc")
     window.open(playback.write(tmp_path, CASES))
@@ -397,7 +400,9 @@ def test_a_flight_that_stopped_says_so_and_stays_where_it_ended(window, flown, t
 def test_without_webgl_the_plots_are_there(made, tmp_path_factory):
     with opened(tmp_path_factory, "--disable-3d-apis") as blind:
         blind.open(made)
-        assert blind.evaluate("document.querySelector('#blind').textContent").startswith("the 3D view is not available:")
+        assert blind.evaluate("document.querySelector('#blind').textContent").startswith(
+            "the 3D view is not available:"
+        )
         blind.evaluate("seek(1.0)")
         assert blind.evaluate("document.querySelector('#clock').textContent") == "1.00 s"
         assert blind.evaluate("document.querySelectorAll('.uplot canvas').length") == 4

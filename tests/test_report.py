@@ -42,7 +42,7 @@ def merits(**changed: Any) -> dict[str, Any]:
     body = {"exceeded_share": {"force": 0.0, "moment": 0.0}}
     keys = ("e_p_rms_m", "e_R_rms", "Psi_mean", "delta_W_force_rms_N", "delta_W_moment_rms_Nm", "e_lam_rms_N")
     numbers = dict.fromkeys((*keys, "sigma_L_force_mean", "sigma_A_force_mean", "lam_max_N", "thrust_max_N"), 0.00123)
-    stated = {"complete": True, "stopped": "", "warnings": [], "saturated_ticks": 0}
+    stated = {"complete": True, "termination_reason": "", "warnings": [], "saturated_ticks": 0}
     return numbers | stated | {"bound": {"payload": body, "agents": [body]}} | changed
 
 
@@ -98,7 +98,9 @@ def test_a_report_asks_for_nothing_and_no_name_of_a_scenario_ends_it_early(out):
 
 def test_warnings_come_first_and_what_spoils_a_result_before_the_rest(out):
     broken = {"exceeded_share": {"force": 0.25, "moment": 0.0}}
-    fallen = merits(complete=False, stopped="beyond limits", saturated_ticks=7, warnings=["the step is too long"])
+    fallen = merits(
+        complete=False, termination_reason="beyond limits", saturated_ticks=7, warnings=["the step is too long"]
+    )
     fallen["bound"] = {"payload": broken, "agents": []}
     written(out, {"C1": merits(), "C3": fallen}, warnings=["unstable at rest"], bound={"assumed": ["norm"]})
     text = made(out)

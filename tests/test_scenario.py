@@ -218,7 +218,11 @@ WRONG = [  # what is written, what instead, the line that answers
         "duration_s: 3000",
         "the log of this team at 500 Hz would take 3.37 GB; 2 GB are allowed, 1779 s",
     ),
-    ("max_samples: 256", "max_samples: 2283", "the 24 outputs of the models would take 1 GB; 1 GB are allowed, 2282 points"),
+    (
+        "max_samples: 256",
+        "max_samples: 2283",
+        "the 24 outputs of the models would take 1 GB; 1 GB are allowed, 2282 points",
+    ),
     ("max_samples: 256", "max_samples: 1", "learning.max_samples: must be from 2 to 20000 (a fit takes two"),
     (
         "seed: 0",
@@ -232,7 +236,11 @@ WRONG = [  # what is written, what instead, the line that answers
     ),
     ("[2.5, 4.5", "[2.5, 2.53", "update_times_s[1] [s]: must be a period of sample_Hz = 25 after the one before, 2.5"),
     ("[2.5, 4.5", "[0.52, 4.5", "update_times_s[0] [s]: must be a period of sample_Hz = 25 after start_s, 0.5"),
-    ("[2.5, 0, 1]", "[25, 0, 1]", "gusts[0].wave_vector_radpm [rad/m]: has a wavelength of 0.251 m, less than the 1.23 m"),
+    (
+        "[2.5, 0, 1]",
+        "[25, 0, 1]",
+        "gusts[0].wave_vector_radpm [rad/m]: has a wavelength of 0.251 m, less than the 1.23 m",
+    ),
     ("[2.5, 0, 1]", "[250, 0, 1]", "wave_vector_radpm[0] [rad/m]: must be from -63 to 63 (a wavelength of 10 cm"),
     ("[2.5, 0, 1]", "[1e-4, 0, 1e-4]", "wave_vector_radpm [rad/m]: has a wavelength above 10 km, which is a mean wind"),
     ("center_m: [0, 0, 2]", "center_m: [<<, 0, 2]", "reference.center_m[0] [m]: must be a number, got '<<'"),

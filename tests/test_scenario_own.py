@@ -277,7 +277,8 @@ def test_residuals_known_exactly_are_refused_where_a_law_remembers(folder):
         ]
         settings = scenario.load_scenario(light.write(folder / "late.yaml", disturbances=laws))
     with pytest.raises(
-        ScenarioError, match=r"case O knows .* these laws remember what was before: LateForce_payload, LateForce_agents$"
+        ScenarioError,
+        match=r"case O knows .* these laws remember what was before: LateForce_payload, LateForce_agents$",
     ):
         colift.make_experiment(settings, "true_residual")
     assert colift.make_experiment(settings, "C1").world.disturbances.payload
@@ -285,7 +286,8 @@ def test_residuals_known_exactly_are_refused_where_a_law_remembers(folder):
 
 def test_settings_are_part_of_what_identifies_a_run_and_survive_a_copy(folder):
     one, two = (
-        read(folder, f"\nplugins: {{payload_controller: {part('ScaledController', f'{{share: {x}}}')}}}") for x in (0.5, 0.6)
+        read(folder, f"\nplugins: {{payload_controller: {part('ScaledController', f'{{share: {x}}}')}}}")
+        for x in (0.5, 0.6)
     )
     assert one.digest != two.digest
     again = Scenario.model_validate_json(one.model_dump_json())
@@ -300,9 +302,18 @@ def test_settings_are_part_of_what_identifies_a_run_and_survive_a_copy(folder):
         ("class_path: 3", "plugins.payload_controller.class_path: must be text, got 3"),
         ("class_path: 'parts:'", "plugins.payload_controller.class_path: must be `module:Name`, got 'parts:'"),
         ("class_path: 'no_such_module:A'", "there is no module 'no_such_module' in "),
-        ("class_path: 'plugins_of_tests:ScaledControlle'", "plugins_of_tests has no 'ScaledControlle'; did you mean 'ScaledController'?"),
-        ("class_path: 'plugins_of_tests:Bare'", "must be a class that extends colift.scenario.Section and has a method"),
-        ("class_path: 'plugins_of_tests:Plain'", "must be a class that extends colift.scenario.Section and has a method"),
+        (
+            "class_path: 'plugins_of_tests:ScaledControlle'",
+            "plugins_of_tests has no 'ScaledControlle'; did you mean 'ScaledController'?",
+        ),
+        (
+            "class_path: 'plugins_of_tests:Bare'",
+            "must be a class that extends colift.scenario.Section and has a method",
+        ),
+        (
+            "class_path: 'plugins_of_tests:Plain'",
+            "must be a class that extends colift.scenario.Section and has a method",
+        ),
         ("class_path: 'plugins_of_tests:MODULE'", "plugins_of_tests has no 'MODULE'"),
         ("class_path: 'plugins_of_tests:jnp'", "must be a class"),
         (
@@ -317,8 +328,14 @@ def test_settings_are_part_of_what_identifies_a_run_and_survive_a_copy(folder):
             "class_path: 'plugins_of_tests:ScaledController', settings: {share: 0}",
             "plugins.payload_controller.settings.share: must exceed 0, got 0",
         ),
-        ("class_path: 'plugins_of_tests:ScaledController', settings: {shar: 1}", "is not a setting here; did you mean 'share'?"),
-        ("class_path: 'plugins_of_tests:ScaledController', setting: {}", "is not a setting here; did you mean 'settings'?"),
+        (
+            "class_path: 'plugins_of_tests:ScaledController', settings: {shar: 1}",
+            "is not a setting here; did you mean 'share'?",
+        ),
+        (
+            "class_path: 'plugins_of_tests:ScaledController', setting: {}",
+            "is not a setting here; did you mean 'settings'?",
+        ),
         ("settings: {}", "plugins.payload_controller.class_path: is required"),
     ],
 )

@@ -61,4 +61,7 @@ def test_a_look_ahead_is_the_realizer_s_and_the_pilot_s():
     _, nominal = team.team(settings)
     ours, theirs = controllers.make_controller(settings, nominal), controllers.make_controller(far, nominal)
     assert (type(ours.agent_controller).__name__, ours.preview_step) == ("ThrustVectoringController", None)
-    assert (type(theirs.agent_controller).__name__, float(theirs.preview_step)) == ("PreviewThrustVectoringController", 0.03)
+    assert (type(theirs.agent_controller).__name__, float(theirs.preview_step)) == (
+        "PreviewThrustVectoringController",
+        0.03,
+    )

@@ -112,7 +112,10 @@ def test_a_change_is_not_over_while_a_model_of_before_waits():
     taught, (load, agents) = going_on(60), early()
     oracle, _ = model_update.fit(prior(), both(load, agents), TRAINING, {})
     taught.update(oracle, both(load, agents), 4.2, fit=False)
-    taught.change_points, taught.pending = {"payload": model_update.make_change_point(oracle, "payload", 4.3)}, {"payload"}
+    taught.change_points, taught.pending = (
+        {"payload": model_update.make_change_point(oracle, "payload", 4.3)},
+        {"payload"},
+    )
     after = both(later(load, 10.0), later(agents, 10.0))
     taught.update(oracle, after, 15.0, fit=True)
     assert "payload" in taught.change_points

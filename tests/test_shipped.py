@@ -123,7 +123,7 @@ def test_a_team_that_ships_stands_on_a_grasp_that_bears_every_wrench_and_lifts_i
 def test_teams_with_joints_beyond_need_or_two_arms_err_less_from_case_to_case(name: str):
     """e_p falls from C1 to C4, and C3's Psi is below C1's; that of C2 need not be, as docs/own_team.md says."""
     found = redundant.fly(f"{name} 0")
-    assert not any(each["stopped"] for each in found.values())
+    assert not any(each["termination_reason"] for each in found.values())
     e_p, Psi = ([found[case][error] for case in redundant.CASES] for error in ("e_p_rms_m", "Psi_mean"))
     assert all(a > b for a, b in itertools.pairwise(e_p)), e_p
     assert Psi[2] < Psi[0]

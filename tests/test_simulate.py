@@ -205,7 +205,10 @@ def test_a_fit_that_fails_leaves_the_oracle_as_it_was_and_says_so(monkeypatch):
 
     monkeypatch.setattr(model_update, "fit", failing)
     flight = run_experiment(dataclasses.replace(plan("C3"), duration=1.0, update_times=(0.7,)))
-    assert flight.updates[0].error_message == "model update at t = 0.700 s failed, previous model stays in use: no such luck"
+    assert (
+        flight.updates[0].error_message
+        == "model update at t = 0.700 s failed, previous model stays in use: no such luck"
+    )
     assert flight.learning_warnings == (flight.updates[0].error_message,)
     assert not flight.records.f_L_hat.any()
 

@@ -116,7 +116,7 @@ def test_arms_that_are_straight_at_zero_are_bent_and_the_contacts_are_where_thei
     truth, _ = team.team(settings)
     z = initial_states.equilibrium_state(settings, truth)
     np.testing.assert_allclose(np.asarray(z.agents[0].r)[0], [0.0, 1.2, -1.2], atol=1e-3)
-    assert all(condition < 20 for condition in preflight._conditions(settings, truth, z).values())
+    assert all(condition < 20 for condition in remedies.grasp_jacobian_conditions(settings, truth, z).values())
 
 
 def test_where_no_bend_lets_arms_follow_joints_stay_at_zero_and_check_says_what_is_missing(tmp_path: Path):

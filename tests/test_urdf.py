@@ -166,7 +166,7 @@ def test_a_body_is_checked_when_its_links_are_merged(placeholder: str, seed: int
 def test_links_whose_sum_is_not_physical_are_refused_by_all_their_names() -> None:
     flat = '<mass value="0.001"/><inertia ixx="1e-6" iyy="1e-6" izz="9" ixy="0" ixz="0" iyz="0"/>'
     text = TWO_ARMS.replace('<link name="tool"/>', f'<link name="tool"><inertial>{flat}</inertial></link>')
-    told = r"^two\.urdf:4: link 'arm' with what is fixed to it \(tool\): inertia violates the triangle inequality"
+    told = r"^two\.urdf:4: link 'arm' with the links fixed to it \(tool\): inertia violates the triangle inequality"
     with pytest.raises(ValueError, match=told):
         urdf.parse_urdf(text, "two.urdf")
 
@@ -231,8 +231,8 @@ def test_independent_joints_are_as_if_they_followed_none(seed: int) -> None:
 
 
 CIRCLES = [
-    ("shoulder", r"joint 'shoulder' follows itself, by way of shoulder"),
-    ("elbow", r"joint 'shoulder' follows 'elbow', which is not a joint"),
+    ("shoulder", r"joint 'shoulder' depends on itself through shoulder"),
+    ("elbow", r"joint 'shoulder' depends on 'elbow', which is not a joint"),
 ]
 
 
@@ -260,7 +260,7 @@ REFUSED = [
     ("</robot>", "", r"two\.urdf:12: not XML: no element found"),
     ("<robot", '<!DOCTYPE r [<!ENTITY a "aa">]>\n<robot', r"two\.urdf:1: a DOCTYPE is not allowed"),
     ('<robot name="two arms">', '<robot name="x"><xacro:macro name="m"/>', "<xacro:macro> is a macro; expand the file"),
-    ('name="tool"', 'name="arm"', r"two\.urdf:6: link 'arm' stands twice, first at two\.urdf:4"),
+    ('name="tool"', 'name="arm"', r"two\.urdf:6: link 'arm' occurs twice, first at two\.urdf:4"),
     (
         'type="revolute"',
         'type="floating"',
@@ -271,7 +271,7 @@ REFUSED = [
     (
         "<limit",
         '<mimic joint="wrist"/><limit',
-        r"two\.urdf:9: joint 'shoulder' follows another \(<mimic>\).*: choose mimic 'frozen' .* or 'independent' ",
+        r"two\.urdf:9: joint 'shoulder' depends on another joint \(<mimic>\).*: choose mimic 'frozen' .* or 'independent' ",
     ),
     ('xyz="2 0 0"', 'xyz="0 0 0"', r"two\.urdf:8: joint 'shoulder': the axis must not be zero"),
     ('xyz="2 0 0"', 'xyz="2 0"', "'xyz' of <axis> must be 3 finite numbers, got '2 0'"),
@@ -283,7 +283,7 @@ REFUSED = [
     (MASS, "", r"two\.urdf:4: link 'arm': <inertial> has no <mass>"),
     (MASS, '<mass value="-0.12"/>', r"two\.urdf:4: link 'arm': mass -0\.12 kg is negative"),
     (MASS, '<mass value="0"/>', r"link 'arm': mass 0 kg is not positive"),
-    (MASS, MASS * 2, "<mass> stands twice in <inertial>"),
+    (MASS, MASS * 2, "<mass> occurs twice in <inertial>"),
     (INERTIA, 'ixx="9e-4" iyy="9e-4" izz="2e-3"', r"link 'arm': inertia violates the triangle inequality.*kg m\^2"),
     (INERTIA, 'ixx="9e-4" iyy="9e-4" izz="-1e-5"', r"link 'arm': inertia is not positive definite: .*-1e-05"),
     (INERTIA, 'ixx="0" iyy="0" izz="0"', r"two\.urdf:4: link 'arm': inertia is not positive definite"),
@@ -291,12 +291,12 @@ REFUSED = [
     (
         '<child link="tool"/>',
         '<child link="arm"/>',
-        r"joint 'wrist': link 'arm' has a parent already, by joint 'shoulder'",
+        r"joint 'wrist': link 'arm' is already the child of joint 'shoulder'",
     ),
     ("</robot>", '<link name="alone"/></robot>', "one root link is allowed, found 2: base, alone"),
-    ("</robot>", EXTRA.format("x", "base").replace('"x"', '"tool"', 1), "'tool' stands twice"),
+    ("</robot>", EXTRA.format("x", "base").replace('"x"', '"tool"', 1), "'tool' occurs twice"),
     ('<parent link="base"/>', '<parent link="tool"/>', "link 'arm' is in a cycle of joints"),
-    ("</robot>", EXTRA.format("x", "x"), r"link 'x' is in a cycle of joints: it does not hang on the root 'base'"),
+    ("</robot>", EXTRA.format("x", "x"), r"link 'x' is in a cycle of joints: it is not connected to the root 'base'"),
     ("<inertial><origin", "<x><origin", "not XML: mismatched tag"),
 ]
 
@@ -312,10 +312,10 @@ def test_what_is_refused_is_told_with_its_line(written: str, instead: str, answe
 
 def test_a_moving_body_without_inertia_and_a_cycle_without_a_root_are_refused() -> None:
     bare = re.sub("<link name=.arm.>.*?</link>", '<link name="arm"/>', TWO_ARMS, flags=re.DOTALL)
-    with pytest.raises(ValueError, match=r"link 'arm' has no <inertial>, nor have the links fixed to it: tool"):
+    with pytest.raises(ValueError, match=r"link 'arm' has no <inertial>, nor do the links fixed to it: tool"):
         urdf.parse_urdf(bare, "two.urdf")
     ring = TWO_ARMS.replace("</robot>", EXTRA.format("tool", "base").replace(LONE, ""))
-    with pytest.raises(ValueError, match="no root: every link is the child of a joint"):
+    with pytest.raises(ValueError, match="no root link: every link is the child of a joint"):
         urdf.parse_urdf(ring, "two.urdf")
     with pytest.raises(ValueError, match="there are no links"):
         urdf.parse_urdf("<robot name='x'/>", "two.urdf")
@@ -457,7 +457,7 @@ def test_a_scenario_chooses_what_becomes_of_joints_that_follow(written: Path) ->
     text = SAME.replace('<child link="right"/>', '<child link="right"/><mimic joint="left" multiplier="-1"/>')
     (written.parent / "vehicles" / "two.urdf").write_text(text, encoding="utf-8")
     told = written.read_text(encoding="utf-8")
-    with pytest.raises(ScenarioError, match=r"two_arms\.urdf: .*two\.urdf:\d+: joint 'right' follows another"):
+    with pytest.raises(ScenarioError, match=r"two_arms\.urdf: .*two\.urdf:\d+: joint 'right' depends on another joint"):
         scenario.load_scenario(written)
     with pytest.raises(
         ScenarioError, match="mimic: must be one of frozen, independent, got 'forzen'; did you mean 'frozen'"

@@ -45,7 +45,7 @@ def stop(ds, ticks):
     early = ds.isel(time=slice(ticks), time_sigma=slice(-(-ticks // 5))).copy(deep=True)
     early.e_p[-1], early.lam[-1] = np.nan, np.nan
     early.delta_W[-1] = np.inf
-    return early.assign_attrs(complete=0, stopped="signal e_p is not finite")
+    return early.assign_attrs(complete=0, termination_reason="signal e_p is not finite")
 
 
 @pytest.fixture(scope="module")
@@ -240,13 +240,13 @@ def test_no_legend_explains_what_is_not_there(cases):
 
 def test_figure_7_draws_what_labels_say_where_they_stop_and_when_the_world_changed(cases, tmp_path):
     rng, ds = np.random.default_rng(4), cases["C3"]
-    told = {"update_times_s": [2.5, 4.5], "update_points_payload": [20, 30], "update_points_agents": [44, 60]}
+    told = {"update_times_s": [2.5, 4.5], "num_samples_payload": [20, 30], "num_samples_agents": [44, 60]}
     heard = ds.assign(
         innovation_L=(("time", "wrench"), rng.normal(size=(ds.sizes["time"], 6))),
         innovation_x=(ds.f_x.dims, rng.normal(size=ds.f_x.shape)),
         model_gain_L=(("time", "wrench"), rng.uniform(size=(ds.sizes["time"], 6))),
         correction_weight=("time", np.where((ds.time > 5) & (ds.time < 7), 0.0, 1.0)),
-    ).assign_attrs(**told, world_changed="2.5 s: payload; 4.5 s: payload, front", fitted_anew="6.5 s: rear")
+    ).assign_attrs(**told, change_points="2.5 s: payload; 4.5 s: payload, front", refits="6.5 s: rear")
     figure = study_figures.plot_online_correction({"C3": heard}, TOLD)
     error, payload, agents, used, points = figure.axes
     np.testing.assert_allclose(used.lines[0].get_ydata(), np.mean(heard.model_gain_L, axis=1), rtol=1e-14)
@@ -285,9 +285,9 @@ def test_figure_7_draws_what_labels_say_where_they_stop_and_when_the_world_chang
     } <= explained
     calm = heard.assign(correction_weight=heard.correction_weight * 0 + 1)
     calm.attrs |= {
-        "world_changed": "",
-        "fitted_anew": "",
-        "update_points_agents": 2 * np.array(heard.attrs["update_points_payload"]),
+        "change_points": "",
+        "refits": "",
+        "num_samples_agents": 2 * np.array(heard.attrs["num_samples_payload"]),
     }
     explained = {
         text.get_text() for text in study_figures.plot_online_correction({"C3": calm}, TOLD).legends[0].get_texts()

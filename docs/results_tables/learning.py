@@ -25,7 +25,7 @@ METRICS = {
     "e_R_rms": ("attitude error [mrad]", 1e3),
     "delta_W_force_rms_N": ("wrench mismatch, force [N]", 1.0),
     "e_lam_rms_N": ("contact force error [N]", 1.0),
-    "lam_hf_rms_N": ("contact forces above 20 Hz [N]", 1.0),
+    "contact_force_hf_rms_N": ("contact forces above 20 Hz [N]", 1.0),
 }
 
 
@@ -121,7 +121,7 @@ def _errors(world: str) -> dict[str, np.ndarray]:
         at, case, _ = item.split(": ")
         if at == world:
             found.setdefault(case, []).append(
-                np.inf if one["stopped"] or one["e_p_rms_m"] is None else one["e_p_rms_m"]
+                np.inf if one["termination_reason"] or one["e_p_rms_m"] is None else one["e_p_rms_m"]
             )
     return {case: 1e3 * np.array(errors) for case, errors in found.items()}
 
@@ -153,8 +153,8 @@ def random_errors() -> str:
     found = list(items("react").values())
     rows = []
     for case in ("C3", "label_feedback", "label_feedback led", "adaptive", "true_residual"):
-        ended = sum(bool(one[case]["stopped"]) for one in found)
-        e = _mm(one[case]["e_p_rms_m"] for one in found if not one[case]["stopped"])
+        ended = sum(bool(one[case]["termination_reason"]) for one in found)
+        e = _mm(one[case]["e_p_rms_m"] for one in found if not one[case]["termination_reason"])
         rows.append((*_named(case), np.median(e), np.quantile(e, 0.9), e.max(), len(found), ended))
     return markdown(("case", "meaning", "median [mm]", "90 %", "greatest", "n", "ended early"), rows)
 

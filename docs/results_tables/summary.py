@@ -156,7 +156,7 @@ def readme() -> str:
     found = list(items("react").values())
     rows: list[tuple[Any, ...]] = []
     for case in ("C1", "C3", "label_feedback", "adaptive", "true_residual"):
-        random = [1e3 * one[case]["e_p_rms_m"] for one in found if case in one and not one[case]["stopped"]]
+        random = [1e3 * one[case]["e_p_rms_m"] for one in found if case in one and not one[case]["termination_reason"]]
         e = [
             *(float(np.median(world[case])) for world in worlds),
             float(np.median(random)) if len(random) > 1 else None,

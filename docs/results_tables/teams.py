@@ -71,8 +71,8 @@ def redundant_joints() -> str:
     rows = []
     for item, one in items("redundant").items():
         team, seed, *changes = item.split()
-        stopped = [case for case in cases if one[case]["stopped"]]
-        e = [None if one[case]["stopped"] else 1e3 * one[case]["e_p_rms_m"] for case in cases]
+        stopped = [case for case in cases if one[case]["termination_reason"]]
+        e = [None if one[case]["termination_reason"] else 1e3 * one[case]["e_p_rms_m"] for case in cases]
         order = e[1:] if changes else e
         falls = not stopped and all(a > b for a, b in itertools.pairwise(order))
         rows.append((f"`{team}`", int(seed), "no" if changes else "yes", *e, bool(falls)))

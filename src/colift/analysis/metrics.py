@@ -51,7 +51,7 @@ def summary(flight: FlightResult, truth: Team, nominal: Team) -> dict[str, Any]:
     rows, half = flight.records, second_half(flight.records)
     out: dict[str, Any] = {
         "complete": not flight.termination_reason,
-        "stopped": flight.termination_reason,
+        "termination_reason": flight.termination_reason,
         "e_p_rms_m": rms_norm(half.e_p),
         "e_v_rms": rms_norm(half.e_v),
         "e_R_rms": rms_norm(half.e_R),
@@ -63,7 +63,7 @@ def summary(flight: FlightResult, truth: Team, nominal: Team) -> dict[str, Any]:
         "e_lam_rms_N": rms_norm(half.lam - half.lam_cmd),
         **_sigma(flight),
         "lam_max_N": float(np.linalg.norm(half.lam, axis=2).max()),
-        "lam_hf_rms_N": high_frequency_rms(half),
+        "contact_force_hf_rms_N": high_frequency_rms(half),
         "thrust_min_N": float(half.u.min()),
         "thrust_max_N": float(half.u.max()),
         "Phi_max_m": float(rows.Phi.max()),
@@ -72,12 +72,12 @@ def summary(flight: FlightResult, truth: Team, nominal: Team) -> dict[str, Any]:
         "interface_identity_max": interface_identity_error(rows, nominal),
         "eta_max_N": float(np.linalg.norm(rows.eta, axis=1).max(initial=0.0)),
         "saturated_ticks": int(rows.thrust_saturated.any(1).sum()),
-        "singular_min": float(rows.min_delassus_singular_value.min()),
-        "n_data": flight.updates[-1].num_samples if flight.updates else {"payload": 0, "agents": 0},
+        "min_delassus_singular_value": float(rows.min_delassus_singular_value.min()),
+        "num_samples": flight.updates[-1].num_samples if flight.updates else {"payload": 0, "agents": 0},
         "updates": [update.t for update in flight.updates],
         "warnings": [text for text in (warn_step_size(rows), *flight.learning_warnings) if text],
         "correlation": correlations(flight),
-        "outside": miscoverage(flight),
+        "miscoverage": miscoverage(flight),
         "bound": bound_statistics(flight),
         "residual": residual_statistics(half, truth, nominal),
     }

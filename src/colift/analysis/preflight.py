@@ -127,7 +127,7 @@ def run_preflight(settings: Scenario, progress: Callable[[str], None] = lambda _
     modes = stability.compute_modes(x, M, flight_experiment.dt)
     mode_finding = Finding(
         "mode",
-        f"slowest mode {_describe_mode(settings, modes)}",
+        f"slowest {_describe_mode(settings, modes)}",
         {"stable": modes.stable, "rad_s": list(modes.slowest_eigenvalue)},
         () if modes.stable else remedies.stabilizing_changes(settings, x, M, progress),
     )
@@ -145,7 +145,7 @@ def with_true_parameters(settings: Scenario) -> Scenario:
 
 
 def _learned_mode(settings: Scenario, progress: Callable[[str], None]) -> Iterator[Finding]:
-    """Check the slowest mode at the equilibrium with true parameters in the controller, if they differ from the nominal ones."""
+    """Check the slowest mode with true parameters in the controller, if they differ from the nominal ones."""
     true_parameters = with_true_parameters(settings)
     if true_parameters == settings:
         return
@@ -157,7 +157,7 @@ def _learned_mode(settings: Scenario, progress: Callable[[str], None]) -> Iterat
         return
     yield Finding(
         "learned",
-        f"with true parameters, slowest mode {_describe_mode(true_parameters, modes)}",
+        f"with true parameters, slowest {_describe_mode(true_parameters, modes)}",
         {"stable": modes.stable, "rad_s": list(modes.slowest_eigenvalue)},
         () if modes.stable else ("use `colift tune`, which includes this equilibrium",),
     )
@@ -186,7 +186,7 @@ def _posture(settings: Scenario, modes: stability.Modes, progress: Callable[[str
     rate, joint = mode[0], team.joint_names(settings)[mode[1]]
     yield Finding(
         "posture",
-        f"joints beyond need return at {rate:.3g} 1/s, slowest {joint}; control.posture = {required:g}",
+        f"redundant joints converge at {rate:.3g} 1/s, slowest {joint}; control.posture_bandwidth = {required:g}",
         {"rate_1ps": rate, "stated_1ps": required},
         remedies.posture_changes(settings, rate, joint, progress) if rate < required / 2 or required == 0 else (),
     )
@@ -255,13 +255,13 @@ def _joints(settings: Scenario, truth: Team, state: State) -> Iterator[Finding]:
             k = int(np.argmax(grasp.grasp_jacobian_svd(agent, r)[1]))
             joint = settings.agent_types[agent_types[name]].joints[k].name
             advice.append(
-                f"{name}: turn the rest of joint {joint} away from {float(r[k]):.3g} "
-                f"(agent_types.{agent_types[name]}.joints.{k}.rest_rad, of a type from URDF .rest_rad.{joint}), or move the "
-                "contact that it holds"
+                f"{name}: move the nominal position of joint {joint} away from {float(r[k]):.3g} "
+                f"(agent_types.{agent_types[name]}.joints.{k}.nominal_position_rad; "
+                f"of a type from URDF .nominal_position_rad.{joint}), or move its contact"
             )
     if any(len(settings.agent_types[agent_type].joints) for agent_type in agent_types.values()):
         worst = max(conditions, key=lambda name: conditions[name])
-        message = f"grasp Jacobians at rest have condition {conditions[worst]:.3g} at most ({worst})"
+        message = f"largest condition number of the grasp Jacobians {conditions[worst]:.3g} ({worst})"
         yield Finding("joints", message, {"condition": conditions}, tuple(advice))
 
 
@@ -282,9 +282,13 @@ def _thrust(settings: Scenario, experiment: flight.Experiment, state: State) -> 
         if margins[k][smallest[k]] < margin:
             name, required = names[smallest[k]], hover if k == 0 else reference_thrust.max(0)
             agent_type = next(agent.type for agent in settings.agents if agent.name == name)
-            proposal = f"{phase}: raise agent_types.{agent_type}.thrust_max_N to {required[smallest[k]] / (1 - margin):.3g} or more"
+            thrust_max = required[smallest[k]] / (1 - margin)
+            proposal = f"{phase}: raise agent_types.{agent_type}.thrust_max_N to {thrust_max:.3g} or more"
             if required.sum() < (1 - margin) * available.sum():
-                proposal += f", or move the contacts of {name} away from the payload's centre of mass, so that the others carry more"
+                proposal += (
+                    f", or move the contacts of {name} away from the payload's centre of mass, so that the others "
+                    "carry more"
+                )
             else:  # the total thrust is too small
                 proposal += ", lower payload.mass_kg, or add an agent"
             if k == 1 and hover_ok:
@@ -292,8 +296,8 @@ def _thrust(settings: Scenario, experiment: flight.Experiment, state: State) -> 
             advice.append(proposal)
     return Finding(
         "thrust",
-        f"hover leaves {margins[0][smallest[0]]:.1%} of {names[smallest[0]]}'s {available[smallest[0]]:.4g} N, the reference "
-        f"{margins[1][smallest[1]]:.1%} of {names[smallest[1]]}'s at {worst_time:.3g} s",
+        f"smallest margin in hover {margins[0][smallest[0]]:.1%} of {available[smallest[0]]:.4g} N ({names[smallest[0]]}), "
+        f"on the reference {margins[1][smallest[1]]:.1%} ({names[smallest[1]]}, at {worst_time:.3g} s)",
         {
             "hover_N": dict(zip(names, hover.tolist(), strict=True)),
             "reference_N": dict(zip(names, reference_thrust.max(0).tolist(), strict=True)),
@@ -374,8 +378,8 @@ def mode_participation(settings: Scenario, modes: stability.Modes, max_entries: 
 
     Args:
         settings: Scenario, which contains the names.
-        found: Modes of the loop.
-        most: Largest number of entries.
+        modes: Modes of the loop.
+        max_entries: Largest number of entries.
 
     Returns:
         Names with amplitudes, largest first.
@@ -421,10 +425,10 @@ def _labels(settings: Scenario, nominal: Team) -> Iterator[Finding]:
             reason = "has straight arms at its nominal joint positions, so that its label loop gain is not known"
         else:
             reason = "has no weight, so that its thrust direction is not determined"
+        share = f"{100 * attenuation:.2g}%" if attenuation else "none"
         yield Finding(
             "labels",
-            f"{largest} {reason}: F, H and C4 follow {f'{100 * attenuation:.2g}%' if part else 'none'} of its labels' rate, "
-            "and gusts later",
+            f"{largest} {reason}: cases with label feedback use {share} of its label rates and respond later to gusts",
             {"gain": {name: gain if np.isfinite(gain) else None for name, gain in gains.items()}},
         )
 

@@ -127,8 +127,8 @@ def advice_for_rejection(settings: Scenario, message: str, progress: Callable[[s
         if feasible and min(feasible)[0] < MAX_JACOBIAN_CONDITION:
             return (f"the arms are straight or folded at their contacts; {min(feasible)[1]} bends them",)
         return (
-            "none of the tried contact distances yields a regular grasp Jacobian: change the nominal position "
-            "of joints (agent_types: rest_rad), or give arms joints about other axes",
+            "none of the tried contact distances yields a regular grasp Jacobian: change the nominal positions "
+            "of joints (agent_types: nominal_position_rad), or give arms joints about other axes",
         )
     for phrase, advice in (
         ("cannot hover", "raise agent_types: thrust_max_N, lower payload.mass_kg, or add an agent"),
@@ -181,14 +181,16 @@ def stabilizing_changes(
             :MAX_CANDIDATES
         ]
         if better:
-            return tuple(f"{option} makes it {rate:+.3g} rad/s" for rate, option in better)
-    return ("no single gain, joint or height of contacts that was tried steadies it: begin from `colift init`",)
+            return tuple(f"{option} yields {rate:+.3g} rad/s" for rate, option in better)
+    return ("none of the tried gains, joint positions and contact heights helps: start from `colift init`",)
 
 
 def posture_changes(settings: Scenario, present: float, joint: str, progress: Callable[[str], None]) -> tuple[str, ...]:
-    """Find changes with which the redundant joints converge at half of the required rate or, otherwise, faster than at present.
+    """Find changes with which the redundant joints converge faster.
 
-    Tried are the posture bandwidth, the agents' attitude gains, and the nominal position of the slowest joint.
+    Changes that yield at least half of the required rate come first. Otherwise those are returned that yield a higher
+    rate than at present. Tried are the posture bandwidth, the agents' attitude gains, and the nominal position of the
+    slowest joint.
 
     Args:
         settings: Scenario.
@@ -210,8 +212,10 @@ def posture_changes(settings: Scenario, present: float, joint: str, progress: Ca
             if modes.stable and rate > 1.02 * present:
                 (sufficient if rate >= required / 2 else faster).append((rate, option))
     best = sorted(sufficient or faster, reverse=True)[:MAX_CANDIDATES]
-    advice = tuple(f"{option} makes it {rate:.3g} 1/s" for rate, option in best)
-    return advice or (f"no posture, attitude gain or rest of {joint} that was tried helps: begin from `colift init`",)
+    advice = tuple(f"{option} yields {rate:.3g} 1/s" for rate, option in best)
+    return advice or (
+        f"none of the tried posture bandwidths, attitude gains and positions of {joint} helps: start from `colift init`",
+    )
 
 
 def delay_margin_changes(settings: Scenario, present: float, progress: Callable[[str], None]) -> tuple[str, ...]:
@@ -248,7 +252,7 @@ def contact_spacing_changes(settings: Scenario) -> Iterator[Change]:
             scaled = c.mean(0) + factor * (c - c.mean(0))
             agents.append(agent.model_copy(update={"contact_positions_m": tuple(map(tuple, scaled.round(4).tolist()))}))
         option = " ".join(
-            f"--set 'agents.{agent.name}.contacts_m={[list(c) for c in agent.contact_positions_m]}'"
+            f"--set 'agents.{agent.name}.contact_positions_m={[list(c) for c in agent.contact_positions_m]}'"
             for agent in agents
             if len(agent.contact_positions_m) > 1
         )

@@ -219,7 +219,7 @@ def print_study(summary: Mapping[str, Any], folder: Path) -> None:
     """Print incomplete cases, the tables of a study, its warnings and the folder of its results."""
     for case, found in summary["cases"].items():
         if not found["complete"]:
-            common.print_error(f"{case} is incomplete: {found['stopped']}")
+            common.print_error(f"{case} is incomplete: {found['termination_reason']}")
     tables.print_table(tables.study_table(summary))
     if "heldout" in summary:
         tables.print_table(tables.held_out_table(summary))

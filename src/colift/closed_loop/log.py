@@ -22,6 +22,37 @@ from colift.onboard.learning.prediction_uncertainty import PredictionUncertainty
 from colift.runtime import atomic_write
 
 
+SCHEMA = 2
+"""Schema of the logs that `save` writes; `load` renames the variables and attributes of schema 1."""
+VARIABLES_OF_SCHEMA_1 = {
+    "x_dot": "v_agent",
+    "saturated": "thrust_saturated",
+    "singular": "min_delassus_singular_value",
+    "r_L": "innovation_L",
+    "r_x": "innovation_x",
+    "trust_L": "model_gain_L",
+    "trust_x": "model_gain_x",
+    "late_L": "delay_error_L",
+    "late_x": "delay_error_x",
+    "left_L": "correction_error_L",
+    "left_x": "correction_error_x",
+    "fresh": "correction_weight",
+    "comes": "labels_available",
+    **{f"bias_f_{output}": f"label_bias_std_f_{output}" for output in "Lxwr"},
+    **{f"deviation_f_{output}": f"predictive_std_f_{output}" for output in "Lxwr"},
+}
+ATTRIBUTES_OF_SCHEMA_1 = {
+    "stopped": "termination_reason",
+    "unused": "learning_warnings",
+    "world_changed": "change_points",
+    "fitted_anew": "refits",
+    "update_ready_s": "update_activation_s",
+    "update_points_payload": "num_samples_payload",
+    "update_points_agents": "num_samples_agents",
+    "rho_assumed": "bound_assumptions",
+}
+
+
 class SignalSpec(NamedTuple):
     """Metadata of a logged signal; `dims` follow the time dimension."""
 
@@ -217,6 +248,7 @@ def _cf_attributes(attrs: Mapping[str, Any]) -> dict[str, Any]:
     subject = ", ".join(f"{name} {attrs[name]}" for name in ("scenario", "case") if attrs.get(name))
     return {
         "Conventions": "CF-1.11",
+        "schema": SCHEMA,
         "title": f"Simulated flight{': ' + subject if subject else ''}",
         "history": f"created by colift {attrs.get('version', '')}".strip(),
     }
@@ -345,9 +377,19 @@ def load(path: str | Path) -> xr.Dataset:
     """
     content = Path(path).read_bytes()
     try:
-        return xr.load_dataset(io.BytesIO(content), engine="h5netcdf", decode_times=False)
+        return _upgrade(xr.load_dataset(io.BytesIO(content), engine="h5netcdf", decode_times=False))
     except (OSError, ValueError) as error:
         raise ValueError(f"{path}: not a NetCDF-4 file") from error
+
+
+def _upgrade(ds: xr.Dataset) -> xr.Dataset:
+    """Rename variables and attributes of a log of schema 1; a log of schema 2 is returned as it is."""
+    if int(ds.attrs.get("schema", 1)) >= SCHEMA:
+        return ds
+    renamed = ds.rename({old: new for old, new in VARIABLES_OF_SCHEMA_1.items() if old in ds})
+    renamed.attrs = {ATTRIBUTES_OF_SCHEMA_1.get(name, name): value for name, value in ds.attrs.items()}
+    renamed.attrs["schema"] = SCHEMA
+    return renamed
 
 
 def update_times(ds: xr.Dataset) -> tuple[list[float], float | None]:

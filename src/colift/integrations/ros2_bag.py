@@ -88,7 +88,7 @@ def to_mcap(ds: xr.Dataset) -> bytes:
             text, _ = ROS.generate_msgdef(type_name, ros_version=2)
             schemas[type_name] = writer.register_schema(type_name, "ros2msg", text.encode())
         channels.append(writer.register_channel(topic.name, "cdr", schemas[type_name]))
-    attributes = ("run", "scenario", "case", "seed", "version", "stopped")
+    attributes = ("run", "scenario", "case", "seed", "version", "termination_reason")
     writer.add_metadata("colift", {name: str(ds.attrs[name]) for name in attributes if name in ds.attrs})
     for k, t in enumerate(np.rint(1e9 * ds.time.values).astype(int).tolist()):
         stamp = Time(sec=t // 10**9, nanosec=t % 10**9)

@@ -1,7 +1,7 @@
 """States, inputs and forces of a team as immutable PyTrees.
 
-Agents of a group are stacked on a leading `agents` axis, see `colift.models.parameters`. Quantities are expressed in the
-world frame unless stated otherwise; body rates and torques are in the body frame.
+Agents of a group are stacked on a leading `agents` axis, see `colift.models.parameters`. Quantities are expressed in
+the world frame unless stated otherwise; body rates and torques are in the body frame.
 """
 
 from __future__ import annotations

@@ -389,7 +389,13 @@ def _added(data: dict[str, Any]) -> Iterator[ErrorMessage]:
 
 def _limits(data: dict[str, Any]) -> Iterator[ErrorMessage]:
     """A start beyond a limit would end the flight at once."""
-    for start, limit, unit in (("position_error_m", "max_position_error_m", "m"), ("attitude_error_deg", "max_attitude_error_deg", "deg")):
+    for start, limit, unit in (
+        ("position_error_m", "max_position_error_m", "m"),
+        ("attitude_error_deg", "max_attitude_error_deg", "deg"),
+    ):
         size = math.hypot(*(_number(data, "initial_state", start, i) for i in range(3)))
         if size > (most := _number(data, "termination", limit)):
-            yield ("initial_state", start), f"is {size:.4g} {unit} from the reference, beyond termination.{limit} = {most:g}"
+            yield (
+                ("initial_state", start),
+                f"is {size:.4g} {unit} from the reference, beyond termination.{limit} = {most:g}",
+            )

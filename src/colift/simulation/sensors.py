@@ -293,7 +293,9 @@ class Intermittent(SensorModel):
         next_state = IntermittentState(
             last_reading=held, age=age, next_sample_time=next_sample_time, delay_line=tuple(pending)
         )
-        return dataclasses.replace(_replace_channels(measurement, self.channels, held), measurement_age_s=ages), next_state
+        return dataclasses.replace(
+            _replace_channels(measurement, self.channels, held), measurement_age_s=ages
+        ), next_state
 
 
 @pytree

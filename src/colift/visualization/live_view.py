@@ -90,7 +90,7 @@ class _FrameEncoder:
             "version": version("colift"),
             "run": run_directory.run_id(version("colift"), settings.digest),
             "case": self.case,
-            "stopped": stopped,
+            "termination_reason": stopped,
             "update_times_s": [t for t in update_times if t <= rows.t[-1] + self.experiment.dt],
             "T_end_s": settings.learning.end_s,
         }
@@ -114,7 +114,7 @@ class _FrameEncoder:
             "known": until,
             "tracks": {name: playback.encode_array(np.concatenate(parts)) for name, parts in tracks.items()},
             "marks": scene.event_markers(ds),
-            "stopped": str(ds.attrs["stopped"]),
+            "stopped": str(ds.attrs["termination_reason"]),
         }
 
     def sigma(self, ds: xr.Dataset) -> dict[str, Any]:

@@ -97,7 +97,7 @@ def page_data(flights: Mapping[str, xr.Dataset], cases: Mapping[str, str]) -> di
             {
                 "name": case,
                 "label": cases[case],
-                "stopped": str(ds.attrs["stopped"]),
+                "stopped": str(ds.attrs["termination_reason"]),
                 "t": scene.to_json_times(ds.time.values[scene.frame_rows(ds)]),
                 "t_sigma": scene.to_json_times(ds.time_sigma.values[scene.subsample(ds.time_sigma.values)]),
                 "marks": scene.event_markers(ds),

@@ -120,7 +120,9 @@ def collect_warnings(summary: Mapping[str, Any], certificate: Mapping[str, Any] 
         Pairs of severity and text. The severity is True if the warning invalidates a result.
     """
     warnings = [
-        (True, f"{case} is incomplete: {x['stopped']}") for case, x in summary["cases"].items() if not x["complete"]
+        (True, f"{case} is incomplete: {x['termination_reason']}")
+        for case, x in summary["cases"].items()
+        if not x["complete"]
     ]
     if certificate is not None:
         warnings += [

@@ -28,8 +28,8 @@ TRUE_ERROR_STYLE: dict[str, Any] = {"color": "0.72", "linewidth": 2.8, "solid_ca
 CHANGE_POINT_STYLE: dict[str, Any] = {"color": "#CC3311", "linewidth": 1.0, "linestyle": (0, (4, 2))}
 REFIT_STYLE: dict[str, Any] = {"color": "#0077BB", "linewidth": 1.0, "linestyle": (0, (1, 1.5))}
 EVENTS = {
-    "world_changed": (CHANGE_POINT_STYLE, "change point"),
-    "fitted_anew": (REFIT_STYLE, "refit"),
+    "change_points": (CHANGE_POINT_STYLE, "change point"),
+    "refits": (REFIT_STYLE, "refit"),
 }
 STOPPED: dict[str, Any] = {"marker": "x", "markersize": 6, "linestyle": "none", "clip_on": False}
 
@@ -67,7 +67,7 @@ def write_figures(cases: axes_module.Cases, descriptions: Mapping[str, str], fol
         "figure_4_forces": lambda: plot_contact_forces(in_columns, descriptions),
         "figure_5_rho_bar": lambda: uncertainty_figures.plot_error_radius(in_columns, descriptions),
     }
-    if corrected := {name: ds for name, ds in cases.items() if "innovation_L" in ds and "world_changed" in ds.attrs}:
+    if corrected := {name: ds for name, ds in cases.items() if "innovation_L" in ds and "change_points" in ds.attrs}:
         plots["figure_7_reaction"] = lambda: plot_online_correction(corrected, descriptions)
     files, run = [], next(iter(cases.values())).attrs["run"]
     with style_context():
@@ -339,7 +339,7 @@ def _plot_num_samples(ax: Axes, name: str, ds: xr.Dataset) -> None:
 
 def _num_samples(ds: xr.Dataset) -> list[np.ndarray]:
     """Return the number of samples of the payload after each update and, if it differs, the mean over the agents."""
-    each = [np.atleast_1d(ds.attrs[f"update_points_{of}"]) for of in ("payload", "agents")]
+    each = [np.atleast_1d(ds.attrs[f"num_samples_{of}"]) for of in ("payload", "agents")]
     payload, agent = (
         np.concatenate([[0.0], n, n[-1:] if len(n) else [0.0]]) for n in (each[0], each[1] / ds.sizes["agent"])
     )

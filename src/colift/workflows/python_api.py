@@ -180,9 +180,7 @@ class Study:
         return _table({"results": str(self.path), **rows}, "Study")
 
 
-def load_scenario(
-    name_or_path: str | Path, overrides: Mapping[str, Any] | Sequence[str] = ()
-) -> Scenario:
+def load_scenario(name_or_path: str | Path, overrides: Mapping[str, Any] | Sequence[str] = ()) -> Scenario:
     """Load a shipped scenario by name, or a YAML file by path.
 
     Args:

@@ -148,7 +148,7 @@ def _summary_header(
 def _heldout_summary(flight: FlightResult) -> dict[str, Any]:
     """Return the RMS position error [m] over the second half of a run, None if it stopped early, and the reason."""
     error = None if flight.termination_reason else metrics.rms_norm(metrics.second_half(flight.records).e_p)
-    return {"e_p_rms_m": error, "stopped": flight.termination_reason}
+    return {"e_p_rms_m": error, "termination_reason": flight.termination_reason}
 
 
 def flight_dataset(
@@ -177,18 +177,18 @@ def flight_dataset(
         "scenario_json": settings.model_dump_json(exclude_none=True),  # defines the team for playback
         "run": run,
         "complete": int(not flight.termination_reason),
-        "stopped": flight.termination_reason,
+        "termination_reason": flight.termination_reason,
         "update_times_s": [update.t for update in flight.updates],
-        "update_ready_s": [update.activation_time for update in flight.updates],
-        "unused": "; ".join(flight.learning_warnings),
-        "update_points_payload": [update.num_samples["payload"] for update in flight.updates],
-        "update_points_agents": [update.num_samples["agents"] for update in flight.updates],
-        "world_changed": _describe_events(settings, ((update.t, update.change_points) for update in flight.updates)),
-        "fitted_anew": _describe_events(settings, ((update.t, update.refitted) for update in flight.updates)),
+        "update_activation_s": [update.activation_time for update in flight.updates],
+        "learning_warnings": "; ".join(flight.learning_warnings),
+        "num_samples_payload": [update.num_samples["payload"] for update in flight.updates],
+        "num_samples_agents": [update.num_samples["agents"] for update in flight.updates],
+        "change_points": _describe_events(settings, ((update.t, update.change_points) for update in flight.updates)),
+        "refits": _describe_events(settings, ((update.t, update.refitted) for update in flight.updates)),
         "T_end_s": settings.learning.end_s,
         **{f"limit_{name}": value for name, value in _limits(settings, experiment).items() if value is not None},
         **{f"rho_{name}": value for name, value in statements.items()},
-        "rho_assumed": ", ".join(statements["assumed"]),  # some readers of NetCDF do not support lists of strings
+        "bound_assumptions": ", ".join(statements["assumed"]),  # some readers of NetCDF do not support lists of strings
     }
     return log.dataset(
         flight.records,
