@@ -13,7 +13,7 @@ from pathlib import Path
 
 from colift.closed_loop import log
 from colift.scenario import experiment
-from colift.visualization import rendering, seed_figures
+from colift.visualization import axes, rendering, seed_figures
 
 FROM = {
     "study_tracking": "figure_1_tracking",
@@ -27,7 +27,7 @@ seeds = json.loads((here.parents[1] / "evidence" / "results" / "orderings.json")
 seed_figures.plot_seed_spread(list(seeds.values()), experiment.ALL_CASES, out / "study_seeds")
 shutil.copy(out / "study_seeds.png", here)
 drawn = [
-    rendering.render_data(log.load(out / f"{case}.nc"), f"{case}: {experiment.ALL_CASES[case]}")
+    rendering.render_data(log.load(out / f"{case}.nc"), axes.case_label(case, experiment.ALL_CASES))
     for case in ("C1", "C3")
 ]
 rendering.render_video(drawn, here / "flight.gif", speed=4.0, dpi=80)

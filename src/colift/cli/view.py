@@ -82,12 +82,12 @@ def _draw(
         ValueError: If the folder holds no log of a case.
     """
     from colift.closed_loop import log
-    from colift.visualization import rendering
+    from colift.visualization import axes, rendering
 
     _, found = log.load_flights(out, titles)
     if missing := [case for case in cases if case not in found]:
         raise ValueError(f"{out} holds {', '.join(found)}, not {', '.join(missing)}: choose by --case")
-    data = [rendering.render_data(found[case], f"{case}: {titles[case]}") for case in cases]
+    data = [rendering.render_data(found[case], axes.case_label(case, titles)) for case in cases]
     if image:
         rendering.render_image(data, at, image)
     if video:

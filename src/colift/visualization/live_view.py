@@ -80,7 +80,7 @@ class _FrameEncoder:
         self.batch_size = ticks_per_chunk(experiment) // step + 2  # constant, so that JAX compiles one program
 
     def dataset(
-        self, rows: signals.StepRecord, sigma: prediction_uncertainty.PredictionUncertainty, stopped: str = ""
+        self, rows: signals.StepRecord, sigma: prediction_uncertainty.PredictionUncertainty, reason: str = ""
     ) -> xr.Dataset:
         """Return the log of the simulation until now, in the form that a study writes."""
         settings, online_updates = self.settings, self.experiment.online_updates
@@ -90,7 +90,7 @@ class _FrameEncoder:
             "version": version("colift"),
             "run": run_directory.run_id(version("colift"), settings.digest),
             "case": self.case,
-            "termination_reason": stopped,
+            "termination_reason": reason,
             "update_times_s": [t for t in update_times if t <= rows.t[-1] + self.experiment.dt],
             "T_end_s": settings.learning.end_s,
         }
