@@ -146,8 +146,8 @@ def parse_urdf(
 ) -> Robot:
     """Parse a URDF document.
 
-    The parser raises `ValueError` for a text that is not XML or contains a DOCTYPE, links that are not one tree, a joint
-    of an unsupported type, a coupled joint if `mimic` is None, a negative mass, or a body without physical inertia
+    The parser raises `ValueError` for a text that is not XML or contains a DOCTYPE, for links that are not one tree, a
+    joint of an unsupported type, a coupled joint if `mimic` is None, a negative mass, or an unphysical inertia
     (`validation.validate_inertia`). The message begins with `file:line:`.
 
     Args:
