@@ -130,7 +130,7 @@ MUTANTS = {
     ),
     "last fits forgotten": Mutant("learn.py", "fits = {**last, **{", "fits = {**{", "learn", "second_fit"),
     "a full set takes more": Mutant(
-        "gp/data.py", "kept = sound & (slot < len(data.X))", "kept = sound", "learn", "data_grow"
+        "gp/dataset.py", "kept = valid & (slot < len(data.X))", "kept = valid", "learn", "data_grow"
     ),
     "identification: prior counted twice": Mutant(
         "learn.py",
@@ -172,43 +172,52 @@ MUTANTS = {
     ),
     # certificates
     "tube: what is fed does not feed": Mutant(
-        "certify/tube.py", 'own[t] + np.einsum("isj,sj->i", M[t, :, :t], d[:t])', "own[t]", "certify_tube"
+        "certification/tube.py", 'direct[t] + np.einsum("isj,sj->i", M[t, :, :t], d[:t])', "direct[t]", "certify_tube"
     ),
     "tube: f~ on the path makes nothing of a run": Mutant(
-        "certify/tube.py", "np.sqrt(greatest).sum(0)", "0", "certify_tube"
+        "certification/tube.py", "np.sqrt(greatest).sum(0)", "0", "certify_tube"
     ),
     "ellipsoid: labels may err once, not each": Mutant(
-        "gp/ellipsoid.py", "allowed.eps**2 * w.sum(1)", "allowed.eps**2 * w.mean(1)", "gp_ellipsoid"
+        "gp/ellipsoid.py", "feasible.eps**2 * w.sum(1)", "feasible.eps**2 * w.mean(1)", "gp_ellipsoid"
     ),
     "ellipsoid: around nothing": Mutant(
         "gp/ellipsoid.py", "@ self.a[..., None]", "@ (0 * self.a)[..., None]", "gp_ellipsoid"
     ),
     "reach: sign of the mean's shift below": Mutant(
-        "certify/reach.py", "[width + moved, width - moved]", "[width + moved, width + moved]", "certify_reach"
+        "certification/reachability.py",
+        "[width + shift, width - shift]",
+        "[width + shift, width + shift]",
+        "certify_reach",
     ),
     "reach: greatest residual without the shift": Mutant(
-        "certify/reach.py", "return off + body.beta", "return body.beta", "certify_reach certify_certificate"
+        "certification/reachability.py",
+        "return difference + body.beta",
+        "return body.beta",
+        "certify_reach certify_certificate",
     ),
     "variation: the sample itself has no weight": Mutant(
-        "certify/variation.py", "L[t, :, k] = of.D[k, rows]", "L[t, :, k] = 0 * of.D[k, rows]", "certify_variation"
+        "certification/linearized_trajectory.py",
+        "L[t, :, k] = loop.D[k, rows]",
+        "L[t, :, k] = 0 * loop.D[k, rows]",
+        "certify_variation",
     ),
     "variation: an update's derivative on both its sides": Mutant(
-        "certify/variation.py", "if flies[k + 1] == flies[k] else", "if True else", "certify_variation"
+        "certification/linearized_trajectory.py", "if active[k + 1] == active[k]", "if True", "certify_variation"
     ),
     "tube: the companion's mean has the slope of the compensated one": Mutant(
-        "certify/tube.py", "np.abs((g[:, None] @ flat)[:, 0])", "0", "certify_tube"
+        "certification/tube.py", "np.abs((g[:, None] @ flat)[:, 0])", "0", "certify_tube"
     ),
     "recovery: multipliers that cost nothing": Mutant(
-        "gp/recovery.py", "allowed.r @ nu + allowed.eps * size", "allowed.r @ nu", "gp_bounds certify_reach"
+        "gp/optimal_recovery.py", "feasible.r @ nu + feasible.eps * size", "feasible.r @ nu", "gp_bounds certify_reach"
     ),
     "recovery: sign of what is compensated": Mutant(
-        "certify/reach.py", "mass) - sign * centre)", "mass) + sign * centre)", "certify_reach"
+        "certification/reachability.py", "l1_norm) - sign * centre", "l1_norm) + sign * centre", "certify_reach"
     ),
     "gain: no remainder of the trapezoidal rule": Mutant(
-        "certify/gain.py", "h**3 / 12 * bend.sum()", "0 * bend.sum()", "certify_translation"
+        "certification/peak_gain.py", "h**3 / 12 * curvature.sum()", "0 * curvature.sum()", "certify_translation"
     ),
     "certificate: half a round is called a whole one": Mutant(
-        "certify/assumed.py", "[] if whole else [ROUND]", "[]", "certify_assumed"
+        "certification/assumptions.py", "[] if full_period else [PERIODICITY]", "[]", "certify_assumed"
     ),
 }
 
