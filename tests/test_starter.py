@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from colift import scenario
-from colift.analysis import preflight
+from colift.analysis import preflight, remedies
 from colift.cli.app import app
 from colift.models import grasp
 from colift.scenario import initial_states, team, template

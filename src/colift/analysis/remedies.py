@@ -214,7 +214,7 @@ def posture_changes(settings: Scenario, present: float, joint: str, progress: Ca
     best = sorted(sufficient or faster, reverse=True)[:MAX_CANDIDATES]
     advice = tuple(f"{option} yields {rate:.3g} 1/s" for rate, option in best)
     return advice or (
-        f"none of the tried posture bandwidths, attitude gains and positions of {joint} helps: start from `colift init`",
+        f"none of the tried bandwidths, attitude gains and positions of {joint} helps: start from `colift init`",
     )
 
 
