@@ -95,5 +95,10 @@ def dataset(rng: np.random.Generator, shape: Shape = PAPER, **attrs: object) -> 
         "update_times_s": [0.02, 0.05],
         "T_end_s": 0.05,
     }
-    stated |= {"rho_bound": "energy", "rho_confidence": 0.95, "bound_assumptions": "norm, energy", "run": RUN}
+    stated |= {
+        "rho_bound": "energy",
+        "rho_confidence": 0.95,
+        "bound_assumptions": "rkhs norm, bounded noise energy",
+        "run": RUN,
+    }
     return log.dataset(rows(rng, shape), sigma=sigma(rng, shape), attrs=stated | attrs, **shape.names)

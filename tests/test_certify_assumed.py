@@ -72,7 +72,7 @@ def test_a_source_that_changes_with_time_is_assumed_steady_by_its_name_in_certif
 
 def test_radii_along_a_run_rest_on_the_estimated_state_and_of_some_rivals_on_a_posterior_mean():
     bound = paper.plan("C3").bound_assumptions.assumed
-    assert bound == ("norm", "energy")
+    assert bound == ("rkhs norm", "bounded noise energy")
     assert assumptions.radius_assumptions(quiet()) == (*bound, assumptions.SAMPLED)
     cases = experiment.make_experiments(paper.SETTINGS, (*experiment.PAPER_CASES, *experiment.BASELINES))
     for case, plan in cases.items():

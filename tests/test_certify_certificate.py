@@ -174,7 +174,7 @@ def test_what_is_assumed_is_what_the_flight_does_not_cover_and_what_the_bound_ne
         satisfied=all_of.experiment.bound_assumptions.satisfied - {BoundAssumption.RKHS_NORM},
     )
     plan = dataclasses.replace(all_of.experiment, bound_assumptions=doubted)
-    assert energy(plan).radii["energy"].assumptions == ("norm", *flown)
+    assert energy(plan).radii["energy"].assumptions == ("rkhs norm", *flown)
     team = all_of.experiment.controller.team
     weak = dataclasses.replace(team.agent_groups[0], thrust_max=jnp.array([40.0, 40.0, 16.0]))
     pressed = with_pilot(all_of.experiment, team=dataclasses.replace(team, agent_groups=(weak,)))

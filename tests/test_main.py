@@ -364,7 +364,7 @@ def test_the_summary_holds_what_it_promises(flown: Path):
     assert set(summary["hover_thrust_N"]) == set(light.NAMES)
     assert len(summary["limits"]["grip_1pkg"]) == 3
     assert summary["cases"]["C3"]["updates"] == [1, 2]
-    assert summary["bound"]["assumed"] == ["norm", "energy", "sensor noise", "sampled estimator"]
+    assert summary["bound"]["assumed"] == ["rkhs norm", "bounded noise energy", "sensor noise", "sampled estimator"]
     for found in summary["cases"].values():
         bodies = [found["bound"]["payload"], *found["bound"]["agents"]]
         assert [len(body["beta"]) for body in bodies] == [6, 6, 6, 6]
@@ -374,7 +374,7 @@ def test_the_summary_holds_what_it_promises(flown: Path):
 def test_signals_are_labelled_and_have_units(flown: Path):
     flight = log.load(flown / "C3.nc")
     assert flight.attrs["case"] == "C3"
-    assert flight.attrs["bound_assumptions"] == "norm, energy, sensor noise, sampled estimator"
+    assert flight.attrs["bound_assumptions"] == "rkhs norm, bounded noise energy, sensor noise, sampled estimator"
     assert (
         log.load(flown / "disturbance_observer.nc").attrs["bound_assumptions"]
         == f"{flight.attrs['bound_assumptions']}, posterior mean"

@@ -26,7 +26,7 @@ def test_error_bounds_rest_on_what_the_scenario_states():
         + [given.agent_label_error.joint_torque_error_Nm] * 3
     )
     np.testing.assert_array_equal(stated.agents[0], [row, row])
-    assert stated.assumed == ("norm", "energy")  # of a team among winds nobody knows them
+    assert stated.assumed == ("rkhs norm", "bounded noise energy")  # of a team among winds nobody knows them
 
 
 def test_label_errors_that_are_not_stated_are_three_deviations_of_the_prior_s_noise():
@@ -49,17 +49,20 @@ def test_in_the_certified_scenario_nothing_is_assumed_unless_it_is_changed():
     bounds = ("energy", "srinivas", "abbasi_yadkori", "chowdhury_gopalan", "fiedler")
     for bound in bounds:
         assert assumed(certificate={"error_bound": bound, "rkhs_norm": norm}) == ()
-    assert assumed(certificate={"rkhs_norm": 0.9 * norm}) == ("norm",)
-    assert assumed(disturbances=scenario.load_scenario("paper").disturbances) == ("norm",)
+    assert assumed(certificate={"rkhs_norm": 0.9 * norm}) == ("rkhs norm",)
+    assert assumed(disturbances=scenario.load_scenario("paper").disturbances) == ("rkhs norm",)
     assert assumed(nominal={"payload": scenario.load_scenario("paper").payload.model_dump() | {"mass_kg": 1.2}}) == (
         "norm",
     )
-    assert assumed(random_residual=None, learning=learning | {"label_source": "onboard"}) == ("norm", "energy")
+    assert assumed(random_residual=None, learning=learning | {"label_source": "onboard"}) == (
+        "rkhs norm",
+        "bounded noise energy",
+    )
     fitted = {
         "certificate": {"error_bound": "abbasi_yadkori", "rkhs_norm": norm},
         "learning": learning | {"hyperparameters": "optimized"},
     }
-    assert assumed(**fitted) == ("norm", "stated")
+    assert assumed(**fitted) == ("rkhs norm", "fixed hyperparameters")
     small = {"force_error_N": 1e-6, "moment_error_Nm": 1e-6}
     assert assumed(certificate={"rkhs_norm": norm, "payload_label_error": small}) == ("energy",)
 
