@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -30,5 +31,5 @@ NAMES = tuple(agent.name for agent in settings().agents)
 
 def write(path: Path, **changes: Any) -> Path:
     """The same as a scenario file: JSON is YAML."""
-    path.write_text(settings(**changes).model_dump_json(exclude_none=True))
+    path.write_text(json.dumps({"schema": 2} | settings(**changes).model_dump(mode="json", exclude_none=True)))
     return path

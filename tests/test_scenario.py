@@ -49,7 +49,7 @@ def numbers(node: object, place: str = "") -> list[tuple[str, int, int]]:
 
 
 NUMBERS = numbers(YAML(typ="rt").load(SAMPLE))
-KEYS = sorted({m[1] for m in re.finditer(r"(?:^|[{,-])\s*([A-Za-z_0-9]{4,}):", SAMPLE, re.MULTILINE)} - {"two_arms"})
+KEYS = sorted({m[1] for m in re.finditer(r"(?:^|[{,-])\s*([A-Za-z_0-9]{4,}):", SAMPLE, re.MULTILINE)} - {"two_arms", "schema"})
 
 
 # What is accepted -----------------------------------------------------------------------------------------------------
@@ -195,9 +195,9 @@ WRONG = [  # what is written, what instead, the line that answers
     ("seed: 0", "seed: 1234567890123456789012345678901", "got 1234567890123456789012345678901"),
     ("seed: 0", f"seed: {'9' * 5000}", "seed: is not a number that can be read"),
     ("seed: 0", f"seed: 0x{'f' * 5000}", "got a whole number of 20000 bits"),
-    ("seed: 0", "seed: !!bool foo", "s.yaml:6: seed: tags are not used in a scenario, got '!!bool'"),
-    ("seed: 0", "seed: 0\nseed: 1", "s.yaml:6: seed: stands twice, in lines 6 and 7"),
-    ("seed: 0", "1: 0", "scenario: the name of a setting must be text, got '1' in line 6"),
+    ("seed: 0", "seed: !!bool foo", "s.yaml:7: seed: tags are not used in a scenario, got '!!bool'"),
+    ("seed: 0", "seed: 0\nseed: 1", "s.yaml:7: seed: stands twice, in lines 7 and 8"),
+    ("seed: 0", "1: 0", "scenario: the name of a setting must be text, got '1' in line 7"),
     ("seed: 0", "<<: 0", "scenario: `<<` takes a section, or a list of them, got '0'"),
     ("name: sample", 'name: "\\ud800"', "name: holds characters that are not text"),
     ("name: sample", f"name: {'x' * 101}", "name: must have at most 100 characters"),
@@ -370,7 +370,7 @@ def test_what_is_set_mends_what_the_file_says_wrong():
         ("agents.0.contact_positions_m.0.3=1", "'3' is none of the list's entries 0 to 2"),
         ("duration_s.x=1", "--set duration_s.x: duration_s is 20, which holds no settings"),
         ("a" + ".a" * 2000 + "=1", "is nested more than 20 deep"),
-        ("duration_s=5", "s.yaml:95: learning.end_s [s]: must not exceed duration_s = 5, got 10"),
+        ("duration_s=5", "s.yaml:96: learning.end_s [s]: must not exceed duration_s = 5, got 10"),
     ],
 )
 def test_a_mistake_in_what_is_set_says_so_in_one_line(change, answer):
@@ -393,11 +393,11 @@ def test_a_file_may_say_only_where_it_differs(tmp_path):
     """Sections by setting, entries of lists by name, and a section of another kind as a whole; twice over."""
     one, two = tmp_path / "one.yaml", tmp_path / "two.yaml"
     one.write_text(
-        "extends: paper\nname: one\npayload: {mass_kg: 2}\ndisturbances:\n  - {name: clamp, force_N: [0, 0, -2]}\n"
+        "schema: 2\nextends: paper\nname: one\npayload: {mass_kg: 2}\ndisturbances:\n  - {name: clamp, force_N: [0, 0, -2]}\n"
         "  - {name: more, kind: constant, acts_on: payload, force_N: [1, 0, 0]}\nallocation:\n"
         "  {kind: leader_follower, leader_contacts: [front/left, front/right, rear/left]}\n"
     )
-    two.write_text("extends: one.yaml\nname: two\n")
+    two.write_text("schema: 2\nextends: one.yaml\nname: two\n")
     paper, found = scenario.load_scenario("paper"), scenario.load_scenario(one)
     assert found.payload.mass_kg == 2
     assert found.payload.inertia_kgm2 == paper.payload.inertia_kgm2
@@ -412,18 +412,18 @@ def test_a_file_may_say_only_where_it_differs(tmp_path):
 @pytest.mark.parametrize(
     ("text", "answer"),
     [
-        ("extends: paper\npayload: {mass_kg: -2}\n", "own.yaml:2: payload.mass_kg [kg]: must be"),
+        ("schema: 2\nextends: paper\npayload: {mass_kg: -2}\n", "own.yaml:3: payload.mass_kg [kg]: must be"),
         (
-            "extends: paper\ndisturbances:\n  - {name: clamp, force: 1}\n",
-            "own.yaml:3: disturbances[3].force: is not a setting",
+            "schema: 2\nextends: paper\ndisturbances:\n  - {name: clamp, force: 1}\n",
+            "own.yaml:4: disturbances[3].force: is not a setting",
         ),
-        ("extends: papr\n", "own.yaml:1: extends: there is no scenario 'papr' (shipped: "),
-        ("extends: nowhere.yaml\n", "own.yaml:1: extends: 'nowhere.yaml' cannot be read: "),
-        ("extends: [paper]\n", "own.yaml:1: extends: must be the name of a shipped scenario"),
-        ("extends: own.yaml\n", "own.yaml:1: extends: 4 files that extend one another are the limit"),
+        ("schema: 2\nextends: papr\n", "own.yaml:2: extends: there is no scenario 'papr' (shipped: "),
+        ("schema: 2\nextends: nowhere.yaml\n", "own.yaml:2: extends: 'nowhere.yaml' cannot be read: "),
+        ("schema: 2\nextends: [paper]\n", "own.yaml:2: extends: must be the name of a shipped scenario"),
+        ("schema: 2\nextends: own.yaml\n", "own.yaml:2: extends: 4 files that extend one another are the limit"),
         (
-            "name: a\nextends: paper\npayload_mass_step: {mass_kg: -2, start_s: 1}\n",
-            "own.yaml:3: payload_mass_step.mass_kg [kg]: must leave some of",
+            "schema: 2\nname: a\nextends: paper\npayload_mass_step: {mass_kg: -2, start_s: 1}\n",
+            "own.yaml:4: payload_mass_step.mass_kg [kg]: must leave some of",
         ),
     ],
 )
