@@ -94,6 +94,7 @@ def test_figure_5_shows_where_there_is_no_radius_and_where_the_error_exceeds_it(
 
 
 def test_figure_5_says_what_its_radii_rest_on(cases):
-    assert "assumed: rkhs norm, bounded noise energy" in uncertainty_figures.plot_error_radius({"C3": cases["C3"]}, TOLD).get_suptitle()
+    title = uncertainty_figures.plot_error_radius({"C3": cases["C3"]}, TOLD).get_suptitle()
+    assert "assumed: rkhs norm, bounded noise energy" in title
     met = cases["C3"].assign_attrs(bound_assumptions="")
     assert "all assumptions met" in uncertainty_figures.plot_error_radius({"C3": met}, TOLD).get_suptitle()
