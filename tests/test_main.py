@@ -506,7 +506,8 @@ import signal, sys
 signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored where the tests run in a shell's background
 from pathlib import Path
 from colift.cli import app as command, common, study, tables
-numbers = {metric.key: 1.0 for metric in tables.STUDY_METRICS} | {"complete": True, "termination_reason": "", "warnings": []}
+numbers = {metric.key: 1.0 for metric in tables.STUDY_METRICS}
+numbers |= {"complete": True, "termination_reason": "", "warnings": []}
 summary = {"scenario": "ladung \\u03bb", "seed": 1, "cases": {"C1": numbers}}
 @command.app.command()
 def table() -> None:
