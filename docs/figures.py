@@ -1,9 +1,10 @@
-"""Draws the documentation's figures of the study: `python docs/figures.py OUT`.
+"""Draw the documentation's figures of the study: `python docs/figures.py OUT`.
 
-OUT is that of `study paper --cases C1,C2,C3,F,C4,O`. The spread over seeds is that of `./dev evidence orderings`.
-`reaction.png` is figure 7 of another study: `study paper --cases F,H,C4 --set control.look_ahead_s=0.03`, with a `turn`
-of the wind and the tips' `until_s` as docs/learning.md says. `outdoors_tracking.png` is figure 1 of
-`study outdoors --cases C1,C3,F,C4,O`.
+OUT is the folder of `study paper --case C1,C2,C3,label_feedback,adaptive,true_residual`. The spread over seeds is that
+of `./dev evidence orderings`. `reaction.png` is figure 7 of another study, with a change of the wind's direction and a
+failure of the tip force sensors (docs/learning.md):
+`study paper --case label_feedback,gp_label_feedback,adaptive --set control.preview_step_s=0.03`.
+`outdoors_tracking.png` is figure 1 of `study outdoors --case C1,C3,label_feedback,adaptive,true_residual`.
 """
 
 import json
