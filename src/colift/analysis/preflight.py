@@ -297,7 +297,8 @@ def _thrust(settings: Scenario, experiment: flight.Experiment, state: State) -> 
     return Finding(
         "thrust",
         f"smallest margin in hover {margins[0][smallest[0]]:.1%} of {available[smallest[0]]:.4g} N "
-        f"({names[smallest[0]]}), on the reference {margins[1][smallest[1]]:.1%} ({names[smallest[1]]}, at {worst_time:.3g} s)",
+        f"({names[smallest[0]]}), on the reference {margins[1][smallest[1]]:.1%} ({names[smallest[1]]}, "
+        f"at {worst_time:.3g} s)",
         {
             "hover_N": dict(zip(names, hover.tolist(), strict=True)),
             "reference_N": dict(zip(names, reference_thrust.max(0).tolist(), strict=True)),
