@@ -173,7 +173,7 @@ def test_an_estimator_without_labels_cannot_be_listened_to():
     mute = StateEstimate(
         agents=plan().initial_state.agents, payload=plan().initial_state.payload, a_L=jnp.zeros(6), lam=lam
     )
-    with pytest.raises(ValueError, match="gives no labels"):
+    with pytest.raises(ValueError, match="provides no labels"):
         listener().update(
             listener().init(plan().controller.team),
             plan().controller.team,
@@ -186,7 +186,7 @@ def test_an_estimator_without_labels_cannot_be_listened_to():
 def test_shipped_scenarios_in_which_the_world_changes_are_those_of_the_paper_but_for_what_they_say():
     paper = scenario.load_scenario("paper").model_dump()
     for name, differs in {
-        "payload_added": {"name", "description", "added"},
+        "payload_added": {"name", "description", "payload_mass_step"},
         "labels_lost": {"name", "description", "sensors"},
         "jets": {"name", "description", "disturbances"},
         "path_leaves": {"name", "description", "duration_s", "reference"},
