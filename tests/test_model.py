@@ -32,12 +32,12 @@ REFUSED = [
     (lambda a: dataclasses.replace(a, mass=a.mass.at[1, 3].set(jnp.nan)), "right, body 3: mass nan kg"),
     (
         lambda a: dataclasses.replace(a, inertia=a.inertia.at[1, 2].set(jnp.inf)),
-        "right, body 2: .*three finite numbers",
+        "right, body 2: .*3 x 3 matrix of finite numbers",
     ),
     (lambda a: dataclasses.replace(a, thrust_max=a.thrust_max.at[1].set(0.0)), "right: thrust_max 0 N is not positive"),
     (
         lambda a: dataclasses.replace(a, tip_position=a.tip_position.at[0, 1, 2].set(jnp.nan)),
-        "left: tip .* m is not finite",
+        "left: tip_position .* m is not finite",
     ),
     (
         lambda a: dataclasses.replace(a, joint_axis=a.joint_axis.at[0, 1].mul(2.0)),

@@ -412,7 +412,7 @@ def test_a_scenario_and_python_read_one_agent_alike(seed: int, written: Path) ->
     (written.parent / "vehicles" / "two.urdf").write_text(text, encoding="utf-8")
     told = written.read_text(encoding="utf-8")
     kind = FROM_URDF.replace("left_hand, {link: right, name: right", f"{tips[0]}, {{link: {tips[1]}, name: right")
-    told = told.replace(FROM_URDF, re.sub("    rest.*\n", "", kind)).replace("/left_hand", f"/{tips[0]}")
+    told = told.replace(FROM_URDF, re.sub("    nominal_position.*\n", "", kind)).replace("/left_hand", f"/{tips[0]}")
     truth, _ = team.team(scenario.parse(told, str(written)))
     robot = urdf.load_urdf(written.parent / "vehicles" / "two.urdf")
     agent = urdf.make_agent(
@@ -436,8 +436,8 @@ WRONG_ENTRY = [
     ("thrust_max_N: 50", "thrust_max_N: 0", "two_arms.thrust_max_N [N]: must be from 1e-5 to 1e6 (what lifts"),
     ("    thrust_max_N: 50\n", "", "two_arms.thrust_max_N [N]: is required"),
     ("thrust_max_N: 50", "thrust_mx_N: 50", "is not a setting here; did you mean 'thrust_max_N'?"),
-    ("tips: [left_hand, ", "tips: [", "agents[0].contacts_m [m]: must hold one contact for each of the 1 arms"),
-    ("tip_position_m: [0, 0, -0.3]", "tip_position_m: [0, 0]", "tips[1].offset_m[2] [m]: is missing"),
+    ("tips: [left_hand, ", "tips: [", "agents[0].contact_positions_m [m]: must hold one contact for each of the 1 arms"),
+    ("tip_position_m: [0, 0, -0.3]", "tip_position_m: [0, 0]", "tips[1].tip_position_m[2] [m]: is missing"),
 ]
 
 
@@ -460,7 +460,7 @@ def test_a_scenario_chooses_what_becomes_of_joints_that_follow(written: Path) ->
     with pytest.raises(ScenarioError, match=r"two_arms\.urdf: .*two\.urdf:\d+: joint 'right' depends on another joint"):
         scenario.load_scenario(written)
     with pytest.raises(
-        ScenarioError, match="mimic: must be one of frozen, independent, got 'forzen'; did you mean 'frozen'"
+        ScenarioError, match="mimic_joints: must be one of frozen, independent, got 'forzen'; did you mean 'frozen'"
     ):
         scenario.parse(told.replace("    tips:", "    mimic_joints: forzen\n    tips:"), str(written))
     free = scenario.parse(told.replace("    tips:", "    mimic_joints: independent\n    tips:"), str(written))
