@@ -111,16 +111,16 @@ def test_a_file_that_cannot_be_read_is_one_line_and_status_2(tmp_path: Path):
 @pytest.mark.parametrize(
     ("written", "instead", "answer"),
     [
-        ("seed: 0", "seed: !!bool foo", "broken.yaml:7: seed: tags are not used in a scenario, got '!!bool'"),
-        ("seed: 0", f"seed: {2**63}", "broken.yaml:7: seed: must be from 0 to 9223372036854775807"),
-        ("name: paper", 'name: "\\ud800"', "broken.yaml:3: name: holds characters that are not text"),
+        ("seed: 0", "seed: !!bool foo", "broken.yaml:8: seed: tags are not used in a scenario, got '!!bool'"),
+        ("seed: 0", f"seed: {2**63}", "broken.yaml:8: seed: must be from 0 to 9223372036854775807"),
+        ("name: paper", 'name: "\\ud800"', "broken.yaml:4: name: holds characters that are not text"),
         (
             "max_samples: 256",
             "max_samples: 9999",
             "learning.max_samples: the 24 outputs of the models would take 19.2 GB",
         ),
         ("duration_s: 20", "duration_s: 99999", "duration_s [s]: the log of this team at 500 Hz would take"),
-        ("name: paper", "a: &a [*a]\nname: paper", "broken.yaml:3: is nested more than 20 deep"),
+        ("name: paper", "a: &a [*a]\nname: paper", "broken.yaml:4: is nested more than 20 deep"),
     ],
 )
 def test_a_broken_file_is_one_line_and_status_2(written: str, instead: str, answer: str, tmp_path: Path):
@@ -179,7 +179,7 @@ def test_internal_forces_that_do_not_exist_are_refused_with_the_reason(tmp_path:
     text = (Path(scenario.__file__).parent / "library" / "paper.yaml").read_text()
     split = "  kind: leader_follower\n  leader_contacts: [front/left, front/right, rear/left]"
     path = tmp_path / "split.yaml"
-    path.write_text(text.replace("  kind: balanced", split))
+    path.write_text(text.replace("  kind: least_squares", split))
     status, said = invoke("study", str(path), "--out", str(tmp_path / "out"))
     assert status == 2
     assert "no eta exists" in said

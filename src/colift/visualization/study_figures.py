@@ -222,7 +222,7 @@ def plot_contact_forces(cases: axes_module.Cases, descriptions: Mapping[str, str
 
 def _contacts_of(ds: xr.Dataset, agent: str) -> list[str]:
     """Return the contact names of an agent."""
-    return [name for name in ds.contact_position.values if name.split("/")[0] == agent]
+    return [name for name in ds.contact.values if name.split("/")[0] == agent]
 
 
 def _plot_contacts(ax: Axes, name: str, ds: xr.Dataset, contacts: Sequence[str]) -> None:

@@ -30,7 +30,7 @@ import xarray as xr
 
 from colift.analysis import feasibility, metrics
 from colift.closed_loop import flight as closed_loop_flight
-from colift.closed_loop import log
+from colift.closed_loop import log, part_checks
 from colift.closed_loop.flight import FlightResult
 from colift.runtime import atomic_write
 from colift.scenario import Scenario, experiment, loading
@@ -235,9 +235,13 @@ def run_experiment(
 
     Returns:
         The flight. A flight that violated a termination limit states the reason in `termination_reason`.
+
+    Raises:
+        PartError: If a part of the controller does not fit its interface.
     """
     if duration is not None:
         experiment = dataclasses.replace(experiment, duration=float(duration))
+    part_checks.check_parts(experiment)
     with _progress(progress, experiment.case, experiment.duration) as report:
         result = closed_loop_flight.run_experiment(experiment, report)
     fields = {field.name: getattr(result, field.name) for field in dataclasses.fields(result)}
