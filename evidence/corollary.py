@@ -28,7 +28,7 @@ FIGURE = Path(__file__).parents[1] / "docs" / "figures" / "corollary"
 def fly(seed: int, rate: float) -> dict[str, Any]:
     """One flight, with its radii, whose samples are taken at that rate."""
     settings = scenario.load_scenario("certified")
-    learning = settings.learning.model_copy(update={"sample_Hz": rate, "capacity": CAPACITY})
+    learning = settings.learning.model_copy(update={"sample_Hz": rate, "max_samples": CAPACITY})
     made = certification.certify(
         settings.model_copy(update={"seed": seed, "learning": learning}), names=("energy", "recovery")
     )
