@@ -208,7 +208,7 @@ def test_figure_4_draws_estimates_and_truth_of_every_contact(cases):
         assert min(line.get_linewidth() for line in below) > 2 * max(line.get_linewidth() for line in above)
         truths, means = [line.get_ydata() for line in below], [line.get_ydata() for line in above]
         bands = [band.get_paths()[0].vertices for band in ax.collections]
-        own = [contact for contact in ds.contact_position.values if contact.startswith(f"{agent}/")]
+        own = [contact for contact in ds.contact.values if contact.startswith(f"{agent}/")]
         assert len(truths) == len(means) == len(bands) == len(own) == 2
         for contact, truth, mean, band in zip(own, truths, means, bands, strict=True):
             np.testing.assert_allclose(truth, np.linalg.norm(ds.lam.sel(contact=contact), axis=1), rtol=1e-14)
