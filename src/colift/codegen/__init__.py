@@ -1,8 +1,8 @@
 """C code generation from jaxprs: compile a JAX function for the CPU and vectorize it over a batch.
 
-The pipeline has five stages: `jax.make_jaxpr` traces the function, `loop_fusion` forms loops over agents and large
-arrays, `interpret` evaluates the jaxpr on the symbolic scalars of `graph`, `emit` writes C, and `build` compiles and
-caches it. The result is called through `jax.ffi`. JAX defines the value and the derivatives, so no second description
+`jax.make_jaxpr` traces the function, and `loop_fusion` forms loops over agents and large arrays. `interpret` evaluates
+the jaxpr on the symbolic scalars of `graph`. `emit` writes C; `build` compiles and caches it. The result is called
+through `jax.ffi`. JAX defines the value and the derivatives, so no second description
 of the model exists. A function is compiled for one sample, or for as many samples as fit a vector register.
 
 Example:
@@ -65,9 +65,9 @@ def compile(f: Callable[..., Any], *, threads: int | None = None) -> Callable[..
     Constants that `f` closes over become literals in the code, so varying numbers must be arguments. Integers are
     carried as doubles: a call fails with a JAX runtime error if one exceeds 2^53 or the range of its type.
 
-    The first call may raise `UnsupportedPrimitive` for an operation without a rule, `OverflowError` for a constant
-    integer out of range, `TypeError` for other array types or a traced constant, and `CompilerError` if the C compiler
-    fails.
+    The first call raises `UnsupportedPrimitive` for an operation without a rule and `OverflowError` for a constant
+    integer out of range. It raises `TypeError` for other array types or a traced constant. It raises `CompilerError` if
+    the C compiler fails.
 
     Args:
         f: Function of PyTrees of float64, integer or boolean arrays; returns such a PyTree.
@@ -134,8 +134,8 @@ def _jvp(primals: Sequence[Any], tangents: Sequence[Any], **params: Any) -> tupl
 def _call_library(*args: Any, jaxpr: core.ClosedJaxpr, threads: int) -> list[Any]:
     """Call the compiled library.
 
-    The small arguments of one sample are concatenated to one array per type, because each array costs about 0.2 us per
-    call in a loop of XLA. Results stay separate: splitting a concatenated result costs more than it saves.
+    The small arguments of one sample are concatenated to one array per type. Each array costs about 0.2 us per call in
+    a loop of XLA. Results stay separate: splitting a concatenated result costs more than it saves.
 
     Returns:
         The results.

@@ -1,7 +1,7 @@
 """Axis analysis of jaxpr equations: rewrite an equation so that it acts at one index of an axis.
 
-Such a rewrite exists if each index of a result's axis depends on one index of one axis of each operand, or if the
-equation reduces over an axis. `loop_fusion` forms loops from the rewritten equations.
+A rewrite exists if each index of a result's axis depends on one index of one axis of each operand. It also exists if
+the equation reduces over an axis. `loop_fusion` forms loops from the rewritten equations.
 """
 
 from __future__ import annotations

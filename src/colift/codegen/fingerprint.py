@@ -12,7 +12,6 @@ from importlib import resources
 from typing import Any
 
 import jax
-import jax.core
 import numpy as np
 from jax.extend import core
 

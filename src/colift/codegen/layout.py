@@ -60,7 +60,7 @@ class FunctionLayout:
 def copy_runs(
     ranges: np.ndarray, nodes: Nodes, at: np.ndarray, constant: np.ndarray
 ) -> Iterator[tuple[str, int, int, int]]:
-    """Group neighbouring elements that one statement can copy.
+    """Group adjacent elements that one statement can copy.
 
     Args:
         ranges: Range of each node in the graph, -1 for expressions.

@@ -15,7 +15,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from types import SimpleNamespace
 
-import jax
 import jax.core
 from jax.extend.core import primitives
 
@@ -39,10 +38,10 @@ def find_axis_forms(equations: Sequence[Equation]) -> dict[Equation, AxisForm]:
     Returns:
         The form at one index for each equation that becomes a part of a loop.
     """
-    neighbours = defaultdict(list)
+    users = defaultdict(list)
     for e in equations:
         for v in (*e.invars, *e.outvars):
-            neighbours[v].append(e)
+            users[v].append(e)
     found: dict[Equation, AxisForm] = {}
     axes: dict[Value, int] = {}  # loop axis of each value
     waiting: list[Value] = []
@@ -61,7 +60,7 @@ def find_axis_forms(equations: Sequence[Equation]) -> dict[Equation, AxisForm]:
     def spread() -> None:
         while waiting:
             v = waiting.pop()
-            for e in neighbours[v]:
+            for e in users[v]:
                 if e not in found and (form := _axis_form(e, v, axes[v])) is not None:
                     add(e, form)
 

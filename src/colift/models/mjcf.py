@@ -3,9 +3,9 @@
 Payload and bases are free bodies; joints are hinges and slides. A contact is a `connect` constraint between a site of
 the payload and a site of the tip body. Geoms are for display only and do not collide.
 
-MuJoCo's constraints are soft. The contact forces satisfy `(A + S) lam = a_ref - a_0`, where `A = J M^-1 J^T`, `a_0` is
-the relative acceleration at the contacts without contact forces, and `a_ref = -2 r_dot / (d T) - r / (d T)^2` is the
-stabilization of a position error r. The softness S is about `(1 - d) / d` times the diagonal of A. T and d are the
+MuJoCo's constraints are soft: contact forces satisfy `(A + S) lam = a_ref - a_0` with `A = J M^-1 J^T`. `a_0` is the
+relative acceleration at the contacts without contact forces. `a_ref = -2 r_dot / (d T) - r / (d T)^2` stabilizes the
+position error r. The softness S is about `(1 - d) / d` times the diagonal of A. T and d are the
 first parameters of `solref` and `solimp`; the constraint is rigid in the limit T to 0, d to 1.
 
 See Also:
@@ -102,9 +102,9 @@ def to_mjcf(
 ) -> str:
     """Write a team as an MJCF document; the state is the keyframe `start`.
 
-    The actuators of an agent are `<agent> thrust` (N, along the third axis of the base), `<agent> torque x`, `y` and
-    `z` (N m, base frame), and one per joint with the name of the joint. All quantities are in SI units and radians. A
-    wrong number of names raises `ValueError`.
+    An agent has the actuator `<agent> thrust` (N, along the third axis of the base). It has `<agent> torque x`, `y` and
+    `z` (N m, base frame), and one actuator per joint with the name of the joint. All quantities are in SI units and
+    radians. A wrong number of names raises `ValueError`.
 
     Args:
         team: Team.

@@ -146,9 +146,9 @@ def parse_urdf(
 ) -> Robot:
     """Parse a URDF document.
 
-    The parser raises `ValueError` for a text that is not XML or contains a DOCTYPE, for links that are not one tree, a
-    joint of an unsupported type, a coupled joint if `mimic` is None, a negative mass, or an unphysical inertia
-    (`validation.validate_inertia`). The message begins with `file:line:`.
+    The parser raises `ValueError` for a text that is not XML or has a DOCTYPE, and for links that are not one tree. It
+    rejects unsupported joint types, and coupled joints if `mimic` is None. It rejects negative masses and unphysical
+    inertias (`validation.validate_inertia`). The message begins with `file:line:`.
 
     Args:
         text: XML document.
@@ -455,6 +455,7 @@ def _below(root: str, below: dict[str, list[tuple[str, _Element]]]) -> Iterator[
 
 
 def _link_of(joint: _Element, end: str, links: dict[str, _Element]) -> str:
+    """Return the name of the parent or child link of a joint; fail if the file has no such link."""
     element = joint.one(end)
     if element is None:
         _fail(joint, f"{joint} has no <{end}>")
@@ -465,6 +466,7 @@ def _link_of(joint: _Element, end: str, links: dict[str, _Element]) -> str:
 
 
 def _check_type(joint: _Element) -> None:
+    """Fail if the type of a joint is not supported."""
     kind, known = _attribute(joint, "type", joint), (*JOINT_TYPES, "fixed")
     if kind not in known:
         _fail(joint, f"{joint}: type {kind!r} is not supported; allowed: {', '.join(known)}")
