@@ -187,7 +187,7 @@ def flight_dataset(
         "refits": _describe_events(settings, ((update.t, update.refitted) for update in flight.updates)),
         "T_end_s": settings.learning.end_s,
         **{f"limit_{name}": value for name, value in _limits(settings, experiment).items() if value is not None},
-        **{f"rho_{name}": value for name, value in statements.items()},
+        **{f"rho_{name}": value for name, value in statements.items() if name != "assumed"},
         "bound_assumptions": ", ".join(statements["assumed"]),  # some readers of NetCDF do not support lists of strings
     }
     return log.dataset(
