@@ -182,7 +182,7 @@ def test_internal_forces_that_do_not_exist_are_refused_with_the_reason(tmp_path:
     path.write_text(text.replace("  kind: least_squares", split))
     status, said = invoke("study", str(path), "--out", str(tmp_path / "out"))
     assert status == 2
-    assert "no eta exists" in said
+    assert "this allocation has no internal force" in said
 
 
 def test_what_a_compiler_that_fails_says_comes_without_a_traceback_and_status_2(
