@@ -49,7 +49,10 @@ def numbers(node: object, place: str = "") -> list[tuple[str, int, int]]:
 
 
 NUMBERS = numbers(YAML(typ="rt").load(SAMPLE))
-KEYS = sorted({m[1] for m in re.finditer(r"(?:^|[{,-])\s*([A-Za-z_0-9]{4,}):", SAMPLE, re.MULTILINE)} - {"two_arms", "schema"})
+KEYS = sorted(
+    {m[1] for m in re.finditer(r"(?:^|[{,-])\s*([A-Za-z_0-9]{4,}):", SAMPLE, re.MULTILINE)}
+    - {"two_arms", "schema", "kind", "type"}
+)
 
 
 # What is accepted -----------------------------------------------------------------------------------------------------

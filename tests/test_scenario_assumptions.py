@@ -52,7 +52,7 @@ def test_in_the_certified_scenario_nothing_is_assumed_unless_it_is_changed():
     assert assumed(certificate={"rkhs_norm": 0.9 * norm}) == ("rkhs norm",)
     assert assumed(disturbances=scenario.load_scenario("paper").disturbances) == ("rkhs norm",)
     assert assumed(nominal={"payload": scenario.load_scenario("paper").payload.model_dump() | {"mass_kg": 1.2}}) == (
-        "norm",
+        "rkhs norm",
     )
     assert assumed(random_residual=None, learning=learning | {"label_source": "onboard"}) == (
         "rkhs norm",
@@ -64,7 +64,7 @@ def test_in_the_certified_scenario_nothing_is_assumed_unless_it_is_changed():
     }
     assert assumed(**fitted) == ("rkhs norm", "fixed hyperparameters")
     small = {"force_error_N": 1e-6, "moment_error_Nm": 1e-6}
-    assert assumed(certificate={"rkhs_norm": norm, "payload_label_error": small}) == ("energy",)
+    assert assumed(certificate={"rkhs_norm": norm, "payload_label_error": small}) == ("bounded noise energy",)
 
 
 def test_a_label_error_of_zero_is_refused():

@@ -11,7 +11,7 @@ from colift.scenario.cross_checks import MAX_ENTRIES
 from colift.scenario.errors import ErrorMessage, ScenarioError, format_value, unknown_name_message
 from colift.scenario.schema import Pose, Section
 
-PLACE, TURN = ("t_s", "x_m", "y_m", "z_m"), ("roll_deg", "pitch_deg", "yaw_deg")
+PLACE, TURN = ("time_s", "x_m", "y_m", "z_m"), ("roll_deg", "pitch_deg", "yaw_deg")
 
 
 class WaypointsFromFile(Section):
@@ -20,7 +20,7 @@ class WaypointsFromFile(Section):
     kind: Literal["waypoints"]
     """Which reference."""
     file: str
-    """Path of the table, relative to the scenario's. Columns t_s, x_m, y_m, z_m and, where it turns, roll_deg,
+    """Path of the table, relative to the scenario's. Columns time_s, x_m, y_m, z_m and, where it turns, roll_deg,
     pitch_deg, yaw_deg, in any order."""
 
 
@@ -29,7 +29,7 @@ def expand(given: WaypointsFromFile, folder: Path) -> tuple[dict[str, Any], list
     try:
         with (folder / given.file).open(encoding="utf-8-sig", newline="") as opened:
             rows = csv.reader(opened, strict=True)
-            names = [name.strip() for name in next(rows, [])]
+            names = ["time_s" if name.strip() == "t_s" else name.strip() for name in next(rows, [])]  # t_s: schema 1
             poses, wrong = [], list(_columns(names))
             for row in [] if wrong else rows:
                 if row:
@@ -71,7 +71,7 @@ def _pose(names: list[str], row: list[str]) -> tuple[dict[str, Any], list[str]]:
             wrong.append(f"{name}: must be a number, got {format_value(said)}")
     if wrong:
         return {}, wrong
-    pose: dict[str, Any] = {"t_s": numbers["t_s"], "p_m": [numbers[name] for name in PLACE[1:]]}
+    pose: dict[str, Any] = {"time_s": numbers["time_s"], "position_m": [numbers[name] for name in PLACE[1:]]}
     pose |= {"rpy_deg": [numbers[name] for name in TURN]} if TURN[0] in names else {}
     try:
         Pose.model_validate(pose)
