@@ -304,10 +304,15 @@ def test_weather_is_a_wind_whose_mean_turns_and_whose_gusts_travel():
     """Before it turns, and at a gust's every period, it is the steady wind; after, the one with the mean turned."""
     rng = np.random.default_rng(0)
     steady = wind(rng)
-    still = {"rate": jnp.zeros(2), "angle": jnp.array(0.0), "start": jnp.array(2.0), "over": jnp.array(0.5)}
+    still = {
+        "phase_rate": jnp.zeros(2),
+        "turn_angle": jnp.array(0.0),
+        "start": jnp.array(2.0),
+        "ramp_time": jnp.array(0.5),
+    }
     at = motion(rng)
     law = jax.jit(lambda law, t: law(at, t, ())[0])
-    turning = disturbances.TimeVaryingWind(base_wind=steady, **still | {"angle": jnp.array(np.pi / 2)})
+    turning = disturbances.TimeVaryingWind(base_wind=steady, **still | {"turn_angle": jnp.array(np.pi / 2)})
     np.testing.assert_allclose(law(turning, jnp.array(1.9)), law(steady, NOW), rtol=1e-12)
     x, y, z = np.asarray(steady.mean)
     turned = dataclasses.replace(steady, mean=jnp.array([-y, x, z]))
@@ -316,7 +321,7 @@ def test_weather_is_a_wind_whose_mean_turns_and_whose_gusts_travel():
     half = Rotation.from_rotvec([0, 0, np.pi / 4]).apply([x, y, z])
     np.testing.assert_allclose(halfway, law(dataclasses.replace(steady, mean=jnp.array(half)), NOW), rtol=1e-9)
     gusting = disturbances.TimeVaryingWind(
-        base_wind=steady, **still | {"rate": jnp.array([2 * np.pi / 3, 2 * np.pi / 6])}
+        base_wind=steady, **still | {"phase_rate": jnp.array([2 * np.pi / 3, 2 * np.pi / 6])}
     )
     np.testing.assert_allclose(law(gusting, jnp.array(6.0)), law(steady, NOW), rtol=1e-9)
     assert np.abs(law(gusting, jnp.array(1.0)) - law(steady, NOW)).max() > 1e-3
