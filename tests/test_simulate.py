@@ -16,7 +16,7 @@ from colift.analysis import metrics
 from colift.closed_loop import signals, simulator, termination
 from colift.closed_loop.flight import UNCERTAINTY_PERIOD, Experiment, FlightResult, run_experiment
 from colift.math.pytree import pytree
-from colift.onboard.learning import online_learner
+from colift.onboard.learning import model_update, online_learner
 from colift.scenario import experiment
 from colift.simulation import disturbances
 from tests import light, paper_flights
@@ -174,7 +174,7 @@ def test_what_is_learned_flies_when_it_is_ready_and_not_before(latency, monkeypa
     began = clock()
     if latency is None:
         monkeypatch.setattr(time, "perf_counter", lambda: began + shift[0])
-        monkeypatch.setattr(online_learner.OnlineLearner, "teach", slowly)
+        monkeypatch.setattr(online_learner.OnlineLearner, "update", slowly)
     flight = run_experiment(of)
     assert [update.t for update in flight.updates] == pytest.approx([0.5, 0.9])
     assert [update.activation_time for update in flight.updates] == pytest.approx([0.8, 1.2])

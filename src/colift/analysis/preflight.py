@@ -202,7 +202,8 @@ def _mass(settings: Scenario, truth: Team, nominal: Team) -> Finding:
         float(sum(group.thrust_max.sum() for group in truth.agent_groups)),
     )
     weight = total * float(np.linalg.norm(truth.gravity))
-    description = f"payload {payload_mass:.4g} kg{f' (nominal {nominal_mass:.4g} kg)' if nominal_mass != payload_mass else ''}"
+    nominal_note = f" (nominal {nominal_mass:.4g} kg)" if nominal_mass != payload_mass else ""
+    description = f"payload {payload_mass:.4g} kg{nominal_note}"
     for mass, names_alike in itertools.groupby(names, key=lambda name: f"{agents[name]:.4g}"):
         first, *others = names_alike
         description += (
