@@ -21,7 +21,6 @@ from colift.closed_loop.signals import StepRecord
 from colift.onboard.learning.prediction_uncertainty import PredictionUncertainty
 from colift.runtime import atomic_write
 
-
 SCHEMA = 2
 """Schema of the logs that `save` writes; `load` renames the variables and attributes of schema 1."""
 VARIABLES_OF_SCHEMA_1 = {
