@@ -53,7 +53,7 @@ jax.tree_util.register_dataclass = register_dataclass
 # Before any test module imports colift: every annotated function of it is then checked by beartype. But not where C is
 # written: a million calls a flight, with no array whose shape could be wrong, took twenty times as long.
 PACKAGE = Path(next(iter(importlib.util.find_spec("colift").submodule_search_locations)))
-MODULES = [f"colift.{module.name}" for module in pkgutil.iter_modules([str(PACKAGE)]) if module.name != "native"]
+MODULES = [f"colift.{module.name}" for module in pkgutil.iter_modules([str(PACKAGE)]) if module.name != "codegen"]
 install_import_hook(MODULES, "beartype.beartype")
 
 # Compilation makes first examples slow, so no deadline; the same examples in every run, so that a failure is one.
@@ -136,7 +136,7 @@ def _forget_a_test() -> Iterator[None]:
 def _forget_beyond(gigabytes: float) -> None:
     if _resident_GB() > gigabytes:
         jax.clear_caches()
-        for name, kept in (("colift.simulate", "_compiled"), ("colift.codegen", "_target")):
+        for name, kept in (("colift.closed_loop.simulator", "_compiled"), ("colift.codegen", "_target")):
             if name in sys.modules:
                 getattr(sys.modules[name], kept).cache_clear()
         gc.collect()
