@@ -115,7 +115,7 @@ def test_wrenches_are_in_the_frames_they_name(ds: xr.Dataset, messages: dict[str
         frames = {t.child_frame_id: t for t in tf.transforms}
         R_L = matrix(frames["payload"].transform.rotation)
         for topic, F, tau in [("payload/wrench_desired", ds.W_d.values[k, :3], ds.W_d.values[k, 3:])] + [
-            (f"{name}/force", ds.lam.values[k, b], np.zeros(3)) for b, name in enumerate(ds.contact_position.values)
+            (f"{name}/force", ds.lam.values[k, b], np.zeros(3)) for b, name in enumerate(ds.contact.values)
         ]:
             m = messages[f"/{topic}"][k]
             assert m.header.frame_id == topic.rpartition("/")[0]
@@ -134,7 +134,7 @@ def test_frames_hang_together(ds: xr.Dataset, messages: dict[str, list[Any]]) ->
         frames = {t.child_frame_id: t for t in tf.transforms}
         assert {t.header.frame_id for t in tf.transforms} == {"world", "payload"}
         np.testing.assert_array_equal(xyz(frames["payload"].transform.translation), ds.p.values[k])
-        for name, at in zip(ds.contact_position.values, contacts, strict=True):
+        for name, at in zip(ds.contact.values, contacts, strict=True):
             assert frames[name].header.frame_id == "payload"
             np.testing.assert_array_equal(xyz(frames[name].transform.translation), at)
         for name in ds.agent.values:
