@@ -28,7 +28,7 @@ def main() -> None:
     late = ds.sel(time=slice(1.5, None))
     off = np.sqrt((late.e_p**2).sum("axis")).mean()
     print(f"{ds.e_p.attrs['long_name']}, {ds.e_p.attrs['frame']} frame: {1e3 * float(off):.1f} mm, mean from 1.5 s on")
-    for contact in ds.contact_position.values:
+    for contact in ds.contact.values:
         carried = late.lam.sel(contact=contact, axis="z").mean()
         print(f"{contact} carries {float(carried):.2f} {ds.lam.attrs['units']} of the payload's weight")
     before, after = (float(ds.sigma_L_force.sel(time_sigma=t, method="nearest")) for t in (0.5, 1.5))
