@@ -19,9 +19,12 @@ author = "the colift developers"
 html_show_copyright = False
 release = version = installed("colift")
 
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.viewcode", "results_tables"]
+extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.viewcode", "results_tables"]
 myst_enable_extensions = ["dollarmath", "deflist"]
 myst_heading_anchors = 3
+nb_execution_mode = "cache"  # a notebook is executed when its cells have changed
+nb_execution_raise_on_error = True
+nb_execution_timeout = 300
 autodoc_member_order = "bysource"
 autodoc_typehints_format = "short"
 python_maximum_signature_line_length = 88
@@ -36,7 +39,7 @@ html_static_path = ["page.css"]
 html_css_files = ["page.css"]
 html_math_renderer = "mathml"
 html_show_sphinx = False
-exclude_patterns = ["_build"]
+exclude_patterns = ["_build", "jupyter_execute"]
 
 
 def _inline(self, node):

@@ -31,7 +31,7 @@ def scenario_of_log(ds: xr.Dataset) -> Scenario:
     """
     try:
         data = json.loads(ds.attrs["scenario_json"])
-        data = migrate_data(data)
+        data = migrate_data(data, strict=False)
         data.pop("plugins", None)  # drawing a team needs no plugin code
         return Scenario.model_validate_json(json.dumps(data))
     except KeyError:

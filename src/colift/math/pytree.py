@@ -6,6 +6,8 @@ import dataclasses
 from typing import Any, TypeVar, dataclass_transform
 
 import jax
+import jax.numpy as jnp
+import numpy as np
 
 T = TypeVar("T")
 
@@ -24,7 +26,19 @@ def static(**kwargs: Any) -> Any:
     return dataclasses.field(metadata={"static": True}, **kwargs)
 
 
-@dataclass_transform(kw_only_default=True, frozen_default=True, field_specifiers=(static,))
+def constant(value: float) -> Any:
+    """Declare a field whose default is a number, such as a constant of an algorithm.
+
+    Args:
+        value: Default value, in the unit of the field.
+
+    Returns:
+        The field specifier; the default is a float64 array without weak type.
+    """
+    return dataclasses.field(default_factory=lambda: jnp.asarray(np.array(value, dtype=float)))
+
+
+@dataclass_transform(kw_only_default=True, frozen_default=True, field_specifiers=(static, constant))
 def pytree(cls: type[T]) -> type[T]:
     """Convert a class with annotated fields to a frozen, keyword-only dataclass that is a JAX PyTree.
 

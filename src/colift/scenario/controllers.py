@@ -61,8 +61,7 @@ def allocation(settings: schema.Scenario, nominal: Team) -> tuple[AllocationMap,
     index = {name: i for i, name in enumerate(team_module.contact_names(settings))}
     try:
         if isinstance(given, schema.LeaderFollowerAllocation):
-            offset = None if given.follower_offset_N is None else np.array(given.follower_offset_N)
-            experiment = leader_follower_allocation(c, [index[name] for name in given.leader_contacts], offset)
+            experiment = leader_follower_allocation(c, [index[name] for name in given.leader_contacts])
         else:
             experiment = least_squares_allocation(c)
         return experiment, _internal(given.internal, experiment, c, index)
@@ -103,10 +102,7 @@ def make_controller(settings: schema.Scenario, nominal: Team) -> controller.Lead
     ours = controller.LeaderFollowerController(
         team=nominal,
         reference=trajectories.make_reference(settings),
-        estimator=state_estimator.ComplementaryFilter(
-            filters=_filters(settings),
-            max_reading_age=array(settings.online_correction.max_label_age_s),
-        ),
+        estimator=state_estimator.ComplementaryFilter(filters=_filters(settings)),
         recorder=recorder(
             sample_period=array(1 / learning.sample_Hz),
             start=array(learning.start_s),
@@ -161,13 +157,12 @@ def with_innovation_filter(
     """
     given, filters = settings.online_correction, _filters(settings)
     innovation_filter = residual_correction.InnovationFilter(
-        filters=filters,
-        hold_time=array(given.hold_time_s),
-        decay_time=array(np.inf if held else given.decay_time_s),
-        averaging_time=array(given.averaging_time_s),
-        variance_ratio=array(0.0 if held else given.variance_ratio),
-        coherence=array(0.0 if held else given.coherence),
+        filters=filters, hold_time=array(given.hold_time_s), averaging_time=array(given.averaging_time_s)
     )
+    if held:
+        innovation_filter = dataclasses.replace(
+            innovation_filter, decay_time=array(np.inf), variance_ratio=array(0.0), coherence=array(0.0)
+        )
     lead = array(given.lead_time_s) if held else filters.label_delay()
     heeded = tuple(
         array([label_feedback.rate_attenuation(gain) for gain in group])
@@ -208,9 +203,7 @@ def _drive(settings: schema.Scenario) -> interfaces.ActuatorCompensator:
     nominal = settings.nominal.actuators
     if nominal is None:
         return actuator_compensation.NoCompensation()
-    return actuator_compensation.LagInversion(
-        lag=actuator_lag(nominal, settings), bandwidth_ratio=array(settings.control.actuator_bandwidth_ratio)
-    )
+    return actuator_compensation.LagInversion(lag=actuator_lag(nominal, settings))
 
 
 CONTROLLER_PARTS: dict[str, type] = {

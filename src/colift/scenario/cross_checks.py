@@ -31,7 +31,6 @@ def consistency_errors(data: dict[str, Any]) -> list[ErrorMessage]:
         *_allocation(data),
         *_times(data),
         *_rates(data),
-        *_lengthscales(data),
         *_flanks(data),
         *_waves(data),
         *_memory(data),
@@ -201,13 +200,6 @@ def _allocation(data: dict[str, Any]) -> Iterator[ErrorMessage]:
             yield place, unknown_name_message(contact, known, "a contact")
         elif contact in leaders[:i]:
             yield place, f"{format_value(contact)} is named twice"
-    offset = _part(data, "allocation", "follower_offset_N")
-    followers = len(known) - len(leaders)
-    if isinstance(offset, list | tuple) and len(offset) != followers:
-        yield (
-            ("allocation", "follower_offset_N"),
-            f"must hold one force for each of the {followers} follower contacts, got {len(offset)}",
-        )
     for i, pair in enumerate(_items(data, "allocation", "internal", "squeeze_pairs")):
         ends = [pair[k] for k in (0, 1)] if isinstance(pair, list | tuple) and len(pair) > 1 else []
         for k, contact in enumerate(ends):
@@ -244,16 +236,6 @@ def _times(data: dict[str, Any]) -> Iterator[ErrorMessage]:
         elif (t - before) * sample < 1 - 1e-9:
             since = "the one before" if i else "start_s"
             yield (*UPDATES, i), f"must be a period of sample_Hz = {sample:g} after {since}, {before:g}, got {t:g}"
-
-
-def _lengthscales(data: dict[str, Any]) -> Iterator[ErrorMessage]:
-    low, high = (_number(data, "learning", "lengthscale_bounds", k) for k in (0, 1))
-    if low >= high:
-        yield ("learning", "lengthscale_bounds", 1), f"must exceed the least, {low:g}, got {high:g}"
-    for body, name in itertools.product(("payload", "agents"), ("lengthscale", "rate_lengthscale")):
-        given = _number(data, "learning", body, name)
-        if given < low or given > high:
-            yield ("learning", body, name), f"must lie within lengthscale_bounds = [{low:g}, {high:g}], got {given:g}"
 
 
 def _rates(data: dict[str, Any]) -> Iterator[ErrorMessage]:

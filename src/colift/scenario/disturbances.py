@@ -41,11 +41,13 @@ def make_disturbances(settings: schema.Scenario) -> DisturbanceSet:
     )
 
 
-def _laws(settings: schema.Scenario) -> list[schema.Law]:
+def _laws(settings: schema.Scenario) -> list[schema.PointDisturbance]:
     return [source for source in settings.disturbances if not isinstance(source, schema.JointFriction)]
 
 
-def _mounts(settings: schema.Scenario, source: schema.Law, group: list[schema.Agent]) -> Iterator[AgentDisturbance]:
+def _mounts(
+    settings: schema.Scenario, source: schema.PointDisturbance, group: list[schema.Agent]
+) -> Iterator[AgentDisturbance]:
     """A source on a group: one mount for each body index that its body has in the types of the group."""
     carriers: dict[int, list[float]] = {}
     for k, agent in enumerate(group):
@@ -70,7 +72,7 @@ def _friction(settings: schema.Scenario, group: list[schema.Agent]) -> JointFric
     return JointFriction(viscous=viscous, coulomb=coulomb, speed=speed)
 
 
-def _law(source: schema.Law) -> DisturbanceModel:
+def _law(source: schema.PointDisturbance) -> DisturbanceModel:
     return DISTURBANCE_MODELS[type(source)](source)
 
 

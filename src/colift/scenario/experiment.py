@@ -203,9 +203,7 @@ def _going_on(experiment: flight.Experiment, settings: Scenario) -> flight.Exper
         online_updates=online_learner.OnlineUpdateOptions(
             times=tuple(times.tolist()),
             nis_threshold=given.nis_threshold,
-            transient_time=given.transient_time_s,
-            min_samples=min(given.min_samples, settings.learning.max_samples),
-            forgetting_time=given.forgetting_time_s,
+            min_samples=min(online_learner.OnlineUpdateOptions.min_samples, settings.learning.max_samples),
             mean_prior=priors.mean_prior(settings, experiment.controller.team),
         ),
     )

@@ -1,7 +1,7 @@
-"""The numbers of a scenario: each with the range in which it can be meant, and why no further.
+"""Types of the numbers of a scenario, each with its valid range and the reason for it.
 
-A range is no advice. It is wide enough for every vehicle and load that this project is for, and refuses slips: another
-unit, a sign, a digit too many. Where what can be meant depends on other settings, `references` says so.
+A range is not a recommendation. It admits all vehicles and payloads within the scope of the project and refuses slips,
+such as a wrong unit, sign or exponent. Limits that depend on other settings are in `cross_checks`.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from pydantic_core import CoreSchema
 
 @dataclasses.dataclass(frozen=True)
 class SchemaNote:
-    """Words that the schema of a setting carries: its unit, or why its range ends where it does."""
+    """Entry of the JSON schema of a setting: its unit, or the reason for its range."""
 
     key: str
     words: str
@@ -25,17 +25,17 @@ class SchemaNote:
 
 
 def unit(unit: str) -> SchemaNote:
-    """The unit of a setting that carries a letter of the paper rather than a word with a unit."""
+    """Return the unit of a setting whose name does not contain it, such as a symbol of the paper."""
     return SchemaNote("unit", unit)
 
 
-def range_reason(why: str) -> SchemaNote:
-    """Why a range ends where it does."""
-    return SchemaNote("why", why)
+def range_reason(reason: str) -> SchemaNote:
+    """Return the reason for a range."""
+    return SchemaNote("why", reason)
 
 
 def _thrice(given: Any) -> Any:
-    """One number for all three axes."""
+    """Repeat a single number for all three axes."""
     return (given,) * 3 if isinstance(given, int | float) and not isinstance(given, bool) else given
 
 
@@ -44,135 +44,115 @@ Count = Annotated[int, Field(strict=True)]
 
 # Bodies ---------------------------------------------------------------------------------------------------------------
 
-_BODY = range_reason("nothing that is carried by air is larger than 100 m")
-Mass = Annotated[Number, Field(ge=1e-6, le=1e5), range_reason("from a milligram to a hundred tonnes")]
-MassChange = Annotated[Number, Field(ge=-1e5, le=1e5), range_reason("a hundred tonnes")]
-InertiaEntry = Annotated[Number, Field(ge=-1e9, le=1e9), range_reason("a hundred tonnes, 100 m out")]
+_BODY = range_reason("larger bodies are out of scope")
+Mass = Annotated[Number, Field(ge=1e-6, le=1e5), range_reason("from a milligram to 100 t")]
+MassChange = Annotated[Number, Field(ge=-1e5, le=1e5), range_reason("100 t")]
+InertiaEntry = Annotated[Number, Field(ge=-1e9, le=1e9), range_reason("100 t at a distance of 100 m")]
 BodyLength = Annotated[Number, Field(ge=-100, le=100), _BODY]
 BodyPoint = tuple[BodyLength, BodyLength, BodyLength]
 Direction = Annotated[
-    Number, Field(ge=-1e6, le=1e6), range_reason("only the direction counts; squares must not overflow")
+    Number, Field(ge=-1e6, le=1e6), range_reason("only the direction is used; squares must not overflow")
 ]
 Axis = tuple[Direction, Direction, Direction]
-JointAngle = Annotated[Number, Field(ge=-63, le=63), range_reason("ten turns; more is likely degrees")]
+JointAngle = Annotated[
+    Number, Field(ge=-63, le=63), range_reason("ten revolutions; larger values are probably in degrees")
+]
 
 # Space and motion -----------------------------------------------------------------------------------------------------
 
-_FAR = range_reason("10 km; put the origin nearer to the team")
+_FAR = range_reason("10 km; move the origin closer to the team")
 _SOUND = range_reason("the speed of sound")
-_SPIN = range_reason("32 turns a second")
-_TURNS = range_reason("ten turns")
+_SPIN = range_reason("32 revolutions per second")
+_TURNS = range_reason("ten revolutions")
 Coordinate = Annotated[Number, Field(ge=-1e4, le=1e4), _FAR]
 Position = tuple[Coordinate, Coordinate, Coordinate]
 Length = Annotated[Number, Field(ge=0, le=1e4), _FAR]
 Extents = tuple[Length, Length, Length]
 Distance = Annotated[Number, Field(ge=1e-3, le=1e4), _FAR]
-Width = Annotated[
-    Number, Field(ge=0.01, le=1e4), range_reason("a stream narrower than 1 cm or wider than 10 km is none")
-]
+Width = Annotated[Number, Field(ge=0.01, le=1e4), range_reason("from 1 cm to 10 km")]
 Speed = Annotated[Number, Field(ge=-340, le=340), _SOUND]
 Velocity = tuple[Speed, Speed, Speed]
 AngularRate = Annotated[Number, Field(ge=-200, le=200), _SPIN]
 BodyRate = tuple[AngularRate, AngularRate, AngularRate]
-Gravity = Annotated[Number, Field(ge=-30, le=30), range_reason("Jupiter has 25 m/s²")]
+Gravity = Annotated[Number, Field(ge=-30, le=30), range_reason("25 m/s² on Jupiter")]
 Gravities = tuple[Gravity, Gravity, Gravity]
 Degrees = Annotated[Number, Field(ge=-3600, le=3600), _TURNS]
 Angles = tuple[Degrees, Degrees, Degrees]
-HalfTurn = Annotated[Number, Field(ge=-180, le=180), range_reason("a rotation vector is half a turn long at most")]
-AnyAngle = Annotated[Number, Field(ge=1, le=180), range_reason("half a turn allows every attitude")]
+HalfTurn = Annotated[Number, Field(ge=-180, le=180), range_reason("a rotation vector has at most half a revolution")]
+AnyAngle = Annotated[Number, Field(ge=1, le=180), range_reason("180 deg permits every attitude")]
 RotationVector = tuple[HalfTurn, HalfTurn, HalfTurn]
 Wavenumber = Annotated[
     Number,
     Field(ge=-63, le=63),
-    range_reason("a wavelength of 10 cm, the size of the smallest vehicle; see Gust for the rest"),
+    range_reason("a wavelength of 10 cm, the size of the smallest vehicle"),
 ]
 WaveVector = tuple[Wavenumber, Wavenumber, Wavenumber]
 
 # Time -----------------------------------------------------------------------------------------------------------------
 
-Duration = Annotated[Number, Field(ge=0.1, le=1e5), range_reason("from a few ticks to a day")]
-Time = Annotated[Number, Field(ge=0, le=1e5), range_reason("a day")]
+Duration = Annotated[Number, Field(ge=0.1, le=1e5), range_reason("from a few control periods to a day")]
+Time = Annotated[Number, Field(ge=0, le=1e5), range_reason("one day")]
 Span = Annotated[Number, Field(ge=1e-3, le=1e5), range_reason("from a millisecond to a day")]
 LookAhead = Annotated[
     Number,
     Field(ge=1e-3, le=0.2),
-    range_reason("a quartic through times closer than a tick is rounding, or 0.8 s long is none"),
+    range_reason("shorter steps cause rounding errors; longer ones make the interpolation inaccurate"),
 ]
-Period = Annotated[
-    Number, Field(ge=0.1, le=1e5), range_reason("no payload swings faster than 10 Hz, no run lasts a day")
-]
+Period = Annotated[Number, Field(ge=0.1, le=1e5), range_reason("at most 10 Hz; at least once a day")]
 Periods = Annotated[tuple[Period, Period, Period], BeforeValidator(_thrice)]
 ControlRate = Annotated[
     Number,
     Field(ge=20, le=1e4),
-    range_reason("below 20 Hz no attitude loop holds, above 10 kHz no flight computer runs"),
+    range_reason("attitude loops require 20 Hz; flight computers reach 10 kHz"),
 ]
-Rate = Annotated[
-    Number, Field(ge=1e-3, le=1e4), range_reason("from once in a quarter of an hour to the highest control rate")
-]
+Rate = Annotated[Number, Field(ge=1e-3, le=1e4), range_reason("from once in 17 minutes to the highest control rate")]
 Bandwidth = Annotated[
-    Number, Field(ge=1e-3, le=1e6), range_reason("a quarter of an hour to react; above the control rate it is at once")
+    Number, Field(ge=1e-3, le=1e6), range_reason("from a time constant of minutes to values far above the control rate")
 ]
 
-BandwidthOrNone = Annotated[Number, Field(ge=0, le=1e4), range_reason("above the control rate it is at once")]
+BandwidthOrNone = Annotated[Number, Field(ge=0, le=1e4), range_reason("the highest control rate")]
 
 # Forces ---------------------------------------------------------------------------------------------------------------
 
-_HEAVY = range_reason("a hundred tonnes weigh 1e6 N")
-_LEVER = range_reason("a hundred tonnes on a lever of 1 m")
+_HEAVY = range_reason("the weight of 100 t is 1e6 N")
+_LEVER = range_reason("the weight of 100 t with a lever of 1 m")
 Newton = Annotated[Number, Field(ge=-1e6, le=1e6), _HEAVY]
 Force = tuple[Newton, Newton, Newton]
-Thrust = Annotated[Number, Field(ge=1e-5, le=1e6), range_reason("what lifts a milligram to a hundred tonnes")]
+Thrust = Annotated[Number, Field(ge=1e-5, le=1e6), range_reason("the weight of a milligram to that of 100 t")]
 NewtonMetre = Annotated[Number, Field(ge=-1e6, le=1e6), _LEVER]
 Moment = tuple[NewtonMetre, NewtonMetre, NewtonMetre]
-Torque = Annotated[Number, Field(ge=1e-9, le=1e6), _LEVER]
 LeverArm = Annotated[Number, Field(ge=1e-6, le=100), _BODY]
-RotorCount = Annotated[Count, Field(ge=4, le=64), range_reason("below four no vehicle turns about every axis alone")]
-DryFriction = Annotated[Number, Field(ge=0, le=1e6), _LEVER]
-Drag = Annotated[Number, Field(ge=0, le=1e4), range_reason("1 m/s gives the weight of a tonne")]
-Stiffness = Annotated[
-    Number, Field(ge=1e-6, le=1e6), range_reason("stiffer than a steel rope of 10 m; a tether is slack")
+RotorCount = Annotated[
+    Count, Field(ge=4, le=64), range_reason("fewer than four rotors cannot control three axes and the thrust")
 ]
-SlowSpeed = Annotated[Number, Field(ge=1e-6, le=200), range_reason("below it friction is a step that no tick resolves")]
+DryFriction = Annotated[Number, Field(ge=0, le=1e6), _LEVER]
+Drag = Annotated[Number, Field(ge=0, le=1e4), range_reason("the weight of one tonne at 1 m/s")]
+Stiffness = Annotated[Number, Field(ge=1e-6, le=1e6), range_reason("the stiffness of a steel rope of 10 m")]
+SlowSpeed = Annotated[
+    Number,
+    Field(ge=1e-6, le=200),
+    range_reason("smaller values make friction a step that the integration does not resolve"),
+]
 
 # Noise, gains, learning -----------------------------------------------------------------------------------------------
 
-_USELESS = range_reason("a sensor that says less than nothing about the flight")
+_USELESS = range_reason("larger noise makes a reading useless")
 Noise = Annotated[Number, Field(ge=0, le=1e3), _USELESS]
-AngularNoise = Annotated[
-    Number, Field(ge=0, le=90), range_reason("a right angle: an attitude is not measured any more")
-]
-Gain = Annotated[Number, Field(ge=1e-6, le=1e8), range_reason("beyond it no control rate that is allowed is stable")]
-GainOrNone = Annotated[Number, Field(ge=0, le=1e8), range_reason("beyond it no control rate that is allowed is stable")]
+AngularNoise = Annotated[Number, Field(ge=0, le=90), range_reason("larger noise makes a reading useless")]
+Gain = Annotated[Number, Field(ge=1e-6, le=1e8), range_reason("unstable at every permitted control rate")]
+GainOrNone = Annotated[Number, Field(ge=0, le=1e8), range_reason("unstable at every permitted control rate")]
 Gains = Annotated[tuple[Gain, Gain, Gain], BeforeValidator(_thrice)]
-BandwidthRatio = Annotated[
-    Number,
-    Field(ge=1, le=10),
-    range_reason("below 1 vehicles are slowed down; beyond 10 noise is all that they are driven by"),
-]
-Deviation = Annotated[
-    Number, Field(ge=1e-9, le=1e6), range_reason("from a thousandth of an insect's weight to 100 tonnes")
-]
+Deviation = Annotated[Number, Field(ge=1e-9, le=1e6), range_reason("from 1e-9 N to the weight of 100 t")]
 Lengthscale = Annotated[
-    Number, Field(ge=1e-3, le=1e6), range_reason("shorter, no two samples have anything in common; longer, all are one")
+    Number, Field(ge=0.1, le=30), range_reason("bounds of the length-scales in the fit (`gp.HyperPrior`)")
 ]
-Factor = Annotated[
-    Number, Field(ge=1.01, le=100), range_reason("at 1 nothing is learned; a factor of 100 says nothing")
-]
-Norm = Annotated[Number, Field(ge=1e-6, le=1e6), range_reason("signal deviations; beyond it the prior says nothing")]
-Ratio = Annotated[Number, Field(ge=0, le=100), range_reason("a hundred times what it is a share of")]
-Fraction = Annotated[Number, Field(ge=0, le=0.99), range_reason("a share of what there is")]
-Coherence = Annotated[
-    Number, Field(ge=0.01, le=1), range_reason("no more than all comes true; where nothing is asked, noise is trusted")
-]
+Factor = Annotated[Number, Field(ge=1.01, le=100), range_reason("a ratio above 1")]
+Norm = Annotated[Number, Field(ge=1e-6, le=1e6), range_reason("larger norms make a bound uninformative")]
+Ratio = Annotated[Number, Field(ge=0, le=100), range_reason("100 times the reference quantity")]
+Fraction = Annotated[Number, Field(ge=0, le=0.99), range_reason("a share of less than 1")]
 Confidence = Annotated[Number, Field(gt=0, lt=1), range_reason("a probability")]
 Capacity = Annotated[
-    Count, Field(ge=2, le=20_000), range_reason("a fit takes two; the posterior's matrices grow with the square")
+    Count, Field(ge=2, le=20_000), range_reason("a fit requires two samples; matrices grow with the square")
 ]
-Centers = Annotated[Count, Field(ge=1, le=20_000), range_reason("kernels' matrices grow with the square")]
-Substeps = Annotated[
-    Count, Field(ge=1, le=1000), range_reason("a step cannot be less than one; more than a thousand crawl")
-]
-Restarts = Annotated[Count, Field(ge=0, le=100), range_reason("each is a whole fit, at every update")]
-Iterations = Annotated[Count, Field(ge=1, le=10_000), range_reason("a fit ends or is lost long before")]
-Seed = Annotated[Count, Field(ge=0, le=2**63 - 1), range_reason("what the random generator takes: 63 bits")]
+Centers = Annotated[Count, Field(ge=1, le=20_000), range_reason("matrices grow with the square")]
+Seed = Annotated[Count, Field(ge=0, le=2**63 - 1), range_reason("63 bits, the range of the random number generator")]

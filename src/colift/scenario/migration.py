@@ -1,6 +1,12 @@
-"""Rewrite scenarios of schema 1 as schema 2.
+"""Conversion of scenarios of schema 1 to schema 2.
 
-Schema 2 renames settings and some values and changes no number. A file without ``schema`` is of schema 1.
+Schema 2 renames settings and some values and changes no number. Constants of algorithms are no longer settings but
+fields of the parts that use them. A file without ``schema`` is of schema 1.
+
+Example:
+    ::
+
+        text = migrate_text(Path("my_team.yaml").read_text())
 """
 
 from __future__ import annotations
@@ -13,7 +19,7 @@ from ruamel.yaml import YAML
 from ruamel.yaml.comments import CommentedMap
 from ruamel.yaml.error import YAMLError
 
-from colift.scenario.errors import ScenarioError
+from colift.scenario.errors import ScenarioError, format_value
 
 SCHEMA = 2
 """Schema that this version reads and writes."""
@@ -61,7 +67,6 @@ RENAMED: dict[str, dict[str, str]] = {
         "ramp_s": "ramp_time_s",
         "swing_deg": "rotation_amplitude_deg",
         "swing_period_s": "rotation_period_s",
-        "swing_phase_deg": "rotation_phase_deg",
         "leaves": "departure",
         "part": "class_path",
     },
@@ -125,24 +130,17 @@ RENAMED: dict[str, dict[str, str]] = {
         "posture": "posture_bandwidth",
         "fusion_Hz": "complementary_filter_Hz",
         "bias_Hz": "imu_bias_filter_Hz",
-        "haste": "actuator_bandwidth_ratio",
         "look_ahead_s": "preview_step_s",
     },
     "allocation.internal": {
         "ramp_s": "ramp_time_s",
         "pairs": "squeeze_pairs",
     },
-    "allocation": {
-        "lam_f0_N": "follower_offset_N",
-    },
     "learning": {
         "filter_Hz": "label_filter_Hz",
         "capacity": "max_samples",
-        "prior_factor": "hyperprior_factor",
         "samples": "label_source",
         "rig_error": "rig_label_error",
-        "restarts": "n_restarts",
-        "max_iterations": "max_iter",
     },
     "learning.payload": {
         "force_N": "force_std_N",
@@ -160,21 +158,11 @@ RENAMED: dict[str, dict[str, str]] = {
     },
     "innovation": {
         "lead_s": "lead_time_s",
-        "doubt": "variance_ratio",
-        "patience_s": "max_label_age_s",
         "hold_s": "hold_time_s",
-        "fade_s": "decay_time_s",
         "span_s": "averaging_time_s",
         "renew_s": "update_period_s",
         "refit_s": "refit_period_s",
-        "age_s": "forgetting_time_s",
         "surprise": "nis_threshold",
-        "settle_s": "transient_time_s",
-        "enough": "min_samples",
-        "drag_Nspm": "drag_std_Nspm",
-        "drag_lever_m": "drag_lever_std_m",
-        "thrust_N": "thrust_bias_std_N",
-        "constant": "constant_std_ratio",
         "look_ahead_s": "preview_step_s",
     },
     "baselines": {
@@ -265,6 +253,39 @@ VALUES: dict[tuple[str, str], dict[str, str]] = {
 """Section and setting, in names of schema 1, to old and new values."""
 
 
+_LEARNING, _CONTROL = "colift.onboard.learning", "colift.onboard.control"
+
+REMOVED: dict[tuple[str, str], tuple[Any, str]] = {
+    ("innovation", "coherence"): (0.2, f"coherence of {_LEARNING}.residual_correction.InnovationFilter"),
+    ("innovation", "doubt"): (10.0, f"variance_ratio of {_LEARNING}.residual_correction.InnovationFilter"),
+    ("innovation", "fade_s"): (0.3, f"decay_time of {_LEARNING}.residual_correction.InnovationFilter"),
+    ("innovation", "patience_s"): (
+        0.02,
+        "max_reading_age of colift.onboard.estimation.state_estimator.ComplementaryFilter",
+    ),
+    ("innovation", "age_s"): (20.0, f"forgetting_time of {_LEARNING}.online_learner.OnlineUpdateOptions"),
+    ("innovation", "settle_s"): (0.5, f"transient_time of {_LEARNING}.online_learner.OnlineUpdateOptions"),
+    ("innovation", "enough"): (150, f"min_samples of {_LEARNING}.online_learner.OnlineUpdateOptions"),
+    ("innovation", "drag_Nspm"): (0.5, f"payload and agents of {_LEARNING}.semiparametric.MeanPrior"),
+    ("innovation", "drag_lever_m"): (0.4, f"payload of {_LEARNING}.semiparametric.MeanPrior"),
+    ("innovation", "thrust_N"): (2.0, f"agents of {_LEARNING}.semiparametric.MeanPrior"),
+    ("innovation", "constant"): (3.0, f"payload and agents of {_LEARNING}.semiparametric.MeanPrior"),
+    ("learning", "restarts"): (1, f"restarts of {_LEARNING}.model_update.FitOptions"),
+    ("learning", "max_iterations"): (300, f"max_iterations of {_LEARNING}.model_update.FitOptions"),
+    ("learning", "prior_factor"): (3.0, "scale_factor of colift.gp.HyperPrior"),
+    ("learning", "lengthscale_bounds"): ([0.1, 30.0], "min_lengthscale and max_lengthscale of colift.gp.HyperPrior"),
+    ("control", "haste"): (2.0, f"bandwidth_ratio of {_CONTROL}.actuator_compensation.LagInversion"),
+    ("allocation", "lam_f0_N"): (None, f"offset of {_CONTROL}.allocation.AllocationMap"),
+    ("actuators", "torque_max_Nm"): (None, "torque_max of colift.simulation.actuators.BoxLimits"),
+    ("reference", "swing_phase_deg"): (
+        [0.0, 0.0, 0.0],
+        "rotation_phase of colift.trajectories.lissajous.Lissajous",
+    ),
+    ("plant", "substeps"): (4, "substeps of colift.simulation.mujoco_plant.MujocoPlant"),
+}
+"""Section and setting, in names of schema 1, to the former default and the field that replaces the setting."""
+
+
 def migrate_text(text: str) -> str:
     """Rewrite the text of a scenario of schema 1, with its comments, as schema 2.
 
@@ -275,7 +296,8 @@ def migrate_text(text: str) -> str:
         The text in schema 2; a text of schema 2 is returned as it is.
 
     Raises:
-        ScenarioError: If the text is not valid YAML, holds no mapping, or states an unknown schema.
+        ScenarioError: If the text is not valid YAML, holds no mapping, states an unknown schema, or sets a value other
+            than the default for a setting that no longer exists.
     """
     yaml = YAML()
     yaml.preserve_quotes = True
@@ -290,6 +312,7 @@ def migrate_text(text: str) -> str:
     if data.get("schema") == SCHEMA:
         return text
     _check(data.get("schema", 1))
+    _remove(data, strict=True)
     _rename(data, "", set())
     data.insert(0, "schema", SCHEMA)
     out = io.StringIO()
@@ -297,27 +320,37 @@ def migrate_text(text: str) -> str:
     return out.getvalue()
 
 
-def migrate_data(data: Mapping[str, Any]) -> dict[str, Any]:
+def migrate_data(data: Mapping[str, Any], strict: bool = True) -> dict[str, Any]:
     """Rename the settings of a scenario of schema 1 that is given as plain data.
 
     Args:
         data: Settings of schema 1, as in the log of a flight.
+        strict: Whether to refuse settings that no longer exist and have another value than the default. Otherwise they
+            are dropped, which suffices to draw the team of a log.
 
     Returns:
         The settings in names of schema 2, without the entry ``schema``.
 
     Raises:
-        ScenarioError: If the data state an unknown schema.
+        ScenarioError: If the data state an unknown schema, or set a setting that no longer exists.
     """
     copy = _copy({key: value for key, value in data.items() if key != "schema"})
     if data.get("schema") != SCHEMA:
         _check(data.get("schema", 1))
+        _remove(copy, strict)
         _rename(copy, "", set())
     return copy
 
 
 def migrate_path(path: str) -> str:
-    """Rename a setting of schema 1 that is given by its dotted path, such as ``control.look_ahead_s``."""
+    """Rename a setting of schema 1 that is given by its dotted path.
+
+    Args:
+        path: Path in names of schema 1, such as ``control.look_ahead_s``.
+
+    Returns:
+        The path in names of schema 2, such as ``control.preview_step_s``.
+    """
     section, new = "", []
     for name in path.split("."):
         found = RENAMED.get(section, {}).get(name, name)
@@ -341,6 +374,26 @@ def _copy(value: Any) -> Any:
     if isinstance(value, Mapping):
         return {key: _copy(entry) for key, entry in value.items()}
     return [_copy(entry) for entry in value] if isinstance(value, list | tuple) else value
+
+
+def _remove(data: MutableMapping[str, Any], strict: bool) -> None:
+    """Drop settings that no longer exist; if `strict`, refuse those that do not have the former default."""
+    errors = []
+    for (section, name), (default, field) in REMOVED.items():
+        settings = data.get(section)
+        if not isinstance(settings, MutableMapping) or name not in settings:
+            continue
+        value = settings[name]
+        given = list(value) if isinstance(value, list | tuple) else value
+        if strict and given != default:
+            line = f"line {settings.lc.key(name)[0] + 1}: " if isinstance(settings, CommentedMap) else ""
+            errors.append(
+                f"{line}{section}.{name}: {format_value(value)} cannot be migrated, because this is no longer a setting; "
+                f"remove it, and set the field {field} in Python"
+            )
+        del settings[name]
+    if errors:
+        raise ScenarioError("\n".join(errors))
 
 
 def _rename(value: Any, section: str, done: set[int]) -> None:

@@ -62,21 +62,14 @@ def fit_options(settings: schema.Scenario, nominal: Team) -> model_update.FitOpt
     given = settings.learning
     if given.hyperparameters == "fixed":
         return None
-    (least, greatest), seen, of = given.lengthscale_bounds, features(settings), kernel(settings)
+    seen, of = features(settings), kernel(settings)
 
     def belief(stated: schema.GPPrior, features: Sequence[str]) -> gp.HyperPrior:
-        return gp.HyperPrior(
-            _hyper(stated, features, of),
-            scale_factor=given.hyperprior_factor,
-            min_lengthscale=least,
-            max_lengthscale=greatest,
-        )
+        return gp.HyperPrior(_hyper(stated, features, of))
 
     return model_update.FitOptions(
         payload=belief(given.payload, seen.payload_names()),
         agents=tuple(belief(given.agents, seen.agent_names(group.tree.joints)) for group in nominal.agent_groups),
-        restarts=given.n_restarts,
-        max_iterations=given.max_iter,
     )
 
 
@@ -96,27 +89,41 @@ def position_only_options(settings: schema.Scenario, nominal: Team) -> model_upd
     )
 
 
-def mean_prior(settings: schema.Scenario, nominal: Team) -> semiparametric.MeanPrior:
-    """What is believed of the means of these maps before any data."""
-    given, parameters, load, agent = (
-        settings.online_correction,
-        settings.baselines,
-        settings.learning.payload,
-        settings.learning.agents,
-    )
-    drag, constant = given.drag_std_Nspm, given.constant_std_ratio
+def mean_prior(
+    settings: schema.Scenario,
+    nominal: Team,
+    drag_std: float = 0.5,
+    drag_lever_std: float = 0.4,
+    thrust_bias_std: float = 2.0,
+    constant_std_ratio: float = 3.0,
+) -> semiparametric.MeanPrior:
+    """Return the prior of the mean parameters of the models that depend on position only.
+
+    Args:
+        settings: Scenario; mass and first moments have the standard deviations of its section `baselines`.
+        nominal: Nominal parameters.
+        drag_std: Standard deviation of the drag coefficient of each body [N s/m].
+        drag_lever_std: Standard deviation of the lever of the payload's drag [m].
+        thrust_bias_std: Standard deviation of the thrust bias of an agent [N].
+        constant_std_ratio: Standard deviation of a constant force or moment, divided by the signal's.
+
+    Returns:
+        The prior standard deviations.
+    """
+    parameters, load, agent = settings.baselines, settings.learning.payload, settings.learning.agents
+    drag, constant = drag_std, constant_std_ratio
     return semiparametric.MeanPrior(
         payload=np.array(
             [
                 parameters.mass_prior_std_kg,
                 *[parameters.first_moment_prior_std_kgm] * 3,
                 drag,
-                *[drag * given.drag_lever_std_m] * 3,
+                *[drag * drag_lever_std] * 3,
             ]
             + [constant * load.force_std_N] * 3
             + [constant * load.moment_std_Nm] * 3
         ),
-        agents=np.array([drag, given.thrust_bias_std_N, *[constant * agent.force_std_N] * 3]),
+        agents=np.array([drag, thrust_bias_std, *[constant * agent.force_std_N] * 3]),
         nominal_payload=nominal.payload,
     )
 

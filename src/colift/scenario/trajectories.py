@@ -30,7 +30,7 @@ def make_reference(settings: schema.Scenario) -> base.ReferenceTrajectory:
         R=rotation(given.rpy_deg),
         rotation_amplitude=jnp.deg2rad(array(given.rotation_amplitude_deg)),
         rotation_period=array(given.rotation_period_s),
-        rotation_phase=jnp.deg2rad(array(given.rotation_phase_deg)),
+        rotation_phase=jnp.zeros(3),
     )
     if (off := given.departure) is None:
         return loop

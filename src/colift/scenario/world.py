@@ -34,7 +34,7 @@ def make_world(
     Raises ScenarioError for a part of one's own that is none, and where MuJoCo is asked for and not installed.
     """
     seen = make_sensor_noise(settings)
-    then = tuple(_reading(x, f"sensors.then.{i}", settings) for i, x in enumerate(settings.sensors.models))
+    then = tuple(_reading(x, f"sensors.models.{i}", settings) for i, x in enumerate(settings.sensors.models))
     ours = SimulatedWorld(
         team=truth,
         plant=contact_dynamics.RigidContactPlant(),
@@ -58,14 +58,14 @@ def _added(given: schema.PayloadMassStep) -> PayloadMassStep:
 def _plant(settings: schema.Scenario, ours: SimulatedWorld, state: State) -> Plant:
     given = settings.physics
     if isinstance(given, schema.Plugin):
-        return build_plugin(given, "plant", Plant, ours)
+        return build_plugin(given, "physics", Plant, ours)
     if isinstance(given, schema.RigidContactPhysics):
         return contact_dynamics.RigidContactPlant()
     try:
         from colift.simulation import mujoco_plant  # MuJoCo is an extra
     except ModuleNotFoundError as error:
-        raise ScenarioError(f"{settings.name}: plant: {error}") from None
-    return mujoco_plant.mujoco_plant(ours.team, state, 1 / settings.control_Hz, given.substeps)
+        raise ScenarioError(f"{settings.name}: physics: {error}") from None
+    return mujoco_plant.mujoco_plant(ours.team, state, 1 / settings.control_Hz)
 
 
 def _reading(
@@ -105,8 +105,7 @@ def _limit(given: schema.LaggedMotors, thrust_max: Array) -> actuators.InputLimi
     if given.rotors is not None:
         ring = given.rotors
         return actuators.ring_mixer(ring.num_rotors, ring.radius_m, ring.moment_ratio_m, thrust_max / ring.num_rotors)
-    most = np.inf if given.torque_max_Nm is None else given.torque_max_Nm
-    return actuators.BoxLimits(thrust_max=thrust_max, torque_max=array([most] * len(thrust_max)))
+    return actuators.BoxLimits(thrust_max=thrust_max, torque_max=array([np.inf] * len(thrust_max)))
 
 
 def make_sensor_noise(settings: schema.Scenario) -> SensorNoise:

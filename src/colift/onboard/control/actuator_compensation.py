@@ -7,7 +7,7 @@ import dataclasses
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from colift.math.pytree import pytree
+from colift.math.pytree import constant, pytree
 from colift.models.actuator_lag import ActuatorLag, ActuatorLagState
 from colift.models.parameters import Team
 from colift.models.state import TeamInputs
@@ -42,7 +42,7 @@ class LagInversion:
     """
 
     lag: ActuatorLag  # nominal lag and delay of thrust and body torque
-    bandwidth_ratio: Scalar  # kappa, closed-loop bandwidth divided by the bandwidth of the lag
+    bandwidth_ratio: Scalar = constant(2.0)  # kappa, closed-loop bandwidth divided by the bandwidth of the lag
 
     def init(self, command: TeamInputs) -> ActuatorLagState:
         """Return the state of the lag after a constant command; see `ActuatorCompensator`."""

@@ -30,7 +30,7 @@ from colift.math.filters import (
     steady_state,
     update,
 )
-from colift.math.pytree import pytree
+from colift.math.pytree import constant, pytree
 from colift.models import aerial_manipulator, grasp, inverse_dynamics
 from colift.models.measurement import AgentReading, Measurement
 from colift.models.parameters import AerialManipulator, Team
@@ -192,7 +192,7 @@ class ComplementaryFilter:
     """
 
     filters: FilterBandwidths  # corner frequencies of all filters
-    max_reading_age: Scalar  # s, largest age of a tip reading for a valid label
+    max_reading_age: Scalar = constant(0.02)  # s, largest age of a tip reading for a valid label
 
     def init(self, team: Team, measurement: Measurement) -> EstimatorState:
         """Return the steady state at the first measurement, with zero labels; see `Estimator`."""

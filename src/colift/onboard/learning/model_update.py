@@ -50,8 +50,8 @@ class FitOptions:
 
     payload: gp.HyperPrior
     agents: tuple[gp.HyperPrior, ...]
-    restarts: int
-    max_iterations: int
+    restarts: int = 1
+    max_iterations: int = 300
 
     def prior_for(self, body: BodyKey) -> gp.HyperPrior:
         """Return the hyperprior of a body.

@@ -51,10 +51,10 @@ class OnlineUpdateOptions:
 
     times: tuple[float, ...]
     nis_threshold: float
-    transient_time: float
-    min_samples: int
-    forgetting_time: float
     mean_prior: semiparametric.MeanPrior
+    transient_time: float = 0.5
+    min_samples: int = 150
+    forgetting_time: float = 20.0
 
 
 @dataclasses.dataclass(frozen=True)

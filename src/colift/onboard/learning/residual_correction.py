@@ -21,7 +21,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from colift.math.filters import initial_smoothing_factor, irregular_smoothing_factor, smoothing_factor
-from colift.math.pytree import pytree
+from colift.math.pytree import constant, pytree
 from colift.models.parameters import Team
 from colift.models.state import ControlClock, ResidualForces, Wrench, split_agent_force, zero_residual
 from colift.onboard.estimation.state_estimator import FilterBandwidths, StateEstimate, TrainingSample
@@ -226,10 +226,10 @@ class InnovationFilter:
 
     filters: FilterBandwidths
     hold_time: Scalar
-    decay_time: Scalar
     averaging_time: Scalar
-    variance_ratio: Scalar
-    coherence: Scalar
+    decay_time: Scalar = constant(0.3)
+    variance_ratio: Scalar = constant(10.0)
+    coherence: Scalar = constant(0.2)
 
     def init(self, team: Team) -> InnovationState:
         """Return the state before the first control period.

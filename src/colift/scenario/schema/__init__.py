@@ -1,4 +1,4 @@
-"Sections of a scenario file, one module a subject."
+"""Sections of a scenario file, one module per subject."""
 
 from colift.scenario.schema.base import (
     NAME,
@@ -13,11 +13,6 @@ from colift.scenario.schema.base import (
     S,
     Section,
     Vector,
-    _even,
-    _inertia,
-    _module_and_name,
-    _nonzero,
-    _physical,
 )
 from colift.scenario.schema.certificate import AgentLabelError, Certificate, LabelError, TerminationLimits
 from colift.scenario.schema.control import (
@@ -29,18 +24,17 @@ from colift.scenario.schema.control import (
 )
 from colift.scenario.schema.disturbances import (
     ConstantWrench,
+    Disturbance,
     GaussianJet,
     Gust,
     JointFriction,
-    Law,
     PluginDisturbance,
+    PointDisturbance,
     RandomResidual,
     RotorBias,
-    Source,
     Tether,
     Wind,
     WindTurn,
-    _Source,
 )
 from colift.scenario.schema.learning import AgentGPPrior, BaselineTuning, GPPrior, Learning, OnlineCorrection
 from colift.scenario.schema.physics import IdealActuators, LaggedMotors, MujocoPhysics, RigidContactPhysics, Rotors
@@ -60,7 +54,6 @@ from colift.scenario.schema.team import (
     PayloadMassStep,
     Prismatic,
     Revolute,
-    _Joint,
 )
 from colift.scenario.schema.trajectories import Lissajous, PathDeparture, Pose, Waypoints
 
@@ -81,6 +74,7 @@ __all__ = [
     "ConstantWrench",
     "Control",
     "ControllerPlugins",
+    "Disturbance",
     "GPPrior",
     "GaussianJet",
     "Gust",
@@ -93,7 +87,6 @@ __all__ = [
     "JointFriction",
     "LabelError",
     "LaggedMotors",
-    "Law",
     "LeaderFollowerAllocation",
     "Learning",
     "LeastSquaresAllocation",
@@ -109,6 +102,7 @@ __all__ = [
     "Plugin",
     "PluginDisturbance",
     "PluginReference",
+    "PointDisturbance",
     "Pose",
     "Prismatic",
     "RandomResidual",
@@ -124,7 +118,6 @@ __all__ = [
     "Scenario",
     "Section",
     "Sensors",
-    "Source",
     "TerminationLimits",
     "Tether",
     "Vector",

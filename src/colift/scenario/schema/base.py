@@ -1,7 +1,7 @@
-"""What a scenario may say: one frozen model a section, units in the names, a sentence for every setting.
+"""Base class of all sections, and the types that several sections use.
 
-World frame unless a description says otherwise. The words and defaults here are the reference page
-(docs/scenarios.md) and the help of the error messages; there is no second list.
+A section is an immutable model. Units are in the names; vectors are in the world frame unless stated otherwise. The
+docstrings and defaults of the settings are the source of the reference page (docs/scenarios.md).
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from colift.scenario.validation import raise_scenario_errors
 
 
 def _inertia(given: Any) -> Any:
-    """Three principal moments, six entries (xx, yy, zz, xy, xz, yz), or three rows, as three rows."""
+    """Convert an inertia to three rows from 3 principal moments, 6 entries (xx, yy, zz, xy, xz, yz) or 3 rows."""
     if not isinstance(given, Sequence) or isinstance(given, str):
         return given
     if len(given) == 6:
@@ -40,7 +40,7 @@ def _inertia(given: Any) -> Any:
 
 
 def _physical(rows: Rows) -> Rows:
-    """Refuses what no rigid body has: asymmetry, a principal moment that is not positive, or above the other two."""
+    """Require a symmetric, positive definite inertia that satisfies the triangle inequality."""
     J = np.array(rows)
     if not np.allclose(J, J.T, rtol=1e-12, atol=0):
         raise ValueError("must be symmetric")
@@ -49,8 +49,8 @@ def _physical(rows: Rows) -> Rows:
         raise ValueError(f"must be positive definite; its principal moments are {a:.4g}, {b:.4g}, {c:.4g}")
     if c > (a + b) * (1 + 1e-9):
         raise ValueError(
-            f"breaks the triangle inequality: of its principal moments {a:.4g}, {b:.4g}, {c:.4g} "
-            "the largest exceeds the sum of the others, which no rigid body has"
+            f"breaks the triangle inequality: the largest of its principal moments {a:.4g}, {b:.4g}, {c:.4g} "
+            "exceeds the sum of the others, which is impossible for a rigid body"
         )
     return rows
 
@@ -63,7 +63,7 @@ def _module_and_name(part: str) -> str:
 
 def _even(count: int) -> int:
     if count % 2:
-        raise ValueError(f"must be even: rotors turn in turns, got {count}")
+        raise ValueError(f"must be even, because directions of rotation alternate, got {count}")
     return count
 
 
@@ -87,12 +87,16 @@ S = TypeVar("S", bound="Section")
 
 
 class Section(BaseModel):
-    """A part of a scenario: no unknown settings, no change after validation."""
+    """Section of a scenario: an immutable model that refuses unknown settings."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
 
     def __init__(self, **given: Any) -> None:
-        """Raises ScenarioError, one line a mistake."""
+        """Validate the settings.
+
+        Args:
+            **given: Settings by name.
+        """
         with raise_scenario_errors(type(self)):
             super().__init__(**given)
 
@@ -101,41 +105,41 @@ class Section(BaseModel):
 
     @classmethod
     def model_validate(cls: type[S], obj: Any, **how: Any) -> S:
-        """As `pydantic.BaseModel`, but raises ScenarioError, one line a mistake."""
+        """Validate data; as `pydantic.BaseModel`, but a mistake raises ScenarioError with one line per mistake."""
         with raise_scenario_errors(cls):
             return super().model_validate(obj, **how)
 
     @classmethod
     def model_validate_json(cls: type[S], json_data: str | bytes | bytearray, **how: Any) -> S:
-        """As `pydantic.BaseModel`, but raises ScenarioError, one line a mistake."""
+        """Validate JSON; as `pydantic.BaseModel`, but a mistake raises ScenarioError with one line per mistake."""
         with raise_scenario_errors(cls):
             return super().model_validate_json(json_data, **how)
 
     def model_copy(self: S, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> S:
-        """As `pydantic.BaseModel`, but what is updated is checked; raises ScenarioError, one line a mistake."""
+        """Copy with other settings; as `pydantic.BaseModel`, but the updates are validated."""
         return type(self).model_validate({**dict(self), **update}) if update else super().model_copy(deep=deep)
 
 
 class PluginReference(Section):
-    """A part of one's own. Reading the scenario imports the module, which runs it (docs/change_a_part.md)."""
+    """Plugin of the user. Loading the scenario imports its module, which executes it (docs/change_a_part.md)."""
 
     class_path: Annotated[str, Field(strict=True, max_length=200), AfterValidator(_module_and_name)]
-    """`module:Name`: a class that extends `colift.scenario.Section` and has a `build`, in a module beside the file."""
+    """`module:Name` of a subclass of `colift.scenario.Section` with a method `build`, in a module beside the file."""
     settings: Annotated[SerializeAsAny[Section], WithJsonSchema({"type": "object"}), Field(default_factory=Section)]
-    """Settings of the part; its class says which there are."""
+    """Settings of the plugin, which its class defines."""
 
     @model_validator(mode="before")
     @classmethod
     def _with_settings(cls, given: Any) -> Any:
-        """The settings as the part's class has them."""
+        """Validate the settings by the class of the plugin."""
         named = given.get("class_path") if isinstance(given, Mapping) else None
         if not isinstance(named, str) or not re.fullmatch(PART, named):
-            return given  # which is told by the fields
+            return given  # the fields report the mistake
         return {**given, "settings": plugins.plugin_settings(named, given.get("settings", {}), Section)}
 
 
 class Plugin(PluginReference):
-    """A part of one's own, as a variant beside ours. Reading the scenario imports its module, which runs it."""
+    """Plugin of the user as one of several kinds. Loading the scenario imports its module, which executes it."""
 
     kind: Literal["plugin"]
-    """Which variant."""
+    """Selects a plugin."""

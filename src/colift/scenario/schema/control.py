@@ -1,7 +1,6 @@
-"""What a scenario may say: one frozen model a section, units in the names, a sentence for every setting.
+"""Settings of the controller: gains, filters, allocation and plugins.
 
-World frame unless a description says otherwise. The words and defaults here are the reference page
-(docs/scenarios.md) and the help of the error messages; there is no second list.
+The docstrings and defaults are the source of the reference page and of the error messages.
 """
 
 from __future__ import annotations
@@ -19,84 +18,82 @@ from colift.scenario.schema.base import PluginReference, Section
 
 
 class ControllerPlugins(Section):
-    """Parts of one's own in the place of the paper's: `build(pilot)`, with ours in it, gives each."""
+    """Plugins that replace parts of the controller, made by `build(controller)` from the default controller."""
 
     payload_controller: PluginReference | None = None
-    """A `colift.onboard.interfaces.Leader`."""
+    """A `colift.onboard.interfaces.PayloadController`."""
     allocator: PluginReference | None = None
-    """A `colift.onboard.interfaces.Allocator`; [allocation](#settings) says what ours is."""
+    """A `colift.onboard.interfaces.Allocator`; the default is set in [allocation](#scenario)."""
     agent_controller: PluginReference | None = None
-    """A `colift.onboard.interfaces.Realizer`."""
+    """A `colift.onboard.interfaces.AgentController`."""
     estimator: PluginReference | None = None
     """A `colift.onboard.interfaces.Estimator`."""
     residual_predictor: PluginReference | None = None
-    """A `colift.onboard.interfaces.Predictor`."""
+    """A `colift.onboard.interfaces.ResidualPredictor`."""
     features: PluginReference | None = None
-    """A `colift.onboard.learning.features.Features`, by `build()`: what GPs see of a sample."""
+    """A `colift.onboard.learning.features.Features`, made by `build()`: the inputs of the Gaussian processes."""
     kernel: PluginReference | None = None
-    """A `colift.gp.Kernel`, by `build()`: of the distance of two samples in length-scales, for all outputs."""
+    """A `colift.gp.Kernel`, made by `build()`: the kernel of all outputs, a function of the scaled distance."""
 
 
 class Control(Section):
-    """Feedback gains. Rotational ones multiply the inertia (docs/errata.md, row 6)."""
+    """Gains and filters; rotational gains multiply the inertia (docs/errata.md, row 6)."""
 
     K_p: Annotated[fields.Gains, unit("1/s²")]
-    """Payload position gain, per axis; one number for all three."""
+    """Position gain of the payload by axis; a single number applies to all axes."""
     K_v: Annotated[fields.Gains, unit("1/s")]
-    """Payload velocity gain, per axis; one number for all three."""
+    """Velocity gain of the payload by axis; a single number applies to all axes."""
     k_R: Annotated[fields.Gain, unit("1/s²")]
-    """Payload attitude gain: `K_R = k_R J_L`."""
+    """Attitude gain of the payload: `K_R = k_R J_L`."""
     k_omega: Annotated[fields.Gain, unit("1/s")]
-    """Payload body-rate gain: `K_omega = k_omega J_L`."""
+    """Angular velocity gain of the payload: `K_omega = k_omega J_L`."""
     agent_k_R: Annotated[fields.Gain, unit("1/s²")]
-    """Agents' attitude gain."""
+    """Attitude gain of the agents."""
     agent_k_omega: Annotated[fields.Gain, unit("1/s")]
-    """Agents' body-rate gain."""
+    """Angular velocity gain of the agents."""
     posture_bandwidth: Annotated[fields.GainOrNone, unit("1/s")] = 2.0
-    """Rate at which joints that contacts leave free return to rest: the agents lean for it as they do for a path."""
+    """Rate at which joint motions that the contacts do not constrain return to the nominal posture; 0: none."""
     complementary_filter_Hz: fields.Bandwidth = 1.0
-    """How fast measured poses and velocities pull the inertial prediction."""
+    """Crossover frequency of the complementary filter of poses and velocities."""
     imu_bias_filter_Hz: fields.BandwidthOrNone = 0.0
-    """How fast constant errors of gyroscopes and accelerometers are learned; 0: never."""
+    """Corner frequency of the estimate of gyroscope and accelerometer biases; 0: no estimate."""
     joint_filter_Hz: fields.Rate = 30.0
-    """Corner of the second-order filter of joint readings, of which the rates are the derivative."""
-    actuator_bandwidth_ratio: Annotated[fields.BandwidthRatio, unit("times")] = 2.0
-    """How many times as fast as `nominal.actuators` by themselves thrusts and torques are driven."""
+    """Corner frequency of the second-order filter of the joint positions, whose derivative is the joint velocity."""
     preview_step_s: fields.LookAhead | None = None
-    """Step between five times around now at which the law is evaluated on the reference: agents' attitudes are then fed
-    forward with their rates and their swing about the tips. By default as the paper has it, without."""
+    """Time step of the preview of the reference, which yields a feedforward of angular velocities; default: none."""
 
 
 class InternalForces(Section):
-    """Internal forces, which leave the payload's wrench alone, switched on for a while."""
+    """Schedule of internal forces, which do not change the wrench on the payload."""
 
     start_s: fields.Time
-    """When they begin to rise."""
+    """Start of the rise."""
     end_s: fields.Span
-    """When they are gone again."""
+    """End of the decay."""
     ramp_time_s: fields.Span
-    """How long each flank lasts."""
+    """Duration of the rise and of the decay."""
     squeeze_pairs: Annotated[tuple[tuple[str, str, fields.Newton], ...], Field(min_length=1, max_length=MAX_ENTRIES)]
-    """`[contact a, contact b, N]`: presses a and b towards each other along their line, or apart if negative."""
+    """Entries `[contact a, contact b, N]`: force that presses a and b together along their line; negative: apart."""
 
 
-class LeastSquaresAllocation(Section):
-    """The general allocation: least squares over all contacts."""
+class _Allocation(Section):
+    """Settings that all allocations have."""
+
+    internal: InternalForces | None = None
+    """Internal forces; with a leader block, on follower contacts only."""
+
+
+class LeastSquaresAllocation(_Allocation):
+    """Least-squares allocation over all contacts."""
 
     kind: Literal["least_squares"]
-    """Which allocation."""
-    internal: InternalForces | None = None
-    """Internal-force input."""
+    """Selects this allocation."""
 
 
-class LeaderFollowerAllocation(Section):
-    """The paper's split: leader contacts carry the wrench, followers hold internal forces only."""
+class LeaderFollowerAllocation(_Allocation):
+    """Allocation of the paper: leader contacts apply the wrench, follower contacts apply internal forces."""
 
     kind: Literal["leader_follower"]
-    """Which allocation."""
+    """Selects this allocation."""
     leader_contacts: Annotated[tuple[str, ...], Field(min_length=1, max_length=MAX_ENTRIES)]
-    """Contacts of the leader block, as `agent/arm`; three that are not collinear, or more."""
-    follower_offset_N: Annotated[tuple[fields.Force, ...], Field(max_length=MAX_ENTRIES)] | None = None
-    """Constant force of each follower contact, in team order; an internal force; payload frame."""
-    internal: InternalForces | None = None
-    """Internal-force input, on follower contacts only."""
+    """Contacts of the leader block as `agent/arm`: at least three that are not collinear."""

@@ -1,7 +1,6 @@
-"""What a scenario may say: one frozen model a section, units in the names, a sentence for every setting.
+"""Settings of disturbances, which the controller does not model.
 
-World frame unless a description says otherwise. The words and defaults here are the reference page
-(docs/scenarios.md) and the help of the error messages; there is no second list.
+The docstrings and defaults are the source of the reference page and of the error messages.
 """
 
 from __future__ import annotations
@@ -17,145 +16,146 @@ from colift.scenario.cross_checks import MAX_ENTRIES
 from colift.scenario.schema.base import ZERO, Name, Plugin, Section
 
 
-class _Source(Section):
-    """A force or torque at a named point of a named body; the truth's, unknown to the controller."""
+class _Disturbance(Section):
+    """Settings that all disturbances have."""
 
     name: Name
-    """Names the source in results."""
+    """Name of the disturbance in results."""
     acts_on: Name
-    """`payload`, `agents` (each of them), or the name of one agent."""
+    """`payload`, `agents` (all of them), or the name of an agent; some kinds act on agents only."""
+
+
+class _PointDisturbance(_Disturbance):
+    """A force or torque at a point of a body."""
+
     body: Name = "base"
-    """The agent's body: `base`, or a joint's name. Not for the payload."""
+    """Body of the agent: `base` or the name of a joint; must be left out for the payload."""
     attachment_point_m: fields.BodyPoint = ZERO
-    """Where it attacks, in the body's frame."""
+    """Point of application, in the frame of the body."""
 
 
-class ConstantWrench(_Source):
-    """A force fixed in the world and a torque fixed in the body."""
+class ConstantWrench(_PointDisturbance):
+    """A constant force in the world frame and a constant torque in the frame of the body."""
 
     kind: Literal["constant"]
-    """Which law."""
+    """Selects this disturbance."""
     force_N: fields.Force = ZERO
     """Force, world frame."""
     torque_Nm: fields.Moment = ZERO
-    """Torque, body's frame."""
+    """Torque, frame of the body."""
 
 
 class Gust(Section):
-    """One wave of a wind field."""
+    """A sinusoidal component of a wind field."""
 
     amplitude_mps: fields.Velocity
-    """Wind speed at the crest."""
+    """Amplitude of the wind velocity."""
     wave_vector_radpm: fields.WaveVector
-    """Wave vector: its length is 2 pi over the wavelength."""
+    """Wave vector; its length is 2 pi divided by the wavelength."""
     phase_deg: fields.Degrees = 0.0
     """Phase at the origin."""
     period_s: fields.Period | None = None
-    """Time in which the wave travels one wavelength, along its vector; by default it stands."""
+    """Time in which the wave travels one wavelength along its wave vector; default: the wave is stationary."""
 
 
 class WindTurn(Section):
-    """The mean wind turns about the vertical, once."""
+    """A single change of the direction of the mean wind, about the vertical."""
 
     change_deg: fields.Degrees
-    """By how much."""
+    """Angle of the change."""
     start_s: fields.Time
-    """When it begins to."""
+    """Start of the change."""
     ramp_time_s: fields.Span = 0.3
-    """How long it takes."""
+    """Duration of the change."""
 
 
-class Wind(_Source):
-    """Drag in a wind field that varies in space, and in time where gusts travel or the mean turns."""
+class Wind(_PointDisturbance):
+    """Drag in a wind field that varies in space, and in time with traveling gusts or a change of direction."""
 
     kind: Literal["wind"]
-    """Which law."""
+    """Selects this disturbance."""
     linear_drag_Nspm: fields.Drag = 0.0
     """Linear drag coefficient."""
     quadratic_drag_Ns2pm2: fields.Drag = 0.0
     """Quadratic drag coefficient."""
     mean_wind_mps: fields.Velocity = ZERO
-    """Mean wind."""
+    """Mean wind velocity."""
     gusts: Annotated[tuple[Gust, ...], Field(max_length=MAX_ENTRIES)] = ()
-    """Waves added to the mean."""
+    """Waves that are added to the mean."""
     direction_change: WindTurn | None = None
-    """Of the mean."""
+    """Change of the direction of the mean wind."""
 
 
-class Tether(_Source):
-    """An elastic line to a fixed point; it pulls when longer than its rest length."""
+class Tether(_PointDisturbance):
+    """An elastic line to a fixed point, which pulls when it is longer than its rest length."""
 
     kind: Literal["tether"]
-    """Which law."""
+    """Selects this disturbance."""
     anchor_m: fields.Position
-    """The fixed end."""
+    """Fixed end."""
     stiffness_Npm: fields.Stiffness
     """Stiffness."""
     rest_length_m: fields.Length = 0.0
-    """Length at rest."""
+    """Rest length."""
 
 
-class GaussianJet(_Source):
-    """A local stream: a force that falls off around a centre as a Gaussian."""
+class GaussianJet(_PointDisturbance):
+    """A local air stream: a constant force multiplied by a Gaussian of the distance from a center."""
 
     kind: Literal["jet"]
-    """Which law."""
+    """Selects this disturbance."""
     force_N: fields.Force
-    """Force at the centre."""
+    """Force at the center."""
     center_m: fields.Position
-    """Centre of the stream."""
+    """Center of the stream."""
     std_m: fields.Width
-    """Distance at which the force has fallen to 0.61 of that at the centre."""
+    """Standard deviation of the Gaussian: distance at which the force is 0.61 times that at the center."""
 
 
-class RotorBias(_Source):
-    """Rotors that do not give what is asked."""
+class RotorBias(_PointDisturbance):
+    """A constant error of the thrust and torque of an agent."""
 
     kind: Literal["rotor_bias"]
-    """Which law."""
+    """Selects this disturbance."""
     thrust_N: fields.Newton = 0.0
-    """Thrust that is added, along the body's third axis."""
+    """Added thrust, along the third axis of the body."""
     torque_Nm: fields.Moment = ZERO
-    """Torque that is added, body's frame."""
+    """Added torque, frame of the body."""
 
 
-class JointFriction(Section):
-    """Friction in every joint of the agent: `-viscous r_dot - coulomb tanh(r_dot / speed)`."""
+class JointFriction(_Disturbance):
+    """Friction in all joints of an agent: `-viscous r_dot - coulomb tanh(r_dot / smoothing_speed)`."""
 
     kind: Literal["joint_friction"]
-    """Which law."""
-    name: Name
-    """Names the source in results."""
-    acts_on: Name
-    """`agents` (each of them), or the name of one agent."""
+    """Selects this disturbance."""
     viscous_Nms: fields.Drag = 0.0
-    """Viscous coefficient; for a sliding joint in N s/m."""
+    """Viscous coefficient; in N s/m for a prismatic joint."""
     coulomb_Nm: fields.DryFriction = 0.0
-    """Dry friction; for a sliding joint in N."""
+    """Coulomb friction; in N for a prismatic joint."""
     smoothing_speed_radps: fields.SlowSpeed = 0.05
-    """Joint rate below which dry friction is smoothed; for a sliding joint in m/s."""
+    """Joint velocity below which Coulomb friction is smoothed; in m/s for a prismatic joint."""
 
 
-class PluginDisturbance(_Source, Plugin):
-    """A law of one's own: `build()` gives a `colift.simulation.disturbances.Law`."""
+class PluginDisturbance(_PointDisturbance, Plugin):
+    """A plugin whose `build()` returns a `colift.simulation.disturbances.DisturbanceModel`."""
 
 
-Law = ConstantWrench | Wind | Tether | GaussianJet | RotorBias | PluginDisturbance
-Source = Annotated[Law | JointFriction, Field(discriminator="kind")]
+PointDisturbance = ConstantWrench | Wind | Tether | GaussianJet | RotorBias | PluginDisturbance
+Disturbance = Annotated[PointDisturbance | JointFriction, Field(discriminator="kind")]
 
 
 class RandomResidual(Section):
-    """Residuals drawn at random from the space of functions that the learner assumes, with a norm that is known.
+    """Random residual functions from the RKHS of the kernel, with a given norm.
 
-    Each output of payload and agents is `sum_k w_k k(z_k, .)`, k its prior's kernel, the z_k states around the
-    reference, the w_k normal and scaled to the norm.
+    Each output of payload and agents is `sum_k w_k k(z_k, .)` with the kernel k of its prior. The centers z_k are
+    states near the reference, and the normally distributed weights w_k are scaled to the norm.
     """
 
     rkhs_norm: fields.Norm
-    """RKHS norm of every output: its values are at most this many signal deviations of its prior."""
+    """RKHS norm of every output, which bounds its values in signal standard deviations of the prior."""
     num_centers: fields.Centers = 30
-    """How many kernels are added."""
+    """Number of kernel functions in the sum."""
     center_std: fields.Ratio = 0.2
-    """Deviation of the centres from the states on the reference, in length-scales."""
+    """Standard deviation of the centers about the reference states, in length-scales."""
     min_variation: fields.Fraction = 0.0
-    """By how many signal deviations, half from least to greatest, every output is to vary along the reference."""
+    """Smallest half range of every output along the reference, in signal standard deviations."""

@@ -1,73 +1,58 @@
-"""What a scenario may say: one frozen model a section, units in the names, a sentence for every setting.
+"""Settings of the plant and of the actuators.
 
-World frame unless a description says otherwise. The words and defaults here are the reference page
-(docs/scenarios.md) and the help of the error messages; there is no second list.
+The docstrings and defaults are the source of the reference page and of the error messages.
 """
 
 from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import (
-    AfterValidator,
-    model_validator,
-)
+from pydantic import AfterValidator
 
 from colift.scenario import fields
 from colift.scenario.schema.base import Section, _even
 from colift.scenario.schema.team import ActuatorLag
-from colift.scenario.validation import as_validation_error
 
 
 class IdealActuators(Section):
-    """Commands act at once and in full."""
+    """Actuators that apply commands without delay or error."""
 
     kind: Literal["ideal"]
-    """Which."""
+    """Selects these actuators."""
 
 
 class Rotors(Section):
-    """Rotors evenly around a ring, which turn in turns; they push between nothing and `thrust_max_N` over their number.
+    """Rotors on a circle with alternating directions, each with a thrust from 0 to `thrust_max_N` over their number.
 
-    What they cannot give is taken from yaw first, then from tilt, then from thrust.
+    A command that exceeds these limits is reduced in yaw first, then in roll and pitch, then in thrust.
     """
 
     num_rotors: Annotated[fields.RotorCount, AfterValidator(_even)]
-    """How many: an even number."""
+    """Number of rotors, which is even."""
     radius_m: fields.LeverArm
-    """Radius of the ring."""
+    """Radius of the circle."""
     moment_ratio_m: fields.LeverArm
-    """Torque about the third axis over force, of each rotor."""
+    """Torque about the third axis divided by the thrust of a rotor."""
 
 
 class LaggedMotors(ActuatorLag):
-    """A delay and a first-order lag of thrust and body torque, then their limits; joints act at once."""
+    """Delay, first-order lag and limits of thrust and body torque; joint torques are applied without delay."""
 
     kind: Literal["motors"]
-    """Which."""
+    """Selects these actuators."""
     rotors: Rotors | None = None
-    """Of every vehicle; without them thrust and torque are limited each alone."""
-    torque_max_Nm: fields.Torque | None = None
-    """Largest torque about each axis of every vehicle's body; not beside `rotors`. By default there is no limit."""
-
-    @model_validator(mode="after")
-    def _one_limit(self) -> LaggedMotors:
-        if self.rotors is not None and self.torque_max_Nm is not None:
-            raise as_validation_error([(("torque_max_Nm",), "must be left out where there are rotors")], "worded")
-        return self
+    """Rotors of every vehicle; default: only the thrust is limited."""
 
 
 class RigidContactPhysics(Section):
-    """Our equations of motion, with rigid contacts."""
+    """Equations of motion with rigid contacts."""
 
     kind: Literal["rigid"]
-    """Which."""
+    """Selects this plant."""
 
 
 class MujocoPhysics(Section):
-    """MuJoCo on the model of `colift export mjcf` (the extra `mujoco`), contacts as stiff as its steps allow."""
+    """MuJoCo (extra `mujoco`) with the model of `colift export mjcf` and the stiffest contacts its steps permit."""
 
     kind: Literal["mujoco"]
-    """Which."""
-    substeps: fields.Substeps = 4
-    """Steps of MuJoCo in a control period."""
+    """Selects this plant."""

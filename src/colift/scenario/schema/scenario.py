@@ -1,7 +1,6 @@
-"""What a scenario may say: one frozen model a section, units in the names, a sentence for every setting.
+"""Top level of a scenario.
 
-World frame unless a description says otherwise. The words and defaults here are the reference page
-(docs/scenarios.md) and the help of the error messages; there is no second list.
+The docstrings and defaults are the source of the reference page and of the error messages.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ from colift.scenario.cross_checks import MAX_ENTRIES, consistency_errors
 from colift.scenario.schema.base import Name, Plugin, Section
 from colift.scenario.schema.certificate import Certificate, TerminationLimits
 from colift.scenario.schema.control import Control, ControllerPlugins, LeaderFollowerAllocation, LeastSquaresAllocation
-from colift.scenario.schema.disturbances import RandomResidual, Source
+from colift.scenario.schema.disturbances import Disturbance, RandomResidual
 from colift.scenario.schema.learning import BaselineTuning, Learning, OnlineCorrection
 from colift.scenario.schema.physics import IdealActuators, LaggedMotors, MujocoPhysics, RigidContactPhysics
 from colift.scenario.schema.sensors import Sensors
@@ -29,68 +28,68 @@ from colift.scenario.validation import as_validation_error
 
 
 class Scenario(Section):
-    """A whole scenario."""
+    """All settings of a simulation: plant, controller, learning and certificate."""
 
     name: Name
-    """Names the scenario in results."""
+    """Name of the scenario in results."""
     description: str = ""
-    """What it is for, in a sentence."""
+    """Description in one sentence."""
     duration_s: fields.Duration
-    """Length of a run."""
+    """Duration of the simulation."""
     control_Hz: fields.ControlRate
-    """Control rate; the plant is stepped once a tick."""
+    """Control rate, which is also the rate of the integration."""
     seed: fields.Seed = 0
-    """Seed of all noise."""
+    """Seed of all random numbers."""
     gravity_mps2: fields.Gravities = (0.0, 0.0, -9.81)
     """Gravitational acceleration."""
     agent_types: Annotated[dict[Name, AgentType], Field(min_length=1, max_length=MAX_ENTRIES)]
-    """Kinds of aerial manipulator, by name; in a file, each in plain numbers or [from URDF](#agenttypefromurdf)."""
+    """Types of aerial manipulators by name; a file states each in numbers or [from URDF](#agenttypefromurdf)."""
     agents: Annotated[tuple[Agent, ...], Field(min_length=1, max_length=MAX_ENTRIES)]
-    """The team."""
+    """Agents of the team."""
     payload: Payload
-    """The payload in truth."""
+    """True parameters of the payload."""
     payload_mass_step: PayloadMassStep | None = None
-    """What is put on the payload in flight, of which nobody tells the controller."""
+    """Change of the payload's mass during the flight, unknown to the controller."""
     nominal: NominalModel = NominalModel()
-    """What the controller believes where it differs."""
+    """Parameters of the controller's model that differ from the true ones."""
     initial_state: InitialState = InitialState()
-    """Where the run begins."""
+    """Initial state."""
     reference: Annotated[Lissajous | Waypoints | Plugin, Field(discriminator="kind")]
-    """Where the payload should be; `build()` of one's own gives a `colift.trajectories.base.Reference`."""
-    disturbances: Annotated[tuple[Source, ...], Field(max_length=MAX_ENTRIES)] = ()
-    """Unknown forces and torques."""
+    """Reference trajectory of the payload; a plugin builds a `colift.trajectories.base.ReferenceTrajectory`."""
+    disturbances: Annotated[tuple[Disturbance, ...], Field(max_length=MAX_ENTRIES)] = ()
+    """Disturbance forces and torques, unknown to the controller."""
     random_residual: RandomResidual | None = None
-    """Unknown forces and torques drawn at random, in addition."""
+    """Random residual forces and torques, in addition to the disturbances."""
     sensors: Sensors = Sensors()
-    """Measurement noise."""
+    """Sensors."""
     actuators: Annotated[IdealActuators | LaggedMotors | Plugin, Field(discriminator="kind")] = IdealActuators(
         kind="ideal"
     )
-    """What vehicles make of commands; `build(world)` of one's own gives a `colift.simulation.actuators.Ideal`."""
+    """Actuators; a plugin builds a `colift.simulation.actuators.IdealActuators` by `build(world)`."""
     control: Control
-    """Gains."""
+    """Gains and filters."""
     allocation: Annotated[LeastSquaresAllocation | LeaderFollowerAllocation, Field(discriminator="kind")]
-    """From the payload's wrench to contact forces."""
+    """Allocation of the payload's wrench to contact forces."""
     learning: Learning
     """Data and models."""
     online_correction: OnlineCorrection = OnlineCorrection()
-    """How labels correct what is learned."""
+    """Correction of predictions by labels, and periodic updates."""
     baselines: BaselineTuning = BaselineTuning()
-    """Rivals of learning."""
+    """Tuning of the baselines."""
     certificate: Certificate = Certificate()
-    """What error bounds rest on."""
+    """Assumptions of the error bounds."""
     termination: TerminationLimits = TerminationLimits()
-    """What a flight may not exceed."""
+    """Limits of a flight."""
     physics: Annotated[RigidContactPhysics | MujocoPhysics | Plugin, Field(discriminator="kind")] = RigidContactPhysics(
         kind="rigid"
     )
-    """What moves the team in truth; `build(world)` of one's own gives a `colift.simulation.world.Plant`."""
+    """Plant; a plugin builds a `colift.simulation.world.Plant` by `build(world)`."""
     plugins: ControllerPlugins = ControllerPlugins()
-    """Parts of one's own in the place of the paper's."""
+    """Plugins that replace parts of the controller."""
 
     @model_validator(mode="after")
     def _consistent(self) -> Scenario:
-        """Refuses settings that contradict each other, all at once."""
+        """Refuse settings that contradict each other; report all contradictions."""
         wrong = consistency_errors(self.model_dump())
         if wrong:
             raise as_validation_error(wrong)
@@ -98,5 +97,5 @@ class Scenario(Section):
 
     @property
     def digest(self) -> str:
-        """Twelve hexadecimal digits that differ when any setting does: the identity of a run."""
+        """Hash of all settings, twelve hexadecimal digits, which identifies a run."""
         return hashlib.sha256(self.model_dump_json().encode()).hexdigest()[:12]

@@ -1,7 +1,6 @@
-"""What a scenario may say: one frozen model a section, units in the names, a sentence for every setting.
+"""Settings of the agents, the payload, the nominal model and the initial state.
 
-World frame unless a description says otherwise. The words and defaults here are the reference page
-(docs/scenarios.md) and the help of the error messages; there is no second list.
+The docstrings and defaults are the source of the reference page and of the error messages.
 """
 
 from __future__ import annotations
@@ -18,73 +17,78 @@ from colift.scenario.cross_checks import MAX_ENTRIES
 from colift.scenario.schema.base import ZERO, Inertia, Name, Section, _nonzero
 
 
-class Body(Section):
-    """A rigid body."""
+class _MassProperties(Section):
+    """Mass and inertia of a rigid body."""
 
     mass_kg: fields.Mass
     """Mass."""
-    center_of_mass_m: fields.BodyPoint = ZERO
-    """Centre of mass, in the body's frame."""
     inertia_kgm2: Inertia
-    """Inertia about the centre of mass, body's frame: 3 principal moments, 6 entries xx yy zz xy xz yz, or 3 rows."""
+    """Inertia about the center of mass, body frame: 3 principal moments, 6 entries xx yy zz xy xz yz, or 3 rows."""
+
+
+class Body(_MassProperties):
+    """A rigid body."""
+
+    center_of_mass_m: fields.BodyPoint = ZERO
+    """Center of mass, frame of the body."""
 
 
 class _Joint(Section):
-    """One joint and the body that it moves."""
+    """A joint and the body that it moves."""
 
     name: Name
-    """Names the joint and the body that it moves."""
+    """Name of the joint and of the body that it moves."""
     parent: Name = "base"
-    """The body that carries the joint: `base`, or the name of a joint listed above it."""
+    """Body that carries the joint: `base`, or the name of a preceding joint."""
     position_m: fields.BodyPoint = ZERO
-    """Joint origin, in the parent's frame."""
+    """Joint origin, frame of the parent."""
     rpy_deg: fields.Angles = ZERO
-    """Roll, pitch, yaw of the joint's frame in the parent's, at joint position 0: R_z(yaw) R_y(pitch) R_x(roll)."""
+    """Roll, pitch, yaw of the joint frame in the parent frame at joint position 0: R_z(yaw) R_y(pitch) R_x(roll)."""
     axis: Annotated[fields.Axis, AfterValidator(_nonzero)]
-    """Direction of the axis in the joint's frame; any length but zero, it is normalized."""
+    """Direction of the axis in the joint frame; it is normalized."""
     body: Body
-    """The body that the joint moves."""
+    """Body that the joint moves."""
 
 
 class Revolute(_Joint):
-    """A joint that turns."""
+    """A revolute joint."""
 
     type: Literal["revolute"]
-    """Turns about its axis."""
+    """Selects this joint."""
     nominal_position_rad: fields.JointAngle = 0.0
-    """Joint position at rest: where the start is sought, and where a redundant arm tends to."""
+    """Joint position of the nominal posture, to which unconstrained joint motions return."""
 
 
 class Prismatic(_Joint):
-    """A joint that slides."""
+    """A prismatic joint."""
 
     type: Literal["prismatic"]
-    """Slides along its axis."""
+    """Selects this joint."""
     nominal_position_m: fields.BodyLength = 0.0
-    """Joint position at rest: where the start is sought, and where a redundant arm tends to."""
+    """Joint position of the nominal posture, to which unconstrained joint motions return."""
 
 
 Joint = Annotated[Revolute | Prismatic, Field(discriminator="type")]
 
 
 class Arm(Section):
-    """One point contact with the payload."""
+    """An arm with one point contact on the payload."""
 
     name: Name
-    """Names the arm; `agent/arm` names a contact."""
+    """Name of the arm; `agent/arm` is the name of its contact."""
     joint: Name
-    """The body that carries the tip: a joint's name, or `base`."""
+    """Body that carries the tip: the name of a joint, or `base`."""
     tip_position_m: fields.BodyPoint
-    """Contact point, in that body's frame."""
+    """Contact point, frame of that body."""
 
 
 class AgentType(Section):
-    """An aerial manipulator: a base and a tree of joints and arms."""
+    """An aerial manipulator: a base with a tree of joints and arms."""
 
     base: Body
-    """The vehicle without its arms; its frame is the agent's, thrust along its third axis."""
+    """Vehicle without its arms; its frame is that of the agent, with the thrust along the third axis."""
     thrust_max_N: fields.Thrust
-    """The largest thrust; a command beyond it is cut there, and the tick is marked."""
+    """Largest thrust; larger commands are limited, which the log records."""
     joints: Annotated[tuple[Joint, ...], Field(max_length=MAX_ENTRIES)] = ()
     """Joints, parents before children."""
     arms: Annotated[tuple[Arm, ...], Field(min_length=1, max_length=MAX_ENTRIES)]
@@ -92,75 +96,70 @@ class AgentType(Section):
 
 
 class Agent(Section):
-    """One member of the team."""
+    """A member of the team."""
 
     name: Name
-    """Names the agent."""
+    """Name of the agent."""
     type: Name
-    """One of `agent_types`."""
+    """A name in `agent_types`."""
     yaw_deg: fields.Degrees = 0.0
-    """Heading that the agent starts with and keeps."""
+    """Constant heading of the agent."""
     contact_positions_m: Annotated[tuple[fields.BodyPoint, ...], Field(max_length=MAX_ENTRIES)]
-    """Where each arm holds the payload, in the order of the type's arms; payload frame."""
+    """Contact points on the payload, in the order of the arms of the type; payload frame."""
 
 
-class Payload(Section):
-    """The rigid payload; its frame sits at its centre of mass."""
-
-    mass_kg: fields.Mass
-    """Mass."""
-    inertia_kgm2: Inertia
-    """Inertia, payload frame: 3 principal moments, 6 entries xx yy zz xy xz yz, or 3 rows."""
+class Payload(_MassProperties):
+    """The rigid payload, whose frame has its origin at the center of mass."""
 
 
 class NominalAgentType(Section):
-    """What the controller believes of an agent type where it differs."""
+    """Nominal bodies of an agent type that differ from the true ones."""
 
     base: Body | None = None
-    """The base as believed."""
+    """Nominal base."""
     joints: Annotated[dict[Name, Body], Field(max_length=MAX_ENTRIES)] = {}
-    """Joint name to the body that it moves, as believed."""
+    """Nominal bodies by the name of their joint."""
 
 
 class ActuatorLag(Section):
-    """A delay and a first-order lag of thrust and body torque; joints act at once."""
+    """Delay and first-order lag of thrust and body torque; joint torques are applied without delay."""
 
     bandwidth_Hz: fields.Bandwidth
-    """Of the lag."""
+    """Bandwidth of the lag."""
     delay_s: fields.Time = 0.0
-    """Of commands; whole ticks."""
+    """Delay of commands, a multiple of the control period."""
 
 
 class NominalModel(Section):
-    """What the controller believes where it differs from the truth."""
+    """Parameters of the controller's model that differ from the true ones."""
 
     payload: Payload | None = None
-    """The payload as believed."""
+    """Nominal payload."""
     agent_types: Annotated[dict[Name, NominalAgentType], Field(max_length=MAX_ENTRIES)] = {}
-    """Agent type to the bodies of it that are believed to be otherwise."""
+    """Nominal bodies by agent type."""
     actuators: ActuatorLag | None = None
-    """How thrusts and torques are believed to follow commands: used for labels, and inverted. By default, at once."""
+    """Nominal lag of thrust and torque, which is used for labels and inverted in commands; default: no lag."""
 
 
 class PayloadMassStep(Section):
-    """Mass that is put on the payload's centre of mass in flight, or taken off it."""
+    """A mass that is added at the payload's center of mass during the flight, or removed from it."""
 
     mass_kg: fields.MassChange
-    """How much; negative: taken off."""
+    """Added mass; negative for a removed mass."""
     start_s: fields.Time
-    """When it begins to act."""
+    """Start of the change."""
     ramp_time_s: fields.Span = 0.1
-    """How long that takes."""
+    """Duration of the change."""
 
 
 class InitialState(Section):
-    """Where the run begins; the agents are placed so that all tips touch (on the manifold)."""
+    """Initial state of the payload; the agents are placed such that all tips are in contact."""
 
     position_error_m: fields.Position = ZERO
-    """Payload position less the reference at t = 0."""
+    """Position of the payload minus its reference at t = 0."""
     attitude_error_deg: fields.RotationVector = ZERO
-    """Rotation vector from the reference attitude to the payload's, in the reference's frame."""
+    """Rotation vector from the reference attitude to that of the payload, frame of the reference."""
     velocity_mps: fields.Velocity = ZERO
-    """Payload velocity."""
+    """Velocity of the payload."""
     angular_velocity_radps: fields.BodyRate = ZERO
-    """Payload body rate, payload frame."""
+    """Angular velocity of the payload, payload frame."""

@@ -1,7 +1,6 @@
-"""What a scenario may say: one frozen model a section, units in the names, a sentence for every setting.
+"""Settings of the reference trajectory of the payload.
 
-World frame unless a description says otherwise. The words and defaults here are the reference page
-(docs/scenarios.md) and the help of the error messages; there is no second list.
+The docstrings and defaults are the source of the reference page and of the error messages.
 """
 
 from __future__ import annotations
@@ -18,54 +17,52 @@ from colift.scenario.schema.base import ZERO, Section
 
 
 class PathDeparture(Section):
-    """The path moves off, and later turns as it had not."""
+    """A change of the reference after a time: an offset in position, and later an oscillation of the attitude."""
 
     offset_m: fields.Position
-    """By how much it moves."""
+    """Offset in position."""
     start_s: fields.Time
-    """When it begins to."""
+    """Start of the offset."""
     ramp_time_s: fields.Span = 2.0
-    """How long that takes, and the swing to rise."""
+    """Duration of the rise of the offset, and of that of the oscillation."""
     rotation_amplitude_deg: fields.RotationVector = ZERO
-    """Greatest rotation vector of the swing about `rpy_deg`, in its frame."""
+    """Amplitude of the oscillation, a rotation vector in the frame of the attitude `rpy_deg`."""
     rotation_start_s: fields.Time = 0.0
-    """When the swing begins."""
+    """Start of the oscillation."""
     rotation_period_s: fields.Period = 4.0
-    """Of the swing."""
+    """Period of the oscillation."""
 
 
 class Lissajous(Section):
-    """`p_d = center + ramp(t) amplitude sin(2 pi t / period + phase)`, axis by axis; the attitude swings likewise."""
+    """A Lissajous curve `p_d = center + ramp(t) amplitude sin(2 pi t / period + phase)` with oscillating attitude."""
 
     kind: Literal["lissajous"]
-    """Which reference."""
+    """Selects this reference."""
     center_m: fields.Position
-    """Centre of the figure."""
+    """Center of the curve."""
     amplitude_m: fields.Extents
-    """Amplitude along each axis."""
+    """Amplitude by axis."""
     period_s: fields.Periods
-    """Period along each axis; one number for all three."""
+    """Period by axis; a single number applies to all axes."""
     phase_deg: fields.Angles = ZERO
-    """Phase along each axis."""
+    """Phase by axis."""
     ramp_time_s: fields.Span
-    """Time in which the amplitude rises smoothly from zero."""
+    """Duration of the smooth rise of the amplitudes from zero."""
     rpy_deg: fields.Angles = ZERO
-    """Roll, pitch, yaw of the desired attitude, or of the one about which it swings."""
+    """Roll, pitch, yaw of the mean attitude."""
     rotation_amplitude_deg: fields.RotationVector = ZERO
-    """Amplitude of the attitude's swing, a rotation vector in the frame of that attitude; zero: it is constant."""
+    """Amplitude of the attitude oscillation, a rotation vector in the frame of the mean attitude; zero: constant."""
     rotation_period_s: fields.Periods = (10.0, 10.0, 10.0)
-    """Period of the swing about each axis; one number for all three."""
-    rotation_phase_deg: fields.Angles = ZERO
-    """Phase of the swing about each axis."""
+    """Period of the oscillation by axis; a single number applies to all axes."""
     departure: PathDeparture | None = None
-    """Where it leaves for."""
+    """Change of the reference after a time."""
 
 
 class Pose(Section):
-    """Where the payload should be at one time."""
+    """A desired pose of the payload at a time."""
 
     time_s: fields.Time
-    """When."""
+    """Time."""
     position_m: fields.Position
     """Position."""
     rpy_deg: fields.Angles = ZERO
@@ -73,9 +70,9 @@ class Pose(Section):
 
 
 class Waypoints(Section):
-    """Through poses at given times by polynomials of least snap, from rest to rest."""
+    """Minimum-snap polynomials through poses at given times, from rest to rest."""
 
     kind: Literal["waypoints"]
-    """Which reference."""
+    """Selects this reference."""
     poses: Annotated[tuple[Pose, ...], Field(min_length=2, max_length=MAX_ENTRIES)]
-    """The poses, times ascending; before the first and after the last the payload should stand still."""
+    """Poses, times ascending; the reference is constant before the first and after the last."""
