@@ -381,7 +381,7 @@ def test_signals_are_labelled_and_have_units(flown: Path):
     )
     assert (flight.attrs["rho_bound"], flight.attrs["rho_norm"]) == ("energy", 3)
     assert len(flight.attrs["rho_label_error_agents"]) == 18
-    assert (flight.attrs["limit_distance_m"], flight.attrs["limit_grip"]) == (3, 0.01)
+    assert (flight.attrs["limit_max_position_error_m"], flight.attrs["limit_min_grasp_ratio"]) == (3, 0.01)
     assert 0.001 < flight.attrs["limit_grip_1pkg"].max() < 0.01
     assert all("units" in flight[name].attrs for name in flight.data_vars)
     assert list(flight.contact_position.values) == [f"{name}/hook" for name in light.NAMES]
@@ -417,7 +417,7 @@ def test_a_run_that_fails_is_saved_marked_incomplete_and_status_1(tmp_path: Path
         assert not found["complete"]
         assert "beyond termination." in found["termination_reason"]
         assert "t = 0.0" in found["termination_reason"]
-        assert f"{case} is incomplete: {found['stopped']}" in said
+        assert f"{case} is incomplete: {found['termination_reason']}" in said
         flight = log.load(out / f"{case}.nc")
         assert flight.attrs["complete"] == 0
         assert flight.attrs["termination_reason"] == found["termination_reason"]
@@ -444,7 +444,7 @@ def test_one_case_is_flown_alone_and_quietly_and_its_summary_is_printed_as_json(
     assert list(found) == ["C1"]
     assert list(found["C1"]) == ["backwards", "larger", "moved"]
     assert all(each["e_p_rms_m"] > 0 and each["termination_reason"] == "" for each in found["C1"].values())
-    title = done.stdout.index("with the last learned model, frozen")
+    title = done.stdout.index("final model, frozen")
     assert f"{1e3 * found['C1']['moved']['e_p_rms_m']:.1f}" in done.stdout[title:]
     status, said = invoke("run", "short.yaml", "--case", "C9")
     assert (status, said) == (2, f"--case C9: must be one of {', '.join(experiment.ALL_CASES)}\n")
@@ -476,8 +476,8 @@ def complete(*words: str) -> list[str]:
 def test_commands_scenarios_and_cases_complete_in_a_shell():
     assert complete("repo") == ["report"]
     assert complete("study", "pa") == [name for name in scenario.shipped_names() if name.startswith("pa")] != []
-    assert complete("run", "paper", "--case", "c") == ["C1", "C2", "C3"]
-    assert complete("playback", "out", "--case", "D") == ["disturbance_observer"]
+    assert complete("run", "paper", "--case", "C") == ["C1", "C2", "C3"]
+    assert complete("playback", "out", "--case", "d") == ["disturbance_observer"]
     said = CliRunner().invoke(app, [], prog_name="colift", env={"_COLIFT_COMPLETE": "source_bash"})
     assert "complete -o default -F _colift_completion colift" in said.stdout
     assert "--install-completion" in CliRunner().invoke(app, ["--help"], env={"COLUMNS": "100"}).stdout

@@ -109,7 +109,6 @@ def test_unknown_command_is_reported():
 
 def test_cases_in_any_capitalization():
     assert common.parse_cases(["c3, ADAPTIVE", "C1,c3"]) == ("C3", "adaptive", "C1")
-    assert common.complete_case("DIST") == ["disturbance_observer"]
 
 
 @pytest.mark.parametrize("command", [name for name, *_ in command_line.COMMANDS])

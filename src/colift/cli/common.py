@@ -151,10 +151,10 @@ def complete_scenario(incomplete: str) -> list[str]:
 
 
 def complete_case(incomplete: str) -> list[str]:
-    """Return the cases that begin with a text, in any capitalization."""
+    """Return the cases that begin with a text."""
     from colift.scenario import experiment
 
-    return [name for name in experiment.ALL_CASES if name.lower().startswith(incomplete.lower())]
+    return [name for name in experiment.ALL_CASES if name.startswith(incomplete)]
 
 
 def complete_setting(ctx: typer.Context, incomplete: str) -> list[str]:

@@ -92,7 +92,7 @@ def held_out_table(summary: Mapping[str, Any]) -> Table:
     """
     found = summary["heldout"]
     paths = list(next(iter(found.values())))
-    table = Table(title="e_p, mm, with the last learned model, frozen", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    table = Table(title="e_p, mm, final model, frozen", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
     for heading in ("case", "training", *paths):
         table.add_column(heading, justify="left" if heading == "case" else "right", no_wrap=True)
     for case, held_out in found.items():
