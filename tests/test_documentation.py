@@ -155,7 +155,7 @@ def merged(text: str) -> dict[str, Any]:
 
 def do(block: Block, page: Path, folder: Path, names: dict[str, Any]) -> None:
     match block.language:
-        case "sh":
+        case "sh" | "console":
             for words in commands(block.text):
                 run(words, folder)
         case "python":
@@ -169,7 +169,7 @@ def do(block: Block, page: Path, folder: Path, names: dict[str, Any]) -> None:
                 YAML(typ="safe").dump(merged(block.text), opened)
             scenario.load_scenario("fragment.yaml")
         case language:
-            assert language == "text", f"a block of {language!r}: say sh, python, yaml or text"
+            assert language in ("text", "bibtex"), f"a block of {language!r}: use console, python, yaml, text or bibtex"
 
 
 WITH_CODE = {str(page.relative_to(ROOT)): found for page in PAGES if (found := list(blocks(page)))}
@@ -245,10 +245,9 @@ def test_every_module_stands_on_one_page_of_the_reference() -> None:
     ]
     assert len(found) == len(set(found))
     package = ROOT / "src" / "colift"
-    modules = {path.stem for path in package.glob("*.py")} | {
-        path.parent.name for path in package.glob("*/__init__.py")
-    }
-    assert {name.split(".")[0] for name in found} == modules - {"__init__", "__main__"}
+    paths = (".".join(path.relative_to(package).with_suffix("").parts) for path in package.rglob("*.py"))
+    modules = {path.removesuffix(".__init__") for path in paths}
+    assert set(found) == modules - {"__init__", "__main__"}
 
 
 def test_no_line_within_a_formula_begins_as_an_item_of_a_list():
