@@ -1,13 +1,17 @@
-"""Draw the documentation's figures of the study: `python docs/figures.py OUT`.
+"""Draw the figures of the documentation from a study.
 
-OUT is the folder of `study paper --case C1,C2,C3,label_feedback,adaptive,true_residual`. The spread over seeds is that
-of `./dev evidence orderings`. `reaction.png` is figure 7 of another study, with a change of the wind's direction and a
-failure of the tip force sensors (docs/learning.md):
-`study paper --case label_feedback,gp_label_feedback,adaptive --set control.preview_step_s=0.03`.
-`outdoors_tracking.png` is figure 1 of `study outdoors --case C1,C3,label_feedback,adaptive,true_residual`.
+Run ``python docs/figures.py OUT``. OUT is the folder of
+``colift study paper --case C1,C2,C3,label_feedback,adaptive,true_residual``. The metrics over seeds are those of
+``./dev evidence orderings``.
+
+Two figures are not drawn here. ``reaction.png`` is figure 7 of a study with a change of the wind direction and a failure
+of the tip force sensors (docs/learning.md):
+``colift study paper --case label_feedback,gp_label_feedback,adaptive --set control.preview_step_s=0.03``.
+``outdoors_tracking.png`` is figure 1 of
+``colift study outdoors --case C1,C3,label_feedback,adaptive,true_residual``.
 """
 
-import json
+import importlib
 import shutil
 import sys
 from pathlib import Path
@@ -24,7 +28,8 @@ FROM = {
 here, out = Path(__file__).with_name("figures"), Path(sys.argv[1])
 for name, figure in FROM.items():
     shutil.copy(out / f"{figure}.png", here / f"{name}.png")
-seeds = json.loads((here.parents[1] / "evidence" / "results" / "orderings.json").read_text())["items"]
+sys.path.insert(0, str(here.parents[1]))
+seeds = importlib.import_module("evidence").stored("orderings")["items"]
 seed_figures.plot_seed_spread(list(seeds.values()), experiment.ALL_CASES, out / "study_seeds")
 shutil.copy(out / "study_seeds.png", here)
 drawn = [
