@@ -4,8 +4,8 @@ Run ``python docs/figures.py OUT``. OUT is the folder of
 ``colift study paper --case C1,C2,C3,label_feedback,adaptive,true_residual``. The metrics over seeds are those of
 ``./dev evidence orderings``.
 
-Two figures are not drawn here. ``reaction.png`` is figure 7 of a study with a change of the wind direction and a failure
-of the tip force sensors (docs/learning.md):
+Two figures are not drawn here. ``reaction.png`` is figure 7 of a study with a change of the wind direction and a
+failure of the tip force sensors (docs/learning.md):
 ``colift study paper --case label_feedback,gp_label_feedback,adaptive --set control.preview_step_s=0.03``.
 ``outdoors_tracking.png`` is figure 1 of
 ``colift study outdoors --case C1,C3,label_feedback,adaptive,true_residual``.
