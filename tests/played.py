@@ -39,9 +39,7 @@ def labelled(
 @functools.cache
 def told() -> scenario.Scenario:
     """A short flight of the smallest team, with one update."""
-    learning = light.SAMPLE.learning.model_copy(
-        update={"update_times_s": (0.8,), "end_s": 0.8, "start_s": 0.1, "max_iter": 2}
-    )
+    learning = light.SAMPLE.learning.model_copy(update={"update_times_s": (0.8,), "end_s": 0.8, "start_s": 0.1})
     return light.settings(learning=learning, duration_s=1.5)
 
 

@@ -197,7 +197,7 @@ def test_what_cannot_be_built_is_said_with_what_to_change():
     ]
     line = finding(preflight.run_preflight(light.settings(agents=agents)), "contacts")
     assert line.values["condition"] > preflight.MAX_GRASP_CONDITION
-    assert "move n1/hook away from it" in line.advice[0]
+    assert "move n1/hook away from this line" in line.advice[0]
 
 
 def test_joints_near_a_singular_grasp_are_named(monkeypatch: pytest.MonkeyPatch):
@@ -273,8 +273,8 @@ def test_joints_beyond_need_that_return_too_slowly_are_bad_and_named(monkeypatch
             lambda c, r: 1.2 if c.agent_k_R > 300 else 1.1 if r else 0.0,
             ("agent_k_R=350.0 yields 1.2", "nominal_position_rad"),
         ),
-        (lambda _c, _r: 0.9, ("begin from `colift init`",)),
-        (lambda _c, _r: np.nan, ("begin from `colift init`",)),  # no rest
+        (lambda _c, _r: 0.9, ("start from `colift init`",)),
+        (lambda _c, _r: np.nan, ("start from `colift init`",)),  # no rest
     ],
 )
 def test_what_lets_joints_return_sooner_is_tried(monkeypatch, rates, advice):

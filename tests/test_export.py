@@ -32,7 +32,7 @@ if build.compiler() is None:
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """C3 of the smallest team with what it learned in two seconds, and what followed."""
     path = tmp_path_factory.mktemp("c")
-    learning = light.SAMPLE.learning.model_copy(update={"update_times_s": [2.0], "max_iter": 5})
+    learning = light.SAMPLE.learning.model_copy(update={"update_times_s": [2.0]})
     plan = experiment.make_experiment(light.settings(learning=learning, sensors={}), "C3")
     flown = flight.run_experiment(dataclasses.replace(plan, duration=2.1))
     assert int(flown.model.payload.num_points) > 10

@@ -298,7 +298,7 @@ def test_a_scenario_that_is_changed_or_of_a_file_is_shown_with_every_setting(tmp
     assert invoke("print-config", "papr")[0] == 2
 
 
-SHORT = light.SAMPLE.learning.model_copy(update={"update_times_s": (1, 2), "end_s": 2, "max_iter": 5})
+SHORT = light.SAMPLE.learning.model_copy(update={"update_times_s": (1, 2), "end_s": 2})
 
 
 @pytest.fixture(scope="module")

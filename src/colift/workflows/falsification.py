@@ -237,7 +237,7 @@ def _path(settings: Scenario, k: int, rng: np.random.Generator) -> list[str]:
     factor = rng.uniform(0.7, 0.9) if k % 2 == 0 else rng.uniform(1.2, 1.6)
     reference = settings.reference
     assert isinstance(reference, Lissajous)  # ensured by `_kinds`
-    return [f"reference.period_s={[float(f'{factor * T:.3g}') for T in path.period_s]}"]
+    return [f"reference.period_s={[float(f'{factor * T:.3g}') for T in reference.period_s]}"]
 
 
 def _sensors(_settings: Scenario, k: int, rng: np.random.Generator) -> list[str]:
