@@ -174,7 +174,7 @@ def flight(name: str) -> dict[str, object]:
     if name == "turned":
         start = settings.initial_state.model_copy(update={"attitude_error_deg": (0.0, 0.0, 90.0)})
         agents = tuple(agent.model_copy(update={"yaw_deg": 90.0}) for agent in settings.agents)
-        settings = settings.model_copy(update={"start": start, "agents": agents})
+        settings = settings.model_copy(update={"initial_state": start, "agents": agents})
     rows = (flown := run_experiment(experiment.make_experiment(settings, "C1"))).records
     cosine = (np.einsum("tij,ij->t", rows.R_L, rows.R_L[0]) - 1) / 2
     return {

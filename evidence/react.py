@@ -11,7 +11,6 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 
 from colift import scenario
@@ -48,9 +47,9 @@ def draw(sample: int) -> tuple[Scenario, dict[str, Any]]:
     data = base.model_dump()
     for source in data["disturbances"]:
         if source["kind"] == "wind":
-            source["turn"] = {"change_deg": asked["turn_deg"], "start_s": CHANGE, "ramp_time_s": 0.3}
-    data["added"] = {"mass_kg": asked["added_kg"], "start_s": CHANGE}
-    data["reference"]["leaves"] = {"offset_m": [*asked["offset_m"], 0.0], "start_s": 11.0, "ramp_time_s": 3.0}
+            source["direction_change"] = {"change_deg": asked["turn_deg"], "start_s": CHANGE, "ramp_time_s": 0.3}
+    data["payload_mass_step"] = {"mass_kg": asked["added_kg"], "start_s": CHANGE}
+    data["reference"]["departure"] = {"offset_m": [*asked["offset_m"], 0.0], "start_s": 11.0, "ramp_time_s": 3.0}
     fast = 1 / max(2 * np.pi * asked["lag_s"], 1e-4)
     tick = 1 / base.control_Hz
     true, believed = asked["delays"]
@@ -59,8 +58,13 @@ def draw(sample: int) -> tuple[Scenario, dict[str, Any]]:
     data["sensors"] |= {
         name: x * asked["noise"] for name, x in data["sensors"].items() if isinstance(x, float) and "Hz" not in name
     }
-    lost = {"kind": "intermittent", "of": ["agents.lam"], "rate_Hz": base.control_Hz, "loss": min(asked["loss"], 0.99)}
-    data["sensors"]["then"] = [lost | {"failure_time_s": asked["dead_s"]}]
+    lost = {
+        "kind": "intermittent",
+        "channels": ["agents.lam"],
+        "rate_Hz": base.control_Hz,
+        "dropout_probability": min(asked["loss"], 0.99),
+    }
+    data["sensors"]["models"] = [lost | {"failure_time_s": asked["dead_s"]}]
     data["control"]["preview_step_s"] = base.online_correction.preview_step_s
     data["seed"] = 1000 + sample
     return Scenario.model_validate(data), asked
@@ -72,7 +76,7 @@ def fly(item: str) -> dict[str, Any]:
     plans = experiment.make_experiments(settings, (*CASES, *(["gp_label_feedback"] if asked["dead_s"] else [])))
     plans["label_feedback led"] = led(settings)
     if asked["dead_s"]:
-        plans["faded"] = faded(plans["gp_label_feedback"], settings)
+        plans["faded"] = faded(plans["gp_label_feedback"], plans["adaptive"])
     cases = {case: flown(plan) for case, plan in plans.items()}
     if cases["adaptive"]["termination_reason"]:
         cases["C1"] = flown(experiment.make_experiment(settings, "C1"))
@@ -82,15 +86,15 @@ def fly(item: str) -> dict[str, Any]:
 def led(settings: Scenario) -> Experiment:
     """The plan of F whose correction is carried ahead as is best at home."""
     longer = settings.online_correction.model_copy(update={"lead_time_s": LEAD})
-    return experiment.make_experiment(settings.model_copy(update={"innovation": longer}), "label_feedback")
+    return experiment.make_experiment(settings.model_copy(update={"online_correction": longer}), "label_feedback")
 
 
-def faded(held: Experiment, settings: Scenario) -> Experiment:
+def faded(held: Experiment, adaptive: Experiment) -> Experiment:
     """The plan of H with a correction that fades to its running mean as C4's does, where labels stop."""
-    listener = dataclasses.replace(
-        held.controller.innovation_filter, decay_time=jnp.asarray(settings.online_correction.decay_time_s)
+    with_decay = dataclasses.replace(
+        held.controller.innovation_filter, decay_time=adaptive.controller.innovation_filter.decay_time
     )
-    return dataclasses.replace(held, controller=dataclasses.replace(held.controller, innovation_filter=listener))
+    return dataclasses.replace(held, controller=dataclasses.replace(held.controller, innovation_filter=with_decay))
 
 
 def flown(plan: Experiment) -> dict[str, Any]:

@@ -31,8 +31,8 @@ SIZES = np.repeat([0.5, 0.05, 0.5, 0.05, 0.02, 0.5, 0.05, 0.02], 3)  # N and N m
 def study() -> tuple[controller.LeaderFollowerController, State]:
     """The study's pilot with an oracle without data, and the nominal team at rest on the reference."""
     given = scenario.load_scenario("paper")
-    small = given.learning.model_copy(update={"capacity": 2})
-    given = given.model_copy(update={"start": schema.InitialState(), "learning": small})
+    small = given.learning.model_copy(update={"max_samples": 2})
+    given = given.model_copy(update={"initial_state": schema.InitialState(), "learning": small})
     _, nominal = team.team(given)
     return controllers.make_controller(given, nominal), initial_states.initial_state(given, nominal)
 
@@ -270,7 +270,7 @@ def legs() -> schema.Scenario:
         agent.model_copy(update={"contact_positions_m": (c,)})
         for agent, c in zip(given.agents, ((0.5, 0.0, 0.05), (-0.3, 0.4, 0.05), (-0.3, -0.4, 0.05)), strict=False)
     ]
-    small = given.learning.model_copy(update={"capacity": 2})
+    small = given.learning.model_copy(update={"max_samples": 2})
     return given.model_copy(update={"agents": tuple(agents), "learning": small})
 
 

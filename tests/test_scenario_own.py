@@ -345,7 +345,7 @@ def test_mistakes_in_a_part_are_told_with_their_place(folder, more, says):
 
 def test_a_range_of_a_part_s_quantity_says_why(folder):
     assert refused(folder, f"\nactuators: {own('WeakActuators', '{share: 3}')}") == (
-        "actuators.settings.share: must be from 0 to 0.99 (a share of what there is), got 3"
+        "actuators.settings.share: must be from 0 to 0.99 (a share of less than 1), got 3"
     )
 
 

@@ -8,7 +8,6 @@ import pytest
 from colift import gp, scenario
 from colift.onboard.learning.features import PAYLOAD_FEATURES, agent_feature_names
 from colift.scenario import ScenarioError, priors, team
-from tests.varied import changed
 
 
 def test_before_any_data_the_models_state_the_scenario_s_deviations():
@@ -44,14 +43,13 @@ def test_noise_too_small_for_the_data_is_refused_with_its_section():
 
 
 def test_fits_start_from_what_the_scenario_states_and_stay_within_its_bounds():
-    learning = {"lengthscale_bounds": (0.2, 20.0), "hyperprior_factor": 2.0, "n_restarts": 4, "max_iter": 7}
-    s = changed("paper", learning=scenario.load_scenario("paper").learning.model_dump() | learning)
+    s = scenario.load_scenario("paper")
     _, nominal = team.team(s)
     training, oracle = priors.fit_options(s, nominal), priors.prior_model(s, nominal)
-    assert (training.restarts, training.max_iterations) == (4, 7)
+    assert (training.restarts, training.max_iterations) == (1, 300)
     stated = (oracle.payload.hyper, *(jax.tree.map(lambda x: x[0], group.hyper) for group in oracle.agents))
     for belief, hyper in zip((training.payload, *training.agents), stated, strict=True):
-        assert (belief.min_lengthscale, belief.max_lengthscale, belief.scale_factor) == (0.2, 20.0, 2.0)
+        assert (belief.min_lengthscale, belief.max_lengthscale, belief.scale_factor) == (0.1, 30.0, 3.0)
         jax.tree.map(np.testing.assert_array_equal, belief.median, hyper)
     certified = scenario.load_scenario("certified")
     assert priors.fit_options(certified, team.team(certified)[1]) is None

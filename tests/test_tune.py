@@ -273,12 +273,12 @@ def test_thrust_bounds_the_stiffness():
     of = lit()
     assert of.cost < 0
     near = of.settings.model_copy(
-        update={"start": of.settings.initial_state.model_copy(update={"position_error_m": (0, 0, 0)})}
+        update={"initial_state": of.settings.initial_state.model_copy(update={"position_error_m": (0, 0, 0)})}
     )
     assert gain_tuning._max_frequency_ratio(dataclasses.replace(of, settings=near)) == gain_tuning.MAX_GAIN_RATIO
     wide = of.settings.termination.model_copy(update={"max_position_error_m": 10.0})
     far = of.settings.model_copy(
-        update={"start": of.settings.initial_state.model_copy(update={"position_error_m": (9, 0, 0)}), "limits": wide}
+        update={"initial_state": of.settings.initial_state.model_copy(update={"position_error_m": (9, 0, 0)}), "termination": wide}
     )
     assert gain_tuning._max_frequency_ratio(dataclasses.replace(of, settings=far)) == 0
 

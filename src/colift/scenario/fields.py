@@ -155,4 +155,5 @@ Capacity = Annotated[
     Count, Field(ge=2, le=20_000), range_reason("a fit requires two samples; matrices grow with the square")
 ]
 Centers = Annotated[Count, Field(ge=1, le=20_000), range_reason("matrices grow with the square")]
+Substeps = Annotated[Count, Field(ge=1, le=1000), range_reason("more steps make the simulation very slow")]
 Seed = Annotated[Count, Field(ge=0, le=2**63 - 1), range_reason("63 bits, the range of the random number generator")]

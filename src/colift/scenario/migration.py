@@ -281,7 +281,6 @@ REMOVED: dict[tuple[str, str], tuple[Any, str]] = {
         [0.0, 0.0, 0.0],
         "rotation_phase of colift.trajectories.lissajous.Lissajous",
     ),
-    ("plant", "substeps"): (4, "substeps of colift.simulation.mujoco_plant.MujocoPlant"),
 }
 """Section and setting, in names of schema 1, to the former default and the field that replaces the setting."""
 
@@ -388,8 +387,8 @@ def _remove(data: MutableMapping[str, Any], strict: bool) -> None:
         if strict and given != default:
             line = f"line {settings.lc.key(name)[0] + 1}: " if isinstance(settings, CommentedMap) else ""
             errors.append(
-                f"{line}{section}.{name}: {format_value(value)} cannot be migrated, because this is no longer a setting; "
-                f"remove it, and set the field {field} in Python"
+                f"{line}{section}.{name}: {format_value(value)} cannot be migrated, because this is no longer a "
+                f"setting; remove it, and set the field {field} in Python"
             )
         del settings[name]
     if errors:

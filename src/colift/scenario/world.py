@@ -65,7 +65,7 @@ def _plant(settings: schema.Scenario, ours: SimulatedWorld, state: State) -> Pla
         from colift.simulation import mujoco_plant  # MuJoCo is an extra
     except ModuleNotFoundError as error:
         raise ScenarioError(f"{settings.name}: physics: {error}") from None
-    return mujoco_plant.mujoco_plant(ours.team, state, 1 / settings.control_Hz)
+    return mujoco_plant.mujoco_plant(ours.team, state, 1 / settings.control_Hz, given.substeps)
 
 
 def _reading(

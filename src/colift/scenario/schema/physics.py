@@ -56,3 +56,5 @@ class MujocoPhysics(Section):
 
     kind: Literal["mujoco"]
     """Selects this plant."""
+    substeps: fields.Substeps = 4
+    """Number of MuJoCo steps in a control period."""
