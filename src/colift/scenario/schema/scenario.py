@@ -51,7 +51,7 @@ class Scenario(Section):
     payload_mass_step: PayloadMassStep | None = None
     """Change of the payload's mass during the flight, unknown to the controller."""
     nominal: NominalModel = NominalModel()
-    """Parameters of the controller's model that differ from the true ones."""
+    """Nominal parameters that differ from the true ones."""
     initial_state: InitialState = InitialState()
     """Initial state."""
     reference: Annotated[Lissajous | Waypoints | Plugin, Field(discriminator="kind")]
@@ -75,7 +75,7 @@ class Scenario(Section):
     online_correction: OnlineCorrection = OnlineCorrection()
     """Correction of predictions by labels, and periodic updates."""
     baselines: BaselineTuning = BaselineTuning()
-    """Tuning of the baselines."""
+    """Tuning of the baseline cases."""
     certificate: Certificate = Certificate()
     """Assumptions of the error bounds."""
     termination: TerminationLimits = TerminationLimits()
