@@ -16,7 +16,7 @@ RUNS = ("src", "tests", "evidence", "benchmarks")  # in processes of their own
 
 def files() -> list[str]:
     """Test files, relative to the project, in which something is marked `long`."""
-    marked = (path for path in (ROOT / "tests").glob("test_*.py") if "pytest.mark.long" in path.read_text())
+    marked = (path for path in (ROOT / "tests").rglob("test_*.py") if "pytest.mark.long" in path.read_text())
     return sorted(path.relative_to(ROOT).as_posix() for path in marked)
 
 

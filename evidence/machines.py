@@ -47,7 +47,7 @@ def flags(isa: str) -> str:
 def run(setting: str) -> dict[str, Any]:
     """The suite under one setting, its files shuffled by the setting's place in the list."""
     blas, isa = setting.split()
-    files = sorted(path.relative_to(ROOT).as_posix() for path in (ROOT / "tests").glob("test_*.py"))
+    files = sorted(path.relative_to(ROOT).as_posix() for path in (ROOT / "tests").rglob("test_*.py"))
     order = settings().index(setting)
     random.Random(order).shuffle(files)
     began = time.perf_counter()

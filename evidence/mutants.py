@@ -1,7 +1,7 @@
-"""Plausible mistakes, one at a time, in control, estimation, learning and certificates: the tests must see each.
+"""Mutation tests of control, estimation, learning and certificates: each mutant must fail a test.
 
-A mutant is one line changed in a copy of the project. First the test that should see it runs, then, if that passes,
-all tests of the modules named. Kept: which test failed, or that the mutant lived.
+A mutant is a copy of the project with one wrong expression. The tests that `keyword` selects run first. If they pass,
+all tests of the listed modules run. The result contains the first test that fails, or that none does.
 """
 
 from __future__ import annotations
@@ -17,213 +17,365 @@ from typing import Any, NamedTuple
 
 from evidence import ROOT, collect
 
-RUNS = ("src", "tests")  # which a mutant is made of
+RUNS = ("src", "tests")  # folders that the copy requires
 
 
 class Mutant(NamedTuple):
-    """One mistake: in which file, what stands there, what is put in its place, and who should see it."""
+    """Replacement of one expression in a source file, with the tests that must fail."""
 
-    file: str
-    now: str
-    then: str
-    tests: str  # modules of tests, by their names without `test_`
-    first: str = ""  # words of the test that should see it
+    file: str  # relative to src/colift
+    original: str  # text that occurs once in the file
+    replacement: str
+    test_modules: str  # paths relative to tests, without suffix, separated by spaces
+    keyword: str = ""  # beginning of the name of the test that runs first, or several joined by ` or `
 
 
 MUTANTS = {
-    # the leader
+    # payload controller
     "jerk: sign of K_v (a - a_d)": Mutant(
-        "control.py", "- gains.K_v @ (a - d.a)", "+ gains.K_v @ (a - d.a)", "control", "jerk"
+        "onboard/control/tracking.py",
+        "- gains.K_v @ (a - setpoint.a)",
+        "+ gains.K_v @ (a - setpoint.a)",
+        "unit/onboard/test_control",
+        "test_the_jerk_is_the_rate",
     ),
     "jerk: sign of K_p e_v": Mutant(
-        "control.py", "jerk=d.j - gains.K_p @ e_v", "jerk=d.j + gains.K_p @ e_v", "control", "jerk"
+        "onboard/control/tracking.py",
+        "jerk=setpoint.j - gains.K_p @ e_v",
+        "jerk=setpoint.j + gains.K_p @ e_v",
+        "unit/onboard/test_control",
+        "test_the_jerk_is_the_rate",
     ),
-    "jerk: no j_d": Mutant("control.py", "jerk=d.j - gains", "jerk=-gains", "control", "jerk"),
-    "omega_d: sign of its rate": Mutant(
-        "control.py", "- to_body @ d.omega_dot", "+ to_body @ d.omega_dot", "control", "error_dynamics"
+    "jerk: j_d omitted": Mutant(
+        "onboard/control/tracking.py",
+        "jerk=setpoint.j - gains",
+        "jerk=-gains",
+        "unit/onboard/test_control",
+        "test_the_jerk_is_the_rate",
     ),
-    "omega_d: sign of the feed-forward": Mutant(
-        "control.py", "alpha=-turn - carried", "alpha=-turn + carried", "control", "error_dynamics"
+    "alpha_cmd: sign of omega_d_dot": Mutant(
+        "onboard/control/tracking.py",
+        "- to_body @ setpoint.omega_dot",
+        "+ to_body @ setpoint.omega_dot",
+        "unit/onboard/test_control",
+        "test_a_payload_that_obeys",
     ),
-    "Euler: sign of w x J w": Mutant(
-        "balance.py", "apply(J, alpha) + so3.cross", "apply(J, alpha) - so3.cross", "control", "wrench_moves"
+    "alpha_cmd: sign of the feedforward": Mutant(
+        "onboard/control/tracking.py",
+        "alpha=-feedback - feedforward",
+        "alpha=-feedback + feedforward",
+        "unit/onboard/test_control",
+        "test_a_payload_that_obeys",
     ),
-    # the agents
-    "thrust direction without f_hat": Mutant(
-        "control.py",
-        "share.lam.sum(0) - f_hat.f_x, m *",
-        "share.lam.sum(0), m *",
-        "control",
-        "attitude_law",
-    ),
-    "rate of lam not in the attitude": Mutant(
-        "control.py", "m * to.jerk + share.lam_dot.sum(0)", "m * to.jerk", "control", "attitude_law"
-    ),
-    "f_hat_w not compensated": Mutant("control.py", "tau=Q[:3] - f_hat.f_w", "tau=Q[:3]", "control", "aligned"),
-    "posture: half the damping": Mutant(
-        "control.py", "* e - 2 * DAMPING * k * e_dot", "* e - DAMPING * k * e_dot", "control", "lean_moves"
-    ),
-    "contacts: sign of w x (w x c)": Mutant(
-        "control.py", "(to.alpha[None], c) + so3.cross", "(to.alpha[None], c) - so3.cross", "control", "aligned"
-    ),
-    "rate of lam is zero": Mutant("fly.py", "load.mass * to.jerk", "load.mass * 0.0 * to.jerk", "fly", "feed_forward"),
-    "lam_f0 inside lam_dot": Mutant(
-        "fly.py",
-        "offset=jnp.zeros_like(self.allocation.offset)",
-        "offset=self.allocation.offset",
-        "fly",
-        "feed_forward",
+    "Euler equation: sign of w x J w": Mutant(
+        "models/inverse_dynamics.py",
+        "matvec(J, alpha) + so3.cross",
+        "matvec(J, alpha) - so3.cross",
+        "unit/onboard/test_control",
+        "test_the_wrench_moves",
     ),
     "integral action: sign": Mutant(
-        "fly.py", "past + now.clock.dt * rate", "past - now.clock.dt * rate", "fly", "integral_action"
+        "onboard/control/payload_controllers.py",
+        "previous + context.clock.dt * rate",
+        "previous - context.clock.dt * rate",
+        "unit/onboard/test_controller",
+        "test_integral_action",
     ),
-    "wrench observer explains the first tick": Mutant(
-        "fly.py", "now.ticks * jnp.repeat(", "jnp.repeat(", "fly", "wrench_observer"
+    # agent controllers and allocation
+    "thrust direction: f_hat_x omitted": Mutant(
+        "onboard/control/attitude.py",
+        "setpoint.lam.sum(0) - f_hat.f_x,",
+        "setpoint.lam.sum(0),",
+        "unit/onboard/test_control",
+        "test_agents_turn_by_the_attitude_law",
     ),
-    "last sample left out": Mutant("learn.py", "(t <= self.end + 1e-9)", "(t < self.end - 1e-9)", "fly", "their_rate"),
-    # estimation
-    "agents' inputs past the labels' filter": Mutant(
-        "estimate.py",
-        "state=_pass(past.state, flat_agent(q), b_label, warm)",
-        "state=settle(flat_agent(q))",
-        "estimate",
-        "inputs_of_the_learned",
+    "attitude rate: rate of lam omitted": Mutant(
+        "onboard/control/attitude.py",
+        "m * acceleration_cmd.jerk + setpoint.lam_dot.sum(0)",
+        "m * acceleration_cmd.jerk",
+        "unit/onboard/test_control",
+        "test_agents_turn_by_the_attitude_law",
     ),
-    "payload's inputs past the labels' filter": Mutant(
-        "estimate.py",
-        "flat_payload(load, jnp.concatenate([felt, omega_dot])), b, memory.warm)",
-        "flat_payload(load, jnp.concatenate([felt, omega_dot])), b, 0.0 * memory.warm)",
-        "estimate",
-        "inputs_of_the_learned",
+    "body torque: f_hat_w omitted": Mutant(
+        "onboard/control/realization.py",
+        "tau=Q[:3] - f_hat.f_w",
+        "tau=Q[:3]",
+        "unit/onboard/test_control",
+        "test_with_thrust_aligned",
     ),
-    "joints: where their rate is of": Mutant(
-        "estimate.py", "r = 2 * joint.inner - joint.outer", "r = joint.outer", "estimate", "joint_filter"
+    "posture control: half the damping": Mutant(
+        "onboard/control/redundancy.py",
+        "* e - 2 * POSTURE_DAMPING * k * e_dot",
+        "* e - POSTURE_DAMPING * k * e_dot",
+        "unit/onboard/test_control",
+        "test_the_lean_moves",
     ),
-    "accelerometer: no gravity": Mutant(
-        "estimate.py", "was.R @ felt + gravity", "was.R @ felt", "estimate", "past_readings or truth or constant_errors"
+    "contact acceleration: sign of w x (w x c)": Mutant(
+        "onboard/control/redundancy.py",
+        "acceleration_cmd.alpha[None], c) + so3.cross",
+        "acceleration_cmd.alpha[None], c) - so3.cross",
+        "unit/onboard/test_control",
+        "test_with_thrust_aligned",
     ),
-    "fusion without a dt^2 / 2": Mutant(
-        "estimate.py", "was.v * dt + acceleration * (dt * dt / 2)", "was.v * dt", "estimate", "constant_rates"
+    "rate of lam: zero": Mutant(
+        "onboard/controller.py",
+        "payload.mass * command.jerk",
+        "payload.mass * 0.0 * command.jerk",
+        "unit/onboard/test_controller",
+        "test_the_attitude_s_feed_forward",
     ),
-    "label: sign of the momenta's drift": Mutant(
-        "estimate.py", "momenta_dot - drift", "momenta_dot + drift", "estimate", "converge"
+    "rate of lam: constant offset included": Mutant(
+        "onboard/control/allocators.py",
+        "offset=jnp.zeros_like(self.allocation.offset)",
+        "offset=self.allocation.offset",
+        "unit/onboard/test_controller",
+        "test_the_attitude_s_feed_forward",
     ),
-    "label: base carried by the joints left out": Mutant(
-        "estimate.py", "felt + carried_dot)", "felt)", "estimate", "converge"
+    "label loop gain: joint filter without lag": Mutant(
+        "onboard/control/label_feedback.py",
+        "(1 - _low_pass(s, filters.joint) ** 2)",
+        "1",
+        "unit/onboard/test_label_feedback",
     ),
-    "label: payload without the copy of the tips' bandwidth": Mutant(
-        "estimate.py",
-        "memory.known + from_the_first(memory.warm, blend(filters.tip_force, dt)) * (known - memory.known)",
-        "1.0 * known",
-        "estimate",
-        "converge",
+    # state estimation
+    "agent inputs: label filter omitted": Mutant(
+        "onboard/estimation/state_estimator.py",
+        "inputs=_filter_label(state.inputs, flatten_agent_state(q), b_label, initialized)",
+        "inputs=steady_state(flatten_agent_state(q))",
+        "unit/onboard/test_state_estimator",
+        "test_the_inputs_of_the_learned",
     ),
-    "joint random_walk_density: filter's own delay left out": Mutant(
-        "estimate.py", "* b / ((1 - b) * dt)", "* b / dt", "estimate", "ramp"
+    "payload inputs: label filter omitted": Mutant(
+        "onboard/estimation/state_estimator.py",
+        "omega_dot])),\n            b,",
+        "omega_dot])),\n            0.0 * b + 1.0,",
+        "unit/onboard/test_state_estimator",
+        "test_the_inputs_of_the_learned",
     ),
-    "tip forces turned the wrong way": Mutant(
-        "estimate.py", '"bij,bj->bi", g.rotation', '"bji,bj->bi", g.rotation', "estimate", "first_estimate"
+    "joint positions: lag not compensated": Mutant(
+        "onboard/estimation/state_estimator.py",
+        "r = 2 * joint.stage1 - joint.stage2",
+        "r = joint.stage2",
+        "unit/onboard/test_state_estimator",
+        "test_the_joint_filter",
+    ),
+    "accelerometer: gravity omitted": Mutant(
+        "onboard/estimation/state_estimator.py",
+        "nav.R @ specific_force + gravity",
+        "nav.R @ specific_force",
+        "unit/onboard/test_state_estimator",
+        "test_poses_are_moved",
+    ),
+    "position prediction: dt^2 / 2 omitted": Mutant(
+        "onboard/estimation/state_estimator.py",
+        "nav.v * dt + acceleration * (dt * dt / 2)",
+        "nav.v * dt",
+        "unit/onboard/test_state_estimator",
+        "test_the_complementary_filter_follows",
+    ),
+    "agent label: sign of the momentum drift": Mutant(
+        "onboard/estimation/state_estimator.py",
+        "momenta_dot - drift",
+        "momenta_dot + drift",
+        "unit/onboard/test_state_estimator",
+        "test_without_noise_labels",
+    ),
+    "agent label: acceleration by joints omitted": Mutant(
+        "onboard/estimation/state_estimator.py",
+        "specific_force + velocity_offset_dot)",
+        "specific_force)",
+        "unit/onboard/test_state_estimator",
+        "test_without_noise_labels",
+    ),
+    "payload label: tip force filter omitted": Mutant(
+        "onboard/estimation/state_estimator.py",
+        "state.initialized, smoothing_factor(filters.tip_force, dt)",
+        "0.0 * state.initialized, smoothing_factor(filters.tip_force, dt)",
+        "unit/onboard/test_state_estimator",
+        "test_what_the_payload_needs",
+    ),
+    "joint rates: factor 1 - b omitted": Mutant(
+        "onboard/estimation/state_estimator.py",
+        "* b / ((1 - b) * dt)",
+        "* b / dt",
+        "unit/onboard/test_state_estimator",
+        "test_the_joint_filter",
+    ),
+    "tip forces: transposed rotation": Mutant(
+        "onboard/estimation/state_estimator.py",
+        '"bij,bj->bi", g.rotation',
+        '"bji,bj->bi", g.rotation',
+        "unit/onboard/test_state_estimator",
+        "test_the_first_estimate",
     ),
     # learning
-    "warm start dropped": Mutant(
-        "learn.py", "start=before.hyper if before else None", "start=None", "learn", "second_fit"
+    "recorder: last sample omitted": Mutant(
+        "onboard/learning/recorder.py",
+        "(t <= self.end + 1e-9)",
+        "(t < self.end - 1e-9)",
+        "unit/onboard/test_controller",
+        "test_samples_are_taken",
     ),
-    "last fits forgotten": Mutant("learn.py", "fits = {**last, **{", "fits = {**{", "learn", "second_fit"),
-    "a full set takes more": Mutant(
-        "gp/dataset.py", "kept = valid & (slot < len(data.X))", "kept = valid", "learn", "data_grow"
+    "data set: points beyond the capacity": Mutant(
+        "gp/dataset.py",
+        "kept = valid & (slot < len(data.X))",
+        "kept = valid",
+        "unit/onboard/test_residual_model",
+        "test_data_grow",
+    ),
+    "fit: warm start omitted": Mutant(
+        "onboard/learning/model_update.py",
+        "start=before.hyper if before else None",
+        "start=None",
+        "unit/onboard/test_residual_model",
+        "test_a_second_fit",
+    ),
+    "fit: last fits discarded": Mutant(
+        "onboard/learning/model_update.py",
+        "fits = {**last_fits, **{",
+        "fits = {**{",
+        "unit/onboard/test_residual_model",
+        "test_a_second_fit",
     ),
     "identification: prior counted twice": Mutant(
-        "learn.py",
+        "onboard/learning/identification.py",
         "A, T) + np.eye(len(prior))",
         "A, T) + 2 * np.eye(len(prior))",
-        "learn",
-        "identification or excitation",
+        "unit/onboard/test_residual_model",
+        "test_identification or test_without_exc",
     ),
-    "identification: less than nothing may be left": Mutant(
-        "learn.py", "stays + goes / max(", "stays + goes / min(", "learn", "leaves_a_body"
+    "identification: negative inertia": Mutant(
+        "onboard/learning/identification.py",
+        "kept + scaled / max(",
+        "kept + scaled / min(",
+        "unit/onboard/test_residual_model",
+        "test_what_is_identified",
     ),
-    "identification: a field is taken for mass": Mutant(
-        "place.py",
-        "K = regressors(x[t >= change.since], payload=True)[:, :, :4], gp.grams(Z, change.model.hyper)",
-        "K = regressors(x[t >= change.since], payload=True)[:, :, :4], 0.05 * np.tile(np.eye(len(Z)), (6, 1, 1))",
-        "place",
-        "goes_with_the_place",
+    "identification: residual function as mass": Mutant(
+        "onboard/learning/semiparametric.py",
+        "K = gp.gram_matrices(Z, change_point.model.hyper)",
+        "K = 0.05 * np.tile(np.eye(len(Z)), (6, 1, 1))",
+        "unit/onboard/test_semiparametric",
+        "test_what_goes_with_the_place",
     ),
-    "innovation: a rate counts after silence": Mutant(
-        "online_correction.py", "b = due * went_on * -jnp", "b = due * -jnp", "innovation", "before_labels_stopped"
+    "regressor: sign of the lever arm": Mutant(
+        "onboard/learning/identification.py",
+        "-so3.hat(q.R.T @ a)",
+        "so3.hat(q.R.T @ a)",
+        "unit/onboard/test_residual_model",
+        "test_the_regressor",
     ),
     "features: speeds in the wrong order": Mutant(
-        "learn.py",
+        "onboard/learning/features.py",
         "v, omega = x[..., 3:6], x[..., 15:18]",
         "omega, v = x[..., 3:6], x[..., 15:18]",
-        "learn",
-        "features",
+        "unit/onboard/test_residual_model",
+        "test_features",
     ),
-    "regressor: sign of the lever": Mutant(
-        "learn.py", "-so3.hat(q.R.T @ a)", "so3.hat(q.R.T @ a)", "learn", "regressor"
+    "disturbance observer: first period included": Mutant(
+        "onboard/learning/residual_predictors.py",
+        "context.initialized * jnp.repeat(",
+        "jnp.repeat(",
+        "unit/onboard/test_controller",
+        "test_the_wrench_observer",
     ),
-    "innovation: a map is trusted whatever labels do": Mutant(
-        "online_correction.py", "moved.products, moved.squares, v", "moved.squares, moved.squares, v", "innovation"
+    "label rate: attenuation omitted": Mutant(
+        "onboard/learning/residual_predictors.py",
+        "jnp.multiply, a[:, None]",
+        "jnp.multiply, 1.0",
+        "unit/onboard/test_label_feedback",
     ),
-    "echo: joints are heard without delay": Mutant("echo.py", "(1 - _low(s, filters.joint) ** 2)", "1", "echo"),
-    "echo: agents follow all of the rate": Mutant("fly.py", "jnp.multiply, c[:, None]", "jnp.multiply, 1.0", "echo"),
-    "innovation: another oracle moves the mean": Mutant(
-        "online_correction.py", "mean=plus(past.moved.mean)", "mean=past.moved.mean", "innovation"
+    "rate forecast: interruption of labels included": Mutant(
+        "onboard/learning/residual_correction.py",
+        "b = due * uninterrupted * -jnp",
+        "b = due * -jnp",
+        "unit/onboard/test_residual_correction",
+        "test_a_rate_from_before_labels_stopped",
     ),
-    # certificates
-    "tube: what is fed does not feed": Mutant(
-        "certification/tube.py", 'direct[t] + np.einsum("isj,sj->i", M[t, :, :t], d[:t])', "direct[t]", "certify_tube"
+    "model gain: labels omitted": Mutant(
+        "onboard/learning/residual_correction.py",
+        "gain, comovement.cross_moment, comovement",
+        "gain, comovement.second_moment, comovement",
+        "unit/onboard/test_residual_correction",
     ),
-    "tube: f~ on the path makes nothing of a run": Mutant(
-        "certification/tube.py", "np.sqrt(greatest).sum(0)", "0", "certify_tube"
+    "model update: mean prediction not offset": Mutant(
+        "onboard/learning/residual_correction.py",
+        "prediction_lowpass=plus(state.comovement.prediction_lowpass)",
+        "prediction_lowpass=state.comovement.prediction_lowpass",
+        "unit/onboard/test_residual_correction",
     ),
-    "ellipsoid: labels may err once, not each": Mutant(
-        "gp/ellipsoid.py", "feasible.eps**2 * w.sum(1)", "feasible.eps**2 * w.mean(1)", "gp_ellipsoid"
+    # bounds and certificates
+    "tube: feedback of the deviation omitted": Mutant(
+        "certification/tube.py",
+        'direct[t] + np.einsum("isj,sj->i", M[t, :, :t], d[:t])',
+        "direct[t]",
+        "unit/certification/test_tube",
     ),
-    "ellipsoid: around nothing": Mutant(
-        "gp/ellipsoid.py", "@ self.a[..., None]", "@ (0 * self.a)[..., None]", "gp_ellipsoid"
+    "tube: width of the ellipsoids omitted": Mutant(
+        "certification/tube.py", "np.sqrt(greatest).sum(0)", "0", "unit/certification/test_tube"
     ),
-    "reach: sign of the mean's shift below": Mutant(
+    "tube: gradient of the mean difference omitted": Mutant(
+        "certification/tube.py", "np.abs((g[:, None] @ flat)[:, 0])", "0", "unit/certification/test_tube"
+    ),
+    "ellipsoid: mean instead of sum of label errors": Mutant(
+        "gp/ellipsoid.py", "feasible.eps**2 * w.sum(1)", "feasible.eps**2 * w.mean(1)", "unit/gp/test_ellipsoid"
+    ),
+    "ellipsoid: center omitted": Mutant(
+        "gp/ellipsoid.py", "@ self.a[..., None]", "@ (0 * self.a)[..., None]", "unit/gp/test_ellipsoid"
+    ),
+    "reachability: sign of the shift, lower bound": Mutant(
         "certification/reachability.py",
         "[width + shift, width - shift]",
         "[width + shift, width + shift]",
-        "certify_reach",
+        "unit/certification/test_reachability",
     ),
-    "reach: greatest residual without the shift": Mutant(
+    "reachability: shift of the mean omitted": Mutant(
         "certification/reachability.py",
         "return difference + body.beta",
         "return body.beta",
-        "certify_reach certify_certificate",
+        "unit/certification/test_reachability unit/certification/test_certificate",
     ),
-    "variation: the sample itself has no weight": Mutant(
+    "reachability: sign of the compensation": Mutant(
+        "certification/reachability.py",
+        "l1_norm) - sign * centre",
+        "l1_norm) + sign * centre",
+        "unit/certification/test_reachability",
+    ),
+    "linearized trajectory: direct term omitted": Mutant(
         "certification/linearized_trajectory.py",
         "L[t, :, k] = loop.D[k, rows]",
         "L[t, :, k] = 0 * loop.D[k, rows]",
-        "certify_variation",
+        "unit/certification/test_linearized_trajectory",
     ),
-    "variation: an update's derivative on both its sides": Mutant(
-        "certification/linearized_trajectory.py", "if active[k + 1] == active[k]", "if True", "certify_variation"
+    "linearized trajectory: old model after an update": Mutant(
+        "certification/linearized_trajectory.py",
+        "if active[k + 1] == active[k]",
+        "if True",
+        "unit/certification/test_linearized_trajectory",
     ),
-    "tube: the companion's mean has the slope of the compensated one": Mutant(
-        "certification/tube.py", "np.abs((g[:, None] @ flat)[:, 0])", "0", "certify_tube"
+    "optimal recovery: cost of label errors omitted": Mutant(
+        "gp/optimal_recovery.py",
+        "feasible.r @ nu + feasible.eps * size",
+        "feasible.r @ nu",
+        "unit/gp/test_error_bounds unit/certification/test_reachability",
     ),
-    "recovery: multipliers that cost nothing": Mutant(
-        "gp/optimal_recovery.py", "feasible.r @ nu + feasible.eps * size", "feasible.r @ nu", "gp_bounds certify_reach"
+    "peak gain: remainder of the quadrature omitted": Mutant(
+        "certification/peak_gain.py",
+        "h**3 / 12 * curvature.sum()",
+        "0 * curvature.sum()",
+        "unit/certification/test_translation_bound",
     ),
-    "recovery: sign of what is compensated": Mutant(
-        "certification/reachability.py", "l1_norm) - sign * centre", "l1_norm) + sign * centre", "certify_reach"
-    ),
-    "gain: no remainder of the trapezoidal rule": Mutant(
-        "certification/peak_gain.py", "h**3 / 12 * curvature.sum()", "0 * curvature.sum()", "certify_translation"
-    ),
-    "certificate: half a round is called a whole one": Mutant(
-        "certification/assumptions.py", "[] if full_period else [PERIODICITY]", "[]", "certify_assumed"
+    "assumptions: periodicity omitted": Mutant(
+        "certification/assumptions.py",
+        "[] if full_period else [PERIODICITY]",
+        "[]",
+        "unit/certification/test_assumptions",
     ),
 }
 
 
 def run(name: str) -> dict[str, Any]:
-    """Which test sees a mutant, if any."""
+    """Return the test that detects a mutant, if any."""
     mutant = MUTANTS[name]
     with tempfile.TemporaryDirectory() as folder:
         copy = Path(folder) / "colift"
@@ -231,9 +383,9 @@ def run(name: str) -> dict[str, Any]:
             ROOT, copy, ignore=shutil.ignore_patterns(".*", "out", "build", "dist", "__pycache__", "_build")
         )
         path = copy / "src" / "colift" / mutant.file
-        path.write_text(path.read_text().replace(mutant.now, mutant.then))
-        modules = [f"tests/test_{module}.py" for module in mutant.tests.split()]
-        for chosen in ([["-k", mutant.first]] if mutant.first else []) + [[]]:
+        path.write_text(path.read_text().replace(mutant.original, mutant.replacement))
+        modules = [f"tests/{module}.py" for module in mutant.test_modules.split()]
+        for chosen in ([["-k", mutant.keyword]] if mutant.keyword else []) + [[]]:
             done = subprocess.run(
                 [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", "-m", "", *modules, *chosen],
                 cwd=copy,
@@ -245,16 +397,16 @@ def run(name: str) -> dict[str, Any]:
             if done.returncode == 1:
                 (by,) = re.findall(r"^(?:FAILED|ERROR) (\S+?)(?:\[.*)?(?: - .*)?$", done.stdout, re.MULTILINE)[:1]
                 return {"lives": False, "seen_by": by}
-            if done.returncode not in (0, 5):  # 5: no test has these words
+            if done.returncode not in (0, 5):  # 5: no test is selected
                 raise RuntimeError(f"{name}: the tests could not run:\n{done.stdout[-2000:]}{done.stderr[-2000:]}")
     return {"lives": True, "seen_by": None}
 
 
 def main() -> bool:
-    """Every mutant must be seen."""
+    """Print the test that detects each mutant; return whether all are detected."""
     found = collect("mutants", MUTANTS, run)
     for name in MUTANTS:
-        print(f"{name:<56} {'LIVES' if found[name]['lives'] else found[name]['seen_by']}")
+        print(f"{name:<56} {'NOT DETECTED' if found[name]['lives'] else found[name]['seen_by']}")
     return not any(found[name]["lives"] for name in MUTANTS)
 
 
