@@ -384,7 +384,7 @@ def test_signals_are_labelled_and_have_units(flown: Path):
     assert (flight.attrs["limit_max_position_error_m"], flight.attrs["limit_min_grasp_ratio"]) == (3, 0.01)
     assert 0.001 < flight.attrs["limit_grip_1pkg"].max() < 0.01
     assert all("units" in flight[name].attrs for name in flight.data_vars)
-    assert list(flight.contact_position.values) == [f"{name}/hook" for name in light.NAMES]
+    assert list(flight.contact.values) == [f"{name}/hook" for name in light.NAMES]
 
 
 # Flights that do not end, and answers at once -------------------------------------------------------------------------
