@@ -44,7 +44,7 @@ def test_cases_differ_in_what_they_record_and_in_nothing_else():
 
 
 def test_an_unknown_case_is_refused_with_those_there_are():
-    with pytest.raises(KeyError, match=r"C5.*C1, C2, C3, C4, I, DOB, P, O, F, R, H"):
+    with pytest.raises(KeyError, match=r"C5.*C1, C2, C3, adaptive, integral, disturbance_observer, parametric"):
         experiment.make_experiments(paper.SETTINGS, ("C5",))
 
 
