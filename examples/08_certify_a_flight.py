@@ -19,7 +19,7 @@ def main() -> None:
         for error, radius in radii.a_posteriori.items():
             seen = found.observed[error]
             print(f"{bound:>8}, {error:>7}: at most {radius:.3g}, observed {seen:.3g} from {first:.0f} to {last:.0f} s")
-        print(f"{'':>8}  assumed: {', '.join(radii.assumed)}")
+        print(f"{'':>8}  assumed: {', '.join(radii.assumptions)}")
     if found.exceeded:
         raise SystemExit(f"above their radius: {', '.join(sorted({each.error for each in found.exceeded}))}")
 

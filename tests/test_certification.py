@@ -64,11 +64,11 @@ def drawn(monkeypatch) -> list[str]:
     texts: list[str] = []
 
     def save(figure, path, run):
-        figure.canvas.sample_noise()
+        figure.canvas.draw()
         texts.extend(text.get_text() for text in figure.findobj(matplotlib.text.Text) if text.get_visible())
         return [path]
 
-    monkeypatch.setattr(style, "save", save)
+    monkeypatch.setattr(style, "save_figure", save)
     return texts
 
 

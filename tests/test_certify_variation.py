@@ -76,7 +76,7 @@ def test_nothing_else_that_a_loop_remembers_moves_a_command_or_the_plant():
     rng = np.random.default_rng(0)
     other = jax.tree.map(lambda x: x + rng.normal(size=x.shape) if x.dtype == float else x, loop)
     other = linearized_trajectory._with(other, linearized_trajectory._moving(loop))
-    warm = {"silent": loop.controller.estimator.time_since_label, "warm": loop.controller.estimator.initialized}
+    warm = {name: getattr(loop.controller.estimator, name) for name in ("time_since_label", "initialized")}
     memory = dataclasses.replace(other.controller, estimator=dataclasses.replace(other.controller.estimator, **warm))
     memory = dataclasses.replace(memory, initialized=loop.controller.initialized, recorder=loop.controller.recorder)
     other = dataclasses.replace(other, controller=memory)
@@ -84,7 +84,7 @@ def test_nothing_else_that_a_loop_remembers_moves_a_command_or_the_plant():
     (a, seen), (b, same) = (simulator.rollout(setup, one, quiet, jnp.asarray(3)) for one in (loop, other))
     jax.tree.map(np.testing.assert_array_equal, linearized_trajectory._moving(a), linearized_trajectory._moving(b))
     np.testing.assert_array_equal(seen.u, same.u)
-    assert not np.array_equal(a.controller.estimator.known, b.controller.estimator.known)
+    assert not np.array_equal(a.controller.estimator.modelled_wrench, b.controller.estimator.modelled_wrench)
     np.testing.assert_array_equal(seen.p[0], rows.p[1500])
 
 

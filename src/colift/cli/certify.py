@@ -213,7 +213,7 @@ def _violations(exceeded: Sequence[Mapping[str, Any]]) -> list[str]:
         run = "the adversarial run" if each["flight"] == "adversary" else "this run"
         start = f"{each['error']} of {run} exceeds its bound: observed {each['observed'] * scale:.4g} {unit}, bound"
         line = lines.get((run, each["error"]), "")
-        kind = tables.RADIUS_KIND_LABELS[each["of"]]
+        kind = tables.RADIUS_KIND_LABELS[each["kind"]]
         radius = f"{each['radius'] * scale:.4g} {unit} ({each['bound']}, {kind} run)"
         lines[run, each["error"]] = f"{line}, {radius}" if line else f"{start} {radius}"
     return list(lines.values())

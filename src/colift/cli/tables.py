@@ -130,7 +130,7 @@ def certificate_table(summary: Mapping[str, Any]) -> Table:
             table.add_row(
                 label, "", *(_format_size(summary[key][e], scale) for e, (scale, _) in ERROR_UNITS.items()), "", ""
             )
-    exceeded = {(each["bound"], each["of"]) for each in summary["exceeded"] if each["flight"] == "this"}
+    exceeded = {(each["bound"], each["kind"]) for each in summary["exceeded"] if each["flight"] == "this"}
     for bound, radii in summary["radii"].items():
         for kind, label in RADIUS_KIND_LABELS.items():
             if has_radius(radii[kind]):
