@@ -26,10 +26,10 @@ from colift.runtime import cache
 
 
 def _programs() -> dict[str, str]:
-    """JAX's settings by which compiled programs outlive the process: a second run starts in seconds.
+    """Return the settings of JAX's persistent cache of compiled programs, which shortens the start of later runs.
 
-    Where they cannot be kept one line says so, and JAX is not to try: it would warn for every program. The user's own
-    `JAX_COMPILATION_CACHE_DIR` is the user's.
+    If the cache is unavailable, one warning is logged and JAX does not use it, because it would warn for every program.
+    A `JAX_COMPILATION_CACHE_DIR` of the user is not changed.
     """
     always = {"JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0"}
     if "JAX_COMPILATION_CACHE_DIR" in os.environ:
@@ -38,7 +38,7 @@ def _programs() -> dict[str, str]:
     try:
         folder = cache.cache_directory("jax")
         settings = {"JAX_COMPILATION_CACHE_DIR": str(folder)} | always
-        if not os.access(folder, os.W_OK | os.X_OK):  # what it has is read; what takes less than for ever is not kept
+        if not os.access(folder, os.W_OK | os.X_OK):  # existing entries are read; no entry is added
             lost, settings["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = f"{folder}: only read", "inf"
     except cache.CacheUnavailable as error:
         lost = str(error)
@@ -47,7 +47,7 @@ def _programs() -> dict[str, str]:
     return settings
 
 
-# Float64 always. JAX reads these when it is imported, which `--help` need not wait for.
+# JAX reads these variables at its import; colift imports it only when required, so that `--help` is fast.
 os.environ["JAX_ENABLE_X64"] = "True"
 for _name, _value in _programs().items():
     os.environ.setdefault(_name, _value)
@@ -59,8 +59,8 @@ if "jax" in sys.modules:
         _least = float(os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"])
         _jax.config.update("jax_persistent_cache_min_compile_time_secs", _least)
 
-# XLA's YNNPACK kernels, as of jaxlib 0.10.2, read memory that nobody wrote and sum wrongly in float64
-# (docs/decisions/0020). XLA reads its flags once, when the first device is asked for; a person's own word stands.
+# XLA's YNNPACK kernels, as of jaxlib 0.10.2, read uninitialized memory and compute wrong sums in float64
+# (docs/decisions/0020). XLA reads its flags once, before the first use of a device; a flag of the user has priority.
 _YNN = "--xla_cpu_experimental_ynn_fusion_type="
 if _YNN not in os.environ.get("XLA_FLAGS", ""):
     if "jax" in sys.modules and sys.modules["jax"]._src.xla_bridge.backends_are_initialized():

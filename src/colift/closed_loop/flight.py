@@ -13,6 +13,7 @@ from __future__ import annotations
 import dataclasses
 import time
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -34,7 +35,6 @@ from colift.onboard.learning.online_learner import (
 )
 from colift.onboard.learning.prediction_uncertainty import LabelBiasModel, ModelInterval, PredictionUncertainty
 from colift.runtime import signals
-from colift.simulation.world import World
 
 
 @dataclasses.dataclass(frozen=True)
@@ -60,7 +60,7 @@ class Experiment:
             machine.
     """
 
-    world: World
+    world: Any  # with the methods of `World`; the components depend on the class
     controller: LeaderFollowerController
     agent_names: tuple[str, ...]
     termination_limits: termination.TerminationLimits

@@ -68,7 +68,7 @@ def check_parts(experiment: Experiment) -> None:
 
 
 def _is_builtin(part: object) -> bool:
-    """Whether the class of a part is defined in this package."""
+    """Return whether this package defines the class of a part."""
     return type(part).__module__.split(".")[0] == "colift"
 
 

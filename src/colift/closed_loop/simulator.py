@@ -23,8 +23,6 @@ from colift.closed_loop import termination
 from colift.closed_loop.signals import StepRecord, make_record
 from colift.math.pytree import pytree
 from colift.models.state import ControlClock, State
-from colift.onboard.interfaces import Controller
-from colift.simulation.world import World
 
 Scalar = Float[Array, ""]
 
@@ -48,8 +46,8 @@ class LoopState:
 class LoopConfig:
     """Constant data of a closed loop: world, controller, termination limits and period."""
 
-    world: World
-    controller: Controller
+    world: Any  # with the methods of `World`; the components depend on the class
+    controller: Any  # with the methods of `Controller`; the parts depend on the class
     termination_limits: termination.TerminationLimits
     dt: Scalar  # s, control period
 

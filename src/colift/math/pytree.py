@@ -26,16 +26,16 @@ def static(**kwargs: Any) -> Any:
     return dataclasses.field(metadata={"static": True}, **kwargs)
 
 
-def constant(value: float) -> Any:
+def constant(default: float) -> Any:
     """Declare a field whose default is a number, such as a constant of an algorithm.
 
     Args:
-        value: Default value, in the unit of the field.
+        default: Default value, in the unit of the field.
 
     Returns:
         The field specifier; the default is a float64 array without weak type.
     """
-    return dataclasses.field(default_factory=lambda: jnp.asarray(np.array(value, dtype=float)))
+    return dataclasses.field(default_factory=lambda: jnp.asarray(np.array(default, dtype=float)))
 
 
 @dataclass_transform(kw_only_default=True, frozen_default=True, field_specifiers=(static, constant))

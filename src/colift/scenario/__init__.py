@@ -1,27 +1,31 @@
-"""Scenarios: YAML files to validated, immutable settings, and settings to the values that a run starts from.
+"""Scenarios: YAML files, their schema, and the experiments built from them.
 
-quantities  its numbers, each with the range in which it can be meant
-settings    what a scenario may say
-references  what its sections say about each other
-own         a part that a scenario names as `module:Name`
-mistake     a place in the data, and what is said of it
-validation  what pydantic finds wrong, in words
-tree        a YAML text as plain data with lines
-read        a file to settings, or to every mistake in it with its line
-from_urdf   an agent type from a URDF file, in plain numbers
-write       settings to a file's text
-describe    the settings as a reference page
-values      single settings to arrays, rotations, lags and parts of one's own
-roster      the agents, by group and by name, and the team that they form
-paths       the reference
-disturbances  the unknown forces, mounted
-worlds      the truth: plant, actuators, sensors
-starts      where the flight begins
-priors      what models hold before any data, and how they are fitted
-pilots      what flies: gains, allocation, parts
-limits      what the flight may not exceed, and what hovering takes
-draws       unknown forces of known norm
-assumptions what is stated of the unknown, and what of it holds by construction
+fields            number types with their ranges
+schema            sections of a scenario file
+cross_checks      consistency between sections
+plugins           user-defined parts, named as `module:Name`
+errors            messages with their place in the data
+validation        pydantic errors as messages
+yaml_tree         YAML text as plain data with line numbers
+loading           file to settings, or to all errors with their lines
+migration         conversion of files of schema 1
+from_urdf         agent type from a URDF file
+from_csv          waypoints from a table
+dumping           settings to the text of a file
+schema_docs       reference page of the settings
+template          text of a new scenario
+conversion        settings to arrays, rotations, lags and user-defined parts
+team              agents by group and by name; true and nominal team
+trajectories      reference trajectory
+disturbances      disturbances and their attachment
+world             plant, actuators, sensors
+initial_states    initial state and equilibrium
+priors            residual models before any data, and options of their fits
+controllers       controller of case C1 and its extensions
+termination       termination limits and hover thrust
+random_residuals  random residuals of a given RKHS norm
+assumptions       assumptions of the error bounds
+experiment        experiment of each case
 """
 
 from colift.scenario.dumping import to_yaml, with_control

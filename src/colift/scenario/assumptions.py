@@ -1,4 +1,4 @@
-"""What a scenario states of the unknown functions, their labels and sensors, and what of it holds by construction."""
+"""Assumptions of a scenario on residuals, labels and sensors, and the ones that hold by construction."""
 
 from __future__ import annotations
 
@@ -15,9 +15,18 @@ from colift.scenario.errors import ScenarioError
 def bound_assumptions(
     settings: schema.Scenario, nominal: Team, rig: ResidualForces
 ) -> confidence_bounds.BoundAssumptions:
-    """What the scenario states of the unknown functions and of their labels, and what of it is true by construction.
+    """Return the assumptions of the error bounds, and the ones that hold by construction.
 
-    `rig` is the calibration rig's largest error. Raises ScenarioError for a label error that is not positive.
+    Args:
+        settings: Scenario.
+        nominal: Nominal parameters.
+        rig: Largest label errors of the calibration rig.
+
+    Returns:
+        Assumptions of the error bounds.
+
+    Raises:
+        ScenarioError: If a label error is not positive.
     """
     given, learning = settings.certificate, settings.learning
     payload = _label_errors(given.payload_label_error, learning.payload, 0)
@@ -46,7 +55,7 @@ def bound_assumptions(
 
 
 def label_bias_model(settings: schema.Scenario) -> prediction_uncertainty.LabelBiasModel:
-    """What the sensors' data sheets state of constant and wandering errors of what labels are made of."""
+    """Return constant biases and bias random walks of the sensors from which labels are computed."""
     tips = prediction_uncertainty.BiasModel(initial_std=settings.sensors.tip_force_bias_N)
     found = {
         "agents.lam": tips,
@@ -65,9 +74,14 @@ def label_bias_model(settings: schema.Scenario) -> prediction_uncertainty.LabelB
 
 
 def _met(settings: schema.Scenario, within: bool) -> frozenset[BoundAssumption]:
-    """What the scenario makes true by construction of what bounds need; what is not here is assumed.
+    """Return the assumptions that hold by construction; all others are assumed.
 
-    within: whether no label errs by more than is stated, which only a calibration rig can promise.
+    Args:
+        settings: Scenario.
+        within: True if no label error exceeds its bound; only labels of a calibration rig can guarantee this.
+
+    Returns:
+        Assumptions that hold.
     """
     given, learning = settings.certificate, settings.learning
     rig, fixed = learning.label_source == "calibration_rig", learning.hyperparameters == "fixed"
@@ -76,20 +90,20 @@ def _met(settings: schema.Scenario, within: bool) -> frozenset[BoundAssumption]:
     holds = {
         BoundAssumption.RKHS_NORM: drawn
         and fixed
-        and alone,  # nothing is unknown but functions of that norm for that kernel
+        and alone,  # the only residuals are functions of that norm for that kernel
         BoundAssumption.BOUNDED_NOISE: within,
-        BoundAssumption.WITHIN_MODEL: within,  # `band.companion` takes v from eps
+        BoundAssumption.WITHIN_MODEL: within,  # the noise bound v is computed from eps
         BoundAssumption.ZERO_MEAN: rig,
         BoundAssumption.INDEPENDENT: rig,
         BoundAssumption.PREDICTABLE_INPUTS: rig,
         BoundAssumption.FIXED_HYPERPARAMETERS: fixed,
-        BoundAssumption.HORIZON: True,  # a data set is as large as it will ever be when it is full
+        BoundAssumption.HORIZON: True,  # the largest data set is a full one
     }
     return frozenset(assumption for assumption, true in holds.items() if true)
 
 
 def _label_errors(given: schema.LabelError | None, prior: schema.GPPrior, joints: int) -> np.ndarray:
-    """`(6 + joints,)` as stated, or three of the prior's deviations of label noise."""
+    """Return the bounds `(6 + joints,)`; default: three standard deviations of the label noise."""
     source = (
         [3 * prior.force_noise_std_N, 3 * prior.moment_noise_std_Nm]
         if given is None

@@ -1,4 +1,4 @@
-"""What flies a scenario: gains, allocation, internal forces, and the pilot made of them."""
+"""Controller of a scenario: gains, allocation, internal forces, and the parts of the controller."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ from colift.scenario.errors import ScenarioError
 
 
 def gains(settings: schema.Scenario) -> tracking.Gains:
-    """Feedback gains."""
+    """Return the feedback gains."""
     given = settings.control
     return tracking.Gains(
         K_p=jnp.diag(array(given.K_p)),
@@ -51,34 +51,42 @@ def gains(settings: schema.Scenario) -> tracking.Gains:
 
 
 def allocation(settings: schema.Scenario, nominal: Team) -> tuple[AllocationMap, allocators.InternalForceSchedule]:
-    """The allocation, and the internal forces it is asked for.
+    """Return the allocation and the schedule of internal forces.
 
-    Raises ScenarioError for a grasp or a leader block of rank below 6, and for internal forces that this
-    allocation cannot give.
+    Args:
+        settings: Scenario.
+        nominal: Nominal parameters.
+
+    Returns:
+        Allocation, and schedule of the internal forces.
+
+    Raises:
+        ScenarioError: If the rank of the grasp or of the leader block is below 6, or if the allocation cannot generate
+            the internal forces.
     """
     given = settings.allocation
     c = np.asarray(grasp.contact_points(nominal))
     index = {name: i for i, name in enumerate(team_module.contact_names(settings))}
     try:
         if isinstance(given, schema.LeaderFollowerAllocation):
-            experiment = leader_follower_allocation(c, [index[name] for name in given.leader_contacts])
+            result = leader_follower_allocation(c, [index[name] for name in given.leader_contacts])
         else:
-            experiment = least_squares_allocation(c)
-        return experiment, _internal(given.internal, experiment, c, index)
+            result = least_squares_allocation(c)
+        return result, _internal(given.internal, result, c, index)
     except ValueError as error:
         numbered = ", ".join(f"{i} {name}" for name, i in index.items())
         raise ScenarioError(f"{settings.name}: allocation: {error} (contacts: {numbered})") from None
 
 
 def _internal(
-    given: schema.InternalForces | None, plan: AllocationMap, c: np.ndarray, index: dict[str, int]
+    given: schema.InternalForces | None, result: AllocationMap, c: np.ndarray, index: dict[str, int]
 ) -> allocators.InternalForceSchedule:
     if given is None:
-        eta, times = np.zeros(plan.nullspace.shape[1]), (0.0, 0.0, 1.0)
+        eta, times = np.zeros(result.nullspace.shape[1]), (0.0, 0.0, 1.0)
     else:
         pairs = [(index[a], index[b], newton) for a, b, newton in given.squeeze_pairs]
         eta, times = (
-            internal_force_coordinates(plan, squeeze(c, pairs)),
+            internal_force_coordinates(result, squeeze(c, pairs)),
             (given.start_s, given.end_s, given.ramp_time_s),
         )
     start, end, ramp = (array(t) for t in times)
@@ -86,20 +94,28 @@ def _internal(
 
 
 def make_controller(settings: schema.Scenario, nominal: Team) -> controller.LeaderFollowerController:
-    """Everything the team takes along in case C1: no data are recorded, nothing is known.
+    """Return the controller of case C1, which records no samples and learns no residuals.
 
-    Raises ScenarioError as `allocation`, and for a part of one's own that is none.
+    Args:
+        settings: Scenario.
+        nominal: Nominal parameters.
+
+    Returns:
+        Controller.
+
+    Raises:
+        ScenarioError: As `allocation`, and for a user-defined part without the methods of its interface.
     """
-    experiment, internal = allocation(settings, nominal)
+    allocation_map, internal = allocation(settings, nominal)
     learning, gain = settings.learning, gains(settings)
     recorder = RigRecorder if learning.label_source == "calibration_rig" else DataRecorder
-    ahead = settings.control.preview_step_s
+    preview_step = settings.control.preview_step_s
     agent_controller = (
         agent_controllers.ThrustVectoringController
-        if ahead is None
+        if preview_step is None
         else agent_controllers.PreviewThrustVectoringController
     )
-    ours = controller.LeaderFollowerController(
+    default = controller.LeaderFollowerController(
         team=nominal,
         reference=trajectories.make_reference(settings),
         estimator=state_estimator.ComplementaryFilter(filters=_filters(settings)),
@@ -113,78 +129,81 @@ def make_controller(settings: schema.Scenario, nominal: Team) -> controller.Lead
         residual_model=priors.prior_model(settings, nominal),
         residual_predictor=residual_predictors.LearnedResidual(),
         payload_controller=payload_controllers.GeometricTracking(gains=gain),
-        allocator=allocators.LinearAllocator(allocation=experiment, internal=internal),
+        allocator=allocators.LinearAllocator(allocation=allocation_map, internal=internal),
         agent_controller=agent_controller(
             gains=gain, yaw=team_module.initial_yaw(settings), nominal_posture=team_module.nominal_posture(settings)
         ),
         actuator_compensator=_drive(settings),
-        preview_step=None if ahead is None else array(ahead),
+        preview_step=None if preview_step is None else array(preview_step),
     )
-    theirs = {
-        name: build_plugin(part, f"plugins.{name}", kind, ours)
+    user_defined = {
+        name: build_plugin(part, f"plugins.{name}", kind, default)
         for name, kind in CONTROLLER_PARTS.items()
         if (part := getattr(settings.plugins, name)) is not None
     }
-    return dataclasses.replace(ours, **theirs)
+    return dataclasses.replace(default, **user_defined)
 
 
 def with_preview(
-    settings: schema.Scenario, flying: controller.LeaderFollowerController
+    settings: schema.Scenario, base: controller.LeaderFollowerController
 ) -> controller.LeaderFollowerController:
-    """The same, looking ahead where it did not."""
-    if (
-        flying.preview_step is not None
-        or type(flying.agent_controller) is not agent_controllers.ThrustVectoringController
-    ):
-        return flying
-    mine = {
-        field.name: getattr(flying.agent_controller, field.name)
-        for field in dataclasses.fields(flying.agent_controller)
+    """Return the controller with a preview of the reference; unchanged if it has one already."""
+    if base.preview_step is not None or type(base.agent_controller) is not agent_controllers.ThrustVectoringController:
+        return base
+    fields = {
+        field.name: getattr(base.agent_controller, field.name) for field in dataclasses.fields(base.agent_controller)
     }
     step = array(settings.online_correction.preview_step_s)
     return dataclasses.replace(
-        flying, agent_controller=agent_controllers.PreviewThrustVectoringController(**mine), preview_step=step
+        base, agent_controller=agent_controllers.PreviewThrustVectoringController(**fields), preview_step=step
     )
 
 
 def with_innovation_filter(
-    settings: schema.Scenario, flying: controller.LeaderFollowerController, held: bool
+    settings: schema.Scenario, base: controller.LeaderFollowerController, hold_correction: bool
 ) -> controller.LeaderFollowerController:
-    """The same with its predictions corrected by labels.
+    """Return the controller with feedback correction of its predictions from labels.
 
-    A held correction stays when labels stop, is carried ahead by `lead_s`, and trusts what is learned; any other fades,
-    is carried ahead by the labels' whole delay, as far as such rates came true, and doubts.
+    Args:
+        settings: Scenario.
+        base: Controller.
+        hold_correction: True keeps the correction constant without labels, extrapolates it by `lead_time_s`, and uses
+            the residual model without scaling. False lets the correction decay, and extrapolates it by the label delay
+            to the degree that past rate predictions were confirmed.
+
+    Returns:
+        Controller with an innovation filter.
     """
     given, filters = settings.online_correction, _filters(settings)
     innovation_filter = residual_correction.InnovationFilter(
         filters=filters, hold_time=array(given.hold_time_s), averaging_time=array(given.averaging_time_s)
     )
-    if held:
+    if hold_correction:
         innovation_filter = dataclasses.replace(
             innovation_filter, decay_time=array(np.inf), variance_ratio=array(0.0), coherence=array(0.0)
         )
-    lead = array(given.lead_time_s) if held else filters.label_delay()
-    heeded = tuple(
+    lead = array(given.lead_time_s) if hold_correction else filters.label_delay()
+    attenuation = tuple(
         array([label_feedback.rate_attenuation(gain) for gain in group])
-        for group in label_loop_gains(settings, flying.team)
+        for group in label_loop_gains(settings, base.team)
     )
     predictor = residual_predictors.InnovationCorrection(
-        base=flying.residual_predictor, lead_time=lead, rate_attenuation=heeded
+        base=base.residual_predictor, lead_time=lead, rate_attenuation=attenuation
     )
-    return dataclasses.replace(flying, innovation_filter=innovation_filter, residual_predictor=predictor)
+    return dataclasses.replace(base, innovation_filter=innovation_filter, residual_predictor=predictor)
 
 
 def label_loop_gains(settings: schema.Scenario, team: Team) -> tuple[tuple[float, ...], ...]:
-    """How strongly each agent hears itself, `echo.gain`, by group, as it hovers with an even share of the payload."""
+    """Return the label loop gain of each agent in hover with an equal share of the payload, by group."""
     g, share = float(jnp.linalg.norm(team.gravity)), float(team.payload.mass) / sum(team.sizes)
     gain, filters = gains(settings), _filters(settings)
 
-    def of(agent: AerialManipulator, rest: Any) -> float:
+    def loop_gain(agent: AerialManipulator, rest: Any) -> float:
         weight = g * (float(agent.mass.sum()) + share)
         return label_feedback.label_loop_gain(agent, rest, gain, filters, weight)
 
     return tuple(
-        tuple(of(jax.tree.map(lambda x, j=j: x[j], group), rest[j]) for j in range(size))
+        tuple(loop_gain(jax.tree.map(lambda x, j=j: x[j], group), rest[j]) for j in range(size))
         for group, size, rest in zip(team.agent_groups, team.sizes, team_module.nominal_posture(settings), strict=True)
     )
 

@@ -1,4 +1,4 @@
-"""Single settings to the values that a run computes with: arrays, rotations, lags in ticks, parts of one's own."""
+"""Conversion of single settings to arrays, rotations, lags in ticks and user-defined parts."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from colift.scenario import schema
 from colift.scenario.errors import ScenarioError
 
 
-def array(given: object) -> Array:
-    """Numbers as float64; `jnp.asarray` alone would make a weakly typed value of a Python float."""
-    return jnp.asarray(np.array(given, dtype=float))
+def array(numbers: object) -> Array:
+    """Convert numbers to a float64 array; `jnp.asarray` alone returns a weak type for a Python float."""
+    return jnp.asarray(np.array(numbers, dtype=float))
 
 
 def rows(vectors: Iterable[schema.Vector]) -> Array:
-    """`(n, 3)` of n vectors, of none too."""
+    """Stack n vectors, also for n = 0, to an array `(n, 3)`."""
     return array(list(vectors)).reshape(-1, 3)
 
 
 def rotation(deg: schema.Vector) -> Array:
-    """`R_z(yaw) R_y(pitch) R_x(roll)` of roll, pitch, yaw in deg."""
+    """Return the rotation `R_z(yaw) R_y(pitch) R_x(roll)` for roll, pitch, yaw [deg]."""
     return _turned(jnp.deg2rad(array(deg)))
 
 
@@ -38,21 +38,34 @@ def _turned(angles: Array) -> Array:
     return matmul(yaw, matmul(pitch, roll))
 
 
-def actuator_lag(given: schema.ActuatorLag, settings: schema.Scenario) -> ActuatorLag:
-    """A lag with its delay in whole ticks of the control loop."""
-    return ActuatorLag(bandwidth=array(given.bandwidth_Hz), delay=round(given.delay_s * settings.control_Hz))
+def actuator_lag(lag: schema.ActuatorLag, settings: schema.Scenario) -> ActuatorLag:
+    """Return the lag, with its delay in control periods."""
+    return ActuatorLag(bandwidth=array(lag.bandwidth_Hz), delay=round(lag.delay_s * settings.control_Hz))
 
 
 P = TypeVar("P")
 
 
-def build_plugin(given: schema.PluginReference, where: str, kind: type[P], *joins: Any) -> P:
-    """What a part of one's own builds, its numbers as arrays. Raises ScenarioError where it is not of that kind."""
-    build = getattr(given.settings, "build")  # noqa: B009  `own.settings` has seen that it is there
+def build_plugin(plugin: schema.PluginReference, where: str, kind: type[P], *joins: Any) -> P:
+    """Build a user-defined part, with its numbers as arrays.
+
+    Args:
+        plugin: Class and settings of the part.
+        where: Setting that names the part, for messages.
+        kind: Interface of the part.
+        *joins: Arguments of the method `build` of the part.
+
+    Returns:
+        The part.
+
+    Raises:
+        ScenarioError: If the part does not have the interface.
+    """
+    build = getattr(plugin.settings, "build")  # noqa: B009  `plugins.plugin_settings` requires the method
     made = jax.tree.map(lambda x: x if isinstance(x, jax.Array) else jnp.asarray(np.asarray(x)), build(*joins))
     if not isinstance(made, kind):
         raise ScenarioError(
-            f"{where}: {given.class_path} built a value of type {type(made).__name__}, "
+            f"{where}: {plugin.class_path} built a value of type {type(made).__name__}, "
             f"which is no {kind.__module__}.{kind.__name__} (docs/change_a_part.md)"
         )
     return made

@@ -1,7 +1,7 @@
-"""What one section of a scenario says about another: names that must exist, counts and times that must agree.
+"""Consistency between the sections of a scenario: names, counts and times.
 
-Works on plain data, valid or not, so that these mistakes are reported together with those within the sections:
-where a part is missing or of the wrong kind, what depends on it is left alone.
+The checks accept plain data, valid or not, so that their errors are reported together with those within sections. A
+check is omitted if its data are missing or of a wrong kind.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ from typing import Any
 
 from colift.scenario.errors import ErrorMessage, Place, format_value, unknown_name_message
 
-MAX_ENTRIES = 100  # entries of a list: agents, joints, sources, ...; what compiles in minutes is well below
-LOG_BYTES, MODEL_BYTES = 2e9, 1e9  # a run holds its log three times at its end, and a laptop has 8 GB
+MAX_ENTRIES = 100  # entries of a list such as agents, joints, sources; compilation takes minutes for fewer entries
+LOG_BYTES, MODEL_BYTES = 2e9, 1e9  # a run stores its log three times at its end
 MAX_WAVELENGTH = 1e4  # m
 MIN_WAYPOINT_INTERVAL = 0.01  # s between two poses
 
@@ -22,7 +22,7 @@ AGENTS_ONLY = ("rotor_bias", "joint_friction")
 
 
 def consistency_errors(data: dict[str, Any]) -> list[ErrorMessage]:
-    """Every contradiction between the sections of a scenario, as `(place, sentence)`."""
+    """Return all inconsistencies between the sections of a scenario, as `(place, message)`."""
     return [
         *_agent_types(data),
         *_agents(data),
@@ -42,7 +42,7 @@ def consistency_errors(data: dict[str, Any]) -> list[ErrorMessage]:
 
 
 def _part(data: Any, *place: int | str) -> Any:
-    """What is at a place, or None."""
+    """Return the value at a place, or None."""
     for key in place:
         try:
             data = data[key]
@@ -52,7 +52,7 @@ def _part(data: Any, *place: int | str) -> Any:
 
 
 def _items(data: Any, *place: int | str) -> list[Any]:
-    """The entries of a list; of one that is longer than allowed, none."""
+    """Return the entries of a list; empty if the list is too long."""
     found = _part(data, *place)
     return list(found) if isinstance(found, list | tuple) and len(found) <= MAX_ENTRIES else []
 
@@ -268,7 +268,7 @@ def _flanks(data: dict[str, Any]) -> Iterator[ErrorMessage]:
 
 
 def _waves(data: dict[str, Any]) -> Iterator[ErrorMessage]:
-    """A force at one point says nothing of waves shorter than the body; waves without end are a mean wind."""
+    """Check that wavelengths exceed the size of the payload, and are shorter than `MAX_WAVELENGTH`."""
     size = _size(data)
     for i, source in enumerate(_items(data, "disturbances")):
         for k in range(len(_items(source, "gusts"))):
@@ -278,7 +278,7 @@ def _waves(data: dict[str, Any]) -> Iterator[ErrorMessage]:
             if k_abs * MAX_WAVELENGTH < 2 * math.pi:
                 yield (
                     place,
-                    f"has a wavelength above {MAX_WAVELENGTH / 1e3:g} km, which is a mean wind: say it in mean_wind_mps",
+                    f"has a wavelength above {MAX_WAVELENGTH / 1e3:g} km, which is a mean wind: use mean_wind_mps",
                 )
             elif _part(source, "acts_on") == "payload" and k_abs * size > 2 * math.pi:
                 length = f"{2 * math.pi / k_abs:.3g} m"
@@ -286,7 +286,7 @@ def _waves(data: dict[str, Any]) -> Iterator[ErrorMessage]:
 
 
 def _size(data: dict[str, Any]) -> float:
-    """Largest distance between two contacts, m; 0 where there are none."""
+    """Compute the largest distance between two contacts [m]; 0 without contacts."""
     places = [
         ("agents", i, "contact_positions_m", k)
         for i, agent in enumerate(_items(data, "agents"))
@@ -297,7 +297,7 @@ def _size(data: dict[str, Any]) -> float:
 
 
 def _memory(data: dict[str, Any]) -> Iterator[ErrorMessage]:
-    """The log grows with duration and rate, the models with the square of their data."""
+    """Check the memory of the log (duration times rate) and of the models (square of their samples)."""
     duration, rate = _number(data, "duration_s"), _number(data, "control_Hz")
     log = 8 * duration * rate * log_size(data)
     if log > LOG_BYTES:
@@ -312,12 +312,12 @@ def _memory(data: dict[str, Any]) -> Iterator[ErrorMessage]:
 
 
 def log_size(data: dict[str, Any]) -> int:
-    """Numbers that the log holds of one tick, at most: of the payload, each agent, joint and contact."""
+    """Return an upper bound of the number of values per tick in the log."""
     return 99 + 49 * len(_items(data, "agents")) + 6 * _joints(data) + 12 * len(contacts(data))
 
 
 def model_outputs(data: dict[str, Any]) -> int:
-    """Outputs of all models: six of the payload and of each agent, one of each joint."""
+    """Count the outputs of all models: six for the payload and for each agent, one for each joint."""
     return 6 * (1 + len(_items(data, "agents"))) + _joints(data)
 
 
@@ -327,14 +327,14 @@ def _joints(data: dict[str, Any]) -> int:
 
 
 def _number(data: Any, *place: int | str) -> float:
-    """The number at a place; NaN, which compares as false with everything, where there is none to reckon with."""
+    """Return the number at a place; NaN, for which every comparison is false, if there is no usable number."""
     found = _part(data, *place)
     fits = isinstance(found, int | float) and not isinstance(found, bool) and abs(found) <= 1e100
     return float(found) if fits else math.nan
 
 
 def _poses(data: dict[str, Any]) -> Iterator[ErrorMessage]:
-    """A payload is in one place at a time, and takes some time to the next."""
+    """Check that the times of poses ascend with the smallest interval."""
     times = [_number(data, "reference", "poses", i, "time_s") for i in range(len(_items(data, "reference", "poses")))]
     for i, (before, context) in enumerate(itertools.pairwise(times), start=1):
         if context < before + MIN_WAYPOINT_INTERVAL:
@@ -345,7 +345,7 @@ def _poses(data: dict[str, Any]) -> Iterator[ErrorMessage]:
 
 
 def _delays(data: dict[str, Any]) -> Iterator[ErrorMessage]:
-    """What is late waits for whole ticks, of which not too many are kept; nothing is read between ticks."""
+    """Check that delays are multiples of the control period, and that sensor rates do not exceed the control rate."""
     rate = _number(data, "control_Hz")
     readings = [("sensors", "models", i) for i in range(len(_items(data, "sensors", "models")))]
     for place in (("actuators",), ("nominal", "actuators"), *readings):
@@ -361,7 +361,7 @@ def _delays(data: dict[str, Any]) -> Iterator[ErrorMessage]:
 
 
 def _added(data: dict[str, Any]) -> Iterator[ErrorMessage]:
-    """What is taken off a payload leaves some of it, and MuJoCo's model is made once."""
+    """Check that the mass stays positive after a mass step, and that the physics supports the step."""
     added, mass = _number(data, "payload_mass_step", "mass_kg"), _number(data, "payload", "mass_kg")
     if mass + added <= 0:
         yield ("payload_mass_step", "mass_kg"), f"must leave some of payload.mass_kg = {mass:g}, got {added:g}"
@@ -370,7 +370,7 @@ def _added(data: dict[str, Any]) -> Iterator[ErrorMessage]:
 
 
 def _limits(data: dict[str, Any]) -> Iterator[ErrorMessage]:
-    """A start beyond a limit would end the flight at once."""
+    """Check that the initial errors are within the termination limits."""
     for start, limit, unit in (
         ("position_error_m", "max_position_error_m", "m"),
         ("attitude_error_deg", "max_attitude_error_deg", "deg"),

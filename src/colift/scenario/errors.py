@@ -1,4 +1,4 @@
-"""A mistake: where it is in the data, and what is said of it."""
+"""Errors of scenarios: place in the data and message."""
 
 from __future__ import annotations
 
@@ -15,36 +15,36 @@ MAX_LISTED_NAMES = 30  # names that a message lists
 
 
 class ScenarioError(ValueError):
-    """A scenario that cannot be used; the message is for a person, one line a mistake."""
+    """Scenario that cannot be used; the message contains one line per error."""
 
 
-def unknown_name_message(name: Any, known: Iterable[str], what: str) -> str:
-    """`is not WHAT (a, b); did you mean a?`"""
-    known = list(known)
-    listed = ", ".join(known[:MAX_LISTED_NAMES]) + f", and {len(known) - MAX_LISTED_NAMES} more" * (
-        len(known) > MAX_LISTED_NAMES
+def unknown_name_message(name: Any, allowed: Iterable[str], what: str) -> str:
+    """Return the message `NAME is not WHAT (a, b); did you mean a?`."""
+    allowed = list(allowed)
+    listed = ", ".join(allowed[:MAX_LISTED_NAMES]) + f", and {len(allowed) - MAX_LISTED_NAMES} more" * (
+        len(allowed) > MAX_LISTED_NAMES
     )
-    return f"{format_value(name)} is not {what} ({listed or 'there are none'}){suggestion(name, known)}"
+    return f"{format_value(name)} is not {what} ({listed or 'there are none'}){suggestion(name, allowed)}"
 
 
-def suggestion(name: Any, known: Iterable[str]) -> str:
-    """`; did you mean 'a'?`, or nothing where no known name is close."""
-    given = str(name) if isinstance(name, str) else ""
-    close = difflib.get_close_matches(given, known, n=1, cutoff=0.5) if len(given) <= MAX_VALUE_LENGTH else []
+def suggestion(name: Any, allowed: Iterable[str]) -> str:
+    """Return `; did you mean 'a'?`, or an empty text if no allowed name is similar."""
+    text = str(name) if isinstance(name, str) else ""
+    close = difflib.get_close_matches(text, allowed, n=1, cutoff=0.5) if len(text) <= MAX_VALUE_LENGTH else []
     return f"; did you mean {close[0]!r}?" if close else ""
 
 
-def format_value(given: Any) -> str:
-    """A value in a message: a list or section by its size, all else as it is written, cut where it is long."""
-    if isinstance(given, list | tuple):
-        return f"{len(given)} value{'s' * (len(given) != 1)}"
-    if isinstance(given, dict):
+def format_value(value: Any) -> str:
+    """Format a value for a message: a list by its size, any other value as written, shortened."""
+    if isinstance(value, list | tuple):
+        return f"{len(value)} value{'s' * (len(value) != 1)}"
+    if isinstance(value, dict):
         return "settings by name"
-    if given is None:
+    if value is None:
         return "nothing"
-    if isinstance(given, float) and not math.isfinite(given):
-        return str(given)
-    if isinstance(given, int) and given.bit_length() > 4 * MAX_VALUE_LENGTH:
-        return f"a whole number of {given.bit_length()} bits"
-    said = repr(given)
-    return said if len(said) <= MAX_VALUE_LENGTH else f"{said[:MAX_VALUE_LENGTH]}..."
+    if isinstance(value, float) and not math.isfinite(value):
+        return str(value)
+    if isinstance(value, int) and value.bit_length() > 4 * MAX_VALUE_LENGTH:
+        return f"a whole number of {value.bit_length()} bits"
+    text = repr(value)
+    return text if len(text) <= MAX_VALUE_LENGTH else f"{text[:MAX_VALUE_LENGTH]}..."

@@ -1,4 +1,4 @@
-"""The paper's study: the cases C1, C2, C3 and their rivals, and the plan of each for a scenario."""
+"""Cases C1, C2, C3, their extensions and baselines, and the experiment of each case of a scenario."""
 
 from __future__ import annotations
 
@@ -81,15 +81,24 @@ def case_id(name: str) -> str:
 
 
 def make_experiment(settings: Scenario, case: str) -> flight.Experiment:
-    """One case of a scenario, ready to fly; raises as `plans` does."""
+    """Return the experiment of one case of a scenario; raises as `make_experiments`."""
     return make_experiments(settings, (case,))[case_id(case)]
 
 
 def make_experiments(settings: Scenario, cases: Sequence[str]) -> dict[str, flight.Experiment]:
-    """Cases of a scenario, ready to fly from the same start under the same disturbances and noise.
+    """Return experiments that differ in their case only: initial state, disturbances and noise are equal.
 
-    Raises ScenarioError for a grasp, an allocation or a start that cannot be, for a team that cannot hover and for O
-    where a law remembers; KeyError for an unknown case.
+    Args:
+        settings: Scenario.
+        cases: Identifiers of the cases.
+
+    Returns:
+        Experiment by case.
+
+    Raises:
+        ScenarioError: If a grasp, an allocation or an initial state is impossible, if the team cannot hover, or if a
+            disturbance has an internal state in case `true_residual`.
+        KeyError: If there is no such case.
     """
     cases = [case_id(case) for case in cases]
     truth, nominal = team.team(settings)
@@ -125,7 +134,7 @@ def make_experiments(settings: Scenario, cases: Sequence[str]) -> dict[str, flig
 
 
 def _as(case: str, c1: flight.Experiment, settings: Scenario) -> flight.Experiment:
-    """C1 with what another case has in its place or in addition."""
+    """Return the experiment of a case, from the experiment of case C1."""
     rival, given = settings.baselines, settings.learning
     learns, agents = case in LEARNING_CASES, case in AGENT_LEARNING_CASES
     controller = c1.controller
@@ -146,10 +155,10 @@ def _as(case: str, c1: flight.Experiment, settings: Scenario) -> flight.Experime
             observer = residual_predictors.DisturbanceObserver(base=controller.residual_predictor, bandwidth=bandwidth)
             controller = dataclasses.replace(controller, residual_predictor=observer)
         case "true_residual":
-            if remembering := disturbances_module.stateful_names(c1.world.disturbances):
+            if stateful := disturbances_module.stateful_names(c1.world.disturbances):
                 raise ScenarioError(
                     f"{settings.name}: case true_residual evaluates residuals as functions of state and time; "
-                    f"these disturbances have an internal state: {', '.join(remembering)}"
+                    f"these disturbances have an internal state: {', '.join(stateful)}"
                 )
             controller = controllers.with_preview(settings, controller)
             truly = TrueResidualFunction(world=c1.world, nominal=controller.team)
@@ -164,7 +173,7 @@ def _as(case: str, c1: flight.Experiment, settings: Scenario) -> flight.Experime
             )
         case "label_feedback" | "gp_label_feedback" | "adaptive":
             controller = controllers.with_innovation_filter(
-                settings, controllers.with_preview(settings, controller), held=case != "adaptive"
+                settings, controllers.with_preview(settings, controller), hold_correction=case != "adaptive"
             )
     prior = np.array(
         [rival.mass_prior_std_kg, *[rival.first_moment_prior_std_kgm] * 3, *[rival.inertia_prior_std_kgm2] * 6]
@@ -179,11 +188,11 @@ def _as(case: str, c1: flight.Experiment, settings: Scenario) -> flight.Experime
         update_times=given.update_times_s if learns else (),
         identification={"parametric": parameters, "regression": online_learner.RidgeOptions(ridge=ridge)}.get(case),
     )
-    return _going_on(made, settings) if case == "adaptive" else made
+    return _with_online_updates(made, settings) if case == "adaptive" else made
 
 
-def _going_on(experiment: flight.Experiment, settings: Scenario) -> flight.Experiment:
-    """The plan with learning that does not end: maps of the place, renewed, and fitted anew, every so often."""
+def _with_online_updates(experiment: flight.Experiment, settings: Scenario) -> flight.Experiment:
+    """Return the experiment with periodic model updates and refits, and position-only models with parametric means."""
     given = settings.online_correction
     first, last = settings.learning.update_times_s[0], settings.learning.update_times_s[-1]
     times = np.arange(first, settings.duration_s, given.update_period_s)[1:]
@@ -211,13 +220,22 @@ def _going_on(experiment: flight.Experiment, settings: Scenario) -> flight.Exper
 
 @pytree
 class TrueResidualFunction:
-    """The unknown forces of a world as a function: its sources, which remember nothing, and its payload's mass."""
+    """Residuals of a world as a function of state and time; its disturbances have no internal state."""
 
     world: SimulatedWorld
     nominal: Team
 
     def __call__(self, state: State, acceleration_cmd: AccelerationCommand, t: Scalar) -> ResidualForces:
-        """What the nominal equations leave over at the state z, for a payload that accelerates so, at time t, s."""
+        """Return the residuals of the nominal equations.
+
+        Args:
+            state: True state.
+            acceleration_cmd: Acceleration of the payload.
+            t: Time [s].
+
+        Returns:
+            Residual forces.
+        """
         f = self.world.disturbance_forces(state, t, disturbances_module.init(self.world.disturbances, self.world.team))
         g = self.nominal.gravity
         W, N = (

@@ -93,7 +93,7 @@ WaveVector = tuple[Wavenumber, Wavenumber, Wavenumber]
 Duration = Annotated[Number, Field(ge=0.1, le=1e5), range_reason("from a few control periods to a day")]
 Time = Annotated[Number, Field(ge=0, le=1e5), range_reason("one day")]
 Span = Annotated[Number, Field(ge=1e-3, le=1e5), range_reason("from a millisecond to a day")]
-LookAhead = Annotated[
+PreviewStep = Annotated[
     Number,
     Field(ge=1e-3, le=0.2),
     range_reason("shorter steps cause rounding errors; longer ones make the interpolation inaccurate"),

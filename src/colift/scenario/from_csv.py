@@ -1,4 +1,4 @@
-"""Waypoints from a table of comma-separated values, written out in plain numbers."""
+"""Waypoints from a table of comma-separated values, as plain numbers."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ PLACE, TURN = ("time_s", "x_m", "y_m", "z_m"), ("roll_deg", "pitch_deg", "yaw_de
 
 
 class WaypointsFromFile(Section):
-    """Waypoints read from a table: a line with the names of the columns, then one a pose, times ascending."""
+    """Waypoints from a table with a line of column names and one line per pose, in ascending order of time."""
 
     kind: Literal["waypoints"]
-    """Which reference."""
+    """Kind of the reference."""
     file: str
-    """Path of the table, relative to the scenario's. Columns time_s, x_m, y_m, z_m and, where it turns, roll_deg,
+    """Path of the table, relative to the scenario's. Columns time_s, x_m, y_m, z_m and optionally roll_deg,
     pitch_deg, yaw_deg, in any order."""
 
 
-def expand(given: WaypointsFromFile, folder: Path) -> tuple[dict[str, Any], list[ErrorMessage]]:
-    """The reference in plain numbers, and what is wrong with it, as `(place, sentence)`."""
+def expand(section: WaypointsFromFile, folder: Path) -> tuple[dict[str, Any], list[ErrorMessage]]:
+    """Return the reference in plain numbers, and its errors as `(place, message)`."""
     try:
-        with (folder / given.file).open(encoding="utf-8-sig", newline="") as opened:
+        with (folder / section.file).open(encoding="utf-8-sig", newline="") as opened:
             rows = csv.reader(opened, strict=True)
             names = ["time_s" if name.strip() == "t_s" else name.strip() for name in next(rows, [])]  # t_s: schema 1
             poses, wrong = [], list(_columns(names))
@@ -45,7 +45,9 @@ def expand(given: WaypointsFromFile, folder: Path) -> tuple[dict[str, Any], list
         wrong, poses = [f"cannot be read: {error}"], []
     if not wrong and len(poses) < 2:
         wrong = [f"must hold two poses or more, got {len(poses)}"]
-    return {"kind": "waypoints", "poses": poses}, [(("file",), f"{format_value(given.file)}: {line}") for line in wrong]
+    return {"kind": "waypoints", "poses": poses}, [
+        (("file",), f"{format_value(section.file)}: {line}") for line in wrong
+    ]
 
 
 def _columns(names: list[str]) -> Iterator[str]:
@@ -60,15 +62,15 @@ def _columns(names: list[str]) -> Iterator[str]:
 
 
 def _pose(names: list[str], row: list[str]) -> tuple[dict[str, Any], list[str]]:
-    """One line as a pose, and what is wrong with it."""
+    """Return one line as a pose, and its errors."""
     if len(row) != len(names):
         return {}, [f"must have {len(names)} values, got {len(row)}"]
     numbers, wrong = {}, []
-    for name, said in zip(names, row, strict=True):
+    for name, text in zip(names, row, strict=True):
         try:
-            numbers[name] = float(said)
+            numbers[name] = float(text)
         except ValueError:
-            wrong.append(f"{name}: must be a number, got {format_value(said)}")
+            wrong.append(f"{name}: must be a number, got {format_value(text)}")
     if wrong:
         return {}, wrong
     pose: dict[str, Any] = {"time_s": numbers["time_s"], "position_m": [numbers[name] for name in PLACE[1:]]}

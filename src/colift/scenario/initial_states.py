@@ -1,4 +1,4 @@
-"""Where a scenario's flight begins: on the manifold, off the reference as stated, or at rest on it."""
+"""Initial state of a scenario on the constraint manifold, and the equilibrium on its reference."""
 
 from __future__ import annotations
 
@@ -23,10 +23,18 @@ IDENTITY = np.eye(3)
 
 
 def initial_state(settings: schema.Scenario, truth: Team) -> State:
-    """The first state: the payload off its reference as stated, every agent over its contacts, on the manifold.
+    """Return the initial state on the constraint manifold, with the stated errors from the reference.
 
-    Raises ScenarioError where no such state is near, with what remains, and for a body that is not physical or a grasp
-    that is redundant, singular or beyond control there.
+    Args:
+        settings: Scenario.
+        truth: True parameters.
+
+    Returns:
+        Initial state; each agent is above its contacts.
+
+    Raises:
+        ScenarioError: If no such state exists nearby (the message contains the remaining error), if a body is not
+            physically consistent, or if the grasp is redundant, singular or not controllable there.
     """
     given, d = settings.initial_state, _setpoint(trajectories.make_reference(settings), jnp.zeros(()))
     load = PayloadState(
@@ -61,7 +69,7 @@ _off = jax.jit(lambda R, theta: matmul(R, so3.exp(theta)))
 @jax.jit
 @functools.partial(jax.vmap, in_axes=(0, 0, 0, None))
 def _over_contacts(agent: AerialManipulator, yaw: Array, r: Array, payload: PayloadState) -> AgentState:
-    """Agents at rest, each with its tips, on average, where they belong."""
+    """Return the agents at rest, each with the mean of its tips at the mean of its contacts."""
     R = so3.exp(yaw * jnp.asarray(IDENTITY[2]))
     tips = aerial_manipulator.forward_kinematics(agent, r).points[-agent.tree.arms :]
     base = payload.p + (agent.contact_position @ payload.R.T - tips @ R.T).mean(0)
@@ -71,5 +79,5 @@ def _over_contacts(agent: AerialManipulator, yaw: Array, r: Array, payload: Payl
 
 
 def equilibrium_state(settings: schema.Scenario, team: Team) -> State:
-    """The payload on its reference and everything at rest; raises as `start`."""
+    """Return the state at rest with the payload on its reference; raises as `initial_state`."""
     return initial_state(settings.model_copy(update={"initial_state": schema.InitialState()}), team)

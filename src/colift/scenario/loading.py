@@ -1,4 +1,4 @@
-"""From a YAML file to settings, or to every mistake in it at once, each with its line."""
+"""Conversion of a YAML file to settings, or to all its errors, each with its line."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from pydantic_core import ErrorDetails
 from colift.scenario import from_csv, from_urdf, plugins, validation, yaml_tree
 from colift.scenario.cross_checks import consistency_errors
 from colift.scenario.errors import ErrorMessage, Place, ScenarioError, format_value, suggestion
-from colift.scenario.migration import SCHEMA
 from colift.scenario.from_csv import WaypointsFromFile
 from colift.scenario.from_urdf import AgentTypeFromUrdf
+from colift.scenario.migration import SCHEMA
 from colift.scenario.schema import Scenario, Section
 
 SHIPPED_DIRECTORY = resources.files("colift.scenario") / "library"
@@ -26,25 +26,32 @@ SETTINGS = TypeAdapter(Scenario)
 
 
 def shipped_names() -> list[str]:
-    """Names of the shipped scenarios."""
+    """Return the names of the shipped scenarios."""
     return sorted(Path(file.name).stem for file in SHIPPED_DIRECTORY.iterdir() if file.name.endswith(SUFFIXES))
 
 
 def shipped_text(name: str) -> str:
-    """The text of a shipped scenario, with its comments; `name` as `names` has it."""
+    """Return the text of a shipped scenario, with its comments; `name` as in `shipped_names`."""
     return (SHIPPED_DIRECTORY / f"{name}.yaml").read_text(encoding="utf-8")
 
 
-def load_scenario(name_or_path: str | Path, changes: Sequence[str] = ()) -> Scenario:
-    """The settings of a shipped scenario, by name, or of a YAML file, by path.
+def load_scenario(name_or_path: str | Path, overrides: Sequence[str] = ()) -> Scenario:
+    """Load a shipped scenario by name, or a YAML file by path.
 
-    changes: what takes the place of what the file says, before anything is checked: `payload.mass_kg=2`.
-    Raises ScenarioError: an unknown name, a file that cannot be read, or every mistake in it, one a line, as
-    `file:line: path [unit]: what is allowed`, or `--set path ...` of what was changed.
+    Args:
+        name_or_path: Name of a shipped scenario, or path of a file.
+        overrides: Settings that replace those of the file before validation, such as `payload.mass_kg=2`.
+
+    Returns:
+        The settings.
+
+    Raises:
+        ScenarioError: If the name is unknown, the file cannot be read, or the file contains errors. The message has one
+            line per error, `file:line: path [unit]: allowed values`, or `--set path ...` for an override.
     """
     given = str(name_or_path)
     if given in shipped_names():
-        return parse(shipped_text(given), f"{given}.yaml", changes)
+        return parse(shipped_text(given), f"{given}.yaml", overrides)
     file = given if len(given) <= 200 else f"{given[:200]}..."
     try:
         path = Path(given).expanduser()
@@ -52,7 +59,7 @@ def load_scenario(name_or_path: str | Path, changes: Sequence[str] = ()) -> Scen
             raise _unknown(given)
         with path.open("rb") as opened:
             raw = opened.read(yaml_tree.MAX_BYTES + 1)
-        return parse(raw.decode("utf-8-sig"), file, changes)
+        return parse(raw.decode("utf-8-sig"), file, overrides)
     except OSError as error:
         raise ScenarioError(f"{file}: cannot be read: {error.strerror or error}") from None
     except UnicodeDecodeError as error:
@@ -60,20 +67,32 @@ def load_scenario(name_or_path: str | Path, changes: Sequence[str] = ()) -> Scen
         raise ScenarioError(f"{file}:{line}: cannot be read: not UTF-8 text (byte {error.start})") from None
     except ScenarioError:
         raise
-    except (ValueError, RuntimeError) as error:  # a NUL in the path, the home of nobody
+    except (ValueError, RuntimeError) as error:  # a NUL in the path, or an unknown home directory
         raise ScenarioError(f"{format_value(given)}: cannot be read: {error}") from None
 
 
 def _unknown(given: str) -> ScenarioError:
     return ScenarioError(
-        f"there is no scenario {format_value(given)} (shipped: {', '.join(shipped_names())}; or the path of a .yaml file)"
-        f"{suggestion(given, shipped_names())}"
+        f"there is no scenario {format_value(given)} (shipped: {', '.join(shipped_names())}; "
+        f"or the path of a .yaml file){suggestion(given, shipped_names())}"
     )
 
 
-def parse(text: str, file: str, changes: Sequence[str] = ()) -> Scenario:
-    """The settings that a text states; `file` names it in messages. Raises ScenarioError as `load` does."""
-    written = functools.reduce(yaml_tree.with_setting, changes, _whole(text, file))
+def parse(text: str, file: str, overrides: Sequence[str] = ()) -> Scenario:
+    """Parse the text of a scenario.
+
+    Args:
+        text: YAML text.
+        file: Name of the file, for messages.
+        overrides: As in `load_scenario`.
+
+    Returns:
+        The settings.
+
+    Raises:
+        ScenarioError: As in `load_scenario`.
+    """
+    written = functools.reduce(yaml_tree.with_setting, overrides, _whole(text, file))
     data, elsewhere = _expanded(written.data, Path(file).parent)
     unread = {place[: 2 if place[0] == "agent_types" else 1] for place, _ in elsewhere}
     found: dict[Place, list[str | ErrorDetails]] = {}
@@ -85,19 +104,19 @@ def parse(text: str, file: str, changes: Sequence[str] = ()) -> Scenario:
     except ValidationError as error:
         wrong = [e for e in validation.errors(error) if not {e["loc"][:1], e["loc"][:2]} & unread]
         _add(found, [(validation.place(data, e["loc"], e["type"]), e) for e in wrong])
-        # references are checked by the model only once all sections are valid: check them here as well
+        # pydantic checks consistency only if all sections are valid; check it here as well
         _add(found, [] if unread else consistency_errors(data))
     else:
         if not found:
             return settings
-    raise _told(found, written)
+    raise _scenario_error(found, written)
 
 
-MAX_INHERITANCE_DEPTH = 4  # files that each say only where they differ from the next
+MAX_INHERITANCE_DEPTH = 4  # files that extend one another
 
 
 def _whole(text: str, file: str, depth: int = 0) -> yaml_tree.Tree:
-    """What a text states, with what it takes from the scenario that it says it is `like`."""
+    """Return the data of a text, merged with the scenario that it extends."""
     written = _of_schema_2(yaml_tree.read(text, file))
     base = written.data.get("extends")
     if base is None:
@@ -131,26 +150,28 @@ def _of_schema_2(tree: yaml_tree.Tree) -> yaml_tree.Tree:
 
 
 def _add(found: dict[Place, list[str | ErrorDetails]], more: Sequence[tuple[Place, str | ErrorDetails]]) -> None:
-    """Adds mistakes where none is told yet: what follows from one is not another."""
-    before = set(found)
-    for place, said in more:
-        if place not in before:
-            found.setdefault(place, []).append(said)
+    """Add errors at places that have none yet; consequences of an error are omitted."""
+    known_places = set(found)
+    for place, message in more:
+        if place not in known_places:
+            found.setdefault(place, []).append(message)
 
 
-def _told(found: dict[Place, list[str | ErrorDetails]], written: yaml_tree.Tree) -> ScenarioError:
-    """The first mistakes in the order of the file, each once."""
+def _scenario_error(found: dict[Place, list[str | ErrorDetails]], written: yaml_tree.Tree) -> ScenarioError:
+    """Return an exception with the first errors in the order of the file, each once."""
     schema = validation.schema_of(Scenario)
-    told, count = [], sum(len(said) for said in found.values())
-    ahead = sorted(((place, said) for place in found for said in found[place]), key=lambda it: written.line(it[0]))
-    for place, said in ahead[: validation.MAX_MESSAGES]:
-        words = said if isinstance(said, str) else validation.error_message(said, schema)
-        told.append(f"{written.at(place)} {validation.location_label(place, schema)}: {words}")
-    return ScenarioError("\n".join([*dict.fromkeys(told), *validation.truncation_note(count)]))
+    lines, count = [], sum(len(message) for message in found.values())
+    ordered = sorted(
+        ((place, message) for place in found for message in found[place]), key=lambda it: written.line(it[0])
+    )
+    for place, message in ordered[: validation.MAX_MESSAGES]:
+        words = message if isinstance(message, str) else validation.error_message(message, schema)
+        lines.append(f"{written.at(place)} {validation.location_label(place, schema)}: {words}")
+    return ScenarioError("\n".join([*dict.fromkeys(lines), *validation.truncation_note(count)]))
 
 
 def _expanded(data: dict[str, Any], folder: Path) -> tuple[dict[str, Any], list[ErrorMessage]]:
-    """The data with what stands in other files in plain numbers, where without mistakes; and the mistakes."""
+    """Return the data with the content of other files in plain numbers, and the errors in these files."""
     kinds, path, wrong = data.get("agent_types"), data.get("reference"), []
     if isinstance(kinds, dict):
         written = dict(kinds)
@@ -175,7 +196,7 @@ def _read(
     written: dict[str, Any],
     folder: Path,
 ) -> tuple[dict[str, Any], list[ErrorMessage]]:
-    """A section that names a file, in plain numbers, and its mistakes; what it then holds is not looked at."""
+    """Return a section that refers to a file in plain numbers, and its errors; the result is not validated."""
     try:
         return expand(TypeAdapter(section).validate_python(written), folder)
     except ValidationError as error:

@@ -1,6 +1,6 @@
-"""Parts of one's own, named in a scenario as `module:Name`: a section of settings with a method `build`.
+"""User-defined parts, named in a scenario as `module:Name`: a section of settings with a method `build`.
 
-Reading a scenario that names one imports its module, which runs it, as a Python program does.
+Loading a scenario with such a part imports its module and thereby executes it.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from colift.scenario.errors import format_value, suggestion
 
 PLUGIN_DIRECTORY: ContextVar[Path | None] = ContextVar(
     "PLUGIN_DIRECTORY", default=None
-)  # the folder of the scenario that is read
+)  # folder of the scenario that is loaded
 
 
 @contextlib.contextmanager
 def plugin_path(folder: Path) -> Generator[None]:
-    """Within it, modules of parts are looked for in that folder too, after those that are installed."""
+    """Search modules of parts also in a folder, after the installed modules, within the context."""
     token = PLUGIN_DIRECTORY.set(folder.resolve())
     try:
         yield
@@ -34,37 +34,49 @@ def plugin_path(folder: Path) -> Generator[None]:
         PLUGIN_DIRECTORY.reset(token)
 
 
-def plugin_settings(name: str, given: Any, base: type[BaseModel]) -> BaseModel:
-    """The settings of the part that `module:Name` names, validated by it.
+def plugin_settings(name: str, settings: Any, base: type[BaseModel]) -> BaseModel:
+    """Validate the settings of a user-defined part.
 
-    Raises ValidationError: no such module or class, one that is no section with a `build`, or the mistakes in `given`.
+    Args:
+        name: Class of the part, as `module:Name`.
+        settings: Settings of the part.
+        base: Required base class.
+
+    Returns:
+        Instance of the class.
+
+    Raises:
+        ValidationError: If there is no such module or class, if the class is no section with a method `build`, or if
+            the settings contain errors.
     """
     try:
         kind = _kind(name, base)
     except ValueError as error:
         raise validation.as_validation_error([(("class_path",), str(error))], "worded") from None
     try:
-        return TypeAdapter(kind).validate_python(given)
+        return TypeAdapter(kind).validate_python(settings)
     except ValidationError as error:
-        wrong = validation.validation_messages(error, kind, given)
-        raise validation.as_validation_error([(("settings", *at), said) for at, said in wrong], "worded") from None
+        wrong = validation.validation_messages(error, kind, settings)
+        raise validation.as_validation_error(
+            [(("settings", *at), message) for at, message in wrong], "worded"
+        ) from None
 
 
 def _kind(name: str, base: type[BaseModel]) -> type[BaseModel]:
     module, _, last = name.partition(":")
     folder = PLUGIN_DIRECTORY.get()
     if folder and str(folder) not in sys.path:
-        sys.path.append(str(folder))  # for good: the module may import others later
-    importlib.invalidate_caches()  # a file may be younger than what Python remembers of its folder
+        sys.path.append(str(folder))  # not removed: the module may import others later
+    importlib.invalidate_caches()  # a file may be newer than the cached listing of its folder
     try:
         found = importlib.import_module(module)
     except ModuleNotFoundError as error:
         if error.name is None or not f"{module}.".startswith(f"{error.name}."):
-            raise ValueError(f"{module} cannot be imported: {_said(error)}") from None
+            raise ValueError(f"{module} cannot be imported: {_exception_message(error)}") from None
         where = f"in {folder}, nor among those installed" if folder else "on the import path"
         raise ValueError(f"there is no module {format_value(module)} {where}") from None
-    except Exception as error:  # whatever a person's module does
-        raise ValueError(f"{module} cannot be imported: {_said(error)}") from None
+    except Exception as error:  # a user-defined module may raise any exception
+        raise ValueError(f"{module} cannot be imported: {_exception_message(error)}") from None
     _same_file(module, found, folder)
     kind = getattr(found, last, None)
     if kind is None:
@@ -75,7 +87,7 @@ def _kind(name: str, base: type[BaseModel]) -> type[BaseModel]:
 
 
 def _same_file(module: str, found: Any, folder: Path | None) -> None:
-    """Two modules of one name are two things: refuses the one that is not beside the scenario where one is."""
+    """Reject an imported module if the scenario's folder contains another one of that name."""
     here = folder and folder / f"{module.replace('.', '/')}.py"
     there = getattr(found, "__file__", None)
     if here and here.is_file() and (there is None or not here.samefile(there)):
@@ -84,8 +96,8 @@ def _same_file(module: str, found: Any, folder: Path | None) -> None:
         )
 
 
-def _said(error: Exception) -> str:
-    """`file:line: kind: message`."""
+def _exception_message(error: Exception) -> str:
+    """Format an exception as `file:line: kind: message`."""
     last = traceback.extract_tb(error.__traceback__)[-1]
     name, line = (error.filename, error.lineno) if isinstance(error, SyntaxError) else (last.filename, last.lineno)
     return f"{Path(str(name)).name}:{line}: {type(error).__name__}: {error}"

@@ -1,4 +1,4 @@
-"""What a scenario's models hold before any data, and how fits start from it."""
+"""Priors of a scenario: residual models before any data, and options of the hyperparameter fits."""
 
 from __future__ import annotations
 
@@ -19,37 +19,45 @@ from colift.scenario.errors import ScenarioError
 
 
 def features(settings: schema.Scenario) -> Features:
-    """What GPs see of a sample. Raises ScenarioError for features of one's own that are none."""
+    """Return the features of the Gaussian processes; ScenarioError for invalid user-defined features."""
     given = settings.plugins.features
     return DefaultFeatures() if given is None else build_plugin(given, "plugins.features", Features)
 
 
 def kernel(settings: schema.Scenario) -> gp.Kernel:
-    """Of all models, the payload's and the agents'. Raises ScenarioError for one of one's own that is none."""
+    """Return the kernel of all models; ScenarioError for an invalid user-defined kernel."""
     given = settings.plugins.kernel
     return gp.SquaredExponential() if given is None else build_plugin(given, "plugins.kernel", gp.Kernel)
 
 
 def prior_model(settings: schema.Scenario, nominal: Team) -> residual_model.ResidualModel:
-    """The oracle before any data: it predicts zero, with the deviations that the scenario states.
+    """Return the residual model before any data: zero mean, with the prior standard deviations of the scenario.
 
-    Raises ScenarioError for noise that is too small beside the signal for that many points.
+    Args:
+        settings: Scenario.
+        nominal: Nominal parameters.
+
+    Returns:
+        Prior residual model.
+
+    Raises:
+        ScenarioError: If the noise is too small, relative to the signal, for the largest number of samples.
     """
-    learning, seen, of = settings.learning, features(settings), kernel(settings)
+    learning, feature_map, covariance = settings.learning, features(settings), kernel(settings)
 
-    def before(name: str, features: Sequence[str]) -> gp.GPPosterior:
+    def prior(name: str, features: Sequence[str]) -> gp.GPPosterior:
         try:
-            return gp.prior(_hyper(getattr(learning, name), features, of), learning.max_samples)
+            return gp.prior(_hyper(getattr(learning, name), features, covariance), learning.max_samples)
         except ValueError as error:
             raise ScenarioError(f"{settings.name}: learning.{name}: {error}") from None
 
     return residual_model.ResidualModel(
-        features=seen,
-        payload=before("payload", seen.payload_names()),
+        features=feature_map,
+        payload=prior("payload", feature_map.payload_names()),
         agents=tuple(
             jax.tree.map(
                 lambda x, size=size: jnp.asarray(np.broadcast_to(x, (size, *x.shape))),
-                before("agents", seen.agent_names(group.tree.joints)),
+                prior("agents", feature_map.agent_names(group.tree.joints)),
             )
             for size, group in zip(nominal.sizes, nominal.agent_groups, strict=True)
         ),
@@ -58,32 +66,34 @@ def prior_model(settings: schema.Scenario, nominal: Team) -> residual_model.Resi
 
 
 def fit_options(settings: schema.Scenario, nominal: Team) -> model_update.FitOptions | None:
-    """How fits are made: about the priors of `prior`, within the scenario's bounds; None where they stay as stated."""
+    """Return the options of the hyperparameter fits around the priors; None for fixed hyperparameters."""
     given = settings.learning
     if given.hyperparameters == "fixed":
         return None
-    seen, of = features(settings), kernel(settings)
+    feature_map, covariance = features(settings), kernel(settings)
 
-    def belief(stated: schema.GPPrior, features: Sequence[str]) -> gp.HyperPrior:
-        return gp.HyperPrior(_hyper(stated, features, of))
+    def hyperprior(stated: schema.GPPrior, features: Sequence[str]) -> gp.HyperPrior:
+        return gp.HyperPrior(_hyper(stated, features, covariance))
 
     return model_update.FitOptions(
-        payload=belief(given.payload, seen.payload_names()),
-        agents=tuple(belief(given.agents, seen.agent_names(group.tree.joints)) for group in nominal.agent_groups),
+        payload=hyperprior(given.payload, feature_map.payload_names()),
+        agents=tuple(
+            hyperprior(given.agents, feature_map.agent_names(group.tree.joints)) for group in nominal.agent_groups
+        ),
     )
 
 
 def position_only_options(settings: schema.Scenario, nominal: Team) -> model_update.FitOptions | None:
-    """As `training`, of maps that see the place alone where `place.teach` has a mean for the rest."""
-    fits, seen = fit_options(settings, nominal), features(settings)
+    """Return the options of fits of models that depend on position only; a parametric mean covers the rest."""
+    fits, feature_map = fit_options(settings, nominal), features(settings)
     if fits is None:
         return None
     groups = zip(fits.agents, nominal.agent_groups, strict=True)
     return dataclasses.replace(
         fits,
-        payload=semiparametric.position_only_prior(fits.payload, seen.payload_names(), payload=True),
+        payload=semiparametric.position_only_prior(fits.payload, feature_map.payload_names(), payload=True),
         agents=tuple(
-            semiparametric.position_only_prior(hyperprior, seen.agent_names(group.tree.joints), payload=False)
+            semiparametric.position_only_prior(hyperprior, feature_map.agent_names(group.tree.joints), payload=False)
             for hyperprior, group in groups
         ),
     )
@@ -129,7 +139,7 @@ def mean_prior(
 
 
 def _hyper(given: schema.GPPrior, features: Sequence[str], kernel: gp.Kernel) -> gp.Hyperparameters:
-    """Forces, moments, then joints: variances from the stated deviations, length-scales of rates and of the rest."""
+    """Return hyperparameters of forces, moments and joint torques from the stated standard deviations."""
     signal, noise, counts = (
         [given.force_std_N, given.moment_std_Nm],
         [given.force_noise_std_N, given.moment_noise_std_Nm],

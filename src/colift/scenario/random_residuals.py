@@ -1,4 +1,4 @@
-"""Unknown forces drawn from the space of functions that a certificate assumes."""
+"""Random residuals from the reproducing kernel Hilbert space of a certificate."""
 
 from __future__ import annotations
 
@@ -24,18 +24,29 @@ from colift.trajectories import base
 def sample_residuals(
     settings: schema.Scenario, truth: Team, state: State
 ) -> tuple[residual_model.ResidualModel, ResidualForces] | None:
-    """Residuals of known norm, as posterior means, and the deviation of each over the reference; None if not asked.
+    """Draw residuals `f = sum_k w_k k(z_k, .)` with a given norm, `|f|^2 = w^T K w`, as posterior means.
 
-    `f = sum_k w_k k(z_k, .)`, `|f|^2 = w^T K w`. z is any state of the team on its grasp: the centres are where the
-    team would be if it moved along the reference as it stands in z, each a little off. Outputs that vary by less than
-    is asked are drawn again. Raises ScenarioError where that does not end.
+    The centers `z_k` are random displacements from states of the team along the reference, with the orientations and
+    joint positions of the given state. Outputs whose variation is too small are drawn again.
+
+    Args:
+        settings: Scenario.
+        truth: True parameters.
+        state: State of the team on the constraint manifold.
+
+    Returns:
+        Residual model, and standard deviation of each output along the reference; None if the scenario has no section
+        `random_residual`.
+
+    Raises:
+        ScenarioError: If an output varies too little after `MAX_ATTEMPTS` draws.
     """
     given = settings.random_residual
     if given is None:
         return None
     rng, again = (np.random.default_rng((settings.seed, k)) for k in (4, 5))
     moves = settings.reference
-    assert not isinstance(moves, schema.Plugin), "scenario.references refuses it"
+    assert not isinstance(moves, schema.Plugin), "`cross_checks` rejects it"
     moving = moves.ramp_time_s if isinstance(moves, schema.Lissajous) else moves.poses[0].time_s
     zero = priors.prior_model(settings, truth)
     where, along = (
@@ -58,8 +69,9 @@ def sample_residuals(
                 return model, values.std(0)
             w[few] = again.normal(size=(few.sum(), len(X)))
         raise ScenarioError(
-            f"{settings.name}: random_residual.min_variation: after {MAX_ATTEMPTS} draws an output still varied by less than {given.min_variation:g} "
-            "signal deviations along the reference; lower it, or choose shorter length-scales or a longer reference"
+            f"{settings.name}: random_residual.min_variation: after {MAX_ATTEMPTS} draws an output still varied "
+            f"by less than {given.min_variation:g} signal deviations along the reference; lower it, "
+            "or choose shorter length-scales or a longer reference"
         )
 
     payload, of_payload = one(zero.payload.hyper, where[0], along[0])
@@ -86,7 +98,7 @@ _means = jax.jit(jax.vmap(gp.mean, (None, 0)))
 def _carried(
     path: base.ReferenceTrajectory, features: Features, team_state: State, t: Array
 ) -> tuple[Array, tuple[Array, ...]]:
-    """Features of the payload and of agents as if the team of z moved along the reference without turning."""
+    """Return features of payload and agents for the team in translation along the reference."""
     d = path.evaluate(t)
     shift = d.p - team_state.payload.p
     load = PayloadState(p=d.p, R=d.R, v=d.v, omega=jnp.zeros(3))

@@ -1,4 +1,4 @@
-"""The settings as a reference: where each is, its unit, meaning and default, read from the models themselves."""
+"""Reference page of the settings, generated from their models: path, unit, default and meaning."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ UNITS = {
 
 
 def unit_of(setting: dict[str, Any], place: Place) -> str:
-    """The unit of a setting, as it says itself or by the last word of its name; empty where it has none."""
+    """Return the stated unit of a setting, or the unit from the last word of its name; empty if there is none."""
     named = [key for key in place if isinstance(key, str)]
     if "unit" in setting:
         return setting["unit"]
@@ -42,13 +42,13 @@ def unit_of(setting: dict[str, Any], place: Place) -> str:
 
 
 class Schema:
-    """The JSON schema of a model, by place in the data."""
+    """JSON schema of a model, by place in the data."""
 
     def __init__(self, model: type[BaseModel]) -> None:
         self._root = model.model_json_schema()
 
     def at(self, place: Place) -> dict[str, Any]:
-        """What is known of the setting at a place; of a plain list's entry, what is known of the list."""
+        """Return the schema of the setting at a place; for an entry of a plain list, the schema of the list."""
         node = self._root
         for key in place:
             inside = self._inside(node, key)
@@ -57,14 +57,14 @@ class Schema:
         return node
 
     def leaf(self, loc: Place) -> dict[str, Any]:
-        """What is known of the value at a location as pydantic gives it, down to an entry of a list."""
+        """Return the schema of the value at a location in the form of pydantic, including entries of lists."""
         node = self._root
         for key in loc:
             node = self._inside(node, key)
         return node
 
     def is_variant(self, loc: Place, key: int | str) -> bool:
-        """Whether a step of a location as pydantic gives it names a variant of a union, not a setting."""
+        """Return whether a step of a pydantic location names a variant of a union instead of a setting."""
         variants = self._variants(self.leaf(loc))
         return any(
             key not in variant.get("properties", {}) and self._names(variant, key)
@@ -73,7 +73,7 @@ class Schema:
         )
 
     def ranges(self) -> dict[tuple[str, str], list[str]]:
-        """The settings of each `(range, why)`, as `Section.setting`, in the order of the page."""
+        """Return the settings of each `(range, reason)`, as `Section.setting`, in the order of the page."""
         found: dict[tuple[str, str], list[str]] = {}
         for section, _, rows in self.sections():
             for key, node, _ in rows:
@@ -83,21 +83,21 @@ class Schema:
         return found
 
     def settings_beside(self, loc: Place) -> list[str]:
-        """Names of the settings of the section that holds the last part of `loc`."""
+        """Return the names of the settings of the section that contains the last part of `loc`."""
         node = self._root
         for key in loc[:-1]:
             node = self._inside(node, key)
         return [name for variant in self._variants(node) for name in variant.get("properties", {})]
 
     def sections(self) -> Iterator[tuple[str, str, list[tuple[str, dict[str, Any], bool]]]]:
-        """`(name, description, [(setting, schema, required)])` of the model and then of its sections."""
+        """Yield `(name, description, [(setting, schema, required)])` of the model and then of its sections."""
         for name, node in [(self._root["title"], self._root), *self._root.get("$defs", {}).items()]:
             needed = node.get("required", [])
             rows = [(key, inner, key in needed) for key, inner in node.get("properties", {}).items()]
             yield name, node.get("description", ""), rows
 
     def type_label(self, node: dict[str, Any]) -> str:
-        """What a setting holds, in words; sections by their name."""
+        """Describe the type of a setting; sections by their name."""
         if "$ref" in node:
             name = node["$ref"].rpartition("/")[2]
             return f"[{name}](#{name.lower()})"
@@ -120,7 +120,7 @@ class Schema:
         return f"{word} {format_range(node)}".strip()
 
     def _variants(self, node: dict[str, Any]) -> list[dict[str, Any]]:
-        """The models that a node may be, references resolved."""
+        """Return the possible models of a node, with references resolved."""
         options = node.get("oneOf") or node.get("anyOf") or [node]
         out = []
         for option in options:
@@ -135,7 +135,7 @@ class Schema:
         return any(inner.get("const") == key for inner in variant.get("properties", {}).values())
 
     def _inside(self, node: dict[str, Any], key: int | str) -> dict[str, Any]:
-        """One step down: a setting, an entry of a list or of a mapping, or the variant that `kind` or `type` names."""
+        """Return the schema of a setting, of an entry of a list or mapping, or of the variant of a `kind` or `type`."""
         variants = self._variants(node)
         for variant in variants if len(variants) > 1 else []:
             if self._names(variant, key):
@@ -155,7 +155,7 @@ class Schema:
 
 
 def format_range(node: dict[str, Any]) -> str:
-    """The range of a number: `from 0.1 to 5`; empty where it has none."""
+    """Format the range of a number, such as `from 0.1 to 5`; empty if it has none."""
     if "exclusiveMinimum" in node and "exclusiveMaximum" in node:
         return f"between {_digits(node['exclusiveMinimum'])} and {_digits(node['exclusiveMaximum'])}"
     if "minimum" in node and "maximum" in node:
@@ -164,13 +164,13 @@ def format_range(node: dict[str, Any]) -> str:
 
 
 def _digits(bound: float | int) -> str:
-    """As a person writes it: 1e6, not 1e+06."""
+    """Format a bound with a short exponent: 1e6 instead of 1e+06."""
     whole = isinstance(bound, int) and bound > 10**6
     return str(bound) if whole else re.sub(r"e([+-])0*", lambda m: "e" + m[1].strip("+"), f"{bound:g}")
 
 
 def _leaves(node: dict[str, Any]) -> Iterator[dict[str, Any]]:
-    """The numbers that a setting holds, those of its lists too."""
+    """Yield the schemas of the numbers of a setting, including those of its lists."""
     yield node
     inside = [*node.get("prefixItems", []), *node.get("anyOf", []), node.get("items"), node.get("additionalProperties")]
     for entry in inside:
@@ -179,13 +179,13 @@ def _leaves(node: dict[str, Any]) -> Iterator[dict[str, Any]]:
 
 
 def markdown(*models: type[BaseModel]) -> str:
-    """The reference page of models' settings: one table a section, each model before its own sections."""
+    """Generate the reference page of the settings of models, with one table per section."""
     schemas = [Schema(model) for model in models]
     return "\n".join([*(_tables(schema) for schema in schemas), _ranges(schemas)])
 
 
 def _ranges(schemas: list[Schema]) -> str:
-    """Why each range ends where it does, and which settings have it."""
+    """Generate the table of ranges: reason, and settings with the range."""
     found: dict[tuple[str, str], list[str]] = {}
     for schema in schemas:
         for key, names in schema.ranges().items():

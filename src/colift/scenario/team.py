@@ -1,7 +1,7 @@
-"""The agents of a scenario: their groups, names and postures, and the team that they form.
+"""Agents of a scenario: groups, names and postures, and the team.
 
-Agents whose types share a structure form one group, in the order of the file; a team's agents and contacts are
-counted group by group, and so are the names that this module gives.
+Agents whose types share a structure form one group, in the order of the file. Agents, contacts and their names are in
+the order of the groups.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from colift.scenario.cross_checks import bodies
 
 
 def team(settings: schema.Scenario) -> tuple[Team, Team]:
-    """`(truth, nominal)`: the same structures, with the numbers of the plant and those the controller believes."""
+    """Return the team with true parameters, and the team with the nominal parameters of the controller."""
     nominal = settings.nominal
-    kinds = {name: _as_believed(kind, nominal.agent_types.get(name)) for name, kind in settings.agent_types.items()}
+    kinds = {name: _nominal_type(kind, nominal.agent_types.get(name)) for name, kind in settings.agent_types.items()}
     return (
         _team(settings, settings.agent_types, settings.payload),
         _team(settings, kinds, nominal.payload or settings.payload),
@@ -27,7 +27,7 @@ def team(settings: schema.Scenario) -> tuple[Team, Team]:
 
 
 def group_agents(settings: schema.Scenario) -> list[list[schema.Agent]]:
-    """Agents of one structure together, in the order of the file."""
+    """Group the agents by structure, in the order of the file."""
     found: dict[KinematicTree, list[schema.Agent]] = {}
     for agent in settings.agents:
         found.setdefault(_tree(settings.agent_types[agent.type]), []).append(agent)
@@ -35,18 +35,18 @@ def group_agents(settings: schema.Scenario) -> list[list[schema.Agent]]:
 
 
 def agent_models(settings: schema.Scenario) -> dict[str, AerialManipulator]:
-    """The agent of each type that the true team has, by the type's name; contacts of the first such agent."""
+    """Return the true model of each agent type in the team; contacts are those of the first agent of the type."""
     first = {agent.type: agent for agent in reversed(settings.agents)}
     return {name: _agent(kind, first[name]) for name, kind in settings.agent_types.items() if name in first}
 
 
 def agent_names(settings: schema.Scenario) -> tuple[str, ...]:
-    """One name an agent, in team order."""
+    """Return the names of the agents, in team order."""
     return tuple(agent.name for group in group_agents(settings) for agent in group)
 
 
 def contact_names(settings: schema.Scenario) -> tuple[str, ...]:
-    """`agent/arm` of every contact, in team order."""
+    """Return `agent/arm` of every contact, in team order."""
     kinds = settings.agent_types
     return tuple(
         f"{agent.name}/{arm.name}"
@@ -57,7 +57,7 @@ def contact_names(settings: schema.Scenario) -> tuple[str, ...]:
 
 
 def joint_names(settings: schema.Scenario) -> tuple[str, ...]:
-    """`agent/joint` of every joint, in team order."""
+    """Return `agent/joint` of every joint, in team order."""
     kinds = settings.agent_types
     return tuple(
         f"{agent.name}/{joint.name}"
@@ -68,12 +68,12 @@ def joint_names(settings: schema.Scenario) -> tuple[str, ...]:
 
 
 def initial_yaw(settings: schema.Scenario) -> tuple[Array, ...]:
-    """Heading of every agent, rad, by group."""
+    """Return the yaw angle of every agent [rad], by group."""
     return tuple(jnp.deg2rad(array([agent.yaw_deg for agent in group])) for group in group_agents(settings))
 
 
 def nominal_posture(settings: schema.Scenario) -> tuple[Array, ...]:
-    """Joint positions at rest, rad or m, by group."""
+    """Return the joint positions at rest [rad or m], by group."""
     kinds = settings.agent_types
     return tuple(
         array(
@@ -97,7 +97,7 @@ def _team(settings: schema.Scenario, kinds: dict[str, schema.AgentType], payload
     )
 
 
-def _as_believed(kind: schema.AgentType, nominal: schema.NominalAgentType | None) -> schema.AgentType:
+def _nominal_type(kind: schema.AgentType, nominal: schema.NominalAgentType | None) -> schema.AgentType:
     if nominal is None:
         return kind
     joints = tuple(j.model_copy(update={"body": nominal.joints.get(j.name, j.body)}) for j in kind.joints)

@@ -1,4 +1,4 @@
-"""The text of a scenario to begin with: a team around a plate, commented, which `check` finds sound."""
+"""Text of a new scenario: a team around a plate, with comments, which passes `colift check`."""
 
 from __future__ import annotations
 
@@ -19,14 +19,12 @@ from colift.models.parameters import AerialManipulator
 
 @dataclasses.dataclass(frozen=True)
 class VehicleTemplate:
-    """An agent type as a scenario writes it."""
+    """Agent type of a new scenario."""
 
     name: str
     text: str
     mass: float  # kg
-    contact_offset: tuple[
-        tuple[float, float, float], ...
-    ]  # m, where its tips are: ahead, to the left of it, above their mean
+    contact_offset: tuple[tuple[float, float, float], ...]  # m, tips: forward, left, above the mean height of the tips
 
 
 VEHICLES = {  # by arms
@@ -35,7 +33,7 @@ VEHICLES = {  # by arms
         mass=1.5,
         contact_offset=((0.0, 0.0, 0.0),),
         text="""\
-  body:  # a single body that holds the plate itself, by a hook below it
+  body:  # a single body with a hook below it
     base: {mass_kg: 1.5, inertia_kgm2: [0.02, 0.02, 0.035]}
     thrust_max_N: 40
     arms:
@@ -47,10 +45,10 @@ VEHICLES = {  # by arms
         mass=1.63,
         contact_offset=((0.0, 0.0, 0.0),),
         text="""\
-  one_arm:  # an arm that hangs below on two joints
+  one_arm:  # one arm on two joints below the base
     base: {mass_kg: 1.5, inertia_kgm2: [0.02, 0.02, 0.035]}
     thrust_max_N: 40
-    joints:  # more than one contact needs: free to swing, they return to rest, control.posture_bandwidth says how fast
+    joints:  # redundant for one contact: they return to rest with control.posture_bandwidth
       - name: roll
         type: revolute
         axis: [1, 0, 0]
@@ -60,7 +58,7 @@ VEHICLES = {  # by arms
         parent: roll
         axis: [0, 1, 0]
         body: {mass_kg: 0.1, center_of_mass_m: [0, 0, -0.1], inertia_kgm2: [3.3e-4, 3.3e-4, 1.0e-5]}
-    arms:  # long ones let joints return sooner
+    arms:  # a longer arm permits a higher posture bandwidth
       - {name: tip, joint: pitch, tip_position_m: [0, 0, -0.2]}
 """,
     ),
@@ -72,7 +70,7 @@ VEHICLES = {  # by arms
   two_arms:
     base: {mass_kg: 1.5, inertia_kgm2: [0.02, 0.02, 0.035]}
     thrust_max_N: 50
-    joints:  # 3 n - 3 for n arms, or more: fewer could not follow the payload
+    joints:  # at least 3 n - 3 for n arms, to follow the payload
       - name: waist
         type: revolute
         axis: [0, 0, 1]
@@ -100,15 +98,24 @@ VEHICLES = {  # by arms
 
 
 def scenario_name(file: Path) -> str:
-    """What a scenario in a file is called: the file's name without its ending, as far as a name allows."""
+    """Return the name of the scenario in a file: the file name without suffix, with invalid characters replaced."""
     name = re.sub(r"[^A-Za-z0-9_-]", "_", file.stem)[:100]
     return name if re.match(r"[A-Za-z_]", name) else f"_{name}"[:100]
 
 
 def scenario_template(name: str, agents: int, arms: int) -> str:
-    """A scenario of so many agents, each with 0 (it holds the plate itself), 1 or 2 arms, evenly around a plate.
+    """Generate a scenario with agents at equal distances around a plate.
 
-    Raises ValueError for a team that cannot turn the plate about every axis, and for arms that there is no type for.
+    Args:
+        name: Name of the scenario.
+        agents: Number of agents.
+        arms: Number of arms of each agent: 0 (the base has a hook), 1 or 2.
+
+    Returns:
+        Text of the scenario.
+
+    Raises:
+        ValueError: If the team cannot rotate the plate about every axis, or if there is no type with so many arms.
     """
     if arms not in VEHICLES:
         raise ValueError(f"--arms {arms}: must be 0 (single bodies that hold the plate themselves), 1 or 2")
@@ -122,10 +129,22 @@ def scenario_template(name: str, agents: int, arms: int) -> str:
 
 
 def from_urdf(name: str, agents: int, file: Path, folder: Path) -> str:
-    """The same of vehicles read from a URDF file, which stands in the scenario by its path from `folder`.
+    """Generate a scenario with agents from a URDF file.
 
-    The bodies that carry no other are taken to hold the plate, joints at zero or, where arms are straight there, bent.
-    Raises OSError and ValueError as `urdf.load` does, ValueError for a team that cannot turn the plate about each axis.
+    The last body of each chain has a contact. Joints are at zero, or bent if the arms are straight there.
+
+    Args:
+        name: Name of the scenario.
+        agents: Number of agents.
+        file: URDF file.
+        folder: Folder of the scenario; the scenario contains the path of the file relative to it.
+
+    Returns:
+        Text of the scenario.
+
+    Raises:
+        OSError: As `urdf.load_urdf`.
+        ValueError: As `urdf.load_urdf`, and if the team cannot rotate the plate about every axis.
     """
     robot = urdf.load_urdf(file)
     tips = _tips(robot)
@@ -153,28 +172,28 @@ def from_urdf(name: str, agents: int, file: Path, folder: Path) -> str:
 
 
 def _tips(robot: urdf.Robot) -> list[str]:
-    """One link of every body that carries no other, the farthest out; where there is none but the base, its own."""
+    """Return the outermost link of the last body of each chain; of the base if there is no other body."""
     carried = {joint.parent for joint in robot.joints}
     ends = [k for k in range(len(robot.bodies)) if k not in carried]
     far = lambda link: float(np.linalg.norm(robot.tip(link)[1]))  # noqa: E731
     return [max((link for link in robot.links if robot.tip(link)[0] == k), key=far) for k in ends]
 
 
-JOINT_ANGLE_CANDIDATES = (0.0, 0.4, -0.4, 0.8, -0.8, 1.2, -1.2)  # rad, at which joints that turn are tried
-MAX_CONDITION = 30.0  # of tips by base and joints: beyond it arms are straight, or nearly
-MIN_MANIPULABILITY = 200.0  # what a rest must reach to be written
+JOINT_ANGLE_CANDIDATES = (0.0, 0.4, -0.4, 0.8, -0.8, 1.2, -1.2)  # rad, candidates of revolute joints
+MAX_CONDITION = 30.0  # of the grasp Jacobian; larger values indicate straight arms
+MIN_MANIPULABILITY = 200.0  # largest condition number of a posture that is written
 NUM_CANDIDATES = 3000
 
 
 def _reach(own: AerialManipulator, r: np.ndarray) -> np.ndarray:
-    """Where an agent's tips are in its base's frame, `(arms, 3)`, m."""
+    """Compute the tip positions `(arms, 3)` [m, base frame]."""
     return np.asarray(aerial_manipulator.forward_kinematics(own, jnp.asarray(r)).points[-own.tree.arms :])
 
 
 def _bent(own: AerialManipulator) -> np.ndarray:
-    """Joint positions, rad or m, with which tips can go all ways: zero if they can there, else the best of some.
+    """Find joint positions [rad or m] with a well-conditioned grasp Jacobian: zero if possible, else a candidate.
 
-    Joints' limits are not read; zero as well where no bend helps.
+    Joint limits are not considered. The result is zero if no candidate is well conditioned.
     """
 
     def condition(r: np.ndarray) -> float:
@@ -182,13 +201,13 @@ def _bent(own: AerialManipulator) -> np.ndarray:
         return values[0] / max(values[-1], 1e-12)
 
     def cost(r: np.ndarray) -> float:
-        tips = _reach(own, r)  # level, and about the base, about which an agent pitches
+        tips = _reach(own, r)  # prefer tips at one height, centered below the base
         return condition(r) + np.ptp(tips[:, 2]) / 0.01 + np.abs(tips.mean(0)).sum() / 0.01 + np.abs(r).sum()
 
     zero, arms = np.zeros(own.tree.joints), own.tree.arms
     turning = [k for k, slides in enumerate(own.tree.prismatic) if not slides]
     if 3 + len(zero) < 3 * arms or condition(zero) < MAX_CONDITION or not turning:
-        return zero  # fewer joints than a grasp asks for are refused by `check`, in words
+        return zero  # `check` rejects agents with too few joints
     if len(JOINT_ANGLE_CANDIDATES) ** len(turning) <= NUM_CANDIDATES:
         tried = np.array(list(itertools.product(JOINT_ANGLE_CANDIDATES, repeat=len(turning))))
     else:
@@ -196,11 +215,11 @@ def _bent(own: AerialManipulator) -> np.ndarray:
     rests = np.zeros((len(tried), len(zero)))
     rests[:, turning] = tried
     best = min(rests, key=cost)
-    return best if condition(best) < MIN_MANIPULABILITY else zero  # axes that are parallel: `check` says so
+    return best if condition(best) < MIN_MANIPULABILITY else zero  # `check` reports parallel axes
 
 
 def _rests(robot: urdf.Robot, r: np.ndarray) -> str:
-    """The line that says where joints rest: bent where zero would not do, else how it would be said."""
+    """Generate the line of the nominal joint positions, commented out if all are zero."""
     if not r.any():
         return "    # nominal_position_rad: {joint: 0.5}  # where joints rest; 0 where left out\n"
     bent = ", ".join(f"{json.dumps(joint.name)}: {x:g}" for joint, x in zip(robot.joints, r, strict=True) if x)
@@ -209,18 +228,49 @@ def _rests(robot: urdf.Robot, r: np.ndarray) -> str:
     )
 
 
+_CONTROL_AND_LEARNING = """\
+control:  # slow mode: change K_p, K_v; unstable fast mode: reduce agent_k_omega, K_v
+  K_p: 5
+  K_v: 4.2
+  k_R: 60
+  k_omega: 14
+  agent_k_R: 250
+  agent_k_omega: 28
+  posture_bandwidth: 5  # of joints that the contacts leave free
+  complementary_filter_Hz: 5
+  joint_filter_Hz: 20
+
+allocation: {kind: least_squares}
+
+learning:
+  update_times_s: [2, 4, 6, 8, 10, 12]
+  start_s: 0.3
+  end_s: 12  # one period after the ramp, so that the samples cover the path
+  sample_Hz: 20
+  label_filter_Hz: 8
+  max_samples: 256
+  payload: {force_std_N: 1, moment_std_Nm: 0.2, force_noise_std_N: 0.1, moment_noise_std_Nm: 0.02}
+  agents:
+    force_std_N: 1
+    moment_std_Nm: 0.1
+    joint_torque_std_Nm: 0.1
+    force_noise_std_N: 0.1
+    moment_noise_std_Nm: 0.01
+    joint_torque_noise_std_Nm: 0.01
+"""
+
+
 def _scenario(name: str, vehicle: VehicleTemplate, agents: int) -> str:
-    """Vehicles evenly on a circle, as wide apart as their rotors need, and a round plate that reaches beyond it."""
+    """Generate the text for agents on a circle with clearance between rotors, and a round plate of larger radius."""
     width = 2 * max(abs(y) for _, y, _ in vehicle.contact_offset) + 0.5  # m, with the rotors
     radius = max(0.5, 0.5 * width / math.sin(math.pi / agents)) if agents > 1 else 0.0
     members = "".join(_member(f"agent_{i + 1}", vehicle, 360 * i / agents, radius) for i in range(agents))
-    wave = 2 * math.pi / (4 * radius + 2 * width)  # rad/m; longer than the payload, on which it attacks at one point
+    wave = 2 * math.pi / (4 * radius + 2 * width)  # rad/m; the wavelength exceeds the size of the payload
     mass = round(0.3 * vehicle.mass * agents, 2)
-    inertia = mass * (radius + 0.1) ** 2 / 4  # of a round plate; a body needs some thickness, so less about the axis
+    inertia = mass * (radius + 0.1) ** 2 / 4  # of a round plate of some thickness
     return f"""\
-# A scenario to begin with, written by `colift init`. What to change first: the vehicle, where it holds the payload, the
-# payload, the path. After every change `colift check {name}.yaml` says whether it is sound, and what to change if not;
-# `colift study {name}.yaml` flies it. Every setting, its unit and its default: docs/scenarios.md.
+# Written by `colift init`. Adapt first the agent type, its contacts, the payload and the reference. Validate changes
+# with `colift check {name}.yaml`, and simulate them with `colift study {name}.yaml`. Settings: docs/scenarios.md.
 schema: 2
 name: {name}
 description: {agents} agents around a plate.
@@ -234,7 +284,7 @@ agents:  # contacts in the payload's frame, one for each arm; no three on one li
 {members}
 payload: {{mass_kg: {mass:g}, inertia_kgm2: [{inertia:.4g}, {inertia:.4g}, {1.9 * inertia:.4g}]}}
 
-nominal:  # what the controller believes where it is wrong, and has to learn
+nominal:  # parameters of the controller that differ from the true ones
   payload: {{mass_kg: {0.8 * mass:.4g}, inertia_kgm2: [{0.8 * inertia:.4g}, {0.8 * inertia:.4g}, {1.52 * inertia:.4g}]}}
 
 initial_state:
@@ -259,34 +309,11 @@ disturbances:  # unknown to the controller
       - {{amplitude_mps: [1, 0.4, 0.5], wave_vector_radpm: [{wave:.3g}, 0, 0], phase_deg: -75}}
   - {{name: rotors, kind: rotor_bias, acts_on: agents, thrust_N: -1, torque_Nm: [0.02, -0.02, 0.01]}}
 
-control:  # a slow mode: K_p, K_v; a fast one that grows: agent_k_omega, K_v lower
-  K_p: 5
-  K_v: 4.2
-  k_R: 60
-  k_omega: 14
-  agent_k_R: 250
-  agent_k_omega: 28
-  posture_bandwidth: 5  # of joints that contacts leave free
-  complementary_filter_Hz: 5
-  joint_filter_Hz: 20
-
-allocation: {{kind: least_squares}}
-
-learning:
-  update_times_s: [2, 4, 6, 8, 10, 12]
-  start_s: 0.3
-  end_s: 12  # a whole lap after the ramp, so that the models meet all of the path
-  sample_Hz: 20
-  label_filter_Hz: 8
-  max_samples: 256
-  payload: {{force_std_N: 1, moment_std_Nm: 0.2, force_noise_std_N: 0.1, moment_noise_std_Nm: 0.02}}
-  agents:
-    {{force_std_N: 1, moment_std_Nm: 0.1, joint_torque_std_Nm: 0.1, force_noise_std_N: 0.1, moment_noise_std_Nm: 0.01, joint_torque_noise_std_Nm: 0.01}}
-"""
+{_CONTROL_AND_LEARNING}"""
 
 
 def _member(name: str, vehicle: VehicleTemplate, deg: float, radius: float) -> str:
-    """One agent, its nose turned outwards, its contacts where its tips reach."""
+    """Generate the entry of an agent with outward heading, and contacts at its tips."""
     c, s = math.cos(math.radians(deg)), math.sin(math.radians(deg))
     places = ((c * (radius + x) - s * y, s * (radius + x) + c * y, 0.05 + z) for x, y, z in vehicle.contact_offset)
     points = [f"[{x:.4f}, {y:.4f}, {float(f'{z:.4f}'):g}]" for x, y, z in places]

@@ -1,4 +1,4 @@
-"""What a scenario's flight may not exceed, and the thrust that hovering takes of what there is."""
+"""Termination limits of a scenario, and the thrust in hover."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from colift.simulation import disturbances
 
 
 def make_termination_limits(settings: schema.Scenario, truth: Team, state: State) -> termination.TerminationLimits:
-    """What the flight from z may not exceed."""
+    """Return the termination limits; the grasp limit is relative to the initial state."""
     given = settings.termination
     return termination.TerminationLimits(
         min_delassus=given.min_grasp_ratio * _grip(truth, state),
@@ -35,34 +35,46 @@ _grip = jax.jit(grasp.min_delassus_singular_value)
 
 
 def _limit_rad(deg: float) -> Array:
-    """180 deg is no limit: an angle that is computed may exceed pi by rounding."""
+    """Convert a limit to rad; 180 deg disables it, because a computed angle may exceed pi by rounding."""
     return array(np.inf if deg == 180 else np.deg2rad(deg))
 
 
 def true_hover_thrust(
     settings: schema.Scenario,
     truth: Team,
-    flying: controller.LeaderFollowerController,
+    base_controller: controller.LeaderFollowerController,
     sources: disturbances.DisturbanceSet,
 ) -> np.ndarray:
-    """`(agents,)` thrust that hovering on the reference takes in truth, N, with or without internal forces, the larger.
+    """Compute the true thrust in hover on the reference: the larger of the values with and without internal forces.
 
-    Raises ScenarioError where it is more than the agents have.
+    Args:
+        settings: Scenario.
+        truth: True parameters.
+        base_controller: Controller.
+        sources: Disturbances.
+
+    Returns:
+        Thrust `(agents,)` [N].
+
+    Raises:
+        ScenarioError: If it exceeds the largest thrust of an agent.
     """
     z, given = initial_states.equilibrium_state(settings, truth), settings.allocation.internal
     f, moments = _acting(sources, truth, z), [0.0] if given is None else [0.0, (given.start_s + given.end_s) / 2]
-    need = np.max([_hovering(truth, flying, z, f, array(t)) for t in moments], axis=0)
+    required = np.max([_hovering(truth, base_controller, z, f, array(t)) for t in moments], axis=0)
     have = np.concatenate([group.thrust_max for group in truth.agent_groups])
     names = team.agent_names(settings)
     short = [
-        f"{name} needs {u:.4g} N of {most:.4g} N" for name, u, most in zip(names, need, have, strict=True) if u > most
+        f"{name} needs {u:.4g} N of {most:.4g} N"
+        for name, u, most in zip(names, required, have, strict=True)
+        if u > most
     ]
     if short:
         raise ScenarioError(
             f"{settings.name}: the team cannot hover on its reference: {', '.join(short)} (agent_types: thrust_max_N); "
-            f"all agents together need {need.sum():.4g} N and have {have.sum():.4g} N"
+            f"all agents together need {required.sum():.4g} N and have {have.sum():.4g} N"
         )
-    return need
+    return required
 
 
 _acting = jax.jit(disturbances.initial_forces)
@@ -70,10 +82,12 @@ _acting = jax.jit(disturbances.initial_forces)
 
 @jax.jit
 def _hovering(
-    truth: Team, flying: controller.LeaderFollowerController, state: State, f: ResidualForces, t: Array
+    truth: Team, base_controller: controller.LeaderFollowerController, state: State, f: ResidualForces, t: Array
 ) -> Array:
-    """`(agents,)` thrust at rest, N, with the internal forces of time t, s."""
+    """Compute the thrust `(agents,)` [N] at rest with the internal forces at time t [s]."""
     W = Wrench(F=-truth.payload.mass * truth.gravity - f.payload.F, tau=-f.payload.tau)
     steady = Wrench(F=jnp.zeros(3), tau=jnp.zeros(3))
-    forces = flying.allocator.allocate(controller.context_at(flying, state, jnp.zeros(6), t), W, steady)
+    forces = base_controller.allocator.allocate(
+        controller.context_at(base_controller, state, jnp.zeros(6), t), W, steady
+    )
     return termination.hover_thrust(truth, forces.lam, f)

@@ -1,4 +1,4 @@
-"""What pydantic finds wrong, in words: where, what is allowed, what was given."""
+"""Messages for validation errors of pydantic: place, allowed values, given value."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ MESSAGE_TEMPLATES = {
     "string_pattern_mismatch": "must be a name: a letter, then letters, digits, - or _",
     "json_invalid": "must be JSON ({error})",
     "string_too_long": "must have at most {max_length} characters",
-    "greater_than": "must exceed {gt:g}",  # of a part of one's own; ours say their whole range, and why
+    "greater_than": "must exceed {gt:g}",  # of a user-defined part; built-in settings state range and reason
     "greater_than_equal": "must be at least {ge:g}",
     "less_than": "must be less than {lt:g}",
     "less_than_equal": "must be at most {le:g}",
@@ -41,20 +41,20 @@ MESSAGE_TEMPLATES = {
 
 @contextlib.contextmanager
 def raise_scenario_errors(model: type[BaseModel]) -> Generator[None]:
-    """Raise what pydantic finds as ScenarioError, one line a mistake: `path [unit]: what is allowed`."""
+    """Convert pydantic errors to ScenarioError, one line per error: `path [unit]: allowed values`."""
     try:
         yield
     except ValidationError as error:
         schema, found = schema_of(model), errors(error)
         lines = [
-            f"{location_label(_known(schema, e['loc']), schema)}: {error_message(e, schema)}"
+            f"{location_label(_without_variants(schema, e['loc']), schema)}: {error_message(e, schema)}"
             for e in found[:MAX_MESSAGES]
         ]
         raise ScenarioError("\n".join([*dict.fromkeys(lines), *truncation_note(len(found))])) from None
 
 
 def errors(error: ValidationError) -> list[ErrorDetails]:
-    """All that pydantic found, but lists that it calls too short because it left out their bad entries."""
+    """Return the errors of pydantic, except for lists that are too short only because invalid entries were omitted."""
     return [
         e
         for e in error.errors(include_url=False)
@@ -63,26 +63,26 @@ def errors(error: ValidationError) -> list[ErrorDetails]:
 
 
 def validation_messages(error: ValidationError, model: type[BaseModel], data: Any) -> list[ErrorMessage]:
-    """What pydantic found wrong in the data of a model, in words, by place in the data."""
+    """Convert the errors of pydantic in the data of a model to messages, by place in the data."""
     schema = schema_of(model)
     return [(place(data, e["loc"], e["type"]), error_message(e, schema)) for e in errors(error)]
 
 
 def truncation_note(count: int) -> list[str]:
-    """A last line where there are more mistakes than are told."""
+    """Return a last line if there are more errors than are listed."""
     return [f"and {count - MAX_MESSAGES} more mistakes"] if count > MAX_MESSAGES else []
 
 
 @functools.cache
 def schema_of(model: type[BaseModel]) -> Schema:
-    """The schema of a model, made once."""
+    """Return the schema of a model; it is cached."""
     return Schema(model)
 
 
 def as_validation_error(
     wrong: Sequence[ErrorMessage], kind: Literal["mistake", "worded"] = "mistake"
 ) -> ValidationError:
-    """Mistakes in the form that pydantic gives its own: between sections, or `worded` already within one."""
+    """Convert messages to a pydantic error: `mistake` between sections, `worded` for a message within a section."""
     return ValidationError.from_exception_data(
         "Settings",
         [
@@ -93,8 +93,8 @@ def as_validation_error(
 
 
 def place(data: Any, loc: tuple[int | str, ...], kind: str) -> Place:
-    """Where an error is in the data: pydantic names the variant of a union on the way, the data do not."""
-    if kind == "mistake":  # ours, of a setting that may have been left out
+    """Return the place of an error in the data: a pydantic location without the variants of unions."""
+    if kind == "mistake":  # of a consistency check; the setting may be absent
         return loc
     found: list[int | str] = []
     for i, key in enumerate(loc):
@@ -108,7 +108,7 @@ def place(data: Any, loc: tuple[int | str, ...], kind: str) -> Place:
 
 
 def location_label(at: Place, schema: Schema) -> str:
-    """`path [unit]`."""
+    """Format a place as `path [unit]`."""
     path = "".join(f".{key}" if isinstance(key, str) and _plain(key) else f"[{format_value(key)}]" for key in at)
     unit = unit_of(schema.at(at), at)
     return f"{path.lstrip('.') or 'scenario'}{f' [{unit}]' if unit else ''}"
@@ -119,12 +119,12 @@ def _plain(key: str) -> bool:
 
 
 def error_message(error: ErrorDetails, schema: Schema) -> str:
-    """What is wrong and what is allowed, in words; pydantic's own where they serve."""
+    """Describe an error and the allowed values; other errors keep the words of pydantic."""
     kind, given, about = error["type"], error["input"], error.get("ctx", {})
     last = error["loc"][-1] if error["loc"] else ""
     if kind == "extra_forbidden":
-        known = schema.settings_beside(error["loc"])
-        return "is not a setting here" + (suggestion(last, known) or f"; known: {', '.join(known)}")
+        allowed = schema.settings_beside(error["loc"])
+        return "is not a setting here" + (suggestion(last, allowed) or f"; known: {', '.join(allowed)}")
     if kind == "missing":
         return "is required" if isinstance(last, str) else f"is missing: the list must have more than {last} values"
     if kind in ("union_tag_invalid", "literal_error"):
@@ -136,10 +136,10 @@ def error_message(error: ErrorDetails, schema: Schema) -> str:
         return f"{str(about['discriminator']).strip(chr(39))} is required: it says which of the variants this is"
     if kind in ("mistake", "worded", "value_error"):
         return str(about.get("message", about.get("error")))
-    return _wanted(error, schema) + f", got {format_value(given)}"
+    return _requirement(error, schema) + f", got {format_value(given)}"
 
 
-def _wanted(error: ErrorDetails, schema: Schema) -> str:
+def _requirement(error: ErrorDetails, schema: Schema) -> str:
     kind, about = error["type"], error.get("ctx", {})
     node = schema.leaf(error["loc"])
     if "why" in node and kind.startswith(("greater_than", "less_than")):
@@ -150,6 +150,6 @@ def _wanted(error: ErrorDetails, schema: Schema) -> str:
     return MESSAGE_TEMPLATES.get(kind, f"is not allowed ({kind.replace('_', ' ')})").format(**about)
 
 
-def _known(schema: Schema, loc: tuple[int | str, ...]) -> Place:
-    """A place without the variants that pydantic names on the way."""
+def _without_variants(schema: Schema, loc: tuple[int | str, ...]) -> Place:
+    """Return a pydantic location without the variants of unions."""
     return tuple(key for i, key in enumerate(loc) if not schema.is_variant(loc[:i], key))

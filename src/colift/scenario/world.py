@@ -1,4 +1,4 @@
-"""The truth that a scenario's team meets: its plant, actuators and sensors."""
+"""Simulated world of a scenario: plant, actuators and sensors."""
 
 from __future__ import annotations
 
@@ -29,30 +29,41 @@ from colift.simulation.world import PayloadMassStep, Plant, SimulatedWorld
 def make_world(
     settings: schema.Scenario, truth: Team, state: State, sources: disturbances.DisturbanceSet, rig: ResidualForces
 ) -> SimulatedWorld:
-    """The truth that the team meets from z on; rig: largest error of the calibration rig's labels, where it is asked.
+    """Return the simulated world.
 
-    Raises ScenarioError for a part of one's own that is none, and where MuJoCo is asked for and not installed.
+    Args:
+        settings: Scenario.
+        truth: True parameters.
+        state: Initial state.
+        sources: Disturbances.
+        rig: Largest label errors of the calibration rig, used if labels come from the rig.
+
+    Returns:
+        Simulated world.
+
+    Raises:
+        ScenarioError: If a user-defined part does not have its interface, or if MuJoCo is required and not installed.
     """
-    seen = make_sensor_noise(settings)
-    then = tuple(_reading(x, f"sensors.models.{i}", settings) for i, x in enumerate(settings.sensors.models))
+    noise = make_sensor_noise(settings)
+    models = tuple(_sensor_model(x, f"sensors.models.{i}", settings) for i, x in enumerate(settings.sensors.models))
     ours = SimulatedWorld(
         team=truth,
         plant=contact_dynamics.RigidContactPlant(),
         disturbances=sources,
         disturbance_scale=jnp.asarray(1.0),
         actuators=actuators.IdealActuators(),
-        sensors=seen,
-        tip_force_bias=sample_tip_bias(truth, seen, jax.random.fold_in(jax.random.key(settings.seed), 1)),
-        sensor_models=(*then, CalibrationRig(label_error=rig))
+        sensors=noise,
+        tip_force_bias=sample_tip_bias(truth, noise, jax.random.fold_in(jax.random.key(settings.seed), 1)),
+        sensor_models=(*models, CalibrationRig(label_error=rig))
         if settings.learning.label_source == "calibration_rig"
-        else then,
-        mass_step=None if settings.payload_mass_step is None else _added(settings.payload_mass_step),
+        else models,
+        mass_step=None if settings.payload_mass_step is None else _mass_step(settings.payload_mass_step),
     )
     return dataclasses.replace(ours, actuators=_actuators(settings, ours), plant=_plant(settings, ours, state))
 
 
-def _added(given: schema.PayloadMassStep) -> PayloadMassStep:
-    return PayloadMassStep(mass=array(given.mass_kg), start=array(given.start_s), ramp_time=array(given.ramp_time_s))
+def _mass_step(step: schema.PayloadMassStep) -> PayloadMassStep:
+    return PayloadMassStep(mass=array(step.mass_kg), start=array(step.start_s), ramp_time=array(step.ramp_time_s))
 
 
 def _plant(settings: schema.Scenario, ours: SimulatedWorld, state: State) -> Plant:
@@ -68,7 +79,7 @@ def _plant(settings: schema.Scenario, ours: SimulatedWorld, state: State) -> Pla
     return mujoco_plant.mujoco_plant(ours.team, state, 1 / settings.control_Hz, given.substeps)
 
 
-def _reading(
+def _sensor_model(
     given: schema.Intermittent | schema.BiasRandomWalk | schema.Plugin, where: str, settings: schema.Scenario
 ) -> SensorModel:
     match given:
@@ -109,7 +120,7 @@ def _limit(given: schema.LaggedMotors, thrust_max: Array) -> actuators.InputLimi
 
 
 def make_sensor_noise(settings: schema.Scenario) -> SensorNoise:
-    """Noise of the sensors, in SI."""
+    """Return the sensor noise, in SI units."""
     given = settings.sensors
     return SensorNoise(
         position=array(given.position_m),

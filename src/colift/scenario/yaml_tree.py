@@ -1,6 +1,7 @@
-"""A YAML text as plain data, with the line of every value; only what a scenario can use is read.
+"""YAML text as plain data, with the line of every value.
 
-Numbers, text, lists and settings by name, anchors and merge keys. No tags, so that a text makes nothing but these.
+The reader accepts numbers, text, lists, settings by name, anchors and merge keys. It rejects tags, so that a text
+cannot create other objects.
 """
 
 from __future__ import annotations
@@ -17,15 +18,15 @@ from ruamel.yaml.reader import ReaderError
 
 from colift.scenario.errors import ErrorMessage, Place, ScenarioError, format_value
 
-MAX_BYTES = 100_000  # thirty times the paper's study; read in a second or two
-MAX_VALUES = 10_000  # an alias counts each time: a few lines of them can stand for billions
+MAX_BYTES = 100_000  # thirty times the size of the scenario `paper`
+MAX_VALUES = 10_000  # every use of an alias counts: a few lines can expand to billions of values
 MAX_DEPTH = 20  # levels; a scenario has eight
 TAG = "tag:yaml.org,2002:"
 
 
 @dataclasses.dataclass(frozen=True)
 class Tree:
-    """Plain data, the line of every place in it, 0 where it was set and not read, and what is wrong with its form."""
+    """Plain data, the line of every place (0 for an override), and the errors of its form."""
 
     file: str
     data: dict[str, Any]
@@ -33,20 +34,27 @@ class Tree:
     errors: list[ErrorMessage]
 
     def line(self, place: Place) -> int:
-        """The line of a setting, or of the section that lacks it; 0 where that was set."""
+        """Return the line of a setting, or of the section without it; 0 for an override."""
         return next((self.lines[place[:n]] for n in range(len(place), 0, -1) if place[:n] in self.lines), 1)
 
     def at(self, place: Place) -> str:
-        """Where a person finds a setting: `file:line:`, or `--set`."""
+        """Return the position of a setting for messages: `file:line:`, or `--set`."""
         line = self.line(place)
         return f"{self.file}:{line}:" if line else "--set"
 
 
 def read(text: str, file: str) -> Tree:
-    """The data of a text; `file` names it in messages.
+    """Read a text; errors of single values are collected.
 
-    Raises ScenarioError at once for what is no YAML, no mapping, or too much; what is wrong with single values is
-    collected.
+    Args:
+        text: YAML text.
+        file: Name of the file, for messages.
+
+    Returns:
+        Data, lines and errors.
+
+    Raises:
+        ScenarioError: If the text is not valid YAML, not a mapping, or too large.
     """
     reader = _Reader(lambda line: f"{file}:{line}")
     node = reader.compose(text)
@@ -57,11 +65,20 @@ def read(text: str, file: str) -> Tree:
 
 
 def with_setting(tree: Tree, change: str) -> Tree:
-    """A tree in which one setting is another: `payload.mass_kg=2`; sections that are not there are made.
+    """Return the tree with one setting replaced, such as `payload.mass_kg=2`; missing sections are created.
 
-    The value is YAML. A section replaces a section as a whole; an entry of a list goes by its `name`, where all of them
-    have one, or by its number, 0 the first.
-    Raises ScenarioError as `read`, and for a path that leads nowhere.
+    The value is YAML. A section replaces the entire section. An entry of a list is identified by its `name`, if all
+    entries have one, or by its index from zero.
+
+    Args:
+        tree: Data of a scenario.
+        change: Path and value.
+
+    Returns:
+        The changed tree.
+
+    Raises:
+        ScenarioError: As `read`, and if the path does not exist.
     """
     path, equals, text = change.partition("=")
     reader = _Reader(lambda _line: f"--set {path}")
@@ -97,10 +114,17 @@ def with_setting(tree: Tree, change: str) -> Tree:
 
 
 def diff_tree(base: Tree, tree: Tree) -> Tree:
-    """A tree that says only where it differs from another: settings beside settings, entries of lists by their `name`.
+    """Merge a tree that contains only differences into its base.
 
-    Any other value takes the place of the other's, and so does a section of another `kind`. What is wrong with what is
-    taken over is told where the tree says `extends`.
+    Sections are merged setting by setting, lists entry by entry by `name`. Any other value, and a section of another
+    `kind`, replaces the value of the base. Errors in the base have the line of the setting `extends`.
+
+    Args:
+        base: Tree that is extended.
+        tree: Differences.
+
+    Returns:
+        The merged tree.
     """
     merged = _Merged(tree.lines, dict.fromkeys(base.lines, tree.line(("extends",))))
     mine = {key: value for key, value in tree.data.items() if key != "extends"}
@@ -109,14 +133,14 @@ def diff_tree(base: Tree, tree: Tree) -> Tree:
 
 
 class _Merged:
-    """One pass over two trees: the lines of what results, and where in it each place of the second is."""
+    """One pass over two trees: lines of the result, and places of the second tree in the result."""
 
     def __init__(self, theirs: dict[Place, int], lines: dict[Place, int]) -> None:
         self.theirs, self.lines = theirs, lines
         self.moved: dict[Place, Place] = {(): ()}
 
     def value(self, base: Any, new: Any, at: Place, was: Place) -> Any:
-        """What results at a place, where the second tree has `new` at `was`."""
+        """Return the merged value at a place, for a value `new` of the second tree at `was`."""
         self.moved[was] = at
         if isinstance(base, dict) and isinstance(new, dict) and new.get("kind", base.get("kind")) == base.get("kind"):
             return base | {key: self.value(base.get(key), x, (*at, key), (*was, key)) for key, x in new.items()}
@@ -134,13 +158,13 @@ class _Merged:
         return new
 
     def place(self, at: Place) -> Place:
-        """Where a place of the second tree is in what results."""
-        known = next(at[:n] for n in range(len(at), -1, -1) if at[:n] in self.moved)
-        return (*self.moved[known], *at[len(known) :])
+        """Return the place in the result of a place of the second tree."""
+        prefix = next(at[:n] for n in range(len(at), -1, -1) if at[:n] in self.moved)
+        return (*self.moved[prefix], *at[len(prefix) :])
 
 
 def _names(entries: Any) -> list[str]:
-    """Of a list whose entries all have one, each once; else none."""
+    """Return the names of the entries of a list, if all have one and they are unique; else an empty list."""
     if not isinstance(entries, list) or not all(
         isinstance(x, dict) and isinstance(x.get("name"), str) for x in entries
     ):
@@ -161,7 +185,7 @@ def _index(name: str, entries: list[Any], path: str) -> int:
 
 
 def _put(data: Any, place: Place, value: Any) -> Any:
-    """Data with another value at a place."""
+    """Return the data with another value at a place."""
     if not place:
         return value
     key, *below = place
@@ -171,23 +195,23 @@ def _put(data: Any, place: Place, value: Any) -> Any:
 
 
 class _Reader:
-    """One pass over the nodes of a text: values, their lines, and what is wrong."""
+    """One pass over the nodes of a text: values, lines and errors."""
 
     def __init__(self, at: Callable[[int], str]) -> None:
-        self.at = at  # where a line of the text is, for a person
+        self.at = at  # position of a line, for messages
         self.lines: dict[Place, int] = {}
         self.wrong: list[ErrorMessage] = []
         self.values, self.depth = 0, 0
         self.yaml = YAML(typ="safe", pure=True)
         self.yaml.max_depth = MAX_DEPTH
-        self.yaml.composer.warn_double_anchors = False  # a name may be used again
+        self.yaml.composer.warn_double_anchors = False  # a name may be reused
 
     def fail(self, line: int, sentence: str) -> NoReturn:
         """Raise ScenarioError."""
         raise ScenarioError(f"{self.at(line)}: {sentence}")
 
     def compose(self, text: str) -> Node | None:
-        """The one document, with the line of every node."""
+        """Compose the only document of the text, with the line of every node."""
         if len(text) > MAX_BYTES:
             self.fail(1, f"holds more than {MAX_BYTES} characters, which no scenario needs")
         try:
@@ -201,11 +225,16 @@ class _Reader:
             mark = error.problem_mark or error.context_mark
             problem = " ".join(str(error.problem or error.context or error).split())
             self.fail(mark.line + 1 if mark else 1, f"not valid YAML: {problem}")
-        except (YAMLError, ValueError, AssertionError, RecursionError) as error:  # asserted: the version of YAML
+        except (
+            YAMLError,
+            ValueError,
+            AssertionError,
+            RecursionError,
+        ) as error:  # AssertionError: unsupported version of YAML
             self.fail(1, f"not valid YAML: {' '.join(str(error).split())}")
 
     def value(self, node: Node, place: Place) -> Any:
-        """The plain value of a node, all inside it told by its place."""
+        """Convert a node to plain data."""
         line = node.start_mark.line + 1
         self.values, self.depth = self.values + 1, self.depth + 1
         if self.values > MAX_VALUES:
@@ -223,14 +252,14 @@ class _Reader:
         return value
 
     def sequence(self, node: SequenceNode, place: Place) -> list[Any]:
-        """The entries, in order."""
+        """Convert the entries of a list."""
         self.no_tag(node, "seq", place)
         for i, entry in enumerate(node.value):
             self.lines[*place, i] = entry.start_mark.line + 1
         return [self.value(entry, (*place, i)) for i, entry in enumerate(node.value)]
 
     def mapping(self, node: MappingNode, place: Place) -> dict[str, Any]:
-        """The settings by name; those that a merge key brings give way to those written."""
+        """Convert the settings of a mapping; they override those of merge keys."""
         self.no_tag(node, "map", place)
         found, written = self.merged(node, place), set()
         for key, value in node.value:
@@ -238,8 +267,8 @@ class _Reader:
             if _is(key, "merge"):
                 continue
             if not _is(key, "str") or not _is_text(name):
-                said = format_value(name) if isinstance(name, str) else "a list or section"
-                self.wrong.append((place, f"the name of a setting must be text, got {said} in line {line}"))
+                label = format_value(name) if isinstance(name, str) else "a list or section"
+                self.wrong.append((place, f"the name of a setting must be text, got {label} in line {line}"))
             elif name in written:
                 first = self.lines[*place, name]
                 self.wrong.append(((*place, name), f"stands twice, in lines {first} and {line}"))
@@ -250,7 +279,7 @@ class _Reader:
         return found
 
     def merged(self, node: MappingNode, place: Place) -> dict[str, Any]:
-        """What merge keys (`<<: *section`, or a list of them) bring; of several the first section counts."""
+        """Return the settings of merge keys (`<<: *section`, or a list of them); the first section has priority."""
         found: dict[str, Any] = {}
         for value in (value for key, value in node.value if _is(key, "merge")):
             for section in reversed(value.value) if isinstance(value, SequenceNode) else [value]:
@@ -263,7 +292,7 @@ class _Reader:
         return found
 
     def no_tag(self, node: Node, kind: str, place: Place) -> bool:
-        """Whether a node is what it looks like; told where a tag says otherwise."""
+        """Return whether a node has no explicit tag; else add an error."""
         if _is(node, kind):
             return True
         self.wrong.append(
@@ -272,7 +301,7 @@ class _Reader:
         return False
 
     def scalar(self, node: ScalarNode, place: Place) -> Any:
-        """A number, text, truth value or nothing."""
+        """Convert a number, text, truth value or null."""
         plain = node.style is None
         implied = str(self.yaml.resolver.resolve(ScalarNode, node.value, (plain, not plain))).removeprefix(TAG)
         if not self.no_tag(node, implied, place):
@@ -280,7 +309,7 @@ class _Reader:
         if not _is_text(node.value):
             self.wrong.append((place, f"holds characters that are not text, got {format_value(node.value)}"))
             return None
-        if implied not in ("null", "bool", "int", "float"):  # dates and lone merge keys too are text here
+        if implied not in ("null", "bool", "int", "float"):  # dates and single merge keys are text
             return node.value
         try:
             return self.yaml.constructor.construct_object(node)
@@ -294,5 +323,5 @@ def _is(node: Node, kind: str) -> bool:
 
 
 def _is_text(value: Any) -> bool:
-    """Whether it is whole characters: half of one, a surrogate alone, no file can hold."""
+    """Return whether a value is text without surrogates, which no file can contain."""
     return isinstance(value, str) and not any("\ud800" <= c <= "\udfff" for c in value)

@@ -33,7 +33,7 @@ def heldout_scenarios(settings: Scenario) -> dict[str, Scenario]:
     reference = settings.reference
     if not isinstance(reference, schema.Lissajous):
         raise ScenarioError(
-            f"{settings.name}: reference.kind = {given.kind}: held-out trajectories need a lissajous curve"
+            f"{settings.name}: reference.kind = {reference.kind}: held-out trajectories need a lissajous curve"
         )
     x, y, z = reference.center_m
     changes = {

@@ -144,8 +144,9 @@ class Flight(FlightResult):
         return f"Flight({self.experiment!r}, {end}, {len(self.records.t)} ticks, {len(self.updates)} model updates)"
 
     def _repr_html_(self) -> str:
+        case = self.experiment.case
         rows = {
-            "scenario, case": f"{self.experiment.scenario.name}, {self.experiment.case} ({ALL_CASES[self.experiment.case]})",
+            "scenario, case": f"{self.experiment.scenario.name}, {case} ({ALL_CASES[case]})",
             "end": self.termination_reason or f"complete, {self.records.t[-1]:g} s",
             "model updates": str(len(self.updates)),
             "RMS position error": f"{1e3 * self.metrics['e_p_rms_m']:.3g} mm",

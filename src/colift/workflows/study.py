@@ -203,7 +203,7 @@ def flight_dataset(
 def _describe_events(settings: Scenario, events: Iterable[tuple[float, Sequence[features.BodyKey]]]) -> str:
     """Describe the times and bodies of model update events."""
     return "; ".join(
-        f"{t:g} s: {', '.join(_body_name(settings, body) for body in who)}" for t, bodies in events if bodies
+        f"{t:g} s: {', '.join(_body_name(settings, body) for body in bodies)}" for t, bodies in events if bodies
     )
 
 

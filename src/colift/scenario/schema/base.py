@@ -27,16 +27,16 @@ from colift.scenario.errors import format_value
 from colift.scenario.validation import raise_scenario_errors
 
 
-def _inertia(given: Any) -> Any:
+def _inertia(settings: Any) -> Any:
     """Convert an inertia to three rows from 3 principal moments, 6 entries (xx, yy, zz, xy, xz, yz) or 3 rows."""
-    if not isinstance(given, Sequence) or isinstance(given, str):
-        return given
-    if len(given) == 6:
-        xx, yy, zz, xy, xz, yz = given
+    if not isinstance(settings, Sequence) or isinstance(settings, str):
+        return settings
+    if len(settings) == 6:
+        xx, yy, zz, xy, xz, yz = settings
         return ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz))
-    if len(given) == 3 and not any(isinstance(row, Sequence) for row in given):
-        return tuple(tuple(value if i == k else 0.0 for k in range(3)) for i, value in enumerate(given))
-    return given
+    if len(settings) == 3 and not any(isinstance(row, Sequence) for row in settings):
+        return tuple(tuple(value if i == k else 0.0 for k in range(3)) for i, value in enumerate(settings))
+    return settings
 
 
 def _physical(rows: Rows) -> Rows:
@@ -87,18 +87,18 @@ S = TypeVar("S", bound="Section")
 
 
 class Section(BaseModel):
-    """Section of a scenario: an immutable model that refuses unknown settings."""
+    """Section of a scenario: an immutable model that rejects unknown settings."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
 
-    def __init__(self, **given: Any) -> None:
+    def __init__(self, **settings: Any) -> None:
         """Validate the settings.
 
         Args:
-            **given: Settings by name.
+            **settings: Settings by name.
         """
         with raise_scenario_errors(type(self)):
-            super().__init__(**given)
+            super().__init__(**settings)
 
     # pydantic then builds the sections inside by itself, and finds all mistakes at once
     __init__.__pydantic_base_init__ = True  # ty: ignore[missing-attribute]
@@ -130,12 +130,12 @@ class PluginReference(Section):
 
     @model_validator(mode="before")
     @classmethod
-    def _with_settings(cls, given: Any) -> Any:
+    def _with_settings(cls, settings: Any) -> Any:
         """Validate the settings by the class of the plugin."""
-        named = given.get("class_path") if isinstance(given, Mapping) else None
+        named = settings.get("class_path") if isinstance(settings, Mapping) else None
         if not isinstance(named, str) or not re.fullmatch(PART, named):
-            return given  # the fields report the mistake
-        return {**given, "settings": plugins.plugin_settings(named, given.get("settings", {}), Section)}
+            return settings  # the fields report the mistake
+        return {**settings, "settings": plugins.plugin_settings(named, settings.get("settings", {}), Section)}
 
 
 class Plugin(PluginReference):

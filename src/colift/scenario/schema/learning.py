@@ -110,5 +110,5 @@ class OnlineCorrection(Section):
     """Period of the fits after the last of `learning.update_times_s`, case `adaptive`."""
     nis_threshold: fields.Factor = 3.0
     """Ratio of the mean normalized innovation squared to its usual value at which a change is declared."""
-    preview_step_s: fields.LookAhead = 0.03
+    preview_step_s: fields.PreviewStep = 0.03
     """Preview step of these cases and of `true_residual` if `control.preview_step_s` is not set."""

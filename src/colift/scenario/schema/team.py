@@ -117,7 +117,7 @@ class NominalAgentType(Section):
 
     base: Body | None = None
     """Nominal base."""
-    joints: Annotated[dict[Name, Body], Field(max_length=MAX_ENTRIES)] = {}
+    joints: dict[Name, Body] = Field(default_factory=dict, max_length=MAX_ENTRIES)
     """Nominal bodies by the name of their joint."""
 
 
@@ -135,7 +135,7 @@ class NominalModel(Section):
 
     payload: Payload | None = None
     """Nominal payload."""
-    agent_types: Annotated[dict[Name, NominalAgentType], Field(max_length=MAX_ENTRIES)] = {}
+    agent_types: dict[Name, NominalAgentType] = Field(default_factory=dict, max_length=MAX_ENTRIES)
     """Nominal bodies by agent type."""
     actuators: ActuatorLag | None = None
     """Nominal lag of thrust and torque, which is used for labels and inverted in commands; default: no lag."""
