@@ -1,8 +1,8 @@
-"""Cold start: a fresh process to its first step, caches empty and full, wall-clock seconds, CPU seconds beside.
+"""Cold start: time from process start to the first step, with empty and full caches; wall-clock and CPU seconds.
 
-CPU seconds, of the process and of the compiler it calls, tell what a busy machine adds to the wall clock. Caches are
-JAX's, the native back end's and Python's own (bytecode of installed packages is there from the start with pip, not with
-uv). A start with full caches is the quickest of three.
+The CPU time includes the compiler; its difference to the wall-clock time shows the load of the machine. Caches are
+those of JAX, of the native back end and of Python (pip compiles the bytecode of packages at installation, uv does not).
+A start with full caches is the fastest of three.
 """
 
 from __future__ import annotations

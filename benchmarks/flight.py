@@ -1,8 +1,8 @@
-"""A flight's tick with frozen oracles: native code beside JAX's loop, many flights at once, more agents.
+"""Control period with frozen residual models: native code and JAX's loop, many flights at once, larger teams.
 
-C3 of the paper's study: 24 posterior means at 256 points, sensors, filters, labels, control, plant, log. The points are
-random, since what a tick costs does not depend on where they are. Larger teams are those of `colift init`, two arms an
-agent; each agent brings 9 means of its own.
+The case is C3 of the paper's study: 24 posterior means at 256 points, sensors, filters, labels, control, plant, log.
+The points are random, because they do not affect the time of a tick. Larger teams are those of `colift init` with two
+arms per agent; each agent adds 9 means.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def full(model: gp.GPPosterior, rng: np.random.Generator) -> gp.GPPosterior:
 
 
 def ready(settings: Scenario) -> tuple[simulator.LoopConfig, simulator.LoopState, Any]:
-    """C3 with full oracles, at its start, and the noise of half a second."""
+    """Return C3 with full residual models at its initial state, and the noise of half a second."""
     plan = colift.make_experiment(settings, "C3")
     rng, oracle = np.random.default_rng(0), plan.controller.residual_model
     oracle = dataclasses.replace(

@@ -1,4 +1,4 @@
-"""Sphinx: Markdown pages, furo, equations as MathML made at build time, so that pages need no network."""
+"""Sphinx configuration: Markdown pages, theme furo, and equations as MathML so that pages need no network."""
 
 import dataclasses
 import inspect
@@ -31,7 +31,7 @@ python_maximum_signature_line_length = 88
 python_use_unqualified_type_names = True
 pygments_dark_style = "monokai"
 napoleon_google_docstring = True
-default_role = "code"  # docstrings are Markdown in spirit: `x` is code
+default_role = "code"  # as in Markdown, `x` is code
 
 html_theme = "furo"
 html_title = "colift"
@@ -53,41 +53,41 @@ def _display(self, node):
 
 
 def _signature(app, what, name, obj, options, signature, returns):
-    """Shapes as the code has them; a type's fields are told below it instead."""
+    """Format signatures with the shapes of the code; fields of types are listed below the docstring."""
     del app, name, options
     if what == "class" and (dataclasses.is_dataclass(obj) or hasattr(obj, "model_fields")):
         return "", None
     return [
-        said and re.sub(r"<.*? at 0x\w+>", "...", said.replace("jaxlib._jax.", "")) for said in (signature, returns)
+        text and re.sub(r"<.*? at 0x\w+>", "...", text.replace("jaxlib._jax.", "")) for text in (signature, returns)
     ]
 
 
 def _fields(app, what, name, obj, options, lines):
-    """Below a type's docstring a table of its fields: shape, and unit and frame from the comment beside it."""
+    """Add a table of fields to the docstring of a type: shape, and unit and frame from the comment of the field."""
     del app, name, options
     if what != "class" or not dataclasses.is_dataclass(obj) or not dataclasses.fields(obj):
         return
-    said = _comments(obj)
+    comments = _comments(obj)
     lines += ["", ".. list-table::", "   :align: left", ""]
     for field in dataclasses.fields(obj):
         kind = field.type if isinstance(field.type, str) else inspect.formatannotation(field.type)
-        lines += [f"   * - ``{field.name}``", f"     - ``{kind}``", f"     - {said.get(field.name, '')}"]
+        lines += [f"   * - ``{field.name}``", f"     - ``{kind}``", f"     - {comments.get(field.name, '')}"]
     lines.append("")
 
 
 def _comments(cls):
-    """By field, what the comment on its line says."""
-    said, name = {}, None
+    """Return the comment on the line of each field."""
+    comments, name = {}, None
     for token in tokenize.generate_tokens(io.StringIO(inspect.getsource(cls)).readline):
         if re.match(r"    (\w+):", token.line):
             name = re.match(r"    (\w+):", token.line)[1]
         if token.type == tokenize.COMMENT and re.match(r"    \w+:", token.line):
-            said[name] = re.sub(r"([*|\\])", r"\\\1", token.string.lstrip("# "))
-    return said
+            comments[name] = re.sub(r"([*|\\])", r"\\\1", token.string.lstrip("# "))
+    return comments
 
 
 def setup(app):
-    """Register the renderer of equations, and how signatures and fields are told."""
+    """Register the renderer of equations, and the formatters of signatures and fields."""
     app.add_html_math_renderer("mathml", (_inline, None), (_display, None))
     app.connect("autodoc-process-signature", _signature)
     app.connect("autodoc-process-docstring", _fields)

@@ -129,10 +129,10 @@ TARGETS = {"e_p": (8, 14), "e_v": (8, 14), "e_R": (15, 15), "e_omega": (15, 15)}
 
 
 def _tightness(runs: Sequence[dict[str, Any]], name: str, where: str) -> bool:
-    """Print radius over observed of each error, and (radius - floor) over what the unknown brought about.
+    """Print radius over observed of each error, and (radius - floor) over the response to the residuals.
 
-    Whether no radius is exceeded, and those known before the flight by recovery are as tight as asked, without the
-    floor.
+    Returns:
+        True if no radius is exceeded and the a priori radii of `recovery`, without the floor, meet `TARGETS`.
     """
     good = True
     for error in ERRORS:

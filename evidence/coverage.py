@@ -3,7 +3,7 @@
 1000 functions drawn in the RKHS, with the norm that is stated; noise at the limit of what is assumed of it; data at
 inputs that do not depend on the noise, and gathered by a loop whose next input depends on the posterior and on past
 noise. A bound must fail no more often than its 1 - confidence wherever it claims to hold. Controls that must fail:
-bounds on noise that they do not claim, and the band `sqrt(B^2 - ||mean||^2) sigma`, which forgets the noise.
+bounds on noise that they do not claim, and the band `sqrt(B^2 - ||mean||^2) sigma`, which neglects the noise.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from evidence import collect
 
 DRAWS, CHUNK = 1000, 100
 POINTS, CHECKS = 80, (5, 10, 20, 40, 80)  # data, and how many of them at each check
-RECOVERED_FROM, RECOVERED_AT = 40, 4  # data of optimal recovery, and inputs it is asked for
+RECOVERED_FROM, RECOVERED_AT = 40, 4  # data of optimal recovery, and number of its inputs
 DIMENSIONS, CENTRES, CANDIDATES = 2, 12, 64
 NORMS, NOISE = (2.0, 0.2), 0.2  # B, and eps or R; the signal's variance is 1. The small B leaves mostly noise
 CONFIDENCES = (0.5, 0.95)

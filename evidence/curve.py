@@ -1,13 +1,12 @@
-"""How fast a residual wrench is learned without a model: Stable-Baselines3's PPO in our environment, five seeds.
+"""Learning curve of a residual wrench without a model: PPO of Stable-Baselines3 in `TransportEnv`, five seeds.
 
-Beside it, judged by the same reward and over the same part of the flight: no action, which is the scenario's leader as
-it stands (C1); integral action, which asks for a residual wrench too and knows nothing (I); the paper's learned model
-(C3), which learns within the first half of each flight. PPO acts at the leader alone, as I does; C3 learns the agents'
-residuals also, which no action of the environment reaches but by way of the payload. Stable-Baselines3's checker of
-environments is an item as well.
+The comparison has the same reward and the same part of the flight: no action (C1, the payload controller of the
+scenario); integral action, also a residual wrench; the learned model (C3), which learns during the first half of each
+flight. PPO and integral action change the payload's wrench only. C3 also learns the residuals of the agents, which
+actions of the environment affect through the payload only. The environment checker of Stable-Baselines3 is an item too.
 
-The algorithm, its rates and how often it learns were chosen on seed 100, which is not among the five. Stable-Baselines3
-comes with `./dev peers` (PyTorch); the committed result is judged without it.
+The algorithm, its rates and the number of its updates were chosen with seed 100, which is not among the five. `./dev
+peers` installs Stable-Baselines3 (PyTorch); the stored result is judged without it.
 """
 
 from __future__ import annotations
@@ -30,7 +29,7 @@ from evidence import ROOT, collect
 SEEDS = ("0", "1", "2", "3", "4")
 CASES = ("C1", "integral", "C3")
 SCENARIO = "paper"
-SETTINGS = {"step_s": 0.1, "force_N": 4.0, "moment_Nm": 1.0}  # about twice what C1's errors ask for
+SETTINGS = {"step_s": 0.1, "force_N": 4.0, "moment_Nm": 1.0}  # about twice the residual wrench in C1
 FLIGHTS = 8  # at once
 ROUNDS = 12  # of them: 32 min of flight
 EVERY = 2  # rounds between two evaluations
@@ -47,7 +46,7 @@ MISSING = "curve: Stable-Baselines3 is not installed; `./dev peers` installs it 
 
 
 def compute(item: str) -> Any:
-    """What the checker says, a case's flights (C1 in the environment, without action), or the learning of one seed."""
+    """Return the warnings of the checker, the flights of a case, or the learning curve of a seed."""
     match item:
         case "checker":
             return checked()
@@ -105,10 +104,10 @@ def learned(seed: int) -> list[dict[str, Any]]:
 
 
 def adapted(flights: TransportVecEnv) -> Any:
-    """Our flights as Stable-Baselines3's `VecEnv`, which wants the next episode's first observation with an end.
+    """Convert flights to a `VecEnv` of Stable-Baselines3, which requires the next first observation at the end.
 
-    Gymnasium's shows it after one step more, so that step is flown at once where all end together, as they do here.
-    Where one was lost before, they end apart, and that step counts as one without reward.
+    Gymnasium returns it one step later, so that step is simulated at once if all flights end together, as they do here.
+    If a flight terminates early, that step counts as one without reward.
     """
     from stable_baselines3.common.vec_env import VecEnv
 

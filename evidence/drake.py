@@ -1,12 +1,12 @@
-"""Drake as a judge of the plant: the pilot flies C1 in Drake's multibody dynamics at three steps, extrapolated to none.
+"""Comparison of the plant with Drake: case C1 in Drake's multibody dynamics at three steps, extrapolated to step zero.
 
-Drake's own reader builds the bodies from what `colift export mjcf` writes; contacts are its ball constraints, which its
-discrete solver (SAP) holds with an implicit step of first order. So errors fall with the step, and three steps tell
-what they fall to: `(8 x(h/4) - 6 x(h/2) + x(h)) / 3`. Start, noise and unknown forces are those of our flight. Forces
-at the contacts follow from Drake's inverse dynamics and Jacobians.
+Drake's parser builds the bodies from the file of `colift export mjcf`. Contacts are Drake's ball constraints; its
+discrete solver (SAP) integrates them implicitly with first order. Errors decrease with the step, so three steps give
+the limit `(8 x(h/4) - 6 x(h/2) + x(h)) / 3`. Initial state, noise and residuals are those of the colift flight. Contact
+forces follow from Drake's inverse dynamics and Jacobians.
 
-Drake is large and no part of any lock: `.venv/bin/python -m pip install drake` (Linux or macOS; 1.51.1 was used). The
-committed result is judged without it.
+Drake is large and not in a lock file: `.venv/bin/python -m pip install drake` (Linux or macOS; 1.51.1 was used). The
+stored result is judged without it.
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ class Drake:
 
 
 class Hosts:
-    """One host a step, s; the last number of what is asked says which."""
+    """One host per step [s]; the last number of a request selects it."""
 
     def __init__(self, team: Team, z: State, steps: Sequence[float]) -> None:
         self.of = {h: Host(team, z, h) for h in steps}
@@ -126,7 +126,7 @@ class Host:
                     plant.AddBallConstraint(body, at, payload, held)
                 self.tips.append(tips)
                 parts.append((bodies[0], moved, float(agent.mass.sum())))
-        plant.SetUseSampledOutputPorts(False)  # or the discrete update is none that can be asked for alone
+        plant.SetUseSampledOutputPorts(False)  # otherwise the discrete update cannot be computed separately
         plant.Finalize()
         self.context = plant.CreateDefaultContext()
         self.mass = np.array([mass for *_, mass in parts])

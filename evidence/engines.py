@@ -1,8 +1,8 @@
-"""The study's flights with MuJoCo as the plant beside those with ours: same pilot, start, noise and unknown forces.
+"""Flights of the study with MuJoCo and with the built-in plant: same controller, initial state, noise and residuals.
 
-Over 20 s of C1, positions of payload and agents are to agree within 5 mm and attitudes within 0.5 deg at every time,
-contact forces below 10 Hz within 5 %; and C1 > C2 > C3 holds in MuJoCo as well. Settings of MuJoCo's step and contacts
-are compared on the first seconds of C1.
+Over 20 s of C1, positions of payload and agents must agree within 5 mm, attitudes within 0.5 deg at every time, and
+contact forces below 10 Hz within 5 %. The order C1 > C2 > C3 must hold in MuJoCo as well. Settings of MuJoCo's step and
+contacts are compared on the first seconds of C1.
 """
 
 from __future__ import annotations

@@ -1,11 +1,14 @@
-"""Maps that were learned on one loop, flown frozen where nothing like it was: what shape of a map holds there.
+"""Transfer of frozen residual models, learned on one path, to other conditions.
 
-All learn from one flight of C3 on `paper`, which looks ahead, until its last update:
-`full` are the paper's GPs; `relevant` drops from each output every feature whose length-scale is above `FAR` deviations
-of it over the data, and fits anew; `place` is what C4 learns (`colift.onboard.learning.semiparametric`): a mean of mass, first moments, drag and
-rotors' thrust, and, for forces and the payload's moment, GPs of the place alone; `rigid` has this mean and the paper's
-GPs of the rest; `field` is `place` with one field of forces in the world, `cov = (g_b g_c + o_b^2 [b = c]) k(x, z)` of
-bodies b and c.
+All models use the data of one flight of C3 on `paper` with preview, until its last update:
+
+- `full`: the Gaussian processes of the paper.
+- `relevant`: without the features of each output whose length-scale exceeds `FAR` standard deviations of the data;
+  hyperparameters are fitted again.
+- `place`: the model of `adaptive` (`colift.onboard.learning.semiparametric`). It has a parametric mean of mass, first
+  moments, drag and thrust bias. Forces and the payload's moment have Gaussian processes of the position only.
+- `rigid`: this mean, and the paper's Gaussian processes of the remainder.
+- `field`: `place` with one field of forces in the world, `cov = (g_b g_c + o_b^2 [b = c]) k(x, z)` of bodies b and c.
 """
 
 from __future__ import annotations
@@ -64,14 +67,14 @@ FAR = 10.0
 
 
 def settings(condition: str, seed: int) -> Scenario:
-    """The paper's scenario in another condition, looking ahead."""
+    """Return the paper's scenario in another condition, with preview."""
     ahead = scenario.load_scenario("paper").online_correction.preview_step_s
     return scenario.load_scenario("paper", [f"control.preview_step_s={ahead}", *CONDITIONS[condition], f"seed={seed}"])
 
 
 @dataclasses.dataclass(frozen=True)
 class Lesson:
-    """What a flight taught: the oracle of its last update, the data that it rests on and its fits."""
+    """Result of a flight: residual model of the last update, its data and its fits."""
 
     oracle: residual_model.ResidualModel
     recorded: recorder.RecorderState
@@ -84,7 +87,7 @@ class Lesson:
 def flown(
     plan: flight.Experiment, until: float, loop: simulator.LoopState, oracle: residual_model.ResidualModel
 ) -> tuple[Any, Any]:
-    """The loop at a time, s, whose oracle is frozen meanwhile, and what was logged; deviations along it take longer."""
+    """Simulate with a frozen residual model until a time [s]; return the loop state and the records."""
     setup = dataclasses.replace(
         plan.loop_config, controller=dataclasses.replace(plan.controller, residual_model=oracle)
     )
@@ -103,7 +106,7 @@ DRAW = jax.jit(lambda world, key, ticks: world.sample_noise(key, ticks), static_
 
 @functools.cache
 def lesson(seed: int) -> Lesson:
-    """C3 at home until its last update."""
+    """Simulate C3 in nominal conditions until its last update."""
     given = settings("home", seed)
     plan = experiment.make_experiment(given, "C3")
     school, oracle = (
@@ -132,7 +135,7 @@ def lesson(seed: int) -> Lesson:
 
 @dataclasses.dataclass(frozen=True)
 class Map:
-    """An oracle, and by body what is not known of its mean."""
+    """Residual model, and the uncertainty of its mean by body."""
 
     oracle: residual_model.ResidualModel
     doubts: semiparametric.MeanUncertainties = dataclasses.field(default_factory=dict)
@@ -169,7 +172,7 @@ def seen(given: Lesson, body: BodyKey, X: np.ndarray) -> np.ndarray:
 def with_models(
     oracle: residual_model.ResidualModel, models: dict[BodyKey, gp.GPPosterior], **more: Any
 ) -> residual_model.ResidualModel:
-    """The oracle with other GPs of all bodies."""
+    """Return the residual model with other GPs of all bodies."""
     groups = []
     for i, group in enumerate(oracle.agents):
         each = [models[i, j] for j in range(len(group.num_points))]
@@ -178,7 +181,7 @@ def with_models(
 
 
 def relevant(given: Lesson) -> residual_model.ResidualModel:
-    """Of each output only features within `FAR` deviations, its hyperparameters fitted anew."""
+    """Return the model with the relevant features of each output only, with refitted hyperparameters."""
     models = {}
     for body, X, Y in bodies(given):
         Z, before, stated = seen(given, body, X), given.fits[body], given.training.prior_for(body)
@@ -232,7 +235,7 @@ class Block:
 
     @property
     def median(self) -> np.ndarray:
-        """Logarithms of length-scale, own deviations, noise and gains, as believed before data."""
+        """Logarithms of length-scale, own deviations, noise and gains of the prior."""
         gains = [np.log(self.deviation)] if self.shared else []
         return np.concatenate([[0.0], np.log(self.deviation), np.log(self.noise), *gains])
 
@@ -429,7 +432,7 @@ def rigid(given: Lesson) -> Map:
 
 
 def explained(oracle: residual_model.ResidualModel, body: BodyKey, X: np.ndarray) -> np.ndarray:
-    """What an oracle's mean says beside its GPs at a body's raw samples."""
+    """Evaluate the parametric mean of a residual model at the raw samples of a body."""
     known, x = oracle.mean_function, jnp.asarray(X)
     assert known is not None
     if isinstance(body, str):
@@ -446,7 +449,7 @@ def explained(oracle: residual_model.ResidualModel, body: BodyKey, X: np.ndarray
 
 
 def plan(case: str, condition: str, seed: int) -> flight.Experiment:
-    """A case in a condition; a frozen oracle takes in nothing."""
+    """Return the experiment of a case in a condition; a frozen model is not updated."""
     given = settings(condition, seed)
     if case in ("true_residual", "label_feedback"):
         return experiment.make_experiment(given, case)
@@ -454,7 +457,7 @@ def plan(case: str, condition: str, seed: int) -> flight.Experiment:
     made = experiment.make_experiment(given, "C1")
     pilot = dataclasses.replace(made.controller, residual_model=learned(model, seed).oracle)
     return dataclasses.replace(
-        made, controller=controllers.with_innovation_filter(given, pilot, held=True) if labels else pilot
+        made, controller=controllers.with_innovation_filter(given, pilot, hold_correction=True) if labels else pilot
     )
 
 

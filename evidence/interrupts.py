@@ -1,8 +1,7 @@
-"""Ctrl-C and SIGTERM end a run wherever they reach it: 40 and 8 times, in processes of their own.
+"""Ctrl-C and SIGTERM end a run at any point: 40 and 8 trials, in separate processes.
 
-The runs are short ones of the command line. The signal comes at times spread over a whole run, counted from when the
-process heeds signals: in imports, compilation, flights, fits, figures and writing. Before that the interpreter itself
-starts, which no program can change.
+The runs are short commands. The times of the signals are spread over a whole run: imports, compilation, flights, fits,
+figures and writing. They count from the installation of the signal handlers; before that the interpreter itself starts.
 """
 
 from __future__ import annotations
@@ -73,7 +72,7 @@ def _work() -> tempfile.TemporaryDirectory[str]:
 
 
 def begin(command: str, out: Path, cached: bool) -> subprocess.Popen[str]:
-    """A run of the command line, when it heeds signals."""
+    """Start a command, and wait until it handles signals."""
     work = Path(_work().name)
     environment = dict(os.environ) if cached else os.environ | {"JAX_COMPILATION_CACHE_DIR": f"{out}-compiled"}
     run = subprocess.Popen(

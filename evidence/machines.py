@@ -1,8 +1,8 @@
-"""The tests under other linear algebra, other vector instructions and in other orders: none rests on one machine's.
+"""Test suite with other linear algebra, other vector instructions and in other orders.
 
-Each run starts the whole suite, as `./dev test` does, with OpenBLAS held to the kernels of one processor and XLA to one
-instruction set, the test files in an order of their own. Kept: what passed and failed, the time, the memory of the
-largest process. Where the processor lacks AVX-512 its settings cannot run, and the result says so.
+Each run executes the whole suite, as `./dev test` does. OpenBLAS is limited to the kernels of one processor, XLA to one
+instruction set, and the test files are shuffled. The result contains counts of passed and failed tests, time, and the
+memory of the largest process. Without AVX-512 its settings are omitted, and the result states so.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
-"""The pilot's tick as C on other processors: commands of a flown C3 on x86-64, aarch64 and a bare Cortex-M7.
+"""Controller step as C on other processors: commands of a simulated C3 on x86-64, aarch64 and a bare Cortex-M7.
 
-2000 ticks of the paper's C3, with what it learned in 20 s, replayed by the program that `colift export c` writes. Times
-of a step, median and 99.9th percentile over 60 s, are of this machine on one core; an emulator's say nothing.
-Needs, beside a C compiler: aarch64-linux-gnu-gcc, qemu-aarch64, arm-none-eabi-gcc with newlib, qemu-system-arm (Debian:
-gcc-aarch64-linux-gnu, qemu-user, gcc-arm-none-eabi, libnewlib-arm-none-eabi, qemu-system-arm).
+The program of `colift export c` replays 2000 ticks of the paper's C3 with the model learned in 20 s. Times of a step,
+median and 99.9th percentile over 60 s, are from this machine on one core; times in an emulator are not meaningful.
+Requirements besides a C compiler: aarch64-linux-gnu-gcc, qemu-aarch64, arm-none-eabi-gcc with newlib, qemu-system-arm
+(Debian: gcc-aarch64-linux-gnu, qemu-user, gcc-arm-none-eabi, libnewlib-arm-none-eabi, qemu-system-arm).
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ def exported() -> Path:
 
 
 def replayed(run: list[str], command: str, flags: list[str], repeats: int, sources: tuple[str, ...] = ()) -> Any:
-    """Build with a compiler, run, and read what the replay says."""
+    """Build with a compiler, run, and read the output of the replay."""
     needed = [name for name in (command, run[0]) if name != "{program}"]
     if missing := [name for name in needed if shutil.which(name) is None]:
         raise SystemExit(f"onboard: {', '.join(missing)} not found; see the head of evidence/onboard.py")
@@ -91,7 +91,7 @@ def version(command: str) -> str:
 
 
 def on(target: str) -> dict[str, Any]:
-    """What the replay says on one target."""
+    """Return the output of the replay on one target."""
     here, program = build.require_compiler()[0], ["{program}", "{flight}", "{repeats}"]
     with tempfile.TemporaryDirectory() as made:
         match target:

@@ -80,13 +80,13 @@ def adaptive_targets(e: Mapping[str, np.ndarray], mismatch: Mapping[str, np.ndar
 
 
 def missed(asked: dict[str, bool]) -> str:
-    """The names of what is asked and not had."""
+    """Format the names of the missed targets."""
     names = ", ".join(name for name, good in asked.items() if not good)
     return f"missed: {names}" if names else "all targets"
 
 
 def main() -> bool:
-    """Fly all seeds; each target must hold on the default one and on nine of the others, and what C4 is asked."""
+    """Simulate all seeds; each target must hold for the default seed and nine others, those of `adaptive` for all."""
     flown = collect("orderings", map(str, SEEDS), lambda item: fly(int(item)))
     met = {seed: targets(found) for seed, found in flown.items()}
     print("seed    " + "".join(f"{case:>8}" for case in CASES) + "   e_p [mm], second half")

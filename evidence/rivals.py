@@ -1,12 +1,15 @@
-"""Four certificates of the same flights: ours, a pointwise tube, a bound by L1 norms, and split-conformal prediction.
+"""Four certificates of the same flights: colift, a pointwise tube, an L1 norm bound, and split-conformal prediction.
 
-Plant, data and assumptions are those of the scenario `certified`; all say, before it is flown, how far the errors of a
-flight may go. `pointwise`: the energy bound at each time alone, along a tube by the same slopes, summed with the loop's
-weights (as Koller et al. 2018, Lederer et al. 2019 do). `L1`: one number for each unknown output, its greatest bound
-along the path enlarged by a small gain, times the L1 norm of the loop (as in L1 adaptive control, Hovakimyan and Cao
-2010; Lakshmanan et al. 2020). `conformal`: the quantile of what 500 flights with other draws reached (Vovk et al. 2005;
-Lindemann et al. 2023), with no model at all. Each is held against flights with other forces that norm and data allow:
-what was drawn, and tries of `colift falsify`.
+Plant, data and assumptions are those of the scenario `certified`. All four bound the errors before the flight.
+
+- `pointwise`: the energy bound at each time along a tube with the same slopes, summed with the weights of the loop
+  (Koller et al. 2018, Lederer et al. 2019).
+- `L1`: the largest bound of each residual along the path, enlarged by a small gain, times the L1 norm of the loop
+  (Hovakimyan and Cao 2010, Lakshmanan et al. 2020).
+- `conformal`: a quantile of the errors in 500 flights with other draws (Vovk et al. 2005, Lindemann et al. 2023).
+
+Each is compared with flights with other residuals that are consistent with norm and data: the drawn residuals, and
+trials of `colift falsify`.
 """
 
 from __future__ import annotations

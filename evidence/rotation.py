@@ -28,7 +28,7 @@ TARGET, UP_TO = 1.35, 0.17  # what must be reached, and up to which size
 
 
 def horizon(k_R: float, k_omega: float) -> float:
-    """How long a run must last for its start to be forgotten, s."""
+    """Return the time [s] after which the effect of the initial state is negligible."""
     slowest = np.max(np.roots([1.0, k_omega, k_R]).real)
     return float(-SETTLED / slowest)
 
@@ -140,7 +140,7 @@ def compare(damping: float, size: float, count: int, rounds: int) -> dict[str, f
 
 
 def main() -> bool:
-    """Every ratio is at least 1, and at most TARGET up to the size asked for."""
+    """Every ratio must be at least 1, and at most `TARGET` for sizes up to `UP_TO`."""
     cases = {f"damping {z:.3f}, rho {s} k_R": (z, s) for z in DAMPINGS for s in SIZES}
     table = collect("rotation", cases, lambda item: compare(*cases[item], STARTS, ROUNDS))
     held = True

@@ -42,7 +42,7 @@ def items() -> list[str]:
 
 
 def kernels(core: str) -> str:
-    """The architecture as which OpenBLAS runs when asked for a core type."""
+    """Return the architecture that OpenBLAS uses for a core type."""
     code = "import scipy.linalg, threadpoolctl; print({x.get('architecture') for x in threadpoolctl.threadpool_info()})"
     env = {**os.environ, "OPENBLAS_CORETYPE": core}
     return subprocess.run([sys.executable, "-c", code], env=env, check=True, capture_output=True, text=True).stdout

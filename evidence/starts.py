@@ -1,4 +1,4 @@
-"""Teams that `colift init` writes, as they come: what `check` says of them, and whether C1 > C2 > C3 holds."""
+"""Scenarios of `colift init` without changes: result of the preflight check, and the order C1 > C2 > C3."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ TEAMS = ((2, 2), (3, 2), (3, 1), (4, 1), (6, 0), (3, 0))  # agents, arms of each
 
 
 def fly(item: str) -> dict[str, Any]:
-    """The checkup's verdict and the RMS position error of each case over the second half, m."""
+    """Return the result of the preflight check, and the RMS position error [m] of each case over the second half."""
     agents, arms = map(int, item.split(" x "))
     settings = scenario.parse(template.scenario_template("team", agents, arms), "team.yaml")
     found = preflight.run_preflight(settings)

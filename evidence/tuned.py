@@ -103,7 +103,7 @@ def cost(of: dict[str, Any]) -> float:
 
 
 def main() -> bool:
-    """Every team is sound, has less error over decay tuned than by hand and by chance, and flies in order as tuned."""
+    """Every team must pass the check, have the smallest cost with tuned gains, and keep the order of the cases."""
     found, good = collect("tuned", TEAMS, fly), True
     for item in TEAMS:
         of = found[item]

@@ -1,8 +1,9 @@
-"""The certificate of other flights than those of `certified`: each holds what it says, or says why it says nothing.
+"""Certificates of flights that differ from `certified`: each bound holds, or the reason for its absence is stated.
 
-Tries of `colift falsify`, each kind of flight of its own: other forces, late updates, starts far off, faster and slower
-paths, the study's noise, other control rates, weaker rotors; unknown forces that norm and labels allow and that make
-errors great; and other teams in the world of `certified`, with their own payload, gains, allocation and control rate.
+Trials of `colift falsify` cover one kind of flight each: other residuals, late updates, large initial errors, faster
+and slower paths, the study's noise, other control rates, weaker rotors. Further kinds are residuals that are consistent
+with norm and labels and maximize the errors, and other teams in the world of `certified`, with their own payload,
+gains, allocation and control rate.
 """
 
 from __future__ import annotations

@@ -63,7 +63,7 @@ class WeightedAllocator:
 
 
 def weighted_allocator(team: Team, weights: np.ndarray) -> WeightedAllocator:
-    """Make an allocator with the right inverse `W^-1 G^T (G W^-1 G^T)^-1`; a larger weight reduces a contact's force."""
+    """Make an allocator with the right inverse `W^-1 G^T (G W^-1 G^T)^-1`; a larger weight reduces the force."""
     G = np.asarray(grasp.grasp_matrix(grasp.contact_points(team), jnp.eye(3)))
     inverse_weights = np.repeat(1 / weights, 3)
     right_inverse = inverse_weights[:, None] * G.T @ np.linalg.inv(G * inverse_weights @ G.T)

@@ -1,8 +1,8 @@
-"""Features and a kernel of your own in what a flight learns: what the payload feels by where it is and how fast.
+"""Own features and kernel of a learned residual model: position and velocity as inputs of the payload's model.
 
-A kernel is a `colift.math.pytree.pytree` with a `__call__` of the squared distance in length-scales; features are a
-`colift.onboard.learning.features.Features`. In a scenario file they are `plugins.features` and `plugins.kernel`; here they take the place of
-the paper's in Python. Run it with `python examples/05_own_kernel.py`.
+A kernel is a `colift.math.pytree.pytree` with a `__call__` of the squared distance in length-scales. Features are a
+`colift.onboard.learning.features.Features`. In a scenario file they are `plugins.features` and `plugins.kernel`; here
+they replace the default ones in Python. Run it with `python examples/05_own_kernel.py`.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ PLATE = Path(__file__).with_name("plate.yaml")
 
 
 @pytree
-class Heavy(gp.Kernel):
-    """The rational quadratic, `(1 + r2 / (2 a))^-a`: squared exponentials of many length-scales in one."""
+class RationalQuadratic(gp.Kernel):
+    """Rational quadratic kernel `(1 + r2 / (2 a))^-a`, a mixture of squared exponentials."""
 
     a: Float[Array, ""]
 
@@ -35,7 +35,7 @@ class Heavy(gp.Kernel):
 
 @pytree
 class Motion(features.DefaultFeatures):
-    """Of the payload position and velocity alone; of the agents what the paper takes."""
+    """Position and velocity of the payload; the default features of the agents."""
 
     def payload(self, x: Float[Array, "*batch inputs"]) -> Float[Array, "*batch 6"]:
         return x[..., :6]
@@ -44,31 +44,33 @@ class Motion(features.DefaultFeatures):
         return features.PAYLOAD_FEATURES[:6]
 
 
-def taught(plan: flight.Experiment, kernel: gp.Kernel) -> flight.Experiment:
-    """The plan with that kernel of those features for the payload's model."""
-    oracle, training = plan.controller.residual_model, plan.fit_options
-    assert training is not None
-    median = training.payload.median
+def with_kernel(experiment: flight.Experiment, kernel: gp.Kernel) -> flight.Experiment:
+    """Return the experiment with a kernel and `Motion` features in the payload's model."""
+    model, options = experiment.controller.residual_model, experiment.fit_options
+    assert options is not None
+    median = options.payload.median
     hyper = dataclasses.replace(median, kernel=kernel, lengthscales=median.lengthscales[:, :6])
-    seen = dataclasses.replace(oracle, features=Motion(), payload=gp.prior(hyper, oracle.payload.capacity))
-    belief = dataclasses.replace(training.payload, median=hyper)
+    prior = dataclasses.replace(model, features=Motion(), payload=gp.prior(hyper, model.payload.capacity))
+    hyperprior = dataclasses.replace(options.payload, median=hyper)
     return dataclasses.replace(
-        plan,
-        controller=dataclasses.replace(plan.controller, residual_model=seen),
-        fit_options=dataclasses.replace(training, payload=belief),
+        experiment,
+        controller=dataclasses.replace(experiment.controller, residual_model=prior),
+        fit_options=dataclasses.replace(options, payload=hyperprior),
     )
 
 
 def main() -> None:
-    """Fly C2 for two seconds, learn from the first 1.5, and say what the labels told."""
-    plan = dataclasses.replace(colift.make_experiment(colift.load_scenario(PLATE), "C2"), duration=2.0, update_times=(1.5,))
-    flight = colift.run_experiment(taught(plan, Heavy(a=jnp.array(1.0))))
+    """Simulate two seconds of C2 with a model update at 1.5 s, and print the fit and the prediction error."""
+    experiment = colift.make_experiment(colift.load_scenario(PLATE), "C2")
+    experiment = dataclasses.replace(experiment, duration=2.0, update_times=(1.5,))
+    flight = colift.run_experiment(with_kernel(experiment, RationalQuadratic(a=jnp.array(1.0))))
     fit, rows = flight.updates[0].fits["payload"], flight.records
     print(f"{flight.updates[0].n['payload']} samples, {type(fit.hyper.kernel).__name__}; ", end="")
     print(f"log likelihoods {np.array2string(fit.log_likelihood, precision=1)}")
-    left = np.linalg.norm((rows.f_L - rows.f_L_hat)[:, :3], axis=1)
+    error = np.linalg.norm((rows.f_L - rows.f_L_hat)[:, :3], axis=1)
     print(
-        f"unknown force left, mean: {left[rows.t < 1.5].mean():.2f} N before, {left[rows.t >= 1.5].mean():.2f} N after"
+        f"mean error of the predicted force: {error[rows.t < 1.5].mean():.2f} N before the update, "
+        f"{error[rows.t >= 1.5].mean():.2f} N after it"
     )
 
 

@@ -1,4 +1,4 @@
-"""The Gaussian processes of colift without robots: learn two functions, ask for means, deviations and error bounds.
+"""Gaussian processes of colift without robots: fit two functions, and evaluate means and error bounds.
 
 Run it with `python examples/06_gp_alone.py`.
 """
@@ -14,7 +14,7 @@ NOISE = 0.05
 
 
 def main() -> None:
-    """Two outputs of one input, learned from forty noisy values, asked at three places."""
+    """Fit two outputs of one input to forty noisy values, and print predictions with error bounds at three inputs."""
     rng = np.random.default_rng(0)
     X = rng.uniform(-3, 3, (40, 1))
     Y = np.concatenate([np.sin(X), X**2 / 4], axis=1) + NOISE * rng.uniform(-1, 1, (40, 2))
@@ -25,8 +25,8 @@ def main() -> None:
     mean, variance = gp.predict(model, at)
     beta = gp.error_bounds.bounded_energy(model, norm=4.0, noise_bound=NOISE)
     for x, mu, s in zip(at[:, 0], mean, jnp.sqrt(variance), strict=True):
-        told = ", ".join(f"{m:+.3f} +- {b * d:.3f}" for m, b, d in zip(mu, beta, s, strict=True))
-        print(f"x = {x:+.1f}: {told} for certain, if the norm is at most 4 and no value errs by more than {NOISE}")
+        bounds = ", ".join(f"{m:+.3f} +- {b * d:.3f}" for m, b, d in zip(mu, beta, s, strict=True))
+        print(f"x = {x:+.1f}: {bounds} if the RKHS norm is at most 4 and the noise at most {NOISE}")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""The pilot's tick as C, with what it learned: fly C3, write the code, and build the replay where there is a compiler.
+"""Controller step as C with its learned model: simulate C3, write the code, and build the replay if possible.
 
 `colift export c` does the same. Run it with `python examples/09_export_c.py`.
 """
@@ -19,12 +19,13 @@ TICKS = 250
 
 
 def main() -> None:
-    """Say what was written, and by how much the program's commands differ from Python's."""
-    plan = dataclasses.replace(colift.make_experiment(colift.load_scenario(PLATE), "C3"), duration=2.0, update_times=(1.0,))
-    flight = colift.run_experiment(plan)
+    """Print the written files, and the difference between the commands of the program and those of Python."""
+    experiment = colift.make_experiment(colift.load_scenario(PLATE), "C3")
+    experiment = dataclasses.replace(experiment, duration=2.0, update_times=(1.0,))
+    flight = colift.run_experiment(experiment)
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
-        c_export.export_c(plan, flight.model, TICKS, folder, "plate, C3")
+        c_export.export_c(experiment, flight.model, TICKS, folder, "plate, C3")
         for file in sorted(folder.iterdir()):
             print(f"{file.name:16} {file.stat().st_size / 1e3:8.1f} kB")
         if (compiler := shutil.which("cc")) is None:
