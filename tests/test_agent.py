@@ -137,9 +137,7 @@ def test_contact_jacobian(case: SimpleNamespace) -> None:
     n = case.agent.tree.arms
     np.testing.assert_allclose(case.q.J_tip[:, :, :3], -so3.hat(case.q.tip_from_com), atol=1e-15)
     np.testing.assert_allclose(case.q.J_tip[:, :, 3:], case.J_rho, atol=1e-14)
-    np.testing.assert_allclose(
-        case.q.J_base, np.hstack([so3.hat(case.s), -np.asarray(case.J_s)]), atol=1e-14
-    )
+    np.testing.assert_allclose(case.q.J_base, np.hstack([so3.hat(case.s), -np.asarray(case.J_s)]), atol=1e-14)
     assert case.q.tip_from_com.shape == (n, 3)
 
 

@@ -37,7 +37,8 @@ def test_a_round_is_every_kind_once_and_each_follows_from_its_name():
     hover = scenario.load_scenario(
         "turning",
         [
-            "reference={kind: waypoints, poses: [{time_s: 0, position_m: [0, 0, 2]}, {time_s: 9, position_m: [1, 0, 2]}]}"
+            "reference={kind: waypoints, poses: "
+            "[{time_s: 0, position_m: [0, 0, 2]}, {time_s: 9, position_m: [1, 0, 2]}]}"
         ],
     )
     assert "path 0" not in falsification.trial_names(hover, 1)

@@ -300,9 +300,8 @@ def test_agents_that_hear_themselves_are_named_and_others_are_not():
     assert not list(preflight._labels(quiet, team.team(quiet)[1]))
     (said,) = preflight._labels(loud, team.team(loud)[1])
     assert (
-        said.message
-        == "agent_1 has a label loop gain of 0.78: cases with label feedback use 43% of its label rates and respond later to "
-        "gusts"
+        said.message == "agent_1 has a label loop gain of 0.78: cases with label feedback use 43% of its "
+        "label rates and respond later to gusts"
     )
     assert not said.advice
     assert set(said.values["gain"]) == {"agent_1", "agent_2", "agent_3"}

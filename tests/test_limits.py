@@ -108,17 +108,20 @@ def test_a_flight_within_its_limits_goes_on_and_where_there_are_none_whatever_it
         (
             4,
             np.pi,
-            "the attitude error of the payload is 180 deg at t = 1.500 s, beyond termination.max_attitude_error_deg = 85.9437",
+            "the attitude error of the payload is 180 deg at t = 1.500 s, "
+            "beyond termination.max_attitude_error_deg = 85.9437",
         ),
         (
             5,
             [0, 1.3, np.pi / 2],
-            "the thrust of agent west is 90 deg from the vertical at t = 1.500 s, beyond termination.max_tilt_deg = 68.7549",
+            "the thrust of agent west is 90 deg from the vertical at t = 1.500 s, "
+            "beyond termination.max_tilt_deg = 68.7549",
         ),
         (
             6,
             [2.1, 0, 2.05],
-            "the thrust of agent east is at its limit for 2.1 s at t = 1.500 s, beyond termination.max_saturation_time_s = 2",
+            "the thrust of agent east is at its limit for 2.1 s at t = 1.500 s, "
+            "beyond termination.max_saturation_time_s = 2",
         ),
     ],
 )

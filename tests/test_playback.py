@@ -128,7 +128,8 @@ def test_a_page_asks_for_nothing_and_no_name_ends_it_early():
     [
         (
             None,
-            "the log C1 of run colift-run-0123456789ab contains no scenario; it was written by an earlier version of colift",
+            "the log C1 of run colift-run-0123456789ab contains no scenario; "
+            "it was written by an earlier version of colift",
         ),
         ('{"name": 1}', r"cannot read the scenario in the log \(name: must be text, got 1\): run colift study again"),
     ],

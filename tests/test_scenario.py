@@ -252,7 +252,8 @@ WRONG = [  # what is written, what instead, the line that answers
     (
         "moment_noise_std_Nm: 0.02}",
         "moment_noise_std_Nm: 0.02, lengthscale: 40}",
-        "learning.payload.lengthscale [of each feature]: must be from 0.1 to 30 (bounds of the length-scales in the fit",
+        "learning.payload.lengthscale [of each feature]: must be from 0.1 to 30 "
+        "(bounds of the length-scales in the fit",
     ),
     (
         "position_error_m: [",
@@ -394,7 +395,8 @@ def test_a_file_may_say_only_where_it_differs(tmp_path):
     """Sections by setting, entries of lists by name, and a section of another kind as a whole; twice over."""
     one, two = tmp_path / "one.yaml", tmp_path / "two.yaml"
     one.write_text(
-        "schema: 2\nextends: paper\nname: one\npayload: {mass_kg: 2}\ndisturbances:\n  - {name: clamp, force_N: [0, 0, -2]}\n"
+        "schema: 2\nextends: paper\nname: one\npayload: {mass_kg: 2}\ndisturbances:\n"
+        "  - {name: clamp, force_N: [0, 0, -2]}\n"
         "  - {name: more, kind: constant, acts_on: payload, force_N: [1, 0, 0]}\nallocation:\n"
         "  {kind: leader_follower, leader_contacts: [front/left, front/right, rear/left]}\n"
     )

@@ -278,7 +278,8 @@ def test_residuals_known_exactly_are_refused_where_a_law_remembers(folder):
         settings = scenario.load_scenario(light.write(folder / "late.yaml", disturbances=laws))
     with pytest.raises(
         ScenarioError,
-        match=r"case true_residual evaluates .* these disturbances have an internal state: LateForce_payload, LateForce_agents$",
+        match=r"case true_residual evaluates .* these disturbances have an internal state: "
+        r"LateForce_payload, LateForce_agents$",
     ):
         colift.make_experiment(settings, "true_residual")
     assert colift.make_experiment(settings, "C1").world.disturbances.payload

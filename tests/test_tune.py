@@ -277,9 +277,8 @@ def test_thrust_bounds_the_stiffness():
     )
     assert gain_tuning._max_frequency_ratio(dataclasses.replace(of, settings=near)) == gain_tuning.MAX_GAIN_RATIO
     wide = of.settings.termination.model_copy(update={"max_position_error_m": 10.0})
-    far = of.settings.model_copy(
-        update={"initial_state": of.settings.initial_state.model_copy(update={"position_error_m": (9, 0, 0)}), "termination": wide}
-    )
+    start = of.settings.initial_state.model_copy(update={"position_error_m": (9, 0, 0)})
+    far = of.settings.model_copy(update={"initial_state": start, "termination": wide})
     assert gain_tuning._max_frequency_ratio(dataclasses.replace(of, settings=far)) == 0
 
 

@@ -271,7 +271,8 @@ REFUSED = [
     (
         "<limit",
         '<mimic joint="wrist"/><limit',
-        r"two\.urdf:9: joint 'shoulder' depends on another joint \(<mimic>\).*: choose mimic 'frozen' .* or 'independent' ",
+        r"two\.urdf:9: joint 'shoulder' depends on another joint \(<mimic>\).*: "
+        r"choose mimic 'frozen' .* or 'independent' ",
     ),
     ('xyz="2 0 0"', 'xyz="0 0 0"', r"two\.urdf:8: joint 'shoulder': the axis must not be zero"),
     ('xyz="2 0 0"', 'xyz="2 0"', "'xyz' of <axis> must be 3 finite numbers, got '2 0'"),
@@ -436,7 +437,11 @@ WRONG_ENTRY = [
     ("thrust_max_N: 50", "thrust_max_N: 0", "two_arms.thrust_max_N [N]: must be from 1e-5 to 1e6 (what lifts"),
     ("    thrust_max_N: 50\n", "", "two_arms.thrust_max_N [N]: is required"),
     ("thrust_max_N: 50", "thrust_mx_N: 50", "is not a setting here; did you mean 'thrust_max_N'?"),
-    ("tips: [left_hand, ", "tips: [", "agents[0].contact_positions_m [m]: must hold one contact for each of the 1 arms"),
+    (
+        "tips: [left_hand, ",
+        "tips: [",
+        "agents[0].contact_positions_m [m]: must hold one contact for each of the 1 arms",
+    ),
     ("tip_position_m: [0, 0, -0.3]", "tip_position_m: [0, 0]", "tips[1].tip_position_m[2] [m]: is missing"),
 ]
 

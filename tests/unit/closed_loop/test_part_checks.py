@@ -49,7 +49,10 @@ def with_fault(fault: str) -> flight.Experiment:
     ("fault", "message"),
     [
         ("no state", r"payload_controller: Own.compute: returned AccelerationCommand; must return"),
-        ("other state", r"Own.compute: the next state has shapes and types \['float64\[3\]'\]; must be those of `init`"),
+        (
+            "other state",
+            r"Own.compute: the next state has shapes and types \['float64\[3\]'\]; must be those of `init`",
+        ),
         ("shape", r"payload_controller: Own.compute: .*"),  # found by beartype first, in tests
         ("condition", r"Own.compute: a Python condition depends on an array; use `jnp.where`"),
     ],
