@@ -23,7 +23,7 @@ SCRIPT = """
 import jax, jax.numpy as jnp
 from colift import dynamics, native
 from colift.model import AgentInput, no_force
-from tests import teams
+from tests.support import random_teams as teams
 team, z = teams.reference_team(2), teams.reference_guess(2)
 u = (AgentInput(u=jnp.zeros(2), tau=jnp.zeros((2, 3)), tau_r=jnp.zeros((2, 3))),)
 step = lambda team, z, u, dt: dynamics.project(team, dynamics.integrate(team, z, u, lambda _z, _t: no_force(team), dt))

@@ -20,7 +20,7 @@ from threadpoolctl import threadpool_limits
 from benchmarks import Outcome, gp, plant, rounds
 from colift import codegen
 from colift.codegen import liveness
-from colift.codegen.blocks import Function, Over, Scan
+from colift.codegen.blocks import Function, Map, Scan
 from colift.codegen.graph import Graph
 from colift.codegen.interpret import interpret
 from colift.codegen.vmap_primitive import trace
@@ -52,7 +52,7 @@ def _count(function: Function, need: liveness.Live) -> Counter[str]:
     found["sincos"] = len({argument for op, argument, *_ in live if op in ("sin", "cos")})
     for block, call in need.calls.items():
         b = g.blocks[block]
-        length = b.length if isinstance(b, Over | Scan) else 1
+        length = b.length if isinstance(b, Map | Scan) else 1
         for f, inner in zip(b.functions, call.functions, strict=True):
             for op, times in _count(f, inner).items():
                 found[op] += times * length

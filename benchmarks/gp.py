@@ -200,7 +200,7 @@ def report(what: str, N: int, times: dict[str, np.ndarray], operations: float, r
 def peer() -> object:
     """The tests' GPyTorch in exact mode, or None where it is not installed."""
     try:
-        from tests import gpytorch_exact
+        from tests.support import gpytorch_exact
     except ImportError:
         return None
     return gpytorch_exact

@@ -13,7 +13,7 @@ from benchmarks.plant import DT, Case
 from colift.models import aerial_manipulator
 from colift.models.parameters import Team
 from colift.models.state import zero_residual
-from tests.pinocchio_team import PinocchioTeam
+from tests.support.pinocchio_team import PinocchioTeam
 
 
 def mujoco_team(team: Team) -> mujoco.MjModel:

@@ -12,7 +12,7 @@ from jax.flatten_util import ravel_pytree
 from colift.models.parameters import Team
 from colift.models.state import AgentInput, State, zero_residual
 from colift.simulation import contact_dynamics
-from tests import teams
+from tests.support import random_teams as teams
 
 DT = 1e-3  # s
 

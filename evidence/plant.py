@@ -28,8 +28,9 @@ from colift.models.state import AgentInput, GeneralizedForce, ResidualForces, St
 from colift.scenario import experiment
 from colift.simulation import contact_dynamics
 from evidence import collect
-from tests import motion, teams
-from tests.pinocchio_team import PinocchioTeam
+from tests.support import payload_motions as motion
+from tests.support import random_teams as teams
+from tests.support.pinocchio_team import PinocchioTeam
 
 RATE = 5.0  # rad/s or m/s of any joint, rad/s of any base, at any time of the run
 TEAMS: dict[str, Callable[[int], tuple[Team, State]]] = {

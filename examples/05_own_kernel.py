@@ -65,7 +65,7 @@ def main() -> None:
     experiment = dataclasses.replace(experiment, duration=2.0, update_times=(1.5,))
     flight = colift.run_experiment(with_kernel(experiment, RationalQuadratic(a=jnp.array(1.0))))
     fit, rows = flight.updates[0].fits["payload"], flight.records
-    print(f"{flight.updates[0].n['payload']} samples, {type(fit.hyper.kernel).__name__}; ", end="")
+    print(f"{flight.updates[0].num_samples['payload']} samples, {type(fit.hyper.kernel).__name__}; ", end="")
     print(f"log likelihoods {np.array2string(fit.log_likelihood, precision=1)}")
     error = np.linalg.norm((rows.f_L - rows.f_L_hat)[:, :3], axis=1)
     print(

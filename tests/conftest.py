@@ -61,10 +61,13 @@ hypothesis.settings.register_profile("colift", deadline=None, derandomize=True, 
 hypothesis.settings.load_profile("colift")
 
 
-TEAMS = {  # files that fly one team: tracing a flight costs more than flying it, and they share its programs
-    "paper": ("simulate", "study", "outlook", "fly", "claims", "modes", "estimate", "shipped"),
-    "certified": ("certify_certificate", "certify_variation", "certification"),
-    "light": ("main", "playback", "export", "checkup"),
+TEAMS = {  # files that share the compiled programs of one team run in one worker
+    "paper": (
+        *("flight", "study", "feasibility", "controller", "paper_claims", "stability", "state_estimator"),
+        "shipped_scenarios",
+    ),
+    "certified": ("certificate", "linearized_trajectory", "certification"),
+    "small": ("cli", "playback", "c_export", "preflight"),
 }
 
 
@@ -88,7 +91,7 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> LoadFileSche
 @pytest.fixture(scope="module")
 def cases() -> Any:
     """Made-up flights of all cases, for figures."""
-    from tests import made_up
+    from tests.support import study_logs as made_up
 
     return made_up.cases()
 
@@ -104,9 +107,8 @@ def style() -> Iterator[None]:
         yield
 
 
-AS_SHIPPED = (  # files that test what gcc makes, and those that call it often
-    *("native", "native_build", "native_integers", "native_loops", "shipped"),
-)
+AS_SHIPPED = ("codegen", "build", "integers", "loops", "shipped_scenarios")
+"""Files that test the code which the C compiler makes, or call it often."""
 
 
 @pytest.fixture(autouse=True, scope="module")

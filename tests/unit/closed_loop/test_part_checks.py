@@ -12,7 +12,7 @@ from colift.closed_loop import flight, part_checks
 from colift.math.pytree import pytree
 from colift.onboard.interfaces import PayloadController
 from colift.scenario import experiment
-from tests import light
+from tests.support import small_team as light
 
 
 @pytree

@@ -1,0 +1,262 @@
+"""Every block of code in the documentation runs, or is what the command line and a scenario take; every example runs.
+
+A page begins in a folder of its own that holds the tutorial's `my_team.yaml`; its blocks run in the page's order and
+share names. A command that flies is parsed, with its options, and its scenario and settings are read; what follows from
+a flight is shown by the tests of the modules.
+"""
+
+from __future__ import annotations
+
+import importlib
+import re
+import runpy
+import shlex
+import sys
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pytest
+import typer
+from ruamel.yaml import YAML
+from typer.testing import CliRunner
+
+from colift import scenario
+from colift.cli import app
+from colift.scenario import template
+
+ROOT = Path(__file__).parents[2]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
+EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+COLIFT = typer.main.get_command(app.app)
+RUN = {("init",), ("list",), ("print-config",), ("export", "mjcf")}  # what answers in a second or two
+ELSEWHERE = {  # examples that another module runs, which has the flight or the oracle for them
+    "02_own_team": "test_examples.py",
+    "08_certify_a_flight": "test_certify_certificate.py",
+}
+VEHICLE = """<robot name="vehicle">
+<link name="base"><inertial><mass value="1.5"/><inertia ixx="0.02" iyy="0.02" izz="0.035" ixy="0" ixz="0" iyz="0"/>
+</inertial></link>{arms}</robot>"""
+ARM = """<link name="{side}_forearm"><inertial><origin xyz="0 0 -0.15"/><mass value="0.12"/>
+<inertia ixx="9e-4" iyy="9e-4" izz="1e-5" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="{side}_shoulder" type="continuous"><parent link="base"/><child link="{side}_forearm"/>
+<origin xyz="0 {y} 0"/><axis xyz="1 0 0"/></joint><link name="{side}_hand"/>
+<joint name="{side}_wrist" type="fixed"><parent link="{side}_forearm"/><child link="{side}_hand"/>
+<origin xyz="0 0 -0.3"/></joint>"""
+
+
+class Block(NamedTuple):
+    """A block of code of a page."""
+
+    line: int
+    language: str
+    text: str
+
+
+def blocks(page: Path) -> Iterator[Block]:
+    """Fenced blocks but directives, and indented ones, which are the shell's."""
+    text = page.read_text(encoding="utf-8")
+    fenced = r"^```(?P<language>[^\n]*)\n(?P<fenced>.*?)^```$"
+    indented = r"(?<=\n\n)(?P<indented>(?:    \S[^\n]*\n)+)"
+    for found in re.finditer(f"{fenced}|{indented}", text, re.MULTILINE | re.DOTALL):
+        line = text.count("\n", 0, found.start()) + 1
+        if found["indented"] is not None:
+            yield Block(line, "sh", re.sub("^    ", "", found["indented"], flags=re.MULTILINE))
+        elif not found["language"].startswith("{"):
+            yield Block(line, found["language"], found["fenced"])
+
+
+# The shell ------------------------------------------------------------------------------------------------------------
+
+
+def commands(text: str) -> Iterator[list[str]]:
+    """The words of every command of a block, a loop's too."""
+    for line in text.replace("\\\n", " ").splitlines():
+        words = shlex.split(line.replace("$seed", "1"), comments=True)
+        if words and words[0] == "for":
+            continue
+        while words:
+            end = words.index("&&") if "&&" in words else len(words)
+            yield words[:end]
+            words = words[end + 1 :]
+
+
+def parsed(words: list[str]) -> tuple[tuple[str, ...], dict[str, Any]]:
+    """The command that words are of, and its parameters; raises KeyError or typer's error for what it does not take."""
+    command, path = COLIFT, ()
+    while hasattr(command, "commands"):
+        name, *words = words
+        command, path = command.commands[name], (*path, name)
+    return path, command.make_context(path[-1], words).params
+
+
+def run(words: list[str], folder: Path) -> None:
+    """One command: run where it answers at once, else held to what there is."""
+    first, rest = words[0], words[1:]
+    if first == "./dev" and rest[0] == "study":
+        words = ["colift", "study", "paper", *rest[1:]]
+    elif first == "./dev" and rest[0] == "colift":
+        words = rest
+    elif first == "./dev":
+        assert re.search(rf"^(?:\S+ \| )*{rest[0]}(?: \| \S+)*\) ", (ROOT / "dev").read_text(), re.MULTILINE), words
+        if rest[0] in ("evidence", "bench") and len(rest) > 1 and rest[1] != "status":
+            assert (ROOT / {"bench": "benchmarks"}.get(rest[0], rest[0]) / f"{rest[1]}.py").exists(), words
+        return
+    elif first == "pip":
+        (extra,) = re.findall(r"^colift\[(\w+)\]$", rest[-1])
+        assert extra in PROJECT["project"]["optional-dependencies"]
+        return
+    elif first in ("python", "./.venv/bin/python"):
+        assert (ROOT / rest[0]).exists()
+        return
+    elif first != "colift":
+        assert first in ("cmake", "build/replay", "cd", "npm", "done"), f"not known here: {shlex.join(words)}"
+        return
+    path, given = parsed(words[1:])
+    if path in RUN:
+        if path == ("init",):
+            Path(given["file"]).unlink(missing_ok=True)
+        done = CliRunner().invoke(app.app, words[1:])
+        assert done.exit_code == 0, done.output
+    elif "name" in given:
+        scenario.load_scenario(given["name"], given.get("overrides") or ())
+
+
+# A page ---------------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """What a page begins with."""
+    (tmp_path / "my_team.yaml").write_text(template.scenario_template("my_team", 3, 0))
+    arms = "".join(ARM.format(side=side, y=y) for side, y in (("left", 0.08), ("right", -0.08)))
+    (tmp_path / "vehicles").mkdir()
+    for name in ("vehicle.urdf", "vehicles/two_arms.urdf"):
+        (tmp_path / name).write_text(VEHICLE.format(arms=arms))
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    before = set(sys.modules)
+    yield tmp_path
+    for name in set(sys.modules) - before:
+        if (tmp_path / f"{name}.py").exists():
+            del sys.modules[name]
+
+
+def merged(text: str) -> dict[str, Any]:
+    """The tutorial's scenario with a fragment in it."""
+    yaml = YAML(typ="safe")
+    whole = yaml.load(Path("my_team.yaml").read_text())
+    for key, value in yaml.load(text).items():
+        whole[key] = whole.get(key, {}) | value if isinstance(value, dict) and "kind" not in value else value
+    return whole
+
+
+def do(block: Block, page: Path, folder: Path, names: dict[str, Any]) -> None:
+    match block.language:
+        case "sh" | "console":
+            for words in commands(block.text):
+                run(words, folder)
+        case "python":
+            if file := re.match(r"# (\w+)\.py\n", block.text):
+                (folder / f"{file[1]}.py").write_text(block.text)
+                importlib.import_module(file[1])
+            else:
+                exec(compile("\n" * block.line + block.text, str(page), "exec"), names)
+        case "yaml":
+            with (folder / "fragment.yaml").open("w") as opened:
+                YAML(typ="safe").dump(merged(block.text), opened)
+            scenario.load_scenario("fragment.yaml")
+        case language:
+            assert language in ("text", "bibtex"), f"a block of {language!r}: use console, python, yaml, text or bibtex"
+
+
+WITH_CODE = {str(page.relative_to(ROOT)): found for page in PAGES if (found := list(blocks(page)))}
+
+
+@pytest.mark.parametrize("name", WITH_CODE)
+def test_the_code_of_a_page_runs(name: str, folder: Path) -> None:
+    names: dict[str, Any] = {"__name__": name}
+    for block in WITH_CODE[name]:
+        try:
+            do(block, ROOT / name, folder, names)
+        except Exception as error:
+            raise AssertionError(f"{name}:{block.line}: {error}") from error
+
+
+@pytest.mark.parametrize(
+    ("language", "text", "told"),
+    [
+        ("sh", "./dev colift study my_team.yaml --sed 1\n", "No such option"),
+        ("sh", "./dev colift study nobody.yaml\n", "nobody.yaml"),
+        ("sh", "./dev colift check my_team.yaml --set payload.mas_kg=2\n", "mas_kg"),
+        ("sh", "./dev colift fly paper\n", "fly"),
+        ("sh", "./dev evidence nothing\n", "nothing"),
+        ("sh", "./dev fly\n", "fly"),
+        ("sh", "rm -r out\n", "not known here: rm -r out"),
+        ("sh", "pip install 'colift[nothing]'\n", "nothing"),
+        ("yaml", "payload: {mass: 2}\n", "payload.mass"),
+        ("python", "import colift\ncolift.take_off()\n", "take_off"),
+        ("", "./dev study\n", "a block of ''"),
+    ],
+    ids=["option", "scenario", "setting", "command", "proof", "dev", "program", "extra", "yaml", "python", "language"],
+)
+def test_code_that_would_not_run_is_found(language: str, text: str, told: str, folder: Path) -> None:
+    with pytest.raises(Exception, match=re.escape(told)):
+        do(Block(1, language, text), ROOT / "README.md", folder, {})
+
+
+# Examples -------------------------------------------------------------------------------------------------------------
+
+
+def test_examples_are_numbered_from_01_to_10_and_say_what_they() -> None:
+    """Examples are numbered from 01 to 10 and say what they show and how they are run."""
+    assert [path.stem[:3] for path in EXAMPLES] == [f"{k:02}_" for k in range(1, 11)]
+    for path in EXAMPLES:
+        said = path.read_text(encoding="utf-8").split('"""')[1]
+        assert f"python examples/{path.name}`" in said, path.name
+
+
+@pytest.mark.parametrize("path", [path for path in EXAMPLES if path.stem not in ELSEWHERE], ids=lambda path: path.stem)
+def test_an_example_runs(path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    shorter = ["duration_s=2", "learning.update_times_s=[1]", "learning.end_s=1"]
+    given = [str(path.with_name("plate.yaml")), *shorter] if path.stem == "01_fly_the_paper" else []
+    monkeypatch.setattr(sys, "argv", [str(path), *given])
+    runpy.run_path(str(path), run_name="__main__")
+    said = capsys.readouterr().out
+    assert said
+    assert "nan" not in said
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_examples_that_pages_name_exist(page: Path) -> None:
+    for name in re.findall(r"examples/[\w.]+\w", page.read_text(encoding="utf-8")):
+        assert (ROOT / name).exists(), name
+
+
+# The reference --------------------------------------------------------------------------------------------------------
+
+
+def test_every_module_stands_on_one_page_of_the_reference() -> None:
+    found = [
+        name
+        for page in (ROOT / "docs" / "api").glob("*.md")
+        for name in re.findall(r"automodule:: colift\.([\w.]+)", page.read_text(encoding="utf-8"))
+    ]
+    assert len(found) == len(set(found))
+    package = ROOT / "src" / "colift"
+    paths = (".".join(path.relative_to(package).with_suffix("").parts) for path in package.rglob("*.py"))
+    modules = {path.removesuffix(".__init__") for path in paths}
+    assert set(found) == modules - {"__init__", "__main__"}
+
+
+def test_no_line_within_a_formula_begins_as_an_item_of_a_list():
+    """Markdown would end the paragraph there, and show the formula as its source."""
+    for page in PAGES:
+        text = re.sub(r"^```.*?^```$|`[^`\n]*`", "", page.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
+        for paragraph in re.split(r"\n\s*\n", text):
+            opened = 0
+            for line in paragraph.splitlines():
+                assert not (opened % 2 and re.match(r"\s*([-+*#>]|\d+[.)])\s", line)), f"{page.name}: {line}"
+                opened += len(re.findall(r"(?<!\\)\$", line))

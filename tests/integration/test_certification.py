@@ -1,0 +1,211 @@
+"""What a person gets of a certificate: the file, the figure, the table, and what is said where a radius is exceeded."""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+import json
+import re
+import runpy
+from pathlib import Path
+from typing import Any
+
+import matplotlib.text
+import numpy as np
+import pytest
+from rich.console import Console
+from typer.testing import CliRunner
+
+from colift.certification import agent_iss, certificate
+from colift.cli import app, common
+from colift.cli import certify as certify_commands
+from colift.runtime import run_directory
+from colift.visualization import style
+from colift.workflows import certification, study
+from tests.support.certified_flights import NAMES, made, short
+
+
+def exceeded() -> certification.CertificationResult:
+    """The flight by its energy bound, with errors that are said to be beyond it."""
+    of = made()
+    energy = of.certificate.radii["energy"]
+    observed = {error: 3 * radius for error, radius in energy.a_priori.items()}
+    return dataclasses.replace(
+        of, certificate=dataclasses.replace(of.certificate, radii={"energy": energy}, observed=observed)
+    )
+
+
+LAYER = agent_iss.AgentIss(np.ones(2), 1.0, np.ones((2, 4)), np.ones(2), np.ones((2, 4)))
+
+
+def table_of(printed: str) -> list[list[str]]:
+    """The rows of radii in what was printed, cell by cell."""
+    return [line.split() for line in printed.splitlines() if line.split()[:1] and line.split()[0] in NAMES]
+
+
+@pytest.fixture
+def save(tmp_path, monkeypatch):
+    """`save_certificate` under a name that is no word of a certificate, without the interface's long gains."""
+    monkeypatch.setattr(agent_iss, "agent_iss_constants", lambda _loop, _floor: LAYER)
+    settings = short().model_copy(update={"name": "short"})
+
+    def saved(
+        all_of: certification.CertificationResult, against: certification.CertificationResult | None = None
+    ) -> dict[str, Any]:
+        with study.open_run_directory(settings, tmp_path) as out:
+            return certification.save_certificate(settings, all_of, against, out)
+
+    return saved
+
+
+@pytest.fixture
+def drawn(monkeypatch) -> list[str]:
+    """Every text of the figures that are saved."""
+    texts: list[str] = []
+
+    def save(figure, path, run):
+        figure.canvas.draw()
+        texts.extend(text.get_text() for text in figure.findobj(matplotlib.text.Text) if text.get_visible())
+        return [path]
+
+    monkeypatch.setattr(style, "save_figure", save)
+    return texts
+
+
+def test_a_certificate_is_saved_whole_and_told_in_a_table(tmp_path, capsys, save):
+    (tmp_path / "summary.json").write_text(run_directory.run_id("0.1.0", "another"))
+    told = save(made(), made())
+    assert {run_directory.read_run_id(path) for path in tmp_path.iterdir()} == {told["run"]}
+    assert json.loads((tmp_path / "certificate.json").read_text()) == told
+    assert {path.name for path in tmp_path.iterdir()} == {
+        "certificate.json",
+        "figure_6_certificate.pdf",
+        "figure_6_certificate.png",
+    }
+    found = made().certificate
+    for name, radii in found.radii.items():
+        for error in certificate.ERRORS:
+            ratio = radii.a_posteriori[error] / found.observed[error]
+            assert told["radii"][name]["tightness"]["run"][error] == (ratio if np.isfinite(ratio) else None)
+    assert told["adversary"]["radius_over_adversary"] == told["radii"]["recovery"]["tightness"]["run"]["e_p"]
+    assert told["exceeded"] == []
+    certify_commands.print_certificate(told, tmp_path)
+    printed, said = capsys.readouterr()
+    assert said == ""
+    for bound in NAMES:
+        assert bound in printed
+    assert f"{1e3 * found.observed['e_p']:.3g}" in printed
+
+
+def test_what_is_assumed_stands_in_table_json_and_figure(tmp_path, capsys, save, drawn):
+    """What is assumed stands in table json and figure and the word certified in none."""
+    told = save(made(), made())
+    text = "first order, less than a round"
+    for radii in told["radii"].values():
+        assert ", ".join(radii["assumed"]) == text
+        assert radii["status"] == "assumed"
+    certify_commands.print_certificate(told, tmp_path)
+    printed = capsys.readouterr().out
+    assert f"assumed: {text}" in printed
+    assert [(row[0], row[1], row[-1]) for row in table_of(printed)] == [
+        (name, run, "assumed") for name in ("energy", "srinivas", "recovery") for run in ("any", "this")
+    ]
+    shown = "\n".join(drawn)
+    assert f"assumed: {text}" in shown.replace("\n", " ")
+    assert "bound for this run (recovery, assumed)" in shown
+    for where in (json.dumps(told), printed, shown):
+        assert "certified" not in where
+
+
+def test_an_error_above_its_radius_is_said_first_and_the_status(tmp_path, monkeypatch, save, drawn):
+    """An error above its radius is said first and the status is 1."""
+    del save  # for the interface
+    known = [made(), exceeded()]
+    monkeypatch.setattr(certification, "certify", lambda *_, **__: known.pop())
+    result = CliRunner().invoke(app.app, ["certify", "certified", "--out", str(tmp_path)], catch_exceptions=False)
+    assert result.exit_code == 1
+    found = exceeded().certificate
+    observed, radius = 1e3 * found.observed["e_p"], 1e3 * found.radii["energy"].a_priori["e_p"]
+    first = f"e_p of this run exceeds its bound: observed {observed:.4g} mm, bound {radius:.4g} mm (energy, any run), "
+    said = [line for line in result.output.splitlines() if not line.startswith("certifying certified")]  # progress
+    assert said[0].startswith(first)
+    red = [line for line in result.stderr.splitlines() if line in said]
+    assert len(red) == len({each.error for each in found.exceeded})
+    assert said[: len(red)] == red
+    assert [(row[0], row[1], row[-1]) for row in table_of(result.stdout)] == [
+        ("energy", "any", "exceeded"),
+        ("energy", "this", "exceeded"),
+    ]
+    told = json.loads((tmp_path / "certificate.json").read_text())
+    assert told["exceeded"] == [{"flight": "this", **dataclasses.asdict(each)} for each in found.exceeded]
+    assert any(text.startswith("observed error above its bound: $e_p$") for text in drawn)
+    result = CliRunner().invoke(app.app, ["certify", "certified", "--out", str(tmp_path)], catch_exceptions=False)
+    assert result.exit_code == 0
+    assert all(line.startswith("certifying certified") for line in result.stderr.splitlines())
+
+
+def test_the_example_prints_the_radii_of_its_flight_and_fails(monkeypatch, capsys):
+    """The example prints the radii of its flight and fails where one is exceeded."""
+    example = str(Path(__file__).parents[2] / "examples" / "08_certify_a_flight.py")
+    known = [exceeded(), made()]
+    monkeypatch.setattr(certification, "certify", lambda *_, **__: known.pop())
+    runpy.run_path(example, run_name="__main__")
+    said = capsys.readouterr().out
+    radius, seen = made().certificate.radii["recovery"].a_posteriori["e_p"], made().certificate.observed["e_p"]
+    assert f"recovery,     e_p: at most {radius:.3g}, observed {seen:.3g}" in said
+    with pytest.raises(SystemExit, match=r"above their radius: .*e_p"):
+        runpy.run_path(example, run_name="__main__")
+
+
+def test_an_error_above_its_radius_is_said_in_red(tmp_path, monkeypatch, save):
+    terminal = Console(file=io.StringIO(), force_terminal=True, color_system="standard", width=200)
+    monkeypatch.setattr(common, "error_console", terminal)
+    certify_commands.print_certificate(save(exceeded()), tmp_path)
+    lines = terminal.file.getvalue().splitlines()
+    assert len(lines) == len({each.error for each in exceeded().certificate.exceeded})
+    assert all(line.startswith("\x1b[31m") for line in lines)
+
+
+def test_an_adversary_that_exceeds_its_radius_breaks(tmp_path, capsys, save):
+    """An adversary that exceeds its radius breaks the certificate too."""
+    observed = {error: 1e3 * size for error, size in made().certificate.observed.items()}
+    beyond = dataclasses.replace(made().certificate, observed=observed)
+    told = save(made(), dataclasses.replace(made(), certificate=beyond))
+    assert {each["flight"] for each in told["exceeded"]} == {"adversary"}
+    certify_commands.print_certificate(told, tmp_path)
+    printed, said = capsys.readouterr()
+    assert said.startswith("e_p of the adversarial run exceeds its bound: observed ")
+    assert " exceeded" not in printed
+
+
+def test_what_has_no_radius_has_no_row(tmp_path, capsys, save, drawn):
+    """No tube: no row for any run; data that contradict what is stated: no row at all, and the reason."""
+    all_of = made()
+    radii = {
+        name: dataclasses.replace(
+            each, a_priori=dict.fromkeys(each.a_priori, np.inf), assumptions=("S_X", *each.assumptions)
+        )
+        for name, each in all_of.certificate.radii.items()
+    }
+    before = dataclasses.replace(all_of.certificate.a_priori, tube=None, tube_failure="it feeds itself")
+    lost = dataclasses.replace(all_of.certificate, radii=radii, a_priori=before)
+    certify_commands.print_certificate(save(dataclasses.replace(all_of, certificate=lost)), tmp_path)
+    printed = capsys.readouterr().out
+    assert [row[1] for row in table_of(printed)] == ["this"] * len(NAMES)
+    assert not re.search(r"\bany\b(?! run: it feeds)", printed)
+    assert "no bound for any run: it feeds itself" in printed
+    assert "assumed: S_X, first order" in printed
+    assert not [text for text in drawn if "bound for any" in text]
+    drawn.clear()
+    small = dataclasses.replace(
+        all_of.experiment, bound_assumptions=dataclasses.replace(all_of.experiment.bound_assumptions, rkhs_norm=0.05)
+    )
+    nothing = certificate.certify(small, all_of.flight, all_of.nominal_linearization, ("energy", "recovery"))
+    told = save(dataclasses.replace(all_of, experiment=small, certificate=nothing))
+    assert told["exceeded"] == []
+    certify_commands.print_certificate(told, tmp_path)
+    printed = capsys.readouterr().out
+    assert table_of(printed) == []
+    assert not re.search("none|assumed|nan|inf", printed)
+    assert "no bound: the data contradict the stated norm and label errors" in printed
+    assert not [text for text in drawn if "bound for" in text]

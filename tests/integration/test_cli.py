@@ -1,0 +1,586 @@
+"""The command line: what a person types, what comes back, and with which status."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import click
+import jax
+import numpy as np
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from colift import codegen, scenario
+from colift.cli import common
+from colift.cli import study as study_commands
+from colift.cli.app import app
+from colift.closed_loop import log
+from colift.models import urdf
+from colift.runtime import run_directory
+from colift.scenario import experiment, team
+from colift.visualization import study_figures
+from colift.workflows import study
+from tests.support import random_logs as flights
+from tests.support import small_team as light
+
+PROMISED = {
+    *("e_p_rms_m", "e_v_rms", "e_R_rms", "e_omega_rms", "Psi_mean", "delta_W_rms", "e_lam_rms_N", "sigma_L_mean"),
+    *(
+        "sigma_A_mean",
+        "lam_max_N",
+        "contact_force_hf_rms_N",
+        "thrust_min_N",
+        "thrust_max_N",
+        "Phi_max_m",
+        "Phi_dot_max",
+    ),
+    *("wrench_consistency_max", "eta_max_N", "num_samples", "updates", "wall_s"),
+}
+FIGURES = ("tracking", "mismatch", "deviation", "forces", "rho_bar")
+
+
+def invoke(*arguments: str) -> tuple[int, str]:
+    result = CliRunner().invoke(app, list(arguments), catch_exceptions=False)
+    return result.exit_code, result.stderr
+
+
+@pytest.fixture(autouse=True)
+def _no_figures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """`flown` has drawn them; ten seconds of every other study are saved."""
+    monkeypatch.setattr(study_figures, "write_figures", lambda *_: [])
+
+
+def test_an_unknown_scenario_is_one_line_and_status_2():
+    status, said = invoke("study", "papr")
+    assert status == 2
+    assert said.count("\n") == 1
+    assert "papr" in said
+    assert "paper" in said
+
+
+def test_what_is_listed_and_shown_is_there_for_programs():
+    listed = CliRunner().invoke(app, ["list", "--json"])
+    assert list(json.loads(listed.stdout)) == scenario.shipped_names()
+    shown = CliRunner().invoke(app, ["print-config", "paper", "--set", "payload.mass_kg=2", "--json"])
+    assert json.loads(shown.stdout)["payload"]["mass_kg"] == 2
+
+
+def test_settings_complete_by_their_paths_entries_of_lists():
+    """Settings complete by their paths entries of lists by name."""
+    ctx = typer.Context(click.Command("run"))
+    for name, found in (("paper", ["payload.mass_kg="]), (None, ["payload.mass_kg="]), ("papr", [])):
+        ctx.params = {"name": name}
+        assert common.complete_setting(ctx, "payload.m") == found
+    paths = common.setting_paths(scenario.load_scenario("paper").model_dump(mode="json"))
+    assert "disturbances.load_wind.mean_wind_mps" in paths
+    assert all(
+        scenario.load_scenario("paper", [f"{path}={value}"])
+        for path, value in (("agents.rear.yaw_deg", 3), ("seed", 1))
+    )
+
+
+def test_a_run_that_ends_before_learning_does_ends_it_and_says(capsys: pytest.CaptureFixture[str]):
+    """A run that ends before learning does ends it and says so."""
+    short = common.load_settings("paper", (), 5.0)
+    assert (short.duration_s, short.learning.end_s, short.learning.update_times_s) == (5.0, 5.0, (2.0, 4.0))
+    assert common.load_settings("paper", (), 12.0).learning == scenario.load_scenario("paper").learning
+    assert common.load_settings("paper", ["learning.end_s=4", "learning.update_times_s=[2]"], 4.5).learning.end_s == 4
+    longer = common.load_settings("paper", ["learning.end_s=25", "learning.update_times_s=[2, 24]"], 30.0)
+    assert longer.learning.update_times_s == (2.0, 24.0)
+    capsys.readouterr()
+    assert common.load_settings("paper", (), 1.5).learning.end_s == 1.5
+    assert "nothing is learned in 1.5 s: the first update is at 2 s" in capsys.readouterr().err
+    with pytest.raises(scenario.ScenarioError) as refused:
+        common.load_settings("paper", (), -1.0)
+    assert str(refused.value).count("\n") == 0
+
+
+def test_no_case_at_all_is_refused():
+    assert invoke("study", "paper", "--case", "")[0] == 2
+
+
+def test_a_file_that_cannot_be_read_is_one_line_and_status_2(tmp_path: Path):
+    status, said = invoke("study", str(tmp_path / "none.yaml"))
+    assert (status, said.count("\n")) == (2, 1)
+    assert "none.yaml" in said
+
+
+@pytest.mark.parametrize(
+    ("written", "instead", "answer"),
+    [
+        ("seed: 0", "seed: !!bool foo", "broken.yaml:8: seed: tags are not used in a scenario, got '!!bool'"),
+        ("seed: 0", f"seed: {2**63}", "broken.yaml:8: seed: must be from 0 to 9223372036854775807"),
+        ("name: paper", 'name: "\\ud800"', "broken.yaml:4: name: holds characters that are not text"),
+        (
+            "max_samples: 256",
+            "max_samples: 9999",
+            "learning.max_samples: the 24 outputs of the models would take 19.2 GB",
+        ),
+        ("duration_s: 20", "duration_s: 99999", "duration_s [s]: the log of this team at 500 Hz would take"),
+        ("name: paper", "a: &a [*a]\nname: paper", "broken.yaml:4: is nested more than 20 deep"),
+    ],
+)
+def test_a_broken_file_is_one_line_and_status_2(written: str, instead: str, answer: str, tmp_path: Path):
+    text = (Path(scenario.__file__).parent / "library" / "paper.yaml").read_text()
+    assert written in text
+    path = tmp_path / "broken.yaml"
+    path.write_text(text.replace(written, instead, 1))
+    status, said = invoke("study", str(path), "--out", str(tmp_path / "out"))
+    assert (status, said.count("\n")) == (2, 1)
+    assert answer in said
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("command", ["study", "certify"])
+@pytest.mark.parametrize("seed", ["-1", str(2**63), "1" * 31, "x"])
+def test_a_seed_that_no_generator_takes_is_refused_with_status_2(command: str, seed: str, tmp_path: Path):
+    status, said = invoke(command, "paper", "--seed", seed, "--out", str(tmp_path / "out"))
+    assert status == 2
+    assert "--seed" in said
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_folder_that_cannot_be_written_is_one_line_and_status(tmp_path: Path):
+    """A folder that cannot be written is one line and status 2 before any flight."""
+    (tmp_path / "file").write_text("in the way")
+    status, said = invoke("study", "paper", "--out", str(tmp_path / "file" / "out"))
+    assert (status, said.count("\n")) == (2, 1)
+    assert "cannot write to" in said
+    status, said = invoke("study", "paper", "--out", str(tmp_path / "file"))
+    assert (status, said) == (2, f"cannot write to {tmp_path / 'file'}: it is a file, not a folder\n")
+
+
+def test_a_folder_that_another_process_writes_to_is_refused(tmp_path: Path):
+    """A folder that another process writes to is refused before any flight."""
+    with study.open_run_directory(scenario.load_scenario("paper"), tmp_path):
+        for command in ("study", "certify"):
+            status, said = invoke(command, "paper", "--out", str(tmp_path))
+            assert (status, said.count("\n")) == (2, 1)
+            assert f"{tmp_path} is in use: process {os.getpid()} on " in said
+
+
+def test_a_folder_with_a_file_of_someone_else_in_the_way(tmp_path: Path):
+    """A folder with a file of someone else in the way is refused before any flight."""
+    (tmp_path / "C1.nc").write_text("mine")
+    status, said = invoke("study", "paper", "--out", str(tmp_path))
+    assert (status, said.count("\n")) == (2, 1)
+    assert "contains C1.nc, which colift did not write" in said
+    assert [file.name for file in tmp_path.iterdir()] == ["C1.nc"]
+
+
+def test_a_scenario_that_cannot_be_flown_leaves_the_results(tmp_path: Path):
+    """A scenario that cannot be flown leaves the results that there were."""
+    (tmp_path / "C1.nc").write_text(run_directory.run_id("0.1.0", "another"))
+    status, _ = invoke("study", "papr", "--out", str(tmp_path))
+    assert status == 2
+    assert [file.name for file in tmp_path.iterdir()] == ["C1.nc"]
+
+
+def test_internal_forces_that_do_not_exist_are_refused(tmp_path: Path):
+    """Internal forces that do not exist are refused with the reason."""
+    text = (Path(scenario.__file__).parent / "library" / "paper.yaml").read_text()
+    split = "  kind: leader_follower\n  leader_contacts: [front/left, front/right, rear/left]"
+    path = tmp_path / "split.yaml"
+    path.write_text(text.replace("  kind: least_squares", split))
+    status, said = invoke("study", str(path), "--out", str(tmp_path / "out"))
+    assert status == 2
+    assert "this allocation has no internal force" in said
+
+
+def test_what_a_compiler_that_fails_says_comes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """What a compiler that fails says comes without a traceback and status 2."""
+
+    def plans(settings: scenario.Scenario, cases: object) -> None:
+        raise codegen.CompilerError("cc --version:\nexit status 1")
+
+    monkeypatch.setattr(experiment, "make_experiments", plans)
+    status, said = invoke("study", "paper", "--out", str(tmp_path))
+    assert (status, said.splitlines()[1:]) == (2, ["cc --version:", "exit status 1"])
+
+
+@pytest.mark.parametrize(("given", "flown"), [((), "rigid"), (("--engine", "mujoco"), "mujoco")])
+def test_an_engine_takes_the_place_of_the_scenario_s(given, flown, tmp_path, monkeypatch: pytest.MonkeyPatch):
+    def plans(settings: scenario.Scenario, cases: object) -> None:
+        raise scenario.ScenarioError(f"by {settings.physics.kind}")
+
+    monkeypatch.setattr(experiment, "make_experiments", plans)
+    status, said = invoke("study", "paper", *given, "--out", str(tmp_path))
+    assert (status, said.splitlines()[-1]) == (2, f"by {flown}")
+
+
+@pytest.mark.parametrize("command", [("study",), ("certify",), ("export", "c"), ("export", "mjcf"), ("export", "urdf")])
+def test_what_is_set_is_checked_as_if_it_were_written(command: tuple[str, ...], tmp_path: Path):
+    status, said = invoke(*command, "paper", "--set", "payload.mass_kg=x", "--out", str(tmp_path / "out"))
+    assert (status, said) == (2, "--set payload.mass_kg [kg]: must be a number, got 'x'\n")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("command", [("study",), ("certify",), ("export", "c")])
+def test_a_duration_that_ends_before_learning_does_is_said(
+    command: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    def plans(settings: scenario.Scenario, *_: object) -> None:
+        raise scenario.ScenarioError(f"until {settings.learning.end_s:g} s")
+
+    monkeypatch.setattr(experiment, "make_experiment", plans)
+    monkeypatch.setattr(experiment, "make_experiments", plans)
+    status, said = invoke(*command, "paper", "--duration", "5", "--out", str(tmp_path / "out"))
+    first, *_, last = said.splitlines()
+    assert (status, first) == (2, "warning: learning ends with the run, at 5 s (learning.end_s is 10)")
+    assert last == "until 5 s"
+    assert invoke(*command, "paper", "--duration", "0.01")[1].startswith("--duration [s]: must be from 0.1 to")
+
+
+@pytest.mark.parametrize(("kind", "holds"), [("csv", b"time [s],p x [m]"), ("mcap", b"/payload/pose")])
+def test_flights_are_written_beside_their_logs_and_replaced(kind: str, holds: bytes, tmp_path: Path):
+    """Flights are written beside their logs and replaced with them."""
+    told = scenario.load_scenario("paper").model_dump_json(exclude_none=True)
+    log.save(flights.dataset(np.random.default_rng(1), scenario_json=told), tmp_path / "C2.nc")
+    for _ in range(2):
+        result = CliRunner().invoke(app, ["export", kind, str(tmp_path)], catch_exceptions=False)
+        assert (result.exit_code, result.output) == (0, f"C2.{kind}: in {tmp_path}\n")
+    written = tmp_path / f"C2.{kind}"
+    assert holds in written.read_bytes()
+    assert run_directory.read_run_id(written) == flights.RUN
+    assert run_directory.list_files(tmp_path, study.STUDY_FILES) == sorted([tmp_path / "C2.nc", written])
+
+
+@pytest.mark.parametrize("kind", ["csv", "mcap"])
+def test_a_folder_without_flights_is_said(kind: str, tmp_path: Path):
+    status, said = invoke("export", kind, str(tmp_path))
+    assert (status, said.count("\n")) == (2, 1)
+    assert "contains no log" in said
+
+
+def test_a_file_that_colift_did_not_write_is_not_replaced(tmp_path: Path):
+    log.save(flights.dataset(np.random.default_rng(1)), tmp_path / "C1.nc")
+    (tmp_path / "C1.csv").write_text("mine")
+    status, said = invoke("export", "csv", str(tmp_path))
+    assert status == 2
+    assert "contains C1.csv, which colift did not write" in said
+    assert (tmp_path / "C1.csv").read_text() == "mine"
+
+
+def test_each_type_of_agent_is_written_as_urdf(tmp_path: Path):
+    out = tmp_path / "made"
+    result = CliRunner().invoke(app, ["export", "urdf", "paper", "--out", str(out)], catch_exceptions=False)
+    told = scenario.load_scenario("paper")
+    files = sorted(f"{kind}.urdf" for kind in told.agent_types)
+    assert (result.exit_code, result.output) == (0, f"{', '.join(files)} of paper: in {out}\n")
+    assert sorted(path.name for path in out.iterdir()) == files
+    (kind,) = told.agent_types.values()
+    robot = urdf.load_urdf(out / files[0])
+    assert [joint.name for joint in robot.joints] == [joint.name for joint in kind.joints]
+    assert {f"{arm.name}_tip" for arm in kind.arms} < set(robot.links)
+    back = urdf.make_agent(
+        robot, [f"{arm.name}_tip" for arm in kind.arms], told.agents[0].contact_positions_m, kind.thrust_max_N
+    )
+    for found, expected in zip(*map(jax.tree.leaves, (back, team.agent_models(told).popitem()[1])), strict=True):
+        np.testing.assert_allclose(found, expected, atol=1e-15)
+
+
+def test_scenarios_are_listed():
+    result = CliRunner().invoke(app, ["list"])
+    assert result.exit_code == 0
+    assert [line.split()[0] for line in result.output.splitlines()] == scenario.shipped_names()
+
+
+def test_a_shipped_scenario_is_shown_as_it_is_written():
+    result = CliRunner().invoke(app, ["print-config", "paper"])
+    assert result.exit_code == 0
+    assert result.output == scenario.shipped_text("paper")
+
+
+def test_a_scenario_that_is_changed_or_of_a_file_is_shown(tmp_path: Path):
+    """A scenario that is changed or of a file is shown with every setting."""
+    result = CliRunner().invoke(app, ["print-config", "paper", "--set", "payload.mass_kg=2"])
+    assert result.exit_code == 0
+    assert scenario.parse(result.output, "shown") == scenario.load_scenario("paper", ("payload.mass_kg=2",))
+    of_file = CliRunner().invoke(app, ["print-config", str(light.write(tmp_path / "light.yaml"))])
+    assert scenario.parse(of_file.output, "shown") == light.settings()
+    assert "tip_force_bandwidth_Hz: 50.0" in of_file.output
+    assert invoke("print-config", "papr")[0] == 2
+
+
+SHORT = light.SAMPLE.learning.model_copy(update={"update_times_s": (1, 2), "end_s": 2})
+
+
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A short study of the smallest team with all rivals, from a file, under another seed."""
+    folder = tmp_path_factory.mktemp("study")
+    path = light.write(folder / "short.yaml", duration_s=3, learning=SHORT)
+    status, said = invoke(
+        "study",
+        str(path),
+        "--case",
+        "C1,C2,C3",
+        "--case",
+        "Disturbance_Observer,PARAMETRIC",
+        "--seed",
+        "7",
+        "--out",
+        str(folder / "out"),
+    )
+    assert status == 0, said
+    return folder / "out"
+
+
+def test_a_study_leaves_what_it_promises_and_nothing_half(flown: Path):
+    """A study leaves what it promises and nothing half written."""
+    files = {path.name for path in flown.iterdir()}
+    figures = {f"figure_{i}_{name}" for i, name in enumerate(FIGURES, 1)}
+    assert files >= {
+        "summary.json",
+        *(f"{case}.nc" for case in ("C1", "C2", "C3", "disturbance_observer", "parametric")),
+    }
+    assert files >= {f"{name}.{kind}" for name in figures for kind in ("pdf", "png")}
+    assert files >= {f"lengthscales_{case}.{kind}" for case in ("C2", "C3") for kind in ("md", "csv")}
+    assert not [name for name in files if name.startswith(".")]
+
+
+def test_every_file_names_the_run_and_is_known_to_be_a_study_s(flown: Path):
+    assert set(flown.iterdir()) == set(run_directory.list_files(flown, study.STUDY_FILES))
+    run = json.loads((flown / "summary.json").read_text())["run"]
+    settings = scenario.load_scenario(str(flown.parent / "short.yaml"))
+    with study.open_run_directory(settings.model_copy(update={"seed": 7}), flown) as out:
+        assert out.run_id == run
+    with study.open_run_directory(settings, flown) as out:
+        assert out.run_id != run
+    assert {run_directory.read_run_id(file) for file in flown.iterdir()} == {run}
+
+
+def test_the_summary_holds_what_it_promises(flown: Path):
+    summary = json.loads((flown / "summary.json").read_text())
+    assert summary["seed"] == 7
+    assert {"version", "scenario", "residual"} <= set(summary)
+    assert list(summary["cases"]) == ["C1", "C2", "C3", "disturbance_observer", "parametric"]
+    for case, found in summary["cases"].items():
+        assert set(found) >= PROMISED
+        assert {"simulation", "fit", "output"} <= set(found["wall_s"])
+        assert found["complete"]
+        assert found["Phi_max_m"] <= 1e-10
+        assert found["Phi_dot_max"] <= 1e-10
+        assert found["wrench_consistency_max"] <= 1e-9
+        assert found["num_samples"]["payload"] == (38 if case in ("C2", "C3", "parametric") else 0)
+        assert found["num_samples"]["agents"] == (3 * 38 if case == "C3" else 0)
+        assert found["warnings"] == []
+    assert summary["slowest_mode"]["stable"]
+    assert set(summary["hover_thrust_N"]) == set(light.NAMES)
+    assert len(summary["limits"]["grip_1pkg"]) == 3
+    assert summary["cases"]["C3"]["updates"] == [1, 2]
+    assert summary["bound"]["assumed"] == ["rkhs norm", "bounded noise energy", "sensor noise", "sampled estimator"]
+    for found in summary["cases"].values():
+        bodies = [found["bound"]["payload"], *found["bound"]["agents"]]
+        assert [len(body["beta"]) for body in bodies] == [6, 6, 6, 6]
+        assert all(0 <= share <= 1 for body in bodies for share in body["exceeded_share"].values())
+
+
+def test_signals_are_labelled_and_have_units(flown: Path):
+    flight = log.load(flown / "C3.nc")
+    assert flight.attrs["case"] == "C3"
+    assert flight.attrs["bound_assumptions"] == "rkhs norm, bounded noise energy, sensor noise, sampled estimator"
+    assert (
+        log.load(flown / "disturbance_observer.nc").attrs["bound_assumptions"]
+        == f"{flight.attrs['bound_assumptions']}, posterior mean"
+    )
+    assert (flight.attrs["rho_bound"], flight.attrs["rho_norm"]) == ("energy", 3)
+    assert len(flight.attrs["rho_label_error_agents"]) == 18
+    assert (flight.attrs["limit_max_position_error_m"], flight.attrs["limit_min_grasp_ratio"]) == (3, 0.01)
+    assert 0.001 < flight.attrs["limit_grip_1pkg"].max() < 0.01
+    assert all("units" in flight[name].attrs for name in flight.data_vars)
+    assert list(flight.contact.values) == [f"{name}/hook" for name in light.NAMES]
+
+
+# Flights that do not end, and answers at once -------------------------------------------------------------------------
+
+
+def test_a_study_can_be_played(flown: Path, tmp_path: Path):
+    for case in ("C1", "parametric"):
+        shutil.copy(flown / f"{case}.nc", tmp_path)
+    status, said = invoke("playback", str(tmp_path))
+    assert (status, said) == (0, "")
+    assert run_directory.read_run_id(tmp_path / "view.html") == run_directory.read_run_id(flown / "C1.nc")
+    assert log.load(flown / "C1.nc").attrs["scenario_json"].startswith('{"name":"sample"')
+
+
+def test_a_run_that_fails_is_saved_marked_incomplete_and_status(tmp_path: Path):
+    """A run that fails is saved marked incomplete and status 1."""
+    wild = light.SAMPLE.control.model_copy(update={"agent_k_omega": 2e3})
+    path, out = light.write(tmp_path / "wild.yaml", control=wild), tmp_path / "out"
+    out.mkdir()
+    for name in ("integral.nc", "figure_6_certificate.pdf", "notes"):
+        (out / name).write_text(f"of another run: {run_directory.run_id('0.1.0', 'another')}")
+    status, said = invoke("study", str(path), "--out", str(out))
+    assert status == 1
+    assert f"{out} holds results of another run: they are replaced" in said
+    assert set(out.iterdir()) - set(run_directory.list_files(out, study.STUDY_FILES)) == {out / "notes"}
+    assert not (out / "integral.nc").exists()
+    summary = json.loads((out / "summary.json").read_text())
+    assert "warning: the loop is unstable at equilibrium" in said.partition("C1")[0]
+    for case in ("C1", "C2", "C3"):
+        found = summary["cases"][case]
+        assert not found["complete"]
+        assert "beyond termination." in found["termination_reason"]
+        assert "t = 0.0" in found["termination_reason"]
+        assert f"{case} is incomplete: {found['termination_reason']}" in said
+        flight = log.load(out / f"{case}.nc")
+        assert flight.attrs["complete"] == 0
+        assert flight.attrs["termination_reason"] == found["termination_reason"]
+        assert 1 <= flight.sizes["time"] < 20
+
+
+def test_one_case_is_flown_alone_and_quietly_and_its_summary(tmp_path: Path, monkeypatch):
+    """One case is flown alone and quietly and its summary is printed as json."""
+    monkeypatch.chdir(tmp_path)
+    learning = light.SAMPLE.learning.model_copy(update={"update_times_s": (0.5,), "end_s": 0.6, "start_s": 0.1})
+    light.write(tmp_path / "short.yaml", duration_s=1.0, learning=learning)
+    done = CliRunner().invoke(app, ["run", "short.yaml", "--case", "c1", "--quiet", "--json"], catch_exceptions=False)
+    assert (done.exit_code, done.stderr) == (0, "")
+    summary = json.loads(done.stdout)
+    assert list(summary["cases"]) == ["C1"]
+    assert summary == json.loads((tmp_path / "out" / "sample-C1" / "summary.json").read_text())
+    assert log.load(tmp_path / "out" / "sample-C1" / "C1.nc").attrs["complete"] == 1
+    asked = ["study", "short.yaml", "--case", "C1", "--held-out", "--out", "held"]
+    done = CliRunner().invoke(app, asked, catch_exceptions=False)
+    assert done.exit_code == 0
+    assert (
+        "C1, backwards: C1's residual model, the same curve in the opposite direction, 1 s to simulate" in done.stderr
+    )
+    found = json.loads((tmp_path / "held" / "summary.json").read_text())["heldout"]
+    assert list(found) == ["C1"]
+    assert list(found["C1"]) == ["backwards", "larger", "moved"]
+    assert all(each["e_p_rms_m"] > 0 and each["termination_reason"] == "" for each in found["C1"].values())
+    title = done.stdout.index("final model, frozen")
+    assert f"{1e3 * found['C1']['moved']['e_p_rms_m']:.1f}" in done.stdout[title:]
+    status, said = invoke("run", "short.yaml", "--case", "C9")
+    assert (status, said) == (2, f"--case C9: must be one of {', '.join(experiment.ALL_CASES)}\n")
+
+
+def test_help_loads_nothing_that_it_does_not_need():
+    code = (
+        "import sys; from typer.testing import CliRunner; from colift.cli.app import app\n"
+        "done = CliRunner().invoke(app, ['study', '--help'])\n"
+        "assert done.exit_code == 0 and '--baselines' in done.output, done.output\n"
+        "heavy = ('matplotlib', 'scipy', 'xarray', 'colift.scenario', 'colift.simulation')\n"
+        "print(*(m for m in heavy if m in sys.modules))"
+    )
+    environment = os.environ | {"COLUMNS": "100"}
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=120, env=environment
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip() == ""
+
+
+def complete(*words: str) -> list[str]:
+    """What a shell offers in place of the last word."""
+    environment = {"COMP_WORDS": " ".join(("colift", *words)), "COMP_CWORD": str(len(words))}
+    environment["_COLIFT_COMPLETE"] = "complete_bash"
+    return CliRunner().invoke(app, [], prog_name="colift", env=environment).stdout.split()
+
+
+def test_commands_scenarios_and_cases_complete_in_a_shell():
+    assert complete("repo") == ["report"]
+    assert complete("study", "pa") == [name for name in scenario.shipped_names() if name.startswith("pa")] != []
+    assert complete("run", "paper", "--case", "C") == ["C1", "C2", "C3"]
+    assert complete("playback", "out", "--case", "d") == ["disturbance_observer"]
+    said = CliRunner().invoke(app, [], prog_name="colift", env={"_COLIFT_COMPLETE": "source_bash"})
+    assert "complete -o default -F _colift_completion colift" in said.stdout
+    assert "--install-completion" in CliRunner().invoke(app, ["--help"], env={"COLUMNS": "100"}).stdout
+
+
+# What is printed ------------------------------------------------------------------------------------------------------
+
+
+def test_where_no_bar_can_be_drawn_a_case_says_when_it_begins(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
+    """Where no bar can be drawn a case says when it begins how far it is and when it ends."""
+    said = []
+    for every in (1e9, 0.0):
+        monkeypatch.setattr(study_commands, "PROGRESS_PERIOD", every)
+        progress = study_commands.progress_lines({"C1": "no learning"}, 20.0)
+        for t in (0.0, 0.5, 1.0, 20.0):
+            progress("C1", t)
+        said.append(capsys.readouterr().err.splitlines())
+    ends = ["C1: no learning, 20 s to simulate", "C1: 20.0 of 20 s"]
+    assert said[0] == ends
+    assert said[1] == [ends[0], "C1: 0.5 of 20 s", "C1: 1.0 of 20 s", ends[1]]
+
+
+SHOW = """
+import signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored where the tests run in a shell's background
+from pathlib import Path
+from colift.cli import app as command, common, study, tables
+numbers = {metric.key: 1.0 for metric in tables.STUDY_METRICS}
+numbers |= {"complete": True, "termination_reason": "", "warnings": []}
+summary = {"scenario": "ladung \\u03bb", "seed": 1, "cases": {"C1": numbers}}
+@command.app.command()
+def table() -> None:
+    with common.guard_output("; the results are in out"):
+        study.print_study(summary, Path("out"))
+command.main()
+"""
+
+
+def show(*arguments: str, **changed: object) -> subprocess.CompletedProcess[bytes]:
+    """The command line in a process of its own, with a command that only prints the table."""
+    environment = {**os.environ, "COLUMNS": "120", **changed.pop("env", {})}  # ty: ignore
+    given = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "check": False, "timeout": 120} | changed
+    return subprocess.run([sys.executable, "-c", SHOW, *(arguments or ("table",))], env=environment, **given)
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "latin-1", "cp1252", "utf-8", "ascii:strict"])
+def test_whatever_letters_standard_output_has_the_table(encoding: str):
+    """Whatever letters standard output has the table is printed."""
+    done = show(env={"PYTHONIOENCODING": encoding, "PYTHONUTF8": "0"})
+    assert (done.returncode, done.stderr) == (0, b"")
+    said = done.stdout.decode(encoding.split(":")[0])
+    assert "results in out" in said
+    assert ("e_λ" if encoding == "utf-8" else "e_lam") in said
+
+
+def test_in_a_locale_without_unicode_the_table_is_printed():
+    done = show(env={"LC_ALL": "C", "PYTHONCOERCECLOCALE": "0", "PYTHONUTF8": "0"})
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert b"e_lam" in done.stdout
+
+
+def test_ctrl_c_before_the_command_line_is_read_ends(tmp_path: Path):
+    """Ctrl c before the command line is read ends it without a traceback."""
+    (tmp_path / "typer.py").write_text("import os, signal, time\nos.kill(os.getpid(), signal.SIGINT)\ntime.sleep(60)\n")
+    done = show(env={"PYTHONPATH": os.pathsep.join([str(tmp_path), *filter(None, sys.path)])})
+    assert (done.returncode, done.stdout, done.stderr) == (130, b"", b"")
+
+
+def test_a_reader_who_has_gone_is_no_failure():
+    """As under `colift study paper | head -1`."""
+    reader, writer = os.pipe()
+    os.close(reader)
+    done = show(stdout=writer)
+    os.close(writer)
+    assert (done.returncode, done.stderr) == (0, b"")
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no device that is always full")
+@pytest.mark.parametrize("argument", ["table", "--help", "list"])
+def test_standard_output_on_a_full_disk_is_one_line_and_status_1(argument: str):
+    with Path("/dev/full").open("w") as full:
+        done = show(argument, stdout=full)
+    assert done.returncode == 1
+    lost = "; the results are in out" if argument == "table" else ""
+    assert done.stderr.decode() == f"cannot print: No space left on device{lost}\n"
+
+
+def test_without_standard_output_nothing_fails():
+    closed = ["sh", "-c", 'exec "$@" >&-', "sh", sys.executable, "-c", SHOW, "table"]
+    done = subprocess.run(closed, capture_output=True, check=False, timeout=120)
+    assert (done.returncode, done.stderr) == (0, b"")

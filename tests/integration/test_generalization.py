@@ -1,0 +1,58 @@
+"""Paths that no map has seen: what they are, and what flies there."""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from colift.closed_loop import flight
+from colift.scenario import Scenario, ScenarioError, experiment, trajectories
+from colift.scenario.schema import Lissajous
+from colift.workflows import generalization
+from tests.support import small_team as light
+
+
+def test_paths_are_the_same_curve_backwards_larger_and_moved():
+    settings = light.settings()
+    own = trajectories.make_reference(settings)
+    other = {
+        name: trajectories.make_reference(there) for name, there in generalization.heldout_scenarios(settings).items()
+    }
+    assert list(other) == list(generalization.TRAJECTORY_VARIANTS)
+    given = settings.reference
+    assert isinstance(given, Lissajous)
+    center, amplitude, period, phase = map(
+        np.array, (given.center_m, given.amplitude_m, given.period_s, given.phase_deg)
+    )
+    for t in given.ramp_time_s + np.linspace(0, 7, 23):
+        at = own.evaluate(jnp.asarray(t))
+        found = {name: each.evaluate(jnp.asarray(t)) for name, each in other.items()}
+        back = center + amplitude * np.sin(-2 * np.pi * t / period + np.deg2rad(phase))
+        np.testing.assert_allclose(found["backwards"].p, back, atol=1e-9)
+        np.testing.assert_allclose(found["larger"].p - center, 1.2 * (at.p - center), atol=1e-12)
+        np.testing.assert_allclose(found["moved"].p, at.p + np.array([0.3, 0, 0]), atol=1e-12)
+
+
+def test_a_reference_that_is_no_such_curve_is_refused():
+    poses = [{"time_s": 0.0, "position_m": [0.0, 0.0, 1.0]}, {"time_s": 4.0, "position_m": [1.0, 0.0, 1.0]}]
+    told = light.settings().model_dump() | {"reference": {"kind": "waypoints", "poses": poses}}
+    with pytest.raises(ScenarioError, match=r"reference\.kind = waypoints: .* lissajous"):
+        generalization.heldout_scenarios(Scenario.model_validate(told))
+
+
+@pytest.mark.long
+def test_what_flies_there_has_the_map_and_learns_no_more():
+    settings = light.settings()
+    plan = experiment.make_experiment(settings, "C3")
+    first = flight.run_experiment(plan)
+    there = generalization.freeze_model(
+        generalization.heldout_experiments(settings, ("C3",))["moved"]["C3"], first.model
+    )
+    second = flight.run_experiment(there)
+    assert not second.updates
+    assert not second.termination_reason
+    assert second.model is first.model
+    error = np.abs(second.records.f_L_hat).max()
+    assert error > 0, "the map speaks from the start"
+    assert np.abs(first.records.f_L_hat[:2]).max() == 0

@@ -1,0 +1,62 @@
+"""Flights to look at: a short one of the smallest team, flown once a process, and made-up ones of the paper's."""
+
+from __future__ import annotations
+
+import functools
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from colift import scenario
+from colift.closed_loop import log, signals
+from colift.closed_loop.flight import run_experiment
+from colift.onboard.learning import prediction_uncertainty
+from colift.scenario import experiment, team
+from tests.support import random_logs as flights
+from tests.support import small_team as light
+
+PAPER = scenario.load_scenario("paper")
+CASES = {"C1": "no learning", "C3": "payload and agent learning"}
+
+
+def labelled(
+    rows: signals.StepRecord, sigma: prediction_uncertainty.PredictionUncertainty, told: scenario.Scenario, **attrs: Any
+) -> xr.Dataset:
+    """A log as a study writes it, of what pages are made of."""
+    stated = {
+        "termination_reason": "",
+        "complete": 1,
+        "update_times_s": [],
+        "T_end_s": told.learning.end_s,
+        "version": "0.1.0",
+    }
+    stated |= {"scenario_json": told.model_dump_json(exclude_none=True), "run": flights.RUN, "case": "C1"}
+    names = (team.agent_names(told), team.joint_names(told), team.contact_names(told))
+    named = dict(zip(("agents", "joints", "contacts"), names, strict=True))
+    return log.dataset(rows, sigma=sigma, attrs=stated | attrs, **named)
+
+
+@functools.cache
+def told() -> scenario.Scenario:
+    """A short flight of the smallest team, with one update."""
+    learning = light.SAMPLE.learning.model_copy(update={"update_times_s": (0.8,), "end_s": 0.8, "start_s": 0.1})
+    return light.settings(learning=learning, duration_s=1.5)
+
+
+@functools.cache
+def flown() -> dict[str, xr.Dataset]:
+    """Two cases of it."""
+    found = {}
+    for case, plan in experiment.make_experiments(told(), tuple(CASES)).items():
+        flight = run_experiment(plan)
+        assert not flight.termination_reason
+        updates = [update.t for update in flight.updates]
+        found[case] = labelled(flight.records, flight.uncertainty, told(), update_times_s=updates, case=case)
+    return found
+
+
+def random_log(shape: flights.Shape = flights.PAPER, told: scenario.Scenario = PAPER) -> xr.Dataset:
+    """A made-up flight of the paper's team."""
+    rng = np.random.default_rng(8)
+    return labelled(flights.rows(rng, shape), flights.sigma(rng, shape), told)

@@ -1,0 +1,32 @@
+"""Flights of the paper's cases and of rivals, made up: what figures are drawn of."""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+
+from colift.scenario import experiment
+from tests.support import playback_logs as played
+from tests.support import random_logs as flights
+
+LONG = flights.PAPER._replace(time=400, period=0.05)  # 20 s
+CASES = ("C1", "C2", "C3")
+RIVALS = ("integral", "disturbance_observer", "parametric", "true_residual")
+TOLD = experiment.PAPER_CASES | experiment.BASELINES
+
+
+def cases() -> dict[str, xr.Dataset]:
+    """The paper's cases and all rivals, made up."""
+    rng = np.random.default_rng(3)
+    said = {"scenario_json": played.PAPER.model_dump_json(exclude_none=True)}
+    learned = {"update_times_s": [2.5, 4.5, 6.5, 8.5, 10.0], "T_end_s": 10.0}
+    unlearned = {"update_times_s": [], "T_end_s": 10.0}
+    found = {
+        name: flights.dataset(
+            rng, LONG, case=name, **said, **(learned if name in ("C2", "C3", "parametric") else unlearned)
+        )
+        for name in (*CASES, *RIVALS)
+    }
+    for ds in found.values():
+        ds.eta[:] = ds.eta * ((ds.time >= 8) & (ds.time <= 14))
+    return found

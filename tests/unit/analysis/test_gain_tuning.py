@@ -1,0 +1,358 @@
+"""Gains that are chosen: the steps of the search on matrices that are known, and what is written."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import json
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+from scipy.spatial.transform import Rotation
+from typer.testing import CliRunner
+
+from colift import scenario
+from colift.analysis import gain_tuning, stability
+from colift.cli.app import app
+from colift.closed_loop import flight as flight_module
+from colift.runtime import signals
+from colift.scenario import team, template
+from tests.support import small_team as light
+
+DT = 0.002
+FREE, SECOND = 2, np.array([False, True])
+
+
+@dataclasses.dataclass(frozen=True)
+class Spring:
+    """`s^2 + 2 d w s + w^2`, sampled; steps are those of log w and log d from where w = 2 and d = 0.25."""
+
+    steps: np.ndarray
+
+    @property
+    def M(self) -> np.ndarray:
+        w, d = np.array([2, 0.25]) * np.exp(self.steps)
+        return expm(DT * np.array([[0.0, 1.0], [-w * w, -2 * d * w]]))
+
+    @property
+    def cost(self) -> float:
+        return float(np.log(np.abs(np.linalg.eigvals(self.M)).max()) / DT)
+
+
+def slopes(of: Spring) -> gain_tuning.Slopes:
+    return gain_tuning.decay_rates(of.M, [Spring(of.steps + gain_tuning.STEP * e).M for e in np.eye(FREE)], DT)
+
+
+def test_the_slopes_are_the_derivatives_of_the_rates():
+    rates, found = slopes(Spring(np.zeros(FREE)))
+    np.testing.assert_allclose(rates, -0.5, atol=1e-9)  # Re = -d w
+    np.testing.assert_allclose(found, [[-0.5, -0.5]] * 2, atol=1e-3)
+    of = Spring(np.array([0.0, 2.0]))  # two real poles
+    rates, found = slopes(of)
+    for k, e in enumerate(1e-4 * np.eye(FREE)):
+        ahead, behind = (slopes(Spring(of.steps + s * e))[0] for s in (1, -1))
+        np.testing.assert_allclose(found[:, k], (ahead - behind) / 2e-4, rtol=5e-3, atol=1e-2)
+
+
+def test_the_search_finds_what_damps_best_within_its_budget():
+    """The slower pole is fastest, at -w, where both meet: at d = 1 and the largest w."""
+    low, high = np.full(FREE, -2.0), np.array([1.0, 3.0])
+    first = Spring(np.zeros(FREE))
+    best, where, used = gain_tuning.minimize(
+        first, Spring, slopes, np.zeros(FREE), (low, high), SECOND, gain_tuning.MAX_LINEARIZATIONS
+    )
+    assert first.cost == pytest.approx(-0.5, abs=1e-9)
+    assert best.cost == pytest.approx(-2 * np.e, rel=0.1)
+    assert best.steps[0] == pytest.approx(1.0)
+    np.testing.assert_array_equal(where, best.steps)
+    assert used <= gain_tuning.MAX_LINEARIZATIONS
+
+
+def test_where_there_is_no_loop_the_step_is_shorter():
+    low, high = np.full(FREE, -2.0), np.full(FREE, 2.0)
+    near = lambda at: Spring(at) if at[1] < 0.4 else None  # noqa: E731
+    best, _, used = gain_tuning.minimize(
+        Spring(np.zeros(FREE)), near, slopes, np.zeros(FREE), (low, high), SECOND, gain_tuning.MAX_LINEARIZATIONS
+    )
+    assert 0.29 < best.steps[1] < 0.4
+    assert used <= gain_tuning.MAX_LINEARIZATIONS
+
+
+def test_a_loop_that_is_best_already_stays():
+    none = np.zeros(FREE)
+    first = Spring(none)
+    best, _, _ = gain_tuning.minimize(first, Spring, slopes, none, (none, none), SECOND, gain_tuning.MAX_LINEARIZATIONS)
+    assert best is first
+
+
+@pytest.mark.long
+def test_late_commands_count(monkeypatch: pytest.MonkeyPatch):
+    of = lit()
+    late = np.eye(6) * np.exp(0.5 * of.experiment.dt)
+    assert of.cost < 0
+    monkeypatch.setattr(stability, "with_input_delay", lambda _x, _M, _ticks: late)
+    assert of.cost == pytest.approx(0.5)
+    assert of.delay_ticks == 2
+
+
+def test_the_posture_is_a_gain_only_where_joints_are_beyond_need():
+    assert "posture_bandwidth" not in gain_tuning.tunable_gains(scenario.load_scenario("paper"))
+    assert "posture_bandwidth" in gain_tuning.tunable_gains(scenario.load_scenario("beam"))
+    assert gain_tuning.tunable_gains(light.settings()) == gain_tuning.GAINS[:-1]
+
+
+def test_gains_are_scaled_and_written_with_three_digits():
+    given = light.settings(control=light.SAMPLE.control.model_copy(update={"K_p": (5.0, 5.0, 6.0)}))
+    control = gain_tuning.scale_gains(given, np.log([1.1111, 1, 1, 1, 2, 0.5])).control
+    assert control.K_p == (6.17, 6.17, 7.41)
+    assert control.K_v == (4.67, 4.67, 4.67)
+    assert (control.agent_k_R, control.agent_k_omega) == (1000.0, 28.0)
+
+
+def test_the_text_keeps_comments_where_it_says_the_same():
+    written = template.scenario_template("mine", 3, 0)
+    tuned = gain_tuning.scale_gains(scenario.parse(written, "mine.yaml"), np.full(6, 0.1))
+    text = gain_tuning.to_yaml(tuned, written, "mine.yaml")
+    assert "# A scenario to begin with" in text
+    assert "K_p: 6.11" in text
+    assert scenario.parse(text, "mine.yaml") == tuned
+    other = tuned.model_copy(update={"seed": 7})  # as by --set: the text would say otherwise
+    assert scenario.parse(gain_tuning.to_yaml(other, written, "mine.yaml"), "mine.yaml") == other
+    assert "#" not in gain_tuning.to_yaml(tuned, None, "mine.yaml")
+
+
+def test_contacts_are_off_by_what_positions_and_attitude_say():
+    """Against where contacts are and should be, for small angles, of which `e_R` is one to third order."""
+    rng = np.random.default_rng(0)
+    contacts, e_p = rng.normal(size=(5, 3)), 0.1 * rng.normal(size=(7, 3))
+    R_d = Rotation.random(7, rng)
+    R = R_d * Rotation.from_rotvec(1e-3 * rng.normal(size=(7, 3)))
+    skew = (R_d.inv() * R).as_matrix() - (R.inv() * R_d).as_matrix()
+    e_R = np.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], axis=1) / 2
+    off = [np.linalg.norm(e_p + R.apply(c) - R_d.apply(c), axis=1) for c in contacts]
+    assert gain_tuning.contact_displacement_rms(e_p, e_R, R.as_matrix(), contacts) == pytest.approx(
+        np.sqrt(np.mean(np.square(off))), rel=1e-5
+    )
+
+
+@pytest.mark.long
+def test_the_error_over_decay_falls_along_its_slopes():
+    of = gain_tuning.simulate_cost(lit())
+    assert isinstance(of, gain_tuning.FlightCost)
+    assert of.cost == pytest.approx(of.error / -lit().cost)
+    costs, slopes = gain_tuning._flight_gradients(of)
+    assert costs.max() >= of.cost * (1 - 1e-9)
+    step = gain_tuning._linear_program_step(costs, slopes, np.full(6, -0.05), np.full(6, 0.05))
+    nearer = gain_tuning.simulate_cost(gain_tuning.linearize_scenario(gain_tuning.scale_gains(of.loop.settings, step)))
+    assert isinstance(nearer, gain_tuning.FlightCost)
+    promised = of.cost - (costs + slopes @ step).max()
+    assert promised > 0
+    assert of.cost - nearer.cost == pytest.approx(promised, rel=0.3)
+
+
+@pytest.mark.long
+def test_what_grows_is_not_flown_and_what_is_lost_or_saturated(monkeypatch: pytest.MonkeyPatch):
+    """What grows is not flown and what is lost or saturated has no error."""
+    of = lit()
+    flight = flight_module.run_experiment(of.experiment)
+    for change, said in (
+        ({"termination_reason": "limit exceeded"}, "lost"),
+        (
+            {
+                "records": dataclasses.replace(
+                    flight.records, thrust_saturated=np.ones_like(flight.records.thrust_saturated)
+                )
+            },
+            "saturated",
+        ),
+    ):
+        monkeypatch.setattr(gain_tuning, "run_experiment", lambda _plan, c=change: dataclasses.replace(flight, **c))
+        assert gain_tuning.simulate_cost(of) == said
+    known = gain_tuning.FlightCost(of, 0.1)
+    monkeypatch.setattr(
+        gain_tuning, "run_experiment", lambda _plan: dataclasses.replace(flight, termination_reason="near it")
+    )
+    rates, slopes = gain_tuning._mode_gradients(of)
+    np.testing.assert_allclose(gain_tuning._flight_gradients(known)[1], (0.1 / rates**2)[:, None] * slopes)
+    monkeypatch.setattr(gain_tuning, "run_experiment", lambda _plan: pytest.fail("flown"))
+    grows = dataclasses.replace(of, step_jacobian=np.eye(len(of.step_jacobian)) * 1.01)
+    assert gain_tuning.simulate_cost(grows) == "grows"
+    assert gain_tuning.summary_values(grows)["displacement_C1_m"] == "grows"
+
+
+class Fake(gain_tuning.LoopDesign):
+    """A loop that decays by K_v."""
+
+    @property
+    def cost(self) -> float:
+        return -float(self.settings.control.K_v[0])
+
+
+def test_tune_flies_from_where_it_costs_less_and_returns(monkeypatch: pytest.MonkeyPatch):
+    """The error falls with K_p. The fastest of the first stage may be lost: then the second starts from the first."""
+    given, known = (
+        light.settings(),
+        {field.name: getattr(lit(), field.name) for field in dataclasses.fields(gain_tuning.LoopDesign)},
+    )
+    fake = lambda to: Fake(**known | {"settings": to})  # noqa: E731
+    K = lambda of: (float(of.settings.control.K_p[0]), float(of.settings.control.K_v[0]))  # noqa: E731
+
+    def slopes(of: Any) -> gain_tuning.Slopes:
+        rate = gain_tuning.TUNED_GAINS[1, :6]
+        return np.array([of.cost]), (of.cost * rate)[None]
+
+    def flown_slopes(of: gain_tuning.FlightCost) -> gain_tuning.Slopes:
+        return np.array([of.cost]), (of.cost * -(gain_tuning.TUNED_GAINS[0, :6] + gain_tuning.TUNED_GAINS[1, :6]))[None]
+
+    monkeypatch.setattr(gain_tuning, "linearize_scenario", fake)
+    monkeypatch.setattr(gain_tuning, "_max_frequency_ratio", lambda _of: gain_tuning.MAX_GAIN_RATIO)
+    monkeypatch.setattr(gain_tuning, "_mode_gradients", slopes)
+    monkeypatch.setattr(gain_tuning, "_flight_gradients", flown_slopes)
+    for lost_above in (np.inf, 1.2 * given.control.K_v[0]):
+        flies = lambda of, most=lost_above: gain_tuning.FlightCost(of, 1 / K(of)[0]) if K(of)[1] <= most else "lost"  # noqa: E731
+        monkeypatch.setattr(gain_tuning, "simulate_cost", flies)
+        first, best, spent = gain_tuning.tune(given)
+        assert first.settings == given
+        start, end = flies(first), flies(best)
+        assert isinstance(start, gain_tuning.FlightCost)
+        assert isinstance(end, gain_tuning.FlightCost)
+        assert end.cost < start.cost
+        assert 2 < spent.simulations <= gain_tuning.MAX_SIMULATIONS
+        assert spent.simulations < spent.linearizations <= gain_tuning.MAX_LINEARIZATIONS + gain_tuning.MAX_SIMULATIONS
+    monkeypatch.setattr(gain_tuning, "simulate_cost", lambda _of: "lost")
+    _, best, spent = gain_tuning.tune(given)
+    assert best.cost == pytest.approx(-4 * given.control.K_v[0], rel=0.01)
+    assert spent.simulations == 2
+
+
+def test_a_posture_is_not_raised_above_what_is_stated_unless(monkeypatch: pytest.MonkeyPatch):
+    """Joints beyond need are to reach what their user states; a greater statement would only be missed by more."""
+    monkeypatch.setattr(gain_tuning, "_max_frequency_ratio", lambda _of: 0.5)
+    known = {field.name: getattr(lit(), field.name) for field in dataclasses.fields(gain_tuning.LoopDesign)}
+
+    class At(gain_tuning.LoopDesign):
+        cost = -1.0
+
+    class Growing(gain_tuning.LoopDesign):
+        cost = 1.0
+
+    for name, kind, most in (("beam", At, 0.0), ("beam", Growing, gain_tuning.MAX_GAIN_RATIO), ("trio", At, None)):
+        low, high = gain_tuning.search_bounds(kind(**known | {"settings": scenario.load_scenario(name)}))
+        assert (low == -gain_tuning.MAX_GAIN_RATIO).all()
+        assert high[0] == 0.5
+        assert (high[1:6] == gain_tuning.MAX_GAIN_RATIO).all()
+        assert high[6:].tolist() == ([] if most is None else [most])
+
+
+def test_no_more_are_looked_at_than_there_may_be():
+    """Steps that help at random, within any budget."""
+    rng = np.random.default_rng(0)
+
+    @dataclasses.dataclass(frozen=True)
+    class Chance:
+        cost: float
+
+    for most in range(4, 40):
+        at = lambda _steps: Chance(rng.normal())  # noqa: E731
+        known = lambda _of: (np.zeros(1), rng.normal(size=(1, 2)))  # noqa: E731
+        bounds = (-np.ones(2), np.ones(2))
+        _, _, used = gain_tuning.minimize(Chance(0.0), at, known, np.zeros(2), bounds, np.array([False, True]), most)
+        assert used <= most
+
+
+@functools.cache
+def lit() -> gain_tuning.LoopDesign:
+    return gain_tuning.linearize_scenario(light.settings())
+
+
+@pytest.mark.long
+def test_thrust_bounds_the_stiffness():
+    of = lit()
+    assert of.cost < 0
+    near = of.settings.model_copy(
+        update={"initial_state": of.settings.initial_state.model_copy(update={"position_error_m": (0, 0, 0)})}
+    )
+    assert gain_tuning._max_frequency_ratio(dataclasses.replace(of, settings=near)) == gain_tuning.MAX_GAIN_RATIO
+    wide = of.settings.termination.model_copy(update={"max_position_error_m": 10.0})
+    start = of.settings.initial_state.model_copy(update={"position_error_m": (9, 0, 0)})
+    far = of.settings.model_copy(update={"initial_state": start, "termination": wide})
+    assert gain_tuning._max_frequency_ratio(dataclasses.replace(of, settings=far)) == 0
+
+
+@pytest.mark.long
+def test_a_real_loop_s_slopes_point_where_it_decays_faster():
+    """The light team: the rate along a short step, as the slopes have it and as the loop with it has it."""
+    of = lit()
+    rates, slopes = gain_tuning._mode_gradients(of)
+    step = gain_tuning._linear_program_step(rates, slopes, np.full(6, -0.05), np.full(6, 0.05))
+    assert gain_tuning.linearize_scenario(gain_tuning.scale_gains(of.settings, step)).cost < of.cost
+    found = gain_tuning.summary_values(of)
+    assert found["slowest_mode_1ps"] <= of.cost
+    assert 0 < found["delay_margin_s"] <= 0.05
+    truth, names = of.experiment.world.team, team.agent_names(of.settings)
+    assert len(names) == sum(truth.sizes)
+    assert 0.01 < found["e_p_C1_m"] < 1
+
+
+def test_the_command_writes_a_scenario_and_overwrites_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    made = light.write(tmp_path / "team.yaml")
+    monkeypatch.setattr(gain_tuning, "simulate_cost", lambda of: gain_tuning.FlightCost(of, 0.1))
+    after = dataclasses.replace(lit(), settings=gain_tuning.scale_gains(lit().settings, np.full(6, 0.1)))
+    monkeypatch.setattr(
+        gain_tuning, "tune", lambda _settings, _say, _better: (lit(), after, gain_tuning.EvaluationBudget(9, 2))
+    )
+    out = tmp_path / "tuned.yaml"
+    said = CliRunner().invoke(app, ["tune", str(made), "--out", str(out), "--json"])
+    assert said.exit_code == 0, said.stderr
+    found = json.loads(said.stdout)
+    assert found["after"]["e_p_C1_m"] == pytest.approx(found["before"]["e_p_C1_m"] / np.exp(0.2), rel=1e-2)
+    assert scenario.load_scenario(out) == after.settings
+    before = out.read_bytes()
+    again = CliRunner().invoke(app, ["tune", str(made), "--out", str(out)])
+    assert (again.exit_code, again.stderr.count("\n")) == (2, 1)
+    assert "exists" in again.stderr
+    assert out.read_bytes() == before
+    assert CliRunner().invoke(app, ["tune", str(made), "--out", str(tmp_path / "x.txt")]).exit_code == 2
+    shown = CliRunner().invoke(app, ["tune", str(made), "--out", str(tmp_path / "other.yaml")])
+    assert "slowest mode, 1/s" in shown.stdout
+    assert shown.stdout.splitlines()[-1] == f"sample with these gains is in {tmp_path / 'other.yaml'}"
+
+
+def test_ended_early_the_command_writes_the_best_gains_so_far(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    made, out = light.write(tmp_path / "team.yaml"), tmp_path / "tuned.yaml"
+    best = dataclasses.replace(lit(), settings=gain_tuning.scale_gains(lit().settings, np.full(6, 0.1)))
+
+    def ended(
+        _settings: object,
+        _say: object,
+        better: Callable[[gain_tuning.LoopDesign], None],
+        found: Sequence[gain_tuning.LoopDesign],
+    ) -> None:
+        for each in found:
+            better(each)
+        raise signals.Interrupted
+
+    for found in ((), (lit(), best)):
+        monkeypatch.setattr(gain_tuning, "tune", functools.partial(ended, found=found))
+        with pytest.raises(signals.Interrupted):
+            CliRunner().invoke(app, ["tune", str(made), "--out", str(out)])
+        assert out.exists() == bool(found)
+    assert scenario.load_scenario(out) == best.settings
+    nowhere = CliRunner().invoke(app, ["tune", str(made), "--out", str(tmp_path / "none" / "tuned.yaml")])
+    assert (nowhere.exit_code, nowhere.stderr.count("\n")) == (2, 1)
+
+
+def test_a_search_hands_on_the_best_so_far():
+    first, seen = Spring(np.zeros(FREE)), []
+    bounds = np.full(FREE, -1.0), np.full(FREE, 1.0)
+    best, *_ = gain_tuning.minimize(
+        first, Spring, slopes, np.zeros(FREE), bounds, SECOND, 40, lambda of, _used: seen.append(of)
+    )
+    costs = [of.cost for of in seen]
+    assert seen[0] is first
+    assert costs == sorted(costs, reverse=True)
+    assert costs[-1] >= best.cost

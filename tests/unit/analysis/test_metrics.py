@@ -1,0 +1,299 @@
+"""Figures of merit against definitions written out another way."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from colift.analysis import metrics
+from colift.closed_loop import log
+from colift.closed_loop.flight import FlightResult
+from colift.closed_loop.signals import StepRecord
+from colift.models.parameters import Team
+from colift.onboard.learning import confidence_bounds, prediction_uncertainty
+from colift.scenario import team
+from tests.support import paper_flights as paper
+from tests.support import random_logs as flights
+
+SHAPE = flights.PAPER._replace(time=240)
+TRUTH, NOMINAL = team.team(paper.SETTINGS)
+CONTACTS = [np.array(c) for agent in paper.SETTINGS.agents for c in agent.contact_positions_m]
+
+
+def with_rows(rows: StepRecord, **signals: np.ndarray | None) -> StepRecord:
+    """The log with some signals replaced, of the shapes that `Row` states, or left out."""
+    given = jax.tree.map(jnp.asarray, signals)
+    return jax.tree.map(np.array, dataclasses.replace(jax.tree.map(jnp.asarray, rows), **given))
+
+
+def flight(seed: int, shape: flights.Shape = SHAPE, **rows: np.ndarray) -> FlightResult:
+    """A random flight, with some signals of its log stated."""
+    rng = np.random.default_rng(seed)
+    attitudes = Rotation.random(shape.time, random_state=seed).as_matrix()
+    made = with_rows(flights.rows(rng, shape), **({"R_L_hat": attitudes, "R_L": attitudes} | rows))
+    beta = [rng.uniform(1, 5, (n, 6 + joints)) for n, joints, _ in shape.groups]
+    oracle = paper.plan("C1").controller.residual_model
+    bands = confidence_bounds.ConfidenceBands(
+        bound_posterior=oracle, payload_beta=jnp.arange(6.0), agent_beta=tuple(jnp.asarray(b) for b in beta)
+    )
+    held = prediction_uncertainty.ModelInterval(start_tick=0, model=oracle, bands=bands)
+    return FlightResult(
+        records=made,
+        uncertainty=flights.sigma(rng, shape),
+        updates=(),
+        termination_reason="",
+        model_intervals=(held,),
+        wall_time={},
+    )
+
+
+def wrench(lam: np.ndarray, R: np.ndarray) -> np.ndarray:
+    """`(sum lam, sum c x R^T lam)`, contact by contact."""
+    force, moment = np.zeros(3), np.zeros(3)
+    for c, f in zip(CONTACTS, lam, strict=True):
+        force += f
+        moment += np.cross(c, R.T @ f)
+    return np.concatenate([force, moment])
+
+
+# Figures of merit -----------------------------------------------------------------------------------------------------
+
+
+def test_norm_rms_is_the_root_of_the_mean_square_of_the_norms():
+    x = np.random.default_rng(0).normal(size=(7, 2, 3))
+    squares = [sum(v * v for v in sample.flat) for sample in x]
+    assert metrics.rms_norm(x) == pytest.approx((sum(squares) / 7) ** 0.5, rel=1e-14)
+
+
+def test_the_summary_is_of_the_second_half_but_for_what_must():
+    """The summary is of the second half but for what must hold always."""
+    made = flight(1)
+    found = metrics.summary(made, TRUTH, NOMINAL)
+    late = slice(120, None)
+    rows = made.records
+    assert found["e_p_rms_m"] == pytest.approx(np.sqrt((rows.e_p[late] ** 2).sum() / 120), rel=1e-12)
+    assert found["Psi_mean"] == pytest.approx(rows.Psi[late].mean(), rel=1e-12)
+    assert found["e_lam_rms_N"] == pytest.approx(np.sqrt(((rows.lam - rows.lam_cmd)[late] ** 2).sum() / 120), rel=1e-12)
+    force, moment = (np.sqrt((rows.delta_W[late, part] ** 2).sum() / 120) for part in (slice(3), slice(3, None)))
+    assert found["delta_W_force_rms_N"] == pytest.approx(force, rel=1e-12)
+    assert found["delta_W_moment_rms_Nm"] == pytest.approx(moment, rel=1e-12)
+    assert found["delta_W_rms"] == pytest.approx(np.hypot(force, moment), rel=1e-12)
+    assert found["lam_max_N"] == pytest.approx(max(np.sqrt((f**2).sum()) for f in rows.lam[late].reshape(-1, 3)))
+    assert (found["thrust_min_N"], found["thrust_max_N"]) == (rows.u[late].min(), rows.u[late].max())
+    assert (found["Phi_max_m"], found["min_delassus_singular_value"]) == (
+        rows.Phi.max(),
+        rows.min_delassus_singular_value.min(),
+    )
+    assert found["saturated_ticks"] == sum(bool(tick.any()) for tick in rows.thrust_saturated)
+    assert found["num_samples"] == {"payload": 0, "agents": 0}
+    sigma = made.uncertainty
+    late = sigma.t >= rows.t[120]
+    each = [np.linalg.norm(sigma.agent_std[0][late, j], axis=1) for j in range(2)]
+    assert found["sigma_A_mean"] == pytest.approx((each[0] + each[1]).mean(), rel=1e-12)
+    assert found["sigma_L_force_mean"] == pytest.approx(np.linalg.norm(sigma.payload_std[late, :3], axis=1).mean())
+
+
+@pytest.mark.parametrize(("hertz", "share"), [(60.0, 1.0), (100.0, 1.0), (20.0, 0.5), (3.0, 0.0)])
+def test_chatter_is_what_contact_forces_have_above_20_hertz(hertz, share):
+    """A tone of amplitude 2 N in one component: all of it above the corner, half at it (twice -3 dB), none below."""
+    shape = SHAPE._replace(time=3000)
+    t = shape.period * np.arange(shape.time)
+    lam = np.zeros((shape.time, 4, 3))
+    lam[:, 2, 1] = 30 + 2 * np.sin(2 * np.pi * hertz * t)
+    lam[:, 0, 0] = 5 * np.sin(2 * np.pi * 0.5 * t)
+    assert metrics.high_frequency_rms(flight(2, shape, lam=lam).records) == pytest.approx(share * 2 / 2**0.5, abs=0.02)
+
+
+def test_flights_too_short_to_filter_have_no_chatter():
+    assert np.isnan(metrics.high_frequency_rms(flight(2, SHAPE._replace(time=99)).records))
+
+
+def test_consistency_and_identity_find_the_tick_that_breaks_them():
+    made = flight(3)
+    R, lam, lam_cmd = made.records.R_L_hat, made.records.lam, made.records.lam_cmd
+    W_d = np.stack([wrench(lam_cmd[k], R[k]) for k in range(SHAPE.time)])
+    delta_W = np.stack([wrench(lam[k], R[k]) for k in range(SHAPE.time)]) - W_d
+    rows = with_rows(made.records, W_d=W_d, delta_W=delta_W)
+    assert metrics.wrench_consistency_error(rows, NOMINAL) < 1e-12
+    assert metrics.interface_identity_error(rows, NOMINAL) < 1e-12
+    W_d[77] += [0, 0.3, 0, 0, 0, 0.4]
+    delta_W[5] += [0.6, 0, 0, 0.8, 0, 0]
+    rows = with_rows(made.records, W_d=W_d, delta_W=delta_W)
+    assert metrics.wrench_consistency_error(rows, NOMINAL) == pytest.approx(0.5, rel=1e-9)
+    assert metrics.interface_identity_error(rows, NOMINAL) == pytest.approx(1.0, rel=1e-9)
+
+
+def test_correlations_are_pearson_s_and_of_a_constant_there():
+    """Correlations are pearson is and of a constant there is none."""
+    made = flight(4)
+    at = np.arange(0, SHAPE.time, 5)
+    sigma_A = np.linalg.norm(made.uncertainty.agent_std[0], axis=2).sum(1)
+    mismatch = np.linalg.norm(made.records.delta_W[at], axis=1)
+    centred = [x - x.mean() for x in (sigma_A, mismatch)]
+    expected = (centred[0] @ centred[1]) / np.sqrt((centred[0] @ centred[0]) * (centred[1] @ centred[1]))
+    found = metrics.correlations(made)["sigma_A_delta_W"]
+    assert found["run"] == pytest.approx(expected, rel=1e-9)
+    late = slice(len(at) // 2, None)
+    assert found["second_half"] == pytest.approx(np.corrcoef(sigma_A[late], mismatch[late])[0, 1], rel=1e-9)
+    assert found["after_first_update"] is None, "nothing was learned"
+    e_p = np.zeros_like(made.records.e_p)
+    e_p[at, 0] = 0.1 + 2 * np.linalg.norm(made.uncertainty.payload_std, axis=1)
+    told = dataclasses.replace(made, records=with_rows(made.records, e_p=e_p))
+    assert metrics.correlations(told)["sigma_L_e_p"]["run"] == pytest.approx(1.0, abs=1e-12)
+    flat = dataclasses.replace(made.uncertainty, payload_std=np.ones_like(made.uncertainty.payload_std))
+    assert metrics.correlations(dataclasses.replace(made, uncertainty=flat))["sigma_L_e_p"]["run"] is None
+
+
+# Predictive deviations ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("listens", [False, True])
+def test_errors_of_stated_size_lie_outside_of_1_96_deviations(listens):
+    """Errors drawn with the deviation that data, data sheets and lateness have together are as often outside."""
+    shape = SHAPE._replace(time=20000)
+    made, rng = flight(6, shape), np.random.default_rng(7)
+    sigma, at = made.uncertainty, np.arange(0, shape.time, 5)
+    n = made.records.f_x.shape[1]
+    rows = with_rows(
+        made.records,
+        labels_available=None,
+        delay_error_L=None,
+        delay_error_x=None,
+        correction_error_L=None,
+        correction_error_x=None,
+    )
+    s = np.hypot(sigma.payload_std, sigma.payload_label_bias)
+    if listens:
+        g = rng.integers(0, 2, shape.time).astype(float)
+        u, d = rng.uniform(0.1, 3, (2, shape.time, 6))
+        none = np.zeros((shape.time, n, 3))
+        rows = with_rows(
+            rows, labels_available=g, delay_error_L=u, delay_error_x=none, correction_error_L=d, correction_error_x=none
+        )
+        g = g[at, None]
+        s = np.sqrt(
+            g**2 * u[at] ** 2 + (1 - g) ** 2 * (sigma.payload_std**2 + d[at] ** 2) + sigma.payload_label_bias**2
+        )
+    f_L = rows.f_L_hat.copy()
+    f_L[at] += s * rng.normal(size=s.shape)
+    f_x = rows.f_x_hat + 0.5
+    told = dataclasses.replace(made, records=with_rows(rows, f_L=f_L, f_x=f_x))
+    found = metrics.miscoverage(told)
+    np.testing.assert_allclose(found["payload"]["share"], 0.05, atol=0.02)
+    np.testing.assert_allclose(found["payload"]["error_over_deviation"], 1.0, atol=0.05)
+    group, label = sigma.agent_std[0][..., :3], sigma.agent_label_bias[0][..., :3]
+    half = at >= shape.time // 2
+    expected = np.hypot(group, label)[half] < 0.5 / 1.96
+    if not listens:
+        np.testing.assert_allclose(found["agents"]["share"], expected.mean(0), rtol=1e-12)
+
+
+# Error bounds ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("shape", [SHAPE, flights.MIXED._replace(time=200)])
+def test_bounded_counts_errors_above_their_radii_body_by_body(shape):
+    made = flight(5, shape)
+    found = metrics.bound_statistics(made)
+    ds = log.dataset(made.records, sigma=made.uncertainty, attrs={}, **shape.names)
+    at = np.searchsorted(ds.time, ds.time_sigma)
+
+    def parts(agent: str | None) -> tuple[list, list]:
+        if agent is None:
+            return [ds.f_L[at] - ds.f_L_hat[at]], [ds.rho_f_L]
+        own = [joint for joint in ds.joint.values if joint.startswith(f"{agent}/")]
+        pick = [{"agent": agent}, {"agent": agent}, {"joint": own}]
+        error = [(ds[f] - ds[f"{f}_hat"])[at].sel(s) for f, s in zip(("f_x", "f_w", "f_r"), pick, strict=True)]
+        return error, [ds[f].sel(s) for f, s in zip(("rho_f_x", "rho_f_w", "rho_f_r"), pick, strict=True)]
+
+    bodies = [None, *ds.agent.values]
+    for body, of in zip(bodies, [found["payload"], *found["agents"]], strict=True):
+        error, radius = (np.concatenate([x.values for x in part], axis=1) for part in parts(body))
+        samples = len(error)
+        plain = sum(np.sqrt((error[k] ** 2).sum()) > np.sqrt((radius[k] ** 2).sum()) for k in range(samples))
+        each = sum(any(abs(error[k]) > radius[k]) for k in range(samples))
+        moment = sum((error[k, 3:] ** 2).sum() > (radius[k, 3:] ** 2).sum() for k in range(samples))
+        share = of["exceeded_share"]
+        assert (share["plain"], share["any_output"]) == pytest.approx((plain / samples, each / samples))
+        assert share["moment"] == pytest.approx(moment / samples)
+        late = ds.time_sigma.values >= ds.time.values[shape.time // 2]
+        ratios = np.sqrt((radius**2).sum(1) / (error**2).sum(1))[late]
+        assert of["tightness_median"] == pytest.approx(np.median(ratios))
+    assert found["payload"]["beta"] == [0, 1, 2, 3, 4, 5]
+    assert [len(of["beta"]) for of in found["agents"]] == [
+        6 + joints for n, joints, _ in shape.agent_groups for _ in range(n)
+    ]
+
+
+def test_where_there_is_no_radius_nothing_is_above():
+    """Where there is no radius nothing is above it and nothing is tight."""
+    made = flight(6)
+    sigma = dataclasses.replace(made.uncertainty, payload_radius=np.full_like(made.uncertainty.payload_radius, np.inf))
+    found = metrics.bound_statistics(dataclasses.replace(made, uncertainty=sigma))["payload"]
+    assert found["exceeded_share"] == {"plain": 0, "force": 0, "moment": 0, "any_output": 0}
+    assert found["tightness_median"] == np.inf
+
+
+# Residuals ------------------------------------------------------------------------------------------------------------
+
+
+def heavier(truth: Team, m: float, J: np.ndarray) -> Team:
+    """The team with another payload."""
+    payload = dataclasses.replace(truth.payload, mass=jnp.asarray(m), inertia=jnp.asarray(J))
+    return dataclasses.replace(truth, payload=payload)
+
+
+def test_shares_of_the_residual_tell_parameters_constants():
+    """A residual made of a mass and inertia mismatch, a constant and a sine whose deviation is known."""
+    rng = np.random.default_rng(7)
+    J = TRUTH.payload.inertia - np.array([[0.01, 0.002, 0], [0.002, 0.03, 0.004], [0, 0.004, 0.02]])
+    nominal = heavier(TRUTH, float(TRUTH.payload.mass) - 0.4, J)
+    n = 1000
+    a_L, omega = rng.normal(size=(n, 6)), rng.normal(size=(n, 3))
+    R = Rotation.random(n, random_state=1).as_matrix()
+    dm, dJ = -0.4, np.asarray(J - TRUTH.payload.inertia)
+    inertial = np.concatenate(
+        [
+            dm * (a_L[:, :3] - [0, 0, -9.81]),
+            np.stack([dJ @ a[3:] + np.cross(w, dJ @ w) for a, w in zip(a_L, omega, strict=True)]),
+        ],
+        axis=1,
+    )
+    phase = 2 * np.pi * np.arange(n) / 50
+    sine, constant = np.outer(np.sin(phase), [0.1, 0.2, 0.3, 0.04, 0.05, 0.06]), np.array([1, 0, -2, 0, 0.5, 0])
+    f_L = inertial + constant + sine
+    rows = flight(7, SHAPE._replace(time=n), f_L=f_L, a_L=a_L, omega_L=omega, R_L=R).records
+    found = metrics.residual_statistics(rows, TRUTH, nominal)
+    np.testing.assert_allclose(found["payload"]["varying_rms"], np.array([0.1, 0.2, 0.3, 0.04, 0.05, 0.06]) / 2**0.5)
+    np.testing.assert_allclose(found["payload"]["mean"], f_L.mean(0), atol=1e-12)
+    power = (f_L**2).mean(0)
+    np.testing.assert_allclose(found["payload"]["constant_share"], f_L.mean(0) ** 2 / power, atol=1e-12)
+    assert len(found["agents_force"]["mean"]) == 6
+
+
+def test_mismatch_is_nominal_less_true_in_the_regressor_s_order():
+    theta = metrics.parameter_mismatch(TRUTH, NOMINAL)
+    np.testing.assert_allclose(theta, [-0.3, 0, 0, 0, -0.01, -0.03, -0.03, 0, 0, 0], atol=1e-15)
+    J = np.array([[0.05, 0.001, 0.002], [0.001, 0.2, 0.003], [0.002, 0.003, 0.2]])
+    theta = metrics.parameter_mismatch(TRUTH, heavier(TRUTH, 2.0, J))
+    np.testing.assert_allclose(theta, [0.5, 0, 0, 0, 0.01, 0.05, 0.02, 0.001, 0.002, 0.003], atol=1e-15)
+
+
+# Steps ----------------------------------------------------------------------------------------------------------------
+
+
+def test_a_step_that_is_too_long_is_said_with_when_and_how_much():
+    rows = flight(8).records
+    fine = np.full(SHAPE.time, 9e-10)
+    assert metrics.warn_step_size(with_rows(rows, Phi_dot=fine)) == ""
+    fine[[100, 150, 200]] = 2e-9, 3e-7, 4e-8
+    said = metrics.warn_step_size(with_rows(rows, Phi_dot=fine))
+    assert "from t = 0.200 s" in said
+    assert "3e-07 m/s at t = 0.300 s" in said
+    found = metrics.summary(flight(8, Phi_dot=fine), TRUTH, NOMINAL)
+    assert found["warnings"] == [said]

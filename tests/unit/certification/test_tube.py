@@ -1,0 +1,214 @@
+"""The tube: slopes of what is left against functions that norm and data allow, and the inequality solved in time."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from colift import gp
+from colift.certification import reachability, tube
+from colift.onboard.learning import confidence_bounds, features
+
+seeds = st.integers(0, 2**31)
+means = jax.jit(jax.vmap(gp.mean, (None, 0)))
+
+
+# What the maps see ----------------------------------------------------------------------------------------------------
+
+
+@given(seeds)
+@settings(max_examples=10)
+def test_what_the_payload_s_models_see_moves_with_the_state(seed):
+    """What the payload is models see moves with the state as the features derivative."""
+    rng = np.random.default_rng(seed)
+    x, L = rng.normal(size=(3, 18)), rng.normal(size=(3, 18, 2, 4))
+    found = tube.feature_jacobian(x, L)
+    assert found.shape == (3, 20, 2, 4)
+    for t in range(3):
+        J = jax.jacfwd(features.payload_features)(jnp.asarray(x[t]))
+        np.testing.assert_allclose(found[t], np.einsum("fd,dki->fki", J, L[t]), atol=1e-9)
+
+
+def test_at_rest_speeds_have_no_direction_and_no_slope():
+    assert (tube.feature_jacobian(np.zeros((1, 18)), np.ones((1, 18, 1, 1)))[0, 18:] == 0).all()
+
+
+# How fast what is left varies -----------------------------------------------------------------------------------------
+
+
+def body(seed: int) -> tuple[reachability.BodyModel, gp.GPPosterior, np.random.Generator]:
+    """Functions of the stated norm with labels that err by eps; the model's noise variance is not the companion's."""
+    rng = np.random.default_rng(seed)
+    outputs, dimensions, n = 3, 4, 10
+    s = rng.uniform(0.2, 3, outputs)
+    hyper = gp.make_hyperparameters(s, rng.uniform(0.7, 2, (outputs, dimensions)), rng.choice([1e-4, 0.3]) * s)
+    centers, X = rng.uniform(-2, 2, (8, dimensions)), rng.uniform(-2, 2, (n, dimensions))
+    norm, eps, w = rng.uniform(0.5, 3), rng.uniform(0.02, 0.2, outputs) * s**0.5, rng.normal(size=(outputs, 8))
+    f = gp.from_expansion(
+        hyper, centers, w * (norm / np.asarray(gp.rkhs_norm(gp.from_expansion(hyper, centers, w))))[:, None], n
+    )
+    Y = np.asarray(means(f, jnp.asarray(X))) + eps * rng.choice([-1.0, 1.0], (n, outputs))
+    model = gp.condition(X, Y, hyper, n)
+    companion = confidence_bounds.bound_posterior(model, "energy", norm, eps)
+    beta = np.asarray(confidence_bounds.confidence_factor(companion, "energy", norm, eps, 0.95))
+    return reachability.BodyModel(slice(0, outputs), model, companion, beta, norm, eps, X), f, rng
+
+
+def moved_by(rng: np.random.Generator, times: int) -> np.ndarray:
+    """Covariances of displacements, some flat."""
+    A = rng.normal(size=(times, 4, 4)) * rng.choice([0.0, 1.0], (times, 1, 4), p=[0.3, 0.7])
+    return A @ np.swapaxes(A, 1, 2)
+
+
+@given(seeds)
+@settings(max_examples=10)
+def test_slopes_of_what_is_left_are_within_their_bound(seed):
+    """Slopes of what is left are within their bound in every direction."""
+    of, f, rng = body(seed)
+    x, d = rng.uniform(-3, 3, (60, 4)), rng.normal(size=(60, 4))
+    slope = jax.vmap(jax.jacfwd(gp.mean, argnums=1), (None, 0))
+    left = np.asarray(slope(f, jnp.asarray(x)) - slope(of.model, jnp.asarray(x)))
+    for i in range(3):
+        S, g = tube.gradient_bounds(of, i, x, moved_by(rng, len(x)))
+        bound = np.linalg.norm(np.einsum("tfd,td->tf", S, d), axis=1) + np.abs((g * d).sum(1))
+        found = np.abs((left[:, i] * d).sum(1))
+        assert (found <= bound * (1 + 1e-9)).all()
+        assert (found / bound).max() > 0.03  # the draws are of the size of what they test
+
+
+@given(seeds)
+@settings(max_examples=10)
+def test_slopes_and_displacements_are_no_wider_than_the_energy(seed):
+    """Of the same data with one weight for all labels: the trace, which is what is made small."""
+    of, _, rng = body(seed)
+    path = np.cumsum(rng.normal(size=(9, 4)) * 0.3, axis=0)
+    along = reachability.BodyModel(slice(0, 3), of.model, of.bound_posterior, of.beta, of.norm, of.label_error, path)
+    L, x = rng.normal(size=(5, 4, 9, 3)), rng.normal(size=(5, 4))
+    ((P, _),) = tube.ellipsoids([along], [L])
+    for i in range(3):
+        K = of.beta[i] ** 2 * reachability.covariance(of.bound_posterior, i, path)
+        wide = np.einsum("tfk,kl,tel->tfe", L[..., i], K, L[..., i])
+        taken = (np.asarray(of.model.hyper.lengthscales) ** -2.0).mean(0)
+        trace, widest = (np.einsum("tff,f->t", each, taken) for each in (P[i], wide))
+        assert (trace <= widest * (1 + 1e-6)).all()
+    M = moved_by(rng, 5)
+    S, _ = tube.gradient_bounds(of, 0, x, M)
+    for t in range(5):
+        if not (M[t] > 0).any():
+            continue
+        h = 1e-4
+        ends = x[t] + h * np.concatenate([np.eye(4), -np.eye(4)])
+        C = reachability.covariance(of.bound_posterior, 0, ends)
+        D = np.concatenate([np.eye(4), -np.eye(4)], axis=1) / (2 * h)
+        wide = of.beta[0] ** 2 * D @ C @ D.T
+        assert np.trace(S[t] @ M[t] @ S[t].T) <= np.trace(wide @ M[t]) * (1 + 1e-4)
+
+
+def test_the_bound_is_reached_where_there_are_no_data():
+    """`f = B k'(., x) / |k'|` has the greatest slope that its norm allows: `B sqrt(signal_variance)` a length-scale."""
+    s, norm, ls, h = 1.7, 2.3, np.array([0.8, 1.6]), 1e-3
+    hyper = gp.make_hyperparameters(s, ls, 1e-4)
+    prior = gp.prior(hyper, 2)
+    ends = h * np.array([[1.0, 0.0], [-1.0, 0.0]]) * ls
+    f = gp.from_expansion(hyper, ends, [[1.0, -1.0]])
+    f = gp.from_expansion(hyper, ends, norm / float(gp.rkhs_norm(f)[0]) * np.array([[1.0, -1.0]]))
+    values = np.asarray(means(f, jnp.asarray(ends)))
+    of = reachability.BodyModel(slice(0, 1), prior, prior, np.array([norm]), norm, np.array([0.1]), ends)
+    slope = float(values[0, 0] - values[1, 0]) / (2 * h)
+    S, g = tube.gradient_bounds(of, 0, np.zeros((1, 2)), np.eye(2)[None])
+    assert slope == pytest.approx(np.linalg.norm(S[0] @ np.array([ls[0], 0.0])), rel=1e-4)
+    assert (g == 0).all()
+
+
+@given(seeds)
+@settings(max_examples=5)
+def test_feeding_is_the_greatest_of_each_sample_alone(seed):
+    of, _, rng = body(seed)
+    x, L = rng.normal(size=(3, 4)), rng.normal(size=(3, 4, 7, 5))
+    S, g = tube.gradient_bounds(of, 1, x, moved_by(rng, len(x)))
+    expected = np.linalg.norm(np.einsum("tdf,tfkj->tdkj", S, L), axis=1) + np.abs(np.einsum("tf,tfkj->tkj", g, L))
+    np.testing.assert_allclose(tube.feedback_matrix(S, g, L), expected, rtol=1e-9)
+
+
+@given(seeds)
+@settings(max_examples=10)
+def test_what_the_unknown_on_the_path_makes_of_the_features(seed):
+    """In every direction and through every slope; of greatest eigenvalues the bound is a third above at most."""
+    of, f, rng = body(seed)
+    path = np.cumsum(rng.normal(size=(9, 4)) * 0.3, axis=0)
+    along = reachability.BodyModel(slice(0, 3), of.model, of.bound_posterior, of.beta, of.norm, of.label_error, path)
+    x, L = rng.normal(size=(5, 4)), rng.normal(size=(5, 4, 9, 3))
+    ((P, c),) = tube.ellipsoids([along], [L])
+    left = np.asarray(means(f, jnp.asarray(path)) - means(of.model, jnp.asarray(path)))
+    moved = np.einsum("tfkj,kj->tf", L, left)
+    n = rng.normal(size=(5, 4))
+    most = np.abs((n * c).sum(1)) + np.sqrt(np.einsum("tf,jtfe,te->jt", n, P, n)).sum(0)
+    assert (np.abs((n * moved).sum(1)) <= most * (1 + 1e-9)).all()
+    for i in range(3):
+        S, g = tube.gradient_bounds(of, i, x, P.sum(0))
+        through = np.linalg.norm(np.einsum("tdf,tf->td", S, moved), axis=1) + np.abs((g * moved).sum(1))
+        bound = tube.direct_term(S, g, P, c)
+        assert (through <= bound * (1 + 1e-9)).all()
+        greatest = np.sqrt(np.linalg.eigvalsh(S @ P @ np.swapaxes(S, 1, 2))[..., -1]).sum(0)
+        exact = np.linalg.norm(np.einsum("tdf,tf->td", S, c), axis=1) + np.abs((g * c).sum(1)) + greatest
+        exact += np.sqrt(np.einsum("tf,jtfe,te->jt", g, P, g)).sum(0)
+        assert (bound >= exact * (1 - 1e-9)).all()
+        assert (bound <= 1.34 * exact).all()
+
+
+def test_what_a_difference_adds_is_at_most_its_size_times():
+    """What a difference adds is at most its size times the weights sizes."""
+    rng = np.random.default_rng(0)
+    L, d = rng.normal(size=(2, 3, 20, 2)), rng.uniform(size=(20, 2))
+    expected = np.abs(L.reshape(2, 3, 40)) @ d.ravel()
+    np.testing.assert_allclose(tube.Tube(d, 0.5).deviation(L), expected, rtol=1e-12)
+
+
+# The inequality in time -----------------------------------------------------------------------------------------------
+
+
+def causal(rng: np.random.Generator, times: int, size: float) -> tuple[np.ndarray, np.ndarray]:
+    """Random gains from cells to the times at their ends, and bounds."""
+    M = (
+        size
+        * rng.uniform(size=(times, 3, times, 3))
+        * (np.arange(times)[:, None] >= np.arange(times))[:, None, :, None]
+    )
+    return M, rng.uniform(0.1, 1, (times, 3))
+
+
+@given(seeds, st.floats(0.001, 0.1))
+@settings(max_examples=20)
+def test_whatever_feeds_itself_so_stays_within_the_tube(seed, size):
+    """A signal of any sign that is at every time as great as the inequality lets it, cell after cell."""
+    rng = np.random.default_rng(seed)
+    M, own = causal(rng, 8, size)
+    found, _ = tube.solve_tube(M, own)
+    d = np.zeros((9, 3))  # at the ends of cells
+    for t in range(8):
+        between = [np.maximum(d[s], d[s + 1]) for s in range(t)]
+        for _ in range(200):
+            now = [*between, np.maximum(d[t], d[t + 1])]
+            d[t + 1] = own[t] + sum(M[t, :, s] @ now[s] for s in range(t + 1))
+        assert (d[t + 1] <= found[t] * (1 + 1e-7)).all()
+        np.testing.assert_allclose(found[t], np.maximum(d[t], d[t + 1]), rtol=1e-7)
+
+
+def test_what_grows_beyond_bounds_has_no_tube_and_the_error_says():
+    """What grows beyond bounds has no tube and the error says so."""
+    M, own = causal(np.random.default_rng(0), 8, 5.0)
+    with pytest.raises(ValueError, match=r"no tube exists: .* by a factor of \d+"):
+        tube.solve_tube(M, own)
+
+
+@pytest.mark.parametrize("by", [0.99, 1.0, 1.02])
+def test_a_cell_that_feeds_itself_as_much_as_it_is_has_no_tube(by):
+    with pytest.raises(ValueError, match="no tube exists"):
+        tube.solve_tube(np.full((1, 1, 1, 1), by), np.ones((1, 1)))
+    found, contraction = tube.solve_tube(np.full((1, 1, 1, 1), 0.5), np.ones((1, 1)))
+    np.testing.assert_allclose(found, 2.0, rtol=1e-8)
+    assert contraction == 0.5

@@ -1,0 +1,304 @@
+"""The loop to first order: against differences and a simulation of the closed loop as it stands, nothing linearized."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jax.flatten_util import ravel_pytree
+from scipy.linalg import expm
+
+from colift import gp, scenario
+from colift.closed_loop import linearization
+from colift.closed_loop.linearization import OUTPUTS
+from colift.models import grasp, state
+from colift.models.state import ResidualForces, State, zero_residual
+from colift.onboard import controller
+from colift.onboard.learning import features, residual_model
+from colift.scenario import controllers, initial_states, schema, team
+from colift.simulation import contact_dynamics
+from tests.support import random_teams as teams
+
+SIZES = np.repeat([0.5, 0.05, 0.5, 0.05, 0.02, 0.5, 0.05, 0.02], 3)  # N and N m, of a flat residual of the study's team
+
+
+@functools.cache
+def study() -> tuple[controller.LeaderFollowerController, State]:
+    """The study's pilot with an oracle without data, and the nominal team at rest on the reference."""
+    given = scenario.load_scenario("paper")
+    small = given.learning.model_copy(update={"max_samples": 2})
+    given = given.model_copy(update={"initial_state": schema.InitialState(), "learning": small})
+    _, nominal = team.team(given)
+    return controllers.make_controller(given, nominal), initial_states.initial_state(given, nominal)
+
+
+@functools.cache
+def learned() -> residual_model.ResidualModel:
+    """An oracle that predicts nothing at rest, but a spring and a damper on the payload off it."""
+    pilot, z = study()
+    oracle = pilot.residual_model
+    hyper, x = (
+        oracle.payload.hyper,
+        np.asarray(features.payload_features(state.flatten_payload_state(z.payload, jnp.zeros(6)))),
+    )
+    apart = 0.3 * np.asarray(hyper.lengthscales)[0] * np.eye(20)[[0, 3]].sum(0)
+    w = np.array([8.0, 3.0, -5.0, 6.0, 2.0, -7.0])[:, None] * np.array([1.0, -1.0])
+    return dataclasses.replace(oracle, payload=gp.from_expansion(hyper, np.stack([x + apart, x - apart]), w))
+
+
+@functools.cache
+def loop(knows: bool = False) -> linearization.LinearizedLoop:
+    """The response of `study`, or of the loop that knows more."""
+    pilot, z = study()
+    return linearization.linearize(dataclasses.replace(pilot, residual_model=learned()) if knows else pilot, z)
+
+
+def closed(pilot: controller.LeaderFollowerController, z: State, f: ResidualForces) -> tuple[Any, Any, Any]:
+    """Acceleration, contact forces and desired wrench, the measured acceleration being the one that is caused.
+
+    The law is affine in it, and only its first three components enter.
+    """
+    team = pilot.team
+
+    def under(a: jax.Array) -> tuple[Any, Any, Any]:
+        now = controller.context_at(pilot, z, a, jnp.zeros(()))
+        inputs, _, decided = pilot.control_law((), (), now)
+        return *contact_dynamics.forward_dynamics(team, z, inputs, f), decided.W_d
+
+    found = jax.lax.map(lambda a: under(a)[0].payload[:3], jnp.concatenate([jnp.zeros((1, 6)), jnp.eye(3, 6)]))
+    slope = (found[1:] - found[:1]).T
+    return under(jnp.concatenate([jnp.linalg.solve(jnp.eye(3) - slope, found[0]), jnp.zeros(3)]))
+
+
+@jax.jit
+def rates(pilot: controller.LeaderFollowerController, z: State, shift: jax.Array, f: jax.Array) -> tuple[Any, ...]:
+    """How the local coordinates around z change at a shift, and what the outputs are made of."""
+    d = ravel_pytree(contact_dynamics.zero_tangent(z))[1](shift)
+    at = contact_dynamics.retract(z, d)
+    a, lam, W_d = closed(pilot, at, linearization.unflatten(pilot.team, f))
+    return ravel_pytree(contact_dynamics.tangent_rate(at, d, a))[0], a.payload, lam, W_d, at
+
+
+@jax.jit
+def step(pilot: controller.LeaderFollowerController, z: State, f: jax.Array, dt: jax.Array) -> State:
+    """One step of order 4 of the closed loop, the control acting at every stage."""
+    zero, unravel = ravel_pytree(contact_dynamics.zero_tangent(z))
+
+    def stage(carry: tuple[jax.Array, jax.Array], node: jax.Array) -> tuple[tuple[jax.Array, jax.Array], None]:
+        slope, total = carry
+        d = unravel(dt * node[0] * slope)
+        at = contact_dynamics.retract(z, d)
+        a, _, _ = closed(pilot, at, linearization.unflatten(pilot.team, f))
+        slope = ravel_pytree(contact_dynamics.tangent_rate(at, d, a))[0]
+        return (slope, total + dt * node[1] * slope), None
+
+    nodes = jnp.array([[0.0, 1 / 6], [0.5, 1 / 3], [0.5, 1 / 3], [1.0, 1 / 6]])
+    (_, total), _ = jax.lax.scan(stage, (zero, zero), nodes)
+    return contact_dynamics.retract(z, unravel(total))
+
+
+def errors(z: State) -> np.ndarray:
+    """Tracking errors against the state of `study`, in NumPy."""
+    q, d = (jax.tree.map(np.asarray, x.payload) for x in (z, study()[1]))
+    Q = d.R.T @ q.R
+    e_R = np.array([Q[2, 1] - Q[1, 2], Q[0, 2] - Q[2, 0], Q[1, 0] - Q[0, 1]]) / 2
+    return np.concatenate([q.p - d.p, q.v, e_R, q.omega])  # the reference is at rest
+
+
+def outputs(shift: np.ndarray, f: np.ndarray, knows: bool = False) -> tuple[np.ndarray, np.ndarray]:
+    """Rate and outputs of the closed loop at a shift, the outputs by the paper's law and Newton's sum in NumPy."""
+    pilot, z = study()
+    pilot = dataclasses.replace(pilot, residual_model=learned()) if knows else pilot
+    rate, a, lam, W_d, at = rates(pilot, z, jnp.asarray(shift), jnp.asarray(f))
+    e, gains, q = errors(at), pilot.payload_controller.gains, at.payload
+    to = np.concatenate(
+        [
+            -np.asarray(gains.K_p) @ e[:3] - np.asarray(gains.K_v) @ e[3:6],
+            -float(gains.k_R) * e[6:9] - float(gains.k_omega) * e[9:],
+        ]
+    )
+    forces = np.concatenate([np.asarray(part).reshape(-1, 3) for part in lam])
+    c, R = np.asarray(grasp.contact_points(pilot.team)), np.asarray(q.R)
+    W = np.concatenate([forces.sum(0), np.cross(c, forces @ R).sum(0)])
+    return np.asarray(rate), np.concatenate([e, np.asarray(a) - to, W - np.concatenate([W_d.F, W_d.tau])])
+
+
+# Flat residuals -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("structure", [teams.POOL[3], teams.POOL[5], teams.POOL[0]])
+def test_a_residual_comes_back_from_its_row_and_every_body(structure):
+    """A residual comes back from its row and every body has its columns."""
+    rng = np.random.default_rng(0)
+    team = teams.team(rng, structure)
+    f = jax.tree.map(lambda x: jnp.asarray(rng.normal(size=x.shape)), zero_residual(team))
+    row = linearization.flatten(f)
+    jax.tree.map(np.testing.assert_array_equal, linearization.unflatten(team, row), f)
+    columns = linearization.body_columns(team)
+    assert [c.start for c in columns] == [0, *(c.stop for c in columns[:-1])]
+    assert columns[-1].stop == len(row)
+    np.testing.assert_array_equal(row[columns[0]], np.concatenate([f.payload.F, f.payload.tau]))
+    each = [(group, j) for group, (_, size) in zip(f.agents, structure, strict=True) for j in range(size)]
+    assert len(columns) == 1 + len(each)
+    for where, (group, j) in zip(columns[1:], each, strict=True):
+        np.testing.assert_array_equal(row[where], np.concatenate([group.f_x[j], group.f_w[j], group.f_r[j]]))
+
+
+def test_rows_are_where_the_outputs_stand():
+    found, first = loop(), 0
+    for name, size in OUTPUTS.items():
+        assert found.output_rows(name) == slice(first, first + size)
+        first += size
+    assert len(found.C) == len(found.D) == first
+
+
+# The linearized loop --------------------------------------------------------------------------------------------------
+
+
+def test_at_rest_on_the_reference_nothing_moves_and_nothing():
+    """At rest on the reference nothing moves and nothing is missed."""
+    rate, y = outputs(np.zeros(loop().basis.shape[0]), np.zeros(24))
+    assert np.abs(rate).max() < 1e-7  # where a start is consistent to nanometres
+    assert np.abs(y).max() < 1e-7
+
+
+def test_its_states_are_all_the_motions_that_the_grasp_allows():
+    pilot, z = study()
+    T = loop().basis
+    free = 6 + 3 * 2  # the payload's velocities and the agents' attitudes (the tree's joints follow)
+    assert T.shape[1] == 2 * free
+    np.testing.assert_allclose(T.T @ T, np.eye(2 * free), atol=1e-12)
+    unravel, h = ravel_pytree(contact_dynamics.zero_tangent(z))[1], 1e-5
+
+    @jax.jit
+    def gap(d: jax.Array) -> tuple[jax.Array, jax.Array]:
+        at = contact_dynamics.retract(z, unravel(d))
+        return grasp.constraint_residual(pilot.team, at), grasp.constraint_rate(pilot.team, at)
+
+    for direction in T.T:
+        for ahead, behind in zip(gap(jnp.asarray(h * direction)), gap(jnp.asarray(-h * direction)), strict=True):
+            assert np.abs(ahead - behind).max() / (2 * h) < 1e-8
+
+
+def test_unknown_forces_act_at_once_by_exact_algebra():
+    """The plant is linear in forces: the direct term holds for residuals of any size."""
+    rng, found = np.random.default_rng(1), loop()
+    still = np.zeros(len(found.basis))
+    for size in (0.1, 20.0):
+        f = size * SIZES * rng.normal(size=24)
+        y = outputs(still, f)[1] - outputs(still, 0 * f)[1]
+        np.testing.assert_allclose(y, found.D @ f, atol=1e-9 * (1 + size))
+    assert np.abs(found.D[: found.output_rows("a").start]).max() == 0  # errors do not jump
+
+
+@pytest.mark.parametrize("knows", [False, True])
+def test_the_response_is_the_derivative_of_the_closed_loop(knows):
+    """Central differences, extrapolated, in random directions of state and residual together."""
+    rng, found = np.random.default_rng(2), loop(knows)
+    if knows:  # what the oracle feeds back is part of the loop
+        assert np.abs(found.C - loop().C @ (loop().basis.T @ found.basis)).max() > 0.1
+    T = found.basis
+    for _ in range(5):
+        x, f = rng.normal(size=T.shape[1]), SIZES * rng.normal(size=24)
+
+        def slope(h: float) -> np.ndarray:
+            ends = [np.concatenate(outputs(s * T @ x, s * f, knows)) for s in (h, -h)]  # noqa: B023
+            return (ends[0] - ends[1]) / (2 * h)
+
+        h = 1e-3
+        rate, y = np.split((4 * slope(h / 2) - slope(h)) / 3, [len(T)])
+        scale = np.abs(y).max()
+        np.testing.assert_allclose(T.T @ rate, found.A @ x + found.B @ f, atol=1e-7 * np.abs(rate).max())
+        np.testing.assert_allclose(y, found.C @ x + found.D @ f, atol=1e-7 * scale)
+        # it stays on the grasp: the rate has no part across it
+        np.testing.assert_allclose(T @ (T.T @ rate), rate, atol=1e-7 * np.abs(rate).max())
+
+
+def test_modes_are_those_of_the_loop_by_differences():
+    T, h = loop().basis, 1e-4
+    none = np.zeros(24)
+    A = np.stack([T.T @ (outputs(h * d, none)[0] - outputs(-h * d, none)[0]) for d in T.T], axis=1) / (2 * h)
+    expected = np.linalg.eigvals(A)
+    for value in np.linalg.eigvals(loop().A):
+        assert np.abs(expected - value).min() < 1e-4 * abs(value)
+
+
+def test_a_steady_force_on_the_payload_is_shared_as_the_design():
+    """`delta_W = -M_A (M_L + M_A)^-1 f~_L` with thrusts aligned: -0.71 upwards, -0.83 along the team, at 1.5 kg."""
+    pilot, z = study()
+    truth, _ = team.team(scenario.load_scenario("paper"))
+    found = linearization.linearize(dataclasses.replace(pilot, team=truth), z)
+    rows = found.output_rows("delta_W")
+    steady = found.D[rows] - found.C[rows] @ np.linalg.solve(found.A, found.B)
+    np.testing.assert_allclose(np.diag(steady)[[2, 0]], [-0.71, -0.83], atol=0.005)
+
+
+@pytest.mark.long
+def test_a_small_constant_residual_brings_about():
+    """Half a second of the nonlinear loop: what differs is of second order in the residual."""
+    pilot, start = study()
+    rng, found = np.random.default_rng(3), loop()
+    f, seconds, steps = SIZES * rng.choice([-1.0, 1.0], 24), 0.5, 100
+    n = len(found.A)
+    both = expm(np.block([[found.A, (found.B @ f)[:, None]], [np.zeros((1, n + 1))]]) * seconds)
+    rows = slice(0, found.output_rows("a").start)
+    linear = found.C[rows] @ both[:n, n]
+
+    def off(size: float) -> np.ndarray:
+        z = start
+        for _ in range(steps):
+            z = step(pilot, z, jnp.asarray(size * f), jnp.asarray(seconds / steps))
+        return errors(z) - size * linear
+
+    whole, half = off(0.2), off(0.1)
+    assert np.linalg.norm(whole) < 0.05 * np.linalg.norm(0.2 * linear)
+    assert np.linalg.norm(half) == pytest.approx(np.linalg.norm(whole) / 4, rel=0.1)
+    assert np.abs(linear[:3]).max() > 1e-3
+
+
+# Joints beyond need ---------------------------------------------------------------------------------------------------
+
+
+@functools.cache
+def legs() -> schema.Scenario:
+    """Three agents of the scenario `beam`, each with one arm of three joints, round a payload."""
+    given = scenario.load_scenario("beam")
+    agents = [
+        agent.model_copy(update={"contact_positions_m": (c,)})
+        for agent, c in zip(given.agents, ((0.5, 0.0, 0.05), (-0.3, 0.4, 0.05), (-0.3, -0.4, 0.05)), strict=False)
+    ]
+    small = given.learning.model_copy(update={"max_samples": 2})
+    return given.model_copy(update={"agents": tuple(agents), "learning": small})
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_joints_beyond_need_return_to_rest_as_fast_as_is_stated(seed):
+    """Random links, masses, poses and rates: every mode is faster than half the rate, or than the payload's own 2.1."""
+    rng, given = np.random.default_rng(seed), legs()
+    kind, rate = given.agent_types["one_arm"], float(rng.uniform(1, 4))
+    joints = [
+        joint.model_copy(
+            update={
+                "nominal_position_rad": joint.nominal_position_rad + rng.uniform(-0.3, 0.3),
+                "position_m": tuple(rng.uniform(0.5, 2) * np.array(joint.position_m)),
+                "body": joint.body.model_copy(update={"mass_kg": rng.uniform(0.3, 2) * joint.body.mass_kg}),
+            }
+        )
+        for joint in kind.joints
+    ]
+    arm = kind.arms[0].model_copy(update={"tip_position_m": (0.0, 0.0, -rng.uniform(0.08, 0.3))})
+    changed = given.model_copy(
+        update={
+            "agent_types": {"one_arm": kind.model_copy(update={"joints": tuple(joints), "arms": (arm,)})},
+            "control": given.control.model_copy(update={"posture_bandwidth": rate}),
+        }
+    )
+    _, nominal = team.team(changed)
+    pilot, z = controllers.make_controller(changed, nominal), initial_states.equilibrium_state(changed, nominal)
+    slowest = np.linalg.eigvals(linearization.linearize(pilot, z).A).real.max()
+    assert slowest < -min(rate / 2, 2.0)

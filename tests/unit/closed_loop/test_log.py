@@ -1,0 +1,242 @@
+"""The log: every signal of a flight is there under its name, axes and unit, and files are whole or not there."""
+
+import csv
+import dataclasses
+import io
+import os
+import resource
+import signal
+
+import h5py
+import numpy as np
+import pytest
+import xarray as xr
+from scipy.linalg import sqrtm
+
+from colift.closed_loop import log
+from colift.runtime import atomic_write
+from tests.support import random_logs as flights
+
+DIMENSIONS = {"time": "time", "agents": "agent", "joints": "joint", "contacts": "contact", "eta": "eta_index"}
+LABELLED = {"3": {"axis", "body_axis"}, "6": {"wrench", "acceleration"}}
+UNITS = {"m", "m/s", "m/s^2", "rad", "rad/s", "rad/s^2", "N", "N m", "1", "1/kg"}
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(7)
+
+
+def names(folder):
+    """What lies in a folder, hidden files too."""
+    return sorted(path.name for path in folder.iterdir())
+
+
+def units(variable):
+    """The units of a variable: `N (F), N m (tau)` states two."""
+    return {part.split(" (")[0] for part in variable.attrs["units"].split(", ")}
+
+
+@pytest.mark.parametrize("shape", [flights.PAPER, flights.MIXED])
+def test_every_field_of_a_row_is_a_variable_on_the_axes(rng, shape):
+    """Every field of a row is a variable on the axes that the row states."""
+    rows = flights.rows(rng, shape)
+    ds = log.dataset(rows, sigma=flights.sigma(rng, shape), attrs={}, **shape.names)
+    fields = {field.name for field in dataclasses.fields(rows)} - {"t"}
+    assert fields == set(log.SIGNALS)
+    assert set(ds.data_vars) == fields | set(log.UNCERTAINTY_SIGNALS)
+    np.testing.assert_array_equal(ds.time, rows.t)
+    for name in fields:
+        np.testing.assert_array_equal(ds[name], getattr(rows, name))
+        for dim, stated in zip(ds[name].dims, flights.axes(name), strict=True):
+            assert dim == DIMENSIONS.get(stated) or dim in LABELLED[stated], name
+
+
+def test_every_variable_says_its_unit_frame_and_symbol(rng):
+    ds = flights.dataset(rng)
+    for name, variable in ds.data_vars.items():
+        assert units(variable) <= UNITS, name
+        assert variable.attrs["frame"], name
+        assert variable.attrs["long_name"], name
+        mixed = {"wrench", "acceleration"} & set(variable.dims)
+        # two units on one axis, and each says to which components it belongs
+        assert bool(mixed) <= ("(" in variable.attrs["units"] and "(" in variable.attrs["frame"]), name
+    assert {ds[dim].attrs["units"] for dim in ("time", "time_sigma")} == {"s"}
+
+
+def test_rates_have_the_units_of_what_they_are_rates_of(rng):
+    ds = flights.dataset(rng)
+    for name, rate in (("p", "v"), ("x", "v_agent"), ("Phi", "Phi_dot")):
+        assert ds[rate].attrs["units"] == ds[name].attrs["units"] + "/s"
+    for exact, predicted in (("f_L", "f_L_hat"), ("f_x", "sigma_f_x"), ("f_r", "sigma_f_r"), ("lam", "lam_hat")):
+        assert ds[exact].attrs["units"] == ds[predicted].attrs["units"]
+        assert ds[exact].attrs["frame"] == ds[predicted].attrs["frame"]
+
+
+def test_labels_pick_the_right_number(rng):
+    shape = flights.MIXED
+    rows = flights.rows(rng, shape)
+    sigma = flights.sigma(rng, shape)
+    ds = log.dataset(rows, sigma=sigma, attrs={}, **shape.names)
+    assert ds.lam.sel(contact="agent3/arm1", axis="z")[4] == rows.lam[4, 6, 2]
+    assert ds.r.sel(joint="agent1/joint2")[3] == rows.r[3, 5]
+    assert ds.R.sel(agent="agent2", axis="x", body_axis="z")[5] == rows.R[5, 2, 0, 2]
+    assert ds.W_d.sel(wrench="tau_y")[0] == rows.W_d[0, 4]
+    assert ds.sigma_f_r.sel(joint="agent3/joint1")[2] == sigma.agent_std[2][2, 0, 7]
+    assert ds.sigma_f_w.sel(agent="agent1", axis="y")[2] == sigma.agent_std[0][2, 1, 4]
+    assert ds.rho_f_r.sel(joint="agent3/joint1")[2] == sigma.agent_radius[2][2, 0, 7]
+    assert ds.rho_f_L.sel(wrench="tau_x")[3] == sigma.payload_radius[3, 3]
+
+
+def test_sigma_norms_are_frobenius_norms_of_the_root(rng):
+    """Sigma norms are frobenius norms of the root of the covariance and rho bar is of each body."""
+    shape = flights.MIXED
+    sigma = flights.sigma(rng, shape)
+    ds = log.dataset(flights.rows(rng, shape), sigma=sigma, attrs={}, **shape.names)
+
+    def norm(deviation):
+        return np.linalg.norm(sqrtm(np.diag(deviation**2)), "fro")
+
+    for k in range(len(sigma.t)):
+        each = [group[k, j] for group in sigma.agent_std for j in range(group.shape[1])]
+        for part, of in (("", slice(None)), ("_force", slice(3)), ("_moment", slice(3, None))):
+            np.testing.assert_allclose(ds[f"sigma_L{part}"][k], norm(sigma.payload_std[k, of]), rtol=1e-12)
+            np.testing.assert_allclose(ds[f"sigma_A{part}"][k], sum(norm(x[of]) for x in each), rtol=1e-12)
+        for part, of in (("", slice(None)), ("_force", slice(3)), ("_moment", slice(3, None))):
+            radii = [group[k, j, of] for group in sigma.agent_radius for j in range(group.shape[1])]
+            np.testing.assert_allclose(
+                ds[f"rho_bar_L{part}"][k] ** 2, sum(sigma.payload_radius[k, of] ** 2), rtol=1e-12
+            )
+            np.testing.assert_allclose(ds[f"rho_bar_j{part}"][k] ** 2, [sum(x * x) for x in radii], rtol=1e-12)
+    # the plain norm joins the parts of one body, so it is between the largest part and their sum
+    assert (ds.sigma_A <= ds.sigma_A_force + ds.sigma_A_moment + 1e-12).all()
+    assert (ds.sigma_A >= np.maximum(ds.sigma_A_force, ds.sigma_A_moment) - 1e-12).all()
+
+
+@pytest.mark.parametrize("shape", [flights.PAPER, flights.MIXED, flights.PAPER._replace(time=1, eta=0)])
+def test_a_file_gives_back_every_bit(rng, shape, tmp_path):
+    ds = flights.dataset(rng, shape, update_times_s=[], version="0.1.0")
+    ds.lam[0, 0, 0] = np.nan  # a run that stopped
+    ds.lam[0, 0, 1] = -np.inf
+    log.save(ds, tmp_path / "C3.nc")
+    again = log.load(tmp_path / "C3.nc")
+    xr.testing.assert_identical(again.drop_attrs(deep=False), ds.drop_attrs(deep=False))
+    assert again.thrust_saturated.dtype == bool
+    assert again.attrs.keys() == ds.attrs.keys()
+    for name, value in ds.attrs.items():
+        np.testing.assert_array_equal(again.attrs[name], value)
+    assert names(tmp_path) == ["C3.nc"]
+
+
+def test_other_readers_understand_the_file(rng, tmp_path):
+    ds = flights.dataset(rng)
+    log.save(ds, tmp_path / "C3.nc")
+    with xr.open_dataset(tmp_path / "C3.nc") as plain:  # no options: times must not turn into dates
+        np.testing.assert_array_equal(plain.time, ds.time)
+        np.testing.assert_array_equal(plain.lam, ds.lam)
+    with h5py.File(tmp_path / "C3.nc") as file:
+        assert file["lam"].attrs["units"] == "N"
+        assert file["lam"].compression == "gzip"
+        assert [label.decode() for label in file["contact"]] == flights.PAPER.names["contacts"]
+
+
+@pytest.mark.parametrize("wrong", ["agents", "joints", "contacts"])
+def test_names_that_do_not_fit_are_refused(rng, wrong):
+    given = flights.PAPER.names
+    given[wrong] = given[wrong][:-1]
+    with pytest.raises(ValueError, match=wrong[:-1]):
+        log.dataset(flights.rows(rng, flights.PAPER), sigma=flights.sigma(rng, flights.PAPER), attrs={}, **given)
+
+
+def test_a_folder_that_cannot_be_written_is_one_line(rng, tmp_path):
+    ds = flights.dataset(rng)
+    (tmp_path / "file").write_text("")
+    for folder, reason in (("missing", "No such file or directory"), ("file", "Not a directory")):
+        with pytest.raises(OSError, match=reason) as caught:
+            log.save(ds, tmp_path / folder / "C3.nc")
+        assert str(tmp_path / folder / "C3.nc") in str(caught.value)
+        assert "\n" not in str(caught.value)
+    assert names(tmp_path) == ["file"]
+
+
+def test_a_disk_that_fills_up_leaves_what_was_there(rng, tmp_path):
+    path = tmp_path / "C3.nc"
+    path.write_bytes(b"before")
+    ds = flights.dataset(rng)
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, hard))  # no file of this process grows past that
+    try:
+        with pytest.raises(OSError, match="cannot write") as caught:
+            log.save(ds, path)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+        signal.signal(signal.SIGXFSZ, handler)
+    assert "\n" not in str(caught.value)
+    assert path.read_bytes() == b"before"
+    assert names(tmp_path) == ["C3.nc"]
+
+
+def test_an_interrupted_write_leaves_what_was_there(tmp_path, monkeypatch):
+    path = tmp_path / "summary.json"
+    path.write_bytes(b"before")
+
+    def interrupt(descriptor):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(os, "fsync", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        atomic_write.write_atomic(path, b"after")
+    assert path.read_bytes() == b"before"
+    assert names(tmp_path) == ["summary.json"]
+
+
+def test_files_that_are_no_log_are_refused(rng, tmp_path):
+    with pytest.raises(FileNotFoundError):
+        log.load(tmp_path / "C3.nc")
+    log.save(flights.dataset(rng), tmp_path / "C3.nc")
+    whole = (tmp_path / "C3.nc").read_bytes()
+    for content in (b"", b"no NetCDF", whole[: len(whole) // 2]):
+        (tmp_path / "C3.nc").write_bytes(content)
+        with pytest.raises(ValueError, match=r"C3\.nc: not a NetCDF-4 file"):
+            log.load(tmp_path / "C3.nc")
+
+
+def test_the_deviations_of_an_agent_are_as_many_as_its_outputs(rng):
+    """The table of deviations covers what the oracle predicts: 6 and a joint's each."""
+    shape = flights.MIXED
+    ds = log.dataset(flights.rows(rng, shape), sigma=flights.sigma(rng, shape), attrs={}, **shape.names)
+    outputs = sum(n * (6 + joints) for n, joints, _ in shape.groups)
+    for what in ("sigma", "rho"):
+        assert sum(ds[f"{what}_{f}"][0].size for f in ("f_x", "f_w", "f_r")) == outputs
+
+
+def test_a_table_reads_back_to_every_digit():
+    ds = flights.dataset(np.random.default_rng(5), flights.MIXED)
+    head, *rows = csv.reader(io.StringIO(log.to_csv(ds)))
+    columns = {name: [row[i] for row in rows] for i, name in enumerate(head)}
+    assert len(columns) == len(head)
+    assert {len(row) for row in rows} == {len(head)}
+    assert set(columns["run"]) == {flights.RUN}
+    numbers = lambda name: np.array([float(x) for x in columns[name] if x])  # noqa: E731
+    np.testing.assert_array_equal(numbers("time [s]"), ds.time)
+    np.testing.assert_array_equal(numbers("p y [m]"), ds.p.sel(axis="y"))
+    np.testing.assert_array_equal(numbers("Psi [1]"), ds.Psi)
+    np.testing.assert_array_equal(numbers("lam agent2/arm0 z [N]"), ds.lam.sel(contact="agent2/arm0", axis="z"))
+    np.testing.assert_array_equal(numbers("R agent3 x z [1]"), ds.R.sel(agent="agent3", axis="x", body_axis="z"))
+    np.testing.assert_array_equal(numbers("W_d tau_x [N m]"), ds.W_d.sel(wrench="tau_x"))
+    np.testing.assert_array_equal(numbers("a_L v_dot_z [m/s^2]"), ds.a_L.sel(acceleration="v_dot_z"))
+    np.testing.assert_array_equal(numbers("a_L omega_dot_z [rad/s^2]"), ds.a_L.sel(acceleration="omega_dot_z"))
+    np.testing.assert_array_equal(numbers("thrust_saturated agent0 [1]"), ds.thrust_saturated.sel(agent="agent0"))
+    np.testing.assert_array_equal(numbers("eta 3 [N]"), ds.eta[:, 3])
+    count = 2 + sum(x.size // len(x) for x in ds.data_vars.values())
+    assert len(head) == count
+
+
+def test_a_table_s_deviations_stand_where_they_were_computed():
+    ds = flights.dataset(np.random.default_rng(6))
+    head, *rows = csv.reader(io.StringIO(log.to_csv(ds)))
+    at = head.index("rho_f_x agent1 y [N]")
+    found = {float(row[0]): float(row[at]) for row in rows if row[at]}
+    assert list(found) == ds.time_sigma.values.tolist()
+    np.testing.assert_array_equal(list(found.values()), ds.rho_f_x.sel(agent="agent1", axis="y"))

@@ -1,0 +1,160 @@
+"""What ends a flight, against the rules said in plain Python; and the thrust of hovering, against statics by hand."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from colift.closed_loop import termination
+from colift.closed_loop.termination import MonitoredValues, TerminationCause, TerminationLimits
+from colift.models.state import GeneralizedForce, ResidualForces, Wrench
+from colift.onboard.control import allocation
+from tests.support import random_teams as teams
+
+AGENTS = 3
+NAMES = ("east", "north", "west")
+LIMITS = TerminationLimits(
+    min_delassus=jnp.array([0.1, 0.2, 0.3]),
+    max_distance=jnp.array(3.0),
+    min_height=jnp.array(0.5),
+    max_attitude_error=jnp.array(1.5),
+    max_tilt=jnp.array(1.2),
+    max_saturation_time=jnp.array(2.0),
+)
+exceeded = jax.jit(termination.check_termination)
+
+
+def watched(
+    finite: bool, grip: list[float], distance: float, heights: list[float], attitude: float, tilt: list, held: list
+) -> MonitoredValues:
+    return MonitoredValues(
+        finite=jnp.asarray(finite),
+        delassus=jnp.asarray(grip),
+        distance=jnp.asarray(distance),
+        heights=jnp.asarray(heights),
+        attitude=jnp.asarray(attitude),
+        tilt=jnp.asarray(tilt),
+        saturated=jnp.asarray(held),
+    )
+
+
+def around(limit: float, n: int) -> st.SearchStrategy:
+    """Numbers, mostly allowed ones: below, at and above a limit."""
+    near = [limit, limit * (1 + 1e-12), limit * (1 - 1e-12), 0.0, limit / 2, limit * 2]
+    return st.lists(st.sampled_from(near), min_size=n, max_size=n)
+
+
+@given(
+    finite=st.sampled_from([True, True, True, False]),
+    grip=around(0.2, AGENTS),
+    distance=around(3.0, 1),
+    heights=around(0.5, 1 + AGENTS),
+    attitude=around(1.5, 1),
+    tilt=around(1.2, AGENTS),
+    held=around(2.0, AGENTS),
+)
+def test_the_first_limit_that_is_exceeded_ends_a_flight(finite, grip, distance, heights, attitude, tilt, held):
+    causes = [
+        not finite,
+        any(g <= least for g, least in zip(grip, (0.1, 0.2, 0.3), strict=True)),
+        distance[0] > 3.0,
+        any(h < 0.5 for h in heights),
+        attitude[0] > 1.5,
+        any(x > 1.2 for x in tilt),
+        any(x > 2.0 for x in held),
+    ]
+    expected = next((TerminationCause(1 + k) for k, met in enumerate(causes) if met), TerminationCause.NONE)
+    assert (
+        TerminationCause(int(exceeded(LIMITS, watched(finite, grip, distance[0], heights, attitude[0], tilt, held))))
+        == expected
+    )
+
+
+FINE = (True, [1.0] * 3, 0.1, [2.0] * 4, 0.1, [0.1] * 3, [0.0] * 3)
+
+
+def test_a_flight_within_its_limits_goes_on_and_where_there():
+    """A flight within its limits goes on and where there are none whatever it does."""
+    assert int(exceeded(LIMITS, watched(*FINE))) == TerminationCause.NONE
+    none = TerminationLimits(
+        min_delassus=jnp.full(3, -1.0),
+        max_distance=jnp.array(np.inf),
+        min_height=jnp.array(-np.inf),
+        max_attitude_error=jnp.array(np.inf),
+        max_tilt=jnp.array(np.inf),
+        max_saturation_time=jnp.array(np.inf),
+    )
+    wild = watched(True, [0.0] * 3, 1e300, [-1e300] * 4, np.pi, [np.pi] * 3, [1e300] * 3)
+    assert int(exceeded(none, wild)) == TerminationCause.NONE
+
+
+@pytest.mark.parametrize(
+    ("part", "value", "said"),
+    [
+        (2, 4.0, "the payload is 4 m from its reference at t = 1.500 s, beyond termination.max_position_error_m = 3"),
+        (
+            3,
+            [0.4, 2, 2, 2],
+            "the payload is at a height of 0.4 m at t = 1.500 s, beyond termination.min_height_m = 0.5",
+        ),
+        (
+            3,
+            [0.4, 2, 0.2, 2],
+            "agent north is at a height of 0.2 m at t = 1.500 s, beyond termination.min_height_m = 0.5",
+        ),
+        (
+            4,
+            np.pi,
+            "the attitude error of the payload is 180 deg at t = 1.500 s, "
+            "beyond termination.max_attitude_error_deg = 85.9437",
+        ),
+        (
+            5,
+            [0, 1.3, np.pi / 2],
+            "the thrust of agent west is 90 deg from the vertical at t = 1.500 s, "
+            "beyond termination.max_tilt_deg = 68.7549",
+        ),
+        (
+            6,
+            [2.1, 0, 2.05],
+            "the thrust of agent east is at its limit for 2.1 s at t = 1.500 s, "
+            "beyond termination.max_saturation_time_s = 2",
+        ),
+    ],
+)
+def test_the_sentence_names_who_is_worst_by_how_much(part, value, said):
+    """The sentence names who is worst by how much and the setting."""
+    now = watched(*(value if k == part else x for k, x in enumerate(FINE)))
+    cause = TerminationCause(int(exceeded(LIMITS, now)))
+    assert termination.format_cause(cause, LIMITS, jax.tree.map(np.asarray, now), 1.5, NAMES) == said
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_hovering_thrusts_hold_up_the_team_against(seed):
+    """Forces and moments by hand: each thrust carries its agent and pushes at the contacts as the allocation says."""
+    rng = np.random.default_rng(seed)
+    team = teams.reference_team(3)
+    c = np.array(
+        [point for group in team.agent_groups for agent in group.contact_position for point in np.asarray(agent)]
+    )
+    plan = allocation.least_squares_allocation(c)
+    R = teams.rotation(rng)
+    eta, F, tau, f_x = rng.normal(size=12), rng.normal(size=3), 0.1 * rng.normal(size=3), rng.normal(size=(3, 3))
+    f = ResidualForces(
+        agents=(GeneralizedForce(f_x=jnp.asarray(f_x), f_w=jnp.zeros((3, 3)), f_r=jnp.zeros((3, 3))),),
+        payload=Wrench(F=jnp.asarray(F), tau=jnp.asarray(tau)),
+    )
+    W = Wrench(F=-team.payload.mass * team.gravity - f.payload.F, tau=-f.payload.tau)
+    asked = allocation.allocate(plan, jnp.asarray(R), W, jnp.asarray(eta))
+    u = np.asarray(termination.hover_thrust(team, asked, f))
+    pull = np.array([0, 0, -9.81])
+    G = np.concatenate([np.concatenate([np.eye(3), np.cross(np.eye(3), point)]) for point in c], axis=1)
+    wanted = -np.concatenate([R.T @ (1.5 * pull + F), tau])
+    lam = np.linalg.lstsq(G, wanted)[0] + np.asarray(plan.nullspace) @ eta
+    lam = (lam.reshape(3, 2, 3) @ R.T).sum(1)
+    np.testing.assert_allclose(lam.sum(0), -(1.5 * pull + F), atol=1e-12)
+    np.testing.assert_allclose(u, np.linalg.norm(lam - 1.84 * pull - f_x, axis=1), rtol=1e-12)

@@ -1,0 +1,91 @@
+"""Of more points than a budget allows those stay that tell most."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from colift import gp
+from tests.support.gp_problems import problem
+
+LINE = gp.make_hyperparameters(1.0, [1.0], 1e-2)
+
+
+def always(n):
+    return np.ones(n), np.zeros(n, bool)
+
+
+@settings(max_examples=15)
+@given(seed=st.integers(0, 10_000), noisier=st.booleans(), firsts=st.sampled_from([0, 1, 3, 5]))
+def test_each_point_that_goes_is_the_one_without_which_most(seed, noisier, firsts):
+    """Each point that goes is the one without which most information is left."""
+    X, Y, hyper, _ = problem(seed, N=9)
+    noise = np.random.default_rng(seed).uniform(1, 4, 9) if noisier else np.ones(9)
+    left, first = list(range(9)), np.arange(9) < firsts
+    while len(left) > 6:
+        may = [k for k in left if first[k]] or left
+        gains = [information([j for j in left if j != k], X, Y, hyper, noise) for k in may]
+        left.remove(may[int(np.argmax(gains))])
+    stays = gp.select_subset(X, hyper, 6, noise, first)
+    assert list(np.flatnonzero(stays)) == left
+
+
+def information(these, X, Y, hyper, noise):
+    """Of these points, nats summed over outputs; where noise is one that of `gp.information_gain`."""
+    total = 0.0
+    for i in range(len(hyper.signal_variance)):
+        one = gp.select_outputs(hyper, slice(i, i + 1))
+        U = X[these] / np.asarray(one.lengthscales)[0]
+        r2 = ((U[:, None] - U[None]) ** 2).sum(-1)
+        K = float(one.signal_variance[0]) * one.kernel.numpy_value_and_slope(r2)[0]
+        v = float(one.noise_variance[0]) * noise[these]
+        total += 0.5 * np.linalg.slogdet(np.eye(len(these)) + K / v[None])[1]
+    if (noise == 1).all():
+        found = gp.condition(X[these], Y[these], hyper)
+        np.testing.assert_allclose(total, float(gp.information_gain(found).sum()), rtol=1e-6)
+    return total
+
+
+def test_of_points_in_one_place_the_oldest_go():
+    X = np.array([0.0, 0.0, 0.0, 5.0])[:, None]
+    assert list(gp.select_subset(X, LINE, 2, np.array([3.0, 1.0, 2.0, 9.0]), np.zeros(4, bool))) == [
+        False,
+        True,
+        False,
+        True,
+    ]
+
+
+def test_points_that_go_first_go_before_any_other():
+    X = np.array([0.0, 0.01, 0.02, 5.0, 9.0])[:, None]
+    first = np.array([False, False, False, True, True])
+    assert list(gp.select_subset(X, LINE, 3, np.ones(5), first)) == [True, True, True, False, False]
+    assert gp.select_subset(X, LINE, 2, np.ones(5), first)[3:].sum() == 0
+
+
+def test_within_the_budget_all_stay():
+    X = np.zeros((5, 1))
+    assert gp.select_subset(X, LINE, 5, *always(5)).all()
+    assert gp.select_subset(X, LINE, 9, *always(5)).all()
+
+
+def test_a_long_path_is_not_forgotten_for_a_place():
+    """A long path is not forgotten for a place that is hovered at."""
+    rng = np.random.default_rng(0)
+    x = np.concatenate([np.linspace(0, 20, 60), np.full(400, 20.0) + 0.01 * rng.normal(size=400)])
+    older = 1 + np.arange(460)[::-1] / 100
+    stays = gp.select_subset(x[:, None], LINE, 64, older, np.zeros(460, bool))
+    gaps = np.diff(np.sort(x[stays]))
+    assert stays.sum() == 64
+    assert gaps.max() < 1.0  # a length-scale
+    assert stays[60:].sum() < 20
+
+
+def test_noise_too_small_for_a_factor_is_refused():
+    hyper = dataclasses.replace(LINE, noise_variance=LINE.noise_variance * 1e-16)
+    with pytest.raises(ValueError, match=r"the Gram matrix of 30 points may not be positive definite"):
+        gp.select_subset(np.zeros((30, 1)), hyper, 20, *always(30))

@@ -1,0 +1,168 @@
+"""The lockstep server, against a stand-in autopilot that knows PX4's side of the protocol and nothing of ours."""
+
+from __future__ import annotations
+
+import dataclasses
+import queue
+import socket
+import threading
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from pymavlink.dialects.v20 import common as mavlink
+from scipy.spatial.transform import Rotation
+
+from colift.closed_loop import simulator
+from colift.closed_loop.flight import Experiment, _draw_noise
+from colift.integrations import px4_frames, px4_hil
+from colift.models.measurement import AgentReading
+from colift.scenario import experiment
+from tests.support import small_team as light
+
+TICKS = 100
+BOOT, ARM = 3, 7  # sensors that pass before an answer, and before it is an armed one
+ROTORS = np.array([(1, 1, 1), (-1, -1, 1), (1, -1, -1), (-1, 1, -1)]) * [0.15, 0.15, 0.05]  # m: forward, right, yaw
+
+
+@dataclasses.dataclass
+class StandIn:
+    """What PX4 does in lockstep: its clock is the sensors', it answers each, its rotors are in FRD."""
+
+    port: int
+    asked: queue.SimpleQueue  # thrust and torque setpoints, as they would come over uORB
+    thrust_max: float
+    quits: int = 10**9  # sensors after which it goes
+
+    def run(self) -> None:
+        self.seen: dict[str, list] = {}
+        mav = mavlink.MAVLink(None, srcSystem=1)
+        with socket.create_connection(("127.0.0.1", self.port)) as connection:
+            while len(self.seen.get("HIL_SENSOR", ())) < self.quits and (received := connection.recv(4096)):
+                for message in mav.parse_buffer(received) or ():
+                    self.seen.setdefault(message.get_type(), []).append(message)
+                    if message.get_type() == "HIL_SENSOR":
+                        connection.sendall(self.answer(mav, message.time_usec))
+
+    def answer(self, mav: mavlink.MAVLink, time: int) -> bytes:
+        """Signals of the rotors for what is asked, by PX4's geometry; none while it boots, zeros until it is armed."""
+        thrust, torque = self.asked.get(timeout=600)
+        heard = len(self.seen["HIL_SENSOR"])
+        if heard <= BOOT:
+            return b""
+        half = np.abs(ROTORS[:, [1, 0, 2]]).sum(0) / 2 * self.thrust_max / 4
+        effect = np.array([[1, -y, x, k] for x, y, k in ROTORS]).T * self.thrust_max / 4
+        armed = heard > ARM
+        signals = np.linalg.solve(effect, [-thrust[2] * self.thrust_max, *(np.asarray(torque) * half)]) * armed
+        mode = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | armed * mavlink.MAV_MODE_FLAG_SAFETY_ARMED
+        return mavlink.MAVLink_hil_actuator_controls_message(time, [*signals, *[0.0] * 12], mode, 1).pack(mav)
+
+
+@pytest.fixture(scope="module")
+def plan() -> Experiment:
+    return dataclasses.replace(experiment.make_experiment(light.settings(), "C1"), duration=TICKS * 0.002)
+
+
+def flown(plan: Experiment, **given: int) -> tuple[list, list[StandIn]]:
+    """Every tick of a flight, and the autopilots after it."""
+    most = [float(x) for group in plan.world.team.agent_groups for x in group.thrust_max]
+    with px4_hil.open_servers(len(most), 0) as servers:
+        ports = [server.getsockname()[1] for server in servers]
+        stand_ins = [StandIn(port, queue.SimpleQueue(), u, **given) for port, u in zip(ports, most, strict=True)]
+        threads = [threading.Thread(target=each.run, daemon=True) for each in stand_ins]
+        for thread in threads:
+            thread.start()
+        try:
+            with px4_hil.accept_connections(servers, 30.0) as links:
+                ask = lambda j, wanted: stand_ins[j].asked.put(wanted)  # noqa: E731
+                return list(px4_hil.run_lockstep(plan, links, ask)), stand_ins
+        finally:
+            for thread in threads:
+                thread.join(30)
+
+
+@pytest.fixture(scope="module")
+def flight(plan: Experiment) -> tuple[list, list[StandIn]]:
+    return flown(plan)
+
+
+@pytest.mark.long
+def test_the_team_flies_as_without_autopilots(plan: Experiment, flight: tuple[list, list[StandIn]]) -> None:
+    """What goes out as setpoints in FRD and comes back as signals of rotors is the thrust and torque that were asked.
+
+    But for signals of 32 bits, 6e-8 of a rotor's force.
+    """
+    noise = _draw_noise(plan.world, jax.random.fold_in(jax.random.fold_in(jax.random.key(plan.seed), 2), 0), 250)
+    _, rows = simulator.rollout(
+        plan.loop_config, simulator.reset(plan.loop_config, plan.initial_state), noise, jnp.asarray(TICKS)
+    )
+    ticks, _ = flight
+    assert [t for t, _ in ticks] == pytest.approx(list(0.002 * np.arange(TICKS)))
+    for k, (_, truth) in enumerate(ticks):
+        np.testing.assert_allclose(truth.inputs[0].u, rows.u[k], atol=1e-4)
+        np.testing.assert_allclose(truth.z.payload.p, rows.p[k], atol=1e-7)
+        np.testing.assert_allclose(truth.z.agents[0].R, rows.R[k], atol=1e-6)
+
+
+@pytest.mark.long
+def test_the_world_waits_until_all_are_armed_and_then_keeps_step(flight: tuple[list, list[StandIn]]) -> None:
+    _, stand_ins = flight
+    for each in stand_ins:
+        times = [m.time_usec for m in each.seen["HIL_SENSOR"]]
+        assert np.diff(times) == pytest.approx(2000)
+        assert len(times) >= TICKS + ARM + 1
+        assert len(each.seen["HIL_STATE_QUATERNION"]) == len(times)
+        assert len(each.seen["HIL_GPS"]) == -(-len(times) // 50)
+        at_rest = each.seen["HIL_SENSOR"][: len(times) - TICKS]
+        assert len({(m.xacc, m.yacc, m.zacc, m.xgyro, m.abs_pressure) for m in at_rest}) == 1
+        assert at_rest[0].zacc == pytest.approx(-9.81, abs=0.01)
+        assert {m.fields_updated for m in at_rest} == {0x1BFF}
+
+
+@pytest.mark.long
+def test_an_autopilot_that_goes_is_said(plan: Experiment) -> None:
+    with pytest.raises((ConnectionError, OSError)):
+        flown(plan, quits=20)
+
+
+def test_what_is_sent_is_the_reading_in_px4_s_frames_and_units() -> None:
+    rng = np.random.default_rng(0)
+    R = Rotation.random(random_state=rng)
+    x, v, a, omega = rng.normal(size=(4, 3)) * [[20], [3], [9], [1]]
+    reading = AgentReading(
+        R=jnp.array(R.as_matrix()), x=jnp.array(x), v=jnp.array(v), omega=jnp.array(omega), a=jnp.array(a),
+        r=jnp.zeros(0), lam=jnp.zeros((1, 3)),
+    )  # fmt: skip
+    home = px4_frames.HOME
+    sensor, state, gps = px4_hil.sensor_messages(reading, 123, True, home)
+    assert {m.time_usec for m in (sensor, state, gps)} == {123}
+    np.testing.assert_allclose([sensor.xacc, sensor.yacc, sensor.zacc], a * [1, -1, -1])
+    np.testing.assert_allclose([sensor.xgyro, sensor.ygyro, sensor.zgyro], omega * [1, -1, -1])
+    to_ned = Rotation.from_quat(np.roll(state.attitude_quaternion, -1))
+    forward = R.apply([1, 0, 0])
+    np.testing.assert_allclose(to_ned.apply([1, 0, 0]), [forward[1], forward[0], -forward[2]], atol=1e-6)
+    north = to_ned.apply([sensor.xmag, sensor.ymag, sensor.zmag])
+    np.testing.assert_allclose(north, home.magnetic_field, atol=1e-6)
+    np.testing.assert_allclose([state.vx, state.vy, state.vz], 100 * np.array([v[1], v[0], -v[2]]), atol=0.5)
+    np.testing.assert_allclose([gps.vn, gps.ve, gps.vd], [state.vx, state.vy, state.vz])
+    np.testing.assert_allclose(np.array([state.xacc, state.yacc, state.zacc]) * 9.80665e-3, a * [1, -1, -1], atol=5e-3)
+    assert gps.cog == pytest.approx(100 * (np.rad2deg(np.arctan2(v[0], v[1])) % 360), abs=0.5)
+    assert gps.alt == pytest.approx(1e3 * (home.altitude + x[2]), abs=0.5)
+    for message in (sensor, state, gps):
+        message.pack(mavlink.MAVLink(None))
+
+
+def test_only_this_computer_is_listened_to() -> None:
+    with px4_hil.open_servers(2, 0) as servers:
+        assert {server.getsockname()[0] for server in servers} == {"127.0.0.1"}
+        with (
+            pytest.raises(TimeoutError, match=r"no autopilot connected to 127.0.0.1:\d+ within 0.01 s"),
+            px4_hil.accept_connections(servers, 0.01),
+        ):
+            pass
+
+
+def test_as_many_autopilots_as_agents(plan: Experiment) -> None:
+    with pytest.raises(ValueError, match="0 autopilots for 3 agents"):
+        next(px4_hil.run_lockstep(plan, []))

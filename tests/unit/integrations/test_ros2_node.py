@@ -1,0 +1,189 @@
+"""The ROS 2 node: what messages say, what is commanded; with ROS where it is installed."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+import importlib
+import os
+import threading
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from rosbags.typesys import Stores, get_typestore
+from scipy.spatial.transform import Rotation
+
+from colift import scenario
+from colift.integrations import ros2_node
+from colift.models.measurement import Measurement
+from colift.models.state import ControlClock
+from colift.scenario import experiment, team
+from tests.support import small_team as light
+
+ROS = get_typestore(Stores.ROS2_JAZZY)
+TOLD = scenario.load_scenario("paper")
+NAMES = ros2_node.names(TOLD)
+
+
+def kind(name: str) -> Any:
+    package = "sensor_msgs" if name in ("Imu", "JointState") else "geometry_msgs"
+    return ROS.types[f"{package}/msg/{name}"]
+
+
+def vector(v: np.ndarray, of: str = "Vector3") -> Any:
+    return kind(of)(*map(float, v))
+
+
+def said(m: Measurement, of: ros2_node.RosNames) -> dict[str, Any]:
+    """A measurement as the messages of ROS that tell it."""
+    header = ROS.types["std_msgs/msg/Header"](ROS.types["builtin_interfaces/msg/Time"](0, 0), "")
+    m = jax.tree.map(np.asarray, m)
+    bodies = {"payload": (m.payload, m.payload.p)}
+    agents = [jax.tree.map(lambda x, j=j: x[j], group) for group in m.agents for j in range(len(group.x))]
+    bodies |= {name: (agent, agent.x) for name, agent in zip(of.agents, agents, strict=True)}
+    heard = {}
+    for name, (reading, x) in bodies.items():
+        q = kind("Quaternion")(*map(float, Rotation.from_matrix(reading.R).as_quat()))
+        heard[f"/{name}/pose"] = kind("PoseStamped")(header, kind("Pose")(vector(x, "Point"), q))
+        heard[f"/{name}/velocity"] = kind("Vector3Stamped")(header, vector(reading.v))
+        none, omega, a = np.zeros(9), vector(reading.omega), vector(reading.a)
+        heard[f"/{name}/imu"] = kind("Imu")(header, q, none, omega, none, a, none)
+    for name, joints, arms, agent in zip(*of, agents, strict=True):
+        if joints:
+            order = np.arange(len(joints))[::-1]  # a message has its own
+            states = [joints[k] for k in order], agent.r[order], np.zeros(len(joints)), np.zeros(len(joints))
+            heard[f"/{name}/joint_states"] = kind("JointState")(header, *states)
+        for arm, lam in zip(arms, agent.lam, strict=True):
+            force = kind("Wrench")(vector(lam), vector(np.zeros(3)))
+            heard[f"/{name}/{arm}/tip_force"] = kind("WrenchStamped")(header, force)
+    return heard
+
+
+@pytest.fixture(scope="module")
+def measured() -> tuple[Any, Measurement]:
+    """The paper's nominal team, and a measurement of it with every number random."""
+    truth, nominal = team.team(TOLD)
+    rng = np.random.default_rng(0)
+    like = ros2_node._zero_measurement(truth)
+    drawn = jax.tree.map(lambda x: jnp.asarray(rng.normal(size=x.shape)), like)
+
+    def turned(x: jax.Array) -> jax.Array:
+        R = Rotation.random(int(np.prod(x.shape[:-2])), random_state=rng).as_matrix()
+        return jnp.asarray(R.reshape(x.shape))
+
+    return nominal, jax.tree_util.tree_map_with_path(lambda path, x: turned(x) if path[-1].name == "R" else x, drawn)
+
+
+def test_a_measurement_is_what_the_messages_say(measured: tuple[Any, Measurement]) -> None:
+    team, m = measured
+    heard = said(m, NAMES)
+    assert heard.keys() == ros2_node.topics(NAMES).keys()
+    assert {topic: type(x).__name__.rpartition("__")[2] for topic, x in heard.items()} == ros2_node.topics(NAMES)
+    found = ros2_node.measurement_from_messages(team, NAMES, heard)
+    assert jax.tree.structure(found) == jax.tree.structure(m)
+    for one, other in zip(jax.tree.leaves(found), jax.tree.leaves(m), strict=True):
+        np.testing.assert_allclose(one, other, atol=1e-15)
+
+
+def test_what_cannot_be_flown_with_is_refused(measured: tuple[Any, Measurement]) -> None:
+    team, m = measured
+    agent, joint = NAMES.agents[0], NAMES.joints[0][0]
+
+    def answer(topic: str, change: Any) -> str:
+        heard = copy.deepcopy(said(m, NAMES))
+        change(heard[topic])
+        with pytest.raises(ValueError) as caught:  # noqa: PT011
+            ros2_node.measurement_from_messages(team, NAMES, heard)
+        return str(caught.value)
+
+    assert "x " in answer(f"/{agent}/pose", lambda x: setattr(x.pose.position, "y", np.nan))
+    assert "is not a unit quaternion" in answer("/payload/pose", lambda x: setattr(x.pose.orientation, "w", 3.0))
+    missing = answer(f"/{agent}/joint_states", lambda x: setattr(x, "name", ["other", *x.name[:-1]]))
+    assert f"/{agent}/joint_states: {joint} missing; the message contains other" in missing
+
+
+@pytest.mark.long
+def test_its_ticks_are_the_pilot_s() -> None:
+    """Through messages and back, against the pilot itself: three ticks of a team at rest, then moved."""
+    told = light.settings()
+    plan, of = experiment.make_experiment(told, "C1"), ros2_node.names(told)
+    tick, pilot = ros2_node.ControllerStep(plan, of), plan.controller
+    m, memory = plan.world.measure_at_rest(plan.initial_state), None
+    begin, step = jax.jit(pilot.init), jax.jit(pilot.step)
+    for k in range(3):
+        clock = ControlClock(t=jnp.asarray(k * plan.dt), dt=jnp.asarray(plan.dt))
+        moved = dataclasses.replace(m.payload, p=m.payload.p + jnp.array([0.01 * k, 0.0, -0.02 * k]))
+        m = dataclasses.replace(m, payload=moved)
+        if k == 0:
+            _, memory = begin(m, clock)
+        expected, memory, _ = step(memory, m, clock)
+        for j, command in enumerate(tick(said(m, of))):
+            np.testing.assert_allclose(command.u, expected[0].u[j], atol=1e-9)
+            np.testing.assert_allclose(command.tau, expected[0].tau[j], atol=1e-9)
+            assert command.tau_r.shape == (0,)
+
+
+def test_names_are_those_of_ros() -> None:
+    agents = [agent.model_dump() | {"name": f"n-{i}"} for i, agent in enumerate(light.settings().agents)]
+    of = ros2_node.names(light.settings(agents=agents))
+    assert of == ros2_node.RosNames(agents=("n_0", "n_1", "n_2"), joints=((), (), ()), arms=(("hook",),) * 3)
+
+
+@pytest.mark.filterwarnings("ignore:module 'sre_:DeprecationWarning")  # of ROS's parser of parameters
+def test_with_ros_it_commands_while_it_hears_and_then_no_more() -> None:
+    """Its topics, fed by another node of this process; then they fall silent."""
+    rclpy = pytest.importorskip("rclpy", reason="ROS 2: pip install 'colift[ros]'")
+    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    from geometry_msgs.msg import WrenchStamped
+
+    told = light.settings()
+    plan, of = experiment.make_experiment(told, "C1"), ros2_node.names(told)
+    messages, commanded, over = said(plan.world.measure_at_rest(plan.initial_state), of), [], threading.Event()
+
+    def feed() -> None:
+        context = rclpy.Context()
+        rclpy.init(context=context)
+        other = rclpy.create_node("feeder", context=context)
+        executor = rclpy.executors.SingleThreadedExecutor(context=context)
+        executor.add_node(other)
+        made = {topic: _ros_message(message) for topic, message in messages.items()}
+        publishers = {topic: other.create_publisher(type(x), topic, 10) for topic, x in made.items()}
+        other.create_subscription(WrenchStamped, f"/{of.agents[0]}/command", commanded.append, 10)
+        while not over.is_set() and len(commanded) < 20:
+            for topic, publisher in publishers.items():
+                publisher.publish(made[topic])
+            executor.spin_once(timeout_sec=0.005)
+        rclpy.shutdown(context=context)
+
+    thread = threading.Thread(target=feed, daemon=True)
+    thread.start()
+    try:
+        with pytest.raises(TimeoutError, match=r"for 0\.1 s: commands stop"):
+            ros2_node.spin(plan, of, 120.0)
+    finally:
+        over.set()
+        thread.join(10)
+    assert len(commanded) >= 20
+    weight = sum(float(g.mass.sum()) for g in plan.controller.team.agent_groups) + float(
+        plan.controller.team.payload.mass
+    )
+    assert 0 < commanded[0].wrench.force.z < 2 * 9.81 * weight
+    assert commanded[0].header.frame_id == of.agents[0]
+
+
+def _ros_message(message: Any) -> Any:
+    """One of rosbags' messages as one of ROS's: the same fields."""
+    package, _, name = message.__msgtype__.partition("/msg/")
+    made = getattr(importlib.import_module(f"{package}.msg"), name)()
+    for field in made.get_fields_and_field_types():
+        value = getattr(message, field)
+        value = _ros_message(value) if hasattr(value, "__msgtype__") else value
+        setattr(
+            made,
+            field,
+            value.tolist() if isinstance(value, np.ndarray) and field in ("position", "velocity", "effort") else value,
+        )
+    return made

@@ -1,0 +1,585 @@
+"""Agents from URDF: against Pinocchio's own reader on random trees, and every refusal."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from pathlib import Path
+from types import SimpleNamespace
+
+import jax
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from colift import scenario
+from colift.models import aerial_manipulator, urdf
+from colift.models.parameters import AerialManipulator
+from colift.scenario import ScenarioError, team
+from tests.support import pinocchio_team
+from tests.support import random_teams as teams
+
+
+def words(values: np.ndarray) -> str:
+    return " ".join(repr(float(x)) for x in values)
+
+
+def link(rng: np.random.Generator, name: str, mass: float) -> str:
+    """A link with an inertial about a random point, turned at random; without one where the mass is zero."""
+    if mass == 0:
+        return f'<link name="{name}"/>'
+    J = teams.inertia(rng, mass, 0.1)
+    axes = [("xyz"[i] + "xyz"[k], i, k) for i in range(3) for k in range(i, 3)]
+    entries = " ".join(f'i{a}="{float(J[i, k])!r}"' for a, i, k in axes)
+    return (
+        f'<link name="{name}"><inertial><origin xyz="{words(0.1 * rng.normal(size=3))}" '
+        f'rpy="{words(rng.uniform(-3, 3, 3))}"/><mass value="{mass!r}"/>'
+        f"<inertia {entries}/></inertial>"
+        "<visual><geometry><box size='1 1 1'/></geometry></visual></link>"
+    )
+
+
+def random_urdf(rng: np.random.Generator, links: int) -> tuple[str, list[str]]:
+    """A random tree of links, joints and names in random order, and the links of its tips."""
+    names = [f"{letter}{i}" for i, letter in enumerate(rng.permutation(list("abcdefghijklmnop"))[:links])]
+    kinds = ["revolute", "continuous", "prismatic", "fixed"]
+    parts = [link(rng, names[0], 1.5)]
+    for i in range(1, links):
+        kind = kinds[rng.integers(4)]
+        massless = kind == "fixed" and rng.uniform() < 0.5
+        parts.append(link(rng, names[i], 0.0 if massless else float(rng.uniform(0.05, 0.3))))
+        limit = '<limit lower="-1" upper="1" effort="1" velocity="1"/>' if kind in ("revolute", "prismatic") else ""
+        axis = "" if rng.uniform() < 0.2 else f'<axis xyz="{words(rng.normal(size=3))}"/>'
+        parts.append(
+            f'<joint name="joint {rng.integers(10**6)}" type="{kind}"><parent link="{names[rng.integers(i)]}"/>'
+            f'<child link="{names[i]}"/><origin xyz="{words(0.2 * rng.normal(size=3))}" '
+            f'rpy="{words(rng.uniform(-3, 3, 3))}"/>{axis}{limit}</joint>'
+        )
+    tips = [names[i] for i in rng.choice(links, size=2, replace=False)]
+    return (
+        f'<?xml version="1.0"?>\n<robot name="r">{"".join(parts[k] for k in rng.permutation(len(parts)))}</robot>',
+        tips,
+    )
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_mass_matrix_and_tips_are_pinocchios(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    text, tips = random_urdf(rng, int(rng.integers(2, 11)))
+    robot = urdf.parse_urdf(text, "r.urdf")
+    offset = 0.1 * rng.normal(size=3)
+    agent = urdf.make_agent(robot, [tips[0], (tips[1], offset)], np.zeros((2, 3)).tolist(), 50.0)
+    state = teams.agent_state(rng, agent.tree)
+    model = pin.buildModelFromXML(text, pin.JointModelFreeFlyer())
+    data = model.createData()
+    assert {j.name for j in robot.joints} == set(model.names) - {"universe", "root_joint"}
+
+    index = np.array([model.joints[model.getJointId(j.name)].idx_v for j in robot.joints], int)
+    q, v = pin.neutral(model), np.zeros(model.nv)
+    for joint, r in zip(robot.joints, np.asarray(state.r), strict=True):
+        at = model.joints[model.getJointId(joint.name)]
+        q[at.idx_q : at.idx_q + at.nq] = [np.cos(r), np.sin(r)] if at.nq == 2 else [r]
+    full = pin.crba(model, data, q)
+    full = np.triu(full) + np.triu(full, 1).T
+    order = np.concatenate([[3, 4, 5], index]).astype(int)
+    lin, mixed = full[:3, :3], full[:3][:, order]
+    expected = full[np.ix_(order, order)] - mixed.T @ np.linalg.solve(lin, mixed)
+    reduced = jax.jit(lambda a, r: aerial_manipulator.centroidal_model(a, aerial_manipulator.forward_kinematics(a, r)))(
+        agent, state.r
+    )
+    np.testing.assert_allclose(reduced.M_bar, expected, atol=1e-9 * np.abs(expected).max())
+    np.testing.assert_allclose(reduced.mass, pin.computeTotalMass(model), rtol=1e-12)
+
+    pin.framesForwardKinematics(model, data, q)
+    com = pin.centerOfMass(model, data, q, v)
+    np.testing.assert_allclose(reduced.com_from_base, com, atol=1e-9)
+    for found, name, at in zip(
+        np.asarray(reduced.tip_from_com + reduced.com_from_base[None]), tips, (np.zeros(3), offset), strict=True
+    ):
+        frame = data.oMf[model.getFrameId(name, pin.FrameType.BODY)]
+        np.testing.assert_allclose(found, frame.act(at), atol=1e-9)
+
+
+# What is merged and refused ------------------------------------------------------------------------------------------
+
+TWO_ARMS = """<robot name="two arms">
+  <link name="base"><inertial><mass value="1.5"/>
+    <inertia ixx="0.02" iyy="0.02" izz="0.035" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <link name="arm"><inertial><origin xyz="0 0 -0.15"/><mass value="0.12"/>
+    <inertia ixx="9e-4" iyy="9e-4" izz="1e-5" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <link name="tool"/>
+  <joint name="shoulder" type="revolute">
+    <parent link="base"/><child link="arm"/><origin xyz="0 0.08 0"/><axis xyz="2 0 0"/>
+    <limit lower="-2" upper="2" effort="5" velocity="5"/></joint>
+  <joint name="wrist" type="fixed"><parent link="arm"/><child link="tool"/><origin xyz="0 0 -0.3"/></joint>
+</robot>
+"""
+
+
+def test_fixed_links_are_part_of_the_body_and_axes() -> None:
+    """Fixed links are part of the body and axes are normalized."""
+    robot = urdf.parse_urdf(TWO_ARMS, "two.urdf")
+    assert (len(robot.bodies), [j.name for j in robot.joints]) == (2, ["shoulder"])
+    np.testing.assert_array_equal(robot.joints[0].axis, [1, 0, 0])
+    body, point = robot.tip("tool", [0.0, 0.0, -0.1])
+    assert body == 1
+    np.testing.assert_allclose(point, [0, 0, -0.4])
+
+
+def test_a_point_mass_may_be_fixed_to_a_body() -> None:
+    heavy = '<link name="tool"><inertial><mass value="0.1"/><inertia ixx="0" iyy="0" izz="0" ixy="0" ixz="0" iyz="0"/>'
+    robot = urdf.parse_urdf(TWO_ARMS.replace('<link name="tool"/>', heavy + "</inertial></link>"), "two.urdf")
+    arm, d = robot.bodies[1], 0.15
+    assert arm.mass == pytest.approx(0.22)
+    np.testing.assert_allclose(arm.com, [0, 0, -(0.12 * 0.15 + 0.1 * 0.3) / 0.22])
+    lift = 0.12 * 0.1 / 0.22 * d**2  # reduced mass times squared distance
+    np.testing.assert_allclose(arm.inertia, np.diag([9e-4 + lift, 9e-4 + lift, 1e-5]), atol=1e-18)
+
+
+# A link and what makes it unphysical by itself: the body that it is part of is physical.
+PLACEHOLDERS = [
+    '<mass value="0"/><inertia ixx="1e-6" iyy="1e-6" izz="1e-6" ixy="0" ixz="0" iyz="0"/>',
+    '<mass value="1e-6"/><inertia ixx="0" iyy="0" izz="0" ixy="0" ixz="0" iyz="0"/>',
+    '<mass value="0.001"/><inertia ixx="1e-6" iyy="1e-6" izz="9e-6" ixy="0" ixz="0" iyz="0"/>',
+    '<mass value="0.001"/><inertia ixx="1e-6" iyy="1e-6" izz="1e-6" ixy="2e-6" ixz="0" iyz="0"/>',
+    '<mass value="0.02"/><inertia ixx="-1e-7" iyy="1e-6" izz="1e-6" ixy="0" ixz="0" iyz="0"/>',
+]
+
+
+@pytest.mark.parametrize("placeholder", PLACEHOLDERS)
+@pytest.mark.parametrize("seed", range(2))
+def test_a_body_is_checked_when_its_links_are_merged(placeholder: str, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    at = f'<origin xyz="{words(0.1 * rng.normal(size=3))}" rpy="{words(rng.uniform(-3, 3, 3))}"/>'
+    heavy = f'<link name="tool"><inertial>{at}{placeholder}</inertial></link>'
+    text = TWO_ARMS.replace('<link name="tool"/>', heavy)
+    with pytest.raises(ValueError, match="link 'tool': "):
+        urdf.parse_urdf(text.replace('name="wrist" type="fixed"', 'name="wrist" type="continuous"'), "two.urdf")
+    body = urdf.parse_urdf(text, "two.urdf").bodies[1]
+    expected = pin.buildModelFromXML(text, pin.JointModelFreeFlyer()).inertias[2]
+    np.testing.assert_allclose(body.mass, expected.mass, rtol=1e-12)
+    np.testing.assert_allclose(body.com, expected.lever, atol=1e-12)
+    np.testing.assert_allclose(body.inertia, expected.inertia, atol=1e-12 * np.abs(expected.inertia).max())
+
+
+def test_links_whose_sum_is_not_physical_are_refused() -> None:
+    """Links whose sum is not physical are refused by all their names."""
+    flat = '<mass value="0.001"/><inertia ixx="1e-6" iyy="1e-6" izz="9" ixy="0" ixz="0" iyz="0"/>'
+    text = TWO_ARMS.replace('<link name="tool"/>', f'<link name="tool"><inertial>{flat}</inertial></link>')
+    told = r"^two\.urdf:4: link 'arm' with the links fixed to it \(tool\): inertia violates the triangle inequality"
+    with pytest.raises(ValueError, match=told):
+        urdf.parse_urdf(text, "two.urdf")
+
+
+# Joints that follow another -------------------------------------------------------------------------------------------
+
+
+def with_followers(rng: np.random.Generator, links: int) -> tuple[str, dict[str, tuple[str, float, float]]]:
+    """A random tree in which about half of the joints follow another, without a circle."""
+    text, _ = random_urdf(rng, links)
+    moving = re.findall(r'<joint name="([^"]*)" type="(?!fixed)', text)
+    follows = {}
+    for i, name in enumerate(moving[1:], 1):
+        if rng.uniform() < 0.5:
+            follows[name] = (moving[int(rng.integers(i))], float(rng.uniform(-2, 2)), float(rng.uniform(-1, 1)))
+    for name, (followed, multiplier, offset) in follows.items():
+        mimic = f'<mimic joint="{followed}" multiplier="{multiplier!r}" offset="{offset!r}"/>'
+        text = re.sub(rf'(<joint name="{name}" .*?)(</joint>)', rf"\1{mimic}\2", text, count=1)
+    return text, follows
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_frozen_joints_are_pinocchios_reduced_model(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    text, follows = with_followers(rng, 9)
+    full = pin.buildModelFromXML(text, pin.JointModelFreeFlyer())
+    moving = [name for name in full.names if name not in ("universe", "root_joint")]
+    rest = {name: float(rng.uniform(-1, 1)) for name in moving if name not in follows}
+    robot = urdf.parse_urdf(text, "r.urdf", "frozen", rest)
+    assert {joint.name for joint in robot.joints} == set(moving) - set(follows)
+
+    held = dict(rest)
+    for name, (followed, multiplier, offset) in follows.items():  # what is followed comes first
+        held[name] = multiplier * held[followed] + offset
+    q = pin.neutral(full)
+    for name in follows:
+        at = full.joints[full.getJointId(name)]
+        q[at.idx_q : at.idx_q + at.nq] = [np.cos(held[name]), np.sin(held[name])] if at.nq == 2 else [held[name]]
+    reduced = pin.buildReducedModel(full, [full.getJointId(name) for name in follows], q)
+    names = ["root_joint", *(joint.name for joint in robot.joints)]
+    for name, body in zip(names, robot.bodies, strict=True):
+        expected = reduced.inertias[reduced.getJointId(name)]
+        np.testing.assert_allclose(body.mass, expected.mass, rtol=1e-12)
+        np.testing.assert_allclose(body.com, expected.lever, atol=1e-12)
+        np.testing.assert_allclose(body.inertia, expected.inertia, atol=1e-12)
+    for joint in robot.joints:
+        at = reduced.jointPlacements[reduced.getJointId(joint.name)]
+        np.testing.assert_allclose(joint.position, at.translation, atol=1e-12)
+        np.testing.assert_allclose(joint.rotation, at.rotation, atol=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_independent_joints_are_as_if_they_followed_none(seed: int) -> None:
+    text, follows = with_followers(np.random.default_rng(seed), 9)
+    free = urdf.parse_urdf(re.sub("<mimic [^>]*/>", "", text), "r.urdf")
+    found = urdf.parse_urdf(text, "r.urdf", "independent")
+    assert set(follows) <= {joint.name for joint in found.joints}
+    for a, b in zip(
+        jax.tree.leaves((found.bodies, found.joints)), jax.tree.leaves((free.bodies, free.joints)), strict=True
+    ):
+        assert repr(a) == repr(b)
+
+
+CIRCLES = [
+    ("shoulder", r"joint 'shoulder' depends on itself through shoulder"),
+    ("elbow", r"joint 'shoulder' depends on 'elbow', which is not a joint"),
+]
+
+
+@pytest.mark.parametrize(("followed", "answer"), CIRCLES)
+def test_a_joint_follows_another_that_there_is(followed: str, answer: str) -> None:
+    text = TWO_ARMS.replace("<limit", f'<mimic joint="{followed}"/><limit')
+    with pytest.raises(ValueError, match=rf"^two\.urdf:9: {answer}"):
+        urdf.parse_urdf(text, "two.urdf", "frozen")
+
+
+def test_a_fixed_joint_follows_none() -> None:
+    text = TWO_ARMS.replace("<limit", '<mimic joint="wrist" multiplier="5" offset="0.5"/><limit')
+    text = text.replace(
+        '<joint name="wrist" type="fixed">', '<joint name="wrist" type="fixed"><mimic joint="shoulder"/>'
+    )
+    (base,) = urdf.parse_urdf(text, "two.urdf", "frozen", {"wrist": 3.0}).bodies
+    assert base.mass == pytest.approx(1.62)
+    assert len(urdf.parse_urdf(text, "two.urdf", "independent").joints) == 1
+
+
+MASS, INERTIA = '<mass value="0.12"/>', 'ixx="9e-4" iyy="9e-4" izz="1e-5"'
+LONE = '<link name="x"/>'
+EXTRA = LONE + '<joint name="j" type="fixed"><parent link="{}"/><child link="{}"/></joint></robot>'
+REFUSED = [
+    ("</robot>", "", r"two\.urdf:12: not XML: no element found"),
+    ("<robot", '<!DOCTYPE r [<!ENTITY a "aa">]>\n<robot', r"two\.urdf:1: a DOCTYPE is not allowed"),
+    ('<robot name="two arms">', '<robot name="x"><xacro:macro name="m"/>', "<xacro:macro> is a macro; expand the file"),
+    ('name="tool"', 'name="arm"', r"two\.urdf:6: link 'arm' occurs twice, first at two\.urdf:4"),
+    (
+        'type="revolute"',
+        'type="floating"',
+        r"two\.urdf:7: joint 'shoulder': type 'floating' is not supported; allowed:",
+    ),
+    ('type="revolute"', 'type="planar"', "type 'planar' is not supported; allowed: revolute, continuous, prismatic"),
+    ('type="revolute"', "", r"two\.urdf:7: joint 'shoulder': <joint> has no 'type'"),
+    (
+        "<limit",
+        '<mimic joint="wrist"/><limit',
+        r"two\.urdf:9: joint 'shoulder' depends on another joint \(<mimic>\).*: "
+        r"choose mimic 'frozen' .* or 'independent' ",
+    ),
+    ('xyz="2 0 0"', 'xyz="0 0 0"', r"two\.urdf:8: joint 'shoulder': the axis must not be zero"),
+    ('xyz="2 0 0"', 'xyz="2 0"', "'xyz' of <axis> must be 3 finite numbers, got '2 0'"),
+    ('xyz="2 0 0"', 'xyz="2 0 nan"', "'xyz' of <axis> must be 3 finite numbers, got '2 0 nan'"),
+    ('xyz="0 0.08 0"', 'rpy="0 a 0"', "'rpy' of <origin> must be 3 finite numbers, got '0 a 0'"),
+    ('<parent link="base"/>', "", "joint 'shoulder' has no <parent>"),
+    ('<parent link="base"/>', '<parent link="bas"/>', "parent 'bas' is not a link; links: base, arm, tool"),
+    ('xyz="0 0.08 0"', 'xyz="0 1e13 0"', "'xyz' of <origin> must be at most 1e\\+12 in size, got '0 1e13 0'"),
+    (MASS, "", r"two\.urdf:4: link 'arm': <inertial> has no <mass>"),
+    (MASS, '<mass value="-0.12"/>', r"two\.urdf:4: link 'arm': mass -0\.12 kg is negative"),
+    (MASS, '<mass value="0"/>', r"link 'arm': mass 0 kg is not positive"),
+    (MASS, MASS * 2, "<mass> occurs twice in <inertial>"),
+    (INERTIA, 'ixx="9e-4" iyy="9e-4" izz="2e-3"', r"link 'arm': inertia violates the triangle inequality.*kg m\^2"),
+    (INERTIA, 'ixx="9e-4" iyy="9e-4" izz="-1e-5"', r"link 'arm': inertia is not positive definite: .*-1e-05"),
+    (INERTIA, 'ixx="0" iyy="0" izz="0"', r"two\.urdf:4: link 'arm': inertia is not positive definite"),
+    (INERTIA, 'ixx="9e-4" iyy="9e-4"', r"link 'arm': <inertia> has no 'izz'"),
+    (
+        '<child link="tool"/>',
+        '<child link="arm"/>',
+        r"joint 'wrist': link 'arm' is already the child of joint 'shoulder'",
+    ),
+    ("</robot>", '<link name="alone"/></robot>', "one root link is allowed, found 2: base, alone"),
+    ("</robot>", EXTRA.format("x", "base").replace('"x"', '"tool"', 1), "'tool' occurs twice"),
+    ('<parent link="base"/>', '<parent link="tool"/>', "link 'arm' is in a cycle of joints"),
+    ("</robot>", EXTRA.format("x", "x"), r"link 'x' is in a cycle of joints: it is not connected to the root 'base'"),
+    ("<inertial><origin", "<x><origin", "not XML: mismatched tag"),
+]
+
+
+@pytest.mark.parametrize(("written", "instead", "answer"), REFUSED)
+def test_what_is_refused_is_told_with_its_line(written: str, instead: str, answer: str) -> None:
+    assert written in TWO_ARMS
+    with pytest.raises(ValueError, match=r"^two\.urdf:\d+: ") as e:
+        urdf.parse_urdf(TWO_ARMS.replace(written, instead, 1), "two.urdf")
+    assert re.search(answer, str(e.value)), e.value
+    assert "\n" not in str(e.value)
+
+
+def test_a_moving_body_without_inertia_and_a_cycle() -> None:
+    """A moving body without inertia and a cycle without a root are refused."""
+    bare = re.sub("<link name=.arm.>.*?</link>", '<link name="arm"/>', TWO_ARMS, flags=re.DOTALL)
+    with pytest.raises(ValueError, match=r"link 'arm' has no <inertial>, nor do the links fixed to it: tool"):
+        urdf.parse_urdf(bare, "two.urdf")
+    ring = TWO_ARMS.replace("</robot>", EXTRA.format("tool", "base").replace(LONE, ""))
+    with pytest.raises(ValueError, match="no root link: every link is the child of a joint"):
+        urdf.parse_urdf(ring, "two.urdf")
+    with pytest.raises(ValueError, match="the file has no links"):
+        urdf.parse_urdf("<robot name='x'/>", "two.urdf")
+
+
+@pytest.mark.parametrize(
+    ("tip", "contact", "thrust", "answer"),
+    [
+        (("tool", [0.0, 0.0]), [0.0, 0.0, 0.0], 50.0, r"the offset of tip 'tool' must be three finite numbers, m, got"),
+        ("tool", [0.0, 0.0], 50.0, r"contact 0 must be three finite numbers, m, got \[0.0, 0.0\]"),
+        ("tool", [0.0, 0.0, np.nan], 50.0, r"contact 0 must be three finite numbers, m, got \[0.0, 0.0, nan\]"),
+        ("tool", [0.0, 0.0, 0.0], -1.0, r"thrust_max -1 N is not positive and finite"),
+        ("tool", [0.0, 0.0, 0.0], np.nan, r"thrust_max nan N is not positive and finite"),
+    ],
+)
+def test_an_agent_has_tips_contacts_and_a_thrust_that_can_be(tip, contact, thrust: float, answer: str) -> None:
+    with pytest.raises(ValueError, match=rf"^two\.urdf: {answer}"):
+        urdf.make_agent(urdf.parse_urdf(TWO_ARMS, "two.urdf"), [tip], [contact], thrust)
+
+
+def test_a_file_without_end_or_of_no_known_encoding_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"^/dev/zero:1: the file is larger than 16 MiB"):
+        urdf.load_urdf("/dev/zero")
+    for encoding in ("nothing", "utf-7", "big5", "utf-16"):
+        with pytest.raises(ValueError, match=r"^r\.urdf:1: "):
+            urdf.parse_urdf(f'<?xml version="1.0" encoding="{encoding}"?><robot name="x"/>'.encode(), "r.urdf")
+    with pytest.raises(ValueError, match=r"^r\.urdf:1: "):
+        urdf.parse_urdf('<robot name="\ud800"/>', "r.urdf")
+
+
+def test_tips_are_links_and_as_many_as_contacts() -> None:
+    robot = urdf.parse_urdf(TWO_ARMS, "two.urdf")
+    with pytest.raises(ValueError, match=r"two\.urdf: tip 'tol' is not a link; links: base, arm, tool"):
+        urdf.make_agent(robot, ["tol"], [[0.0, 0.0, 0.0]], 50.0)
+    with pytest.raises(ValueError, match="1 tips for 2 contacts"):
+        urdf.make_agent(robot, ["tool"], [[0.0, 0.0, 0.0]] * 2, 50.0)
+
+
+# In scenario files ----------------------------------------------------------------------------------------------------
+
+SAMPLE = (Path(__file__).parents[2] / "support" / "sample_scenario.yaml").read_text(encoding="utf-8")
+NUMBERS = SAMPLE[SAMPLE.index("  two_arms:") : SAMPLE.index("agents:\n")]
+FROM_URDF = """  two_arms:
+    urdf: vehicles/two.urdf
+    thrust_max_N: 50
+    tips: [left_hand, {link: right, name: right, tip_position_m: [0, 0, -0.3]}]
+    nominal_position_rad: {left: 1.2, right: -1.2}
+"""
+ARM = """<link name="{0}"><inertial><origin xyz="0 0 -0.15"/><mass value="0.12"/>
+  <inertia ixx="9e-4" iyy="9e-4" izz="1e-5" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="{0}" type="continuous"><parent link="waist"/><child link="{0}"/><origin xyz="0 {1} 0"/></joint>
+"""
+SAME = f"""<robot name="two arms">
+<link name="base"><inertial><mass value="1.5"/>
+  <inertia ixx="0.02" iyy="0.02" izz="0.035" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<link name="waist"><inertial><mass value="0.1"/>
+  <inertia ixx="1e-4" iyy="1e-4" izz="1e-4" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="waist" type="continuous"><parent link="base"/><child link="waist"/><axis xyz="0 0 1"/></joint>
+{ARM.format("left", 0.08)}{ARM.format("right", -0.08)}
+<link name="left_hand"/>
+<joint name="left_wrist" type="fixed">
+  <parent link="left"/><child link="left_hand"/><origin xyz="0 0 -0.3" rpy="0.1 0.2 0.3"/></joint>
+</robot>
+"""
+
+
+@pytest.fixture
+def written(tmp_path: Path) -> Path:
+    """A scenario whose agent type is read from a URDF file beside it."""
+    (tmp_path / "vehicles").mkdir()
+    (tmp_path / "vehicles" / "two.urdf").write_text(SAME, encoding="utf-8")
+    text = SAMPLE.replace(NUMBERS, FROM_URDF + "\n").replace("/left", "/left_hand")
+    path = tmp_path / "mine.yaml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_a_scenario_from_urdf_is_the_one_in_plain_numbers(written: Path) -> None:
+    settings, plain = scenario.load_scenario(written), scenario.parse(SAMPLE, "sample.yaml")
+    for ours, expected in zip(team.team(settings), team.team(plain), strict=True):
+        assert jax.tree.structure(ours) == jax.tree.structure(expected)
+        for a, b in zip(jax.tree.leaves(ours), jax.tree.leaves(expected), strict=True):
+            np.testing.assert_allclose(a, b, atol=1e-15)
+    assert team.joint_names(settings) == team.joint_names(plain)
+    assert team.contact_names(settings)[:2] == ("front/left_hand", "front/right")
+    np.testing.assert_array_equal(team.nominal_posture(settings)[0], team.nominal_posture(plain)[0])
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_scenario_and_python_read_one_agent_alike(seed: int, written: Path) -> None:
+    rng = np.random.default_rng(seed)
+    text, tips = random_urdf(rng, 8)
+    text = re.sub("joint (\\d)", "joint-\\1", text)  # a scenario's names hold no blanks
+    (written.parent / "vehicles" / "two.urdf").write_text(text, encoding="utf-8")
+    told = written.read_text(encoding="utf-8")
+    kind = FROM_URDF.replace("left_hand, {link: right, name: right", f"{tips[0]}, {{link: {tips[1]}, name: right")
+    told = told.replace(FROM_URDF, re.sub("    nominal_position.*\n", "", kind)).replace("/left_hand", f"/{tips[0]}")
+    truth, _ = team.team(scenario.parse(told, str(written)))
+    robot = urdf.load_urdf(written.parent / "vehicles" / "two.urdf")
+    agent = urdf.make_agent(
+        robot, [tips[0], (tips[1], [0.0, 0.0, -0.3])], np.asarray(truth.agent_groups[0].contact_position[1]), 50.0
+    )
+    assert agent.tree == truth.agent_groups[0].tree
+    for a, b in zip(jax.tree.leaves(agent), jax.tree.leaves(truth.agent_groups[0]), strict=True):
+        np.testing.assert_allclose(a, b[1], atol=1e-14)
+
+
+WRONG_ENTRY = [
+    ("vehicles/two.urdf", "two.urdf", "agent_types.two_arms.urdf: 'two.urdf' cannot be read: No such file"),
+    ("left_hand,", "left_hnd,", "tips[0]: 'left_hnd' is not a link of the file (base, waist, "),
+    ("left_hand,", "left_hnd,", "did you mean 'left_hand'?"),
+    ("{left: 1.2", "{lefft: 1.2", "nominal_position_rad.lefft: 'lefft' is not a joint that turns (waist, left, right)"),
+    (
+        "nominal_position_rad: {left: 1.2, right: -1.2}",
+        "nominal_position_m: {left: 1}",
+        "'left' is not a joint that slides (there are none)",
+    ),
+    ("thrust_max_N: 50", "thrust_max_N: 0", "two_arms.thrust_max_N [N]: must be from 1e-5 to 1e6 (what lifts"),
+    ("    thrust_max_N: 50\n", "", "two_arms.thrust_max_N [N]: is required"),
+    ("thrust_max_N: 50", "thrust_mx_N: 50", "is not a setting here; did you mean 'thrust_max_N'?"),
+    (
+        "tips: [left_hand, ",
+        "tips: [",
+        "agents[0].contact_positions_m [m]: must hold one contact for each of the 1 arms",
+    ),
+    ("tip_position_m: [0, 0, -0.3]", "tip_position_m: [0, 0]", "tips[1].tip_position_m[2] [m]: is missing"),
+]
+
+
+@pytest.mark.parametrize(("given", "instead", "answer"), WRONG_ENTRY)
+def test_mistakes_in_an_entry_are_told_with_their_place(given: str, instead: str, answer: str, written: Path) -> None:
+    text = written.read_text(encoding="utf-8")
+    assert given in text
+    with pytest.raises(ScenarioError) as refused:
+        scenario.parse(text.replace(given, instead, 1), str(written))
+    lines = str(refused.value).splitlines()
+    assert any(answer in line for line in lines), lines
+    assert all(re.match(rf"{written}:\d+: \S", line) for line in lines)
+    assert not any("two_arms.base" in line for line in lines), "what the file would say is not missing"
+
+
+def test_a_scenario_chooses_what_becomes_of_joints_that_follow(written: Path) -> None:
+    text = SAME.replace('<child link="right"/>', '<child link="right"/><mimic joint="left" multiplier="-1"/>')
+    (written.parent / "vehicles" / "two.urdf").write_text(text, encoding="utf-8")
+    told = written.read_text(encoding="utf-8")
+    with pytest.raises(ScenarioError, match=r"two_arms\.urdf: .*two\.urdf:\d+: joint 'right' depends on another joint"):
+        scenario.load_scenario(written)
+    with pytest.raises(
+        ScenarioError, match="mimic_joints: must be one of frozen, independent, got 'forzen'; did you mean 'frozen'"
+    ):
+        scenario.parse(told.replace("    tips:", "    mimic_joints: forzen\n    tips:"), str(written))
+    free = scenario.parse(told.replace("    tips:", "    mimic_joints: independent\n    tips:"), str(written))
+    assert team.joint_names(free)[:3] == ("front/waist", "front/left", "front/right")
+    frozen = told.replace("    tips:", "    mimic_joints: frozen\n    tips:").replace(", right: -1.2}", "}")
+    (kind,) = scenario.parse(frozen, str(written)).agent_types.values()
+    assert [joint.name for joint in kind.joints] == ["waist", "left"]
+    hand = next(arm for arm in kind.arms if arm.name == "right")
+    # held at -1.2 rad about x, where `left` rests at 1.2
+    np.testing.assert_allclose(hand.tip_position_m, [0, -0.08 - 0.3 * np.sin(1.2), -0.3 * np.cos(1.2)], atol=1e-12)
+    assert hand.joint == "waist"
+
+
+@pytest.mark.parametrize(
+    ("given", "instead", "answer"),
+    [
+        ('value="1.5"', 'value="9e9"', "urdf: vehicles/two.urdf: base.mass_kg [kg]: must be from 1e-6 to 100000"),
+        ('value="1.5"', 'value="-1.5"', "two.urdf:2: link 'base': mass -1.5 kg is negative"),
+        ('name="waist" type', 'name="the waist" type', "joint 'the waist': a name is a letter, then letters"),
+        ('"left_hand"', '"left/hand"', "'left/hand' cannot name an arm: give the tip a `name`"),
+    ],
+)
+def test_mistakes_in_the_urdf_file_are_told_beside_the_others(
+    given: str, instead: str, answer: str, written: Path
+) -> None:
+    (written.parent / "vehicles" / "two.urdf").write_text(SAME.replace(given, instead), encoding="utf-8")
+    text = written.read_text(encoding="utf-8").replace(
+        "left_hand,", f"{instead.strip(chr(34))}," * ("/" in instead) or "left_hand,"
+    )
+    with pytest.raises(ScenarioError) as refused:
+        scenario.parse(text.replace("K_p: 5", "K_p: -5"), str(written))
+    first, second = str(refused.value).splitlines()
+    assert "agent_types.two_arms." in first
+    assert answer in first
+    assert "control.K_p" in second
+
+
+# Written -------------------------------------------------------------------------------------------------------------
+
+
+def named(agent: AerialManipulator) -> tuple[list[str], list[str]]:
+    return [f"j{k}" for k in range(agent.tree.joints)], [f"a{b}" for b in range(agent.tree.arms)]
+
+
+@pytest.mark.parametrize("tree", range(len(teams.TREES)))
+def test_what_is_written_reads_back_to_the_same_agent(tree: int) -> None:
+    """Joints in the order of the file, which is depth-first; their names say which is which."""
+    agent = teams.agent(np.random.default_rng(tree), teams.TREES[tree])
+    joints, arms = named(agent)
+    robot = urdf.parse_urdf(urdf.to_urdf("one", agent, joints, arms), "one.urdf")
+    order = [joints.index(joint.name) for joint in robot.joints]
+    assert sorted(order) == list(range(len(joints)))
+    body = {0: 0} | {k + 1: i + 1 for i, k in enumerate(order)}
+    back = urdf.make_agent(
+        robot, [f"{arm}_tip" for arm in arms], np.asarray(agent.contact_position), float(agent.thrust_max)
+    )
+    assert back.tree.parents == tuple(body[agent.tree.parents[k]] for k in order)
+    assert back.tree.prismatic == tuple(agent.tree.prismatic[k] for k in order)
+    assert back.tree.tip_bodies == tuple(body[tip] for tip in agent.tree.tip_bodies)
+    bodies = [0, *(k + 1 for k in order)]
+    for field in ("mass", "com", "inertia"):
+        np.testing.assert_allclose(getattr(back, field), getattr(agent, field)[np.array(bodies)], atol=1e-15)
+    for field in ("joint_position", "joint_rotation", "joint_axis"):
+        np.testing.assert_allclose(getattr(back, field), getattr(agent, field)[np.array(order, int)], atol=1e-15)
+    np.testing.assert_allclose(back.tip_position, agent.tip_position, atol=1e-15)
+
+
+@pytest.mark.parametrize("tree", range(len(teams.TREES)))
+def test_pinocchio_reads_what_is_written_as_the_agent(tree: int) -> None:
+    """Its mass matrix, centre of mass and tips against those of the same numbers put in without a file."""
+    rng = np.random.default_rng(tree)
+    agent = teams.agent(rng, teams.TREES[tree])
+    joints, arms = named(agent)
+    model = pin.buildModelFromXML(urdf.to_urdf("one", agent, joints, arms), pin.JointModelFreeFlyer())
+    alone = pinocchio_team.FreeAgent(
+        SimpleNamespace(**{f.name: getattr(agent, f.name) for f in dataclasses.fields(agent)})
+    )
+    state = teams.agent_state(rng, agent.tree)
+    q_alone, v_alone = alone.coordinates(state)
+    q, v = pin.neutral(model), np.zeros(model.nv)
+    q[:7], v[:6] = q_alone[:7], v_alone[:6]
+    for k, name in enumerate(joints):
+        at = model.joints[model.getJointId(name)]
+        r = float(state.r[k])
+        q[at.idx_q : at.idx_q + at.nq] = [np.cos(r), np.sin(r)] if at.nq == 2 else [r]
+        v[at.idx_v] = state.r_dot[k]
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, q)
+    pin.framesForwardKinematics(alone.model, alone.data, q_alone)
+    for arm, tip in zip(arms, alone.tips, strict=True):
+        found = data.oMf[model.getFrameId(f"{arm}_tip", pin.FrameType.BODY)].translation
+        np.testing.assert_allclose(found, alone.data.oMf[tip].translation, atol=1e-12)
+    energy = pin.computeKineticEnergy(model, data, q, v)
+    np.testing.assert_allclose(energy, pin.computeKineticEnergy(alone.model, alone.data, q_alone, v_alone), rtol=1e-12)
+    np.testing.assert_allclose(
+        pin.centerOfMass(model, data, q), pin.centerOfMass(alone.model, alone.data, q_alone), atol=1e-12
+    )
+
+
+@given(
+    st.floats(-3.2, 3.2), st.floats(-1, 1), st.floats(-3.2, 3.2), st.sampled_from([0.0, 1e-16, 1e-12, 1e-8, 1e-3, 1.0])
+)
+def test_roll_pitch_yaw_give_the_rotation_back(roll: float, lean: float, yaw: float, by: float) -> None:
+    """Also near the upright pitch, where roll and yaw are one angle."""
+    R = Rotation.from_euler("ZYX", [yaw, np.pi / 2 - lean * by, roll]).as_matrix()
+    back = Rotation.from_euler("xyz", urdf.rpy(R)).as_matrix()
+    np.testing.assert_allclose(back, R, atol=5e-16 * 4)
+
+
+def test_a_wrong_number_of_names_is_refused() -> None:
+    agent = teams.agent(np.random.default_rng(0), teams.CHAIN)
+    with pytest.raises(ValueError, match="one: 2 names for 3 joints, 1 for 1 arms"):
+        urdf.to_urdf("one", agent, ["a", "b"], ["c"])

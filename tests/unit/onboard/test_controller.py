@@ -1,0 +1,301 @@
+"""One tick on board: what is recorded, predicted, integrated, observed and limited, read off short flights."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from colift.closed_loop import signals, simulator
+from colift.closed_loop.flight import Experiment, run_experiment
+from colift.models.state import Wrench, flatten_payload_state, zero_residual
+from colift.onboard import controller, interfaces
+from colift.onboard.control import agent_controllers, allocation, payload_controllers, tracking
+from colift.onboard.estimation import state_estimator
+from colift.onboard.learning import recorder, residual_model, residual_predictors
+from colift.scenario import experiment
+from colift.simulation import disturbances, sensors
+from colift.trajectories import base
+from tests.support import paper_flights
+from tests.support.paper_flights import ROOM, SETTINGS, exact, number, plan, with_pilot
+
+DT = 1 / SETTINGS.control_Hz
+
+
+def flown(plan: Experiment, chunks: int = 1) -> tuple[simulator.LoopState, signals.StepRecord]:
+    """The loop after some half seconds, and its log."""
+    loop, rows = simulator.reset(plan.loop_config, plan.initial_state), []
+    noise = plan.world.sample_noise(jax.random.key(0), ROOM)
+    for _ in range(chunks):
+        loop, some = simulator.rollout(plan.loop_config, loop, noise, jnp.asarray(ROOM))
+        rows.append(jax.tree.map(np.asarray, some))
+    return loop, jax.tree.map(lambda *x: np.concatenate(x), *rows)
+
+
+def recording(case: str, **parts: Any) -> Experiment:
+    """A case with its recorder changed."""
+    of = plan(case)
+    return with_pilot(of, recorder=dataclasses.replace(of.controller.recorder, **parts))
+
+
+@pytest.mark.parametrize(
+    ("case", "payload", "agents"), [("C1", 0, 0), ("C2", 1, 0), ("C3", 1, 1), ("parametric", 1, 0)]
+)
+def test_each_case_records_what_it_learns_from_and_nothing_else(case, payload, agents):
+    loop, _ = flown(recording(case, start=number(0.1), sample_period=number(0.04)))
+    n = 10  # 0.1, 0.14, .. 0.46 s
+    assert int(loop.controller.recorder.payload.n) == payload * n
+    assert list(loop.controller.recorder.agents[0].n) == [agents * n] * 2
+
+
+def test_samples_are_taken_at_their_rate_between_start_and_end():
+    loop, rows = flown(recording("C3", start=number(0.06), sample_period=number(0.05), end=number(0.31)))
+    data = loop.controller.recorder.payload
+    expected = [0.06, 0.11, 0.16, 0.21, 0.26, 0.31]
+    np.testing.assert_allclose(data.t[: int(data.n)], expected, atol=1e-9)
+    np.testing.assert_array_equal(loop.controller.recorder.agents[0].t[:, :6], np.tile(data.t[:6], (2, 1)))
+    # the label filter delays by some ticks what it pairs with the label: positions are near, not equal
+    at = np.searchsorted(rows.t, np.array(expected) - 1e-9)
+    np.testing.assert_allclose(data.X[:6, :3], rows.p[at], atol=0.05)
+
+
+def test_recording_ends_at_the_capacity():
+    of = recording("C3", start=number(0.0), sample_period=number(DT))
+    loop, _ = flown(of, chunks=2)
+    assert int(loop.controller.recorder.payload.n) == of.controller.residual_model.payload.capacity == 256
+    np.testing.assert_allclose(loop.controller.recorder.payload.t, DT * np.arange(256), atol=1e-12)
+
+
+@pytest.mark.long
+def test_of_a_calibration_rig_true_states_and_bounded_labels():
+    """The sensors are noisy, the labels are the true residual off by the rig's error, the inputs the true states."""
+    of = recording("C3", start=number(0.06), sample_period=number(0.05))
+    of = with_pilot(paper_flights.believed(of), recorder=recorder.RigRecorder(**vars(of.controller.recorder)))
+    rng = np.random.default_rng(0)
+    error = jax.tree.map(lambda x: jnp.array(rng.uniform(0.01, 0.1, x.shape)), zero_residual(of.world.team))
+    of = paper_flights.with_world(of, sensor_models=(sensors.CalibrationRig(label_error=error),))
+    loop, rows = flown(of)
+    n = int(loop.controller.recorder.payload.n)
+    assert n == 9  # 0.06, 0.11, .. 0.46 s
+    rows = jax.tree.map(
+        lambda x: x[np.round(np.asarray(loop.controller.recorder.payload.t)[:n] / DT).astype(int)], rows
+    )
+    payload, (agents,) = signals.model_inputs(of.world.team, rows)
+    np.testing.assert_allclose(loop.controller.recorder.payload.X[:n, :18], payload, atol=1e-12)
+    assert not loop.controller.recorder.payload.X[:n, 18:].any()  # accelerations are not an input of the learned map
+    np.testing.assert_allclose(loop.controller.recorder.agents[0].X[:, :n].transpose(1, 0, 2), agents, atol=1e-12)
+    z, _ = paper_flights.states(of.world.team, rows)
+    f = jax.jit(jax.vmap(disturbances.initial_forces, in_axes=(None, None, 0)))(of.world.disturbances, of.world.team, z)
+    off = np.asarray(loop.controller.recorder.payload.Y)[:n] - np.concatenate([f.payload.F, f.payload.tau], axis=1)
+    bound = np.concatenate([error.payload.F, error.payload.tau])
+    np.testing.assert_allclose(np.abs(off), np.tile(bound, (n, 1)), rtol=1e-8)
+    (g,), (e,) = f.agents, error.agents
+    off = np.asarray(loop.controller.recorder.agents[0].Y)[:, :n] - np.concatenate([g.f_x, g.f_w, g.f_r], 2).transpose(
+        1, 0, 2
+    )
+    bound = np.concatenate([e.f_x, e.f_w, e.f_r], axis=1)
+    np.testing.assert_allclose(np.abs(off), np.tile(bound[:, None], (1, n, 1)), rtol=1e-8)
+    assert (np.ptp(np.sign(off), axis=1) > 0).any()
+
+
+# The law at an exact state --------------------------------------------------------------------------------------------
+
+
+setpoints = jax.jit(jax.vmap(lambda path, t: path.evaluate(t), in_axes=(None, 0)))
+
+
+def commanded(
+    rows: signals.StepRecord, leader: payload_controllers.GeometricTracking, path: base.ReferenceTrajectory
+) -> np.ndarray:
+    """`a_cmd` of the paper's law, with the true errors."""
+    a_d = np.array(setpoints(path, jnp.asarray(rows.t)).a)
+    return a_d - rows.e_p @ np.asarray(leader.gains.K_p) - rows.e_v @ np.asarray(leader.gains.K_v)
+
+
+@pytest.mark.long
+def test_integral_action_sums_the_errors_tick_by_tick():
+    of = exact(plan("integral"))
+    _, rows = flown(of)
+    nominal, gains = of.controller.team, of.controller.payload_controller
+    a = commanded(rows, gains.leader, of.controller.reference) - float(gains.K_i) * DT * np.cumsum(rows.e_p, axis=0)
+    np.testing.assert_allclose(
+        rows.W_d[:, :3], float(nominal.payload.mass) * (a - np.asarray(nominal.gravity)), atol=1e-6
+    )
+    assert np.abs(a - commanded(rows, gains.leader, of.controller.reference)).max() > 0.01
+    J, w = np.asarray(nominal.payload.inertia), rows.omega_L
+    turn = float(gains.leader.gains.k_R) * rows.e_R + float(gains.leader.gains.k_omega) * rows.e_omega
+    alpha = -turn - float(gains.k_i) * DT * np.cumsum(rows.e_R, axis=0)
+    np.testing.assert_allclose(rows.W_d[:, 3:], alpha @ J + np.cross(w, w @ J), atol=1e-6)
+
+
+@pytest.mark.long
+def test_the_wrench_observer_filters_what_the_last_command_did():
+    """The wrench observer filters what the last command did not explain."""
+    of = exact(plan("disturbance_observer"))
+    _, rows = flown(of)
+    z, inputs = paper_flights.states(of.world.team, rows)
+
+    # the readings of a tick are taken under the command of the tick before
+    a, _ = paper_flights.answer(of, jax.tree.map(lambda x: x[1:], z), jax.tree.map(lambda x: x[:-1], inputs))
+    a = np.asarray(a)
+    w, J = rows.omega_L[1:], np.asarray(of.controller.team.payload.inertia)
+    w_dot = np.diff(rows.omega_L, axis=0) / DT
+    gravity = np.asarray(of.controller.team.gravity)
+    missed = np.concatenate(
+        [float(of.controller.team.payload.mass) * (a[:, :3] - gravity), w_dot @ J + np.cross(w, w @ J)], axis=1
+    )
+    missed -= rows.W_d[:-1]
+    b, d = 1 - np.exp(-2 * np.pi * float(of.controller.residual_predictor.bandwidth) * DT), np.zeros(6)
+    np.testing.assert_array_equal(rows.f_L_hat[0], 0)
+    for k, sample in enumerate(missed):
+        d = d + b * (sample - d)
+        np.testing.assert_allclose(rows.f_L_hat[k + 1], d, atol=1e-5)
+
+
+@pytest.mark.long
+def test_the_parametric_part_is_evaluated_at_the_commanded():
+    """Case O is told the disturbances and knows the mismatch: what remains is `Y(a_cmd) theta` (errata, row 12)."""
+    of = exact(plan("true_residual"))
+    _, rows = flown(of)
+    z, _ = paper_flights.states(of.world.team, rows)
+    told = jax.jit(jax.vmap(disturbances.initial_forces, in_axes=(None, None, 0)))(
+        of.world.disturbances, of.world.team, z
+    ).payload
+    nominal = of.controller.team
+    dm = float(nominal.payload.mass - of.world.team.payload.mass)
+    expected = told.F + dm * (
+        commanded(rows, of.controller.payload_controller, of.controller.reference) - np.asarray(nominal.gravity)
+    )
+    np.testing.assert_allclose(rows.f_L_hat[:, :3], expected, atol=1e-6)
+
+
+def test_residuals_known_exactly_are_told_to_case_O_alone():
+    for case in experiment.PAPER_CASES | experiment.BASELINES:
+        assert isinstance(plan(case).controller.residual_predictor, residual_predictors.TrueResidual) == (
+            case == "true_residual"
+        )
+        assert not np.any(plan(case).controller.residual_model.inertial_parameters)
+
+
+def test_predictions_are_the_frozen_oracle_s_at_the_estimated():
+    """Between updates one oracle predicts, whatever is recorded meanwhile; before the first it predicts zero."""
+    of = dataclasses.replace(exact(plan("C3")), duration=2.0, update_times=(1.0,))
+    flight = run_experiment(of)
+    rows = flight.records
+    after = rows.t >= 1.0 - 1e-9
+    assert not rows.f_L_hat[~after].any()
+    assert not rows.f_x_hat[~after].any()
+    z, _ = paper_flights.states(of.world.team, jax.tree.map(lambda x: x[after], rows))
+    x = jax.vmap(flatten_payload_state, in_axes=(0, None))(z.payload, jnp.zeros(6))
+    W = jax.jit(jax.vmap(residual_model.predict_payload, in_axes=(None, 0)))(flight.model, x)
+    np.testing.assert_allclose(rows.f_L_hat[after], np.concatenate([W.F, W.tau], axis=1), atol=1e-6)
+    assert np.abs(W.F).max() > 0.1
+
+
+@functools.partial(jax.jit, static_argnums=0)
+def _realized(
+    lam_dot_of: Any, pilot: controller.LeaderFollowerController, now: interfaces.ControlContext, lam: jax.Array
+) -> Any:
+    """What agents are asked when the rate of their forces is that of an allocation, given the forces themselves."""
+    to = tracking.tracking_acceleration(
+        pilot.payload_controller.gains, now.estimate.payload, now.estimate.a_L[:3], now.setpoint
+    )
+    forces = interfaces.ContactForceCommand(
+        lam=lam, lam_dot=lam_dot_of(pilot, now.estimate, to), eta=pilot.allocator.internal.eta
+    )
+    return pilot.agent_controller.compute(now, to, forces, zero_residual(pilot.team))[0]
+
+
+def _rate_by_differences(
+    pilot: controller.LeaderFollowerController, q_hat: state_estimator.StateEstimate, to: tracking.AccelerationCommand
+) -> jax.Array:
+    """How the allocated forces change with the wrench `m jerk`, by differences of whole allocations."""
+    m, h, R = pilot.team.payload.mass, 0.5, q_hat.payload.R
+    eta, plan = jnp.zeros_like(pilot.allocator.internal.eta), pilot.allocator.allocation
+    ends = [allocation.allocate(plan, R, Wrench(F=m * (to.a + s * to.jerk), tau=jnp.zeros(3)), eta) for s in (h, -h)]
+    return (ends[0] - ends[1]) / (2 * h)
+
+
+@pytest.mark.long
+def test_the_attitude_s_feed_forward_takes_the_rate():
+    """Contact forces with a constant internal part lam_f0 (Eq. follower_force), at a moving state."""
+    of = exact(plan("C1"))
+    rng = np.random.default_rng(0)
+    allocator = of.controller.allocator
+    kernel = allocator.allocation.nullspace
+    offset = kernel @ jnp.array(rng.normal(size=kernel.shape[1]))
+    allocation = dataclasses.replace(allocator.allocation, offset=offset)
+    of = with_pilot(of, allocator=dataclasses.replace(allocator, allocation=allocation))
+    _, rows = flown(of)
+    z, _ = paper_flights.states(of.world.team, jax.tree.map(lambda x: x[100:101], rows))
+    z = jax.tree.map(lambda x: x[0], z)
+    now = controller.context_at(of.controller, z, jnp.array([0.5, -1.0, 0.3, 0, 0, 0]), number(100 * DT))
+    inputs, _, decided = jax.jit(lambda pilot, now: pilot.control_law((), (), now))(of.controller, now)
+    assert np.abs(offset).max() > 0.1
+    expected = _realized(_rate_by_differences, of.controller, now, decided.lam_cmd)
+    for found, told in zip(jax.tree.leaves(inputs), jax.tree.leaves(expected), strict=True):
+        np.testing.assert_allclose(found, told, atol=1e-8)
+    without = _realized(lambda *_: jnp.zeros_like(decided.lam_cmd), of.controller, now, decided.lam_cmd)
+    assert np.abs(inputs[0].tau - without[0].tau).max() > 1e-3  # the rate counts
+
+
+def test_thrust_is_limited_to_what_the_rotors_give_and_the_limit():
+    """Thrust is limited to what the rotors give and the limit is reported."""
+    of = plan("C1")
+    (group,) = of.controller.team.agent_groups
+    weak = dataclasses.replace(group, thrust_max=jnp.array([23.5, 50.0]))
+    of = with_pilot(of, team=dataclasses.replace(of.controller.team, agent_groups=(weak,)))
+    _, rows = flown(of)
+    assert rows.u[:, 0].max() == 23.5
+    assert rows.u[:, 1].max() > 23.5
+    np.testing.assert_array_equal(rows.thrust_saturated[:, 0], rows.u[:, 0] == 23.5)
+    assert rows.thrust_saturated[:, 0].any()
+    assert not rows.thrust_saturated[:, 1].any()
+
+
+def test_internal_forces_follow_their_pulse():
+    of = plan("C1")
+    of = paper_flights.with_internal(of, start=number(0.1), end=number(0.4), ramp=number(0.1))
+    internal = of.controller.allocator.internal
+    _, rows = flown(of)
+    height = base.smooth_pulse(jnp.asarray(rows.t), internal.start, internal.end, internal.ramp)
+    np.testing.assert_allclose(rows.eta, np.outer(height, internal.eta), atol=1e-12)
+    assert np.linalg.norm(rows.eta, axis=1).max() >= 1
+
+
+# Looking ahead --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.long
+def test_looking_ahead_a_team_without_unknowns_keeps_to_its_path():
+    """What the paper's attitude neglects, and the swing, is all that is left once nothing is unknown or noisy."""
+    of = exact(plan("C1"))
+    of = dataclasses.replace(
+        of, world=dataclasses.replace(of.world, team=of.controller.team, disturbance_scale=number(0.0))
+    )
+    ours, gains = of.controller.agent_controller, of.controller.payload_controller.gains
+    far = agent_controllers.PreviewThrustVectoringController(
+        gains=gains, yaw=ours.yaw, nominal_posture=ours.nominal_posture
+    )
+    flights = [
+        run_experiment(dataclasses.replace(x, duration=6.0))
+        for x in (of, with_pilot(of, agent_controller=far, preview_step=number(0.03)))
+    ]
+    late = [np.linalg.norm(flight.records.e_p[-1000:], axis=1).max() for flight in flights]
+    assert late[1] < late[0] / 5, late
+    assert not flights[1].records.thrust_saturated[500:].any()
+
+
+def test_a_realizer_that_needs_to_look_ahead_says_so():
+    of = plan("C1")
+    ours = of.controller.agent_controller
+    far = agent_controllers.PreviewThrustVectoringController(
+        gains=ours.gains, yaw=ours.yaw, nominal_posture=ours.nominal_posture
+    )
+    with pytest.raises(ValueError, match="requires a preview of the reference"):
+        run_experiment(dataclasses.replace(with_pilot(of, agent_controller=far), duration=0.01))

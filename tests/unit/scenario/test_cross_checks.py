@@ -1,0 +1,31 @@
+"""What settings are told that a run will take, against what it does take."""
+
+import re
+
+import numpy as np
+import pytest
+
+from colift import scenario
+from colift.closed_loop import signals
+from colift.scenario import priors, team
+from colift.scenario.cross_checks import log_size, model_outputs
+from tests.support.varied_scenarios import mixed
+
+
+@pytest.mark.parametrize("name", ["paper", "mixed"])
+def test_the_log_is_no_larger_than_the_settings_are_told(name):
+    s = mixed() if name == "mixed" else scenario.load_scenario(name)
+    agents, contacts = len(s.agents), len(team.contact_names(s))
+    joints = len(team.joint_names(s))
+    sizes = {"time": 1, "agents": agents, "joints": joints, "contacts": contacts, "eta": 3 * contacts - 6}
+    shapes = [re.findall(r"\w+", re.findall("'(.*)'", part)[0]) for part in signals.StepRecord.__annotations__.values()]
+    logged = sum(np.prod([sizes[word] if word in sizes else int(word) for word in shape]) for shape in shapes)
+    assert 0.8 * log_size(s.model_dump()) < logged <= log_size(s.model_dump())
+
+
+def test_the_models_have_as_many_outputs_as_the_settings():
+    """The models have as many outputs as the settings are told."""
+    s = mixed().model_copy(update={"learning": mixed().learning.model_copy(update={"max_samples": 3})})
+    oracle = priors.prior_model(s, team.team(s)[1])
+    W = [oracle.payload.inverse_cholesky, *(model.inverse_cholesky for model in oracle.agents)]
+    assert sum(matrices.size for matrices in W) == 3**2 * model_outputs(s.model_dump())

@@ -1,0 +1,133 @@
+"""Actuators: lag and delay in closed form, limits, and a mixer that keeps thrust before tilt before yaw."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.optimize import linprog
+
+from colift.models.actuator_lag import ActuatorLag
+from colift.models.state import AgentInput, ControlClock
+from colift.simulation import actuators
+
+DT = 0.002
+CLOCK = ControlClock(t=jnp.array(0.0), dt=jnp.array(DT))
+
+
+def command(u: float, tau: object = (0.0, 0.0, 0.0)) -> actuators.TeamInputs:
+    """The same of two agents; a joint follows the thrust."""
+    both = jnp.tile(jnp.array(tau, dtype=float), (2, 1))
+    return (AgentInput(u=jnp.full(2, u, dtype=float), tau=both, tau_r=jnp.full((2, 1), u, dtype=float)),)
+
+
+def free() -> actuators.BoxLimits:
+    return actuators.BoxLimits(thrust_max=jnp.full(2, 1e3), torque_max=jnp.full(2, jnp.inf))
+
+
+def played(of: actuators.IdealActuators, commands: list[actuators.TeamInputs]) -> list[AgentInput]:
+    """What acts, tick by tick, after the first command has acted for ever."""
+    memory, out = of.init(commands[0]), []
+    for each in commands:
+        (acting,), memory = of(each, memory, CLOCK)
+        out.append(acting)
+    return out
+
+
+def test_ideal_actuators_do_what_they_are_told():
+    for acting, (told,) in zip(
+        played(actuators.IdealActuators(), [command(3), command(5)]), [command(3), command(5)], strict=True
+    ):
+        jax.tree.map(np.testing.assert_array_equal, acting, told)
+
+
+@pytest.mark.parametrize("delay", [0, 1, 4])
+def test_a_step_arrives_after_the_delay_and_rises_as_a_first(delay):
+    """A step arrives after the delay and rises as a first order lag."""
+    hertz, ticks = 8.0, 40
+    motors = actuators.LaggedMotors(lag=ActuatorLag(bandwidth=jnp.array(hertz), delay=delay), limits=(free(),))
+    step = [command(10), *[command(20, (1.0, -2.0, 0.5))] * ticks]
+    for k, acting in enumerate(played(motors, step)):
+        risen = 1 - np.exp(-2 * np.pi * hertz * DT * max(0, k - delay))
+        np.testing.assert_allclose(acting.u, 10 + 10 * risen, rtol=1e-12)
+        np.testing.assert_allclose(acting.tau[0], risen * np.array([1.0, -2.0, 0.5]), atol=1e-12)
+        np.testing.assert_array_equal(acting.tau_r, step[k][0].tau_r)  # joints are not the motors'
+
+
+def test_a_box_limits_thrust_and_torque():
+    box = actuators.BoxLimits(thrust_max=jnp.array([5.0, 50.0]), torque_max=jnp.array([1.0, 0.1]))
+    u, tau = box(jnp.array([7.0, -1.0]), jnp.array([[2.0, -0.5, -3.0], [0.05, 0.2, -0.2]]))
+    np.testing.assert_array_equal(u, [5.0, 0.0])
+    np.testing.assert_allclose(tau, [[1.0, -0.5, -1.0], [0.05, 0.1, -0.1]])
+
+
+def ring(count: int, most: float = 5.0) -> actuators.RotorMixer:
+    return actuators.ring_mixer(count, arm=0.3, yaw=0.02, force_max=jnp.array([most]))
+
+
+wrenches = st.tuples(st.floats(-5, 40), *[st.floats(-3, 3)] * 2, st.floats(-0.6, 0.6)).map(np.array)
+
+
+@given(count=st.sampled_from([4, 6, 8]), asked=wrenches)
+def test_rotors_stay_within_their_limits_and_give_up_yaw_first(count, asked):
+    """Rotors stay within their limits and give up yaw first then tilt."""
+    of = ring(count)
+    u, tau = of(jnp.array(asked[:1]), jnp.array(asked[None, 1:]))
+    got = np.concatenate([np.asarray(u), np.asarray(tau)[0]])
+    B = np.asarray(of.effectiveness)
+    f = np.linalg.pinv(B) @ got
+    assert f.min() > -1e-9
+    assert f.max() < 5 + 1e-9
+    np.testing.assert_allclose(B @ f, got, atol=1e-9)
+    np.testing.assert_allclose(got[0], np.clip(asked[0], 0, 5 * count), atol=1e-9)  # thrust first
+    # tilt keeps its direction and its sign, and so does yaw; neither grows
+    tilt = np.linalg.norm(asked[1:3])
+    k = got[1:3] @ asked[1:3] / tilt**2 if tilt > 1e-9 else 1.0  # of less, any share is the same to 1e-9
+    np.testing.assert_allclose(got[1:3], k * asked[1:3], atol=1e-9)
+    slack = 1e-9 + 1e-14 / max(tilt, 1e-9)  # a torque is rounded to 1e-14 N m
+    assert -slack <= k <= 1 + slack
+    s = got[3] / asked[3] if abs(asked[3]) > 1e-6 else 1.0
+    assert -1e-6 <= s <= 1 + 1e-6
+    if k < 1 - 1e-6 and np.abs(asked[1:3]).max() > 1e-3:  # tilt was reduced: without yaw a rotor is at its limit
+        f = np.linalg.pinv(B) @ np.array([*got[:3], 0.0])
+        assert min(f.min(), 5 - f.max()) < 1e-6
+
+
+@given(asked=wrenches)
+def test_of_four_rotors_tilt_and_yaw_are_the_most_that_can(asked):
+    """Against a linear program: first the largest share of the tilt at that thrust, then the largest of the yaw."""
+    of = ring(4)
+    _, tau = of(jnp.array(asked[:1]), jnp.array(asked[None, 1:]))
+    thrust = np.clip(asked[0], 0, 20)
+    tilt, yaw = np.array([0, *asked[1:3], 0]), np.array([0, 0, 0, asked[3]])
+    f_tilt, f_yaw = (np.asarray(of.mixer) @ part for part in (tilt, yaw))
+
+    def most(base: np.ndarray, share: np.ndarray) -> float:
+        A = np.concatenate([share, -share])[:, None]
+        return linprog([-1.0], A_ub=A, b_ub=np.concatenate([5 - base, base]) + 1e-12, bounds=[(0, 1)]).x[0]
+
+    base = np.full(4, thrust / 4)
+    k = most(base, f_tilt)
+    s = most(base + k * f_tilt, f_yaw)
+    np.testing.assert_allclose(np.asarray(tau)[0, :2], k * asked[1:3], atol=1e-6)
+    np.testing.assert_allclose(np.asarray(tau)[0, 2], s * asked[3], atol=1e-6)
+
+
+@given(count=st.sampled_from([4, 6]), asked=wrenches)
+def test_what_the_rotors_can_give_they_give(count, asked):
+    of = ring(count)
+    f = np.asarray(of.mixer) @ asked
+    if f.min() >= 0 and f.max() <= 5:
+        base = np.asarray(of.mixer)[:, :3] @ asked[:3]
+        u, tau = of(jnp.array(asked[:1]), jnp.array(asked[None, 1:]))
+        if base.min() >= 0 and base.max() <= 5:  # thrust and tilt alone are within the limits as well
+            np.testing.assert_allclose(np.concatenate([u, np.asarray(tau)[0]]), asked, atol=1e-9)
+
+
+@pytest.mark.parametrize("count", [2, 3, 5])
+def test_rings_that_cannot_turn_about_every_axis_are_refused(count):
+    with pytest.raises(ValueError, match="must be even and at least 4"):
+        actuators.ring_mixer(count, 0.3, 0.02, jnp.array([5.0]))

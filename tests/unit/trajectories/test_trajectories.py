@@ -1,0 +1,193 @@
+"""The reference: exact derivatives, a start at rest, smooth flanks."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from colift.math import so3
+from colift.trajectories import base, departure, lissajous, minimum_snap
+
+at = jax.jit(lambda path, t: path.evaluate(t))
+pulse = jax.jit(base.smooth_pulse)
+
+
+def random_path(seed: int) -> lissajous.Lissajous:
+    """A path with random numbers, ramped up in one to four seconds."""
+    rng = np.random.default_rng(seed)
+    return lissajous.Lissajous(
+        center=jnp.array(rng.normal(size=3)),
+        amplitude=jnp.array(rng.normal(size=3)),
+        period=jnp.array(rng.uniform(3, 8, 3)),
+        phase=jnp.array(rng.uniform(-3, 3, 3)),
+        ramp_time=jnp.array(rng.uniform(1, 4)),
+        R=jnp.eye(3),
+        rotation_amplitude=jnp.zeros(3),
+        rotation_period=jnp.array(rng.uniform(3, 8, 3)),
+        rotation_phase=jnp.array(rng.uniform(-3, 3, 3)),
+    )
+
+
+def swinging(seed: int) -> lissajous.Lissajous:
+    """The same, and the attitude swings."""
+    rng = np.random.default_rng(seed)
+    turned = so3.exp(jnp.array(rng.normal(size=3)))
+    return dataclasses.replace(random_path(seed), R=turned, rotation_amplitude=jnp.array(rng.uniform(-1, 1, 3)))
+
+
+def legs(seed: int) -> tuple[minimum_snap.MinimumSnapTrajectory, np.ndarray, np.ndarray]:
+    """A path through random poses, the times and the poses."""
+    rng = np.random.default_rng(seed)
+    t = np.cumsum(rng.uniform(0.3, 2, rng.integers(2, 6)))
+    p, theta = rng.normal(size=(len(t), 3)), 0.5 * rng.normal(size=(len(t), 3))
+    return minimum_snap.minimum_snap(t, p, theta), t, np.concatenate([p, theta], axis=1)
+
+
+def values(path: lissajous.Lissajous, t: float) -> np.ndarray:
+    """Position, velocity, acceleration and jerk by row."""
+    d = at(path, jnp.array(t))
+    return np.stack([d.p, d.v, d.a, d.j])
+
+
+@given(seed=st.integers(0, 10**6), t=st.floats(0.01, 12))
+def test_each_derivative_is_the_rate_of_the_one_before(seed, t):
+    path, h = random_path(seed), 1e-3
+    # five points: the error is h^4 / 30 times a fifth derivative of a few hundred at most, and rounding / h
+    f = {k: values(path, t + k * h) for k in (-2, -1, 1, 2)}
+    rate = (f[-2] - 8 * f[-1] + 8 * f[1] - f[2]) / (12 * h)
+    kinks = [abs(t - float(path.ramp_time)), t]  # at both ends of the ramp the jerk is continuous, its rate is not
+    if min(kinks) > 3 * h:
+        np.testing.assert_allclose(values(path, t)[1:], rate[:-1], atol=1e-7)
+
+
+@pytest.mark.parametrize("path", [swinging(1), swinging(2), legs(3)[0], legs(4)[0]])
+def test_the_attitude_turns_at_the_body_rate_that_is_said(path):
+    """`R' = R hat(omega)`, `omega' = omega_dot`, by differences of order 4; rotations in SciPy."""
+    h = 1e-3
+    for t in np.linspace(0.6, 1.4, 5):
+        near = {k: at(path, jnp.array(t + k * h)) for k in (-2, -1, 0, 1, 2)}
+        turns = {k: Rotation.from_matrix(near[0].R.T @ d.R).as_rotvec() for k, d in near.items()}
+        now = near[0]
+        rate = (turns[-2] - 8 * turns[-1] + 8 * turns[1] - turns[2]) / (12 * h)
+        np.testing.assert_allclose(now.omega, rate, atol=1e-7)
+        omega = {k: np.asarray(d.omega) for k, d in near.items()}
+        np.testing.assert_allclose(
+            now.omega_dot, (omega[-2] - 8 * omega[-1] + 8 * omega[1] - omega[2]) / (12 * h), atol=1e-6
+        )
+        np.testing.assert_allclose(now.R.T @ now.R, np.eye(3), atol=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_waypoints_are_met_at_their_times_from_rest_to_rest(seed):
+    path, t, poses = legs(seed)
+    for k, (when, pose) in enumerate(zip(t, poses, strict=True)):
+        d = at(path, jnp.array(when))
+        np.testing.assert_allclose(d.p, pose[:3], atol=1e-9)
+        np.testing.assert_allclose(d.R, Rotation.from_rotvec(pose[3:]).as_matrix(), atol=1e-9)
+        if k in (0, len(t) - 1):
+            for still in (d.v, d.a, d.j, d.omega, d.omega_dot):
+                np.testing.assert_allclose(still, 0, atol=1e-6)
+    for outside, pose in ((t[0] - 1, poses[0]), (t[-1] + 1, poses[-1])):
+        d = at(path, jnp.array(outside))
+        np.testing.assert_allclose(d.p, pose[:3], atol=1e-9)
+        np.testing.assert_allclose(d.v, 0, atol=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_no_other_curve_through_the_poses_has_less_snap(seed):
+    """The snap is orthogonal to that of every curve that is zero at the poses and at rest at both ends: Gauss' rule."""
+    path, t, _ = legs(seed)
+    rng = np.random.default_rng(seed)
+    knots, c = np.asarray(path.knots), np.asarray(path.coefficients)
+    nodes, weights = np.polynomial.legendre.leggauss(12)
+    roots = np.repeat(t, np.where(np.isin(t, t[[0, -1]]), 4, 1))  # four times at the ends: three derivatives vanish
+    bump = np.polynomial.Polynomial.fromroots(roots) * np.polynomial.Polynomial(rng.normal(size=3))
+    product, sizes = np.zeros(6), np.zeros(6)
+    for i in range(len(c)):
+        s = (nodes + 1) / 2 * (knots[i + 1] - knots[i])
+        snap = np.stack([np.polynomial.Polynomial(column).deriv(4)(s) for column in c[i].T])
+        other = bump.deriv(4)(knots[i] + s)
+        each = (snap * other) * weights * (knots[i + 1] - knots[i]) / 2
+        product, sizes = product + each.sum(1), sizes + np.abs(each).sum(1)
+    np.testing.assert_allclose(product / sizes, 0, atol=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("t", "said"), [([1.0], "at least two"), ([0.0, 2.0, 1.0], "must ascend"), ([0.0, 1.0, 1.0], "must ascend")]
+)
+def test_times_that_no_path_can_have_are_refused(t, said):
+    with pytest.raises(ValueError, match=said):
+        minimum_snap.minimum_snap(np.array(t), np.zeros((len(t), 3)), np.zeros((len(t), 3)))
+
+
+@given(seed=st.integers(0, 10**6))
+def test_the_reference_starts_at_rest_in_its_center(seed):
+    """The reference starts at rest in its center at its attitude."""
+    path = random_path(seed)
+    np.testing.assert_allclose(values(path, 0.0), [path.center, *np.zeros((3, 3))], atol=1e-12)
+    d = at(path, jnp.array(1.7))
+    np.testing.assert_array_equal(d.R, path.R)
+    assert not np.any(d.omega)
+    assert not np.any(d.omega_dot)
+
+
+def test_a_path_that_leaves_is_the_same_until_then_and_smooth():
+    path = dataclasses.replace(swinging(3), ramp_time=jnp.array(1.0))
+    shift, swing = jnp.array([1.0, -2.0, 0.5]), jnp.array([0.1, 0.2, -0.1])
+    numbers = {"start": 2.0, "ramp_time": 1.5, "rotation_start": 5.0, "rotation_period": 3.0}
+    off = departure.PathDeparture(
+        base=path, offset=shift, rotation_amplitude=swing, **{k: jnp.array(x) for k, x in numbers.items()}
+    )
+    for t in (0.5, 2.0):
+        jax.tree.map(
+            lambda a, b: np.testing.assert_allclose(a, b, atol=1e-12), at(off, jnp.array(t)), at(path, jnp.array(t))
+        )
+    left, was = at(off, jnp.array(4.0)), at(path, jnp.array(4.0))
+    np.testing.assert_allclose(left.p - was.p, shift, atol=1e-12)
+    np.testing.assert_allclose(left.v, was.v, atol=1e-9)
+    h = 1e-4
+    for t in (2.7, 6.1):
+        before, now, after = (at(off, jnp.array(t + k * h)) for k in (-1, 0, 1))
+        np.testing.assert_allclose((after.p - before.p) / (2 * h), now.v, atol=1e-5)
+        np.testing.assert_allclose((after.omega - before.omega) / (2 * h), now.omega_dot, atol=1e-5)
+        rate = Rotation.from_matrix(np.asarray(before.R).T @ np.asarray(after.R)).as_rotvec() / (2 * h)
+        np.testing.assert_allclose(rate, now.omega, atol=1e-5)
+
+
+def test_after_the_ramp_it_is_the_lissajous_figure():
+    path, t = random_path(3), 5.0
+    wave = 2 * np.pi * t / np.asarray(path.period) + np.asarray(path.phase)
+    rate = 2 * np.pi / np.asarray(path.period)
+    size = np.asarray(path.amplitude)
+    expected = [path.center + size * np.sin(wave), size * rate * np.cos(wave), -size * rate**2 * np.sin(wave)]
+    np.testing.assert_allclose(values(path, t)[:3], expected, atol=1e-12)
+
+
+def test_the_smooth_step_has_three_vanishing_derivatives_at_both():
+    """The smooth step has three vanishing derivatives at both ends."""
+    d = base.smooth_step
+    for order in range(4):
+        expected = [0.0, 0.0, 1.0, 1.0] if order == 0 else [0.0] * 4
+        inside = [jnp.array(s) for s in (-0.3, 1e-12, 1 - 1e-12, 1.4)]
+        np.testing.assert_allclose([d(s) for s in inside], expected, atol=1e-7)
+        d = jax.grad(d)
+
+
+@given(a=st.floats(-0.5, 1.5), b=st.floats(-0.5, 1.5))
+def test_the_smooth_step_rises_and_is_symmetric(a, b):
+    low, high = (float(base.smooth_step(jnp.array(s))) for s in sorted((a, b)))
+    assert low <= high + 1e-15
+    mirrored = float(base.smooth_step(jnp.array(1 - a)))
+    assert mirrored + float(base.smooth_step(jnp.array(a))) == pytest.approx(1, abs=1e-12)
+
+
+def test_a_pulse_is_zero_outside_one_inside_and_half():
+    """A pulse is zero outside one inside and half in the middle of its flanks."""
+    t = jnp.array([0.0, 7.999, 8.0, 8.25, 8.5, 11.0, 13.5, 13.75, 14.0, 20.0])
+    height = pulse(t, jnp.array(8.0), jnp.array(14.0), jnp.array(0.5))
+    np.testing.assert_allclose(height, [0, 0, 0, 0.5, 1, 1, 1, 0.5, 0, 0], atol=1e-12)

@@ -1,0 +1,140 @@
+"""A flight that is watched: on this computer alone, each frame once and as it is logged, to the end."""
+
+from __future__ import annotations
+
+import base64
+import contextlib
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import urllib.error
+import urllib.request
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+from colift.scenario import experiment, team
+from colift.visualization import live_view, scene
+from tests.support import browser
+from tests.support import playback_logs as played
+from tests.support import small_team as light
+
+CASE = "C3"
+
+
+@pytest.fixture(scope="module")
+def watched() -> Iterator[dict[str, Any]]:
+    """A flight that has ended, whose stream was read while it flew, and whose page is still there."""
+    told = played.told()
+    seen: dict[str, Any] = {}
+
+    def read() -> None:
+        with urllib.request.urlopen(seen["address"] + "events", timeout=300) as stream:
+            seen["kind"], seen["stream"] = stream.headers["Content-Type"], stream.read().decode()
+
+    reader = threading.Thread(target=read)
+
+    def ready(address: str) -> None:
+        seen["address"] = address
+        reader.start()
+
+    with live_view.serve_live_flight(
+        told, experiment.make_experiment(told, CASE), CASE, "as in the tests", ready
+    ) as flight:
+        reader.join(60)
+        yield seen | {"flight": flight}
+
+
+def events(stream: str) -> list[dict[str, Any]]:
+    *messages, last, after = stream.split("\n\n")
+    assert (last, after) == ("event: end\ndata: {}", "")
+    assert all(each.startswith("data: ") for each in messages)
+    return [json.loads(each.removeprefix("data: ")) for each in messages]
+
+
+def numbers(packed: dict[str, Any]) -> np.ndarray:
+    return np.frombuffer(base64.b64decode(packed["float32"]), dtype="<f4").reshape(packed["shape"])
+
+
+@pytest.mark.long
+def test_the_stream_holds_every_frame_once_as_the_log_does(watched):
+    told, said = played.told(), events(watched["stream"])
+    assert watched["kind"] == "text/event-stream"
+    assert len(said) >= 4  # a chunk each, cut by the update, and the end
+    assert [each["from"] for each in said] == [0, *(each["known"] for each in said[:-1])]
+    flight = watched["flight"]
+    ds = played.labelled(flight.records, flight.uncertainty, told, update_times_s=[0.8], case=CASE)
+    expected = scene.frames(ds, team.team(told)[0]) | scene.plot_signals(ds)
+    for name in said[0]["tracks"]:
+        track = np.concatenate([numbers(each["tracks"][name]) for each in said if each["tracks"]])
+        np.testing.assert_array_equal(track, expected[name].astype("<f4"), err_msg=name)
+    assert said[-1]["marks"] == scene.event_markers(ds)
+    np.testing.assert_array_equal(numbers(said[-1]["sigma"]), expected["sigma"].astype("<f4"))
+    assert [each["marks"]["updates"] for each in said[:2]] == [[], [0.8]]
+
+
+def test_it_answers_on_this_computer_alone(watched):
+    port = int(watched["address"].rstrip("/").rpartition(":")[2])
+    assert watched["address"] == f"http://127.0.0.1:{port}/"
+    listening = []
+    for table, here in (("tcp", "0100007F"), ("tcp6", None)):
+        with contextlib.suppress(FileNotFoundError), open(f"/proc/net/{table}") as lines:  # noqa: PTH123
+            listening += [line.split()[1] for line in lines if f":{port:04X} " in line and line.split()[3] == "0A"]
+            assert here is None or listening == [f"{here}:{port:04X}"]
+    with pytest.raises(OSError, match=r"refused|unreachable|assign"):
+        socket.create_connection((_other_address(), port), timeout=5).close()
+
+
+def _other_address() -> str:
+    """This computer by another name than localhost: every address of 127/8 is its own on Linux."""
+    return "127.0.0.2" if sys.platform == "linux" else "::1"
+
+
+@pytest.mark.parametrize(("path", "host", "status"), [("", "evil.example", 403), ("secrets", None, 404)])
+def test_other_paths_and_other_names_of_this_computer(watched, path, host, status):
+    """Other paths and other names of this computer are refused."""
+    asked = urllib.request.Request(watched["address"] + path, headers={"Host": host} if host else {})
+    with pytest.raises(urllib.error.HTTPError) as refused:
+        urllib.request.urlopen(asked, timeout=10)
+    assert refused.value.code == status
+    refused.value.close()
+
+
+@pytest.mark.skipif(browser.FOUND is None, reason="there is no Chromium")
+def test_the_page_shows_what_came_and_asks_nobody_else(watched, tmp_path):
+    with browser.page(tmp_path) as page:
+        page.visit(watched["address"])
+        page.wait("!state().running")
+        state = page.evaluate("state()")
+        rows = watched["flight"].records
+        assert (state["case"], state["end"]) == (CASE, pytest.approx(rows.t[-1], abs=1e-6))
+        page.evaluate("seek(1.0)")
+        np.testing.assert_allclose(page.evaluate("state().p"), rows.p[np.searchsorted(rows.t, 1.0 - 1e-9)], atol=1e-3)
+        assert page.complaints == []
+        assert set(page.requests) == {watched["address"], watched["address"] + "events"}
+
+
+@pytest.mark.long
+def test_ctrl_c_ends_the_command_and_its_page(tmp_path):
+    file = light.write(tmp_path / "short.yaml", learning=played.told().learning, duration_s=1.5)
+    command = [sys.executable, "-m", "colift", "live", str(file), "--case", "C1"]
+    heeding = "signal.signal(signal.SIGINT, signal.default_int_handler)"  # ignored in a shell's background
+    reset = f"import os, signal, sys; {heeding}; os.execv(sys.argv[1], sys.argv[1:])"
+    command = [sys.executable, "-c", reset, *command]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=os.environ) as flying:
+        assert flying.stdout
+        address = flying.stdout.readline().split()[3]
+        assert flying.stdout.readline() == "the flight has ended\n"
+        with urllib.request.urlopen(address, timeout=30) as page:
+            assert "default-src 'none'" in page.read().decode()
+        flying.send_signal(signal.SIGINT)
+        _, said = flying.communicate(timeout=60)
+    assert (flying.returncode, said) == (130, "")
+    with pytest.raises(urllib.error.URLError):
+        urllib.request.urlopen(address, timeout=5)

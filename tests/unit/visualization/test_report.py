@@ -1,0 +1,204 @@
+"""The report: it says first what spoils a result, holds what the folder holds, and asks for nothing."""
+
+from __future__ import annotations
+
+import html
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+from PIL import Image
+from PIL.PngImagePlugin import PngInfo
+from typer.testing import CliRunner
+
+from colift import scenario
+from colift.cli.app import app
+from colift.closed_loop import log
+from colift.runtime import run_directory
+from colift.visualization import report
+from colift.workflows import study
+from tests.support import browser
+from tests.support import playback_logs as played
+from tests.support import random_logs as flights
+
+SUMMARY = {
+    "scenario": "sample",
+    "seed": 1,
+    "version": "0.1.0",
+    "settings": "abc",
+    "plant": "rigid",
+    "run": flights.RUN,
+    "command": "colift study 'my team.yaml' --seed 1",
+    "versions": {"python": "3.11.0", "jax": "0.10.1"},
+    "slowest_mode": {"stable": True, "says": "-0.9 rad/s", "rad_s": []},
+    "margins": {"delay_s": 0.014, "gain": [0.4, 1.5], "says": "delay margin 14 ms"},
+    "warnings": [],
+    "bound": {"assumed": []},
+}
+
+
+def merits(**changed: Any) -> dict[str, Any]:
+    """What a summary says of a case without fault."""
+    body = {"exceeded_share": {"force": 0.0, "moment": 0.0}}
+    keys = ("e_p_rms_m", "e_R_rms", "Psi_mean", "delta_W_force_rms_N", "delta_W_moment_rms_Nm", "e_lam_rms_N")
+    numbers = dict.fromkeys((*keys, "sigma_L_force_mean", "sigma_A_force_mean", "lam_max_N", "thrust_max_N"), 0.00123)
+    stated = {"complete": True, "termination_reason": "", "warnings": [], "saturated_ticks": 0}
+    return numbers | stated | {"bound": {"payload": body, "agents": [body]}} | changed
+
+
+@pytest.fixture
+def out(tmp_path: Path) -> Path:
+    """A folder as a study leaves it, of two short flights and one figure."""
+    for case, ds in played.flown().items():
+        log.save(ds, tmp_path / f"{case}.nc")
+    named = PngInfo()
+    named.add_text("Keywords", flights.RUN)
+    Image.new("RGB", (8, 8), "red").save(tmp_path / "figure_1_tracking.png", pnginfo=named)
+    written(tmp_path, {case: merits() for case in played.CASES})
+    return tmp_path
+
+
+def written(out: Path, cases: dict[str, Any], **changed: Any) -> None:
+    (out / "summary.json").write_text(json.dumps(SUMMARY | {"cases": cases} | changed))
+
+
+def made(out: Path) -> str:
+    said = CliRunner().invoke(app, ["report", str(out)], catch_exceptions=False)
+    assert (said.exit_code, said.stdout) == (0, f"the report is {out / 'report.html'}\n"), said.stderr
+    return (out / "report.html").read_text()
+
+
+def test_a_report_holds_what_was_run_table_figures_playback(out):
+    """A report holds what was run table figures playback and settings."""
+    text = made(out)
+    assert html.escape(SUMMARY["command"]) in text
+    assert run_directory.read_run_id(out / "report.html") == flights.RUN
+    assert "jax 0.10.1" in text
+    assert "No warnings: all cases are complete and within their limits." in text
+    titles = re.findall(r"<h2>(.*?)</h2>", text)
+    assert titles == ["Warnings", "Run", "Second half of the run", "Figures", "Playback", "Settings"]
+    assert "<td>C3</td><td>1.2</td>" in text  # mm
+    assert text.count("<img ") == 1
+    assert "Figure 1. Position error" in text
+    inside = re.search(r'srcdoc="(.*?)"', text, re.DOTALL)
+    assert inside
+    assert 'id="flights"' in html.unescape(inside[1])
+    settings = re.search(r"<pre>(.*?)</pre>", text, re.DOTALL)
+    assert settings
+    assert scenario.parse(html.unescape(settings[1]), "report") == played.told()
+    assert (out / "report.html") in run_directory.list_files(out, study.STUDY_FILES)  # the next study removes it
+
+
+def test_a_report_asks_for_nothing_and_no_name_of_a_scenario(out):
+    """A report asks for nothing and no name of a scenario ends it early."""
+    written(out, {"C1": merits()}, command="</td><script>alert(1)</script>")
+    text = made(out)
+    assert "<script>" not in text
+    assert "default-src 'none'" in text
+    assert not re.search(r"""(?:src|href)=["']?(?!["']?data:)\w""", re.sub(r'srcdoc=".*?"', "", text, flags=re.DOTALL))
+
+
+def test_warnings_come_first_and_what_spoils_a_result_before(out):
+    """Warnings come first and what spoils a result before the rest."""
+    broken = {"exceeded_share": {"force": 0.25, "moment": 0.0}}
+    fallen = merits(
+        complete=False, termination_reason="beyond limits", saturated_ticks=7, warnings=["the step is too long"]
+    )
+    fallen["bound"] = {"payload": broken, "agents": []}
+    written(out, {"C1": merits(), "C3": fallen}, warnings=["unstable at rest"], bound={"assumed": ["norm"]})
+    text = made(out)
+    listed = re.search(r'<ul id="warnings">(.*?)</ul>', text, re.DOTALL)
+    assert listed
+    assert re.findall(r"<li( class=bad)?>(.*?)</li>", listed[1]) == [
+        (" class=bad", "C3 is incomplete: beyond limits"),
+        ("", "unstable at rest"),
+        ("", "C3: the step is too long"),
+        ("", "C3: thrust reached its limit at 7 ticks (sum over the agents)"),
+        ("", "C3: a prediction error exceeds its bound (figure 5) 25.0% of the time"),
+        ("", "the error bounds of figure 5 require unproven assumptions: norm"),
+    ]
+
+
+def test_a_certificate_of_the_same_run(out):
+    """A certificate of the same run is in it and one of another is not."""
+    errors = ("e_p", "e_v", "e_R", "e_omega")
+    radii = {"run": dict.fromkeys(errors, 2e-3), "tube": dict.fromkeys(errors)}
+    radii |= {"tightness": {where: dict.fromkeys(errors, 1.5) for where in ("run", "tube")}}
+    certified = {
+        "scenario": "sample",
+        "seed": 1,
+        "run": flights.RUN,
+        "window_s": [0.5, 1.5],
+        "exceeded": [
+            {"flight": "this", "bound": "energy", "of": "run", "error": "e_p", "observed": 3e-3, "radius": 2e-3}
+        ],
+        "observed": dict.fromkeys(errors, 3e-3),
+        "floor": dict.fromkeys(errors, 1e-3),
+        "beyond_first_order": dict.fromkeys(errors, 1e-5),
+        "radii": {"energy": radii | {"assumed": ["first order"], "status": "assumed"}},
+        "left_out": {},
+        "no_tube": "contraction 2",
+    }
+    (out / "certificate.json").write_text(json.dumps(certified | {"run": "colift-run-ba9876543210"}))
+    assert "Certificate" not in made(out)
+    (out / "certificate.json").write_text(json.dumps(certified))
+    text = made(out)
+    assert "certificate: e_p is above a bound of energy: observed 0.003, bound 0.002" in text
+    assert "the certificate requires unproven assumptions: first order" in text
+    assert "<td>energy</td><td>this</td><td>2</td>" in text
+    assert "assumed: first order" in text
+
+
+def test_differences_are_those_to_the_shipped_scenario_as_set():
+    """Differences are those to the shipped scenario as set takes them."""
+    assert report.setting_differences(scenario.load_scenario("paper")) == []
+    changed = ("payload.mass_kg=2", "agents.0.yaw_deg=30", "control.preview_step_s=0.03")
+    found = report.setting_differences(scenario.load_scenario("paper", changed))
+    assert {(where, here) for where, _, here in found} == {
+        ("payload.mass_kg", "2.0"),
+        ("agents.0.yaw_deg", "30.0"),
+        ("control.preview_step_s", "0.03"),
+    }
+    again = scenario.load_scenario("paper", [f"{where}={here}" for where, _, here in found])
+    assert again == scenario.load_scenario("paper", changed)
+    assert {where: there for where, there, _ in found}["control.preview_step_s"] == "absent"
+    assert report.setting_differences(played.told()) is None  # not shipped
+
+
+@pytest.mark.parametrize(
+    ("spoil", "answer"),
+    [
+        (lambda out: (out / "summary.json").unlink(), "contains no summary.json; colift study writes it"),
+        (lambda out: [(out / f"{case}.nc").unlink() for case in played.CASES], "contains no log"),
+        (
+            lambda out: written(out, {}, run="colift-run-ba9876543210"),
+            "contains flights of colift-run-0123456789ab and a",
+        ),
+    ],
+)
+def test_a_folder_without_a_study_is_one_line_and_status_2(out, spoil, answer):
+    spoil(out)
+    said = CliRunner().invoke(app, ["report", str(out)])
+    assert (said.exit_code, said.stderr.count("\n")) == (2, 1)
+    assert answer in said.stderr
+    assert not (out / "report.html").exists()
+
+
+@pytest.mark.skipif(browser.FOUND is None, reason="there is no Chromium")
+@pytest.mark.parametrize("width", [1280, 400])
+def test_a_browser_shows_it_without_a_network_and_plays(out, width, tmp_path_factory):
+    """A browser shows it without a network and plays the flights inside."""
+    made(out)
+    with browser.page(tmp_path_factory.mktemp("profile")) as page:
+        page.open(out / "report.html", width, ready="document.querySelector('iframe').contentWindow.state")
+        assert page.evaluate("document.documentElement.scrollWidth") <= width  # a scroll bar may take some
+        inside = "document.querySelector('iframe').contentWindow"
+        page.evaluate(f"{inside}.seek(1.0)")
+        assert page.evaluate(f"{inside}.document.querySelector('#clock').textContent") == "1.00 s"
+        assert page.evaluate(f"{inside}.document.querySelectorAll('.uplot canvas').length") == 4
+        assert page.evaluate("document.querySelector('img').naturalWidth") == 8
+        assert page.complaints == []
+        assert {asked.split(":")[0] for asked in page.requests} <= {"file", "data"}
+        assert [asked for asked in page.requests if asked.startswith("file")] == [(out / "report.html").as_uri()]
