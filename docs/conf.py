@@ -31,6 +31,9 @@ python_maximum_signature_line_length = 88
 python_use_unqualified_type_names = True
 pygments_dark_style = "monokai"
 napoleon_google_docstring = True
+napoleon_use_ivar = True
+napoleon_attr_annotations = False
+suppress_warnings = ["ref.python"]  # axis names in shapes, such as `agents`, are not references
 default_role = "code"  # as in Markdown, `x` is code
 
 html_theme = "furo"

@@ -176,7 +176,8 @@ WITH_CODE = {str(page.relative_to(ROOT)): found for page in PAGES if (found := l
 
 
 @pytest.mark.parametrize("name", WITH_CODE)
-def test_the_code_of_a_page_runs(name: str, folder: Path) -> None:
+def test_the_code_of_a_page_runs(name: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("webbrowser.open", lambda _url: True)
     names: dict[str, Any] = {"__name__": name}
     for block in WITH_CODE[name]:
         try:
