@@ -103,8 +103,8 @@ def test_every_equation_leads_to_a_function_and_a_test(label, function, test):
 
 
 def called() -> set[str]:
-    """Names that the package's code refers to: as a name or an attribute, other than where they are defined."""
-    files = (ROOT / "src" / "colift").rglob("*.py")
+    """Names that package or tests refer to, as a name or an attribute, other than where they are defined."""
+    files = [path for folder in ("src", "tests") for path in (ROOT / folder).rglob("*.py")]
     nodes = [node for path in files for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))]
     names = {node.id for node in nodes if isinstance(node, ast.Name)}
     return names | {node.attr for node in nodes if isinstance(node, ast.Attribute)}
