@@ -333,7 +333,7 @@ def test_the_inputs_of_the_learned_maps_pass_the_labels_filter():
     felt = np.asarray(q_hat.a_L) - np.concatenate([team.gravity, np.zeros(3)])
     payload = jax.vmap(flatten_payload_state)(q_hat.payload, jnp.asarray(felt))
     agents = jax.vmap(jax.vmap(flatten_agent_state))(q_hat.agents[0])
-    for inputs, found in ((payload, memory.state.stage2), (agents, memory.agents[0].state.stage2)):
+    for inputs, found in ((payload, memory.inputs.stage2), (agents, memory.agents[0].inputs.stage2)):
         expected = low_pass(low_pass(np.asarray(inputs), 8.0, DT), 8.0, DT)
         scale = np.abs(inputs).max()
         np.testing.assert_allclose(found, expected, atol=1e-10 * scale)
@@ -350,7 +350,7 @@ def test_what_the_payload_needs_passes_a_copy_of_the_tips():
         team.payload, q_hat.a_L[:, :3] - team.gravity[None], q_hat.a_L[:, 3:], q_hat.payload.omega
     )
     expected = low_pass(np.concatenate([needed.F, needed.tau], axis=1), 50.0, DT)
-    np.testing.assert_allclose(memory.known, expected, atol=1e-10 * np.abs(expected).max())
+    np.testing.assert_allclose(memory.modelled_wrench, expected, atol=1e-10 * np.abs(expected).max())
 
 
 def labels(plan: flight.Experiment, dt: float) -> tuple[np.ndarray, np.ndarray]:
