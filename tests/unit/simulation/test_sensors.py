@@ -25,9 +25,9 @@ DEVIATIONS = {
     "position": 2e-3,
     "attitude": 3.5e-3,
     "velocity": 1e-2,
-    "body_rate": 1e-2,
+    "angular_velocity": 1e-2,
     "accelerometer": 5e-2,
-    "joint": 1.7e-3,
+    "joint_position": 1.7e-3,
     "tip_force": 0.1,
     "tip_force_bias": 0.05,
     "tip_force_bandwidth": 50.0,
@@ -109,9 +109,9 @@ def test_noise_has_the_stated_deviation_and_no_mean():
     pairs = [
         *(("position", *(getattr(m, name) for m in of)) for of, name in ((agents, "x"), (load, "p"))),
         *(("velocity", *(m.v for m in of)) for of in (agents, load)),
-        *(("body_rate", *(m.omega for m in of)) for of in (agents, load)),
+        *(("angular_velocity", *(m.omega for m in of)) for of in (agents, load)),
         *(("accelerometer", *(m.a for m in of)) for of in (agents, load)),
-        ("joint", *(m.r for m in agents)),
+        ("joint_position", *(m.r for m in agents)),
         ("tip_force", *(m.lam for m in agents)),
     ]
     for name, of_all, of_one in pairs:
@@ -191,7 +191,7 @@ def test_an_accelerometer_reads_the_rate_of_its_velocity_less():
         strict=True,
     ):
         rate = (np.asarray(ahead.v) - np.asarray(behind.v)) / (2 * h)
-        np.testing.assert_allclose(now.acceleration, np.asarray(now.R).T @ (rate - np.asarray(team.gravity)), atol=1e-4)
+        np.testing.assert_allclose(now.a, np.asarray(now.R).T @ (rate - np.asarray(team.gravity)), atol=1e-4)
 
 
 def test_noise_depends_on_the_key_and_the_structure_alone():
@@ -262,7 +262,10 @@ def streamed(of: sensors_module.SensorModel, ticks: int = 400, seed: int = 0) ->
 def intermittent(
     of: tuple[str, ...], every: float = 0.002, loss: float = 0.0, until: float = np.inf, delay: int = 0
 ) -> sensors_module.Intermittent:
-    numbers = {name: jnp.array(x) for name, x in {"every": every, "loss": loss, "until": until}.items()}
+    numbers = {
+        name: jnp.array(x)
+        for name, x in {"sample_period": every, "dropout_probability": loss, "failure_time": until}.items()
+    }
     return sensors_module.Intermittent(channels=of, delay=delay, **numbers)
 
 
