@@ -99,7 +99,7 @@ def main(arguments: list[str]) -> int:
         print(f"== {name}: {title(name)}", flush=True)
         start = time.perf_counter()
         outcome = importlib.import_module(f"benchmarks.{name}").run(options.seconds)
-        for sentence in outcome.unavailable_bounds:
+        for sentence in outcome.left_out:
             print(f"left out: {sentence}")
         for sentence, met in outcome.targets.items():
             print("met   " if met else "MISSED", sentence)

@@ -42,10 +42,10 @@ def operations(f: Callable[..., Any], *args: Any) -> Counter[str]:
     nodes = [g.array(v.size, "in", k).reshape(v.shape) for k, v in enumerate(jaxpr.in_avals)]
     outputs = [x.ravel() for x in interpret(g, jaxpr.jaxpr, jaxpr.consts, nodes)]
     function = Function(inputs=tuple(v.size for v in jaxpr.in_avals), graph=g, outputs=outputs)
-    return _count(function, liveness.live(function, liveness.all_of(outputs)))
+    return _count(function, liveness.analyze_liveness(function, liveness.all_elements(outputs)))
 
 
-def _count(function: Function, need: liveness.Live) -> Counter[str]:
+def _count(function: Function, need: liveness.Liveness) -> Counter[str]:
     g = function.graph
     live = [g.code[node] for node in np.flatnonzero(need.nodes).tolist() if node in g.code]
     found = Counter(op for op, *_ in live if op in ARITHMETIC)
