@@ -48,13 +48,13 @@ class Replayed:
     def team(self) -> Team:
         return self.world.team
 
-    def rest(self, z: State) -> Measurement:
-        return self.world.measure_at_rest(z)
+    def measure_at_rest(self, state: State) -> Measurement:
+        return self.world.measure_at_rest(state)
 
-    def begin(self, z: State, command: Any) -> Any:
-        return self.world.init(z, command)
+    def init(self, state: State, command: Any) -> Any:
+        return self.world.init(state, command)
 
-    def sense(self, state: Any, clock: ControlClock, noise: Any) -> tuple[Measurement, Any]:
+    def measure(self, state: Any, clock: ControlClock, noise: Any) -> tuple[Measurement, Any]:
         drawn, kept, replay = noise
         live, state = self.world.measure(state, clock, drawn)
         played = jax.tree.map(lambda old, new: jnp.where(replay, old, new), kept, live)
@@ -158,7 +158,7 @@ def test_the_ways_around_the_sensors_that_a_study_may_open_would(fly_on):
 
 
 def test_no_case_of_the_paper_has_a_sensor_that_knows_the_truth():
-    """`Measurement.rig` and `fly.Known` are the ways around the sensors: only O knows."""
+    """`Measurement.rig` and `residual_predictors.TrueResidual` are the ways around the sensors: only O knows."""
     for case in ("C1", "C2", "C3"):
         m = plan(case).world.measure_at_rest(plan(case).initial_state)
         assert m.rig is None
