@@ -117,7 +117,7 @@ def test_the_text_keeps_comments_where_it_says_the_same():
     written = template.scenario_template("mine", 3, 0)
     tuned = gain_tuning.scale_gains(scenario.parse(written, "mine.yaml"), np.full(6, 0.1))
     text = gain_tuning.to_yaml(tuned, written, "mine.yaml")
-    assert "# A scenario to begin with" in text
+    assert "# Written by `colift init`." in text
     assert "K_p: 6.11" in text
     assert scenario.parse(text, "mine.yaml") == tuned
     other = tuned.model_copy(update={"seed": 7})  # as by --set: the text would say otherwise

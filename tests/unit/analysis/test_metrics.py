@@ -226,7 +226,7 @@ def test_bounded_counts_errors_above_their_radii_body_by_body(shape):
         assert of["tightness_median"] == pytest.approx(np.median(ratios))
     assert found["payload"]["beta"] == [0, 1, 2, 3, 4, 5]
     assert [len(of["beta"]) for of in found["agents"]] == [
-        6 + joints for n, joints, _ in shape.agent_groups for _ in range(n)
+        6 + joints for n, joints, _ in shape.groups for _ in range(n)
     ]
 
 
@@ -294,6 +294,6 @@ def test_a_step_that_is_too_long_is_said_with_when_and_how_much():
     fine[[100, 150, 200]] = 2e-9, 3e-7, 4e-8
     said = metrics.warn_step_size(with_rows(rows, Phi_dot=fine))
     assert "from t = 0.200 s" in said
-    assert "3e-07 m/s at t = 0.300 s" in said
+    assert "up to 3e-07 m/s, at t = 0.300 s" in said
     found = metrics.summary(flight(8, Phi_dot=fine), TRUTH, NOMINAL)
     assert found["warnings"] == [said]

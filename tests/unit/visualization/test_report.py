@@ -132,7 +132,7 @@ def test_a_certificate_of_the_same_run(out):
         "run": flights.RUN,
         "window_s": [0.5, 1.5],
         "exceeded": [
-            {"flight": "this", "bound": "energy", "of": "run", "error": "e_p", "observed": 3e-3, "radius": 2e-3}
+            {"flight": "this", "bound": "energy", "kind": "run", "error": "e_p", "observed": 3e-3, "radius": 2e-3}
         ],
         "observed": dict.fromkeys(errors, 3e-3),
         "floor": dict.fromkeys(errors, 1e-3),
