@@ -28,7 +28,7 @@ from colift.runtime import signals
 
 LOCK_FILE = ".colift.lock"
 """Name of the lock file in a run directory."""
-RUN_ID_PATTERN = re.compile(rb"colift-run-([0-9a-f]{12})(?![0-9a-f])")
+RUN_ID_PATTERN = re.compile(rb"colift-run-([0-9a-f]{12})")
 """Identifier of a run as it appears in files."""
 
 
