@@ -22,7 +22,7 @@ from evidence import collect, orderings
 from evidence.targets import Target, missed
 
 LOST = "sensors.models=[{{kind: intermittent, channels: [agents.lam], rate_Hz: 500, failure_time_s: {}}}]"
-TURN = "disturbances.{}.turn={{change_deg: 180, start_s: 13}}"
+TURN = "disturbances.{}.direction_change={{change_deg: 180, start_s: 13}}"
 WIND = (TURN.format("load_wind"), TURN.format("agent_wind"))
 AHEAD = "control.preview_step_s=0.03"
 MOTORS = (
@@ -37,7 +37,7 @@ LAPS = (  # of 24 s, which a budget of samples does not cover
 )
 INTO = (  # the loop lies beside the jets until 14 s, among them from 17 s on
     "reference.center_m=[-3, 0, 2]",
-    "reference.departure={tip_position_m: [3, 0, 0], start_s: 14, ramp_time_s: 3}",
+    "reference.departure={offset_m: [3, 0, 0], start_s: 14, ramp_time_s: 3}",
     "duration_s=60",
 )
 

@@ -41,7 +41,7 @@ from colift.onboard.learning.online_learner import OnlineLearner
 from colift.scenario import Scenario, controllers, experiment, priors
 from evidence import collect
 
-WIND = "disturbances.{}.mean_mps=[-0.8, 1.6, 0]"
+WIND = "disturbances.{}.mean_wind_mps=[-0.8, 1.6, 0]"
 HEAVIER = ("payload.mass_kg=1.8", "payload.inertia_kgm2=[0.048, 0.18, 0.216]")
 CONDITIONS: dict[str, tuple[str, ...]] = {
     "home": (),

@@ -163,7 +163,7 @@ def do(block: Block, page: Path, folder: Path, names: dict[str, Any]) -> None:
                 (folder / f"{file[1]}.py").write_text(block.text)
                 importlib.import_module(file[1])
             else:
-                exec(compile("\n" * block.line + block.text, str(page), "exec"), names)
+                exec(compile("\n" * block.line + block.text, str(page), "exec", dont_inherit=True), names)
         case "yaml":
             with (folder / "fragment.yaml").open("w") as opened:
                 YAML(typ="safe").dump(merged(block.text), opened)

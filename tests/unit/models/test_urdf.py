@@ -438,7 +438,7 @@ WRONG_ENTRY = [
         "nominal_position_m: {left: 1}",
         "'left' is not a joint that slides (there are none)",
     ),
-    ("thrust_max_N: 50", "thrust_max_N: 0", "two_arms.thrust_max_N [N]: must be from 1e-5 to 1e6 (what lifts"),
+    ("thrust_max_N: 50", "thrust_max_N: 0", "two_arms.thrust_max_N [N]: must be from 1e-5 to 1e6 (the weight"),
     ("    thrust_max_N: 50\n", "", "two_arms.thrust_max_N [N]: is required"),
     ("thrust_max_N: 50", "thrust_mx_N: 50", "is not a setting here; did you mean 'thrust_max_N'?"),
     (
