@@ -104,7 +104,7 @@ def _claims() -> Iterator[tuple[str, str, str, str, str, str]]:
 
 
 def _bounds() -> Iterator[tuple[str, str, str, str, str, str]]:
-    """As `_claims`, of error bounds."""
+    """Return the claims on error bounds, in the form of `_claims`."""
     metric, page = "position error bound over observed error, median", "certificate"
     for method in METHODS:
         yield "rivals", page, f"error bound by {METHODS[method]}", metric, _bound(method), _rivals()
@@ -118,7 +118,7 @@ def _bounds() -> Iterator[tuple[str, str, str, str, str, str]]:
 
 
 def _simulation() -> Iterator[tuple[str, str, str, str, str, str]]:
-    """As `_claims`, of the plant and of generated code."""
+    """Return the claims on the plant and on generated code, in the form of `_claims`."""
     row = items("plant")["summary"]["table"]["agreement"]
     metric, n = "largest relative error", f"{row['count']} teams"
     yield "plant", "plant", "plant against Pinocchio", metric, number(row["worst"]), n

@@ -12,7 +12,7 @@ Example:
 from __future__ import annotations
 
 import io
-from collections.abc import Iterable, Mapping, MutableMapping
+from collections.abc import Mapping, MutableMapping
 from typing import Any
 
 from ruamel.yaml import YAML
@@ -432,7 +432,6 @@ def _rename_keys(mapping: MutableMapping[str, Any], renamed: Mapping[str, str]) 
                 if comment is not None:
                     mapping.ca.items[renamed[key]] = comment
         return
-    entries: Iterable[tuple[str, Any]] = [(renamed.get(key, key), mapping[key]) for key in keys]
-    entries = list(entries)
+    entries = {renamed.get(key, key): mapping[key] for key in keys}
     mapping.clear()
     mapping.update(entries)

