@@ -73,7 +73,6 @@ def drawn(monkeypatch) -> list[str]:
 
 
 def test_a_certificate_is_saved_whole_and_told_in_a_table(tmp_path, capsys, save):
-    (tmp_path / "summary.json").write_text(run_directory.run_id("0.1.0", "another"))
     told = save(made(), made())
     assert {run_directory.read_run_id(path) for path in tmp_path.iterdir()} == {told["run"]}
     assert json.loads((tmp_path / "certificate.json").read_text()) == told

@@ -351,8 +351,8 @@ def test_every_file_names_the_run_and_is_known_to_be_a_study_s(flown: Path):
     settings = scenario.load_scenario(str(flown.parent / "short.yaml"))
     with study.open_run_directory(settings.model_copy(update={"seed": 7}), flown) as out:
         assert out.run_id == run
-    with study.open_run_directory(settings, flown) as out:
-        assert out.run_id != run
+    with pytest.raises(OSError, match="contains results of another run"), study.open_run_directory(settings, flown):
+        pass
     assert {run_directory.read_run_id(file) for file in flown.iterdir()} == {run}
 
 
@@ -410,6 +410,50 @@ def test_a_study_can_be_played(flown: Path, tmp_path: Path):
     assert log.load(flown / "C1.nc").attrs["scenario_json"].startswith('{"name":"sample"')
 
 
+def test_a_second_study_keeps_the_cases_of_the_first(flown: Path, tmp_path: Path):
+    """A study of a further case adds it to logs, figures and summary; pages of the first study are removed."""
+    out, path = tmp_path / "out", flown.parent / "short.yaml"
+    shutil.copytree(flown, out)
+    (out / "report.html").write_text(json.loads((out / "summary.json").read_text())["run"])
+    first = json.loads((out / "summary.json").read_text())
+    status, said = invoke("study", str(path), "--case", "integral", "--seed", "7", "--out", str(out), "-q")
+    assert (status, said) == (0, "")
+    second = json.loads((out / "summary.json").read_text())
+    assert list(second["cases"]) == ["C1", "C2", "C3", "integral", "disturbance_observer", "parametric"]
+    assert {case: second["cases"][case] for case in first["cases"]} == first["cases"]
+    assert (out / "C1.nc").read_bytes() == (flown / "C1.nc").read_bytes()
+    assert not (out / "report.html").exists()
+    before = {file.name: file.read_bytes() for file in out.iterdir()}
+    status, said = invoke("study", str(path), "--case", "C1", "--seed", "8", "--out", str(out))
+    assert (status, said.count("\n")) == (2, 1)
+    assert "contains results of another run (sample, seed 7, colift " in said
+    assert {file.name: file.read_bytes() for file in out.iterdir()} == before
+    (out / "summary.json").write_text(f'{{"run": "{first["run"]}"')
+    status, said = invoke("study", str(path), "--case", "C1", "--seed", "7", "--out", str(out), "-q")
+    assert (status, said.count("\n")) == (2, 1)
+    assert f"{out / 'summary.json'}: the earlier study is damaged" in said
+
+
+@pytest.mark.parametrize(
+    ("options", "folder"),
+    [
+        ({}, "paper"),
+        ({"seed": 3, "duration": 5.0}, "paper-seed3-5s"),
+        ({"overrides": ["payload.mass_kg=2", "control.K_p=[1, 2, 3]"]}, "paper-payload.mass_kg=2-control.K_p=_1_2_3_"),
+        ({"suffix": "-C1", "engine": common.Engine.MUJOCO}, "paper-C1-mujoco"),
+    ],
+)
+def test_default_folder_contains_the_changes(options: dict, folder: str):
+    assert common.default_folder("some/paper.yaml", **options) == Path("out") / folder
+
+
+def test_default_folder_shortens_many_changes():
+    first, second = ([f"payload.mass_kg={1 + k / 100 + n}" for k in range(9)] for n in range(2))
+    names = {common.default_folder("paper", overrides).name for overrides in (first, second)}
+    assert len(names) == 2
+    assert all(len(name) < 40 for name in names)
+
+
 def test_a_run_that_fails_is_saved_marked_incomplete_and_status(tmp_path: Path):
     """A run that fails is saved marked incomplete and status 1."""
     wild = light.SAMPLE.control.model_copy(update={"agent_k_omega": 2e3})
@@ -417,9 +461,9 @@ def test_a_run_that_fails_is_saved_marked_incomplete_and_status(tmp_path: Path):
     out.mkdir()
     for name in ("integral.nc", "figure_6_certificate.pdf", "notes"):
         (out / name).write_text(f"of another run: {run_directory.run_id('0.1.0', 'another')}")
-    status, said = invoke("study", str(path), "--out", str(out))
+    status, said = invoke("study", str(path), "--out", str(out), "--replace")
     assert status == 1
-    assert f"{out} holds results of another run: they are replaced" in said
+    assert f"{out} contains results of another run" in said
     assert set(out.iterdir()) - set(run_directory.list_files(out, study.STUDY_FILES)) == {out / "notes"}
     assert not (out / "integral.nc").exists()
     summary = json.loads((out / "summary.json").read_text())

@@ -35,6 +35,7 @@ def certify(
             help="Also simulate the worst residual forces that RKHS norm and training data allow.",
         ),
     ] = False,
+    replace: common.ReplaceOption = False,
     quiet: common.QuietOption = False,
     as_json: common.JsonOption = False,
 ) -> None:
@@ -46,7 +47,8 @@ def certify(
     from colift.workflows import certification
 
     read = functools.partial(common.load_settings, name, overrides, duration, seed)
-    with common.open_results(read, out, "no certificate was written to") as (settings, folder):
+    results = out or common.default_folder(name, overrides, duration, seed)
+    with common.open_results(read, results, replace) as (settings, folder):
         try:
             with common.show_progress(f"certifying {settings.name}", quiet) as progress:
                 made = certification.certify(settings, progress=progress)
@@ -54,11 +56,11 @@ def certify(
                 summary = certification.save_certificate(settings, made, worst, folder, progress)
         except ValueError as error:
             common.fail(error)
-    with common.guard_output(f"; the results are in {folder.path}"):
+    with common.guard_output(f"; the results are in {results}"):
         if as_json:
             print(json.dumps(summary, indent=2))
         else:
-            print_certificate(summary, folder.path)
+            print_certificate(summary, results)
     if summary["exceeded"]:
         common.exit_with(common.EXIT_VIOLATION)
 
@@ -82,6 +84,7 @@ def falsify(
             help="Run only this trial, such as 'worst e_p 0'; repeatable, or separated by commas.",
         ),
     ] = None,
+    replace: common.ReplaceOption = False,
     quiet: common.QuietOption = False,
     as_json: common.JsonOption = False,
 ) -> None:
@@ -100,7 +103,8 @@ def falsify(
     read = functools.partial(common.load_settings, name, overrides, duration, seed)
     completed: list[FalsificationTrial] = []
     summary: Any = None
-    with common.open_results(read, out, "completed trials are in", "-falsification") as (settings, folder):
+    results = out or common.default_folder(name, overrides, duration, seed, suffix="-falsification")
+    with common.open_results(read, results, replace, keep_on_interrupt=True) as (settings, folder):
         requested = common.split_values(trials) if trials else falsification.trial_names(settings, rounds)
         try:
             with common.show_progress(f"falsifying the bounds of {settings.name}", quiet) as progress:
@@ -113,11 +117,11 @@ def falsify(
             common.fail(error)
     options = [word for override in overrides or () for word in ("--set", override)]
     options += [] if duration is None else ["--duration", f"{duration:g}"]
-    with common.guard_output(f"; the results are in {folder.path}"):
+    with common.guard_output(f"; the results are in {results}"):
         if as_json:
             print(json.dumps(summary, indent=2))
         else:
-            print_falsification(completed, name, options, settings.seed, folder.path)
+            print_falsification(completed, name, options, settings.seed, results)
     if any(trial.is_violated for trial in completed):
         common.exit_with(common.EXIT_VIOLATION)
 

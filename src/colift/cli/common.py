@@ -7,7 +7,9 @@ from __future__ import annotations
 
 import contextlib
 import enum
+import hashlib
 import os
+import re
 import sys
 import webbrowser
 from collections.abc import Callable, Generator, Sequence
@@ -29,6 +31,8 @@ EXIT_VIOLATION = 1
 """Exit status if an observed error exceeds its certified bound."""
 EXIT_FAILED_CHECK = 1
 """Exit status if a check found a problem."""
+MAX_FOLDER_CHANGES = 80
+"""Longest description of changed settings in the name of a folder; a longer one is replaced by a digest."""
 EXIT_USAGE = 2
 """Exit status if a command line, a scenario or a folder cannot be used."""
 
@@ -216,7 +220,14 @@ OverridesOption = Annotated[
         autocompletion=complete_setting,
     ),
 ]
-OutOption = Annotated[Path | None, typer.Option("--out", help="Folder for the results; default: out/SCENARIO.")]
+OutOption = Annotated[
+    Path | None,
+    typer.Option("--out", help="Folder for the results; default: out/SCENARIO, with the options that change it."),
+]
+ReplaceOption = Annotated[
+    bool,
+    typer.Option("--replace", help="Remove earlier results from the folder, also of another run."),
+]
 SeedOption = Annotated[
     int | None,
     typer.Option("--seed", min=0, max=2**63 - 1, help="Seed of all random numbers; default: as in the scenario."),
@@ -320,6 +331,35 @@ def load_settings(
     return settings
 
 
+def default_folder(
+    name: str,
+    overrides: Sequence[str] | None = None,
+    duration: float | None = None,
+    seed: int | None = None,
+    engine: Engine | None = None,
+    suffix: str = "",
+) -> Path:
+    """Return the folder of the results of a command without ``--out``.
+
+    Its name contains the options that change the run, so that results of different runs have different folders.
+
+    Args:
+        name: Shipped scenario or path of a file.
+        overrides: Settings as ``PATH=VALUE``.
+        duration: Duration of the simulated flight [s].
+        seed: Seed of all random numbers.
+        engine: Plant model.
+        suffix: Text that follows the name of the scenario, such as ``-falsification``.
+    """
+    parts = [] if seed is None else [f"seed{seed}"]
+    parts += [] if duration is None else [f"{duration:g}s"]
+    parts += [] if engine is None else [engine.value]
+    changes = "-".join([*parts, *(re.sub(r"[^\w.=+-]+", "_", override) for override in overrides or ())])
+    if len(changes) > MAX_FOLDER_CHANGES:
+        changes = hashlib.sha256(repr((*parts, *(overrides or ()))).encode()).hexdigest()[:12]
+    return Path("out") / "-".join(filter(None, (f"{Path(name).stem}{suffix}", changes)))
+
+
 def _with_option_names(message: str, duration: float | None) -> str:
     """Replace names of settings in an error message by the options that set them."""
     named = message.replace("--set duration_s", "--duration").replace("--set seed", "--seed")
@@ -351,7 +391,7 @@ def _shortened_learning(name: str, overrides: Sequence[str], duration: float) ->
 
 @contextlib.contextmanager
 def open_results(
-    read: Callable[[], Scenario], out: Path | None, summary: str, suffix: str = ""
+    read: Callable[[], Scenario], out: Path, replace: bool, keep_on_interrupt: bool = False
 ) -> Generator[tuple[Scenario, RunDirectory]]:
     """Read the settings and open their folder for results, with exclusive access within the block.
 
@@ -359,9 +399,9 @@ def open_results(
 
     Args:
         read: Function that returns the settings.
-        out: Folder for the results; by default ``out/NAME`` with the suffix.
-        summary: Text before the folder's path in the message on a request to end.
-        suffix: Suffix of the default folder's name.
+        out: Folder for the results.
+        replace: Remove earlier results from the folder.
+        keep_on_interrupt: Keep the files that are complete after a request to end.
 
     Yields:
         The settings and the folder.
@@ -376,16 +416,14 @@ def open_results(
     signals.raise_if_interrupted()
     try:
         settings = read()
-        with open_run_directory(settings, out or Path("out") / f"{settings.name}{suffix}") as folder:
-            if run_directory.stale_files(folder, STUDY_FILES + CERTIFICATE_FILES):
-                print_status(f"{folder.path} holds results of another run: they are replaced")
+        with open_run_directory(settings, out, replace, keep_on_interrupt) as folder:
+            if folder.replaced:
+                print_status(f"{out} contains {folder.replaced}: they are removed when the new ones are complete")
             try:
                 yield settings, folder
             except signals.Interrupted:
-                files = run_directory.list_files(folder.path, STUDY_FILES + CERTIFICATE_FILES)
-                written = any(run_directory.read_run_id(file) == folder.run_id for file in files)
-                note = f"{summary} {folder.path}" if written else f"nothing was written to {folder.path}"
-                print_warning(f"interrupted; {note}")
+                kept = keep_on_interrupt and run_directory.list_files(folder.path, STUDY_FILES + CERTIFICATE_FILES)
+                print_warning(f"interrupted; {'completed parts are in' if kept else 'nothing was written to'} {out}")
                 raise
     except (scenario.ScenarioError, codegen.CompilerError, OSError) as error:
         fail(error)

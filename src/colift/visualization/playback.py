@@ -47,8 +47,8 @@ def write(out: Path, cases: Mapping[str, str]) -> Path:
     """
     run, flights = log.load_flights(out, cases)
     text = build_page(flights, cases)
-    with run_directory.lock_run_directory(out, run, (PAGE,)):
-        atomic_write.write_atomic(out / PAGE, text.encode())
+    with run_directory.stage_run_directory(out, run, (PAGE,)) as folder:
+        atomic_write.write_atomic(folder.path / PAGE, text.encode())
     return out / PAGE
 
 

@@ -104,8 +104,8 @@ def write_report(
     page = html.escape(playback.build_page(flights, cases))
     parts.append(_section("Playback", f'<iframe title="playback of the flights" srcdoc="{page}"></iframe>'))
     parts.append(_section("Settings", _settings(settings)))
-    with run_directory.lock_run_directory(out, run, (PAGE,)):
-        atomic_write.write_atomic(out / PAGE, _document(settings.name, "\n".join(parts)).encode())
+    with run_directory.stage_run_directory(out, run, (PAGE,)) as folder:
+        atomic_write.write_atomic(folder.path / PAGE, _document(settings.name, "\n".join(parts)).encode())
     return out / PAGE
 
 

@@ -20,10 +20,9 @@ from colift.certification import (
 )
 from colift.closed_loop import linearization
 from colift.closed_loop.flight import Experiment, FlightResult, run_experiment
-from colift.runtime import atomic_write, run_directory
+from colift.runtime import atomic_write
 from colift.runtime.run_directory import RunDirectory
 from colift.scenario import Scenario, experiment, initial_states
-from colift.workflows import study
 
 
 @dataclasses.dataclass(frozen=True)
@@ -150,7 +149,7 @@ def save_certificate(
     out: RunDirectory,
     progress: Callable[[str], None] = lambda _message: None,
 ) -> dict[str, Any]:
-    """Write `certificate.json` and figure 6, and remove an earlier certificate and the study of another run.
+    """Write `certificate.json` and figure 6.
 
     Bounds that do not exist are null. `assumed` lists the assumptions of a bound that are not shown, and `status` is
     their summary. `exceeded` lists the observed errors above a bound, first of the run, then of the adversarial test.
@@ -178,7 +177,6 @@ def save_certificate(
         result.experiment, result.flight, result.nominal_linearization, layer, found
     )
     summary = _summarize(settings, result, adversarial, out.run_id, layer, slack)
-    run_directory.remove_stale_files(out, study.CERTIFICATE_FILES, study.STUDY_FILES)
     certificate_figures.plot_certificate(found, slack, out.path, out.run_id)
     return atomic_write.write_json_atomic(summary, out.path / "certificate.json")
 

@@ -269,14 +269,18 @@ def run_study(
     cases: Sequence[str] = tuple(PAPER_CASES),
     out: str | Path | None = None,
     progress: bool | Callable[[float], None] = False,
+    replace: bool = False,
 ) -> Study:
     """Simulate cases of a scenario, and write logs, figures, tables and `summary.json`.
+
+    Cases that the directory already contains are kept if all settings are equal.
 
     Args:
         scenario: Scenario.
         cases: Identifiers of the cases in any capitalization.
         out: Directory of the results; by default `out/SCENARIO`.
         progress: Whether to show a progress bar for each case.
+        replace: Whether to remove earlier results from the directory.
 
     Returns:
         The results, also read back from `out`.
@@ -284,16 +288,19 @@ def run_study(
     Raises:
         KeyError: If there is no such case.
         ScenarioError: If the team cannot hold the payload or hover.
-        OSError: If the directory cannot be written or is in use.
+        OSError: If the directory cannot be written, is in use, or contains results of another run.
     """
     names = [case_id(case) for case in cases]
     experiments = experiment.make_experiments(scenario, names)
     preview = feasibility.assess_feasibility(scenario, experiments)
     folder = Path(out) if out is not None else Path("out") / scenario.name
     shown: dict[str, Any] = {}
-    with study.open_run_directory(scenario, folder) as directory, _study_progress(progress, experiments) as report:
+    with (
+        study.open_run_directory(scenario, folder, replace) as directory,
+        _study_progress(progress, experiments) as report,
+    ):
         shown = study.run_study(scenario, directory, experiments, preview, report)
-    _, datasets = log.load_flights(folder, tuple(experiments))
+    _, datasets = log.load_flights(folder, tuple(shown["cases"]))
     return Study(path=folder, summary=shown, datasets=datasets)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import platform
 import shlex
 import sys
@@ -49,18 +50,30 @@ CERTIFICATE_FILES = (
 )
 
 
-def open_run_directory(settings: Scenario, out: Path) -> AbstractContextManager[RunDirectory]:
-    """Lock the directory for the results of a scenario; errors are raised as by `run_directory.lock_run_directory`.
+# pages that show all cases of a study; a study with further cases removes them
+PAGES = ("view.html", "report.html")
+
+
+def open_run_directory(
+    settings: Scenario, out: Path, replace: bool = False, keep_on_interrupt: bool = False
+) -> AbstractContextManager[RunDirectory]:
+    """Lock the directory for the results of a scenario; errors are raised as by `run_directory.stage_run_directory`.
 
     Args:
         settings: Scenario.
         out: Directory.
+        replace: Whether to remove the results of another run.
+        keep_on_interrupt: Whether the files are also valid results after a request to end.
 
     Returns:
         Context manager in which this process owns the directory.
     """
-    return run_directory.lock_run_directory(
-        out, run_directory.run_id(version("colift"), settings.digest), STUDY_FILES + CERTIFICATE_FILES
+    return run_directory.stage_run_directory(
+        out,
+        run_directory.run_id(version("colift"), settings.digest),
+        STUDY_FILES + CERTIFICATE_FILES,
+        replace=replace,
+        keep_on_interrupt=keep_on_interrupt,
     )
 
 
@@ -74,9 +87,9 @@ def run_study(
 ) -> dict[str, Any]:
     """Simulate the cases of a study, and write a NetCDF file for each, figures, tables and `summary.json`.
 
-    An earlier study, and the certificate of another run, are removed first. For held-out references, the final model of
-    each case is used, and the summary contains the RMS position error over the second half. An OSError is raised if the
-    directory is not writable.
+    Cases of the same run that the directory contains are kept, and are part of figures and summary. For held-out
+    references, the final model of each case is used, and the summary contains the RMS position error over the second
+    half. An OSError is raised if the directory is not writable.
 
     Args:
         settings: Scenario.
@@ -91,7 +104,7 @@ def run_study(
     """
     from colift.visualization import lengthscale_table, study_figures
 
-    run_directory.remove_stale_files(out, STUDY_FILES, CERTIFICATE_FILES)
+    earlier, earlier_data = _read_earlier_study(out)
     summary = _summary_header(settings, out.run_id, experiments, preview)
     if heldout:
         summary["heldout"] = {}
@@ -114,6 +127,10 @@ def run_study(
             summary["heldout"].setdefault(case, {})[path] = _heldout_summary(heldout_flight)
     summary["bound"] = _bound_statements(first)
     summary["residual"] = summary["cases"][list(experiments)[-1]]["residual"]
+    _merge_summaries(summary, earlier)
+    data = {case: (earlier_data | data)[case] for case in summary["cases"]}
+    for page in PAGES:
+        (out.path / page).unlink(missing_ok=True)
     start = time.perf_counter()
     study_figures.write_figures(data, ALL_CASES, out.path)
     for case, learned in fits.items():
@@ -123,6 +140,27 @@ def run_study(
             )
     summary["wall_s"] = {"figures": time.perf_counter() - start}
     return atomic_write.write_json_atomic(summary, out.path / "summary.json")
+
+
+def _read_earlier_study(out: RunDirectory) -> tuple[dict[str, Any], dict[str, xr.Dataset]]:
+    """Return the summary and the logs of an earlier study of the same run; empty if there is none."""
+    path = out.path / run_directory.SUMMARY_FILE
+    if not path.is_file():
+        return {}, {}
+    shown = out.target / path.name
+    try:
+        earlier = json.loads(path.read_text(encoding="utf-8"))
+        return earlier, {case: log.load(out.path / f"{case}.nc") for case in earlier["cases"]}
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise OSError(f"{shown}: the earlier study is damaged ({error}); remove it by --replace") from None
+
+
+def _merge_summaries(summary: dict[str, Any], earlier: Mapping[str, Any]) -> None:
+    """Add the cases of an earlier study of the same run to a summary."""
+    for key in ("cases", "heldout"):
+        merged = earlier.get(key, {}) | summary.get(key, {})
+        if merged or key in summary:
+            summary[key] = {case: merged[case] for case in ALL_CASES if case in merged}
 
 
 def _summary_header(
