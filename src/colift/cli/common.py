@@ -36,7 +36,7 @@ MAX_FOLDER_CHANGES = 80
 EXIT_USAGE = 2
 """Exit status if a command line, a scenario or a folder cannot be used."""
 
-error_console = Console(stderr=True, soft_wrap=True, highlight=False)
+error_console = Console(stderr=True, soft_wrap=True, highlight=False, emoji=False)
 """Console for errors, warnings and progress; results are printed to standard output."""
 
 

@@ -209,7 +209,7 @@ def print_table(table: Table, lead: int = 1) -> None:
     for k, columns in enumerate(parts):
         part = _select(table, [*table.columns[:lead], *columns])
         part.title = None if k else table.title
-        console = Console(width=max(width, _width(part)))
+        console = Console(width=max(width, _width(part)), emoji=False, markup=False)
         with console.capture() as captured:  # rich would end the process if the pipe is closed
             console.print(part)
         print(captured.get(), end="", flush=True)
@@ -237,5 +237,5 @@ def _spell_out(text: str, encoding: str) -> str:
 
 def _width(table: Table) -> int:
     """Return the width of a table on a terminal of sufficient width."""
-    console = Console(width=10_000)
+    console = Console(width=10_000, emoji=False, markup=False)
     return console.measure(table).maximum
