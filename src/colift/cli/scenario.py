@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from colift.cli import common
-from colift.runtime import signals
+from colift.runtime import bounded_read, signals
 
 if TYPE_CHECKING:
     from colift.analysis.gain_tuning import EvaluationBudget, LoopDesign
@@ -153,7 +153,7 @@ def _migrated_texts(files: list[Path], out: Path | None) -> dict[Path, tuple[str
             if wrong:
                 errors.append(f"{wrong[0]}: must end in {' or '.join(scenario.SUFFIXES)}")
                 continue
-            old = file.read_text(encoding="utf-8-sig")
+            old = bounded_read.read_text(file)
             texts[file] = old, migrate_text(old)
         except UnicodeDecodeError as error:
             errors.append(f"{file}: is not UTF-8 text (byte {error.start})")
@@ -236,7 +236,7 @@ def tune(
         if not overrides and name in scenario.shipped_names():
             written = scenario.shipped_text(name)
         elif not overrides:
-            written = Path(name).expanduser().read_text(encoding="utf-8-sig")
+            written = bounded_read.read_text(Path(name).expanduser())
         before, after, spent, values = _search_gains(settings, written, out, quiet)
         _write_new(out, gain_tuning.to_yaml(after.settings, written, str(out)))
     except (scenario.ScenarioError, ValueError, OSError) as error:

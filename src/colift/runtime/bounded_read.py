@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import stat
@@ -29,15 +30,18 @@ def read_bytes(path: str | Path, limit: int) -> bytes:
     """
     # without O_NONBLOCK, opening a pipe without a writer would never return
     descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | getattr(os, "O_CLOEXEC", 0))
-    with os.fdopen(descriptor, "rb") as file:
+    try:
         mode = os.fstat(descriptor).st_mode
         if stat.S_ISDIR(mode):
-            raise IsADirectoryError(f"{path} is a folder, not a file")
+            raise IsADirectoryError(errno.EISDIR, "a folder, not a file", str(path))
         if not stat.S_ISREG(mode):
-            raise OSError(f"{path} is a pipe, socket or device, not a regular file")
-        content = file.read(limit + 1)
+            raise OSError(errno.EINVAL, "a pipe, socket or device, not a regular file", str(path))
+        with os.fdopen(descriptor, "rb", closefd=False) as file:
+            content = file.read(limit + 1)
+    finally:
+        os.close(descriptor)
     if len(content) > limit:
-        raise OSError(f"{path} is larger than {limit / 2**20:g} MiB, the largest size that colift reads")
+        raise OSError(errno.EFBIG, f"larger than {limit / 2**20:.3g} MiB, the largest size that is read", str(path))
     return content
 
 

@@ -30,7 +30,7 @@ from collections.abc import Generator, Sequence
 from pathlib import Path
 from typing import Any
 
-from colift.runtime import signals
+from colift.runtime import bounded_read, signals
 
 LOCK_SUFFIX = ".colift.lock"
 """Suffix of the hidden lock file beside a run directory."""
@@ -133,7 +133,7 @@ def read_run_id(file: Path) -> str | None:
     Args:
         file: Result file of any format.
     """
-    found = RUN_ID_PATTERN.search(file.read_bytes())
+    found = RUN_ID_PATTERN.search(bounded_read.read_bytes(file, bounded_read.MAX_LOG_BYTES))
     return None if found is None else found.group().decode()
 
 
@@ -198,7 +198,7 @@ def _check_contents(target: Path, run_id: str, patterns: Sequence[str], replace:
 def _describe(target: Path, runs: Sequence[str | None]) -> str:
     """Describe the results in a folder; without runs, they belong to the run itself."""
     try:
-        found = json.loads((target / SUMMARY_FILE).read_text(encoding="utf-8"))
+        found = bounded_read.read_json(target / SUMMARY_FILE)
         details = f"{found['scenario']}, seed {found['seed']}, colift {found['version']}"
     except (OSError, ValueError, KeyError, TypeError):
         details = ", ".join(map(str, runs)) or "no readable summary"

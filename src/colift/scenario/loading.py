@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 from pydantic import TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails
 
+from colift.runtime import bounded_read
 from colift.scenario import from_csv, from_urdf, plugins, validation, yaml_tree
 from colift.scenario.cross_checks import consistency_errors
 from colift.scenario.errors import ErrorMessage, Place, ScenarioError, format_value, suggestion
@@ -57,8 +58,7 @@ def load_scenario(name_or_path: str | Path, overrides: Sequence[str] = ()) -> Sc
         path = Path(given).expanduser()
         if not given or (path.suffix not in SUFFIXES and not path.exists()):
             raise _unknown(given)
-        with path.open("rb") as opened:
-            raw = opened.read(yaml_tree.MAX_BYTES + 1)
+        raw = bounded_read.read_bytes(path, 4 * yaml_tree.MAX_BYTES)
         return parse(raw.decode("utf-8-sig"), file, overrides)
     except OSError as error:
         raise ScenarioError(f"{file}: cannot be read: {error.strerror or error}") from None
@@ -130,7 +130,7 @@ def _whole(text: str, file: str, depth: int = 0) -> yaml_tree.Tree:
         return yaml_tree.diff_tree(_whole(shipped_text(base), f"{base}.yaml", depth + 1), written)
     path = Path(file).parent / base
     try:
-        theirs = path.read_bytes().decode("utf-8-sig") if path.suffix in SUFFIXES else None
+        theirs = bounded_read.read_text(path, 4 * yaml_tree.MAX_BYTES) if path.suffix in SUFFIXES else None
     except (OSError, ValueError) as error:
         raise ScenarioError(f"{at} extends: {format_value(base)} cannot be read: {error}") from None
     if theirs is None:

@@ -6,18 +6,20 @@ The page requires no network access and no other file.
 from __future__ import annotations
 
 import base64
+import contextlib
 import html
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import xarray as xr
 from rich.table import Table
 
 from colift import scenario
 from colift.analysis import poses
 from colift.closed_loop import log
-from colift.runtime import atomic_write, run_directory
+from colift.runtime import atomic_write, bounded_read, run_directory
 from colift.scenario import Scenario
 from colift.visualization import playback
 
@@ -76,12 +78,12 @@ def write_report(
         Path of the report, `out/report.html`.
 
     Raises:
-        ValueError: If the folder contains no summary, or if its logs and its summary are of different runs.
+        ValueError: If the folder contains no summary, if logs and summary differ in run, or if a file is damaged.
     """
     if not (out / SUMMARY).is_file():
         raise ValueError(f"{out} contains no {SUMMARY}; colift study writes it at the end of all flights")
-    summary, flights = json.loads((out / SUMMARY).read_text()), log.load_flights(out, cases)[1]
-    run, first = summary["run"], next(iter(flights.values()))
+    summary, flights = bounded_read.read_json(out / SUMMARY), log.load_flights(out, cases)[1]
+    run, first = str(summary.get("run")), next(iter(flights.values()))
     if first.attrs["run"] != run:
         raise ValueError(
             f"{out} contains flights of {first.attrs['run']} and a {SUMMARY} of {run}: run colift study again"
@@ -89,24 +91,38 @@ def write_report(
     settings = poses.scenario_of_log(first)
     certificate = None
     if (out / CERTIFICATE).is_file() and run_directory.read_run_id(out / CERTIFICATE) == run:
-        certificate = json.loads((out / CERTIFICATE).read_text())
+        certificate = bounded_read.read_json(out / CERTIFICATE)
     descriptions = _definitions({name: cases[name] for name in flights})
-    parts = [
-        _head(settings, summary),
-        _section("Warnings", _list(collect_warnings(summary, certificate))),
-        _section("Run", _run(summary, settings)),
-        _section("Second half of the run", _table(metrics_table(summary)) + descriptions),
-        _section("Figures", "".join(_figures(out, run, certificate is not None))),
-    ]
+    with _report_damage(out / SUMMARY):
+        parts = [
+            _head(settings, summary),
+            _section("Warnings", _list(collect_warnings(summary, None))),
+            _section("Run", _run(summary, settings) + _omitted_plugins(first)),
+            _section("Second half of the run", _table(metrics_table(summary)) + descriptions),
+            _section("Figures", "".join(_figures(out, run, certificate is not None))),
+        ]
     if certificate is not None:
-        table, lines = certificate_table(certificate)
-        parts.append(_section("Certificate", _table(table) + "".join(f"<p>{html.escape(line)}</p>" for line in lines)))
+        with _report_damage(out / CERTIFICATE):
+            parts[1] = _section("Warnings", _list(collect_warnings(summary, certificate)))
+            table, lines = certificate_table(certificate)
+            notes = "".join(f"<p>{html.escape(line)}</p>" for line in lines)
+            parts.append(_section("Certificate", _table(table) + notes))
     page = html.escape(playback.build_page(flights, cases))
     parts.append(_section("Playback", f'<iframe title="playback of the flights" srcdoc="{page}"></iframe>'))
     parts.append(_section("Settings", _settings(settings)))
     with run_directory.stage_run_directory(out, run, (PAGE,)) as folder:
         atomic_write.write_atomic(folder.path / PAGE, _document(settings.name, "\n".join(parts)).encode())
     return out / PAGE
+
+
+@contextlib.contextmanager
+def _report_damage(path: Path) -> Generator[None]:
+    """Raise ValueError with the name of a file if an entry is missing or has a wrong type."""
+    try:
+        yield
+    except (KeyError, TypeError, AttributeError, IndexError, OverflowError) as error:
+        reason = f"no entry {error}" if isinstance(error, KeyError) else str(error)
+        raise ValueError(f"{path} is damaged: {reason}; run the command that writes it again") from error
 
 
 def collect_warnings(summary: Mapping[str, Any], certificate: Mapping[str, Any] | None) -> list[tuple[bool, str]]:
@@ -237,6 +253,14 @@ def _run(summary: Mapping[str, Any], settings: Scenario) -> str:
     return (
         _definitions(rows)
         + f'<h3>Changed settings</h3><div class="wide"><table class="words">{head}{cells}</table></div>'
+    )
+
+
+def _omitted_plugins(ds: xr.Dataset) -> str:
+    """Return a sentence on the plugins of the scenario, which are not loaded."""
+    names = ", ".join(html.escape(name) for name in poses.plugin_classes(ds))
+    return f"<p>The run used plugins ({names}). This page omits their settings, since it loads no plugin.</p>" * bool(
+        names
     )
 
 

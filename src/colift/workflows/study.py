@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import platform
 import shlex
 import sys
@@ -23,7 +22,7 @@ from colift.certification import assumptions
 from colift.closed_loop import log
 from colift.closed_loop.flight import Experiment, FlightResult, run_experiment
 from colift.onboard.learning import features, model_update
-from colift.runtime import atomic_write, run_directory
+from colift.runtime import atomic_write, bounded_read, run_directory
 from colift.runtime.run_directory import RunDirectory
 from colift.scenario import Scenario, priors, team
 from colift.scenario.experiment import ALL_CASES
@@ -149,10 +148,11 @@ def _read_earlier_study(out: RunDirectory) -> tuple[dict[str, Any], dict[str, xr
         return {}, {}
     shown = out.target / path.name
     try:
-        earlier = json.loads(path.read_text(encoding="utf-8"))
+        earlier = bounded_read.read_json(path)
         return earlier, {case: log.load(out.path / f"{case}.nc") for case in earlier["cases"]}
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise OSError(f"{shown}: the earlier study is damaged ({error}); remove it by --replace") from None
+        reason = str(error).replace(str(out.path), str(out.target))
+        raise OSError(f"{shown}: the earlier study is damaged ({reason}); remove it by --replace") from None
 
 
 def _merge_summaries(summary: dict[str, Any], earlier: Mapping[str, Any]) -> None:
