@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import json
+from collections.abc import Mapping
 from typing import Any
 
 from colift import scenario
@@ -23,9 +24,7 @@ GRID: dict[str, list[dict[str, Any]]] = {  # settings of the scenario, and lead 
         for k in (10.0, 20.0, 40.0)
     ],
     "disturbance_observer": [
-        {"baselines.dob_Hz": (f, m)}
-        for f in (0.2, 0.25, 0.3, 0.35, 0.4)
-        for m in (0.15, 0.3, 0.6, 1.2)
+        {"baselines.dob_Hz": (f, m)} for f in (0.2, 0.25, 0.3, 0.35, 0.4) for m in (0.15, 0.3, 0.6, 1.2)
     ],
     "parametric": [
         {
@@ -36,22 +35,18 @@ GRID: dict[str, list[dict[str, Any]]] = {  # settings of the scenario, and lead 
         for m, c, J in ((0.5, 5e-3, 3e-3), (0.5, 1e-4, 1e-4), (0.5, 1e-6, 1e-6), (0.5, 1e-8, 1e-8), (0.1, 1e-6, 1e-6))
     ],
     "label_feedback": [
-        {LEAD: s, "learning.label_filter_Hz": f}
-        for f in (5.0, 8.0, 12.0)
-        for s in (0.0, 0.02, 0.04, 0.06)
+        {LEAD: s, "learning.label_filter_Hz": f} for f in (5.0, 8.0, 12.0) for s in (0.0, 0.02, 0.04, 0.06)
     ],
     "regression": [
-        *(
-            {"baselines.ridge_alpha": (r, m)}
-            for r in (0.03, 0.1, 0.3, 1.0)
-            for m in (0.3, 3.0, 10.0, 30.0)
-        ),
-        *(
-            {"baselines.ridge_alpha": (0.1, 10.0), "learning.label_filter_Hz": f}
-            for f in (5.0, 12.0)
-        ),
+        *({"baselines.ridge_alpha": (r, m)} for r in (0.03, 0.1, 0.3, 1.0) for m in (0.3, 3.0, 10.0, 30.0)),
+        *({"baselines.ridge_alpha": (0.1, 10.0), "learning.label_filter_Hz": f} for f in (5.0, 12.0)),
     ],
 }
+
+
+def overrides(point: Mapping[str, Any]) -> list[str]:
+    """Return the settings of a point of a grid, without its lead time, as text."""
+    return [f"{name}={json.dumps(value)}" for name, value in point.items() if name != LEAD]
 
 
 def fly(item: str) -> float:
@@ -60,8 +55,8 @@ def fly(item: str) -> float:
     total = 0.0
     for seed in SEEDS:
         point = GRID[case][int(k)]
-        changes = [f"{name}={json.dumps(value)}" for name, value in point.items() if name != LEAD]
-        plan = experiment.make_experiment(scenario.load_scenario("paper", [f"seed={seed}", *changes]), case)
+        settings = scenario.load_scenario("paper", [f"seed={seed}", *overrides(point)])
+        plan = experiment.make_experiment(settings, case)
         if LEAD in point:
             plan = dataclasses.replace(plan, controller=controllers.with_lead_time(plan.controller, point[LEAD]))
         flight = run_experiment(plan)

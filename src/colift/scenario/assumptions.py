@@ -104,7 +104,7 @@ def _met(settings: schema.Scenario, within: bool) -> frozenset[BoundAssumption]:
 
 def _label_errors(given: schema.ForceMagnitudes | None, prior: schema.GPPrior, joints: int) -> np.ndarray:
     """Return the bounds `(6 + joints,)`; default: three standard deviations of the label noise."""
-    source = _magnitudes(prior.noise_std, 3) if given is None else _magnitudes(given, 1)
+    source = _magnitudes(prior.noise_std, 3.0) if given is None else _magnitudes(given, 1.0)
     return np.repeat(source, [3, 3, joints][: len(source)])
 
 

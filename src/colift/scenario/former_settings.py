@@ -155,9 +155,8 @@ def restructure(data: MutableMapping[str, Any], names: Mapping[str, str]) -> Non
     if not data.get("online_correction", True):
         comment = _pop_comment(data, "online_correction")
         del data["online_correction"]
-        moved = [name for name in ("refit_period_s", "update_period_s") if name in data.get("learning", {})]
-        if moved:
-            _add_comment(data["learning"], moved[-1], comment)
+        if "learning" in data:
+            _add_comment(data, "learning", comment)
 
 
 def _holder(data: MutableMapping[str, Any], path: str) -> tuple[MutableMapping[str, Any], str]:
@@ -232,7 +231,7 @@ def _empty_like(section: MutableMapping[str, Any]) -> MutableMapping[str, Any]:
     return made
 
 
-def _inline(values: list[float], section: MutableMapping[str, Any]) -> list[float]:
+def _inline(values: list[Any], section: MutableMapping[str, Any]) -> list[Any]:
     """Return a list that is written on one line."""
     if not isinstance(section, CommentedMap):
         return values

@@ -12,11 +12,12 @@ Example:
 from __future__ import annotations
 
 import io
+import re
 from collections.abc import Mapping, MutableMapping
 from typing import Any
 
 from ruamel.yaml import YAML
-from ruamel.yaml.comments import CommentedMap
+from ruamel.yaml.comments import CommentedMap, CommentedSeq, merge_attrib
 from ruamel.yaml.error import YAMLError
 
 from colift.scenario.errors import ScenarioError, format_value
@@ -309,7 +310,8 @@ def migrate_text(text: str) -> str:
     if data.get("schema") == SCHEMA:
         return text
     _check(data.get("schema", 1))
-    _expand_merge_keys(data, set())
+    if _has_merge_key(text):
+        data = _without_merge_keys(data, {})
     _convert(data, strict=True)
     data.insert(0, "schema", SCHEMA)
     out = io.StringIO()
@@ -369,20 +371,24 @@ def _convert(data: MutableMapping[str, Any], strict: bool) -> None:
     restructure(data, {new: old for old, new in RENAMED["baselines"].items()})
 
 
-def _expand_merge_keys(value: Any, done: set[int]) -> None:
-    """Replace merge keys (`<<: *section`) by the settings that they stand for, in place."""
-    if id(value) in done:
-        return
-    done.add(id(value))
-    entries = value.items() if isinstance(value, CommentedMap) else enumerate(value) if isinstance(value, list) else ()
-    for key, entry in list(entries):
-        if isinstance(entry, CommentedMap) and entry.merge:
-            expanded = CommentedMap((name, entry[name]) for name in entry)
-            expanded.ca.items.update(entry.ca.items)
-            if entry.fa.flow_style():
-                expanded.fa.set_flow_style()
-            value[key] = entry = expanded
-        _expand_merge_keys(entry, done)
+def _without_merge_keys(value: Any, done: dict[int, Any]) -> Any:
+    """Copy the data with the settings of each merge key (`<<: *section`) written out."""
+    if id(value) in done or not isinstance(value, CommentedMap | CommentedSeq):
+        return done.get(id(value), value)
+    copy = done[id(value)] = type(value)()
+    value.copy_attributes(copy)
+    if isinstance(value, CommentedSeq):
+        copy.extend(_without_merge_keys(entry, done) for entry in value)
+        return copy
+    if hasattr(copy, merge_attrib):
+        delattr(copy, merge_attrib)
+    for key in value:
+        copy[key] = _without_merge_keys(value[key], done)
+    return copy
+
+
+def _has_merge_key(text: str) -> bool:
+    return re.search(r"<<\s*:", text) is not None
 
 
 def _check(schema: object) -> None:
