@@ -8,6 +8,7 @@ time in nominal conditions (`evidence baselines`).
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from collections.abc import Callable
 from typing import Any
@@ -17,7 +18,7 @@ import numpy as np
 from colift import scenario
 from colift.analysis import metrics
 from colift.closed_loop.flight import run_experiment
-from colift.scenario import experiment
+from colift.scenario import controllers, experiment
 from evidence import collect, orderings
 from evidence.targets import Target, missed
 
@@ -81,7 +82,7 @@ CASES = (
     "adaptive",
     "true_residual",
 )
-LED = "online_correction.lead_time_s=0.04"
+LEAD = 0.04  # s, of `label_feedback led`
 SEEDS = {"motors": range(11), "outdoors": range(11), "gusts": range(11), "jets": range(3)}  # 0 alone elsewhere
 
 
@@ -91,8 +92,10 @@ def fly(item: str) -> dict[str, Any]:
     name, changes, late = WORLDS[world]
     case, *led = case.split()
     made = changes(int(seed)) if callable(changes) else changes
-    settings = scenario.load_scenario(name, [AHEAD, *made, f"seed={seed}", *(LED for _ in led)])
-    flight = run_experiment(experiment.make_experiment(settings, case))
+    plan = experiment.make_experiment(scenario.load_scenario(name, [AHEAD, *made, f"seed={seed}"]), case)
+    if led:
+        plan = dataclasses.replace(plan, controller=controllers.with_lead_time(plan.controller, LEAD))
+    flight = run_experiment(plan)
     rows = flight.records
     seconds = range(int(rows.t[-1]) + 1)
     by = [metrics.rms_norm(rows.e_p[(rows.t >= k) & (rows.t < k + 1)]) for k in seconds]

@@ -28,6 +28,7 @@ from scipy.optimize import minimize
 from colift import gp, scenario
 from colift.analysis import metrics
 from colift.closed_loop import flight, signals, simulator, termination
+from colift.onboard.control import preview
 from colift.onboard.learning import (
     identification,
     mean_functions,
@@ -68,8 +69,8 @@ FAR = 10.0
 
 def settings(condition: str, seed: int) -> Scenario:
     """Return the paper's scenario in another condition, with preview."""
-    ahead = scenario.load_scenario("paper").online_correction.preview_step_s
-    return scenario.load_scenario("paper", [f"control.preview_step_s={ahead}", *CONDITIONS[condition], f"seed={seed}"])
+    ahead = f"control.preview_step_s={preview.PREVIEW_STEP}"
+    return scenario.load_scenario("paper", [ahead, *CONDITIONS[condition], f"seed={seed}"])
 
 
 @dataclasses.dataclass(frozen=True)

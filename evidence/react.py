@@ -18,7 +18,8 @@ from colift import scenario
 from colift.analysis import metrics
 from colift.closed_loop import log
 from colift.closed_loop.flight import Experiment, FlightResult, run_experiment
-from colift.scenario import Scenario, experiment
+from colift.onboard.control import preview
+from colift.scenario import Scenario, controllers, experiment
 from evidence import collect
 from evidence.targets import Target
 
@@ -66,7 +67,7 @@ def draw(sample: int) -> tuple[Scenario, dict[str, Any]]:
         "dropout_probability": min(asked["loss"], 0.99),
     }
     data["sensors"]["models"] = [lost | {"failure_time_s": asked["dead_s"]}]
-    data["control"]["preview_step_s"] = base.online_correction.preview_step_s
+    data["control"]["preview_step_s"] = preview.PREVIEW_STEP
     data["seed"] = 1000 + sample
     return Scenario.model_validate(data), asked
 
@@ -86,8 +87,8 @@ def fly(item: str) -> dict[str, Any]:
 
 def led(settings: Scenario) -> Experiment:
     """Return the experiment of `label_feedback` with the best lead time in nominal conditions."""
-    longer = settings.online_correction.model_copy(update={"lead_time_s": LEAD})
-    return experiment.make_experiment(settings.model_copy(update={"online_correction": longer}), "label_feedback")
+    plan = experiment.make_experiment(settings, "label_feedback")
+    return dataclasses.replace(plan, controller=controllers.with_lead_time(plan.controller, LEAD))
 
 
 def faded(held: Experiment, adaptive: Experiment) -> Experiment:

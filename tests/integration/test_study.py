@@ -14,8 +14,8 @@ from colift import scenario
 from colift.analysis import metrics
 from colift.closed_loop import flight
 from colift.onboard.learning import confidence_bounds
-from colift.scenario import ScenarioError, experiment
-from colift.scenario.schema import OnlineCorrection, PayloadMassStep
+from colift.scenario import ScenarioError, experiment, termination
+from colift.scenario.schema import PayloadMassStep
 from tests.support import paper_flights as paper
 from tests.support import small_team as light
 
@@ -56,9 +56,10 @@ def light_flight(case: str) -> flight.FlightResult:
     """The smallest team, on whose payload some mass is put once it has learned."""
     settings = light.settings(
         duration_s=4.0,
-        learning=light.SAMPLE.learning.model_copy(update={"update_times_s": (1.0, 1.5), "end_s": 1.5}),
+        learning=light.SAMPLE.learning.model_copy(
+            update={"update_times_s": (1.0, 1.5), "end_s": 1.5, "update_period_s": 0.5}
+        ),
         payload_mass_step=PayloadMassStep(mass_kg=0.3, start_s=2.2),
-        online_correction=OnlineCorrection(update_period_s=0.5),
     )
     made = experiment.make_experiment(settings, case)
     if made.online_updates is not None:
@@ -68,9 +69,7 @@ def light_flight(case: str) -> flight.FlightResult:
 
 def test_after_its_stated_times_c4_goes_on_fitting_and_asks():
     """After its stated times c4 goes on fitting and asks no more samples than it has room for."""
-    given = scenario.load_scenario(
-        "paper", ["duration_s=35", "online_correction.refit_period_s=8", "learning.max_samples=100"]
-    )
+    given = scenario.load_scenario("paper", ["duration_s=35", "learning.refit_period_s=8", "learning.max_samples=100"])
     plan = experiment.make_experiment(given, "adaptive")
     assert plan.update_times == pytest.approx((2, 4, 6, 8, 10, 18, 26, 34))
     assert plan.online_updates is not None
@@ -145,7 +144,7 @@ def test_the_study_s_flights_stay_far_from_every_limit():
         assert rows.R[:, :, 2, 2].min() > np.cos(np.deg2rad(limits.max_tilt_deg / 2))
         assert (
             rows.min_delassus_singular_value.min()
-            > 10 * limits.min_grasp_ratio * rows.min_delassus_singular_value[0].max()
+            > 10 * termination.MIN_GRASP_RATIO * rows.min_delassus_singular_value[0].max()
         )
         assert rows.thrust_saturated.sum(0).max() * 0.002 < limits.max_saturation_time_s / 4
 
@@ -174,7 +173,8 @@ def test_figure_3_deviations_fall_where_there_is_learning(found: dict[str, dict]
 def test_figure_5_radii_hold_the_true_errors_and_fall(found: dict[str, dict]):
     """Figure 5 radii hold the true errors and fall where there is learning."""
     stated, learning = paper.plan("C1").bound_assumptions, paper.SETTINGS.learning
-    before = stated.rkhs_norm * np.repeat([learning.payload.force_std_N, learning.payload.moment_std_Nm], 3)
+    signal = learning.payload.signal_std
+    before = stated.rkhs_norm * np.repeat([signal.force_N, signal.moment_Nm], 3)
     for case in ("C1", "C2", "C3"):
         bodies = [found[case]["bound"]["payload"], *found[case]["bound"]["agents"]]
         assert [body["exceeded_share"]["plain"] for body in bodies] == [0, 0, 0]

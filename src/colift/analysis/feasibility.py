@@ -42,12 +42,17 @@ class FeasibilityReport:
         return {"slowest_mode": mode, "margins": margins, "hover_thrust_N": hover, "warnings": warnings}
 
 
-def assess_feasibility(settings: Scenario, experiments: Mapping[str, flight.Experiment]) -> FeasibilityReport:
+def assess_feasibility(
+    settings: Scenario,
+    experiments: Mapping[str, flight.Experiment],
+    thrust_margin: float = termination.HOVER_THRUST_MARGIN,
+) -> FeasibilityReport:
     """Assess the sampled loop of the first experiment at equilibrium, and the thrust in hover.
 
     Args:
         settings: Scenario.
         experiments: Experiments by case; the first one is linearized.
+        thrust_margin: Share of an agent's largest thrust below which a remaining thrust in hover causes a warning.
 
     Returns:
         Modes, margins, hover thrust and warnings.
@@ -65,12 +70,11 @@ def assess_feasibility(settings: Scenario, experiments: Mapping[str, flight.Expe
     names, truth = team.agent_names(settings), first.world.team
     hover = termination.true_hover_thrust(settings, truth, first.controller, first.world.disturbances)
     available = np.concatenate([group.thrust_max for group in truth.agent_groups])
-    margin = settings.termination.hover_thrust_margin
     for name, required, maximum in zip(names, hover, available, strict=True):
-        if maximum - required < margin * maximum:
+        if maximum - required < thrust_margin * maximum:
             warnings.append(
                 f"{name} needs {required:.4g} N of {maximum:.4g} N to hover: the margin of "
-                f"{1 - required / maximum:.1%} is below termination.hover_thrust_margin = {margin:g}"
+                f"{1 - required / maximum:.1%} is below {thrust_margin:.0%}"
             )
     thrust = dict(zip(names, hover.tolist(), strict=True))
     return FeasibilityReport(modes=modes, margins=margins, hover_thrust=thrust, warnings=tuple(warnings))

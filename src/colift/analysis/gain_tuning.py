@@ -414,8 +414,8 @@ def search_bounds(loop: LoopDesign) -> tuple[np.ndarray, np.ndarray]:
     """Return lower and upper bounds of the tuned parameters relative to their present values, as logarithms.
 
     All bounds are `MAX_GAIN_RATIO`, with two exceptions. `K_p` is limited by the thrust that remains for the initial
-    position error above `termination.hover_thrust_margin`. The posture bandwidth is not increased unless the loop is
-    unstable, because it is a requirement of the scenario.
+    position error above `scenario.termination.HOVER_THRUST_MARGIN`. The posture bandwidth is not increased unless the
+    loop is unstable, because it is a requirement of the scenario.
 
     Args:
         loop: Closed loop at the start.
@@ -439,7 +439,7 @@ def _max_frequency_ratio(loop: LoopDesign) -> float:
         loop.settings, experiment.world.team, experiment.controller, experiment.world.disturbances
     )
     available = np.concatenate([group.thrust_max for group in experiment.world.team.agent_groups])
-    margin = float(((1 - loop.settings.termination.hover_thrust_margin) * available / hover).min()) - 1
+    margin = float(((1 - termination.HOVER_THRUST_MARGIN) * available / hover).min()) - 1
     requested = max(loop.settings.control.K_p) * error / max(float(np.linalg.norm(loop.settings.gravity_mps2)), 1e-9)
     return math.log(max(margin / requested, 1.0)) / 2 if requested > 0 else MAX_GAIN_RATIO
 

@@ -82,7 +82,11 @@ class PreflightReport:
         return [*lines, f"{self.scenario}: {'failed: ' + ', '.join(failed) if failed else 'passed'}"]
 
 
-def run_preflight(settings: Scenario, progress: Callable[[str], None] = lambda _what: None) -> PreflightReport:
+def run_preflight(
+    settings: Scenario,
+    progress: Callable[[str], None] = lambda _what: None,
+    thrust_margin: float = termination.HOVER_THRUST_MARGIN,
+) -> PreflightReport:
     r"""Build a scenario, linearize its sampled loop at equilibrium, and check both.
 
     A scenario that cannot be built yields a finding with the reason.
@@ -90,6 +94,7 @@ def run_preflight(settings: Scenario, progress: Callable[[str], None] = lambda _
     Args:
         settings: Scenario.
         progress: Function called with a description of the progress.
+        thrust_margin: Share of an agent's largest thrust that must remain in hover and on the reference.
 
     Returns:
         The findings.
@@ -107,7 +112,8 @@ def run_preflight(settings: Scenario, progress: Callable[[str], None] = lambda _
         progress("team")
         flight_experiment = experiment.make_experiment(settings, "C1")
         z = initial_states.equilibrium_state(settings, truth)
-        findings += [_thrust(settings, flight_experiment, z), *_joints(settings, truth, z), *_labels(settings, nominal)]
+        findings.append(_thrust(settings, flight_experiment, z, thrust_margin))
+        findings += [*_joints(settings, truth, z), *_labels(settings, nominal)]
     except ScenarioError as error:
         return PreflightReport(
             settings.name,
@@ -266,9 +272,9 @@ def _joints(settings: Scenario, truth: Team, state: State) -> Iterator[Finding]:
         yield Finding("joints", message, {"condition": conditions}, tuple(advice))
 
 
-def _thrust(settings: Scenario, experiment: flight.Experiment, state: State) -> Finding:
-    """Check the thrust in hover and on the reference against `termination.hover_thrust_margin`."""
-    names, margin = team.agent_names(settings), settings.termination.hover_thrust_margin
+def _thrust(settings: Scenario, experiment: flight.Experiment, state: State, margin: float) -> Finding:
+    """Check that a share of the thrust remains in hover and on the reference."""
+    names = team.agent_names(settings)
     available = np.concatenate([group.thrust_max for group in experiment.world.team.agent_groups])
     t = np.linspace(0.0, experiment.duration, SAMPLE_TIMES)
     hover = termination.true_hover_thrust(

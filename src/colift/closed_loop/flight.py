@@ -325,7 +325,7 @@ def _termination_reason(experiment: Experiment, rows: StepRecord, loop: LoopStat
         )
         return (
             f"the grasp of agent {experiment.agent_names[weakest]} is near singular at t = {t:.3f} s: "
-            f"{value:.3g} < {float(limits.min_delassus[weakest]):.3g} 1/kg (termination.min_grasp_ratio); {arms}"
+            f"{value:.3g} < {float(limits.min_delassus[weakest]):.3g} 1/kg (limit min_delassus); {arms}"
         )
     saturated = jnp.concatenate(loop.saturated_ticks).astype(float) * experiment.dt
     values = monitored_values(jax.tree.map(lambda x: jnp.asarray(x[-1]), rows), jnp.asarray(True), saturated)

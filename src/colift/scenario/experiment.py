@@ -111,7 +111,8 @@ def make_experiments(settings: Scenario, cases: Sequence[str]) -> dict[str, flig
     if drawn is not None:
         function, deviation = drawn
         sources = dataclasses.replace(sources, state_functions=(residual_model.ResidualFunction(model=function),))
-        error = jax.tree.map(lambda f: given.rig_label_error * f, deviation)
+        if (share := given.rig_label_error) is not None:
+            error = jax.tree.map(lambda f: share * f, deviation)
     controller = controllers.make_controller(settings, nominal)
     termination.true_hover_thrust(settings, truth, controller, sources)
     c1 = flight.Experiment(
@@ -138,7 +139,6 @@ def _as(case: str, c1: flight.Experiment, settings: Scenario) -> flight.Experime
     rival, given = settings.baselines, settings.learning
     learns, agents = case in LEARNING_CASES, case in AGENT_LEARNING_CASES
     controller = c1.controller
-    ridge = rival.ridge_alpha, rival.ridge_alpha_moment or rival.ridge_alpha
     recorder = dataclasses.replace(controller.recorder, payload=jnp.asarray(learns), agents=jnp.asarray(agents))
     controller = dataclasses.replace(controller, recorder=recorder)
     match case:
@@ -151,8 +151,9 @@ def _as(case: str, c1: flight.Experiment, settings: Scenario) -> flight.Experime
                 ),
             )
         case "disturbance_observer":
-            bandwidth = jnp.asarray((rival.dob_force_Hz, rival.dob_moment_Hz or rival.dob_force_Hz))
-            observer = residual_predictors.DisturbanceObserver(base=controller.residual_predictor, bandwidth=bandwidth)
+            observer = residual_predictors.DisturbanceObserver(
+                base=controller.residual_predictor, bandwidth=jnp.asarray(rival.dob_Hz)
+            )
             controller = dataclasses.replace(controller, residual_predictor=observer)
         case "true_residual":
             if stateful := disturbances_module.stateful_names(c1.world.disturbances):
@@ -160,25 +161,26 @@ def _as(case: str, c1: flight.Experiment, settings: Scenario) -> flight.Experime
                     f"{settings.name}: case true_residual evaluates residuals as functions of state and time; "
                     f"these disturbances have an internal state: {', '.join(stateful)}"
                 )
-            controller = controllers.with_preview(settings, controller)
+            controller = controllers.with_preview(controller)
             truly = TrueResidualFunction(world=c1.world, nominal=controller.team)
             controller = dataclasses.replace(
                 controller, residual_predictor=residual_predictors.TrueResidual(function=truly)
             )
         case "regression":
-            controller = controllers.with_preview(settings, controller)
+            controller = controllers.with_preview(controller)
             nothing = controller.recorder.init(controller.team, controller.residual_model)
             controller = dataclasses.replace(
-                controller, residual_model=ridge_regression.fit_ridge(controller.residual_model, nothing, ridge)
+                controller,
+                residual_model=ridge_regression.fit_ridge(controller.residual_model, nothing, rival.ridge_alpha),
             )
         case "label_feedback" | "gp_label_feedback" | "adaptive":
             controller = controllers.with_innovation_filter(
-                settings, controllers.with_preview(settings, controller), hold_correction=case != "adaptive"
+                settings, controllers.with_preview(controller), hold_correction=case != "adaptive"
             )
     prior = np.array(
         [rival.mass_prior_std_kg, *[rival.first_moment_prior_std_kgm] * 3, *[rival.inertia_prior_std_kgm2] * 6]
     )
-    noise = np.array([given.payload.force_noise_std_N] * 3 + [given.payload.moment_noise_std_Nm] * 3)
+    noise = np.array([given.payload.noise_std.force_N] * 3 + [given.payload.noise_std.moment_Nm] * 3)
     parameters = online_learner.IdentificationOptions(
         label_std=noise, prior_std=prior, nominal_payload=controller.team.payload
     )
@@ -186,15 +188,18 @@ def _as(case: str, c1: flight.Experiment, settings: Scenario) -> flight.Experime
         c1,
         controller=controller,
         update_times=given.update_times_s if learns else (),
-        identification={"parametric": parameters, "regression": online_learner.RidgeOptions(ridge=ridge)}.get(case),
+        identification={
+            "parametric": parameters,
+            "regression": online_learner.RidgeOptions(ridge=rival.ridge_alpha),
+        }.get(case),
     )
     return _with_online_updates(made, settings) if case == "adaptive" else made
 
 
 def _with_online_updates(experiment: flight.Experiment, settings: Scenario) -> flight.Experiment:
     """Return the experiment with periodic model updates and refits, and position-only models with parametric means."""
-    given = settings.online_correction
-    first, last = settings.learning.update_times_s[0], settings.learning.update_times_s[-1]
+    given = settings.learning
+    first, last = given.update_times_s[0], given.update_times_s[-1]
     times = np.arange(first, settings.duration_s, given.update_period_s)[1:]
     fits = np.arange(last, settings.duration_s, given.refit_period_s)[1:]
     recorder = dataclasses.replace(
@@ -211,8 +216,7 @@ def _with_online_updates(experiment: flight.Experiment, settings: Scenario) -> f
         fit_options=priors.position_only_options(settings, experiment.controller.team),
         online_updates=online_learner.OnlineUpdateOptions(
             times=tuple(times.tolist()),
-            nis_threshold=given.nis_threshold,
-            min_samples=min(online_learner.OnlineUpdateOptions.min_samples, settings.learning.max_samples),
+            min_samples=min(online_learner.OnlineUpdateOptions.min_samples, given.max_samples),
             mean_prior=priors.mean_prior(settings, experiment.controller.team),
         ),
     )

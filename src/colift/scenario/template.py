@@ -249,14 +249,12 @@ learning:
   sample_Hz: 20
   label_filter_Hz: 8
   max_samples: 256
-  payload: {force_std_N: 1, moment_std_Nm: 0.2, force_noise_std_N: 0.1, moment_noise_std_Nm: 0.02}
+  payload:
+    signal_std: {force_N: 1, moment_Nm: 0.2}
+    noise_std: {force_N: 0.1, moment_Nm: 0.02}
   agents:
-    force_std_N: 1
-    moment_std_Nm: 0.1
-    joint_torque_std_Nm: 0.1
-    force_noise_std_N: 0.1
-    moment_noise_std_Nm: 0.01
-    joint_torque_noise_std_Nm: 0.01
+    signal_std: {force_N: 1, moment_Nm: 0.1, joint_torque_Nm: 0.1}
+    noise_std: {force_N: 0.1, moment_Nm: 0.01, joint_torque_Nm: 0.01}
 """
 
 

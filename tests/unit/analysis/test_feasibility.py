@@ -25,8 +25,8 @@ def test_what_is_known_before_a_flight_is_the_slowest_mode():
         paper.lighter(30.0), {"C1": experiment.make_experiment(paper.lighter(30.0), "C1")}
     )
     assert [warning.partition(" N of ")[2] for warning in narrow.warnings] == [
-        "30 N to hover: the margin of 5.5% is below termination.hover_thrust_margin = 0.1",
-        "30 N to hover: the margin of 7.1% is below termination.hover_thrust_margin = 0.1",
+        "30 N to hover: the margin of 5.5% is below 10%",
+        "30 N to hover: the margin of 7.1% is below 10%",
     ]
     assert [warning.partition(" needs ")[0] for warning in narrow.warnings] == ["front", "rear"]
 

@@ -138,8 +138,7 @@ def test_little_thrust_is_bad_with_how_much_it_should_be(monkeypatch: pytest.Mon
 def test_a_team_that_has_no_thrust_to_spare_is_not_told_to_share(monkeypatch: pytest.MonkeyPatch):
     """Where hover leaves less than is asked of all thrust together no place of contacts helps, and no reference."""
     monkeypatch.setattr(stability, "equilibrium_and_jacobian", no_rest)
-    limits = light.SAMPLE.termination.model_copy(update={"hover_thrust_margin": 0.3})
-    few = preflight.run_preflight(heavier(7.0).model_copy(update={"termination": limits}))
+    few = preflight.run_preflight(heavier(7.0), thrust_margin=0.3)
     hover, reference = finding(few, "thrust").advice
     assert "lower payload.mass_kg, or add an agent" in hover
     assert not any(word in line for word in ("contacts", "slower") for line in (hover, reference))

@@ -19,6 +19,7 @@ from colift.closed_loop.flight import UNCERTAINTY_PERIOD, Experiment, FlightResu
 from colift.math.pytree import pytree
 from colift.onboard.learning import model_update, online_learner
 from colift.scenario import experiment
+from colift.scenario.termination import MIN_GRASP_RATIO
 from colift.simulation import disturbances
 from tests.support import paper_flights
 from tests.support import small_team as light
@@ -225,8 +226,8 @@ def test_deviations_come_at_their_rate_and_are_the_prior(flight):
     sigma = flight.uncertainty
     np.testing.assert_allclose(np.diff(sigma.t), UNCERTAINTY_PERIOD, atol=1e-12)
     assert sigma.t[0] == 0
-    given = paper_flights.SETTINGS.learning
-    stated = np.repeat([given.payload.force_std_N, given.payload.moment_std_Nm], 3)
+    given = paper_flights.SETTINGS.learning.payload.signal_std
+    stated = np.repeat([given.force_N, given.moment_Nm], 3)
     np.testing.assert_allclose(sigma.payload_std, np.tile(stated, (len(sigma.t), 1)))
     assert sigma.agent_std[0].shape == (len(sigma.t), 2, 9)
 
@@ -318,15 +319,16 @@ def test_a_run_whose_grasp_is_near_singular_stops_at_that_tick():
     assert least[first, agent] <= limit
     assert stopped.termination_reason.startswith(f"the grasp of agent {name} is near singular at t = {t:.3f} s: ")
     assert stopped.termination_reason.endswith(
-        " 1/kg (termination.min_grasp_ratio); the constraints of arms 1 and 2 are redundant"
+        " 1/kg (limit min_delassus); the constraints of arms 1 and 2 are redundant"
     )
     assert len(stopped.uncertainty.t) == first // 10 + 1
 
 
 def test_the_least_grip_is_a_share_of_the_start_s(flight):
-    share = paper_flights.SETTINGS.termination.min_grasp_ratio
     np.testing.assert_allclose(
-        plan("C1").termination_limits.min_delassus, share * flight.records.min_delassus_singular_value[0], rtol=1e-12
+        plan("C1").termination_limits.min_delassus,
+        MIN_GRASP_RATIO * flight.records.min_delassus_singular_value[0],
+        rtol=1e-12,
     )
 
 

@@ -19,9 +19,7 @@ MEAN = semiparametric.MeanPrior(payload=np.ones(14), agents=np.ones(5), nominal_
 
 def going_on(enough: int) -> online_learner.OnlineLearner:
     """Of a flight whose learning does not end."""
-    given = online_learner.OnlineUpdateOptions(
-        times=(), nis_threshold=3.0, transient_time=0.0, min_samples=enough, forgetting_time=20.0, mean_prior=MEAN
-    )
+    given = online_learner.OnlineUpdateOptions(times=(), transient_time=0.0, min_samples=enough, mean_prior=MEAN)
     return online_learner.OnlineLearner(None, None, given)
 
 

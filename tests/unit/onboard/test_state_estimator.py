@@ -404,10 +404,7 @@ def test_without_noise_the_filters_of_the_study_err_by_less():
     """Without noise the filters of the study err by less than its label noise."""
     y, expected = labels(paper_flights.quiet(paper_flights.plan("C1")), 0.002)
     error = np.sqrt(((y - expected) ** 2).mean(0))
-    given = paper_flights.SETTINGS.learning
-    stated = [
-        *(given.payload.force_noise_std_N, given.payload.moment_noise_std_Nm),
-        *(given.agents.force_noise_std_N, given.agents.moment_noise_std_Nm, given.agents.joint_torque_noise_std_Nm),
-    ]
+    load, agents = (getattr(paper_flights.SETTINGS.learning, body).noise_std for body in ("payload", "agents"))
+    stated = [load.force_N, load.moment_Nm, agents.force_N, agents.moment_Nm, agents.joint_torque_Nm]
     assert (error < np.repeat(stated, [3, 3, 6, 6, 6])).all()
     assert (error[:3] < 0.05 * np.sqrt((expected[:, :3] ** 2).mean(0))).all()

@@ -18,12 +18,12 @@ def test_error_bounds_rest_on_what_the_scenario_states():
     assert given.payload_label_error is not None
     assert given.agent_label_error is not None
     np.testing.assert_array_equal(
-        stated.payload, [given.payload_label_error.force_error_N] * 3 + [given.payload_label_error.moment_error_Nm] * 3
+        stated.payload, [given.payload_label_error.force_N] * 3 + [given.payload_label_error.moment_Nm] * 3
     )
     row = (
-        [given.agent_label_error.force_error_N] * 3
-        + [given.agent_label_error.moment_error_Nm] * 3
-        + [given.agent_label_error.joint_torque_error_Nm] * 3
+        [given.agent_label_error.force_N] * 3
+        + [given.agent_label_error.moment_Nm] * 3
+        + [given.agent_label_error.joint_torque_Nm] * 3
     )
     np.testing.assert_array_equal(stated.agents[0], [row, row])
     assert stated.assumed == ("rkhs norm", "bounded noise energy")  # of a team among winds nobody knows them
@@ -34,9 +34,9 @@ def test_label_errors_that_are_not_stated_are_three_deviations():
     s = changed("paper", certificate={})
     _, nominal = team.team(s)
     stated = assumptions.bound_assumptions(s, nominal, zero_residual(nominal))
-    noise = s.learning.agents
+    noise = s.learning.agents.noise_std
     np.testing.assert_allclose(stated.payload, [0.3] * 3 + [0.06] * 3)
-    row = 3 * np.repeat([noise.force_noise_std_N, noise.moment_noise_std_Nm, noise.joint_torque_noise_std_Nm], 3)
+    row = 3 * np.repeat([noise.force_N, noise.moment_Nm, noise.joint_torque_Nm], 3)
     np.testing.assert_allclose(stated.agents[0], [row, row])
 
 
@@ -57,7 +57,7 @@ def test_in_the_certified_scenario_nothing_is_assumed_unless():
     assert assumed(nominal={"payload": scenario.load_scenario("paper").payload.model_dump() | {"mass_kg": 1.2}}) == (
         "rkhs norm",
     )
-    assert assumed(random_residual=None, learning=learning | {"label_source": "onboard"}) == (
+    assert assumed(random_residual=None, learning=learning | {"rig_label_error": None}) == (
         "rkhs norm",
         "bounded noise energy",
     )
@@ -66,7 +66,7 @@ def test_in_the_certified_scenario_nothing_is_assumed_unless():
         "learning": learning | {"hyperparameters": "optimized"},
     }
     assert assumed(**fitted) == ("rkhs norm", "fixed hyperparameters")
-    small = {"force_error_N": 1e-6, "moment_error_Nm": 1e-6}
+    small = {"force_N": 1e-6, "moment_Nm": 1e-6}
     assert assumed(certificate={"rkhs_norm": norm, "payload_label_error": small}) == ("bounded noise energy",)
 
 

@@ -230,11 +230,6 @@ WRONG = [  # what is written, what instead, the line that answers
     ),
     ("max_samples: 256", "max_samples: 1", "learning.max_samples: must be from 2 to 20000 (a fit requires two samples"),
     (
-        "seed: 0",
-        "random_residual: {rkhs_norm: 1, num_centers: 3000}",
-        "random_residual.num_centers: the 24 outputs of the models would take 1.73 GB",
-    ),
-    (
         "ramp_time_s: 3\n",
         "ramp_time_s: 20\nrandom_residual: {rkhs_norm: 1}\n",
         "reference.ramp_time_s [s]: must be less than duration_s = 20",
@@ -252,8 +247,8 @@ WRONG = [  # what is written, what instead, the line that answers
     ("axis: [0, 0, 1]", "axis: [0, 0, 1e-7]", "joints[0].axis: must not be zero"),
     ("two_arms:", "two_arms: 5\n  other:", "agent_types.two_arms: must be settings by name, got 5"),
     (
-        "moment_noise_std_Nm: 0.02}",
-        "moment_noise_std_Nm: 0.02, lengthscale: 40}",
+        "moment_Nm: 0.02}\n",
+        "moment_Nm: 0.02}\n    lengthscale: 40\n",
         "learning.payload.lengthscale [of each feature]: must be from 0.1 to 30 "
         "(bounds of the length-scales in the fit",
     ),

@@ -13,9 +13,9 @@ from colift.scenario import ScenarioError, priors, team
 def test_before_any_data_the_models_state_the_scenario():
     """Before any data the models state the scenario is deviations."""
     s = scenario.load_scenario("paper")
-    prior = s.learning.agents
+    prior = s.learning.agents.signal_std
     oracle = priors.prior_model(s, team.team(s)[1])
-    expected = np.repeat([prior.force_std_N, prior.moment_std_Nm, prior.joint_torque_std_Nm], 3) ** 2
+    expected = np.repeat([prior.force_N, prior.moment_Nm, prior.joint_torque_Nm], 3) ** 2
     variance = jax.vmap(gp.variance)(oracle.agents[0], jnp.ones((2, 24)))
     np.testing.assert_allclose(variance, np.tile(expected, (2, 1)))
     assert np.abs(gp.mean(oracle.payload, jnp.ones(20))).max() == 0
@@ -39,7 +39,8 @@ def test_rates_of_rotation_and_of_joints_have_a_lengthscale():
 def test_noise_too_small_for_the_data_is_refused():
     """Noise too small for the data is refused with its section."""
     s = scenario.load_scenario("paper")
-    quiet = s.learning.agents.model_copy(update={"joint_torque_noise_std_Nm": 1e-9})
+    noise = s.learning.agents.noise_std.model_copy(update={"joint_torque_Nm": 1e-9})
+    quiet = s.learning.agents.model_copy(update={"noise_std": noise})
     s = s.model_copy(update={"learning": s.learning.model_copy(update={"agents": quiet})})
     with pytest.raises(ScenarioError, match=r"^paper: learning.agents: output 6: "):
         priors.prior_model(s, team.team(s)[1])

@@ -15,13 +15,12 @@ from pydantic import (
 from colift.scenario import fields
 from colift.scenario.cross_checks import MAX_ENTRIES
 from colift.scenario.schema.base import ZERO, Inertia, Name, Section, _nonzero
+from colift.scenario.schema.shared import Delayed, Located, Mass, Named, Orientation, Ramp
 
 
-class _MassProperties(Section):
+class _MassProperties(Mass):
     """Mass and inertia of a rigid body."""
 
-    mass_kg: fields.Mass
-    """Mass."""
     inertia_kgm2: Inertia
     """Inertia about the center of mass, body frame: 3 principal moments, 6 entries xx yy zz xy xz yz, or 3 rows."""
 
@@ -33,17 +32,13 @@ class Body(_MassProperties):
     """Center of mass, frame of the body."""
 
 
-class _Joint(Section):
-    """A joint and the body that it moves."""
+class _Joint(Orientation, Located, Named):
+    """A joint and the body that it moves, which has the name of the joint."""
 
-    name: Name
-    """Name of the joint and of the body that it moves."""
     parent: Name = "base"
     """Body that carries the joint: `base`, or the name of a preceding joint."""
     position_m: fields.BodyPoint = ZERO
-    """Joint origin, frame of the parent."""
-    rpy_deg: fields.Angles = ZERO
-    """Roll, pitch, yaw of the joint frame in the parent frame at joint position 0: R_z(yaw) R_y(pitch) R_x(roll)."""
+    """Position of the joint frame at joint position 0, frame of the parent; `rpy_deg` is its orientation there."""
     axis: Annotated[fields.Axis, AfterValidator(_nonzero)]
     """Direction of the axis in the joint frame; it is normalized."""
     body: Body
@@ -51,7 +46,7 @@ class _Joint(Section):
 
 
 class Revolute(_Joint):
-    """A revolute joint."""
+    """A revolute joint and the body that it moves, which has the name of the joint."""
 
     type: Literal["revolute"]
     """Selects this joint."""
@@ -60,7 +55,7 @@ class Revolute(_Joint):
 
 
 class Prismatic(_Joint):
-    """A prismatic joint."""
+    """A prismatic joint and the body that it moves, which has the name of the joint."""
 
     type: Literal["prismatic"]
     """Selects this joint."""
@@ -71,11 +66,9 @@ class Prismatic(_Joint):
 Joint = Annotated[Revolute | Prismatic, Field(discriminator="type")]
 
 
-class Arm(Section):
-    """An arm with one point contact on the payload."""
+class Arm(Named):
+    """An arm with one point contact on the payload; `agent/arm` is the name of the contact."""
 
-    name: Name
-    """Name of the arm; `agent/arm` is the name of its contact."""
     joint: Name
     """Body that carries the tip: the name of a joint, or `base`."""
     tip_position_m: fields.BodyPoint
@@ -95,11 +88,9 @@ class AgentType(Section):
     """Arms, one contact each."""
 
 
-class Agent(Section):
+class Agent(Named):
     """A member of the team."""
 
-    name: Name
-    """Name of the agent."""
     type: Name
     """A name in `agent_types`."""
     yaw_deg: fields.Degrees = 0.0
@@ -121,13 +112,11 @@ class NominalAgentType(Section):
     """Nominal bodies by the name of their joint."""
 
 
-class ActuatorLag(Section):
+class ActuatorLag(Delayed):
     """Delay and first-order lag of thrust and body torque; joint torques are applied without delay."""
 
     bandwidth_Hz: fields.Bandwidth
     """Bandwidth of the lag."""
-    delay_s: fields.Time = 0.0
-    """Delay of commands, a multiple of the control period."""
 
 
 class NominalModel(Section):
@@ -141,13 +130,11 @@ class NominalModel(Section):
     """Nominal lag of thrust and torque, which is used for labels and inverted in commands; default: no lag."""
 
 
-class PayloadMassStep(Section):
+class PayloadMassStep(Ramp, Mass):
     """A mass that is added at the payload's center of mass during the flight, or removed from it."""
 
     mass_kg: fields.MassChange
     """Added mass; negative for a removed mass."""
-    start_s: fields.Time
-    """Start of the change."""
     ramp_time_s: fields.Span = 0.1
     """Duration of the change."""
 

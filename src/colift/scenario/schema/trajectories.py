@@ -14,59 +14,47 @@ from pydantic import (
 from colift.scenario import fields
 from colift.scenario.cross_checks import MAX_ENTRIES
 from colift.scenario.schema.base import ZERO, Section
+from colift.scenario.schema.shared import AttitudeOscillation, Centered, Located, Orientation, Ramp, RampTime
 
 
-class PathDeparture(Section):
-    """A change of the reference after a time: an offset in position, and later an oscillation of the attitude."""
+class PathDeparture(AttitudeOscillation, Ramp):
+    """A change of the reference after `start_s`: an offset in position, and later an oscillation of the attitude."""
 
     offset_m: fields.Position
     """Offset in position."""
-    start_s: fields.Time
-    """Start of the offset."""
     ramp_time_s: fields.Span = 2.0
     """Duration of the rise of the offset, and of that of the oscillation."""
-    rotation_amplitude_deg: fields.RotationVector = ZERO
-    """Amplitude of the oscillation, a rotation vector in the frame of the attitude `rpy_deg`."""
     rotation_start_s: fields.Time = 0.0
     """Start of the oscillation."""
     rotation_period_s: fields.Period = 4.0
     """Period of the oscillation."""
 
 
-class Lissajous(Section):
-    """A Lissajous curve `p_d = center + ramp(t) amplitude sin(2 pi t / period + phase)` with oscillating attitude."""
+class Lissajous(AttitudeOscillation, RampTime, Orientation, Centered):
+    """A Lissajous curve `p_d = center + ramp(t) amplitude sin(2 pi t / period + phase)` with oscillating attitude.
+
+    The ramp is the rise of all amplitudes from zero. The attitude oscillates about `rpy_deg`.
+    """
 
     kind: Literal["lissajous"]
     """Selects this reference."""
-    center_m: fields.Position
-    """Center of the curve."""
     amplitude_m: fields.Extents
     """Amplitude by axis."""
     period_s: fields.Periods
     """Period by axis; a single number applies to all axes."""
     phase_deg: fields.Angles = ZERO
     """Phase by axis."""
-    ramp_time_s: fields.Span
-    """Duration of the smooth rise of the amplitudes from zero."""
-    rpy_deg: fields.Angles = ZERO
-    """Roll, pitch, yaw of the mean attitude."""
-    rotation_amplitude_deg: fields.RotationVector = ZERO
-    """Amplitude of the attitude oscillation, a rotation vector in the frame of the mean attitude; zero: constant."""
     rotation_period_s: fields.Periods = (10.0, 10.0, 10.0)
     """Period of the oscillation by axis; a single number applies to all axes."""
     departure: PathDeparture | None = None
     """Change of the reference after a time."""
 
 
-class Pose(Section):
-    """A desired pose of the payload at a time."""
+class Pose(Orientation, Located):
+    """A desired pose of the payload at a time, world frame."""
 
     time_s: fields.Time
     """Time."""
-    position_m: fields.Position
-    """Position."""
-    rpy_deg: fields.Angles = ZERO
-    """Roll, pitch, yaw of the attitude."""
 
 
 class Waypoints(Section):
