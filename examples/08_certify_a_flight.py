@@ -15,13 +15,13 @@ def main() -> None:
     made = certification.certify(colift.load_scenario("certified"), names=("energy", "recovery"))
     found = made.certificate
     first, last = found.window
-    for bound, radii in found.radii.items():
+    for bound, radii in found.ultimate_bounds.items():
         for error, radius in radii.a_posteriori.items():
             seen = found.observed[error]
             print(f"{bound:>8}, {error:>7}: at most {radius:.3g}, observed {seen:.3g} from {first:.0f} to {last:.0f} s")
         print(f"{'':>8}  assumed: {', '.join(radii.assumptions)}")
-    if found.exceeded:
-        raise SystemExit(f"above their radius: {', '.join(sorted({each.error for each in found.exceeded}))}")
+    if found.violations:
+        raise SystemExit(f"above their radius: {', '.join(sorted({each.error for each in found.violations}))}")
 
 
 if __name__ == "__main__":

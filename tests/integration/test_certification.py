@@ -16,6 +16,7 @@ import pytest
 from rich.console import Console
 from typer.testing import CliRunner
 
+from colift.analysis import result_files
 from colift.certification import agent_iss, certificate
 from colift.cli import app, common
 from colift.cli import certify as certify_commands
@@ -28,10 +29,10 @@ from tests.support.certified_flights import NAMES, made, short
 def exceeded() -> certification.CertificationResult:
     """The flight by its energy bound, with errors that are said to be beyond it."""
     of = made()
-    energy = of.certificate.radii["energy"]
+    energy = of.certificate.ultimate_bounds["energy"]
     observed = {error: 3 * radius for error, radius in energy.a_priori.items()}
     return dataclasses.replace(
-        of, certificate=dataclasses.replace(of.certificate, radii={"energy": energy}, observed=observed)
+        of, certificate=dataclasses.replace(of.certificate, ultimate_bounds={"energy": energy}, observed=observed)
     )
 
 
@@ -82,12 +83,17 @@ def test_a_certificate_is_saved_whole_and_told_in_a_table(tmp_path, capsys, save
         "figure_6_certificate.png",
     }
     found = made().certificate
-    for name, radii in found.radii.items():
+    for name, radii in found.ultimate_bounds.items():
         for error in certificate.ERRORS:
             ratio = radii.a_posteriori[error] / found.observed[error]
-            assert told["radii"][name]["tightness"]["run"][error] == (ratio if np.isfinite(ratio) else None)
-    assert told["adversary"]["radius_over_adversary"] == told["radii"]["recovery"]["tightness"]["run"]["e_p"]
-    assert told["exceeded"] == []
+            assert told["ultimate_bounds"][name]["bound_over_observed"]["a_posteriori"][error] == (
+                ratio if np.isfinite(ratio) else None
+            )
+    best = told["ultimate_bounds"]["recovery"]["bound_over_observed"]["a_posteriori"]
+    assert told["adversarial_test"]["bound_over_observed"] == best["e_p"]
+    assert told["violations"] == []
+    assert set(told["units"]) == set(certificate.ERRORS) == set(told["nominal_error"])
+    assert result_files.load_certificate(tmp_path / "certificate.json") == told
     certify_commands.print_certificate(told, tmp_path)
     printed, said = capsys.readouterr()
     assert said == ""
@@ -100,8 +106,8 @@ def test_what_is_assumed_stands_in_table_json_and_figure(tmp_path, capsys, save,
     """What is assumed stands in table json and figure and the word certified in none."""
     told = save(made(), made())
     text = "first order, less than a round"
-    for radii in told["radii"].values():
-        assert ", ".join(radii["assumed"]) == text
+    for radii in told["ultimate_bounds"].values():
+        assert ", ".join(radii["unproven_assumptions"]) == text
         assert radii["status"] == "assumed"
     certify_commands.print_certificate(told, tmp_path)
     printed = capsys.readouterr().out
@@ -124,19 +130,19 @@ def test_an_error_above_its_radius_is_said_first_and_the_status(tmp_path, monkey
     result = CliRunner().invoke(app.app, ["certify", "certified", "--out", str(tmp_path)], catch_exceptions=False)
     assert result.exit_code == 1
     found = exceeded().certificate
-    observed, radius = 1e3 * found.observed["e_p"], 1e3 * found.radii["energy"].a_priori["e_p"]
+    observed, radius = 1e3 * found.observed["e_p"], 1e3 * found.ultimate_bounds["energy"].a_priori["e_p"]
     first = f"e_p of this run exceeds its bound: observed {observed:.4g} mm, bound {radius:.4g} mm (energy, any run), "
     said = [line for line in result.output.splitlines() if not line.startswith("certifying certified")]  # progress
     assert said[0].startswith(first)
     red = [line for line in result.stderr.splitlines() if line in said]
-    assert len(red) == len({each.error for each in found.exceeded})
+    assert len(red) == len({each.error for each in found.violations})
     assert said[: len(red)] == red
     assert [(row[0], row[1], row[-1]) for row in table_of(result.stdout)] == [
         ("energy", "any", "exceeded"),
         ("energy", "this", "exceeded"),
     ]
     told = json.loads((tmp_path / "certificate.json").read_text())
-    assert told["exceeded"] == [{"flight": "this", **dataclasses.asdict(each)} for each in found.exceeded]
+    assert told["violations"] == [{"run": "simulation", **dataclasses.asdict(each)} for each in found.violations]
     assert any(text.startswith("observed error above its bound: $e_p$") for text in drawn)
     result = CliRunner().invoke(app.app, ["certify", "certified", "--out", str(tmp_path)], catch_exceptions=False)
     assert result.exit_code == 0
@@ -150,7 +156,10 @@ def test_the_example_prints_the_radii_of_its_flight_and_fails(monkeypatch, capsy
     monkeypatch.setattr(certification, "certify", lambda *_, **__: known.pop())
     runpy.run_path(example, run_name="__main__")
     said = capsys.readouterr().out
-    radius, seen = made().certificate.radii["recovery"].a_posteriori["e_p"], made().certificate.observed["e_p"]
+    radius, seen = (
+        made().certificate.ultimate_bounds["recovery"].a_posteriori["e_p"],
+        made().certificate.observed["e_p"],
+    )
     assert f"recovery,     e_p: at most {radius:.3g}, observed {seen:.3g}" in said
     with pytest.raises(SystemExit, match=r"above their radius: .*e_p"):
         runpy.run_path(example, run_name="__main__")
@@ -161,7 +170,7 @@ def test_an_error_above_its_radius_is_said_in_red(tmp_path, monkeypatch, save):
     monkeypatch.setattr(common, "error_console", terminal)
     certify_commands.print_certificate(save(exceeded()), tmp_path)
     lines = terminal.file.getvalue().splitlines()
-    assert len(lines) == len({each.error for each in exceeded().certificate.exceeded})
+    assert len(lines) == len({each.error for each in exceeded().certificate.violations})
     assert all(line.startswith("\x1b[31m") for line in lines)
 
 
@@ -170,7 +179,7 @@ def test_an_adversary_that_exceeds_its_radius_breaks(tmp_path, capsys, save):
     observed = {error: 1e3 * size for error, size in made().certificate.observed.items()}
     beyond = dataclasses.replace(made().certificate, observed=observed)
     told = save(made(), dataclasses.replace(made(), certificate=beyond))
-    assert {each["flight"] for each in told["exceeded"]} == {"adversary"}
+    assert {each["run"] for each in told["violations"]} == {"adversarial_test"}
     certify_commands.print_certificate(told, tmp_path)
     printed, said = capsys.readouterr()
     assert said.startswith("e_p of the adversarial run exceeds its bound: observed ")
@@ -184,10 +193,10 @@ def test_what_has_no_radius_has_no_row(tmp_path, capsys, save, drawn):
         name: dataclasses.replace(
             each, a_priori=dict.fromkeys(each.a_priori, np.inf), assumptions=("S_X", *each.assumptions)
         )
-        for name, each in all_of.certificate.radii.items()
+        for name, each in all_of.certificate.ultimate_bounds.items()
     }
     before = dataclasses.replace(all_of.certificate.a_priori, tube=None, tube_failure="it feeds itself")
-    lost = dataclasses.replace(all_of.certificate, radii=radii, a_priori=before)
+    lost = dataclasses.replace(all_of.certificate, ultimate_bounds=radii, a_priori=before)
     certify_commands.print_certificate(save(dataclasses.replace(all_of, certificate=lost)), tmp_path)
     printed = capsys.readouterr().out
     assert [row[1] for row in table_of(printed)] == ["this"] * len(NAMES)
@@ -201,7 +210,7 @@ def test_what_has_no_radius_has_no_row(tmp_path, capsys, save, drawn):
     )
     nothing = certificate.certify(small, all_of.flight, all_of.nominal_linearization, ("energy", "recovery"))
     told = save(dataclasses.replace(all_of, experiment=small, certificate=nothing))
-    assert told["exceeded"] == []
+    assert told["violations"] == []
     certify_commands.print_certificate(told, tmp_path)
     printed = capsys.readouterr().out
     assert table_of(printed) == []

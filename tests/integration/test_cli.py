@@ -30,7 +30,16 @@ from tests.support import random_logs as flights
 from tests.support import small_team as light
 
 PROMISED = {
-    *("e_p_rms_m", "e_v_rms", "e_R_rms", "e_omega_rms", "Psi_mean", "delta_W_rms", "e_lam_rms_N", "sigma_L_mean"),
+    *(
+        "e_p_rms_m",
+        "e_v_rms_mps",
+        "e_R_rms",
+        "e_omega_rms_radps",
+        "Psi_mean",
+        "delta_W_rms",
+        "e_lam_rms_N",
+        "sigma_L_mean",
+    ),
     *(
         "sigma_A_mean",
         "lam_max_N",
@@ -38,9 +47,9 @@ PROMISED = {
         "thrust_min_N",
         "thrust_max_N",
         "Phi_max_m",
-        "Phi_dot_max",
+        "Phi_dot_max_mps",
     ),
-    *("wrench_consistency_max", "eta_max_N", "num_samples", "updates", "wall_s"),
+    *("wrench_consistency_max", "eta_max_N", "num_samples", "update_times_s", "wall_time_s"),
 }
 FIGURES = ("tracking", "mismatch", "deviation", "forces", "rho_bar")
 
@@ -363,23 +372,24 @@ def test_the_summary_holds_what_it_promises(flown: Path):
     assert list(summary["cases"]) == ["C1", "C2", "C3", "disturbance_observer", "parametric"]
     for case, found in summary["cases"].items():
         assert set(found) >= PROMISED
-        assert {"simulation", "fit", "output"} <= set(found["wall_s"])
+        assert {"simulation", "fit", "output"} <= set(found["wall_time_s"])
         assert found["complete"]
         assert found["Phi_max_m"] <= 1e-10
-        assert found["Phi_dot_max"] <= 1e-10
+        assert found["Phi_dot_max_mps"] <= 1e-10
         assert found["wrench_consistency_max"] <= 1e-9
         assert found["num_samples"]["payload"] == (38 if case in ("C2", "C3", "parametric") else 0)
         assert found["num_samples"]["agents"] == (3 * 38 if case == "C3" else 0)
         assert found["warnings"] == []
     assert summary["slowest_mode"]["stable"]
     assert set(summary["hover_thrust_N"]) == set(light.NAMES)
-    assert len(summary["limits"]["grip_1pkg"]) == 3
-    assert summary["cases"]["C3"]["updates"] == [1, 2]
-    assert summary["bound"]["assumed"] == ["rkhs norm", "bounded noise energy", "sensor noise", "sampled estimator"]
+    assert len(summary["termination_limits"]["min_delassus_singular_value_1pkg"]) == 3
+    assert summary["cases"]["C3"]["update_times_s"] == [1, 2]
+    unproven = summary["error_bound_assumptions"]["unproven_assumptions"]
+    assert unproven == ["rkhs norm", "bounded noise energy", "sensor noise", "sampled estimator"]
     for found in summary["cases"].values():
-        bodies = [found["bound"]["payload"], *found["bound"]["agents"]]
+        bodies = [found["error_bound"]["payload"], *found["error_bound"]["agents"]]
         assert [len(body["beta"]) for body in bodies] == [6, 6, 6, 6]
-        assert all(0 <= share <= 1 for body in bodies for share in body["exceeded_share"].values())
+        assert all(0 <= share <= 1 for body in bodies for share in body["violation_rate"].values())
 
 
 def test_signals_are_labelled_and_have_units(flown: Path):
@@ -390,10 +400,10 @@ def test_signals_are_labelled_and_have_units(flown: Path):
         log.load(flown / "disturbance_observer.nc").attrs["bound_assumptions"]
         == f"{flight.attrs['bound_assumptions']}, posterior mean"
     )
-    assert (flight.attrs["rho_bound"], flight.attrs["rho_norm"]) == ("energy", 3)
+    assert (flight.attrs["rho_bound"], flight.attrs["rho_rkhs_norm"]) == ("energy", 3)
     assert len(flight.attrs["rho_label_error_agents"]) == 18
     assert flight.attrs["limit_max_position_error_m"] == 3
-    assert 0.001 < flight.attrs["limit_grip_1pkg"].max() < 0.01
+    assert 0.001 < flight.attrs["limit_min_delassus_singular_value_1pkg"].max() < 0.01
     assert all("units" in flight[name].attrs for name in flight.data_vars)
     assert list(flight.contact.values) == [f"{name}/hook" for name in light.NAMES]
 
@@ -497,7 +507,7 @@ def test_one_case_is_flown_alone_and_quietly_and_its_summary(tmp_path: Path, mon
     assert (
         "C1, backwards: C1's residual model, the same curve in the opposite direction, 1 s to simulate" in done.stderr
     )
-    found = json.loads((tmp_path / "held" / "summary.json").read_text())["heldout"]
+    found = json.loads((tmp_path / "held" / "summary.json").read_text())["held_out"]
     assert list(found) == ["C1"]
     assert list(found["C1"]) == ["backwards", "larger", "moved"]
     assert all(each["e_p_rms_m"] > 0 and each["termination_reason"] == "" for each in found["C1"].values())

@@ -17,7 +17,7 @@ def test_paths_are_the_same_curve_backwards_larger_and_moved():
     settings = light.settings()
     own = trajectories.make_reference(settings)
     other = {
-        name: trajectories.make_reference(there) for name, there in generalization.heldout_scenarios(settings).items()
+        name: trajectories.make_reference(there) for name, there in generalization.held_out_scenarios(settings).items()
     }
     assert list(other) == list(generalization.TRAJECTORY_VARIANTS)
     given = settings.reference
@@ -38,7 +38,7 @@ def test_a_reference_that_is_no_such_curve_is_refused():
     poses = [{"time_s": 0.0, "position_m": [0.0, 0.0, 1.0]}, {"time_s": 4.0, "position_m": [1.0, 0.0, 1.0]}]
     told = light.settings().model_dump() | {"reference": {"kind": "waypoints", "poses": poses}}
     with pytest.raises(ScenarioError, match=r"reference\.kind = waypoints: .* lissajous"):
-        generalization.heldout_scenarios(Scenario.model_validate(told))
+        generalization.held_out_scenarios(Scenario.model_validate(told))
 
 
 @pytest.mark.long
@@ -47,7 +47,7 @@ def test_what_flies_there_has_the_map_and_learns_no_more():
     plan = experiment.make_experiment(settings, "C3")
     first = flight.run_experiment(plan)
     there = generalization.freeze_model(
-        generalization.heldout_experiments(settings, ("C3",))["moved"]["C3"], first.model
+        generalization.held_out_experiments(settings, ("C3",))["moved"]["C3"], first.model
     )
     second = flight.run_experiment(there)
     assert not second.updates

@@ -176,8 +176,8 @@ def test_figure_5_radii_hold_the_true_errors_and_fall(found: dict[str, dict]):
     signal = learning.payload.signal_std
     before = stated.rkhs_norm * np.repeat([signal.force_N, signal.moment_Nm], 3)
     for case in ("C1", "C2", "C3"):
-        bodies = [found[case]["bound"]["payload"], *found[case]["bound"]["agents"]]
-        assert [body["exceeded_share"]["plain"] for body in bodies] == [0, 0, 0]
+        bodies = [found[case]["error_bound"]["payload"], *found[case]["error_bound"]["agents"]]
+        assert [body["violation_rate"]["total"] for body in bodies] == [0, 0, 0]
         sigma = paper.flight(case).uncertainty
         np.testing.assert_allclose(sigma.payload_radius[sigma.t < 2], np.tile(before, (100, 1)), rtol=1e-12)
         learned = [case != "C1", case == "C3", case == "C3"]
@@ -185,7 +185,7 @@ def test_figure_5_radii_hold_the_true_errors_and_fall(found: dict[str, dict]):
             beta = np.array(body["beta"])
             assert (beta <= 2**0.5 * stated.rkhs_norm).all()
             assert (beta == stated.rkhs_norm).all() != does
-            assert not does or body["tightness_median"] < 20
+            assert not does or body["bound_over_error_median"] < 20
     c1, c3 = (np.linalg.norm(paper.flight(case).uncertainty.payload_radius[-100:, :3], axis=1) for case in ("C1", "C3"))
     assert c3.max() < 0.6 * c1.min()
 
@@ -224,7 +224,7 @@ def test_lemma_2_and_the_interface_identity_hold_in_flight(found: dict[str, dict
 def test_proposition_1_the_grasp_is_invariant_in_flight(found: dict[str, dict]):
     for case in ("C1", "C2", "C3"):
         assert found[case]["Phi_max_m"] <= 1e-10
-        assert found[case]["Phi_dot_max"] <= 1e-10
+        assert found[case]["Phi_dot_max_mps"] <= 1e-10
 
 
 def test_the_same_plan_flies_the_same_flight():

@@ -29,17 +29,21 @@ class FeasibilityReport:
         mode = (
             None
             if modes is None
-            else {"stable": modes.stable, "says": modes.describe_slowest(), "rad_s": list(modes.slowest_eigenvalue)}
+            else {
+                "stable": modes.stable,
+                "eigenvalue_radps": list(modes.slowest_eigenvalue),
+                "description": modes.describe_slowest(),
+            }
         )
         margins = None
         if self.margins is not None:
             margins = {
-                "delay_s": self.margins.delay_margin,
-                "gain": list(self.margins.gain_margin),
-                "says": self.margins.describe(),
+                "delay_margin_s": self.margins.delay_margin,
+                "gain_margin": list(self.margins.gain_margin),
+                "description": self.margins.describe(),
             }
         hover, warnings = dict(self.hover_thrust), list(self.warnings)
-        return {"slowest_mode": mode, "margins": margins, "hover_thrust_N": hover, "warnings": warnings}
+        return {"slowest_mode": mode, "stability_margins": margins, "hover_thrust_N": hover, "warnings": warnings}
 
 
 def assess_feasibility(

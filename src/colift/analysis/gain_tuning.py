@@ -479,14 +479,14 @@ def summary_values(loop: LoopDesign) -> dict[str, float | str]:
     )
     return {
         "slowest_mode_1ps": on_time,
-        "slowest_mode_late_1ps": delayed,
-        "slowest_mode_learned_1ps": loop.with_learned_parameters.cost
+        "slowest_mode_delayed_1ps": delayed,
+        "slowest_mode_true_parameters_1ps": loop.with_learned_parameters.cost
         if loop.with_learned_parameters
         else max(on_time, delayed),
         "delay_margin_s": ticks * loop.experiment.dt,
         "thrust_margin": float((1 - hover / available).min()),
-        "displacement_C1_m": cost.error if isinstance(cost := simulate_cost(loop), FlightCost) else cost,
-        "e_p_C1_m": float(np.linalg.norm(force / np.array(loop.settings.control.K_p))) / total(nominal),
+        "contact_displacement_C1_m": cost.error if isinstance(cost := simulate_cost(loop), FlightCost) else cost,
+        "static_e_p_C1_m": float(np.linalg.norm(force / np.array(loop.settings.control.K_p))) / total(nominal),
     }
 
 
@@ -531,12 +531,12 @@ def format_report(
     lines = [f"{'':44} {'before':>10} {'after':>10}"]
     for label, key, scale, spec in (
         ("slowest mode, 1/s", "slowest_mode_1ps", 1, "+.3g"),
-        (f"slowest mode with {1e3 * DESIGN_DELAY:g} ms delay, 1/s", "slowest_mode_late_1ps", 1, "+.3g"),
-        ("slower of both, true parameters, 1/s", "slowest_mode_learned_1ps", 1, "+.3g"),
+        (f"slowest mode with {1e3 * DESIGN_DELAY:g} ms delay, 1/s", "slowest_mode_delayed_1ps", 1, "+.3g"),
+        ("slower of both, true parameters, 1/s", "slowest_mode_true_parameters_1ps", 1, "+.3g"),
         ("delay margin, ms", "delay_margin_s", 1e3, ".3g"),
         ("thrust margin in hover, %", "thrust_margin", 100, ".3g"),
-        ("static position error of C1, mm", "e_p_C1_m", 1e3, ".3g"),
-        ("contact displacement in simulation, mm", "displacement_C1_m", 1e3, ".3g"),
+        ("static position error of C1, mm", "static_e_p_C1_m", 1e3, ".3g"),
+        ("contact displacement in simulation, mm", "contact_displacement_C1_m", 1e3, ".3g"),
     ):
         cells = [x if isinstance(x := values[key], str) else format(scale * x, spec) for values in (old, new)]
         lines.append(f"{label:44} {cells[0]:>10} {cells[1]:>10}")

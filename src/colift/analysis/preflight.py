@@ -40,7 +40,7 @@ SAMPLE_TIMES = 400  # times on the reference at which the required thrust is eva
 class Finding:
     """Result of one check."""
 
-    subject: str  # one word
+    subject: str  # what was checked
     message: str  # one sentence with values and units
     values: dict[str, Any]  # the values by name, with units in the names
     advice: tuple[str, ...] = ()  # proposed changes; empty if and only if the check passed
@@ -60,24 +60,24 @@ class PreflightReport:
 
     @property
     def summary(self) -> dict[str, Any]:
-        """Findings as printed by `check --json`."""
-        findings = {
-            finding.subject: {
-                "bad": bool(finding.advice),
-                "says": finding.message,
+        """Result and findings as printed by `check --json`; a key of `checks` is the subject of a finding."""
+        checks = {
+            finding.subject.replace(" ", "_"): {
+                "passed": not finding.advice,
+                "message": finding.message,
                 "advice": list(finding.advice),
                 **finding.values,
             }
             for finding in self.findings
         }
-        return {"scenario": self.scenario, "sound": self.passed, **findings}
+        return {"scenario": self.scenario, "passed": self.passed, "checks": checks}
 
     def format_report(self) -> list[str]:
         """Format the findings for the terminal: one line each, advice below failed ones, the result last."""
-        lines = []
+        lines, width = [], max(len(finding.subject) for finding in self.findings)
         for finding in self.findings:
-            lines.append(f"{finding.subject:9} {finding.message}")
-            lines += [f"{'':9} advice: {advice}" for advice in finding.advice]
+            lines.append(f"{finding.subject:{width}}  {finding.message}")
+            lines += [f"{'':{width}}  advice: {advice}" for advice in finding.advice]
         failed = [finding.subject for finding in self.findings if finding.advice]
         return [*lines, f"{self.scenario}: {'failed: ' + ', '.join(failed) if failed else 'passed'}"]
 
@@ -119,7 +119,7 @@ def run_preflight(
             settings.name,
             (
                 *findings,
-                Finding("refused", str(error), {}, remedies.advice_for_rejection(settings, str(error), progress)),
+                Finding("build", str(error), {}, remedies.advice_for_rejection(settings, str(error), progress)),
             ),
         )
     progress("linearization at equilibrium")
@@ -127,14 +127,14 @@ def run_preflight(
         x, M = stability.equilibrium_and_jacobian(flight_experiment, z)
     except ValueError as error:
         no_equilibrium = Finding(
-            "rest", str(error), {}, ("reduce control.K_p and control.agent_k_R by half and repeat the check",)
+            "equilibrium", str(error), {}, ("reduce control.K_p and control.agent_k_R by half and repeat the check",)
         )
         return PreflightReport(settings.name, (*findings, no_equilibrium))
     modes = stability.compute_modes(x, M, flight_experiment.dt)
     mode_finding = Finding(
-        "mode",
-        f"slowest {_describe_mode(settings, modes)}",
-        {"stable": modes.stable, "rad_s": list(modes.slowest_eigenvalue)},
+        "slowest mode",
+        _describe_mode(settings, modes),
+        {"stable": modes.stable, "eigenvalue_radps": list(modes.slowest_eigenvalue)},
         () if modes.stable else remedies.stabilizing_changes(settings, x, M, progress),
     )
     delay = (*_posture(settings, modes, progress), _delay(settings, x, M, progress)) if modes.stable else ()
@@ -159,12 +159,12 @@ def _learned_mode(settings: Scenario, progress: Callable[[str], None]) -> Iterat
     try:
         modes = remedies.modes_at_equilibrium(true_parameters)
     except ValueError as error:
-        yield Finding("learned", f"with true parameters: {error}", {}, ("see rest",))
+        yield Finding("learned mode", f"with true parameters: {error}", {}, ("see equilibrium",))
         return
     yield Finding(
-        "learned",
-        f"with true parameters, slowest {_describe_mode(true_parameters, modes)}",
-        {"stable": modes.stable, "rad_s": list(modes.slowest_eigenvalue)},
+        "learned mode",
+        f"slowest mode with true parameters {_describe_mode(true_parameters, modes)}",
+        {"stable": modes.stable, "eigenvalue_radps": list(modes.slowest_eigenvalue)},
         () if modes.stable else ("use `colift tune`, which includes this equilibrium",),
     )
 
@@ -193,7 +193,7 @@ def _posture(settings: Scenario, modes: stability.Modes, progress: Callable[[str
     yield Finding(
         "posture",
         f"redundant joints converge at {rate:.3g} 1/s, slowest {joint}; control.posture_bandwidth = {required:g}",
-        {"rate_1ps": rate, "stated_1ps": required},
+        {"convergence_rate_1ps": rate, "posture_bandwidth_1ps": required},
         remedies.posture_changes(settings, rate, joint, progress) if rate < required / 2 or required == 0 else (),
     )
 
@@ -224,7 +224,7 @@ def _mass(settings: Scenario, truth: Team, nominal: Team) -> Finding:
         {
             "total_kg": total,
             "payload_kg": payload_mass,
-            "believed_kg": nominal_mass,
+            "nominal_payload_kg": nominal_mass,
             "agents_kg": agents,
             "thrust_max_N": thrust,
         },
@@ -248,7 +248,7 @@ def _contacts(settings: Scenario, truth: Team) -> Finding:
     return Finding(
         "contacts",
         f"grasp matrix of {len(c)} contacts has rank {rank} of 6, condition {condition:.3g}",
-        {"rank": rank, "condition": condition},
+        {"rank": rank, "condition_number": condition},
         advice,
     )
 
@@ -269,7 +269,7 @@ def _joints(settings: Scenario, truth: Team, state: State) -> Iterator[Finding]:
     if any(len(settings.agent_types[agent_type].joints) for agent_type in agent_types.values()):
         worst = max(conditions, key=lambda name: conditions[name])
         message = f"largest condition number of the grasp Jacobians {conditions[worst]:.3g} ({worst})"
-        yield Finding("joints", message, {"condition": conditions}, tuple(advice))
+        yield Finding("joints", message, {"condition_number": conditions}, tuple(advice))
 
 
 def _thrust(settings: Scenario, experiment: flight.Experiment, state: State, margin: float) -> Finding:
@@ -307,8 +307,8 @@ def _thrust(settings: Scenario, experiment: flight.Experiment, state: State, mar
         f"({names[smallest[0]]}), on the reference {margins[1][smallest[1]]:.1%} ({names[smallest[1]]}, "
         f"at {worst_time:.3g} s)",
         {
-            "hover_N": dict(zip(names, hover.tolist(), strict=True)),
-            "reference_N": dict(zip(names, reference_thrust.max(0).tolist(), strict=True)),
+            "hover_thrust_N": dict(zip(names, hover.tolist(), strict=True)),
+            "max_reference_thrust_N": dict(zip(names, reference_thrust.max(0).tolist(), strict=True)),
             "thrust_max_N": dict(zip(names, available.tolist(), strict=True)),
         },
         tuple(advice),
@@ -408,14 +408,12 @@ def _delay(settings: Scenario, x: stability.LoopStateTree, M: np.ndarray, progre
     try:
         margin = remedies.delay_margin(settings, x, M)
     except ValueError as error:
-        return Finding("delay", f"the delay margin is not known: {error}", {"margin_s": None})
-    message = f"delay margin {margin:.3g} s" + (
-        " or more" if margin > stability.MAX_DELAY - 1 / settings.control_Hz else ""
-    )
+        return Finding("delay margin", f"not known: {error}", {"delay_margin_s": None})
+    message = f"{margin:.3g} s" + (" or more" if margin > stability.MAX_DELAY - 1 / settings.control_Hz else "")
     return Finding(
-        "delay",
+        "delay margin",
         message,
-        {"margin_s": margin},
+        {"delay_margin_s": margin},
         remedies.delay_margin_changes(settings, margin, progress) if margin < MIN_DELAY_MARGIN else (),
     )
 
@@ -435,9 +433,9 @@ def _labels(settings: Scenario, nominal: Team) -> Iterator[Finding]:
             reason = "has no weight, so that its thrust direction is not determined"
         share = f"{100 * attenuation:.2g}%" if attenuation else "none"
         yield Finding(
-            "labels",
+            "label loop gain",
             f"{largest} {reason}: cases with label feedback use {share} of its label rates and respond later to gusts",
-            {"gain": {name: gain if np.isfinite(gain) else None for name, gain in gains.items()}},
+            {"label_loop_gain": {name: gain if np.isfinite(gain) else None for name, gain in gains.items()}},
         )
 
 
@@ -448,7 +446,7 @@ def _gain(x: stability.LoopStateTree, M: np.ndarray) -> Iterator[Finding]:
     except ValueError:  # `_delay` reports the reason
         return
     yield Finding(
-        "gain",
-        f"gain margin {stability.format_gain_margin(gain)}",
-        dict(zip(("least", "greatest"), gain, strict=True)),
+        "gain margin",
+        stability.format_gain_margin(gain),
+        {"gain_margin": list(gain)},
     )

@@ -107,7 +107,7 @@ COMMANDS = (
         "falsify",
         certify.falsify,
         ERROR_BOUNDS,
-        ("colift falsify certified --rounds 2", "colift falsify certified --case 'worst e_p 0'"),
+        ("colift falsify certified --rounds 2", "colift falsify certified --trial worst_case_e_p:0"),
     ),
     (
         "playback",

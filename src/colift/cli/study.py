@@ -124,7 +124,7 @@ def _simulate(
     with common.open_results(read, out, replace) as (settings, folder):
         with common.show_progress(f"preparing {settings.name}", quiet) as progress:
             experiments = experiment.make_experiments(settings, cases)
-            held_out_experiments = generalization.heldout_experiments(settings, cases) if held_out else {}
+            held_out_experiments = generalization.held_out_experiments(settings, cases) if held_out else {}
             progress("linearization at equilibrium")
             feasibility_report = feasibility.assess_feasibility(settings, experiments)
         with common.guard_output():
@@ -155,7 +155,7 @@ def _run_with_progress(
     titles = {case: experiment.ALL_CASES[case] for case in experiments}
     if held_out:
         titles |= generalization.titles(titles)
-    simulate = functools.partial(run_study, settings, folder, experiments, feasibility_report, heldout=held_out)
+    simulate = functools.partial(run_study, settings, folder, experiments, feasibility_report, held_out=held_out)
     if quiet:
         return simulate()
     if not common.error_console.is_terminal:
@@ -226,7 +226,7 @@ def print_study(summary: Mapping[str, Any], folder: Path) -> None:
         if not found["complete"]:
             common.print_error(f"{case} is incomplete: {found['termination_reason']}")
     tables.print_table(tables.study_table(summary))
-    if "heldout" in summary:
+    if "held_out" in summary:
         tables.print_table(tables.held_out_table(summary))
     for case, found in summary["cases"].items():
         for text in found["warnings"]:

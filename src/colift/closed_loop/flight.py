@@ -193,7 +193,7 @@ def run_experiment(
         updates=tuple(model_updates.activated),
         termination_reason=termination_reason,
         model_intervals=tuple(model_updates.intervals),
-        wall_time=wall_time | {"radii": time.perf_counter() - start_time},
+        wall_time=wall_time | {"error_bounds": time.perf_counter() - start_time},
         learning_warnings=model_updates.warnings(),
     )
 

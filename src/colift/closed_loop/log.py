@@ -49,6 +49,16 @@ ATTRIBUTES_OF_SCHEMA_1 = {
     "update_points_payload": "num_samples_payload",
     "update_points_agents": "num_samples_agents",
     "rho_assumed": "bound_assumptions",
+    "rho_norm": "rho_rkhs_norm",
+    "settings": "settings_digest",
+    "limit_distance_m": "limit_max_position_error_m",
+    "limit_height_m": "limit_min_height_m",
+    "limit_attitude_deg": "limit_max_attitude_error_deg",
+    "limit_tilt_deg": "limit_max_tilt_deg",
+    "limit_saturation_s": "limit_max_saturation_time_s",
+    "limit_grip": "limit_min_grasp_ratio",
+    "limit_thrust_margin": "limit_hover_thrust_margin",
+    "limit_grip_1pkg": "limit_min_delassus_singular_value_1pkg",
 }
 
 

@@ -21,7 +21,9 @@ from colift.visualization import style
 TITLE = 130  # characters in a line of a title of page width
 
 
-def plot_certificate(certificate: Certificate, slack: Mapping[str, float], folder: str | Path, run: str) -> list[Path]:
+def plot_certificate(
+    certificate: Certificate, conservatism: Mapping[str, float], folder: str | Path, run: str
+) -> list[Path]:
     """Write figure 6 as PDF and PNG: certified and observed position error, and the sources of conservatism.
 
     The figure title lists the unproven assumptions. A red title lists the errors that exceed a bound.
@@ -29,7 +31,7 @@ def plot_certificate(certificate: Certificate, slack: Mapping[str, float], folde
 
     Args:
         certificate: Certificate of a flight.
-        slack: Bounds of the position error under successively stronger arguments [m], by name.
+        conservatism: Bounds of the position error under successively stronger arguments [m], by name.
         folder: Folder of the files.
         run: Run id for the metadata of the files.
 
@@ -39,10 +41,11 @@ def plot_certificate(certificate: Certificate, slack: Mapping[str, float], folde
     with style.style_context():
         figure = Figure(figsize=(style.PAGE, 2.9))
         left, right = figure.subplots(1, 2, width_ratios=(1, 0.9))
-        best = certificate.radii.get("recovery", certificate.radii["energy"])
-        _plot_errors_and_radii(left, certificate, "recovery" if "recovery" in certificate.radii else "energy")
-        _plot_slack(right, slack)
-        if above := ", ".join(dict.fromkeys(SYMBOLS[each.error] for each in certificate.exceeded)):
+        best = certificate.ultimate_bounds.get("recovery", certificate.ultimate_bounds["energy"])
+        name = "recovery" if "recovery" in certificate.ultimate_bounds else "energy"
+        _plot_errors_and_bounds(left, certificate, name)
+        _plot_conservatism(right, conservatism)
+        if above := ", ".join(dict.fromkeys(SYMBOLS[each.error] for each in certificate.violations)):
             left.set_title(f"observed error above its bound: {above}", fontsize=8, color="red")
         if best.assumptions:
             figure.suptitle(textwrap.fill(f"assumed: {', '.join(best.assumptions)}", TITLE), fontsize=8)
@@ -53,9 +56,9 @@ SYMBOLS = {"e_p": "$e_p$", "e_v": "$e_v$", "e_R": "$e_R$", "e_omega": r"$e_\omeg
 """Symbol of each error in titles."""
 
 
-def _plot_errors_and_radii(ax: Axes, certificate: Certificate, bound: str) -> None:
+def _plot_errors_and_bounds(ax: Axes, certificate: Certificate, bound: str) -> None:
     """Plot the position error over time with its finite a posteriori and a priori bounds of one kind."""
-    best = certificate.radii[bound]
+    best = certificate.ultimate_bounds[bound]
     blue, red, source = (
         style.LINE_STYLES["C3"].color,
         style.LINE_STYLES["C2"].color,
@@ -75,10 +78,10 @@ def _plot_errors_and_radii(ax: Axes, certificate: Certificate, bound: str) -> No
     ax.legend(loc="upper left")
 
 
-def _plot_slack(ax: Axes, slack: Mapping[str, float]) -> None:
+def _plot_conservatism(ax: Axes, conservatism: Mapping[str, float]) -> None:
     """Plot the finite bounds of e_p under successively stronger arguments, down to the observed error."""
-    names = [name for name, radius in slack.items() if np.isfinite(radius)]
-    sizes = [1e3 * slack[name] for name in names]
+    names = [name for name, bound in conservatism.items() if np.isfinite(bound)]
+    sizes = [1e3 * conservatism[name] for name in names]
     rows = np.arange(len(names))[::-1]
     colors = {"observed": style.LINE_STYLES["C3"].color, "nominal error": "0.6"}
     ax.barh(rows, sizes, color=[colors.get(name, style.LINE_STYLES["C2"].color) for name in names], height=0.6)
@@ -93,8 +96,8 @@ def _plot_slack(ax: Axes, slack: Mapping[str, float]) -> None:
 
 def plot_bound_vs_data(
     n: Sequence[float],
-    radii: Mapping[str, Sequence[float]],
-    floor: Sequence[float],
+    bounds: Mapping[str, Sequence[float]],
+    nominal_error: Sequence[float],
     parts: Mapping[str, Sequence[float]],
     path: str | Path,
 ) -> list[Path]:
@@ -104,8 +107,8 @@ def plot_bound_vs_data(
 
     Args:
         n: Number of data points of each body.
-        radii: Ultimate bounds and observed errors [m], by label.
-        floor: Nominal error [m].
+        bounds: Ultimate bounds and observed errors [m], by label.
+        nominal_error: Nominal error [m].
         parts: Factors of a bound, by label; each curve is divided by its first value.
         path: Path of the files without suffix.
 
@@ -116,9 +119,10 @@ def plot_bound_vs_data(
     with style.style_context():
         figure = Figure(figsize=(style.PAGE, 2.6))
         left, right = figure.subplots(1, 2)
-        for (name, radius), color, marker in zip(radii.items(), colors, markers, strict=False):
-            left.plot(n, 1e3 * np.asarray(radius), color=color, marker=marker, markersize=3.5, label=name)
-        left.plot(n, 1e3 * np.asarray(floor), color="0.5", linewidth=0.8, dashes=(4, 2), label="nominal error")
+        for (name, bound), color, marker in zip(bounds.items(), colors, markers, strict=False):
+            left.plot(n, 1e3 * np.asarray(bound), color=color, marker=marker, markersize=3.5, label=name)
+        error = 1e3 * np.asarray(nominal_error)
+        left.plot(n, error, color="0.5", linewidth=0.8, dashes=(4, 2), label="nominal error")
         left.set(ylabel=r"ultimate $\Vert e_p\Vert$ [mm]")
         for (name, part), color, marker in zip(parts.items(), colors, markers, strict=False):
             right.plot(n, np.asarray(part) / part[0], color=color, marker=marker, markersize=3.5, label=name)

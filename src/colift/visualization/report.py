@@ -17,9 +17,9 @@ import xarray as xr
 from rich.table import Table
 
 from colift import scenario
-from colift.analysis import poses
+from colift.analysis import poses, result_files
 from colift.closed_loop import log
-from colift.runtime import atomic_write, bounded_read, run_directory
+from colift.runtime import atomic_write, run_directory
 from colift.scenario import Scenario
 from colift.visualization import playback
 
@@ -82,7 +82,7 @@ def write_report(
     """
     if not (out / SUMMARY).is_file():
         raise ValueError(f"{out} contains no {SUMMARY}; colift study writes it at the end of all flights")
-    summary, flights = bounded_read.read_json(out / SUMMARY), log.load_flights(out, cases)[1]
+    summary, flights = result_files.load_summary(out / SUMMARY), log.load_flights(out, cases)[1]
     run, first = str(summary.get("run")), next(iter(flights.values()))
     if first.attrs["run"] != run:
         raise ValueError(
@@ -91,7 +91,7 @@ def write_report(
     settings = poses.scenario_of_log(first)
     certificate = None
     if (out / CERTIFICATE).is_file() and run_directory.read_run_id(out / CERTIFICATE) == run:
-        certificate = bounded_read.read_json(out / CERTIFICATE)
+        certificate = result_files.load_certificate(out / CERTIFICATE)
     descriptions = _definitions({name: cases[name] for name in flights})
     with _report_damage(out / SUMMARY):
         parts = [
@@ -142,32 +142,32 @@ def collect_warnings(summary: Mapping[str, Any], certificate: Mapping[str, Any] 
     ]
     if certificate is not None:
         warnings += [
-            (True, f"certificate: {each['error']} is above a bound of {each['bound']}: {_excess(each)}")
-            for each in certificate["exceeded"]
+            (True, f"certificate: {each['error']} is above a bound of {each['prediction_bound']}: {_excess(each)}")
+            for each in certificate["violations"]
         ]
     warnings += [(False, text) for text in summary["warnings"]]
     for case, metrics in summary["cases"].items():
         warnings += [(False, f"{case}: {text}") for text in metrics["warnings"]]
         if ticks := metrics["saturated_ticks"]:
             warnings.append((False, f"{case}: thrust reached its limit at {ticks} ticks (sum over the agents)"))
-        bodies = [metrics["bound"]["payload"], *metrics["bound"]["agents"]]
-        maximum = max(max(body["exceeded_share"].values()) for body in bodies)
+        bodies = [metrics["error_bound"]["payload"], *metrics["error_bound"]["agents"]]
+        maximum = max(max(body["violation_rate"].values()) for body in bodies)
         if maximum > 0:
             warnings.append(
                 (False, f"{case}: a prediction error exceeds its bound (figure 5) {maximum:.1%} of the time")
             )
-    if summary["bound"]["assumed"]:
-        assumptions = ", ".join(summary["bound"]["assumed"])
-        warnings.append((False, f"the error bounds of figure 5 require unproven assumptions: {assumptions}"))
+    if unproven := summary["error_bound_assumptions"]["unproven_assumptions"]:
+        warnings.append((False, f"the error bounds of figure 5 require unproven assumptions: {', '.join(unproven)}"))
     if certificate is not None:
-        assumed = dict.fromkeys(name for radii in certificate["radii"].values() for name in radii["assumed"])
+        each = certificate["ultimate_bounds"].values()
+        assumed = dict.fromkeys(name for bounds in each for name in bounds["unproven_assumptions"])
         warnings += [(False, f"the certificate requires unproven assumptions: {', '.join(assumed)}")] if assumed else []
     return warnings
 
 
 def _excess(each: Mapping[str, Any]) -> str:
     """Return a text with the observed error and its bound."""
-    return f"observed {each['observed']:.4g}, bound {each['radius']:.4g} (SI units)"
+    return f"observed {each['observed']:.4g}, bound {each['ultimate_bound']:.4g} (SI units)"
 
 
 def setting_differences(settings: Scenario) -> list[tuple[str, str, str]] | None:
@@ -231,15 +231,15 @@ def _list(warnings: Sequence[tuple[bool, str]]) -> str:
 
 def _run(summary: Mapping[str, Any], settings: Scenario) -> str:
     """Return the table of the run and the settings that differ from the shipped scenario."""
-    slowest, margins = summary["slowest_mode"], summary.get("margins")  # absent in old studies
+    slowest, margins = summary["slowest_mode"], summary.get("stability_margins")  # absent in early studies
     rows = {
         "command": summary["command"],
         "scenario": f"{settings.name}, seed {summary['seed']}, {settings.duration_s:g} s at {settings.control_Hz:g} Hz",
         "plant": summary["plant"],
-        "slowest mode at rest": slowest["says"] if slowest else "not found",
-        "margins at rest": margins["says"] if margins else "none",
+        "slowest mode at rest": slowest["description"] if slowest else "not found",
+        "margins at rest": margins["description"] if margins else "none",
         "versions": ", ".join(f"{name} {version}" for name, version in summary["versions"].items()),
-        "run": f"{summary['run']}, settings {summary['settings']}",
+        "run": f"{summary['run']}, settings {summary['settings_digest']}",
     }
     differences, name = setting_differences(settings), html.escape(settings.name)
     if differences is None:

@@ -16,13 +16,13 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from colift.analysis import metrics
+from colift.analysis import metrics, result_files
 from colift.analysis.feasibility import FeasibilityReport
 from colift.certification import assumptions
 from colift.closed_loop import log
 from colift.closed_loop.flight import Experiment, FlightResult, run_experiment
 from colift.onboard.learning import features, model_update
-from colift.runtime import atomic_write, bounded_read, run_directory
+from colift.runtime import atomic_write, run_directory
 from colift.runtime.run_directory import RunDirectory
 from colift.scenario import Scenario, priors, team
 from colift.scenario.experiment import ALL_CASES
@@ -82,7 +82,7 @@ def run_study(
     experiments: Mapping[str, Experiment],
     preview: FeasibilityReport,
     progress: Callable[[str, float], None] = lambda _case, _t: None,
-    heldout: Mapping[str, Mapping[str, Experiment]] = MappingProxyType({}),
+    held_out: Mapping[str, Mapping[str, Experiment]] = MappingProxyType({}),
 ) -> dict[str, Any]:
     """Simulate the cases of a study, and write a NetCDF file for each, figures, tables and `summary.json`.
 
@@ -96,7 +96,7 @@ def run_study(
         experiments: Experiments by case.
         preview: Feasibility report of the experiments, which the summary repeats.
         progress: Function called with case and simulated time [s].
-        heldout: Experiments on held-out references, by variant and case.
+        held_out: Experiments on held-out references, by variant and case.
 
     Returns:
         Content of `summary.json`.
@@ -105,8 +105,8 @@ def run_study(
 
     earlier, earlier_data = _read_earlier_study(out)
     summary = _summary_header(settings, out.run_id, experiments, preview)
-    if heldout:
-        summary["heldout"] = {}
+    if held_out:
+        summary["held_out"] = {}
     data, fits = {}, {}
     first = next(iter(experiments.values()))
     for case, experiment in experiments.items():
@@ -115,16 +115,16 @@ def run_study(
         data[case] = flight_dataset(settings, case, flight, experiment, out.run_id)
         log.save(data[case], out.path / f"{case}.nc")
         found = metrics.summary(flight, experiment.world.team, experiment.controller.team)
-        found["wall_s"] = {**flight.wall_time, "output": time.perf_counter() - start}
+        found["wall_time_s"] = {**flight.wall_time, "output": time.perf_counter() - start}
         summary["cases"][case] = found
         if flight.updates:
             fits[case] = flight.updates[-1].fits
-        for path, variants in heldout.items():
+        for path, variants in held_out.items():
             title = f"{case}, {path}"
             frozen = generalization.freeze_model(variants[case], flight.model)
-            heldout_flight = run_experiment(frozen, lambda t, title=title: progress(title, t))
-            summary["heldout"].setdefault(case, {})[path] = _heldout_summary(heldout_flight)
-    summary["bound"] = _bound_statements(first)
+            held_out_flight = run_experiment(frozen, lambda t, title=title: progress(title, t))
+            summary["held_out"].setdefault(case, {})[path] = _held_out_summary(held_out_flight)
+    summary["error_bound_assumptions"] = _bound_assumptions(first)
     summary["residual"] = summary["cases"][list(experiments)[-1]]["residual"]
     _merge_summaries(summary, earlier)
     data = {case: (earlier_data | data)[case] for case in summary["cases"]}
@@ -137,7 +137,7 @@ def run_study(
             lengthscale_table.write_lengthscale_table(
                 _lengthscales(settings, learned), out.path / f"lengthscales_{case}", out.run_id
             )
-    summary["wall_s"] = {"figures": time.perf_counter() - start}
+    summary["wall_time_s"] = {"figures": time.perf_counter() - start}
     return atomic_write.write_json_atomic(summary, out.path / "summary.json")
 
 
@@ -148,7 +148,7 @@ def _read_earlier_study(out: RunDirectory) -> tuple[dict[str, Any], dict[str, xr
         return {}, {}
     shown = out.target / path.name
     try:
-        earlier = bounded_read.read_json(path)
+        earlier = result_files.load_summary(path)
         return earlier, {case: log.load(out.path / f"{case}.nc") for case in earlier["cases"]}
     except (OSError, ValueError, KeyError, TypeError) as error:
         reason = str(error).replace(str(out.path), str(out.target))
@@ -157,7 +157,7 @@ def _read_earlier_study(out: RunDirectory) -> tuple[dict[str, Any], dict[str, xr
 
 def _merge_summaries(summary: dict[str, Any], earlier: Mapping[str, Any]) -> None:
     """Add the cases of an earlier study of the same run to a summary."""
-    for key in ("cases", "heldout"):
+    for key in ("cases", "held_out"):
         merged = earlier.get(key, {}) | summary.get(key, {})
         if merged or key in summary:
             summary[key] = {case: merged[case] for case in ALL_CASES if case in merged}
@@ -168,22 +168,23 @@ def _summary_header(
 ) -> dict[str, Any]:
     """Return the entries of the summary that are known before the first run."""
     return {
+        "schema": result_files.SCHEMA,
         "scenario": settings.name,
         "seed": settings.seed,
         "version": version("colift"),
-        "settings": settings.digest,
+        "settings_digest": settings.digest,
         "plant": settings.physics.kind,
         "run": run_id,
         "command": shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]),
         "versions": {"python": platform.python_version()}
         | {name: version(name) for name in ("jax", "jaxlib", "numpy")},
         **preview.summary,
-        "limits": _limits(settings, next(iter(experiments.values()))),
+        "termination_limits": _limits(settings, next(iter(experiments.values()))),
         "cases": {},
     }
 
 
-def _heldout_summary(flight: FlightResult) -> dict[str, Any]:
+def _held_out_summary(flight: FlightResult) -> dict[str, Any]:
     """Return the RMS position error [m] over the second half of a run, None if it stopped early, and the reason."""
     error = None if flight.termination_reason else metrics.rms_norm(metrics.second_half(flight.records).e_p)
     return {"e_p_rms_m": error, "termination_reason": flight.termination_reason}
@@ -205,13 +206,13 @@ def flight_dataset(
         Data set for `log.save`.
     """
     contacts = team.contact_names(settings)
-    joints, statements = team.joint_names(settings), _bound_statements(experiment)
+    joints, stated = team.joint_names(settings), _bound_assumptions(experiment)
     attrs = {
         "scenario": settings.name,
         "case": case,
         "seed": settings.seed,
         "version": version("colift"),
-        "settings": settings.digest,
+        "settings_digest": settings.digest,
         "scenario_json": settings.model_dump_json(exclude_none=True),  # defines the team for playback
         "run": run,
         "complete": int(not flight.termination_reason),
@@ -225,8 +226,10 @@ def flight_dataset(
         "refits": _describe_events(settings, ((update.t, update.refitted) for update in flight.updates)),
         "T_end_s": settings.learning.end_s,
         **{f"limit_{name}": value for name, value in _limits(settings, experiment).items() if value is not None},
-        **{f"rho_{name}": value for name, value in statements.items() if name != "assumed"},
-        "bound_assumptions": ", ".join(statements["assumed"]),  # some readers of NetCDF do not support lists of strings
+        **{f"rho_{name}": value for name, value in stated.items() if name != "unproven_assumptions"},
+        "bound_assumptions": ", ".join(
+            stated["unproven_assumptions"]
+        ),  # some readers of NetCDF do not support lists of strings
     }
     return log.dataset(
         flight.records,
@@ -248,20 +251,20 @@ def _describe_events(settings: Scenario, events: Iterable[tuple[float, Sequence[
 def _limits(settings: Scenario, experiment: Experiment) -> dict[str, Any]:
     """Return the termination limits of the settings and the absolute grasp limit of each agent."""
     return settings.termination.model_dump() | {
-        "grip_1pkg": np.asarray(experiment.termination_limits.min_delassus).tolist()
+        "min_delassus_singular_value_1pkg": np.asarray(experiment.termination_limits.min_delassus).tolist()
     }
 
 
-def _bound_statements(experiment: Experiment) -> dict[str, Any]:
-    """Return the assumptions of the error bounds along the run; `assumed` lists those that are not shown."""
+def _bound_assumptions(experiment: Experiment) -> dict[str, Any]:
+    """Return what the error bounds along the run assume; `unproven_assumptions` lists what is not shown."""
     stated = experiment.bound_assumptions
     return {
         "bound": stated.bound,
         "confidence": stated.confidence,
-        "norm": stated.rkhs_norm,
+        "rkhs_norm": stated.rkhs_norm,
         "label_error_payload": stated.payload.tolist(),
         "label_error_agents": np.concatenate([eps.ravel() for eps in stated.agents]).tolist(),
-        "assumed": list(assumptions.radius_assumptions(experiment)),
+        "unproven_assumptions": list(assumptions.radius_assumptions(experiment)),
     }
 
 

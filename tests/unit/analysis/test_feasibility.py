@@ -15,10 +15,10 @@ def test_what_is_known_before_a_flight_is_the_slowest_mode():
     ahead = feasibility.assess_feasibility(paper.SETTINGS, plan)
     assert ahead.warnings == ()
     assert ahead.summary["slowest_mode"]["stable"]
-    assert ahead.summary["slowest_mode"]["rad_s"][0] < 0
-    margins = ahead.summary["margins"]
-    assert 0.004 <= margins["delay_s"] <= 0.05
-    assert margins["gain"][0] < 0.8 < 1.2 < margins["gain"][1]
+    assert ahead.summary["slowest_mode"]["eigenvalue_radps"][0] < 0
+    margins = ahead.summary["stability_margins"]
+    assert 0.004 <= margins["delay_margin_s"] <= 0.05
+    assert margins["gain_margin"][0] < 0.8 < 1.2 < margins["gain_margin"][1]
     assert margins["says"].startswith("delay margin ")
     assert list(ahead.hover_thrust) == ["front", "rear"]
     narrow = feasibility.assess_feasibility(
@@ -40,4 +40,4 @@ def test_a_loop_that_is_unstable_at_rest_is_a_warning_before():
     (warning,) = ahead.warnings
     assert warning.startswith("the loop is unstable at equilibrium: slowest mode +")
     assert ahead.summary["slowest_mode"]["stable"] is False
-    assert ahead.summary["margins"] is None
+    assert ahead.summary["stability_margins"] is None

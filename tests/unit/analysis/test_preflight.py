@@ -40,17 +40,17 @@ def test_a_team_that_flies_is_sound():
         "mass",
         "contacts",
         "thrust",
-        "mode",
-        "learned",
-        "delay",
-        "gain",
+        "slowest mode",
+        "learned mode",
+        "delay margin",
+        "gain margin",
     ]
     assert good.format_report()[-1] == "sample: passed"
     assert finding(good, "mass").values["total_kg"] == 6
     assert "payload 1.5 kg (nominal 1.2 kg), 3 agents from n0 to n2 of 1.5 kg each" in finding(good, "mass").message
     assert finding(good, "contacts").values["rank"] == 6
-    assert 0.002 <= finding(good, "delay").values["margin_s"] <= 0.05
-    assert json.loads(json.dumps(good.summary))["mode"]["rad_s"][0] < 0
+    assert 0.002 <= finding(good, "delay margin").values["delay_margin_s"] <= 0.05
+    assert json.loads(json.dumps(good.summary))["checks"]["slowest_mode"]["eigenvalue_radps"][0] < 0
 
 
 @pytest.mark.long
@@ -59,15 +59,15 @@ def test_a_mode_that_grows_is_bad_and_the_change_that_is_said():
     wild = found("wild")
     assert not wild.passed
     bad, also = [each for each in wild.findings if each.advice]
-    assert (bad.subject, also.subject) == ("mode", "learned")
-    assert also.values["rad_s"] != bad.values["rad_s"]  # it rests elsewhere
+    assert (bad.subject, also.subject) == ("slowest mode", "learned mode")
+    assert also.values["eigenvalue_radps"] != bad.values["eigenvalue_radps"]  # it rests elsewhere
     assert "unstable" in bad.message
     assert re.search(r"moves n\d in (roll|pitch|yaw)", bad.message)
-    assert not any(each.subject == "delay" for each in wild.findings)
+    assert not any(each.subject == "delay margin" for each in wild.findings)
     (rate,) = re.fullmatch(r"--set control\.agent_k_omega=28\.0 yields ([+-]\S+) rad/s", bad.advice[0]).groups()
-    assert float(rate) == pytest.approx(finding(found("good"), "mode").values["rad_s"][0], abs=1e-2)
-    assert float(rate) < 0 < finding(wild, "mode").values["rad_s"][0]
-    assert wild.format_report()[-1] == "sample: failed: mode, learned"
+    assert float(rate) == pytest.approx(finding(found("good"), "slowest mode").values["eigenvalue_radps"][0], abs=1e-2)
+    assert float(rate) < 0 < finding(wild, "slowest mode").values["eigenvalue_radps"][0]
+    assert wild.format_report()[-1] == "sample: failed: slowest mode, learned mode"
 
 
 @pytest.mark.long
@@ -76,10 +76,10 @@ def test_too_little_delay_margin_is_bad_with_the_gain_that_gives(monkeypatch: py
     every = list(remedies.gain_changes(light.settings()))
     monkeypatch.setattr(preflight, "MIN_DELAY_MARGIN", 0.02)
     monkeypatch.setattr(remedies, "gain_changes", lambda _: [each for each in every if "agent_k_omega" in each[0]])
-    late = finding(preflight.run_preflight(light.settings()), "delay")
+    late = finding(preflight.run_preflight(light.settings()), "delay margin")
     margin = re.fullmatch(r"--set control\.agent_k_omega=19\.6 yields (\S+) s", late.advice[0])
     assert margin
-    assert float(margin[1]) > late.values["margin_s"]
+    assert float(margin[1]) > late.values["delay_margin_s"]
 
 
 def test_a_delay_margin_that_is_not_known_is_said_and_not_called(monkeypatch: pytest.MonkeyPatch):
@@ -90,8 +90,8 @@ def test_a_delay_margin_that_is_not_known_is_said_and_not_called(monkeypatch: py
 
     monkeypatch.setattr(stability, "delay_margin", unknown)
     said = preflight._delay(light.settings(), {}, np.eye(1), print)
-    assert said.message.endswith("is not known: the controller state does not determine every command independently")
-    assert (said.advice, said.values) == ((), {"margin_s": None})
+    assert said.message.endswith("not known: the controller state does not determine every command independently")
+    assert (said.advice, said.values) == ((), {"delay_margin_s": None})
 
 
 def test_the_thrust_along_a_reference_that_stands_still():
@@ -130,9 +130,9 @@ def test_little_thrust_is_bad_with_how_much_it_should_be(monkeypatch: pytest.Mon
     seen = preflight.run_preflight(heavier(7.0))
     thrust = finding(seen, "thrust")
     assert [line.split(":")[0] for line in thrust.advice] == ["hover", "reference"]
-    need = max(thrust.values["hover_N"].values())
+    need = max(thrust.values["hover_thrust_N"].values())
     assert f"agent_types.body.thrust_max_N to {need / 0.9:.3g} or more" in thrust.advice[0]
-    assert "no equilibrium" in finding(seen, "rest").message
+    assert "no equilibrium" in finding(seen, "equilibrium").message
 
 
 def test_a_team_that_has_no_thrust_to_spare_is_not_told_to_share(monkeypatch: pytest.MonkeyPatch):
@@ -157,7 +157,7 @@ def test_arms_that_hang_straight_over_their_contacts_are_told(monkeypatch: pytes
     changes += [
         f"agents.{name}.contact_positions_m=[[{x}, 0.08, 0.05], [{x}, -0.08, 0.05]]" for name, x in CONTACTS.items()
     ]
-    refused = finding(preflight.run_preflight(scenario.load_scenario("paper", changes)), "refused")
+    refused = finding(preflight.run_preflight(scenario.load_scenario("paper", changes)), "build")
     assert "front: grasp Jacobian is nearly singular" in refused.message
     (advice,) = refused.advice
     better = re.findall(r"--set '([^']*)'", advice)
@@ -196,14 +196,14 @@ def no_rest(*_: object) -> None:
 
 def test_what_cannot_be_built_is_said_with_what_to_change():
     refused = preflight.run_preflight(heavier(20.0))
-    assert "cannot hover" in finding(refused, "refused").message
-    assert "thrust_max_N" in finding(refused, "refused").advice[0]
+    assert "cannot hover" in finding(refused, "build").message
+    assert "thrust_max_N" in finding(refused, "build").advice[0]
     agents = [
         agent.model_copy(update={"contact_positions_m": ((x, 0.02 * (x == 0.0), 0.03),)})
         for agent, x in zip(light.settings().agents, (0.4, 0.0, -0.4), strict=True)
     ]
     line = finding(preflight.run_preflight(light.settings(agents=agents)), "contacts")
-    assert line.values["condition"] > preflight.MAX_GRASP_CONDITION
+    assert line.values["condition_number"] > preflight.MAX_GRASP_CONDITION
     assert "move n1/hook away from this line" in line.advice[0]
 
 
@@ -218,7 +218,7 @@ def test_joints_near_a_singular_grasp_are_named(monkeypatch: pytest.MonkeyPatch)
     ]
     settings = scenario.load_scenario("paper", (*change, *contacts))
     joints = finding(preflight.run_preflight(settings), "joints")
-    assert joints.values["condition"]["front"] > remedies.MAX_JACOBIAN_CONDITION
+    assert joints.values["condition_number"]["front"] > remedies.MAX_JACOBIAN_CONDITION
     assert re.match(
         r"front: move the nominal position of joint \w+ away from \S+ \(agent_types.two_arms.joints", joints.advice[0]
     )
@@ -314,4 +314,4 @@ def test_agents_that_hear_themselves_are_named_and_others():
         "label rates and respond later to gusts"
     )
     assert not said.advice
-    assert set(said.values["gain"]) == {"agent_1", "agent_2", "agent_3"}
+    assert set(said.values["label_loop_gain"]) == {"agent_1", "agent_2", "agent_3"}

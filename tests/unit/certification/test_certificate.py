@@ -53,19 +53,19 @@ def models(oracle: residual_model.ResidualModel) -> list[gp.GPPosterior]:
 def test_no_error_exceeds_its_certified_radius_and_radii_come():
     """No error exceeds its certified radius and radii come in order."""
     found = made().certificate
-    assert set(found.radii) == set(NAMES)
+    assert set(found.ultimate_bounds) == set(NAMES)
     assert found.unavailable_bounds == {}
-    for name, radii in found.radii.items():
+    for name, radii in found.ultimate_bounds.items():
         for error in certificate.ERRORS:
             assert found.observed[error] <= radii.a_posteriori[error]
             assert found.observed[error] <= radii.a_priori[error]
         if name != "srinivas":  # so loose that the path matters more than the tube
             assert radii.a_posteriori["e_p"] <= radii.a_priori["e_p"]
     for key in ("a_posteriori", "a_priori"):
-        e_p = [getattr(found.radii[name], key)["e_p"] for name in ("recovery", "energy", "srinivas")]
+        e_p = [getattr(found.ultimate_bounds[name], key)["e_p"] for name in ("recovery", "energy", "srinivas")]
         assert e_p == sorted(e_p)
         assert np.isfinite(e_p).all()
-    tightness = found.radii["recovery"].a_posteriori["e_p"] / found.observed["e_p"]
+    tightness = found.ultimate_bounds["recovery"].a_posteriori["e_p"] / found.observed["e_p"]
     assert 1 <= tightness < 10  # of the size of what it bounds
 
 
@@ -90,16 +90,16 @@ def test_no_component_of_any_error_leaves_its_span_at_any_time():
     """No component of any error leaves its span at any time and radii are those of the spans."""
     found = made().certificate
     assert found.errors.shape == (len(found.t), 12)
-    recovery = found.radii["recovery"]
-    radii = {"run": recovery.a_posteriori, "tube": recovery.a_priori}
+    recovery = found.ultimate_bounds["recovery"]
+    bounds = {"a_posteriori": recovery.a_posteriori, "a_priori": recovery.a_priori}
     for key, span in found.intervals.items():
         assert span.num_outside(found.errors) == 0
         assert span.num_outside(found.errors + 10) == found.errors.size
         farthest = np.maximum(np.abs(span.lower), np.abs(span.upper))
         for i, error in enumerate(certificate.ERRORS):
             radius = np.linalg.norm(farthest[:, 3 * i : 3 * i + 3], axis=1).max()
-            assert radius == pytest.approx(radii[key][error], rel=1e-12)
-    assert (found.intervals["tube"].upper >= found.intervals["tube"].lower).all()
+            assert radius == pytest.approx(bounds[key][error], rel=1e-12)
+    assert (found.intervals["a_priori"].upper >= found.intervals["a_priori"].lower).all()
 
 
 def test_the_bound_over_time_lies_above_the_error_and_its_peak():
@@ -107,7 +107,7 @@ def test_the_bound_over_time_lies_above_the_error_and_its_peak():
     found = made().certificate
     assert (found.e_p <= found.bound).all()
     k = int(np.argmax(found.bound))
-    assert found.bound[k] == pytest.approx(found.radii["recovery"].a_posteriori["e_p"], rel=1e-12)
+    assert found.bound[k] == pytest.approx(found.ultimate_bounds["recovery"].a_posteriori["e_p"], rel=1e-12)
     assert found.worst_time == found.t[k]
     assert np.linalg.norm(found.worst_direction) == pytest.approx(1, rel=1e-12)
     rows = made().flight.records
@@ -130,11 +130,11 @@ def test_in_the_twin_s_world_nothing_is_unknown():
     assert np.abs(made().nominal_linearization.records.f_L[:, :3]).max() > 0.1
 
 
-@pytest.mark.parametrize("key", ["run", "tube"])
+@pytest.mark.parametrize("key", ["a_posteriori", "a_priori"])
 def test_every_body_s_unknown_is_within_its_band_along_the_path(key):
     all_of = made()
     path = all_of.nominal_linearization.nodes
-    rows = all_of.flight.records if key == "run" else all_of.nominal_linearization.records
+    rows = all_of.flight.records if key == "a_posteriori" else all_of.nominal_linearization.records
     held = body_models.body_models(all_of.experiment, all_of.flight, rows, path, "energy")
     (unknown,), oracle = all_of.experiment.world.disturbances.state_functions, all_of.flight.model
     function = unknown.model
@@ -174,18 +174,18 @@ def test_what_is_assumed_is_what_the_flight_does_not_cover():
     """Labels and norm are the scenario's; five seconds after the last update are too short for a round of eight."""
     flown = (assumptions.FIRST_ORDER, assumptions.PERIODICITY)
     all_of = made()
-    for radii in all_of.certificate.radii.values():
+    for radii in all_of.certificate.ultimate_bounds.values():
         assert radii.assumptions == flown
     doubted = dataclasses.replace(
         all_of.experiment.bound_assumptions,
         satisfied=all_of.experiment.bound_assumptions.satisfied - {BoundAssumption.RKHS_NORM},
     )
     plan = dataclasses.replace(all_of.experiment, bound_assumptions=doubted)
-    assert energy(plan).radii["energy"].assumptions == ("rkhs norm", *flown)
+    assert energy(plan).ultimate_bounds["energy"].assumptions == ("rkhs norm", *flown)
     team = all_of.experiment.controller.team
     weak = dataclasses.replace(team.agent_groups[0], thrust_max=jnp.array([40.0, 40.0, 16.0]))
     pressed = with_pilot(all_of.experiment, team=dataclasses.replace(team, agent_groups=(weak,)))
-    assert energy(pressed).radii["energy"].assumptions == (
+    assert energy(pressed).ultimate_bounds["energy"].assumptions == (
         assumptions.FIRST_ORDER,
         assumptions.SATURATION,
         assumptions.PERIODICITY,
@@ -258,10 +258,10 @@ def test_what_is_known_before_the_flight_is_the_same_for_another(monkeypatch):
     found = certificate.certify(
         all_of.experiment, moved, all_of.nominal_linearization, ("energy", "recovery"), before=before
     )
-    assert set(found.radii) == {"energy", "recovery"}
-    assert set(before.reachable_deviation) > set(found.radii)
-    for name, radii in found.radii.items():
-        assert radii == all_of.certificate.radii[name]  # of the same path
+    assert set(found.ultimate_bounds) == {"energy", "recovery"}
+    assert set(before.reachable_deviation) > set(found.ultimate_bounds)
+    for name, radii in found.ultimate_bounds.items():
+        assert radii == all_of.certificate.ultimate_bounds[name]  # of the same path
     np.testing.assert_allclose(found.errors[:, :3] - all_of.certificate.errors[:, :3], 1e-3)
     assert found.linearization_error["e_p"] == pytest.approx(3**0.5 * 1e-3, rel=0.1)  # no force brought that about
 
@@ -282,9 +282,9 @@ def test_where_no_function_passes_optimal_recovery_is_left_out(monkeypatch):
     monkeypatch.setattr(optimal_recovery, "minimize_upper_bounds", failed)
     all_of = made()
     found = certificate.certify(all_of.experiment, all_of.flight, all_of.nominal_linearization, ("recovery",))
-    assert set(found.radii) == {"energy"}
+    assert set(found.ultimate_bounds) == {"energy"}
     assert "contradict" in found.unavailable_bounds["recovery"]
-    assert found.radii["energy"].a_posteriori == all_of.certificate.radii["energy"].a_posteriori
+    assert found.ultimate_bounds["energy"].a_posteriori == all_of.certificate.ultimate_bounds["energy"].a_posteriori
 
 
 def test_data_that_contradict_what_is_stated_certify_nothing():
@@ -295,7 +295,7 @@ def test_data_that_contradict_what_is_stated_certify_nothing():
     assert found.a_priori.tube is None
     assert "contradict" in found.a_priori.tube_failure
     assert "contradict" in found.unavailable_bounds["recovery"]
-    assert set(found.radii["energy"].a_posteriori.values()) == {np.inf}
+    assert set(found.ultimate_bounds["energy"].a_posteriori.values()) == {np.inf}
     assert np.isnan(found.worst_direction).all()
 
 
@@ -313,7 +313,7 @@ def test_flights_that_allow_no_certificate_are_refused_in_words():
         nominal_run.nominal_trajectory(near, flight)
 
 
-def test_slack_goes_from_the_paper_s_reasoning_down():
+def test_conservatism_goes_from_the_paper_s_reasoning_down():
     """With no mismatch but that of the static algebra, which no gain is below: the order stays."""
     all_of, found = made(), made().certificate
     vartheta = conservatism.nominal_mismatch(all_of.experiment, all_of.flight, all_of.nominal_linearization)
@@ -334,21 +334,21 @@ def test_slack_goes_from_the_paper_s_reasoning_down():
         ]
     )
     layer = agent_iss.AgentIss(alpha=np.ones(2), gamma=1.0, kappa=kappa, vartheta=vartheta, static=kappa)
-    slack = conservatism.conservatism_breakdown(
+    methods = conservatism.conservatism_breakdown(
         all_of.experiment, all_of.flight, all_of.nominal_linearization, layer, found
     )
-    paper, energy, both, *_ = slack.values()
+    paper, energy, both, *_ = methods.values()
     e_p = {
-        (name, key): getattr(found.radii[name], key)["e_p"]
+        (name, key): getattr(found.ultimate_bounds[name], key)["e_p"]
         for name in ("energy", "recovery")
         for key in ("a_priori", "a_posteriori")
     }
     assert paper > energy > e_p["energy", "a_priori"]
     assert energy > both > found.nominal_error["e_p"]
     assert e_p["energy", "a_priori"] >= e_p["recovery", "a_priori"] > e_p["recovery", "a_posteriori"]
-    told = [slack[f"{name}, {where}"] for name in ("energy", "recovery") for where in ("a priori", "a posteriori")]
+    told = [methods[f"{name}, {where}"] for name in ("energy", "recovery") for where in ("a priori", "a posteriori")]
     assert told == list(e_p.values())
-    assert (slack["observed"], slack["nominal error"]) == (found.observed["e_p"], found.nominal_error["e_p"])
+    assert (methods["observed"], methods["nominal error"]) == (found.observed["e_p"], found.nominal_error["e_p"])
 
 
 # The adversary --------------------------------------------------------------------------------------------------------
@@ -385,7 +385,7 @@ def test_the_adversary_keeps_norm_and_labels_and_comes_near():
 def test_an_update_shortly_before_errors_count_breaks_no_radius():
     """The deviation at an update is in all of them. With `update_times_s: [30]` of 32 s radii were broken sixfold."""
     found = late().certificate
-    assert found.exceeded == made().certificate.exceeded == ()
+    assert found.violations == made().certificate.violations == ()
     for span in found.intervals.values():
         assert span.num_outside(found.errors) == 0
 
