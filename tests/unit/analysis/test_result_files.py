@@ -170,8 +170,8 @@ def test_a_file_of_the_present_schema_is_returned_as_it_is(tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("{", "summary.json: not a JSON file: "),
-        ("[]", "summary.json: has no entry cases, so it is not a result file of colift"),
+        ("{", r"summary.json:1: not JSON"),
+        ("[]", "summary.json: not JSON of colift"),
         ('{"observed": {}}', "summary.json: has no entry cases, so it is not a result file of colift"),
         ('{"schema": 3, "cases": {}}', "summary.json: is of schema 3; this version of colift reads schema 2 and 1"),
     ],
