@@ -192,6 +192,7 @@ def flight_dataset(
     }
     return log.dataset(
         flight.records,
+        team=experiment.world.team,
         agents=experiment.agent_names,
         joints=joints,
         contacts=contacts,
