@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import struct
 from pathlib import Path
 from types import SimpleNamespace
@@ -31,7 +32,6 @@ SHAPE = flights.Shape(groups=((2, 3, 2),), time=12)
 def ds() -> xr.Dataset:
     """Random signals of the paper's team, its attitudes rotations."""
     rng = np.random.default_rng(3)
-    rows = flights.rows(rng, SHAPE)
     turned = {name: Rotation.random(n, random_state=rng).as_matrix() for name, n in (("R", 24), ("R_L", 12), ("d", 12))}
     R_L, R_d = turned["R_L"], turned["d"]
     Q = np.einsum("tji,tjk->tik", R_d, R_L)
@@ -39,12 +39,11 @@ def ds() -> xr.Dataset:
     Psi = (3 - np.trace(Q, axis1=1, axis2=2)) / 2
     attrs = {"scenario_json": TOLD.model_dump_json(exclude_none=True), "run": flights.RUN, "case": "C1", "R_d": R_d}
     names = {"agents": team_module.agent_names(TOLD), "joints": team_module.joint_names(TOLD)}
-    made = log.dataset(
-        rows, sigma=flights.sigma(rng, SHAPE), attrs={}, contacts=team_module.contact_names(TOLD), **names
-    ).assign_attrs(**attrs)
-    made.R.values[:] = turned["R"].reshape(12, 2, 3, 3)
-    made.R_L.values[:], made.e_R.values[:], made.Psi.values[:] = R_L, e_R, Psi
-    return made
+    names["contacts"] = team_module.contact_names(TOLD)
+    rows = dataclasses.replace(flights.rows(rng, SHAPE), R=turned["R"].reshape(12, 2, 3, 3), R_L=R_L, e_R=e_R, Psi=Psi)
+    team, _ = team_module.team(TOLD)
+    made = log.dataset(rows, team=team, sigma=flights.sigma(rng, SHAPE), attrs={}, **names)
+    return made.assign_attrs(**attrs)
 
 
 @pytest.fixture(scope="module")
@@ -115,7 +114,7 @@ def test_wrenches_are_in_the_frames_they_name(ds: xr.Dataset, messages: dict[str
     for k, tf in enumerate(messages["/tf"]):
         frames = {t.child_frame_id: t for t in tf.transforms}
         R_L = matrix(frames["payload"].transform.rotation)
-        for topic, F, tau in [("payload/wrench_desired", ds.W_d.values[k, :3], ds.W_d.values[k, 3:])] + [
+        for topic, F, tau in [("payload/wrench_desired", ds.W_d_force.values[k], ds.W_d_moment.values[k])] + [
             (f"{name}/force", ds.lam.values[k, b], np.zeros(3)) for b, name in enumerate(ds.contact.values)
         ]:
             m = messages[f"/{topic}"][k]
