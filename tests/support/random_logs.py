@@ -76,8 +76,8 @@ def axes(field: str) -> list[str]:
     return stated[1].replace("*", "").split()
 
 
-def rows(rng: np.random.Generator, shape: Shape) -> StepRecord:
-    """A random log of the shapes that `Row` states."""
+def rows(rng: np.random.Generator, shape: Shape, **given: np.ndarray) -> StepRecord:
+    """A random log of the shapes that `Row` states; some signals may be given."""
     sizes = shape.sizes
     leaves = {
         field.name: rng.normal(size=[sizes[axis] if axis in sizes else int(axis) for axis in axes(field.name)])
@@ -86,6 +86,7 @@ def rows(rng: np.random.Generator, shape: Shape) -> StepRecord:
     leaves["t"] = shape.period * np.arange(shape.time)
     leaves["thrust_saturated"] = leaves["thrust_saturated"] > 1
     leaves["Psi"] = np.abs(leaves["Psi"])
+    leaves |= given
     # built of JAX arrays, so that the annotations are checked; in a flight the leaves are NumPy's too
     return jax.tree.map(np.array, StepRecord(**{name: jnp.asarray(x) for name, x in leaves.items()}))
 

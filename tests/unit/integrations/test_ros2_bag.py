@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import struct
 from pathlib import Path
 from types import SimpleNamespace
@@ -21,7 +20,7 @@ from colift import scenario
 from colift.closed_loop import log
 from colift.integrations import ros2_bag
 from colift.scenario import team as team_module
-from tests.support import pinocchio_team
+from tests.support import pinocchio_team, varied_scenarios
 from tests.support import random_logs as flights
 
 TOLD = scenario.load_scenario("paper")
@@ -40,7 +39,7 @@ def ds() -> xr.Dataset:
     attrs = {"scenario_json": TOLD.model_dump_json(exclude_none=True), "run": flights.RUN, "case": "C1", "R_d": R_d}
     names = {"agents": team_module.agent_names(TOLD), "joints": team_module.joint_names(TOLD)}
     names["contacts"] = team_module.contact_names(TOLD)
-    rows = dataclasses.replace(flights.rows(rng, SHAPE), R=turned["R"].reshape(12, 2, 3, 3), R_L=R_L, e_R=e_R, Psi=Psi)
+    rows = flights.rows(rng, SHAPE, R=turned["R"].reshape(12, 2, 3, 3), R_L=R_L, e_R=e_R, Psi=Psi)
     team, _ = team_module.team(TOLD)
     made = log.dataset(rows, team=team, sigma=flights.sigma(rng, SHAPE), attrs={}, **names)
     return made.assign_attrs(**attrs)
@@ -172,3 +171,30 @@ def test_names_that_ros_cannot_tell_apart_are_refused(ds: xr.Dataset) -> None:
     names = ["n-1", "n_1"]
     with pytest.raises(ValueError, match="n_1: frame names must be unique"):
         ros2_bag.to_mcap(ds.assign_coords(agent=names))
+
+
+def test_prismatic_joints_are_in_the_joint_states(tmp_path: Path) -> None:
+    """A team with joints of both types: two cranes that slide, and a claw that turns."""
+    told, shape = varied_scenarios.mixed(), flights.Shape(groups=((2, 1, 1), (1, 2, 2)), time=3)
+    rng = np.random.default_rng(4)
+    rows = flights.rows(rng, shape)
+    names = {
+        "agents": team_module.agent_names(told),
+        "joints": team_module.joint_names(told),
+        "contacts": team_module.contact_names(told),
+    }
+    attrs = {"scenario_json": told.model_dump_json(exclude_none=True)}
+    made = log.dataset(rows, team=team_module.team(told)[0], sigma=flights.sigma(rng, shape), attrs=attrs, **names)
+    assert made.prismatic_joint.values.tolist() == ["a/hook", "c/winch"]
+    (tmp_path / "C1.mcap").write_bytes(ros2_bag.to_mcap(made))
+    store, found = get_typestore(Stores.ROS2_JAZZY), {}
+    with Reader(tmp_path / "C1.mcap") as reader:
+        for connection, _, raw in reader.messages():
+            if connection.topic.endswith("joint_states"):
+                found.setdefault(connection.topic, []).append(store.deserialize_cdr(raw, connection.msgtype))
+    own = {"a": [0], "c": [1], "b": [2, 3]}
+    assert set(found) == {f"/{name}/joint_states" for name in own}
+    for name, columns in own.items():
+        for k, m in enumerate(found[f"/{name}/joint_states"]):
+            for values, logged in ((m.position, rows.r), (m.velocity, rows.r_dot), (m.effort, rows.tau_r)):
+                np.testing.assert_array_equal(values, logged[k, columns])
