@@ -34,7 +34,7 @@ def labelled(
     stated |= {"scenario_json": told.model_dump_json(exclude_none=True), "run": flights.RUN, "case": "C1"}
     names = (team.agent_names(told), team.joint_names(told), team.contact_names(told))
     named = dict(zip(("agents", "joints", "contacts"), names, strict=True))
-    return log.dataset(rows, sigma=sigma, attrs=stated | attrs, **named)
+    return log.dataset(rows, team=team.team(told)[0], sigma=sigma, attrs=stated | attrs, **named)
 
 
 @functools.cache

@@ -1,4 +1,4 @@
-"""Scenario, agent poses and reference attitudes from the log of a flight."""
+"""Scenario, base positions and reference attitudes from the log of a flight."""
 
 from __future__ import annotations
 
@@ -8,12 +8,14 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 import xarray as xr
 from jaxtyping import Array, Float
 
+from colift.closed_loop import log, pose_signals
 from colift.math import so3
 from colift.math.linalg import transpose
-from colift.models.parameters import AerialManipulator, Team
+from colift.models.parameters import Team
 from colift.scenario import Scenario, ScenarioError
 from colift.scenario.migration import migrate_data
 
@@ -87,22 +89,19 @@ def _without_plugins(data: dict[str, Any], ds: xr.Dataset) -> dict[str, Any]:
     return kept
 
 
-def poses_by_group(ds: xr.Dataset, team: Team) -> Iterator[tuple[AerialManipulator, Array, Array, Array]]:
-    """Yield each group of a team with its attitudes, centres of mass and joint positions along a log.
+def base_positions(ds: xr.Dataset, team: Team) -> np.ndarray:
+    """Return the positions of the base origins `p_base`; they are computed for logs of schemas 1 and 2.
 
     Args:
-        ds: Dataset with the times to use.
-        team: Team that determines the layout.
+        ds: Log.
+        team: True parameters of the team.
 
-    Yields:
-        Group, attitudes (body to world), centres of mass [m, world] and joint positions [rad or m]; time first.
+    Returns:
+        Positions by time and agent [m, world].
     """
-    agents = joints = 0
-    for size, group in zip(team.sizes, team.agent_groups, strict=True):
-        agent_slice, n = slice(agents, agents + size), size * group.tree.joints
-        r = ds.r.values[:, joints : joints + n].reshape(ds.sizes["time"], size, group.tree.joints)
-        yield group, jnp.asarray(ds.R.values[:, agent_slice]), jnp.asarray(ds.x.values[:, agent_slice]), jnp.asarray(r)
-        agents, joints = agents + size, joints + n
+    if "p_base" in ds:
+        return ds.p_base.values
+    return pose_signals.base_positions(team, ds.R.values, ds.x.values, log.all_joints(ds, "r").values)
 
 
 @jax.jit

@@ -104,7 +104,7 @@ class _FrameEncoder:
         }
         names = (team.agent_names(settings), team.joint_names(settings), team.contact_names(settings))
         labels = dict(zip(("agents", "joints", "contacts"), names, strict=True))
-        return log.dataset(rows, sigma=sigma, attrs=attrs, **labels)
+        return log.dataset(rows, team=self.team, sigma=sigma, attrs=attrs, **labels)
 
     def event(self, ds: xr.Dataset) -> dict[str, Any]:
         """Return the frames since the previous event, and the events of the flight until now."""

@@ -18,6 +18,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 
+from colift.closed_loop import log
 from colift.visualization import axes as axes_module
 from colift.visualization import rendering, uncertainty_figures
 from colift.visualization.style import DASH_PATTERNS, DOTS, PAGE, save_figure, style_context, style_of, tint
@@ -67,7 +68,9 @@ def write_figures(cases: axes_module.Cases, descriptions: Mapping[str, str], fol
         "figure_4_forces": lambda: plot_contact_forces(in_columns, descriptions),
         "figure_5_rho_bar": lambda: uncertainty_figures.plot_error_radius(in_columns, descriptions),
     }
-    if corrected := {name: ds for name, ds in cases.items() if "innovation_L" in ds and "change_points" in ds.attrs}:
+    if corrected := {
+        name: ds for name, ds in cases.items() if "innovation_L_force" in ds and "change_points" in ds.attrs
+    }:
         plots["figure_7_reaction"] = lambda: plot_online_correction(corrected, descriptions)
     files, run = [], next(iter(cases.values())).attrs["run"]
     with style_context():
@@ -124,7 +127,7 @@ def plot_wrench_mismatch(cases: axes_module.Cases, descriptions: Mapping[str, st
     lines = {
         name: (
             ds.time.values,
-            [axes_module.rms(ds, axes_module.norm(part)) for part in (ds.delta_W[:, :3], ds.delta_W[:, 3:])],
+            [axes_module.rms(ds, axes_module.norm(part)) for part in (ds.delta_W_force, ds.delta_W_moment)],
         )
         for name, ds in cases.items()
     }
@@ -282,7 +285,7 @@ def plot_online_correction(cases: axes_module.Cases, descriptions: Mapping[str, 
         )
         column[1].plot(
             t,
-            axes_module.decimate(ds, axes_module.norm(ds.innovation_L[:, :3])),
+            axes_module.decimate(ds, axes_module.norm(ds.innovation_L_force)),
             color=style_of(name).color,
             linewidth=0.9,
         )
@@ -290,9 +293,8 @@ def plot_online_correction(cases: axes_module.Cases, descriptions: Mapping[str, 
             color, dashes = axes_module.body_style(name, k, len(agents))
             r = axes_module.norm(ds.innovation_x.sel(agent=agent))
             column[2].plot(t, axes_module.decimate(ds, r), color=color, linestyle=dashes, linewidth=0.9, label=agent)
-        column[3].plot(
-            t, axes_module.decimate(ds, ds.model_gain_L.mean("wrench")), color=style_of(name).color, linewidth=0.9
-        )
+        gain = log.stack_parts(ds, "model_gain_L").mean("component")
+        column[3].plot(t, axes_module.decimate(ds, gain), color=style_of(name).color, linewidth=0.9)
         column[3].plot(t, axes_module.decimate(ds, ds.correction_weight), color=style_of(name).color, linestyle=DOTS)
         _plot_num_samples(column[4], name, ds)
         for ax in column:

@@ -233,6 +233,7 @@ def flight_dataset(
     }
     return log.dataset(
         flight.records,
+        team=experiment.world.team,
         agents=experiment.agent_names,
         joints=joints,
         contacts=contacts,

@@ -200,16 +200,18 @@ def test_errors_of_stated_size_lie_outside_of_1_96_deviations(listens):
 def test_bounded_counts_errors_above_their_radii_body_by_body(shape):
     made = flight(5, shape)
     found = metrics.bound_statistics(made)
-    ds = log.dataset(made.records, sigma=made.uncertainty, attrs={}, **shape.names)
+    ds = log.dataset(made.records, team=shape.team, sigma=made.uncertainty, attrs={}, **shape.names)
     at = np.searchsorted(ds.time, ds.time_sigma)
 
     def parts(agent: str | None) -> tuple[list, list]:
         if agent is None:
-            return [ds.f_L[at] - ds.f_L_hat[at]], [ds.rho_f_L]
-        own = [joint for joint in ds.joint.values if joint.startswith(f"{agent}/")]
-        pick = [{"agent": agent}, {"agent": agent}, {"joint": own}]
-        error = [(ds[f] - ds[f"{f}_hat"])[at].sel(s) for f, s in zip(("f_x", "f_w", "f_r"), pick, strict=True)]
-        return error, [ds[f].sel(s) for f, s in zip(("rho_f_x", "rho_f_w", "rho_f_r"), pick, strict=True)]
+            error = log.stack_parts(ds, "f_L") - log.stack_parts(ds, "f_L_hat")
+            return [error[at]], [log.stack_parts(ds, "rho_f_L")]
+        joint = log.all_joints(ds, "f_r") - log.all_joints(ds, "f_r_hat")
+        own = [name for name in joint.joint.values if name.startswith(f"{agent}/")]
+        error = [(ds[f] - ds[f"{f}_hat"])[at].sel(agent=agent) for f in ("f_x", "f_w")]
+        radii = [ds[f].sel(agent=agent) for f in ("rho_f_x", "rho_f_w")]
+        return [*error, joint[at].sel(joint=own)], [*radii, log.all_joints(ds, "rho_f_r").sel(joint=own)]
 
     bodies = [None, *ds.agent.values]
     for body, of in zip(bodies, [found["payload"], *found["agents"]], strict=True):

@@ -1,4 +1,4 @@
-"""Scenario from a log: no plugin that the log names is imported."""
+"""Scenario and base positions from a log; no plugin that the log names is imported."""
 
 from __future__ import annotations
 
@@ -12,6 +12,9 @@ import pytest
 import xarray as xr
 
 from colift.analysis import poses
+from colift.closed_loop import log_upgrade
+from tests.support import old_logs
+from tests.support import random_logs as flights
 from tests.support import small_team as light
 
 PLUGIN = {"kind": "plugin", "class_path": "executed_by_log:Part", "settings": {}}
@@ -47,3 +50,19 @@ def test_no_plugin_of_a_log_is_imported(tmp_path: Path, monkeypatch: pytest.Monk
 
 def test_a_reference_plugin_becomes_its_first_position():
     assert poses.scenario_of_log(log_with(reference=PLUGIN)).reference.center_m == (1.0, 2.0, 3.0)
+
+
+def test_base_positions_are_read_from_the_log():
+    ds = flights.dataset(np.random.default_rng(1))
+    ds.p_base[:] = 7.0
+    np.testing.assert_array_equal(poses.base_positions(ds, flights.PAPER.team), ds.p_base)
+
+
+def test_base_positions_of_older_logs_are_computed():
+    shape, rng = flights.MIXED, np.random.default_rng(2)
+    rows, sigma = flights.rows(rng, shape), flights.sigma(rng, shape)
+    old = log_upgrade.upgrade(old_logs.schema_2(rows, sigma, shape, scenario_json=old_logs.scenario_json(shape)))
+    assert "p_base" not in old
+    new = flights.dataset(np.random.default_rng(2), shape)
+    np.testing.assert_array_equal(new.x, old.x)
+    np.testing.assert_array_equal(poses.base_positions(old, shape.team), new.p_base)

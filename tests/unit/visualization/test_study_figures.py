@@ -11,6 +11,7 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from PIL import Image
 
+from colift.closed_loop import log
 from colift.visualization import axes, study_figures, style, uncertainty_figures
 from tests.support import random_logs as flights
 from tests.support.study_logs import CASES, RIVALS, TOLD
@@ -44,7 +45,7 @@ def stop(ds, ticks):
     """A flight that ended early, with a last tick that is not finite."""
     early = ds.isel(time=slice(ticks), time_sigma=slice(-(-ticks // 5))).copy(deep=True)
     early.e_p[-1], early.lam[-1] = np.nan, np.nan
-    early.delta_W[-1] = np.inf
+    early.delta_W_force[-1] = early.delta_W_moment[-1] = np.inf
     return early.assign_attrs(complete=0, termination_reason="signal e_p is not finite")
 
 
@@ -190,11 +191,10 @@ def test_figure_2_draws_the_rms_of_the_mismatch_over_the_window(cases):
     """Figure 2 draws the rms of the mismatch over the window that its label states."""
     ds = flights.dataset(np.random.default_rng(5), flights.PAPER._replace(time=500))
     figure = study_figures.plot_wrench_mismatch({"C3": ds}, TOLD)
-    parts = (["F_x", "F_y", "F_z"], ["tau_x", "tau_y", "tau_z"])
-    for ax, part in zip(figure.axes, parts, strict=True):
+    for ax, part in zip(figure.axes, (ds.delta_W_force, ds.delta_W_moment), strict=True):
         assert f"({axes.SMOOTHING_WINDOW} s RMS)" in ax.get_ylabel()
         (line,) = curves(ax, "C3")
-        power = (ds.delta_W.sel(wrench=part) ** 2).sum("wrench").values
+        power = (part**2).sum("axis").values
         for t, y in list(zip(line.get_xdata(), line.get_ydata(), strict=True))[15:-15:7]:
             near = np.abs(ds.time.values - t + 0.001) < axes.SMOOTHING_WINDOW / 2  # 100 ticks about t
             assert near.sum() == 100
@@ -247,17 +247,20 @@ def test_figure_7_draws_what_labels_say_where_they_stop(cases, tmp_path):
     rng, ds = np.random.default_rng(4), cases["C3"]
     told = {"update_times_s": [2.5, 4.5], "num_samples_payload": [20, 30], "num_samples_agents": [44, 60]}
     heard = ds.assign(
-        innovation_L=(("time", "wrench"), rng.normal(size=(ds.sizes["time"], 6))),
+        innovation_L_force=(ds.p.dims, rng.normal(size=ds.p.shape)),
         innovation_x=(ds.f_x.dims, rng.normal(size=ds.f_x.shape)),
-        model_gain_L=(("time", "wrench"), rng.uniform(size=(ds.sizes["time"], 6))),
+        model_gain_L_force=(ds.p.dims, rng.uniform(size=ds.p.shape)),
+        model_gain_L_moment=(ds.p.dims, rng.uniform(size=ds.p.shape)),
         correction_weight=("time", np.where((ds.time > 5) & (ds.time < 7), 0.0, 1.0)),
     ).assign_attrs(**told, change_points="2.5 s: payload; 4.5 s: payload, front", refits="6.5 s: rear")
     figure = study_figures.plot_online_correction({"C3": heard}, TOLD)
     error, payload, agents, used, points = figure.axes
-    np.testing.assert_allclose(used.lines[0].get_ydata(), np.mean(heard.model_gain_L, axis=1), rtol=1e-14)
+    np.testing.assert_allclose(
+        used.lines[0].get_ydata(), log.stack_parts(heard, "model_gain_L").mean("component"), rtol=1e-14
+    )
     np.testing.assert_array_equal(used.lines[1].get_ydata(), heard.correction_weight)
     np.testing.assert_allclose(
-        payload.lines[0].get_ydata(), np.linalg.norm(heard.innovation_L[:, :3], axis=1), rtol=1e-14
+        payload.lines[0].get_ydata(), np.linalg.norm(heard.innovation_L_force, axis=1), rtol=1e-14
     )
     for line, name in zip(agents.lines, heard.agent.values, strict=False):
         np.testing.assert_allclose(
