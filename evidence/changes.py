@@ -77,7 +77,7 @@ CASES = (
     "C3",
     "regression",
     "label_feedback",
-    "label_feedback led",
+    "label_feedback tuned_lead",
     "gp_label_feedback",
     "adaptive",
     "true_residual",
@@ -101,11 +101,11 @@ def fly(item: str) -> dict[str, Any]:
     by = [metrics.rms_norm(rows.e_p[(rows.t >= k) & (rows.t < k + 1)]) for k in seconds]
     return {
         "e_p_rms_m": metrics.rms_norm(rows.e_p[rows.t >= late]) if rows.t[-1] > late else None,
-        "by_second_m": by,
+        "e_p_rms_by_second_m": by,
         "delta_W_rms_N": metrics.rms_norm(rows.delta_W[rows.t >= late][:, :3]) if rows.t[-1] > late else None,
-        "chatter_N": metrics.high_frequency_rms(metrics.second_half(rows)),
+        "contact_force_hf_rms_N": metrics.high_frequency_rms(metrics.second_half(rows)),
         "termination_reason": flight.termination_reason,
-        "changed_s": [update.t for update in flight.updates if update.change_points],
+        "change_point_times_s": [update.t for update in flight.updates if update.change_points],
     }
 
 

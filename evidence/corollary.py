@@ -38,21 +38,20 @@ def fly(seed: int, rate: float) -> dict[str, Any]:
     )
     radius = reachability.max_error(payload).max(0)
     return {
-        "n": int(made.flight.model.payload.num_points),
-        "observed_m": found.observed["e_p"],
-        "floor_m": found.nominal_error["e_p"],
-        "unknown_m": found.disturbance_response["e_p"],
-        "energy_m": {
-            "run": found.radii["energy"].a_posteriori["e_p"],
-            "tube": _number(found.radii["energy"].a_priori["e_p"]),
-        },
-        "recovery_m": {
-            "run": found.radii["recovery"].a_posteriori["e_p"],
-            "tube": _number(found.radii["recovery"].a_priori["e_p"]),
+        "num_samples": int(made.flight.model.payload.num_points),
+        "observed_error_m": found.observed["e_p"],
+        "nominal_error_m": found.nominal_error["e_p"],
+        "disturbance_response_m": found.disturbance_response["e_p"],
+        **{
+            f"{name}_bound_m": {
+                "a_posteriori": bounds.a_posteriori["e_p"],
+                "a_priori": _number(bounds.a_priori["e_p"]),
+            }
+            for name, bounds in found.ultimate_bounds.items()
         },
         "payload_beta": payload.beta.tolist(),
-        "payload_radius": radius.tolist(),
-        "payload_deviation": (radius / payload.beta).tolist(),
+        "payload_error_bound": radius.tolist(),
+        "payload_std": (radius / payload.beta).tolist(),
     }
 
 
@@ -69,17 +68,17 @@ def main() -> bool:
         return [float(np.median([pick(found[f"{seed} {rate:g} Hz"]) for seed in SEEDS])) for rate in RATES]
 
     radii = {
-        "energy bound, this run": over(lambda run: run["energy_m"]["run"]),
-        "optimal recovery, this run": over(lambda run: run["recovery_m"]["run"]),
-        "observed": over(lambda run: run["observed_m"]),
+        "energy bound, this run": over(lambda run: run["energy_bound_m"]["a_posteriori"]),
+        "optimal recovery, this run": over(lambda run: run["recovery_bound_m"]["a_posteriori"]),
+        "observed": over(lambda run: run["observed_error_m"]),
     }
     parts = {
         r"$\beta$": over(lambda run: run["payload_beta"][0]),
-        r"greatest $\sigma$": over(lambda run: run["payload_deviation"][0]),
-        r"greatest $\beta\sigma$": over(lambda run: run["payload_radius"][0]),
+        r"greatest $\sigma$": over(lambda run: run["payload_std"][0]),
+        r"greatest $\beta\sigma$": over(lambda run: run["payload_error_bound"][0]),
     }
     certificate_figures.plot_bound_vs_data(
-        over(lambda run: run["n"]), radii, over(lambda run: run["floor_m"]), parts, FIGURE
+        over(lambda run: run["num_samples"]), radii, over(lambda run: run["nominal_error_m"]), parts, FIGURE
     )
     for name, radius in radii.items():
         print(f"{name:28}" + "".join(f"{1e3 * each:8.2f}" for each in radius) + "  mm")

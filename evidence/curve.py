@@ -77,7 +77,7 @@ def flown(case: str) -> dict[str, Any]:
         returns.append(float(np.asarray(reward(rows.e_p, rows.e_R))[ticks:].sum() / ticks))
         errors.append(metrics.rms_norm(metrics.second_half(rows).e_p))
         lost += bool(flight.termination_reason)
-    return {"return": returns, "e_p_rms_m": errors, "lost": lost}
+    return {"return": returns, "e_p_rms_m": errors, "num_terminated": lost}
 
 
 def learned(seed: int) -> list[dict[str, Any]]:
@@ -163,7 +163,7 @@ def judged(flights: TransportVecEnv, act: Any) -> dict[str, Any]:
     return {
         "return": np.sum(goods, axis=0).tolist(),
         "e_p_rms_m": np.sqrt((late**2).mean(0)).tolist(),
-        "lost": int(lost.sum()),
+        "num_terminated": int(lost.sum()),
     }
 
 
@@ -202,13 +202,13 @@ def main() -> bool:
         print(f"PPO   {said([found[seed][k] for seed in SEEDS])}; {of['steps']} steps")
     draw(found, ROOT / "docs" / "figures" / "curve.png")
     last, none = [found[seed][-1] for seed in SEEDS], min(found["C1"]["e_p_rms_m"])
-    return all(max(of["e_p_rms_m"]) < none and not of["lost"] for of in last)
+    return all(max(of["e_p_rms_m"]) < none and not of["num_terminated"] for of in last)
 
 
 def said(found: list[dict[str, Any]]) -> str:
     """Median, least and greatest of the seeds' means, and flights lost."""
     e, good = ([float(np.mean(of[kind])) for of in found] for kind in ("e_p_rms_m", "return"))
-    lost = sum(of["lost"] for of in found)
+    lost = sum(of["num_terminated"] for of in found)
     return (
         f"e_p {1e3 * np.median(e):6.1f} mm ({1e3 * min(e):.1f} to {1e3 * max(e):.1f}), "
         f"return {np.median(good):6.1f} ({min(good):.1f} to {max(good):.1f}), {lost} lost"

@@ -484,10 +484,10 @@ def fly(item: str) -> dict[str, Any]:
     if case != "true_residual" and not stopped:
         e_L, e_x = rows.f_L_hat - rows.f_L, rows.f_x_hat - rows.f_x
         found |= {
-            "payload_force_N": metrics.rms_norm(e_L[:, :3]),
-            "payload_moment_Nm": metrics.rms_norm(e_L[:, 3:]),
-            "agents_force_N": float(np.sqrt((e_x**2).sum(2).mean())),
-            "team_force_N": metrics.rms_norm(e_L[:, :3] + e_x.sum(1)),
+            "payload_force_error_N": metrics.rms_norm(e_L[:, :3]),
+            "payload_moment_error_Nm": metrics.rms_norm(e_L[:, 3:]),
+            "agents_force_error_N": float(np.sqrt((e_x**2).sum(2).mean())),
+            "team_force_error_N": metrics.rms_norm(e_L[:, :3] + e_x.sum(1)),
         }
     if case not in ("true_residual", "label_feedback") and not stopped:
         bias = settings(condition, int(seed)).sensors.tip_force_bias_N
@@ -513,9 +513,9 @@ def densities(made: flight.Experiment, known: Map, rows: signals.StepRecord, bia
             forces.append(density(known, (i, j), model, X[:, j], np.asarray(rows.f_x)[:, first + j], by_bias))
         first += X.shape[1]
     return {
-        "payload_force_nats": float(load[:, :3].mean()),
-        "payload_moment_nats": float(load[:, 3:].mean()),
-        "agents_force_nats": float(np.mean(forces)),
+        "payload_force_nll_nats": float(load[:, :3].mean()),
+        "payload_moment_nll_nats": float(load[:, 3:].mean()),
+        "agents_force_nll_nats": float(np.mean(forces)),
     }
 
 
@@ -565,8 +565,8 @@ def main() -> bool:
 
 
 QUANTITIES = (
-    *("payload_force_N", "payload_moment_Nm", "agents_force_N", "team_force_N"),
-    *("payload_force_nats", "payload_moment_nats", "agents_force_nats"),
+    *("payload_force_error_N", "payload_moment_error_Nm", "agents_force_error_N", "team_force_error_N"),
+    *("payload_force_nll_nats", "payload_moment_nll_nats", "agents_force_nll_nats"),
 )
 
 if __name__ == "__main__":

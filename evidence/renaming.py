@@ -137,9 +137,11 @@ def compare_certificates(old: Path, new: Path) -> dict[str, Any]:
 
 
 def numbers(value: Any, name: str = "") -> list[float]:
-    """Return all numbers in nested data, except computation times."""
+    """Return all numbers in nested data, except computation times and the schema."""
     if isinstance(value, dict):
-        return [x for key, entry in value.items() if key not in ("wall_s", "cpu_s") for x in numbers(entry, key)]
+        return [
+            x for key, entry in value.items() if key not in ("wall_s", "cpu_s", "schema") for x in numbers(entry, key)
+        ]
     if isinstance(value, list):
         return [x for entry in value for x in numbers(entry, name)]
     return [float(value)] if isinstance(value, int | float) and not isinstance(value, bool) else []

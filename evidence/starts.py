@@ -27,20 +27,20 @@ def fly(item: str) -> dict[str, Any]:
             if flight.termination_reason
             else metrics.summary(flight, plan.world.team, plan.controller.team)["e_p_rms_m"]
         )
-    return {"sound": found.passed, "says": found.format_report(), "e_p_rms_m": errors}
+    return {"passed": found.passed, "report": found.format_report(), "e_p_rms_m": errors}
 
 
 def main() -> bool:
-    """Every team is sound, ends its flights, and tracks better with each thing it learns."""
+    """Every team passes the preflight check, ends its flights, and tracks better with each thing it learns."""
     items = [f"{agents} x {arms}" for agents, arms in TEAMS]
     found, good = collect("starts", items, fly), True
     for item in items:
         errors = found[item]["e_p_rms_m"]
         ended = [errors[case] for case in ("C1", "C2", "C3") if errors[case] is not None]
         falls = len(ended) == 3 and ended[0] > ended[1] > ended[2]
-        good &= falls and found[item]["sound"]
+        good &= falls and found[item]["passed"]
         said = ", ".join(f"{case} {'stopped' if e is None else f'{1e3 * e:.1f} mm'}" for case, e in errors.items())
-        print(f"{item:6} {'sound' if found[item]['sound'] else 'NOT sound'}, {said}{'' if falls else ': NOT in order'}")
+        print(f"{item:6} {'passed' if found[item]['passed'] else 'FAILED'}, {said}{'' if falls else ': NOT in order'}")
     return good
 
 

@@ -36,7 +36,7 @@ CASES = {
     "parametric": "identified rigid-body parameters",
     "regression": "ridge regression on stated basis functions",
     "label_feedback": "label feedback without a model",
-    "label_feedback led": "label feedback at its best lead time",
+    "label_feedback tuned_lead": "label feedback at its best lead time",
     "gp_label_feedback": "C3 with label feedback",
     "true_residual": "exact residual at the estimated state",
 }

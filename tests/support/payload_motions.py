@@ -217,11 +217,11 @@ def gradient_errors(team: Team, z: State, seed: int, steps: int, hover: float = 
     turns = tuple(jnp.array(0.1 * rng.normal(size=(2, *a.omega.shape))) for a in z.agents)
     case = (team, z, *forced(team, seed, hover), turns, jnp.array(rng.normal(size=3)))
     forward, reverse = float(_forward(case, steps=steps)), float(_reverse(case, steps=steps))
-    expected, doubt = differences(lambda s: float(_value(jnp.array(s), case, steps=steps)))
+    expected, uncertainty = differences(lambda s: float(_value(jnp.array(s), case, steps=steps)))
     return {
         "forward": abs(forward / expected - 1),
         "reverse": abs(reverse / expected - 1),
-        "doubt": abs(doubt / expected),
+        "finite_difference_error": abs(uncertainty / expected),
         "derivative": expected,
     }
 
@@ -232,14 +232,14 @@ def differences(value: Callable[[float], float]) -> tuple[float, float]:
     One step size would be wrong by curvature where the motion is lively, by rounding where it is not.
     """
     table: list[list[float]] = []
-    best, doubt = 0.0, np.inf
+    best, uncertainty = 0.0, np.inf
     for i in range(12):
         h = 1e-3 / 2**i
         row = [(value(h) - value(-h)) / (2 * h)]
         for j, above in enumerate(table[-1] if table else []):
             row.append((4 ** (j + 1) * row[j] - above) / (4 ** (j + 1) - 1))
             error = max(abs(row[-1] - row[j]), abs(row[-1] - above))
-            if error < doubt:
-                best, doubt = row[-1], error
+            if error < uncertainty:
+                best, uncertainty = row[-1], error
         table.append(row)
-    return best, doubt
+    return best, uncertainty

@@ -21,7 +21,7 @@ def test_settings_of_changes(world):
 def test_settings_of_random_environments():
     """Samples with and without lost labels, and with each delay."""
     drawn = [react.draw(sample)[1] for sample in range(12)]
-    assert {one["dead_s"] is None for one in drawn} == {True, False}
+    assert {one["label_failure_time_s"] is None for one in drawn} == {True, False}
 
 
 @pytest.mark.parametrize("condition", generalization.CONDITIONS)
