@@ -252,13 +252,8 @@ def _zero_measurement(team: Team) -> Measurement:
 
 
 def _compile_step(*args: Any) -> Callable[..., Any]:
-    """Compile a control period to native code, or by JAX if an operation has none, and call it once."""
-    step = lambda controller, *inputs: controller.step(*inputs)[:2]  # noqa: E731
-    try:
-        compiled = jax.jit(codegen.compile(step))
-        compiled.lower(*args)
-    except codegen.UnsupportedPrimitive:
-        compiled = jax.jit(step)
+    """Compile a control period and call it once."""
+    compiled = jax.jit(codegen.compile(lambda controller, *inputs: controller.step(*inputs)[:2]))
     jax.block_until_ready(compiled(*args))
     return compiled
 
