@@ -34,10 +34,10 @@ from tests.support.pinocchio_team import PinocchioTeam
 
 RATE = 5.0  # rad/s or m/s of any joint, rad/s of any base, at any time of the run
 TEAMS: dict[str, Callable[[int], tuple[Team, State]]] = {
-    "reference": motion.thrown_reference,
-    "two arms": functools.partial(motion.thrown, structure=teams.POOL[2]),
-    "one arm": functools.partial(motion.thrown, structure=((teams.CHAIN, 2),)),
-    "mixed": functools.partial(motion.thrown, structure=teams.POOL[5]),
+    "reference": motion.moving_reference_team,
+    "two arms": functools.partial(motion.moving_team, structure=teams.POOL[2]),
+    "one arm": functools.partial(motion.moving_team, structure=((teams.CHAIN, 2),)),
+    "mixed": functools.partial(motion.moving_team, structure=teams.POOL[5]),
 }
 SEEDS = {"agreement": 50, "energy": 8, "slowed": 8, "order": 3, "residual": 2, "gradient": 3}
 

@@ -1,4 +1,4 @@
-"""Strict by default: float64, no implicit promotion of dtype or rank, shapes and types checked at run time."""
+"""Strict test configuration: float64, no implicit promotion of dtype or rank, run-time checks of shapes and types."""
 
 import ctypes
 import dataclasses
@@ -26,7 +26,7 @@ jax.config.update("jax_numpy_rank_promotion", "raise")
 
 
 def register_dataclass(cls: type) -> type:
-    """As JAX's, but a value that JAX rebuilds is not built by `__init__`, where the hook below checks its fields.
+    """Register a dataclass with JAX such that `unflatten` bypasses `__init__` and its run-time checks.
 
     JAX puts axes, shapes and None where arrays were, and adds axes to them; a person's values are still checked.
     """
@@ -71,10 +71,8 @@ TEAMS = {  # files that share the compiled programs of one team run in one worke
 }
 
 
-class TogetherScheduling(LoadFileScheduling):
-    """One worker is given a whole file, or all files that fly one team. (`loadgroup` of xdist 3.8 splits them, under
-    pytest 9.)
-    """
+class TeamScheduling(LoadFileScheduling):
+    """Scheduler that gives one worker a whole file, or all files that simulate the same team."""
 
     def _split_scope(self, nodeid: str) -> str:
         file = super()._split_scope(nodeid)
@@ -84,13 +82,13 @@ class TogetherScheduling(LoadFileScheduling):
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> LoadFileScheduling | None:
-    """In the place of xdist's own under `--dist loadfile`."""
-    return TogetherScheduling(config, log) if config.getoption("dist") == "loadfile" else None
+    """Replace the scheduler of xdist under `--dist loadfile`."""
+    return TeamScheduling(config, log) if config.getoption("dist") == "loadfile" else None
 
 
 @pytest.fixture(scope="module")
 def cases() -> Any:
-    """Made-up flights of all cases, for figures."""
+    """Generated flights of all cases, for figures."""
     from tests.support import study_logs as made_up
 
     return made_up.cases()
@@ -98,7 +96,7 @@ def cases() -> Any:
 
 @pytest.fixture
 def style() -> Iterator[None]:
-    """What `figures` sets around each of them."""
+    """Matplotlib style of the library's figures."""
     import matplotlib as mpl
 
     from colift.visualization.style import STYLE
@@ -112,8 +110,8 @@ AS_SHIPPED = ("codegen", "build", "integers", "loops", "shipped_scenarios")
 
 
 @pytest.fixture(autouse=True, scope="module")
-def _compiled_quickly(request: pytest.FixtureRequest) -> Iterator[None]:
-    """Elsewhere neither gcc nor XLA optimizes: the same numbers to rounding, sooner."""
+def _quick_compilation(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Disable optimization by gcc and XLA in test files other than `AS_SHIPPED`; numbers agree to rounding."""
     from colift.codegen import build
 
     levels = build.OPTIMIZED_FLAGS, build.QUICK_FLAGS
@@ -129,13 +127,13 @@ def _compiled_quickly(request: pytest.FixtureRequest) -> Iterator[None]:
 
 
 @pytest.fixture(autouse=True)
-def _forget_a_test() -> Iterator[None]:
-    """A worker that has grown forgets the programs of the tests behind it; what stays even so does not count."""
+def _limit_memory() -> Iterator[None]:
+    """Clear compiled programs after a test if the worker has exceeded its memory limit."""
     yield
-    _forget_beyond(max(FULL_GB, LEFT_GB[-1] + FULL_GB / 2))
+    _clear_caches_above(max(FULL_GB, LEFT_GB[-1] + FULL_GB / 2))
 
 
-def _forget_beyond(gigabytes: float) -> None:
+def _clear_caches_above(gigabytes: float) -> None:
     if _resident_GB() > gigabytes:
         jax.clear_caches()
         for name, kept in (("colift.closed_loop.simulator", "_compiled"), ("colift.codegen", "_target")):

@@ -1,4 +1,4 @@
-"""What an example prints is right; that all run is shown by test_documentation.py."""
+"""Tests of the values that examples print; test_documentation.py tests that all examples run."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tests.support.pinocchio_team import PinocchioTeam
 own_team = importlib.import_module("examples.02_own_team")
 
 
-def test_the_own_team_prints_the_forces_that_pinocchio_finds(capsys: pytest.CaptureFixture[str]) -> None:
+def test_own_team_example_prints_pinocchio_forces(capsys: pytest.CaptureFixture[str]) -> None:
     own_team.main()
     head, first, *rest = capsys.readouterr().out.splitlines()
     team = own_team.build()

@@ -1,4 +1,4 @@
-"""What a person gets of a certificate: the file, the figure, the table, and what is said where a radius is exceeded."""
+"""Tests of the output of `certify`: file, table, figure, and report of exceeded bounds."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from tests.support.certified_flights import NAMES, made, short
 
 
 def exceeded() -> certification.CertificationResult:
-    """The flight by its energy bound, with errors that are said to be beyond it."""
+    """Certificate of the flight with its energy bound only and with observed errors above that bound."""
     of = made()
     energy = of.certificate.radii["energy"]
     observed = {error: 3 * radius for error, radius in energy.a_priori.items()}
@@ -39,13 +39,13 @@ LAYER = agent_iss.AgentIss(np.ones(2), 1.0, np.ones((2, 4)), np.ones(2), np.ones
 
 
 def table_of(printed: str) -> list[list[str]]:
-    """The rows of radii in what was printed, cell by cell."""
+    """Return the rows of bounds in printed text, split into cells."""
     return [line.split() for line in printed.splitlines() if line.split()[:1] and line.split()[0] in NAMES]
 
 
 @pytest.fixture
 def save(tmp_path, monkeypatch):
-    """`save_certificate` under a name that is no word of a certificate, without the interface's long gains."""
+    """Function that saves a certificate of a scenario with a neutral name and short gains of the agent layer."""
     monkeypatch.setattr(agent_iss, "agent_iss_constants", lambda _loop, _floor: LAYER)
     settings = short().model_copy(update={"name": "short"})
 
@@ -60,7 +60,7 @@ def save(tmp_path, monkeypatch):
 
 @pytest.fixture
 def drawn(monkeypatch) -> list[str]:
-    """Every text of the figures that are saved."""
+    """All visible texts of the figures that are saved."""
     texts: list[str] = []
 
     def save(figure, path, run):
@@ -72,7 +72,7 @@ def drawn(monkeypatch) -> list[str]:
     return texts
 
 
-def test_a_certificate_is_saved_whole_and_told_in_a_table(tmp_path, capsys, save):
+def test_certificate_is_saved_and_printed(tmp_path, capsys, save):
     (tmp_path / "summary.json").write_text(run_directory.run_id("0.1.0", "another"))
     told = save(made(), made())
     assert {run_directory.read_run_id(path) for path in tmp_path.iterdir()} == {told["run"]}
@@ -97,8 +97,8 @@ def test_a_certificate_is_saved_whole_and_told_in_a_table(tmp_path, capsys, save
     assert f"{1e3 * found.observed['e_p']:.3g}" in printed
 
 
-def test_what_is_assumed_stands_in_table_json_and_figure(tmp_path, capsys, save, drawn):
-    """What is assumed stands in table json and figure and the word certified in none."""
+def test_assumptions_are_in_table_json_and_figure(tmp_path, capsys, save, drawn):
+    """Unproven assumptions are named in table, JSON and figure, and none of them contains the word certified."""
     told = save(made(), made())
     text = "first order, less than a round"
     for radii in told["radii"].values():
@@ -117,8 +117,8 @@ def test_what_is_assumed_stands_in_table_json_and_figure(tmp_path, capsys, save,
         assert "certified" not in where
 
 
-def test_an_error_above_its_radius_is_said_first_and_the_status(tmp_path, monkeypatch, save, drawn):
-    """An error above its radius is said first and the status is 1."""
+def test_exceeded_bound_is_reported_first_with_status_1(tmp_path, monkeypatch, save, drawn):
+    """An error above its bound is reported in the first line, and the exit status is 1."""
     del save  # for the interface
     known = [made(), exceeded()]
     monkeypatch.setattr(certification, "certify", lambda *_, **__: known.pop())
@@ -144,8 +144,8 @@ def test_an_error_above_its_radius_is_said_first_and_the_status(tmp_path, monkey
     assert all(line.startswith("certifying certified") for line in result.stderr.splitlines())
 
 
-def test_the_example_prints_the_radii_of_its_flight_and_fails(monkeypatch, capsys):
-    """The example prints the radii of its flight and fails where one is exceeded."""
+def test_example_prints_bounds_and_fails_if_exceeded(monkeypatch, capsys):
+    """The example prints the bounds of its flight and fails if one is exceeded."""
     example = str(Path(__file__).parents[2] / "examples" / "08_certify_a_flight.py")
     known = [exceeded(), made()]
     monkeypatch.setattr(certification, "certify", lambda *_, **__: known.pop())
@@ -157,7 +157,7 @@ def test_the_example_prints_the_radii_of_its_flight_and_fails(monkeypatch, capsy
         runpy.run_path(example, run_name="__main__")
 
 
-def test_an_error_above_its_radius_is_said_in_red(tmp_path, monkeypatch, save):
+def test_exceeded_bound_is_printed_in_red(tmp_path, monkeypatch, save):
     terminal = Console(file=io.StringIO(), force_terminal=True, color_system="standard", width=200)
     monkeypatch.setattr(common, "error_console", terminal)
     certify_commands.print_certificate(save(exceeded()), tmp_path)
@@ -166,8 +166,8 @@ def test_an_error_above_its_radius_is_said_in_red(tmp_path, monkeypatch, save):
     assert all(line.startswith("\x1b[31m") for line in lines)
 
 
-def test_an_adversary_that_exceeds_its_radius_breaks(tmp_path, capsys, save):
-    """An adversary that exceeds its radius breaks the certificate too."""
+def test_adversarial_run_above_its_bound_is_exceeded(tmp_path, capsys, save):
+    """A bound that the adversarial run exceeds is reported like that of the certified run."""
     observed = {error: 1e3 * size for error, size in made().certificate.observed.items()}
     beyond = dataclasses.replace(made().certificate, observed=observed)
     told = save(made(), dataclasses.replace(made(), certificate=beyond))
@@ -178,8 +178,8 @@ def test_an_adversary_that_exceeds_its_radius_breaks(tmp_path, capsys, save):
     assert " exceeded" not in printed
 
 
-def test_what_has_no_radius_has_no_row(tmp_path, capsys, save, drawn):
-    """No tube: no row for any run; data that contradict what is stated: no row at all, and the reason."""
+def test_unavailable_bounds_have_no_row(tmp_path, capsys, save, drawn):
+    """Without a tube the table has no row for any run; with contradictory data it has no row and states the reason."""
     all_of = made()
     radii = {
         name: dataclasses.replace(

@@ -1,4 +1,4 @@
-"""The command line: what a person types, what comes back, and with which status."""
+"""Tests of the command line: arguments, output and exit status."""
 
 from __future__ import annotations
 
@@ -52,11 +52,11 @@ def invoke(*arguments: str) -> tuple[int, str]:
 
 @pytest.fixture(autouse=True)
 def _no_figures(monkeypatch: pytest.MonkeyPatch) -> None:
-    """`flown` has drawn them; ten seconds of every other study are saved."""
+    """Suppress the figures of studies; fixture `flown` has drawn them before."""
     monkeypatch.setattr(study_figures, "write_figures", lambda *_: [])
 
 
-def test_an_unknown_scenario_is_one_line_and_status_2():
+def test_unknown_scenario_gives_one_line_and_status_2():
     status, said = invoke("study", "papr")
     assert status == 2
     assert said.count("\n") == 1
@@ -64,15 +64,15 @@ def test_an_unknown_scenario_is_one_line_and_status_2():
     assert "paper" in said
 
 
-def test_what_is_listed_and_shown_is_there_for_programs():
+def test_list_and_print_config_have_json_output():
     listed = CliRunner().invoke(app, ["list", "--json"])
     assert list(json.loads(listed.stdout)) == scenario.shipped_names()
     shown = CliRunner().invoke(app, ["print-config", "paper", "--set", "payload.mass_kg=2", "--json"])
     assert json.loads(shown.stdout)["payload"]["mass_kg"] == 2
 
 
-def test_settings_complete_by_their_paths_entries_of_lists():
-    """Settings complete by their paths entries of lists by name."""
+def test_settings_complete_by_path_and_entry_name():
+    """Settings complete by their paths, and entries of lists by their names."""
     ctx = typer.Context(click.Command("run"))
     for name, found in (("paper", ["payload.mass_kg="]), (None, ["payload.mass_kg="]), ("papr", [])):
         ctx.params = {"name": name}
@@ -85,8 +85,8 @@ def test_settings_complete_by_their_paths_entries_of_lists():
     )
 
 
-def test_a_run_that_ends_before_learning_does_ends_it_and_says(capsys: pytest.CaptureFixture[str]):
-    """A run that ends before learning does ends it and says so."""
+def test_duration_shortens_learning_with_a_warning(capsys: pytest.CaptureFixture[str]):
+    """A run that is shorter than the learning phase shortens it; a run without any update prints a warning."""
     short = common.load_settings("paper", (), 5.0)
     assert (short.duration_s, short.learning.end_s, short.learning.update_times_s) == (5.0, 5.0, (2.0, 4.0))
     assert common.load_settings("paper", (), 12.0).learning == scenario.load_scenario("paper").learning
@@ -101,11 +101,11 @@ def test_a_run_that_ends_before_learning_does_ends_it_and_says(capsys: pytest.Ca
     assert str(refused.value).count("\n") == 0
 
 
-def test_no_case_at_all_is_refused():
+def test_empty_list_of_cases_is_refused():
     assert invoke("study", "paper", "--case", "")[0] == 2
 
 
-def test_a_file_that_cannot_be_read_is_one_line_and_status_2(tmp_path: Path):
+def test_unreadable_file_gives_one_line_and_status_2(tmp_path: Path):
     status, said = invoke("study", str(tmp_path / "none.yaml"))
     assert (status, said.count("\n")) == (2, 1)
     assert "none.yaml" in said
@@ -126,7 +126,7 @@ def test_a_file_that_cannot_be_read_is_one_line_and_status_2(tmp_path: Path):
         ("name: paper", "a: &a [*a]\nname: paper", "broken.yaml:4: is nested more than 20 deep"),
     ],
 )
-def test_a_broken_file_is_one_line_and_status_2(written: str, instead: str, answer: str, tmp_path: Path):
+def test_invalid_file_gives_one_line_and_status_2(written: str, instead: str, answer: str, tmp_path: Path):
     text = (Path(scenario.__file__).parent / "library" / "paper.yaml").read_text()
     assert written in text
     path = tmp_path / "broken.yaml"
@@ -139,15 +139,15 @@ def test_a_broken_file_is_one_line_and_status_2(written: str, instead: str, answ
 
 @pytest.mark.parametrize("command", ["study", "certify"])
 @pytest.mark.parametrize("seed", ["-1", str(2**63), "1" * 31, "x"])
-def test_a_seed_that_no_generator_takes_is_refused_with_status_2(command: str, seed: str, tmp_path: Path):
+def test_seed_out_of_range_is_refused_with_status_2(command: str, seed: str, tmp_path: Path):
     status, said = invoke(command, "paper", "--seed", seed, "--out", str(tmp_path / "out"))
     assert status == 2
     assert "--seed" in said
     assert not (tmp_path / "out").exists()
 
 
-def test_a_folder_that_cannot_be_written_is_one_line_and_status(tmp_path: Path):
-    """A folder that cannot be written is one line and status 2 before any flight."""
+def test_unwritable_folder_is_refused_before_simulation(tmp_path: Path):
+    """A folder that cannot be written gives one line and status 2 before the simulation."""
     (tmp_path / "file").write_text("in the way")
     status, said = invoke("study", "paper", "--out", str(tmp_path / "file" / "out"))
     assert (status, said.count("\n")) == (2, 1)
@@ -156,8 +156,8 @@ def test_a_folder_that_cannot_be_written_is_one_line_and_status(tmp_path: Path):
     assert (status, said) == (2, f"cannot write to {tmp_path / 'file'}: it is a file, not a folder\n")
 
 
-def test_a_folder_that_another_process_writes_to_is_refused(tmp_path: Path):
-    """A folder that another process writes to is refused before any flight."""
+def test_folder_in_use_by_another_process_is_refused(tmp_path: Path):
+    """A folder to which another process writes is refused before the simulation."""
     with study.open_run_directory(scenario.load_scenario("paper"), tmp_path):
         for command in ("study", "certify"):
             status, said = invoke(command, "paper", "--out", str(tmp_path))
@@ -165,8 +165,8 @@ def test_a_folder_that_another_process_writes_to_is_refused(tmp_path: Path):
             assert f"{tmp_path} is in use: process {os.getpid()} on " in said
 
 
-def test_a_folder_with_a_file_of_someone_else_in_the_way(tmp_path: Path):
-    """A folder with a file of someone else in the way is refused before any flight."""
+def test_foreign_file_in_folder_is_refused(tmp_path: Path):
+    """A folder with a file of the same name from another program is refused before the simulation."""
     (tmp_path / "C1.nc").write_text("mine")
     status, said = invoke("study", "paper", "--out", str(tmp_path))
     assert (status, said.count("\n")) == (2, 1)
@@ -174,16 +174,16 @@ def test_a_folder_with_a_file_of_someone_else_in_the_way(tmp_path: Path):
     assert [file.name for file in tmp_path.iterdir()] == ["C1.nc"]
 
 
-def test_a_scenario_that_cannot_be_flown_leaves_the_results(tmp_path: Path):
-    """A scenario that cannot be flown leaves the results that there were."""
+def test_invalid_scenario_keeps_earlier_results(tmp_path: Path):
+    """An invalid scenario leaves the files of earlier runs in place."""
     (tmp_path / "C1.nc").write_text(run_directory.run_id("0.1.0", "another"))
     status, _ = invoke("study", "papr", "--out", str(tmp_path))
     assert status == 2
     assert [file.name for file in tmp_path.iterdir()] == ["C1.nc"]
 
 
-def test_internal_forces_that_do_not_exist_are_refused(tmp_path: Path):
-    """Internal forces that do not exist are refused with the reason."""
+def test_allocation_without_internal_force_is_refused(tmp_path: Path):
+    """Internal forces are refused, with the reason, if the allocation has none."""
     text = (Path(scenario.__file__).parent / "library" / "paper.yaml").read_text()
     split = "  kind: leader_follower\n  leader_contacts: [front/left, front/right, rear/left]"
     path = tmp_path / "split.yaml"
@@ -193,8 +193,8 @@ def test_internal_forces_that_do_not_exist_are_refused(tmp_path: Path):
     assert "this allocation has no internal force" in said
 
 
-def test_what_a_compiler_that_fails_says_comes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """What a compiler that fails says comes without a traceback and status 2."""
+def test_compiler_error_is_printed_with_status_2(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """The message of a failing compiler is printed without a traceback, with status 2."""
 
     def plans(settings: scenario.Scenario, cases: object) -> None:
         raise codegen.CompilerError("cc --version:\nexit status 1")
@@ -205,7 +205,7 @@ def test_what_a_compiler_that_fails_says_comes(tmp_path: Path, monkeypatch: pyte
 
 
 @pytest.mark.parametrize(("given", "flown"), [((), "rigid"), (("--engine", "mujoco"), "mujoco")])
-def test_an_engine_takes_the_place_of_the_scenario_s(given, flown, tmp_path, monkeypatch: pytest.MonkeyPatch):
+def test_engine_option_replaces_that_of_the_scenario(given, flown, tmp_path, monkeypatch: pytest.MonkeyPatch):
     def plans(settings: scenario.Scenario, cases: object) -> None:
         raise scenario.ScenarioError(f"by {settings.physics.kind}")
 
@@ -215,14 +215,14 @@ def test_an_engine_takes_the_place_of_the_scenario_s(given, flown, tmp_path, mon
 
 
 @pytest.mark.parametrize("command", [("study",), ("certify",), ("export", "c"), ("export", "mjcf"), ("export", "urdf")])
-def test_what_is_set_is_checked_as_if_it_were_written(command: tuple[str, ...], tmp_path: Path):
+def test_overrides_are_validated_like_the_file(command: tuple[str, ...], tmp_path: Path):
     status, said = invoke(*command, "paper", "--set", "payload.mass_kg=x", "--out", str(tmp_path / "out"))
     assert (status, said) == (2, "--set payload.mass_kg [kg]: must be a number, got 'x'\n")
     assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize("command", [("study",), ("certify",), ("export", "c")])
-def test_a_duration_that_ends_before_learning_does_is_said(
+def test_duration_before_end_of_learning_is_reported(
     command: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     def plans(settings: scenario.Scenario, *_: object) -> None:
@@ -238,8 +238,8 @@ def test_a_duration_that_ends_before_learning_does_is_said(
 
 
 @pytest.mark.parametrize(("kind", "holds"), [("csv", b"time [s],p x [m]"), ("mcap", b"/payload/pose")])
-def test_flights_are_written_beside_their_logs_and_replaced(kind: str, holds: bytes, tmp_path: Path):
-    """Flights are written beside their logs and replaced with them."""
+def test_exported_flights_are_written_beside_their_logs(kind: str, holds: bytes, tmp_path: Path):
+    """Exported flights are written beside their logs; a second export replaces them."""
     told = scenario.load_scenario("paper").model_dump_json(exclude_none=True)
     log.save(flights.dataset(np.random.default_rng(1), scenario_json=told), tmp_path / "C2.nc")
     for _ in range(2):
@@ -252,13 +252,13 @@ def test_flights_are_written_beside_their_logs_and_replaced(kind: str, holds: by
 
 
 @pytest.mark.parametrize("kind", ["csv", "mcap"])
-def test_a_folder_without_flights_is_said(kind: str, tmp_path: Path):
+def test_folder_without_logs_is_refused(kind: str, tmp_path: Path):
     status, said = invoke("export", kind, str(tmp_path))
     assert (status, said.count("\n")) == (2, 1)
     assert "contains no log" in said
 
 
-def test_a_file_that_colift_did_not_write_is_not_replaced(tmp_path: Path):
+def test_foreign_file_is_not_replaced(tmp_path: Path):
     log.save(flights.dataset(np.random.default_rng(1)), tmp_path / "C1.nc")
     (tmp_path / "C1.csv").write_text("mine")
     status, said = invoke("export", "csv", str(tmp_path))
@@ -267,7 +267,7 @@ def test_a_file_that_colift_did_not_write_is_not_replaced(tmp_path: Path):
     assert (tmp_path / "C1.csv").read_text() == "mine"
 
 
-def test_each_type_of_agent_is_written_as_urdf(tmp_path: Path):
+def test_each_agent_type_is_exported_as_urdf(tmp_path: Path):
     out = tmp_path / "made"
     result = CliRunner().invoke(app, ["export", "urdf", "paper", "--out", str(out)], catch_exceptions=False)
     told = scenario.load_scenario("paper")
@@ -291,14 +291,14 @@ def test_scenarios_are_listed():
     assert [line.split()[0] for line in result.output.splitlines()] == scenario.shipped_names()
 
 
-def test_a_shipped_scenario_is_shown_as_it_is_written():
+def test_shipped_scenario_is_printed_as_its_file():
     result = CliRunner().invoke(app, ["print-config", "paper"])
     assert result.exit_code == 0
     assert result.output == scenario.shipped_text("paper")
 
 
-def test_a_scenario_that_is_changed_or_of_a_file_is_shown(tmp_path: Path):
-    """A scenario that is changed or of a file is shown with every setting."""
+def test_changed_scenario_is_printed_with_all_settings(tmp_path: Path):
+    """A scenario with overrides, or one from a file, is printed with every setting."""
     result = CliRunner().invoke(app, ["print-config", "paper", "--set", "payload.mass_kg=2"])
     assert result.exit_code == 0
     assert scenario.parse(result.output, "shown") == scenario.load_scenario("paper", ("payload.mass_kg=2",))
@@ -313,7 +313,7 @@ SHORT = light.SAMPLE.learning.model_copy(update={"update_times_s": (1, 2), "end_
 
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A short study of the smallest team with all rivals, from a file, under another seed."""
+    """Results of a short study of the smallest team with five cases, read from a file, with another seed."""
     folder = tmp_path_factory.mktemp("study")
     path = light.write(folder / "short.yaml", duration_s=3, learning=SHORT)
     status, said = invoke(
@@ -332,8 +332,8 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "out"
 
 
-def test_a_study_leaves_what_it_promises_and_nothing_half(flown: Path):
-    """A study leaves what it promises and nothing half written."""
+def test_study_writes_all_files(flown: Path):
+    """A study writes all documented files and leaves no temporary file."""
     files = {path.name for path in flown.iterdir()}
     figures = {f"figure_{i}_{name}" for i, name in enumerate(FIGURES, 1)}
     assert files >= {
@@ -345,7 +345,7 @@ def test_a_study_leaves_what_it_promises_and_nothing_half(flown: Path):
     assert not [name for name in files if name.startswith(".")]
 
 
-def test_every_file_names_the_run_and_is_known_to_be_a_study_s(flown: Path):
+def test_every_file_contains_the_run_id(flown: Path):
     assert set(flown.iterdir()) == set(run_directory.list_files(flown, study.STUDY_FILES))
     run = json.loads((flown / "summary.json").read_text())["run"]
     settings = scenario.load_scenario(str(flown.parent / "short.yaml"))
@@ -356,7 +356,7 @@ def test_every_file_names_the_run_and_is_known_to_be_a_study_s(flown: Path):
     assert {run_directory.read_run_id(file) for file in flown.iterdir()} == {run}
 
 
-def test_the_summary_holds_what_it_promises(flown: Path):
+def test_summary_contains_all_documented_keys(flown: Path):
     summary = json.loads((flown / "summary.json").read_text())
     assert summary["seed"] == 7
     assert {"version", "scenario", "residual"} <= set(summary)
@@ -382,7 +382,7 @@ def test_the_summary_holds_what_it_promises(flown: Path):
         assert all(0 <= share <= 1 for body in bodies for share in body["exceeded_share"].values())
 
 
-def test_signals_are_labelled_and_have_units(flown: Path):
+def test_signals_have_labels_and_units(flown: Path):
     flight = log.load(flown / "C3.nc")
     assert flight.attrs["case"] == "C3"
     assert flight.attrs["bound_assumptions"] == "rkhs norm, bounded noise energy, sensor noise, sampled estimator"
@@ -401,7 +401,7 @@ def test_signals_are_labelled_and_have_units(flown: Path):
 # Flights that do not end, and answers at once -------------------------------------------------------------------------
 
 
-def test_a_study_can_be_played(flown: Path, tmp_path: Path):
+def test_study_can_be_played_back(flown: Path, tmp_path: Path):
     for case in ("C1", "parametric"):
         shutil.copy(flown / f"{case}.nc", tmp_path)
     status, said = invoke("playback", str(tmp_path))
@@ -410,8 +410,8 @@ def test_a_study_can_be_played(flown: Path, tmp_path: Path):
     assert log.load(flown / "C1.nc").attrs["scenario_json"].startswith('{"name":"sample"')
 
 
-def test_a_run_that_fails_is_saved_marked_incomplete_and_status(tmp_path: Path):
-    """A run that fails is saved marked incomplete and status 1."""
+def test_failed_run_is_saved_as_incomplete(tmp_path: Path):
+    """A run that fails is saved and marked as incomplete, and the exit status is 1."""
     wild = light.SAMPLE.control.model_copy(update={"agent_k_omega": 2e3})
     path, out = light.write(tmp_path / "wild.yaml", control=wild), tmp_path / "out"
     out.mkdir()
@@ -436,8 +436,8 @@ def test_a_run_that_fails_is_saved_marked_incomplete_and_status(tmp_path: Path):
         assert 1 <= flight.sizes["time"] < 20
 
 
-def test_one_case_is_flown_alone_and_quietly_and_its_summary(tmp_path: Path, monkeypatch):
-    """One case is flown alone and quietly and its summary is printed as json."""
+def test_quiet_run_prints_its_summary_as_json(tmp_path: Path, monkeypatch):
+    """One case is simulated without progress output, and its summary is printed as JSON."""
     monkeypatch.chdir(tmp_path)
     learning = light.SAMPLE.learning.model_copy(update={"update_times_s": (0.5,), "end_s": 0.6, "start_s": 0.1})
     light.write(tmp_path / "short.yaml", duration_s=1.0, learning=learning)
@@ -463,7 +463,7 @@ def test_one_case_is_flown_alone_and_quietly_and_its_summary(tmp_path: Path, mon
     assert (status, said) == (2, f"--case C9: must be one of {', '.join(experiment.ALL_CASES)}\n")
 
 
-def test_help_loads_nothing_that_it_does_not_need():
+def test_help_does_not_import_heavy_packages():
     code = (
         "import sys; from typer.testing import CliRunner; from colift.cli.app import app\n"
         "done = CliRunner().invoke(app, ['study', '--help'])\n"
@@ -480,7 +480,7 @@ def test_help_loads_nothing_that_it_does_not_need():
 
 
 def complete(*words: str) -> list[str]:
-    """What a shell offers in place of the last word."""
+    """Return the completions that a shell offers for the last word."""
     environment = {"COMP_WORDS": " ".join(("colift", *words)), "COMP_CWORD": str(len(words))}
     environment["_COLIFT_COMPLETE"] = "complete_bash"
     return CliRunner().invoke(app, [], prog_name="colift", env=environment).stdout.split()
@@ -499,10 +499,8 @@ def test_commands_scenarios_and_cases_complete_in_a_shell():
 # What is printed ------------------------------------------------------------------------------------------------------
 
 
-def test_where_no_bar_can_be_drawn_a_case_says_when_it_begins(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-):
-    """Where no bar can be drawn a case says when it begins how far it is and when it ends."""
+def test_progress_lines_without_terminal(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):
+    """Without a terminal, lines report the start of a case, its progress and its end."""
     said = []
     for every in (1e9, 0.0):
         monkeypatch.setattr(study_commands, "PROGRESS_PERIOD", every)
@@ -532,15 +530,15 @@ command.main()
 
 
 def show(*arguments: str, **changed: object) -> subprocess.CompletedProcess[bytes]:
-    """The command line in a process of its own, with a command that only prints the table."""
+    """Run the command line in a child process with a command that only prints the table."""
     environment = {**os.environ, "COLUMNS": "120", **changed.pop("env", {})}  # ty: ignore
     given = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "check": False, "timeout": 120} | changed
     return subprocess.run([sys.executable, "-c", SHOW, *(arguments or ("table",))], env=environment, **given)
 
 
 @pytest.mark.parametrize("encoding", ["ascii", "latin-1", "cp1252", "utf-8", "ascii:strict"])
-def test_whatever_letters_standard_output_has_the_table(encoding: str):
-    """Whatever letters standard output has the table is printed."""
+def test_table_is_printed_in_any_encoding(encoding: str):
+    """The table is printed in any encoding of the standard output."""
     done = show(env={"PYTHONIOENCODING": encoding, "PYTHONUTF8": "0"})
     assert (done.returncode, done.stderr) == (0, b"")
     said = done.stdout.decode(encoding.split(":")[0])
@@ -548,21 +546,21 @@ def test_whatever_letters_standard_output_has_the_table(encoding: str):
     assert ("e_λ" if encoding == "utf-8" else "e_lam") in said
 
 
-def test_in_a_locale_without_unicode_the_table_is_printed():
+def test_table_is_printed_in_c_locale():
     done = show(env={"LC_ALL": "C", "PYTHONCOERCECLOCALE": "0", "PYTHONUTF8": "0"})
     assert (done.returncode, done.stderr) == (0, b"")
     assert b"e_lam" in done.stdout
 
 
-def test_ctrl_c_before_the_command_line_is_read_ends(tmp_path: Path):
-    """Ctrl c before the command line is read ends it without a traceback."""
+def test_ctrl_c_during_startup_has_no_traceback(tmp_path: Path):
+    """Ctrl-C before the command line is parsed ends the process without a traceback."""
     (tmp_path / "typer.py").write_text("import os, signal, time\nos.kill(os.getpid(), signal.SIGINT)\ntime.sleep(60)\n")
     done = show(env={"PYTHONPATH": os.pathsep.join([str(tmp_path), *filter(None, sys.path)])})
     assert (done.returncode, done.stdout, done.stderr) == (130, b"", b"")
 
 
-def test_a_reader_who_has_gone_is_no_failure():
-    """As under `colift study paper | head -1`."""
+def test_closed_pipe_is_no_failure():
+    """A closed pipe, as of `colift study paper | head -1`, gives status 0."""
     reader, writer = os.pipe()
     os.close(reader)
     done = show(stdout=writer)
@@ -572,7 +570,7 @@ def test_a_reader_who_has_gone_is_no_failure():
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no device that is always full")
 @pytest.mark.parametrize("argument", ["table", "--help", "list"])
-def test_standard_output_on_a_full_disk_is_one_line_and_status_1(argument: str):
+def test_output_to_full_disk_gives_one_line_and_status_1(argument: str):
     with Path("/dev/full").open("w") as full:
         done = show(argument, stdout=full)
     assert done.returncode == 1
@@ -580,7 +578,7 @@ def test_standard_output_on_a_full_disk_is_one_line_and_status_1(argument: str):
     assert done.stderr.decode() == f"cannot print: No space left on device{lost}\n"
 
 
-def test_without_standard_output_nothing_fails():
+def test_closed_standard_output_is_no_failure():
     closed = ["sh", "-c", 'exec "$@" >&-', "sh", sys.executable, "-c", SHOW, "table"]
     done = subprocess.run(closed, capture_output=True, check=False, timeout=120)
     assert (done.returncode, done.stderr) == (0, b"")

@@ -1,4 +1,4 @@
-"""The search for what breaks a certificate: what it tries, that it finds what is broken, and what it prints."""
+"""Tests of the falsification search: trials, detection of invalid bounds, and output."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ from tests.support.certified_flights import made, short
 
 @pytest.fixture
 def certified(monkeypatch) -> None:
-    """The scenario's flight is the one there is."""
+    """Replace the certified flight by a stored one."""
     of = made()
     monkeypatch.setattr(certification, "certify", lambda *_, **__: of)
 
 
-def test_a_round_is_every_kind_once_and_each_follows():
-    """A round is every kind once and each follows from its name."""
+def test_round_has_every_kind_and_names_are_reproducible():
+    """A round has each kind of trial once, and a trial follows from its name."""
     names = falsification.trial_names(short(), 2)
     assert (
         len(set(names))
@@ -48,8 +48,8 @@ def test_a_round_is_every_kind_once_and_each_follows():
             list(falsification.falsify(hover, [name]))
 
 
-def test_unknown_forces_that_norm_and_labels_allow_break(certified):
-    """Unknown forces that norm and labels allow break no radius."""
+def test_admissible_residuals_violate_no_bound(certified):
+    """Residuals that norm and labels allow violate no bound."""
     tries = ["worst e_p 0", "worst e_omega 1", "drawn 0", "swinging 0", "swinging 1"]
     found = list(falsification.falsify(short(), tries))
     assert [one.name for one in found] == tries
@@ -63,8 +63,8 @@ def test_unknown_forces_that_norm_and_labels_allow_break(certified):
     assert next(falsification.falsify(short(), tries[3:4])) == found[3]
 
 
-def test_a_radius_that_is_too_small_is_found_out(certified, monkeypatch):
-    """With a tenth of the radius and of the spans' width the worst unknown is beyond both."""
+def test_too_small_bounds_are_falsified(certified, monkeypatch):
+    """With bounds and intervals scaled by 0.1 the worst-case residual violates both."""
     of = made().certificate
     recovery = of.radii["recovery"]
     small = dataclasses.replace(recovery, a_priori={error: 0.1 * x for error, x in recovery.a_priori.items()})
@@ -84,7 +84,7 @@ def test_a_radius_that_is_too_small_is_found_out(certified, monkeypatch):
     assert one.violations > 0
 
 
-def test_a_run_that_ends_early_within_finite_radii_breaks_them(certified, monkeypatch):
+def test_early_termination_violates_finite_bounds(certified, monkeypatch):
     def ends(*_, **__):
         raise linearized_trajectory.TerminatedEarly("the nominal trajectory ended at t = 1 s: distance")
 
@@ -97,8 +97,8 @@ def test_a_run_that_ends_early_within_finite_radii_breaks_them(certified, monkey
 
 @pytest.mark.parametrize("kind", falsification.TRIAL_KINDS)
 @pytest.mark.parametrize("name", ["certified", "paper", "trio"])
-def test_other_flights_are_scenarios_that_differ_where_they_say(name, kind):
-    """Every change is read, three rounds of them differ, and nothing else is another."""
+def test_trials_change_only_the_stated_settings(name, kind):
+    """Every override is accepted, three rounds differ, and all other settings are unchanged."""
     settings = scenario.load_scenario(name)
     seen = set()
     for k in range(3):
@@ -113,8 +113,8 @@ def test_other_flights_are_scenarios_that_differ_where_they_say(name, kind):
     assert len(seen) == 3
 
 
-def test_another_flight_is_held_against_its_own_radii(monkeypatch):
-    """Another flight is held against its own radii and refused in words."""
+def test_trial_uses_bounds_of_its_own_flight(monkeypatch):
+    """A trial with another flight is compared with that flight's bounds; a refusal is reported as a message."""
     of = certified_flights.late()
     monkeypatch.setattr(certification, "certify", lambda *_, **__: of)
     one = next(falsification.falsify(short(), ["late update 0"]))
@@ -132,7 +132,7 @@ def test_another_flight_is_held_against_its_own_radii(monkeypatch):
     assert (one.ratios, one.is_violated) == ({}, False)
 
 
-def test_what_was_tried_is_told_with_how_to_repeat_it_and_kept(tmp_path, monkeypatch):
+def test_trials_are_printed_with_commands_and_saved(tmp_path, monkeypatch):
     ratios = {"e_p": 0.5, "e_v": 0.25, "e_R": 0.125, "e_omega": 0.0625}
     given = [
         falsification.FalsificationTrial("drawn 0", (), ratios, 0, 12, ""),
@@ -161,7 +161,7 @@ def test_what_was_tried_is_told_with_how_to_repeat_it_and_kept(tmp_path, monkeyp
     assert Path(tmp_path / "falsification.json").read_text().count(kept["run"]) == 1
 
 
-def test_a_name_that_is_no_try_is_said_with_those_that_are(tmp_path):
+def test_unknown_trial_is_refused_with_known_names(tmp_path):
     asked = ["falsify", "certified", "--case", "worst", "--out", str(tmp_path)]
     result = CliRunner().invoke(app.app, asked)
     assert result.exit_code == 2

@@ -1,4 +1,4 @@
-"""Paths that no map has seen: what they are, and what flies there."""
+"""Tests of the held-out trajectories and of simulations on them with a frozen model."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from colift.workflows import generalization
 from tests.support import small_team as light
 
 
-def test_paths_are_the_same_curve_backwards_larger_and_moved():
+def test_heldout_paths_are_reversed_scaled_and_shifted():
     settings = light.settings()
     own = trajectories.make_reference(settings)
     other = {
@@ -34,7 +34,7 @@ def test_paths_are_the_same_curve_backwards_larger_and_moved():
         np.testing.assert_allclose(found["moved"].p, at.p + np.array([0.3, 0, 0]), atol=1e-12)
 
 
-def test_a_reference_that_is_no_such_curve_is_refused():
+def test_other_reference_kinds_are_refused():
     poses = [{"time_s": 0.0, "position_m": [0.0, 0.0, 1.0]}, {"time_s": 4.0, "position_m": [1.0, 0.0, 1.0]}]
     told = light.settings().model_dump() | {"reference": {"kind": "waypoints", "poses": poses}}
     with pytest.raises(ScenarioError, match=r"reference\.kind = waypoints: .* lissajous"):
@@ -42,7 +42,7 @@ def test_a_reference_that_is_no_such_curve_is_refused():
 
 
 @pytest.mark.long
-def test_what_flies_there_has_the_map_and_learns_no_more():
+def test_frozen_model_is_used_without_updates():
     settings = light.settings()
     plan = experiment.make_experiment(settings, "C3")
     first = flight.run_experiment(plan)

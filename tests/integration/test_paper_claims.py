@@ -1,4 +1,4 @@
-"""The paper's closed-loop error equations, in flight; Lemma 2 and Proposition 1 are in test_study."""
+"""Tests of the paper's closed-loop error equations in simulation; test_study.py has Lemma 2 and Proposition 1."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from tests.support import paper_flights as paper
 
 @functools.cache
 def flown() -> tuple[flight.Experiment, signals.StepRecord]:
-    """Two seconds of C1 with sensors that see the truth, so that the leader acts on the true errors."""
-    plan = paper.exact(paper.plan("C1"))
-    return plan, paper.fly(plan, 2.0).records
+    """Two seconds of C1 with exact sensors, so that the payload controller uses the true errors."""
+    plan = paper.with_exact_sensors(paper.paper_experiment("C1"))
+    return plan, paper.simulate(plan, 2.0).records
 
 
 def setpoints(plan: flight.Experiment, rows: signals.StepRecord) -> base.PayloadSetpoint:
@@ -49,14 +49,14 @@ def test_rotational_error_equation():
     assert np.abs(rows.f_L[:, 3:]).max() > 0.1
 
 
-def test_rotational_error_equation_about_an_attitude_that_swings():
+def test_rotational_error_equation_about_moving_attitude():
     """Eq. pl_cl_eom with omega_d: `J e_w_dot` is the same, `e_w_dot = w_dot + w x R^T R_d w_d - R^T R_d w_d_dot`."""
-    of = paper.exact(paper.plan("C1"))
+    of = paper.with_exact_sensors(paper.paper_experiment("C1"))
     path = dataclasses.replace(
         of.controller.reference, rotation_amplitude=jnp.array([0.15, -0.1, 0.2]), rotation_period=jnp.full(3, 4.0)
     )
-    plan = paper.with_pilot(of, reference=path)
-    rows = paper.fly(plan, 2.0).records
+    plan = paper.with_controller(of, reference=path)
+    rows = paper.simulate(plan, 2.0).records
     J, gains, d = (
         np.asarray(plan.controller.team.payload.inertia),
         plan.controller.payload_controller.gains,
@@ -85,9 +85,9 @@ def test_attitude_error_kinematics():
 
 @pytest.mark.long
 @pytest.mark.parametrize("signal", ["e_p", "Psi"])
-def test_without_unknowns_or_noise_errors_decay(signal: str):
-    """Eq. pl_cl_ep, pl_cl_eom: under exact knowledge the errors go down from their start by a factor of five in 4 s."""
-    plan = paper.exact(paper.plan("true_residual"))
-    rows = paper.fly(plan, 4.0).records
+def test_errors_decay_without_residuals_and_noise(signal: str):
+    """Eq. pl_cl_ep, pl_cl_eom: with exact parameters the errors decrease by a factor of five in 4 s."""
+    plan = paper.with_exact_sensors(paper.paper_experiment("true_residual"))
+    rows = paper.simulate(plan, 4.0).records
     size = np.abs(getattr(rows, signal).reshape(len(rows.t), -1)).max(1)
     assert size[-500:].max() < 0.2 * size[0]

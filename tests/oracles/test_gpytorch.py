@@ -1,4 +1,4 @@
-"""The GP core against GPyTorch in exact mode; runs where the `peers` are installed."""
+"""Tests of the GP core against GPyTorch in exact mode; they run if the extra `peers` is installed."""
 
 import jax
 import jax.numpy as jnp
@@ -34,8 +34,8 @@ def test_posterior_and_likelihood(seed, N):
 
 
 @pytest.mark.parametrize("seed", [0, 1])
-def test_optimum_at_the_same_budget(seed):
-    """GPyTorch's likelihood and automatic gradient, the same optimizer, box, start and tolerance."""
+def test_optimum_at_equal_budget(seed):
+    """GPyTorch's likelihood and automatic gradient with the same optimizer, bounds, start and tolerance."""
     X, Y, _, _ = problem(seed, N=60)
     X, Y = (X - X.mean(0)) / X.std(0), (Y - Y.mean(0)) / Y.std(0)
     found = gp.fit(X, Y, restarts=0, offset=np.zeros(3))
@@ -56,7 +56,7 @@ def test_optimum_at_the_same_budget(seed):
         assert found.log_likelihood[i] >= -oracle.fun - 0.05
 
 
-def test_append_is_its_fantasy_model():
+def test_append_equals_gpytorch_fantasy_model():
     X, Y, hyper, queries = problem(2, N=50)
     p, _ = gp.append(gp.condition(X[:-1], Y[:-1], hyper, 60), jnp.asarray(X[-1]), jnp.asarray(Y[-1]))
     with gpytorch_exact.exact():

@@ -1,4 +1,6 @@
-"""Broken scenario files: each is read, or refused with its lines; never another exception, never without end."""
+"""Tests that mutated scenario files are either accepted or rejected with their lines, in bounded time and without
+another exception.
+"""
 
 import re
 import resource
@@ -17,7 +19,7 @@ MEMORY = 500_000  # kB
 
 @pytest.fixture
 def alarm():
-    """Stops a file that is read for ever."""
+    """Stop a test that does not terminate."""
 
     def stop(*_: object) -> None:
         pytest.fail(f"not read within {HANG:g} s of processor time", pytrace=False)
@@ -29,7 +31,7 @@ def alarm():
 
 
 @pytest.mark.parametrize("first", range(0, 4 * EACH, EACH))
-def test_a_broken_file_is_read_or_refused_with_its_lines(first, tmp_path, alarm):
+def test_mutated_file_is_accepted_or_refused_with_lines(first, tmp_path, alarm):
     path, refused = tmp_path / "mine.yaml", 0
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     for seed in range(first, first + EACH):

@@ -1,4 +1,4 @@
-"""Flights to look at: a short one of the smallest team, flown once a process, and made-up ones of the paper's."""
+"""Logs for playback tests: a short flight of the smallest team, simulated once per process, and random ones."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ CASES = {"C1": "no learning", "C3": "payload and agent learning"}
 def labelled(
     rows: signals.StepRecord, sigma: prediction_uncertainty.PredictionUncertainty, told: scenario.Scenario, **attrs: Any
 ) -> xr.Dataset:
-    """A log as a study writes it, of what pages are made of."""
+    """Return a log as a study writes it, with the attributes that pages use."""
     stated = {
         "termination_reason": "",
         "complete": 1,
@@ -38,25 +38,25 @@ def labelled(
 
 
 @functools.cache
-def told() -> scenario.Scenario:
-    """A short flight of the smallest team, with one update."""
+def short_flight() -> scenario.Scenario:
+    """Return a short flight of the smallest team with one update."""
     learning = light.SAMPLE.learning.model_copy(update={"update_times_s": (0.8,), "end_s": 0.8, "start_s": 0.1})
     return light.settings(learning=learning, duration_s=1.5)
 
 
 @functools.cache
-def flown() -> dict[str, xr.Dataset]:
-    """Two cases of it."""
+def two_case_logs() -> dict[str, xr.Dataset]:
+    """Return logs of two cases of that flight."""
     found = {}
-    for case, plan in experiment.make_experiments(told(), tuple(CASES)).items():
+    for case, plan in experiment.make_experiments(short_flight(), tuple(CASES)).items():
         flight = run_experiment(plan)
         assert not flight.termination_reason
         updates = [update.t for update in flight.updates]
-        found[case] = labelled(flight.records, flight.uncertainty, told(), update_times_s=updates, case=case)
+        found[case] = labelled(flight.records, flight.uncertainty, short_flight(), update_times_s=updates, case=case)
     return found
 
 
 def random_log(shape: flights.Shape = flights.PAPER, told: scenario.Scenario = PAPER) -> xr.Dataset:
-    """A made-up flight of the paper's team."""
+    """Return a random log of the paper's team."""
     rng = np.random.default_rng(8)
     return labelled(flights.rows(rng, shape), flights.sigma(rng, shape), told)

@@ -1,4 +1,4 @@
-"""Flights of the paper's cases and of rivals, made up: what figures are drawn of."""
+"""Generated flights of all cases, for tests of figures."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ TOLD = experiment.PAPER_CASES | experiment.BASELINES
 
 
 def cases() -> dict[str, xr.Dataset]:
-    """The paper's cases and all rivals, made up."""
+    """Return generated flights of the paper's cases and all baselines."""
     rng = np.random.default_rng(3)
     said = {"scenario_json": played.PAPER.model_dump_json(exclude_none=True)}
     learned = {"update_times_s": [2.5, 4.5, 6.5, 8.5, 10.0], "T_end_s": 10.0}

@@ -11,7 +11,7 @@ from tests.support import paper_flights as paper
 
 def test_what_is_known_before_a_flight_is_the_slowest_mode():
     """What is known before a flight is the slowest mode and how much thrust is left."""
-    plan = {"C1": paper.plan("C1")}
+    plan = {"C1": paper.paper_experiment("C1")}
     ahead = feasibility.assess_feasibility(paper.SETTINGS, plan)
     assert ahead.warnings == ()
     assert ahead.summary["slowest_mode"]["stable"]
@@ -22,7 +22,7 @@ def test_what_is_known_before_a_flight_is_the_slowest_mode():
     assert margins["says"].startswith("delay margin ")
     assert list(ahead.hover_thrust) == ["front", "rear"]
     narrow = feasibility.assess_feasibility(
-        paper.lighter(30.0), {"C1": experiment.make_experiment(paper.lighter(30.0), "C1")}
+        paper.with_weaker_rotors(30.0), {"C1": experiment.make_experiment(paper.with_weaker_rotors(30.0), "C1")}
     )
     assert [warning.partition(" N of ")[2] for warning in narrow.warnings] == [
         "30 N to hover: the margin of 5.5% is below termination.hover_thrust_margin = 0.1",
@@ -35,7 +35,7 @@ def test_what_is_known_before_a_flight_is_the_slowest_mode():
 def test_a_loop_that_is_unstable_at_rest_is_a_warning_before():
     """A loop that is unstable at rest is a warning before the flight."""
     ahead = feasibility.assess_feasibility(
-        paper.SETTINGS, {"C1": paper.with_gains(paper.plan("C1"), agent_k_omega=paper.number(1e3))}
+        paper.SETTINGS, {"C1": paper.with_gains(paper.paper_experiment("C1"), agent_k_omega=paper.number(1e3))}
     )
     (warning,) = ahead.warnings
     assert warning.startswith("the loop is unstable at equilibrium: slowest mode +")

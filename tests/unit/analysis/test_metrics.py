@@ -37,7 +37,7 @@ def flight(seed: int, shape: flights.Shape = SHAPE, **rows: np.ndarray) -> Fligh
     attitudes = Rotation.random(shape.time, random_state=seed).as_matrix()
     made = with_rows(flights.rows(rng, shape), **({"R_L_hat": attitudes, "R_L": attitudes} | rows))
     beta = [rng.uniform(1, 5, (n, 6 + joints)) for n, joints, _ in shape.groups]
-    oracle = paper.plan("C1").controller.residual_model
+    oracle = paper.paper_experiment("C1").controller.residual_model
     bands = confidence_bounds.ConfidenceBands(
         bound_posterior=oracle, payload_beta=jnp.arange(6.0), agent_beta=tuple(jnp.asarray(b) for b in beta)
     )

@@ -26,12 +26,12 @@ def rest() -> tuple[stability.LoopStateTree, np.ndarray]:
 
 
 def plan(hertz: float = 500.0) -> flight.Experiment:
-    return dataclasses.replace(paper.plan("C1"), dt=1 / hertz)
+    return dataclasses.replace(paper.paper_experiment("C1"), dt=1 / hertz)
 
 
 @functools.cache
 def z() -> State:
-    return initial_states.equilibrium_state(paper.SETTINGS, paper.plan("C1").world.team)
+    return initial_states.equilibrium_state(paper.SETTINGS, paper.paper_experiment("C1").world.team)
 
 
 @functools.cache
@@ -47,7 +47,7 @@ def flown(of: flight.Experiment, x: stability.LoopStateTree, d: np.ndarray, tick
     loop, _ = simulator.rollout(of.loop_config, loop, noise, jnp.asarray(1))
     at = jax.tree.map(lambda leaf: leaf[0], stability._displace(x, jnp.asarray(d[None])))
     # the clock goes on, but the reference of the first quarter of a second moves by less than 1e-6 m
-    still = paper.with_pilot(of, reference=dataclasses.replace(of.controller.reference, amplitude=jnp.zeros(3)))
+    still = paper.with_controller(of, reference=dataclasses.replace(of.controller.reference, amplitude=jnp.zeros(3)))
     loop = dataclasses.replace(stability._insert_states(loop, at), tick=jnp.zeros((), int))
     loop, _ = simulator.rollout(still.loop_config, loop, noise, jnp.asarray(ticks))
     assert int(loop.tick) == ticks
@@ -75,7 +75,7 @@ def settled() -> signals.StepRecord:
     of = dataclasses.replace(plan(), world=stability._without_disturbances(plan().world))
     still = dataclasses.replace(of.controller.reference, amplitude=jnp.zeros(3))
     alone = paper.with_internal(of, eta=jnp.zeros_like(of.controller.allocator.internal.eta))
-    return paper.fly(paper.with_pilot(alone, reference=still), 14.0).records
+    return paper.simulate(paper.with_controller(alone, reference=still), 14.0).records
 
 
 @pytest.mark.long
@@ -88,7 +88,7 @@ def test_the_rest_is_where_the_flown_loop_settles_off():
     np.testing.assert_allclose(x[".world.state.payload.R"], rows.R_L[-1], atol=1e-5)
     np.testing.assert_allclose(x[".world.state.agents[0].r"].ravel(), rows.r[-1], atol=1e-5)
     np.testing.assert_allclose(x[".world.applied_inputs[0].u"], rows.u[-1], atol=1e-3)
-    of = paper.plan("C1")
+    of = paper.paper_experiment("C1")
     (group,), load = of.controller.team.agent_groups, of.controller.team.payload
     more = float(of.world.team.payload.mass - load.mass) * 9.81
     # asked to accelerate upwards, the agents push with their own mass times that as well
@@ -110,7 +110,10 @@ def test_a_leader_with_a_memory_adds_its_own_modes():
         return int((found.eigenvalues.real > -50).sum())  # rad/s; some are gone within a tick or two
 
     with_integral = stability.modes_at_equilibrium(
-        paper.with_pilot(plan(), payload_controller=paper.plan("integral").controller.payload_controller), z()
+        paper.with_controller(
+            plan(), payload_controller=paper.paper_experiment("integral").controller.payload_controller
+        ),
+        z(),
     )
     assert slow(with_integral) == slow(at_500_hertz()) + 6
     assert with_integral.stable
@@ -138,9 +141,9 @@ def test_too_slow_a_control_rate_is_called_unstable_and_is(monkeypatch):
 
 
 def test_no_rest_is_said():
-    nowhere = dataclasses.replace(paper.plan("C1").controller.reference, center=jnp.full(3, np.nan))
+    nowhere = dataclasses.replace(paper.paper_experiment("C1").controller.reference, center=jnp.full(3, np.nan))
     with pytest.raises(ValueError, match="no equilibrium near the start of its reference"):
-        stability.modes_at_equilibrium(paper.with_pilot(plan(), reference=nowhere), z())
+        stability.modes_at_equilibrium(paper.with_controller(plan(), reference=nowhere), z())
 
 
 def modes_of(y: np.ndarray, dt: float) -> np.ndarray:
@@ -309,7 +312,7 @@ def test_sensors_with_a_clock_of_their_own_read_at_every_tick():
 
 def test_second_moments_of_what_labels_say_are_no_motion():
     """At rest they are nothing to first order; as coordinates they went negative on the way there."""
-    carried = stability._select_states(simulator.reset(paper.plan("label_feedback").loop_config, z()))
+    carried = stability._select_states(simulator.reset(paper.paper_experiment("label_feedback").loop_config, z()))
     of_filter = [key for key in carried if ".innovation." in key]
     assert any(".comovement.label_lowpass." in key for key in of_filter)
     second = (
@@ -328,7 +331,7 @@ def test_second_moments_of_what_labels_say_are_no_motion():
 @pytest.mark.parametrize("case", ["label_feedback", "adaptive"])
 def test_a_loop_that_hears_labels_rests_and_decays(case):
     """A loop that hears labels rests and decays as the one without."""
-    heard = stability.modes_at_equilibrium(paper.plan(case), z())
+    heard = stability.modes_at_equilibrium(paper.paper_experiment(case), z())
     assert heard.stable
     alone, slowest = at_500_hertz().eigenvalues[0], heard.eigenvalues[0]  # of a pair either may come first
     np.testing.assert_allclose([slowest.real, abs(slowest.imag)], [alone.real, abs(alone.imag)], rtol=0.2)

@@ -27,7 +27,7 @@ def quiet(**deviations: float) -> flight.Experiment:
     """The paper's C3 with exact sensors, but for those given."""
     given = dict.fromkeys(READINGS, 0.0) | deviations
     sensors = {name: paper.number(x) for name, x in given.items()}
-    plan = paper.plan("C3")
+    plan = paper.paper_experiment("C3")
     return world(plan, sensors=dataclasses.replace(plan.world.sensors, **sensors))
 
 
@@ -44,7 +44,7 @@ def test_with_any_name_the_word_is_assumed():
 def test_first_order_is_assumed_of_every_flight_and_the_rest():
     """First order is assumed of every flight and the rest where it is not covered."""
     assert found(quiet()) == ALWAYS
-    assert found(paper.plan("C3")) == (*ALWAYS, assumptions.NOISE)
+    assert found(paper.paper_experiment("C3")) == (*ALWAYS, assumptions.NOISE)
     assert found(quiet(), limited=True) == (*ALWAYS, assumptions.SATURATION)
     assert found(quiet(), whole=False) == (*ALWAYS, assumptions.PERIODICITY)
 
@@ -56,7 +56,7 @@ def test_any_noise_or_bias_of_a_reading_is_noise(reading):
 
 def test_the_study_s_own_sensors_are_noisy_and_exact_ones():
     """The study is own sensors are noisy and exact ones are not."""
-    assert assumptions.has_sensor_noise(paper.plan("C3").world.sensors)
+    assert assumptions.has_sensor_noise(paper.paper_experiment("C3").world.sensors)
     assert not assumptions.has_sensor_noise(quiet().world.sensors)
 
 
@@ -74,7 +74,7 @@ def test_a_source_that_changes_with_time_is_assumed_steady(monkeypatch):
 
 def test_radii_along_a_run_rest_on_the_estimated_state():
     """Radii along a run rest on the estimated state and of some rivals on a posterior mean."""
-    bound = paper.plan("C3").bound_assumptions.assumed
+    bound = paper.paper_experiment("C3").bound_assumptions.assumed
     assert bound == ("rkhs norm", "bounded noise energy")
     assert assumptions.radius_assumptions(quiet()) == (*bound, assumptions.SAMPLED)
     cases = experiment.make_experiments(paper.SETTINGS, (*experiment.PAPER_CASES, *experiment.BASELINES))

@@ -33,7 +33,7 @@ from colift.onboard.learning import features, residual_model, residual_predictor
 from colift.simulation import actuators, sensors
 from tests.support import small_team as light
 from tests.support.certified_flights import LAST, NAMES, late, made
-from tests.support.paper_flights import number, plan, with_pilot, with_world
+from tests.support.paper_flights import number, paper_experiment, with_controller, with_world
 
 
 def seen(plan: flight.Experiment, rows: signals.StepRecord) -> list[np.ndarray]:
@@ -184,7 +184,7 @@ def test_what_is_assumed_is_what_the_flight_does_not_cover():
     assert energy(plan).radii["energy"].assumptions == ("rkhs norm", *flown)
     team = all_of.experiment.controller.team
     weak = dataclasses.replace(team.agent_groups[0], thrust_max=jnp.array([40.0, 40.0, 16.0]))
-    pressed = with_pilot(all_of.experiment, team=dataclasses.replace(team, agent_groups=(weak,)))
+    pressed = with_controller(all_of.experiment, team=dataclasses.replace(team, agent_groups=(weak,)))
     assert energy(pressed).radii["energy"].assumptions == (
         assumptions.FIRST_ORDER,
         assumptions.SATURATION,
@@ -201,7 +201,7 @@ def test_errors_count_over_the_last_round_of_a_reference():
     """Errors count over the last round of a reference that has one."""
     of, path = made(), made().experiment.controller.reference
     assert not nominal_run.evaluation_grid(of.experiment, of.flight, of.nominal_linearization).full_period
-    quick = with_pilot(of.experiment, reference=dataclasses.replace(path, period=jnp.full(3, 2.5)))
+    quick = with_controller(of.experiment, reference=dataclasses.replace(path, period=jnp.full(3, 2.5)))
     grid = nominal_run.evaluation_grid(quick, of.flight, of.nominal_linearization)
     assert grid.full_period
     assert of.flight.records.t[grid.window][0] == pytest.approx(6.5)
@@ -399,7 +399,7 @@ def of_another_kernel(oracle: residual_model.ResidualModel) -> residual_model.Re
     ("change", "named"),
     [
         (
-            lambda p: with_pilot(
+            lambda p: with_controller(
                 p,
                 payload_controller=payload_controllers.IntegralAction(
                     base=p.controller.payload_controller, K_i=number(0.1), k_i=number(0.1)
@@ -408,7 +408,7 @@ def of_another_kernel(oracle: residual_model.ResidualModel) -> residual_model.Re
             "payload controller IntegralAction",
         ),
         (
-            lambda p: with_pilot(
+            lambda p: with_controller(
                 p,
                 residual_predictor=residual_predictors.DisturbanceObserver(
                     base=p.controller.residual_predictor, bandwidth=jnp.full(2, 2.0)
@@ -416,9 +416,9 @@ def of_another_kernel(oracle: residual_model.ResidualModel) -> residual_model.Re
             ),
             "residual predictor DisturbanceObserver",
         ),
-        (lambda p: with_pilot(p, residual_model=of_another_kernel(p.controller.residual_model)), "kernel Kernel"),
+        (lambda p: with_controller(p, residual_model=of_another_kernel(p.controller.residual_model)), "kernel Kernel"),
         (
-            lambda p: with_pilot(
+            lambda p: with_controller(
                 p,
                 agent_controller=agent_controllers.PreviewThrustVectoringController(
                     **vars(p.controller.agent_controller)
@@ -447,7 +447,7 @@ def of_another_kernel(oracle: residual_model.ResidualModel) -> residual_model.Re
 )
 def test_a_part_that_the_equations_do_not_hold_for_is_refused(change, named):
     """A part that the equations do not hold for is refused by name."""
-    of = plan("C3")
+    of = paper_experiment("C3")
     nominal_run.check_supported(of)
     with pytest.raises(ValueError, match=f"do not hold for {named}$"):
         nominal_run.check_supported(change(of))

@@ -22,13 +22,22 @@ from colift.scenario import experiment
 from colift.simulation import disturbances
 from tests.support import paper_flights
 from tests.support import small_team as light
-from tests.support.paper_flights import NAMES, believed, exact, fly, number, plan, with_pilot, with_world
+from tests.support.paper_flights import (
+    NAMES,
+    number,
+    paper_experiment,
+    simulate,
+    with_controller,
+    with_exact_sensors,
+    with_nominal_world,
+    with_world,
+)
 
 
 @pytest.fixture(scope="module")
 def flight() -> FlightResult:
     """A second of case C1 as shipped, with noise."""
-    return fly(plan("C1"), 1.0)
+    return simulate(paper_experiment("C1"), 1.0)
 
 
 # The residual ---------------------------------------------------------------------------------------------------------
@@ -36,8 +45,8 @@ def flight() -> FlightResult:
 
 def test_with_the_right_parameters_the_residual():
     """With the right parameters the residual is what the sources do."""
-    of = believed(plan("C1"))
-    rows = fly(of, 0.5).records
+    of = with_nominal_world(paper_experiment("C1"))
+    rows = simulate(of, 0.5).records
     z, _ = paper_flights.states(of.world.team, rows)
     f = jax.jit(jax.vmap(disturbances.initial_forces, in_axes=(None, None, 0)))(of.world.disturbances, of.world.team, z)
     np.testing.assert_allclose(rows.f_L, np.concatenate([f.payload.F, f.payload.tau], axis=1), atol=1e-9)
@@ -50,7 +59,7 @@ def test_with_the_right_parameters_the_residual():
 
 def test_mass_and_inertia_mismatch_add_to_the_residual_what_they(flight):
     """Mass and inertia mismatch add to the residual what they take from inertia."""
-    of, rows = plan("C1"), flight.records
+    of, rows = paper_experiment("C1"), flight.records
     z, _ = paper_flights.states(of.world.team, rows)
     F = jax.jit(jax.vmap(disturbances.initial_forces, in_axes=(None, None, 0)))(
         of.world.disturbances, of.world.team, z
@@ -90,7 +99,7 @@ def test_the_grasp_holds(flight):
     assert flight.records.Phi_dot.max() <= 1e-10
     assert (
         flight.records.min_delassus_singular_value.min()
-        > 10 * np.asarray(plan("C1").termination_limits.min_delassus).max()
+        > 10 * np.asarray(paper_experiment("C1").termination_limits.min_delassus).max()
     )
 
 
@@ -122,17 +131,19 @@ def same(a: signals.StepRecord, b: signals.StepRecord) -> None:
 
 
 def test_the_same_seed_gives_the_same_flight(flight):
-    same(flight.records, fly(plan("C1"), 1.0).records)
+    same(flight.records, simulate(paper_experiment("C1"), 1.0).records)
 
 
 def test_another_seed_gives_another_noise_on_the_same_start(flight):
-    other = fly(dataclasses.replace(plan("C1"), seed=1), 1.0).records
+    other = simulate(dataclasses.replace(paper_experiment("C1"), seed=1), 1.0).records
     np.testing.assert_array_equal(other.p[0], flight.records.p[0])
     assert np.abs(other.lam_hat - flight.records.lam_hat).max() > 0.1
 
 
 def test_noise_does_not_depend_on_when_updates_cut_the_run(flight):
-    cut = dataclasses.replace(plan("C1"), duration=1.0, update_times=(0.302, 0.7))  # C1 has no data: nothing is learned
+    cut = dataclasses.replace(
+        paper_experiment("C1"), duration=1.0, update_times=(0.302, 0.7)
+    )  # C1 has no data: nothing is learned
     stopped = run_experiment(cut)
     assert [update.t for update in stopped.updates] == pytest.approx([0.302, 0.7])
     same(flight.records, stopped.records)
@@ -140,12 +151,12 @@ def test_noise_does_not_depend_on_when_updates_cut_the_run(flight):
 
 def test_until_the_first_update_all_cases_fly_the_same(flight):
     for case in ("C2", "C3"):
-        learning = fly(dataclasses.replace(plan(case), update_times=(5.0,)), 1.0)
+        learning = simulate(dataclasses.replace(paper_experiment(case), update_times=(5.0,)), 1.0)
         same(flight.records, learning.records)
 
 
 def test_updates_come_at_their_ticks_with_the_data_until_then():
-    of = dataclasses.replace(plan("C3"), duration=1.3, update_times=(0.7, 1.1))
+    of = dataclasses.replace(paper_experiment("C3"), duration=1.3, update_times=(0.7, 1.1))
     seen = []
     flight = run_experiment(of, seen.append)
     assert [update.t for update in flight.updates] == pytest.approx([0.7, 1.1])
@@ -166,7 +177,7 @@ def test_updates_come_at_their_ticks_with_the_data_until_then():
 def test_what_is_learned_flies_when_it_is_ready_and_not_before(latency, monkeypatch):
     """None: as long as teaching takes here, which a clock that is turned says. An update due meanwhile is left out."""
     of = dataclasses.replace(
-        plan("C3"), duration=1.3, update_times=(0.5, 0.6, 0.9), fit_latency=latency, fit_options=None
+        paper_experiment("C3"), duration=1.3, update_times=(0.5, 0.6, 0.9), fit_latency=latency, fit_options=None
     )
     teach = online_learner.OnlineLearner.update
 
@@ -190,14 +201,18 @@ def test_what_is_learned_flies_when_it_is_ready_and_not_before(latency, monkeypa
 
 def test_what_is_ready_when_the_next_is_due_flies_and_the_next():
     """What is ready when the next is due flies and the next is learned."""
-    of = dataclasses.replace(plan("C3"), duration=1.2, update_times=(0.5, 0.8), fit_latency=0.3, fit_options=None)
+    of = dataclasses.replace(
+        paper_experiment("C3"), duration=1.2, update_times=(0.5, 0.8), fit_latency=0.3, fit_options=None
+    )
     flight = run_experiment(of)
     assert [update.activation_time for update in flight.updates] == pytest.approx([0.8, 1.1])
     assert not flight.learning_warnings
 
 
 def test_what_is_not_ready_when_the_flight_ends_is_said():
-    of = dataclasses.replace(plan("C3"), duration=0.7, update_times=(0.5,), fit_latency=0.3, fit_options=None)
+    of = dataclasses.replace(
+        paper_experiment("C3"), duration=0.7, update_times=(0.5,), fit_latency=0.3, fit_options=None
+    )
     flight = run_experiment(of)
     assert not flight.updates
     assert flight.learning_warnings == ("the model update of t = 0.500 s was not finished when the flight ended",)
@@ -211,7 +226,7 @@ def test_a_fit_that_fails_leaves_the_oracle_as_it_was_and_says(monkeypatch):
         raise ValueError("no such luck")
 
     monkeypatch.setattr(model_update, "fit", failing)
-    flight = run_experiment(dataclasses.replace(plan("C3"), duration=1.0, update_times=(0.7,)))
+    flight = run_experiment(dataclasses.replace(paper_experiment("C3"), duration=1.0, update_times=(0.7,)))
     assert (
         flight.updates[0].error_message
         == "model update at t = 0.700 s failed, previous model stays in use: no such luck"
@@ -252,16 +267,16 @@ def limited(of: Experiment, **beyond: Any) -> Experiment:
 @functools.cache
 def falling() -> tuple[Experiment, FlightResult]:
     """A team whose rotors give less than its weight, without limits; and its flight."""
-    of = limited(exact(plan("C1")))
+    of = limited(with_exact_sensors(paper_experiment("C1")))
     (group,) = of.controller.team.agent_groups
     weak = dataclasses.replace(group, thrust_max=jnp.array([19.0, 24.0]))
-    of = with_pilot(of, team=dataclasses.replace(of.controller.team, agent_groups=(weak,)))
-    return of, fly(of, 1.0)
+    of = with_controller(of, team=dataclasses.replace(of.controller.team, agent_groups=(weak,)))
+    return of, simulate(of, 1.0)
 
 
 def watched(rows: signals.StepRecord) -> dict[str, np.ndarray]:
     """What the limits are about, `(time, bodies)`, written out another way; oriented so that more is worse."""
-    turned = Rotation.from_matrix(np.asarray(plan("C1").controller.reference.R).T @ rows.R_L).magnitude()
+    turned = Rotation.from_matrix(np.asarray(paper_experiment("C1").controller.reference.R).T @ rows.R_L).magnitude()
     up = np.einsum("tjik,k->tji", rows.R, [0, 0, 1.0])
     held = np.zeros(rows.thrust_saturated.shape)
     for k, now in enumerate(rows.thrust_saturated):
@@ -294,7 +309,7 @@ def test_a_run_stops_at_the_tick_that_first_exceeds_a_limit(limit, whose, settin
     most = (worst[0] + worst.max()) / 2 + 1e-6  # between two ticks of the longest saturation as well
     first = int(np.argmax(worst > most))
     assert 0 < first < len(worst) - 1
-    stopped = fly(limited(of, **{limit: -most if limit == "min_height" else most}), 1.0)
+    stopped = simulate(limited(of, **{limit: -most if limit == "min_height" else most}), 1.0)
     same(stopped.records, jax.tree.map(lambda x: x[: first + 1], free.records))
     assert whose[int(np.argmax(signal[first]))] in stopped.termination_reason
     degrees = np.rad2deg(1) if setting.endswith("_deg") else 1.0
@@ -305,12 +320,12 @@ def test_a_run_stops_at_the_tick_that_first_exceeds_a_limit(limit, whose, settin
 
 def test_a_run_whose_grasp_is_near_singular_stops_at_that_tick():
     """A run whose grasp is near singular stops at that tick and names the agent."""
-    of = limited(exact(plan("C1")))
-    free = fly(of, 0.5).records
+    of = limited(with_exact_sensors(paper_experiment("C1")))
+    free = simulate(of, 0.5).records
     least = free.min_delassus_singular_value
     assert least[:, 1].min() < least[0].min()
     limit = (least[0].min() + least[:, 1].min()) / 2
-    stopped = fly(limited(of, min_delassus=limit), 0.5)
+    stopped = simulate(limited(of, min_delassus=limit), 0.5)
     (first, *_), (agent, *_) = np.nonzero(least <= limit)
     same(stopped.records, jax.tree.map(lambda x: x[: first + 1], free))
     t = first * 0.002
@@ -326,26 +341,28 @@ def test_a_run_whose_grasp_is_near_singular_stops_at_that_tick():
 def test_the_least_grip_is_a_share_of_the_start_s(flight):
     share = paper_flights.SETTINGS.termination.min_grasp_ratio
     np.testing.assert_allclose(
-        plan("C1").termination_limits.min_delassus, share * flight.records.min_delassus_singular_value[0], rtol=1e-12
+        paper_experiment("C1").termination_limits.min_delassus,
+        share * flight.records.min_delassus_singular_value[0],
+        rtol=1e-12,
     )
 
 
 def test_a_run_with_a_signal_that_is_not_finite_stops_and_names():
     """A run with a signal that is not finite stops and names it."""
-    path = dataclasses.replace(plan("C1").controller.reference, center=jnp.array([np.nan, 0, 2]))
-    lost = fly(with_pilot(plan("C1"), reference=path), 0.5)
+    path = dataclasses.replace(paper_experiment("C1").controller.reference, center=jnp.array([np.nan, 0, 2]))
+    lost = simulate(with_controller(paper_experiment("C1"), reference=path), 0.5)
     assert lost.termination_reason == "signal p_d is not finite at t = 0.000 s"
     assert len(lost.records.t) == 1
-    broken = jax.tree.map(lambda x: x * np.nan, plan("C1").world.tip_force_bias)
+    broken = jax.tree.map(lambda x: x * np.nan, paper_experiment("C1").world.tip_force_bias)
     assert (
-        fly(with_world(plan("C1"), tip_force_bias=broken), 0.5).termination_reason
+        simulate(with_world(paper_experiment("C1"), tip_force_bias=broken), 0.5).termination_reason
         == "signal lam_hat is not finite at t = 0.000 s"
     )
 
 
 def test_a_run_that_blows_up_stops_at_that_tick_and_keeps():
     """A run that blows up stops at that tick and keeps what was flown."""
-    wild = fly(paper_flights.with_gains(limited(plan("C1")), agent_k_omega=number(1e6)), 0.5)
+    wild = simulate(paper_flights.with_gains(limited(paper_experiment("C1")), agent_k_omega=number(1e6)), 0.5)
     assert "not finite" in wild.termination_reason
     assert 1 < len(wild.records.t) < 20
     assert f"t = {wild.records.t[-1]:.3f} s" in wild.termination_reason
@@ -357,10 +374,10 @@ def test_a_run_that_blows_up_stops_at_that_tick_and_keeps():
 
 def test_a_flight_with_frozen_oracles_in_native_code_is_jax_s():
     """A second of C3 after an update, with noise: two compilers' rounding, and nothing more."""
-    of = dataclasses.replace(plan("C3"), duration=4.0, update_times=(3.5,))
-    oracle = fly(of, 4.0).model
+    of = dataclasses.replace(paper_experiment("C3"), duration=4.0, update_times=(3.5,))
+    oracle = simulate(of, 4.0).model
     assert int(oracle.payload.num_points) > 10
-    setup = with_pilot(of, residual_model=oracle).loop_config
+    setup = with_controller(of, residual_model=oracle).loop_config
     by_native = by_jax = simulator.reset(setup, of.initial_state)
     jax_s = jax.jit(simulator._advance)
     for k in range(2):

@@ -48,7 +48,7 @@ def test_every_field_of_a_row_is_a_variable_on_the_axes(rng, shape):
     np.testing.assert_array_equal(ds.time, rows.t)
     for name in fields:
         np.testing.assert_array_equal(ds[name], getattr(rows, name))
-        for dim, stated in zip(ds[name].dims, flights.axes(name), strict=True):
+        for dim, stated in zip(ds[name].dims, flights.field_axes(name), strict=True):
             assert dim == DIMENSIONS.get(stated) or dim in LABELLED[stated], name
 
 

@@ -22,7 +22,7 @@ from colift.scenario import experiment
 from colift.simulation import disturbances, sensors
 from colift.trajectories import base
 from tests.support import paper_flights
-from tests.support.paper_flights import ROOM, SETTINGS, exact, number, plan, with_pilot
+from tests.support.paper_flights import ROOM, SETTINGS, number, paper_experiment, with_controller, with_exact_sensors
 
 DT = 1 / SETTINGS.control_Hz
 
@@ -39,8 +39,8 @@ def flown(plan: Experiment, chunks: int = 1) -> tuple[simulator.LoopState, signa
 
 def recording(case: str, **parts: Any) -> Experiment:
     """A case with its recorder changed."""
-    of = plan(case)
-    return with_pilot(of, recorder=dataclasses.replace(of.controller.recorder, **parts))
+    of = paper_experiment(case)
+    return with_controller(of, recorder=dataclasses.replace(of.controller.recorder, **parts))
 
 
 @pytest.mark.parametrize(
@@ -75,7 +75,9 @@ def test_recording_ends_at_the_capacity():
 def test_of_a_calibration_rig_true_states_and_bounded_labels():
     """The sensors are noisy, the labels are the true residual off by the rig's error, the inputs the true states."""
     of = recording("C3", start=number(0.06), sample_period=number(0.05))
-    of = with_pilot(paper_flights.believed(of), recorder=recorder.RigRecorder(**vars(of.controller.recorder)))
+    of = with_controller(
+        paper_flights.with_nominal_world(of), recorder=recorder.RigRecorder(**vars(of.controller.recorder))
+    )
     rng = np.random.default_rng(0)
     error = jax.tree.map(lambda x: jnp.array(rng.uniform(0.01, 0.1, x.shape)), zero_residual(of.world.team))
     of = paper_flights.with_world(of, sensor_models=(sensors.CalibrationRig(label_error=error),))
@@ -119,7 +121,7 @@ def commanded(
 
 @pytest.mark.long
 def test_integral_action_sums_the_errors_tick_by_tick():
-    of = exact(plan("integral"))
+    of = with_exact_sensors(paper_experiment("integral"))
     _, rows = flown(of)
     nominal, gains = of.controller.team, of.controller.payload_controller
     a = commanded(rows, gains.leader, of.controller.reference) - float(gains.K_i) * DT * np.cumsum(rows.e_p, axis=0)
@@ -136,12 +138,14 @@ def test_integral_action_sums_the_errors_tick_by_tick():
 @pytest.mark.long
 def test_the_wrench_observer_filters_what_the_last_command_did():
     """The wrench observer filters what the last command did not explain."""
-    of = exact(plan("disturbance_observer"))
+    of = with_exact_sensors(paper_experiment("disturbance_observer"))
     _, rows = flown(of)
     z, inputs = paper_flights.states(of.world.team, rows)
 
     # the readings of a tick are taken under the command of the tick before
-    a, _ = paper_flights.answer(of, jax.tree.map(lambda x: x[1:], z), jax.tree.map(lambda x: x[:-1], inputs))
+    a, _ = paper_flights.accelerations_and_residuals(
+        of, jax.tree.map(lambda x: x[1:], z), jax.tree.map(lambda x: x[:-1], inputs)
+    )
     a = np.asarray(a)
     w, J = rows.omega_L[1:], np.asarray(of.controller.team.payload.inertia)
     w_dot = np.diff(rows.omega_L, axis=0) / DT
@@ -160,7 +164,7 @@ def test_the_wrench_observer_filters_what_the_last_command_did():
 @pytest.mark.long
 def test_the_parametric_part_is_evaluated_at_the_commanded():
     """Case O is told the disturbances and knows the mismatch: what remains is `Y(a_cmd) theta` (errata, row 12)."""
-    of = exact(plan("true_residual"))
+    of = with_exact_sensors(paper_experiment("true_residual"))
     _, rows = flown(of)
     z, _ = paper_flights.states(of.world.team, rows)
     told = jax.jit(jax.vmap(disturbances.initial_forces, in_axes=(None, None, 0)))(
@@ -176,15 +180,15 @@ def test_the_parametric_part_is_evaluated_at_the_commanded():
 
 def test_residuals_known_exactly_are_told_to_case_O_alone():
     for case in experiment.PAPER_CASES | experiment.BASELINES:
-        assert isinstance(plan(case).controller.residual_predictor, residual_predictors.TrueResidual) == (
+        assert isinstance(paper_experiment(case).controller.residual_predictor, residual_predictors.TrueResidual) == (
             case == "true_residual"
         )
-        assert not np.any(plan(case).controller.residual_model.inertial_parameters)
+        assert not np.any(paper_experiment(case).controller.residual_model.inertial_parameters)
 
 
 def test_predictions_are_the_frozen_oracle_s_at_the_estimated():
     """Between updates one oracle predicts, whatever is recorded meanwhile; before the first it predicts zero."""
-    of = dataclasses.replace(exact(plan("C3")), duration=2.0, update_times=(1.0,))
+    of = dataclasses.replace(with_exact_sensors(paper_experiment("C3")), duration=2.0, update_times=(1.0,))
     flight = run_experiment(of)
     rows = flight.records
     after = rows.t >= 1.0 - 1e-9
@@ -224,13 +228,13 @@ def _rate_by_differences(
 @pytest.mark.long
 def test_the_attitude_s_feed_forward_takes_the_rate():
     """Contact forces with a constant internal part lam_f0 (Eq. follower_force), at a moving state."""
-    of = exact(plan("C1"))
+    of = with_exact_sensors(paper_experiment("C1"))
     rng = np.random.default_rng(0)
     allocator = of.controller.allocator
     kernel = allocator.allocation.nullspace
     offset = kernel @ jnp.array(rng.normal(size=kernel.shape[1]))
     allocation = dataclasses.replace(allocator.allocation, offset=offset)
-    of = with_pilot(of, allocator=dataclasses.replace(allocator, allocation=allocation))
+    of = with_controller(of, allocator=dataclasses.replace(allocator, allocation=allocation))
     _, rows = flown(of)
     z, _ = paper_flights.states(of.world.team, jax.tree.map(lambda x: x[100:101], rows))
     z = jax.tree.map(lambda x: x[0], z)
@@ -246,10 +250,10 @@ def test_the_attitude_s_feed_forward_takes_the_rate():
 
 def test_thrust_is_limited_to_what_the_rotors_give_and_the_limit():
     """Thrust is limited to what the rotors give and the limit is reported."""
-    of = plan("C1")
+    of = paper_experiment("C1")
     (group,) = of.controller.team.agent_groups
     weak = dataclasses.replace(group, thrust_max=jnp.array([23.5, 50.0]))
-    of = with_pilot(of, team=dataclasses.replace(of.controller.team, agent_groups=(weak,)))
+    of = with_controller(of, team=dataclasses.replace(of.controller.team, agent_groups=(weak,)))
     _, rows = flown(of)
     assert rows.u[:, 0].max() == 23.5
     assert rows.u[:, 1].max() > 23.5
@@ -259,7 +263,7 @@ def test_thrust_is_limited_to_what_the_rotors_give_and_the_limit():
 
 
 def test_internal_forces_follow_their_pulse():
-    of = plan("C1")
+    of = paper_experiment("C1")
     of = paper_flights.with_internal(of, start=number(0.1), end=number(0.4), ramp=number(0.1))
     internal = of.controller.allocator.internal
     _, rows = flown(of)
@@ -274,7 +278,7 @@ def test_internal_forces_follow_their_pulse():
 @pytest.mark.long
 def test_looking_ahead_a_team_without_unknowns_keeps_to_its_path():
     """What the paper's attitude neglects, and the swing, is all that is left once nothing is unknown or noisy."""
-    of = exact(plan("C1"))
+    of = with_exact_sensors(paper_experiment("C1"))
     of = dataclasses.replace(
         of, world=dataclasses.replace(of.world, team=of.controller.team, disturbance_scale=number(0.0))
     )
@@ -284,7 +288,7 @@ def test_looking_ahead_a_team_without_unknowns_keeps_to_its_path():
     )
     flights = [
         run_experiment(dataclasses.replace(x, duration=6.0))
-        for x in (of, with_pilot(of, agent_controller=far, preview_step=number(0.03)))
+        for x in (of, with_controller(of, agent_controller=far, preview_step=number(0.03)))
     ]
     late = [np.linalg.norm(flight.records.e_p[-1000:], axis=1).max() for flight in flights]
     assert late[1] < late[0] / 5, late
@@ -292,10 +296,10 @@ def test_looking_ahead_a_team_without_unknowns_keeps_to_its_path():
 
 
 def test_a_realizer_that_needs_to_look_ahead_says_so():
-    of = plan("C1")
+    of = paper_experiment("C1")
     ours = of.controller.agent_controller
     far = agent_controllers.PreviewThrustVectoringController(
         gains=ours.gains, yaw=ours.yaw, nominal_posture=ours.nominal_posture
     )
     with pytest.raises(ValueError, match="requires a preview of the reference"):
-        run_experiment(dataclasses.replace(with_pilot(of, agent_controller=far), duration=0.01))
+        run_experiment(dataclasses.replace(with_controller(of, agent_controller=far), duration=0.01))

@@ -359,7 +359,7 @@ def labels(plan: flight.Experiment, dt: float) -> tuple[np.ndarray, np.ndarray]:
         plan.controller.recorder,
         sample_period=number(0.01), start=number(0.3), payload=jnp.array(True), agents=jnp.array(True),
     )  # fmt: skip
-    plan = dataclasses.replace(paper_flights.with_pilot(plan, recorder=every), dt=dt)
+    plan = dataclasses.replace(paper_flights.with_controller(plan, recorder=every), dt=dt)
     world, filters = plan.world, plan.controller.estimator.filters
     loop, flown, room = simulator.reset(plan.loop_config, plan.initial_state), [], 250
     noise = world.sample_noise(jax.random.key(0), room)
@@ -369,7 +369,7 @@ def labels(plan: flight.Experiment, dt: float) -> tuple[np.ndarray, np.ndarray]:
     z, inputs = paper_flights.states(world.team, jax.tree.map(lambda *x: np.concatenate(x), *flown))
     # a tick's readings are taken under the command of the tick before
     z, inputs = jax.tree.map(lambda x: x[1:], z), jax.tree.map(lambda x: x[:-1], inputs)
-    _, f = paper_flights.answer(plan, z, inputs)
+    _, f = paper_flights.accelerations_and_residuals(plan, z, inputs)
     (g,), load, data = f.agents, loop.controller.recorder.payload, loop.controller.recorder.agents[0]
     y = np.concatenate([f.payload.F, f.payload.tau, *(x.reshape(len(x), -1) for x in (g.f_x, g.f_w, g.f_r))], axis=1)
     for hertz in (float(filters.tip_force), float(filters.label), float(filters.label)):
@@ -388,7 +388,7 @@ def test_without_noise_labels_converge_to_the_filtered_true():
     """With all delays but the labels' own filter a multiple of the tick, the error is first order in the tick."""
     errors = []
     for dt in (0.002, 0.001):
-        plan = paper_flights.exact(paper_flights.plan("C1"))
+        plan = paper_flights.with_exact_sensors(paper_flights.paper_experiment("C1"))
         quick = number(0.4 / dt)
         plan = paper_flights.with_filters(plan, joint=quick, tip_force=quick)
         sensors = dataclasses.replace(plan.world.sensors, tip_force_bandwidth=quick)
@@ -402,7 +402,7 @@ def test_without_noise_labels_converge_to_the_filtered_true():
 
 def test_without_noise_the_filters_of_the_study_err_by_less():
     """Without noise the filters of the study err by less than its label noise."""
-    y, expected = labels(paper_flights.quiet(paper_flights.plan("C1")), 0.002)
+    y, expected = labels(paper_flights.without_noise(paper_flights.paper_experiment("C1")), 0.002)
     error = np.sqrt(((y - expected) ** 2).mean(0))
     given = paper_flights.SETTINGS.learning
     stated = [

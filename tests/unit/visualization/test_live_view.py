@@ -31,7 +31,7 @@ CASE = "C3"
 @pytest.fixture(scope="module")
 def watched() -> Iterator[dict[str, Any]]:
     """A flight that has ended, whose stream was read while it flew, and whose page is still there."""
-    told = played.told()
+    told = played.short_flight()
     seen: dict[str, Any] = {}
 
     def read() -> None:
@@ -64,7 +64,7 @@ def numbers(packed: dict[str, Any]) -> np.ndarray:
 
 @pytest.mark.long
 def test_the_stream_holds_every_frame_once_as_the_log_does(watched):
-    told, said = played.told(), events(watched["stream"])
+    told, said = played.short_flight(), events(watched["stream"])
     assert watched["kind"] == "text/event-stream"
     assert len(said) >= 4  # a chunk each, cut by the update, and the end
     assert [each["from"] for each in said] == [0, *(each["known"] for each in said[:-1])]
@@ -122,7 +122,7 @@ def test_the_page_shows_what_came_and_asks_nobody_else(watched, tmp_path):
 
 @pytest.mark.long
 def test_ctrl_c_ends_the_command_and_its_page(tmp_path):
-    file = light.write(tmp_path / "short.yaml", learning=played.told().learning, duration_s=1.5)
+    file = light.write(tmp_path / "short.yaml", learning=played.short_flight().learning, duration_s=1.5)
     command = [sys.executable, "-m", "colift", "live", str(file), "--case", "C1"]
     heeding = "signal.signal(signal.SIGINT, signal.default_int_handler)"  # ignored in a shell's background
     reset = f"import os, signal, sys; {heeding}; os.execv(sys.argv[1], sys.argv[1:])"

@@ -38,12 +38,12 @@ needs_browser = pytest.mark.skipif(browser.FOUND is None, reason="there is no Ch
 
 @pytest.fixture(scope="module")
 def told() -> scenario.Scenario:
-    return played.told()
+    return played.short_flight()
 
 
 @pytest.fixture(scope="module")
 def flown() -> dict[str, xr.Dataset]:
-    return played.flown()
+    return played.two_case_logs()
 
 
 @pytest.fixture(scope="module")

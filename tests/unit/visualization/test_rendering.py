@@ -21,7 +21,7 @@ from tests.support import random_logs as flights
 
 @pytest.fixture(scope="module")
 def seen() -> list[rendering.RenderData]:
-    return [rendering.render_data(ds, f"{case}: {played.CASES[case]}") for case, ds in played.flown().items()]
+    return [rendering.render_data(ds, f"{case}: {played.CASES[case]}") for case, ds in played.two_case_logs().items()]
 
 
 def drawn(sketch: rendering.RenderData, k: int, **how: bool) -> Figure:
@@ -139,7 +139,7 @@ def test_what_cannot_be_drawn_is_said_in_one_line(seen, tmp_path, monkeypatch):
 
 
 def test_the_command_draws_the_cases_that_are_asked_for(tmp_path):
-    for case, ds in played.flown().items():
+    for case, ds in played.two_case_logs().items():
         log.save(ds, tmp_path / f"{case}.nc")
     said = CliRunner().invoke(
         app,

@@ -51,7 +51,7 @@ def merits(**changed: Any) -> dict[str, Any]:
 @pytest.fixture
 def out(tmp_path: Path) -> Path:
     """A folder as a study leaves it, of two short flights and one figure."""
-    for case, ds in played.flown().items():
+    for case, ds in played.two_case_logs().items():
         log.save(ds, tmp_path / f"{case}.nc")
     named = PngInfo()
     named.add_text("Keywords", flights.RUN)
@@ -87,7 +87,7 @@ def test_a_report_holds_what_was_run_table_figures_playback(out):
     assert 'id="flights"' in html.unescape(inside[1])
     settings = re.search(r"<pre>(.*?)</pre>", text, re.DOTALL)
     assert settings
-    assert scenario.parse(html.unescape(settings[1]), "report") == played.told()
+    assert scenario.parse(html.unescape(settings[1]), "report") == played.short_flight()
     assert (out / "report.html") in run_directory.list_files(out, study.STUDY_FILES)  # the next study removes it
 
 
@@ -164,7 +164,7 @@ def test_differences_are_those_to_the_shipped_scenario_as_set():
     again = scenario.load_scenario("paper", [f"{where}={here}" for where, _, here in found])
     assert again == scenario.load_scenario("paper", changed)
     assert {where: there for where, there, _ in found}["control.preview_step_s"] == "absent"
-    assert report.setting_differences(played.told()) is None  # not shipped
+    assert report.setting_differences(played.short_flight()) is None  # not shipped
 
 
 @pytest.mark.parametrize(

@@ -21,12 +21,12 @@ from tests.support.playback_logs import PAPER, random_log
 
 @pytest.fixture(scope="module")
 def told() -> scenario.Scenario:
-    return played.told()
+    return played.short_flight()
 
 
 @pytest.fixture(scope="module")
 def flown() -> dict[str, xr.Dataset]:
-    return played.flown()
+    return played.two_case_logs()
 
 
 def test_bases_joints_and_tips_are_where_the_kinematics_put_them():
