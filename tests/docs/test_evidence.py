@@ -44,8 +44,7 @@ def test_result_files_match_the_recorded_commit(path, history):
 
 
 def test_dependencies_are_imports_and_scenarios():
-    """An evidence module depends on the modules that it imports and the scenarios that it names, and on nothing else.
-    """
+    """An evidence module depends on its imports and the scenarios that it names, and on no other file."""
     files = evidence.rests_on(ROOT / "evidence" / "orderings.py")
     for name in ("closed_loop/flight.py", "codegen/__init__.py", "gp/fitting.py", "scenario/library/paper.yaml"):
         assert f"src/colift/{name}" in files

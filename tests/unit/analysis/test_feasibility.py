@@ -1,4 +1,4 @@
-"""What is known of the paper's study, and of one with weaker rotors, before they are flown."""
+"""Tests of the feasibility report of the paper's study, and of one with weaker rotors."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from colift.scenario import experiment
 from tests.support import paper_flights as paper
 
 
-def test_what_is_known_before_a_flight_is_the_slowest_mode():
-    """What is known before a flight is the slowest mode and how much thrust is left."""
+def test_report_has_slowest_mode_and_thrust_margin():
+    """The report states the slowest mode and the remaining thrust."""
     plan = {"C1": paper.paper_experiment("C1")}
     ahead = feasibility.assess_feasibility(paper.SETTINGS, plan)
     assert ahead.warnings == ()
@@ -32,8 +32,8 @@ def test_what_is_known_before_a_flight_is_the_slowest_mode():
 
 
 @pytest.mark.long
-def test_a_loop_that_is_unstable_at_rest_is_a_warning_before():
-    """A loop that is unstable at rest is a warning before the flight."""
+def test_unstable_equilibrium_gives_a_warning():
+    """A loop that is unstable at equilibrium gives a warning before the simulation."""
     ahead = feasibility.assess_feasibility(
         paper.SETTINGS, {"C1": paper.with_gains(paper.paper_experiment("C1"), agent_k_omega=paper.number(1e3))}
     )

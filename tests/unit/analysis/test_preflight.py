@@ -1,4 +1,4 @@
-"""What is said of a scenario before it is flown: the numbers, and what to change where one is bad."""
+"""Tests of the preflight check: values, and the changes that it advises."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ NO_WIND = {"disturbances": ()}
 
 @functools.cache
 def found(name: str) -> preflight.PreflightReport:
-    """Of the smallest team; with one gain that its sampled loop does not bear."""
+    """Report of the smallest team, as shipped and with one gain that makes the sampled loop unstable."""
     control = light.SAMPLE.control.model_copy(update={"agent_k_omega": 40.0} if name == "wild" else {})
     return preflight.run_preflight(light.settings(control=control))
 
@@ -33,7 +33,7 @@ def finding(of: preflight.PreflightReport, subject: str) -> preflight.Finding:
     return one
 
 
-def test_a_team_that_flies_is_sound():
+def test_shipped_team_passes_all_checks():
     good = found("good")
     assert good.passed
     assert [each.subject for each in good.findings] == [
@@ -54,8 +54,8 @@ def test_a_team_that_flies_is_sound():
 
 
 @pytest.mark.long
-def test_a_mode_that_grows_is_bad_and_the_change_that_is_said():
-    """A mode that grows is bad and the change that is said steadies it."""
+def test_unstable_mode_fails_and_advice_stabilizes_it():
+    """An unstable mode fails the check, and the advised change stabilizes it."""
     wild = found("wild")
     assert not wild.passed
     bad, also = [each for each in wild.findings if each.advice]
@@ -71,8 +71,8 @@ def test_a_mode_that_grows_is_bad_and_the_change_that_is_said():
 
 
 @pytest.mark.long
-def test_too_little_delay_margin_is_bad_with_the_gain_that_gives(monkeypatch: pytest.MonkeyPatch):
-    """Too little delay margin is bad with the gain that gives more."""
+def test_small_delay_margin_fails_with_gain_advice(monkeypatch: pytest.MonkeyPatch):
+    """A small delay margin fails the check, and the advice names a gain that increases it."""
     every = list(remedies.gain_changes(light.settings()))
     monkeypatch.setattr(preflight, "MIN_DELAY_MARGIN", 0.02)
     monkeypatch.setattr(remedies, "gain_changes", lambda _: [each for each in every if "agent_k_omega" in each[0]])
@@ -82,8 +82,8 @@ def test_too_little_delay_margin_is_bad_with_the_gain_that_gives(monkeypatch: py
     assert float(margin[1]) > late.values["margin_s"]
 
 
-def test_a_delay_margin_that_is_not_known_is_said_and_not_called(monkeypatch: pytest.MonkeyPatch):
-    """A delay margin that is not known is said and not called bad."""
+def test_unknown_delay_margin_is_no_failure(monkeypatch: pytest.MonkeyPatch):
+    """An unknown delay margin is reported and does not fail the check."""
 
     def unknown(*_: object) -> None:
         raise ValueError("the controller state does not determine every command independently")
@@ -94,8 +94,8 @@ def test_a_delay_margin_that_is_not_known_is_said_and_not_called(monkeypatch: py
     assert (said.advice, said.values) == ((), {"margin_s": None})
 
 
-def test_the_thrust_along_a_reference_that_stands_still():
-    """The thrust along a reference that stands still is that of hovering."""
+def test_thrust_of_constant_reference_is_hover_thrust():
+    """The thrust along a constant reference is that of hovering."""
     still = light.settings(
         reference=light.SAMPLE.reference.model_copy(update={"amplitude_m": (0.0, 0.0, 0.0)}), **NO_WIND
     )
@@ -106,8 +106,8 @@ def test_the_thrust_along_a_reference_that_stands_still():
     np.testing.assert_allclose(path, [hover, hover], rtol=1e-12)
 
 
-def test_the_thrust_along_a_reference_lifts_all_masses():
-    """The thrust along a reference lifts all masses as the payload moves."""
+def test_thrust_along_reference_accelerates_all_masses():
+    """The thrust along a reference accelerates all masses like the payload."""
     up = light.SAMPLE.reference.model_copy(
         update={"amplitude_m": (0.0, 0.0, 0.3), "rotation_amplitude_deg": (0.0, 0.0, 0.0)}
     )
@@ -120,14 +120,14 @@ def test_the_thrust_along_a_reference_lifts_all_masses():
     assert np.ptp(a) > 0.1
 
 
-def heavier(kg: float) -> Scenario:
+def heavier_payload(kg: float) -> Scenario:
     load = light.SAMPLE.payload.model_copy(update={"mass_kg": kg})
     return light.settings(payload=load, **NO_WIND)
 
 
-def test_little_thrust_is_bad_with_how_much_it_should_be(monkeypatch: pytest.MonkeyPatch):
+def test_small_thrust_fails_with_required_value(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(stability, "equilibrium_and_jacobian", no_rest)
-    seen = preflight.run_preflight(heavier(7.0))
+    seen = preflight.run_preflight(heavier_payload(7.0))
     thrust = finding(seen, "thrust")
     assert [line.split(":")[0] for line in thrust.advice] == ["hover", "reference"]
     need = max(thrust.values["hover_N"].values())
@@ -135,24 +135,24 @@ def test_little_thrust_is_bad_with_how_much_it_should_be(monkeypatch: pytest.Mon
     assert "no equilibrium" in finding(seen, "rest").message
 
 
-def test_a_team_that_has_no_thrust_to_spare_is_not_told_to_share(monkeypatch: pytest.MonkeyPatch):
-    """Where hover leaves less than is asked of all thrust together no place of contacts helps, and no reference."""
+def test_no_contact_advice_without_thrust_reserve(monkeypatch: pytest.MonkeyPatch):
+    """If total hover thrust exceeds the limit, neither contact positions nor the reference are advised."""
     monkeypatch.setattr(stability, "equilibrium_and_jacobian", no_rest)
     limits = light.SAMPLE.termination.model_copy(update={"hover_thrust_margin": 0.3})
-    few = preflight.run_preflight(heavier(7.0).model_copy(update={"termination": limits}))
+    few = preflight.run_preflight(heavier_payload(7.0).model_copy(update={"termination": limits}))
     hover, reference = finding(few, "thrust").advice
     assert "lower payload.mass_kg, or add an agent" in hover
     assert not any(word in line for word in ("contacts", "slower") for line in (hover, reference))
 
 
-def test_what_is_alike_in_a_team_is_said_once():
+def test_equal_agents_are_summarized():
     many = scenario.parse(template.scenario_template("many", 12, 0), "many.yaml")
     said = preflight._mass(many, *team.team(many)).message
     assert "12 agents from agent_1 to agent_12 of 1.5 kg each" in said
 
 
-def test_arms_that_hang_straight_over_their_contacts_are_told(monkeypatch: pytest.MonkeyPatch):
-    """Arms that hang straight over their contacts are told contacts that bend them."""
+def test_straight_arms_are_reported_with_contacts(monkeypatch: pytest.MonkeyPatch):
+    """Arms that are straight above their contacts are reported with contact positions that bend them."""
     monkeypatch.setattr(stability, "equilibrium_and_jacobian", no_rest)
     changes = [f"agent_types.two_arms.joints.{joint}.nominal_position_rad=0" for joint in ("left", "right")]
     changes += [
@@ -178,8 +178,8 @@ def test_arms_that_hang_straight_over_their_contacts_are_told(monkeypatch: pytes
 CONTACTS = {"front": 0.5, "rear": -0.5}
 
 
-def test_agents_whose_stated_rest_is_straight_follow_no_rate():
-    """Agents whose stated rest is straight follow no rate of labels."""
+def test_straight_nominal_posture_uses_no_label_rate():
+    """Agents with a straight nominal posture, or without weight, use no label rates."""
     changes = [f"agent_types.two_arms.joints.{joint}.nominal_position_rad=0" for joint in ("left", "right")]
     straight = scenario.load_scenario("paper", changes)  # their contacts bend them: the team can be built
     (said,) = preflight._labels(straight, team.team(straight)[1])
@@ -195,8 +195,8 @@ def no_rest(*_: object) -> None:
     raise ValueError("the loop has no equilibrium near the start of its reference")
 
 
-def test_what_cannot_be_built_is_said_with_what_to_change():
-    refused = preflight.run_preflight(heavier(20.0))
+def test_rejected_scenario_is_reported_with_advice():
+    refused = preflight.run_preflight(heavier_payload(20.0))
     assert "cannot hover" in finding(refused, "refused").message
     assert "thrust_max_N" in finding(refused, "refused").advice[0]
     agents = [
@@ -208,7 +208,7 @@ def test_what_cannot_be_built_is_said_with_what_to_change():
     assert "move n1/hook away from this line" in line.advice[0]
 
 
-def test_joints_near_a_singular_grasp_are_named(monkeypatch: pytest.MonkeyPatch):
+def test_joints_near_singular_grasp_are_named(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(stability, "equilibrium_and_jacobian", no_rest)
     change = (
         "agent_types.two_arms.joints.1.nominal_position_rad=0.03",
@@ -225,8 +225,8 @@ def test_joints_near_a_singular_grasp_are_named(monkeypatch: pytest.MonkeyPatch)
     )
 
 
-def test_the_command_prints_the_findings_and_its_status_says(monkeypatch: pytest.MonkeyPatch):
-    """The command prints the findings and its status says whether all is sound."""
+def test_command_prints_findings_and_sets_status(monkeypatch: pytest.MonkeyPatch):
+    """The command prints the findings, and its exit status states whether all checks pass."""
     good = found("good")
     *rest, last = good.findings
     bad = dataclasses.replace(good, findings=(*rest, dataclasses.replace(last, advice=("another gain",))))
@@ -242,8 +242,8 @@ def test_the_command_prints_the_findings_and_its_status_says(monkeypatch: pytest
     assert CliRunner().invoke(app, ["check", "paper", "--set", "payload.mass_kg=x"]).exit_code == 2
 
 
-def moving(rate: float, joint: float, load: float) -> stability.Modes:
-    """Two modes: the payload's at 2 1/s, and one at a rate that moves a joint of `beam` and the payload so far."""
+def two_modes(rate: float, joint: float, load: float) -> stability.Modes:
+    """Two modes: the payload's at 2 1/s, and one at a given rate that moves a joint of `beam` and the payload."""
     joints = np.zeros((2, 12))
     joints[:, 4] = 0.1, joint
     payload = np.zeros((2, 6))
@@ -253,21 +253,23 @@ def moving(rate: float, joint: float, load: float) -> stability.Modes:
     )
 
 
-def test_joints_beyond_need_that_return_too_slowly_are_bad(monkeypatch):
-    """Joints beyond need that return too slowly are bad and named."""
+def test_slow_redundant_joints_fail_and_are_named(monkeypatch):
+    """Redundant joints that return too slowly fail the check and are named."""
     beam, say = scenario.load_scenario("beam", ("control.posture_bandwidth=5",)), lambda _what: None
     monkeypatch.setattr(remedies, "posture_changes", lambda _settings, rate, joint, _say: (f"{rate} {joint}",))
-    (slow,) = preflight._posture(beam, moving(2.4, 1.0, 0.1), say)
+    (slow,) = preflight._posture(beam, two_modes(2.4, 1.0, 0.1), say)
     assert (
         slow.message == "redundant joints converge at 2.4 1/s, slowest agent_2/shoulder; control.posture_bandwidth = 5"
     )
     assert slow.advice == ("2.4 agent_2/shoulder",)
-    (fast,) = preflight._posture(beam, moving(2.6, 1.0, 0.1), say)
+    (fast,) = preflight._posture(beam, two_modes(2.6, 1.0, 0.1), say)
     assert fast.advice == ()
-    assert not list(preflight._posture(beam, moving(0.1, 1.0, 1.0), say))  # the payload's own: its gains are to blame
-    assert not list(preflight._posture(scenario.load_scenario("paper"), moving(0.1, 1.0, 0.1), say))
+    assert not list(
+        preflight._posture(beam, two_modes(0.1, 1.0, 1.0), say)
+    )  # the payload's own: its gains are to blame
+    assert not list(preflight._posture(scenario.load_scenario("paper"), two_modes(0.1, 1.0, 0.1), say))
     (held,) = preflight._posture(
-        scenario.load_scenario("beam", ("control.posture_bandwidth=0",)), moving(2.6, 1.0, 0.1), say
+        scenario.load_scenario("beam", ("control.posture_bandwidth=0",)), two_modes(2.6, 1.0, 0.1), say
     )
     assert held.advice
 
@@ -287,8 +289,8 @@ def test_joints_beyond_need_that_return_too_slowly_are_bad(monkeypatch):
         (lambda _c, _r: np.nan, ("start from `colift init`",)),  # no rest
     ],
 )
-def test_what_lets_joints_return_sooner_is_tried(monkeypatch, rates, advice):
-    """First what reaches half of what is stated; else what is sooner than now."""
+def test_posture_advice_lists_changes_that_speed_joints_up(monkeypatch, rates, advice):
+    """Changes that reach half of the stated rate come first, then changes that are faster than the present rate."""
     beam = scenario.load_scenario(
         "beam", ("control.posture_bandwidth=5", "control.agent_k_R=250", "control.agent_k_omega=28")
     )
@@ -297,7 +299,7 @@ def test_what_lets_joints_return_sooner_is_tried(monkeypatch, rates, advice):
         rate = rates(changed.control, changed.agent_types != beam.agent_types)
         if np.isnan(rate):
             raise ValueError("no rest")
-        return moving(rate, 1.0, 0.1)
+        return two_modes(rate, 1.0, 0.1)
 
     monkeypatch.setattr(remedies, "modes_at_equilibrium", at_rest)
     said = remedies.posture_changes(beam, 1.0, "agent_2/shoulder", lambda _what: None)
@@ -305,8 +307,8 @@ def test_what_lets_joints_return_sooner_is_tried(monkeypatch, rates, advice):
     assert all(part in line for part, line in zip(advice, said, strict=True))
 
 
-def test_agents_that_hear_themselves_are_named_and_others():
-    """Agents that hear themselves are named and others are not."""
+def test_large_label_loop_gain_is_reported():
+    """Agents with a large label loop gain are reported; others are not."""
     quiet, loud = scenario.load_scenario("trio"), scenario.load_scenario("seven")
     assert not list(preflight._labels(quiet, team.team(quiet)[1]))
     (said,) = preflight._labels(loud, team.team(loud)[1])

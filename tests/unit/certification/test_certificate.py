@@ -1,4 +1,4 @@
-"""One flight of a short `certified` scenario: what the certificate says of it, against what the log and truth show."""
+"""Tests of a certificate of a short `certified` scenario against the simulated log and the true residuals."""
 
 from __future__ import annotations
 
@@ -36,22 +36,22 @@ from tests.support.certified_flights import LAST, NAMES, late, made
 from tests.support.paper_flights import number, paper_experiment, with_controller, with_world
 
 
-def seen(plan: flight.Experiment, rows: signals.StepRecord) -> list[np.ndarray]:
-    """What the learned maps see along a flight, body by body."""
+def features_along(plan: flight.Experiment, rows: signals.StepRecord) -> list[np.ndarray]:
+    """Return the features of all models along a flight, by body."""
     x, (agents,) = signals.model_inputs(plan.world.team, rows)
     return [np.asarray(features.payload_features(jnp.asarray(x))), *np.swapaxes(agents, 0, 1)]
 
 
 def models(oracle: residual_model.ResidualModel) -> list[gp.GPPosterior]:
-    """Body by body."""
+    """Return the models by body."""
     return [oracle.payload, *(jax.tree.map(lambda x, j=j: x[j], oracle.agents[0]) for j in range(len(light.NAMES)))]
 
 
 # Against the log ------------------------------------------------------------------------------------------------------
 
 
-def test_no_error_exceeds_its_certified_radius_and_radii_come():
-    """No error exceeds its certified radius and radii come in order."""
+def test_errors_stay_below_bounds_in_the_stated_order():
+    """No error exceeds its bound, and the bounds have the documented order."""
     found = made().certificate
     assert set(found.radii) == set(NAMES)
     assert found.unavailable_bounds == {}
@@ -69,8 +69,8 @@ def test_no_error_exceeds_its_certified_radius_and_radii_come():
     assert 1 <= tightness < 10  # of the size of what it bounds
 
 
-def test_observed_errors_and_floor_are_the_greatest_of_their():
-    """Observed errors and floor are the greatest of their flights late enough."""
+def test_observed_and_nominal_errors_are_maxima():
+    """Observed and nominal errors are maxima over the evaluation window."""
     all_of, found = made(), made().certificate
     assert found.window[0] == pytest.approx((LAST + 9) / 2, abs=0.01)
     for rows, told in (
@@ -86,8 +86,8 @@ def test_observed_errors_and_floor_are_the_greatest_of_their():
         assert found.disturbance_response[name] == pytest.approx(np.sqrt((apart**2).sum(1)).max(), rel=1e-12)
 
 
-def test_no_component_of_any_error_leaves_its_span_at_any_time():
-    """No component of any error leaves its span at any time and radii are those of the spans."""
+def test_error_components_stay_in_their_intervals():
+    """Every error component stays in its interval, and the bounds are those of the intervals."""
     found = made().certificate
     assert found.errors.shape == (len(found.t), 12)
     recovery = found.radii["recovery"]
@@ -102,8 +102,8 @@ def test_no_component_of_any_error_leaves_its_span_at_any_time():
     assert (found.intervals["tube"].upper >= found.intervals["tube"].lower).all()
 
 
-def test_the_bound_over_time_lies_above_the_error_and_its_peak():
-    """The bound over time lies above the error and its peak is the radius."""
+def test_bound_over_time_contains_error_and_peak():
+    """The bound over time is above the error, and its maximum is the reported bound."""
     found = made().certificate
     assert (found.e_p <= found.bound).all()
     k = int(np.argmax(found.bound))
@@ -118,8 +118,8 @@ def test_the_bound_over_time_lies_above_the_error_and_its_peak():
 # Against the truth ----------------------------------------------------------------------------------------------------
 
 
-def test_in_the_twin_s_world_nothing_is_unknown():
-    """But for the lag of the joints' filter: the mean is taken at the estimated state."""
+def test_nominal_trajectory_has_no_residual():
+    """Except for the lag of the joint filter, since the mean is evaluated at the estimated state."""
     late = made().flight.records.t > LAST + 1e-9
     for name in ("f_L", "f_x"):
         lag, unknown = (
@@ -131,7 +131,7 @@ def test_in_the_twin_s_world_nothing_is_unknown():
 
 
 @pytest.mark.parametrize("key", ["run", "tube"])
-def test_every_body_s_unknown_is_within_its_band_along_the_path(key):
+def test_residuals_stay_in_their_bands_along_the_path(key):
     all_of = made()
     path = all_of.nominal_linearization.nodes
     rows = all_of.flight.records if key == "run" else all_of.nominal_linearization.records
@@ -140,15 +140,15 @@ def test_every_body_s_unknown_is_within_its_band_along_the_path(key):
     function = unknown.model
     pairs = zip(models(function), models(oracle), strict=True)
     means = jax.vmap(gp.mean, (None, 0))
-    for body, x, (f, model) in zip(held, seen(all_of.experiment, rows), pairs, strict=True):
+    for body, x, (f, model) in zip(held, features_along(all_of.experiment, rows), pairs, strict=True):
         np.testing.assert_allclose(body.x, x[path], atol=1e-12)
         points = jnp.asarray(x[path])
         apart = np.abs(np.asarray(means(f, points)) - np.asarray(means(model, points)))
         assert (apart <= reachability.max_error(body)).all()
 
 
-def test_what_is_unknown_on_the_run_is_as_near_that_of_the_twin():
-    """What is unknown on the run is as near that of the twin is path as the tube says."""
+def test_residual_deviation_stays_within_the_tube():
+    """The residual of the run differs from that of the nominal trajectory by at most the tube's deviation."""
     all_of, found = made(), made().certificate.a_priori.tube
     assert found is not None
     assert 0 < found.contraction < 1
@@ -157,7 +157,8 @@ def test_what_is_unknown_on_the_run_is_as_near_that_of_the_twin():
     pairs = zip(models(unknown.model), models(oracle), strict=True)
     means, apart = jax.vmap(gp.mean, (None, 0)), []
     run, twin = (
-        seen(all_of.experiment, rows) for rows in (all_of.flight.records, all_of.nominal_linearization.records)
+        features_along(all_of.experiment, rows)
+        for rows in (all_of.flight.records, all_of.nominal_linearization.records)
     )
     for a, b, (f, model) in zip(run, twin, pairs, strict=True):
         left = [means(f, jnp.asarray(x[path])) - means(model, jnp.asarray(x[path])) for x in (a, b)]
@@ -170,8 +171,10 @@ def test_what_is_unknown_on_the_run_is_as_near_that_of_the_twin():
 # What it rests on -----------------------------------------------------------------------------------------------------
 
 
-def test_what_is_assumed_is_what_the_flight_does_not_cover():
-    """Labels and norm are the scenario's; five seconds after the last update are too short for a round of eight."""
+def test_assumptions_of_the_short_flight():
+    """Label errors and norm are those of the scenario; five seconds after the last update are less than one round of 8
+    s.
+    """
     flown = (assumptions.FIRST_ORDER, assumptions.PERIODICITY)
     all_of = made()
     for radii in all_of.certificate.radii.values():
@@ -181,24 +184,24 @@ def test_what_is_assumed_is_what_the_flight_does_not_cover():
         satisfied=all_of.experiment.bound_assumptions.satisfied - {BoundAssumption.RKHS_NORM},
     )
     plan = dataclasses.replace(all_of.experiment, bound_assumptions=doubted)
-    assert energy(plan).radii["energy"].assumptions == ("rkhs norm", *flown)
+    assert energy_certificate(plan).radii["energy"].assumptions == ("rkhs norm", *flown)
     team = all_of.experiment.controller.team
     weak = dataclasses.replace(team.agent_groups[0], thrust_max=jnp.array([40.0, 40.0, 16.0]))
     pressed = with_controller(all_of.experiment, team=dataclasses.replace(team, agent_groups=(weak,)))
-    assert energy(pressed).radii["energy"].assumptions == (
+    assert energy_certificate(pressed).radii["energy"].assumptions == (
         assumptions.FIRST_ORDER,
         assumptions.SATURATION,
         assumptions.PERIODICITY,
     )
 
 
-def energy(plan: flight.Experiment) -> certificate.Certificate:
-    """Of the flight, by the energy bound alone, under another plan."""
+def energy_certificate(plan: flight.Experiment) -> certificate.Certificate:
+    """Return the certificate of the flight by the energy bound alone, for another experiment."""
     return certificate.certify(plan, made().flight, made().nominal_linearization, ("energy",))
 
 
-def test_errors_count_over_the_last_round_of_a_reference():
-    """Errors count over the last round of a reference that has one."""
+def test_errors_are_evaluated_over_the_last_period():
+    """Errors are evaluated over the last period of a periodic reference."""
     of, path = made(), made().experiment.controller.reference
     assert not nominal_run.evaluation_grid(of.experiment, of.flight, of.nominal_linearization).full_period
     quick = with_controller(of.experiment, reference=dataclasses.replace(path, period=jnp.full(3, 2.5)))
@@ -213,8 +216,8 @@ def test_errors_count_over_the_last_round_of_a_reference():
 
 
 @pytest.mark.long
-def test_noise_that_moves_the_loop_otherwise_than_to_first_order(monkeypatch):
-    """Noise that moves the loop otherwise than to first order is refused."""
+def test_nonlinear_effect_of_noise_is_refused(monkeypatch):
+    """Noise whose effect differs from that of the linearization is refused."""
     of = made()
     sensors = dataclasses.replace(of.experiment.world.sensors, attitude=jnp.asarray(2e-3))
     monkeypatch.setattr(
@@ -222,35 +225,35 @@ def test_noise_that_moves_the_loop_otherwise_than_to_first_order(monkeypatch):
     )
     monkeypatch.setattr(a_priori, "_noise_quantile", lambda *_: 1.0)
     with pytest.raises(ValueError, match=r"sensor noise alone changes e_\w+ by \S+; to first order the bound is 1e-06"):
-        energy(with_world(of.experiment, sensors=sensors))
+        energy_certificate(with_world(of.experiment, sensors=sensors))
 
 
 @pytest.mark.long
 def test_noise_adds_its_quantile_to_every_component(monkeypatch):
-    """As many deviations as the confidence asks for, all components and ticks together."""
-    of, quiet, _ = made(), made().certificate, energy_spans()
+    """As many standard deviations as the confidence requires for all components and steps together."""
+    of, quiet, _ = made(), made().certificate, energy_intervals()
     assert set(quiet.noise.values()) == {0.0}
     monkeypatch.setattr(
         linearized_trajectory, "noise_std", lambda loop, rows: np.full((len(loop.nodes), len(rows)), 1e-5)
     )
-    noisy = energy(of.experiment)
+    noisy = energy_certificate(of.experiment)
     ticks = int((of.flight.records.t >= quiet.window[0] - 1e-9).sum())
     sigmas = norm.isf((1 - of.experiment.bound_assumptions.confidence) / (2 * 12 * ticks))
     assert noisy.noise["e_p"] == pytest.approx(1e-5 * sigmas, rel=1e-9)
     for key, span in noisy.intervals.items():
-        before = energy_spans()[key]
+        before = energy_intervals()[key]
         np.testing.assert_allclose(span.upper - before.upper, 1e-5 * sigmas, rtol=1e-6)
         np.testing.assert_allclose(before.lower - span.lower, 1e-5 * sigmas, rtol=1e-6)
 
 
 @functools.cache
-def energy_spans() -> dict[str, certificate.ErrorInterval]:
-    """Without noise; made before `variation` is changed."""
-    return dict(energy(made().experiment).intervals)
+def energy_intervals() -> dict[str, certificate.ErrorInterval]:
+    """Intervals without noise; computed before the linearized trajectory is changed."""
+    return dict(energy_certificate(made().experiment).intervals)
 
 
-def test_what_is_known_before_the_flight_is_the_same_for_another(monkeypatch):
-    """What is known before the flight is the same for another run and taken once."""
+def test_a_priori_analysis_is_reused_for_another_run(monkeypatch):
+    """The a priori analysis is the same for another run and is computed once."""
     all_of = made()
     before, rows = all_of.certificate.a_priori, jax.tree.map(jnp.asarray, all_of.flight.records)
     moved = dataclasses.replace(all_of.flight, records=dataclasses.replace(rows, e_p=rows.e_p + 1e-3))
@@ -266,15 +269,15 @@ def test_what_is_known_before_the_flight_is_the_same_for_another(monkeypatch):
     assert found.linearization_error["e_p"] == pytest.approx(3**0.5 * 1e-3, rel=0.1)  # no force brought that about
 
 
-def test_what_is_not_of_first_order_is_a_hundredth_or_so():
+def test_linearization_error_is_about_one_percent():
     found = made().certificate
     for error in certificate.ERRORS:
         assert 0 < found.linearization_error[error] < 0.05 * found.disturbance_response[error]
 
 
 @pytest.mark.long
-def test_where_no_function_passes_optimal_recovery_is_left_out(monkeypatch):
-    """Where no function passes optimal recovery is left out with the reason."""
+def test_infeasible_recovery_is_omitted_with_reason(monkeypatch):
+    """If no function satisfies data and norm, optimal recovery is omitted with the reason."""
 
     def failed(*_: object) -> None:
         raise ValueError("the data contradict norm and noise_bound")
@@ -287,7 +290,7 @@ def test_where_no_function_passes_optimal_recovery_is_left_out(monkeypatch):
     assert found.radii["energy"].a_posteriori == all_of.certificate.radii["energy"].a_posteriori
 
 
-def test_data_that_contradict_what_is_stated_certify_nothing():
+def test_contradictory_data_certify_nothing():
     all_of = made()
     small = dataclasses.replace(all_of.experiment.bound_assumptions, rkhs_norm=0.05)
     plan = dataclasses.replace(all_of.experiment, bound_assumptions=small)
@@ -299,7 +302,7 @@ def test_data_that_contradict_what_is_stated_certify_nothing():
     assert np.isnan(found.worst_direction).all()
 
 
-def test_flights_that_allow_no_certificate_are_refused_in_words():
+def test_flights_without_certificate_are_refused():
     plan, flight = made().experiment, made().flight
     with pytest.raises(ValueError, match="no certificate: the flight stopped: signal p"):
         nominal_run.nominal_trajectory(plan, dataclasses.replace(flight, termination_reason="signal p is not finite"))
@@ -313,8 +316,8 @@ def test_flights_that_allow_no_certificate_are_refused_in_words():
         nominal_run.nominal_trajectory(near, flight)
 
 
-def test_slack_goes_from_the_paper_s_reasoning_down():
-    """With no mismatch but that of the static algebra, which no gain is below: the order stays."""
+def test_conservatism_decreases_step_by_step():
+    """With the algebraic mismatch only, which is a lower bound of any gain, the order of the bounds holds."""
     all_of, found = made(), made().certificate
     vartheta = conservatism.nominal_mismatch(all_of.experiment, all_of.flight, all_of.nominal_linearization)
     late = all_of.nominal_linearization.records.t >= found.window[0] - 1e-9
@@ -354,8 +357,8 @@ def test_slack_goes_from_the_paper_s_reasoning_down():
 # The adversary --------------------------------------------------------------------------------------------------------
 
 
-def test_the_adversary_keeps_norm_and_labels_and_comes_near():
-    """Its contribution along the run's path, by the loop's response; the bound holds for it at all times."""
+def test_worst_case_is_admissible_and_close_to_the_bound():
+    """The response to the worst-case residual along the run's path stays below the bound at all times."""
     all_of, found = made(), made().certificate
     loop = all_of.nominal_linearization
     e_p = adversary.error_functional(loop, "e_p", found.worst_time, found.worst_direction)
@@ -382,8 +385,10 @@ def test_the_adversary_keeps_norm_and_labels_and_comes_near():
     assert found.worst_direction @ e_p[k] > 0.7 * found.bound[k]
 
 
-def test_an_update_shortly_before_errors_count_breaks_no_radius():
-    """The deviation at an update is in all of them. With `update_times_s: [30]` of 32 s radii were broken sixfold."""
+def test_late_update_violates_no_bound():
+    """The deviation at an update is part of all bounds; without it `update_times_s: [30]` of 32 s violated bounds
+    sixfold.
+    """
     found = late().certificate
     assert found.exceeded == made().certificate.exceeded == ()
     for span in found.intervals.values():
@@ -445,8 +450,8 @@ def of_another_kernel(oracle: residual_model.ResidualModel) -> residual_model.Re
         ),
     ],
 )
-def test_a_part_that_the_equations_do_not_hold_for_is_refused(change, named):
-    """A part that the equations do not hold for is refused by name."""
+def test_unsupported_part_is_refused_by_name(change, named):
+    """A part for which the equations do not hold is refused by name."""
     of = paper_experiment("C3")
     nominal_run.check_supported(of)
     with pytest.raises(ValueError, match=f"do not hold for {named}$"):

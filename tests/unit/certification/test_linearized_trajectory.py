@@ -1,4 +1,6 @@
-"""The loop along a flight: against flights with the unknown and with noise, and its sums against the recursion."""
+"""Tests of the loop linearized along a trajectory: against simulations with residuals and noise, and its sums against
+the recursion.
+"""
 
 from __future__ import annotations
 
@@ -23,8 +25,8 @@ seeds = st.integers(0, 2**31)
 # Against flights ------------------------------------------------------------------------------------------------------
 
 
-def test_under_its_own_oracles_at_their_times_a_flight():
-    """Without noise, and without a school; labels alone differ, which nobody hears."""
+def test_run_with_stored_models_repeats_the_flight():
+    """The flight's models at their times repeat it without updates; only unused label states differ."""
     of = made()
     plan = dataclasses.replace(of.experiment, update_times=())
     rows, loops = linearized_trajectory.simulate_nominal(plan, of.flight.model_intervals, [0, 1000])
@@ -33,8 +35,8 @@ def test_under_its_own_oracles_at_their_times_a_flight():
     assert [int(loop.tick) for loop in loops] == [0, 1000]
 
 
-def unknown(of: object, rows: signals.StepRecord) -> np.ndarray:
-    """`f~` at the states of a flight: the drawn forces less the last oracle's means, (ticks, inputs)."""
+def remaining_residual(of: object, rows: signals.StepRecord) -> np.ndarray:
+    """Return `f~` along a flight: the drawn forces minus the means of the last model, (ticks, inputs)."""
     (function,), oracle = of.experiment.world.disturbances.state_functions, of.flight.model
     truth, means = function.model, jax.jit(jax.vmap(gp.mean, (None, 0)))
     x, (agents,) = signals.model_inputs(of.experiment.world.team, rows)
@@ -47,15 +49,15 @@ def unknown(of: object, rows: signals.StepRecord) -> np.ndarray:
 
 
 @pytest.mark.parametrize("flight", [made, pytest.param(late, marks=pytest.mark.long)])
-def test_what_the_unknown_forces_bring_about_is_their_sum(flight):
-    """Of all errors, through the updates: sampling, estimator and means with their slopes are in it."""
+def test_response_to_residuals_is_their_weighted_sum(flight):
+    """For all errors, across updates: sampling, estimator, and gradients of the means are included."""
     of = flight()
     loop, names = of.nominal_linearization, ("e_p", "e_v", "e_R", "e_omega", "u")
     at = np.arange(10, len(loop.nodes), 7)
     told = np.einsum(
         "trki,ki->tr",
         linearized_trajectory.adjoint_weights(loop, loop.output_rows(*names), at),
-        unknown(of, of.flight.records)[loop.nodes],
+        remaining_residual(of, of.flight.records)[loop.nodes],
     )
     ticks = loop.nodes[at]
     found = [np.asarray(getattr(of.flight.records, name) - getattr(loop.records, name))[ticks] for name in names]
@@ -65,8 +67,8 @@ def test_what_the_unknown_forces_bring_about_is_their_sum(flight):
         assert not after.any() or np.abs(one - part)[after].max() < 0.02 * np.abs(one[after]).max()
 
 
-def test_nothing_else_that_a_loop_remembers_moves_a_command():
-    """Nothing else that a loop remembers moves a command or the plant."""
+def test_other_states_of_the_loop_have_no_effect():
+    """Other states of the loop change neither commands nor plant."""
     of = made()
     plan = dataclasses.replace(nominal_run.nominal_experiment(of.experiment, of.flight.model), duration=8.0)
     nodes = np.array([1500])
@@ -90,8 +92,8 @@ def test_nothing_else_that_a_loop_remembers_moves_a_command():
 
 
 @pytest.mark.long
-def test_what_noise_brings_about_has_the_deviations():
-    """A flight in the twin's world with noisy sensors, beside the twin: the RMS over its second half."""
+def test_noise_response_has_the_predicted_std():
+    """RMS over the second half of a simulation with noise relative to the nominal trajectory."""
     of = made()
     noisy = dict.fromkeys(
         ("position", "velocity", "attitude", "body_rate", "accelerometer", "joint"), jnp.asarray(1e-3)
@@ -113,7 +115,7 @@ def test_what_noise_brings_about_has_the_deviations():
         assert 0.8 < ratio < 1.25, name
 
 
-def test_a_twin_that_meets_a_limit_has_no_variation():
+def test_terminated_nominal_trajectory_is_refused():
     of = made()
     plan = nominal_run.nominal_experiment(of.experiment, of.flight.model)
     near = dataclasses.replace(
@@ -131,7 +133,7 @@ def test_a_twin_that_meets_a_limit_has_no_variation():
 def system(
     rng: np.random.Generator, nodes: int = 9, n: int = 5, m: int = 3, r: int = 4
 ) -> linearized_trajectory.LinearizedTrajectory:
-    """A random one, whose outputs are named a and b."""
+    """Return a random system whose outputs are named a and b."""
     A, B = rng.normal(size=(nodes - 1, n, n)) / n, rng.normal(size=(nodes - 1, 2, n, m))
     half = rng.normal(size=(nodes - 1, n, n))
     return linearized_trajectory.LinearizedTrajectory(
@@ -151,7 +153,7 @@ def system(
 
 @given(seeds)
 @settings(max_examples=12)
-def test_weights_are_what_the_recursion_gives(seed):
+def test_weights_equal_the_recursion(seed):
     rng = np.random.default_rng(seed)
     of, f = system(rng), rng.normal(size=(9, 3))
     x, y = np.zeros(5), []
@@ -166,7 +168,7 @@ def test_weights_are_what_the_recursion_gives(seed):
 
 @given(seeds)
 @settings(max_examples=12)
-def test_deviations_are_those_of_the_dense_covariance(seed):
+def test_noise_std_equals_dense_covariance(seed):
     of = system(np.random.default_rng(seed))
     for k, told in enumerate(linearized_trajectory.noise_std(of, of.output_rows("a", "b"))):
         total, onward = np.zeros((4, 4)), np.eye(5)
@@ -178,8 +180,8 @@ def test_deviations_are_those_of_the_dense_covariance(seed):
 
 @given(seeds, st.integers(1, 12))
 @settings(max_examples=12)
-def test_a_stride_is_its_ticks_one_after_another(seed, ticks):
-    """With derivatives that go straight from one to the other, and an unknown that does."""
+def test_stride_equals_its_single_steps(seed, ticks):
+    """With derivatives and residuals that change linearly over the stride."""
     rng, n, m = np.random.default_rng(seed), 4, 2
     first, last = rng.normal(size=(2, n, n + m + 3)) / n
     A, B, N = linearized_trajectory._discretize(first, last, ticks, n, m)
