@@ -1,4 +1,4 @@
-"""What colift says of the machine that it runs on."""
+"""Tests of `doctor`: report of the machine and its problems."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from colift.codegen import build
 from colift.runtime import cache
 
 
-def test_a_machine_on_which_all_works_has_no_problem():
+def test_working_machine_has_no_problem():
     found = doctor.run_diagnostics()
     assert found["problems"] == []
     assert found["packages"]["jax"] == jax.__version__
@@ -28,7 +28,7 @@ def test_a_machine_on_which_all_works_has_no_problem():
     assert json.loads(CliRunner().invoke(app, ["doctor", "--json"]).stdout)["packages"] == found["packages"]
 
 
-def test_no_compiler_and_no_cache_are_problems_with_status_1(monkeypatch: pytest.MonkeyPatch):
+def test_missing_compiler_and_cache_give_status_1(monkeypatch: pytest.MonkeyPatch):
     def unwritable(name: str) -> None:
         raise cache.CacheUnavailable(f"{name}: Permission denied")
 
@@ -41,7 +41,7 @@ def test_no_compiler_and_no_cache_are_problems_with_status_1(monkeypatch: pytest
     assert "compiler   none" in said.stdout
 
 
-def test_native_code_that_computes_something_else_is_a_problem(monkeypatch: pytest.MonkeyPatch):
+def test_wrong_native_code_is_a_problem(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(doctor.codegen, "compile", lambda f: lambda A: f(A) * 1.001)
     found = doctor.run_diagnostics()
     assert found["self_test"] == "failed"

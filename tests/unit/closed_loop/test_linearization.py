@@ -1,4 +1,4 @@
-"""The loop to first order: against differences and a simulation of the closed loop as it stands, nothing linearized."""
+"""Tests of the linearized loop against finite differences and a simulation of the nonlinear loop."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ SIZES = np.repeat([0.5, 0.05, 0.5, 0.05, 0.02, 0.5, 0.05, 0.02], 3)  # N and N m
 
 @functools.cache
 def study() -> tuple[controller.LeaderFollowerController, State]:
-    """The study's pilot with an oracle without data, and the nominal team at rest on the reference."""
+    """The study's controller with a model without data, and the nominal team at rest on the reference."""
     given = scenario.load_scenario("paper")
     small = given.learning.model_copy(update={"max_samples": 2})
     given = given.model_copy(update={"initial_state": schema.InitialState(), "learning": small})
@@ -38,8 +38,8 @@ def study() -> tuple[controller.LeaderFollowerController, State]:
 
 
 @functools.cache
-def learned() -> residual_model.ResidualModel:
-    """An oracle that predicts nothing at rest, but a spring and a damper on the payload off it."""
+def spring_damper_model() -> residual_model.ResidualModel:
+    """Model that predicts zero at equilibrium, and a spring and damper on the payload elsewhere."""
     pilot, z = study()
     oracle = pilot.residual_model
     hyper, x = (
@@ -53,13 +53,15 @@ def learned() -> residual_model.ResidualModel:
 
 @functools.cache
 def loop(knows: bool = False) -> linearization.LinearizedLoop:
-    """The response of `study`, or of the loop that knows more."""
+    """Return the linearization of `study`, or of the loop with `spring_damper_model`."""
     pilot, z = study()
-    return linearization.linearize(dataclasses.replace(pilot, residual_model=learned()) if knows else pilot, z)
+    return linearization.linearize(
+        dataclasses.replace(pilot, residual_model=spring_damper_model()) if knows else pilot, z
+    )
 
 
-def closed(pilot: controller.LeaderFollowerController, z: State, f: ResidualForces) -> tuple[Any, Any, Any]:
-    """Acceleration, contact forces and desired wrench, the measured acceleration being the one that is caused.
+def closed_loop(pilot: controller.LeaderFollowerController, z: State, f: ResidualForces) -> tuple[Any, Any, Any]:
+    """Return acceleration, contact forces and desired wrench; the measured acceleration is the resulting one.
 
     The law is affine in it, and only its first three components enter.
     """
@@ -76,24 +78,26 @@ def closed(pilot: controller.LeaderFollowerController, z: State, f: ResidualForc
 
 
 @jax.jit
-def rates(pilot: controller.LeaderFollowerController, z: State, shift: jax.Array, f: jax.Array) -> tuple[Any, ...]:
-    """How the local coordinates around z change at a shift, and what the outputs are made of."""
+def coordinate_rates(
+    pilot: controller.LeaderFollowerController, z: State, shift: jax.Array, f: jax.Array
+) -> tuple[Any, ...]:
+    """Return rates of the local coordinates at a displacement, and the quantities of the outputs."""
     d = ravel_pytree(contact_dynamics.zero_tangent(z))[1](shift)
     at = contact_dynamics.retract(z, d)
-    a, lam, W_d = closed(pilot, at, linearization.unflatten(pilot.team, f))
+    a, lam, W_d = closed_loop(pilot, at, linearization.unflatten(pilot.team, f))
     return ravel_pytree(contact_dynamics.tangent_rate(at, d, a))[0], a.payload, lam, W_d, at
 
 
 @jax.jit
 def step(pilot: controller.LeaderFollowerController, z: State, f: jax.Array, dt: jax.Array) -> State:
-    """One step of order 4 of the closed loop, the control acting at every stage."""
+    """One fourth-order step of the closed loop with control at every stage."""
     zero, unravel = ravel_pytree(contact_dynamics.zero_tangent(z))
 
     def stage(carry: tuple[jax.Array, jax.Array], node: jax.Array) -> tuple[tuple[jax.Array, jax.Array], None]:
         slope, total = carry
         d = unravel(dt * node[0] * slope)
         at = contact_dynamics.retract(z, d)
-        a, _, _ = closed(pilot, at, linearization.unflatten(pilot.team, f))
+        a, _, _ = closed_loop(pilot, at, linearization.unflatten(pilot.team, f))
         slope = ravel_pytree(contact_dynamics.tangent_rate(at, d, a))[0]
         return (slope, total + dt * node[1] * slope), None
 
@@ -103,7 +107,7 @@ def step(pilot: controller.LeaderFollowerController, z: State, f: jax.Array, dt:
 
 
 def errors(z: State) -> np.ndarray:
-    """Tracking errors against the state of `study`, in NumPy."""
+    """Tracking errors relative to the state of `study`, in NumPy."""
     q, d = (jax.tree.map(np.asarray, x.payload) for x in (z, study()[1]))
     Q = d.R.T @ q.R
     e_R = np.array([Q[2, 1] - Q[1, 2], Q[0, 2] - Q[2, 0], Q[1, 0] - Q[0, 1]]) / 2
@@ -111,10 +115,12 @@ def errors(z: State) -> np.ndarray:
 
 
 def outputs(shift: np.ndarray, f: np.ndarray, knows: bool = False) -> tuple[np.ndarray, np.ndarray]:
-    """Rate and outputs of the closed loop at a shift, the outputs by the paper's law and Newton's sum in NumPy."""
+    """Return rate and outputs of the closed loop at a displacement; outputs by the paper's law and Newton's law in
+    NumPy.
+    """
     pilot, z = study()
-    pilot = dataclasses.replace(pilot, residual_model=learned()) if knows else pilot
-    rate, a, lam, W_d, at = rates(pilot, z, jnp.asarray(shift), jnp.asarray(f))
+    pilot = dataclasses.replace(pilot, residual_model=spring_damper_model()) if knows else pilot
+    rate, a, lam, W_d, at = coordinate_rates(pilot, z, jnp.asarray(shift), jnp.asarray(f))
     e, gains, q = errors(at), pilot.payload_controller.gains, at.payload
     to = np.concatenate(
         [
@@ -132,8 +138,8 @@ def outputs(shift: np.ndarray, f: np.ndarray, knows: bool = False) -> tuple[np.n
 
 
 @pytest.mark.parametrize("structure", [teams.POOL[3], teams.POOL[5], teams.POOL[0]])
-def test_a_residual_comes_back_from_its_row_and_every_body(structure):
-    """A residual comes back from its row and every body has its columns."""
+def test_residual_vector_round_trip_and_body_columns(structure):
+    """Conversion of residuals to a vector and back, and the columns of every body."""
     rng = np.random.default_rng(0)
     team = teams.team(rng, structure)
     f = jax.tree.map(lambda x: jnp.asarray(rng.normal(size=x.shape)), zero_residual(team))
@@ -149,7 +155,7 @@ def test_a_residual_comes_back_from_its_row_and_every_body(structure):
         np.testing.assert_array_equal(row[where], np.concatenate([group.f_x[j], group.f_w[j], group.f_r[j]]))
 
 
-def test_rows_are_where_the_outputs_stand():
+def test_output_rows_have_the_order_of_the_outputs():
     found, first = loop(), 0
     for name, size in OUTPUTS.items():
         assert found.output_rows(name) == slice(first, first + size)
@@ -160,14 +166,14 @@ def test_rows_are_where_the_outputs_stand():
 # The linearized loop --------------------------------------------------------------------------------------------------
 
 
-def test_at_rest_on_the_reference_nothing_moves_and_nothing():
-    """At rest on the reference nothing moves and nothing is missed."""
+def test_rates_and_outputs_vanish_at_equilibrium():
+    """At rest on the reference all rates and outputs are zero."""
     rate, y = outputs(np.zeros(loop().basis.shape[0]), np.zeros(24))
     assert np.abs(rate).max() < 1e-7  # where a start is consistent to nanometres
     assert np.abs(y).max() < 1e-7
 
 
-def test_its_states_are_all_the_motions_that_the_grasp_allows():
+def test_states_span_all_motions_on_the_grasp():
     pilot, z = study()
     T = loop().basis
     free = 6 + 3 * 2  # the payload's velocities and the agents' attitudes (the tree's joints follow)
@@ -185,8 +191,8 @@ def test_its_states_are_all_the_motions_that_the_grasp_allows():
             assert np.abs(ahead - behind).max() / (2 * h) < 1e-8
 
 
-def test_unknown_forces_act_at_once_by_exact_algebra():
-    """The plant is linear in forces: the direct term holds for residuals of any size."""
+def test_direct_term_is_exact_for_any_residual():
+    """The plant is linear in forces: the direct term holds for residuals of any magnitude."""
     rng, found = np.random.default_rng(1), loop()
     still = np.zeros(len(found.basis))
     for size in (0.1, 20.0):
@@ -197,8 +203,8 @@ def test_unknown_forces_act_at_once_by_exact_algebra():
 
 
 @pytest.mark.parametrize("knows", [False, True])
-def test_the_response_is_the_derivative_of_the_closed_loop(knows):
-    """Central differences, extrapolated, in random directions of state and residual together."""
+def test_linearization_equals_central_differences(knows):
+    """Extrapolated central differences in random directions of state and residual together."""
     rng, found = np.random.default_rng(2), loop(knows)
     if knows:  # what the oracle feeds back is part of the loop
         assert np.abs(found.C - loop().C @ (loop().basis.T @ found.basis)).max() > 0.1
@@ -219,7 +225,7 @@ def test_the_response_is_the_derivative_of_the_closed_loop(knows):
         np.testing.assert_allclose(T @ (T.T @ rate), rate, atol=1e-7 * np.abs(rate).max())
 
 
-def test_modes_are_those_of_the_loop_by_differences():
+def test_eigenvalues_equal_those_by_differences():
     T, h = loop().basis, 1e-4
     none = np.zeros(24)
     A = np.stack([T.T @ (outputs(h * d, none)[0] - outputs(-h * d, none)[0]) for d in T.T], axis=1) / (2 * h)
@@ -228,8 +234,8 @@ def test_modes_are_those_of_the_loop_by_differences():
         assert np.abs(expected - value).min() < 1e-4 * abs(value)
 
 
-def test_a_steady_force_on_the_payload_is_shared_as_the_design():
-    """`delta_W = -M_A (M_L + M_A)^-1 f~_L` with thrusts aligned: -0.71 upwards, -0.83 along the team, at 1.5 kg."""
+def test_constant_payload_force_is_shared_by_mass():
+    """`delta_W = -M_A (M_L + M_A)^-1 f~_L` with aligned thrust: -0.71 vertically, -0.83 along the team, at 1.5 kg."""
     pilot, z = study()
     truth, _ = team.team(scenario.load_scenario("paper"))
     found = linearization.linearize(dataclasses.replace(pilot, team=truth), z)
@@ -239,8 +245,8 @@ def test_a_steady_force_on_the_payload_is_shared_as_the_design():
 
 
 @pytest.mark.long
-def test_a_small_constant_residual_brings_about():
-    """Half a second of the nonlinear loop: what differs is of second order in the residual."""
+def test_small_constant_residual_has_the_linear_response():
+    """Half a second of the nonlinear loop; the difference is of second order in the residual."""
     pilot, start = study()
     rng, found = np.random.default_rng(3), loop()
     f, seconds, steps = SIZES * rng.choice([-1.0, 1.0], 24), 0.5, 100
@@ -265,8 +271,8 @@ def test_a_small_constant_residual_brings_about():
 
 
 @functools.cache
-def legs() -> schema.Scenario:
-    """Three agents of the scenario `beam`, each with one arm of three joints, round a payload."""
+def three_joint_arms() -> schema.Scenario:
+    """Three agents of the scenario `beam`, each with one arm of three joints, around a payload."""
     given = scenario.load_scenario("beam")
     agents = [
         agent.model_copy(update={"contact_positions_m": (c,)})
@@ -277,9 +283,11 @@ def legs() -> schema.Scenario:
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_joints_beyond_need_return_to_rest_as_fast_as_is_stated(seed):
-    """Random links, masses, poses and rates: every mode is faster than half the rate, or than the payload's own 2.1."""
-    rng, given = np.random.default_rng(seed), legs()
+def test_redundant_joints_return_at_the_stated_rate(seed):
+    """Random links, masses, poses and rates: each mode is faster than half the rate, or than the payload's own 2.1
+    1/s.
+    """
+    rng, given = np.random.default_rng(seed), three_joint_arms()
     kind, rate = given.agent_types["one_arm"], float(rng.uniform(1, 4))
     joints = [
         joint.model_copy(

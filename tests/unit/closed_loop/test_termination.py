@@ -1,4 +1,4 @@
-"""What ends a flight, against the rules said in plain Python; and the thrust of hovering, against statics by hand."""
+"""Tests of termination limits against rules in plain Python, and of hover thrust against statics."""
 
 from __future__ import annotations
 
@@ -42,22 +42,22 @@ def watched(
     )
 
 
-def around(limit: float, n: int) -> st.SearchStrategy:
-    """Numbers, mostly allowed ones: below, at and above a limit."""
+def near_limit(limit: float, n: int) -> st.SearchStrategy:
+    """Strategy of values that are mostly admissible: below, at and above a limit."""
     near = [limit, limit * (1 + 1e-12), limit * (1 - 1e-12), 0.0, limit / 2, limit * 2]
     return st.lists(st.sampled_from(near), min_size=n, max_size=n)
 
 
 @given(
     finite=st.sampled_from([True, True, True, False]),
-    grip=around(0.2, AGENTS),
-    distance=around(3.0, 1),
-    heights=around(0.5, 1 + AGENTS),
-    attitude=around(1.5, 1),
-    tilt=around(1.2, AGENTS),
-    held=around(2.0, AGENTS),
+    grip=near_limit(0.2, AGENTS),
+    distance=near_limit(3.0, 1),
+    heights=near_limit(0.5, 1 + AGENTS),
+    attitude=near_limit(1.5, 1),
+    tilt=near_limit(1.2, AGENTS),
+    held=near_limit(2.0, AGENTS),
 )
-def test_the_first_limit_that_is_exceeded_ends_a_flight(finite, grip, distance, heights, attitude, tilt, held):
+def test_first_exceeded_limit_ends_a_flight(finite, grip, distance, heights, attitude, tilt, held):
     causes = [
         not finite,
         any(g <= least for g, least in zip(grip, (0.1, 0.2, 0.3), strict=True)),
@@ -77,8 +77,8 @@ def test_the_first_limit_that_is_exceeded_ends_a_flight(finite, grip, distance, 
 FINE = (True, [1.0] * 3, 0.1, [2.0] * 4, 0.1, [0.1] * 3, [0.0] * 3)
 
 
-def test_a_flight_within_its_limits_goes_on_and_where_there():
-    """A flight within its limits goes on and where there are none whatever it does."""
+def test_flight_within_limits_or_without_limits_continues():
+    """A flight within its limits continues, and so does any flight without limits."""
     assert int(exceeded(LIMITS, watched(*FINE))) == TerminationCause.NONE
     none = TerminationLimits(
         min_delassus=jnp.full(3, -1.0),
@@ -126,16 +126,16 @@ def test_a_flight_within_its_limits_goes_on_and_where_there():
         ),
     ],
 )
-def test_the_sentence_names_who_is_worst_by_how_much(part, value, said):
-    """The sentence names who is worst by how much and the setting."""
+def test_message_names_body_value_and_setting(part, value, said):
+    """The message names the worst body, its value and the setting."""
     now = watched(*(value if k == part else x for k, x in enumerate(FINE)))
     cause = TerminationCause(int(exceeded(LIMITS, now)))
     assert termination.format_cause(cause, LIMITS, jax.tree.map(np.asarray, now), 1.5, NAMES) == said
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_hovering_thrusts_hold_up_the_team_against(seed):
-    """Forces and moments by hand: each thrust carries its agent and pushes at the contacts as the allocation says."""
+def test_hover_thrusts_satisfy_statics(seed):
+    """Forces and moments: each thrust carries its agent and the allocated contact forces."""
     rng = np.random.default_rng(seed)
     team = teams.reference_team(3)
     c = np.array(

@@ -22,7 +22,7 @@ def test_closure_follows_packages_lazy_names_and_locks(project):
 
 
 def test_result_is_stale_when_a_pin_changes(project, store):
-    """Another hash or comment of a lock is no change, another version is one."""
+    """Another hash or comment of a lock file changes nothing; another version does."""
     store({})
     lock = project / "requirements" / "run.txt"
     lock.write_text("# a comment\nnumpy==2.0 --hash=sha256:2\n")
@@ -32,7 +32,7 @@ def test_result_is_stale_when_a_pin_changes(project, store):
 
 
 def test_results_without_locks_use_those_of_their_commit(project, store):
-    """A result of before locks were recorded is compared with the lock files of its commit."""
+    """A result without recorded locks is compared with the lock files of its commit."""
     store({})
     made = evidence._record("proof")
     made["files"] = {path: of for path, of in made["files"].items() if not path.startswith("requirements")}
@@ -48,8 +48,8 @@ def test_pins_of_a_lock():
     assert dependencies.pins(text) == {"a-b": "1.0", "c": "2 ; python_version < '4'"}
 
 
-def test_meaning_ignores_words_and_layout():
-    """Docstrings, comments and line breaks do not count, code does."""
+def test_meaning_ignores_comments_and_layout():
+    """Docstrings, comments and line breaks do not count; code does."""
     one = 'def f(x):\n    """Say."""\n    return x + 1\n'
     assert dependencies.meaning(one, ".py") == dependencies.meaning("def f(x):  # why\n\n    return x+1", ".py")
     assert dependencies.meaning(one, ".py") != dependencies.meaning("def f(x):\n    return x + 2\n", ".py")
