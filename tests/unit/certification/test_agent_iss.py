@@ -20,7 +20,7 @@ from colift.models import grasp
 from colift.models.state import ResidualForces
 from colift.simulation import contact_dynamics
 from tests.support import random_teams as teams
-from tests.unit.onboard.test_control import STRUCTURES, aligned, commands, task
+from tests.unit.onboard.test_control import STRUCTURES, commands, solve_aligned, task
 
 seeds = st.integers(0, 2**31)
 accelerate = jax.jit(contact_dynamics.forward_dynamics)
@@ -39,7 +39,7 @@ def test_mismatch_and_acceleration_error_are_linear(structure, seed):
     """
     job = task(seed, STRUCTURES[structure])
     rng, inputs = np.random.default_rng(seed), commands(job)
-    _, _, lateral = aligned(job, inputs)
+    _, _, lateral = solve_aligned(job, inputs)
     unknown = jax.tree.map(lambda x: jnp.asarray(rng.normal(size=x.shape)), job.f)  # f - f_hat
     felt = jax.tree.map(jnp.add, job.f, unknown)
     a, lam = accelerate(job.team, job.z, inputs, felt)

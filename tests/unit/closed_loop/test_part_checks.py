@@ -51,7 +51,8 @@ def with_fault(fault: str) -> flight.Experiment:
         ("no state", r"payload_controller: CustomPayloadController.compute: returned AccelerationCommand; must return"),
         (
             "other state",
-            r"CustomPayloadController.compute: the next state has shapes and types \['float64\[3\]'\]; must be those of `init`",
+            r"CustomPayloadController.compute: the next state has shapes and types \['float64\[3\]'\]; "
+            "must be those of `init`",
         ),
         ("shape", r"payload_controller: CustomPayloadController.compute: .*"),  # found by beartype first, in tests
         ("condition", r"CustomPayloadController.compute: a Python condition depends on an array; use `jnp.where`"),

@@ -117,7 +117,7 @@ def test_fit_uses_the_kernel_of_the_hyperprior():
 def test_kernels_of_hyperprior_and_start_must_agree():
     X, Y, hyper, _ = problem(5, outputs=1)
     with pytest.raises(
-        ValueError, match=r"kernels of hyperprior \(Rough\) and start \(SquaredExponential\): must be equal"
+        ValueError, match=r"kernels of hyperprior \(Matern52\) and start \(SquaredExponential\): must be equal"
     ):
         gp.fit(X, Y, hyperprior=gp.HyperPrior(dataclasses.replace(hyper, kernel=Matern52())), start=hyper)
     one, other = (dataclasses.replace(hyper, kernel=HeavyTailed(a=jnp.array(a))) for a in (1.0, 30.0))

@@ -1,4 +1,4 @@
-"""The Gymnasium environments: both checkers, what is seen and asked for, ends and beginnings."""
+"""Tests of the Gymnasium environments: both checkers, observations, actions, ends and resets."""
 
 from __future__ import annotations
 
@@ -43,19 +43,19 @@ def many(path: Path) -> TransportVecEnv:
     return TransportVecEnv(3, str(path), step_s=STEP)
 
 
-def test_gymnasium_finds_no_fault(alone: TransportEnv) -> None:
+def test_gymnasium_checker_passes(alone: TransportEnv) -> None:
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "The environment .* is different from the unwrapped version")
         check_env(alone, skip_render_check=True)
 
 
-def test_stable_baselines_3_finds_no_fault(alone: TransportEnv) -> None:
+def test_stable_baselines_3_checker_passes(alone: TransportEnv) -> None:
     checker = pytest.importorskip("stable_baselines3.common.env_checker", reason="PyTorch: gigabytes")
     checker.check_env(alone, skip_render_check=True)
 
 
-def test_what_is_asked_for_is_added_to_the_desired_wrench(alone: TransportEnv) -> None:
-    """Of two flights from one state under one noise, the first tick's `W_d` differs by the share of the limits."""
+def test_action_is_added_to_the_desired_wrench(alone: TransportEnv) -> None:
+    """For one state and one noise, the first `W_d` of two actions differs by the share of the action limits."""
     task, action = alone.task, jnp.array([0.5, -1.0, 0.25, 1.0, 0.0, -0.3])
     alone.reset(seed=1)
     noise = task.setup.world.sample_noise(jax.random.key(0), task.frame_skip)
@@ -71,7 +71,7 @@ def test_what_is_asked_for_is_added_to_the_desired_wrench(alone: TransportEnv) -
     np.testing.assert_allclose(asked(action * most) - asked(jnp.zeros(6)), np.asarray(action) * most, atol=1e-12)
 
 
-def test_an_action_acts_and_is_cut_at_one(alone: TransportEnv) -> None:
+def test_action_is_limited_to_one(alone: TransportEnv) -> None:
     def flown(action: list[float]) -> np.ndarray:
         alone.reset(seed=2)
         return np.stack([alone.step(np.array(action, np.float32))[0] for _ in range(5)])
@@ -82,8 +82,8 @@ def test_an_action_acts_and_is_cut_at_one(alone: TransportEnv) -> None:
     np.testing.assert_array_equal(flown([0, 0, 7, 0, 0, 0]), pushed)
 
 
-def test_what_is_seen_is_the_pilot_s_not_the_truth(alone: TransportEnv) -> None:
-    """It is a function of the control context, and differs from the truth by what the sensors do."""
+def test_observation_is_the_estimate(alone: TransportEnv) -> None:
+    """The observation is a function of the control context and differs from the true state by sensor errors."""
     assert list(inspect.signature(gymnasium_env.observation).parameters) == ["context"]
     assert isinstance(alone.task.setup.controller.payload_controller, interfaces.PayloadController)
     alone.reset(seed=3)
@@ -99,8 +99,8 @@ def test_what_is_seen_is_the_pilot_s_not_the_truth(alone: TransportEnv) -> None:
     np.testing.assert_allclose(info["e_p_m"], metrics.rms_norm(np.asarray(rows.e_p)))
 
 
-def test_the_reward_is_one_without_errors_and_half_at_the_stated(alone: TransportEnv) -> None:
-    """The reward is one without errors and half at the stated ones."""
+def test_reward_values(alone: TransportEnv) -> None:
+    """The reward is one without errors and one half at the stated errors."""
     step = lambda e_p, e_R: gymnasium_env.reward(jnp.asarray([e_p]), jnp.asarray([e_R]))  # noqa: E731
     zero = [0.0, 0.0, 0.0]
     assert float(step(zero, zero)[0]) == 1
@@ -109,14 +109,14 @@ def test_the_reward_is_one_without_errors_and_half_at_the_stated(alone: Transpor
     np.testing.assert_array_equal(step([np.nan, 0.0, 0.0], zero), 0.0)
 
 
-def test_an_episode_is_truncated_after_the_scenario_s_duration(alone: TransportEnv) -> None:
+def test_episode_is_truncated_after_the_duration(alone: TransportEnv) -> None:
     alone.reset(seed=4)
     ends = [alone.step(alone.action_space.sample())[2:4] for _ in range(9)]
     assert ends == [(False, False)] * 8 + [(False, True)]
 
 
-def test_an_episode_ends_with_the_limit_that_was_met(path: Path) -> None:
-    """Pushed away from the reference, the payload meets the limit of its distance; then nothing moves any more."""
+def test_episode_terminates_at_a_limit(path: Path) -> None:
+    """A payload that is pushed away reaches the distance limit; afterwards the state is constant."""
     env = TransportEnv(
         str(path), overrides=["termination.max_position_error_m=0.21", "duration_s=1"], step_s=STEP, force_N=60.0
     )
@@ -134,7 +134,7 @@ def test_an_episode_ends_with_the_limit_that_was_met(path: Path) -> None:
     np.testing.assert_array_equal(again, seen)
 
 
-def test_flights_side_by_side_are_those_flown_alone(alone: TransportEnv, many: TransportVecEnv) -> None:
+def test_vectorized_flights_equal_single_flights(alone: TransportEnv, many: TransportVecEnv) -> None:
     rng = np.random.default_rng(6)
     seen, _ = many.reset(seed=7)
     first, _ = alone.reset(seed=8)
@@ -148,7 +148,7 @@ def test_flights_side_by_side_are_those_flown_alone(alone: TransportEnv, many: T
     assert np.abs(seen[0] - seen[1]).max() > 1e-4
 
 
-def test_a_flight_that_is_over_begins_anew_in_the_next_step(many: TransportVecEnv) -> None:
+def test_finished_flight_is_reset_in_the_next_step(many: TransportVecEnv) -> None:
     assert many.metadata["autoreset_mode"] == gymnasium.vector.AutoresetMode.NEXT_STEP
     first, _ = many.reset(seed=9)
     actions = np.ones((3, 6), np.float32)
@@ -165,8 +165,8 @@ def test_a_flight_that_is_over_begins_anew_in_the_next_step(many: TransportVecEn
     np.testing.assert_array_equal(again, first)
 
 
-def test_stable_baselines_3_sees_the_next_episode_s_beginning(many: TransportVecEnv) -> None:
-    """Stable baselines 3 sees the next episode is beginning with an end."""
+def test_stable_baselines_3_gets_the_reset_observation(many: TransportVecEnv) -> None:
+    """At the end of an episode stable-baselines3 receives the first observation of the next one."""
     pytest.importorskip("stable_baselines3", reason="PyTorch: gigabytes")
     from evidence import curve
 
@@ -185,7 +185,7 @@ def test_stable_baselines_3_sees_the_next_episode_s_beginning(many: TransportVec
     assert not over.any()
 
 
-def test_gymnasium_makes_both(path: Path) -> None:
+def test_gymnasium_make_creates_both(path: Path) -> None:
     name, given = "colift.integrations.gymnasium_env:colift/Transport-v0", {"scenario": str(path)}
     assert isinstance(gymnasium.make(name, **given).unwrapped, TransportEnv)
     assert isinstance(gymnasium.make_vec(name, 2, vectorization_mode="vector_entry_point", **given), TransportVecEnv)
@@ -200,16 +200,16 @@ def test_gymnasium_makes_both(path: Path) -> None:
         ({"moment_Nm": np.inf}, "moment_Nm = inf: must be finite"),
     ],
 )
-def test_what_cannot_be_is_refused(given: dict[str, float], answer: str, path: Path) -> None:
+def test_invalid_arguments_are_refused(given: dict[str, float], answer: str, path: Path) -> None:
     with pytest.raises(ValueError, match=answer):
         TransportEnv(str(path), **given)
 
 
-def test_a_case_that_learns_on_the_way_is_refused(path: Path) -> None:
+def test_case_with_online_learning_is_refused(path: Path) -> None:
     with pytest.raises(ValueError, match="case 'C3' updates its models during a flight"):
         TransportEnv(str(path), case="C3")
 
 
-def test_seeds_must_be_as_many_as_flights(many: TransportVecEnv) -> None:
+def test_number_of_seeds_is_checked(many: TransportVecEnv) -> None:
     with pytest.raises(ValueError, match="seed: 2 seeds for 3 simulations"):
         many.reset(seed=[1, 2])

@@ -1,4 +1,4 @@
-"""The lockstep server, against a stand-in autopilot that knows PX4's side of the protocol and nothing of ours."""
+"""Tests of the lockstep server with a stand-in autopilot that implements only PX4's side of the protocol."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ ROTORS = np.array([(1, 1, 1), (-1, -1, 1), (1, -1, -1), (-1, 1, -1)]) * [0.15, 0
 
 @dataclasses.dataclass
 class StandIn:
-    """What PX4 does in lockstep: its clock is the sensors', it answers each, its rotors are in FRD."""
+    """PX4 in lockstep: its clock is that of the sensor messages, it answers each, its rotors are in FRD."""
 
     port: int
     asked: queue.SimpleQueue  # thrust and torque setpoints, as they would come over uORB
@@ -46,7 +46,7 @@ class StandIn:
                         connection.sendall(self.answer(mav, message.time_usec))
 
     def answer(self, mav: mavlink.MAVLink, time: int) -> bytes:
-        """Signals of the rotors for what is asked, by PX4's geometry; none while it boots, zeros until it is armed."""
+        """Return rotor signals for the setpoint by PX4's geometry; none during startup, zeros until armed."""
         thrust, torque = self.asked.get(timeout=600)
         heard = len(self.seen["HIL_SENSOR"])
         if heard <= BOOT:
@@ -64,8 +64,8 @@ def plan() -> Experiment:
     return dataclasses.replace(experiment.make_experiment(light.settings(), "C1"), duration=TICKS * 0.002)
 
 
-def flown(plan: Experiment, **given: int) -> tuple[list, list[StandIn]]:
-    """Every tick of a flight, and the autopilots after it."""
+def simulate_with_autopilots(plan: Experiment, **given: int) -> tuple[list, list[StandIn]]:
+    """Return all steps of a flight and the autopilots afterwards."""
     most = [float(x) for group in plan.world.team.agent_groups for x in group.thrust_max]
     with px4_hil.open_servers(len(most), 0) as servers:
         ports = [server.getsockname()[1] for server in servers]
@@ -84,12 +84,12 @@ def flown(plan: Experiment, **given: int) -> tuple[list, list[StandIn]]:
 
 @pytest.fixture(scope="module")
 def flight(plan: Experiment) -> tuple[list, list[StandIn]]:
-    return flown(plan)
+    return simulate_with_autopilots(plan)
 
 
 @pytest.mark.long
-def test_the_team_flies_as_without_autopilots(plan: Experiment, flight: tuple[list, list[StandIn]]) -> None:
-    """What goes out as setpoints in FRD and comes back as signals of rotors is the thrust and torque that were asked.
+def test_flight_equals_that_without_autopilots(plan: Experiment, flight: tuple[list, list[StandIn]]) -> None:
+    """Setpoints in FRD, returned as rotor signals, yield the commanded thrust and torque.
 
     But for signals of 32 bits, 6e-8 of a rotor's force.
     """
@@ -106,7 +106,7 @@ def test_the_team_flies_as_without_autopilots(plan: Experiment, flight: tuple[li
 
 
 @pytest.mark.long
-def test_the_world_waits_until_all_are_armed_and_then_keeps_step(flight: tuple[list, list[StandIn]]) -> None:
+def test_simulation_starts_when_all_autopilots_are_armed(flight: tuple[list, list[StandIn]]) -> None:
     _, stand_ins = flight
     for each in stand_ins:
         times = [m.time_usec for m in each.seen["HIL_SENSOR"]]
@@ -121,12 +121,12 @@ def test_the_world_waits_until_all_are_armed_and_then_keeps_step(flight: tuple[l
 
 
 @pytest.mark.long
-def test_an_autopilot_that_goes_is_said(plan: Experiment) -> None:
+def test_lost_autopilot_is_reported(plan: Experiment) -> None:
     with pytest.raises((ConnectionError, OSError)):
-        flown(plan, quits=20)
+        simulate_with_autopilots(plan, quits=20)
 
 
-def test_what_is_sent_is_the_reading_in_px4_s_frames_and_units() -> None:
+def test_sensor_messages_use_px4_frames_and_units() -> None:
     rng = np.random.default_rng(0)
     R = Rotation.random(random_state=rng)
     x, v, a, omega = rng.normal(size=(4, 3)) * [[20], [3], [9], [1]]
@@ -153,7 +153,7 @@ def test_what_is_sent_is_the_reading_in_px4_s_frames_and_units() -> None:
         message.pack(mavlink.MAVLink(None))
 
 
-def test_only_this_computer_is_listened_to() -> None:
+def test_server_binds_to_localhost() -> None:
     with px4_hil.open_servers(2, 0) as servers:
         assert {server.getsockname()[0] for server in servers} == {"127.0.0.1"}
         with (
@@ -163,6 +163,6 @@ def test_only_this_computer_is_listened_to() -> None:
             pass
 
 
-def test_as_many_autopilots_as_agents(plan: Experiment) -> None:
+def test_number_of_autopilots_equals_number_of_agents(plan: Experiment) -> None:
     with pytest.raises(ValueError, match="0 autopilots for 3 agents"):
         next(px4_hil.run_lockstep(plan, []))

@@ -1,4 +1,4 @@
-"""The ROS 2 node: what messages say, what is commanded; with ROS where it is installed."""
+"""Tests of the ROS 2 node: conversion of messages, commands, and a run with ROS where installed."""
 
 from __future__ import annotations
 
@@ -37,8 +37,8 @@ def vector(v: np.ndarray, of: str = "Vector3") -> Any:
     return kind(of)(*map(float, v))
 
 
-def said(m: Measurement, of: ros2_node.RosNames) -> dict[str, Any]:
-    """A measurement as the messages of ROS that tell it."""
+def to_messages(m: Measurement, of: ros2_node.RosNames) -> dict[str, Any]:
+    """Return a measurement as ROS messages."""
     header = ROS.types["std_msgs/msg/Header"](ROS.types["builtin_interfaces/msg/Time"](0, 0), "")
     m = jax.tree.map(np.asarray, m)
     bodies = {"payload": (m.payload, m.payload.p)}
@@ -63,8 +63,8 @@ def said(m: Measurement, of: ros2_node.RosNames) -> dict[str, Any]:
 
 
 @pytest.fixture(scope="module")
-def measured() -> tuple[Any, Measurement]:
-    """The paper's nominal team, and a measurement of it with every number random."""
+def random_measurement() -> tuple[Any, Measurement]:
+    """The paper's nominal team, and a measurement of it with random numbers."""
     truth, nominal = team.team(TOLD)
     rng = np.random.default_rng(0)
     like = ros2_node._zero_measurement(truth)
@@ -77,9 +77,9 @@ def measured() -> tuple[Any, Measurement]:
     return nominal, jax.tree_util.tree_map_with_path(lambda path, x: turned(x) if path[-1].name == "R" else x, drawn)
 
 
-def test_a_measurement_is_what_the_messages_say(measured: tuple[Any, Measurement]) -> None:
-    team, m = measured
-    heard = said(m, NAMES)
+def test_measurement_is_read_from_messages(random_measurement: tuple[Any, Measurement]) -> None:
+    team, m = random_measurement
+    heard = to_messages(m, NAMES)
     assert heard.keys() == ros2_node.topics(NAMES).keys()
     assert {topic: type(x).__name__.rpartition("__")[2] for topic, x in heard.items()} == ros2_node.topics(NAMES)
     found = ros2_node.measurement_from_messages(team, NAMES, heard)
@@ -88,12 +88,12 @@ def test_a_measurement_is_what_the_messages_say(measured: tuple[Any, Measurement
         np.testing.assert_allclose(one, other, atol=1e-15)
 
 
-def test_what_cannot_be_flown_with_is_refused(measured: tuple[Any, Measurement]) -> None:
-    team, m = measured
+def test_unusable_messages_are_refused(random_measurement: tuple[Any, Measurement]) -> None:
+    team, m = random_measurement
     agent, joint = NAMES.agents[0], NAMES.joints[0][0]
 
     def answer(topic: str, change: Any) -> str:
-        heard = copy.deepcopy(said(m, NAMES))
+        heard = copy.deepcopy(to_messages(m, NAMES))
         change(heard[topic])
         with pytest.raises(ValueError) as caught:  # noqa: PT011
             ros2_node.measurement_from_messages(team, NAMES, heard)
@@ -106,8 +106,8 @@ def test_what_cannot_be_flown_with_is_refused(measured: tuple[Any, Measurement])
 
 
 @pytest.mark.long
-def test_its_ticks_are_the_pilot_s() -> None:
-    """Through messages and back, against the pilot itself: three ticks of a team at rest, then moved."""
+def test_node_commands_equal_the_controller() -> None:
+    """Through messages and back, against the controller: three steps of a team at rest, then moved."""
     told = light.settings()
     plan, of = experiment.make_experiment(told, "C1"), ros2_node.names(told)
     tick, pilot = ros2_node.ControllerStep(plan, of), plan.controller
@@ -120,28 +120,28 @@ def test_its_ticks_are_the_pilot_s() -> None:
         if k == 0:
             _, memory = begin(m, clock)
         expected, memory, _ = step(memory, m, clock)
-        for j, command in enumerate(tick(said(m, of))):
+        for j, command in enumerate(tick(to_messages(m, of))):
             np.testing.assert_allclose(command.u, expected[0].u[j], atol=1e-9)
             np.testing.assert_allclose(command.tau, expected[0].tau[j], atol=1e-9)
             assert command.tau_r.shape == (0,)
 
 
-def test_names_are_those_of_ros() -> None:
+def test_names_are_valid_in_ros() -> None:
     agents = [agent.model_dump() | {"name": f"n-{i}"} for i, agent in enumerate(light.settings().agents)]
     of = ros2_node.names(light.settings(agents=agents))
     assert of == ros2_node.RosNames(agents=("n_0", "n_1", "n_2"), joints=((), (), ()), arms=(("hook",),) * 3)
 
 
 @pytest.mark.filterwarnings("ignore:module 'sre_:DeprecationWarning")  # of ROS's parser of parameters
-def test_with_ros_it_commands_while_it_hears_and_then_no_more() -> None:
-    """Its topics, fed by another node of this process; then they fall silent."""
+def test_node_stops_when_messages_stop() -> None:
+    """Another node of the process publishes its topics and then stops."""
     rclpy = pytest.importorskip("rclpy", reason="ROS 2: pip install 'colift[ros]'")
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     from geometry_msgs.msg import WrenchStamped
 
     told = light.settings()
     plan, of = experiment.make_experiment(told, "C1"), ros2_node.names(told)
-    messages, commanded, over = said(plan.world.measure_at_rest(plan.initial_state), of), [], threading.Event()
+    messages, commanded, over = to_messages(plan.world.measure_at_rest(plan.initial_state), of), [], threading.Event()
 
     def feed() -> None:
         context = rclpy.Context()
@@ -175,7 +175,7 @@ def test_with_ros_it_commands_while_it_hears_and_then_no_more() -> None:
 
 
 def _ros_message(message: Any) -> Any:
-    """One of rosbags' messages as one of ROS's: the same fields."""
+    """Convert a message of rosbags to one of ROS with the same fields."""
     package, _, name = message.__msgtype__.partition("/msg/")
     made = getattr(importlib.import_module(f"{package}.msg"), name)()
     for field in made.get_fields_and_field_types():

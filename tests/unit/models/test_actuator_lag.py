@@ -1,4 +1,4 @@
-"""Motors as what flies believes in them: against the closed form, and driven faster than they are."""
+"""Tests of the actuator lag model against the closed form, and of its inversion."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def command(u: float, tau: float = 0.0) -> tuple[AgentInput, ...]:
 
 
 @pytest.mark.parametrize("delay", [0, 3])
-def test_a_step_comes_late_and_rises_as_a_first_order_lag(delay):
+def test_step_response_is_delayed_first_order_lag(delay):
     lag = ActuatorLag(bandwidth=jnp.array(8.0), delay=delay)
     memory = lag.init(command(10.0))
     for k in range(40):
@@ -31,8 +31,8 @@ def test_a_step_comes_late_and_rises_as_a_first_order_lag(delay):
 
 @pytest.mark.parametrize("delay", [0, 3])
 @pytest.mark.parametrize("haste", [1.0, 2.0, 20.0])
-def test_driven_in_haste_a_lag_is_a_faster_one(delay, haste):
-    """`acts+ = acts + haste b (asked - acts)`; without haste the command is what is asked."""
+def test_inverted_lag_has_a_higher_bandwidth(delay, haste):
+    """`output+ = output + ratio b (requested - output)`; with ratio 1 the command is the request."""
     lag = ActuatorLag(bandwidth=jnp.array(8.0), delay=delay)
     memory, asked = lag.init(command(10.0)), command(20.0, 1.0)
     b = 1 - np.exp(-2 * np.pi * 8.0 * 0.002)

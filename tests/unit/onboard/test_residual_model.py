@@ -1,4 +1,4 @@
-"""What is learned: growing data, frozen oracles, the rigid-body regressor against a cloud of points."""
+"""Tests of learned models: growing data, frozen models, and the rigid-body regressor against a cloud of points."""
 
 from __future__ import annotations
 
@@ -44,8 +44,8 @@ TRAINING = model_update.FitOptions(
 
 @settings(max_examples=20)
 @given(offered=st.lists(st.booleans(), max_size=12))
-def test_data_grow_by_what_is_recorded_in_order_until_they(offered):
-    """Data grow by what is recorded in order until they are full."""
+def test_data_are_appended_until_the_buffer_is_full(offered):
+    """Samples are appended in order until the buffer is full."""
     data, kept = gp.empty_dataset(5, 3, 2), []
     for i, now in enumerate(offered):
         x, y, t = np.arange(3.0) + i, np.arange(2.0) - i, 0.1 * i
@@ -60,8 +60,8 @@ def test_data_grow_by_what_is_recorded_in_order_until_they(offered):
         assert not np.any(data.X[len(kept) :])
 
 
-def test_features_are_those_of_the_paper_in_the_order_of_their():
-    """Features are those of the paper in the order of their names."""
+def test_features_are_those_of_the_paper():
+    """In the order of their names."""
     x = np.arange(1.0, 25.0)
     features = dict(zip(PAYLOAD_FEATURES, np.asarray(payload_features(jnp.array(x))), strict=True))
     assert len(features) == 20
@@ -77,7 +77,7 @@ def test_features_are_those_of_the_paper_in_the_order_of_their():
 
 
 def samples(seed: int, n: int, inputs: int, outputs: int, agents: tuple[int, ...] = ()) -> gp.Dataset:
-    """Labelled samples of smooth functions, n of them in use."""
+    """Return labelled samples of smooth functions, n of them in use."""
     rng = np.random.default_rng(seed)
     X = rng.normal(size=(*agents, CAPACITY, inputs))
     Y = np.sin(X[..., :outputs]) + 0.5 * X[..., 1 : outputs + 1] + 0.01 * rng.normal(size=(*agents, CAPACITY, outputs))
@@ -92,12 +92,12 @@ def samples(seed: int, n: int, inputs: int, outputs: int, agents: tuple[int, ...
 
 
 def both(payload: gp.Dataset, agents: gp.Dataset) -> recorder.RecorderState:
-    """Samples of the payload and of a group of two."""
+    """Combine samples of the payload and of a group of two agents."""
     return recorder.RecorderState(payload=payload, agents=(agents,), next_sample_time=jnp.zeros(()))
 
 
 def prior() -> residual_model.ResidualModel:
-    """Before any data: a payload and a group of two agents with three joints."""
+    """Return the model before any data: a payload and a group of two agents with three joints."""
     agents = jax.tree.map(lambda x: jnp.stack([x, x]), gp.prior(STATED[9], CAPACITY))
     return residual_model.ResidualModel(
         payload=gp.prior(STATED[6], CAPACITY), agents=(agents,), inertial_parameters=jnp.zeros(10)
@@ -105,13 +105,13 @@ def prior() -> residual_model.ResidualModel:
 
 
 @pytest.fixture(scope="module")
-def taught() -> tuple[residual_model.ResidualModel, model_update.Fits]:
-    """The oracle on 30 samples of every body."""
+def trained() -> tuple[residual_model.ResidualModel, model_update.Fits]:
+    """Model of 30 samples of every body."""
     return model_update.fit(prior(), both(samples(0, 30, 24, 6), samples(1, 30, 24, 9, (2,))), TRAINING, {})
 
 
-def test_before_any_data_the_oracle_predicts_zero_with_its_prior():
-    """Before any data the oracle predicts zero with its prior is deviation."""
+def test_model_without_data_predicts_the_prior():
+    """Before any data the model predicts zero with the prior standard deviation."""
     x = jnp.array(np.random.default_rng(3).normal(size=(4, 24)))
     W = residual_model.predict_payload(prior(), x[0])
     (f,) = residual_model.predict_agents(prior(), (x[:2],))
@@ -120,9 +120,9 @@ def test_before_any_data_the_oracle_predicts_zero_with_its_prior():
     np.testing.assert_allclose(residual_model.agent_std(prior().agents[0], jnp.stack([x, x], axis=1)), 2.0)
 
 
-def test_a_taught_oracle_reproduces_its_labels_and_is_surer(taught):
-    """A taught oracle reproduces its labels and is surer there."""
-    oracle, fits = taught
+def test_trained_model_reproduces_its_labels(trained):
+    """A trained model reproduces its labels with a smaller standard deviation."""
+    oracle, fits = trained
     load, agents = samples(0, 30, 24, 6), samples(1, 30, 24, 9, (2,))
     assert set(fits) == {"payload", (0, 0), (0, 1)}
     W = jax.vmap(residual_model.predict_payload, in_axes=(None, 0))(oracle, load.X[:30])
@@ -135,9 +135,9 @@ def test_a_taught_oracle_reproduces_its_labels_and_is_surer(taught):
     assert (residual_model.payload_std(oracle, load.X[:30]).mean(0) < 0.7 * far.mean(0)).all()
 
 
-def test_a_second_fit_starts_where_the_first_ended_and_a_body(taught, monkeypatch):
+def test_second_fit_starts_at_the_first_optimum(trained, monkeypatch):
     """The first fit of a body has restarts and no start; later ones have a start and no restarts."""
-    oracle, fits = taught
+    oracle, fits = trained
     training = dataclasses.replace(TRAINING, restarts=1)
     asked, fit = [], gp.fit
 
@@ -158,8 +158,8 @@ def test_a_second_fit_starts_where_the_first_ended_and_a_body(taught, monkeypatc
     assert asked == [(None, 1)] * 2
 
 
-def test_without_training_hyperparameters_and_prior_mean_stay():
-    """Each body is conditioned on its own data under the prior's hyperparameters; one without data keeps its prior."""
+def test_conditioning_keeps_hyperparameters():
+    """Each body is conditioned on its own data with the prior's hyperparameters; one without data keeps its prior."""
     load, agents = samples(0, 30, 24, 6), samples(1, 30, 24, 9, (2,))
     agents = dataclasses.replace(agents, n=jnp.array([30, 0]))
     oracle, fits = model_update.fit(prior(), both(load, agents), None, {})
@@ -182,8 +182,8 @@ def test_without_training_hyperparameters_and_prior_mean_stay():
     jax.tree.map(np.testing.assert_array_equal, again, oracle)
 
 
-def test_an_oracle_is_frozen_however_the_data_grow(taught):
-    oracle, _ = taught
+def test_model_is_independent_of_later_data(trained):
+    oracle, _ = trained
     x = jnp.array(np.random.default_rng(4).normal(size=24))
     before = [np.array(leaf) for leaf in jax.tree.leaves(oracle)]
     told = residual_model.predict_payload(oracle, x)
@@ -199,8 +199,8 @@ def test_an_oracle_is_frozen_however_the_data_grow(taught):
         oracle.inertial_parameters = jnp.ones(10)
 
 
-def test_a_body_without_data_keeps_its_predictor(taught):
-    oracle, fits = taught
+def test_body_without_data_keeps_its_model(trained):
+    oracle, fits = trained
     none = gp.empty_dataset(CAPACITY, 24, 9, (2,))
     one = dataclasses.replace(samples(1, 30, 24, 9, (2,)), n=jnp.array([0, 30]))
     later, now = model_update.fit(oracle, both(gp.empty_dataset(CAPACITY, 24, 6), none), TRAINING, fits)
@@ -214,9 +214,9 @@ def test_a_body_without_data_keeps_its_predictor(taught):
         np.testing.assert_array_equal(a[0], b[0])
 
 
-def test_the_constant_part_of_an_output_is_the_mean(taught):
-    """The constant part of an output is the mean of its labels."""
-    oracle, _ = taught
+def test_constant_mean_is_the_mean_of_the_labels(trained):
+    """The constant mean of an output is the mean of its labels."""
+    oracle, _ = trained
     far = jnp.full(24, 1e3)
     W = residual_model.predict_payload(oracle, far)
     np.testing.assert_allclose([*W.F, *W.tau], np.asarray(samples(0, 30, 24, 6).Y)[:30].mean(0), atol=1e-9)
@@ -225,9 +225,9 @@ def test_the_constant_part_of_an_output_is_the_mean(taught):
 # Learning that goes on ------------------------------------------------------------------------------------------------
 
 
-def test_a_renewed_oracle_is_the_posterior_of_newer_samples(taught):
-    """A renewed oracle is the posterior of newer samples under what was fitted."""
-    oracle, _ = taught
+def test_conditioned_model_is_the_posterior_of_new_samples(trained):
+    """With the fitted hyperparameters."""
+    oracle, _ = trained
     load, agents = samples(7, 40, 24, 6), dataclasses.replace(samples(8, 40, 24, 9, (2,)), n=jnp.array([1, 40]))
     renewed = model_update.condition(oracle, both(load, agents), {})
     assert int(renewed.update_index) == int(oracle.update_index) + 1
@@ -241,9 +241,9 @@ def test_a_renewed_oracle_is_the_posterior_of_newer_samples(taught):
         np.testing.assert_array_equal(body.hyper.lengthscales, was.hyper.lengthscales)
 
 
-def test_of_more_samples_than_a_budget_allows_those_stay(taught):
-    """A path that was flown once is not forgotten while the team stays in one place for twice the budget."""
-    oracle, _ = taught
+def test_path_samples_are_kept_within_the_budget(trained):
+    """Samples of a path are kept although the team then stays at one point for twice the budget."""
+    oracle, _ = trained
     path, agents = samples(7, CAPACITY // 2, 24, 6), samples(8, 30, 24, 9, (2,))
     nothing = jax.tree.map(jnp.zeros_like, both(path, agents))
     kept = model_update.select_samples(oracle, nothing, both(path, agents), -1.0, 5.0, 20.0, {})
@@ -268,8 +268,8 @@ def test_of_more_samples_than_a_budget_allows_those_stay(taught):
     ]  # none was taken a second time
 
 
-def test_where_the_world_has_changed_samples_of_before_go_first(taught):
-    oracle, _ = taught
+def test_samples_before_a_change_point_are_dropped_first(trained):
+    oracle, _ = trained
     load, agents = samples(7, CAPACITY, 24, 6), samples(8, 30, 24, 9, (2,))
     one = jax.tree.map(lambda x: jnp.broadcast_to(x[:1], x.shape) if x.ndim == 2 else x, samples(9, 20, 24, 6))
     kept = model_update.select_samples(
@@ -283,9 +283,9 @@ def test_where_the_world_has_changed_samples_of_before_go_first(taught):
     assert (t > 9).sum() == 20
 
 
-def test_samples_come_in_the_order_of_time_whatever_row_they(taught):
-    """A buffer whose oldest rows were overwritten is no longer in order; of a changed body only newer ones count."""
-    oracle, _ = taught
+def test_samples_are_sorted_by_time(trained):
+    """Rows of an overwritten buffer are out of order; of a changed body only newer rows count."""
+    oracle, _ = trained
     load, agents = samples(7, 40, 24, 6), samples(8, 40, 24, 9, (2,))
     turned = jax.tree.map(lambda x: jnp.roll(x[:40], 13, axis=0), (load.X, load.Y, load.t))
     mixed = dataclasses.replace(load, X=turned[0], Y=turned[1], t=turned[2])
@@ -304,9 +304,9 @@ def test_samples_come_in_the_order_of_time_whatever_row_they(taught):
     np.testing.assert_array_equal(X, payload_features(load.X[20:40]))
 
 
-def test_samples_left_out_surprise_a_model_that_does_not_fit(taught):
-    """Samples left out surprise a model that does not fit them and no other."""
-    oracle, _ = taught
+def test_leave_one_out_error_detects_misfit(trained):
+    """The leave-one-out error is large only for a model that does not fit."""
+    oracle, _ = trained
     model = oracle.payload
     assert 0.2 < model_update.loo_normalized_error(model, 30) < 2
     each = [gp.condition(np.delete(model.X[:30], k, 0), np.delete(model.Y[:30], k, 0), model.hyper) for k in (28, 29)]
@@ -318,9 +318,9 @@ def test_samples_left_out_surprise_a_model_that_does_not_fit(taught):
     assert model_update.loo_normalized_error(gp.condition(model.X[:30], jumps, model.hyper), 30) > 10
 
 
-def test_once_the_world_has_changed_the_map_keeps_its_shape(taught):
-    """What new samples say beyond the model is the same everywhere here: the amended one is right at the old ones."""
-    oracle, _ = taught
+def test_change_point_adds_a_constant_offset(trained):
+    """New labels differ by a constant: the offset model is correct at the old samples too."""
+    oracle, _ = trained
     old, more = samples(0, 30, 24, 6), np.array([3.0, -2.0, 1.0, 0.5, -0.5, 0.2])
     there = gp.predict(oracle.payload, payload_features(old.X[:5]))[0]
     new = dataclasses.replace(
@@ -344,9 +344,9 @@ def test_once_the_world_has_changed_the_map_keeps_its_shape(taught):
     np.testing.assert_allclose(alone.payload.Y, full.Y)
 
 
-def test_drag_and_thrust_act_on_forces_and_the_payload_s_drag(taught):
-    """Drag and thrust act on forces and the payload is drag at its lever."""
-    oracle, _ = taught
+def test_drag_thrust_mean(trained):
+    """Drag and thrust act on forces, and the payload's drag at its lever."""
+    oracle, _ = trained
     air = mean_functions.DragThrustMean(
         payload=jnp.array([0.5, 0.1, -0.2, 0.3]), agents=(jnp.array([[0.2, 1.5], [0.0, -1.0]]),)
     )
@@ -381,8 +381,8 @@ def test_drag_and_thrust_act_on_forces_and_the_payload_s_drag(taught):
 # The parametric part --------------------------------------------------------------------------------------------------
 
 
-def test_regression_weighs_forces_and_moments_with_ridges():
-    """Regression weighs forces and moments with ridges of their own."""
+def test_regression_has_two_ridge_parameters():
+    """Forces and moments have separate ridge parameters."""
     n, group = 40, samples(32, 40, 24, 9, (2,))
     recorded = both(samples(31, n, 18, 6), group)
     known = ridge_regression.fit_ridge(prior(), recorded, (0.3, 3.0)).mean_function
@@ -402,8 +402,8 @@ def cloud(rng: np.random.Generator, points: int = 7) -> tuple[np.ndarray, np.nda
 
 
 @given(seed=st.integers(0, 10**6))
-def test_the_regressor_gives_the_wrench_that_moves_a_cloud(seed):
-    """The regressor gives the wrench that moves a cloud of points."""
+def test_regressor_gives_the_wrench_of_a_point_cloud(seed):
+    """The regressor gives the wrench that accelerates a cloud of points."""
     rng = np.random.default_rng(seed)
     m, c, theta = cloud(rng)
     R = Rotation.random(random_state=rng).as_matrix()
@@ -418,7 +418,7 @@ def test_the_regressor_gives_the_wrench_that_moves_a_cloud(seed):
 
 
 def motions(rng: np.random.Generator, n: int, turning: float) -> np.ndarray:
-    """Payload samples `(p, v, vec R, omega, a - g, alpha)` that turn as much as asked."""
+    """Payload samples `(p, v, vec R, omega, a - g, alpha)` with rotations of a given size."""
     X = rng.normal(size=(n, 24))
     X[:, 6:15] = Rotation.from_rotvec(turning * rng.normal(size=(n, 3))).as_matrix().reshape(n, 9)
     X[:, 15:18] *= turning
@@ -441,8 +441,8 @@ NOISE = SIGMA[:, None, None] ** 2 * np.eye(200)
 PRIOR = np.array([1.0] + [0.1] * 3 + [0.1] * 6)
 
 
-def test_identification_recovers_all_parameters_of_a_turning():
-    """Identification recovers all parameters of a turning payload."""
+def test_identification_of_a_rotating_payload():
+    """All parameters of a rotating payload are recovered."""
     rng = np.random.default_rng(7)
     theta = np.array([-0.3, 0.02, -0.05, 0.01, -0.01, 0.03, 0.02, 0.005, -0.004, 0.01])
     X = motions(rng, 200, turning=1.0)
@@ -454,8 +454,8 @@ def test_identification_recovers_all_parameters_of_a_turning():
     assert abs(found[0] - theta[0]) < 0.01
 
 
-def test_at_a_constant_attitude_mass_is_found_and_inertia_keeps():
-    """At a constant attitude mass is found and inertia keeps its prior."""
+def test_identification_at_constant_attitude():
+    """At a constant attitude the mass is identified and the inertia keeps its prior."""
     rng = np.random.default_rng(8)
     theta = np.array([-0.3, 0.02, -0.05, 0.0, *[0.05] * 6])
     X = motions(rng, 200, turning=0.0)
@@ -468,15 +468,17 @@ def test_at_a_constant_attitude_mass_is_found_and_inertia_keeps():
     np.testing.assert_allclose(left[4:], 1, atol=1e-12)
 
 
-def test_without_excitation_identification_stays_at_its_prior():
+def test_identification_without_excitation_is_the_prior():
     found, left = identification.identify_parameters(np.zeros((0, 6, 10)), np.zeros((0, 6)), np.zeros((6, 0, 0)), PRIOR)
     np.testing.assert_array_equal(found, 0)
     np.testing.assert_array_equal(left, 1)
 
 
 @pytest.mark.parametrize("seed", range(30))
-def test_what_is_identified_leaves_a_body_of_a_tenth(seed):
-    """By what it pushes against, `regressor` at rest: what is told best stays, and nothing goes that need not."""
+def test_physical_consistency_keeps_a_tenth_of_the_inertia(seed):
+    """By the inertia matrix from `regressor` at rest: parameters are scaled in order of identifiability, and only
+    if needed.
+    """
     rng = np.random.default_rng(seed)
     turn = Rotation.random(random_state=seed).as_matrix()
     J = turn @ np.diag(rng.uniform(0.01, 2.0, 3)) @ turn.T

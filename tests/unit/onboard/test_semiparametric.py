@@ -1,4 +1,4 @@
-"""Maps of the place beside a mean of mass, drag and thrust: told apart, held elsewhere, and honest where unsure."""
+"""Tests of the semiparametric model: a spatial GP with a mean of mass, drag and thrust."""
 
 from __future__ import annotations
 
@@ -33,12 +33,12 @@ MEAN = semiparametric.MeanPrior(
 
 
 def field(p: np.ndarray) -> np.ndarray:
-    """A force of the place, N."""
+    """A force that depends on position [N]."""
     return np.stack([np.sin(2 * p[..., 0]), np.cos(2 * p[..., 1]), 0.5 * np.sin(p[..., 0] + p[..., 1])], axis=-1)
 
 
-def flown(seed: int, times: float = 1.0) -> recorder.RecorderState:
-    """What a payload and two agents with three joints record where mass, drag and thrust act beside the field.
+def recorded_flight(seed: int, times: float = 1.0) -> recorder.RecorderState:
+    """Samples of a payload and two agents with three joints, with mass, drag and thrust errors and the field.
 
     Not always equally fast: on one loop at one speed, velocity and acceleration are functions of the place.
     """
@@ -73,7 +73,7 @@ def flown(seed: int, times: float = 1.0) -> recorder.RecorderState:
 
 
 def training() -> model_update.FitOptions:
-    """Of maps that see the place alone."""
+    """Fit options of models with position inputs."""
     names = (features.PAYLOAD_FEATURES, features.agent_feature_names(3))
     (load, agent), plain = (TRAINING.payload, TRAINING.agents[0]), features.DefaultFeatures()
     assert plain.payload_names() == names[0]
@@ -85,8 +85,8 @@ def training() -> model_update.FitOptions:
     )
 
 
-def nothing() -> residual_model.ResidualModel:
-    """Before any data, with room."""
+def untrained_model() -> residual_model.ResidualModel:
+    """Model before any data, with free capacity."""
     agents = jax.tree.map(lambda x: jnp.stack([x, x]), gp.prior(STATED[9], ROOM))
     return residual_model.ResidualModel(
         payload=gp.prior(STATED[6], ROOM),
@@ -100,14 +100,14 @@ BODIES = ("payload", (0, 0), (0, 1))
 
 
 @pytest.fixture(scope="module")
-def taught() -> tuple[residual_model.ResidualModel, model_update.Fits, dict]:
-    """What is learned of one flight."""
-    return semiparametric.fit(nothing(), flown(0), training(), MEAN, {}, BODIES)
+def trained() -> tuple[residual_model.ResidualModel, model_update.Fits, dict]:
+    """Model of one flight."""
+    return semiparametric.fit(untrained_model(), recorded_flight(0), training(), MEAN, {}, BODIES)
 
 
-def test_mass_drag_and_thrust_are_told_from_a_field_within(taught):
-    """Mass drag and thrust are told from a field within what their covariance allows."""
-    oracle, fits, covariances = taught
+def test_mass_drag_and_thrust_are_separated_from_the_field(trained):
+    """The estimates are within the tolerance that their covariance states."""
+    oracle, fits, covariances = trained
     assert set(fits) == set(covariances) == {"payload", (0, 0), (0, 1)}
     found = [*oracle.inertial_parameters[:4], *oracle.mean_function.payload]
     true = [MASS, 0, 0, 0, C, 0, 0, 0.1 * C]
@@ -120,9 +120,9 @@ def test_mass_drag_and_thrust_are_told_from_a_field_within(taught):
         assert (deviation < [0.1, 0.1]).all()
 
 
-def test_forces_see_the_place_alone_and_moments_and_joints(taught):
-    """Forces see the place alone and moments and joints of agents everything."""
-    oracle, fits, _ = taught
+def test_forces_depend_on_position_only(trained):
+    """Force models use the position only; moments and joints of agents use all features."""
+    oracle, fits, _ = trained
     seen = {
         name
         for name, scale in zip(features.PAYLOAD_FEATURES, oracle.payload.hyper.lengthscales[0], strict=True)
@@ -137,10 +137,10 @@ def test_forces_see_the_place_alone_and_moments_and_joints(taught):
     assert fits[0, 0].converged.shape == (9,)
 
 
-def test_elsewhere_in_the_same_field_and_twice_as_fast_it_holds(taught):
-    """Elsewhere in the same field and twice as fast it holds where a map of all features does not."""
-    oracle, fast = taught[0], flown(5, times=2.0)
-    full, _ = model_update.fit(nothing(), flown(0), TRAINING, {})
+def test_model_generalizes_to_position_and_speed(trained):
+    """Elsewhere in the same field and at twice the speed it predicts better than a model of all features."""
+    oracle, fast = trained[0], recorded_flight(5, times=2.0)
+    full, _ = model_update.fit(untrained_model(), recorded_flight(0), TRAINING, {})
     errors = {}
     for name, of in (("place", oracle), ("full", full)):
         left = model_update.regression_targets(of, fast)
@@ -154,12 +154,12 @@ def test_elsewhere_in_the_same_field_and_twice_as_fast_it_holds(taught):
         assert errors["place", body] < 0.15
 
 
-def test_errors_elsewhere_are_within_the_deviations_that_a_mean():
-    """Over worlds: at home and twice as fast, errors in deviations are about normal; without the doubt they are not."""
+def test_mean_uncertainty_calibrates_extrapolation():
+    """Errors at twice the speed are calibrated only with the uncertainty of the mean; over several environments."""
     squares, bare = [], []
     for seed in range(6):
-        recorded, fast = flown(10 + seed), flown(50 + seed, times=2.0)
-        oracle, _, covariances = semiparametric.fit(nothing(), recorded, training(), MEAN, {}, BODIES)
+        recorded, fast = recorded_flight(10 + seed), recorded_flight(50 + seed, times=2.0)
+        oracle, _, covariances = semiparametric.fit(untrained_model(), recorded, training(), MEAN, {}, BODIES)
         doubts = semiparametric.mean_uncertainties(oracle, recorded, covariances, {})
         for body in ("payload", (0, 1)):
             (Z, left, _), x = (
@@ -179,26 +179,28 @@ def test_errors_elsewhere_are_within_the_deviations_that_a_mean():
     assert np.mean(bare) > np.mean(squares)
 
 
-def test_a_body_that_is_not_asked_for_keeps_its_mean(taught):
-    """A body that is not asked for keeps its mean and hyperparameters."""
-    oracle, fits, _ = taught
+def test_unselected_bodies_are_unchanged(trained):
+    """A body that is not selected keeps its mean and hyperparameters."""
+    oracle, fits, _ = trained
     change = {"payload": model_update.make_change_point(oracle, "payload", 5.0)}
-    later, now, covariances = semiparametric.fit(oracle, flown(1), training(), MEAN, fits, {(0, 0), (0, 1)}, change)
+    later, now, covariances = semiparametric.fit(
+        oracle, recorded_flight(1), training(), MEAN, fits, {(0, 0), (0, 1)}, change
+    )
     np.testing.assert_array_equal(later.inertial_parameters, oracle.inertial_parameters)
     np.testing.assert_array_equal(later.mean_function.payload, oracle.mean_function.payload)
     np.testing.assert_array_equal(later.payload.hyper.lengthscales, oracle.payload.hyper.lengthscales)
     assert now["payload"] is fits["payload"]
     assert set(covariances) == {(0, 0), (0, 1)}
     assert np.any(later.mean_function.agents[0] != oracle.mean_function.agents[0])
-    assert set(semiparametric.mean_uncertainties(later, flown(1), covariances, change)) == {(0, 0), (0, 1)}
+    assert set(semiparametric.mean_uncertainties(later, recorded_flight(1), covariances, change)) == {(0, 0), (0, 1)}
 
 
-def test_features_of_one_s_own_without_a_place_stay_as_they_are():
+def test_custom_features_without_position_are_unchanged():
     belief = TRAINING.payload
     assert semiparametric.position_only_prior(belief, [f"feature_{i}" for i in range(20)], payload=True) is belief
 
 
-def test_what_contradicts_the_oracle_surprises():
+def test_nis_is_large_for_other_functions_only():
     """In predictive variances: samples of the same functions near the data, of other functions there, and far away."""
     load, agents = samples(0, 30, 24, 6), samples(1, 30, 24, 9, (2,))
     oracle, _ = model_update.fit(prior(), both(load, agents), TRAINING, {})
@@ -221,8 +223,8 @@ def test_what_contradicts_the_oracle_surprises():
     )  # nothing was predicted
 
 
-def since(theta: np.ndarray) -> tuple[residual_model.ResidualModel, recorder.RecorderState]:
-    """An oracle of some data, and what was recorded since: what it says, and theta's share."""
+def model_and_new_samples(theta: np.ndarray) -> tuple[residual_model.ResidualModel, recorder.RecorderState]:
+    """Return a model and new samples: its predictions plus the effect of theta."""
     rng = np.random.default_rng(5)
     load, others = samples(0, 30, 24, 6), samples(1, 30, 24, 9, (2,))
     oracle, _ = model_update.fit(prior(), both(load, others), None, {})
@@ -233,10 +235,10 @@ def since(theta: np.ndarray) -> tuple[residual_model.ResidualModel, recorder.Rec
     return oracle, both(dataclasses.replace(load, X=X, Y=told + felt, t=load.t + 10.0), others)
 
 
-def test_mass_put_on_a_payload_is_identified_beyond_the_model():
-    """Mass put on a payload is identified beyond the model before and taken from its labels."""
+def test_added_mass_is_identified_by_the_mean():
+    """Mass added to a payload is identified beyond the model before, and subtracted from its labels."""
     theta = np.array([-0.3, *np.zeros(9)])
-    oracle, recorded = since(theta)
+    oracle, recorded = model_and_new_samples(theta)
     change = model_update.make_change_point(oracle, "payload", 9.0)
     alone = dataclasses.replace(MEAN, payload=np.array([5.0, *[1e-6] * 13]))  # 0.5 kg pulls by two grams
     np.testing.assert_allclose(
@@ -260,15 +262,15 @@ def test_mass_put_on_a_payload_is_identified_beyond_the_model():
     np.testing.assert_allclose(left, told[:30], atol=1e-9)
 
 
-def test_what_goes_with_the_place_is_neither_mass_nor_a_first():
-    """On a loop the vertical acceleration does as well, so errors that are noise alone would leave it no other name."""
-    recorded = flown(3)
+def test_spatial_force_is_not_identified_as_mass():
+    """On a loop the vertical acceleration correlates with position; with noise alone it would be identified as mass."""
+    recorded = recorded_flight(3)
     load, n = recorded.payload, int(recorded.payload.n)
     X, hyper = np.asarray(load.X), gp.make_hyperparameters(np.ones(6), [0.7] * 3 + [gp.INACTIVE_LENGTHSCALE] * 17, 0.05)
     turned = np.stack([0.7 - 0.5 * X[:, 0], -0.7 - 0.5 * X[:, 1], 3.0 * X[:, 2] + 0.6], axis=1)
     Y = np.concatenate([turned, np.cross([0.1, 0.3, 0.2], turned)], axis=1)  # of a point off the centre
     other = dataclasses.replace(recorded, payload=dataclasses.replace(load, Y=jnp.asarray(Y)))
-    oracle = nothing()
+    oracle = untrained_model()
     model = gp.condition(features.payload_features(load.X[:2] + 50.0), np.zeros((2, 6)), hyper, oracle.payload.capacity)
     oracle = dataclasses.replace(oracle, payload=model)
     theta = semiparametric.update_inertial_mean(
@@ -283,9 +285,9 @@ def test_what_goes_with_the_place_is_neither_mass_nor_a_first():
     np.testing.assert_array_equal(theta[4:], 0)
 
 
-def test_a_payload_that_would_weigh_nothing_is_believed_to_weigh():
-    """A payload that would weigh nothing is believed to weigh a tenth."""
-    oracle, recorded = since(np.array([1.5, *np.zeros(9)]))
+def test_identified_mass_keeps_a_tenth():
+    """An identified mass that would leave no payload is limited to nine tenths."""
+    oracle, recorded = model_and_new_samples(np.array([1.5, *np.zeros(9)]))
     theta = semiparametric.update_inertial_mean(
         oracle, model_update.make_change_point(oracle, "payload", 9.0), recorded, MEAN
     ).inertial_parameters

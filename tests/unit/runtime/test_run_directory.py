@@ -1,4 +1,4 @@
-"""The folder of results: one run's files, one process's at a time, and nothing of anyone else touched."""
+"""Tests of run directories: files of one run, one writing process at a time, foreign files untouched."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def names(path: Path) -> set[str]:
     return {file.name for file in path.iterdir()}
 
 
-def test_runs_of_other_settings_or_versions_have_other_names():
+def test_run_id_depends_on_settings_and_version():
     made = {run_directory.run_id(version, digest) for version in ("0.1.0", "0.2.0") for digest in ("a", "b")}
     assert len(made) == 4
     assert all(run_directory.RUN_ID_PATTERN.fullmatch(name.encode()) for name in made)
@@ -35,7 +35,7 @@ def test_runs_of_other_settings_or_versions_have_other_names():
 
 
 @pytest.mark.parametrize("before", [A, B])
-def test_a_run_replaces_its_own_kind_and_what_is_of_another_run(tmp_path: Path, before: str):
+def test_run_replaces_its_kind_and_other_runs(tmp_path: Path, before: str):
     flown, certified = ("C1.nc", "integral.nc", "figure_1_tracking.pdf", "summary.json"), ("certificate.json",)
     fill(tmp_path, before, flown + certified)
     mine = {"notes.md", "figure_9_mine.pdf", "C9.nc"}
@@ -48,8 +48,8 @@ def test_a_run_replaces_its_own_kind_and_what_is_of_another_run(tmp_path: Path, 
     assert names(tmp_path) == mine
 
 
-def test_a_file_in_the_way_that_colift_did_not_write_is_refused(tmp_path: Path):
-    """A file in the way that colift did not write is refused and nothing is touched."""
+def test_foreign_file_is_refused(tmp_path: Path):
+    """A file that colift did not write is refused, and nothing is changed."""
     fill(tmp_path, B, ("C1.nc",))
     (tmp_path / "summary.json").write_text("{}")
     with (
@@ -60,7 +60,7 @@ def test_a_file_in_the_way_that_colift_did_not_write_is_refused(tmp_path: Path):
     assert names(tmp_path) == {"C1.nc", "summary.json"}
 
 
-def test_a_folder_that_is_a_file_is_said_to_be_one(tmp_path: Path):
+def test_path_of_a_file_is_refused(tmp_path: Path):
     (tmp_path / "out").write_text("")
     with (
         pytest.raises(OSError, match=r"cannot write to .*out: it is a file, not a folder"),
@@ -70,7 +70,7 @@ def test_a_folder_that_is_a_file_is_said_to_be_one(tmp_path: Path):
 
 
 @pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root may write anywhere")
-def test_a_folder_that_may_not_be_written_is_said_to_be_one(tmp_path: Path):
+def test_unwritable_folder_is_refused(tmp_path: Path):
     tmp_path.chmod(0o500)
     with pytest.raises(OSError, match=r"cannot write to .*: Permission denied"):
         run_directory.lock_run_directory(tmp_path, A, NAMES).__enter__()
@@ -79,13 +79,13 @@ def test_a_folder_that_may_not_be_written_is_said_to_be_one(tmp_path: Path):
 # The lock -------------------------------------------------------------------------------------------------------------
 
 
-def hold(path: Path, **changed: object) -> None:
-    """Leave a lock as this process would, but for what is changed."""
+def write_lock(path: Path, **changed: object) -> None:
+    """Write a lock file of this process with some entries changed."""
     me = {"host": socket.gethostname(), "pid": os.getpid(), "began": run_directory._start_time(os.getpid()), "since": 0}
     (path / run_directory.LOCK_FILE).write_text(json.dumps(me | changed))
 
 
-def test_two_do_not_write_into_one_folder(tmp_path: Path):
+def test_second_writer_is_refused(tmp_path: Path):
     with run_directory.lock_run_directory(tmp_path, A, NAMES):
         with pytest.raises(BlockingIOError, match=rf"is in use: process {os.getpid()} on ") as caught:
             run_directory.lock_run_directory(tmp_path, A, NAMES).__enter__()
@@ -94,29 +94,29 @@ def test_two_do_not_write_into_one_folder(tmp_path: Path):
     assert names(tmp_path) == set()
 
 
-def test_the_lock_goes_with_the_block_however_it_ends(tmp_path: Path):
+def test_lock_is_released_after_any_exit(tmp_path: Path):
     for error in (ValueError, KeyboardInterrupt, signals.Interrupted):
         with pytest.raises(error), run_directory.lock_run_directory(tmp_path, A, NAMES):
             raise error
         assert names(tmp_path) == set()
 
 
-def test_the_lock_of_a_process_that_has_ended_is_taken_over(tmp_path: Path):
+def test_lock_of_ended_process_is_taken_over(tmp_path: Path):
     ended = subprocess.Popen([sys.executable, "-c", ""])
     ended.wait()
     # the number of the process may be in use again: then it began at another time
     for changed in ({"pid": ended.pid}, {"pid": 2**40}, {"began": "1"}):
-        hold(tmp_path, **changed)
+        write_lock(tmp_path, **changed)
         with run_directory.lock_run_directory(tmp_path, A, NAMES):
             assert json.loads((tmp_path / run_directory.LOCK_FILE).read_text())["pid"] == os.getpid()
         assert names(tmp_path) == set()
 
 
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="the system does not say when a process began")
-def test_a_process_that_has_ended_but_was_not_waited(tmp_path: Path):
-    """A process that has ended but was not waited for has ended."""
+def test_zombie_process_counts_as_ended(tmp_path: Path):
+    """A process that has ended but was not waited for counts as ended."""
     with subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE) as process:
-        hold(tmp_path, pid=process.pid, began=run_directory._start_time(process.pid))
+        write_lock(tmp_path, pid=process.pid, began=run_directory._start_time(process.pid))
         with pytest.raises(BlockingIOError, match="in use"):
             run_directory.lock_run_directory(tmp_path, A, NAMES).__enter__()
         assert process.stdin
@@ -128,22 +128,22 @@ def test_a_process_that_has_ended_but_was_not_waited(tmp_path: Path):
 
 
 @pytest.mark.parametrize("content", [b"", b"{", b"[]", b"{}", b'{"pid": "me"}', b"\xff"])
-def test_a_lock_that_names_nobody_is_taken_over(tmp_path: Path, content: bytes):
+def test_invalid_lock_is_taken_over(tmp_path: Path, content: bytes):
     (tmp_path / run_directory.LOCK_FILE).write_bytes(content)
     with run_directory.lock_run_directory(tmp_path, A, NAMES):
         pass
     assert names(tmp_path) == set()
 
 
-def test_a_lock_of_another_computer_is_respected_and_it_is_said(tmp_path: Path):
-    """A lock of another computer is respected and it is said how to end it."""
-    hold(tmp_path, host="elsewhere", pid=1)
+def test_lock_of_another_host_is_respected(tmp_path: Path):
+    """A lock of another host is respected, and the message states how to remove it."""
+    write_lock(tmp_path, host="elsewhere", pid=1)
     with pytest.raises(OSError, match=r"process 1 on elsewhere .* if that process has ended, remove .*colift\.lock"):
         run_directory.lock_run_directory(tmp_path, A, NAMES).__enter__()
     assert names(tmp_path) == {run_directory.LOCK_FILE}
 
 
-def test_what_killed_processes_left_half_written_goes(tmp_path: Path):
+def test_temporary_files_of_killed_processes_are_removed(tmp_path: Path):
     for name in (".C1.nc.123.part", ".mine.part", "C1.nc.123.part"):
         (tmp_path / name).write_text("")
     with run_directory.lock_run_directory(tmp_path, A, NAMES):
@@ -173,9 +173,9 @@ print("done")
 """
 
 
-def test_of_many_that_contend_for_a_folder_and_its_stale_locks(tmp_path: Path):
-    """Of many that contend for a folder and its stale locks one at a time is inside."""
-    hold(tmp_path, began="1")
+def test_concurrent_takeover_has_one_winner(tmp_path: Path):
+    """Of many processes that contend for a folder with a stale lock, one at a time is inside."""
+    write_lock(tmp_path, began="1")
     crowd = [
         subprocess.Popen(
             [sys.executable, "-c", CONTEND, str(tmp_path)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True

@@ -1,4 +1,4 @@
-"""Unknown forces from settings: on whom, where and how large."""
+"""Test of disturbances from settings: bodies, points and sizes."""
 
 import numpy as np
 
@@ -8,7 +8,7 @@ from tests.support import random_teams as teams
 from tests.support.varied_scenarios import mixed
 
 
-def test_sources_act_on_the_agents_and_bodies_that_they_name():
+def test_sources_act_on_the_named_bodies():
     truth, _ = team.team(mixed())
     z = teams.free_state(
         np.random.default_rng(0), tuple((g.tree, n) for g, n in zip(truth.agent_groups, truth.sizes, strict=True))

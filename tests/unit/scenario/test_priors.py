@@ -1,4 +1,4 @@
-"""What models hold before any data, and how fits start from it."""
+"""Tests of models before any data, and of the start of fits."""
 
 import jax
 import jax.numpy as jnp
@@ -10,8 +10,8 @@ from colift.onboard.learning.features import PAYLOAD_FEATURES, agent_feature_nam
 from colift.scenario import ScenarioError, priors, team
 
 
-def test_before_any_data_the_models_state_the_scenario():
-    """Before any data the models state the scenario is deviations."""
+def test_prior_std_is_that_of_the_scenario():
+    """Before any data the models predict the scenario's standard deviations."""
     s = scenario.load_scenario("paper")
     prior = s.learning.agents
     oracle = priors.prior_model(s, team.team(s)[1])
@@ -21,8 +21,8 @@ def test_before_any_data_the_models_state_the_scenario():
     assert np.abs(gp.mean(oracle.payload, jnp.ones(20))).max() == 0
 
 
-def test_rates_of_rotation_and_of_joints_have_a_lengthscale():
-    """Rates of rotation and of joints have a lengthscale of their own."""
+def test_rotation_and_joint_rates_have_own_length_scales():
+    """Rates of rotation and of joints have separate length-scales."""
     s = scenario.load_scenario("certified")
     assert (s.learning.payload.lengthscale, s.learning.payload.rate_lengthscale) == (3, 15)
     oracle = priors.prior_model(s, team.team(s)[1])
@@ -36,8 +36,8 @@ def test_rates_of_rotation_and_of_joints_have_a_lengthscale():
         np.testing.assert_array_equal(hyper.lengthscales, np.tile(expected, (len(hyper.signal_variance), 1)))
 
 
-def test_noise_too_small_for_the_data_is_refused():
-    """Noise too small for the data is refused with its section."""
+def test_too_small_noise_is_refused():
+    """Noise that is too small for the number of samples is refused with its section."""
     s = scenario.load_scenario("paper")
     quiet = s.learning.agents.model_copy(update={"joint_torque_noise_std_Nm": 1e-9})
     s = s.model_copy(update={"learning": s.learning.model_copy(update={"agents": quiet})})
@@ -45,8 +45,8 @@ def test_noise_too_small_for_the_data_is_refused():
         priors.prior_model(s, team.team(s)[1])
 
 
-def test_fits_start_from_what_the_scenario_states_and_stay():
-    """Fits start from what the scenario states and stay within its bounds."""
+def test_fits_start_from_the_stated_hyperparameters():
+    """Fits start from the scenario's hyperparameters and stay within its bounds."""
     s = scenario.load_scenario("paper")
     _, nominal = team.team(s)
     training, oracle = priors.fit_options(s, nominal), priors.prior_model(s, nominal)

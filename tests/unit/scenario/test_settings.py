@@ -1,4 +1,4 @@
-"""Number and use of the settings, and the fields that replace constants of algorithms."""
+"""Tests of number and use of the settings, and of fields that replace constants of algorithms."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ MAX_SETTINGS = 180
 
 
 def setting_names() -> set[str]:
-    """Names of all settings of a scenario; a name has one meaning, in whatever sections it stands."""
+    """Return names of all settings of a scenario; a name has one meaning in all sections."""
     schema = Scenario.model_json_schema()
     return {name for section in (schema, *schema["$defs"].values()) for name in section.get("properties", {})}
 

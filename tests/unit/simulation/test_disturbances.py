@@ -1,4 +1,4 @@
-"""The unknown forces: virtual work by finite differences of an independent kinematics; what each law promises."""
+"""Tests of disturbances: virtual work by finite differences of independent kinematics, and properties of each model."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def scalar(rng: np.random.Generator) -> jax.Array:
 
 
 def wind(rng: np.random.Generator) -> disturbances.Wind:
-    """Drag in a field with two gusts."""
+    """Drag in a wind with two gusts."""
     gust, wave = (jnp.array(rng.normal(size=(2, 3))) for _ in range(2))
     phase = jnp.array(rng.normal(size=2))
     linear, quadratic = scalar(rng), scalar(rng)
@@ -59,7 +59,7 @@ LAWS = {
 
 
 def motion(rng: np.random.Generator, **parts: object) -> disturbances.PointKinematics:
-    """A random motion of a point, some of it given."""
+    """Return a random motion of a point, with some values given."""
     at = {"x": vector(rng), "v": vector(rng), "R": jnp.array(teams.rotation(rng)), "omega": vector(rng)}
     return disturbances.PointKinematics(**(at | parts))
 
@@ -68,7 +68,7 @@ def motion(rng: np.random.Generator, **parts: object) -> disturbances.PointKinem
 
 
 def body_pose(agent: SimpleNamespace, R: np.ndarray, x: np.ndarray, r: np.ndarray, body: int) -> tuple:
-    """Attitude and origin of a body in the world: joint by joint in NumPy, the centre of mass at x."""
+    """Return attitude and origin of a body in the world, joint by joint in NumPy, with the center of mass at x."""
     frames = [(np.eye(3), np.zeros(3))]
     for k, parent in enumerate(agent.tree.parents):
         up, at = frames[parent]
@@ -83,7 +83,7 @@ def body_pose(agent: SimpleNamespace, R: np.ndarray, x: np.ndarray, r: np.ndarra
     return R @ up, x + R @ (at - s)
 
 
-def test_the_generalized_force_does_the_work_of_its_force():
+def test_generalized_force_has_the_virtual_work():
     """The generalized force does the work of its force and torque."""
     rng = np.random.default_rng(5)
     team, z = teams.team(rng, STRUCTURE), teams.free_state(rng, STRUCTURE)
@@ -93,11 +93,11 @@ def test_the_generalized_force_does_the_work_of_its_force():
         law = disturbances.ConstantWrench(force=jnp.array(force), torque=jnp.array(torque))
         mount = disturbances.AgentDisturbance(
             body=body,
-            model=on_both(law),
+            model=for_two_agents(law),
             point=jnp.tile(jnp.array(point), (2, 1)),
             active=jnp.array([1.0, 0.0]),
         )
-        f = forces(sources((mount,)), team, z).agents[0]
+        f = forces(disturbance_set((mount,)), team, z).agents[0]
         assert not any(np.any(leaf[1]) for leaf in jax.tree.leaves(f))  # the second agent does not carry it
         agent, q = take(team.agent_groups[0], 0), take(z.agents[0], 0)
 
@@ -115,20 +115,20 @@ def test_the_generalized_force_does_the_work_of_its_force():
             np.testing.assert_allclose(of_ours, force @ (ahead - behind) / (2 * h) + torque @ rate, atol=1e-8)
 
 
-def on_both(law: disturbances.DisturbanceModel) -> disturbances.DisturbanceModel:
-    """The law with the axis of a group of two."""
+def for_two_agents(law: disturbances.DisturbanceModel) -> disturbances.DisturbanceModel:
+    """Return the model with the leading axis of a group of two."""
     return jax.tree.map(lambda x: jnp.broadcast_to(x, (2, *x.shape)), law)
 
 
-def sources(mounts: tuple = (), payload: tuple = ()) -> disturbances.DisturbanceSet:
-    """These sources on the agents of `STRUCTURE` and on the payload, without friction."""
+def disturbance_set(mounts: tuple = (), payload: tuple = ()) -> disturbances.DisturbanceSet:
+    """Return these disturbances on the agents of `STRUCTURE` and on the payload, without friction."""
     none = jnp.zeros((2, 7))
     friction = disturbances.JointFriction(viscous=none, coulomb=none, speed=none + 1)
     return disturbances.DisturbanceSet(payload=payload, agents=(mounts,), joints=(friction,))
 
 
-def test_a_law_is_told_how_its_point_moves():
-    """Power of the generalized force equals the power at the point: the velocities given to the law are right."""
+def test_point_velocity_is_consistent_with_power():
+    """The power of the generalized force equals the power at the point."""
     rng = np.random.default_rng(6)
     team, z = teams.team(rng, STRUCTURE), teams.free_state(rng, STRUCTURE)
     none = jnp.zeros((0, 3))
@@ -136,8 +136,10 @@ def test_a_law_is_told_how_its_point_moves():
         linear=jnp.array(1.0), quadratic=jnp.array(0.0), mean=jnp.zeros(3), gust=none, wave=none, phase=none[:, 0]
     )
     point, h = rng.normal(size=(2, 3)), 1e-6
-    mount = disturbances.AgentDisturbance(body=5, model=on_both(drag), point=jnp.array(point), active=jnp.ones(2))
-    f = forces(sources((mount,)), team, z).agents[0]
+    mount = disturbances.AgentDisturbance(
+        body=5, model=for_two_agents(drag), point=jnp.array(point), active=jnp.ones(2)
+    )
+    f = forces(disturbance_set((mount,)), team, z).agents[0]
     for j in range(2):
         agent, q = take(team.agent_groups[0], j), take(z.agents[0], j)
         ends = []
@@ -152,7 +154,7 @@ def test_a_law_is_told_how_its_point_moves():
 
 
 @pytest.mark.parametrize("name", LAWS)
-def test_on_the_payload_force_and_moment_do_the_work_of_the_law(name):
+def test_payload_wrench_has_the_virtual_work(name):
     rng = np.random.default_rng(7)
     q, point, h = teams.payload_state(rng), rng.normal(size=3), 1e-6
     law = LAWS[name](rng)
@@ -215,8 +217,8 @@ def test_the_tether_is_conservative():
 
 
 @given(seed=seeds)
-def test_a_jet_is_smooth_strongest_at_its_center_and_at_0_61(seed):
-    """A jet is smooth strongest at its center and at 0 61 a width away."""
+def test_jet_profile(seed):
+    """A jet is smooth, strongest at its center, and 0.61 of that at one standard deviation."""
     rng = np.random.default_rng(seed)
     law = LAWS["jet"](rng)
     away = rng.normal(size=3)
@@ -226,7 +228,7 @@ def test_a_jet_is_smooth_strongest_at_its_center_and_at_0_61(seed):
 
 
 @pytest.mark.parametrize("name", LAWS)
-def test_laws_are_smooth_where_they_act(name):
+def test_models_are_smooth(name):
     rng = np.random.default_rng(11)
     law, at, h = LAWS[name](rng), motion(rng), 1e-6
     of_v = jax.jacfwd(lambda v: law(dataclasses.replace(at, v=v), NOW, ())[0])(at.v)
@@ -242,7 +244,7 @@ def test_laws_are_smooth_where_they_act(name):
     assert np.isfinite(jax.jacfwd(lambda v: law(dataclasses.replace(still, v=v), NOW, ())[0])(still.v)).all()
 
 
-def test_rotors_push_along_the_body_s_third_axis():
+def test_rotor_bias_acts_along_body_z():
     rng = np.random.default_rng(12)
     at = motion(rng)
     law = disturbances.RotorBias(thrust=jnp.array(-1.5), torque=jnp.array([0.1, 0.2, 0.3]))
@@ -256,7 +258,7 @@ def test_joint_friction_opposes_every_joint():
     team, z = teams.team(rng, STRUCTURE), teams.free_state(rng, STRUCTURE)
     viscous, coulomb = (jnp.array(rng.uniform(0.1, 1, (2, 7))) for _ in range(2))
     friction = disturbances.JointFriction(viscous=viscous, coulomb=coulomb, speed=jnp.full((2, 7), 1e-3))
-    f = forces(dataclasses.replace(sources(), joints=(friction,)), team, z).agents[0]
+    f = forces(dataclasses.replace(disturbance_set(), joints=(friction,)), team, z).agents[0]
     r_dot = z.agents[0].r_dot
     assert np.all(f.f_r * r_dot < 0)
     fast = np.abs(r_dot) > 0.01  # there dry friction has its full size
@@ -266,25 +268,25 @@ def test_joint_friction_opposes_every_joint():
 
 
 @pytest.mark.parametrize("name", LAWS)
-def test_every_law_says_that_it_does_not_depend_on_time(name):
+def test_shipped_models_are_time_invariant(name):
     assert LAWS[name](np.random.default_rng(0)).time_invariant
 
 
 @pytree
-class Turning(disturbances.ConstantWrench):
-    """A law that says it changes with time."""
+class TimeVarying(disturbances.ConstantWrench):
+    """Disturbance model that declares a dependence on time."""
 
     time_invariant: ClassVar[bool] = False
 
 
-def test_active_sources_that_change_with_time_are_named_once():
+def test_active_time_varying_sources_are_named_once():
     rng = np.random.default_rng(15)
     steady = disturbances.PayloadDisturbance(name="steady", model=wind(rng), point=vector(rng))
-    turning = Turning(force=vector(rng), torque=vector(rng))
+    turning = TimeVarying(force=vector(rng), torque=vector(rng))
     on_load = [disturbances.PayloadDisturbance(name=name, model=turning, point=vector(rng)) for name in ("gust", "")]
 
     def on_agents(name: str, active: list[float]) -> disturbances.AgentDisturbance:
-        law = on_both(turning)
+        law = for_two_agents(turning)
         return disturbances.AgentDisturbance(
             body=0, name=name, model=law, point=jnp.ones((2, 3)), active=jnp.array(active)
         )
@@ -292,18 +294,20 @@ def test_active_sources_that_change_with_time_are_named_once():
     def varying(
         *payload: disturbances.PayloadDisturbance, agents: tuple[disturbances.AgentDisturbance, ...] = ()
     ) -> tuple[str, ...]:
-        return disturbances.time_varying_names(dataclasses.replace(sources(agents), payload=payload))
+        return disturbances.time_varying_names(dataclasses.replace(disturbance_set(agents), payload=payload))
 
     assert varying() == ()
     assert varying(steady) == ()
-    assert varying(steady, *on_load) == ("gust", "Turning")
+    assert varying(steady, *on_load) == ("gust", "TimeVarying")
     assert varying(agents=(on_agents("fan", [0.0, 0.0]),)) == ()  # no agent carries it
     assert varying(agents=(on_agents("fan", [0.0, 1.0]), on_agents("fan", [1.0, 0.0]))) == ("fan",)
     assert varying(on_load[0], agents=(on_agents("gust", [1.0, 1.0]),)) == ("gust",)
 
 
-def test_weather_is_a_wind_whose_mean_turns_and_whose_gusts():
-    """Before it turns, and at a gust's every period, it is the steady wind; after, the one with the mean turned."""
+def test_time_varying_wind():
+    """Before the turn, and at each period of a gust, it is the steady wind; afterwards the wind with the mean
+    rotated.
+    """
     rng = np.random.default_rng(0)
     steady = wind(rng)
     still = {
@@ -330,10 +334,10 @@ def test_weather_is_a_wind_whose_mean_turns_and_whose_gusts():
     assert not gusting.time_invariant
 
 
-def test_without_sources_nothing_is_felt():
+def test_no_sources_give_zero_residual():
     rng = np.random.default_rng(14)
     z: State = teams.free_state(rng, STRUCTURE)
-    f = forces(sources(), teams.team(rng, STRUCTURE), z)
+    f = forces(disturbance_set(), teams.team(rng, STRUCTURE), z)
     assert not any(np.any(leaf) for leaf in jax.tree.leaves(f))
     load: PayloadState = z.payload
     assert not np.any(on_payload((), load).F)
@@ -343,11 +347,11 @@ def test_without_sources_nothing_is_felt():
 
 
 def test_functions_add_their_value_at_the_true_state():
-    """Each output a sum of kernels, term by term in NumPy; two functions, and a wind beside them."""
+    """Each output is a sum of kernels, term by term in NumPy; two functions and a wind."""
     rng = np.random.default_rng(11)
     team, z = teams.team(rng, STRUCTURE), teams.free_state(rng, STRUCTURE)
     blow = disturbances.PayloadDisturbance(model=wind(rng), point=vector(rng))
-    named = dataclasses.replace(sources(), payload=(blow,))
+    named = dataclasses.replace(disturbance_set(), payload=(blow,))
     joints = team.agent_groups[0].tree.joints
 
     def drawn() -> tuple[residual_model.ResidualModel, list[tuple]]:

@@ -1,4 +1,4 @@
-"""A flight that is watched: on this computer alone, each frame once and as it is logged, to the end."""
+"""Tests of the live view: local connections only, and each frame once as logged."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ CASE = "C3"
 
 
 @pytest.fixture(scope="module")
-def watched() -> Iterator[dict[str, Any]]:
-    """A flight that has ended, whose stream was read while it flew, and whose page is still there."""
+def live_flight() -> Iterator[dict[str, Any]]:
+    """A finished flight whose stream was read during the simulation, with its page still served."""
     told = played.short_flight()
     seen: dict[str, Any] = {}
 
@@ -63,12 +63,12 @@ def numbers(packed: dict[str, Any]) -> np.ndarray:
 
 
 @pytest.mark.long
-def test_the_stream_holds_every_frame_once_as_the_log_does(watched):
-    told, said = played.short_flight(), events(watched["stream"])
-    assert watched["kind"] == "text/event-stream"
+def test_stream_has_every_frame_once(live_flight):
+    told, said = played.short_flight(), events(live_flight["stream"])
+    assert live_flight["kind"] == "text/event-stream"
     assert len(said) >= 4  # a chunk each, cut by the update, and the end
     assert [each["from"] for each in said] == [0, *(each["known"] for each in said[:-1])]
-    flight = watched["flight"]
+    flight = live_flight["flight"]
     ds = played.labelled(flight.records, flight.uncertainty, told, update_times_s=[0.8], case=CASE)
     expected = scene.frames(ds, team.team(told)[0]) | scene.plot_signals(ds)
     for name in said[0]["tracks"]:
@@ -79,9 +79,9 @@ def test_the_stream_holds_every_frame_once_as_the_log_does(watched):
     assert [each["marks"]["updates"] for each in said[:2]] == [[], [0.8]]
 
 
-def test_it_answers_on_this_computer_alone(watched):
-    port = int(watched["address"].rstrip("/").rpartition(":")[2])
-    assert watched["address"] == f"http://127.0.0.1:{port}/"
+def test_server_accepts_local_connections_only(live_flight):
+    port = int(live_flight["address"].rstrip("/").rpartition(":")[2])
+    assert live_flight["address"] == f"http://127.0.0.1:{port}/"
     listening = []
     for table, here in (("tcp", "0100007F"), ("tcp6", None)):
         with contextlib.suppress(FileNotFoundError), open(f"/proc/net/{table}") as lines:  # noqa: PTH123
@@ -92,14 +92,14 @@ def test_it_answers_on_this_computer_alone(watched):
 
 
 def _other_address() -> str:
-    """This computer by another name than localhost: every address of 127/8 is its own on Linux."""
+    """Another local address: every address of 127/8 is local on Linux."""
     return "127.0.0.2" if sys.platform == "linux" else "::1"
 
 
 @pytest.mark.parametrize(("path", "host", "status"), [("", "evil.example", 403), ("secrets", None, 404)])
-def test_other_paths_and_other_names_of_this_computer(watched, path, host, status):
-    """Other paths and other names of this computer are refused."""
-    asked = urllib.request.Request(watched["address"] + path, headers={"Host": host} if host else {})
+def test_other_paths_and_host_names_are_refused(live_flight, path, host, status):
+    """Other paths and other host names are refused."""
+    asked = urllib.request.Request(live_flight["address"] + path, headers={"Host": host} if host else {})
     with pytest.raises(urllib.error.HTTPError) as refused:
         urllib.request.urlopen(asked, timeout=10)
     assert refused.value.code == status
@@ -107,21 +107,21 @@ def test_other_paths_and_other_names_of_this_computer(watched, path, host, statu
 
 
 @pytest.mark.skipif(browser.FOUND is None, reason="there is no Chromium")
-def test_the_page_shows_what_came_and_asks_nobody_else(watched, tmp_path):
+def test_page_shows_the_stream_and_makes_no_other_request(live_flight, tmp_path):
     with browser.page(tmp_path) as page:
-        page.visit(watched["address"])
+        page.visit(live_flight["address"])
         page.wait("!state().running")
         state = page.evaluate("state()")
-        rows = watched["flight"].records
+        rows = live_flight["flight"].records
         assert (state["case"], state["end"]) == (CASE, pytest.approx(rows.t[-1], abs=1e-6))
         page.evaluate("seek(1.0)")
         np.testing.assert_allclose(page.evaluate("state().p"), rows.p[np.searchsorted(rows.t, 1.0 - 1e-9)], atol=1e-3)
         assert page.complaints == []
-        assert set(page.requests) == {watched["address"], watched["address"] + "events"}
+        assert set(page.requests) == {live_flight["address"], live_flight["address"] + "events"}
 
 
 @pytest.mark.long
-def test_ctrl_c_ends_the_command_and_its_page(tmp_path):
+def test_ctrl_c_ends_command_and_server(tmp_path):
     file = light.write(tmp_path / "short.yaml", learning=played.short_flight().learning, duration_s=1.5)
     command = [sys.executable, "-m", "colift", "live", str(file), "--case", "C1"]
     heeding = "signal.signal(signal.SIGINT, signal.default_int_handler)"  # ignored in a shell's background

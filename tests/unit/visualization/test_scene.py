@@ -1,4 +1,4 @@
-"""What is seen of a flight: where bodies are at each time, by the model's kinematics, and what is told beside them."""
+"""Tests of scene data: positions of bodies by the model's kinematics, reference, disturbance and markers."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def flown() -> dict[str, xr.Dataset]:
     return played.two_case_logs()
 
 
-def test_bases_joints_and_tips_are_where_the_kinematics_put_them():
+def test_positions_equal_the_kinematics():
     truth, _ = team.team(PAPER)
     z = initial_states.initial_state(PAPER, truth)
     (state,) = z.agents
@@ -50,7 +50,7 @@ def test_bases_joints_and_tips_are_where_the_kinematics_put_them():
     np.testing.assert_allclose(nodes[:, 4:].reshape(4, 3), held, atol=1e-9)
 
 
-def test_the_tips_stay_on_the_payload_along_a_flight(flown, told):
+def test_tips_stay_on_the_payload(flown, told):
     truth, _ = team.team(told)
     for ds in flown.values():
         at, shown = ds.isel(time=scene.frame_rows(ds)), scene.frames(ds, truth)
@@ -59,8 +59,8 @@ def test_the_tips_stay_on_the_payload_along_a_flight(flown, told):
         np.testing.assert_allclose(shown["nodes"][:, 1::2], held, atol=1e-8)
 
 
-def test_the_reference_is_the_scenario_s_and_the_disturbance(flown, told):
-    """The reference is the scenario is and the disturbance what its laws give."""
+def test_reference_and_disturbance_equal_the_scenario(flown, told):
+    """The reference is the scenario's, and the disturbance is the force of its models."""
     truth, _ = team.team(told)
     ds = flown["C1"]
     at, shown = ds.isel(time=scene.frame_rows(ds)), scene.frames(ds, truth)
@@ -81,7 +81,7 @@ def test_the_reference_is_the_scenario_s_and_the_disturbance(flown, told):
     np.testing.assert_allclose(shown["disturbance"], force(*moving, jnp.asarray(at.time.values)), atol=1e-6)
 
 
-def test_some_thirty_frames_a_second_are_drawn_and_the_last():
+def test_thirty_frames_per_second_and_the_last_one():
     ds = random_log(flights.PAPER._replace(time=1001))
     at = ds.time.values[scene.frame_rows(ds)]
     assert at[[0, -1]].tolist() == ds.time.values[[0, -1]].tolist()
@@ -93,7 +93,7 @@ def test_some_thirty_frames_a_second_are_drawn_and_the_last():
     assert scene.plot_signals(one)["e_p"].shape == (1, 1)
 
 
-def test_curves_are_those_of_the_log():
+def test_curves_equal_the_log():
     ds = random_log(flights.PAPER._replace(time=200))
     shown, at = scene.plot_signals(ds), scene.frame_rows(ds)
     np.testing.assert_allclose(shown["e_p"][:, 0], np.linalg.norm(ds.e_p[at], axis=1))
@@ -103,7 +103,7 @@ def test_curves_are_those_of_the_log():
     assert shown["sigma"][0].tolist() == [ds.sigma_L_force[0], ds.sigma_A_force[0]]
 
 
-def test_marks_are_spans_of_time():
+def test_event_markers_are_time_intervals():
     ds = random_log(flights.PAPER._replace(time=1000)).assign_attrs(update_times_s=[0.5, 1.0], T_end_s=1.0)
     ds.eta[:] = ds.eta * ((ds.time >= 0.2) & (ds.time <= 0.4))
     ds.thrust_saturated[:] = False
