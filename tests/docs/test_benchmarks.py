@@ -24,9 +24,9 @@ def test_every_module_with_run_function_is_listed():
 
 def test_unknown_benchmark_is_refused_with_known_names(capsys, tmp_path):
     assert __main__.main(["warp", "--results", str(tmp_path)]) == 2
-    said = capsys.readouterr().err
-    assert "no benchmark warp" in said
-    assert "one_team" in said
+    output = capsys.readouterr().err
+    assert "no benchmark warp" in output
+    assert "one_team" in output
     assert not list(tmp_path.iterdir())
 
 
@@ -47,10 +47,10 @@ def test_missed_target_is_printed_and_sets_exit_status(capsys, monkeypatch, tmp_
     found = Outcome({"took": 2.0}, {"took 2 s, under 1 s": False, "took 2 s, under 3 s": True})
     monkeypatch.setattr(cold_start, "run", lambda seconds: found)
     assert __main__.main(["cold_start", "--results", str(tmp_path)]) == 1
-    said = capsys.readouterr().out
-    assert "MISSED took 2 s, under 1 s" in said
-    assert "met    took 2 s, under 3 s" in said
-    assert "1 targets missed" in said
+    output = capsys.readouterr().out
+    assert "MISSED took 2 s, under 1 s" in output
+    assert "met    took 2 s, under 3 s" in output
+    assert "1 targets missed" in output
     assert json.loads((tmp_path / "cold_start.json").read_text())["targets"] == found.targets
 
 

@@ -113,14 +113,14 @@ def run(words: list[str], folder: Path) -> None:
     elif first != "colift":
         assert first in ("cmake", "build/replay", "cd", "npm", "done"), f"not known here: {shlex.join(words)}"
         return
-    path, given = parse_command(words[1:])
+    path, parameters = parse_command(words[1:])
     if path in RUN:
         if path == ("init",):
-            Path(given["file"]).unlink(missing_ok=True)
+            Path(parameters["file"]).unlink(missing_ok=True)
         done = CliRunner().invoke(app.app, words[1:])
         assert done.exit_code == 0, done.output
-    elif "name" in given:
-        scenario.load_scenario(given["name"], given.get("overrides") or ())
+    elif "name" in parameters:
+        scenario.load_scenario(parameters["name"], parameters.get("overrides") or ())
 
 
 # A page ---------------------------------------------------------------------------------------------------------------
@@ -186,7 +186,7 @@ def test_code_of_page_runs(name: str, folder: Path, monkeypatch: pytest.MonkeyPa
 
 
 @pytest.mark.parametrize(
-    ("language", "text", "told"),
+    ("language", "text", "message"),
     [
         ("sh", "./dev colift study my_team.yaml --sed 1\n", "No such option"),
         ("sh", "./dev colift study nobody.yaml\n", "nobody.yaml"),
@@ -202,8 +202,8 @@ def test_code_of_page_runs(name: str, folder: Path, monkeypatch: pytest.MonkeyPa
     ],
     ids=["option", "scenario", "setting", "command", "proof", "dev", "program", "extra", "yaml", "python", "language"],
 )
-def test_invalid_code_blocks_are_detected(language: str, text: str, told: str, folder: Path) -> None:
-    with pytest.raises(Exception, match=re.escape(told)):
+def test_invalid_code_blocks_are_detected(language: str, text: str, message: str, folder: Path) -> None:
+    with pytest.raises(Exception, match=re.escape(message)):
         do(Block(1, language, text), ROOT / "README.md", folder, {})
 
 
@@ -214,19 +214,19 @@ def test_examples_are_numbered_and_documented() -> None:
     """Examples are numbered from 01 to 10, and their docstrings state purpose and command."""
     assert [path.stem[:3] for path in EXAMPLES] == [f"{k:02}_" for k in range(1, 11)]
     for path in EXAMPLES:
-        said = path.read_text(encoding="utf-8").split('"""')[1]
-        assert f"python examples/{path.name}`" in said, path.name
+        output = path.read_text(encoding="utf-8").split('"""')[1]
+        assert f"python examples/{path.name}`" in output, path.name
 
 
 @pytest.mark.parametrize("path", [path for path in EXAMPLES if path.stem not in ELSEWHERE], ids=lambda path: path.stem)
 def test_example_runs(path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     shorter = ["duration_s=2", "learning.update_times_s=[1]", "learning.end_s=1"]
-    given = [str(path.with_name("plate.yaml")), *shorter] if path.stem == "01_fly_the_paper" else []
-    monkeypatch.setattr(sys, "argv", [str(path), *given])
+    parameters = [str(path.with_name("plate.yaml")), *shorter] if path.stem == "01_fly_the_paper" else []
+    monkeypatch.setattr(sys, "argv", [str(path), *parameters])
     runpy.run_path(str(path), run_name="__main__")
-    said = capsys.readouterr().out
-    assert said
-    assert "nan" not in said
+    output = capsys.readouterr().out
+    assert output
+    assert "nan" not in output
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)

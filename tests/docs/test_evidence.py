@@ -82,10 +82,10 @@ def test_dependencies_include_indirect_imports(project):
 
 
 def test_items_are_reused_until_a_dependency_changes(project, capsys):
-    asked: list[str] = []
+    computed: list[str] = []
 
     def compute(item: str) -> str:
-        asked.append(item)
+        computed.append(item)
         return item.upper()
 
     assert evidence.collect("proof", ["a", "b"], compute) == {"a": "A", "b": "B"}
@@ -93,11 +93,11 @@ def test_items_are_reused_until_a_dependency_changes(project, capsys):
     (project / "src/colift/c.py").write_text("another = 1")  # imported inside a function only
     assert evidence.behind("proof") == []
     evidence.collect("proof", ["a"], compute)
-    assert asked == ["a", "b", "c"]
+    assert computed == ["a", "b", "c"]
     (project / "src/colift/b.py").write_text("another = 1")
     assert evidence.behind("proof") == ["src/colift/b.py"]
     assert evidence.collect("proof", ["a"], compute) == {"a": "A"}
-    assert asked == ["a", "b", "c", "a"]
+    assert computed == ["a", "b", "c", "a"]
     assert evidence.stored("proof")["commit"] is None  # no repository here
 
 

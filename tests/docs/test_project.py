@@ -168,10 +168,10 @@ def test_locks_have_versions_and_hashes_but_no_address(lock):
 
 
 def test_locks_contain_all_requirements():
-    asked = {"run": PROJECT["project"]["dependencies"]}
+    required = {"run": PROJECT["project"]["dependencies"]}
     for group, names in PROJECT["dependency-groups"].items():
-        asked[group] = asked.get(group, []) + names
-    for group, requirements in asked.items():
+        required[group] = required.get(group, []) + names
+    for group, requirements in required.items():
         text = (ROOT / "requirements" / f"{group}.txt").read_text(encoding="utf-8")
         locked = {
             name.lower().replace("_", "-").replace(".", "-") for name in re.findall(r"^([\w.-]+)==", text, re.MULTILINE)

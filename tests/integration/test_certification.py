@@ -74,9 +74,9 @@ def drawn(monkeypatch) -> list[str]:
 
 def test_certificate_is_saved_and_printed(tmp_path, capsys, save):
     (tmp_path / "summary.json").write_text(run_directory.run_id("0.1.0", "another"))
-    told = save(made(), made())
-    assert {run_directory.read_run_id(path) for path in tmp_path.iterdir()} == {told["run"]}
-    assert json.loads((tmp_path / "certificate.json").read_text()) == told
+    saved_values = save(made(), made())
+    assert {run_directory.read_run_id(path) for path in tmp_path.iterdir()} == {saved_values["run"]}
+    assert json.loads((tmp_path / "certificate.json").read_text()) == saved_values
     assert {path.name for path in tmp_path.iterdir()} == {
         "certificate.json",
         "figure_6_certificate.pdf",
@@ -86,12 +86,15 @@ def test_certificate_is_saved_and_printed(tmp_path, capsys, save):
     for name, radii in found.radii.items():
         for error in certificate.ERRORS:
             ratio = radii.a_posteriori[error] / found.observed[error]
-            assert told["radii"][name]["tightness"]["run"][error] == (ratio if np.isfinite(ratio) else None)
-    assert told["adversary"]["radius_over_adversary"] == told["radii"]["recovery"]["tightness"]["run"]["e_p"]
-    assert told["exceeded"] == []
-    certify_commands.print_certificate(told, tmp_path)
-    printed, said = capsys.readouterr()
-    assert said == ""
+            assert saved_values["radii"][name]["tightness"]["run"][error] == (ratio if np.isfinite(ratio) else None)
+    assert (
+        saved_values["adversary"]["radius_over_adversary"]
+        == saved_values["radii"]["recovery"]["tightness"]["run"]["e_p"]
+    )
+    assert saved_values["exceeded"] == []
+    certify_commands.print_certificate(saved_values, tmp_path)
+    printed, message = capsys.readouterr()
+    assert message == ""
     for bound in NAMES:
         assert bound in printed
     assert f"{1e3 * found.observed['e_p']:.3g}" in printed
@@ -99,12 +102,12 @@ def test_certificate_is_saved_and_printed(tmp_path, capsys, save):
 
 def test_assumptions_are_in_table_json_and_figure(tmp_path, capsys, save, drawn):
     """Unproven assumptions are named in table, JSON and figure, and none of them contains the word certified."""
-    told = save(made(), made())
+    saved_values = save(made(), made())
     text = "first order, less than a round"
-    for radii in told["radii"].values():
+    for radii in saved_values["radii"].values():
         assert ", ".join(radii["assumed"]) == text
         assert radii["status"] == "assumed"
-    certify_commands.print_certificate(told, tmp_path)
+    certify_commands.print_certificate(saved_values, tmp_path)
     printed = capsys.readouterr().out
     assert f"assumed: {text}" in printed
     assert [(row[0], row[1], row[-1]) for row in table_of(printed)] == [
@@ -113,31 +116,31 @@ def test_assumptions_are_in_table_json_and_figure(tmp_path, capsys, save, drawn)
     shown = "\n".join(drawn)
     assert f"assumed: {text}" in shown.replace("\n", " ")
     assert "bound for this run (recovery, assumed)" in shown
-    for where in (json.dumps(told), printed, shown):
+    for where in (json.dumps(saved_values), printed, shown):
         assert "certified" not in where
 
 
 def test_exceeded_bound_is_reported_first_with_status_1(tmp_path, monkeypatch, save, drawn):
     """An error above its bound is reported in the first line, and the exit status is 1."""
     del save  # for the interface
-    known = [made(), exceeded()]
-    monkeypatch.setattr(certification, "certify", lambda *_, **__: known.pop())
+    results = [made(), exceeded()]
+    monkeypatch.setattr(certification, "certify", lambda *_, **__: results.pop())
     result = CliRunner().invoke(app.app, ["certify", "certified", "--out", str(tmp_path)], catch_exceptions=False)
     assert result.exit_code == 1
     found = exceeded().certificate
     observed, radius = 1e3 * found.observed["e_p"], 1e3 * found.radii["energy"].a_priori["e_p"]
     first = f"e_p of this run exceeds its bound: observed {observed:.4g} mm, bound {radius:.4g} mm (energy, any run), "
-    said = [line for line in result.output.splitlines() if not line.startswith("certifying certified")]  # progress
-    assert said[0].startswith(first)
-    red = [line for line in result.stderr.splitlines() if line in said]
+    message = [line for line in result.output.splitlines() if not line.startswith("certifying certified")]  # progress
+    assert message[0].startswith(first)
+    red = [line for line in result.stderr.splitlines() if line in message]
     assert len(red) == len({each.error for each in found.exceeded})
-    assert said[: len(red)] == red
+    assert message[: len(red)] == red
     assert [(row[0], row[1], row[-1]) for row in table_of(result.stdout)] == [
         ("energy", "any", "exceeded"),
         ("energy", "this", "exceeded"),
     ]
-    told = json.loads((tmp_path / "certificate.json").read_text())
-    assert told["exceeded"] == [{"flight": "this", **dataclasses.asdict(each)} for each in found.exceeded]
+    saved_values = json.loads((tmp_path / "certificate.json").read_text())
+    assert saved_values["exceeded"] == [{"flight": "this", **dataclasses.asdict(each)} for each in found.exceeded]
     assert any(text.startswith("observed error above its bound: $e_p$") for text in drawn)
     result = CliRunner().invoke(app.app, ["certify", "certified", "--out", str(tmp_path)], catch_exceptions=False)
     assert result.exit_code == 0
@@ -147,12 +150,12 @@ def test_exceeded_bound_is_reported_first_with_status_1(tmp_path, monkeypatch, s
 def test_example_prints_bounds_and_fails_if_exceeded(monkeypatch, capsys):
     """The example prints the bounds of its flight and fails if one is exceeded."""
     example = str(Path(__file__).parents[2] / "examples" / "08_certify_a_flight.py")
-    known = [exceeded(), made()]
-    monkeypatch.setattr(certification, "certify", lambda *_, **__: known.pop())
+    results = [exceeded(), made()]
+    monkeypatch.setattr(certification, "certify", lambda *_, **__: results.pop())
     runpy.run_path(example, run_name="__main__")
-    said = capsys.readouterr().out
+    message = capsys.readouterr().out
     radius, seen = made().certificate.radii["recovery"].a_posteriori["e_p"], made().certificate.observed["e_p"]
-    assert f"recovery,     e_p: at most {radius:.3g}, observed {seen:.3g}" in said
+    assert f"recovery,     e_p: at most {radius:.3g}, observed {seen:.3g}" in message
     with pytest.raises(SystemExit, match=r"above their radius: .*e_p"):
         runpy.run_path(example, run_name="__main__")
 
@@ -169,12 +172,12 @@ def test_exceeded_bound_is_printed_in_red(tmp_path, monkeypatch, save):
 def test_adversarial_run_above_its_bound_is_exceeded(tmp_path, capsys, save):
     """A bound that the adversarial run exceeds is reported like that of the certified run."""
     observed = {error: 1e3 * size for error, size in made().certificate.observed.items()}
-    beyond = dataclasses.replace(made().certificate, observed=observed)
-    told = save(made(), dataclasses.replace(made(), certificate=beyond))
-    assert {each["flight"] for each in told["exceeded"]} == {"adversary"}
-    certify_commands.print_certificate(told, tmp_path)
-    printed, said = capsys.readouterr()
-    assert said.startswith("e_p of the adversarial run exceeds its bound: observed ")
+    exceeding = dataclasses.replace(made().certificate, observed=observed)
+    saved_values = save(made(), dataclasses.replace(made(), certificate=exceeding))
+    assert {each["flight"] for each in saved_values["exceeded"]} == {"adversary"}
+    certify_commands.print_certificate(saved_values, tmp_path)
+    printed, message = capsys.readouterr()
+    assert message.startswith("e_p of the adversarial run exceeds its bound: observed ")
     assert " exceeded" not in printed
 
 
@@ -187,9 +190,9 @@ def test_unavailable_bounds_have_no_row(tmp_path, capsys, save, drawn):
         )
         for name, each in all_of.certificate.radii.items()
     }
-    before = dataclasses.replace(all_of.certificate.a_priori, tube=None, tube_failure="it feeds itself")
-    lost = dataclasses.replace(all_of.certificate, radii=radii, a_priori=before)
-    certify_commands.print_certificate(save(dataclasses.replace(all_of, certificate=lost)), tmp_path)
+    a_priori = dataclasses.replace(all_of.certificate.a_priori, tube=None, tube_failure="it feeds itself")
+    without_tube = dataclasses.replace(all_of.certificate, radii=radii, a_priori=a_priori)
+    certify_commands.print_certificate(save(dataclasses.replace(all_of, certificate=without_tube)), tmp_path)
     printed = capsys.readouterr().out
     assert [row[1] for row in table_of(printed)] == ["this"] * len(NAMES)
     assert not re.search(r"\bany\b(?! run: it feeds)", printed)
@@ -201,9 +204,9 @@ def test_unavailable_bounds_have_no_row(tmp_path, capsys, save, drawn):
         all_of.experiment, bound_assumptions=dataclasses.replace(all_of.experiment.bound_assumptions, rkhs_norm=0.05)
     )
     nothing = certificate.certify(small, all_of.flight, all_of.nominal_linearization, ("energy", "recovery"))
-    told = save(dataclasses.replace(all_of, experiment=small, certificate=nothing))
-    assert told["exceeded"] == []
-    certify_commands.print_certificate(told, tmp_path)
+    saved_values = save(dataclasses.replace(all_of, experiment=small, certificate=nothing))
+    assert saved_values["exceeded"] == []
+    certify_commands.print_certificate(saved_values, tmp_path)
     printed = capsys.readouterr().out
     assert table_of(printed) == []
     assert not re.search("none|assumed|nan|inf", printed)

@@ -57,11 +57,11 @@ def _no_figures(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_unknown_scenario_gives_one_line_and_status_2():
-    status, said = invoke("study", "papr")
+    status, message = invoke("study", "papr")
     assert status == 2
-    assert said.count("\n") == 1
-    assert "papr" in said
-    assert "paper" in said
+    assert message.count("\n") == 1
+    assert "papr" in message
+    assert "paper" in message
 
 
 def test_list_and_print_config_have_json_output():
@@ -106,13 +106,13 @@ def test_empty_list_of_cases_is_refused():
 
 
 def test_unreadable_file_gives_one_line_and_status_2(tmp_path: Path):
-    status, said = invoke("study", str(tmp_path / "none.yaml"))
-    assert (status, said.count("\n")) == (2, 1)
-    assert "none.yaml" in said
+    status, message = invoke("study", str(tmp_path / "none.yaml"))
+    assert (status, message.count("\n")) == (2, 1)
+    assert "none.yaml" in message
 
 
 @pytest.mark.parametrize(
-    ("written", "instead", "answer"),
+    ("original", "replacement", "answer"),
     [
         ("seed: 0", "seed: !!bool foo", "broken.yaml:8: seed: tags are not used in a scenario, got '!!bool'"),
         ("seed: 0", f"seed: {2**63}", "broken.yaml:8: seed: must be from 0 to 9223372036854775807"),
@@ -126,51 +126,51 @@ def test_unreadable_file_gives_one_line_and_status_2(tmp_path: Path):
         ("name: paper", "a: &a [*a]\nname: paper", "broken.yaml:4: is nested more than 20 deep"),
     ],
 )
-def test_invalid_file_gives_one_line_and_status_2(written: str, instead: str, answer: str, tmp_path: Path):
+def test_invalid_file_gives_one_line_and_status_2(original: str, replacement: str, answer: str, tmp_path: Path):
     text = (Path(scenario.__file__).parent / "library" / "paper.yaml").read_text()
-    assert written in text
+    assert original in text
     path = tmp_path / "broken.yaml"
-    path.write_text(text.replace(written, instead, 1))
-    status, said = invoke("study", str(path), "--out", str(tmp_path / "out"))
-    assert (status, said.count("\n")) == (2, 1)
-    assert answer in said
+    path.write_text(text.replace(original, replacement, 1))
+    status, message = invoke("study", str(path), "--out", str(tmp_path / "out"))
+    assert (status, message.count("\n")) == (2, 1)
+    assert answer in message
     assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize("command", ["study", "certify"])
 @pytest.mark.parametrize("seed", ["-1", str(2**63), "1" * 31, "x"])
 def test_seed_out_of_range_is_refused_with_status_2(command: str, seed: str, tmp_path: Path):
-    status, said = invoke(command, "paper", "--seed", seed, "--out", str(tmp_path / "out"))
+    status, message = invoke(command, "paper", "--seed", seed, "--out", str(tmp_path / "out"))
     assert status == 2
-    assert "--seed" in said
+    assert "--seed" in message
     assert not (tmp_path / "out").exists()
 
 
 def test_unwritable_folder_is_refused_before_simulation(tmp_path: Path):
     """A folder that cannot be written gives one line and status 2 before the simulation."""
     (tmp_path / "file").write_text("in the way")
-    status, said = invoke("study", "paper", "--out", str(tmp_path / "file" / "out"))
-    assert (status, said.count("\n")) == (2, 1)
-    assert "cannot write to" in said
-    status, said = invoke("study", "paper", "--out", str(tmp_path / "file"))
-    assert (status, said) == (2, f"cannot write to {tmp_path / 'file'}: it is a file, not a folder\n")
+    status, message = invoke("study", "paper", "--out", str(tmp_path / "file" / "out"))
+    assert (status, message.count("\n")) == (2, 1)
+    assert "cannot write to" in message
+    status, message = invoke("study", "paper", "--out", str(tmp_path / "file"))
+    assert (status, message) == (2, f"cannot write to {tmp_path / 'file'}: it is a file, not a folder\n")
 
 
 def test_folder_in_use_by_another_process_is_refused(tmp_path: Path):
     """A folder to which another process writes is refused before the simulation."""
     with study.open_run_directory(scenario.load_scenario("paper"), tmp_path):
         for command in ("study", "certify"):
-            status, said = invoke(command, "paper", "--out", str(tmp_path))
-            assert (status, said.count("\n")) == (2, 1)
-            assert f"{tmp_path} is in use: process {os.getpid()} on " in said
+            status, message = invoke(command, "paper", "--out", str(tmp_path))
+            assert (status, message.count("\n")) == (2, 1)
+            assert f"{tmp_path} is in use: process {os.getpid()} on " in message
 
 
 def test_foreign_file_in_folder_is_refused(tmp_path: Path):
     """A folder with a file of the same name from another program is refused before the simulation."""
     (tmp_path / "C1.nc").write_text("mine")
-    status, said = invoke("study", "paper", "--out", str(tmp_path))
-    assert (status, said.count("\n")) == (2, 1)
-    assert "contains C1.nc, which colift did not write" in said
+    status, message = invoke("study", "paper", "--out", str(tmp_path))
+    assert (status, message.count("\n")) == (2, 1)
+    assert "contains C1.nc, which colift did not write" in message
     assert [file.name for file in tmp_path.iterdir()] == ["C1.nc"]
 
 
@@ -188,9 +188,9 @@ def test_allocation_without_internal_force_is_refused(tmp_path: Path):
     split = "  kind: leader_follower\n  leader_contacts: [front/left, front/right, rear/left]"
     path = tmp_path / "split.yaml"
     path.write_text(text.replace("  kind: least_squares", split))
-    status, said = invoke("study", str(path), "--out", str(tmp_path / "out"))
+    status, message = invoke("study", str(path), "--out", str(tmp_path / "out"))
     assert status == 2
-    assert "this allocation has no internal force" in said
+    assert "this allocation has no internal force" in message
 
 
 def test_compiler_error_is_printed_with_status_2(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
@@ -200,24 +200,24 @@ def test_compiler_error_is_printed_with_status_2(tmp_path: Path, monkeypatch: py
         raise codegen.CompilerError("cc --version:\nexit status 1")
 
     monkeypatch.setattr(experiment, "make_experiments", plans)
-    status, said = invoke("study", "paper", "--out", str(tmp_path))
-    assert (status, said.splitlines()[1:]) == (2, ["cc --version:", "exit status 1"])
+    status, message = invoke("study", "paper", "--out", str(tmp_path))
+    assert (status, message.splitlines()[1:]) == (2, ["cc --version:", "exit status 1"])
 
 
-@pytest.mark.parametrize(("given", "flown"), [((), "rigid"), (("--engine", "mujoco"), "mujoco")])
-def test_engine_option_replaces_that_of_the_scenario(given, flown, tmp_path, monkeypatch: pytest.MonkeyPatch):
+@pytest.mark.parametrize(("options", "flown"), [((), "rigid"), (("--engine", "mujoco"), "mujoco")])
+def test_engine_option_replaces_that_of_the_scenario(options, flown, tmp_path, monkeypatch: pytest.MonkeyPatch):
     def plans(settings: scenario.Scenario, cases: object) -> None:
         raise scenario.ScenarioError(f"by {settings.physics.kind}")
 
     monkeypatch.setattr(experiment, "make_experiments", plans)
-    status, said = invoke("study", "paper", *given, "--out", str(tmp_path))
-    assert (status, said.splitlines()[-1]) == (2, f"by {flown}")
+    status, message = invoke("study", "paper", *options, "--out", str(tmp_path))
+    assert (status, message.splitlines()[-1]) == (2, f"by {flown}")
 
 
 @pytest.mark.parametrize("command", [("study",), ("certify",), ("export", "c"), ("export", "mjcf"), ("export", "urdf")])
 def test_overrides_are_validated_like_the_file(command: tuple[str, ...], tmp_path: Path):
-    status, said = invoke(*command, "paper", "--set", "payload.mass_kg=x", "--out", str(tmp_path / "out"))
-    assert (status, said) == (2, "--set payload.mass_kg [kg]: must be a number, got 'x'\n")
+    status, message = invoke(*command, "paper", "--set", "payload.mass_kg=x", "--out", str(tmp_path / "out"))
+    assert (status, message) == (2, "--set payload.mass_kg [kg]: must be a number, got 'x'\n")
     assert not (tmp_path / "out").exists()
 
 
@@ -230,8 +230,8 @@ def test_duration_before_end_of_learning_is_reported(
 
     monkeypatch.setattr(experiment, "make_experiment", plans)
     monkeypatch.setattr(experiment, "make_experiments", plans)
-    status, said = invoke(*command, "paper", "--duration", "5", "--out", str(tmp_path / "out"))
-    first, *_, last = said.splitlines()
+    status, message = invoke(*command, "paper", "--duration", "5", "--out", str(tmp_path / "out"))
+    first, *_, last = message.splitlines()
     assert (status, first) == (2, "warning: learning ends with the run, at 5 s (learning.end_s is 10)")
     assert last == "until 5 s"
     assert invoke(*command, "paper", "--duration", "0.01")[1].startswith("--duration [s]: must be from 0.1 to")
@@ -240,48 +240,48 @@ def test_duration_before_end_of_learning_is_reported(
 @pytest.mark.parametrize(("kind", "holds"), [("csv", b"time [s],p x [m]"), ("mcap", b"/payload/pose")])
 def test_exported_flights_are_written_beside_their_logs(kind: str, holds: bytes, tmp_path: Path):
     """Exported flights are written beside their logs; a second export replaces them."""
-    told = scenario.load_scenario("paper").model_dump_json(exclude_none=True)
-    log.save(flights.dataset(np.random.default_rng(1), scenario_json=told), tmp_path / "C2.nc")
+    settings = scenario.load_scenario("paper").model_dump_json(exclude_none=True)
+    log.save(flights.dataset(np.random.default_rng(1), scenario_json=settings), tmp_path / "C2.nc")
     for _ in range(2):
         result = CliRunner().invoke(app, ["export", kind, str(tmp_path)], catch_exceptions=False)
         assert (result.exit_code, result.output) == (0, f"C2.{kind}: in {tmp_path}\n")
-    written = tmp_path / f"C2.{kind}"
-    assert holds in written.read_bytes()
-    assert run_directory.read_run_id(written) == flights.RUN
-    assert run_directory.list_files(tmp_path, study.STUDY_FILES) == sorted([tmp_path / "C2.nc", written])
+    original = tmp_path / f"C2.{kind}"
+    assert holds in original.read_bytes()
+    assert run_directory.read_run_id(original) == flights.RUN
+    assert run_directory.list_files(tmp_path, study.STUDY_FILES) == sorted([tmp_path / "C2.nc", original])
 
 
 @pytest.mark.parametrize("kind", ["csv", "mcap"])
 def test_folder_without_logs_is_refused(kind: str, tmp_path: Path):
-    status, said = invoke("export", kind, str(tmp_path))
-    assert (status, said.count("\n")) == (2, 1)
-    assert "contains no log" in said
+    status, message = invoke("export", kind, str(tmp_path))
+    assert (status, message.count("\n")) == (2, 1)
+    assert "contains no log" in message
 
 
 def test_foreign_file_is_not_replaced(tmp_path: Path):
     log.save(flights.dataset(np.random.default_rng(1)), tmp_path / "C1.nc")
     (tmp_path / "C1.csv").write_text("mine")
-    status, said = invoke("export", "csv", str(tmp_path))
+    status, message = invoke("export", "csv", str(tmp_path))
     assert status == 2
-    assert "contains C1.csv, which colift did not write" in said
+    assert "contains C1.csv, which colift did not write" in message
     assert (tmp_path / "C1.csv").read_text() == "mine"
 
 
 def test_each_agent_type_is_exported_as_urdf(tmp_path: Path):
     out = tmp_path / "made"
     result = CliRunner().invoke(app, ["export", "urdf", "paper", "--out", str(out)], catch_exceptions=False)
-    told = scenario.load_scenario("paper")
-    files = sorted(f"{kind}.urdf" for kind in told.agent_types)
+    settings = scenario.load_scenario("paper")
+    files = sorted(f"{kind}.urdf" for kind in settings.agent_types)
     assert (result.exit_code, result.output) == (0, f"{', '.join(files)} of paper: in {out}\n")
     assert sorted(path.name for path in out.iterdir()) == files
-    (kind,) = told.agent_types.values()
+    (kind,) = settings.agent_types.values()
     robot = urdf.load_urdf(out / files[0])
     assert [joint.name for joint in robot.joints] == [joint.name for joint in kind.joints]
     assert {f"{arm.name}_tip" for arm in kind.arms} < set(robot.links)
     back = urdf.make_agent(
-        robot, [f"{arm.name}_tip" for arm in kind.arms], told.agents[0].contact_positions_m, kind.thrust_max_N
+        robot, [f"{arm.name}_tip" for arm in kind.arms], settings.agents[0].contact_positions_m, kind.thrust_max_N
     )
-    for found, expected in zip(*map(jax.tree.leaves, (back, team.agent_models(told).popitem()[1])), strict=True):
+    for found, expected in zip(*map(jax.tree.leaves, (back, team.agent_models(settings).popitem()[1])), strict=True):
         np.testing.assert_allclose(found, expected, atol=1e-15)
 
 
@@ -316,7 +316,7 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Results of a short study of the smallest team with five cases, read from a file, with another seed."""
     folder = tmp_path_factory.mktemp("study")
     path = light.write(folder / "short.yaml", duration_s=3, learning=SHORT)
-    status, said = invoke(
+    status, message = invoke(
         "study",
         str(path),
         "--case",
@@ -328,7 +328,7 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "--out",
         str(folder / "out"),
     )
-    assert status == 0, said
+    assert status == 0, message
     return folder / "out"
 
 
@@ -404,32 +404,32 @@ def test_signals_have_labels_and_units(flown: Path):
 def test_study_can_be_played_back(flown: Path, tmp_path: Path):
     for case in ("C1", "parametric"):
         shutil.copy(flown / f"{case}.nc", tmp_path)
-    status, said = invoke("playback", str(tmp_path))
-    assert (status, said) == (0, "")
+    status, message = invoke("playback", str(tmp_path))
+    assert (status, message) == (0, "")
     assert run_directory.read_run_id(tmp_path / "view.html") == run_directory.read_run_id(flown / "C1.nc")
     assert log.load(flown / "C1.nc").attrs["scenario_json"].startswith('{"name":"sample"')
 
 
 def test_failed_run_is_saved_as_incomplete(tmp_path: Path):
     """A run that fails is saved and marked as incomplete, and the exit status is 1."""
-    wild = light.SAMPLE.control.model_copy(update={"agent_k_omega": 2e3})
-    path, out = light.write(tmp_path / "wild.yaml", control=wild), tmp_path / "out"
+    unstable = light.SAMPLE.control.model_copy(update={"agent_k_omega": 2e3})
+    path, out = light.write(tmp_path / "wild.yaml", control=unstable), tmp_path / "out"
     out.mkdir()
     for name in ("integral.nc", "figure_6_certificate.pdf", "notes"):
         (out / name).write_text(f"of another run: {run_directory.run_id('0.1.0', 'another')}")
-    status, said = invoke("study", str(path), "--out", str(out))
+    status, message = invoke("study", str(path), "--out", str(out))
     assert status == 1
-    assert f"{out} holds results of another run: they are replaced" in said
+    assert f"{out} holds results of another run: they are replaced" in message
     assert set(out.iterdir()) - set(run_directory.list_files(out, study.STUDY_FILES)) == {out / "notes"}
     assert not (out / "integral.nc").exists()
     summary = json.loads((out / "summary.json").read_text())
-    assert "warning: the loop is unstable at equilibrium" in said.partition("C1")[0]
+    assert "warning: the loop is unstable at equilibrium" in message.partition("C1")[0]
     for case in ("C1", "C2", "C3"):
         found = summary["cases"][case]
         assert not found["complete"]
         assert "beyond termination." in found["termination_reason"]
         assert "t = 0.0" in found["termination_reason"]
-        assert f"{case} is incomplete: {found['termination_reason']}" in said
+        assert f"{case} is incomplete: {found['termination_reason']}" in message
         flight = log.load(out / f"{case}.nc")
         assert flight.attrs["complete"] == 0
         assert flight.attrs["termination_reason"] == found["termination_reason"]
@@ -447,8 +447,8 @@ def test_quiet_run_prints_its_summary_as_json(tmp_path: Path, monkeypatch):
     assert list(summary["cases"]) == ["C1"]
     assert summary == json.loads((tmp_path / "out" / "sample-C1" / "summary.json").read_text())
     assert log.load(tmp_path / "out" / "sample-C1" / "C1.nc").attrs["complete"] == 1
-    asked = ["study", "short.yaml", "--case", "C1", "--held-out", "--out", "held"]
-    done = CliRunner().invoke(app, asked, catch_exceptions=False)
+    arguments = ["study", "short.yaml", "--case", "C1", "--held-out", "--out", "held"]
+    done = CliRunner().invoke(app, arguments, catch_exceptions=False)
     assert done.exit_code == 0
     assert (
         "C1, backwards: C1's residual model, the same curve in the opposite direction, 1 s to simulate" in done.stderr
@@ -459,8 +459,8 @@ def test_quiet_run_prints_its_summary_as_json(tmp_path: Path, monkeypatch):
     assert all(each["e_p_rms_m"] > 0 and each["termination_reason"] == "" for each in found["C1"].values())
     title = done.stdout.index("final model, frozen")
     assert f"{1e3 * found['C1']['moved']['e_p_rms_m']:.1f}" in done.stdout[title:]
-    status, said = invoke("run", "short.yaml", "--case", "C9")
-    assert (status, said) == (2, f"--case C9: must be one of {', '.join(experiment.ALL_CASES)}\n")
+    status, message = invoke("run", "short.yaml", "--case", "C9")
+    assert (status, message) == (2, f"--case C9: must be one of {', '.join(experiment.ALL_CASES)}\n")
 
 
 def test_help_does_not_import_heavy_packages():
@@ -491,8 +491,8 @@ def test_commands_scenarios_and_cases_complete_in_a_shell():
     assert complete("study", "pa") == [name for name in scenario.shipped_names() if name.startswith("pa")] != []
     assert complete("run", "paper", "--case", "C") == ["C1", "C2", "C3"]
     assert complete("playback", "out", "--case", "d") == ["disturbance_observer"]
-    said = CliRunner().invoke(app, [], prog_name="colift", env={"_COLIFT_COMPLETE": "source_bash"})
-    assert "complete -o default -F _colift_completion colift" in said.stdout
+    message = CliRunner().invoke(app, [], prog_name="colift", env={"_COLIFT_COMPLETE": "source_bash"})
+    assert "complete -o default -F _colift_completion colift" in message.stdout
     assert "--install-completion" in CliRunner().invoke(app, ["--help"], env={"COLUMNS": "100"}).stdout
 
 
@@ -501,16 +501,16 @@ def test_commands_scenarios_and_cases_complete_in_a_shell():
 
 def test_progress_lines_without_terminal(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):
     """Without a terminal, lines report the start of a case, its progress and its end."""
-    said = []
+    message = []
     for every in (1e9, 0.0):
         monkeypatch.setattr(study_commands, "PROGRESS_PERIOD", every)
         progress = study_commands.progress_lines({"C1": "no learning"}, 20.0)
         for t in (0.0, 0.5, 1.0, 20.0):
             progress("C1", t)
-        said.append(capsys.readouterr().err.splitlines())
+        message.append(capsys.readouterr().err.splitlines())
     ends = ["C1: no learning, 20 s to simulate", "C1: 20.0 of 20 s"]
-    assert said[0] == ends
-    assert said[1] == [ends[0], "C1: 0.5 of 20 s", "C1: 1.0 of 20 s", ends[1]]
+    assert message[0] == ends
+    assert message[1] == [ends[0], "C1: 0.5 of 20 s", "C1: 1.0 of 20 s", ends[1]]
 
 
 SHOW = """
@@ -532,8 +532,8 @@ command.main()
 def show(*arguments: str, **changed: object) -> subprocess.CompletedProcess[bytes]:
     """Run the command line in a child process with a command that only prints the table."""
     environment = {**os.environ, "COLUMNS": "120", **changed.pop("env", {})}  # ty: ignore
-    given = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "check": False, "timeout": 120} | changed
-    return subprocess.run([sys.executable, "-c", SHOW, *(arguments or ("table",))], env=environment, **given)
+    options = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "check": False, "timeout": 120} | changed
+    return subprocess.run([sys.executable, "-c", SHOW, *(arguments or ("table",))], env=environment, **options)
 
 
 @pytest.mark.parametrize("encoding", ["ascii", "latin-1", "cp1252", "utf-8", "ascii:strict"])
@@ -541,9 +541,9 @@ def test_table_is_printed_in_any_encoding(encoding: str):
     """The table is printed in any encoding of the standard output."""
     done = show(env={"PYTHONIOENCODING": encoding, "PYTHONUTF8": "0"})
     assert (done.returncode, done.stderr) == (0, b"")
-    said = done.stdout.decode(encoding.split(":")[0])
-    assert "results in out" in said
-    assert ("e_λ" if encoding == "utf-8" else "e_lam") in said
+    message = done.stdout.decode(encoding.split(":")[0])
+    assert "results in out" in message
+    assert ("e_λ" if encoding == "utf-8" else "e_lam") in message
 
 
 def test_table_is_printed_in_c_locale():

@@ -50,9 +50,9 @@ def test_round_has_every_kind_and_names_are_reproducible():
 
 def test_admissible_residuals_violate_no_bound(certified):
     """Residuals that norm and labels allow violate no bound."""
-    tries = ["worst e_p 0", "worst e_omega 1", "drawn 0", "swinging 0", "swinging 1"]
-    found = list(falsification.falsify(short(), tries))
-    assert [one.name for one in found] == tries
+    trials = ["worst e_p 0", "worst e_omega 1", "drawn 0", "swinging 0", "swinging 1"]
+    found = list(falsification.falsify(short(), trials))
+    assert [one.name for one in found] == trials
     for one in found:
         assert set(one.ratios) == set(ERRORS)
         assert not one.is_violated, one
@@ -60,7 +60,7 @@ def test_admissible_residuals_violate_no_bound(certified):
         assert one.changes == ()
     assert found[0].ratios["e_p"] > 0.3  # the adversary comes near
     assert found[3].ratios != found[4].ratios
-    assert next(falsification.falsify(short(), tries[3:4])) == found[3]
+    assert next(falsification.falsify(short(), trials[3:4])) == found[3]
 
 
 def test_too_small_bounds_are_falsified(certified, monkeypatch):
@@ -100,7 +100,7 @@ def test_early_termination_violates_finite_bounds(certified, monkeypatch):
 def test_trials_change_only_the_stated_settings(name, kind):
     """Every override is accepted, three rounds differ, and all other settings are unchanged."""
     settings = scenario.load_scenario(name)
-    seen = set()
+    changes_of_rounds = set()
     for k in range(3):
         rng = np.random.default_rng((settings.seed, k, *kind.encode()))
         changes = falsification.TRIAL_KINDS[kind](settings, k, rng)
@@ -109,8 +109,8 @@ def test_trials_change_only_the_stated_settings(name, kind):
         for section, value in settings:
             assert section in sections or getattr(changed, section) == value
         assert changed != settings or kind == "sensors"
-        seen.add(tuple(changes))
-    assert len(seen) == 3
+        changes_of_rounds.add(tuple(changes))
+    assert len(changes_of_rounds) == 3
 
 
 def test_trial_uses_bounds_of_its_own_flight(monkeypatch):
@@ -134,7 +134,7 @@ def test_trial_uses_bounds_of_its_own_flight(monkeypatch):
 
 def test_trials_are_printed_with_commands_and_saved(tmp_path, monkeypatch):
     ratios = {"e_p": 0.5, "e_v": 0.25, "e_R": 0.125, "e_omega": 0.0625}
-    given = [
+    trials = [
         falsification.FalsificationTrial("drawn 0", (), ratios, 0, 12, ""),
         falsification.FalsificationTrial(
             "start 0", ("initial_state.position_error_m=[1, 0, 0]",), {**ratios, "e_v": 1.5}, 3, 12, ""
@@ -142,9 +142,9 @@ def test_trials_are_printed_with_commands_and_saved(tmp_path, monkeypatch):
         falsification.FalsificationTrial("seed 0", ("seed=1004",), {**ratios, "e_R": 0.75}, 0, 12, ""),
         falsification.FalsificationTrial("rate 0", ("control_Hz=100",), {}, 0, 0, "refused: too slow"),
     ]
-    monkeypatch.setattr(falsification, "falsify", lambda *_: iter(given))
-    asked = ["falsify", "certified", "--seed", "3", "--set", "duration_s=30", "--out", str(tmp_path)]
-    result = CliRunner().invoke(app.app, asked, catch_exceptions=False)
+    monkeypatch.setattr(falsification, "falsify", lambda *_: iter(trials))
+    arguments = ["falsify", "certified", "--seed", "3", "--set", "duration_s=30", "--out", str(tmp_path)]
+    result = CliRunner().invoke(app.app, arguments, catch_exceptions=False)
     assert result.exit_code == 1
     lines = result.stdout.splitlines()
     again = "certified --set duration_s=30"
@@ -162,7 +162,7 @@ def test_trials_are_printed_with_commands_and_saved(tmp_path, monkeypatch):
 
 
 def test_unknown_trial_is_refused_with_known_names(tmp_path):
-    asked = ["falsify", "certified", "--case", "worst", "--out", str(tmp_path)]
-    result = CliRunner().invoke(app.app, asked)
+    arguments = ["falsify", "certified", "--case", "worst", "--out", str(tmp_path)]
+    result = CliRunner().invoke(app.app, arguments)
     assert result.exit_code == 2
     assert "unknown trial 'worst': must be one of worst e_p" in result.stderr

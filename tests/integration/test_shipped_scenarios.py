@@ -38,13 +38,13 @@ def test_values_without_test_configuration_are_equal(tmp_path):
 
     That is 1e-9 of each signal's size, and what a consistent state may be off for signals that are rounding themselves.
     """
-    there = tmp_path / "values.npz"
-    done = run("-m", "tests.support.shipped_flights", str(there), XLA_FLAGS=os.environ["XLA_FLAGS"])
+    path = tmp_path / "values.npz"
+    done = run("-m", "tests.support.shipped_flights", str(path), XLA_FLAGS=os.environ["XLA_FLAGS"])
     assert done.returncode == 0, done.stderr
-    here = shipped.values()
-    with np.load(there) as found:
-        assert [name.partition(" ")[2] for name in found.files] == list(here)
-        for (name, x), y in zip(here.items(), found.values(), strict=True):
+    expected = shipped.values()
+    with np.load(path) as found:
+        assert [name.partition(" ")[2] for name in found.files] == list(expected)
+        for (name, x), y in zip(expected.items(), found.values(), strict=True):
             assert (y.dtype, y.shape) == (x.dtype, x.shape), name
             size = np.abs(x).max(initial=0.0, where=np.isfinite(x)) if x.dtype.kind == "f" else 0.0
             np.testing.assert_allclose(y, x, rtol=0, atol=max(1e-9 * size, CONSISTENCY_TOLERANCE), err_msg=name)
@@ -75,15 +75,15 @@ def test_sum_of_products_is_exact_for_long_arrays():
 
 
 @pytest.mark.parametrize(
-    ("given", "expected"),
+    ("settings", "expected"),
     [
         ({}, FLAG),
         ({"XLA_FLAGS": "--xla_cpu_max_isa=AVX2"}, f"{FLAG} --xla_cpu_max_isa=AVX2"),
         ({"XLA_FLAGS": f"{FLAG}dot"}, f"{FLAG}dot"),  # a person's own word stands
     ],
 )
-def test_faulty_xla_kernels_are_off_unless_requested(given, expected):
-    done = run("-W", "error", "-c", "import os, colift; print(os.environ['XLA_FLAGS'])", **given)
+def test_faulty_xla_kernels_are_off_unless_requested(settings, expected):
+    done = run("-W", "error", "-c", "import os, colift; print(os.environ['XLA_FLAGS'])", **settings)
     assert (done.returncode, done.stdout.strip()) == (0, expected), done.stderr
 
 
@@ -104,19 +104,19 @@ TEAMS = ("beam", "trio", "uneven", "plate", "seven", "hover", "heavy", "turning"
 @pytest.mark.parametrize("name", TEAMS)
 def test_shipped_teams_have_a_regular_grasp(name: str):
     """Grasp condition, thrust reserve and reference of shipped teams; test_initial_states.py has the start."""
-    given = scenario.load_scenario(name)
-    truth, _ = team.team(given)
+    settings = scenario.load_scenario(name)
+    truth, _ = team.team(settings)
     values = grasp.grasp_matrix_singular_values(
         truth, length=float(np.sqrt((np.asarray(grasp.contact_points(truth)) ** 2).sum(1).mean()))
     )
     assert values[0] < preflight.MAX_GRASP_CONDITION * values[-1]
-    have = np.concatenate([np.asarray(group.thrust_max) for group in truth.agent_groups])
-    load = float(truth.payload.mass)
-    weight = 9.81 * (load + sum(float(group.mass.sum()) for group in truth.agent_groups))
-    assert have.sum() > 1.3 * weight
-    assert (name == "heavy") == bool(9.81 * load > have.max())
-    assert (name == "turning") == any(given.reference.rotation_amplitude_deg)
-    assert (name == "hover") == (not any(given.reference.amplitude_m))
+    thrust_max = np.concatenate([np.asarray(group.thrust_max) for group in truth.agent_groups])
+    payload_mass = float(truth.payload.mass)
+    weight = 9.81 * (payload_mass + sum(float(group.mass.sum()) for group in truth.agent_groups))
+    assert thrust_max.sum() > 1.3 * weight
+    assert (name == "heavy") == bool(9.81 * payload_mass > thrust_max.max())
+    assert (name == "turning") == any(settings.reference.rotation_amplitude_deg)
+    assert (name == "hover") == (not any(settings.reference.amplitude_m))
 
 
 @pytest.mark.long

@@ -23,9 +23,10 @@ from tests.support import small_team as light
 @pytest.fixture(scope="module")
 def found() -> dict[str, dict]:
     """Metrics of the three cases."""
-    plan = paper.paper_experiment("C1")
+    experiment = paper.paper_experiment("C1")
     return {
-        case: metrics.summary(paper.flight(case), plan.world.team, plan.controller.team) for case in ("C1", "C2", "C3")
+        case: metrics.summary(paper.flight(case), experiment.world.team, experiment.controller.team)
+        for case in ("C1", "C2", "C3")
     }
 
 
@@ -37,7 +38,7 @@ def test_cases_differ_only_in_recorded_data():
         (c3.world, c3.controller.residual_model, c3.initial_state),
     )
     assert all(jax.tree.leaves(same))
-    a, b = (jax.tree.leaves_with_path(plan.controller) for plan in (c1, c3))
+    a, b = (jax.tree.leaves_with_path(experiment.controller) for experiment in (c1, c3))
     different = [jax.tree_util.keystr(path) for (path, x), (_, y) in zip(a, b, strict=True) if not np.array_equal(x, y)]
     assert different == [".recorder.payload", ".recorder.agents"]
     assert (c1.seed, c1.duration) == (c3.seed, c3.duration)
@@ -68,14 +69,14 @@ def light_flight(case: str) -> flight.FlightResult:
 
 def test_adaptive_refits_after_the_stated_times():
     """Case `adaptive` refits after the stated update times and requires no more samples than `max_samples`."""
-    given = scenario.load_scenario(
+    settings = scenario.load_scenario(
         "paper", ["duration_s=35", "online_correction.refit_period_s=8", "learning.max_samples=100"]
     )
-    plan = experiment.make_experiment(given, "adaptive")
-    assert plan.update_times == pytest.approx((2, 4, 6, 8, 10, 18, 26, 34))
-    assert plan.online_updates is not None
-    assert plan.online_updates.min_samples == 100
-    assert experiment.make_experiment(given, "gp_label_feedback").update_times == pytest.approx((2, 4, 6, 8, 10))
+    adaptive = experiment.make_experiment(settings, "adaptive")
+    assert adaptive.update_times == pytest.approx((2, 4, 6, 8, 10, 18, 26, 34))
+    assert adaptive.online_updates is not None
+    assert adaptive.online_updates.min_samples == 100
+    assert experiment.make_experiment(settings, "gp_label_feedback").update_times == pytest.approx((2, 4, 6, 8, 10))
 
 
 @pytest.mark.long
@@ -94,8 +95,8 @@ def test_adaptive_detects_and_identifies_added_mass():
     assert all(update.t == update.activation_time for update in c4.updates)
     assert {id(update.fits["payload"]) for update in c4.updates[1:]} == {id(c4.updates[1].fits["payload"])}
     assert int(c4.model.update_index) == 6
-    (heavier,) = [update for update in c4.updates if "payload" in update.change_points]
-    assert 2.5 - 1e-9 <= heavier.t <= 3.0 + 1e-9
+    (changed_update,) = [update for update in c4.updates if "payload" in update.change_points]
+    assert 2.5 - 1e-9 <= changed_update.t <= 3.0 + 1e-9
     before = c4.updates[1].theta[0]  # of the mean, in which mass and a constant force are hard to tell apart
     np.testing.assert_allclose(c4.model.inertial_parameters[0] - before, -0.3, atol=0.05)
 
@@ -111,9 +112,9 @@ def test_label_feedback_is_logged_and_extrapolated():
     f = light_flight("label_feedback").records
     np.testing.assert_allclose(f.correction_weight, 1.0)
     # what F predicts is what labels say, carried ahead along its rate
-    ahead = float(experiment.make_experiment(light.settings(), "label_feedback").controller.predictor.lead_time)
+    lead_time = float(experiment.make_experiment(light.settings(), "label_feedback").controller.predictor.lead_time)
     rate = np.diff(f.innovation_L, axis=0) / float(f.t[1])
-    np.testing.assert_allclose(f.f_L_hat[1:], f.innovation_L[1:] + ahead * rate, atol=1e-9)
+    np.testing.assert_allclose(f.f_L_hat[1:], f.innovation_L[1:] + lead_time * rate, atol=1e-9)
 
 
 # Before the flights ---------------------------------------------------------------------------------------------------
@@ -124,10 +125,10 @@ def test_team_with_too_little_thrust_is_refused():
     weight = 9.81 * (2 * 1.84 + 1.5)
     with pytest.raises(ScenarioError, match="cannot hover") as refused:
         experiment.make_experiments(paper.with_weaker_rotors(weight / 4), ("C1",))
-    said = str(refused.value)
-    assert "front needs 28.35 N of 12.7 N, rear needs 27.88 N of 12.7 N" in said
-    need = float(said.rpartition("need ")[2].split()[0])
-    assert weight + 1.2 < need < weight + 1.2 + 1.5 + 1.55 + 3
+    message = str(refused.value)
+    assert "front needs 28.35 N of 12.7 N, rear needs 27.88 N of 12.7 N" in message
+    required = float(message.rpartition("need ")[2].split()[0])
+    assert weight + 1.2 < required < weight + 1.2 + 1.5 + 1.55 + 3
     with pytest.raises(ScenarioError) as refused:
         experiment.make_experiments(paper.with_weaker_rotors(28.0), ("C1",))
     assert "front needs" in str(refused.value)
@@ -181,11 +182,11 @@ def test_figure_5_bounds_contain_errors_and_decrease(found: dict[str, dict]):
         sigma = paper.flight(case).uncertainty
         np.testing.assert_allclose(sigma.payload_radius[sigma.t < 2], np.tile(before, (100, 1)), rtol=1e-12)
         learned = [case != "C1", case == "C3", case == "C3"]
-        for body, does in zip(bodies, learned, strict=True):
+        for body, is_learned in zip(bodies, learned, strict=True):
             beta = np.array(body["beta"])
             assert (beta <= 2**0.5 * stated.rkhs_norm).all()
-            assert (beta == stated.rkhs_norm).all() != does
-            assert not does or body["tightness_median"] < 20
+            assert (beta == stated.rkhs_norm).all() != is_learned
+            assert not is_learned or body["tightness_median"] < 20
     c1, c3 = (np.linalg.norm(paper.flight(case).uncertainty.payload_radius[-100:, :3], axis=1) for case in ("C1", "C3"))
     assert c3.max() < 0.6 * c1.min()
 
@@ -228,6 +229,6 @@ def test_proposition_1_the_grasp_is_invariant(found: dict[str, dict]):
 
 
 def test_simulation_is_deterministic():
-    plan = paper.paper_experiment("C1")
-    a, b = paper.simulate(plan, 1.0), paper.simulate(plan, 1.0)
+    experiment = paper.paper_experiment("C1")
+    a, b = paper.simulate(experiment, 1.0), paper.simulate(experiment, 1.0)
     assert all(jax.tree.leaves(jax.tree.map(np.array_equal, a.records, b.records)))

@@ -29,14 +29,14 @@ TICKS = 150
 def other_world(of: flight.Experiment, by: float = 1.5) -> SimulatedWorld:
     """Return another world: heavier payload and agents, wind scaled by `by`, sensors without noise."""
     team = of.world.team
-    load = dataclasses.replace(team.payload, mass=1.3 * team.payload.mass, inertia=1.2 * team.payload.inertia)
+    payload = dataclasses.replace(team.payload, mass=1.3 * team.payload.mass, inertia=1.2 * team.payload.inertia)
     (group,) = team.agent_groups
     group = dataclasses.replace(group, mass=1.1 * group.mass, inertia=1.1 * group.inertia)
     mounts = jax.tree.map(lambda x: by * x, (of.world.disturbances.payload, of.world.disturbances.agents))
     sources = dataclasses.replace(of.world.disturbances, payload=mounts[0], agents=mounts[1])
     world = paper_flights.without_noise(of).world
     return dataclasses.replace(
-        world, team=dataclasses.replace(team, payload=load, agent_groups=(group,)), disturbances=sources
+        world, team=dataclasses.replace(team, payload=payload, agent_groups=(group,)), disturbances=sources
     )
 
 
@@ -75,15 +75,15 @@ def simulate_in() -> Any:
 
     @jax.jit
     def run(setup: simulator.LoopConfig, begun: simulator.LoopState, noise: Any) -> Any:
-        def step(loop: simulator.LoopState, now: Any) -> Any:
+        def step(loop: simulator.LoopState, noise_now: Any) -> Any:
             clock = ControlClock(t=loop.tick.astype(setup.dt.dtype) * setup.dt, dt=setup.dt)
-            m, _ = setup.world.measure(loop.world, clock, now)
-            loop, row = simulator.step(setup, loop, now)
+            m, _ = setup.world.measure(loop.world, clock, noise_now)
+            loop, row = simulator.step(setup, loop, noise_now)
             return loop, (loop.controller, row, m)
 
         return jax.lax.scan(step, begun, noise)[1]
 
-    def fly(of: flight.Experiment, world: SimulatedWorld, recorded: Any = None) -> Any:
+    def simulate(of: flight.Experiment, world: SimulatedWorld, recorded: Any = None) -> Any:
         recorder = dataclasses.replace(of.controller.recorder, start=paper_flights.number(0.0))
         of = paper_flights.with_controller(of, recorder=recorder)
         begun = simulator.reset(of.loop_config, of.initial_state)  # one start for all: only the ticks differ
@@ -97,7 +97,7 @@ def simulate_in() -> Any:
         setup = dataclasses.replace(of.loop_config, world=ReplayedWorld(world=world))
         return run(setup, begun, (drawn, recorded, replay))
 
-    return fly
+    return simulate
 
 
 COMMANDS = ("u", "tau", "tau_r", "lam_cmd", "W_d", "f_L_hat", "f_x_hat", "f_w_hat", "f_r_hat", "lam_hat", "R_L_hat")
@@ -106,9 +106,9 @@ COMMANDS += ("eta", "thrust_saturated")
 
 def changed(one: Any, other: Any) -> list[str]:
     """Return the commands and parts of the controller state that differ between two flights."""
-    (memory, row, _), (memory_again, row_again, _) = one, other
+    (state, row, _), (state_again, row_again, _) = one, other
     names = [name for name in COMMANDS if not np.array_equal(getattr(row, name), getattr(row_again, name))]
-    leaves = zip(jax.tree_util.tree_leaves_with_path(memory), jax.tree.leaves(memory_again), strict=True)
+    leaves = zip(jax.tree_util.tree_leaves_with_path(state), jax.tree.leaves(state_again), strict=True)
     return names + [jax.tree_util.keystr(path) for (path, a), b in leaves if not np.array_equal(a, b)]
 
 
@@ -116,24 +116,24 @@ def changed(one: Any, other: Any) -> list[str]:
 def test_commands_depend_only_on_measurements(simulate_in, case):
     """With fixed measurements another world changes neither commands nor controller state."""
     of = paper_experiment(case)
-    stream = simulate_in(of, of.world)[2]
-    flown = memory, row, _ = simulate_in(of, of.world, stream)
+    recorded = simulate_in(of, of.world)[2]
+    flown = state, row, _ = simulate_in(of, of.world, recorded)
     assert all(np.isfinite(x).all() for x in jax.tree.leaves(flown))
-    again = _, row_again, _ = simulate_in(of, other_world(of), stream)
+    again = _, row_again, _ = simulate_in(of, other_world(of), recorded)
     assert changed(flown, again) == []
     # the truths do differ, and the loop was watching: the plant goes elsewhere, data were recorded
     assert np.abs(row.p - row_again.p).max() > 1e-3
     assert np.abs(row.lam - row_again.lam).max() > 0.1
-    assert (int(memory.recorder.payload.n[-1]) > 5) == (case != "C1")
-    assert bool((memory.recorder.agents[0].n[-1] > 5).all()) == (case == "C3")
+    assert (int(state.recorder.payload.n[-1]) > 5) == (case != "C1")
+    assert bool((state.recorder.agents[0].n[-1] > 5).all()) == (case == "C3")
 
 
 @pytest.mark.parametrize("case", ["C1", "C2", "C3"])
 def test_nan_in_the_world_does_not_reach_commands(simulate_in, case):
     of = paper_experiment(case)
-    stream = simulate_in(of, of.world)[2]
-    flown = simulate_in(of, of.world, stream)
-    again = _, row, _ = simulate_in(of, other_world(of, by=np.nan), stream)
+    recorded = simulate_in(of, of.world)[2]
+    flown = simulate_in(of, of.world, recorded)
+    again = _, row, _ = simulate_in(of, other_world(of, by=np.nan), recorded)
     assert changed(flown, again) == []
     assert np.isnan(row.f_x).all()
     assert np.isnan(row.p[1:]).all()
@@ -143,8 +143,8 @@ def test_other_measurements_change_commands(simulate_in):
     """The tests above can fail: without the recording the other world changes the commands."""
     of = paper_experiment("C3")
     _, row, _ = simulate_in(of, of.world)
-    _, seen, _ = simulate_in(of, other_world(of))
-    assert np.abs(row.u - seen.u).max() > 0.1
+    _, row_measured, _ = simulate_in(of, other_world(of))
+    assert np.abs(row.u - row_measured.u).max() > 0.1
 
 
 @pytest.mark.long
@@ -154,9 +154,11 @@ def test_calibration_rig_is_detected(simulate_in):
     error = jax.tree.map(jnp.zeros_like, zero_residual(of.world.team))
     at_rig = paper_flights.with_controller(of, recorder=recorder.RigRecorder(**vars(of.controller.recorder)))
     at_rig = paper_flights.with_world(at_rig, sensor_models=(sensors.CalibrationRig(label_error=error),))
-    stream = simulate_in(at_rig, at_rig.world)[2]
-    leaks = changed(simulate_in(at_rig, at_rig.world, stream), simulate_in(at_rig, other_world(at_rig), stream))
-    assert leaks == [f".recorder.{name}" for name in ("payload.X", "payload.Y", "agents[0].X", "agents[0].Y")]
+    recorded = simulate_in(at_rig, at_rig.world)[2]
+    differences = changed(
+        simulate_in(at_rig, at_rig.world, recorded), simulate_in(at_rig, other_world(at_rig), recorded)
+    )
+    assert differences == [f".recorder.{name}" for name in ("payload.X", "payload.Y", "agents[0].X", "agents[0].Y")]
 
 
 def test_cases_of_the_paper_have_no_true_values():

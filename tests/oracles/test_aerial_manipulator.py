@@ -71,9 +71,9 @@ def case(request: pytest.FixtureRequest) -> SimpleNamespace:
     rng = np.random.default_rng(seed)
     agent, state = teams.agent(rng, tree), teams.agent_state(rng, tree)
     arrays = take(teams.stack([agent]), 0), take(teams.stack([state]), 0)
-    said = SimpleNamespace(**all_quantities(agent, state))
+    ours = SimpleNamespace(**all_quantities(agent, state))
     return SimpleNamespace(
-        agent=agent, state=state, arrays=arrays, xi=np.r_[arrays[1].omega, arrays[1].r_dot], **vars(said)
+        agent=agent, state=state, arrays=arrays, xi=np.r_[arrays[1].omega, arrays[1].r_dot], **vars(ours)
     )
 
 

@@ -142,12 +142,12 @@ def test_projection_converges_quadratically(structure: tuple) -> None:
 def test_projected_velocities_are_nearest_in_mass_metric(structure: tuple) -> None:
     """`v - M^-1 A^T (A M^-1 A^T)^-1 A v`, dense."""
     team, z = random_team(2, structure)
-    oracle = PinocchioTeam(team)
-    q, v = oracle.coordinates(z)
+    model = PinocchioTeam(team)
+    q, v = model.coordinates(z)
     fast = v + np.random.default_rng(3).normal(size=v.shape)
-    M, A = oracle.mass_matrix(q), oracle.jacobian(q)
+    M, A = model.mass_matrix(q), model.jacobian(q)
     nearest = fast - np.linalg.solve(M, A.T @ np.linalg.solve(A @ np.linalg.solve(M, A.T), A @ fast))
-    expected, found = oracle.state(z, nearest), project(team, oracle.state(z, fast))
+    expected, found = model.state(z, nearest), project(team, model.state(z, fast))
     for a, b in zip(jax.tree.leaves(found), jax.tree.leaves(expected), strict=True):
         np.testing.assert_allclose(a, b, atol=1e-10)
 

@@ -52,8 +52,8 @@ def test_optimum_at_equal_budget(seed):
             return -value[0], -gradient[0]
 
         options = {"maxiter": 100, "ftol": 1e-8, "gtol": 1e-4}
-        oracle = minimize(negative, start, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
-        assert found.log_likelihood[i] >= -oracle.fun - 0.05
+        peer = minimize(negative, start, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
+        assert found.log_likelihood[i] >= -peer.fun - 0.05
 
 
 def test_append_equals_gpytorch_fantasy_model():

@@ -71,12 +71,12 @@ def test_force_balance_holds_with_mujoco_accelerations(structure: tuple, seed: i
 def test_contact_forces_follow_the_stated_softness(structure: tuple, seed: int) -> None:
     """`(A + S) lam = A lam_rigid`, with A and the rigid forces from Pinocchio and S as documented by MuJoCo."""
     team, z, inputs, f = forced_team(structure, seed)
-    plant, oracle = mujoco_plant.mujoco_plant(team, z), PinocchioTeam(team)
+    plant, model = mujoco_plant.mujoco_plant(team, z), PinocchioTeam(team)
     lam = grasp.stack_contacts(in_mujoco(plant, team, z, inputs, f)[1])
-    q, _ = oracle.coordinates(z)
-    J = oracle.jacobian(q)
-    A, S = J @ np.linalg.solve(oracle.mass_matrix(q), J.T), np.diag(plant.host.data.efc_R)
-    rigid = oracle.accelerate(z, inputs, f).lam
+    q, _ = model.coordinates(z)
+    J = model.jacobian(q)
+    A, S = J @ np.linalg.solve(model.mass_matrix(q), J.T), np.diag(plant.host.data.efc_R)
+    rigid = model.accelerate(z, inputs, f).lam
     soft = np.linalg.solve(A + S, A @ rigid.ravel()).reshape(-1, 3)
     np.testing.assert_allclose(lam, soft, rtol=0, atol=SOLVED * np.abs(soft).max())
 

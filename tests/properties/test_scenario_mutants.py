@@ -42,9 +42,9 @@ def test_mutated_file_is_accepted_or_refused_with_lines(first, tmp_path, alarm):
         except ScenarioError as error:
             refused += 1
             lines = str(error).splitlines()
-            told = [line for line in lines if re.match(rf"{re.escape(str(path))}:[1-9]\d*: \S", line)]
-            assert told, seed
-            assert len(lines) - len(told) <= lines[-1].startswith("and "), (seed, lines)
+            reported = [line for line in lines if re.match(rf"{re.escape(str(path))}:[1-9]\d*: \S", line)]
+            assert reported, seed
+            assert len(lines) - len(reported) <= lines[-1].startswith("and "), (seed, lines)
             assert len(str(error)) < 100_000, seed
             str(error).encode()  # can be printed
     assert refused > EACH // 4  # the mutants are broken

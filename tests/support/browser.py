@@ -92,10 +92,10 @@ class Page:
         os.write(
             self._write, json.dumps({"id": number, "method": method, "params": parameters} | session).encode() + b"\0"
         )
-        while (said := self._hear()).get("id") != number:
-            self._note(said.get("method", ""), said.get("params", {}))
-        assert "error" not in said, f"{method}: {said['error']}"
-        return said["result"]
+        while (message := self._hear()).get("id") != number:
+            self._note(message.get("method", ""), message.get("params", {}))
+        assert "error" not in message, f"{method}: {message['error']}"
+        return message["result"]
 
     def _hear(self) -> dict[str, Any]:
         while b"\0" not in self._rest:

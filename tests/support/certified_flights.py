@@ -15,12 +15,12 @@ LAST = 4.0  # s, the last update
 
 def of_light_team(updates: tuple[float, ...], duration_s: float) -> Scenario:
     """The shipped scenario, shorter and on a smaller path, with the smallest team, which compiles faster."""
-    given, team = scenario.load_scenario("certified").model_dump(), light.settings().model_dump()
-    given |= {name: team[name] for name in ("agent_types", "agents")} | {"duration_s": duration_s}
-    given["learning"] |= {"update_times_s": updates, "end_s": updates[-1], "max_samples": 12}
-    given["random_residual"] |= {"num_centers": 12, "min_variation": 0.0}
-    given["reference"] |= {"amplitude_m": (0.5, 0.4, 0.2), "ramp_time_s": 2.0}
-    return Scenario.model_validate(given)
+    certified, team = scenario.load_scenario("certified").model_dump(), light.settings().model_dump()
+    certified |= {name: team[name] for name in ("agent_types", "agents")} | {"duration_s": duration_s}
+    certified["learning"] |= {"update_times_s": updates, "end_s": updates[-1], "max_samples": 12}
+    certified["random_residual"] |= {"num_centers": 12, "min_variation": 0.0}
+    certified["reference"] |= {"amplitude_m": (0.5, 0.4, 0.2), "ramp_time_s": 2.0}
+    return Scenario.model_validate(certified)
 
 
 def short() -> Scenario:

@@ -54,58 +54,66 @@ def number(x: float) -> jax.Array:
     return jnp.array(x, dtype=float)
 
 
-def with_controller(plan: Experiment, **parts: Any) -> Experiment:
+def with_controller(base_experiment: Experiment, **parts: Any) -> Experiment:
     """Return the experiment with fields of its controller replaced."""
-    return dataclasses.replace(plan, controller=dataclasses.replace(plan.controller, **parts))
+    return dataclasses.replace(base_experiment, controller=dataclasses.replace(base_experiment.controller, **parts))
 
 
-def with_gains(plan: Experiment, **gains: Any) -> Experiment:
+def with_gains(base_experiment: Experiment, **gains: Any) -> Experiment:
     """Return the experiment with other gains of payload controller and agent controllers."""
-    new = dataclasses.replace(plan.controller.payload_controller.gains, **gains)
-    leader, realizer = (
+    new = dataclasses.replace(base_experiment.controller.payload_controller.gains, **gains)
+    payload_controller, agent_controller = (
         dataclasses.replace(part, gains=new)
-        for part in (plan.controller.payload_controller, plan.controller.agent_controller)
+        for part in (base_experiment.controller.payload_controller, base_experiment.controller.agent_controller)
     )
-    return with_controller(plan, payload_controller=leader, agent_controller=realizer)
+    return with_controller(base_experiment, payload_controller=payload_controller, agent_controller=agent_controller)
 
 
-def with_filters(plan: Experiment, **filters: Any) -> Experiment:
+def with_filters(base_experiment: Experiment, **filters: Any) -> Experiment:
     """Return the experiment with other onboard filters."""
-    of = plan.controller.estimator
-    return with_controller(plan, estimator=dataclasses.replace(of, filters=dataclasses.replace(of.filters, **filters)))
+    of = base_experiment.controller.estimator
+    return with_controller(
+        base_experiment, estimator=dataclasses.replace(of, filters=dataclasses.replace(of.filters, **filters))
+    )
 
 
-def with_internal(plan: Experiment, **parts: Any) -> Experiment:
+def with_internal(base_experiment: Experiment, **parts: Any) -> Experiment:
     """Return the experiment with another internal force."""
-    of = plan.controller.allocator
-    return with_controller(plan, allocator=dataclasses.replace(of, internal=dataclasses.replace(of.internal, **parts)))
+    of = base_experiment.controller.allocator
+    return with_controller(
+        base_experiment, allocator=dataclasses.replace(of, internal=dataclasses.replace(of.internal, **parts))
+    )
 
 
-def with_world(plan: Experiment, **parts: Any) -> Experiment:
+def with_world(base_experiment: Experiment, **parts: Any) -> Experiment:
     """Return the experiment with fields of its world replaced."""
-    return dataclasses.replace(plan, world=dataclasses.replace(plan.world, **parts))
+    return dataclasses.replace(base_experiment, world=dataclasses.replace(base_experiment.world, **parts))
 
 
-def without_noise(plan: Experiment) -> Experiment:
+def without_noise(base_experiment: Experiment) -> Experiment:
     """Return the experiment with sensors without noise and bias; their bandwidth is unchanged."""
-    sensors = jax.tree.map(jnp.zeros_like, plan.world.sensors)
-    sensors = dataclasses.replace(sensors, tip_force_bandwidth=plan.world.sensors.tip_force_bandwidth)
-    return with_world(plan, sensors=sensors, tip_force_bias=jax.tree.map(jnp.zeros_like, plan.world.tip_force_bias))
+    sensors = jax.tree.map(jnp.zeros_like, base_experiment.world.sensors)
+    sensors = dataclasses.replace(sensors, tip_force_bandwidth=base_experiment.world.sensors.tip_force_bandwidth)
+    return with_world(
+        base_experiment,
+        sensors=sensors,
+        tip_force_bias=jax.tree.map(jnp.zeros_like, base_experiment.world.tip_force_bias),
+    )
 
 
-def with_exact_sensors(plan: Experiment) -> Experiment:
+def with_exact_sensors(base_experiment: Experiment) -> Experiment:
     """Return the experiment without noise and with measured poses and velocities instead of estimates."""
-    return with_filters(without_noise(plan), complementary=number(1e6), joint=number(200.0))
+    return with_filters(without_noise(base_experiment), complementary=number(1e6), joint=number(200.0))
 
 
-def with_nominal_world(plan: Experiment) -> Experiment:
+def with_nominal_world(base_experiment: Experiment) -> Experiment:
     """Return the experiment with the nominal team in the world, so that only disturbances are unknown."""
-    return with_world(plan, team=plan.controller.team)
+    return with_world(base_experiment, team=base_experiment.controller.team)
 
 
-def simulate(plan: Experiment, duration: float) -> FlightResult:
+def simulate(base_experiment: Experiment, duration: float) -> FlightResult:
     """Simulate an experiment for some seconds."""
-    return run_experiment(dataclasses.replace(plan, duration=duration))
+    return run_experiment(dataclasses.replace(base_experiment, duration=duration))
 
 
 def states(team: Team, rows: signals.StepRecord) -> tuple[State, tuple[AgentInput, ...]]:
@@ -143,7 +151,7 @@ def _accelerations(
 
 
 def accelerations_and_residuals(
-    plan: Experiment, z: State, inputs: tuple[AgentInput, ...]
+    base_experiment: Experiment, z: State, inputs: tuple[AgentInput, ...]
 ) -> tuple[jax.Array, ResidualForces]:
     """Return the payload's acceleration and the residual of the nominal equations for many states and inputs."""
     n = len(z.payload.p)
@@ -151,7 +159,7 @@ def accelerations_and_residuals(
     for first in range(0, n, ROOM):  # in pieces of one size: one program
         pick = np.minimum(np.arange(first, first + ROOM), n - 1)
         piece = jax.tree.map(lambda x, pick=pick: x[pick], (z, inputs))
-        parts.append(_accelerations(plan.world, plan.controller.team, *piece))
+        parts.append(_accelerations(base_experiment.world, base_experiment.controller.team, *piece))
     return jax.tree.map(lambda *x: jnp.concatenate(x)[:n], *parts)
 
 

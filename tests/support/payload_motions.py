@@ -36,11 +36,11 @@ def moving_reference_team(seed: int) -> tuple[Team, State]:
     """Return the reference team at about 1 m/s and 1 rad/s with every admissible velocity excited."""
     team = teams.reference_team()
     z = contact_dynamics.consistent_initial_state(team, teams.reference_guess())
-    oracle, rng = PinocchioTeam(team), np.random.default_rng(seed)
-    q, v = oracle.coordinates(z)
-    A = oracle.jacobian(q)
+    model, rng = PinocchioTeam(team), np.random.default_rng(seed)
+    q, v = model.coordinates(z)
+    A = model.jacobian(q)
     v = v + rng.normal(size=v.shape)
-    return team, oracle.state(z, v - np.linalg.pinv(A) @ (A @ v))
+    return team, model.state(z, v - np.linalg.pinv(A) @ (A @ v))
 
 
 def energy(team: Team, z: State) -> tuple[jax.Array, jax.Array]:
@@ -217,11 +217,11 @@ def gradient_errors(team: Team, z: State, seed: int, steps: int, hover: float = 
     turns = tuple(jnp.array(0.1 * rng.normal(size=(2, *a.omega.shape))) for a in z.agents)
     case = (team, z, *forced(team, seed, hover), turns, jnp.array(rng.normal(size=3)))
     forward, reverse = float(_forward(case, steps=steps)), float(_reverse(case, steps=steps))
-    expected, doubt = differences(lambda s: float(_value(jnp.array(s), case, steps=steps)))
+    expected, error_estimate = differences(lambda s: float(_value(jnp.array(s), case, steps=steps)))
     return {
         "forward": abs(forward / expected - 1),
         "reverse": abs(reverse / expected - 1),
-        "doubt": abs(doubt / expected),
+        "doubt": abs(error_estimate / expected),
         "derivative": expected,
     }
 
@@ -232,14 +232,14 @@ def differences(value: Callable[[float], float]) -> tuple[float, float]:
     One step size would be wrong by curvature where the motion is lively, by rounding where it is not.
     """
     table: list[list[float]] = []
-    best, doubt = 0.0, np.inf
+    best, error_estimate = 0.0, np.inf
     for i in range(12):
         h = 1e-3 / 2**i
         row = [(value(h) - value(-h)) / (2 * h)]
         for j, above in enumerate(table[-1] if table else []):
             row.append((4 ** (j + 1) * row[j] - above) / (4 ** (j + 1) - 1))
             error = max(abs(row[-1] - row[j]), abs(row[-1] - above))
-            if error < doubt:
-                best, doubt = row[-1], error
+            if error < error_estimate:
+                best, error_estimate = row[-1], error
         table.append(row)
-    return best, doubt
+    return best, error_estimate

@@ -11,8 +11,8 @@ from tests.support import paper_flights as paper
 
 def test_report_has_slowest_mode_and_thrust_margin():
     """The report states the slowest mode and the remaining thrust."""
-    plan = {"C1": paper.paper_experiment("C1")}
-    ahead = feasibility.assess_feasibility(paper.SETTINGS, plan)
+    c1 = {"C1": paper.paper_experiment("C1")}
+    ahead = feasibility.assess_feasibility(paper.SETTINGS, c1)
     assert ahead.warnings == ()
     assert ahead.summary["slowest_mode"]["stable"]
     assert ahead.summary["slowest_mode"]["rad_s"][0] < 0

@@ -106,8 +106,8 @@ def test_posture_is_tuned_only_for_redundant_arms():
 
 
 def test_gains_are_scaled_and_written_with_three_digits():
-    given = light.settings(control=light.SAMPLE.control.model_copy(update={"K_p": (5.0, 5.0, 6.0)}))
-    control = gain_tuning.scale_gains(given, np.log([1.1111, 1, 1, 1, 2, 0.5])).control
+    settings = light.settings(control=light.SAMPLE.control.model_copy(update={"K_p": (5.0, 5.0, 6.0)}))
+    control = gain_tuning.scale_gains(settings, np.log([1.1111, 1, 1, 1, 2, 0.5])).control
     assert control.K_p == (6.17, 6.17, 7.41)
     assert control.K_v == (4.67, 4.67, 4.67)
     assert (control.agent_k_R, control.agent_k_omega) == (1000.0, 28.0)
@@ -159,7 +159,7 @@ def test_unstable_or_failed_designs_have_no_cost(monkeypatch: pytest.MonkeyPatch
     """Unstable designs are not simulated; terminated or saturated simulations have no cost."""
     of = light_design()
     flight = flight_module.run_experiment(of.experiment)
-    for change, said in (
+    for change, outcome in (
         ({"termination_reason": "limit exceeded"}, "lost"),
         (
             {
@@ -171,13 +171,13 @@ def test_unstable_or_failed_designs_have_no_cost(monkeypatch: pytest.MonkeyPatch
         ),
     ):
         monkeypatch.setattr(gain_tuning, "run_experiment", lambda _plan, c=change: dataclasses.replace(flight, **c))
-        assert gain_tuning.simulate_cost(of) == said
-    known = gain_tuning.FlightCost(of, 0.1)
+        assert gain_tuning.simulate_cost(of) == outcome
+    known_cost = gain_tuning.FlightCost(of, 0.1)
     monkeypatch.setattr(
         gain_tuning, "run_experiment", lambda _plan: dataclasses.replace(flight, termination_reason="near it")
     )
     rates, slopes = gain_tuning._mode_gradients(of)
-    np.testing.assert_allclose(gain_tuning._flight_gradients(known)[1], (0.1 / rates**2)[:, None] * slopes)
+    np.testing.assert_allclose(gain_tuning._flight_gradients(known_cost)[1], (0.1 / rates**2)[:, None] * slopes)
     monkeypatch.setattr(gain_tuning, "run_experiment", lambda _plan: pytest.fail("flown"))
     grows = dataclasses.replace(of, step_jacobian=np.eye(len(of.step_jacobian)) * 1.01)
     assert gain_tuning.simulate_cost(grows) == "grows"
@@ -197,11 +197,11 @@ def test_tune_simulates_from_the_better_start(monkeypatch: pytest.MonkeyPatch):
 
     If the fastest design of stage one fails in simulation, stage two starts from the first.
     """
-    given, known = (
+    settings, known_cost = (
         light.settings(),
         {field.name: getattr(light_design(), field.name) for field in dataclasses.fields(gain_tuning.LoopDesign)},
     )
-    fake = lambda to: Fake(**known | {"settings": to})  # noqa: E731
+    fake = lambda to: Fake(**known_cost | {"settings": to})  # noqa: E731
     K = lambda of: (float(of.settings.control.K_p[0]), float(of.settings.control.K_v[0]))  # noqa: E731
 
     def slopes(of: Any) -> gain_tuning.Slopes:
@@ -215,11 +215,11 @@ def test_tune_simulates_from_the_better_start(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(gain_tuning, "_max_frequency_ratio", lambda _of: gain_tuning.MAX_GAIN_RATIO)
     monkeypatch.setattr(gain_tuning, "_mode_gradients", slopes)
     monkeypatch.setattr(gain_tuning, "_flight_gradients", flown_slopes)
-    for lost_above in (np.inf, 1.2 * given.control.K_v[0]):
+    for lost_above in (np.inf, 1.2 * settings.control.K_v[0]):
         flies = lambda of, most=lost_above: gain_tuning.FlightCost(of, 1 / K(of)[0]) if K(of)[1] <= most else "lost"  # noqa: E731
         monkeypatch.setattr(gain_tuning, "simulate_cost", flies)
-        first, best, spent = gain_tuning.tune(given)
-        assert first.settings == given
+        first, best, spent = gain_tuning.tune(settings)
+        assert first.settings == settings
         start, end = flies(first), flies(best)
         assert isinstance(start, gain_tuning.FlightCost)
         assert isinstance(end, gain_tuning.FlightCost)
@@ -227,8 +227,8 @@ def test_tune_simulates_from_the_better_start(monkeypatch: pytest.MonkeyPatch):
         assert 2 < spent.simulations <= gain_tuning.MAX_SIMULATIONS
         assert spent.simulations < spent.linearizations <= gain_tuning.MAX_LINEARIZATIONS + gain_tuning.MAX_SIMULATIONS
     monkeypatch.setattr(gain_tuning, "simulate_cost", lambda _of: "lost")
-    _, best, spent = gain_tuning.tune(given)
-    assert best.cost == pytest.approx(-4 * given.control.K_v[0], rel=0.01)
+    _, best, spent = gain_tuning.tune(settings)
+    assert best.cost == pytest.approx(-4 * settings.control.K_v[0], rel=0.01)
     assert spent.simulations == 2
 
 
@@ -237,7 +237,9 @@ def test_posture_bound_depends_on_stability(monkeypatch: pytest.MonkeyPatch):
     more.
     """
     monkeypatch.setattr(gain_tuning, "_max_frequency_ratio", lambda _of: 0.5)
-    known = {field.name: getattr(light_design(), field.name) for field in dataclasses.fields(gain_tuning.LoopDesign)}
+    known_cost = {
+        field.name: getattr(light_design(), field.name) for field in dataclasses.fields(gain_tuning.LoopDesign)
+    }
 
     class At(gain_tuning.LoopDesign):
         cost = -1.0
@@ -246,7 +248,7 @@ def test_posture_bound_depends_on_stability(monkeypatch: pytest.MonkeyPatch):
         cost = 1.0
 
     for name, kind, most in (("beam", At, 0.0), ("beam", Growing, gain_tuning.MAX_GAIN_RATIO), ("trio", At, None)):
-        low, high = gain_tuning.search_bounds(kind(**known | {"settings": scenario.load_scenario(name)}))
+        low, high = gain_tuning.search_bounds(kind(**known_cost | {"settings": scenario.load_scenario(name)}))
         assert (low == -gain_tuning.MAX_GAIN_RATIO).all()
         assert high[0] == 0.5
         assert (high[1:6] == gain_tuning.MAX_GAIN_RATIO).all()
@@ -263,9 +265,11 @@ def test_search_never_exceeds_its_budget():
 
     for most in range(4, 40):
         at = lambda _steps: Chance(rng.normal())  # noqa: E731
-        known = lambda _of: (np.zeros(1), rng.normal(size=(1, 2)))  # noqa: E731
+        known_cost = lambda _of: (np.zeros(1), rng.normal(size=(1, 2)))  # noqa: E731
         bounds = (-np.ones(2), np.ones(2))
-        _, _, used = gain_tuning.minimize(Chance(0.0), at, known, np.zeros(2), bounds, np.array([False, True]), most)
+        _, _, used = gain_tuning.minimize(
+            Chance(0.0), at, known_cost, np.zeros(2), bounds, np.array([False, True]), most
+        )
         assert used <= most
 
 
@@ -315,9 +319,9 @@ def test_command_writes_scenario_without_overwriting(tmp_path: Path, monkeypatch
         lambda _settings, _say, _better: (light_design(), after, gain_tuning.EvaluationBudget(9, 2)),
     )
     out = tmp_path / "tuned.yaml"
-    said = CliRunner().invoke(app, ["tune", str(made), "--out", str(out), "--json"])
-    assert said.exit_code == 0, said.stderr
-    found = json.loads(said.stdout)
+    outcome = CliRunner().invoke(app, ["tune", str(made), "--out", str(out), "--json"])
+    assert outcome.exit_code == 0, outcome.stderr
+    found = json.loads(outcome.stdout)
     assert found["after"]["e_p_C1_m"] == pytest.approx(found["before"]["e_p_C1_m"] / np.exp(0.2), rel=1e-2)
     assert scenario.load_scenario(out) == after.settings
     before = out.read_bytes()

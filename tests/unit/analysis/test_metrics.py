@@ -27,8 +27,8 @@ CONTACTS = [np.array(c) for agent in paper.SETTINGS.agents for c in agent.contac
 
 def with_rows(rows: StepRecord, **signals: np.ndarray | None) -> StepRecord:
     """Return the log with some signals replaced or omitted, with the shapes that `Row` states."""
-    given = jax.tree.map(jnp.asarray, signals)
-    return jax.tree.map(np.array, dataclasses.replace(jax.tree.map(jnp.asarray, rows), **given))
+    arrays = jax.tree.map(jnp.asarray, signals)
+    return jax.tree.map(np.array, dataclasses.replace(jax.tree.map(jnp.asarray, rows), **arrays))
 
 
 def flight(seed: int, shape: flights.Shape = SHAPE, **rows: np.ndarray) -> FlightResult:
@@ -37,11 +37,11 @@ def flight(seed: int, shape: flights.Shape = SHAPE, **rows: np.ndarray) -> Fligh
     attitudes = Rotation.random(shape.time, random_state=seed).as_matrix()
     made = with_rows(flights.rows(rng, shape), **({"R_L_hat": attitudes, "R_L": attitudes} | rows))
     beta = [rng.uniform(1, 5, (n, 6 + joints)) for n, joints, _ in shape.groups]
-    oracle = paper.paper_experiment("C1").controller.residual_model
+    model = paper.paper_experiment("C1").controller.residual_model
     bands = confidence_bounds.ConfidenceBands(
-        bound_posterior=oracle, payload_beta=jnp.arange(6.0), agent_beta=tuple(jnp.asarray(b) for b in beta)
+        bound_posterior=model, payload_beta=jnp.arange(6.0), agent_beta=tuple(jnp.asarray(b) for b in beta)
     )
-    held = prediction_uncertainty.ModelInterval(start_tick=0, model=oracle, bands=bands)
+    held = prediction_uncertainty.ModelInterval(start_tick=0, model=model, bands=bands)
     return FlightResult(
         records=made,
         uncertainty=flights.sigma(rng, shape),
@@ -143,8 +143,8 @@ def test_correlation_is_pearson_and_none_for_constants():
     assert found["after_first_update"] is None, "nothing was learned"
     e_p = np.zeros_like(made.records.e_p)
     e_p[at, 0] = 0.1 + 2 * np.linalg.norm(made.uncertainty.payload_std, axis=1)
-    told = dataclasses.replace(made, records=with_rows(made.records, e_p=e_p))
-    assert metrics.correlations(told)["sigma_L_e_p"]["run"] == pytest.approx(1.0, abs=1e-12)
+    logged = dataclasses.replace(made, records=with_rows(made.records, e_p=e_p))
+    assert metrics.correlations(logged)["sigma_L_e_p"]["run"] == pytest.approx(1.0, abs=1e-12)
     flat = dataclasses.replace(made.uncertainty, payload_std=np.ones_like(made.uncertainty.payload_std))
     assert metrics.correlations(dataclasses.replace(made, uncertainty=flat))["sigma_L_e_p"]["run"] is None
 
@@ -182,8 +182,8 @@ def test_miscoverage_of_errors_with_stated_std_is_nominal(listens):
     f_L = rows.f_L_hat.copy()
     f_L[at] += s * rng.normal(size=s.shape)
     f_x = rows.f_x_hat + 0.5
-    told = dataclasses.replace(made, records=with_rows(rows, f_L=f_L, f_x=f_x))
-    found = metrics.miscoverage(told)
+    logged = dataclasses.replace(made, records=with_rows(rows, f_L=f_L, f_x=f_x))
+    found = metrics.miscoverage(logged)
     np.testing.assert_allclose(found["payload"]["share"], 0.05, atol=0.02)
     np.testing.assert_allclose(found["payload"]["error_over_deviation"], 1.0, atol=0.05)
     group, label = sigma.agent_std[0][..., :3], sigma.agent_label_bias[0][..., :3]
@@ -292,8 +292,8 @@ def test_too_long_step_is_reported_with_time_and_size():
     fine = np.full(SHAPE.time, 9e-10)
     assert metrics.warn_step_size(with_rows(rows, Phi_dot=fine)) == ""
     fine[[100, 150, 200]] = 2e-9, 3e-7, 4e-8
-    said = metrics.warn_step_size(with_rows(rows, Phi_dot=fine))
-    assert "from t = 0.200 s" in said
-    assert "up to 3e-07 m/s, at t = 0.300 s" in said
+    warning = metrics.warn_step_size(with_rows(rows, Phi_dot=fine))
+    assert "from t = 0.200 s" in warning
+    assert "up to 3e-07 m/s, at t = 0.300 s" in warning
     found = metrics.summary(flight(8, Phi_dot=fine), TRUTH, NOMINAL)
-    assert found["warnings"] == [said]
+    assert found["warnings"] == [warning]

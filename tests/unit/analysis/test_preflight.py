@@ -56,18 +56,18 @@ def test_shipped_team_passes_all_checks():
 @pytest.mark.long
 def test_unstable_mode_fails_and_advice_stabilizes_it():
     """An unstable mode fails the check, and the advised change stabilizes it."""
-    wild = found("wild")
-    assert not wild.passed
-    bad, also = [each for each in wild.findings if each.advice]
+    unstable = found("wild")
+    assert not unstable.passed
+    bad, also = [each for each in unstable.findings if each.advice]
     assert (bad.subject, also.subject) == ("mode", "learned")
     assert also.values["rad_s"] != bad.values["rad_s"]  # it rests elsewhere
     assert "unstable" in bad.message
     assert re.search(r"moves n\d in (roll|pitch|yaw)", bad.message)
-    assert not any(each.subject == "delay" for each in wild.findings)
+    assert not any(each.subject == "delay" for each in unstable.findings)
     (rate,) = re.fullmatch(r"--set control\.agent_k_omega=28\.0 yields ([+-]\S+) rad/s", bad.advice[0]).groups()
     assert float(rate) == pytest.approx(finding(found("good"), "mode").values["rad_s"][0], abs=1e-2)
-    assert float(rate) < 0 < finding(wild, "mode").values["rad_s"][0]
-    assert wild.format_report()[-1] == "sample: failed: mode, learned"
+    assert float(rate) < 0 < finding(unstable, "mode").values["rad_s"][0]
+    assert unstable.format_report()[-1] == "sample: failed: mode, learned"
 
 
 @pytest.mark.long
@@ -89,9 +89,11 @@ def test_unknown_delay_margin_is_no_failure(monkeypatch: pytest.MonkeyPatch):
         raise ValueError("the controller state does not determine every command independently")
 
     monkeypatch.setattr(stability, "delay_margin", unknown)
-    said = preflight._delay(light.settings(), {}, np.eye(1), print)
-    assert said.message.endswith("is not known: the controller state does not determine every command independently")
-    assert (said.advice, said.values) == ((), {"margin_s": None})
+    finding_ = preflight._delay(light.settings(), {}, np.eye(1), print)
+    assert finding_.message.endswith(
+        "is not known: the controller state does not determine every command independently"
+    )
+    assert (finding_.advice, finding_.values) == ((), {"margin_s": None})
 
 
 def test_thrust_of_constant_reference_is_hover_thrust():
@@ -99,10 +101,10 @@ def test_thrust_of_constant_reference_is_hover_thrust():
     still = light.settings(
         reference=light.SAMPLE.reference.model_copy(update={"amplitude_m": (0.0, 0.0, 0.0)}), **NO_WIND
     )
-    plan = experiment.make_experiment(still, "C1")
-    truth = plan.world.team
-    path = preflight.thrust_profile(plan, initial_states.equilibrium_state(still, truth), np.array([0.0, 7.0]))
-    hover = termination.true_hover_thrust(still, truth, plan.controller, plan.world.disturbances)
+    c1 = experiment.make_experiment(still, "C1")
+    truth = c1.world.team
+    path = preflight.thrust_profile(c1, initial_states.equilibrium_state(still, truth), np.array([0.0, 7.0]))
+    hover = termination.true_hover_thrust(still, truth, c1.controller, c1.world.disturbances)
     np.testing.assert_allclose(path, [hover, hover], rtol=1e-12)
 
 
@@ -112,10 +114,10 @@ def test_thrust_along_reference_accelerates_all_masses():
         update={"amplitude_m": (0.0, 0.0, 0.3), "rotation_amplitude_deg": (0.0, 0.0, 0.0)}
     )
     settings = light.settings(reference=up, **NO_WIND)
-    plan = experiment.make_experiment(settings, "C1")
+    c1 = experiment.make_experiment(settings, "C1")
     t = np.linspace(0, 10, 7)
-    need = preflight.thrust_profile(plan, initial_states.equilibrium_state(settings, plan.world.team), t).sum(1)
-    a = np.array([plan.controller.reference.evaluate(jnp.asarray(x)).a[2] for x in t])
+    need = preflight.thrust_profile(c1, initial_states.equilibrium_state(settings, c1.world.team), t).sum(1)
+    a = np.array([c1.controller.reference.evaluate(jnp.asarray(x)).a[2] for x in t])
     np.testing.assert_allclose(need, 6.0 * (9.81 + a), rtol=1e-9)
     assert np.ptp(a) > 0.1
 
@@ -147,8 +149,8 @@ def test_no_contact_advice_without_thrust_reserve(monkeypatch: pytest.MonkeyPatc
 
 def test_equal_agents_are_summarized():
     many = scenario.parse(template.scenario_template("many", 12, 0), "many.yaml")
-    said = preflight._mass(many, *team.team(many)).message
-    assert "12 agents from agent_1 to agent_12 of 1.5 kg each" in said
+    finding_ = preflight._mass(many, *team.team(many)).message
+    assert "12 agents from agent_1 to agent_12 of 1.5 kg each" in finding_
 
 
 def test_straight_arms_are_reported_with_contacts(monkeypatch: pytest.MonkeyPatch):
@@ -182,13 +184,13 @@ def test_straight_nominal_posture_uses_no_label_rate():
     """Agents with a straight nominal posture, or without weight, use no label rates."""
     changes = [f"agent_types.two_arms.joints.{joint}.nominal_position_rad=0" for joint in ("left", "right")]
     straight = scenario.load_scenario("paper", changes)  # their contacts bend them: the team can be built
-    (said,) = preflight._labels(straight, team.team(straight)[1])
-    assert "front has straight arms at its nominal joint positions" in said.message
-    assert "use none" in said.message
-    json.dumps(said.values, allow_nan=False)
+    (finding_,) = preflight._labels(straight, team.team(straight)[1])
+    assert "front has straight arms at its nominal joint positions" in finding_.message
+    assert "use none" in finding_.message
+    json.dumps(finding_.values, allow_nan=False)
     falling = scenario.load_scenario("paper", ["gravity_mps2=[0, 0, 0]"])
-    (said,) = preflight._labels(falling, team.team(falling)[1])
-    assert "front has no weight" in said.message
+    (finding_,) = preflight._labels(falling, team.team(falling)[1])
+    assert "front has no weight" in finding_.message
 
 
 def no_rest(*_: object) -> None:
@@ -232,9 +234,9 @@ def test_command_prints_findings_and_sets_status(monkeypatch: pytest.MonkeyPatch
     bad = dataclasses.replace(good, findings=(*rest, dataclasses.replace(last, advice=("another gain",))))
     for here, status in [(good, 0), (bad, 1)]:
         monkeypatch.setattr(preflight, "run_preflight", lambda _settings, _say, here=here: here)
-        said = CliRunner().invoke(app, ["check", "paper"])
-        assert said.exit_code == status
-        assert said.stdout.splitlines() == here.format_report()
+        finding_ = CliRunner().invoke(app, ["check", "paper"])
+        assert finding_.exit_code == status
+        assert finding_.stdout.splitlines() == here.format_report()
         data = CliRunner().invoke(app, ["check", "paper", "--json"])
         assert data.exit_code == status
         assert json.loads(data.stdout) == json.loads(json.dumps(here.summary))
@@ -302,19 +304,19 @@ def test_posture_advice_lists_changes_that_speed_joints_up(monkeypatch, rates, a
         return two_modes(rate, 1.0, 0.1)
 
     monkeypatch.setattr(remedies, "modes_at_equilibrium", at_rest)
-    said = remedies.posture_changes(beam, 1.0, "agent_2/shoulder", lambda _what: None)
-    assert len(said) == len(advice)
-    assert all(part in line for part, line in zip(advice, said, strict=True))
+    finding_ = remedies.posture_changes(beam, 1.0, "agent_2/shoulder", lambda _what: None)
+    assert len(finding_) == len(advice)
+    assert all(part in line for part, line in zip(advice, finding_, strict=True))
 
 
 def test_large_label_loop_gain_is_reported():
     """Agents with a large label loop gain are reported; others are not."""
-    quiet, loud = scenario.load_scenario("trio"), scenario.load_scenario("seven")
-    assert not list(preflight._labels(quiet, team.team(quiet)[1]))
-    (said,) = preflight._labels(loud, team.team(loud)[1])
+    small_gain, large_gain = scenario.load_scenario("trio"), scenario.load_scenario("seven")
+    assert not list(preflight._labels(small_gain, team.team(small_gain)[1]))
+    (finding_,) = preflight._labels(large_gain, team.team(large_gain)[1])
     assert (
-        said.message == "agent_1 has a label loop gain of 0.78: cases with label feedback use 43% of its "
+        finding_.message == "agent_1 has a label loop gain of 0.78: cases with label feedback use 43% of its "
         "label rates and respond later to gusts"
     )
-    assert not said.advice
-    assert set(said.values["gain"]) == {"agent_1", "agent_2", "agent_3"}
+    assert not finding_.advice
+    assert set(finding_.values["gain"]) == {"agent_1", "agent_2", "agent_3"}

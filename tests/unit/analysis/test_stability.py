@@ -22,10 +22,10 @@ from tests.support import small_team as light
 @functools.cache
 def equilibrium() -> tuple[stability.LoopStateTree, np.ndarray]:
     """Equilibrium of the study and the derivative there."""
-    return stability.equilibrium_and_jacobian(plan(), z())
+    return stability.equilibrium_and_jacobian(study_experiment(), z())
 
 
-def plan(hertz: float = 500.0) -> flight.Experiment:
+def study_experiment(hertz: float = 500.0) -> flight.Experiment:
     return dataclasses.replace(paper.paper_experiment("C1"), dt=1 / hertz)
 
 
@@ -36,7 +36,7 @@ def z() -> State:
 
 @functools.cache
 def at_500_hertz() -> stability.Modes:
-    return stability.modes_at_equilibrium(plan(), z())
+    return stability.modes_at_equilibrium(study_experiment(), z())
 
 
 def simulated(of: flight.Experiment, x: stability.LoopStateTree, d: np.ndarray, ticks: int) -> np.ndarray:
@@ -65,8 +65,8 @@ def test_linearization_predicts_small_disturbances(seed):
     d = np.linalg.matrix_power(M, 5) @ d  # on the grasp, and with what only lasts a tick gone
     d /= np.abs(d).max()
     linear = np.linalg.matrix_power(M, ticks) @ d
-    still = simulated(plan(), x, 0 * d, ticks)  # what is left of motion at the rest
-    off = [np.abs((simulated(plan(), x, h * d, ticks) - still) / h - linear).max() for h in (1e-3, 5e-4)]
+    still = simulated(study_experiment(), x, 0 * d, ticks)  # what is left of motion at the rest
+    off = [np.abs((simulated(study_experiment(), x, h * d, ticks) - still) / h - linear).max() for h in (1e-3, 5e-4)]
     assert off[0] < 0.02 * np.abs(linear).max()
     assert off[1] == pytest.approx(off[0] / 2, rel=0.1)
 
@@ -74,7 +74,7 @@ def test_linearization_predicts_small_disturbances(seed):
 @functools.cache
 def settled() -> signals.StepRecord:
     """Flight with parameter errors only, with a constant reference and without noise."""
-    of = dataclasses.replace(plan(), world=stability._without_disturbances(plan().world))
+    of = dataclasses.replace(study_experiment(), world=stability._without_disturbances(study_experiment().world))
     still = dataclasses.replace(of.controller.reference, amplitude=jnp.zeros(3))
     alone = paper.with_internal(of, eta=jnp.zeros_like(of.controller.allocator.internal.eta))
     return paper.simulate(paper.with_controller(alone, reference=still), 14.0).records
@@ -84,7 +84,7 @@ def settled() -> signals.StepRecord:
 def test_equilibrium_is_where_the_simulation_settles():
     """The simulation settles at the equilibrium, which is off the reference by the effect of the unknown weight."""
     x, M = equilibrium()
-    assert np.abs(simulated(plan(), x, np.zeros(len(M)), 1)).max() < 1e-8
+    assert np.abs(simulated(study_experiment(), x, np.zeros(len(M)), 1)).max() < 1e-8
     rows = settled()
     np.testing.assert_allclose(x[".world.state.payload.p"], rows.p[-1], atol=1e-5)
     np.testing.assert_allclose(x[".world.state.payload.R"], rows.R_L[-1], atol=1e-5)
@@ -113,7 +113,7 @@ def test_stateful_payload_controller_adds_modes():
 
     with_integral = stability.modes_at_equilibrium(
         paper.with_controller(
-            plan(), payload_controller=paper.paper_experiment("integral").controller.payload_controller
+            study_experiment(), payload_controller=paper.paper_experiment("integral").controller.payload_controller
         ),
         z(),
     )
@@ -128,7 +128,7 @@ def test_slow_control_rate_is_unstable(monkeypatch):
     The loop as it flies follows the mode that grows, for as long as it is small.
     """
     monkeypatch.setattr(flight, "CHUNK_DURATION", 12.5)  # as many ticks as half a second has at 500 Hz: one program
-    slow = plan(20.0)
+    slow = study_experiment(20.0)
     x, M = stability.equilibrium_and_jacobian(slow, z())
     found = stability.modes_at_equilibrium(slow, z())
     assert not found.stable
@@ -145,7 +145,7 @@ def test_slow_control_rate_is_unstable(monkeypatch):
 def test_missing_equilibrium_is_reported():
     nowhere = dataclasses.replace(paper.paper_experiment("C1").controller.reference, center=jnp.full(3, np.nan))
     with pytest.raises(ValueError, match="no equilibrium near the start of its reference"):
-        stability.modes_at_equilibrium(paper.with_controller(plan(), reference=nowhere), z())
+        stability.modes_at_equilibrium(paper.with_controller(study_experiment(), reference=nowhere), z())
 
 
 def modes_of(y: np.ndarray, dt: float) -> np.ndarray:
@@ -184,15 +184,17 @@ def three_bodies(delay_s: float = 0.0) -> tuple[stability.LoopStateTree, np.ndar
     """Equilibrium and derivative of the smallest team, with a delay of the commands."""
     motors = {"kind": "motors", "bandwidth_Hz": 1e6, "delay_s": delay_s}
     settings = light.settings(actuators=motors)
-    plan = experiment.make_experiment(settings, "C1")
-    return stability.equilibrium_and_jacobian(plan, initial_states.equilibrium_state(settings, plan.world.team))
+    one_experiment = experiment.make_experiment(settings, "C1")
+    return stability.equilibrium_and_jacobian(
+        one_experiment, initial_states.equilibrium_state(settings, one_experiment.world.team)
+    )
 
 
 @pytest.mark.long
 def test_equilibrium_does_not_depend_on_the_start():
-    plan = experiment.make_experiment(light.settings(), "C1")
+    one_experiment = experiment.make_experiment(light.settings(), "C1")
     setup, loop, noise = stability._undisturbed_loop(
-        plan, initial_states.equilibrium_state(light.settings(), plan.world.team)
+        one_experiment, initial_states.equilibrium_state(light.settings(), one_experiment.world.team)
     )
     settled = stability._simulate_settling(setup, loop, noise)
     assert int(settled.tick) == int(loop.tick), "its clock was held"
@@ -213,9 +215,9 @@ def test_delay_margin_is_the_stability_limit():
     ticks = stability.delay_margin(x, M, 25)
     assert 1 <= ticks < 25
     command, world = stability._rows_of(x, r"\.controller\.last_command.*"), stability._rows_of(x, r"\.world.*")
-    memory = np.setdiff1d(np.arange(len(M)), world)
+    controller_rows = np.setdiff1d(np.arange(len(M)), world)
     B = np.zeros((len(M), len(command)))
-    B[world] = M[np.ix_(world, memory)] @ np.linalg.pinv(M[np.ix_(command, memory)])
+    B[world] = M[np.ix_(world, controller_rows)] @ np.linalg.pinv(M[np.ix_(command, controller_rows)])
     appended = [np.linalg.eigvals(stability._append_delay(M, B, M[command], k)) for k in (ticks, ticks + 1)]
     within = np.linalg.eigvals(three_bodies((ticks + 1) / 500)[1])
     slow = [values[np.abs(values) > 0.5] for values in (appended[1], within)]
@@ -260,15 +262,17 @@ def test_delay_margin_of_nearly_unexcited_commands():
     states.
     """
     x, M = three_bodies()
-    sent, world = (stability._rows_of(x, where) for where in (r"\.controller\.last_command\[\d+\]\..*", r"\.world\..*"))
-    memory = np.setdiff1d(np.arange(len(M)), world)
-    U, s, V = np.linalg.svd(M[np.ix_(sent, memory)], full_matrices=False)
+    commands, world = (
+        stability._rows_of(x, where) for where in (r"\.controller\.last_command\[\d+\]\..*", r"\.world\..*")
+    )
+    controller_rows = np.setdiff1d(np.arange(len(M)), world)
+    U, s, V = np.linalg.svd(M[np.ix_(commands, controller_rows)], full_matrices=False)
     s[-1] = 0.9e-7 * s[0]
     M = M.copy()
-    M[np.ix_(sent, memory)] = (U * s) @ V
-    M[np.ix_(sent, world)] -= np.outer(U[:, -1], U[:, -1] @ M[np.ix_(sent, world)])
-    M[np.ix_(sent, world[:1])] += 1.1e-7 * s[0] * U[:, -1:]
-    ranks = [np.linalg.matrix_rank(K, rtol=1e-7) for K in (M[np.ix_(sent, memory)], M[sent])]
+    M[np.ix_(commands, controller_rows)] = (U * s) @ V
+    M[np.ix_(commands, world)] -= np.outer(U[:, -1], U[:, -1] @ M[np.ix_(commands, world)])
+    M[np.ix_(commands, world[:1])] += 1.1e-7 * s[0] * U[:, -1:]
+    ranks = [np.linalg.matrix_rank(K, rtol=1e-7) for K in (M[np.ix_(commands, controller_rows)], M[commands])]
     assert ranks[0] < ranks[1]
     assert np.isfinite(stability.with_input_delay(x, M, 2)).all()
 
@@ -283,10 +287,12 @@ def test_slowest_mode_has_first_order_sensitivity():
             actuators={"kind": "motors", "bandwidth_Hz": 1e6, "delay_s": 0.0},
             control=light.SAMPLE.control.model_copy(update={"k_omega": 14.0 * factor, "agent_k_omega": 28.0 * factor}),
         )
-        plan = experiment.make_experiment(settings, "C1")
-        z = initial_states.equilibrium_state(settings, plan.world.team)
-        true = stability.modes_at_equilibrium(plan, z).slowest_eigenvalue[0]
-        assert abs(stability.predict_growth_rate(plan, z, x, M) - true) < 0.3 * abs(true - now) + 1e-3 * abs(now)
+        one_experiment = experiment.make_experiment(settings, "C1")
+        z = initial_states.equilibrium_state(settings, one_experiment.world.team)
+        true = stability.modes_at_equilibrium(one_experiment, z).slowest_eigenvalue[0]
+        assert abs(stability.predict_growth_rate(one_experiment, z, x, M) - true) < 0.3 * abs(true - now) + 1e-3 * abs(
+            now
+        )
     assert abs(true - now) > 0.02 * abs(now)
 
 
@@ -306,8 +312,8 @@ def test_intermittent_sensors_are_sampled_every_step():
     )
 
     def rates(*extra: sensors.SensorModel) -> np.ndarray:
-        plan = dataclasses.replace(of, world=dataclasses.replace(of.world, sensor_models=extra))
-        return stability.modes_at_equilibrium(plan, of.initial_state).eigenvalues[:12].real  # of the slowest
+        one_experiment = dataclasses.replace(of, world=dataclasses.replace(of.world, sensor_models=extra))
+        return stability.modes_at_equilibrium(one_experiment, of.initial_state).eigenvalues[:12].real  # of the slowest
 
     expected = rates()
     np.testing.assert_allclose(rates(drift, rare), expected, atol=1e-4)
@@ -318,8 +324,8 @@ def test_intermittent_sensors_are_sampled_every_step():
 
 def test_second_moments_are_excluded_from_the_state():
     """At equilibrium they vanish to first order; as coordinates they became negative in the Newton iteration."""
-    carried = stability._select_states(simulator.reset(paper.paper_experiment("label_feedback").loop_config, z()))
-    of_filter = [key for key in carried if ".innovation." in key]
+    states = stability._select_states(simulator.reset(paper.paper_experiment("label_feedback").loop_config, z()))
+    of_filter = [key for key in states if ".innovation." in key]
     assert any(".comovement.label_lowpass." in key for key in of_filter)
     second = (
         "delay_error_ms",
@@ -337,7 +343,7 @@ def test_second_moments_are_excluded_from_the_state():
 @pytest.mark.parametrize("case", ["label_feedback", "adaptive"])
 def test_label_feedback_changes_the_slowest_mode_little(case):
     """The loop with label feedback has an equilibrium and decays like the loop without."""
-    heard = stability.modes_at_equilibrium(paper.paper_experiment(case), z())
-    assert heard.stable
-    alone, slowest = at_500_hertz().eigenvalues[0], heard.eigenvalues[0]  # of a pair either may come first
+    with_labels = stability.modes_at_equilibrium(paper.paper_experiment(case), z())
+    assert with_labels.stable
+    alone, slowest = at_500_hertz().eigenvalues[0], with_labels.eigenvalues[0]  # of a pair either may come first
     np.testing.assert_allclose([slowest.real, abs(slowest.imag)], [alone.real, abs(alone.imag)], rtol=0.2)

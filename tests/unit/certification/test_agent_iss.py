@@ -37,15 +37,15 @@ def test_mismatch_and_acceleration_error_are_linear(structure, seed):
 
     `aligned` gives the lateral part of `f_des` by what it does: the forces that restore the commanded contact forces.
     """
-    job = task(seed, STRUCTURES[structure])
-    rng, inputs = np.random.default_rng(seed), commands(job)
-    _, _, lateral = solve_aligned(job, inputs)
-    unknown = jax.tree.map(lambda x: jnp.asarray(rng.normal(size=x.shape)), job.f)  # f - f_hat
-    felt = jax.tree.map(jnp.add, job.f, unknown)
-    a, lam = accelerate(job.team, job.z, inputs, felt)
+    problem = task(seed, STRUCTURES[structure])
+    rng, inputs = np.random.default_rng(seed), commands(problem)
+    _, _, lateral = solve_aligned(problem, inputs)
+    unknown = jax.tree.map(lambda x: jnp.asarray(rng.normal(size=x.shape)), problem.f)  # f - f_hat
+    total = jax.tree.map(jnp.add, problem.f, unknown)
+    a, lam = accelerate(problem.team, problem.z, inputs, total)
 
     parts, first = [], 0
-    for f, q in zip(unknown.agents, job.z.agents, strict=True):
+    for f, q in zip(unknown.agents, problem.z.agents, strict=True):
         size = len(f.f_x)
         d = lateral[2 * first : 2 * (first + size)].reshape(size, 2)
         tilted = np.einsum("jik,jk->ji", np.asarray(q.R)[:, :, :2], d)
@@ -53,12 +53,12 @@ def test_mismatch_and_acceleration_error_are_linear(structure, seed):
         first += size
     left = np.asarray(linearization.flatten(ResidualForces(agents=tuple(parts), payload=unknown.payload)))
 
-    D, K = (np.asarray(x) for x in agent_iss.algebraic_gain(job.team, job.z))
-    R, c = np.asarray(job.z.payload.R), np.asarray(grasp.contact_points(job.team))
+    D, K = (np.asarray(x) for x in agent_iss.algebraic_gain(problem.team, problem.z))
+    R, c = np.asarray(problem.z.payload.R), np.asarray(grasp.contact_points(problem.team))
     forces = np.concatenate([np.asarray(x).reshape(-1, 3) for x in lam])
-    asked = np.concatenate([np.asarray(share.lam).reshape(-1, 3) for share in job.shares])
-    missed = np.concatenate([(forces - asked).sum(0), np.cross(c, (forces - asked) @ R).sum(0)])
-    error = np.asarray(a.payload) - np.concatenate([job.to.a, job.to.alpha])
+    requested = np.concatenate([np.asarray(share.lam).reshape(-1, 3) for share in problem.shares])
+    missed = np.concatenate([(forces - requested).sum(0), np.cross(c, (forces - requested) @ R).sum(0)])
+    error = np.asarray(a.payload) - np.concatenate([problem.to.a, problem.to.alpha])
     scale = np.abs(K) @ np.abs(left)
     assert np.abs(missed).max() > 0.1
     np.testing.assert_allclose(missed, K @ left, atol=1e-9 * scale.max())
@@ -139,8 +139,8 @@ def test_bounded_residuals_do_not_exceed_the_sum(seed):
             axis=1,
         )
         y = simulated(found, f, step)
-        for half, part in enumerate((y[:, :3], y[:, 3:])):
-            share = np.linalg.norm(part, axis=1).max() / (layer.kappa[half] @ rho)
+        for index, part in enumerate((y[:, :3], y[:, 3:])):
+            share = np.linalg.norm(part, axis=1).max() / (layer.kappa[index] @ rho)
             assert share <= 1
             closest = max(closest, share)
     assert closest > 0.25  # the draws come near, so that the check could fail
@@ -153,18 +153,18 @@ def test_each_gain_is_attained(seed):
     found = loop(seed)
     layer, rows = agent_iss.agent_iss_constants(found, np.zeros(2)), found.output_rows("delta_W")
     steady = found.D[rows] - found.C[rows] @ np.linalg.solve(found.A, found.B)
-    for half, part in enumerate((slice(0, 3), slice(3, 6))):
+    for index, part in enumerate((slice(0, 3), slice(3, 6))):
         for b, columns in enumerate(BODIES):
             at_once = np.linalg.norm(found.D[rows][part, columns], 2)
-            assert layer.static[half, b] == pytest.approx(at_once, rel=1e-12)
-            assert layer.kappa[half, b] >= max(at_once, np.linalg.norm(steady[part, columns], 2))
+            assert layer.static[index, b] == pytest.approx(at_once, rel=1e-12)
+            assert layer.kappa[index, b] >= max(at_once, np.linalg.norm(steady[part, columns], 2))
             n = columns.stop - columns.start
             C, D = found.C[rows][part], found.D[rows][part, columns]
             worst = peak_gain.peak_gain_continuous(found.A, found.B[:, columns], C, D, [n], [1.0])
             f = np.zeros((len(worst.inputs), 13))
             f[:, columns] = worst.inputs
             y = simulated(found, f, worst.step)[-2, part]  # the last input acts through D alone
-            assert np.linalg.norm(y) >= 0.99 * layer.kappa[half, b]
+            assert np.linalg.norm(y) >= 0.99 * layer.kappa[index, b]
 
 
 @given(seeds)

@@ -18,22 +18,22 @@ OTHER = ("tip_force_bandwidth",)
 READINGS = [x.name for x in dataclasses.fields(sensors.SensorNoise) if x.name not in OTHER]
 
 
-def world(plan: flight.Experiment, **parts: object) -> flight.Experiment:
+def world(one: flight.Experiment, **parts: object) -> flight.Experiment:
     """Return an experiment in another world."""
-    return dataclasses.replace(plan, world=dataclasses.replace(plan.world, **parts))
+    return dataclasses.replace(one, world=dataclasses.replace(one.world, **parts))
 
 
 def exact_sensors(**deviations: float) -> flight.Experiment:
     """Return the paper's C3 with exact sensors, except those given."""
-    given = dict.fromkeys(READINGS, 0.0) | deviations
-    sensors = {name: paper.number(x) for name, x in given.items()}
-    plan = paper.paper_experiment("C3")
-    return world(plan, sensors=dataclasses.replace(plan.world.sensors, **sensors))
+    values = dict.fromkeys(READINGS, 0.0) | deviations
+    sensors = {name: paper.number(x) for name, x in values.items()}
+    one = paper.paper_experiment("C3")
+    return world(one, sensors=dataclasses.replace(one.world.sensors, **sensors))
 
 
-def assumptions_of(plan: flight.Experiment, limited: bool = False, whole: bool = True) -> tuple[str, ...]:
+def assumptions_of(one: flight.Experiment, limited: bool = False, whole: bool = True) -> tuple[str, ...]:
     """Return the assumptions that a certificate of the experiment names."""
-    return assumptions.certificate_assumptions(plan, limited, whole)
+    return assumptions.certificate_assumptions(one, limited, whole)
 
 
 def test_status_is_assumed_with_any_assumption():
@@ -62,14 +62,14 @@ def test_noise_is_assumed_for_the_study_sensors():
 
 def test_time_varying_source_is_assumed_steady(monkeypatch):
     """For a wind whose model reports a dependence on time."""
-    plan = exact_sensors()
-    assert time_varying_names(plan.world.disturbances) == ()
+    one = exact_sensors()
+    assert time_varying_names(one.world.disturbances) == ()
     monkeypatch.setattr(Wind, "time_invariant", False)
     named = ("time invariance of load_wind", "time invariance of agent_wind")
-    assert assumptions_of(plan) == (*ALWAYS, *named)
-    assert assumptions.radius_assumptions(plan)[-2:] == named
-    none = dataclasses.replace(plan.world.disturbances, payload=(), agents=((),))
-    assert assumptions_of(world(plan, disturbances=none)) == ALWAYS
+    assert assumptions_of(one) == (*ALWAYS, *named)
+    assert assumptions.radius_assumptions(one)[-2:] == named
+    none = dataclasses.replace(one.world.disturbances, payload=(), agents=((),))
+    assert assumptions_of(world(one, disturbances=none)) == ALWAYS
 
 
 def test_run_bounds_assume_the_estimated_state():
@@ -78,8 +78,8 @@ def test_run_bounds_assume_the_estimated_state():
     assert bound == ("rkhs norm", "bounded noise energy")
     assert assumptions.radius_assumptions(exact_sensors()) == (*bound, assumptions.SAMPLED)
     cases = experiment.make_experiments(paper.SETTINGS, (*experiment.PAPER_CASES, *experiment.BASELINES))
-    for case, plan in cases.items():
-        rival = case in (
+    for case, one in cases.items():
+        is_baseline = case in (
             "disturbance_observer",
             "parametric",
             "true_residual",
@@ -87,8 +87,8 @@ def test_run_bounds_assume_the_estimated_state():
             "regression",
             "gp_label_feedback",
         )
-        expected = (*bound, assumptions.NOISE, assumptions.SAMPLED, *((assumptions.MEAN,) if rival else ()))
-        assert assumptions.radius_assumptions(plan) == expected, case
+        expected = (*bound, assumptions.NOISE, assumptions.SAMPLED, *((assumptions.MEAN,) if is_baseline else ()))
+        assert assumptions.radius_assumptions(one) == expected, case
 
 
 def test_sources_have_the_names_of_the_scenario():

@@ -36,15 +36,15 @@ from tests.support.certified_flights import LAST, NAMES, late, made
 from tests.support.paper_flights import number, paper_experiment, with_controller, with_world
 
 
-def features_along(plan: flight.Experiment, rows: signals.StepRecord) -> list[np.ndarray]:
+def features_along(other_experiment: flight.Experiment, rows: signals.StepRecord) -> list[np.ndarray]:
     """Return the features of all models along a flight, by body."""
-    x, (agents,) = signals.model_inputs(plan.world.team, rows)
+    x, (agents,) = signals.model_inputs(other_experiment.world.team, rows)
     return [np.asarray(features.payload_features(jnp.asarray(x))), *np.swapaxes(agents, 0, 1)]
 
 
-def models(oracle: residual_model.ResidualModel) -> list[gp.GPPosterior]:
+def models(model: residual_model.ResidualModel) -> list[gp.GPPosterior]:
     """Return the models by body."""
-    return [oracle.payload, *(jax.tree.map(lambda x, j=j: x[j], oracle.agents[0]) for j in range(len(light.NAMES)))]
+    return [model.payload, *(jax.tree.map(lambda x, j=j: x[j], model.agents[0]) for j in range(len(light.NAMES)))]
 
 
 # Against the log ------------------------------------------------------------------------------------------------------
@@ -73,17 +73,17 @@ def test_observed_and_nominal_errors_are_maxima():
     """Observed and nominal errors are maxima over the evaluation window."""
     all_of, found = made(), made().certificate
     assert found.window[0] == pytest.approx((LAST + 9) / 2, abs=0.01)
-    for rows, told in (
+    for rows, reported in (
         (all_of.flight.records, found.observed),
         (all_of.nominal_linearization.records, found.nominal_error),
     ):
         late = rows.t >= found.window[0] - 1e-9
         for name in certificate.ERRORS:
-            assert told[name] == max(np.sqrt((e**2).sum()) for e in getattr(rows, name)[late])
+            assert reported[name] == max(np.sqrt((e**2).sum()) for e in getattr(rows, name)[late])
     late = all_of.flight.records.t >= found.window[0] - 1e-9
     for name in certificate.ERRORS:
-        apart = (getattr(all_of.flight.records, name) - getattr(all_of.nominal_linearization.records, name))[late]
-        assert found.disturbance_response[name] == pytest.approx(np.sqrt((apart**2).sum(1)).max(), rel=1e-12)
+        difference = (getattr(all_of.flight.records, name) - getattr(all_of.nominal_linearization.records, name))[late]
+        assert found.disturbance_response[name] == pytest.approx(np.sqrt((difference**2).sum(1)).max(), rel=1e-12)
 
 
 def test_error_components_stay_in_their_intervals():
@@ -136,15 +136,15 @@ def test_residuals_stay_in_their_bands_along_the_path(key):
     path = all_of.nominal_linearization.nodes
     rows = all_of.flight.records if key == "run" else all_of.nominal_linearization.records
     held = body_models.body_models(all_of.experiment, all_of.flight, rows, path, "energy")
-    (unknown,), oracle = all_of.experiment.world.disturbances.state_functions, all_of.flight.model
+    (unknown,), last_model = all_of.experiment.world.disturbances.state_functions, all_of.flight.model
     function = unknown.model
-    pairs = zip(models(function), models(oracle), strict=True)
+    pairs = zip(models(function), models(last_model), strict=True)
     means = jax.vmap(gp.mean, (None, 0))
     for body, x, (f, model) in zip(held, features_along(all_of.experiment, rows), pairs, strict=True):
         np.testing.assert_allclose(body.x, x[path], atol=1e-12)
         points = jnp.asarray(x[path])
-        apart = np.abs(np.asarray(means(f, points)) - np.asarray(means(model, points)))
-        assert (apart <= reachability.max_error(body)).all()
+        difference = np.abs(np.asarray(means(f, points)) - np.asarray(means(model, points)))
+        assert (difference <= reachability.max_error(body)).all()
 
 
 def test_residual_deviation_stays_within_the_tube():
@@ -153,19 +153,19 @@ def test_residual_deviation_stays_within_the_tube():
     assert found is not None
     assert 0 < found.contraction < 1
     path = all_of.nominal_linearization.nodes
-    (unknown,), oracle = all_of.experiment.world.disturbances.state_functions, all_of.flight.model
-    pairs = zip(models(unknown.model), models(oracle), strict=True)
-    means, apart = jax.vmap(gp.mean, (None, 0)), []
-    run, twin = (
+    (unknown,), last_model = all_of.experiment.world.disturbances.state_functions, all_of.flight.model
+    pairs = zip(models(unknown.model), models(last_model), strict=True)
+    means, difference = jax.vmap(gp.mean, (None, 0)), []
+    run, nominal = (
         features_along(all_of.experiment, rows)
         for rows in (all_of.flight.records, all_of.nominal_linearization.records)
     )
-    for a, b, (f, model) in zip(run, twin, pairs, strict=True):
+    for a, b, (f, model) in zip(run, nominal, pairs, strict=True):
         left = [means(f, jnp.asarray(x[path])) - means(model, jnp.asarray(x[path])) for x in (a, b)]
-        apart.append(np.asarray(left[0] - left[1]))
-    apart = np.concatenate(apart, axis=1)
-    assert (np.abs(apart) <= found.residual_deviation + 1e-9).all()
-    assert (np.abs(apart).max(0) > 0).all()
+        difference.append(np.asarray(left[0] - left[1]))
+    difference = np.concatenate(difference, axis=1)
+    assert (np.abs(difference) <= found.residual_deviation + 1e-9).all()
+    assert (np.abs(difference).max(0) > 0).all()
 
 
 # What it rests on -----------------------------------------------------------------------------------------------------
@@ -183,8 +183,8 @@ def test_assumptions_of_the_short_flight():
         all_of.experiment.bound_assumptions,
         satisfied=all_of.experiment.bound_assumptions.satisfied - {BoundAssumption.RKHS_NORM},
     )
-    plan = dataclasses.replace(all_of.experiment, bound_assumptions=doubted)
-    assert energy_certificate(plan).radii["energy"].assumptions == ("rkhs norm", *flown)
+    other_experiment = dataclasses.replace(all_of.experiment, bound_assumptions=doubted)
+    assert energy_certificate(other_experiment).radii["energy"].assumptions == ("rkhs norm", *flown)
     team = all_of.experiment.controller.team
     weak = dataclasses.replace(team.agent_groups[0], thrust_max=jnp.array([40.0, 40.0, 16.0]))
     pressed = with_controller(all_of.experiment, team=dataclasses.replace(team, agent_groups=(weak,)))
@@ -195,9 +195,9 @@ def test_assumptions_of_the_short_flight():
     )
 
 
-def energy_certificate(plan: flight.Experiment) -> certificate.Certificate:
+def energy_certificate(other_experiment: flight.Experiment) -> certificate.Certificate:
     """Return the certificate of the flight by the energy bound alone, for another experiment."""
-    return certificate.certify(plan, made().flight, made().nominal_linearization, ("energy",))
+    return certificate.certify(other_experiment, made().flight, made().nominal_linearization, ("energy",))
 
 
 def test_errors_are_evaluated_over_the_last_period():
@@ -241,9 +241,9 @@ def test_noise_adds_its_quantile_to_every_component(monkeypatch):
     sigmas = norm.isf((1 - of.experiment.bound_assumptions.confidence) / (2 * 12 * ticks))
     assert noisy.noise["e_p"] == pytest.approx(1e-5 * sigmas, rel=1e-9)
     for key, span in noisy.intervals.items():
-        before = energy_intervals()[key]
-        np.testing.assert_allclose(span.upper - before.upper, 1e-5 * sigmas, rtol=1e-6)
-        np.testing.assert_allclose(before.lower - span.lower, 1e-5 * sigmas, rtol=1e-6)
+        a_priori_analysis = energy_intervals()[key]
+        np.testing.assert_allclose(span.upper - a_priori_analysis.upper, 1e-5 * sigmas, rtol=1e-6)
+        np.testing.assert_allclose(a_priori_analysis.lower - span.lower, 1e-5 * sigmas, rtol=1e-6)
 
 
 @functools.cache
@@ -255,14 +255,14 @@ def energy_intervals() -> dict[str, certificate.ErrorInterval]:
 def test_a_priori_analysis_is_reused_for_another_run(monkeypatch):
     """The a priori analysis is the same for another run and is computed once."""
     all_of = made()
-    before, rows = all_of.certificate.a_priori, jax.tree.map(jnp.asarray, all_of.flight.records)
+    a_priori_analysis, rows = all_of.certificate.a_priori, jax.tree.map(jnp.asarray, all_of.flight.records)
     moved = dataclasses.replace(all_of.flight, records=dataclasses.replace(rows, e_p=rows.e_p + 1e-3))
     monkeypatch.setattr(a_priori, "analyze_a_priori", lambda *_: pytest.fail("it is known"))
     found = certificate.certify(
-        all_of.experiment, moved, all_of.nominal_linearization, ("energy", "recovery"), before=before
+        all_of.experiment, moved, all_of.nominal_linearization, ("energy", "recovery"), before=a_priori_analysis
     )
     assert set(found.radii) == {"energy", "recovery"}
-    assert set(before.reachable_deviation) > set(found.radii)
+    assert set(a_priori_analysis.reachable_deviation) > set(found.radii)
     for name, radii in found.radii.items():
         assert radii == all_of.certificate.radii[name]  # of the same path
     np.testing.assert_allclose(found.errors[:, :3] - all_of.certificate.errors[:, :3], 1e-3)
@@ -293,8 +293,8 @@ def test_infeasible_recovery_is_omitted_with_reason(monkeypatch):
 def test_contradictory_data_certify_nothing():
     all_of = made()
     small = dataclasses.replace(all_of.experiment.bound_assumptions, rkhs_norm=0.05)
-    plan = dataclasses.replace(all_of.experiment, bound_assumptions=small)
-    found = certificate.certify(plan, all_of.flight, all_of.nominal_linearization, ("recovery",))
+    other_experiment = dataclasses.replace(all_of.experiment, bound_assumptions=small)
+    found = certificate.certify(other_experiment, all_of.flight, all_of.nominal_linearization, ("recovery",))
     assert found.a_priori.tube is None
     assert "contradict" in found.a_priori.tube_failure
     assert "contradict" in found.unavailable_bounds["recovery"]
@@ -303,14 +303,17 @@ def test_contradictory_data_certify_nothing():
 
 
 def test_flights_without_certificate_are_refused():
-    plan, flight = made().experiment, made().flight
+    other_experiment, flight = made().experiment, made().flight
     with pytest.raises(ValueError, match="no certificate: the flight stopped: signal p"):
-        nominal_run.nominal_trajectory(plan, dataclasses.replace(flight, termination_reason="signal p is not finite"))
+        nominal_run.nominal_trajectory(
+            other_experiment, dataclasses.replace(flight, termination_reason="signal p is not finite")
+        )
     with pytest.raises(ValueError, match="no certificate: the flight has no model update"):
-        nominal_run.nominal_trajectory(plan, dataclasses.replace(flight, updates=()))
-    plan, flight = late().experiment, late().flight
+        nominal_run.nominal_trajectory(other_experiment, dataclasses.replace(flight, updates=()))
+    other_experiment, flight = late().experiment, late().flight
     near = dataclasses.replace(
-        plan, termination_limits=dataclasses.replace(plan.termination_limits, max_distance=jnp.asarray(1e-4))
+        other_experiment,
+        termination_limits=dataclasses.replace(other_experiment.termination_limits, max_distance=jnp.asarray(1e-4)),
     )
     with pytest.raises(ValueError, match=r"no certificate: the nominal trajectory ended at t = .* s: distance"):
         nominal_run.nominal_trajectory(near, flight)
@@ -349,8 +352,8 @@ def test_conservatism_decreases_step_by_step():
     assert paper > energy > e_p["energy", "a_priori"]
     assert energy > both > found.nominal_error["e_p"]
     assert e_p["energy", "a_priori"] >= e_p["recovery", "a_priori"] > e_p["recovery", "a_posteriori"]
-    told = [slack[f"{name}, {where}"] for name in ("energy", "recovery") for where in ("a priori", "a posteriori")]
-    assert told == list(e_p.values())
+    reported = [slack[f"{name}, {where}"] for name in ("energy", "recovery") for where in ("a priori", "a posteriori")]
+    assert reported == list(e_p.values())
     assert (slack["observed"], slack["nominal error"]) == (found.observed["e_p"], found.nominal_error["e_p"])
 
 
@@ -374,12 +377,12 @@ def test_worst_case_is_admissible_and_close_to_the_bound():
         x = jnp.asarray(body.x)
         left_over.append(np.asarray(means(f, x)) - np.asarray(means(body.model, x)))
     at = np.searchsorted(loop.t, found.t - 1e-9)
-    told = np.einsum(
+    reported = np.einsum(
         "trki,ki->tr",
         linearized_trajectory.adjoint_weights(loop, loop.output_rows("e_p"), at),
         np.concatenate(left_over, axis=1),
     )
-    e_p = loop.records.e_p[loop.nodes][at] + told
+    e_p = loop.records.e_p[loop.nodes][at] + reported
     assert (np.linalg.norm(e_p, axis=1) <= found.bound).all()
     k = int(np.argmax(found.bound))
     assert found.worst_direction @ e_p[k] > 0.7 * found.bound[k]
@@ -395,9 +398,9 @@ def test_late_update_violates_no_bound():
         assert span.num_outside(found.errors) == 0
 
 
-def of_another_kernel(oracle: residual_model.ResidualModel) -> residual_model.ResidualModel:
-    hyper = dataclasses.replace(oracle.payload.hyper, kernel=gp.Kernel())
-    return dataclasses.replace(oracle, payload=dataclasses.replace(oracle.payload, hyper=hyper))
+def of_another_kernel(model: residual_model.ResidualModel) -> residual_model.ResidualModel:
+    hyper = dataclasses.replace(model.payload.hyper, kernel=gp.Kernel())
+    return dataclasses.replace(model, payload=dataclasses.replace(model.payload, hyper=hyper))
 
 
 @pytest.mark.parametrize(

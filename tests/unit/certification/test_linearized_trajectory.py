@@ -28,8 +28,8 @@ seeds = st.integers(0, 2**31)
 def test_run_with_stored_models_repeats_the_flight():
     """The flight's models at their times repeat it without updates; only unused label states differ."""
     of = made()
-    plan = dataclasses.replace(of.experiment, update_times=())
-    rows, loops = linearized_trajectory.simulate_nominal(plan, of.flight.model_intervals, [0, 1000])
+    nominal_experiment = dataclasses.replace(of.experiment, update_times=())
+    rows, loops = linearized_trajectory.simulate_nominal(nominal_experiment, of.flight.model_intervals, [0, 1000])
     for name in ("e_p", "e_omega", "u", "lam", "f_L_hat", "f_x_hat", "tau_r"):
         np.testing.assert_array_equal(getattr(rows, name), getattr(of.flight.records, name), err_msg=name)
     assert [int(loop.tick) for loop in loops] == [0, 1000]
@@ -37,13 +37,13 @@ def test_run_with_stored_models_repeats_the_flight():
 
 def remaining_residual(of: object, rows: signals.StepRecord) -> np.ndarray:
     """Return `f~` along a flight: the drawn forces minus the means of the last model, (ticks, inputs)."""
-    (function,), oracle = of.experiment.world.disturbances.state_functions, of.flight.model
+    (function,), last_model = of.experiment.world.disturbances.state_functions, of.flight.model
     truth, means = function.model, jax.jit(jax.vmap(gp.mean, (None, 0)))
     x, (agents,) = signals.model_inputs(of.experiment.world.team, rows)
-    first = oracle.features.payload(jnp.asarray(x))
-    parts = [means(truth.payload, first) - means(oracle.payload, first)]
+    first = last_model.features.payload(jnp.asarray(x))
+    parts = [means(truth.payload, first) - means(last_model.payload, first)]
     for j in range(agents.shape[1]):
-        f, model = (jax.tree.map(lambda leaf, j=j: leaf[j], one.agents[0]) for one in (truth, oracle))
+        f, model = (jax.tree.map(lambda leaf, j=j: leaf[j], one.agents[0]) for one in (truth, last_model))
         parts.append(means(f, jnp.asarray(agents[:, j])) - means(model, jnp.asarray(agents[:, j])))
     return np.concatenate(parts, axis=1)
 
@@ -54,14 +54,14 @@ def test_response_to_residuals_is_their_weighted_sum(flight):
     of = flight()
     loop, names = of.nominal_linearization, ("e_p", "e_v", "e_R", "e_omega", "u")
     at = np.arange(10, len(loop.nodes), 7)
-    told = np.einsum(
+    predicted = np.einsum(
         "trki,ki->tr",
         linearized_trajectory.adjoint_weights(loop, loop.output_rows(*names), at),
         remaining_residual(of, of.flight.records)[loop.nodes],
     )
     ticks = loop.nodes[at]
     found = [np.asarray(getattr(of.flight.records, name) - getattr(loop.records, name))[ticks] for name in names]
-    for one, part in zip(found, np.split(told, np.cumsum([x.shape[1] for x in found])[:-1], axis=1), strict=True):
+    for one, part in zip(found, np.split(predicted, np.cumsum([x.shape[1] for x in found])[:-1], axis=1), strict=True):
         assert np.abs(one - part).max() < 0.03 * np.abs(one).max()
         after = loop.t[at] > LAST + 1.5
         assert not after.any() or np.abs(one - part)[after].max() < 0.02 * np.abs(one[after]).max()
@@ -70,25 +70,35 @@ def test_response_to_residuals_is_their_weighted_sum(flight):
 def test_other_states_of_the_loop_have_no_effect():
     """Other states of the loop change neither commands nor plant."""
     of = made()
-    plan = dataclasses.replace(nominal_run.nominal_experiment(of.experiment, of.flight.model), duration=8.0)
+    nominal_experiment = dataclasses.replace(
+        nominal_run.nominal_experiment(of.experiment, of.flight.model), duration=8.0
+    )
     nodes = np.array([1500])
-    rows, (loop,) = linearized_trajectory.simulate_nominal(plan, of.flight.model_intervals, nodes)
+    rows, (loop,) = linearized_trajectory.simulate_nominal(nominal_experiment, of.flight.model_intervals, nodes)
     setup = dataclasses.replace(
-        plan.loop_config, controller=dataclasses.replace(plan.controller, residual_model=of.flight.model)
+        nominal_experiment.loop_config,
+        controller=dataclasses.replace(nominal_experiment.controller, residual_model=of.flight.model),
     )
     rng = np.random.default_rng(0)
     other = jax.tree.map(lambda x: x + rng.normal(size=x.shape) if x.dtype == float else x, loop)
     other = linearized_trajectory._with(other, linearized_trajectory._moving(loop))
-    warm = {name: getattr(loop.controller.estimator, name) for name in ("time_since_label", "initialized")}
-    memory = dataclasses.replace(other.controller, estimator=dataclasses.replace(other.controller.estimator, **warm))
-    memory = dataclasses.replace(memory, initialized=loop.controller.initialized, recorder=loop.controller.recorder)
-    other = dataclasses.replace(other, controller=memory)
-    quiet = jax.tree.map(jnp.zeros_like, plan.world.sample_noise(jax.random.key(0), flight.ticks_per_chunk(plan)))
-    (a, seen), (b, same) = (simulator.rollout(setup, one, quiet, jnp.asarray(3)) for one in (loop, other))
+    flags = {name: getattr(loop.controller.estimator, name) for name in ("time_since_label", "initialized")}
+    controller_state = dataclasses.replace(
+        other.controller, estimator=dataclasses.replace(other.controller.estimator, **flags)
+    )
+    controller_state = dataclasses.replace(
+        controller_state, initialized=loop.controller.initialized, recorder=loop.controller.recorder
+    )
+    other = dataclasses.replace(other, controller=controller_state)
+    zero_noise = jax.tree.map(
+        jnp.zeros_like,
+        nominal_experiment.world.sample_noise(jax.random.key(0), flight.ticks_per_chunk(nominal_experiment)),
+    )
+    (a, row), (b, row_other) = (simulator.rollout(setup, one, zero_noise, jnp.asarray(3)) for one in (loop, other))
     jax.tree.map(np.testing.assert_array_equal, linearized_trajectory._moving(a), linearized_trajectory._moving(b))
-    np.testing.assert_array_equal(seen.u, same.u)
+    np.testing.assert_array_equal(row.u, row_other.u)
     assert not np.array_equal(a.controller.estimator.modelled_wrench, b.controller.estimator.modelled_wrench)
-    np.testing.assert_array_equal(seen.p[0], rows.p[1500])
+    np.testing.assert_array_equal(row.p[0], rows.p[1500])
 
 
 @pytest.mark.long
@@ -100,26 +110,30 @@ def test_noise_response_has_the_predicted_std():
     )
     sensors = dataclasses.replace(of.experiment.world.sensors, **noisy)
     schedule = of.flight.model_intervals
-    plan = with_world(nominal_run.nominal_experiment(of.experiment, of.flight.model), sensors=sensors)
-    loop = linearized_trajectory.linearize_along(plan, schedule, noisy=True)
+    nominal_experiment = with_world(nominal_run.nominal_experiment(of.experiment, of.flight.model), sensors=sensors)
+    loop = linearized_trajectory.linearize_along(nominal_experiment, schedule, noisy=True)
     np.testing.assert_array_equal(loop.records.p, of.nominal_linearization.records.p)
-    plan = dataclasses.replace(plan, controller=dataclasses.replace(plan.controller, residual_model=of.flight.model))
-    flown = [flight.run_experiment(dataclasses.replace(plan, seed=seed)).records for seed in range(3)]
+    nominal_experiment = dataclasses.replace(
+        nominal_experiment,
+        controller=dataclasses.replace(nominal_experiment.controller, residual_model=of.flight.model),
+    )
+    flown = [flight.run_experiment(dataclasses.replace(nominal_experiment, seed=seed)).records for seed in range(3)]
     alone, _ = linearized_trajectory.simulate_nominal(
-        plan, [dataclasses.replace(of.flight.model_intervals[-1], start_tick=0)]
+        nominal_experiment, [dataclasses.replace(of.flight.model_intervals[-1], start_tick=0)]
     )
     for name in certificate.ERRORS:
-        told = linearized_trajectory.noise_std(loop, loop.output_rows(name))[loop.t > 5]
-        seen = np.concatenate([np.asarray(getattr(rows, name) - getattr(alone, name))[rows.t > 5] for rows in flown])
-        ratio = np.sqrt((seen**2).mean() / (told**2).mean())
+        predicted = linearized_trajectory.noise_std(loop, loop.output_rows(name))[loop.t > 5]
+        row = np.concatenate([np.asarray(getattr(rows, name) - getattr(alone, name))[rows.t > 5] for rows in flown])
+        ratio = np.sqrt((row**2).mean() / (predicted**2).mean())
         assert 0.8 < ratio < 1.25, name
 
 
 def test_terminated_nominal_trajectory_is_refused():
     of = made()
-    plan = nominal_run.nominal_experiment(of.experiment, of.flight.model)
+    nominal_experiment = nominal_run.nominal_experiment(of.experiment, of.flight.model)
     near = dataclasses.replace(
-        plan, termination_limits=dataclasses.replace(plan.termination_limits, max_distance=jnp.asarray(1e-4))
+        nominal_experiment,
+        termination_limits=dataclasses.replace(nominal_experiment.termination_limits, max_distance=jnp.asarray(1e-4)),
     )
     with pytest.raises(
         linearized_trajectory.TerminatedEarly, match=r"the nominal trajectory ended at t = .* s: distance"
@@ -170,12 +184,12 @@ def test_weights_equal_the_recursion(seed):
 @settings(max_examples=12)
 def test_noise_std_equals_dense_covariance(seed):
     of = system(np.random.default_rng(seed))
-    for k, told in enumerate(linearized_trajectory.noise_std(of, of.output_rows("a", "b"))):
+    for k, predicted in enumerate(linearized_trajectory.noise_std(of, of.output_rows("a", "b"))):
         total, onward = np.zeros((4, 4)), np.eye(5)
         for j in reversed(range(k)):
             total += of.C[k] @ onward @ of.N[j] @ onward.T @ of.C[k].T
             onward = onward @ of.A[j]
-        np.testing.assert_allclose(told**2, np.diag(total) + of.N_y[k], rtol=1e-9)
+        np.testing.assert_allclose(predicted**2, np.diag(total) + of.N_y[k], rtol=1e-9)
 
 
 @given(seeds, st.integers(1, 12))

@@ -125,15 +125,15 @@ def test_functional_bound_is_attained(seed):
         )
         both = np.vstack([X, p.body.x]) / ls
         K = s * np.exp(-0.5 * cdist(both, both, "sqeuclidean"))
-        ell = p.L[time, row, :, FIRST + i]
-        r, k = Y[:, i] - offset, K[:DATA, DATA:] @ ell
+        weights = p.L[time, row, :, FIRST + i]
+        r, k = Y[:, i] - offset, K[:DATA, DATA:] @ weights
         c = np.linalg.solve(K[:DATA, :DATA] + v * np.eye(DATA), np.column_stack([r, k]))
         size = p.body.beta[i] / sigma[time, row, i]
-        of_g = np.concatenate([c[:, 0] - size * c[:, 1], size * ell])
+        of_g = np.concatenate([c[:, 0] - size * c[:, 1], size * weights])
         g = K @ of_g
         spent = of_g @ g + np.sum((r - g[:DATA]) ** 2) / v
         np.testing.assert_allclose(spent, p.body.norm**2 + DATA * p.eps[i] ** 2 / v, rtol=1e-7)
-        np.testing.assert_allclose(ell @ (offset + g[DATA:] - mu[:, i]), upper[time, row, i], rtol=1e-6)
+        np.testing.assert_allclose(weights @ (offset + g[DATA:] - mu[:, i]), upper[time, row, i], rtol=1e-6)
 
 
 def test_contradictory_data_have_no_bound():
@@ -175,9 +175,9 @@ def test_recovery_equals_one_program_for_all_samples():
     for a in range(len(AT)):
         for row in range(ROWS):
             for i in range(OUTPUTS):
-                ell = p.L[a, row, :, FIRST + i]
-                best = optimal_recovery.recovery_interval(X, Y, hyper, i, p.body.norm, float(p.eps[i]), x, ell)
-                expected = np.array([best.upper - ell @ mu[:, i], ell @ mu[:, i] - best.lower])
+                weights = p.L[a, row, :, FIRST + i]
+                best = optimal_recovery.recovery_interval(X, Y, hyper, i, p.body.norm, float(p.eps[i]), x, weights)
+                expected = np.array([best.upper - weights @ mu[:, i], weights @ mu[:, i] - best.lower])
                 size = limit[:, a, row, i].sum()
                 assert (found[:, a, row, i] >= np.minimum(expected, limit[:, a, row, i]) - 1e-5 * size).all()
                 assert (found[:, a, row, i] <= np.minimum(expected, limit[:, a, row, i]) + 0.01 * size).all()
@@ -185,13 +185,13 @@ def test_recovery_equals_one_program_for_all_samples():
 
 def test_negligible_output_keeps_its_band():
     """An output with a negligible contribution keeps its band."""
-    p, told = problem(7), []
+    p, bounds = problem(7), []
     p.L[..., FIRST] *= 1e-7
     limit = reachability.functional_bound(p.body.beta, *reachability.band_bound(p.body, p.L))
-    found = reachability.recovery_bound(p.body, p.L, limit, lambda: told.append(1))
+    found = reachability.recovery_bound(p.body, p.L, limit, lambda: bounds.append(1))
     np.testing.assert_array_equal(found[..., 0], limit[..., 0])
     assert (found[..., 1] < limit[..., 1]).any()
-    assert len(told) == 1
+    assert len(bounds) == 1
 
 
 # Along the path -------------------------------------------------------------------------------------------------------

@@ -20,9 +20,9 @@ def test_working_machine_has_no_problem():
     assert found["packages"]["jax"] == jax.__version__
     assert found["self_test"].startswith("native code agrees with JAX within")
     assert found["caches"]["native"]["files"] >= 0
-    said = CliRunner().invoke(app, ["doctor"])
-    assert said.exit_code == 0
-    assert [line.split()[0] for line in said.stdout.splitlines()] == [
+    result = CliRunner().invoke(app, ["doctor"])
+    assert result.exit_code == 0
+    assert [line.split()[0] for line in result.stdout.splitlines()] == [
         *("python", "packages", "compiler", "jax", "native", "gpu", "self-test")
     ]
     assert json.loads(CliRunner().invoke(app, ["doctor", "--json"]).stdout)["packages"] == found["packages"]
@@ -34,11 +34,11 @@ def test_missing_compiler_and_cache_give_status_1(monkeypatch: pytest.MonkeyPatc
 
     monkeypatch.setattr(build, "compiler", lambda: None)
     monkeypatch.setattr(cache, "cache_directory", unwritable)
-    said = CliRunner().invoke(app, ["doctor"])
-    assert said.exit_code == 1
-    assert "problem: no C compiler was found" in said.stdout
-    assert "problem: compiled code cannot be stored: jax: Permission denied" in said.stdout
-    assert "compiler   none" in said.stdout
+    result = CliRunner().invoke(app, ["doctor"])
+    assert result.exit_code == 1
+    assert "problem: no C compiler was found" in result.stdout
+    assert "problem: compiled code cannot be stored: jax: Permission denied" in result.stdout
+    assert "compiler   none" in result.stdout
 
 
 def test_wrong_native_code_is_a_problem(monkeypatch: pytest.MonkeyPatch):

@@ -35,14 +35,14 @@ NUMBERS = [[f"{(i + 2) * 7919**k % 99991 / 10:.1f}" for k in range(1, len(STUDY_
 def test_narrow_terminals_crop_no_digit(
     columns: int, encoding: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ):
-    said = printed_table(columns, encoding, capsys, monkeypatch)
-    said.encode(encoding)
-    assert "…" not in said
+    text = printed_table(columns, encoding, capsys, monkeypatch)
+    text.encode(encoding)
+    assert "…" not in text
     for i, row in enumerate(NUMBERS):
-        found = [line for line in said.splitlines() if re.search(rf"\bC{i}\b", line)]
+        found = [line for line in text.splitlines() if re.search(rf"\bC{i}\b", line)]
         assert re.findall(r"\d+\.\d", " ".join(found)) == row
     if columns >= 20:
-        assert max(map(len, said.splitlines())) <= columns
+        assert max(map(len, text.splitlines())) <= columns
 
 
 def test_missing_numbers_are_printed_as_none():

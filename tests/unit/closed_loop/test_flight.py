@@ -115,9 +115,9 @@ def test_contact_forces_have_tip_sensor_noise(flight):
     rows = flight.records
     settled = rows.t > 0.2
     error = (rows.lam_hat - rows.lam)[settled]
-    given = paper_flights.SETTINGS.sensors
-    bound = 1.5 * np.hypot(given.tip_force_N, 3 * given.tip_force_bias_N)
-    assert 0.5 * given.tip_force_N < error.std(0).min()
+    settings = paper_flights.SETTINGS.sensors
+    bound = 1.5 * np.hypot(settings.tip_force_N, 3 * settings.tip_force_bias_N)
+    assert 0.5 * settings.tip_force_N < error.std(0).min()
     assert np.sqrt((error**2).mean(0)).max() < bound
 
 
@@ -179,11 +179,11 @@ def test_model_becomes_active_after_fit_latency(latency, monkeypatch):
     of = dataclasses.replace(
         paper_experiment("C3"), duration=1.3, update_times=(0.5, 0.6, 0.9), fit_latency=latency, fit_options=None
     )
-    teach = online_learner.OnlineLearner.update
+    original = online_learner.OnlineLearner.update
 
-    def slowly(*given, **more):
+    def slowly(*settings, **options):
         shift[0] += 0.3
-        return teach(*given, **more)
+        return original(*settings, **options)
 
     shift, clock = [0.0], time.perf_counter
     began = clock()
@@ -193,10 +193,10 @@ def test_model_becomes_active_after_fit_latency(latency, monkeypatch):
     flight = run_experiment(of)
     assert [update.t for update in flight.updates] == pytest.approx([0.5, 0.9])
     assert [update.activation_time for update in flight.updates] == pytest.approx([0.8, 1.2])
-    heard = np.abs(flight.records.f_L_hat).max(1) > 0
-    assert flight.records.t[heard][0] == pytest.approx(0.8)
-    said = "no model update at t = 0.600 s: the previous update was not finished (learning.fit_latency)"
-    assert flight.learning_warnings == (said,)
+    is_active = np.abs(flight.records.f_L_hat).max(1) > 0
+    assert flight.records.t[is_active][0] == pytest.approx(0.8)
+    message = "no model update at t = 0.600 s: the previous update was not finished (learning.fit_latency)"
+    assert flight.learning_warnings == (message,)
 
 
 def test_fit_that_ends_at_next_update_allows_that_update():
@@ -240,8 +240,8 @@ def test_std_is_logged_at_its_rate_and_starts_at_the_prior(flight):
     sigma = flight.uncertainty
     np.testing.assert_allclose(np.diff(sigma.t), UNCERTAINTY_PERIOD, atol=1e-12)
     assert sigma.t[0] == 0
-    given = paper_flights.SETTINGS.learning
-    stated = np.repeat([given.payload.force_std_N, given.payload.moment_std_Nm], 3)
+    settings = paper_flights.SETTINGS.learning
+    stated = np.repeat([settings.payload.force_std_N, settings.payload.moment_std_Nm], 3)
     np.testing.assert_allclose(sigma.payload_std, np.tile(stated, (len(sigma.t), 1)))
     assert sigma.agent_std[0].shape == (len(sigma.t), 2, 9)
 
@@ -313,9 +313,9 @@ def test_run_ends_at_the_first_exceeded_limit(limit, whose, setting):
     same(stopped.records, jax.tree.map(lambda x: x[: first + 1], free.records))
     assert whose[int(np.argmax(signal[first]))] in stopped.termination_reason
     degrees = np.rad2deg(1) if setting.endswith("_deg") else 1.0
-    said = float(stopped.termination_reason.rpartition(" ")[2])
+    message = float(stopped.termination_reason.rpartition(" ")[2])
     assert f"at t = {first * 0.002:.3f} s, beyond termination.{setting} = " in stopped.termination_reason
-    assert abs(said) == pytest.approx(abs(most) * degrees, rel=1e-5)
+    assert abs(message) == pytest.approx(abs(most) * degrees, rel=1e-5)
 
 
 def test_run_ends_at_a_near_singular_grasp():
@@ -362,11 +362,11 @@ def test_run_ends_at_a_signal_that_is_not_finite():
 
 def test_diverging_run_ends_and_keeps_its_log():
     """A diverging run ends at that step and keeps the records before."""
-    wild = simulate(paper_flights.with_gains(limited(paper_experiment("C1")), agent_k_omega=number(1e6)), 0.5)
-    assert "not finite" in wild.termination_reason
-    assert 1 < len(wild.records.t) < 20
-    assert f"t = {wild.records.t[-1]:.3f} s" in wild.termination_reason
-    assert all(np.isfinite(leaf[:-1]).all() for leaf in jax.tree.leaves(wild.records))
+    unstable = simulate(paper_flights.with_gains(limited(paper_experiment("C1")), agent_k_omega=number(1e6)), 0.5)
+    assert "not finite" in unstable.termination_reason
+    assert 1 < len(unstable.records.t) < 20
+    assert f"t = {unstable.records.t[-1]:.3f} s" in unstable.termination_reason
+    assert all(np.isfinite(leaf[:-1]).all() for leaf in jax.tree.leaves(unstable.records))
 
 
 # Native code ----------------------------------------------------------------------------------------------------------
@@ -375,9 +375,9 @@ def test_diverging_run_ends_and_keeps_its_log():
 def test_native_code_equals_jax_with_frozen_models():
     """A second of C3 after an update, with noise: the difference is rounding of two compilers."""
     of = dataclasses.replace(paper_experiment("C3"), duration=4.0, update_times=(3.5,))
-    oracle = simulate(of, 4.0).model
-    assert int(oracle.payload.num_points) > 10
-    setup = with_controller(of, residual_model=oracle).loop_config
+    model = simulate(of, 4.0).model
+    assert int(model.payload.num_points) > 10
+    setup = with_controller(of, residual_model=model).loop_config
     by_native = by_jax = simulator.reset(setup, of.initial_state)
     jax_s = jax.jit(simulator._advance)
     for k in range(2):
@@ -386,8 +386,8 @@ def test_native_code_equals_jax_with_frozen_models():
         by_jax, same = jax_s(setup, by_jax, noise, jnp.asarray(paper_flights.ROOM))
         assert jax.tree.structure(rows) == jax.tree.structure(same)
         for field in dataclasses.fields(rows):
-            got, want = np.asarray(getattr(rows, field.name)), np.asarray(getattr(same, field.name))
-            np.testing.assert_allclose(got.astype(float), want.astype(float), atol=1e-9, err_msg=field.name)
+            actual, expected = np.asarray(getattr(rows, field.name)), np.asarray(getattr(same, field.name))
+            np.testing.assert_allclose(actual.astype(float), expected.astype(float), atol=1e-9, err_msg=field.name)
     assert np.abs(rows.f_L_hat).max() > 0.1
 
 
@@ -395,7 +395,7 @@ def test_native_code_equals_jax_with_frozen_models():
 class PythonForce(disturbances.DisturbanceModel):
     """Disturbance with a Python callback, which C code cannot call."""
 
-    def __call__(self, at: disturbances.PointKinematics, t: Any, memory: Any) -> tuple[Any, Any]:
+    def __call__(self, at: disturbances.PointKinematics, t: Any, state: Any) -> tuple[Any, Any]:
         force = jax.pure_callback(lambda v: -0.1 * np.asarray(v), jax.ShapeDtypeStruct((3,), float), at.v)
         return force, jnp.zeros(3)
 

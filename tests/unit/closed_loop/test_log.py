@@ -142,10 +142,10 @@ def test_file_is_readable_by_other_libraries(rng, tmp_path):
 
 @pytest.mark.parametrize("wrong", ["agents", "joints", "contacts"])
 def test_inconsistent_names_are_refused(rng, wrong):
-    given = flights.PAPER.names
-    given[wrong] = given[wrong][:-1]
+    names_given = flights.PAPER.names
+    names_given[wrong] = names_given[wrong][:-1]
     with pytest.raises(ValueError, match=wrong[:-1]):
-        log.dataset(flights.rows(rng, flights.PAPER), sigma=flights.sigma(rng, flights.PAPER), attrs={}, **given)
+        log.dataset(flights.rows(rng, flights.PAPER), sigma=flights.sigma(rng, flights.PAPER), attrs={}, **names_given)
 
 
 def test_unwritable_folder_gives_one_line(rng, tmp_path):
@@ -163,14 +163,14 @@ def test_full_disk_keeps_the_earlier_file(rng, tmp_path):
     path = tmp_path / "C3.nc"
     path.write_bytes(b"before")
     ds = flights.dataset(rng)
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    soft_limit, hard_limit = resource.getrlimit(resource.RLIMIT_FSIZE)
     handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, hard))  # no file of this process grows past that
+    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, hard_limit))  # no file of this process grows past that
     try:
         with pytest.raises(OSError, match="cannot write") as caught:
             log.save(ds, path)
     finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft_limit, hard_limit))
         signal.signal(signal.SIGXFSZ, handler)
     assert "\n" not in str(caught.value)
     assert path.read_bytes() == b"before"

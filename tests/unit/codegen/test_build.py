@@ -25,7 +25,7 @@ X = jnp.asarray([0.3, -0.2, 0.7])
 def new_process(monkeypatch, tmp_path):
     """Emulate a new process with an empty cache."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    known = (
+    caches = (
         codegen._target,
         codegen._warn_fallback,
         build._warn_uncached,
@@ -33,10 +33,10 @@ def new_process(monkeypatch, tmp_path):
         build.compiler,
         build.build_environment,
     )
-    for f in known:
+    for f in caches:
         f.cache_clear()
     yield
-    for f in known:
+    for f in caches:
         f.cache_clear()
 
 
@@ -151,8 +151,8 @@ for k in [0, 1, 2] * 8:
 
 def test_processes_may_build_and_evict_concurrently(folder):
     children = [subprocess.Popen([sys.executable, "-c", CHILD], stderr=subprocess.PIPE, text=True) for _ in range(3)]
-    said = [child.communicate(timeout=300)[1] for child in children]
-    assert [child.returncode for child in children] == [0, 0, 0], said
+    outputs = [child.communicate(timeout=300)[1] for child in children]
+    assert [child.returncode for child in children] == [0, 0, 0], outputs
     assert {path.suffix for path in folder.iterdir()} == {".so"}
 
 
@@ -250,7 +250,7 @@ def test_compiler_variable_may_contain_options(monkeypatch, compilations):
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "outputs"),
     [
         ("#!/bin/sh\necho broken >&2; exit 3", r"my cc' -m64 --version: exit status 3: broken"),
         ("#!/bin/sh\nexit 0", "my cc' -m64 --version: prints no version"),
@@ -259,9 +259,9 @@ def test_compiler_variable_may_contain_options(monkeypatch, compilations):
         ("#!/no/such/shell\n", r"my cc' -m64 --version: cannot be run: No such file"),
     ],
 )
-def test_broken_compiler_gives_one_error(text, said, cc, folder):
+def test_broken_compiler_gives_one_error(text, outputs, cc, folder):
     cc(text)
-    with pytest.raises(build.CompilerError, match=said):
+    with pytest.raises(build.CompilerError, match=outputs):
         jax.jit(codegen.compile(so3.exp))(X)
     assert not folder.exists() or list(folder.iterdir()) == []
 

@@ -24,10 +24,10 @@ from tests.support.pinocchio_team import PinocchioTeam
 BATCH = 11  # neither a multiple of the vector's length nor less
 
 
-def assert_close(got, want, tolerance=1e-12):
+def assert_close(actual, expected, tolerance=1e-12):
     """Equal structure, types and shapes; equal values to a tolerance relative to each array's largest."""
-    assert jax.tree.structure(got) == jax.tree.structure(want)
-    for a, b in zip(jax.tree.leaves(got), jax.tree.leaves(want), strict=True):
+    assert jax.tree.structure(actual) == jax.tree.structure(expected)
+    for a, b in zip(jax.tree.leaves(actual), jax.tree.leaves(expected), strict=True):
         assert a.dtype == b.dtype
         assert a.shape == b.shape
         scale = max(1.0, float(np.max(np.abs(np.asarray(b, float)), initial=0.0, where=np.isfinite(b))))
@@ -221,9 +221,9 @@ def test_sine_and_cosine_are_exact_to_rounding():
                         [0.0, -0.0, 99999.9, 1e5, 1e22, np.inf, -np.inf, np.nan]])  # fmt: skip
     f = codegen.compile(lambda x: (jnp.sin(x), jnp.cos(x)))
     with np.errstate(invalid="ignore"):
-        want = np.sin(x), np.cos(x)
-    for got in (jax.vmap(f)(jnp.asarray(x)), zip(*(f(jnp.asarray(v)) for v in x[::200]), strict=True)):
-        for a, b in zip(got, want, strict=True):
+        expected = np.sin(x), np.cos(x)
+    for actual in (jax.vmap(f)(jnp.asarray(x)), zip(*(f(jnp.asarray(v)) for v in x[::200]), strict=True)):
+        for a, b in zip(actual, expected, strict=True):
             a = np.asarray(a)
             np.testing.assert_allclose(a, b if a.size == x.size else b[::200], rtol=0, atol=1.2e-16)
 
@@ -263,8 +263,8 @@ def test_batches_may_share_any_argument(axes):
         x if d is None else jnp.moveaxis(y, 0, d) for x, y, d in zip(PLAIN, random_batch(rng, PLAIN), axes, strict=True)
     ]
     args[2] = args[2].astype(float)
-    got, want = (jax.jit(jax.vmap(f, in_axes=axes))(*args) for f in (codegen.compile(plain), plain))
-    assert_close(got, want)
+    actual, expected = (jax.jit(jax.vmap(f, in_axes=axes))(*args) for f in (codegen.compile(plain), plain))
+    assert_close(actual, expected)
 
 
 def test_nested_batches():
@@ -579,13 +579,13 @@ def test_plant(structure):
         )
         samples.append((team, z, inputs, zero_residual(team), jnp.array(1e-4)))
     by_jax = jax.jit(plant_step)
-    want = [by_jax(*sample) for sample in samples]
+    expected = [by_jax(*sample) for sample in samples]
     by_native = jax.jit(codegen.compile(plant_step))
-    for sample, result in zip(samples, want, strict=True):
+    for sample, result in zip(samples, expected, strict=True):
         assert_close(by_native(*sample), result)
     flat = [jax.tree.leaves(sample) for sample in samples]  # a batch of teams is no team: it has no annotated shapes
     batch = [jnp.stack(x) for x in zip(*flat, strict=True)]
-    results = [jnp.stack(x) for x in zip(*map(jax.tree.leaves, want), strict=True)]
+    results = [jnp.stack(x) for x in zip(*map(jax.tree.leaves, expected), strict=True)]
     tree = jax.tree.structure(samples[0])
     step = codegen.compile(lambda *x: jax.tree.leaves(plant_step(*jax.tree.unflatten(tree, x))))
     assert_close(jax.jit(jax.vmap(step))(*batch), results)

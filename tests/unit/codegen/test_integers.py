@@ -58,9 +58,9 @@ def test_integer_steps_equal_jax_or_are_refused(kind, data):
     args = jnp.asarray(a, kind), jnp.asarray(b, kind)
     steps = exactly(name, a, b)
     if steps and all(low <= x <= high for x in steps):
-        got, want = COMPILED[name](*args), STEPS[name](*args)
-        assert got.dtype == want.dtype
-        assert int(got) == int(want) == steps[-1]
+        actual, expected = COMPILED[name](*args), STEPS[name](*args)
+        assert actual.dtype == expected.dtype
+        assert int(actual) == int(expected) == steps[-1]
     else:
         with pytest.raises(REFUSED, match="integer out of its type's range or beyond 2\\^53"):
             jax.block_until_ready(COMPILED[name](*args))

@@ -105,8 +105,8 @@ def test_command_states_each_result_in_one_line(project, store, capsys):
     """The status is 1 if a result stays outdated, 2 for an unknown name."""
     store({"1": stored(2 / 3)})
     assert restamp.main([], ["proof", "layered"]) == 1
-    said = capsys.readouterr().out.splitlines()
-    assert [line.split(maxsplit=1) for line in said] == [["proof", "nothing changed since"], ["layered", "no result"]]
+    output = capsys.readouterr().out.splitlines()
+    assert [line.split(maxsplit=1) for line in output] == [["proof", "nothing changed since"], ["layered", "no result"]]
     assert restamp.main(["proof"], ["proof"]) == 0
     for wrong in (["another"], ["--item", "1"]):
         with pytest.raises(SystemExit):

@@ -30,14 +30,14 @@ def test_status_is_1_where_a_page_quotes_a_stale_result(project, store, capsys):
     page.parent.mkdir(parents=True)
     page.write_text("<!-- evidence: proof -->\n")
     assert status.main([], NAMES) == 0
-    said = capsys.readouterr().out
-    assert "proof        2026-01-02 at " in said
-    assert "layered      no result yet" in said
+    output = capsys.readouterr().out
+    assert "proof        2026-01-02 at " in output
+    assert "layered      no result yet" in output
     (project / "benchmarks" / "model.py").write_text("scale = 1\n")
     assert status.main([], NAMES) == 1
-    said = capsys.readouterr().out
-    assert "since then changed: benchmarks/model.py" in said
-    assert "docs/results/page.md: quotes proof, which is older than its code or missing" in said
+    output = capsys.readouterr().out
+    assert "since then changed: benchmarks/model.py" in output
+    assert "docs/results/page.md: quotes proof, which is older than its code or missing" in output
     assert status.main(["layered"], NAMES) == 0
     page.write_text("<!-- table: unknown.errors -->\n")
     assert status.main([], NAMES) == 1

@@ -213,12 +213,12 @@ def test_recovery_of_functional_beats_sum_over_points():
     """The bound of a functional is below the sum over its points and scales linearly."""
     _, B, eps, p, x = member(11)
     Z = np.vstack([x + 0.3 * d * np.asarray(p.hyper.lengthscales)[0] for d in (-1, 0, 1)])
-    given = (p.X, p.Y, p.hyper, 0, B[0], eps[0])
+    arguments = (p.X, p.Y, p.hyper, 0, B[0], eps[0])
     a = np.array([0.25, 0.5, 0.25])
-    whole = optimal_recovery.recovery_interval(*given, Z, a)
-    parts = [optimal_recovery.recovery_interval(*given, z[None]) for z in Z]
+    whole = optimal_recovery.recovery_interval(*arguments, Z, a)
+    parts = [optimal_recovery.recovery_interval(*arguments, z[None]) for z in Z]
     assert whole.upper <= sum(w * part.upper for w, part in zip(a, parts, strict=True)) + 1e-6
-    twice = optimal_recovery.recovery_interval(*given, Z, -2 * a)
+    twice = optimal_recovery.recovery_interval(*arguments, Z, -2 * a)
     np.testing.assert_allclose([twice.lower, twice.upper], [-2 * whole.upper, -2 * whole.lower], rtol=1e-4)
 
 
@@ -265,8 +265,8 @@ def test_any_multipliers_give_an_upper_bound(seed):
     f, _, _, _, _ = member(seed, N=12, eps_share=0.2)
     rng, mass = np.random.default_rng(seed), float(np.abs(a).sum())
     best = optimal_recovery.maximize_functional(allowed, k, square, mass)
-    shaken = best.nu[:, None] * (1 + 0.1 * rng.normal(size=(12, 4)))
-    nu = np.column_stack([best.nu, shaken, np.zeros(12), rng.normal(size=(12, 3))])
+    perturbed = best.nu[:, None] * (1 + 0.1 * rng.normal(size=(12, 4)))
+    nu = np.column_stack([best.nu, perturbed, np.zeros(12), rng.normal(size=(12, 3))])
     found = optimal_recovery.dual_upper_bounds(
         allowed, nu, np.tile(k[:, None], (1, nu.shape[1])), *(np.full(nu.shape[1], x) for x in (square, mass))
     )

@@ -71,8 +71,8 @@ def test_likelihood_and_gradient_agree_with_scikit_learn(seed):
     X, y = rng.normal(size=(80, 6)), rng.normal(size=80)
     theta = rng.uniform(-1.5, 1.5, 8)
     kernel = ConstantKernel(np.exp(theta[0])) * RBF(np.exp(theta[1:-1])) + WhiteKernel(np.exp(theta[-1]))
-    oracle = GaussianProcessRegressor(kernel, alpha=0.0, optimizer=None).fit(X, y)
-    expected, expected_gradient = oracle.log_marginal_likelihood(theta, eval_gradient=True)
+    model = GaussianProcessRegressor(kernel, alpha=0.0, optimizer=None).fit(X, y)
+    expected, expected_gradient = model.log_marginal_likelihood(theta, eval_gradient=True)
     value, gradient = log_marginal_likelihood(theta, X, y[:, None])
     assert abs(value - expected) <= 1e-8 * 80
     np.testing.assert_allclose(gradient, expected_gradient, rtol=1e-9, atol=1e-9)
@@ -114,8 +114,8 @@ def test_optimum_equals_scikit_learn_at_equal_budget(seed):
         kernel = ConstantKernel(1.0, box.signal_variance) * RBF([5**0.5] * 5, box.lengthscale) + WhiteKernel(
             0.1, box.noise_variance
         )
-        oracle = GaussianProcessRegressor(kernel, alpha=0.0, n_restarts_optimizer=0)
-        expected = ignore_bound_warnings(oracle.fit, X, Y[:, i]).log_marginal_likelihood_value_
+        model = GaussianProcessRegressor(kernel, alpha=0.0, n_restarts_optimizer=0)
+        expected = ignore_bound_warnings(model.fit, X, Y[:, i]).log_marginal_likelihood_value_
         assert found.log_likelihood[i] >= expected - 0.05
 
 
@@ -311,9 +311,9 @@ def test_fit_with_hyperprior_is_the_posterior_mode(seed):
         (s, ls, v, offset), (s0, ls0, v0, _) = arrays(h, i), arrays(BELIEF.median, i)
         theta, median = (np.log([a, *b, c]) for a, b, c in ((s, ls, v), (s0, ls0, v0)))
         kernel = ConstantKernel(s) * RBF(ls) + WhiteKernel(v)
-        oracle = GaussianProcessRegressor(kernel, alpha=0.0, optimizer=None).fit(X, Y[:, i] - offset)
+        model = GaussianProcessRegressor(kernel, alpha=0.0, optimizer=None).fit(X, Y[:, i] - offset)
         # both in the units of the data: a change of units shifts logarithms, and no slope
-        value, slope = oracle.log_marginal_likelihood(theta, eval_gradient=True)
+        value, slope = model.log_marginal_likelihood(theta, eval_gradient=True)
         density = norm(median, np.log(3) * np.array([2, *[1] * 8, 2]))
         step = 1e-5
         slope += (density.logpdf(theta + step) - density.logpdf(theta - step)) / (2 * step)
@@ -491,9 +491,9 @@ def test_estimates_are_unbiased_and_calibrated():
 def test_unexcited_parameters_keep_their_prior():
     """A constant attitude determines the sum of two parameters only, and not the third."""
     X, Y, Phi, theta, _ = body(0, N=25)
-    blind = np.concatenate([Phi[..., :1], 2 * Phi[..., :1], 0 * Phi[..., :1]], axis=-1)
-    Y = Y - Phi @ theta + blind @ [0.5, 0.25, 7.0]
-    found = gp.fit_semiparametric(X, Y, blind, [1.0, 1.0, 3.0], GROUPS, body_hyperprior())
+    deficient = np.concatenate([Phi[..., :1], 2 * Phi[..., :1], 0 * Phi[..., :1]], axis=-1)
+    Y = Y - Phi @ theta + deficient @ [0.5, 0.25, 7.0]
+    found = gp.fit_semiparametric(X, Y, deficient, [1.0, 1.0, 3.0], GROUPS, body_hyperprior())
     assert found.theta[2] == 0
     assert found.covariance[2, 2] == pytest.approx(9.0)
     assert abs(found.theta @ [1, 2, 0] - 1.0) < 0.1
@@ -504,9 +504,9 @@ def test_unexcited_parameters_keep_their_prior():
 def test_inactive_input_has_no_effect():
     X, Y, Phi, _, _ = body(1)
     more = np.column_stack([X, np.random.default_rng(2).normal(size=len(X))])
-    blind = body_hyperprior(dimensions=3, lengthscale=[1.0, 1.0, gp.INACTIVE_LENGTHSCALE])
+    deficient = body_hyperprior(dimensions=3, lengthscale=[1.0, 1.0, gp.INACTIVE_LENGTHSCALE])
     one, other = (
-        gp.fit_semiparametric(Z, Y, Phi, PRIOR, GROUPS, b) for Z, b in ((X, body_hyperprior()), (more, blind))
+        gp.fit_semiparametric(Z, Y, Phi, PRIOR, GROUPS, b) for Z, b in ((X, body_hyperprior()), (more, deficient))
     )
     np.testing.assert_allclose(other.theta, one.theta, rtol=1e-9)
     np.testing.assert_array_equal(other.hyper.lengthscales[:, 2], gp.INACTIVE_LENGTHSCALE)

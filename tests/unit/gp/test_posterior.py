@@ -245,15 +245,15 @@ def test_agrees_with_scikit_learn(seed):
     X, Y, hyper, queries = problem(seed, N=80)
     p = gp.condition(X, Y, hyper, 100)
     for i in range(3):
-        oracle = scikit_learn(X, Y[:, i], hyper, i)
-        mu, std = oracle.predict(np.asarray(queries), return_std=True)
+        model = scikit_learn(X, Y[:, i], hyper, i)
+        mu, std = model.predict(np.asarray(queries), return_std=True)
         cond = np.linalg.cond(gram(X, hyper, i))
         assert (
             np.abs(means(p, queries)[:, i] - mu - arrays(hyper, i)[3]) <= tolerance(cond, 1e-9) * Y[:, i].std()
         ).all()
         # scikit-learn subtracts in the same way, so its own rounding may be as large: twice the tolerance.
         assert (np.abs(variances(p, queries)[:, i] - std**2) <= 2 * tolerance(cond, 1e-8) * std**2).all()
-        assert abs(gp.log_likelihood(p)[i] - oracle.log_marginal_likelihood_value_) <= 1e-8 * len(X)
+        assert abs(gp.log_likelihood(p)[i] - model.log_marginal_likelihood_value_) <= 1e-8 * len(X)
 
 
 @given(seeds)
@@ -480,9 +480,9 @@ def test_dense_points_at_minimal_noise_are_accurate(lengthscale, ordered):
     loss = np.linalg.norm(E, 2)
     assert loss < 0.25
     Wk, Wy = (W @ kernel(X, queries, np.longdouble)).astype(float), (W @ y).astype(float)
-    right = Wk.T @ np.linalg.solve(np.eye(N) + E, Wy)
+    expected = Wk.T @ np.linalg.solve(np.eye(N) + E, Wy)
     found = means(p, jnp.asarray(queries)[:, None])[:, 0]
-    assert np.abs(found - right).max() <= loss / (1 - loss) * np.linalg.norm(Wk, axis=0).max() * np.linalg.norm(Wy)
+    assert np.abs(found - expected).max() <= loss / (1 - loss) * np.linalg.norm(Wk, axis=0).max() * np.linalg.norm(Wy)
     assert (variances(p, jnp.asarray(queries)[:, None]) >= 0).all()
 
 
@@ -497,10 +497,10 @@ def test_noise_beyond_working_precision_is_refused():
 def test_append_refuses_too_small_noise(noise):
     """With less noise `append` must refuse rather than divide by rounding errors, and the factor stays unchanged."""
     N = 200
-    honest = gp.prior(gp.make_hyperparameters(1.0, [10.0], 1.0), N)
-    smuggled = dataclasses.replace(honest.hyper, noise_variance=jnp.asarray([noise * min_noise_ratio_for_append(N)]))
+    valid = gp.prior(gp.make_hyperparameters(1.0, [10.0], 1.0), N)
+    too_small = dataclasses.replace(valid.hyper, noise_variance=jnp.asarray([noise * min_noise_ratio_for_append(N)]))
     X = jnp.linspace(0, 1, N)[:, None]
-    p, kept = append_all(dataclasses.replace(honest, hyper=smuggled), X, jnp.sin(X))
+    p, kept = append_all(dataclasses.replace(valid, hyper=too_small), X, jnp.sin(X))
     assert not kept.any()
     assert int(p.num_points) == 0
     assert (variances(p, X) == 1).all()

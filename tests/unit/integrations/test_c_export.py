@@ -33,10 +33,10 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Exported C3 of the smallest team, with the model of the first two seconds and the steps after them."""
     path = tmp_path_factory.mktemp("c")
     learning = light.SAMPLE.learning.model_copy(update={"update_times_s": [2.0]})
-    plan = experiment.make_experiment(light.settings(learning=learning, sensors={}), "C3")
-    flown = flight.run_experiment(dataclasses.replace(plan, duration=2.1))
+    c3 = experiment.make_experiment(light.settings(learning=learning, sensors={}), "C3")
+    flown = flight.run_experiment(dataclasses.replace(c3, duration=2.1))
     assert int(flown.model.payload.num_points) > 10
-    c_export.export_c(plan, flown.model, TICKS, path, "light, C3")
+    c_export.export_c(c3, flown.model, TICKS, path, "light, C3")
     return path
 
 
@@ -124,13 +124,13 @@ def test_learned_model_is_a_separate_block(folder: Path):
 
 @pytest.mark.long
 def test_replay_equals_the_native_simulation():
-    plan = experiment.make_experiment(light.settings(), "C1")
-    _, flown = c_export.replay(plan, plan.controller.residual_model, 50)
-    setup = plan.loop_config
-    noise = plan.world.sample_noise(jax.random.key(plan.seed), 50)
-    _, rows = simulator.rollout(setup, simulator.reset(setup, plan.initial_state), noise, jax.numpy.asarray(50))
+    c3 = experiment.make_experiment(light.settings(), "C1")
+    _, flown = c_export.replay(c3, c3.controller.residual_model, 50)
+    setup = c3.loop_config
+    noise = c3.world.sample_noise(jax.random.key(c3.seed), 50)
+    _, rows = simulator.rollout(setup, simulator.reset(setup, c3.initial_state), noise, jax.numpy.asarray(50))
     np.testing.assert_allclose(np.asarray(flown.command[0].u), rows.u, atol=1e-9)
-    assert isinstance(plan.controller.residual_model, residual_model.ResidualModel)
+    assert isinstance(c3.controller.residual_model, residual_model.ResidualModel)
 
 
 def test_unknown_case_gives_one_line_and_status_2(tmp_path: Path):

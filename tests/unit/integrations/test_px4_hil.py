@@ -31,29 +31,29 @@ class StandIn:
     """PX4 in lockstep: its clock is that of the sensor messages, it answers each, its rotors are in FRD."""
 
     port: int
-    asked: queue.SimpleQueue  # thrust and torque setpoints, as they would come over uORB
+    setpoints: queue.SimpleQueue  # thrust and torque setpoints, as they would come over uORB
     thrust_max: float
     quits: int = 10**9  # sensors after which it goes
 
     def run(self) -> None:
-        self.seen: dict[str, list] = {}
+        self.received: dict[str, list] = {}
         mav = mavlink.MAVLink(None, srcSystem=1)
         with socket.create_connection(("127.0.0.1", self.port)) as connection:
-            while len(self.seen.get("HIL_SENSOR", ())) < self.quits and (received := connection.recv(4096)):
+            while len(self.received.get("HIL_SENSOR", ())) < self.quits and (received := connection.recv(4096)):
                 for message in mav.parse_buffer(received) or ():
-                    self.seen.setdefault(message.get_type(), []).append(message)
+                    self.received.setdefault(message.get_type(), []).append(message)
                     if message.get_type() == "HIL_SENSOR":
                         connection.sendall(self.answer(mav, message.time_usec))
 
     def answer(self, mav: mavlink.MAVLink, time: int) -> bytes:
         """Return rotor signals for the setpoint by PX4's geometry; none during startup, zeros until armed."""
-        thrust, torque = self.asked.get(timeout=600)
-        heard = len(self.seen["HIL_SENSOR"])
-        if heard <= BOOT:
+        thrust, torque = self.setpoints.get(timeout=600)
+        received = len(self.received["HIL_SENSOR"])
+        if received <= BOOT:
             return b""
         half = np.abs(ROTORS[:, [1, 0, 2]]).sum(0) / 2 * self.thrust_max / 4
         effect = np.array([[1, -y, x, k] for x, y, k in ROTORS]).T * self.thrust_max / 4
-        armed = heard > ARM
+        armed = received > ARM
         signals = np.linalg.solve(effect, [-thrust[2] * self.thrust_max, *(np.asarray(torque) * half)]) * armed
         mode = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | armed * mavlink.MAV_MODE_FLAG_SAFETY_ARMED
         return mavlink.MAVLink_hil_actuator_controls_message(time, [*signals, *[0.0] * 12], mode, 1).pack(mav)
@@ -64,19 +64,19 @@ def plan() -> Experiment:
     return dataclasses.replace(experiment.make_experiment(light.settings(), "C1"), duration=TICKS * 0.002)
 
 
-def simulate_with_autopilots(plan: Experiment, **given: int) -> tuple[list, list[StandIn]]:
+def simulate_with_autopilots(one_experiment: Experiment, **options: int) -> tuple[list, list[StandIn]]:
     """Return all steps of a flight and the autopilots afterwards."""
-    most = [float(x) for group in plan.world.team.agent_groups for x in group.thrust_max]
+    most = [float(x) for group in one_experiment.world.team.agent_groups for x in group.thrust_max]
     with px4_hil.open_servers(len(most), 0) as servers:
         ports = [server.getsockname()[1] for server in servers]
-        stand_ins = [StandIn(port, queue.SimpleQueue(), u, **given) for port, u in zip(ports, most, strict=True)]
+        stand_ins = [StandIn(port, queue.SimpleQueue(), u, **options) for port, u in zip(ports, most, strict=True)]
         threads = [threading.Thread(target=each.run, daemon=True) for each in stand_ins]
         for thread in threads:
             thread.start()
         try:
             with px4_hil.accept_connections(servers, 30.0) as links:
-                ask = lambda j, wanted: stand_ins[j].asked.put(wanted)  # noqa: E731
-                return list(px4_hil.run_lockstep(plan, links, ask)), stand_ins
+                request = lambda j, setpoint: stand_ins[j].setpoints.put(setpoint)  # noqa: E731
+                return list(px4_hil.run_lockstep(one_experiment, links, request)), stand_ins
         finally:
             for thread in threads:
                 thread.join(30)
@@ -109,12 +109,12 @@ def test_flight_equals_that_without_autopilots(plan: Experiment, flight: tuple[l
 def test_simulation_starts_when_all_autopilots_are_armed(flight: tuple[list, list[StandIn]]) -> None:
     _, stand_ins = flight
     for each in stand_ins:
-        times = [m.time_usec for m in each.seen["HIL_SENSOR"]]
+        times = [m.time_usec for m in each.received["HIL_SENSOR"]]
         assert np.diff(times) == pytest.approx(2000)
         assert len(times) >= TICKS + ARM + 1
-        assert len(each.seen["HIL_STATE_QUATERNION"]) == len(times)
-        assert len(each.seen["HIL_GPS"]) == -(-len(times) // 50)
-        at_rest = each.seen["HIL_SENSOR"][: len(times) - TICKS]
+        assert len(each.received["HIL_STATE_QUATERNION"]) == len(times)
+        assert len(each.received["HIL_GPS"]) == -(-len(times) // 50)
+        at_rest = each.received["HIL_SENSOR"][: len(times) - TICKS]
         assert len({(m.xacc, m.yacc, m.zacc, m.xgyro, m.abs_pressure) for m in at_rest}) == 1
         assert at_rest[0].zacc == pytest.approx(-9.81, abs=0.01)
         assert {m.fields_updated for m in at_rest} == {0x1BFF}

@@ -157,8 +157,8 @@ def test_cdr_bytes_read_by_mcap(ds: xr.Dataset, path: Path) -> None:
     with path.open("rb") as file:
         reader = make_reader(file, validate_crcs=True)
         assert reader.get_header().profile == "ros2"
-        said = {m.name: m.metadata for m in reader.iter_metadata()}["colift"]
-        assert (said["run"], said["case"]) == (flights.RUN, "C1")
+        metadata = {m.name: m.metadata for m in reader.iter_metadata()}["colift"]
+        assert (metadata["run"], metadata["case"]) == (flights.RUN, "C1")
         poses = [m for _, _, m in reader.iter_messages(topics="/payload/pose")]
     assert [m.log_time for m in poses] == np.rint(1e9 * ds.time.values).astype(int).tolist()
     for k, m in enumerate(poses):

@@ -18,7 +18,7 @@ from tests.support import random_teams as teams
 from tests.support.pinocchio_team import PinocchioTeam
 
 STRUCTURES = [structure for structure in teams.POOL if len(structure) > 1]
-wrench, Phi, Phi_dot, grip = (
+wrench, Phi, Phi_dot, min_singular_value = (
     jax.jit(f)
     for f in (grasp.payload_wrench, grasp.constraint_residual, grasp.constraint_rate, grasp.min_delassus_singular_value)
 )
@@ -79,10 +79,10 @@ def test_split_and_join(structure: tuple) -> None:
 def test_constraint_equals_pinocchio_off_the_grasp(structure: tuple) -> None:
     rng = np.random.default_rng(2)
     team, z = teams.team(rng, structure), teams.free_state(rng, structure)
-    oracle = PinocchioTeam(team)
-    q, v = oracle.coordinates(z)
-    np.testing.assert_allclose(Phi(team, z), oracle.gap(z), atol=1e-14)
-    np.testing.assert_allclose(Phi_dot(team, z).ravel(), oracle.jacobian(q) @ v, atol=1e-13)
+    model = PinocchioTeam(team)
+    q, v = model.coordinates(z)
+    np.testing.assert_allclose(Phi(team, z), model.gap(z), atol=1e-14)
+    np.testing.assert_allclose(Phi_dot(team, z).ravel(), model.jacobian(q) @ v, atol=1e-13)
 
 
 @pytest.mark.parametrize("structure", STRUCTURES)
@@ -118,7 +118,7 @@ def test_condition_is_that_of_the_dense_matrix(structure: tuple) -> None:
     )
     expected = PinocchioTeam(team).accelerate(z, inputs, zero_residual(team))
     assert grasp.check_grasp(team, z) == pytest.approx(expected.condition, rel=1e-6)
-    assert float(grip(team, z).min()) <= expected.singular[-1] * (1 + 1e-9)
+    assert float(min_singular_value(team, z).min()) <= expected.singular[-1] * (1 + 1e-9)
 
 
 def crossed(seed: int) -> tuple[Team, State]:
@@ -131,8 +131,8 @@ def crossed(seed: int) -> tuple[Team, State]:
 def test_rank_deficient_agent_makes_the_team_deficient(seed: int) -> None:
     """The payload cannot move its contacts in a way that the agent cannot."""
     team, z = crossed(seed)
-    oracle = PinocchioTeam(team)
-    singular = np.linalg.svd(oracle.jacobian(oracle.coordinates(z)[0]), compute_uv=False)
+    model = PinocchioTeam(team)
+    singular = np.linalg.svd(model.jacobian(model.coordinates(z)[0]), compute_uv=False)
     assert singular[-1] < 1e-14 < 1e-4 < singular[-2]
 
 
@@ -161,7 +161,7 @@ def test_smallest_singular_value_vanishes_in_a_singular_pose() -> None:
     at = lambda a: dataclasses.replace(  # noqa: E731
         z, agents=(dataclasses.replace(z.agents[0], r=jnp.array([[0, 1.2, -1.2], [0, a, -a]])),)
     )
-    values = np.array([np.asarray(grip(team, at(a))) for a in (1.2, 1.4, 1.5, 1.55, np.pi / 2)])
+    values = np.array([np.asarray(min_singular_value(team, at(a))) for a in (1.2, 1.4, 1.5, 1.55, np.pi / 2)])
     np.testing.assert_allclose(values[:, 0], values[0, 0], rtol=1e-12)
     assert (np.diff(values[:, 1]) < 0).all()
     assert values[-1, 1] < 1e-14

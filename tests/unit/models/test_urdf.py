@@ -169,8 +169,8 @@ def test_unphysical_merged_links_are_refused() -> None:
     """Links whose merged inertia is not physical are refused with all their names."""
     flat = '<mass value="0.001"/><inertia ixx="1e-6" iyy="1e-6" izz="9" ixy="0" ixz="0" iyz="0"/>'
     text = TWO_ARMS.replace('<link name="tool"/>', f'<link name="tool"><inertial>{flat}</inertial></link>')
-    told = r"^two\.urdf:4: link 'arm' with the links fixed to it \(tool\): inertia violates the triangle inequality"
-    with pytest.raises(ValueError, match=told):
+    reported = r"^two\.urdf:4: link 'arm' with the links fixed to it \(tool\): inertia violates the triangle inequality"
+    with pytest.raises(ValueError, match=reported):
         urdf.parse_urdf(text, "two.urdf")
 
 
@@ -415,10 +415,12 @@ def test_scenario_and_python_read_equal_agents(seed: int, scenario_file: Path) -
     text, tips = random_urdf(rng, 8)
     text = re.sub("joint (\\d)", "joint-\\1", text)  # a scenario's names hold no blanks
     (scenario_file.parent / "vehicles" / "two.urdf").write_text(text, encoding="utf-8")
-    told = scenario_file.read_text(encoding="utf-8")
+    reported = scenario_file.read_text(encoding="utf-8")
     kind = FROM_URDF.replace("left_hand, {link: right, name: right", f"{tips[0]}, {{link: {tips[1]}, name: right")
-    told = told.replace(FROM_URDF, re.sub("    nominal_position.*\n", "", kind)).replace("/left_hand", f"/{tips[0]}")
-    truth, _ = team.team(scenario.parse(told, str(scenario_file)))
+    reported = reported.replace(FROM_URDF, re.sub("    nominal_position.*\n", "", kind)).replace(
+        "/left_hand", f"/{tips[0]}"
+    )
+    truth, _ = team.team(scenario.parse(reported, str(scenario_file)))
     robot = urdf.load_urdf(scenario_file.parent / "vehicles" / "two.urdf")
     agent = urdf.make_agent(
         robot, [tips[0], (tips[1], [0.0, 0.0, -0.3])], np.asarray(truth.agent_groups[0].contact_position[1]), 50.0
@@ -465,16 +467,16 @@ def test_errors_of_an_entry_state_their_place(given: str, instead: str, answer: 
 def test_scenario_selects_the_mode_of_mimic_joints(scenario_file: Path) -> None:
     text = SAME.replace('<child link="right"/>', '<child link="right"/><mimic joint="left" multiplier="-1"/>')
     (scenario_file.parent / "vehicles" / "two.urdf").write_text(text, encoding="utf-8")
-    told = scenario_file.read_text(encoding="utf-8")
+    reported = scenario_file.read_text(encoding="utf-8")
     with pytest.raises(ScenarioError, match=r"two_arms\.urdf: .*two\.urdf:\d+: joint 'right' depends on another joint"):
         scenario.load_scenario(scenario_file)
     with pytest.raises(
         ScenarioError, match="mimic_joints: must be one of frozen, independent, got 'forzen'; did you mean 'frozen'"
     ):
-        scenario.parse(told.replace("    tips:", "    mimic_joints: forzen\n    tips:"), str(scenario_file))
-    free = scenario.parse(told.replace("    tips:", "    mimic_joints: independent\n    tips:"), str(scenario_file))
+        scenario.parse(reported.replace("    tips:", "    mimic_joints: forzen\n    tips:"), str(scenario_file))
+    free = scenario.parse(reported.replace("    tips:", "    mimic_joints: independent\n    tips:"), str(scenario_file))
     assert team.joint_names(free)[:3] == ("front/waist", "front/left", "front/right")
-    frozen = told.replace("    tips:", "    mimic_joints: frozen\n    tips:").replace(", right: -1.2}", "}")
+    frozen = reported.replace("    tips:", "    mimic_joints: frozen\n    tips:").replace(", right: -1.2}", "}")
     (kind,) = scenario.parse(frozen, str(scenario_file)).agent_types.values()
     assert [joint.name for joint in kind.joints] == ["waist", "left"]
     hand = next(arm for arm in kind.arms if arm.name == "right")

@@ -48,8 +48,8 @@ def labelled(
 def stated(
     bound: str = "energy", norm: float = 2.0, eps: float = 0.1, **other: object
 ) -> confidence_bounds.BoundAssumptions:
-    given = {"bound": bound, "confidence": 0.95, "rkhs_norm": norm, "payload": np.full(6, eps)}
-    return confidence_bounds.BoundAssumptions(**(given | {"agents": (np.full((2, 9), eps),)} | other))
+    options = {"bound": bound, "confidence": 0.95, "rkhs_norm": norm, "payload": np.full(6, eps)}
+    return confidence_bounds.BoundAssumptions(**(options | {"agents": (np.full((2, 9), eps),)} | other))
 
 
 def model_with(payload: gp.GPPosterior, seed: int = 0, n: int = 10) -> residual_model.ResidualModel:

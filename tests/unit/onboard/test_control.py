@@ -92,48 +92,48 @@ def task(seed: int, structure: tuple) -> Task:
     return Task(team=team, z=z, to=to, shares=tuple(shares), f=ResidualForces(agents=tuple(forces), payload=load))
 
 
-def commands(job: Task, gains: tracking.Gains = GAINS) -> tuple:
+def commands(problem: Task, gains: tracking.Gains = GAINS) -> tuple:
     """Return the inputs of all agents."""
-    team, z = job.team, job.z
+    team, z = problem.team, problem.z
     return tuple(
-        realize(group, gains, team.gravity, q, z.payload, job.to, share, f)
-        for group, q, share, f in zip(team.agent_groups, z.agents, job.shares, job.f.agents, strict=True)
+        realize(group, gains, team.gravity, q, z.payload, problem.to, share, f)
+        for group, q, share, f in zip(team.agent_groups, z.agents, problem.shares, problem.f.agents, strict=True)
     )
 
 
-def with_lateral_forces(job: Task, d: list[np.ndarray]) -> ResidualForces:
+def with_lateral_forces(problem: Task, d: list[np.ndarray]) -> ResidualForces:
     """Return the residuals plus lateral forces d along the base's x and y axes, two per agent."""
     agents = tuple(
         dataclasses.replace(f, f_x=f.f_x + jnp.einsum("jik,jk->ji", q.R[:, :, :2], jnp.array(part)))
-        for f, q, part in zip(job.f.agents, job.z.agents, d, strict=True)
+        for f, q, part in zip(problem.f.agents, problem.z.agents, d, strict=True)
     )
-    return dataclasses.replace(job.f, agents=agents)
+    return dataclasses.replace(problem.f, agents=agents)
 
 
-def solve_aligned(job: Task, inputs: tuple) -> tuple[contact_dynamics.Acceleration, np.ndarray, np.ndarray]:
+def solve_aligned(problem: Task, inputs: tuple) -> tuple[contact_dynamics.Acceleration, np.ndarray, np.ndarray]:
     """Return motion, contact force error and lateral forces that align the thrusts with their attitude setpoints.
 
     An aligned thrust needs none. Contact forces are affine in them, so least squares finds those that come
     nearest to the command; that they reach it is what the tests claim.
     """
-    sizes = job.team.sizes
+    sizes = problem.team.sizes
     count = 2 * sum(sizes)
 
     def lam(d: np.ndarray) -> np.ndarray:
         parts = np.split(d.reshape(-1, 2), np.cumsum(sizes)[:-1])
         return np.asarray(
-            grasp.stack_contacts(accelerate(job.team, job.z, inputs, with_lateral_forces(job, parts))[1])
+            grasp.stack_contacts(accelerate(problem.team, problem.z, inputs, with_lateral_forces(problem, parts))[1])
         ).ravel()
 
-    asked = np.asarray(grasp.stack_contacts(tuple(share.lam for share in job.shares))).ravel()
+    required = np.asarray(grasp.stack_contacts(tuple(share.lam for share in problem.shares))).ravel()
     zero = lam(np.zeros(count))
     A = np.stack([lam(e) - zero for e in np.eye(count)], axis=1)
-    d = np.linalg.lstsq(A, asked - zero, rcond=None)[0]
-    d += np.linalg.lstsq(A, asked - lam(d), rcond=None)[0]  # what rounding left
+    d = np.linalg.lstsq(A, required - zero, rcond=None)[0]
+    d += np.linalg.lstsq(A, required - lam(d), rcond=None)[0]  # what rounding left
     a, _ = accelerate(
-        job.team, job.z, inputs, with_lateral_forces(job, np.split(d.reshape(-1, 2), np.cumsum(sizes)[:-1]))
+        problem.team, problem.z, inputs, with_lateral_forces(problem, np.split(d.reshape(-1, 2), np.cumsum(sizes)[:-1]))
     )
-    return a, lam(d) - asked, d
+    return a, lam(d) - required, d
 
 
 def agents_of(values: tuple) -> list:
@@ -147,51 +147,51 @@ CASES = [pytest.param(seed, structure, id=f"{i}-{seed}") for i, structure in enu
 @pytest.mark.parametrize(("seed", "structure"), CASES)
 def test_aligned_thrust_realizes_forces_and_motion(seed, structure):
     """With aligned thrust, contact forces and payload motion are as commanded."""
-    job = task(seed, structure)
-    a, missed, d = solve_aligned(job, commands(job))
+    problem = task(seed, structure)
+    a, force_error, d = solve_aligned(problem, commands(problem))
     assert np.abs(d).max() > 0.1  # the thrusts were not aligned by themselves
-    assert np.abs(missed).max() < ROUNDING
-    np.testing.assert_allclose(a.payload, jnp.concatenate([job.to.a, job.to.alpha]), atol=ROUNDING)
+    assert np.abs(force_error).max() < ROUNDING
+    np.testing.assert_allclose(a.payload, jnp.concatenate([problem.to.a, problem.to.alpha]), atol=ROUNDING)
 
 
 @pytest.mark.parametrize(("seed", "structure"), CASES)
 def test_thrust_is_the_required_force_along_body_z(seed, structure):
     """Thrust is the component of the required force along the body z axis."""
-    job = task(seed, structure)
-    inputs = commands(job)
-    a, _, d = solve_aligned(job, inputs)
+    problem = task(seed, structure)
+    inputs = commands(problem)
+    a, _, d = solve_aligned(problem, inputs)
     v_dot = np.concatenate([np.asarray(x.v_dot) for x in a.agents])
     parts = (
-        agents_of(job.team.agent_groups),
-        agents_of(job.z.agents),
-        agents_of(job.shares),
-        agents_of(job.f.agents),
+        agents_of(problem.team.agent_groups),
+        agents_of(problem.z.agents),
+        agents_of(problem.shares),
+        agents_of(problem.f.agents),
         agents_of(inputs),
     )
     for j, (agent, q, share, f, u) in enumerate(zip(*parts, strict=True)):
-        force = float(agent.mass.sum()) * (v_dot[j] - job.team.gravity) + share.lam.sum(0) - f.f_x
+        force = float(agent.mass.sum()) * (v_dot[j] - problem.team.gravity) + share.lam.sum(0) - f.f_x
         np.testing.assert_allclose(q.R.T @ force, [*d[2 * j : 2 * j + 2], u.u], atol=ROUNDING)
 
 
 @pytest.mark.parametrize(("seed", "structure"), CASES)
 def test_agents_follow_the_attitude_law(seed, structure):
-    job = task(seed, structure)
+    problem = task(seed, structure)
     a, _, _ = solve_aligned(
-        job, commands(job, dataclasses.replace(GAINS, posture_bandwidth=jnp.array(0.0)))
+        problem, commands(problem, dataclasses.replace(GAINS, posture_bandwidth=jnp.array(0.0)))
     )  # which leans no thrust
     turned = np.concatenate([np.asarray(x.xi_dot)[:, :3] for x in a.agents])
     k_R, k_w, h = float(GAINS.agent_k_R), float(GAINS.agent_k_omega), 1e-5
     parts = zip(
-        agents_of(job.team.agent_groups),
-        agents_of(job.z.agents),
-        agents_of(job.shares),
-        agents_of(job.f.agents),
+        agents_of(problem.team.agent_groups),
+        agents_of(problem.z.agents),
+        agents_of(problem.shares),
+        agents_of(problem.f.agents),
         strict=True,
     )
     for j, (agent, q, share, f) in enumerate(parts):
         m = agent.mass.sum()
-        f_dir = m * (job.to.a - job.team.gravity) + share.lam.sum(0) - f.f_x
-        f_dot = m * job.to.jerk + share.lam_dot.sum(0)
+        f_dir = m * (problem.to.a - problem.team.gravity) + share.lam.sum(0) - f.f_x
+        f_dot = m * problem.to.jerk + share.lam_dot.sum(0)
         R, R_d = np.asarray(q.R), np.asarray(attitude(f_dir, share.yaw))
         R_d_dot = (attitude(f_dir + h * f_dot, share.yaw) - attitude(f_dir - h * f_dot, share.yaw)) / (2 * h)
         omega_d = vee(R_d.T @ np.asarray(R_d_dot))
@@ -207,10 +207,10 @@ def vee(A: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("seed", [1, 2])
 def test_redundant_joints_follow_the_thrust_direction(seed):
     """With one arm and any attitude no lateral force is missing."""
-    job = task(seed, STRUCTURES[3])
-    _, missed, d = solve_aligned(job, commands(job))
+    problem = task(seed, STRUCTURES[3])
+    _, force_error, d = solve_aligned(problem, commands(problem))
     assert np.abs(d[2:4]).max() < 0.02 * np.abs(d).max()  # the chain; the other agents' arms leave a joint at most
-    assert np.abs(missed).max() < ROUNDING
+    assert np.abs(force_error).max() < ROUNDING
 
 
 ONE_ARM = ((teams.CHAIN, 1), (teams.RIGID, 2))
@@ -232,12 +232,12 @@ def test_posture_tilt_accelerates_the_center_of_mass(seed):
     turn = attitude_module.thrust_attitude_setpoint(agent, g, to, share, none)
     q = dataclasses.replace(q, R=turn.R)
     p = aerial_manipulator.centroidal_model(agent, aerial_manipulator.forward_kinematics(agent, q.r))
-    leaned, _ = redundancy.posture_control(agent, GAINS, g, q, to, share, none, p, turn)
+    tilted, _ = redundancy.posture_control(agent, GAINS, g, q, to, share, none, p, turn)
     r_dd = -(float(GAINS.posture_bandwidth) ** 2) * off
     lift = -np.asarray(turn.R) @ np.asarray(p.J_tip)[0, :, 3:] @ r_dd  # m/s^2; the tip stays
     f = lift - np.asarray(g)
-    np.testing.assert_allclose(leaned.R[:, 2], f / np.linalg.norm(f), atol=0.01 * np.linalg.norm(lift) / 9.81)
-    assert np.linalg.norm(np.cross(leaned.R[:, 2], turn.R[:, 2])) > 1e-3
+    np.testing.assert_allclose(tilted.R[:, 2], f / np.linalg.norm(f), atol=0.01 * np.linalg.norm(lift) / 9.81)
+    assert np.linalg.norm(np.cross(tilted.R[:, 2], turn.R[:, 2])) > 1e-3
 
 
 LONG_CHAIN = KinematicTree(parents=tuple(range(7)), prismatic=(False,) * 7, tip_bodies=(7,))
@@ -246,16 +246,16 @@ LONG_CHAIN = KinematicTree(parents=tuple(range(7)), prismatic=(False,) * 7, tip_
 @pytest.mark.parametrize("seed", [1, 2])
 def test_uncontrolled_joint_acceleration(seed):
     """Torques `H z` with `B z = 0` accelerate the joints by z; torques of forces at the tips do not."""
-    job = task(seed, ((LONG_CHAIN, 1), (teams.RIGID, 2)))
-    agent, q = (jax.tree.map(lambda x: x[0], groups[0]) for groups in (job.team.agent_groups, job.z.agents))
+    problem = task(seed, ((LONG_CHAIN, 1), (teams.RIGID, 2)))
+    agent, q = (jax.tree.map(lambda x: x[0], groups[0]) for groups in (problem.team.agent_groups, problem.z.agents))
     p = aerial_manipulator.centroidal_model(agent, aerial_manipulator.forward_kinematics(agent, q.r))
     B, H = np.asarray(p.J_tip)[0, :, 3:], np.asarray(p.M_bar)[3:, 3:]
     z, c = np.linalg.svd(B)[2][3:].T @ np.random.default_rng(seed).normal(size=4), np.array([0.3, -0.2, 0.1])
-    give = lambda f_r: np.asarray(redundancy.uncontrolled_joint_acceleration(agent, p, jnp.asarray(f_r)))  # noqa: E731
-    np.testing.assert_allclose(give(H @ z + B.T @ c), z, atol=1e-8)
-    np.testing.assert_allclose(B @ give(np.ones(7)), 0, atol=1e-8)
-    _, missed, _ = solve_aligned(job, commands(job))
-    assert np.abs(missed).max() < ROUNDING
+    acceleration_of = lambda f_r: np.asarray(redundancy.uncontrolled_joint_acceleration(agent, p, jnp.asarray(f_r)))  # noqa: E731
+    np.testing.assert_allclose(acceleration_of(H @ z + B.T @ c), z, atol=1e-8)
+    np.testing.assert_allclose(B @ acceleration_of(np.ones(7)), 0, atol=1e-8)
+    _, force_error, _ = solve_aligned(problem, commands(problem))
+    assert np.abs(force_error).max() < ROUNDING
 
 
 def test_uncontrolled_joints_of_a_planar_arm():
@@ -417,14 +417,17 @@ def test_preview_rates_of_a_single_body(seed):
     step, c = 0.03, rng.normal(size=(5, 3)) * np.array([1, 1, 1, 2, 6])[:, None] + [[0, 0, 20], *[[0, 0, 0]] * 4]
     at = step * preview.PREVIEW_NODES
     f = sum(c[k] * at[:, None] ** k for k in range(5))  # what is asked ahead, N
-    asked = np.asarray(body.mass).sum() * (rng.normal(size=(5, 3)) - np.asarray(team.gravity))
+    required = np.asarray(body.mass).sum() * (rng.normal(size=(5, 3)) - np.asarray(team.gravity))
     still = dataclasses.replace(z.payload, omega=jnp.zeros(3))
     load = jax.tree.map(lambda x: jnp.broadcast_to(x, (5, *x.shape)), still)
-    a = asked / float(body.mass.sum()) + np.asarray(team.gravity)
+    a = required / float(body.mass.sum()) + np.asarray(team.gravity)
     to = jax.vmap(lambda a: tracking.AccelerationCommand(a=a, alpha=jnp.zeros(3), jerk=jnp.zeros(3)))(jnp.asarray(a))
     none = GeneralizedForce(f_x=jnp.zeros(3), f_w=jnp.zeros(3), f_r=jnp.zeros(0))
     share = setpoints.AgentSetpoint(
-        lam=jnp.asarray((f - asked)[2:3]), lam_dot=jnp.zeros((1, 3)), yaw=jnp.array(0.3), nominal_posture=jnp.zeros(0)
+        lam=jnp.asarray((f - required)[2:3]),
+        lam_dot=jnp.zeros((1, 3)),
+        yaw=jnp.array(0.3),
+        nominal_posture=jnp.zeros(0),
     )
     ahead = preview.AgentPreview(step=jnp.array(step), payload=load, acceleration_cmd=to, f=jnp.asarray(f))
     now = jax.tree.map(lambda x: x[2], to)

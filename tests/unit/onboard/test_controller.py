@@ -27,12 +27,12 @@ from tests.support.paper_flights import ROOM, SETTINGS, number, paper_experiment
 DT = 1 / SETTINGS.control_Hz
 
 
-def simulate_chunks(plan: Experiment, chunks: int = 1) -> tuple[simulator.LoopState, signals.StepRecord]:
+def simulate_chunks(one_experiment: Experiment, chunks: int = 1) -> tuple[simulator.LoopState, signals.StepRecord]:
     """Return the loop after some half seconds, and its log."""
-    loop, rows = simulator.reset(plan.loop_config, plan.initial_state), []
-    noise = plan.world.sample_noise(jax.random.key(0), ROOM)
+    loop, rows = simulator.reset(one_experiment.loop_config, one_experiment.initial_state), []
+    noise = one_experiment.world.sample_noise(jax.random.key(0), ROOM)
     for _ in range(chunks):
-        loop, some = simulator.rollout(plan.loop_config, loop, noise, jnp.asarray(ROOM))
+        loop, some = simulator.rollout(one_experiment.loop_config, loop, noise, jnp.asarray(ROOM))
         rows.append(jax.tree.map(np.asarray, some))
     return loop, jax.tree.map(lambda *x: np.concatenate(x), *rows)
 
@@ -112,11 +112,13 @@ setpoints = jax.jit(jax.vmap(lambda path, t: path.evaluate(t), in_axes=(None, 0)
 
 
 def commanded(
-    rows: signals.StepRecord, leader: payload_controllers.GeometricTracking, path: base.ReferenceTrajectory
+    rows: signals.StepRecord, payload_controller: payload_controllers.GeometricTracking, path: base.ReferenceTrajectory
 ) -> np.ndarray:
     """Return `a_cmd` of the paper's law for the true errors."""
     a_d = np.array(setpoints(path, jnp.asarray(rows.t)).a)
-    return a_d - rows.e_p @ np.asarray(leader.gains.K_p) - rows.e_v @ np.asarray(leader.gains.K_v)
+    return (
+        a_d - rows.e_p @ np.asarray(payload_controller.gains.K_p) - rows.e_v @ np.asarray(payload_controller.gains.K_v)
+    )
 
 
 @pytest.mark.long
@@ -167,12 +169,12 @@ def test_parameter_mismatch_uses_commanded_acceleration():
     of = with_exact_sensors(paper_experiment("true_residual"))
     _, rows = simulate_chunks(of)
     z, _ = paper_flights.states(of.world.team, rows)
-    told = jax.jit(jax.vmap(disturbances.initial_forces, in_axes=(None, None, 0)))(
+    predicted = jax.jit(jax.vmap(disturbances.initial_forces, in_axes=(None, None, 0)))(
         of.world.disturbances, of.world.team, z
     ).payload
     nominal = of.controller.team
     dm = float(nominal.payload.mass - of.world.team.payload.mass)
-    expected = told.F + dm * (
+    expected = predicted.F + dm * (
         commanded(rows, of.controller.payload_controller, of.controller.reference) - np.asarray(nominal.gravity)
     )
     np.testing.assert_allclose(rows.f_L_hat[:, :3], expected, atol=1e-6)
@@ -203,25 +205,30 @@ def test_predictions_use_the_frozen_model():
 
 @functools.partial(jax.jit, static_argnums=0)
 def _agent_inputs(
-    lam_dot_of: Any, pilot: controller.LeaderFollowerController, now: interfaces.ControlContext, lam: jax.Array
+    lam_dot_of: Any, controlled: controller.LeaderFollowerController, now: interfaces.ControlContext, lam: jax.Array
 ) -> Any:
     """Return the inputs of agents for given contact forces and a given rate of these forces."""
     to = tracking.tracking_acceleration(
-        pilot.payload_controller.gains, now.estimate.payload, now.estimate.a_L[:3], now.setpoint
+        controlled.payload_controller.gains, now.estimate.payload, now.estimate.a_L[:3], now.setpoint
     )
     forces = interfaces.ContactForceCommand(
-        lam=lam, lam_dot=lam_dot_of(pilot, now.estimate, to), eta=pilot.allocator.internal.eta
+        lam=lam, lam_dot=lam_dot_of(controlled, now.estimate, to), eta=controlled.allocator.internal.eta
     )
-    return pilot.agent_controller.compute(now, to, forces, zero_residual(pilot.team))[0]
+    return controlled.agent_controller.compute(now, to, forces, zero_residual(controlled.team))[0]
 
 
 def _rate_by_differences(
-    pilot: controller.LeaderFollowerController, q_hat: state_estimator.StateEstimate, to: tracking.AccelerationCommand
+    controlled: controller.LeaderFollowerController,
+    q_hat: state_estimator.StateEstimate,
+    to: tracking.AccelerationCommand,
 ) -> jax.Array:
     """Return the rate of the allocated forces for the wrench `m jerk`, by differences of allocations."""
-    m, h, R = pilot.team.payload.mass, 0.5, q_hat.payload.R
-    eta, plan = jnp.zeros_like(pilot.allocator.internal.eta), pilot.allocator.allocation
-    ends = [allocation.allocate(plan, R, Wrench(F=m * (to.a + s * to.jerk), tau=jnp.zeros(3)), eta) for s in (h, -h)]
+    m, h, R = controlled.team.payload.mass, 0.5, q_hat.payload.R
+    eta, one_experiment = jnp.zeros_like(controlled.allocator.internal.eta), controlled.allocator.allocation
+    ends = [
+        allocation.allocate(one_experiment, R, Wrench(F=m * (to.a + s * to.jerk), tau=jnp.zeros(3)), eta)
+        for s in (h, -h)
+    ]
     return (ends[0] - ends[1]) / (2 * h)
 
 
@@ -239,12 +246,12 @@ def test_attitude_feedforward_uses_the_force_rate():
     z, _ = paper_flights.states(of.world.team, jax.tree.map(lambda x: x[100:101], rows))
     z = jax.tree.map(lambda x: x[0], z)
     now = controller.context_at(of.controller, z, jnp.array([0.5, -1.0, 0.3, 0, 0, 0]), number(100 * DT))
-    inputs, _, decided = jax.jit(lambda pilot, now: pilot.control_law((), (), now))(of.controller, now)
+    inputs, _, telemetry = jax.jit(lambda controlled, now: controlled.control_law((), (), now))(of.controller, now)
     assert np.abs(offset).max() > 0.1
-    expected = _agent_inputs(_rate_by_differences, of.controller, now, decided.lam_cmd)
-    for found, told in zip(jax.tree.leaves(inputs), jax.tree.leaves(expected), strict=True):
-        np.testing.assert_allclose(found, told, atol=1e-8)
-    without = _agent_inputs(lambda *_: jnp.zeros_like(decided.lam_cmd), of.controller, now, decided.lam_cmd)
+    expected = _agent_inputs(_rate_by_differences, of.controller, now, telemetry.lam_cmd)
+    for found, predicted in zip(jax.tree.leaves(inputs), jax.tree.leaves(expected), strict=True):
+        np.testing.assert_allclose(found, predicted, atol=1e-8)
+    without = _agent_inputs(lambda *_: jnp.zeros_like(telemetry.lam_cmd), of.controller, now, telemetry.lam_cmd)
     assert np.abs(inputs[0].tau - without[0].tau).max() > 1e-3  # the rate counts
 
 
@@ -285,12 +292,12 @@ def test_preview_reduces_error_without_residuals():
         of, world=dataclasses.replace(of.world, team=of.controller.team, disturbance_scale=number(0.0))
     )
     ours, gains = of.controller.agent_controller, of.controller.payload_controller.gains
-    far = agent_controllers.PreviewThrustVectoringController(
+    with_preview = agent_controllers.PreviewThrustVectoringController(
         gains=gains, yaw=ours.yaw, nominal_posture=ours.nominal_posture
     )
     flights = [
         run_experiment(dataclasses.replace(x, duration=6.0))
-        for x in (of, with_controller(of, agent_controller=far, preview_step=number(0.03)))
+        for x in (of, with_controller(of, agent_controller=with_preview, preview_step=number(0.03)))
     ]
     late = [np.linalg.norm(flight.records.e_p[-1000:], axis=1).max() for flight in flights]
     assert late[1] < late[0] / 5, late
@@ -300,8 +307,8 @@ def test_preview_reduces_error_without_residuals():
 def test_preview_controller_requires_a_preview():
     of = paper_experiment("C1")
     ours = of.controller.agent_controller
-    far = agent_controllers.PreviewThrustVectoringController(
+    with_preview = agent_controllers.PreviewThrustVectoringController(
         gains=ours.gains, yaw=ours.yaw, nominal_posture=ours.nominal_posture
     )
     with pytest.raises(ValueError, match="requires a preview of the reference"):
-        run_experiment(dataclasses.replace(with_controller(of, agent_controller=far), duration=0.01))
+        run_experiment(dataclasses.replace(with_controller(of, agent_controller=with_preview), duration=0.01))

@@ -24,13 +24,13 @@ def parts(
     changes: list[str], name: str = "trio"
 ) -> tuple[AerialManipulator, jax.Array, tracking.Gains, FilterBandwidths]:
     """Return agent, nominal posture, gains and filters of a team's first agent in case `label_feedback`."""
-    pilot = experiment.make_experiment(scenario.load_scenario(name, changes), "label_feedback").controller
-    agent = jax.tree.map(lambda x: x[0], pilot.team.agent_groups[0])
+    controller = experiment.make_experiment(scenario.load_scenario(name, changes), "label_feedback").controller
+    agent = jax.tree.map(lambda x: x[0], controller.team.agent_groups[0])
     return (
         agent,
-        pilot.agent_controller.nominal_posture[0][0],
-        pilot.agent_controller.gains,
-        pilot.innovation_filter.filters,
+        controller.agent_controller.nominal_posture[0][0],
+        controller.agent_controller.gains,
+        controller.innovation_filter.filters,
     )
 
 
@@ -65,11 +65,11 @@ def test_loop_gain_increases_with_arm_mass_and_length():
 def test_loop_gain_depends_on_filter_bandwidths():
     """Joint rates without delay give no loop gain, and slower label filters reduce it."""
     agent, rest, gains, filters = parts([])
-    heard = label_feedback.label_loop_gain(agent, rest, gains, filters, 20.0)
+    gain = label_feedback.label_loop_gain(agent, rest, gains, filters, 20.0)
     fast = dataclasses.replace(filters, joint=jnp.array(1e6))
     slow = dataclasses.replace(filters, label=filters.label / 2)
-    assert label_feedback.label_loop_gain(agent, rest, gains, fast, 20.0) < 1e-3 * heard
-    assert label_feedback.label_loop_gain(agent, rest, gains, slow, 20.0) < 0.5 * heard
+    assert label_feedback.label_loop_gain(agent, rest, gains, fast, 20.0) < 1e-3 * gain
+    assert label_feedback.label_loop_gain(agent, rest, gains, slow, 20.0) < 0.5 * gain
 
 
 def test_rate_attenuation_is_one_to_a_half_and_zero_from_one():
@@ -78,19 +78,21 @@ def test_rate_attenuation_is_one_to_a_half_and_zero_from_one():
     )
 
 
-@pytest.mark.parametrize(("changes", "loud"), [([], False), (arms(0.25, 0.3), True)])
-def test_rate_attenuation_keeps_the_flight_stable(changes, loud):
+@pytest.mark.parametrize(("changes", "is_unstable"), [([], False), (arms(0.25, 0.3), True)])
+def test_rate_attenuation_keeps_the_flight_stable(changes, is_unstable):
     """With arms of 0.5 kg the case fails within 0.1 s if the label rate is used in full."""
-    plan = dataclasses.replace(
+    one_experiment = dataclasses.replace(
         experiment.make_experiment(scenario.load_scenario("trio", changes), "label_feedback"), duration=1.0
     )
-    predictor = plan.controller.residual_predictor
-    assert all(np.all(np.asarray(c) == (0.0 if loud else 1.0)) for c in predictor.rate_attenuation)
-    flown = flight.run_experiment(plan)
-    assert not flown.termination_reason
-    assert np.linalg.norm(np.asarray(flown.records.e_p), axis=1).max() < 0.2
-    all_of_it = dataclasses.replace(
+    predictor = one_experiment.controller.residual_predictor
+    assert all(np.all(np.asarray(c) == (0.0 if is_unstable else 1.0)) for c in predictor.rate_attenuation)
+    result = flight.run_experiment(one_experiment)
+    assert not result.termination_reason
+    assert np.linalg.norm(np.asarray(result.records.e_p), axis=1).max() < 0.2
+    full_rate = dataclasses.replace(
         predictor, rate_attenuation=tuple(jnp.ones_like(c) for c in predictor.rate_attenuation)
     )
-    heeding = dataclasses.replace(plan, controller=dataclasses.replace(plan.controller, residual_predictor=all_of_it))
-    assert bool(flight.run_experiment(heeding).termination_reason) == loud
+    without_attenuation = dataclasses.replace(
+        one_experiment, controller=dataclasses.replace(one_experiment.controller, residual_predictor=full_rate)
+    )
+    assert bool(flight.run_experiment(without_attenuation).termination_reason) == is_unstable

@@ -122,89 +122,94 @@ def test_model_without_data_predicts_the_prior():
 
 def test_trained_model_reproduces_its_labels(trained):
     """A trained model reproduces its labels with a smaller standard deviation."""
-    oracle, fits = trained
+    model, fits = trained
     load, agents = samples(0, 30, 24, 6), samples(1, 30, 24, 9, (2,))
     assert set(fits) == {"payload", (0, 0), (0, 1)}
-    W = jax.vmap(residual_model.predict_payload, in_axes=(None, 0))(oracle, load.X[:30])
+    W = jax.vmap(residual_model.predict_payload, in_axes=(None, 0))(model, load.X[:30])
     spread = np.asarray(load.Y)[:30].std(0)
     assert (np.abs(np.concatenate([W.F, W.tau], axis=1) - load.Y[:30]).max(0) < 0.5 * spread).all()
-    (f,) = jax.vmap(residual_model.predict_agents, in_axes=(None, 0))(oracle, (agents.X[:, :30].transpose(1, 0, 2),))
+    (f,) = jax.vmap(residual_model.predict_agents, in_axes=(None, 0))(model, (agents.X[:, :30].transpose(1, 0, 2),))
     each = np.concatenate([f.f_x, f.f_w, f.f_r], axis=2).transpose(1, 0, 2)
     assert (np.abs(each - agents.Y[:, :30]).mean() < 0.3 * np.asarray(agents.Y)[:, :30].std(1)).all()
-    far = residual_model.payload_std(oracle, 100 + load.X[:30])
-    assert (residual_model.payload_std(oracle, load.X[:30]).mean(0) < 0.7 * far.mean(0)).all()
+    far = residual_model.payload_std(model, 100 + load.X[:30])
+    assert (residual_model.payload_std(model, load.X[:30]).mean(0) < 0.7 * far.mean(0)).all()
 
 
 def test_second_fit_starts_at_the_first_optimum(trained, monkeypatch):
     """The first fit of a body has restarts and no start; later ones have a start and no restarts."""
-    oracle, fits = trained
+    model, fits = trained
     training = dataclasses.replace(TRAINING, restarts=1)
-    asked, fit = [], gp.fit
+    queries, fit = [], gp.fit
 
-    def watched(X, Y, **given):
-        asked.append((given["start"], given["restarts"]))
+    def recorded_fit(X, Y, **given):
+        queries.append((given["start"], given["restarts"]))
         return fit(X, Y, **given | {"max_iterations": 2})
 
-    monkeypatch.setattr(gp, "fit", watched)
+    monkeypatch.setattr(gp, "fit", recorded_fit)
     agents = samples(1, 30, 24, 9, (2,))
     agents = dataclasses.replace(agents, n=jnp.array([30, 0]))
-    _, later = model_update.fit(oracle, both(samples(0, 40, 24, 6), agents), training, fits)
-    assert {id(start) for start, _ in asked} == {id(fits[body].hyper) for body in ("payload", (0, 0))}
-    assert {restarts for _, restarts in asked} == {0}
+    _, later = model_update.fit(model, both(samples(0, 40, 24, 6), agents), training, fits)
+    assert {id(start) for start, _ in queries} == {id(fits[body].hyper) for body in ("payload", (0, 0))}
+    assert {restarts for _, restarts in queries} == {0}
     assert later[0, 1] is fits[0, 1]
     assert later["payload"] is not fits["payload"]
-    asked.clear()
+    queries.clear()
     model_update.fit(prior(), both(samples(0, 30, 24, 6), agents), training, {})
-    assert asked == [(None, 1)] * 2
+    assert queries == [(None, 1)] * 2
 
 
 def test_conditioning_keeps_hyperparameters():
     """Each body is conditioned on its own data with the prior's hyperparameters; one without data keeps its prior."""
     load, agents = samples(0, 30, 24, 6), samples(1, 30, 24, 9, (2,))
     agents = dataclasses.replace(agents, n=jnp.array([30, 0]))
-    oracle, fits = model_update.fit(prior(), both(load, agents), None, {})
+    trained_model, fits = model_update.fit(prior(), both(load, agents), None, {})
     assert fits == {}
-    for now, before in zip(jax.tree.leaves((oracle.payload.hyper, oracle.agents[0].hyper)),
+    for now, before in zip(jax.tree.leaves((trained_model.payload.hyper, trained_model.agents[0].hyper)),
                            jax.tree.leaves((prior().payload.hyper, prior().agents[0].hyper)), strict=True):  # fmt: skip
         np.testing.assert_array_equal(now, before)
     x = np.random.default_rng(6).normal(size=24)
     features = np.asarray(payload_features(load.X[:30]))
-    asked = np.asarray(payload_features(jnp.array(x)))
+    queries = np.asarray(payload_features(jnp.array(x)))
     for model, X, Y, at in (
-        (oracle.payload, features, load.Y[:30], asked),
-        (jax.tree.map(lambda leaf: leaf[0], oracle.agents[0]), np.asarray(agents.X)[0, :30], agents.Y[0, :30], x),
+        (trained_model.payload, features, load.Y[:30], queries),
+        (
+            jax.tree.map(lambda leaf: leaf[0], trained_model.agents[0]),
+            np.asarray(agents.X)[0, :30],
+            agents.Y[0, :30],
+            x,
+        ),
     ):
         k = lambda P, Q: 4.0 * np.exp(-0.5 * ((P[:, None] - Q[None]) ** 2).sum(-1))  # noqa: E731
         expected = k(at[None], X) @ np.linalg.solve(k(X, X) + 0.01 * np.eye(30), np.asarray(Y))
         np.testing.assert_allclose(gp.mean(model, jnp.array(at)), expected[0], atol=1e-9)
-    assert not gp.mean(jax.tree.map(lambda leaf: leaf[1], oracle.agents[0]), jnp.array(x)).any()
+    assert not gp.mean(jax.tree.map(lambda leaf: leaf[1], trained_model.agents[0]), jnp.array(x)).any()
     again, _ = model_update.fit(prior(), both(load, agents), None, {})
-    jax.tree.map(np.testing.assert_array_equal, again, oracle)
+    jax.tree.map(np.testing.assert_array_equal, again, trained_model)
 
 
 def test_model_is_independent_of_later_data(trained):
-    oracle, _ = trained
+    model, _ = trained
     x = jnp.array(np.random.default_rng(4).normal(size=24))
-    before = [np.array(leaf) for leaf in jax.tree.leaves(oracle)]
-    told = residual_model.predict_payload(oracle, x)
+    before = [np.array(leaf) for leaf in jax.tree.leaves(model)]
+    prediction = residual_model.predict_payload(model, x)
     data = samples(0, 30, 24, 6)
     for _ in range(3):
         data, _ = record(data, x, jnp.full(6, 9.0), jnp.array(1.0), jnp.array(True))
-    later, _ = model_update.fit(oracle, both(data, samples(1, 30, 24, 9, (2,))), TRAINING, {})
-    assert np.abs(residual_model.predict_payload(later, x).F - told.F).max() > 0.1
-    for leaf, kept in zip(jax.tree.leaves(oracle), before, strict=True):
+    later, _ = model_update.fit(model, both(data, samples(1, 30, 24, 9, (2,))), TRAINING, {})
+    assert np.abs(residual_model.predict_payload(later, x).F - prediction.F).max() > 0.1
+    for leaf, kept in zip(jax.tree.leaves(model), before, strict=True):
         np.testing.assert_array_equal(leaf, kept)
-    np.testing.assert_array_equal(residual_model.predict_payload(oracle, x).F, told.F)
+    np.testing.assert_array_equal(residual_model.predict_payload(model, x).F, prediction.F)
     with pytest.raises(dataclasses.FrozenInstanceError):
-        oracle.inertial_parameters = jnp.ones(10)
+        model.inertial_parameters = jnp.ones(10)
 
 
 def test_body_without_data_keeps_its_model(trained):
-    oracle, fits = trained
+    model, fits = trained
     none = gp.empty_dataset(CAPACITY, 24, 9, (2,))
     one = dataclasses.replace(samples(1, 30, 24, 9, (2,)), n=jnp.array([0, 30]))
-    later, now = model_update.fit(oracle, both(gp.empty_dataset(CAPACITY, 24, 6), none), TRAINING, fits)
-    for a, b in zip(jax.tree.leaves(later), jax.tree.leaves(oracle), strict=True):
+    later, now = model_update.fit(model, both(gp.empty_dataset(CAPACITY, 24, 6), none), TRAINING, fits)
+    for a, b in zip(jax.tree.leaves(later), jax.tree.leaves(model), strict=True):
         np.testing.assert_array_equal(a, b)
     assert now == fits
     half, now = model_update.fit(prior(), both(gp.empty_dataset(CAPACITY, 24, 6), one), TRAINING, {})
@@ -216,9 +221,9 @@ def test_body_without_data_keeps_its_model(trained):
 
 def test_constant_mean_is_the_mean_of_the_labels(trained):
     """The constant mean of an output is the mean of its labels."""
-    oracle, _ = trained
+    model, _ = trained
     far = jnp.full(24, 1e3)
-    W = residual_model.predict_payload(oracle, far)
+    W = residual_model.predict_payload(model, far)
     np.testing.assert_allclose([*W.F, *W.tau], np.asarray(samples(0, 30, 24, 6).Y)[:30].mean(0), atol=1e-9)
 
 
@@ -227,26 +232,26 @@ def test_constant_mean_is_the_mean_of_the_labels(trained):
 
 def test_conditioned_model_is_the_posterior_of_new_samples(trained):
     """With the fitted hyperparameters."""
-    oracle, _ = trained
+    model, _ = trained
     load, agents = samples(7, 40, 24, 6), dataclasses.replace(samples(8, 40, 24, 9, (2,)), n=jnp.array([1, 40]))
-    renewed = model_update.condition(oracle, both(load, agents), {})
-    assert int(renewed.update_index) == int(oracle.update_index) + 1
-    assert int(renewed.payload.num_points) == 40
-    assert list(renewed.agents[0].num_points) == [30, 40]  # one sample is no model: the first is left as it was
-    expected = gp.condition(payload_features(load.X[:40]), load.Y[:40], oracle.payload.hyper, CAPACITY)
+    conditioned = model_update.condition(model, both(load, agents), {})
+    assert int(conditioned.update_index) == int(model.update_index) + 1
+    assert int(conditioned.payload.num_points) == 40
+    assert list(conditioned.agents[0].num_points) == [30, 40]  # one sample is no model: the first is left as it was
+    expected = gp.condition(payload_features(load.X[:40]), load.Y[:40], model.payload.hyper, CAPACITY)
     x = payload_features(jnp.array(np.random.default_rng(9).normal(size=24)))
-    np.testing.assert_allclose(gp.mean(renewed.payload, x), gp.mean(expected, x), atol=1e-9)
-    for body in (renewed.payload, renewed.agents[0]):
-        was = oracle.payload if body is renewed.payload else oracle.agents[0]
+    np.testing.assert_allclose(gp.mean(conditioned.payload, x), gp.mean(expected, x), atol=1e-9)
+    for body in (conditioned.payload, conditioned.agents[0]):
+        was = model.payload if body is conditioned.payload else model.agents[0]
         np.testing.assert_array_equal(body.hyper.lengthscales, was.hyper.lengthscales)
 
 
 def test_path_samples_are_kept_within_the_budget(trained):
     """Samples of a path are kept although the team then stays at one point for twice the budget."""
-    oracle, _ = trained
+    model, _ = trained
     path, agents = samples(7, CAPACITY // 2, 24, 6), samples(8, 30, 24, 9, (2,))
     nothing = jax.tree.map(jnp.zeros_like, both(path, agents))
-    kept = model_update.select_samples(oracle, nothing, both(path, agents), -1.0, 5.0, 20.0, {})
+    kept = model_update.select_samples(model, nothing, both(path, agents), -1.0, 5.0, 20.0, {})
     for body, expected in model_update.samples_by_body(both(path, agents)).items():
         for one, other in zip(model_update.samples_by_body(kept)[body], expected, strict=True):
             np.testing.assert_array_equal(one, other)
@@ -256,7 +261,7 @@ def test_path_samples_are_kept_within_the_budget(trained):
         t = jnp.asarray(10.0 * (k + 1) + 0.1 * np.arange(CAPACITY))
         here = dataclasses.replace(place, X=again[0], Y=again[1], t=t, n=jnp.asarray(CAPACITY))
         kept = model_update.select_samples(
-            oracle, kept, both(here, agents), 10.0 * (k + 1) - 1, 10.0 * (k + 2), 20.0, {}
+            model, kept, both(here, agents), 10.0 * (k + 1) - 1, 10.0 * (k + 2), 20.0, {}
         )
     _, _, t = model_update.samples_by_body(kept)["payload"]
     assert len(t) == CAPACITY
@@ -269,34 +274,34 @@ def test_path_samples_are_kept_within_the_budget(trained):
 
 
 def test_samples_before_a_change_point_are_dropped_first(trained):
-    oracle, _ = trained
+    model, _ = trained
     load, agents = samples(7, CAPACITY, 24, 6), samples(8, 30, 24, 9, (2,))
     one = jax.tree.map(lambda x: jnp.broadcast_to(x[:1], x.shape) if x.ndim == 2 else x, samples(9, 20, 24, 6))
     kept = model_update.select_samples(
-        oracle, jax.tree.map(jnp.zeros_like, both(load, agents)), both(load, agents), -1.0, 5.0, 20.0, {}
+        model, jax.tree.map(jnp.zeros_like, both(load, agents)), both(load, agents), -1.0, 5.0, 20.0, {}
     )
-    change = {"payload": model_update.make_change_point(oracle, "payload", 9.9)}
+    change = {"payload": model_update.make_change_point(model, "payload", 9.9)}
     later = dataclasses.replace(one, t=one.t + 10.0)
     t = model_update.samples_by_body(
-        model_update.select_samples(oracle, kept, both(later, agents), 9.0, 12.0, 20.0, change)
+        model_update.select_samples(model, kept, both(later, agents), 9.0, 12.0, 20.0, change)
     )["payload"][2]
     assert (t > 9).sum() == 20
 
 
 def test_samples_are_sorted_by_time(trained):
     """Rows of an overwritten buffer are out of order; of a changed body only newer rows count."""
-    oracle, _ = trained
+    model, _ = trained
     load, agents = samples(7, 40, 24, 6), samples(8, 40, 24, 9, (2,))
     turned = jax.tree.map(lambda x: jnp.roll(x[:40], 13, axis=0), (load.X, load.Y, load.t))
     mixed = dataclasses.replace(load, X=turned[0], Y=turned[1], t=turned[2])
     for one, other in zip(
-        model_update.regression_targets(oracle, both(load, agents))["payload"],
-        model_update.regression_targets(oracle, both(mixed, agents))["payload"],
+        model_update.regression_targets(model, both(load, agents))["payload"],
+        model_update.regression_targets(model, both(mixed, agents))["payload"],
         strict=True,
     ):
         np.testing.assert_array_equal(one, other)
     X, Y, t = model_update.regression_targets(
-        oracle, both(mixed, agents), {"payload": model_update.make_change_point(oracle, "payload", 2.0)}
+        model, both(mixed, agents), {"payload": model_update.make_change_point(model, "payload", 2.0)}
     )["payload"]
     assert t[0] == pytest.approx(2.0)
     assert len(t) == 20
@@ -306,75 +311,75 @@ def test_samples_are_sorted_by_time(trained):
 
 def test_leave_one_out_error_detects_misfit(trained):
     """The leave-one-out error is large only for a model that does not fit."""
-    oracle, _ = trained
-    model = oracle.payload
+    trained_model, _ = trained
+    model = trained_model.payload
     assert 0.2 < model_update.loo_normalized_error(model, 30) < 2
     each = [gp.condition(np.delete(model.X[:30], k, 0), np.delete(model.Y[:30], k, 0), model.hyper) for k in (28, 29)]
-    said = [gp.predict(one, model.X[k][None]) for one, k in zip(each, (28, 29), strict=True)]
+    predictions = [gp.predict(one, model.X[k][None]) for one, k in zip(each, (28, 29), strict=True)]
     v = np.asarray(model.hyper.noise_variance)
-    by_hand = [(model.Y[k] - m[0]) ** 2 / (s[0] + v) for (m, s), k in zip(said, (28, 29), strict=True)]
-    np.testing.assert_allclose(model_update.loo_normalized_error(model, 2), np.mean(by_hand), rtol=1e-6)
+    expected = [(model.Y[k] - m[0]) ** 2 / (s[0] + v) for (m, s), k in zip(predictions, (28, 29), strict=True)]
+    np.testing.assert_allclose(model_update.loo_normalized_error(model, 2), np.mean(expected), rtol=1e-6)
     jumps = np.asarray(model.Y[:30]) + 20.0 * (-1.0) ** np.arange(30)[:, None]
     assert model_update.loo_normalized_error(gp.condition(model.X[:30], jumps, model.hyper), 30) > 10
 
 
 def test_change_point_adds_a_constant_offset(trained):
     """New labels differ by a constant: the offset model is correct at the old samples too."""
-    oracle, _ = trained
+    model, _ = trained
     old, more = samples(0, 30, 24, 6), np.array([3.0, -2.0, 1.0, 0.5, -0.5, 0.2])
-    there = gp.predict(oracle.payload, payload_features(old.X[:5]))[0]
+    there = gp.predict(model.payload, payload_features(old.X[:5]))[0]
     new = dataclasses.replace(
         old, Y=jnp.concatenate([there, old.Y[5:]]) + jnp.tile(more, (CAPACITY, 1)), t=old.t + 10.0
     )
     new = dataclasses.replace(new, n=jnp.asarray(5))
-    change = model_update.make_change_point(oracle, "payload", 9.0)
-    renewed = model_update.condition(oracle, both(new, samples(1, 30, 24, 9, (2,))), {"payload": change})
-    assert int(renewed.payload.num_points) == 35
-    asked = payload_features(old.X[5:30])
-    before, after = (gp.predict(of.payload, asked)[0] for of in (oracle, renewed))
+    change = model_update.make_change_point(model, "payload", 9.0)
+    conditioned = model_update.condition(model, both(new, samples(1, 30, 24, 9, (2,))), {"payload": change})
+    assert int(conditioned.payload.num_points) == 35
+    queries = payload_features(old.X[5:30])
+    before, after = (gp.predict(of.payload, queries)[0] for of in (model, conditioned))
     np.testing.assert_allclose(after - before, np.tile(more, (25, 1)), atol=0.1)
-    waits = model_update.condition(oracle, both(new, samples(1, 30, 24, 9, (2,))), {"payload": change}, {"payload"})
-    assert int(waits.payload.num_points) == 30
-    moved = gp.predict(waits.payload, asked)[0] - before
+    pending = model_update.condition(model, both(new, samples(1, 30, 24, 9, (2,))), {"payload": change}, {"payload"})
+    assert int(pending.payload.num_points) == 30
+    moved = gp.predict(pending.payload, queries)[0] - before
     np.testing.assert_allclose(moved, np.tile(more, (25, 1)), atol=1e-9)  # nothing but that
-    np.testing.assert_array_equal(waits.payload.alpha, oracle.payload.alpha)
+    np.testing.assert_array_equal(pending.payload.alpha, model.payload.alpha)
     full = dataclasses.replace(samples(3, CAPACITY, 24, 6), t=old.t + 10.0)
-    alone = model_update.condition(oracle, both(full, samples(1, 30, 24, 9, (2,))), {"payload": change})
+    alone = model_update.condition(model, both(full, samples(1, 30, 24, 9, (2,))), {"payload": change})
     assert int(alone.payload.num_points) == CAPACITY  # no room is left for older ones
     np.testing.assert_allclose(alone.payload.Y, full.Y)
 
 
 def test_drag_thrust_mean(trained):
     """Drag and thrust act on forces, and the payload's drag at its lever."""
-    oracle, _ = trained
-    air = mean_functions.DragThrustMean(
+    model, _ = trained
+    drag_thrust = mean_functions.DragThrustMean(
         payload=jnp.array([0.5, 0.1, -0.2, 0.3]), agents=(jnp.array([[0.2, 1.5], [0.0, -1.0]]),)
     )
-    with_air = dataclasses.replace(oracle, mean_function=air)
+    with_drag_thrust = dataclasses.replace(model, mean_function=drag_thrust)
     rng = np.random.default_rng(3)
     R = Rotation.from_rotvec(rng.normal(size=(3, 3))).as_matrix()
     x = rng.normal(size=24)
     x[6:15] = R[0].reshape(9)
     W, bare = (
-        residual_model.predict_payload(with_air, jnp.asarray(x)),
-        residual_model.predict_payload(oracle, jnp.asarray(x)),
+        residual_model.predict_payload(with_drag_thrust, jnp.asarray(x)),
+        residual_model.predict_payload(model, jnp.asarray(x)),
     )
     drag = -0.5 * x[3:6]
     np.testing.assert_allclose(W.F - bare.F, drag, atol=1e-12)
     np.testing.assert_allclose(W.tau - bare.tau, np.cross([0.2, -0.4, 0.6], R[0].T @ drag), atol=1e-12)
     X = rng.normal(size=(2, 24))
     X[:, :9] = R[1:].reshape(2, 9)
-    (f,), (was,) = (residual_model.predict_agents(of, (jnp.asarray(X),)) for of in (with_air, oracle))
+    (f,), (was,) = (residual_model.predict_agents(of, (jnp.asarray(X),)) for of in (with_drag_thrust, model))
     pushed = np.array([[1.5], [-1.0]]) * R[1:, :, 2] - np.array([[0.2], [0.0]]) * X[:, 18:21]
     np.testing.assert_allclose(f.f_x - was.f_x, pushed, atol=1e-12)
     np.testing.assert_array_equal(f.f_w, was.f_w)
     load, agents = samples(0, 30, 24, 6), samples(1, 30, 24, 9, (2,))
-    left = model_update.regression_targets(with_air, both(load, agents))
+    left = model_update.regression_targets(with_drag_thrust, both(load, agents))
     for k in range(3):
-        said = air.payload_mean(load.X[k])
-        np.testing.assert_allclose(left["payload"][1][k], load.Y[k] - said, atol=1e-12)
+        predictions = drag_thrust.payload_mean(load.X[k])
+        np.testing.assert_allclose(left["payload"][1][k], load.Y[k] - predictions, atol=1e-12)
         np.testing.assert_allclose(
-            left[0, 1][1][k], (agents.Y[:, k] - air.agent_means(0, agents.X[:, k]))[1], atol=1e-12
+            left[0, 1][1][k], (agents.Y[:, k] - drag_thrust.agent_means(0, agents.X[:, k]))[1], atol=1e-12
         )
 
 
@@ -385,9 +390,9 @@ def test_regression_has_two_ridge_parameters():
     """Forces and moments have separate ridge parameters."""
     n, group = 40, samples(32, 40, 24, 9, (2,))
     recorded = both(samples(31, n, 18, 6), group)
-    known = ridge_regression.fit_ridge(prior(), recorded, (0.3, 3.0)).mean_function
-    bodies = [(known.payload, mean_functions.payload_basis_functions(recorded.payload.X), recorded.payload.Y)]
-    bodies += zip(known.agents[0], mean_functions.agent_basis_functions(group.X, 3), group.Y, strict=True)
+    mean_function = ridge_regression.fit_ridge(prior(), recorded, (0.3, 3.0)).mean_function
+    bodies = [(mean_function.payload, mean_functions.payload_basis_functions(recorded.payload.X), recorded.payload.Y)]
+    bodies += zip(mean_function.agents[0], mean_functions.agent_basis_functions(group.X, 3), group.Y, strict=True)
     for weights, functions, Y in bodies:
         for outputs, ridge in ((slice(0, 3), 0.3), (slice(3, None), 3.0)):
             theirs = Ridge(alpha=ridge, fit_intercept=False).fit(np.asarray(functions)[:n], np.asarray(Y)[:n, outputs])
@@ -482,7 +487,7 @@ def test_physical_consistency_keeps_a_tenth_of_the_inertia(seed):
     rng = np.random.default_rng(seed)
     turn = Rotation.random(random_state=seed).as_matrix()
     J = turn @ np.diag(rng.uniform(0.01, 2.0, 3)) @ turn.T
-    believed = Payload(mass=jnp.asarray(rng.uniform(0.5, 5.0)), inertia=jnp.asarray(J))
+    nominal = Payload(mass=jnp.asarray(rng.uniform(0.5, 5.0)), inertia=jnp.asarray(J))
     theta = rng.normal(size=10) * np.array([1.0, *[0.2] * 3, *[0.3] * 6])
     rest = PayloadState(R=jnp.eye(3), p=jnp.zeros(3), omega=jnp.zeros(3), v=jnp.zeros(3))
 
@@ -490,9 +495,9 @@ def test_physical_consistency_keeps_a_tenth_of_the_inertia(seed):
         of = lambda e: regressor(rest, e[:3], e[3:]) @ theta  # noqa: E731
         return np.asarray(jax.vmap(of, out_axes=1)(jnp.eye(6)))
 
-    whole = inertia(np.array([float(believed.mass), 0, 0, 0, J[0, 0], J[1, 1], J[2, 2], J[0, 1], J[0, 2], J[1, 2]]))
+    whole = inertia(np.array([float(nominal.mass), 0, 0, 0, J[0, 0], J[1, 1], J[2, 2], J[0, 1], J[0, 2], J[1, 2]]))
     left = lambda theta: eigh(whole - inertia(theta), whole, eigvals_only=True)[0]  # noqa: E731
-    found = identification.enforce_physical_consistency(theta, believed)
+    found = identification.enforce_physical_consistency(theta, nominal)
     if left(theta) >= 0.1:
         np.testing.assert_allclose(found, theta, rtol=1e-12)
         return

@@ -44,10 +44,10 @@ def apply_low_pass(x: jax.Array, hertz: jax.Array, dt: jax.Array) -> jax.Array:
     """Apply the low-pass in the steady state of the first sample."""
 
     def step(
-        memory: filters.SecondOrderLowPassState, sample: jax.Array
+        state: filters.SecondOrderLowPassState, sample: jax.Array
     ) -> tuple[filters.SecondOrderLowPassState, jax.Array]:
-        memory = filters.update(memory, sample, filters.smoothing_factor(hertz, dt))
-        return memory, memory.stage2
+        state = filters.update(state, sample, filters.smoothing_factor(hertz, dt))
+        return state, state.stage2
 
     return jax.lax.scan(step, filters.steady_state(x[0]), x)[1]
 
@@ -97,10 +97,10 @@ def test_irregular_smoothing_factor_is_a_kalman_gain(ticks):
 def test_sparse_labels_settle_in_the_same_time():
     """With one label in fifty steps a constant force is estimated to 10 % within a second."""
     b, n = filters.smoothing_factor(jnp.array(5.0), jnp.array(DT)), 50
-    memory = filters.steady_state(jnp.zeros(()))
+    state = filters.steady_state(jnp.zeros(()))
     for _ in range(round(1 / DT / n)):
-        memory = filters.update(memory, jnp.ones(()), filters.irregular_smoothing_factor(b, jnp.array(float(n))))
-    assert float(memory.stage2) > 0.9
+        state = filters.update(state, jnp.ones(()), filters.irregular_smoothing_factor(b, jnp.array(float(n))))
+    assert float(state.stage2) > 0.9
     counted = filters.steady_state(jnp.zeros(()))
     for _ in range(round(1 / DT / n)):
         counted = filters.update(counted, jnp.ones(()), b)
@@ -139,9 +139,9 @@ def constant_motion(
         def step(past: Any, now: tuple) -> tuple[Any, state_estimator.NavState]:
             measured, omega, a = now
             # the filter takes the specific force in the body, which is told in the world here
-            felt = past[0].R.T @ a
+            specific_force = past[0].R.T @ a
             pose, bias, _, _ = state_estimator.complementary_update(
-                past, measured, omega, felt, jnp.zeros(3), still, jnp.ones(()), jnp.array(DT)
+                past, measured, omega, specific_force, jnp.zeros(3), still, jnp.ones(()), jnp.array(DT)
             )
             return (pose, bias), pose
 
@@ -188,9 +188,9 @@ def test_imu_biases_are_estimated():
         filters = dataclasses.replace(FILTERS, imu_bias=jnp.array(hertz))
 
         def step(past: Any, _: None) -> tuple[Any, None]:
-            felt = -R.T @ gravity + off.a
+            specific_force = -R.T @ gravity + off.a
             pose, bias, _, _ = state_estimator.complementary_update(
-                past, rest, off.omega, felt, gravity, filters, jnp.ones(()), jnp.array(DT)
+                past, rest, off.omega, specific_force, gravity, filters, jnp.ones(()), jnp.array(DT)
             )
             return (pose, bias), None
 
@@ -218,9 +218,9 @@ def run_estimator(
     """Return estimates and states of all steps of a stream of measurements."""
     of = state_estimator.ComplementaryFilter(filters=filters, max_reading_age=jnp.array(0.02))
 
-    def step(memory: state_estimator.EstimatorState, m: measurement.Measurement) -> tuple:
-        q_hat, memory = of.update(team, memory, m, applied, ControlClock(t=jnp.zeros(()), dt=jnp.array(DT)))
-        return memory, (q_hat, memory)
+    def step(state: state_estimator.EstimatorState, m: measurement.Measurement) -> tuple:
+        q_hat, state = of.update(team, state, m, applied, ControlClock(t=jnp.zeros(()), dt=jnp.array(DT)))
+        return state, (q_hat, state)
 
     first = of.init(team, jax.tree.map(lambda leaf: leaf[0], stream))
     return jax.lax.scan(step, first, stream)[1]
@@ -277,36 +277,36 @@ def test_poses_are_propagated_by_accelerometers():
     """Payload and agents at constant acceleration: the propagated state is the next measurement."""
     team, _, _, stream = steady_stream()
     a = jnp.array([0.5, -1.0, 2.0])
-    felt = a - team.gravity
+    specific_force = a - team.gravity
 
     def falling(t: jax.Array, m: measurement.Measurement) -> measurement.Measurement:
         load, (agents,) = m.payload, m.agents
         shift, speed = t**2 / 2 * a, t * a
-        load = dataclasses.replace(load, p=load.p + shift, v=speed, omega=0 * load.omega, a=load.R.T @ felt)
+        load = dataclasses.replace(load, p=load.p + shift, v=speed, omega=0 * load.omega, a=load.R.T @ specific_force)
         agents = dataclasses.replace(
             agents,
             x=agents.x + shift[None],
             v=jnp.tile(speed, (2, 1)),
             omega=0 * agents.omega,
-            a=jnp.einsum("aji,j->ai", agents.R, felt),
+            a=jnp.einsum("aji,j->ai", agents.R, specific_force),
         )
         return dataclasses.replace(m, payload=load, agents=(agents,))
 
     moving = jax.vmap(falling)(DT * jnp.arange(TICKS, dtype=float), stream)
     slow = dataclasses.replace(FILTERS, complementary=jnp.array(0.01))  # so that readings pull next to nothing
-    q_hat, memory = run_estimator(team, slow, moving, constant_inputs())
+    q_hat, state = run_estimator(team, slow, moving, constant_inputs())
     np.testing.assert_allclose(q_hat.payload.v, moving.payload.v, atol=1e-10)
     np.testing.assert_allclose(q_hat.payload.p, moving.payload.p, atol=1e-10)
-    np.testing.assert_allclose(memory.agents[0].base.v, moving.agents[0].v, atol=1e-10)
-    np.testing.assert_allclose(memory.agents[0].base.x, moving.agents[0].x, atol=1e-10)
+    np.testing.assert_allclose(state.agents[0].base.v, moving.agents[0].v, atol=1e-10)
+    np.testing.assert_allclose(state.agents[0].base.x, moving.agents[0].x, atol=1e-10)
 
 
 def test_estimates_and_labels_use_past_readings_only():
     team, _, _, stream = steady_stream()
     rng = np.random.default_rng(4)
-    shaken = jax.tree.map(lambda x: x + 0.01 * jnp.array(rng.normal(size=x.shape)), stream)
-    other = jax.tree.map(lambda a, b: jnp.concatenate([a[:120], b[120:]]), shaken, stream)
-    now, then = (run_estimator(team, FILTERS, s, constant_inputs()) for s in (shaken, other))
+    noisy = jax.tree.map(lambda x: x + 0.01 * jnp.array(rng.normal(size=x.shape)), stream)
+    other = jax.tree.map(lambda a, b: jnp.concatenate([a[:120], b[120:]]), noisy, stream)
+    now, then = (run_estimator(team, FILTERS, s, constant_inputs()) for s in (noisy, other))
     for a, b in zip(jax.tree.leaves(now), jax.tree.leaves(then), strict=True):
         np.testing.assert_array_equal(a[:120], b[:120])
     assert np.abs(now[1].label.stage2[-1] - then[1].label.stage2[-1]).max() > 1e-3
@@ -328,12 +328,12 @@ def test_model_inputs_have_the_delay_of_labels():
     """Inputs of payload and agents pass the same filters as labels, at every step."""
     team, _, _, stream = steady_stream()
     rng = np.random.default_rng(5)
-    shaken = jax.tree.map(lambda x: x + 0.01 * jnp.array(rng.normal(size=x.shape)), stream)
-    q_hat, memory = run_estimator(team, FILTERS, shaken, constant_inputs())
-    felt = np.asarray(q_hat.a_L) - np.concatenate([team.gravity, np.zeros(3)])
-    payload = jax.vmap(flatten_payload_state)(q_hat.payload, jnp.asarray(felt))
+    noisy = jax.tree.map(lambda x: x + 0.01 * jnp.array(rng.normal(size=x.shape)), stream)
+    q_hat, state = run_estimator(team, FILTERS, noisy, constant_inputs())
+    specific_force = np.asarray(q_hat.a_L) - np.concatenate([team.gravity, np.zeros(3)])
+    payload = jax.vmap(flatten_payload_state)(q_hat.payload, jnp.asarray(specific_force))
     agents = jax.vmap(jax.vmap(flatten_agent_state))(q_hat.agents[0])
-    for inputs, found in ((payload, memory.inputs.stage2), (agents, memory.agents[0].inputs.stage2)):
+    for inputs, found in ((payload, state.inputs.stage2), (agents, state.agents[0].inputs.stage2)):
         expected = low_pass(low_pass(np.asarray(inputs), 8.0, DT), 8.0, DT)
         scale = np.abs(inputs).max()
         np.testing.assert_allclose(found, expected, atol=1e-10 * scale)
@@ -344,32 +344,32 @@ def test_modelled_wrench_has_the_tip_force_filter():
     """The modelled wrench has the same delay as the contact forces with which it is compared."""
     team, _, _, stream = steady_stream()
     rng = np.random.default_rng(6)
-    shaken = jax.tree.map(lambda x: x + 0.01 * jnp.array(rng.normal(size=x.shape)), stream)
-    q_hat, memory = run_estimator(team, FILTERS, shaken, constant_inputs())
-    needed = jax.vmap(inverse_dynamics.payload_inverse_dynamics, in_axes=(None, 0, 0, 0))(
+    noisy = jax.tree.map(lambda x: x + 0.01 * jnp.array(rng.normal(size=x.shape)), stream)
+    q_hat, state = run_estimator(team, FILTERS, noisy, constant_inputs())
+    required = jax.vmap(inverse_dynamics.payload_inverse_dynamics, in_axes=(None, 0, 0, 0))(
         team.payload, q_hat.a_L[:, :3] - team.gravity[None], q_hat.a_L[:, 3:], q_hat.payload.omega
     )
-    expected = low_pass(np.concatenate([needed.F, needed.tau], axis=1), 50.0, DT)
-    np.testing.assert_allclose(memory.modelled_wrench, expected, atol=1e-10 * np.abs(expected).max())
+    expected = low_pass(np.concatenate([required.F, required.tau], axis=1), 50.0, DT)
+    np.testing.assert_allclose(state.modelled_wrench, expected, atol=1e-10 * np.abs(expected).max())
 
 
-def recorded_labels(plan: flight.Experiment, dt: float) -> tuple[np.ndarray, np.ndarray]:
+def recorded_labels(experiment: flight.Experiment, dt: float) -> tuple[np.ndarray, np.ndarray]:
     """Labels of payload and agents of a flight of 1.5 s, and the filtered true residual at the same times."""
     every = dataclasses.replace(
-        plan.controller.recorder,
+        experiment.controller.recorder,
         sample_period=number(0.01), start=number(0.3), payload=jnp.array(True), agents=jnp.array(True),
     )  # fmt: skip
-    plan = dataclasses.replace(paper_flights.with_controller(plan, recorder=every), dt=dt)
-    world, filters = plan.world, plan.controller.estimator.filters
-    loop, flown, room = simulator.reset(plan.loop_config, plan.initial_state), [], 250
+    experiment = dataclasses.replace(paper_flights.with_controller(experiment, recorder=every), dt=dt)
+    world, filters = experiment.world, experiment.controller.estimator.filters
+    loop, flown, room = simulator.reset(experiment.loop_config, experiment.initial_state), [], 250
     noise = world.sample_noise(jax.random.key(0), room)
     for _ in range(round(1.5 / dt) // room):
-        loop, rows = simulator.rollout(plan.loop_config, loop, noise, jnp.array(room))
+        loop, rows = simulator.rollout(experiment.loop_config, loop, noise, jnp.array(room))
         flown.append(rows)
     z, inputs = paper_flights.states(world.team, jax.tree.map(lambda *x: np.concatenate(x), *flown))
     # a tick's readings are taken under the command of the tick before
     z, inputs = jax.tree.map(lambda x: x[1:], z), jax.tree.map(lambda x: x[:-1], inputs)
-    _, f = paper_flights.accelerations_and_residuals(plan, z, inputs)
+    _, f = paper_flights.accelerations_and_residuals(experiment, z, inputs)
     (g,), load, data = f.agents, loop.controller.recorder.payload, loop.controller.recorder.agents[0]
     y = np.concatenate([f.payload.F, f.payload.tau, *(x.reshape(len(x), -1) for x in (g.f_x, g.f_w, g.f_r))], axis=1)
     for hertz in (float(filters.tip_force), float(filters.label), float(filters.label)):
@@ -388,11 +388,11 @@ def test_labels_converge_to_the_filtered_true_residual():
     """Without noise, with delays that are multiples of the step, the error is first order in the step."""
     errors = []
     for dt in (0.002, 0.001):
-        plan = paper_flights.with_exact_sensors(paper_flights.paper_experiment("C1"))
+        experiment = paper_flights.with_exact_sensors(paper_flights.paper_experiment("C1"))
         quick = number(0.4 / dt)
-        plan = paper_flights.with_filters(plan, joint=quick, tip_force=quick)
-        sensors = dataclasses.replace(plan.world.sensors, tip_force_bandwidth=quick)
-        y, expected = recorded_labels(paper_flights.with_world(plan, sensors=sensors), dt)
+        experiment = paper_flights.with_filters(experiment, joint=quick, tip_force=quick)
+        sensors = dataclasses.replace(experiment.world.sensors, tip_force_bandwidth=quick)
+        y, expected = recorded_labels(paper_flights.with_world(experiment, sensors=sensors), dt)
         errors.append(np.sqrt(((y - expected) ** 2).mean(0)))
     coarse, fine = errors
     most = np.repeat([1e-6, 3e-4, 3e-4, 2e-4], [3, 3, 6, 12])  # N, N m, of the payload and of the agents
@@ -404,10 +404,14 @@ def test_filter_error_of_the_study_is_below_label_noise():
     """Without noise, the filters of the study have a smaller error than its label noise."""
     y, expected = recorded_labels(paper_flights.without_noise(paper_flights.paper_experiment("C1")), 0.002)
     error = np.sqrt(((y - expected) ** 2).mean(0))
-    given = paper_flights.SETTINGS.learning
+    learning = paper_flights.SETTINGS.learning
     stated = [
-        *(given.payload.force_noise_std_N, given.payload.moment_noise_std_Nm),
-        *(given.agents.force_noise_std_N, given.agents.moment_noise_std_Nm, given.agents.joint_torque_noise_std_Nm),
+        *(learning.payload.force_noise_std_N, learning.payload.moment_noise_std_Nm),
+        *(
+            learning.agents.force_noise_std_N,
+            learning.agents.moment_noise_std_Nm,
+            learning.agents.joint_torque_noise_std_Nm,
+        ),
     ]
     assert (error < np.repeat(stated, [3, 3, 6, 6, 6])).all()
     assert (error[:3] < 0.05 * np.sqrt((expected[:, :3] ** 2).mean(0))).all()

@@ -57,10 +57,10 @@ def test_missing_home_folder_is_reported(monkeypatch):
 
 def test_unwritable_cache_gives_one_warning(tmp_path):
     (tmp_path / "file").touch()
-    printed, said = run_process(RUN.format(FOLDER), "-W", "error", XDG_CACHE_HOME=str(tmp_path / "file"))
+    printed, messages = run_process(RUN.format(FOLDER), "-W", "error", XDG_CACHE_HOME=str(tmp_path / "file"))
     assert printed == "7.0 None"
-    assert len(said.splitlines()) == 1
-    assert "cannot be kept" in said
+    assert len(messages.splitlines()) == 1
+    assert "cannot be kept" in messages
 
 
 def test_read_only_cache_is_read(tmp_path):
@@ -69,10 +69,10 @@ def test_read_only_cache_is_read(tmp_path):
     before = sorted(tmp_path.rglob("*"))
     read = "import os; os.access = lambda *_, **__: False; import jax, logging; "
     read += "jax.monitoring.register_event_listener(lambda event, **_: print(event.split('/')[-1])); "
-    printed, said = run_process(read + RUN.format(LEAST), "-W", "error", XDG_CACHE_HOME=str(tmp_path))
+    printed, messages = run_process(read + RUN.format(LEAST), "-W", "error", XDG_CACHE_HOME=str(tmp_path))
     assert "cache_hits" in printed
     assert printed.endswith("7.0 inf")
-    ours = [line for line in said.splitlines() if "cpu_aot_loader.cc" not in line]  # that is jaxlib 0.10.1's
+    ours = [line for line in messages.splitlines() if "cpu_aot_loader.cc" not in line]  # that is jaxlib 0.10.1's
     assert len(ours) == 1
     run_process(read + RUN.format(LEAST).replace("3.0", "5.0"), XDG_CACHE_HOME=str(tmp_path))
     assert sorted(tmp_path.rglob("*")) == before
@@ -87,6 +87,6 @@ def test_damaged_programs_are_compiled_again(tmp_path):
     for damage in (lambda b: b[: len(b) // 2], lambda b: b"", lambda b: b[:-9] + bytes(9)):
         for path in kept:
             path.write_bytes(damage(whole[path]))
-        printed, said = run_process(RUN.format(FOLDER), XDG_CACHE_HOME=str(tmp_path))
+        printed, messages = run_process(RUN.format(FOLDER), XDG_CACHE_HOME=str(tmp_path))
         assert printed.startswith("7.0")
-        assert "Error reading persistent compilation cache entry" in said
+        assert "Error reading persistent compilation cache entry" in messages

@@ -176,11 +176,11 @@ print("done")
 def test_concurrent_takeover_has_one_winner(tmp_path: Path):
     """Of many processes that contend for a folder with a stale lock, one at a time is inside."""
     write_lock(tmp_path, began="1")
-    crowd = [
+    processes = [
         subprocess.Popen(
             [sys.executable, "-c", CONTEND, str(tmp_path)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
         )
         for _ in range(3)
     ]
-    said = [each.communicate(timeout=300) for each in crowd]
-    assert said == [("done\n", "")] * 3
+    outputs = [each.communicate(timeout=300) for each in processes]
+    assert outputs == [("done\n", "")] * 3

@@ -13,17 +13,18 @@ def test_bound_assumptions_have_the_stated_values():
     s = scenario.load_scenario("paper")
     _, nominal = team.team(s)
     stated = assumptions.bound_assumptions(s, nominal, zero_residual(nominal))
-    given = s.certificate
+    certificate = s.certificate
     assert (stated.bound, stated.confidence, stated.rkhs_norm) == ("energy", 0.95, 6)
-    assert given.payload_label_error is not None
-    assert given.agent_label_error is not None
+    assert certificate.payload_label_error is not None
+    assert certificate.agent_label_error is not None
     np.testing.assert_array_equal(
-        stated.payload, [given.payload_label_error.force_error_N] * 3 + [given.payload_label_error.moment_error_Nm] * 3
+        stated.payload,
+        [certificate.payload_label_error.force_error_N] * 3 + [certificate.payload_label_error.moment_error_Nm] * 3,
     )
     row = (
-        [given.agent_label_error.force_error_N] * 3
-        + [given.agent_label_error.moment_error_Nm] * 3
-        + [given.agent_label_error.joint_torque_error_Nm] * 3
+        [certificate.agent_label_error.force_error_N] * 3
+        + [certificate.agent_label_error.moment_error_Nm] * 3
+        + [certificate.agent_label_error.joint_torque_error_Nm] * 3
     )
     np.testing.assert_array_equal(stated.agents[0], [row, row])
     assert stated.assumed == ("rkhs norm", "bounded noise energy")  # of a team among winds nobody knows them

@@ -18,8 +18,8 @@ def test_internal_forces_leave_the_wrench_unchanged(name):
     if s.allocation.internal is None:
         pytest.skip("asks for none")
     _, nominal = team.team(s)
-    plan, internal = controllers.allocation(s, nominal)
-    lam = np.asarray(plan.nullspace @ internal.eta)
+    experiment, internal = controllers.allocation(s, nominal)
+    lam = np.asarray(experiment.nullspace @ internal.eta)
     assert np.linalg.norm(lam) >= 1
     assert np.linalg.norm(lam.reshape(-1, 3), axis=1).max() >= 0.5
     G = np.asarray(grasp.grasp_matrix(grasp.contact_points(nominal), jnp.eye(3)))
@@ -51,11 +51,11 @@ def test_sensors_and_controller_are_in_SI():
     noise = world.make_sensor_noise(s)
     np.testing.assert_allclose(noise.attitude, 0.2 * np.pi / 180)
     np.testing.assert_allclose(noise.joint_position, 0.1 * np.pi / 180)
-    pilot = controllers.make_controller(s, team.team(s)[1])
-    np.testing.assert_allclose(pilot.recorder.sample_period, 1 / s.learning.sample_Hz)
-    np.testing.assert_array_equal(pilot.payload_controller.gains.K_p, np.diag(s.control.K_p))
-    assert not bool(pilot.recorder.payload)
-    assert all(leaf.dtype in (jnp.float64, int, bool) and not leaf.weak_type for leaf in jax.tree.leaves(pilot))
+    controller = controllers.make_controller(s, team.team(s)[1])
+    np.testing.assert_allclose(controller.recorder.sample_period, 1 / s.learning.sample_Hz)
+    np.testing.assert_array_equal(controller.payload_controller.gains.K_p, np.diag(s.control.K_p))
+    assert not bool(controller.recorder.payload)
+    assert all(leaf.dtype in (jnp.float64, int, bool) and not leaf.weak_type for leaf in jax.tree.leaves(controller))
 
 
 def test_preview_step_selects_the_preview_controller():

@@ -26,6 +26,6 @@ def test_predicted_log_size_is_an_upper_bound(name):
 def test_predicted_number_of_outputs_is_exact():
     """Validation predicts the number of model outputs."""
     s = mixed().model_copy(update={"learning": mixed().learning.model_copy(update={"max_samples": 3})})
-    oracle = priors.prior_model(s, team.team(s)[1])
-    W = [oracle.payload.inverse_cholesky, *(model.inverse_cholesky for model in oracle.agents)]
+    prior_model = priors.prior_model(s, team.team(s)[1])
+    W = [prior_model.payload.inverse_cholesky, *(model.inverse_cholesky for model in prior_model.agents)]
     assert sum(matrices.size for matrices in W) == 3**2 * model_outputs(s.model_dump())

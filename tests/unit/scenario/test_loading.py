@@ -308,8 +308,8 @@ def test_all_errors_are_reported_in_file_order():
 def test_error_states_its_place(path, line, column):
     rows = SAMPLE.splitlines()
     rows[line - 1] = rows[line - 1][:column] + "oops_" + rows[line - 1][column:]
-    told = error_lines("\n".join(rows))
-    assert any(told_line.startswith(f"s.yaml:{line}: {path}") and "'oops_" in told_line for told_line in told), told
+    lines = error_lines("\n".join(rows))
+    assert any(told_line.startswith(f"s.yaml:{line}: {path}") and "'oops_" in told_line for told_line in lines), lines
 
 
 @given(st.sampled_from(KEYS), st.integers(1, 3), st.booleans())
@@ -318,8 +318,8 @@ def test_misspelled_setting_gets_a_suggestion(key, at, double):
     wrong = key[:at] + (key[at] + key[at] if double else "") + key[at + 1 :]
     text = re.sub(rf"(?<![A-Za-z_0-9]){key}:", f"{wrong}:", SAMPLE, count=1)
     assume(wrong not in KEYS and text != SAMPLE)
-    told = error_lines(text)
-    assert any(f"{wrong}" in line and f"did you mean '{key}'?" in line for line in told), told
+    lines = error_lines(text)
+    assert any(f"{wrong}" in line and f"did you mean '{key}'?" in line for line in lines), lines
 
 
 # What is set instead --------------------------------------------------------------------------------------------------
@@ -437,9 +437,9 @@ def test_errors_in_an_extending_file_state_its_line(text, answer, tmp_path):
     """Errors in a file that extends another one state its line."""
     path = tmp_path / "own.yaml"
     path.write_text(text)
-    with pytest.raises(scenario.ScenarioError) as told:
+    with pytest.raises(scenario.ScenarioError) as lines:
         scenario.load_scenario(path)
-    assert answer in str(told.value)
+    assert answer in str(lines.value)
 
 
 def test_an_unknown_name_lists_the_shipped_scenarios():
@@ -584,11 +584,11 @@ def test_python_sections_have_the_same_errors():
 
 def test_settings_page_is_up_to_date():
     page = (Path(__file__).parents[3] / "docs" / "scenarios.md").read_text(encoding="utf-8")
-    told = page.partition("<!-- settings -->\n")[2]
-    assert told.strip() == markdown(Scenario, AgentTypeFromUrdf, WaypointsFromFile).strip(), (
+    lines = page.partition("<!-- settings -->\n")[2]
+    assert lines.strip() == markdown(Scenario, AgentTypeFromUrdf, WaypointsFromFile).strip(), (
         "rebuild it: .venv/bin/python docs/settings.py"
     )
-    missing = [line for line in told.splitlines() if line.startswith("| `") and line.rstrip().endswith("|  |")]
+    missing = [line for line in lines.splitlines() if line.startswith("| `") and line.rstrip().endswith("|  |")]
     assert not missing, "settings without a sentence"
-    cells = [line.split("|")[2] for line in told.split("## Ranges")[0].splitlines() if line.startswith("| `")]
+    cells = [line.split("|")[2] for line in lines.split("## Ranges")[0].splitlines() if line.startswith("| `")]
     assert not [cell for cell in cells if re.search(r"number(?! from | between )", cell)], "numbers without a range"

@@ -247,19 +247,23 @@ def test_plugins_of_every_kind_are_used_in_a_flight(folder):
             },
         )
     settings = scenario.load_scenario(path)
-    plan = colift.make_experiment(settings, "C2")
+    c2_experiment = colift.make_experiment(settings, "C2")
     assert (
-        plan.controller.residual_model.payload.X.shape[-1] == plan.controller.residual_model.agents[0].X.shape[-1] == 3
+        c2_experiment.controller.residual_model.payload.X.shape[-1]
+        == c2_experiment.controller.residual_model.agents[0].X.shape[-1]
+        == 3
     )
-    assert type(plan.controller.payload_controller).__name__ == "Scaled"
-    assert plan.controller.payload_controller.share == 0.5
-    assert plan.controller.payload_controller.share.dtype == float
-    assert type(plan.world.actuators).__name__ == "Weak"
-    assert type(plan.world.sensor_models[0]).__name__ == "Offset"
-    assert [m.name for m in plan.world.disturbances.payload if not m.model.time_invariant] == ["sway"]
-    recorder = dataclasses.replace(plan.controller.recorder, start=jnp.asarray(0.0))
-    pilot = dataclasses.replace(plan.controller, recorder=recorder)
-    flight = colift.run_experiment(dataclasses.replace(plan, controller=pilot, update_times=(0.2,), duration=0.3))
+    assert type(c2_experiment.controller.payload_controller).__name__ == "Scaled"
+    assert c2_experiment.controller.payload_controller.share == 0.5
+    assert c2_experiment.controller.payload_controller.share.dtype == float
+    assert type(c2_experiment.world.actuators).__name__ == "Weak"
+    assert type(c2_experiment.world.sensor_models[0]).__name__ == "Offset"
+    assert [m.name for m in c2_experiment.world.disturbances.payload if not m.model.time_invariant] == ["sway"]
+    recorder = dataclasses.replace(c2_experiment.controller.recorder, start=jnp.asarray(0.0))
+    controller = dataclasses.replace(c2_experiment.controller, recorder=recorder)
+    flight = colift.run_experiment(
+        dataclasses.replace(c2_experiment, controller=controller, update_times=(0.2,), duration=0.3)
+    )
     assert not flight.termination_reason
     assert flight.updates[0].fits["payload"].lengthscales.shape == (6, 3)
     assert {type(fit.hyper.kernel).__name__ for fit in flight.updates[0].fits.values()} == {"RationalQuadratic"}
@@ -272,13 +276,13 @@ def test_plugins_of_every_kind_are_used_in_a_flight(folder):
 def test_true_residual_refuses_stateful_disturbances(folder):
     """Case `true_residual` is refused if a disturbance has an internal state."""
     with plugin_path(folder):
-        laws = [
-            {"kind": "plugin", "class_path": f"plugins_of_tests:{law}", "settings": {"force_N": [1, 0, 0]}}
-            | {"name": f"{law}_{bodies}", "acts_on": bodies}
-            for law in ("SwayForce", "LateForce")
+        models = [
+            {"kind": "plugin", "class_path": f"plugins_of_tests:{model}", "settings": {"force_N": [1, 0, 0]}}
+            | {"name": f"{model}_{bodies}", "acts_on": bodies}
+            for model in ("SwayForce", "LateForce")
             for bodies in ("payload", "agents")
         ]
-        settings = scenario.load_scenario(light.write(folder / "late.yaml", disturbances=laws))
+        settings = scenario.load_scenario(light.write(folder / "late.yaml", disturbances=models))
     with pytest.raises(
         ScenarioError,
         match=r"case true_residual evaluates .* these disturbances have an internal state: "

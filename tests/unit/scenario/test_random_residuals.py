@@ -32,10 +32,10 @@ def initial_team() -> State:
     return initial_states.initial_state(s, team.team(s)[0])
 
 
-def functions(oracle: residual_model.ResidualModel) -> list[gp.GPPosterior]:
+def functions(model: residual_model.ResidualModel) -> list[gp.GPPosterior]:
     """Return the functions of the bodies as a list."""
-    (group,) = oracle.agents
-    return [oracle.payload, *(jax.tree.map(lambda x, j=j: x[j], group) for j in range(len(group.num_points)))]
+    (group,) = model.agents
+    return [model.payload, *(jax.tree.map(lambda x, j=j: x[j], group) for j in range(len(group.num_points)))]
 
 
 def correlations(X: np.ndarray, Z: np.ndarray, ls: np.ndarray) -> np.ndarray:
@@ -74,8 +74,8 @@ def test_functions_depend_on_the_seed_only():
 
 def test_kernel_centers_are_on_the_reference():
     """On the Lissajous figure, after its ramp: `((p - c) / A)^2 + (v T / 2 pi A)^2 = 1` on each axis."""
-    oracle, _, s = drawn()
-    payload, front, rear = (np.asarray(f.X)[:6] for f in functions(oracle))
+    model, _, s = drawn()
+    payload, front, rear = (np.asarray(f.X)[:6] for f in functions(model))
     c, A, T = (np.array(x) for x in (s.reference.center_m, s.reference.amplitude_m, s.reference.period_s))
     unit = ((payload[:, :3] - c) / A) ** 2 + (payload[:, 3:6] * T / (2 * np.pi * A)) ** 2
     np.testing.assert_allclose(unit, 1, atol=1e-9)
@@ -90,32 +90,32 @@ def test_kernel_centers_are_on_the_reference():
         changed("certified", random_residual=SEEDED | {"center_std": 0.5}), team.team(s)[0], initial_team()
     )
     assert scattered is not None
-    off = (np.asarray(scattered[0].payload.X)[:6] - payload) / np.asarray(oracle.payload.hyper.lengthscales)[0]
+    off = (np.asarray(scattered[0].payload.X)[:6] - payload) / np.asarray(model.payload.hyper.lengthscales)[0]
     assert 0.3 < off.std() < 0.7  # of 120 numbers of deviation 0.5
 
 
 def test_std_along_the_reference_and_rig_error():
     """Standard deviations are those along the reference, and the rig's error is its share of them."""
-    oracle, deviation, s = drawn()
+    model, deviation, s = drawn()
     t = np.linspace(s.reference.ramp_time_s, s.duration_s, 400)
     A, T, phase = (np.array(x) for x in (s.reference.amplitude_m, s.reference.period_s, s.reference.phase_deg))
     angle = 2 * np.pi * t[:, None] / T + np.deg2rad(phase)
     p, v = s.reference.center_m + A * np.sin(angle), 2 * np.pi * A / T * np.cos(angle)
     x = np.concatenate([p, v, np.tile(np.eye(3).ravel(), (400, 1)), np.zeros((400, 3))], axis=1)
     x = np.concatenate([x, np.linalg.norm(v, axis=1, keepdims=True), np.full((400, 1), 1e-6)], axis=1)
-    f = oracle.payload
+    f = model.payload
     X, ls = np.asarray(f.X)[:6], np.asarray(f.hyper.lengthscales)
     stated = np.concatenate([deviation.payload.F, deviation.payload.tau])
     for i in range(6):
         values = float(f.hyper.signal_variance[i]) * correlations(x, X, ls[i]) @ np.asarray(f.alpha)[i, :6]
         np.testing.assert_allclose(stated[i], values.std(), rtol=1e-9)
-    plan = experiment.make_experiment(s, "C3")
-    (rig,) = plan.world.sensor_models
+    c3 = experiment.make_experiment(s, "C3")
+    (rig,) = c3.world.sensor_models
     jax.tree.map(lambda e, of: np.testing.assert_allclose(e, 0.1 * of), rig.label_error, deviation)
     jax.tree.map(
         np.testing.assert_array_equal,
-        plan.world.disturbances.state_functions,
-        (residual_model.ResidualFunction(model=oracle),),
+        c3.world.disturbances.state_functions,
+        (residual_model.ResidualFunction(model=model),),
     )
 
 
@@ -136,11 +136,11 @@ means = jax.jit(jax.vmap(gp.mean, (None, 0)))
 def test_outputs_with_small_variation_are_redrawn():
     """Variation: half of maximum minus minimum along the reference, in signal standard deviations."""
     free, _, s = drawn(random_residual=SEEDED | {"min_variation": 0.0})
-    asked, _, _ = drawn(random_residual=SEEDED | {"min_variation": 0.5})
+    constrained, _, _ = drawn(random_residual=SEEDED | {"min_variation": 0.5})
     t = jnp.linspace(s.reference.ramp_time_s, s.duration_s, 150)  # not the moments at which draws look
     payload, (agents,) = random_residuals._carried(trajectories.make_reference(s), free.features, initial_team(), t)
     few = 0
-    for f, g, x in zip(functions(free), functions(asked), (payload, agents[:, 0], agents[:, 1]), strict=True):
+    for f, g, x in zip(functions(free), functions(constrained), (payload, agents[:, 0], agents[:, 1]), strict=True):
         before, after = (np.ptp(means(h, x), axis=0) / 2 / np.sqrt(h.hyper.signal_variance) for h in (f, g))
         assert (after > 0.49).all()
         enough = before > 0.51

@@ -133,16 +133,16 @@ def test_joints_stay_at_zero_if_no_bend_helps(tmp_path: Path):
 
 
 @pytest.mark.parametrize(
-    ("given", "answer"),
+    ("arguments", "answer"),
     [
         (["--agents", "2"], "--agents 2: each holds the payload at 1, and three contacts are needed"),
         (["--agents", "3", "--arms", "1"], "--arms 1: must be left out with --urdf"),
         (["--agents", "101"], "--agents 101: must be at most 100"),
     ],
 )
-def test_options_incompatible_with_urdf_are_refused(given: list[str], answer: str, tmp_path: Path):
+def test_options_incompatible_with_urdf_are_refused(arguments: list[str], answer: str, tmp_path: Path):
     made = tmp_path / "mine.yaml"
-    done = CliRunner().invoke(app, ["init", str(made), "--urdf", str(urdf(tmp_path)), *given])
+    done = CliRunner().invoke(app, ["init", str(made), "--urdf", str(urdf(tmp_path)), *arguments])
     assert (done.exit_code, done.stderr.count("\n")) == (2, 1)
     assert answer in done.stderr
 

@@ -30,18 +30,18 @@ def free() -> actuators.BoxLimits:
 
 def outputs(of: actuators.IdealActuators, commands: list[actuators.TeamInputs]) -> list[AgentInput]:
     """Return the outputs step by step, starting in the steady state of the first command."""
-    memory, out = of.init(commands[0]), []
+    state, out = of.init(commands[0]), []
     for each in commands:
-        (acting,), memory = of(each, memory, CLOCK)
+        (acting,), state = of(each, state, CLOCK)
         out.append(acting)
     return out
 
 
 def test_ideal_actuators_output_the_command():
-    for acting, (told,) in zip(
+    for acting, (reported,) in zip(
         outputs(actuators.IdealActuators(), [command(3), command(5)]), [command(3), command(5)], strict=True
     ):
-        jax.tree.map(np.testing.assert_array_equal, acting, told)
+        jax.tree.map(np.testing.assert_array_equal, acting, reported)
 
 
 @pytest.mark.parametrize("delay", [0, 1, 4])

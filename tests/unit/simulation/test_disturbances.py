@@ -90,10 +90,10 @@ def test_generalized_force_has_the_virtual_work():
     h = 1e-6
     for body in (0, 3, 7):
         force, torque, point = rng.normal(size=(3, 3))
-        law = disturbances.ConstantWrench(force=jnp.array(force), torque=jnp.array(torque))
+        model = disturbances.ConstantWrench(force=jnp.array(force), torque=jnp.array(torque))
         mount = disturbances.AgentDisturbance(
             body=body,
-            model=for_two_agents(law),
+            model=for_two_agents(model),
             point=jnp.tile(jnp.array(point), (2, 1)),
             active=jnp.array([1.0, 0.0]),
         )
@@ -115,9 +115,9 @@ def test_generalized_force_has_the_virtual_work():
             np.testing.assert_allclose(of_ours, force @ (ahead - behind) / (2 * h) + torque @ rate, atol=1e-8)
 
 
-def for_two_agents(law: disturbances.DisturbanceModel) -> disturbances.DisturbanceModel:
+def for_two_agents(model: disturbances.DisturbanceModel) -> disturbances.DisturbanceModel:
     """Return the model with the leading axis of a group of two."""
-    return jax.tree.map(lambda x: jnp.broadcast_to(x, (2, *x.shape)), law)
+    return jax.tree.map(lambda x: jnp.broadcast_to(x, (2, *x.shape)), model)
 
 
 def disturbance_set(mounts: tuple = (), payload: tuple = ()) -> disturbances.DisturbanceSet:
@@ -157,11 +157,11 @@ def test_point_velocity_is_consistent_with_power():
 def test_payload_wrench_has_the_virtual_work(name):
     rng = np.random.default_rng(7)
     q, point, h = teams.payload_state(rng), rng.normal(size=3), 1e-6
-    law = LAWS[name](rng)
-    W = on_payload((disturbances.PayloadDisturbance(model=law, point=jnp.array(point)),), q)
+    model = LAWS[name](rng)
+    W = on_payload((disturbances.PayloadDisturbance(model=model, point=jnp.array(point)),), q)
     R = np.asarray(q.R)
     v = q.v + R @ np.cross(q.omega, point)
-    force, torque = law(disturbances.PointKinematics(x=q.p + q.R @ point, v=v, R=q.R, omega=q.omega), NOW, ())
+    force, torque = model(disturbances.PointKinematics(x=q.p + q.R @ point, v=v, R=q.R, omega=q.omega), NOW, ())
     np.testing.assert_allclose(W.F, force, atol=1e-12)
     for e, of_ours in zip(np.eye(3), W.tau, strict=True):
         ahead, behind = (R @ Rotation.from_rotvec(s * e).as_matrix() @ point for s in (h, -h))
@@ -184,23 +184,25 @@ def test_sources_add_up():
 @given(seed=seeds)
 def test_drag_dissipates_relative_to_the_air(seed):
     rng = np.random.default_rng(seed)
-    law, at = wind(rng), motion(rng)
-    air = np.asarray(law.mean) + np.asarray(law.gust).T @ np.sin(np.asarray(law.wave) @ np.asarray(at.x) + law.phase)
+    model, at = wind(rng), motion(rng)
+    air = np.asarray(model.mean) + np.asarray(model.gust).T @ np.sin(
+        np.asarray(model.wave) @ np.asarray(at.x) + model.phase
+    )
     relative = at.v - air
-    force, torque = jax.jit(lambda law, at: law(at, NOW, ()))(law, at)
+    force, torque = jax.jit(lambda model, at: model(at, NOW, ()))(model, at)
     assert not np.any(torque)
     assert force @ relative < 0
     speed = np.linalg.norm(relative)
-    np.testing.assert_allclose(force, -(law.linear + law.quadratic * speed) * relative, atol=1e-5)
-    carried, _ = law(dataclasses.replace(at, v=jnp.array(air)), NOW, ())
-    np.testing.assert_allclose(carried, 0, atol=1e-12)
+    np.testing.assert_allclose(force, -(model.linear + model.quadratic * speed) * relative, atol=1e-5)
+    drag_free, _ = model(dataclasses.replace(at, v=jnp.array(air)), NOW, ())
+    np.testing.assert_allclose(drag_free, 0, atol=1e-12)
 
 
 def test_the_tether_is_conservative():
     """Its force is the gradient of `-k (d - l)^2 / 2`, so its work around any loop is zero."""
     rng = np.random.default_rng(9)
-    law = disturbances.Tether(anchor=jnp.zeros(3), stiffness=jnp.array(2.0), length=jnp.array(0.8))
-    force = jax.jit(jax.vmap(lambda x: law(motion(rng, x=x), NOW, ())[0]))
+    model = disturbances.Tether(anchor=jnp.zeros(3), stiffness=jnp.array(2.0), length=jnp.array(0.8))
+    force = jax.jit(jax.vmap(lambda x: model(motion(rng, x=x), NOW, ())[0]))
     s = 2 * np.pi * np.arange(2000) / 2000
     loop = np.stack([np.cos(s) + 0.3, 0.7 * np.sin(2 * s), 0.4 * np.sin(s + 1)], axis=1)  # slack and taut
     step = np.stack([-np.sin(s), 1.4 * np.cos(2 * s), 0.4 * np.cos(s + 1)], axis=1) * (s[1] - s[0])
@@ -220,35 +222,37 @@ def test_the_tether_is_conservative():
 def test_jet_profile(seed):
     """A jet is smooth, strongest at its center, and 0.61 of that at one standard deviation."""
     rng = np.random.default_rng(seed)
-    law = LAWS["jet"](rng)
+    model = LAWS["jet"](rng)
     away = rng.normal(size=3)
-    away *= float(law.width) / np.linalg.norm(away)
-    np.testing.assert_allclose(law(motion(rng, x=law.center), NOW, ())[0], law.force, atol=1e-12)
-    np.testing.assert_allclose(law(motion(rng, x=law.center + jnp.array(away)), NOW, ())[0], np.exp(-0.5) * law.force)
+    away *= float(model.width) / np.linalg.norm(away)
+    np.testing.assert_allclose(model(motion(rng, x=model.center), NOW, ())[0], model.force, atol=1e-12)
+    np.testing.assert_allclose(
+        model(motion(rng, x=model.center + jnp.array(away)), NOW, ())[0], np.exp(-0.5) * model.force
+    )
 
 
 @pytest.mark.parametrize("name", LAWS)
 def test_models_are_smooth(name):
     rng = np.random.default_rng(11)
-    law, at, h = LAWS[name](rng), motion(rng), 1e-6
-    of_v = jax.jacfwd(lambda v: law(dataclasses.replace(at, v=v), NOW, ())[0])(at.v)
-    of_x = jax.jacfwd(lambda x: law(dataclasses.replace(at, x=x), NOW, ())[0])(at.x)
+    model, at, h = LAWS[name](rng), motion(rng), 1e-6
+    of_v = jax.jacfwd(lambda v: model(dataclasses.replace(at, v=v), NOW, ())[0])(at.v)
+    of_x = jax.jacfwd(lambda x: model(dataclasses.replace(at, x=x), NOW, ())[0])(at.x)
     for jacobian, field in ((of_v, "v"), (of_x, "x")):
         for e, column in zip(np.eye(3), jacobian.T, strict=True):
             ends = [
-                law(dataclasses.replace(at, **{field: getattr(at, field) + jnp.array(s * e)}), NOW, ())[0]
+                model(dataclasses.replace(at, **{field: getattr(at, field) + jnp.array(s * e)}), NOW, ())[0]
                 for s in (h, -h)
             ]
             np.testing.assert_allclose(column, (ends[0] - ends[1]) / (2 * h), atol=1e-6)
     still = dataclasses.replace(at, v=jnp.zeros(3), x=jnp.zeros(3))
-    assert np.isfinite(jax.jacfwd(lambda v: law(dataclasses.replace(still, v=v), NOW, ())[0])(still.v)).all()
+    assert np.isfinite(jax.jacfwd(lambda v: model(dataclasses.replace(still, v=v), NOW, ())[0])(still.v)).all()
 
 
 def test_rotor_bias_acts_along_body_z():
     rng = np.random.default_rng(12)
     at = motion(rng)
-    law = disturbances.RotorBias(thrust=jnp.array(-1.5), torque=jnp.array([0.1, 0.2, 0.3]))
-    force, torque = law(at, NOW, ())
+    model = disturbances.RotorBias(thrust=jnp.array(-1.5), torque=jnp.array([0.1, 0.2, 0.3]))
+    force, torque = model(at, NOW, ())
     np.testing.assert_allclose(at.R.T @ force, [0, 0, -1.5], atol=1e-12)
     np.testing.assert_allclose(torque, [0.1, 0.2, 0.3])
 
@@ -286,9 +290,9 @@ def test_active_time_varying_sources_are_named_once():
     on_load = [disturbances.PayloadDisturbance(name=name, model=turning, point=vector(rng)) for name in ("gust", "")]
 
     def on_agents(name: str, active: list[float]) -> disturbances.AgentDisturbance:
-        law = for_two_agents(turning)
+        model = for_two_agents(turning)
         return disturbances.AgentDisturbance(
-            body=0, name=name, model=law, point=jnp.ones((2, 3)), active=jnp.array(active)
+            body=0, name=name, model=model, point=jnp.ones((2, 3)), active=jnp.array(active)
         )
 
     def varying(
@@ -317,20 +321,20 @@ def test_time_varying_wind():
         "ramp_time": jnp.array(0.5),
     }
     at = motion(rng)
-    law = jax.jit(lambda law, t: law(at, t, ())[0])
+    model = jax.jit(lambda model, t: model(at, t, ())[0])
     turning = disturbances.TimeVaryingWind(base_wind=steady, **still | {"turn_angle": jnp.array(np.pi / 2)})
-    np.testing.assert_allclose(law(turning, jnp.array(1.9)), law(steady, NOW), rtol=1e-12)
+    np.testing.assert_allclose(model(turning, jnp.array(1.9)), model(steady, NOW), rtol=1e-12)
     x, y, z = np.asarray(steady.mean)
     turned = dataclasses.replace(steady, mean=jnp.array([-y, x, z]))
-    np.testing.assert_allclose(law(turning, jnp.array(2.5)), law(turned, NOW), rtol=1e-9)
-    halfway = law(turning, jnp.array(2.25))
+    np.testing.assert_allclose(model(turning, jnp.array(2.5)), model(turned, NOW), rtol=1e-9)
+    halfway = model(turning, jnp.array(2.25))
     half = Rotation.from_rotvec([0, 0, np.pi / 4]).apply([x, y, z])
-    np.testing.assert_allclose(halfway, law(dataclasses.replace(steady, mean=jnp.array(half)), NOW), rtol=1e-9)
+    np.testing.assert_allclose(halfway, model(dataclasses.replace(steady, mean=jnp.array(half)), NOW), rtol=1e-9)
     gusting = disturbances.TimeVaryingWind(
         base_wind=steady, **still | {"phase_rate": jnp.array([2 * np.pi / 3, 2 * np.pi / 6])}
     )
-    np.testing.assert_allclose(law(gusting, jnp.array(6.0)), law(steady, NOW), rtol=1e-9)
-    assert np.abs(law(gusting, jnp.array(1.0)) - law(steady, NOW)).max() > 1e-3
+    np.testing.assert_allclose(model(gusting, jnp.array(6.0)), model(steady, NOW), rtol=1e-9)
+    assert np.abs(model(gusting, jnp.array(1.0)) - model(steady, NOW)).max() > 1e-3
     assert not gusting.time_invariant
 
 

@@ -157,11 +157,11 @@ def test_measurement_without_noise_is_exact():
     np.testing.assert_allclose(m.payload.R, load.R, atol=1e-12)
     np.testing.assert_allclose(m.agents[0].r, z.agents[0].r)
     np.testing.assert_allclose(m.payload.a, np.asarray(load.R).T @ (truth.a_L[:3] - team.gravity), atol=1e-12)
-    oracle = PinocchioTeam(team)
-    q, v = oracle.coordinates(z)
+    model = PinocchioTeam(team)
+    q, v = model.coordinates(z)
     # bases are free-flyers: their own coordinates are position, quaternion, then joints
-    for j, part in enumerate(oracle.parts):
-        first = 7 * j + sum(of.model.nq - 7 for of in oracle.free[:j])
+    for j, part in enumerate(model.parts):
+        first = 7 * j + sum(of.model.nq - 7 for of in model.free[:j])
         np.testing.assert_allclose(m.agents[0].x[j], q[first : first + 3], atol=1e-12)
         R = np.asarray(z.agents[0].R[j])
         np.testing.assert_allclose(m.agents[0].v[j], R @ v[part][:3], atol=1e-12)
@@ -169,9 +169,9 @@ def test_measurement_without_noise_is_exact():
 
 def test_tip_force_is_in_the_frame_of_its_body():
     team, z, truth = case()
-    oracle, m = PinocchioTeam(team), ideal()
-    oracle.gap(z)  # places all frames
-    turns = [oracle.data.oMf[f].rotation for f in oracle.tips]
+    model, m = PinocchioTeam(team), ideal()
+    model.gap(z)  # places all frames
+    turns = [model.data.oMf[f].rotation for f in model.tips]
     expected = [R.T @ lam for R, lam in zip(turns, np.asarray(truth.lam[0]).reshape(-1, 3), strict=True)]
     np.testing.assert_allclose(np.asarray(m.agents[0].lam).reshape(-1, 3), expected, atol=1e-10)
 
@@ -216,11 +216,11 @@ def test_rig_reports_true_state_and_bounded_label_errors():
     held = sensors_module.CalibrationRig(label_error=rig)
     noise, m = held.sample_noise(team, jax.random.key(2), TICKS), ideal()
     sample = jax.vmap(lambda drawn: held.apply(m, truth, CLOCK, (), drawn)[0])(noise).rig
-    for told, state in zip(jax.tree.leaves(sample.z), jax.tree.leaves(z), strict=True):
-        np.testing.assert_array_equal(told, np.broadcast_to(state, told.shape))
+    for reported, state in zip(jax.tree.leaves(sample.z), jax.tree.leaves(z), strict=True):
+        np.testing.assert_array_equal(reported, np.broadcast_to(state, reported.shape))
     signs = []
-    for told, f, e in zip(*map(jax.tree.leaves, (sample.f, truth.f, rig)), strict=True):
-        error = np.asarray(told) - np.asarray(f)
+    for reported, f, e in zip(*map(jax.tree.leaves, (sample.f, truth.f, rig)), strict=True):
+        error = np.asarray(reported) - np.asarray(f)
         np.testing.assert_allclose(np.abs(error), np.broadcast_to(e, error.shape), rtol=1e-12)
         signs.append(np.sign(error).reshape(TICKS, -1))
     signs = np.concatenate(signs, axis=1)
@@ -250,14 +250,14 @@ def apply_to_motion(of: sensors_module.SensorModel, ticks: int = 400, seed: int 
         p = first.payload.p + jnp.array([1.0, 0, 0]) * k * CLOCK.dt
         return dataclasses.replace(first, payload=dataclasses.replace(first.payload, p=p))
 
-    def tick(memory: object, now: tuple) -> tuple:
+    def step(state: object, now: tuple) -> tuple:
         k, noise = now
-        m, memory = of.apply(at(k), truth, ControlClock(t=k * CLOCK.dt, dt=CLOCK.dt), memory, noise)
-        return memory, m
+        m, state = of.apply(at(k), truth, ControlClock(t=k * CLOCK.dt, dt=CLOCK.dt), state, noise)
+        return state, m
 
     steps = jnp.arange(ticks, dtype=float)
     noise = of.sample_noise(team, jax.random.key(seed), ticks)
-    return jax.jit(lambda: jax.lax.scan(tick, of.init(at(jnp.array(0.0))), (steps, noise))[1])()
+    return jax.jit(lambda: jax.lax.scan(step, of.init(at(jnp.array(0.0))), (steps, noise))[1])()
 
 
 def intermittent(

@@ -118,10 +118,10 @@ def test_snap_is_minimal(seed):
 
 
 @pytest.mark.parametrize(
-    ("t", "said"), [([1.0], "at least two"), ([0.0, 2.0, 1.0], "must ascend"), ([0.0, 1.0, 1.0], "must ascend")]
+    ("t", "message"), [([1.0], "at least two"), ([0.0, 2.0, 1.0], "must ascend"), ([0.0, 1.0, 1.0], "must ascend")]
 )
-def test_invalid_times_are_refused(t, said):
-    with pytest.raises(ValueError, match=said):
+def test_invalid_times_are_refused(t, message):
+    with pytest.raises(ValueError, match=message):
         minimum_snap.minimum_snap(np.array(t), np.zeros((len(t), 3)), np.zeros((len(t), 3)))
 
 

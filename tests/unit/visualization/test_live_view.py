@@ -31,24 +31,24 @@ CASE = "C3"
 @pytest.fixture(scope="module")
 def live_flight() -> Iterator[dict[str, Any]]:
     """A finished flight whose stream was read during the simulation, with its page still served."""
-    told = played.short_flight()
-    seen: dict[str, Any] = {}
+    settings = played.short_flight()
+    received: dict[str, Any] = {}
 
     def read() -> None:
-        with urllib.request.urlopen(seen["address"] + "events", timeout=300) as stream:
-            seen["kind"], seen["stream"] = stream.headers["Content-Type"], stream.read().decode()
+        with urllib.request.urlopen(received["address"] + "events", timeout=300) as stream:
+            received["kind"], received["stream"] = stream.headers["Content-Type"], stream.read().decode()
 
     reader = threading.Thread(target=read)
 
     def ready(address: str) -> None:
-        seen["address"] = address
+        received["address"] = address
         reader.start()
 
     with live_view.serve_live_flight(
-        told, experiment.make_experiment(told, CASE), CASE, "as in the tests", ready
+        settings, experiment.make_experiment(settings, CASE), CASE, "as in the tests", ready
     ) as flight:
         reader.join(60)
-        yield seen | {"flight": flight}
+        yield received | {"flight": flight}
 
 
 def events(stream: str) -> list[dict[str, Any]]:
@@ -64,19 +64,19 @@ def numbers(packed: dict[str, Any]) -> np.ndarray:
 
 @pytest.mark.long
 def test_stream_has_every_frame_once(live_flight):
-    told, said = played.short_flight(), events(live_flight["stream"])
+    settings, messages = played.short_flight(), events(live_flight["stream"])
     assert live_flight["kind"] == "text/event-stream"
-    assert len(said) >= 4  # a chunk each, cut by the update, and the end
-    assert [each["from"] for each in said] == [0, *(each["known"] for each in said[:-1])]
+    assert len(messages) >= 4  # a chunk each, cut by the update, and the end
+    assert [each["from"] for each in messages] == [0, *(each["known"] for each in messages[:-1])]
     flight = live_flight["flight"]
-    ds = played.labelled(flight.records, flight.uncertainty, told, update_times_s=[0.8], case=CASE)
-    expected = scene.frames(ds, team.team(told)[0]) | scene.plot_signals(ds)
-    for name in said[0]["tracks"]:
-        track = np.concatenate([numbers(each["tracks"][name]) for each in said if each["tracks"]])
+    ds = played.labelled(flight.records, flight.uncertainty, settings, update_times_s=[0.8], case=CASE)
+    expected = scene.frames(ds, team.team(settings)[0]) | scene.plot_signals(ds)
+    for name in messages[0]["tracks"]:
+        track = np.concatenate([numbers(each["tracks"][name]) for each in messages if each["tracks"]])
         np.testing.assert_array_equal(track, expected[name].astype("<f4"), err_msg=name)
-    assert said[-1]["marks"] == scene.event_markers(ds)
-    np.testing.assert_array_equal(numbers(said[-1]["sigma"]), expected["sigma"].astype("<f4"))
-    assert [each["marks"]["updates"] for each in said[:2]] == [[], [0.8]]
+    assert messages[-1]["marks"] == scene.event_markers(ds)
+    np.testing.assert_array_equal(numbers(messages[-1]["sigma"]), expected["sigma"].astype("<f4"))
+    assert [each["marks"]["updates"] for each in messages[:2]] == [[], [0.8]]
 
 
 def test_server_accepts_local_connections_only(live_flight):
@@ -99,9 +99,9 @@ def _other_address() -> str:
 @pytest.mark.parametrize(("path", "host", "status"), [("", "evil.example", 403), ("secrets", None, 404)])
 def test_other_paths_and_host_names_are_refused(live_flight, path, host, status):
     """Other paths and other host names are refused."""
-    asked = urllib.request.Request(live_flight["address"] + path, headers={"Host": host} if host else {})
+    request = urllib.request.Request(live_flight["address"] + path, headers={"Host": host} if host else {})
     with pytest.raises(urllib.error.HTTPError) as refused:
-        urllib.request.urlopen(asked, timeout=10)
+        urllib.request.urlopen(request, timeout=10)
     assert refused.value.code == status
     refused.value.close()
 
@@ -124,17 +124,19 @@ def test_page_shows_the_stream_and_makes_no_other_request(live_flight, tmp_path)
 def test_ctrl_c_ends_command_and_server(tmp_path):
     file = light.write(tmp_path / "short.yaml", learning=played.short_flight().learning, duration_s=1.5)
     command = [sys.executable, "-m", "colift", "live", str(file), "--case", "C1"]
-    heeding = "signal.signal(signal.SIGINT, signal.default_int_handler)"  # ignored in a shell's background
-    reset = f"import os, signal, sys; {heeding}; os.execv(sys.argv[1], sys.argv[1:])"
+    handler = "signal.signal(signal.SIGINT, signal.default_int_handler)"  # ignored in a shell's background
+    reset = f"import os, signal, sys; {handler}; os.execv(sys.argv[1], sys.argv[1:])"
     command = [sys.executable, "-c", reset, *command]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=os.environ) as flying:
-        assert flying.stdout
-        address = flying.stdout.readline().split()[3]
-        assert flying.stdout.readline() == "the flight has ended\n"
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=os.environ
+    ) as process:
+        assert process.stdout
+        address = process.stdout.readline().split()[3]
+        assert process.stdout.readline() == "the flight has ended\n"
         with urllib.request.urlopen(address, timeout=30) as page:
             assert "default-src 'none'" in page.read().decode()
-        flying.send_signal(signal.SIGINT)
-        _, said = flying.communicate(timeout=60)
-    assert (flying.returncode, said) == (130, "")
+        process.send_signal(signal.SIGINT)
+        _, messages = process.communicate(timeout=60)
+    assert (process.returncode, messages) == (130, "")
     with pytest.raises(urllib.error.URLError):
         urllib.request.urlopen(address, timeout=5)

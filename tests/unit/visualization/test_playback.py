@@ -153,9 +153,9 @@ def test_folder_without_flights_gives_one_line(tmp_path):
     log.save(random_log().assign_attrs(run="colift-run-ba9876543210"), tmp_path / "C3.nc")
     (tmp_path / "empty").mkdir()
     for out, answer in ((tmp_path, "contains logs of 2 runs"), (tmp_path / "empty", "contains no log (C1.nc, ")):
-        said = CliRunner().invoke(app, ["playback", str(out)])
-        assert (said.exit_code, said.stderr.count("\n")) == (2, 1)
-        assert f"{out} {answer}" in said.stderr
+        result = CliRunner().invoke(app, ["playback", str(out)])
+        assert (result.exit_code, result.stderr.count("\n")) == (2, 1)
+        assert f"{out} {answer}" in result.stderr
         assert not (out / "view.html").exists()
 
 
@@ -164,18 +164,18 @@ def test_command_prints_the_path_of_the_page(tmp_path, monkeypatch):
     log.save(random_log(), tmp_path / "C1.nc")
     opened = []
     monkeypatch.setattr("webbrowser.open", lambda address: opened.append(address) or len(opened) == 1)
-    said = CliRunner().invoke(app, ["playback", str(tmp_path)])
-    assert (said.exit_code, said.stdout) == (0, f"the flights are in {tmp_path / 'view.html'}\n")
+    result = CliRunner().invoke(app, ["playback", str(tmp_path)])
+    assert (result.exit_code, result.stdout) == (0, f"the flights are in {tmp_path / 'view.html'}\n")
     assert opened == []
-    said = CliRunner().invoke(app, ["playback", str(tmp_path), "--open"])
-    assert (said.exit_code, opened) == (0, [(tmp_path / "view.html").as_uri()])
-    said = CliRunner().invoke(app, ["playback", str(tmp_path), "--open"])
-    assert (said.exit_code, said.stderr) == (2, "no browser was found to open the page\n")
+    result = CliRunner().invoke(app, ["playback", str(tmp_path), "--open"])
+    assert (result.exit_code, opened) == (0, [(tmp_path / "view.html").as_uri()])
+    result = CliRunner().invoke(app, ["playback", str(tmp_path), "--open"])
+    assert (result.exit_code, result.stderr) == (2, "no browser was found to open the page\n")
     assert sorted(file.name for file in tmp_path.iterdir()) == ["C1.nc", "view.html"]
     (tmp_path / "view.html").write_text("of someone else")
-    said = CliRunner().invoke(app, ["playback", str(tmp_path)])
-    assert said.exit_code == 2
-    assert "contains view.html, which colift did not write" in said.stderr
+    result = CliRunner().invoke(app, ["playback", str(tmp_path)])
+    assert result.exit_code == 2
+    assert "contains view.html, which colift did not write" in result.stderr
     assert (tmp_path / "view.html").read_text() == "of someone else"
 
 
@@ -399,19 +399,19 @@ def test_terminated_flight_stays_at_its_last_frame(browser_window, flown, tmp_pa
     log.save(flown["C3"], tmp_path / "C3.nc")
     browser_window.open(playback.write(tmp_path, CASES))
     browser_window.evaluate("document.querySelector('.chip').click(), seek(1.3)")
-    told = browser_window.evaluate("document.querySelector('#mode').textContent")
-    assert told == f"C1: stopped at {float(early.time[-2]):.2f} s: a made-up reason"
+    status_text = browser_window.evaluate("document.querySelector('#mode').textContent")
+    assert status_text == f"C1: stopped at {float(early.time[-2]):.2f} s: a made-up reason"
     np.testing.assert_allclose(browser_window.evaluate("state().p"), early.p.values[-2], atol=1e-6)
     assert browser_window.complaints == []
 
 
 @needs_browser
 def test_plots_work_without_webgl(make_page, tmp_path_factory):
-    with opened(tmp_path_factory, "--disable-3d-apis") as blind:
-        blind.open(make_page)
-        assert blind.evaluate("document.querySelector('#blind').textContent").startswith(
+    with opened(tmp_path_factory, "--disable-3d-apis") as without_webgl:
+        without_webgl.open(make_page)
+        assert without_webgl.evaluate("document.querySelector('#blind').textContent").startswith(
             "the 3D view is not available:"
         )
-        blind.evaluate("seek(1.0)")
-        assert blind.evaluate("document.querySelector('#clock').textContent") == "1.00 s"
-        assert blind.evaluate("document.querySelectorAll('.uplot canvas').length") == 4
+        without_webgl.evaluate("seek(1.0)")
+        assert without_webgl.evaluate("document.querySelector('#clock').textContent") == "1.00 s"
+        assert without_webgl.evaluate("document.querySelectorAll('.uplot canvas').length") == 4

@@ -112,14 +112,14 @@ def test_gif_changes_and_has_the_flight_duration(seen, tmp_path):
 @pytest.mark.skipif(shutil.which("ffmpeg") is None, reason="there is no ffmpeg")
 def test_mp4_is_valid(seen, tmp_path):
     rendering.render_video(seen[:1], tmp_path / "film.mp4", speed=5.0, dpi=50.0)
-    said = subprocess.run(
+    result = subprocess.run(
         ["ffprobe", "-v", "error", "-show_entries", "stream=codec_name,pix_fmt,nb_frames", "-of", "csv", "film.mp4"],
         cwd=tmp_path,
         capture_output=True,
         text=True,
         check=True,
     )
-    assert said.stdout.strip() == "stream,h264,yuv420p,9"
+    assert result.stdout.strip() == "stream,h264,yuv420p,9"
 
 
 def test_rendering_errors_give_one_line(seen, tmp_path, monkeypatch):
@@ -141,17 +141,17 @@ def test_rendering_errors_give_one_line(seen, tmp_path, monkeypatch):
 def test_command_draws_the_requested_cases(tmp_path):
     for case, ds in played.two_case_logs().items():
         log.save(ds, tmp_path / f"{case}.nc")
-    said = CliRunner().invoke(
+    result = CliRunner().invoke(
         app,
         ["playback", str(tmp_path), "--image", str(tmp_path / "a.png"), "--at", "1", "--case", "C1", "--case", "C3"],
     )
-    assert (said.exit_code, said.stdout) == (0, f"C1, C3: {tmp_path / 'a.png'}\n")
+    assert (result.exit_code, result.stdout) == (0, f"C1, C3: {tmp_path / 'a.png'}\n")
     assert not (tmp_path / "view.html").exists()
-    said = CliRunner().invoke(app, ["playback", str(tmp_path), "--video", str(tmp_path / "a.gif"), "--case", "C2"])
-    assert (said.exit_code, said.stderr) == (2, f"{tmp_path} holds C1, C3, not C2: choose by --case\n")
-    said = CliRunner().invoke(app, ["playback", str(tmp_path), "--image", "a.png", "--case", "C9"])
-    assert said.exit_code == 2
-    assert "--case C9: must be one of C1" in said.stderr
+    result = CliRunner().invoke(app, ["playback", str(tmp_path), "--video", str(tmp_path / "a.gif"), "--case", "C2"])
+    assert (result.exit_code, result.stderr) == (2, f"{tmp_path} holds C1, C3, not C2: choose by --case\n")
+    result = CliRunner().invoke(app, ["playback", str(tmp_path), "--image", "a.png", "--case", "C9"])
+    assert result.exit_code == 2
+    assert "--case C9: must be one of C1" in result.stderr
 
 
 def test_failed_flight_is_drawn_until_its_end():

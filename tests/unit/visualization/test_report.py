@@ -65,8 +65,8 @@ def written(out: Path, cases: dict[str, Any], **changed: Any) -> None:
 
 
 def made(out: Path) -> str:
-    said = CliRunner().invoke(app, ["report", str(out)], catch_exceptions=False)
-    assert (said.exit_code, said.stdout) == (0, f"the report is {out / 'report.html'}\n"), said.stderr
+    result = CliRunner().invoke(app, ["report", str(out)], catch_exceptions=False)
+    assert (result.exit_code, result.stdout) == (0, f"the report is {out / 'report.html'}\n"), result.stderr
     return (out / "report.html").read_text()
 
 
@@ -180,9 +180,9 @@ def test_differences_are_listed_as_overrides():
 )
 def test_folder_without_study_gives_one_line_and_status_2(out, spoil, answer):
     spoil(out)
-    said = CliRunner().invoke(app, ["report", str(out)])
-    assert (said.exit_code, said.stderr.count("\n")) == (2, 1)
-    assert answer in said.stderr
+    result = CliRunner().invoke(app, ["report", str(out)])
+    assert (result.exit_code, result.stderr.count("\n")) == (2, 1)
+    assert answer in result.stderr
     assert not (out / "report.html").exists()
 
 
@@ -200,5 +200,5 @@ def test_browser_shows_the_report_and_plays(out, width, tmp_path_factory):
         assert page.evaluate(f"{inside}.document.querySelectorAll('.uplot canvas').length") == 4
         assert page.evaluate("document.querySelector('img').naturalWidth") == 8
         assert page.complaints == []
-        assert {asked.split(":")[0] for asked in page.requests} <= {"file", "data"}
-        assert [asked for asked in page.requests if asked.startswith("file")] == [(out / "report.html").as_uri()]
+        assert {address.split(":")[0] for address in page.requests} <= {"file", "data"}
+        assert [address for address in page.requests if address.startswith("file")] == [(out / "report.html").as_uri()]

@@ -20,12 +20,12 @@ from tests.support.playback_logs import PAPER, random_log
 
 
 @pytest.fixture(scope="module")
-def told() -> scenario.Scenario:
+def settings() -> scenario.Scenario:
     return played.short_flight()
 
 
 @pytest.fixture(scope="module")
-def flown() -> dict[str, xr.Dataset]:
+def logs() -> dict[str, xr.Dataset]:
     return played.two_case_logs()
 
 
@@ -50,21 +50,21 @@ def test_positions_equal_the_kinematics():
     np.testing.assert_allclose(nodes[:, 4:].reshape(4, 3), held, atol=1e-9)
 
 
-def test_tips_stay_on_the_payload(flown, told):
-    truth, _ = team.team(told)
-    for ds in flown.values():
+def test_tips_stay_on_the_payload(logs, settings):
+    truth, _ = team.team(settings)
+    for ds in logs.values():
         at, shown = ds.isel(time=scene.frame_rows(ds)), scene.frames(ds, truth)
         contacts = np.asarray(grasp.contact_points(truth))
         held = at.p.values[:, None] + np.einsum("tij,cj->tci", at.R_L.values, contacts)
         np.testing.assert_allclose(shown["nodes"][:, 1::2], held, atol=1e-8)
 
 
-def test_reference_and_disturbance_equal_the_scenario(flown, told):
+def test_reference_and_disturbance_equal_the_scenario(logs, settings):
     """The reference is the scenario's, and the disturbance is the force of its models."""
-    truth, _ = team.team(told)
-    ds = flown["C1"]
+    truth, _ = team.team(settings)
+    ds = logs["C1"]
     at, shown = ds.isel(time=scene.frame_rows(ds)), scene.frames(ds, truth)
-    path, sources = trajectories.make_reference(told), disturbances.make_disturbances(told)
+    path, sources = trajectories.make_reference(settings), disturbances.make_disturbances(settings)
     setpoint = jax.jit(jax.vmap(path.evaluate))(jnp.asarray(at.time.values))
     np.testing.assert_allclose(shown["p_d"], setpoint.p, atol=1e-12)
     w, x, y, z = np.moveaxis(shown["q_d"], -1, 0)
@@ -74,8 +74,8 @@ def test_reference_and_disturbance_equal_the_scenario(flown, told):
     @jax.jit
     @jax.vmap
     def force(p, R, v, omega, t):
-        memory = init(sources, truth).payload
-        return payload_wrench(sources.payload, PayloadState(p=p, R=R, v=v, omega=omega), t, memory).F
+        state = init(sources, truth).payload
+        return payload_wrench(sources.payload, PayloadState(p=p, R=R, v=v, omega=omega), t, state).F
 
     moving = [jnp.asarray(at[name].values) for name in ("p", "R_L", "v", "omega_L")]
     np.testing.assert_allclose(shown["disturbance"], force(*moving, jnp.asarray(at.time.values)), atol=1e-6)

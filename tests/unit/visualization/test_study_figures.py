@@ -140,8 +140,11 @@ def test_cases_are_distinguishable_in_grayscale():
     assert lightness[-1] < 80  # still seen on white
     # Vienot, Brettel, Mollon (1999): what a reader without the long or middle cones sees, in linear RGB
     lms = np.array([[17.8824, 43.5161, 4.11935], [3.45565, 27.1554, 3.86714], [0.0299566, 0.184309, 1.46709]])
-    blind = {"L": [[0, 2.02344, -2.52581], [0, 1, 0], [0, 0, 1]], "M": [[1, 0, 0], [0.494207, 0, 1.24827], [0, 0, 1]]}
-    for without in blind.values():
+    matrices = {
+        "L": [[0, 2.02344, -2.52581], [0, 1, 0], [0, 0, 1]],
+        "M": [[1, 0, 0], [0.494207, 0, 1.24827], [0, 0, 1]],
+    }
+    for without in matrices.values():
         seen = {
             each: np.clip(np.linalg.solve(lms, np.array(without) @ lms @ linear(style.LINE_STYLES[each].color)), 0, 1)
             for each in style.LINE_STYLES
@@ -229,15 +232,16 @@ def test_figure_4_draws_estimates_and_truth_of_every_contact(cases):
 
 
 def test_legends_have_no_missing_entries(cases):
-    calm = cases["C3"].copy(deep=True)
+    small_errors = cases["C3"].copy(deep=True)
     for name in ("rho_bar_L_force", "rho_bar_L_moment", "rho_bar_j_force", "rho_bar_j_moment"):
-        calm[name][:] = 1e3
-    calm.eta[:] = 0
-    said = [
-        text.get_text() for text in uncertainty_figures.plot_error_radius({"C3": calm}, TOLD).legends[0].get_texts()
+        small_errors[name][:] = 1e3
+    small_errors.eta[:] = 0
+    texts_of_legends = [
+        text.get_text()
+        for text in uncertainty_figures.plot_error_radius({"C3": small_errors}, TOLD).legends[0].get_texts()
     ]
-    assert said[2:] == list(calm.agent.values)
-    forces = study_figures.plot_contact_forces({"C3": calm}, TOLD)
+    assert texts_of_legends[2:] == list(small_errors.agent.values)
+    forces = study_figures.plot_contact_forces({"C3": small_errors}, TOLD)
     assert len(forces.axes) == 2  # no row for what does not act
     assert not [text for text in forces.legends[0].get_texts() if "eta" in text.get_text()]
 
@@ -245,23 +249,23 @@ def test_legends_have_no_missing_entries(cases):
 def test_figure_7_draws_innovations_and_change_points(cases, tmp_path):
     """Figure 7 draws innovations, the end of labels and change points."""
     rng, ds = np.random.default_rng(4), cases["C3"]
-    told = {"update_times_s": [2.5, 4.5], "num_samples_payload": [20, 30], "num_samples_agents": [44, 60]}
-    heard = ds.assign(
+    attributes = {"update_times_s": [2.5, 4.5], "num_samples_payload": [20, 30], "num_samples_agents": [44, 60]}
+    with_labels = ds.assign(
         innovation_L=(("time", "wrench"), rng.normal(size=(ds.sizes["time"], 6))),
         innovation_x=(ds.f_x.dims, rng.normal(size=ds.f_x.shape)),
         model_gain_L=(("time", "wrench"), rng.uniform(size=(ds.sizes["time"], 6))),
         correction_weight=("time", np.where((ds.time > 5) & (ds.time < 7), 0.0, 1.0)),
-    ).assign_attrs(**told, change_points="2.5 s: payload; 4.5 s: payload, front", refits="6.5 s: rear")
-    figure = study_figures.plot_online_correction({"C3": heard}, TOLD)
+    ).assign_attrs(**attributes, change_points="2.5 s: payload; 4.5 s: payload, front", refits="6.5 s: rear")
+    figure = study_figures.plot_online_correction({"C3": with_labels}, TOLD)
     error, payload, agents, used, points = figure.axes
-    np.testing.assert_allclose(used.lines[0].get_ydata(), np.mean(heard.model_gain_L, axis=1), rtol=1e-14)
-    np.testing.assert_array_equal(used.lines[1].get_ydata(), heard.correction_weight)
+    np.testing.assert_allclose(used.lines[0].get_ydata(), np.mean(with_labels.model_gain_L, axis=1), rtol=1e-14)
+    np.testing.assert_array_equal(used.lines[1].get_ydata(), with_labels.correction_weight)
     np.testing.assert_allclose(
-        payload.lines[0].get_ydata(), np.linalg.norm(heard.innovation_L[:, :3], axis=1), rtol=1e-14
+        payload.lines[0].get_ydata(), np.linalg.norm(with_labels.innovation_L[:, :3], axis=1), rtol=1e-14
     )
-    for line, name in zip(agents.lines, heard.agent.values, strict=False):
+    for line, name in zip(agents.lines, with_labels.agent.values, strict=False):
         np.testing.assert_allclose(
-            line.get_ydata(), np.linalg.norm(heard.innovation_x.sel(agent=name), axis=1), rtol=1e-14
+            line.get_ydata(), np.linalg.norm(with_labels.innovation_x.sel(agent=name), axis=1), rtol=1e-14
         )
     for ax in figure.axes:
         assert [
@@ -279,7 +283,7 @@ def test_figure_7_draws_innovations_and_change_points(cases, tmp_path):
     np.testing.assert_array_equal(points.lines[0].get_ydata(), [0, 20, 30, 30])
     np.testing.assert_array_equal(points.lines[1].get_ydata(), np.array([0, 44, 60, 60]) / ds.sizes["agent"])
     assert error.get_yscale() == "log"
-    names = {path.stem for path in study_figures.write_figures({"C3": heard, "C1": cases["C1"]}, TOLD, tmp_path)}
+    names = {path.stem for path in study_figures.write_figures({"C3": with_labels, "C1": cases["C1"]}, TOLD, tmp_path)}
     assert "figure_7_reaction" in names
     explained = {text.get_text() for text in figure.legends[0].get_texts()}
     assert {
@@ -288,17 +292,18 @@ def test_figure_7_draws_innovations_and_change_points(cases, tmp_path):
         "change point",
         "refit",
     } <= explained
-    calm = heard.assign(correction_weight=heard.correction_weight * 0 + 1)
-    calm.attrs |= {
+    small_errors = with_labels.assign(correction_weight=with_labels.correction_weight * 0 + 1)
+    small_errors.attrs |= {
         "change_points": "",
         "refits": "",
-        "num_samples_agents": 2 * np.array(heard.attrs["num_samples_payload"]),
+        "num_samples_agents": 2 * np.array(with_labels.attrs["num_samples_payload"]),
     }
     explained = {
-        text.get_text() for text in study_figures.plot_online_correction({"C3": calm}, TOLD).legends[0].get_texts()
+        text.get_text()
+        for text in study_figures.plot_online_correction({"C3": small_errors}, TOLD).legends[0].get_texts()
     }
     always = {"model gain, payload", "correction weight"}
-    assert explained == {*calm.agent.values, *always}, "what is not shown is not explained"
+    assert explained == {*small_errors.agent.values, *always}, "what is not shown is not explained"
 
 
 def test_flights_of_one_step_are_drawn(cases):
@@ -308,8 +313,8 @@ def test_flights_of_one_step_are_drawn(cases):
 
 
 def test_without_internal_forces_no_window_is_shaded(cases):
-    silent = cases["C3"].isel(eta_index=slice(0))
-    for ax in study_figures.plot_contact_forces({"C3": silent}, TOLD).axes:
+    without_internal = cases["C3"].isel(eta_index=slice(0))
+    for ax in study_figures.plot_contact_forces({"C3": without_internal}, TOLD).axes:
         assert not ax.patches
 
 
