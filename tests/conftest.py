@@ -19,7 +19,7 @@ from jaxtyping import install_import_hook
 from xdist.scheduler import LoadFileScheduling
 
 os.environ.setdefault("MPLBACKEND", "Agg")
-gc.set_threshold(200_000, 100, 100)  # traces are many objects, nearly all of which stay
+gc.set_threshold(200_000, 100, 100)  # traces are many objects, most of which are kept
 
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 jax.config.update("jax_numpy_rank_promotion", "raise")
@@ -50,13 +50,13 @@ def register_dataclass(cls: type) -> type:
 
 jax.tree_util.register_dataclass = register_dataclass
 
-# Before any test module imports colift: every annotated function of it is then checked by beartype. But not where C is
-# written: a million calls a flight, with no array whose shape could be wrong, took twenty times as long.
+# Before any test module imports colift, beartype is installed for all its annotated functions, except in codegen:
+# a million calls per flight, none of them with arrays, took twenty times as long.
 PACKAGE = Path(next(iter(importlib.util.find_spec("colift").submodule_search_locations)))
 MODULES = [f"colift.{module.name}" for module in pkgutil.iter_modules([str(PACKAGE)]) if module.name != "codegen"]
 install_import_hook(MODULES, "beartype.beartype")
 
-# Compilation makes first examples slow, so no deadline; the same examples in every run, so that a failure is one.
+# Compilation makes first examples slow, so there is no deadline; the examples are equal in every run.
 hypothesis.settings.register_profile("colift", deadline=None, derandomize=True, database=None, print_blob=True)
 hypothesis.settings.load_profile("colift")
 
@@ -148,14 +148,14 @@ def _clear_caches_above(gigabytes: float) -> None:
 def _resident_GB() -> float:
     try:
         return int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize() / 2**30
-    except OSError:  # no Linux: the most it ever was, which counts bytes on macOS
+    except OSError:  # not Linux: the peak value, in bytes on macOS
         return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**30
 
 
 LIBC = ctypes.CDLL(None)
 MEMORY_GB = os.sysconf("SC_PHYS_PAGES") * resource.getpagesize() / 2**30
-LEFT_GB = [0.0]  # after each forgetting
-# The largest test adds 1.2 where nothing is compiled yet; what is forgotten is traced anew: as late as memory allows.
+LEFT_GB = [0.0]  # after each clearing of caches
+# The largest test adds 1.2 GB. Cleared programs are traced again, so they are cleared as late as memory allows.
 FULL_GB = max(1.2, min(4.0, MEMORY_GB / 6))
 if hasattr(LIBC, "mallopt"):
-    LIBC.mallopt(-8, 2)  # M_ARENA_MAX: threads share two heaps, so that what one frees another can use
+    LIBC.mallopt(-8, 2)  # M_ARENA_MAX: threads share two heaps and reuse freed memory

@@ -30,8 +30,8 @@ PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").r
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 COLIFT = typer.main.get_command(app.app)
-RUN = {("init",), ("list",), ("print-config",), ("export", "mjcf")}  # what answers in a second or two
-ELSEWHERE = {  # examples that another module runs, which has the flight or the oracle for them
+RUN = {("init",), ("list",), ("print-config",), ("export", "mjcf")}  # commands that take a second or two
+ELSEWHERE = {  # examples that another module runs with a shared flight
     "02_own_team": "test_examples.py",
     "08_certify_a_flight": "test_certification.py",
 }
@@ -67,7 +67,7 @@ def blocks(page: Path) -> Iterator[Block]:
             yield Block(line, found["language"], found["fenced"])
 
 
-# The shell ------------------------------------------------------------------------------------------------------------
+# Shell commands -------------------------------------------------------------------------------------------------------
 
 
 def commands(text: str) -> Iterator[list[str]]:
@@ -111,7 +111,7 @@ def run(words: list[str], folder: Path) -> None:
         assert (ROOT / rest[0]).exists()
         return
     elif first != "colift":
-        assert first in ("cmake", "build/replay", "cd", "npm", "done"), f"not known here: {shlex.join(words)}"
+        assert first in ("cmake", "build/replay", "cd", "npm", "done"), f"unknown command: {shlex.join(words)}"
         return
     path, parameters = parse_command(words[1:])
     if path in RUN:
@@ -123,7 +123,7 @@ def run(words: list[str], folder: Path) -> None:
         scenario.load_scenario(parameters["name"], parameters.get("overrides") or ())
 
 
-# A page ---------------------------------------------------------------------------------------------------------------
+# Pages ----------------------------------------------------------------------------------------------------------------
 
 
 @pytest.fixture
@@ -194,7 +194,7 @@ def test_code_of_page_runs(name: str, folder: Path, monkeypatch: pytest.MonkeyPa
         ("sh", "./dev colift fly paper\n", "fly"),
         ("sh", "./dev evidence nothing\n", "nothing"),
         ("sh", "./dev fly\n", "fly"),
-        ("sh", "rm -r out\n", "not known here: rm -r out"),
+        ("sh", "rm -r out\n", "unknown command: rm -r out"),
         ("sh", "pip install 'colift[nothing]'\n", "nothing"),
         ("yaml", "payload: {mass: 2}\n", "payload.mass"),
         ("python", "import colift\ncolift.take_off()\n", "take_off"),
@@ -235,7 +235,7 @@ def test_examples_named_by_pages_exist(page: Path) -> None:
         assert (ROOT / name).exists(), name
 
 
-# The reference --------------------------------------------------------------------------------------------------------
+# Reference pages ------------------------------------------------------------------------------------------------------
 
 
 def test_every_module_is_on_one_reference_page() -> None:

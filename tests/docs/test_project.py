@@ -191,7 +191,7 @@ def test_no_file_contains_a_host_or_registry_address():
 
 
 FAKE_PYTHON = """#!/bin/sh
-# Stands in for python3: answers the version and venv questions, makes a folder as venv would, notes calls of pip.
+# Substitute for python3: it reports version and venv, creates a folder as venv does, and records calls of pip.
 case "$*" in
 *version_info*) exit {too_old} ;;
 *python_version*) echo 3.9.1 ;;

@@ -122,7 +122,7 @@ def test_assumptions_are_in_table_json_and_figure(tmp_path, capsys, save, drawn)
 
 def test_exceeded_bound_is_reported_first_with_status_1(tmp_path, monkeypatch, save, drawn):
     """An error above its bound is reported in the first line, and the exit status is 1."""
-    del save  # for the interface
+    del save  # the fixture replaces the constants of the agent layer
     results = [made(), exceeded()]
     monkeypatch.setattr(certification, "certify", lambda *_, **__: results.pop())
     result = CliRunner().invoke(app.app, ["certify", "certified", "--out", str(tmp_path)], catch_exceptions=False)

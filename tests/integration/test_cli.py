@@ -398,7 +398,7 @@ def test_signals_have_labels_and_units(flown: Path):
     assert list(flight.contact.values) == [f"{name}/hook" for name in light.NAMES]
 
 
-# Flights that do not end, and answers at once -------------------------------------------------------------------------
+# Failed runs, and fast commands ---------------------------------------------------------------------------------------
 
 
 def test_study_can_be_played_back(flown: Path, tmp_path: Path):
@@ -496,7 +496,7 @@ def test_commands_scenarios_and_cases_complete_in_a_shell():
     assert "--install-completion" in CliRunner().invoke(app, ["--help"], env={"COLUMNS": "100"}).stdout
 
 
-# What is printed ------------------------------------------------------------------------------------------------------
+# Printed output -------------------------------------------------------------------------------------------------------
 
 
 def test_progress_lines_without_terminal(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):

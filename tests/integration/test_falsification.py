@@ -58,7 +58,7 @@ def test_admissible_residuals_violate_no_bound(certified):
         assert not one.is_violated, one
         assert one.num_components == made().certificate.errors.size
         assert one.changes == ()
-    assert found[0].ratios["e_p"] > 0.3  # the adversary comes near
+    assert found[0].ratios["e_p"] > 0.3  # close to the bound
     assert found[3].ratios != found[4].ratios
     assert next(falsification.falsify(short(), trials[3:4])) == found[3]
 

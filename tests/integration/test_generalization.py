@@ -55,5 +55,5 @@ def test_frozen_model_is_used_without_updates():
     assert not second.termination_reason
     assert second.model is first.model
     error = np.abs(second.records.f_L_hat).max()
-    assert error > 0, "the map speaks from the start"
+    assert error > 0, "the frozen model predicts from the first step"
     assert np.abs(first.records.f_L_hat[:2]).max() == 0

@@ -35,7 +35,7 @@ def test_translational_error_equation():
     feedback = -m * (rows.e_p @ np.asarray(gains.K_p) + rows.e_v @ np.asarray(gains.K_v))
     right = feedback + rows.delta_W[:, :3] + (rows.f_L - rows.f_L_hat)[:, :3]
     np.testing.assert_allclose(left, right, rtol=0, atol=1e-9)
-    assert np.abs(rows.delta_W[:, :3]).max() > 0.1  # the mismatch is there to be carried
+    assert np.abs(rows.delta_W[:, :3]).max() > 0.1  # there is a wrench mismatch
 
 
 def test_rotational_error_equation():

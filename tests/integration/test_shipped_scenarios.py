@@ -79,7 +79,7 @@ def test_sum_of_products_is_exact_for_long_arrays():
     [
         ({}, FLAG),
         ({"XLA_FLAGS": "--xla_cpu_max_isa=AVX2"}, f"{FLAG} --xla_cpu_max_isa=AVX2"),
-        ({"XLA_FLAGS": f"{FLAG}dot"}, f"{FLAG}dot"),  # a person's own word stands
+        ({"XLA_FLAGS": f"{FLAG}dot"}, f"{FLAG}dot"),  # an explicit flag of the user is kept
     ],
 )
 def test_faulty_xla_kernels_are_off_unless_requested(settings, expected):

@@ -49,7 +49,7 @@ def test_unknown_case_is_refused_with_known_cases():
         experiment.make_experiments(paper.SETTINGS, ("C5",))
 
 
-# What goes beyond the paper -------------------------------------------------------------------------------------------
+# Extensions of the paper ----------------------------------------------------------------------------------------------
 
 
 @functools.cache
@@ -97,7 +97,7 @@ def test_adaptive_detects_and_identifies_added_mass():
     assert int(c4.model.update_index) == 6
     (changed_update,) = [update for update in c4.updates if "payload" in update.change_points]
     assert 2.5 - 1e-9 <= changed_update.t <= 3.0 + 1e-9
-    before = c4.updates[1].theta[0]  # of the mean, in which mass and a constant force are hard to tell apart
+    before = c4.updates[1].theta[0]  # mean parameters; mass and constant force are nearly collinear
     np.testing.assert_allclose(c4.model.inertial_parameters[0] - before, -0.3, atol=0.05)
 
 
@@ -111,13 +111,13 @@ def test_gp_label_feedback_updates_like_c3():
 def test_label_feedback_is_logged_and_extrapolated():
     f = light_flight("label_feedback").records
     np.testing.assert_allclose(f.correction_weight, 1.0)
-    # what F predicts is what labels say, carried ahead along its rate
+    # the prediction is the label extrapolated along its rate
     lead_time = float(experiment.make_experiment(light.settings(), "label_feedback").controller.predictor.lead_time)
     rate = np.diff(f.innovation_L, axis=0) / float(f.t[1])
     np.testing.assert_allclose(f.f_L_hat[1:], f.innovation_L[1:] + lead_time * rate, atol=1e-9)
 
 
-# Before the flights ---------------------------------------------------------------------------------------------------
+# Before the simulation ------------------------------------------------------------------------------------------------
 
 
 def test_team_with_too_little_thrust_is_refused():
@@ -140,7 +140,7 @@ def test_flights_of_the_study_stay_far_from_all_limits():
     for case in ("C1", "C2", "C3"):
         rows = paper.flight(case).records
         assert not paper.flight(case).termination_reason
-        assert rows.innovation_L is None  # of labels these make nothing until an update
+        assert rows.innovation_L is None  # these cases use labels in updates only
         assert np.linalg.norm(rows.e_p, axis=1).max() < limits.max_position_error_m / 4
         assert rows.Psi.max() < (1 - np.cos(np.deg2rad(limits.max_attitude_error_deg))) / 4
         assert rows.R[:, :, 2, 2].min() > np.cos(np.deg2rad(limits.max_tilt_deg / 2))

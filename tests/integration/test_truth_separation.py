@@ -86,9 +86,9 @@ def simulate_in() -> Any:
     def simulate(of: flight.Experiment, world: SimulatedWorld, recorded: Any = None) -> Any:
         recorder = dataclasses.replace(of.controller.recorder, start=paper_flights.number(0.0))
         of = paper_flights.with_controller(of, recorder=recorder)
-        begun = simulator.reset(of.loop_config, of.initial_state)  # one start for all: only the ticks differ
+        begun = simulator.reset(of.loop_config, of.initial_state)  # equal initial loops
         drawn = world.sample_noise(jax.random.key(0), TICKS)
-        if recorded is None:  # what is recorded is rounded otherwise than what flies: compare replays with replays
+        if recorded is None:  # rounding differs between recording and replay: compare replays only
             shape = jax.eval_shape(lambda: world.measure_at_rest(of.initial_state))
             recorded = jax.tree.map(lambda s: jnp.zeros((TICKS, *s.shape)), shape)
             replay = jnp.zeros(TICKS, bool)
@@ -121,7 +121,7 @@ def test_commands_depend_only_on_measurements(simulate_in, case):
     assert all(np.isfinite(x).all() for x in jax.tree.leaves(flown))
     again = _, row_again, _ = simulate_in(of, other_world(of), recorded)
     assert changed(flown, again) == []
-    # the truths do differ, and the loop was watching: the plant goes elsewhere, data were recorded
+    # the worlds differ, and data were recorded
     assert np.abs(row.p - row_again.p).max() > 1e-3
     assert np.abs(row.lam - row_again.lam).max() > 0.1
     assert (int(state.recorder.payload.n[-1]) > 5) == (case != "C1")

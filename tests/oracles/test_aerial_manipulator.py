@@ -99,7 +99,7 @@ def test_reduced_mass_matrix_is_the_schur_complement_of_M0(case: SimpleNamespace
 
 
 def test_mass_matrix_and_accelerations_equal_mujoco(case: SimpleNamespace) -> None:
-    gravity = np.array([0.3, -0.2, -9.81])  # falls out of (mu, nu): it acts on the centre of mass
+    gravity = np.array([0.3, -0.2, -9.81])  # has no effect on (mu, nu): it acts on the center of mass
     mujoco_agent = MujocoAgent(case.arrays[0], gravity)
     mujoco_agent.set(case.arrays[1])
     M, R = mujoco_agent.mass_matrix(), case.arrays[1].R

@@ -105,7 +105,7 @@ def test_dynamics_are_independent_of_agent_grouping() -> None:
     assert relative_error(grasp.stack_contacts(lam_apart), np.asarray(grasp.stack_contacts(lam))) < 1e-12
 
 
-# The manifold ------------------------------------------------------------------------------------------------------
+# Constraint manifold -----------------------------------------------------------------------------------------------
 
 
 def off_grasp_state(z: State, size: float, seed: int = 0) -> State:

@@ -26,7 +26,7 @@ def test_posterior_and_likelihood(seed, N):
     cond = np.array([np.linalg.cond(gram(X, hyper, i)) for i in range(3)])
     bound = np.where(cond <= 1e6, 1e-9, 100 * EPS * cond)
     assert (np.abs(np.asarray(jax.vmap(gp.mean, (None, 0))(p, queries)) - mu) <= bound * Y.std(0)).all()
-    # GPyTorch forms squared distances by a product, which costs eps |x / l|^2, and its variance inherits that.
+    # GPyTorch computes squared distances by a product, with an error of eps |x / l|^2 in its variance.
     loss = EPS * ((X[:, None] / np.asarray(hyper.lengthscales)) ** 2).sum(-1).max(0)
     signal, ours = np.asarray(hyper.signal_variance), np.asarray(jax.vmap(gp.variance, (None, 0))(p, queries))
     assert (np.abs(ours - var) <= 10 * bound * ours + 100 * loss * signal).all()

@@ -205,7 +205,7 @@ def test_motion_with_drag_agrees_to_first_order(initial_motion: tuple) -> None:
         assert 1.8 < coarse / fine < 2.2
 
 
-# As a part of a program ---------------------------------------------------------------------------------------------
+# Use in programs ----------------------------------------------------------------------------------------------------
 
 
 def test_result_is_stateless_and_batches_agree() -> None:

@@ -13,7 +13,7 @@ from colift.scenario import Scenario, ScenarioError
 from tests.support.scenario_mutants import mutant
 
 EACH = 40
-HANG = 60.0  # s of processor time for one file; the slowest of thousands took one, so this tells a hang, not a speed
+HANG = 60.0  # s of processor time per file; the slowest of thousands took 1 s, so this detects a hang
 MEMORY = 500_000  # kB
 
 

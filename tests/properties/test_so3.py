@@ -127,7 +127,7 @@ def test_derivative_of_log(mode: Callable) -> None:
     ends = log(at[:, None] @ offset[None])
     central = jnp.swapaxes((ends[:, :3] - ends[:, 3:]) / (2 * step), 1, 2)
     np.testing.assert_allclose(jacobian, central, atol=2e-8)
-    left = np.einsum("nij,nj->ni", np.asarray(jacobian), theta)  # turning further about the axis adds to the angle
+    left = np.einsum("nij,nj->ni", np.asarray(jacobian), theta)  # a rotation about the same axis adds to the angle
     np.testing.assert_allclose(left, theta, atol=1e-12)
 
 

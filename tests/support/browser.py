@@ -20,7 +20,7 @@ FLAGS = (
     *("--headless=new", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"),
     *("--remote-debugging-pipe", "--no-first-run", "--disable-extensions", "--disable-background-networking"),
 )
-PATIENCE = 120.0  # s, for one answer: a shared computer draws slowly
+PATIENCE = 120.0  # s per response; a shared computer renders slowly
 
 
 class Page:
@@ -99,7 +99,7 @@ class Page:
 
     def _hear(self) -> dict[str, Any]:
         while b"\0" not in self._rest:
-            assert self._ready.select(PATIENCE), "the browser does not answer"
+            assert self._ready.select(PATIENCE), "no response from the browser"
             got = os.read(self._read, 1 << 20)
             assert got, "the browser has ended"
             self._rest += got
@@ -123,7 +123,7 @@ def page(profile: Path, *flags: str) -> Iterator[Page]:
     assert FOUND
     to_browser, from_us = os.pipe()
     to_us, from_browser = os.pipe()
-    # it listens on descriptor 3 and answers on 4
+    # it reads from descriptor 3 and writes to 4
     start = f'exec "$0" "$@" 3<&{to_browser} 4>&{from_browser}'
     command = ["/bin/bash", "-c", start, FOUND, *FLAGS, *flags, f"--user-data-dir={profile}"]
     browser = subprocess.Popen(
@@ -134,7 +134,7 @@ def page(profile: Path, *flags: str) -> Iterator[Page]:
     try:
         yield Page(from_us, to_us)
     finally:
-        os.close(from_us)  # it ends when nobody can speak to it
+        os.close(from_us)  # it ends when the pipe is closed
         try:
             browser.wait(20)
         except subprocess.TimeoutExpired:

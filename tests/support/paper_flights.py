@@ -21,7 +21,7 @@ from colift.simulation.world import SimulatedWorld
 
 SETTINGS: Scenario = scenario.load_scenario("paper")
 NAMES = team.agent_names(SETTINGS)
-SHORT = {"duration": 9.0, "updates": (2.0, 3.5, 5.0, 6.0)}  # the paper's study, told sooner
+SHORT = {"duration": 9.0, "updates": (2.0, 3.5, 5.0, 6.0)}  # the paper's study with earlier updates
 
 
 @functools.cache
@@ -156,7 +156,7 @@ def accelerations_and_residuals(
     """Return the payload's acceleration and the residual of the nominal equations for many states and inputs."""
     n = len(z.payload.p)
     parts = []
-    for first in range(0, n, ROOM):  # in pieces of one size: one program
+    for first in range(0, n, ROOM):  # in batches of one size: one compiled program
         pick = np.minimum(np.arange(first, first + ROOM), n - 1)
         piece = jax.tree.map(lambda x, pick=pick: x[pick], (z, inputs))
         parts.append(_accelerations(base_experiment.world, base_experiment.controller.team, *piece))

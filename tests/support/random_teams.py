@@ -42,7 +42,7 @@ def stack(values: list) -> object:
 
 def rotation(rng: np.random.Generator) -> np.ndarray:
     """Return a uniformly random rotation matrix."""
-    from scipy.spatial.transform import Rotation  # half a second that the start of the reference team need not pay
+    from scipy.spatial.transform import Rotation  # saves half a second at the start of the reference team
 
     return Rotation.random(random_state=rng).as_matrix()
 

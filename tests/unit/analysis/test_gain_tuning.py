@@ -120,7 +120,7 @@ def test_written_scenario_keeps_comments():
     assert "# Written by `colift init`." in text
     assert "K_p: 6.11" in text
     assert scenario.parse(text, "mine.yaml") == tuned
-    other = tuned.model_copy(update={"seed": 7})  # as by --set: the text would say otherwise
+    other = tuned.model_copy(update={"seed": 7})  # as by --set: the text states another value
     assert scenario.parse(gain_tuning.to_yaml(other, written, "mine.yaml"), "mine.yaml") == other
     assert "#" not in gain_tuning.to_yaml(tuned, None, "mine.yaml")
 

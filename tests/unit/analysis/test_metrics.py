@@ -61,7 +61,7 @@ def wrench(lam: np.ndarray, R: np.ndarray) -> np.ndarray:
     return np.concatenate([force, moment])
 
 
-# Figures of merit -----------------------------------------------------------------------------------------------------
+# Metrics --------------------------------------------------------------------------------------------------------------
 
 
 def test_rms_norm_is_root_mean_square_of_norms():
@@ -149,7 +149,7 @@ def test_correlation_is_pearson_and_none_for_constants():
     assert metrics.correlations(dataclasses.replace(made, uncertainty=flat))["sigma_L_e_p"]["run"] is None
 
 
-# Predictive deviations ------------------------------------------------------------------------------------------------
+# Predictive standard deviations ---------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("listens", [False, True])

@@ -60,7 +60,7 @@ def test_unstable_mode_fails_and_advice_stabilizes_it():
     assert not unstable.passed
     bad, also = [each for each in unstable.findings if each.advice]
     assert (bad.subject, also.subject) == ("mode", "learned")
-    assert also.values["rad_s"] != bad.values["rad_s"]  # it rests elsewhere
+    assert also.values["rad_s"] != bad.values["rad_s"]  # another equilibrium
     assert "unstable" in bad.message
     assert re.search(r"moves n\d in (roll|pitch|yaw)", bad.message)
     assert not any(each.subject == "delay" for each in unstable.findings)
@@ -183,7 +183,7 @@ CONTACTS = {"front": 0.5, "rear": -0.5}
 def test_straight_nominal_posture_uses_no_label_rate():
     """Agents with a straight nominal posture, or without weight, use no label rates."""
     changes = [f"agent_types.two_arms.joints.{joint}.nominal_position_rad=0" for joint in ("left", "right")]
-    straight = scenario.load_scenario("paper", changes)  # their contacts bend them: the team can be built
+    straight = scenario.load_scenario("paper", changes)  # the contacts bend the arms, so that the team can be built
     (finding_,) = preflight._labels(straight, team.team(straight)[1])
     assert "front has straight arms at its nominal joint positions" in finding_.message
     assert "use none" in finding_.message
@@ -266,9 +266,7 @@ def test_slow_redundant_joints_fail_and_are_named(monkeypatch):
     assert slow.advice == ("2.4 agent_2/shoulder",)
     (fast,) = preflight._posture(beam, two_modes(2.6, 1.0, 0.1), say)
     assert fast.advice == ()
-    assert not list(
-        preflight._posture(beam, two_modes(0.1, 1.0, 1.0), say)
-    )  # the payload's own: its gains are to blame
+    assert not list(preflight._posture(beam, two_modes(0.1, 1.0, 1.0), say))  # the payload's mode: caused by its gains
     assert not list(preflight._posture(scenario.load_scenario("paper"), two_modes(0.1, 1.0, 0.1), say))
     (held,) = preflight._posture(
         scenario.load_scenario("beam", ("control.posture_bandwidth=0",)), two_modes(2.6, 1.0, 0.1), say
@@ -288,7 +286,7 @@ def test_slow_redundant_joints_fail_and_are_named(monkeypatch):
             ("agent_k_R=350.0 yields 1.2", "nominal_position_rad"),
         ),
         (lambda _c, _r: 0.9, ("start from `colift init`",)),
-        (lambda _c, _r: np.nan, ("start from `colift init`",)),  # no rest
+        (lambda _c, _r: np.nan, ("start from `colift init`",)),  # no equilibrium
     ],
 )
 def test_posture_advice_lists_changes_that_speed_joints_up(monkeypatch, rates, advice):
@@ -300,7 +298,7 @@ def test_posture_advice_lists_changes_that_speed_joints_up(monkeypatch, rates, a
     def at_rest(changed: scenario.Scenario) -> stability.Modes:
         rate = rates(changed.control, changed.agent_types != beam.agent_types)
         if np.isnan(rate):
-            raise ValueError("no rest")
+            raise ValueError("no equilibrium")
         return two_modes(rate, 1.0, 0.1)
 
     monkeypatch.setattr(remedies, "modes_at_equilibrium", at_rest)

@@ -62,10 +62,10 @@ def test_linearization_predicts_small_disturbances(seed):
     """Every coordinate of plant and controller is disturbed; the difference is of second order."""
     x, M = equilibrium()
     ticks, d = 200, np.random.default_rng(seed).normal(size=len(M))
-    d = np.linalg.matrix_power(M, 5) @ d  # on the grasp, and with what only lasts a tick gone
+    d = np.linalg.matrix_power(M, 5) @ d  # on the grasp, after states that decay within one step
     d /= np.abs(d).max()
     linear = np.linalg.matrix_power(M, ticks) @ d
-    still = simulated(study_experiment(), x, 0 * d, ticks)  # what is left of motion at the rest
+    still = simulated(study_experiment(), x, 0 * d, ticks)  # remaining motion at equilibrium
     off = [np.abs((simulated(study_experiment(), x, h * d, ticks) - still) / h - linear).max() for h in (1e-3, 5e-4)]
     assert off[0] < 0.02 * np.abs(linear).max()
     assert off[1] == pytest.approx(off[0] / 2, rel=0.1)
@@ -93,7 +93,7 @@ def test_equilibrium_is_where_the_simulation_settles():
     of = paper.paper_experiment("C1")
     (group,), load = of.controller.team.agent_groups, of.controller.team.payload
     more = float(of.world.team.payload.mass - load.mass) * 9.81
-    # asked to accelerate upwards, the agents push with their own mass times that as well
+    # for an upward acceleration the agents also push with their own mass
     sag = more / float((load.mass + group.mass.sum()) * of.controller.payload_controller.gains.K_p[2, 2])
     np.testing.assert_allclose(x[".world.state.payload.p"] - of.controller.reference.center, [0, 0, -sag], atol=1e-8)
 
@@ -109,7 +109,7 @@ def test_shipped_team_is_stable():
 @pytest.mark.long
 def test_stateful_payload_controller_adds_modes():
     def slow(found: stability.Modes) -> int:
-        return int((found.eigenvalues.real > -50).sum())  # rad/s; some are gone within a tick or two
+        return int((found.eigenvalues.real > -50).sum())  # rad/s; some decay within one or two steps
 
     with_integral = stability.modes_at_equilibrium(
         paper.with_controller(
@@ -127,7 +127,9 @@ def test_slow_control_rate_is_unstable(monkeypatch):
 
     The loop as it flies follows the mode that grows, for as long as it is small.
     """
-    monkeypatch.setattr(flight, "CHUNK_DURATION", 12.5)  # as many ticks as half a second has at 500 Hz: one program
+    monkeypatch.setattr(
+        flight, "CHUNK_DURATION", 12.5
+    )  # as many steps as half a second at 500 Hz: the same compiled program
     slow = study_experiment(20.0)
     x, M = stability.equilibrium_and_jacobian(slow, z())
     found = stability.modes_at_equilibrium(slow, z())
@@ -197,11 +199,11 @@ def test_equilibrium_does_not_depend_on_the_start():
         one_experiment, initial_states.equilibrium_state(light.settings(), one_experiment.world.team)
     )
     settled = stability._simulate_settling(setup, loop, noise)
-    assert int(settled.tick) == int(loop.tick), "its clock was held"
+    assert int(settled.tick) == int(loop.tick), "the clock is constant"
     apart = stability._coordinates(
         stability._select_states(loop), jax.tree.map(lambda leaf: leaf[None], stability._select_states(settled))
     )
-    assert np.abs(apart).max() > 1e-3, "rest is off the reference by what is not known of the payload"
+    assert np.abs(apart).max() > 1e-3, "the equilibrium is off the reference by the payload's parameter error"
     rests = [stability._newton_equilibrium(setup, of, noise) for of in (loop, settled)]
     (x, _), (y, _) = (found for found in rests if found)
     between = stability._coordinates(x, jax.tree.map(lambda leaf: leaf[None], y))
@@ -345,5 +347,5 @@ def test_label_feedback_changes_the_slowest_mode_little(case):
     """The loop with label feedback has an equilibrium and decays like the loop without."""
     with_labels = stability.modes_at_equilibrium(paper.paper_experiment(case), z())
     assert with_labels.stable
-    alone, slowest = at_500_hertz().eigenvalues[0], with_labels.eigenvalues[0]  # of a pair either may come first
+    alone, slowest = at_500_hertz().eigenvalues[0], with_labels.eigenvalues[0]  # the order within a pair is arbitrary
     np.testing.assert_allclose([slowest.real, abs(slowest.imag)], [alone.real, abs(alone.imag)], rtol=0.2)

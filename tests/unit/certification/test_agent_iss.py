@@ -84,7 +84,7 @@ def test_payload_residual_is_shared_by_mass():
     np.testing.assert_allclose(M_A, M_A.T, atol=1e-9)
     assert np.linalg.eigvalsh(M_A).min() > 0
     np.testing.assert_allclose(K, -M_A @ D, atol=1e-10)
-    assert M_A[2, 2] == pytest.approx(2 * 1.84, rel=0.05)  # lifted, the agents come along as they are
+    assert M_A[2, 2] == pytest.approx(2 * 1.84, rel=0.05)  # vertical motion does not change the agents' configuration
 
 
 def test_vertical_gain_of_the_reference_team():
@@ -143,7 +143,7 @@ def test_bounded_residuals_do_not_exceed_the_sum(seed):
             share = np.linalg.norm(part, axis=1).max() / (layer.kappa[index] @ rho)
             assert share <= 1
             closest = max(closest, share)
-    assert closest > 0.25  # the draws come near, so that the check could fail
+    assert closest > 0.25  # random inputs are close to the bound
 
 
 @given(seeds)

@@ -33,7 +33,7 @@ def angle_of(Q):
     return np.linalg.norm(so3.log(Q), axis=-1)
 
 
-# -- the equations behind it -------------------------------------------------------------------------------------------
+# -- equations ---------------------------------------------------------------------------------------------------------
 
 
 def papers_V(e_p, e_v, Q, w, k_R):
@@ -140,7 +140,7 @@ def test_V_decreases_at_the_stated_rate(seed, damping, size):
     assert (V_dot[above] < 0).all()
 
 
-# -- flights -----------------------------------------------------------------------------------------------------------
+# -- simulations -------------------------------------------------------------------------------------------------------
 
 
 @jax.jit
@@ -177,7 +177,7 @@ def test_region_of_attraction_settles_within_the_bound(seed, z, size):
     inside = np.array([bound.region.contains(float(a), float(r)) for a, r in zip(angle_0, rate_0, strict=True)])
     assert inside.sum() >= 16
     angle, rate = (x[inside] for x in simulate(Q, w, jnp.concatenate([d] * 3, axis=1), k_R, k_omega, h))
-    assert angle[:, -evidence.STEPS :].max() <= bound.angle * (1 + 1e-4)  # what is left of the start
+    assert angle[:, -evidence.STEPS :].max() <= bound.angle * (1 + 1e-4)  # remainder of the initial error
     assert rate[:, -evidence.STEPS :].max() <= bound.e_omega * (1 + 1e-4)
 
 
@@ -198,7 +198,7 @@ def test_no_simulation_exceeds_the_bound(seed, z, angle_0, rate_0):
     assert rate.max() <= rate_bound
 
 
-# -- what a certificate says -------------------------------------------------------------------------------------------
+# -- bounds ------------------------------------------------------------------------------------------------------------
 
 
 @given(dampings, sizes, st.floats(0.2, 5.0))

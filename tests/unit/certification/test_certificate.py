@@ -47,7 +47,7 @@ def models(model: residual_model.ResidualModel) -> list[gp.GPPosterior]:
     return [model.payload, *(jax.tree.map(lambda x, j=j: x[j], model.agents[0]) for j in range(len(light.NAMES)))]
 
 
-# Against the log ------------------------------------------------------------------------------------------------------
+# Comparison with the log ----------------------------------------------------------------------------------------------
 
 
 def test_errors_stay_below_bounds_in_the_stated_order():
@@ -59,14 +59,14 @@ def test_errors_stay_below_bounds_in_the_stated_order():
         for error in certificate.ERRORS:
             assert found.observed[error] <= radii.a_posteriori[error]
             assert found.observed[error] <= radii.a_priori[error]
-        if name != "srinivas":  # so loose that the path matters more than the tube
+        if name != "srinivas":  # conservative: the path dominates the tube
             assert radii.a_posteriori["e_p"] <= radii.a_priori["e_p"]
     for key in ("a_posteriori", "a_priori"):
         e_p = [getattr(found.radii[name], key)["e_p"] for name in ("recovery", "energy", "srinivas")]
         assert e_p == sorted(e_p)
         assert np.isfinite(e_p).all()
     tightness = found.radii["recovery"].a_posteriori["e_p"] / found.observed["e_p"]
-    assert 1 <= tightness < 10  # of the size of what it bounds
+    assert 1 <= tightness < 10  # of the magnitude of the error
 
 
 def test_observed_and_nominal_errors_are_maxima():
@@ -115,7 +115,7 @@ def test_bound_over_time_contains_error_and_peak():
     np.testing.assert_allclose(found.e_p, np.linalg.norm(rows.e_p[at], axis=1), rtol=1e-12)
 
 
-# Against the truth ----------------------------------------------------------------------------------------------------
+# Comparison with the true residuals -----------------------------------------------------------------------------------
 
 
 def test_nominal_trajectory_has_no_residual():
@@ -168,7 +168,7 @@ def test_residual_deviation_stays_within_the_tube():
     assert (np.abs(difference).max(0) > 0).all()
 
 
-# What it rests on -----------------------------------------------------------------------------------------------------
+# Assumptions ----------------------------------------------------------------------------------------------------------
 
 
 def test_assumptions_of_the_short_flight():
@@ -266,7 +266,7 @@ def test_a_priori_analysis_is_reused_for_another_run(monkeypatch):
     for name, radii in found.radii.items():
         assert radii == all_of.certificate.radii[name]  # of the same path
     np.testing.assert_allclose(found.errors[:, :3] - all_of.certificate.errors[:, :3], 1e-3)
-    assert found.linearization_error["e_p"] == pytest.approx(3**0.5 * 1e-3, rel=0.1)  # no force brought that about
+    assert found.linearization_error["e_p"] == pytest.approx(3**0.5 * 1e-3, rel=0.1)  # not caused by a force
 
 
 def test_linearization_error_is_about_one_percent():
@@ -357,7 +357,7 @@ def test_conservatism_decreases_step_by_step():
     assert (slack["observed"], slack["nominal error"]) == (found.observed["e_p"], found.nominal_error["e_p"])
 
 
-# The adversary --------------------------------------------------------------------------------------------------------
+# Worst case -----------------------------------------------------------------------------------------------------------
 
 
 def test_worst_case_is_admissible_and_close_to_the_bound():

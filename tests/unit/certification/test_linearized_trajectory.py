@@ -22,7 +22,7 @@ from tests.support.paper_flights import with_world
 seeds = st.integers(0, 2**31)
 
 
-# Against flights ------------------------------------------------------------------------------------------------------
+# Comparison with simulations ------------------------------------------------------------------------------------------
 
 
 def test_run_with_stored_models_repeats_the_flight():
@@ -141,7 +141,7 @@ def test_terminated_nominal_trajectory_is_refused():
         linearized_trajectory.simulate_nominal(near, of.flight.model_intervals)
 
 
-# Against the recursion ------------------------------------------------------------------------------------------------
+# Comparison with the recursion ----------------------------------------------------------------------------------------
 
 
 def system(
@@ -152,7 +152,7 @@ def system(
     half = rng.normal(size=(nodes - 1, n, n))
     return linearized_trajectory.LinearizedTrajectory(
         model_schedule=(),
-        records=made().nominal_linearization.records,  # of which nothing is asked
+        records=made().nominal_linearization.records,  # not used
         nodes=np.arange(nodes),
         A=A,
         B=B,

@@ -162,7 +162,7 @@ def test_recovery_bound_is_tighter_and_holds(seed, bias):
     true = p.true()
     assert (true <= found[0]).all()
     assert (-true <= found[1]).all()
-    assert (found[0] + found[1] < 0.98 * (limit[0] + limit[1])).any()  # it gains on the band
+    assert (found[0] + found[1] < 0.98 * (limit[0] + limit[1])).any()  # it is tighter than the band
 
 
 def test_recovery_equals_one_program_for_all_samples():

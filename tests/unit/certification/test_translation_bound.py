@@ -38,7 +38,7 @@ def test_bound_is_attained_by_its_bang_bang_input(seed, damping, mixing, rho):
     """The bang-bang disturbance attains the bound within one percent."""
     K_p, K_v = gains(seed, damping, mixing)
     for which, peak in enumerate(vars(translation_bound.ultimate_bound(K_p, K_v, rho)).values()):
-        d = peak.inputs[:-1]  # the last acts through D, and there is none
+        d = peak.inputs[:-1]  # the last input acts through D, which is zero
         assert np.linalg.norm(d, axis=1).max() <= rho * (1 + 1e-12)
         reached = simulate(K_p, K_v, d, peak.step)[-1, which]
         assert reached == pytest.approx(peak.lower_bound, rel=1e-4)
@@ -67,7 +67,7 @@ def test_bounded_disturbances_do_not_exceed_the_bound(seed, damping, mixing):
     found = simulate(K_p, K_v, d / np.linalg.norm(d, axis=-1, keepdims=True), h).max((0, 2))
     assert found[0] <= bound.e_p.bound
     assert found[1] <= bound.e_v.bound
-    assert found[0] >= 0.5 * bound.e_p.bound  # the draws come near, so that the check could fail
+    assert found[0] >= 0.5 * bound.e_p.bound  # random inputs are close to the bound
 
 
 @pytest.mark.long

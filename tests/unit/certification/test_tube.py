@@ -17,7 +17,7 @@ seeds = st.integers(0, 2**31)
 means = jax.jit(jax.vmap(gp.mean, (None, 0)))
 
 
-# What the maps see ----------------------------------------------------------------------------------------------------
+# Features of the models -----------------------------------------------------------------------------------------------
 
 
 @given(seeds)
@@ -37,7 +37,7 @@ def test_features_at_zero_speed_have_zero_gradient():
     assert (tube.feature_jacobian(np.zeros((1, 18)), np.ones((1, 18, 1, 1)))[0, 18:] == 0).all()
 
 
-# How fast what is left varies -----------------------------------------------------------------------------------------
+# Gradients of the residual --------------------------------------------------------------------------------------------
 
 
 def body(seed: int) -> tuple[reachability.BodyModel, gp.GPPosterior, np.random.Generator]:
@@ -77,7 +77,7 @@ def test_residual_gradients_stay_within_their_bound(seed):
         bound = np.linalg.norm(np.einsum("tfd,td->tf", S, d), axis=1) + np.abs((g * d).sum(1))
         found = np.abs((left[:, i] * d).sum(1))
         assert (found <= bound * (1 + 1e-9)).all()
-        assert (found / bound).max() > 0.03  # the draws are of the size of what they test
+        assert (found / bound).max() > 0.03  # the samples have the magnitude of the bound
 
 
 @given(seeds)

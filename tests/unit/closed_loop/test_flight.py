@@ -40,7 +40,7 @@ def flight() -> FlightResult:
     return simulate(paper_experiment("C1"), 1.0)
 
 
-# The residual ---------------------------------------------------------------------------------------------------------
+# Residual -------------------------------------------------------------------------------------------------------------
 
 
 def test_residual_equals_sources_for_true_parameters():
@@ -73,14 +73,14 @@ def test_parameter_mismatch_adds_inertial_residual(flight):
     np.testing.assert_allclose(rows.f_L[:, 3:], F.tau + rows.a_L[:, 3:] @ dJ + np.cross(w, w @ dJ), atol=1e-9)
 
 
-# The log --------------------------------------------------------------------------------------------------------------
+# Log ------------------------------------------------------------------------------------------------------------------
 
 
 def test_logged_motion_is_kinematically_consistent(flight):
     """Positions, velocities and accelerations are derivatives of each other."""
-    rows = jax.tree.map(lambda x: x[50:], flight.records)  # after the first tenth of a second, which jerks
+    rows = jax.tree.map(lambda x: x[50:], flight.records)  # after the first 0.1 s with large jerk
     dt = float(np.diff(rows.t[:2])[0])
-    # within a tick commands are held and all is smooth: the trapezoidal rule errs by dt^2 / 12 times the jerk,
+    # within a step commands are constant: the trapezoidal rule has an error of dt^2 / 12 times the jerk,
     # which for the joints is some 100 rad/s^3
     for x, x_dot in ((rows.p, rows.v), (rows.x, rows.v_agent), (rows.r, rows.r_dot)):
         np.testing.assert_allclose(np.diff(x, axis=0) / dt, (x_dot[1:] + x_dot[:-1]) / 2, atol=1e-4)
@@ -121,7 +121,7 @@ def test_contact_forces_have_tip_sensor_noise(flight):
     assert np.sqrt((error**2).mean(0)).max() < bound
 
 
-# Repetition -----------------------------------------------------------------------------------------------------------
+# Repeatability --------------------------------------------------------------------------------------------------------
 
 
 def same(a: signals.StepRecord, b: signals.StepRecord) -> None:
@@ -246,7 +246,7 @@ def test_std_is_logged_at_its_rate_and_starts_at_the_prior(flight):
     assert sigma.agent_std[0].shape == (len(sigma.t), 2, 9)
 
 
-# Runs that stop -------------------------------------------------------------------------------------------------------
+# Termination ----------------------------------------------------------------------------------------------------------
 
 
 def limited(of: Experiment, **beyond: Any) -> Experiment:

@@ -134,7 +134,7 @@ def outputs(shift: np.ndarray, f: np.ndarray, with_model: bool = False) -> tuple
     return np.asarray(rate), np.concatenate([e, np.asarray(a) - to, W - np.concatenate([W_d.F, W_d.tau])])
 
 
-# Flat residuals -------------------------------------------------------------------------------------------------------
+# Residual vectors -----------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("structure", [teams.POOL[3], teams.POOL[5], teams.POOL[0]])
@@ -169,7 +169,7 @@ def test_output_rows_have_the_order_of_the_outputs():
 def test_rates_and_outputs_vanish_at_equilibrium():
     """At rest on the reference all rates and outputs are zero."""
     rate, y = outputs(np.zeros(loop().basis.shape[0]), np.zeros(24))
-    assert np.abs(rate).max() < 1e-7  # where a start is consistent to nanometres
+    assert np.abs(rate).max() < 1e-7  # the start is consistent to nanometers
     assert np.abs(y).max() < 1e-7
 
 
@@ -206,7 +206,7 @@ def test_direct_term_is_exact_for_any_residual():
 def test_linearization_equals_central_differences(with_model):
     """Extrapolated central differences in random directions of state and residual together."""
     rng, found = np.random.default_rng(2), loop(with_model)
-    if with_model:  # what the oracle feeds back is part of the loop
+    if with_model:  # the feedback of the model is part of the loop
         assert np.abs(found.C - loop().C @ (loop().basis.T @ found.basis)).max() > 0.1
     T = found.basis
     for _ in range(5):
@@ -267,7 +267,7 @@ def test_small_constant_residual_has_the_linear_response():
     assert np.abs(linear[:3]).max() > 1e-3
 
 
-# Joints beyond need ---------------------------------------------------------------------------------------------------
+# Redundant joints -----------------------------------------------------------------------------------------------------
 
 
 @functools.cache

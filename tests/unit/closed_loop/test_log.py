@@ -59,7 +59,7 @@ def test_every_variable_has_unit_frame_and_symbol(rng):
         assert variable.attrs["frame"], name
         assert variable.attrs["long_name"], name
         mixed = {"wrench", "acceleration"} & set(variable.dims)
-        # two units on one axis, and each says to which components it belongs
+        # two units on one axis, each with its components
         assert bool(mixed) <= ("(" in variable.attrs["units"] and "(" in variable.attrs["frame"]), name
     assert {ds[dim].attrs["units"] for dim in ("time", "time_sigma")} == {"s"}
 
@@ -108,7 +108,7 @@ def test_sigma_norms_are_frobenius_norms(rng):
                 ds[f"rho_bar_L{part}"][k] ** 2, sum(sigma.payload_radius[k, of] ** 2), rtol=1e-12
             )
             np.testing.assert_allclose(ds[f"rho_bar_j{part}"][k] ** 2, [sum(x * x) for x in radii], rtol=1e-12)
-    # the plain norm joins the parts of one body, so it is between the largest part and their sum
+    # the plain norm over all parts of a body is between the largest part and their sum
     assert (ds.sigma_A <= ds.sigma_A_force + ds.sigma_A_moment + 1e-12).all()
     assert (ds.sigma_A >= np.maximum(ds.sigma_A_force, ds.sigma_A_moment) - 1e-12).all()
 
@@ -165,7 +165,7 @@ def test_full_disk_keeps_the_earlier_file(rng, tmp_path):
     ds = flights.dataset(rng)
     soft_limit, hard_limit = resource.getrlimit(resource.RLIMIT_FSIZE)
     handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, hard_limit))  # no file of this process grows past that
+    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, hard_limit))  # limit of the file size of this process
     try:
         with pytest.raises(OSError, match="cannot write") as caught:
             log.save(ds, path)

@@ -54,7 +54,7 @@ def with_fault(fault: str) -> flight.Experiment:
             r"CustomPayloadController.compute: the next state has shapes and types \['float64\[3\]'\]; "
             "must be those of `init`",
         ),
-        ("shape", r"payload_controller: CustomPayloadController.compute: .*"),  # found by beartype first, in tests
+        ("shape", r"payload_controller: CustomPayloadController.compute: .*"),  # in tests beartype reports it first
         ("condition", r"CustomPayloadController.compute: a Python condition depends on an array; use `jnp.where`"),
     ],
 )

@@ -583,7 +583,7 @@ def test_plant(structure):
     by_native = jax.jit(codegen.compile(plant_step))
     for sample, result in zip(samples, expected, strict=True):
         assert_close(by_native(*sample), result)
-    flat = [jax.tree.leaves(sample) for sample in samples]  # a batch of teams is no team: it has no annotated shapes
+    flat = [jax.tree.leaves(sample) for sample in samples]  # a batch of teams does not have the annotated shapes
     batch = [jnp.stack(x) for x in zip(*flat, strict=True)]
     results = [jnp.stack(x) for x in zip(*map(jax.tree.leaves, expected), strict=True)]
     tree = jax.tree.structure(samples[0])

@@ -165,7 +165,7 @@ def test_posterior_means_compile_to_loops():
 
     x = jnp.asarray(rng.normal(size=(3, 6)))
     assert emitted(f, stacked, x, batched=False).count("\n") < 2000
-    flat, tree = jax.tree.flatten((stacked, x))  # a batch of models is no model: it has no annotated shapes
+    flat, tree = jax.tree.flatten((stacked, x))  # a batch of models does not have the annotated shapes
     g = lambda *leaves: f(*jax.tree.unflatten(tree, leaves))  # noqa: E731
     assert_close(jax.jit(codegen.compile(g))(*flat), jax.jit(g)(*flat), 1e-11)
 

@@ -88,7 +88,7 @@ def test_informative_policy_drops_its_most_redundant_point():
     fresh = gp.condition(p.X, p.Y, hyper)
     np.testing.assert_allclose(p.alpha, fresh.alpha, rtol=1e-8)
     again, kept = gp.max_variance_subset(p, jnp.asarray([8.9]), jnp.asarray([0.1]), jnp.asarray(1e-3))
-    assert not bool(kept)  # less novel than any point held
+    assert not bool(kept)  # smaller variance than any stored point
     for a, b in zip(jax.tree.leaves(again), jax.tree.leaves(p), strict=True):
         np.testing.assert_array_equal(a, b)
 

@@ -99,7 +99,7 @@ def test_bounds_for_bounded_noise_hold_for_any_bias(seed, bias):
             np.asarray(p.X)[:n], np.asarray(p.Y)[:n], p.hyper, i, B[i], eps[i], x
         )
         assert possible.lower <= f(x)[0, i] <= possible.upper
-        # What keeps every sample keeps their energy, so the optimal interval lies in the other, but for the solver.
+        # Bounded samples have bounded energy, so the optimal interval lies in the other, up to solver tolerance.
         assert possible.radius(mean[i]) <= radius[i] * (1 + 1e-4)
 
 
@@ -288,7 +288,7 @@ def test_batched_bounds_are_nearly_minimal(seed, eps_share):
     allowed = optimal_recovery.feasible_set(p.X, p.Y, p.hyper, 0, B[0], eps[0])
     Z = np.asarray(p.X)[rng.integers(0, 30, 8)] + ls * rng.normal(size=(8, 2)) * 0.5
     W = rng.normal(size=(8, 20)) * (rng.random((8, 20)) < 0.4)
-    W[:, 0] = 0.0  # of nothing
+    W[:, 0] = 0.0  # empty functional
     C = np.exp(-0.5 * (((Z[:, None] - Z[None]) / ls) ** 2).sum(-1))
     k, square = allowed.correlations(Z) @ W, np.sum(W * (C @ W), axis=0)
     mass = np.abs(W).sum(0)
@@ -302,7 +302,7 @@ def test_batched_bounds_are_nearly_minimal(seed, eps_share):
     assert np.median(off) <= 0.003
 
 
-@pytest.mark.parametrize("second", [-1.0, 0.76])  # far beyond, and by 1.2 eps each way at one point
+@pytest.mark.parametrize("second", [-1.0, 0.76])  # clearly infeasible, and labels 2.4 eps apart at one point
 def test_batched_bounds_refuse_contradictory_data(second: float):
     hyper = gp.make_hyperparameters(1.0, [1.0], 1e-3)
     allowed = optimal_recovery.feasible_set([[0.0], [0.0]], [[1.0], [second]], hyper, 0, 2.0, 0.1)
@@ -548,11 +548,11 @@ def test_unsatisfied_assumptions_of_a_bound():
     }
     assert unsatisfied("abbasi_yadkori", met) == set()
     assert unsatisfied("chowdhury_gopalan", met) == {BoundAssumption.HORIZON}
-    # The paper's noise is Gaussian, which is not what its bound needs.
+    # The paper's noise is Gaussian, but its bound requires bounded noise.
     assert unsatisfied("srinivas", met - {BoundAssumption.BOUNDED_NOISE} | {BoundAssumption.SUB_GAUSSIAN}) == {
         BoundAssumption.WITHIN_MODEL
     }
-    # Hyperparameters learned from the data void the random bounds, not the certain ones.
+    # Fitted hyperparameters invalidate the probabilistic bounds, not the deterministic ones.
     assert unsatisfied("fiedler", met - {BoundAssumption.FIXED_HYPERPARAMETERS}) == {
         BoundAssumption.FIXED_HYPERPARAMETERS
     }
@@ -566,7 +566,7 @@ def test_every_bound_name_is_a_function():
     assert all(name in functions or hasattr(error_bounds, name) for name in REQUIRED_ASSUMPTIONS)
 
 
-# -- a sample of the evidence ------------------------------------------------------------------------------------
+# -- a part of the evidence --------------------------------------------------------------------------------------
 
 
 @pytest.mark.long

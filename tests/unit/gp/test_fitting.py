@@ -206,7 +206,7 @@ def test_noise_has_a_lower_bound():
     assert (found.hyper.noise_variance >= 1e-6 * np.sin(3 * X).var() * (1 - 1e-9)).all()
 
 
-# -- data that are hard to learn from ----------------------------------------------------------------------------
+# -- degenerate data ---------------------------------------------------------------------------------------------
 
 
 def test_constant_output_is_predicted():
@@ -257,7 +257,7 @@ def test_invalid_bounds_are_refused(bounds):
         gp.HyperparameterBounds(lengthscale=bounds)
 
 
-# -- beliefs -----------------------------------------------------------------------------------------------------
+# -- hyperpriors -------------------------------------------------------------------------------------------------
 
 
 def flight_like_data(seed, N=40):
@@ -475,7 +475,7 @@ def test_estimates_are_unbiased_and_calibrated():
     """Over draws from the model, the whitened error has unit covariance."""
     rng = np.random.default_rng(0)
     X, _, Phi, _, _ = body(0, N=30)
-    belief = body_hyperprior(factor=1.0001)  # hyperparameters as the draws have them
+    belief = body_hyperprior(factor=1.0001)  # the true hyperparameters
     K = dense_covariance(X, belief.median, Phi, 0 * PRIOR, range(2))
     L, whitened = np.linalg.cholesky(K), []
     for _ in range(400):

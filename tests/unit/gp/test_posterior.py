@@ -214,7 +214,7 @@ def test_mean_is_differentiable_by_jax():
         assert (np.abs(jacobian[:, d] - numeric) <= 1e-7 * scale).all()
 
 
-# -- oracles -----------------------------------------------------------------------------------------------------
+# -- independent implementations ---------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("noise", [1e-1, 1e-3, 1e-6, 1e-9, 1e-11])
@@ -372,10 +372,10 @@ def test_a_hundred_appends_compile_nothing(caplog):
 
     assert compilations(caplog, hundred) == 0
     other = gp.prior(hyper, 99)
-    assert compilations(caplog, lambda: gp.append(other, *points[0])) > 0  # the counter counts
+    assert compilations(caplog, lambda: gp.append(other, *points[0])) > 0  # the counter works
 
 
-# -- bad data ----------------------------------------------------------------------------------------------------
+# -- invalid data ------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -710,7 +710,7 @@ def test_damaged_file_is_refused_or_read_exactly(tmp_path):
             for name, array in arrays.items():
                 np.testing.assert_array_equal(read[name], array)
     assert refused > 1500
-    for k in range(40):  # and the way in, which adds the path
+    for k in range(40):  # the entry point, which adds the path
         path.write_bytes(damaged(k))
         try:
             gp.load_gp(path)

@@ -119,7 +119,7 @@ def test_learned_model_is_a_separate_block(folder: Path):
     (alpha,) = re.findall(r"\.payload_alpha = \{(.*?)\}", learned)
     assert max(abs(float(x)) for x in alpha.split(", ")) > 0
     assert re.search(r"\.payload_X = \{", learned)
-    assert "payload_W" not in learned, "a mean needs no factor"
+    assert "payload_W" not in learned, "the predicted mean needs no Cholesky factor"
 
 
 @pytest.mark.long

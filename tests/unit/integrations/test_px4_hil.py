@@ -22,7 +22,7 @@ from colift.scenario import experiment
 from tests.support import small_team as light
 
 TICKS = 100
-BOOT, ARM = 3, 7  # sensors that pass before an answer, and before it is an armed one
+BOOT, ARM = 3, 7  # sensor messages before the first answer, and before arming
 ROTORS = np.array([(1, 1, 1), (-1, -1, 1), (1, -1, -1), (-1, 1, -1)]) * [0.15, 0.15, 0.05]  # m: forward, right, yaw
 
 
@@ -33,7 +33,7 @@ class StandIn:
     port: int
     setpoints: queue.SimpleQueue  # thrust and torque setpoints, as they would come over uORB
     thrust_max: float
-    quits: int = 10**9  # sensors after which it goes
+    quits: int = 10**9  # sensor messages after which it ends
 
     def run(self) -> None:
         self.received: dict[str, list] = {}

@@ -53,7 +53,7 @@ def to_messages(m: Measurement, ros_names: ros2_node.RosNames) -> dict[str, Any]
         messages[f"/{name}/imu"] = kind("Imu")(header, q, none, omega, none, a, none)
     for name, joints, arms, agent in zip(*ros_names, agents, strict=True):
         if joints:
-            order = np.arange(len(joints))[::-1]  # a message has its own
+            order = np.arange(len(joints))[::-1]  # a message has its own order
             states = [joints[k] for k in order], agent.r[order], np.zeros(len(joints)), np.zeros(len(joints))
             messages[f"/{name}/joint_states"] = kind("JointState")(header, *states)
         for arm, lam in zip(arms, agent.lam, strict=True):

@@ -103,7 +103,7 @@ def test_mass_matrix_and_tips_equal_pinocchio(seed: int) -> None:
         np.testing.assert_allclose(found, frame.act(at), atol=1e-9)
 
 
-# What is merged and refused ------------------------------------------------------------------------------------------
+# Merging and refusals ------------------------------------------------------------------------------------------------
 
 TWO_ARMS = """<robot name="two arms">
   <link name="base"><inertial><mass value="1.5"/>
@@ -139,7 +139,7 @@ def test_point_mass_may_be_fixed_to_a_body() -> None:
     np.testing.assert_allclose(arm.inertia, np.diag([9e-4 + lift, 9e-4 + lift, 1e-5]), atol=1e-18)
 
 
-# A link and what makes it unphysical by itself: the body that it is part of is physical.
+# A link that is unphysical alone, as part of a body that is physical.
 PLACEHOLDERS = [
     '<mass value="0"/><inertia ixx="1e-6" iyy="1e-6" izz="1e-6" ixy="0" ixz="0" iyz="0"/>',
     '<mass value="1e-6"/><inertia ixx="0" iyy="0" izz="0" ixy="0" ixz="0" iyz="0"/>',
@@ -174,7 +174,7 @@ def test_unphysical_merged_links_are_refused() -> None:
         urdf.parse_urdf(text, "two.urdf")
 
 
-# Joints that follow another -------------------------------------------------------------------------------------------
+# Mimic joints ---------------------------------------------------------------------------------------------------------
 
 
 def with_mimic_joints(rng: np.random.Generator, links: int) -> tuple[str, dict[str, tuple[str, float, float]]]:
@@ -202,7 +202,7 @@ def test_frozen_joints_equal_pinocchio_reduced_model(seed: int) -> None:
     assert {joint.name for joint in robot.joints} == set(moving) - set(follows)
 
     held = dict(rest)
-    for name, (followed, multiplier, offset) in follows.items():  # what is followed comes first
+    for name, (followed, multiplier, offset) in follows.items():  # the mimicked joint comes first
         held[name] = multiplier * held[followed] + offset
     q = pin.neutral(full)
     for name in follows:
@@ -359,7 +359,7 @@ def test_tips_must_be_links_and_match_contacts() -> None:
         urdf.make_agent(robot, ["tool"], [[0.0, 0.0, 0.0]] * 2, 50.0)
 
 
-# In scenario files ----------------------------------------------------------------------------------------------------
+# Scenario files -------------------------------------------------------------------------------------------------------
 
 SAMPLE = (Path(__file__).parents[2] / "support" / "sample_scenario.yaml").read_text(encoding="utf-8")
 NUMBERS = SAMPLE[SAMPLE.index("  two_arms:") : SAMPLE.index("agents:\n")]
@@ -413,7 +413,7 @@ def test_scenario_from_urdf_equals_explicit_numbers(scenario_file: Path) -> None
 def test_scenario_and_python_read_equal_agents(seed: int, scenario_file: Path) -> None:
     rng = np.random.default_rng(seed)
     text, tips = random_urdf(rng, 8)
-    text = re.sub("joint (\\d)", "joint-\\1", text)  # a scenario's names hold no blanks
+    text = re.sub("joint (\\d)", "joint-\\1", text)  # names in a scenario contain no blanks
     (scenario_file.parent / "vehicles" / "two.urdf").write_text(text, encoding="utf-8")
     reported = scenario_file.read_text(encoding="utf-8")
     kind = FROM_URDF.replace("left_hand, {link: right, name: right", f"{tips[0]}, {{link: {tips[1]}, name: right")
@@ -461,7 +461,7 @@ def test_errors_of_an_entry_state_their_place(given: str, instead: str, answer: 
     lines = str(refused.value).splitlines()
     assert any(answer in line for line in lines), lines
     assert all(re.match(rf"{scenario_file}:\d+: \S", line) for line in lines)
-    assert not any("two_arms.base" in line for line in lines), "what the file would say is not missing"
+    assert not any("two_arms.base" in line for line in lines), "no further error of settings that the file would state"
 
 
 def test_scenario_selects_the_mode_of_mimic_joints(scenario_file: Path) -> None:
@@ -509,7 +509,7 @@ def test_urdf_errors_are_reported_with_scenario_errors(
     assert "control.K_p" in second
 
 
-# Written -------------------------------------------------------------------------------------------------------------
+# Export --------------------------------------------------------------------------------------------------------------
 
 
 def named(agent: AerialManipulator) -> tuple[list[str], list[str]]:

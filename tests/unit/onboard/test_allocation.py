@@ -70,7 +70,7 @@ def test_least_squares_allocation_has_minimal_norm(seed):
     c, experiment, _ = strategy(rng, "balanced")
     R, W, _ = draw(rng, experiment)
     lam = apply(experiment, jnp.array(R), W, jnp.zeros(experiment.nullspace.shape[1]))
-    # G depends on R, but |lam| does not: the pseudo-inverse at R is that at I, turned
+    # G depends on R, but |lam| does not: the pseudo-inverse at R is that at I, rotated
     expected = np.linalg.pinv(dense_G(c, R)) @ np.array([*W.F, *W.tau])
     np.testing.assert_allclose(np.ravel(lam), expected, atol=1e-11 * max(1.0, np.abs(expected).max()))
 

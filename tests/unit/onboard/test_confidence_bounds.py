@@ -61,7 +61,7 @@ def model_with(payload: gp.GPPosterior, seed: int = 0, n: int = 10) -> residual_
     )
 
 
-# They hold ------------------------------------------------------------------------------------------------------------
+# Validity -------------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("bound", confidence_bounds.ONLINE_BOUNDS)
@@ -78,7 +78,7 @@ def test_model_error_is_within_the_bound(bound):
         error = np.abs(means(f, jnp.asarray(X_TEST)) - means(model, jnp.asarray(X_TEST)))
         assert (error <= radius).all()
         closest = max(closest, float((error / radius).max()))
-    assert closest > {"energy": 0.3, "srinivas": 1e-4}.get(bound, 0.08)  # the errors are of the size of what they test
+    assert closest > {"energy": 0.3, "srinivas": 1e-4}.get(bound, 0.08)  # the errors have the magnitude of the bound
 
 
 def test_too_small_norm_or_label_error_is_detected():
@@ -108,7 +108,7 @@ def test_companion_posterior_is_tighter():
     assert np.median(tight) < 0.5 * np.median(plain)
 
 
-# They are what their formulas say -------------------------------------------------------------------------------------
+# Formulas -------------------------------------------------------------------------------------------------------------
 
 
 def posterior(model: gp.GPPosterior, i: int, v: float, x: np.ndarray) -> tuple[float, float, np.ndarray, np.ndarray]:
@@ -206,7 +206,7 @@ def test_bounds_along_a_path_equal_single_bounds():
         )
 
 
-# What they rest on ----------------------------------------------------------------------------------------------------
+# Assumptions ----------------------------------------------------------------------------------------------------------
 
 
 def test_contradictory_data_have_no_bound():
@@ -216,7 +216,7 @@ def test_contradictory_data_have_no_bound():
     held = confidence_bounds.confidence_bands(model_with(model), stated(norm=0.5, eps=0.01), 1)
     assert np.isinf(held.payload_beta).all()
     at_data = confidence_bounds.error_radius(model, held.bound_posterior.payload, held.payload_beta, jnp.asarray(X[0]))
-    assert np.isinf(at_data).all()  # and not NaN, however small the deviation is there
+    assert np.isinf(at_data).all()  # not NaN, also for a vanishing standard deviation
 
 
 def test_unsatisfied_assumptions_are_named():

@@ -42,7 +42,7 @@ GAINS = tracking.Gains(
     agent_k_omega=jnp.array(8.0),
     posture_bandwidth=jnp.array(2.0),
 )
-ROUNDING = 1e-7  # joints beyond need are shared out by weights of 1e-4 to 1e2, which costs six digits
+ROUNDING = 1e-7  # redundant joints have weights of 1e-4 to 1e2, which costs six digits
 accelerate = jax.jit(contact_dynamics.forward_dynamics)
 attitude = jax.jit(attitude_module.attitude_from_thrust)
 
@@ -129,7 +129,7 @@ def solve_aligned(problem: Task, inputs: tuple) -> tuple[contact_dynamics.Accele
     zero = lam(np.zeros(count))
     A = np.stack([lam(e) - zero for e in np.eye(count)], axis=1)
     d = np.linalg.lstsq(A, required - zero, rcond=None)[0]
-    d += np.linalg.lstsq(A, required - lam(d), rcond=None)[0]  # what rounding left
+    d += np.linalg.lstsq(A, required - lam(d), rcond=None)[0]  # correction of rounding errors
     a, _ = accelerate(
         problem.team, problem.z, inputs, with_lateral_forces(problem, np.split(d.reshape(-1, 2), np.cumsum(sizes)[:-1]))
     )
@@ -149,7 +149,7 @@ def test_aligned_thrust_realizes_forces_and_motion(seed, structure):
     """With aligned thrust, contact forces and payload motion are as commanded."""
     problem = task(seed, structure)
     a, force_error, d = solve_aligned(problem, commands(problem))
-    assert np.abs(d).max() > 0.1  # the thrusts were not aligned by themselves
+    assert np.abs(d).max() > 0.1  # without lateral forces the thrusts are not aligned
     assert np.abs(force_error).max() < ROUNDING
     np.testing.assert_allclose(a.payload, jnp.concatenate([problem.to.a, problem.to.alpha]), atol=ROUNDING)
 
@@ -178,7 +178,7 @@ def test_agents_follow_the_attitude_law(seed, structure):
     problem = task(seed, structure)
     a, _, _ = solve_aligned(
         problem, commands(problem, dataclasses.replace(GAINS, posture_bandwidth=jnp.array(0.0)))
-    )  # which leans no thrust
+    )  # without tilt
     turned = np.concatenate([np.asarray(x.xi_dot)[:, :3] for x in a.agents])
     k_R, k_w, h = float(GAINS.agent_k_R), float(GAINS.agent_k_omega), 1e-5
     parts = zip(
@@ -274,7 +274,7 @@ def test_uncontrolled_joints_of_a_planar_arm():
     np.testing.assert_allclose(redundancy.uncontrolled_joint_acceleration(agent, p, jnp.asarray(H @ z)), z, atol=1e-8)
 
 
-# The leader -----------------------------------------------------------------------------------------------------------
+# Payload controller ---------------------------------------------------------------------------------------------------
 
 
 @dataclasses.dataclass
@@ -364,7 +364,7 @@ def test_attitude_has_its_third_axis_along_the_force(f, heading):
     """The attitude is a rotation matrix with its third axis along the force."""
     ahead = np.array([np.cos(heading), np.sin(heading), 0])
     if np.linalg.norm(np.cross(f, ahead)) < 1e-3 * np.linalg.norm(f):
-        return  # the heading is undefined for a thrust along it
+        return  # yaw is undefined for a thrust along it
     R = np.asarray(attitude(jnp.array(f), jnp.array(heading)))
     np.testing.assert_allclose(R.T @ R, np.eye(3), atol=1e-12)
     assert np.linalg.det(R) > 0
@@ -384,7 +384,7 @@ def test_the_attitude_has_finite_gradients(f, heading):
 gradient = jax.jit(jax.jacfwd(attitude_module.attitude_from_thrust))
 
 
-# Looking ahead --------------------------------------------------------------------------------------------------------
+# Preview --------------------------------------------------------------------------------------------------------------
 
 
 @given(st.integers(0, 10**6))
@@ -416,7 +416,7 @@ def test_preview_rates_of_a_single_body(seed):
     q = jax.tree.map(lambda x: x[0], z.agents[0])
     step, c = 0.03, rng.normal(size=(5, 3)) * np.array([1, 1, 1, 2, 6])[:, None] + [[0, 0, 20], *[[0, 0, 0]] * 4]
     at = step * preview.PREVIEW_NODES
-    f = sum(c[k] * at[:, None] ** k for k in range(5))  # what is asked ahead, N
+    f = sum(c[k] * at[:, None] ** k for k in range(5))  # required force over the preview, N
     required = np.asarray(body.mass).sum() * (rng.normal(size=(5, 3)) - np.asarray(team.gravity))
     still = dataclasses.replace(z.payload, omega=jnp.zeros(3))
     load = jax.tree.map(lambda x: jnp.broadcast_to(x, (5, *x.shape)), still)

@@ -59,7 +59,7 @@ def test_samples_have_their_rate_between_start_and_end():
     expected = [0.06, 0.11, 0.16, 0.21, 0.26, 0.31]
     np.testing.assert_allclose(data.t[: int(data.n)], expected, atol=1e-9)
     np.testing.assert_array_equal(loop.controller.recorder.agents[0].t[:, :6], np.tile(data.t[:6], (2, 1)))
-    # the label filter delays by some ticks what it pairs with the label: positions are near, not equal
+    # the label filter delays the inputs by some steps: positions are close, not equal
     at = np.searchsorted(rows.t, np.array(expected) - 1e-9)
     np.testing.assert_allclose(data.X[:6, :3], rows.p[at], atol=0.05)
 
@@ -89,7 +89,7 @@ def test_calibration_rig_records_true_states():
     )
     payload, (agents,) = signals.model_inputs(of.world.team, rows)
     np.testing.assert_allclose(loop.controller.recorder.payload.X[:n, :18], payload, atol=1e-12)
-    assert not loop.controller.recorder.payload.X[:n, 18:].any()  # accelerations are not an input of the learned map
+    assert not loop.controller.recorder.payload.X[:n, 18:].any()  # accelerations are no model input
     np.testing.assert_allclose(loop.controller.recorder.agents[0].X[:, :n].transpose(1, 0, 2), agents, atol=1e-12)
     z, _ = paper_flights.states(of.world.team, rows)
     f = jax.jit(jax.vmap(disturbances.initial_forces, in_axes=(None, None, 0)))(of.world.disturbances, of.world.team, z)
@@ -105,7 +105,7 @@ def test_calibration_rig_records_true_states():
     assert (np.ptp(np.sign(off), axis=1) > 0).any()
 
 
-# The law at an exact state --------------------------------------------------------------------------------------------
+# Control law at an exact state ----------------------------------------------------------------------------------------
 
 
 setpoints = jax.jit(jax.vmap(lambda path, t: path.evaluate(t), in_axes=(None, 0)))
@@ -144,7 +144,7 @@ def test_observer_filters_the_unexplained_wrench():
     _, rows = simulate_chunks(of)
     z, inputs = paper_flights.states(of.world.team, rows)
 
-    # the readings of a tick are taken under the command of the tick before
+    # measurements of a step follow from the command of the previous step
     a, _ = paper_flights.accelerations_and_residuals(
         of, jax.tree.map(lambda x: x[1:], z), jax.tree.map(lambda x: x[:-1], inputs)
     )
@@ -279,7 +279,7 @@ def test_internal_forces_follow_their_pulse():
     assert np.linalg.norm(rows.eta, axis=1).max() >= 1
 
 
-# Looking ahead --------------------------------------------------------------------------------------------------------
+# Preview --------------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.long

@@ -160,7 +160,7 @@ def test_pending_model_is_not_tested_for_changes(is_misfit, monkeypatch):
     model, update = learner.update(model, labels_of(1), 8.0, fit=False)
     assert update.change_points == ("payload",)
     assert learner.pending == {"payload"}
-    assert model.payload.num_points == 40  # the model of before
+    assert model.payload.num_points == 40  # the old model
     model, update = learner.update(model, labels_of(2), 12.0, fit=False)
     assert update.change_points == update.refitted == ()
     assert learner.pending == {"payload"}
@@ -170,7 +170,7 @@ def test_pending_model_is_not_tested_for_changes(is_misfit, monkeypatch):
     assert ("payload" in learner.change_points) != is_misfit
     assert fitted == ([["payload"]] if is_misfit else [])
     if is_misfit:
-        assert model_update.samples_by_body(learner.data)["payload"][2].min() > 4.0  # what is left of before is gone
+        assert model_update.samples_by_body(learner.data)["payload"][2].min() > 4.0  # no earlier samples remain
 
 
 def test_later_contradiction_is_a_new_change_point():

@@ -39,7 +39,7 @@ def test_payload_label_std_equals_random_biases(seed, case):
     rng = np.random.default_rng(seed)
     team, z = team_and_state(rng, case)
     c, R, m = np.asarray(grasp.contact_points(team)), np.asarray(z.payload.R), float(team.payload.mass)
-    b = rng.normal(size=(DRAWS, len(c), 3))  # the tips' frames may be any: such errors look alike from everywhere
+    b = rng.normal(size=(DRAWS, len(c), 3))  # isotropic errors are independent of the frames of the tips
     a = 0.2 * rng.normal(size=(DRAWS, 3))
     F = m * a - b.sum(1)
     tau = -np.cross(c, b @ R).sum(1)
@@ -92,4 +92,4 @@ def test_scenario_states_the_label_bias(name):
         assert walk.initial_std == pytest.approx(np.sqrt(starts.get(reading, 0.0)))
         assert walk.random_walk_density == pytest.approx(np.sqrt(rates.get(reading, 0.0)))
     if name == "outdoors":
-        assert found.tips.random_walk_density > 0 or found.agents.initial_std > 0, "sensors drift outdoors"
+        assert found.tips.random_walk_density > 0 or found.agents.initial_std > 0, "outdoor sensors have a bias walk"

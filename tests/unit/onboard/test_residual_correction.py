@@ -154,7 +154,7 @@ def test_correction_decays_to_its_mean_without_labels():
     t = DT * np.arange(TICKS)
     labels = np.tile((3.0 + np.sin(2 * np.pi * t / 0.1))[:, None], (1, 6))
     available = t < 0.5
-    labels[~available] = labels[available][-1]  # as the estimator has it: they stand still
+    labels[~available] = labels[available][-1]  # as in the estimator: constant
     p = np.zeros((TICKS, 3))
     used = lambda innovation: np.asarray(innovation.r.payload.F)[:, 0]  # noqa: E731
     np.testing.assert_allclose(
@@ -233,7 +233,7 @@ def test_sparse_labels_are_held():
     t = DT * np.arange(TICKS)
     on = (np.arange(TICKS) % 10 == 0) & (t < 0.5)
     last = np.maximum.accumulate(np.where(on, np.arange(TICKS), 0))
-    labels = np.tile((1.0 + 2.0 * last / 10 * DT)[:, None], (1, 6))  # a filter that moves on at each label only
+    labels = np.tile((1.0 + 2.0 * last / 10 * DT)[:, None], (1, 6))  # the filter changes at labels only
     innovation = innovations(
         make_filter(decay_time=0.05, hold_time=0.05),
         lambda _k: light_experiment().controller.residual_model,
@@ -269,7 +269,7 @@ def test_recent_gaps_extend_the_hold_time():
             on,
         ).correction_weight
     )
-    assert available[26:49].min() < 0.5, "the first silence is longer than any before"
+    assert available[26:49].min() < 0.5, "the first gap is longer than any earlier one"
     np.testing.assert_allclose(available[150:295], 1.0, atol=0.01)
     assert available[310] < 0.5
 
@@ -382,7 +382,7 @@ class ZeroPredictor(residual_predictors.LearnedResidual):
         context: interfaces.ControlContext,
         acceleration_cmd: tracking.AccelerationCommand,
     ) -> ResidualForces:
-        """Nothing."""
+        """Return zero."""
         return zero_residual(context.team)
 
 
@@ -556,7 +556,7 @@ def labels_with_gain(
     mean = low_pass(low_pass(low_pass(np.concatenate([W.F, W.tau], axis=1), 50.0), 8.0), 8.0)
     labels = 3.0 + gain * mean + 0.1 * np.sqrt(payload_label_variances()) * rng.normal(size=mean.shape)
     on = np.ones(len(t)) if on is None else on
-    labels = labels[np.maximum.accumulate(np.where(on > 0, np.arange(len(t)), 0))]  # they stand still when they stop
+    labels = labels[np.maximum.accumulate(np.where(on > 0, np.arange(len(t)), 0))]  # constant without labels
     return (
         mean,
         labels,
@@ -585,7 +585,9 @@ def test_model_gain_is_the_share_confirmed_by_labels():
         )
         rate = np.diff(labels, axis=0) - expected[1:] * np.diff(mean, axis=0)
         np.testing.assert_allclose(six(innovation.rate.payload)[1:], rate / DT, atol=1e-7)
-    assert (six(labels_with_gain(0.0, 0.0)[2].model_gain.payload) == 1).all(), "who does not doubt trusts"
+    assert (six(labels_with_gain(0.0, 0.0)[2].model_gain.payload) == 1).all(), (
+        "without variance ratio the model gain is one"
+    )
 
 
 def test_model_gain_is_one_without_labels():
@@ -608,7 +610,7 @@ def test_prediction_weights_model_and_label():
             context: interfaces.ControlContext,
             acceleration_cmd: tracking.AccelerationCommand,
         ) -> ResidualForces:
-            """Seven."""
+            """Return seven."""
             return jax.tree.map(lambda x: jnp.full_like(x, 7.0), zero_residual(context.team))
 
     like = zero_residual(light_experiment().controller.team)

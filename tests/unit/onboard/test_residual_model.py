@@ -73,7 +73,7 @@ def test_features_are_those_of_the_paper():
     assert len(agent_feature_names(3)) == 18 + 2 * 3
 
 
-# Oracles --------------------------------------------------------------------------------------------------------------
+# Models ---------------------------------------------------------------------------------------------------------------
 
 
 def samples(seed: int, n: int, inputs: int, outputs: int, agents: tuple[int, ...] = ()) -> gp.Dataset:
@@ -227,7 +227,7 @@ def test_constant_mean_is_the_mean_of_the_labels(trained):
     np.testing.assert_allclose([*W.F, *W.tau], np.asarray(samples(0, 30, 24, 6).Y)[:30].mean(0), atol=1e-9)
 
 
-# Learning that goes on ------------------------------------------------------------------------------------------------
+# Online updates -------------------------------------------------------------------------------------------------------
 
 
 def test_conditioned_model_is_the_posterior_of_new_samples(trained):
@@ -237,7 +237,7 @@ def test_conditioned_model_is_the_posterior_of_new_samples(trained):
     conditioned = model_update.condition(model, both(load, agents), {})
     assert int(conditioned.update_index) == int(model.update_index) + 1
     assert int(conditioned.payload.num_points) == 40
-    assert list(conditioned.agents[0].num_points) == [30, 40]  # one sample is no model: the first is left as it was
+    assert list(conditioned.agents[0].num_points) == [30, 40]  # one sample is too few: the first body is unchanged
     expected = gp.condition(payload_features(load.X[:40]), load.Y[:40], model.payload.hyper, CAPACITY)
     x = payload_features(jnp.array(np.random.default_rng(9).normal(size=24)))
     np.testing.assert_allclose(gp.mean(conditioned.payload, x), gp.mean(expected, x), atol=1e-9)
@@ -266,11 +266,11 @@ def test_path_samples_are_kept_within_the_budget(trained):
     _, _, t = model_update.samples_by_body(kept)["payload"]
     assert len(t) == CAPACITY
     assert (t < 5).sum() == CAPACITY // 2
-    assert t[-CAPACITY // 2 :].min() > 29  # of samples that tell the same the newest
+    assert t[-CAPACITY // 2 :].min() > 29  # of equal samples the newest
     assert [len(model_update.samples_by_body(kept)[0, j][2]) for j in range(2)] == [
         30,
         30,
-    ]  # none was taken a second time
+    ]  # no sample is selected twice
 
 
 def test_samples_before_a_change_point_are_dropped_first(trained):
@@ -341,11 +341,11 @@ def test_change_point_adds_a_constant_offset(trained):
     pending = model_update.condition(model, both(new, samples(1, 30, 24, 9, (2,))), {"payload": change}, {"payload"})
     assert int(pending.payload.num_points) == 30
     moved = gp.predict(pending.payload, queries)[0] - before
-    np.testing.assert_allclose(moved, np.tile(more, (25, 1)), atol=1e-9)  # nothing but that
+    np.testing.assert_allclose(moved, np.tile(more, (25, 1)), atol=1e-9)  # only the offset
     np.testing.assert_array_equal(pending.payload.alpha, model.payload.alpha)
     full = dataclasses.replace(samples(3, CAPACITY, 24, 6), t=old.t + 10.0)
     alone = model_update.condition(model, both(full, samples(1, 30, 24, 9, (2,))), {"payload": change})
-    assert int(alone.payload.num_points) == CAPACITY  # no room is left for older ones
+    assert int(alone.payload.num_points) == CAPACITY  # no capacity for older samples
     np.testing.assert_allclose(alone.payload.Y, full.Y)
 
 
@@ -383,7 +383,7 @@ def test_drag_thrust_mean(trained):
         )
 
 
-# The parametric part --------------------------------------------------------------------------------------------------
+# Parametric models ----------------------------------------------------------------------------------------------------
 
 
 def test_regression_has_two_ridge_parameters():
@@ -455,7 +455,7 @@ def test_identification_of_a_rotating_payload():
         identification.inertial_regressors(X), labelled(rng, X, theta, SIGMA), NOISE, PRIOR
     )
     assert (left < 0.2).all()
-    assert (np.abs(found - theta) < 5 * left * PRIOR).all()  # five posterior deviations
+    assert (np.abs(found - theta) < 5 * left * PRIOR).all()  # five posterior standard deviations
     assert abs(found[0] - theta[0]) < 0.01
 
 

@@ -217,7 +217,7 @@ def test_nis_is_large_for_other_functions_only():
     )
     far = dataclasses.replace(load, X=load.X + 1e3)
     assert semiparametric.normalized_innovation_squared(model, both(far, agents), {}, 1.0)["payload"][1].mean() < 4
-    assert semiparametric.normalized_innovation_squared(model, both(load, agents), {}, 9.0) == {}  # nothing is newer
+    assert semiparametric.normalized_innovation_squared(model, both(load, agents), {}, 9.0) == {}  # no newer samples
     assert (
         semiparametric.normalized_innovation_squared(prior(), both(load, agents), {}, 1.0) == {}
     )  # nothing was predicted
@@ -240,18 +240,22 @@ def test_added_mass_is_identified_by_the_mean():
     theta = np.array([-0.3, *np.zeros(9)])
     model, dataset = model_and_new_samples(theta)
     change = model_update.make_change_point(model, "payload", 9.0)
-    alone = dataclasses.replace(MEAN, payload=np.array([5.0, *[1e-6] * 13]))  # 0.5 kg pulls by two grams
+    alone = dataclasses.replace(
+        MEAN, payload=np.array([5.0, *[1e-6] * 13])
+    )  # the prior of 0.5 kg shifts the estimate by two grams
     np.testing.assert_allclose(
         semiparametric.update_inertial_mean(model, change, dataset, alone).inertial_parameters, theta, atol=1e-3
     )
     np.testing.assert_allclose(
         semiparametric.update_inertial_mean(model, change, dataset, MEAN).inertial_parameters, theta, atol=2e-3
     )
-    third = dataclasses.replace(change, theta=jnp.asarray(theta / 3))  # a third of it was known: what is left is added
+    third = dataclasses.replace(
+        change, theta=jnp.asarray(theta / 3)
+    )  # a third was identified before: the remainder is added
     np.testing.assert_allclose(
         semiparametric.update_inertial_mean(model, third, dataset, alone).inertial_parameters, theta, atol=1e-3
     )
-    later = dataclasses.replace(third, time=99.0)  # nothing has been recorded since
+    later = dataclasses.replace(third, time=99.0)  # no samples since
     np.testing.assert_array_equal(
         semiparametric.update_inertial_mean(model, later, dataset, MEAN).inertial_parameters, third.theta
     )
@@ -268,7 +272,7 @@ def test_spatial_force_is_not_identified_as_mass():
     load, n = dataset.payload, int(dataset.payload.n)
     X, hyper = np.asarray(load.X), gp.make_hyperparameters(np.ones(6), [0.7] * 3 + [gp.INACTIVE_LENGTHSCALE] * 17, 0.05)
     turned = np.stack([0.7 - 0.5 * X[:, 0], -0.7 - 0.5 * X[:, 1], 3.0 * X[:, 2] + 0.6], axis=1)
-    Y = np.concatenate([turned, np.cross([0.1, 0.3, 0.2], turned)], axis=1)  # of a point off the centre
+    Y = np.concatenate([turned, np.cross([0.1, 0.3, 0.2], turned)], axis=1)  # of a point off the center
     other = dataclasses.replace(dataset, payload=dataclasses.replace(load, Y=jnp.asarray(Y)))
     fitted_model = untrained_model()
     model = gp.condition(

@@ -82,7 +82,7 @@ def test_initial_smoothing_factor():
 def test_irregular_smoothing_factor_is_a_kalman_gain(ticks):
     """The steady gain by Riccati's recursion for a random walk, whose gain at every step is b."""
     b = 0.06
-    q = b * b / (1 - b)  # of the walk a tick, in variances of a sample
+    q = b * b / (1 - b)  # variance of the walk per step, relative to that of a sample
     P = 1.0
     for _ in range(3000):
         P += ticks * q
@@ -138,7 +138,7 @@ def constant_motion(
     def run(read: state_estimator.NavState, gyro: jax.Array, accelerometer: jax.Array) -> state_estimator.NavState:
         def step(past: Any, now: tuple) -> tuple[Any, state_estimator.NavState]:
             measured, omega, a = now
-            # the filter takes the specific force in the body, which is told in the world here
+            # the filter takes the specific force in the body frame; here it is given in the world frame
             specific_force = past[0].R.T @ a
             pose, bias, _, _ = state_estimator.complementary_update(
                 past, measured, omega, specific_force, jnp.zeros(3), still, jnp.ones(()), jnp.array(DT)
@@ -254,7 +254,7 @@ def test_first_estimate_without_noise_is_the_true_state():
     team, z, truth, stream = steady_stream()
     q_hat, _ = run_estimator(team, FILTERS, stream, constant_inputs())
     first = jax.tree.map(lambda x: x[0], q_hat)
-    # an attitude is pulled by the sine of what the body turns in a tick: (omega dt)^3 / 6 is missing
+    # the correction is the sine of the rotation per step: (omega dt)^3 / 6 is missing
     close = functools.partial(np.testing.assert_allclose, rtol=1e-6, atol=1e-6)
     jax.tree.map(close, first.agents[0], z.agents[0])
     jax.tree.map(close, first.payload, z.payload)
@@ -293,7 +293,9 @@ def test_poses_are_propagated_by_accelerometers():
         return dataclasses.replace(m, payload=load, agents=(agents,))
 
     moving = jax.vmap(falling)(DT * jnp.arange(TICKS, dtype=float), stream)
-    slow = dataclasses.replace(FILTERS, complementary=jnp.array(0.01))  # so that readings pull next to nothing
+    slow = dataclasses.replace(
+        FILTERS, complementary=jnp.array(0.01)
+    )  # so that corrections by measurements are negligible
     q_hat, state = run_estimator(team, slow, moving, constant_inputs())
     np.testing.assert_allclose(q_hat.payload.v, moving.payload.v, atol=1e-10)
     np.testing.assert_allclose(q_hat.payload.p, moving.payload.p, atol=1e-10)
@@ -367,7 +369,7 @@ def recorded_labels(experiment: flight.Experiment, dt: float) -> tuple[np.ndarra
         loop, rows = simulator.rollout(experiment.loop_config, loop, noise, jnp.array(room))
         flown.append(rows)
     z, inputs = paper_flights.states(world.team, jax.tree.map(lambda *x: np.concatenate(x), *flown))
-    # a tick's readings are taken under the command of the tick before
+    # measurements of a step follow from the command of the previous step
     z, inputs = jax.tree.map(lambda x: x[1:], z), jax.tree.map(lambda x: x[:-1], inputs)
     _, f = paper_flights.accelerations_and_residuals(experiment, z, inputs)
     (g,), load, data = f.agents, loop.controller.recorder.payload, loop.controller.recorder.agents[0]
@@ -397,7 +399,7 @@ def test_labels_converge_to_the_filtered_true_residual():
     coarse, fine = errors
     most = np.repeat([1e-6, 3e-4, 3e-4, 2e-4], [3, 3, 6, 12])  # N, N m, of the payload and of the agents
     assert (coarse < most).all()
-    np.testing.assert_allclose(fine, coarse / 2, rtol=0.1, atol=1e-6)  # of the payload's force nothing is left
+    np.testing.assert_allclose(fine, coarse / 2, rtol=0.1, atol=1e-6)  # no error of the payload's force
 
 
 def test_filter_error_of_the_study_is_below_label_noise():

@@ -104,7 +104,7 @@ def test_lock_is_released_after_any_exit(tmp_path: Path):
 def test_lock_of_ended_process_is_taken_over(tmp_path: Path):
     ended = subprocess.Popen([sys.executable, "-c", ""])
     ended.wait()
-    # the number of the process may be in use again: then it began at another time
+    # the process id may have been reused; then the start time differs
     for changed in ({"pid": ended.pid}, {"pid": 2**40}, {"began": "1"}):
         write_lock(tmp_path, **changed)
         with run_directory.lock_run_directory(tmp_path, A, NAMES):
@@ -164,7 +164,7 @@ while done < 25:
             os.close(inside)
             (path / "inside").unlink()
             done += 1
-            if done % 5 == 0:  # killed: the lock stays, and names nobody who lives
+            if done % 5 == 0:  # killed: the lock remains and names no running process
                 lock = path / run_directory.LOCK_FILE
                 lock.write_text(lock.read_text().replace('"pid": ', '"pid": 9999999'))
     except BlockingIOError:

@@ -70,7 +70,7 @@ def deaf():
             signals.raise_if_interrupted()
             time.sleep(0.01)
         except BaseException:
-            pass  # as deaf as a compiler
+            pass  # without check points, as a compiler
 """
 
 

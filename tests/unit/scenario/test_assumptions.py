@@ -27,7 +27,7 @@ def test_bound_assumptions_have_the_stated_values():
         + [certificate.agent_label_error.joint_torque_error_Nm] * 3
     )
     np.testing.assert_array_equal(stated.agents[0], [row, row])
-    assert stated.assumed == ("rkhs norm", "bounded noise energy")  # of a team among winds nobody knows them
+    assert stated.assumed == ("rkhs norm", "bounded noise energy")  # unknown for a team in wind
 
 
 def test_default_label_errors_are_three_std():

@@ -55,7 +55,7 @@ KEYS = sorted(
 )
 
 
-# What is accepted -----------------------------------------------------------------------------------------------------
+# Accepted files -------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", scenario.shipped_names())
@@ -149,9 +149,9 @@ def test_zero_axis_is_refused(axis):
         Revolute.model_validate({"name": "j", "type": "revolute", "axis": axis, "body": body})
 
 
-# Mistakes -------------------------------------------------------------------------------------------------------------
+# Errors ---------------------------------------------------------------------------------------------------------------
 
-WRONG = [  # what is written, what instead, the line that answers
+WRONG = [  # original text, replacement, line of the error
     (
         "mass_kg: 1.5, inertia_kgm2: [0.02",
         "mass_kg: -1.5, inertia_kgm2: [0.02",
@@ -322,7 +322,7 @@ def test_misspelled_setting_gets_a_suggestion(key, at, double):
     assert any(f"{wrong}" in line and f"did you mean '{key}'?" in line for line in lines), lines
 
 
-# What is set instead --------------------------------------------------------------------------------------------------
+# Overrides ------------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -535,7 +535,7 @@ def test_any_section_content_gives_a_list_of_errors(section, value):
         assert isinstance(parsed, Scenario)
 
 
-# In Python ------------------------------------------------------------------------------------------------------------
+# Settings in Python ---------------------------------------------------------------------------------------------------
 
 PAPER = scenario.load_scenario("paper")
 
@@ -589,6 +589,6 @@ def test_settings_page_is_up_to_date():
         "rebuild it: .venv/bin/python docs/settings.py"
     )
     missing = [line for line in lines.splitlines() if line.startswith("| `") and line.rstrip().endswith("|  |")]
-    assert not missing, "settings without a sentence"
+    assert not missing, "settings without a description"
     cells = [line.split("|")[2] for line in lines.split("## Ranges")[0].splitlines() if line.startswith("| `")]
     assert not [cell for cell in cells if re.search(r"number(?! from | between )", cell)], "numbers without a range"

@@ -91,7 +91,7 @@ def test_kernel_centers_are_on_the_reference():
     )
     assert scattered is not None
     off = (np.asarray(scattered[0].payload.X)[:6] - payload) / np.asarray(model.payload.hyper.lengthscales)[0]
-    assert 0.3 < off.std() < 0.7  # of 120 numbers of deviation 0.5
+    assert 0.3 < off.std() < 0.7  # of 120 values with standard deviation 0.5
 
 
 def test_std_along_the_reference_and_rig_error():
@@ -137,7 +137,7 @@ def test_outputs_with_small_variation_are_redrawn():
     """Variation: half of maximum minus minimum along the reference, in signal standard deviations."""
     free, _, s = drawn(random_residual=SEEDED | {"min_variation": 0.0})
     constrained, _, _ = drawn(random_residual=SEEDED | {"min_variation": 0.5})
-    t = jnp.linspace(s.reference.ramp_time_s, s.duration_s, 150)  # not the moments at which draws look
+    t = jnp.linspace(s.reference.ramp_time_s, s.duration_s, 150)  # other times than those of the drawing
     payload, (agents,) = random_residuals._carried(trajectories.make_reference(s), free.features, initial_team(), t)
     few = 0
     for f, g, x in zip(functions(free), functions(constrained), (payload, agents[:, 0], agents[:, 1]), strict=True):

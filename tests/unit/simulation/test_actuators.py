@@ -54,7 +54,7 @@ def test_step_response_is_delayed_first_order_lag(delay):
         risen = 1 - np.exp(-2 * np.pi * hertz * DT * max(0, k - delay))
         np.testing.assert_allclose(acting.u, 10 + 10 * risen, rtol=1e-12)
         np.testing.assert_allclose(acting.tau[0], risen * np.array([1.0, -2.0, 0.5]), atol=1e-12)
-        np.testing.assert_array_equal(acting.tau_r, step[k][0].tau_r)  # joints are not the motors'
+        np.testing.assert_array_equal(acting.tau_r, step[k][0].tau_r)  # joints have no motor lag
 
 
 def test_box_limits_thrust_and_torque():
@@ -85,7 +85,7 @@ def test_rotor_limits_reduce_yaw_before_tilt(count, asked):
     np.testing.assert_allclose(got[0], np.clip(asked[0], 0, 5 * count), atol=1e-9)  # thrust first
     # tilt keeps its direction and its sign, and so does yaw; neither grows
     tilt = np.linalg.norm(asked[1:3])
-    k = got[1:3] @ asked[1:3] / tilt**2 if tilt > 1e-9 else 1.0  # of less, any share is the same to 1e-9
+    k = got[1:3] @ asked[1:3] / tilt**2 if tilt > 1e-9 else 1.0  # for less, all shares agree to 1e-9
     np.testing.assert_allclose(got[1:3], k * asked[1:3], atol=1e-9)
     slack = 1e-9 + 1e-14 / max(tilt, 1e-9)  # a torque is rounded to 1e-14 N m
     assert -slack <= k <= 1 + slack

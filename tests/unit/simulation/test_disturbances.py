@@ -98,7 +98,7 @@ def test_generalized_force_has_the_virtual_work():
             active=jnp.array([1.0, 0.0]),
         )
         f = forces(disturbance_set((mount,)), team, z).agents[0]
-        assert not any(np.any(leaf[1]) for leaf in jax.tree.leaves(f))  # the second agent does not carry it
+        assert not any(np.any(leaf[1]) for leaf in jax.tree.leaves(f))  # inactive for the second agent
         agent, q = take(team.agent_groups[0], 0), take(z.agents[0], 0)
 
         def work(d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -178,7 +178,7 @@ def test_sources_add_up():
     np.testing.assert_allclose(total.tau, sum(W.tau for W in each), atol=1e-12)
 
 
-# Laws -----------------------------------------------------------------------------------------------------------------
+# Disturbance models ---------------------------------------------------------------------------------------------------
 
 
 @given(seed=seeds)
@@ -210,7 +210,7 @@ def test_the_tether_is_conservative():
     distance = np.linalg.norm(loop, axis=1)
     assert distance.min() < 0.8 < distance.max()
     assert not f[distance < 0.8].any()
-    # where it goes slack the force has a kink: the trapezoidal rule is then of second order, (2 pi / 2000)^2
+    # the force has a kink where the tether becomes slack: the trapezoidal rule is of second order, (2 pi / 2000)^2
     assert abs((f * step).sum()) < 1e-5 * np.abs((f * step).sum(1)).sum()
     x, h = np.array([0.6, 0.9, -0.4]), 1e-5
     energy = lambda x: max(np.linalg.norm(x) - 0.8, 0.0) ** 2  # noqa: E731  k / 2 = 1
@@ -265,7 +265,7 @@ def test_joint_friction_opposes_every_joint():
     f = forces(dataclasses.replace(disturbance_set(), joints=(friction,)), team, z).agents[0]
     r_dot = z.agents[0].r_dot
     assert np.all(f.f_r * r_dot < 0)
-    fast = np.abs(r_dot) > 0.01  # there dry friction has its full size
+    fast = np.abs(r_dot) > 0.01  # dry friction has its full magnitude
     np.testing.assert_allclose(f.f_r[fast], (-viscous * r_dot - coulomb * jnp.sign(r_dot))[fast], atol=1e-8)
     assert not np.any(f.f_x)
     assert not np.any(f.f_w)
@@ -303,7 +303,7 @@ def test_active_time_varying_sources_are_named_once():
     assert varying() == ()
     assert varying(steady) == ()
     assert varying(steady, *on_load) == ("gust", "TimeVarying")
-    assert varying(agents=(on_agents("fan", [0.0, 0.0]),)) == ()  # no agent carries it
+    assert varying(agents=(on_agents("fan", [0.0, 0.0]),)) == ()  # inactive for all agents
     assert varying(agents=(on_agents("fan", [0.0, 1.0]), on_agents("fan", [1.0, 0.0]))) == ("fan",)
     assert varying(on_load[0], agents=(on_agents("gust", [1.0, 1.0]),)) == ("gust",)
 

@@ -202,7 +202,7 @@ def test_noise_depends_on_key_and_structure_only():
     for x, y, z in zip(*map(jax.tree.leaves, (a, b, c)), strict=True):
         np.testing.assert_array_equal(x, y)
         same = np.asarray(x) == np.asarray(z)
-        assert not same.all() if set(np.unique(x)) == {-1, 1} else not same.any()  # signs agree now and then
+        assert not same.all() if set(np.unique(x)) == {-1, 1} else not same.any()  # random signs may agree
 
 
 # The calibration rig --------------------------------------------------------------------------------------------------
@@ -224,7 +224,7 @@ def test_rig_reports_true_state_and_bounded_label_errors():
         np.testing.assert_allclose(np.abs(error), np.broadcast_to(e, error.shape), rtol=1e-12)
         signs.append(np.sign(error).reshape(TICKS, -1))
     signs = np.concatenate(signs, axis=1)
-    # a fair coin at every tick and for every output, each for itself: means and products within five deviations
+    # independent fair signs at every step and output: means and products within five standard deviations
     assert np.abs(signs.mean(0)).max() < 5 / np.sqrt(TICKS)
     products = signs.T @ signs / TICKS - np.eye(signs.shape[1])
     assert np.abs(products).max() < 5 / np.sqrt(TICKS)
@@ -238,7 +238,7 @@ def test_rig_without_error_reports_the_residual():
     jax.tree.map(np.testing.assert_array_equal, m.rig.f, truth.f)
 
 
-# Readings that come seldom, late or not at all, and biases that walk --------------------------------------------------
+# Intermittent measurements and bias walks -----------------------------------------------------------------------------
 
 
 def apply_to_motion(of: sensors_module.SensorModel, ticks: int = 400, seed: int = 0) -> Measurement:
@@ -323,4 +323,4 @@ def test_bias_random_walk_grows_with_root_of_time():
     np.testing.assert_allclose(R.T @ R, np.eye(3), atol=1e-12)
     assert 0 < np.linalg.norm(Rotation.from_matrix(R_0.T @ R).as_rotvec()) < 8 * expected
     steps = np.diff(np.asarray(runs[0].payload.v), axis=0)
-    assert abs((steps[1:] * steps[:-1]).mean()) < 5 * steps.var() / np.sqrt(steps.size)  # each step for itself
+    assert abs((steps[1:] * steps[:-1]).mean()) < 5 * steps.var() / np.sqrt(steps.size)  # independent steps

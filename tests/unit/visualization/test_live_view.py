@@ -66,7 +66,7 @@ def numbers(packed: dict[str, Any]) -> np.ndarray:
 def test_stream_has_every_frame_once(live_flight):
     settings, messages = played.short_flight(), events(live_flight["stream"])
     assert live_flight["kind"] == "text/event-stream"
-    assert len(messages) >= 4  # a chunk each, cut by the update, and the end
+    assert len(messages) >= 4  # one per chunk, split by the update, and the end
     assert [each["from"] for each in messages] == [0, *(each["known"] for each in messages[:-1])]
     flight = live_flight["flight"]
     ds = played.labelled(flight.records, flight.uncertainty, settings, update_times_s=[0.8], case=CASE)

@@ -67,7 +67,7 @@ def embedded_data(text: str) -> dict[str, Any]:
     return written
 
 
-# The page -------------------------------------------------------------------------------------------------------------
+# Page -----------------------------------------------------------------------------------------------------------------
 
 
 def test_page_contains_frames_and_run_id(make_page, flown, told):
@@ -183,7 +183,7 @@ def test_next_study_removes_the_page(make_page):
     assert make_page in run_directory.list_files(make_page.parent, study.STUDY_FILES)
 
 
-# The bundle -----------------------------------------------------------------------------------------------------------
+# Bundle ---------------------------------------------------------------------------------------------------------------
 
 SOURCES = ROOT / "playback"
 BUNDLE = ROOT / "src" / "colift" / "visualization" / "playback.js"
@@ -225,7 +225,7 @@ def test_bundle_lock_has_versions_and_hashes():
             assert "resolved" not in package
 
 
-# In a browser ---------------------------------------------------------------------------------------------------------
+# Browser --------------------------------------------------------------------------------------------------------------
 
 
 @contextlib.contextmanager

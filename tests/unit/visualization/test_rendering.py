@@ -62,7 +62,7 @@ def test_near_bodies_cover_far_ones(seen):
     center, half = np.zeros(3), np.array([1.0, 0.5, 0.2])
     faces = list(rendering._box(center, np.eye(3), half, "#808080"))
     assert len(faces) == 3 * rendering.PATCHES**2
-    # the three faces that look away are not drawn
+    # the three hidden faces are not drawn
     area = sum(abs(np.linalg.det(np.diff(x, axis=0)[:2])) for _, x, _ in faces)
     whole = 4 * np.abs(rendering.CAMERA_DIRECTION) @ [half[1] * half[2], half[0] * half[2], half[0] * half[1]]
     assert area == pytest.approx(whole)  # of the shadow of a box along the view
@@ -71,7 +71,7 @@ def test_near_bodies_cover_far_ones(seen):
 @pytest.mark.parametrize("how", [{}, {"close": True}, {"whole_path": True}])
 def test_team_is_within_the_image(seen, how):
     (ax,) = drawn(seen[0], 0, **how).axes
-    # what lies behind everything is the shadow, which may leave the picture
+    # the farthest object is the shadow, which may be outside the image
     corners = np.concatenate([at for near, at, _ in rendering._team_faces(seen[0], 0) if np.isfinite(near)])
     for (low, high), x in zip((ax.get_xlim(), ax.get_ylim()), corners.T, strict=True):
         assert low <= x.min() < x.max() <= high

@@ -137,7 +137,7 @@ def test_cases_are_distinguishable_in_grayscale():
         116 * (linear(style.style_of(name).color) @ [0.2126, 0.7152, 0.0722]) ** (1 / 3) - 16 for name in CASES
     )
     assert np.diff(lightness).min() > 15  # CIE L*
-    assert lightness[-1] < 80  # still seen on white
+    assert lightness[-1] < 80  # visible on white
     # Vienot, Brettel, Mollon (1999): what a reader without the long or middle cones sees, in linear RGB
     lms = np.array([[17.8824, 43.5161, 4.11935], [3.45565, 27.1554, 3.86714], [0.0299566, 0.184309, 1.46709]])
     matrices = {
@@ -242,7 +242,7 @@ def test_legends_have_no_missing_entries(cases):
     ]
     assert texts_of_legends[2:] == list(small_errors.agent.values)
     forces = study_figures.plot_contact_forces({"C3": small_errors}, TOLD)
-    assert len(forces.axes) == 2  # no row for what does not act
+    assert len(forces.axes) == 2  # no row without internal forces
     assert not [text for text in forces.legends[0].get_texts() if "eta" in text.get_text()]
 
 
@@ -303,7 +303,7 @@ def test_figure_7_draws_innovations_and_change_points(cases, tmp_path):
         for text in study_figures.plot_online_correction({"C3": small_errors}, TOLD).legends[0].get_texts()
     }
     always = {"model gain, payload", "correction weight"}
-    assert explained == {*small_errors.agent.values, *always}, "what is not shown is not explained"
+    assert explained == {*small_errors.agent.values, *always}, "legend entry without a curve"
 
 
 def test_flights_of_one_step_are_drawn(cases):
