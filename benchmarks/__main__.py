@@ -50,11 +50,11 @@ def versions() -> dict[str, str]:
 def record(name: str, outcome: Outcome, seconds: float, took: float, folder: Path) -> Path:
     """Write what a benchmark found, whole or not at all."""
     from colift.runtime.atomic_write import write_json_atomic
-    from evidence import head, machine, rests_on, uncommitted
+    from evidence import files_behind, head, machine, uncommitted
 
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / f"{name}.json"
-    files = rests_on(HERE / f"{name}.py")
+    files = files_behind(HERE / f"{name}.py")
     content: dict[str, Any] = {
         "benchmark": name,
         "what": title(name),

@@ -43,7 +43,7 @@ INTO = (  # the loop lies beside the jets until 14 s, among them from 17 s on
 
 
 def gusts(seed: int) -> tuple[str, ...]:
-    """The gusts of `outdoors` with periods 0.5 to 2 times as long and any phase."""
+    """Return the gusts of `outdoors` with periods 0.5 to 2 times as long and random phases."""
     rng = np.random.default_rng((2027, seed))
     wind = next(of for of in scenario.load_scenario("outdoors").disturbances if of.name == "load_wind")
     waves = [
@@ -85,8 +85,8 @@ LED = "online_correction.lead_time_s=0.04"
 SEEDS = {"motors": range(11), "outdoors": range(11), "gusts": range(11), "jets": range(3)}  # 0 alone elsewhere
 
 
-def fly(item: str) -> dict[str, Any]:
-    """e_p by the second and over what counts, m; how many newtons of forces are above 20 Hz; what went wrong."""
+def simulate_item(item: str) -> dict[str, Any]:
+    """Return e_p per second and after the change [m], contact forces above 20 Hz [N], and warnings."""
     world, case, seed = item.split(": ")
     name, changes, late = WORLDS[world]
     case, *led = case.split()
@@ -113,11 +113,11 @@ def main() -> bool:
     unchanged worlds its error must be close to that of `true_residual`.
     """
     items = [f"{w}: {case}: {seed}" for w in WORLDS for seed in SEEDS.get(w, (0,)) for case in CASES]
-    found = collect("changes", items, fly)
+    found = collect("changes", items, simulate_item)
     print(f"{'e_p [mm]':12}" + "".join(f"{case:>16}" for case in CASES))
     for world in WORLDS:
         e = errors(found, world)
-        print(f"{world:12}" + "".join(f"{_said(list(e[case])):>16}" for case in CASES))
+        print(f"{world:12}" + "".join(f"{_median_and_range(list(e[case])):>16}" for case in CASES))
     asked = targets(found)
     for target in asked:
         print(target)
@@ -126,13 +126,13 @@ def main() -> bool:
 
 
 def errors(found: dict[str, Any], world: str) -> dict[str, np.ndarray]:
-    """Position errors of each case in a world over its seeds, m; infinite where a flight ended early."""
+    """Return position errors [m] of each case in an environment over its seeds; infinite if a flight ended early."""
     seeds = SEEDS.get(world, (0,))
     return {case: np.array([_error(found[f"{world}: {case}: {seed}"]) for seed in seeds]) for case in CASES}
 
 
 def targets(found: dict[str, Any]) -> list[Target]:
-    """Targets in all worlds, then those of unchanged worlds."""
+    """Return targets in all environments, then those of unchanged environments."""
     asked = []
     for world in WORLDS:
         e = errors(found, world)
@@ -153,8 +153,8 @@ def _error(flown: dict[str, Any]) -> float:
     return np.inf if flown["termination_reason"] or flown["e_p_rms_m"] is None else flown["e_p_rms_m"]
 
 
-def _said(errors: list[float]) -> str:
-    """Median and range, mm; one alone is itself."""
+def _median_and_range(errors: list[float]) -> str:
+    """Format median and range [mm]; a single value is printed alone."""
     x = 1e3 * np.array(errors)
     if not np.isfinite(x).all():
         return f"{(~np.isfinite(x)).sum()} ended"

@@ -49,14 +49,14 @@ def compute(item: str) -> Any:
     """Return the warnings of the checker, the flights of a case, or the learning curve of a seed."""
     match item:
         case "checker":
-            return checked()
+            return checker_warnings()
         case "C1":
-            return judged(judge(), lambda _: np.zeros((JUDGED, 6)))
-    return flown(item) if item in CASES else learned(int(item))
+            return evaluate(evaluation_environment(), lambda _: np.zeros((JUDGED, 6)))
+    return simulate_case(item) if item in CASES else train(int(item))
 
 
-def checked() -> list[str]:
-    """The warnings of Stable-Baselines3's checker; it raises where it finds a fault."""
+def checker_warnings() -> list[str]:
+    """Return the warnings of Stable-Baselines3's checker, which raises an exception for an error."""
     try:
         from stable_baselines3.common.env_checker import check_env
     except ModuleNotFoundError as error:
@@ -67,8 +67,10 @@ def checked() -> list[str]:
     return [str(each.message) for each in told]
 
 
-def flown(case: str) -> dict[str, Any]:
-    """A case's own flights, without any environment: return, RMS e_p over the second half, m, and flights lost."""
+def simulate_case(case: str) -> dict[str, Any]:
+    """Return the flights of a case without environment: return, RMS e_p over the second half [m], terminated
+    flights.
+    """
     returns, errors, lost = [], [], 0
     for seed in range(FIRST, FIRST + JUDGED):
         plan = experiment.make_experiment(scenario.load_scenario(SCENARIO).model_copy(update={"seed": seed}), case)
@@ -80,8 +82,8 @@ def flown(case: str) -> dict[str, Any]:
     return {"return": returns, "e_p_rms_m": errors, "lost": lost}
 
 
-def learned(seed: int) -> list[dict[str, Any]]:
-    """The evaluations of one learner, before and as it learns."""
+def train(seed: int) -> list[dict[str, Any]]:
+    """Return the evaluations of one learner before and during training."""
     try:
         import torch
         from stable_baselines3 import PPO as Learner
@@ -89,8 +91,8 @@ def learned(seed: int) -> list[dict[str, Any]]:
     except ModuleNotFoundError as error:
         raise SystemExit(MISSING) from error
     torch.set_num_threads(1)
-    seen = VecNormalize(adapted(TransportVecEnv(FLIGHTS, SCENARIO, **SETTINGS)), gamma=PPO["gamma"])
-    others = judge()
+    seen = VecNormalize(to_vec_env(TransportVecEnv(FLIGHTS, SCENARIO, **SETTINGS)), gamma=PPO["gamma"])
+    others = evaluation_environment()
     model, found = Learner("MlpPolicy", seen, seed=seed, device="cpu", **PPO), []
 
     def act(observed: np.ndarray) -> np.ndarray:
@@ -98,12 +100,12 @@ def learned(seed: int) -> list[dict[str, Any]]:
 
     for _ in range(0, ROUNDS, EVERY):
         model.learn(EVERY * FLIGHTS * (others.task.max_episode_steps - 1), reset_num_timesteps=False)
-        found.append({"steps": model.num_timesteps, **judged(others, act)})
+        found.append({"steps": model.num_timesteps, **evaluate(others, act)})
         print(f"curve: seed {seed}: {found[-1]}", flush=True)
     return found
 
 
-def adapted(flights: TransportVecEnv) -> Any:
+def to_vec_env(flights: TransportVecEnv) -> Any:
     """Convert flights to a `VecEnv` of Stable-Baselines3, which requires the next first observation at the end.
 
     Gymnasium returns it one step later, so that step is simulated at once if all flights end together, as they do here.
@@ -112,7 +114,7 @@ def adapted(flights: TransportVecEnv) -> Any:
     from stable_baselines3.common.vec_env import VecEnv
 
     class Adapted(VecEnv):
-        """See `adapted`."""
+        """See `to_vec_env`."""
 
         def reset(self) -> np.ndarray:
             return flights.reset(seed=self._seeds[0])[0]
@@ -146,13 +148,15 @@ def adapted(flights: TransportVecEnv) -> Any:
     return Adapted(flights.num_envs, flights.single_observation_space, flights.single_action_space)
 
 
-def judge() -> TransportVecEnv:
-    """The flights of an evaluation."""
+def evaluation_environment() -> TransportVecEnv:
+    """Return the flights of an evaluation."""
     return TransportVecEnv(JUDGED, SCENARIO, **SETTINGS)
 
 
-def judged(flights: TransportVecEnv, act: Any) -> dict[str, Any]:
-    """Flights under what `act` does with what is seen: as `flown`, of the environment's own rewards and errors."""
+def evaluate(flights: TransportVecEnv, act: Any) -> dict[str, Any]:
+    """Return the results of flights with the action function `act`, like `simulate_case`, with the environment's
+    rewards.
+    """
     seen, goods, errors, lost = flights.reset(seed=FIRST)[0], [], [], np.zeros(flights.num_envs, bool)
     for _ in range(flights.task.max_episode_steps - 1):
         seen, good, ended, _, info = flights.step(act(seen))
@@ -167,8 +171,8 @@ def judged(flights: TransportVecEnv, act: Any) -> dict[str, Any]:
     }
 
 
-def draw(found: dict[str, Any], path: Path) -> None:
-    """The learning curve as a figure: median and range of the seeds against flight time, cases as lines."""
+def plot(found: dict[str, Any], path: Path) -> None:
+    """Plot the learning curve: median and range of the seeds against flight time, cases as lines."""
     curves = [found[seed] for seed in SEEDS]
     minutes = [of["steps"] * SETTINGS["step_s"] / 60 for of in curves[0]]
     with style.style_context():
@@ -193,20 +197,20 @@ NAMES = {"C1": "no action (C1)", "integral": "integral (I)", "C3": "learned (C3)
 
 
 def main() -> bool:
-    """Print the table and draw the figure; every seed ends closer to the reference than without action."""
+    """Print the table and plot the figure; every seed must reduce the error compared with no action."""
     found = collect("curve", ("C1", *SEEDS, "integral", "C3", "checker"), compute)
     print(f"Stable-Baselines3's checker: no fault; warnings: {found['checker'] or 'none'}")
     for case in CASES:
-        print(f"{case:5} {said([found[case]])}")
+        print(f"{case:5} {summary_line([found[case]])}")
     for k, of in enumerate(found[SEEDS[0]]):
-        print(f"PPO   {said([found[seed][k] for seed in SEEDS])}; {of['steps']} steps")
-    draw(found, ROOT / "docs" / "figures" / "curve.png")
+        print(f"PPO   {summary_line([found[seed][k] for seed in SEEDS])}; {of['steps']} steps")
+    plot(found, ROOT / "docs" / "figures" / "curve.png")
     last, none = [found[seed][-1] for seed in SEEDS], min(found["C1"]["e_p_rms_m"])
     return all(max(of["e_p_rms_m"]) < none and not of["lost"] for of in last)
 
 
-def said(found: list[dict[str, Any]]) -> str:
-    """Median, least and greatest of the seeds' means, and flights lost."""
+def summary_line(found: list[dict[str, Any]]) -> str:
+    """Format median, minimum and maximum of the seeds' means, and the number of terminated flights."""
     e, good = ([float(np.mean(of[kind])) for of in found] for kind in ("e_p_rms_m", "return"))
     lost = sum(of["lost"] for of in found)
     return (

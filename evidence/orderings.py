@@ -1,4 +1,4 @@
-"""The study's targets on the default seed and on ten others, with the rivals: who tracks how well, by what factor."""
+"""Targets of the study on the default seed and on ten others, with all baselines: errors and their ratios."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ SEEDS = range(11)  # 0 is the default
 CASES = tuple(experiment.ALL_CASES)
 
 
-def fly(seed: int) -> dict[str, Any]:
-    """The cases' figures of merit for one seed."""
+def simulate_item(seed: int) -> dict[str, Any]:
+    """Return the metrics of all cases for one seed."""
     settings = scenario.load_scenario("paper").model_copy(update={"seed": seed})
     out = {}
     for case in CASES:
@@ -30,7 +30,7 @@ def fly(seed: int) -> dict[str, Any]:
 
 
 def targets(found: dict[str, Any]) -> dict[str, bool]:
-    """Each target of the study, for one seed."""
+    """Return each target of the study for one seed."""
     c1, c2, c3 = (found[case] for case in ("C1", "C2", "C3"))
 
     def falls(key: str, *ratios: tuple[dict[str, Any], dict[str, Any], float]) -> bool:
@@ -56,7 +56,7 @@ def targets(found: dict[str, Any]) -> dict[str, bool]:
 
 
 def adaptive_targets(e: Mapping[str, np.ndarray], mismatch: Mapping[str, np.ndarray]) -> list[Target]:
-    """Targets of C4 where nothing changes; e_p, m, and wrench mismatch of each case on all seeds, in their order."""
+    """Return targets of `adaptive` in nominal conditions from e_p [m] and wrench mismatch of each case on all seeds."""
     over, seeds = e["adaptive"] / e["true_residual"], len(e["adaptive"])
     mismatches = np.median(mismatch["adaptive"]) / np.median(mismatch["C3"])
     return [
@@ -87,7 +87,7 @@ def missed(asked: dict[str, bool]) -> str:
 
 def main() -> bool:
     """Simulate all seeds; each target must hold for the default seed and nine others, those of `adaptive` for all."""
-    flown = collect("orderings", map(str, SEEDS), lambda item: fly(int(item)))
+    flown = collect("orderings", map(str, SEEDS), lambda item: simulate_item(int(item)))
     met = {seed: targets(found) for seed, found in flown.items()}
     print("seed    " + "".join(f"{case:>8}" for case in CASES) + "   e_p [mm], second half")
     for seed, found in flown.items():

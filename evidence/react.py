@@ -31,7 +31,7 @@ HALF, CHANGING = (10.0, 20.0), (CHANGE, CHANGE + 1)  # s
 
 
 def draw(sample: int) -> tuple[Scenario, dict[str, Any]]:
-    """Return the scenario of a sample, and its random parameters."""
+    """Return the scenario of a sample and its random parameters."""
     rng = np.random.default_rng((2026, sample))
     asked = {
         "turn_deg": float(rng.uniform(-180, 180)) * (rng.random() < 0.7),
@@ -71,26 +71,26 @@ def draw(sample: int) -> tuple[Scenario, dict[str, Any]]:
     return Scenario.model_validate(data), asked
 
 
-def fly(item: str) -> dict[str, Any]:
-    """Of each case of a sample: the RMS error of position after the changes, m, chatter, and why it ended, if early."""
+def simulate_item(item: str) -> dict[str, Any]:
+    """Return for each case of a sample the RMS position error after the changes [m] and other metrics."""
     settings, asked = draw(int(item))
     plans = experiment.make_experiments(settings, (*CASES, *(["gp_label_feedback"] if asked["dead_s"] else [])))
-    plans["label_feedback led"] = led(settings)
+    plans["label_feedback led"] = with_lead_time(settings)
     if asked["dead_s"]:
-        plans["faded"] = faded(plans["gp_label_feedback"], plans["adaptive"])
-    cases = {case: flown(plan) for case, plan in plans.items()}
+        plans["faded"] = with_decay(plans["gp_label_feedback"], plans["adaptive"])
+    cases = {case: simulate_case(plan) for case, plan in plans.items()}
     if cases["adaptive"]["termination_reason"]:
-        cases["C1"] = flown(experiment.make_experiment(settings, "C1"))
+        cases["C1"] = simulate_case(experiment.make_experiment(settings, "C1"))
     return {"asked": asked, **cases}
 
 
-def led(settings: Scenario) -> Experiment:
+def with_lead_time(settings: Scenario) -> Experiment:
     """Return the experiment of `label_feedback` with the best lead time in nominal conditions."""
     longer = settings.online_correction.model_copy(update={"lead_time_s": LEAD})
     return experiment.make_experiment(settings.model_copy(update={"online_correction": longer}), "label_feedback")
 
 
-def faded(held: Experiment, adaptive: Experiment) -> Experiment:
+def with_decay(held: Experiment, adaptive: Experiment) -> Experiment:
     """Return the experiment of `gp_label_feedback` with the decaying correction of `adaptive`."""
     with_decay = dataclasses.replace(
         held.controller.innovation_filter, decay_time=adaptive.controller.innovation_filter.decay_time
@@ -98,8 +98,8 @@ def faded(held: Experiment, adaptive: Experiment) -> Experiment:
     return dataclasses.replace(held, controller=dataclasses.replace(held.controller, innovation_filter=with_decay))
 
 
-def flown(plan: Experiment) -> dict[str, Any]:
-    """What is kept of a flight."""
+def simulate_case(plan: Experiment) -> dict[str, Any]:
+    """Return the stored metrics of a flight."""
     flight = run_experiment(plan)
     rows, late = flight.records, flight.records.t >= AFTER
     soon = late & (rows.t < AFTER + 1)
@@ -109,13 +109,13 @@ def flown(plan: Experiment) -> dict[str, Any]:
         "termination_reason": flight.termination_reason,
         "chatter_N": metrics.high_frequency_rms(metrics.second_half(rows)),
         "miscoverage": {
-            name: surprised(flight, *span) for name, span in (("second_half", HALF), ("changing", CHANGING))
+            name: miscoverage(flight, *span) for name, span in (("second_half", HALF), ("changing", CHANGING))
         },
     }
 
 
-def surprised(flight: FlightResult, start: float, end: float) -> float | None:
-    """The share of samples from start to end, s, whose error is over 1.96 predictive deviations, of all forces."""
+def miscoverage(flight: FlightResult, start: float, end: float) -> float | None:
+    """Return the share of force errors above 1.96 predictive standard deviations from start to end [s]."""
     at = log.uncertainty_indices(flight.records, flight.uncertainty)
     now = (flight.uncertainty.t >= start) & (flight.uncertainty.t < end)
     errors = flight.records.f_L - flight.records.f_L_hat, flight.records.f_x - flight.records.f_x_hat
@@ -127,7 +127,7 @@ def surprised(flight: FlightResult, start: float, end: float) -> float | None:
 
 
 def share(ratios: list[float], most: float) -> tuple[int, str]:
-    """How many ratios are within a bound, and how large they are."""
+    """Return the number of ratios within a bound, and their distribution as text."""
     x = np.array(ratios)
     within = int((x <= most).sum())
     spread = f"median {np.median(x):.2f}, 90 % {np.quantile(x, 0.9):.2f}, worst {x.max():.2f}"
@@ -136,7 +136,7 @@ def share(ratios: list[float], most: float) -> tuple[int, str]:
 
 def main() -> bool:
     """Print the comparison and the targets of `adaptive`; return whether all are met."""
-    found_of = collect("react", map(str, range(SAMPLES)), fly)
+    found_of = collect("react", map(str, range(SAMPLES)), simulate_item)
     lost = {
         case: [item for item, found in found_of.items() if found[case]["termination_reason"]]
         for case in (*CASES, "label_feedback led")
@@ -159,13 +159,13 @@ def main() -> bool:
 
 
 def error(found: dict[str, Any], case: str) -> float:
-    """The position error of a case after the changes, m; infinite where its flight ended early."""
+    """Return the position error of a case after the changes [m]; infinite if its flight ended early."""
     e = found[case]["e_p_rms_m"]
     return np.inf if found[case]["termination_reason"] or e is None else e
 
 
 def targets(found_of: dict[str, Any]) -> list[Target]:
-    """Targets over the samples in which C4 and O came to the end: percentages of them within a limit."""
+    """Return targets over the samples in which `adaptive` and `true_residual` complete their flights."""
 
     def over(flights: list[dict[str, Any]], *cases: str) -> list[float]:
         return [error(f, "adaptive") / min(error(f, case) for case in cases) for f in flights]

@@ -59,7 +59,7 @@ NONE = "absent"
 
 
 class Difference(NamedTuple):
-    """One value that a replay did not repeat: where it is, and what is stored and computed there."""
+    """One value that differs: its key, and the stored and computed values."""
 
     key: str
     old: Any
@@ -75,7 +75,7 @@ def _short(value: Any) -> str:
 
 
 def differences(old: Any, new: Any, at: str = "") -> Iterator[Difference]:
-    """Yield the values in which two items differ, in the order in which they are stored.
+    """Yield the values in which two items differ, in stored order.
 
     Args:
         old: The stored item, under today's names.
@@ -116,11 +116,11 @@ def code(files: Mapping[str, str]) -> str:
 
 
 class Unreplayed(Exception):
-    """An item that could not be computed, and why."""
+    """Signal that an item could not be computed, with the reason."""
 
 
 def computed(name: str, item: str, limit_s: float) -> tuple[Any, float]:
-    """Return an item of a result, computed again in a process of its own, and the time that it took [s].
+    """Return an item of a result, computed again in a child process, and its duration [s].
 
     Raises:
         Unreplayed: If it takes longer than the limit or ends with an error.
@@ -149,7 +149,7 @@ def computed(name: str, item: str, limit_s: float) -> tuple[Any, float]:
 def restamp(
     name: str, item: str | None = None, limit_s: float = LIMIT_S, again: bool = False, within: float = 0.0
 ) -> tuple[bool, str]:
-    """Replay one item of a result and stamp the result where the item is equal.
+    """Compute one item of a result again, and stamp the result if the item is equal.
 
     Args:
         name: The result.
@@ -163,9 +163,9 @@ def restamp(
     """
     if not (evidence.RESULTS / f"{name}.json").exists():
         return False, "no result"
-    if not evidence.behind(name):
+    if not evidence.changed_files(name):
         return True, "nothing changed since"
-    made, files = evidence.stored(name), evidence.rests_on(evidence.ROOT / "evidence" / f"{name}.py")
+    made, files = evidence.stored(name), evidence.files_behind(evidence.ROOT / "evidence" / f"{name}.py")
     if changed := evidence.uncommitted(files):
         return False, f"left alone: not committed: {', '.join(changed[:3])}"
     before = made.get("replayed", {})
@@ -202,7 +202,7 @@ def restamp(
 
 
 def main(arguments: list[str], names: list[str]) -> int:
-    """Restamp results, one line each; the status is 1 where one of them stays behind, 2 for a name that is none."""
+    """Restamp results, one line each; the status is 1 if one of them stays outdated, 2 for an unknown name."""
     parser = argparse.ArgumentParser(prog="evidence restamp", description="replay one item of each stale result")
     parser.add_argument("names", nargs="*", metavar="NAME", help="results; all where none is named")
     parser.add_argument("--item", help="the stored item to replay, for one NAME")
@@ -223,7 +223,7 @@ def main(arguments: list[str], names: list[str]) -> int:
 
 
 def replay(name: str, item: str, out: Path) -> None:
-    """Compute one item of a proof and write it as JSON."""
+    """Compute one item of an evidence module and write it as JSON."""
     evidence.replay = item
     try:
         importlib.import_module(f"evidence.{name}").main()

@@ -13,7 +13,7 @@ from evidence import collect
 TEAMS = ((2, 2), (3, 2), (3, 1), (4, 1), (6, 0), (3, 0))  # agents, arms of each
 
 
-def fly(item: str) -> dict[str, Any]:
+def simulate_item(item: str) -> dict[str, Any]:
     """Return the result of the preflight check, and the RMS position error [m] of each case over the second half."""
     agents, arms = map(int, item.split(" x "))
     settings = scenario.parse(template.scenario_template("team", agents, arms), "team.yaml")
@@ -31,9 +31,9 @@ def fly(item: str) -> dict[str, Any]:
 
 
 def main() -> bool:
-    """Every team is sound, ends its flights, and tracks better with each thing it learns."""
+    """Every team must pass the check, complete its flights, and reduce its error with each learned part."""
     items = [f"{agents} x {arms}" for agents, arms in TEAMS]
-    found, good = collect("starts", items, fly), True
+    found, good = collect("starts", items, simulate_item), True
     for item in items:
         errors = found[item]["e_p_rms_m"]
         ended = [errors[case] for case in ("C1", "C2", "C3") if errors[case] is not None]

@@ -37,13 +37,13 @@ def quoted(text: str) -> set[str]:
 
 
 def state(name: str) -> tuple[bool, str]:
-    """Return whether a result holds for today's code, and a line that states why or why not."""
+    """Return whether a result is up to date, and a line that states why or why not."""
     if not (evidence.RESULTS / f"{name}.json").exists():
         return False, "no result yet"
-    made, changed = evidence.stored(name), evidence.behind(name)
+    made, changed = evidence.stored(name), evidence.changed_files(name)
     at = f"{made['date']} at {(made.get('commit') or 'no commit')[:10]}"
     if replay := made.get("replayed"):
-        at += f", {evidence_of(replay)}"
+        at += f", {replay_text(replay)}"
     if not changed:
         return True, f"{at}: nothing changed since"
     changed.sort(key=lambda path: not path.startswith("evidence/"))
@@ -51,15 +51,15 @@ def state(name: str) -> tuple[bool, str]:
     return False, f"{at}: since then changed: {', '.join(changed[:TOLD])}{more}"
 
 
-def evidence_of(replay: dict) -> str:
-    """Return in words what a replay of one item showed."""
+def replay_text(replay: dict) -> str:
+    """Return a description of the recomputed item."""
     apart = f" to {replay['relative_difference']:.1e}" if replay.get("relative_difference") else ""
     shown = f"equal{apart}" if replay["equal"] else "different"
     return f"item {replay['item']!r} replayed {replay['date']}: {shown}"
 
 
 def main(arguments: list[str], names: list[str]) -> int:
-    """Print the state of each result, then each page that quotes one that does not hold.
+    """Print the state of each result, then each page that quotes an outdated one.
 
     Args:
         arguments: Names of results; all where empty.

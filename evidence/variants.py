@@ -18,28 +18,31 @@ from colift.certification.certificate import ERRORS
 from colift.scenario import Scenario
 from colift.workflows import falsification
 from evidence import collect
-from evidence.certified import noisy
+from evidence.certified import with_sensor_noise
 
 SEED, ROUNDS = 300, 3  # neither the scenario nor other proofs have this seed
 NOISE = "paper"  # the scenario whose sensors one kind has, see `colift.workflows.falsification`
 TEAMS = ("trio", "uneven", "leader_block", "beam", "seven")
 
 
-def fly(item: str) -> list[dict[str, Any]]:
-    """The tries of an item: `unknown K`, all unknown forces of a round; a kind of flight and K, `filtered` being
-    `sensors` with the filters that go with such noise; or a team and K."""
+def simulate_item(item: str) -> list[dict[str, Any]]:
+    """Return the trials of an item.
+
+    Items are `unknown K`, all worst-case residuals of a round; a kind of flight and K, with `filtered` for `sensors`
+    with filters for their noise; or a team and K.
+    """
     kind, k = item.rsplit(" ", 1)
     if kind == "unknown":
-        return tries(_settings(), [f"{each} {k}" for each in falsification.ADVERSARIAL_DISTURBANCE])
+        return trial_values(_settings(), [f"{each} {k}" for each in falsification.ADVERSARIAL_DISTURBANCE])
     if kind in TEAMS:
-        return tries(team(kind), [f"seed {k}"])
+        return trial_values(with_team_of(kind), [f"seed {k}"])
     if kind == "filtered":
-        return tries(noisy(_settings()), [f"sensors {k}"])
-    return tries(_settings(), [item])
+        return trial_values(with_sensor_noise(_settings()), [f"sensors {k}"])
+    return trial_values(_settings(), [item])
 
 
-def tries(settings: Scenario, names: list[str]) -> list[dict[str, Any]]:
-    """What is kept of each; ratios of flights that end early within finite radii are null."""
+def trial_values(settings: Scenario, names: list[str]) -> list[dict[str, Any]]:
+    """Return the stored values of trials; ratios of flights that end early within finite bounds are null."""
     out = []
     for one in falsification.falsify(settings, names):
         ratios = {error: ratio if math.isfinite(ratio) else None for error, ratio in one.ratios.items()}
@@ -47,8 +50,10 @@ def tries(settings: Scenario, names: list[str]) -> list[dict[str, Any]]:
     return out
 
 
-def team(name: str) -> Scenario:
-    """Another scenario's team, payload, gains, allocation and rate in the world of `certified`, with its filters."""
+def with_team_of(name: str) -> Scenario:
+    """Return another scenario's team, payload, gains, allocation and rate in the world of `certified`, with its
+    filters.
+    """
     base, other = _settings(), scenario.load_scenario(name)
     filters = {each: getattr(base.control, each) for each in ("complementary_filter_Hz", "joint_filter_Hz")}
     return base.model_copy(
@@ -62,10 +67,10 @@ def _settings() -> Scenario:
 
 
 def main() -> bool:
-    """Print the worst of each kind and why some have no radius: none may be broken, or be missing without a reason."""
+    """Print the worst trial of each kind and the reasons of missing bounds; no bound may be violated."""
     flights = [f"{kind} {k}" for k in range(ROUNDS) for kind in (*falsification.TRIAL_KINDS, "filtered")]
     items = [*flights, *(f"unknown {k}" for k in range(ROUNDS)), *(f"{name} {k}" for k in range(2) for name in TEAMS)]
-    found = collect("variants", items, fly)
+    found = collect("variants", items, simulate_item)
     of: dict[str, list[dict[str, Any]]] = {}
     for item in items:
         of.setdefault(item.rsplit(" ", 1)[0], []).extend(found[item])

@@ -30,7 +30,7 @@ def history():
 
 
 def test_every_result_has_an_evidence_module():
-    assert {path.stem for path in RESULTS} <= set(__main__.proofs())
+    assert {path.stem for path in RESULTS} <= set(__main__.module_names())
 
 
 @pytest.mark.parametrize("path", RESULTS, ids=[path.stem for path in RESULTS])
@@ -45,7 +45,7 @@ def test_result_files_match_the_recorded_commit(path, history):
 
 def test_dependencies_are_imports_and_scenarios():
     """An evidence module depends on its imports and the scenarios that it names, and on no other file."""
-    files = evidence.rests_on(ROOT / "evidence" / "orderings.py")
+    files = evidence.files_behind(ROOT / "evidence" / "orderings.py")
     for name in ("closed_loop/flight.py", "codegen/__init__.py", "gp/fitting.py", "scenario/library/paper.yaml"):
         assert f"src/colift/{name}" in files
     for name in ("visualization/study_figures.py", "scenario/library/certified.yaml", "__main__.py"):
@@ -72,13 +72,16 @@ def project(tmp_path, monkeypatch):
         (tmp_path / name).write_text(text)
     monkeypatch.setattr(evidence, "ROOT", tmp_path)
     monkeypatch.setattr(evidence, "RESULTS", tmp_path / "evidence" / "results")
-    monkeypatch.setattr(evidence.rests_on, "__defaults__", (tmp_path,))
+    monkeypatch.setattr(evidence.files_behind, "__defaults__", (tmp_path,))
     return tmp_path
 
 
 def test_dependencies_include_indirect_imports(project):
     expected = ["evidence/proof.py", "src/colift/__init__.py", "src/colift/a.h", "src/colift/a.py", "src/colift/b.py"]
-    assert list(evidence.rests_on(project / "evidence" / "proof.py")) == [*expected, "src/colift/scenarios/sample.yaml"]
+    assert list(evidence.files_behind(project / "evidence" / "proof.py")) == [
+        *expected,
+        "src/colift/scenarios/sample.yaml",
+    ]
 
 
 def test_items_are_reused_until_a_dependency_changes(project, capsys):
@@ -91,11 +94,11 @@ def test_items_are_reused_until_a_dependency_changes(project, capsys):
     assert evidence.collect("proof", ["a", "b"], compute) == {"a": "A", "b": "B"}
     assert evidence.collect("proof", ["a", "b", "c"], compute) == {"a": "A", "b": "B", "c": "C"}
     (project / "src/colift/c.py").write_text("another = 1")  # imported inside a function only
-    assert evidence.behind("proof") == []
+    assert evidence.changed_files("proof") == []
     evidence.collect("proof", ["a"], compute)
     assert computed == ["a", "b", "c"]
     (project / "src/colift/b.py").write_text("another = 1")
-    assert evidence.behind("proof") == ["src/colift/b.py"]
+    assert evidence.changed_files("proof") == ["src/colift/b.py"]
     assert evidence.collect("proof", ["a"], compute) == {"a": "A"}
     assert computed == ["a", "b", "c", "a"]
     assert evidence.stored("proof")["commit"] is None  # no repository here
@@ -123,12 +126,12 @@ def test_changed_comments_do_not_outdate_a_result(project):
         subprocess.run(["git", *words], cwd=project, check=True)
     evidence.collect("proof", ["a"], str.upper)
     b.write_text('"""A module."""\n\n\ndef f():\n    """Of it."""\n    import colift.c  # why\n')
-    assert evidence.behind("proof") == []
+    assert evidence.changed_files("proof") == []
     b.write_text('def f():\n    """Of it."""\n    import colift.a\n')
-    assert evidence.behind("proof") == ["src/colift/b.py"]
+    assert evidence.changed_files("proof") == ["src/colift/b.py"]
     b.write_text("def f():\n    import colift.c\n")
     (project / "src/colift/a.h").write_text("int x; // the same, but no Python")
-    assert evidence.behind("proof") == ["src/colift/a.h"]
+    assert evidence.changed_files("proof") == ["src/colift/a.h"]
 
 
 def test_digest_equals_git_hash(tmp_path):

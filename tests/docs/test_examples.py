@@ -19,7 +19,7 @@ def test_own_team_example_prints_pinocchio_forces(capsys: pytest.CaptureFixture[
     head, first, *rest = capsys.readouterr().out.splitlines()
     team = own_team.build()
     z = own_team.start(team)
-    expected = PinocchioTeam(team).accelerate(z, own_team.inputs(team), zero_residual(team))
+    expected = PinocchioTeam(team).solve_kkt(z, own_team.inputs(team), zero_residual(team))
     printed = np.array([float(x) for x in re.findall(r"-?\d+\.\d+", first)[1:]])
     np.testing.assert_allclose(printed, expected.lam.ravel(), atol=1e-3)
     assert len(rest) == 4

@@ -123,7 +123,7 @@ def test_shipped_teams_have_a_regular_grasp(name: str):
 @pytest.mark.parametrize("name", redundant.TEAMS)
 def test_errors_decrease_with_learning_for_redundant_teams(name: str):
     """e_p decreases from case to case. Psi of C3 is below that of C1; that of C2 may be larger (docs/own_team.md)."""
-    found = redundant.fly(f"{name} 0")
+    found = redundant.simulate_item(f"{name} 0")
     assert not any(each["termination_reason"] for each in found.values())
     e_p, Psi = ([found[case][error] for case in redundant.CASES] for error in ("e_p_rms_m", "Psi_mean"))
     assert all(a > b for a, b in itertools.pairwise(e_p)), e_p

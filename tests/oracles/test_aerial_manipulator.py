@@ -119,7 +119,7 @@ def test_bias_forces_equal_pinocchio(case: SimpleNamespace) -> None:
     a[:3] = -case.arrays[1].R.T @ free.data.acom[0]
     free.model.gravity.linear = np.zeros(3)
     tau = pin.rnea(free.model, free.data, q, v, a)
-    np.testing.assert_allclose(case.h, free.to_ours(tau), atol=1e-12)
+    np.testing.assert_allclose(case.h, free.to_colift(tau), atol=1e-12)
 
 
 def test_tips_and_center_of_mass_equal_pinocchio(case: SimpleNamespace) -> None:

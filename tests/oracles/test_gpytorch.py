@@ -38,7 +38,7 @@ def test_optimum_at_equal_budget(seed):
     """GPyTorch's likelihood and automatic gradient with the same optimizer, bounds, start and tolerance."""
     X, Y, _, _ = problem(seed, N=60)
     X, Y = (X - X.mean(0)) / X.std(0), (Y - Y.mean(0)) / Y.std(0)
-    found = gp.fit(X, Y, restarts=0, offset=np.zeros(3))
+    found = gp.fit(X, Y, restarts=0, constant_mean=np.zeros(3))
     box = gp.HyperparameterBounds()
     bounds = np.log([box.signal_variance, *[box.lengthscale] * 4, box.noise_variance])
     start = np.log([1.0, *[2.0] * 4, 0.1])

@@ -146,7 +146,7 @@ def test_V_decreases_at_the_stated_rate(seed, damping, size):
 @jax.jit
 def simulate(Q, w, d, k_R, k_omega, h):
     """Return angles and |e_omega| of simulations from many initial states."""
-    Q, w = jax.vmap(evidence.fly, (0, 0, 0, None, None, None))(Q, w, d, k_R, k_omega, h)
+    Q, w = jax.vmap(evidence.simulate, (0, 0, 0, None, None, None))(Q, w, d, k_R, k_omega, h)
     return jnp.linalg.norm(so3.log(Q), axis=-1), jnp.linalg.norm(w, axis=-1)
 
 

@@ -84,7 +84,7 @@ def project(tmp_path, monkeypatch):
     monkeypatch.setattr(evidence, "ROOT", tmp_path)
     monkeypatch.setattr(evidence, "RESULTS", tmp_path / "evidence" / "results")
     monkeypatch.setattr(evidence, "RENAMED", tmp_path / "evidence" / "renamed.json")
-    monkeypatch.setattr(evidence.rests_on, "__defaults__", (tmp_path,))
+    monkeypatch.setattr(evidence.files_behind, "__defaults__", (tmp_path,))
     clear()
     subprocess.run(["git", "init", "-q"], cwd=tmp_path, check=True)
     commit(tmp_path)
@@ -109,7 +109,7 @@ def store(project):
 
     def save(items: dict) -> None:
         made = {"command": "./dev evidence proof", "machine": "a machine", "commit": evidence.head()}
-        files = evidence.rests_on(project / "evidence" / "proof.py")
+        files = evidence.files_behind(project / "evidence" / "proof.py")
         evidence.save(evidence.RESULTS / "proof.json", {**made, "date": "2026-01-02", "files": files, "items": items})
 
     return save

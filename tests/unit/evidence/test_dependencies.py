@@ -8,7 +8,7 @@ from evidence import dependencies
 
 def test_closure_follows_packages_lazy_names_and_locks(project):
     """Relative imports, imports in `try`, names served lazily, scenarios by name and locks by imported package."""
-    files = evidence.rests_on(project / "evidence" / "layered.py")
+    files = evidence.files_behind(project / "evidence" / "layered.py")
     package = ("", "models/", "onboard/", "math/")
     modules = ("models/gains", "onboard/law", "onboard/parts", "math/so3", "math/fast")
     assert set(files) == {
@@ -26,9 +26,9 @@ def test_result_is_stale_when_a_pin_changes(project, store):
     store({})
     lock = project / "requirements" / "run.txt"
     lock.write_text("# a comment\nnumpy==2.0 --hash=sha256:2\n")
-    assert evidence.behind("proof") == []
+    assert evidence.changed_files("proof") == []
     lock.write_text("numpy==2.1\n")
-    assert evidence.behind("proof") == ["requirements/run.txt"]
+    assert evidence.changed_files("proof") == ["requirements/run.txt"]
 
 
 def test_results_without_locks_use_those_of_their_commit(project, store):
@@ -37,9 +37,9 @@ def test_results_without_locks_use_those_of_their_commit(project, store):
     made = evidence._record("proof")
     made["files"] = {path: of for path, of in made["files"].items() if not path.startswith("requirements")}
     evidence.save(evidence.RESULTS / "proof.json", made)
-    assert evidence.behind("proof") == []
+    assert evidence.changed_files("proof") == []
     (project / "requirements" / "run.txt").write_text("numpy==2.1\n")
-    assert evidence.behind("proof") == ["requirements/run.txt"]
+    assert evidence.changed_files("proof") == ["requirements/run.txt"]
 
 
 def test_pins_of_a_lock():

@@ -22,7 +22,7 @@ def test_equal_item_stamps_the_result(store, change):
     store({"1": stored(2 / 3), "2": stored(5.0)})
     computed_at = evidence.head()
     change()
-    assert evidence.behind("proof") == ["benchmarks/model.py"]
+    assert evidence.changed_files("proof") == ["benchmarks/model.py"]
     holds, line = restamp.restamp("proof")
     assert holds
     assert line.startswith("stamped: item '1' is equal, replayed in ")
@@ -32,7 +32,7 @@ def test_equal_item_stamps_the_result(store, change):
     assert made["replayed"]["item"] == "1"
     assert list(made["items"]["2"]) == ["adaptive", "n"]
     assert made["items"]["1"]["adaptive"]["wall_s"] == 3.0
-    assert evidence.behind("proof") == []
+    assert evidence.changed_files("proof") == []
     assert restamp.restamp("proof") == (True, "nothing changed since")
 
 

@@ -574,7 +574,9 @@ def test_every_bound_name_is_a_function():
 def test_bounds_hold_on_random_functions(kind, monkeypatch):
     """Ten draws per case; `python -m evidence coverage` uses a thousand."""
     monkeypatch.setattr(coverage, "CHUNK", 10)
-    found = coverage.summarize({f"{kind}, adaptive, B = 0.2, 0": coverage.fly(f"{kind}, adaptive, B = 0.2, 0")})
+    found = coverage.summarize(
+        {f"{kind}, adaptive, B = 0.2, 0": coverage.compute_item(f"{kind}, adaptive, B = 0.2, 0")}
+    )
     claimed = {name: row for name, row in found.items() if row["claims"]}
     assert len(claimed) == {"two-point": 10, "Gaussian": 6, "filtered and biased": 2}[kind]
     assert all(row["rate"] <= row["allowed"] for row in claimed.values())

@@ -172,7 +172,7 @@ def test_stable_baselines_3_gets_the_reset_observation(many: TransportVecEnv) ->
     pytest.importorskip("stable_baselines3", reason="PyTorch: gigabytes")
     from evidence import curve
 
-    flights = curve.adapted(many)
+    flights = curve.to_vec_env(many)
     flights.seed(9)
     first, actions, done = flights.reset(), np.zeros((3, 6), np.float32), np.zeros(3, bool)
     np.testing.assert_array_equal(first, many.reset(seed=9)[0])

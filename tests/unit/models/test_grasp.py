@@ -81,7 +81,7 @@ def test_constraint_equals_pinocchio_off_the_grasp(structure: tuple) -> None:
     team, z = teams.team(rng, structure), teams.free_state(rng, structure)
     model = PinocchioTeam(team)
     q, v = model.coordinates(z)
-    np.testing.assert_allclose(Phi(team, z), model.gap(z), atol=1e-14)
+    np.testing.assert_allclose(Phi(team, z), model.constraint_residual(z), atol=1e-14)
     np.testing.assert_allclose(Phi_dot(team, z).ravel(), model.jacobian(q) @ v, atol=1e-13)
 
 
@@ -116,7 +116,7 @@ def test_condition_is_that_of_the_dense_matrix(structure: tuple) -> None:
     inputs = tuple(
         AgentInput(u=jnp.zeros(n), tau=jnp.zeros((n, 3)), tau_r=jnp.zeros((n, t.joints))) for t, n in structure
     )
-    expected = PinocchioTeam(team).accelerate(z, inputs, zero_residual(team))
+    expected = PinocchioTeam(team).solve_kkt(z, inputs, zero_residual(team))
     assert grasp.check_grasp(team, z) == pytest.approx(expected.condition, rel=1e-6)
     assert float(min_singular_value(team, z).min()) <= expected.singular[-1] * (1 + 1e-9)
 

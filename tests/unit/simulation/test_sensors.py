@@ -170,7 +170,7 @@ def test_measurement_without_noise_is_exact():
 def test_tip_force_is_in_the_frame_of_its_body():
     team, z, truth = case()
     model, m = PinocchioTeam(team), ideal()
-    model.gap(z)  # places all frames
+    model.constraint_residual(z)  # places all frames
     turns = [model.data.oMf[f].rotation for f in model.tips]
     expected = [R.T @ lam for R, lam in zip(turns, np.asarray(truth.lam[0]).reshape(-1, 3), strict=True)]
     np.testing.assert_allclose(np.asarray(m.agents[0].lam).reshape(-1, 3), expected, atol=1e-10)
