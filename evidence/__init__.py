@@ -42,14 +42,14 @@ def _digest(path: Path) -> str:
 
 def head() -> str | None:
     """Return the commit that is checked out; None outside a repository."""
-    said = _git("rev-parse", "HEAD")
-    return said.strip() if said else None
+    output = _git("rev-parse", "HEAD")
+    return output.strip() if output else None
 
 
 def uncommitted(files: Iterable[str]) -> list[str]:
     """Return the files that differ from the last commit; none outside a repository."""
-    said = _git("status", "--porcelain", "--untracked-files=all", "--", *files)
-    return [line[3:] for line in (said or "").splitlines()]
+    output = _git("status", "--porcelain", "--untracked-files=all", "--", *files)
+    return [line[3:] for line in (output or "").splitlines()]
 
 
 def _git(*words: str) -> str | None:
@@ -78,15 +78,19 @@ def changed_files(name: str) -> list[str]:
 
     Results that do not contain lock files are compared with the locks of their commit.
     """
-    made, now = _record(name), files_behind(ROOT / "evidence" / f"{name}.py")
-    then = made.get("files", {})
-    locks = {path for path in now if path.startswith(dependencies.LOCKS)}
-    if locks and not any(path in then for path in locks) and made.get("commit"):
-        then = then | {
-            path: of for path, of in _listed(ROOT, made["commit"], dependencies.LOCKS).items() if path in locks
+    record, files_now = _record(name), files_behind(ROOT / "evidence" / f"{name}.py")
+    files_then = record.get("files", {})
+    locks = {path for path in files_now if path.startswith(dependencies.LOCKS)}
+    if locks and not any(path in files_then for path in locks) and record.get("commit"):
+        files_then = files_then | {
+            path: digest
+            for path, digest in _listed(ROOT, record["commit"], dependencies.LOCKS).items()
+            if path in locks
         }
-    changed = (path for path in then | now if then.get(path) != now.get(path))
-    return sorted(path for path in changed if not (path in then and path in now and _same(then[path], path)))
+    changed = (path for path in files_then | files_now if files_then.get(path) != files_now.get(path))
+    return sorted(
+        path for path in changed if not (path in files_then and path in files_now and _same(files_then[path], path))
+    )
 
 
 @functools.cache
@@ -117,8 +121,8 @@ def _record(name: str) -> dict[str, Any]:
 
 def stored(name: str) -> dict[str, Any]:
     """Return the contents of a result file with items under their present names (`evidence/renamed.json`)."""
-    made = _record(name)
-    return made | {"items": renamed(made["items"], name)}
+    record = _record(name)
+    return record | {"items": renamed(record["items"], name)}
 
 
 def renamed(value: Any, name: str = "") -> Any:
@@ -173,16 +177,16 @@ def collect(name: str, items: Iterable[str], compute: Callable[[str], Any]) -> d
         raise Replayed(replay, compute(replay))
     path = RESULTS / f"{name}.json"
     found = stored(name)["items"] if path.exists() and not changed_files(name) else {}
-    left = [item for item in items if item not in found]
-    if left:
+    missing = [item for item in items if item not in found]
+    if missing:
         files = files_behind(ROOT / "evidence" / f"{name}.py")
         if changed := uncommitted(files):
             raise SystemExit(f"{name}: a result names the commit it can be repeated from; commit {', '.join(changed)}")
-        made = {"command": f"./dev evidence {name}", "machine": machine(), "commit": head()}
-    for item in left:
+        record = {"command": f"./dev evidence {name}", "machine": machine(), "commit": head()}
+    for item in missing:
         print(f"{name}: {item}", flush=True)
         found[item] = compute(item)
-        save(path, {**made, "date": dt.date.today().isoformat(), "files": files, "items": found})
+        save(path, {**record, "date": dt.date.today().isoformat(), "files": files, "items": found})
     return found
 
 

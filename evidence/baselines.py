@@ -56,9 +56,9 @@ def simulate_item(item: str) -> float:
     total = 0.0
     for seed in SEEDS:
         changes = [f"{name}={value}" for name, value in GRID[case][int(k)].items()]
-        plan = experiment.make_experiment(scenario.load_scenario("paper", [f"seed={seed}", *changes]), case)
-        flight = run_experiment(plan)
-        found = metrics.summary(flight, plan.world.team, plan.controller.team)
+        case_experiment = experiment.make_experiment(scenario.load_scenario("paper", [f"seed={seed}", *changes]), case)
+        flight = run_experiment(case_experiment)
+        found = metrics.summary(flight, case_experiment.world.team, case_experiment.controller.team)
         total += 10.0 if flight.termination_reason else found["e_p_rms_m"]
     return total / len(SEEDS)
 

@@ -90,8 +90,8 @@ def main() -> bool:
 
 def judge(runs: Sequence[dict[str, Any]], against: Sequence[dict[str, Any]], noises: Sequence[dict[str, Any]]) -> bool:
     """Print the results of all flights and return whether all bounds hold."""
-    rests_on = dict.fromkeys(name for run in runs for name in run["assumed"])
-    print(f"all radii are assumed: {', '.join(rests_on)}" if rests_on else "nothing is assumed")
+    assumptions = dict.fromkeys(name for run in runs for name in run["assumed"])
+    print(f"all radii are assumed: {', '.join(assumptions)}" if assumptions else "nothing is assumed")
     for error in ERRORS:
         share = np.median(_of(runs, "floor", error) / _of(runs, "observed", error))
         print(f"{error:8} floor / observed: median {100 * share:.0f} %")

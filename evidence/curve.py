@@ -30,10 +30,10 @@ SEEDS = ("0", "1", "2", "3", "4")
 CASES = ("C1", "integral", "C3")
 SCENARIO = "paper"
 SETTINGS = {"step_s": 0.1, "force_N": 4.0, "moment_Nm": 1.0}  # about twice the residual wrench in C1
-FLIGHTS = 8  # at once
-ROUNDS = 12  # of them: 32 min of flight
-EVERY = 2  # rounds between two evaluations
-JUDGED, FIRST = 2, 10_000  # flights of an evaluation, and the first one's seed
+NUM_PARALLEL = 8  # at once
+NUM_ROUNDS = 12  # of them: 32 min of flight
+EVALUATION_PERIOD = 2  # rounds between two evaluations
+NUM_EVALUATIONS, FIRST_SEED = 2, 10_000  # flights of an evaluation, and the first one's seed
 PPO = {
     "learning_rate": 1e-3,
     "n_steps": 50,
@@ -42,7 +42,7 @@ PPO = {
     "gae_lambda": 0.9,
     "policy_kwargs": {"log_std_init": -0.7},
 }
-MISSING = "curve: Stable-Baselines3 is not installed; `./dev peers` installs it (PyTorch: gigabytes)"
+MISSING_MESSAGE = "curve: Stable-Baselines3 is not installed; `./dev peers` installs it (PyTorch: gigabytes)"
 
 
 def compute(item: str) -> Any:
@@ -51,7 +51,7 @@ def compute(item: str) -> Any:
         case "checker":
             return checker_warnings()
         case "C1":
-            return evaluate(evaluation_environment(), lambda _: np.zeros((JUDGED, 6)))
+            return evaluate(evaluation_environment(), lambda _: np.zeros((NUM_EVALUATIONS, 6)))
     return simulate_case(item) if item in CASES else train(int(item))
 
 
@@ -60,26 +60,26 @@ def checker_warnings() -> list[str]:
     try:
         from stable_baselines3.common.env_checker import check_env
     except ModuleNotFoundError as error:
-        raise SystemExit(MISSING) from error
-    with warnings.catch_warnings(record=True) as told:
+        raise SystemExit(MISSING_MESSAGE) from error
+    with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         check_env(TransportEnv(SCENARIO, **SETTINGS), skip_render_check=True)
-    return [str(each.message) for each in told]
+    return [str(each.message) for each in caught]
 
 
 def simulate_case(case: str) -> dict[str, Any]:
     """Return the flights of a case without environment: return, RMS e_p over the second half [m], terminated
     flights.
     """
-    returns, errors, lost = [], [], 0
-    for seed in range(FIRST, FIRST + JUDGED):
-        plan = experiment.make_experiment(scenario.load_scenario(SCENARIO).model_copy(update={"seed": seed}), case)
-        flight = run_experiment(plan)
-        ticks, rows = round(SETTINGS["step_s"] / plan.dt), flight.records
+    returns, errors, terminated = [], [], 0
+    for seed in range(FIRST_SEED, FIRST_SEED + NUM_EVALUATIONS):
+        one = experiment.make_experiment(scenario.load_scenario(SCENARIO).model_copy(update={"seed": seed}), case)
+        flight = run_experiment(one)
+        ticks, rows = round(SETTINGS["step_s"] / one.dt), flight.records
         returns.append(float(np.asarray(reward(rows.e_p, rows.e_R))[ticks:].sum() / ticks))
         errors.append(metrics.rms_norm(metrics.second_half(rows).e_p))
-        lost += bool(flight.termination_reason)
-    return {"return": returns, "e_p_rms_m": errors, "lost": lost}
+        terminated += bool(flight.termination_reason)
+    return {"return": returns, "e_p_rms_m": errors, "lost": terminated}
 
 
 def train(seed: int) -> list[dict[str, Any]]:
@@ -89,18 +89,20 @@ def train(seed: int) -> list[dict[str, Any]]:
         from stable_baselines3 import PPO as Learner
         from stable_baselines3.common.vec_env import VecNormalize
     except ModuleNotFoundError as error:
-        raise SystemExit(MISSING) from error
+        raise SystemExit(MISSING_MESSAGE) from error
     torch.set_num_threads(1)
-    seen = VecNormalize(to_vec_env(TransportVecEnv(FLIGHTS, SCENARIO, **SETTINGS)), gamma=PPO["gamma"])
-    others = evaluation_environment()
-    model, found = Learner("MlpPolicy", seen, seed=seed, device="cpu", **PPO), []
+    normalized = VecNormalize(to_vec_env(TransportVecEnv(NUM_PARALLEL, SCENARIO, **SETTINGS)), gamma=PPO["gamma"])
+    evaluation = evaluation_environment()
+    model, found = Learner("MlpPolicy", normalized, seed=seed, device="cpu", **PPO), []
 
     def act(observed: np.ndarray) -> np.ndarray:
-        return model.predict(seen.normalize_obs(observed), deterministic=True)[0]
+        return model.predict(normalized.normalize_obs(observed), deterministic=True)[0]
 
-    for _ in range(0, ROUNDS, EVERY):
-        model.learn(EVERY * FLIGHTS * (others.task.max_episode_steps - 1), reset_num_timesteps=False)
-        found.append({"steps": model.num_timesteps, **evaluate(others, act)})
+    for _ in range(0, NUM_ROUNDS, EVALUATION_PERIOD):
+        model.learn(
+            EVALUATION_PERIOD * NUM_PARALLEL * (evaluation.task.max_episode_steps - 1), reset_num_timesteps=False
+        )
+        found.append({"steps": model.num_timesteps, **evaluate(evaluation, act)})
         print(f"curve: seed {seed}: {found[-1]}", flush=True)
     return found
 
@@ -123,13 +125,13 @@ def to_vec_env(flights: TransportVecEnv) -> Any:
             self.actions = actions
 
         def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
-            seen, good, ended, late, _ = flights.step(self.actions)
-            over = ended | late
-            told = [
+            observations, rewards, ended, truncated_flags, _ = flights.step(self.actions)
+            done = ended | truncated_flags
+            infos = [
                 {"terminal_observation": last, "TimeLimit.truncated": bool(truncated)} if end else {}
-                for last, truncated, end in zip(seen, late, over, strict=True)
+                for last, truncated, end in zip(observations, truncated_flags, done, strict=True)
             ]
-            return flights.step(self.actions)[0] if over.all() else seen, good, over, told
+            return flights.step(self.actions)[0] if done.all() else observations, rewards, done, infos
 
         def close(self) -> None: ...
 
@@ -150,24 +152,29 @@ def to_vec_env(flights: TransportVecEnv) -> Any:
 
 def evaluation_environment() -> TransportVecEnv:
     """Return the flights of an evaluation."""
-    return TransportVecEnv(JUDGED, SCENARIO, **SETTINGS)
+    return TransportVecEnv(NUM_EVALUATIONS, SCENARIO, **SETTINGS)
 
 
 def evaluate(flights: TransportVecEnv, act: Any) -> dict[str, Any]:
     """Return the results of flights with the action function `act`, like `simulate_case`, with the environment's
     rewards.
     """
-    seen, goods, errors, lost = flights.reset(seed=FIRST)[0], [], [], np.zeros(flights.num_envs, bool)
+    observations, rewards, errors, terminated = (
+        flights.reset(seed=FIRST_SEED)[0],
+        [],
+        [],
+        np.zeros(flights.num_envs, bool),
+    )
     for _ in range(flights.task.max_episode_steps - 1):
-        seen, good, ended, _, info = flights.step(act(seen))
-        goods.append(good)
+        observations, reward, ended, _, info = flights.step(act(observations))
+        rewards.append(reward)
         errors.append(info["e_p_m"])
-        lost |= ended
-    late = np.array(errors)[flights.task.max_episode_steps // 2 - 1 :]
+        terminated |= ended
+    second_half = np.array(errors)[flights.task.max_episode_steps // 2 - 1 :]
     return {
-        "return": np.sum(goods, axis=0).tolist(),
-        "e_p_rms_m": np.sqrt((late**2).mean(0)).tolist(),
-        "lost": int(lost.sum()),
+        "return": np.sum(rewards, axis=0).tolist(),
+        "e_p_rms_m": np.sqrt((second_half**2).mean(0)).tolist(),
+        "lost": int(terminated.sum()),
     }
 
 
@@ -183,8 +190,8 @@ def plot(found: dict[str, Any], path: Path) -> None:
             ax.fill_between(minutes, each.min(0), each.max(0), color="0.8", linewidth=0)
             ax.plot(minutes, np.median(each, axis=0), "ko-", clip_on=False, label="PPO, median and range of 5 seeds")
             for case in CASES:
-                at, shown = scale * np.mean(found[case][kind]), style.style_of(case)
-                ax.axhline(at, color=shown.color, linestyle=shown.dashes)
+                at, line_style = scale * np.mean(found[case][kind]), style.style_of(case)
+                ax.axhline(at, color=line_style.color, linestyle=line_style.dashes)
                 ax.annotate(NAMES[case], (minutes[-1], at), (5, 0), textcoords="offset points", va="center", fontsize=7)
             ax.set(xlabel="flight time flown to learn [min]", ylabel=label, xlim=(0, minutes[-1]))
         figure.axes[0].set_yscale("log")
@@ -211,11 +218,11 @@ def main() -> bool:
 
 def summary_line(found: list[dict[str, Any]]) -> str:
     """Format median, minimum and maximum of the seeds' means, and the number of terminated flights."""
-    e, good = ([float(np.mean(of[kind])) for of in found] for kind in ("e_p_rms_m", "return"))
-    lost = sum(of["lost"] for of in found)
+    e, returns = ([float(np.mean(of[kind])) for of in found] for kind in ("e_p_rms_m", "return"))
+    terminated = sum(of["lost"] for of in found)
     return (
         f"e_p {1e3 * np.median(e):6.1f} mm ({1e3 * min(e):.1f} to {1e3 * max(e):.1f}), "
-        f"return {np.median(good):6.1f} ({min(good):.1f} to {max(good):.1f}), {lost} lost"
+        f"return {np.median(returns):6.1f} ({min(returns):.1f} to {max(returns):.1f}), {terminated} lost"
     )
 
 

@@ -213,9 +213,9 @@ def _locks(proof: Path, files: set[Path], root: Path) -> Iterator[Path]:
     have = pins(run.read_text())
     python = [path for path in files if path.suffix == ".py"]
     foreign = {name for path in python for name in _foreign(parsed(path), path == proof)}
-    asked = {_normal(DISTRIBUTIONS.get(name, name)) for name in foreign}
+    requested = {_normal(DISTRIBUTIONS.get(name, name)) for name in foreign}
     for lock in sorted((root / LOCKS).glob("*.txt")):
-        if lock != run and asked & (pins(lock.read_text()).keys() - have.keys()):
+        if lock != run and requested & (pins(lock.read_text()).keys() - have.keys()):
             yield lock
 
 

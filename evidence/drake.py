@@ -265,12 +265,14 @@ class Session:
         return tuple(np.ravel(x) for x in agents + load)
 
 
-def simulate_case(plan: Experiment, plant: Drake | None = None) -> tuple[signals.StepRecord, float]:
+def simulate_case(case_experiment: Experiment, plant: Drake | None = None) -> tuple[signals.StepRecord, float]:
     """Return a flight, with the rigid-contact plant by default, and its processor time [s] with compilation."""
     if plant:
-        plan = dataclasses.replace(plan, world=dataclasses.replace(plan.world, plant=plant))
+        case_experiment = dataclasses.replace(
+            case_experiment, world=dataclasses.replace(case_experiment.world, plant=plant)
+        )
     began = time.process_time()
-    flight = run_experiment(plan)
+    flight = run_experiment(case_experiment)
     if flight.termination_reason:
         raise SystemExit(f"drake: {flight.termination_reason}")
     return flight.records, time.process_time() - began
@@ -292,11 +294,13 @@ def judge(_: str) -> dict[str, Any]:
     """
     from importlib.metadata import version
 
-    plan = dataclasses.replace(experiment.make_experiment(scenario.load_scenario("paper"), "C1"), duration=DURATION)
-    steps_s = [plan.dt / n for n in SUBSTEPS]
-    hosts = Hosts(plan.world.team, plan.initial_state, steps_s)
-    flights = [simulate_case(plan, Drake(h=jnp.asarray(h), hosts=hosts)) for h in steps_s]
-    ours, ours_s = simulate_case(plan)
+    case_experiment = dataclasses.replace(
+        experiment.make_experiment(scenario.load_scenario("paper"), "C1"), duration=DURATION
+    )
+    steps_s = [case_experiment.dt / n for n in SUBSTEPS]
+    hosts = Hosts(case_experiment.world.team, case_experiment.initial_state, steps_s)
+    flights = [simulate_case(case_experiment, Drake(h=jnp.asarray(h), hosts=hosts)) for h in steps_s]
+    ours, ours_s = simulate_case(case_experiment)
     rows = [row for row, _ in flights]
     found = {
         f"{2 / n:g} ms": differences(row, ours) | {"cpu_s": s} for n, (row, s) in zip(SUBSTEPS, flights, strict=True)

@@ -40,13 +40,15 @@ SETTINGS = {  # substeps, integrator, time constant in substeps (MuJoCo takes no
 }
 
 
-def simulate_case(plan: flight.Experiment, plant: mujoco_plant.MujocoPlant | None) -> tuple[flight.FlightResult, float]:
+def simulate_case(
+    c1_experiment: flight.Experiment, plant: mujoco_plant.MujocoPlant | None
+) -> tuple[flight.FlightResult, float]:
     """Return a flight and the processor time of its steps [s], after compilation by a flight of one step."""
     if plant:
-        plan = dataclasses.replace(plan, world=dataclasses.replace(plan.world, plant=plant))
-    flight.run_experiment(dataclasses.replace(plan, duration=plan.dt))
+        c1_experiment = dataclasses.replace(c1_experiment, world=dataclasses.replace(c1_experiment.world, plant=plant))
+    flight.run_experiment(dataclasses.replace(c1_experiment, duration=c1_experiment.dt))
     began = time.process_time()
-    return flight.run_experiment(plan), time.process_time() - began
+    return flight.run_experiment(c1_experiment), time.process_time() - began
 
 
 def differences(a: signals.StepRecord, b: signals.StepRecord) -> dict[str, float]:
@@ -72,10 +74,13 @@ def differences(a: signals.StepRecord, b: signals.StepRecord) -> dict[str, float
 def compare_case(name: str) -> dict[str, Any]:
     """Return metrics of one case in both engines, and their differences."""
     settings = scenario.load_scenario("paper")
-    plan = experiment.make_experiment(settings, name)
-    ours, ours_s = simulate_case(plan, None)
-    theirs, theirs_s = simulate_case(plan, mujoco_plant.mujoco_plant(plan.world.team, plan.initial_state, plan.dt))
-    team = plan.world.team, plan.controller.team
+    c1_experiment = experiment.make_experiment(settings, name)
+    ours, ours_s = simulate_case(c1_experiment, None)
+    theirs, theirs_s = simulate_case(
+        c1_experiment,
+        mujoco_plant.mujoco_plant(c1_experiment.world.team, c1_experiment.initial_state, c1_experiment.dt),
+    )
+    team = c1_experiment.world.team, c1_experiment.controller.team
     found = {who: metrics.summary(flight, *team)["e_p_rms_m"] for who, flight in (("ours", ours), ("mujoco", theirs))}
     stopped = ours.termination_reason or theirs.termination_reason
     return {
@@ -89,14 +94,14 @@ def compare_case(name: str) -> dict[str, Any]:
 def compare_settings() -> dict[str, Any]:
     """Compare the first seconds of C1 under every MuJoCo setting with the rigid-contact plant."""
     settings = scenario.load_scenario("paper")
-    plan = dataclasses.replace(experiment.make_experiment(settings, "C1"), duration=SHORT_S)
-    ours, ours_s = simulate_case(plan, None)
-    dt, found = plan.dt, {}
+    c1_experiment = dataclasses.replace(experiment.make_experiment(settings, "C1"), duration=SHORT_S)
+    ours, ours_s = simulate_case(c1_experiment, None)
+    dt, found = c1_experiment.dt, {}
     for name, (substeps, integrator, constant, impedance) in SETTINGS.items():
         softness = mjcf.ContactSoftness(time_constant=constant * dt / substeps, impedance=impedance)
-        plant = mujoco_plant.mujoco_plant(plan.world.team, plan.initial_state, dt, substeps, softness)
+        plant = mujoco_plant.mujoco_plant(c1_experiment.world.team, c1_experiment.initial_state, dt, substeps, softness)
         plant.host.model.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{integrator}")
-        theirs, seconds = simulate_case(plan, plant)
+        theirs, seconds = simulate_case(c1_experiment, plant)
         found[name] = differences(theirs.records, ours.records) | {"cpu_over_ours": seconds / ours_s}
     return found
 

@@ -97,10 +97,10 @@ def undisturbed_duration(command: str) -> float:
     for _ in range(2):
         with tempfile.TemporaryDirectory() as out:
             run, began = begin(command, Path(out) / "out", cached=True), time.monotonic()
-            _, said = run.communicate()
+            _, output = run.communicate()
             took = time.monotonic() - began
         if run.returncode:
-            raise RuntimeError(f"{command}, undisturbed, ends with {run.returncode}: {said}")
+            raise RuntimeError(f"{command}, undisturbed, ends with {run.returncode}: {output}")
     return took
 
 
@@ -122,23 +122,23 @@ def run_trial(item: str) -> dict[str, Any]:
 
 def _interrupted(run: subprocess.Popen[str], number: signal.Signals, out: Path) -> dict[str, Any]:
     run.send_signal(number)
-    asked = time.monotonic()
-    _, said = run.communicate(timeout=60)
-    took = time.monotonic() - asked
+    requested = time.monotonic()
+    _, output = run.communicate(timeout=60)
+    took = time.monotonic() - requested
     return {
         "took_s": round(took, 2),
-        "said": said.splitlines()[-1:],
+        "said": output.splitlines()[-1:],
         "left": sorted(path.name for path in out.iterdir()) if out.exists() else [],
-        "wrong": [*_wrong(run.returncode, 128 + number, said, took), *_broken(out)],
+        "wrong": [*_wrong(run.returncode, 128 + number, output, took), *_broken(out)],
     }
 
 
-def _wrong(status: int, expected: int, said: str, took: float) -> list[str]:
+def _wrong(status: int, expected: int, output: str, took: float) -> list[str]:
     wrong = []
     if status != expected:
         wrong.append(f"status {status}")
-    if "Traceback" in said or "Exception" in said:
-        wrong.append(f"says {said[-2000:]}")
+    if "Traceback" in output or "Exception" in output:
+        wrong.append(f"says {output[-2000:]}")
     if took > ALLOWED:
         wrong.append(f"took {took:.1f} s")
     return wrong

@@ -62,10 +62,10 @@ def exported() -> Path:
     """Return the folder of the exported C3 of the paper, exported once."""
     folder = Path(WORK.name)
     settings = scenario.load_scenario("paper")
-    plan = experiment.make_experiment(settings, "C3")
-    flight = run_experiment(plan)
+    case_experiment = experiment.make_experiment(settings, "C3")
+    flight = run_experiment(case_experiment)
     assert not flight.termination_reason
-    c_export.export_c(plan, flight.model, TICKS, folder, "paper, C3")
+    c_export.export_c(case_experiment, flight.model, TICKS, folder, "paper, C3")
     return folder
 
 
@@ -83,8 +83,8 @@ def build_and_replay(
         subprocess.run([command, *flags, *parts, *sources, "-o", str(program), "-lm"], check=True)
         size = subprocess.run(["size", str(program)], capture_output=True, text=True, check=True).stdout.split()
         words = [part.format(program=program, flight=folder / "flight.bin", repeats=repeats) for part in run]
-        said = subprocess.run(words, capture_output=True, text=True, check=True).stdout
-    found = {name: float(value) for name, value in (line.split() for line in said.splitlines())}
+        output = subprocess.run(words, capture_output=True, text=True, check=True).stdout
+    found = {name: float(value) for name, value in (line.split() for line in output.splitlines())}
     return found | {"text_bytes": int(size[6]), "compiler": version(command), "flags": " ".join(flags[:6])}
 
 

@@ -23,9 +23,11 @@ def simulate_item(seed: int) -> dict[str, Any]:
     settings = scenario.load_scenario("paper").model_copy(update={"seed": seed})
     out = {}
     for case in CASES:
-        plan = experiment.make_experiment(settings, case)
-        flight = run_experiment(plan)
-        out[case] = metrics.summary(flight, plan.world.team, plan.controller.team) | {"wall_s": flight.wall_time}
+        case_experiment = experiment.make_experiment(settings, case)
+        flight = run_experiment(case_experiment)
+        out[case] = metrics.summary(flight, case_experiment.world.team, case_experiment.controller.team) | {
+            "wall_s": flight.wall_time
+        }
     return out
 
 
@@ -43,7 +45,7 @@ def targets(found: dict[str, Any]) -> dict[str, bool]:
         "Psi": c1["Psi_mean"] > c2["Psi_mean"] > c3["Psi_mean"],
         "delta_W": c2["delta_W_rms"] < c1["delta_W_rms"] and falls("delta_W_rms", (c3, c2, 0.5)),
         "below integral and disturbance_observer": all(
-            c3["e_p_rms_m"] < found[rival]["e_p_rms_m"] for rival in ("integral", "disturbance_observer")
+            c3["e_p_rms_m"] < found[baseline]["e_p_rms_m"] for baseline in ("integral", "disturbance_observer")
         ),
         "sigma_L": falls("sigma_L_mean", (c2, c1, 0.99), (c3, c1, 0.99)),
         "sigma_A": abs(c1["sigma_A_mean"] - c2["sigma_A_mean"]) < 1e-9 and falls("sigma_A_mean", (c3, c2, 0.99)),
@@ -79,9 +81,9 @@ def adaptive_targets(e: Mapping[str, np.ndarray], mismatch: Mapping[str, np.ndar
     ]
 
 
-def missed(asked: dict[str, bool]) -> str:
+def missed(requested: dict[str, bool]) -> str:
     """Format the names of the missed targets."""
-    names = ", ".join(name for name, good in asked.items() if not good)
+    names = ", ".join(name for name, good in requested.items() if not good)
     return f"missed: {names}" if names else "all targets"
 
 
@@ -96,12 +98,12 @@ def main() -> bool:
     every = list(flown.values())
     e = {case: np.array([found[case]["e_p_rms_m"] for found in every]) for case in CASES}
     mismatch = {case: np.array([found[case]["delta_W_force_rms_N"] for found in every]) for case in CASES}
-    asked = adaptive_targets(e, mismatch)
-    for target in asked:
+    requested = adaptive_targets(e, mismatch)
+    for target in requested:
         print(f"all seeds, {target}")
     others = [met[str(seed)] for seed in SEEDS if seed]
     holds = all(met["0"].values()) and all(sum(m[name] for m in others) >= 9 for name in met["0"])
-    return holds and all(target.met for target in asked)
+    return holds and all(target.met for target in requested)
 
 
 if __name__ == "__main__":

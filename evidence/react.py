@@ -24,16 +24,16 @@ from evidence.targets import Target
 
 SAMPLES = 200
 CASES = ("C3", "label_feedback", "adaptive", "true_residual")
-LEAD = 0.04  # s, of the second F
+LEAD_TIME = 0.04  # s, of the second F
 DELAYS = ((0, 0), (3, 4), (5, 4))  # ticks, true and nominal; each pair is compiled separately
-CHANGE, AFTER = 13.0, 14.5  # s
-HALF, CHANGING = (10.0, 20.0), (CHANGE, CHANGE + 1)  # s
+CHANGE_TIME, EVALUATION_START = 13.0, 14.5  # s
+SECOND_HALF, AFTER_CHANGE = (10.0, 20.0), (CHANGE_TIME, CHANGE_TIME + 1)  # s
 
 
 def draw(sample: int) -> tuple[Scenario, dict[str, Any]]:
     """Return the scenario of a sample and its random parameters."""
     rng = np.random.default_rng((2026, sample))
-    asked = {
+    parameters = {
         "turn_deg": float(rng.uniform(-180, 180)) * (rng.random() < 0.7),
         "added_kg": 1.5 * float(rng.uniform(-0.2, 0.4)) * (rng.random() < 0.6),
         "offset_m": [float(x) for x in rng.uniform(-1, 1, 2) * (rng.random() < 0.4)],
@@ -48,68 +48,80 @@ def draw(sample: int) -> tuple[Scenario, dict[str, Any]]:
     data = base.model_dump()
     for source in data["disturbances"]:
         if source["kind"] == "wind":
-            source["direction_change"] = {"change_deg": asked["turn_deg"], "start_s": CHANGE, "ramp_time_s": 0.3}
-    data["payload_mass_step"] = {"mass_kg": asked["added_kg"], "start_s": CHANGE}
-    data["reference"]["departure"] = {"offset_m": [*asked["offset_m"], 0.0], "start_s": 11.0, "ramp_time_s": 3.0}
-    fast = 1 / max(2 * np.pi * asked["lag_s"], 1e-4)
+            source["direction_change"] = {
+                "change_deg": parameters["turn_deg"],
+                "start_s": CHANGE_TIME,
+                "ramp_time_s": 0.3,
+            }
+    data["payload_mass_step"] = {"mass_kg": parameters["added_kg"], "start_s": CHANGE_TIME}
+    data["reference"]["departure"] = {"offset_m": [*parameters["offset_m"], 0.0], "start_s": 11.0, "ramp_time_s": 3.0}
+    fast = 1 / max(2 * np.pi * parameters["lag_s"], 1e-4)
     tick = 1 / base.control_Hz
-    true, believed = asked["delays"]
+    true, nominal = parameters["delays"]
     data["actuators"] = {"kind": "motors", "bandwidth_Hz": fast, "delay_s": true * tick}
-    data["nominal"]["actuators"] = {"bandwidth_Hz": fast / asked["wrong"], "delay_s": believed * tick}
+    data["nominal"]["actuators"] = {"bandwidth_Hz": fast / parameters["wrong"], "delay_s": nominal * tick}
     data["sensors"] |= {
-        name: x * asked["noise"] for name, x in data["sensors"].items() if isinstance(x, float) and "Hz" not in name
+        name: x * parameters["noise"]
+        for name, x in data["sensors"].items()
+        if isinstance(x, float) and "Hz" not in name
     }
-    lost = {
+    ended = {
         "kind": "intermittent",
         "channels": ["agents.lam"],
         "rate_Hz": base.control_Hz,
-        "dropout_probability": min(asked["loss"], 0.99),
+        "dropout_probability": min(parameters["loss"], 0.99),
     }
-    data["sensors"]["models"] = [lost | {"failure_time_s": asked["dead_s"]}]
+    data["sensors"]["models"] = [ended | {"failure_time_s": parameters["dead_s"]}]
     data["control"]["preview_step_s"] = base.online_correction.preview_step_s
     data["seed"] = 1000 + sample
-    return Scenario.model_validate(data), asked
+    return Scenario.model_validate(data), parameters
 
 
 def simulate_item(item: str) -> dict[str, Any]:
     """Return for each case of a sample the RMS position error after the changes [m] and other metrics."""
-    settings, asked = draw(int(item))
-    plans = experiment.make_experiments(settings, (*CASES, *(["gp_label_feedback"] if asked["dead_s"] else [])))
-    plans["label_feedback led"] = with_lead_time(settings)
-    if asked["dead_s"]:
-        plans["faded"] = with_decay(plans["gp_label_feedback"], plans["adaptive"])
-    cases = {case: simulate_case(plan) for case, plan in plans.items()}
+    settings, parameters = draw(int(item))
+    experiments = experiment.make_experiments(
+        settings, (*CASES, *(["gp_label_feedback"] if parameters["dead_s"] else []))
+    )
+    experiments["label_feedback led"] = with_lead_time(settings)
+    if parameters["dead_s"]:
+        experiments["faded"] = with_decay(experiments["gp_label_feedback"], experiments["adaptive"])
+    cases = {case: simulate_case(case_experiment) for case, case_experiment in experiments.items()}
     if cases["adaptive"]["termination_reason"]:
         cases["C1"] = simulate_case(experiment.make_experiment(settings, "C1"))
-    return {"asked": asked, **cases}
+    return {"asked": parameters, **cases}
 
 
 def with_lead_time(settings: Scenario) -> Experiment:
     """Return the experiment of `label_feedback` with the best lead time in nominal conditions."""
-    longer = settings.online_correction.model_copy(update={"lead_time_s": LEAD})
+    longer = settings.online_correction.model_copy(update={"lead_time_s": LEAD_TIME})
     return experiment.make_experiment(settings.model_copy(update={"online_correction": longer}), "label_feedback")
 
 
-def with_decay(held: Experiment, adaptive: Experiment) -> Experiment:
+def with_decay(constant_correction: Experiment, adaptive: Experiment) -> Experiment:
     """Return the experiment of `gp_label_feedback` with the decaying correction of `adaptive`."""
     with_decay = dataclasses.replace(
-        held.controller.innovation_filter, decay_time=adaptive.controller.innovation_filter.decay_time
+        constant_correction.controller.innovation_filter, decay_time=adaptive.controller.innovation_filter.decay_time
     )
-    return dataclasses.replace(held, controller=dataclasses.replace(held.controller, innovation_filter=with_decay))
+    return dataclasses.replace(
+        constant_correction,
+        controller=dataclasses.replace(constant_correction.controller, innovation_filter=with_decay),
+    )
 
 
-def simulate_case(plan: Experiment) -> dict[str, Any]:
+def simulate_case(case_experiment: Experiment) -> dict[str, Any]:
     """Return the stored metrics of a flight."""
-    flight = run_experiment(plan)
-    rows, late = flight.records, flight.records.t >= AFTER
-    soon = late & (rows.t < AFTER + 1)
+    flight = run_experiment(case_experiment)
+    rows, late = flight.records, flight.records.t >= EVALUATION_START
+    first_second = late & (rows.t < EVALUATION_START + 1)
     return {
         "e_p_rms_m": metrics.rms_norm(rows.e_p[late]) if late.any() else None,
-        "e_p_soon_m": metrics.rms_norm(rows.e_p[soon]) if soon.any() else None,
+        "e_p_soon_m": metrics.rms_norm(rows.e_p[first_second]) if first_second.any() else None,
         "termination_reason": flight.termination_reason,
         "chatter_N": metrics.high_frequency_rms(metrics.second_half(rows)),
         "miscoverage": {
-            name: miscoverage(flight, *span) for name, span in (("second_half", HALF), ("changing", CHANGING))
+            name: miscoverage(flight, *span)
+            for name, span in (("second_half", SECOND_HALF), ("changing", AFTER_CHANGE))
         },
     }
 
@@ -126,10 +138,10 @@ def miscoverage(flight: FlightResult, start: float, end: float) -> float | None:
     return float(np.mean([(x > 1.96).mean() for x in off])) if now.any() else None
 
 
-def share(ratios: list[float], most: float) -> tuple[int, str]:
+def share(ratios: list[float], maximum: float) -> tuple[int, str]:
     """Return the number of ratios within a bound, and their distribution as text."""
     x = np.array(ratios)
-    within = int((x <= most).sum())
+    within = int((x <= maximum).sum())
     spread = f"median {np.median(x):.2f}, 90 % {np.quantile(x, 0.9):.2f}, worst {x.max():.2f}"
     return within, f"{within} of {len(x)} ({spread})"
 
@@ -137,11 +149,11 @@ def share(ratios: list[float], most: float) -> tuple[int, str]:
 def main() -> bool:
     """Print the comparison and the targets of `adaptive`; return whether all are met."""
     found_of = collect("react", map(str, range(SAMPLES)), simulate_item)
-    lost = {
+    ended = {
         case: [item for item, found in found_of.items() if found[case]["termination_reason"]]
         for case in (*CASES, "label_feedback led")
     }
-    print("ended early: " + ", ".join(f"{case} {len(items)}" for case, items in lost.items()))
+    print("ended early: " + ", ".join(f"{case} {len(items)}" for case, items in ended.items()))
     whole = {
         item: found
         for item, found in found_of.items()
@@ -152,10 +164,10 @@ def main() -> bool:
         e = [1e3 * error(f, case) for f in whole.values()]
         spread = f"median {np.median(e):.1f} mm, 90 % {np.quantile(e, 0.9):.1f}, worst {max(e):.1f}"
         print(f"{case:5} e_p after the changes: {spread}")
-    asked = targets(found_of)
-    for target in asked:
+    parameters = targets(found_of)
+    for target in parameters:
         print(target)
-    return all(target.met for target in asked)
+    return all(target.met for target in parameters)
 
 
 def error(found: dict[str, Any], case: str) -> float:
@@ -170,22 +182,22 @@ def targets(found_of: dict[str, Any]) -> list[Target]:
     def over(flights: list[dict[str, Any]], *cases: str) -> list[float]:
         return [error(f, "adaptive") / min(error(f, case) for case in cases) for f in flights]
 
-    lost = [item for item, found in found_of.items() if found["adaptive"]["termination_reason"]]
+    ended = [item for item, found in found_of.items() if found["adaptive"]["termination_reason"]]
     every = [
         found
         for found in found_of.values()
         if not any(found[case]["termination_reason"] for case in ("adaptive", "true_residual"))
     ]
-    lasting = [f for f in every if f["asked"]["dead_s"] is None]
-    silent = [f for f in every if f["asked"]["dead_s"] is not None]
+    with_labels = [f for f in every if f["asked"]["dead_s"] is None]
+    without_labels = [f for f in every if f["asked"]["dead_s"] is not None]
     stepped = [f for f in every if abs(f["asked"]["turn_deg"]) > 30 or abs(f["asked"]["added_kg"]) > 0.1]
-    soon = [f["adaptive"]["e_p_soon_m"] / f["true_residual"]["e_p_soon_m"] for f in stepped]
+    first_second = [f["adaptive"]["e_p_soon_m"] / f["true_residual"]["e_p_soon_m"] for f in stepped]
     outside = {span: [f["adaptive"]["miscoverage"][span] for f in every] for span in ("second_half", "changing")}
-    asked = (  # of what, at most, in which share of the flights
-        ("labels available: e_p of adaptive over true_residual", over(lasting, "true_residual"), 2.5, 0.9),
+    parameters = (  # of what, at most, in which share of the flights
+        ("labels available: e_p of adaptive over true_residual", over(with_labels, "true_residual"), 2.5, 0.9),
         (
             "labels lost: e_p of adaptive over the smallest of C3, gp_label_feedback and its decaying variant",
-            over(silent, "C3", "gp_label_feedback", "faded"),
+            over(without_labels, "C3", "gp_label_feedback", "faded"),
             1.15,
             1.0,
         ),
@@ -196,7 +208,7 @@ def targets(found_of: dict[str, Any]) -> list[Target]:
             1.15,
             1.0,
         ),
-        ("1.5 s to 2.5 s after a step change: e_p of adaptive over true_residual", soon, 2.0, 1.0),
+        ("1.5 s to 2.5 s after a step change: e_p of adaptive over true_residual", first_second, 2.0, 1.0),
         ("contact forces of adaptive above 20 Hz [N RMS]", [f["adaptive"]["chatter_N"] for f in every], 0.2, 1.0),
         (
             "share of errors of adaptive beyond 1.96 predictive standard deviations, second half",
@@ -207,11 +219,13 @@ def targets(found_of: dict[str, Any]) -> list[Target]:
         ("the same, within 1 s after a change", outside["changing"], 0.1, 1.0),
     )
     shares = []
-    for what, ratios, most, least in asked:
-        within, note = share(ratios, most)
+    for what, ratios, maximum, least in parameters:
+        within, note = share(ratios, maximum)
         percent = 100 * within / len(ratios)
-        shares.append(Target(f"{what}, at most {most:g}", percent, least=100 * least, unit="% of flights", note=note))
-    worse = sum(found_of[item]["C1"]["termination_reason"] == "" for item in lost)
+        shares.append(
+            Target(f"{what}, at most {maximum:g}", percent, least=100 * least, unit="% of flights", note=note)
+        )
+    worse = sum(found_of[item]["C1"]["termination_reason"] == "" for item in ended)
     return [*shares, Target("flights that adaptive loses and C1 completes", worse, most=0)]
 
 

@@ -26,10 +26,10 @@ def simulate_item(item: str) -> dict[str, Any]:
     """Return for each case RMS e_p and mean Psi over the second half, or the reason of an early end."""
     team, seed, *changes = item.split()
     found = {}
-    for case, plan in experiment.make_experiments(
+    for case, case_experiment in experiment.make_experiments(
         scenario.load_scenario(team, [f"seed={seed}", *changes]), CASES
     ).items():
-        flight = run_experiment(plan)
+        flight = run_experiment(case_experiment)
         half = metrics.second_half(flight.records)
         errors = {"e_p_rms_m": metrics.rms_norm(half.e_p), "Psi_mean": float(np.mean(half.Psi))}
         found[case] = {"termination_reason": flight.termination_reason} | ({} if flight.termination_reason else errors)

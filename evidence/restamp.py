@@ -133,7 +133,7 @@ def computed(name: str, item: str, limit_s: float) -> tuple[Any, float]:
         # in a session of its own, so that what the item starts ends with it
         with subprocess.Popen(command, cwd=evidence.ROOT, start_new_session=True, **streams) as run:
             try:
-                _, said = run.communicate(timeout=limit_s)
+                _, errors = run.communicate(timeout=limit_s)
             except BaseException as end:
                 with contextlib.suppress(ProcessLookupError):
                     os.killpg(run.pid, signal.SIGKILL)
@@ -141,7 +141,7 @@ def computed(name: str, item: str, limit_s: float) -> tuple[Any, float]:
                     raise Unreplayed(f"takes longer than {limit_s:g} s") from None
                 raise
         if not out.exists():
-            lines = [line for line in said.splitlines() if line.strip()]
+            lines = [line for line in errors.splitlines() if line.strip()]
             raise Unreplayed(f"ends with status {run.returncode}: {lines[-1] if lines else 'no message'}")
         return json.loads(out.read_text()), time.monotonic() - began
 
@@ -165,21 +165,21 @@ def restamp(
         return False, "no result"
     if not evidence.changed_files(name):
         return True, "nothing changed since"
-    made, files = evidence.stored(name), evidence.files_behind(evidence.ROOT / "evidence" / f"{name}.py")
+    record, files = evidence.stored(name), evidence.files_behind(evidence.ROOT / "evidence" / f"{name}.py")
     if changed := evidence.uncommitted(files):
         return False, f"left alone: not committed: {', '.join(changed[:3])}"
-    before = made.get("replayed", {})
+    before = record.get("replayed", {})
     if before.get("code") == code(files) and not again and item in (None, before["item"]):
         return False, f"stale, as replayed on {before['date']}: {Difference(*before['difference'])}"
-    item = item or ITEMS.get(name, next(iter(made["items"])))
-    if item not in made["items"]:
+    item = item or ITEMS.get(name, next(iter(record["items"])))
+    if item not in record["items"]:
         return False, f"left alone: no item {item!r} is stored"
     try:
         value, seconds = computed(name, item, limit_s)
-    except Unreplayed as why:
-        return False, f"left alone: item {item!r} {why}"
-    every = list(differences(made["items"][item], value))
-    found = every if (size := relative(every)) is None or size > within else []
+    except Unreplayed as reason:
+        return False, f"left alone: item {item!r} {reason}"
+    all_differences = list(differences(record["items"][item], value))
+    found = all_differences if (size := relative(all_differences)) is None or size > within else []
     replayed = {
         "item": item,
         "date": dt.date.today().isoformat(),
@@ -194,10 +194,10 @@ def restamp(
         evidence.save(path, json.loads(path.read_text()) | {"replayed": replayed})
         spread = "" if size is None else f", relative differences up to {size:.1e}"
         return False, f"stale: item {item!r} differs in {len(found)} values{spread}; first {found[0]}"
-    origin = made.get("computed") or {key: made[key] for key in ("commit", "date")}
+    origin = record.get("computed") or {key: record[key] for key in ("commit", "date")}
     stamp = {"commit": evidence.head(), "files": files, "computed": origin, "replayed": replayed}
-    evidence.save(path, made | stamp | {"items": made["items"]})
-    equal = f"equal to {size:.1e}" if every else "equal"
+    evidence.save(path, record | stamp | {"items": record["items"]})
+    equal = f"equal to {size:.1e}" if all_differences else "equal"
     return True, f"stamped: item {item!r} is {equal}, replayed in {seconds:.0f} s"
 
 

@@ -139,8 +139,8 @@ def main() -> bool:
     quantile = {error: sorted(flight[error] for flight in past)[rank] for error in ERRORS}
     exceeded: dict[str, int] = {}
     medians: dict[str, dict[str, float]] = {}
-    for rival in RIVALS:
-        radii = [quantile if rival == "conformal" else one["radii"][rival] for one in each]
+    for baseline in RIVALS:
+        radii = [quantile if baseline == "conformal" else one["radii"][baseline] for one in each]
         broken = {
             kind: sum(
                 one["reached"][name][error] > radius[error]
@@ -151,25 +151,31 @@ def main() -> bool:
             )
             for kind in ("drawn", "attack")
         }
-        medians[rival] = {error: float(np.median([radius[error] for radius in radii])) for error in ERRORS}
+        medians[baseline] = {error: float(np.median([radius[error] for radius in radii])) for error in ERRORS}
         over = {
             error: np.median(
                 [radius[error] / one["reached"]["drawn itself"][error] for one, radius in zip(each, radii, strict=True)]
             )
             for error in ERRORS
         }
-        said = ", ".join(f"{error} {over[error]:.3g}" for error in ERRORS)
-        print(f"{rival:9} radius / observed, median: {said}; exceeded {broken['drawn']} and {broken['attack']} times")
-        exceeded[rival] = broken["drawn"] + (broken["attack"] if rival != "conformal" else 0)
+        output = ", ".join(f"{error} {over[error]:.3g}" for error in ERRORS)
+        print(
+            f"{baseline:9} radius / observed, median: {output}; exceeded {broken['drawn']} and {broken['attack']} times"
+        )
+        exceeded[baseline] = broken["drawn"] + (broken["attack"] if baseline != "conformal" else 0)
     many = len(SEEDS) * len(ERRORS)
     print(f"of {many} errors as drawn and {many * len(TRIES)} under attack; conformal says {CONFIDENCE:.0%} of draws")
     spent = {name: np.median([one["cost_s"][name] for one in each]) for name in ("ours", "pointwise, L1")}
     total = sum(found[f"calibration {k}"]["cost_s"] for k in range(flights))
     print(f"cost: ours {spent['ours']:.0f} s, pointwise and L1 {spent['pointwise, L1']:.0f} s, conformal {total:.0f} s")
-    certain = [rival for rival in RIVALS if not exceeded[rival] and rival != "conformal"]
+    certain = [baseline for baseline in RIVALS if not exceeded[baseline] and baseline != "conformal"]
     ours = medians["recovery"]
     finite = all(math.isfinite(one["radii"]["recovery"][error]) for one in each for error in ERRORS)
-    return finite and "recovery" in certain and all(ours[e] <= medians[rival][e] for rival in certain for e in ERRORS)
+    return (
+        finite
+        and "recovery" in certain
+        and all(ours[e] <= medians[baseline][e] for baseline in certain for e in ERRORS)
+    )
 
 
 if __name__ == "__main__":

@@ -68,9 +68,9 @@ def print_metrics(seed: int) -> None:
         "blas": sorted({lib["architecture"] for lib in threadpool_info() if "architecture" in lib})
     }
     for case in CASES:
-        plan = experiment.make_experiment(settings, case)
-        flight = run_experiment(plan)
-        merit = metrics.summary(flight, plan.world.team, plan.controller.team)
+        one = experiment.make_experiment(settings, case)
+        flight = run_experiment(one)
+        merit = metrics.summary(flight, one.world.team, one.controller.team)
         found[case] = {name: merit[name] for name in FIGURES}
     print(json.dumps(found))
 

@@ -20,12 +20,12 @@ def simulate_item(item: str) -> dict[str, Any]:
     found = preflight.run_preflight(settings)
     errors = {}
     for case in ("C1", "C2", "C3"):
-        plan = experiment.make_experiment(settings, case)
-        flight = run_experiment(plan)
+        case_experiment = experiment.make_experiment(settings, case)
+        flight = run_experiment(case_experiment)
         errors[case] = (
             None
             if flight.termination_reason
-            else metrics.summary(flight, plan.world.team, plan.controller.team)["e_p_rms_m"]
+            else metrics.summary(flight, case_experiment.world.team, case_experiment.controller.team)["e_p_rms_m"]
         )
     return {"sound": found.passed, "says": found.format_report(), "e_p_rms_m": errors}
 
@@ -39,8 +39,10 @@ def main() -> bool:
         ended = [errors[case] for case in ("C1", "C2", "C3") if errors[case] is not None]
         falls = len(ended) == 3 and ended[0] > ended[1] > ended[2]
         good &= falls and found[item]["sound"]
-        said = ", ".join(f"{case} {'stopped' if e is None else f'{1e3 * e:.1f} mm'}" for case, e in errors.items())
-        print(f"{item:6} {'sound' if found[item]['sound'] else 'NOT sound'}, {said}{'' if falls else ': NOT in order'}")
+        output = ", ".join(f"{case} {'stopped' if e is None else f'{1e3 * e:.1f} mm'}" for case, e in errors.items())
+        print(
+            f"{item:6} {'sound' if found[item]['sound'] else 'NOT sound'}, {output}{'' if falls else ': NOT in order'}"
+        )
     return good
 
 

@@ -80,9 +80,9 @@ def held_out(settings: Scenario) -> Scenario:
 def simulate_cases(settings: Scenario) -> dict[str, dict[str, float] | str]:
     """Return RMS errors of each case, or the reason of an early end."""
     errors: dict[str, dict[str, float] | str] = {}
-    for case, plan in experiment.make_experiments(settings, CASES).items():
-        flight = run_experiment(plan)
-        summary = metrics.summary(flight, plan.world.team, plan.controller.team)
+    for case, one in experiment.make_experiments(settings, CASES).items():
+        flight = run_experiment(one)
+        summary = metrics.summary(flight, one.world.team, one.controller.team)
         errors[case] = flight.termination_reason or {
             name: summary[name] for name in ("e_p_rms_m", "e_R_rms", "Psi_mean")
         }
@@ -110,13 +110,13 @@ def main() -> bool:
         costs = {kind: cost(of[kind]) for kind in ("hand", "tuned", "random")}
         for kind, each in costs.items():
             slowest = max(of[kind][name] for name in SLOWEST)
-            said = ", ".join(
+            output = ", ".join(
                 f"{case} {e if isinstance(e, str) else format(1e3 * e['e_p_rms_m'], '.1f') + ' mm'}"
                 for where in ("flown", "held_out")
                 for case, e in of[kind][where].items()
             )
             order = all(decreases(of[kind][where], "e_p_rms_m") for where in ("flown", "held_out"))
-            print(f"{item:7} {kind:7} {slowest:+.2f} 1/s, {each:.3g} m s, {said}{'' if order else ': NOT in order'}")
+            print(f"{item:7} {kind:7} {slowest:+.2f} 1/s, {each:.3g} m s, {output}{'' if order else ': NOT in order'}")
         print("\n".join(f"{'':7} {line}" for line in of["says"][-1:]))
         good &= of["sound"] and costs["tuned"] < min(costs["hand"], costs["random"])
         good &= all(decreases(of["tuned"][where], "e_p_rms_m") for where in ("flown", "held_out"))

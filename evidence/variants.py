@@ -78,9 +78,9 @@ def main() -> bool:
     for kind, each in of.items():
         held = [one for one in each if one["ratios"] and None not in one["ratios"].values()]
         worst = {e: max((one["ratios"][e] for one in held if e in one["ratios"]), default=None) for e in ERRORS}
-        said = ", ".join(f"{error} {ratio:.3f}" for error, ratio in worst.items() if ratio is not None)
+        output = ", ".join(f"{error} {ratio:.3f}" for error, ratio in worst.items() if ratio is not None)
         broken, left = [one["name"] for one in each if one["breaks"]], sum(one["violations"] for one in held)
-        print(f"{kind:13} {len(held)} of {len(each)} have radii: {said}; broken {broken}; beyond spans {left} times")
+        print(f"{kind:13} {len(held)} of {len(each)} have radii: {output}; broken {broken}; beyond spans {left} times")
         holds &= not broken and all(one["message"] for one in each if one not in held)
         for why, many in Counter(one["message"] for one in each if one["message"]).items():
             print(f"    {many}: {why}")

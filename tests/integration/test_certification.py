@@ -156,7 +156,7 @@ def test_example_prints_bounds_and_fails_if_exceeded(monkeypatch, capsys):
     message = capsys.readouterr().out
     radius, seen = made().certificate.radii["recovery"].a_posteriori["e_p"], made().certificate.observed["e_p"]
     assert f"recovery,     e_p: at most {radius:.3g}, observed {seen:.3g}" in message
-    with pytest.raises(SystemExit, match=r"above their radius: .*e_p"):
+    with pytest.raises(SystemExit, match=r"above their bound: .*e_p"):
         runpy.run_path(example, run_name="__main__")
 
 

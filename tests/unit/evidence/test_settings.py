@@ -10,12 +10,12 @@ from colift import scenario
 from evidence import baselines, changes, generalization, react, redundant
 
 
-@pytest.mark.parametrize("world", changes.WORLDS)
+@pytest.mark.parametrize("world", changes.ENVIRONMENTS)
 def test_settings_of_changes(world):
     """The scenario of each environment accepts its changes, with and without the lead time."""
-    name, made, _ = changes.WORLDS[world]
+    name, made, _ = changes.ENVIRONMENTS[world]
     made = made(0) if callable(made) else made
-    scenario.load_scenario(name, [changes.AHEAD, *made, "seed=0", changes.LED])
+    scenario.load_scenario(name, [changes.PREVIEW_SETTING, *made, "seed=0", changes.LEAD_SETTING])
 
 
 def test_settings_of_random_environments():
