@@ -14,7 +14,7 @@ def main() -> None:
     """Print the bound of every error, the observed error, and the assumptions of the bounds."""
     result = certification.certify(colift.load_scenario("certified"), names=("energy", "recovery"))
     certificate = result.certificate
-    start, end = certificate.window
+    start, _ = certificate.window
     for method, bounds in certificate.radii.items():
         for error, bound in bounds.a_posteriori.items():
             observed = certificate.observed[error]
