@@ -183,7 +183,7 @@ def plot(found: dict[str, Any], path: Path) -> None:
     curves = [found[seed] for seed in SEEDS]
     minutes = [of["steps"] * SETTINGS["step_s"] / 60 for of in curves[0]]
     with style.style_context():
-        figure = Figure(figsize=(style.PAGE, 2.4))
+        figure = Figure(figsize=(style.PAGE_WIDTH, 2.4))
         kinds = (("e_p_rms_m", 1e3, "RMS $e_p$, second half [mm]"), ("return", 1.0, "return [1]"))
         for ax, (kind, scale, label) in zip(figure.subplots(1, 2), kinds, strict=True):
             each = scale * np.array([[np.mean(of[kind]) for of in curve] for curve in curves])

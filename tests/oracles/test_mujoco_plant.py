@@ -75,7 +75,7 @@ def test_contact_forces_follow_the_stated_softness(structure: tuple, seed: int) 
     lam = grasp.stack_contacts(in_mujoco(plant, team, z, inputs, f)[1])
     q, _ = model.coordinates(z)
     J = model.jacobian(q)
-    A, S = J @ np.linalg.solve(model.mass_matrix(q), J.T), np.diag(plant.host.data.efc_R)
+    A, S = J @ np.linalg.solve(model.mass_matrix(q), J.T), np.diag(plant.session.data.efc_R)
     rigid = model.solve_kkt(z, inputs, f).lam
     soft = np.linalg.solve(A + S, A @ rigid.ravel()).reshape(-1, 3)
     np.testing.assert_allclose(lam, soft, rtol=0, atol=SOLVED * np.abs(soft).max())
@@ -103,9 +103,9 @@ def test_difference_to_rigid_contacts_vanishes() -> None:
 def test_inputs_and_residuals_have_equal_power(structure: tuple, seed: int) -> None:
     """In MuJoCo's coordinates: `f_x . v + f_w . omega + f_r . r_dot`, `R e3 u . v_o + tau . omega + tau_r . r_dot`."""
     team, z, inputs, f = forced_team(structure, seed)
-    host = mujoco_plant.mujoco_plant(team, z).host
-    host.forward_dynamics(*(np.asarray(x).ravel() for x in mujoco_plant._rows(z, inputs, f)))
-    d = host.data
+    session = mujoco_plant.mujoco_plant(team, z).session
+    session.forward_dynamics(*(np.asarray(x).ravel() for x in mujoco_plant._rows(z, inputs, f)))
+    d = session.data
     applied = d.qfrc_smooth + d.qfrc_bias - d.qfrc_passive - d.qfrc_actuator
     load = z.payload
     expected = f.payload.F @ load.v + f.payload.tau @ load.omega
@@ -124,10 +124,10 @@ def test_inputs_and_residuals_have_equal_power(structure: tuple, seed: int) -> N
 def test_state_conversion_round_trip(structure: tuple) -> None:
     rng = np.random.default_rng(7)
     team, z = teams.team(rng, structure), teams.free_state(rng, structure)
-    host = mujoco_plant.mujoco_plant(team, z).host
+    session = mujoco_plant.mujoco_plant(team, z).session
     rows = [np.asarray(x).ravel() for x in mujoco_plant._state_rows(z)]
-    host._place(*rows)
-    for before, after in zip(rows, host._state(), strict=True):
+    session._place(*rows)
+    for before, after in zip(rows, session._state(), strict=True):
         np.testing.assert_allclose(
             np.ravel(after), before, rtol=0, atol=1e-14 * max(1.0, np.abs(before).max(initial=0))
         )
@@ -241,9 +241,9 @@ def test_scenario_selects_mujoco() -> None:
     plant = experiment.make_experiment(settings, "C1").world.plant
     assert isinstance(plant, mujoco_plant.MujocoPlant)
     assert plant.substeps == 2
-    option = plant.host.model.opt
+    option = plant.session.model.opt
     assert option.timestep == pytest.approx(1 / 800)
-    assert mjcf.stiffest_contact(1 / 800).time_constant == pytest.approx(plant.host.model.eq_solref[0, 0])
+    assert mjcf.stiffest_contact(1 / 800).time_constant == pytest.approx(plant.session.model.eq_solref[0, 0])
 
 
 def test_invalid_plant_arguments_are_refused() -> None:

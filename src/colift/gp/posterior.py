@@ -205,14 +205,14 @@ def _residual(gp: GPPosterior) -> Float[Array, "outputs capacity"]:
     return jnp.where(_row_mask(gp), (gp.Y - gp.hyper.constant_mean[None, :]).T, 0.0)
 
 
-def check_shape(name: str, value: Array, shape: tuple[int | str, ...], meaning: str) -> None:
+def check_shape(name: str, value: Array, shape: tuple[int | str, ...], description: str) -> None:
     """Check shape and type of an argument while tracing, at no cost in a loop.
 
     Args:
         name: Name of the argument.
         value: Argument.
         shape: Required shape.
-        meaning: Explanation of the shape for the message.
+        description: Explanation of the shape for the message.
 
     Raises:
         ValueError: If the argument has another shape or is not real.
@@ -220,7 +220,9 @@ def check_shape(name: str, value: Array, shape: tuple[int | str, ...], meaning: 
     found = getattr(value, "shape", None)
     if found != shape:
         has = f"is a {type(value).__name__}" if found is None else f"has shape {found}"
-        raise ValueError(f"{name} {has}: must be an array of shape {shape}, {meaning}; use jax.vmap for more than one")
+        raise ValueError(
+            f"{name} {has}: must be an array of shape {shape}, {description}; use jax.vmap for more than one"
+        )
     if not (jnp.issubdtype(value.dtype, jnp.floating) or jnp.issubdtype(value.dtype, jnp.integer)):
         raise ValueError(f"{name} has type {value.dtype}: must be real numbers")
 

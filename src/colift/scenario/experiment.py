@@ -135,15 +135,20 @@ def make_experiments(settings: Scenario, cases: Sequence[str]) -> dict[str, flig
 
 def _as(case: str, c1: flight.Experiment, settings: Scenario) -> flight.Experiment:
     """Return the experiment of a case, from the experiment of case C1."""
-    rival, given = settings.baselines, settings.learning
-    learns, agents = case in LEARNING_CASES, case in AGENT_LEARNING_CASES
+    baseline_settings, given = settings.baselines, settings.learning
+    has_payload_model, agents = case in LEARNING_CASES, case in AGENT_LEARNING_CASES
     controller = c1.controller
-    ridge = rival.ridge_alpha, rival.ridge_alpha_moment or rival.ridge_alpha
-    recorder = dataclasses.replace(controller.recorder, payload=jnp.asarray(learns), agents=jnp.asarray(agents))
+    ridge = baseline_settings.ridge_alpha, baseline_settings.ridge_alpha_moment or baseline_settings.ridge_alpha
+    recorder = dataclasses.replace(
+        controller.recorder, payload=jnp.asarray(has_payload_model), agents=jnp.asarray(agents)
+    )
     controller = dataclasses.replace(controller, recorder=recorder)
     match case:
         case "integral":
-            K_i, k_i = jnp.asarray(rival.position_integral_gain), jnp.asarray(rival.attitude_integral_gain)
+            K_i, k_i = (
+                jnp.asarray(baseline_settings.position_integral_gain),
+                jnp.asarray(baseline_settings.attitude_integral_gain),
+            )
             controller = dataclasses.replace(
                 controller,
                 payload_controller=payload_controllers.IntegralAction(
@@ -151,7 +156,9 @@ def _as(case: str, c1: flight.Experiment, settings: Scenario) -> flight.Experime
                 ),
             )
         case "disturbance_observer":
-            bandwidth = jnp.asarray((rival.dob_force_Hz, rival.dob_moment_Hz or rival.dob_force_Hz))
+            bandwidth = jnp.asarray(
+                (baseline_settings.dob_force_Hz, baseline_settings.dob_moment_Hz or baseline_settings.dob_force_Hz)
+            )
             observer = residual_predictors.DisturbanceObserver(base=controller.residual_predictor, bandwidth=bandwidth)
             controller = dataclasses.replace(controller, residual_predictor=observer)
         case "true_residual":
@@ -161,9 +168,9 @@ def _as(case: str, c1: flight.Experiment, settings: Scenario) -> flight.Experime
                     f"these disturbances have an internal state: {', '.join(stateful)}"
                 )
             controller = controllers.with_preview(settings, controller)
-            truly = TrueResidualFunction(world=c1.world, nominal=controller.team)
+            true_residual = TrueResidualFunction(world=c1.world, nominal=controller.team)
             controller = dataclasses.replace(
-                controller, residual_predictor=residual_predictors.TrueResidual(function=truly)
+                controller, residual_predictor=residual_predictors.TrueResidual(function=true_residual)
             )
         case "regression":
             controller = controllers.with_preview(settings, controller)
@@ -176,7 +183,11 @@ def _as(case: str, c1: flight.Experiment, settings: Scenario) -> flight.Experime
                 settings, controllers.with_preview(settings, controller), hold_correction=case != "adaptive"
             )
     prior = np.array(
-        [rival.mass_prior_std_kg, *[rival.first_moment_prior_std_kgm] * 3, *[rival.inertia_prior_std_kgm2] * 6]
+        [
+            baseline_settings.mass_prior_std_kg,
+            *[baseline_settings.first_moment_prior_std_kgm] * 3,
+            *[baseline_settings.inertia_prior_std_kgm2] * 6,
+        ]
     )
     noise = np.array([given.payload.force_noise_std_N] * 3 + [given.payload.moment_noise_std_Nm] * 3)
     parameters = online_learner.IdentificationOptions(
@@ -185,7 +196,7 @@ def _as(case: str, c1: flight.Experiment, settings: Scenario) -> flight.Experime
     made = dataclasses.replace(
         c1,
         controller=controller,
-        update_times=given.update_times_s if learns else (),
+        update_times=given.update_times_s if has_payload_model else (),
         identification={"parametric": parameters, "regression": online_learner.RidgeOptions(ridge=ridge)}.get(case),
     )
     return _with_online_updates(made, settings) if case == "adaptive" else made

@@ -82,7 +82,7 @@ class Schema:
                         found.setdefault((format_range(leaf), leaf["why"]), []).append(f"{section}.{key}")
         return found
 
-    def settings_beside(self, loc: Place) -> list[str]:
+    def sibling_settings(self, loc: Place) -> list[str]:
         """Return the names of the settings of the section that contains the last part of `loc`."""
         node = self._root
         for key in loc[:-1]:

@@ -80,14 +80,14 @@ def schema_of(model: type[BaseModel]) -> Schema:
 
 
 def as_validation_error(
-    wrong: Sequence[ErrorMessage], kind: Literal["mistake", "worded"] = "mistake"
+    messages: Sequence[ErrorMessage], kind: Literal["mistake", "worded"] = "mistake"
 ) -> ValidationError:
     """Convert messages to a pydantic error: `mistake` between sections, `worded` for a message within a section."""
     return ValidationError.from_exception_data(
         "Settings",
         [
             InitErrorDetails(type=PydanticCustomError(kind, "{message}", {"message": text}), loc=loc, input=None)
-            for loc, text in wrong
+            for loc, text in messages
         ],
     )
 
@@ -123,7 +123,7 @@ def error_message(error: ErrorDetails, schema: Schema) -> str:
     kind, given, about = error["type"], error["input"], error.get("ctx", {})
     last = error["loc"][-1] if error["loc"] else ""
     if kind == "extra_forbidden":
-        allowed = schema.settings_beside(error["loc"])
+        allowed = schema.sibling_settings(error["loc"])
         return "is not a setting here" + (suggestion(last, allowed) or f"; known: {', '.join(allowed)}")
     if kind == "missing":
         return "is required" if isinstance(last, str) else f"is missing: the list must have more than {last} values"

@@ -50,7 +50,7 @@ class MujocoPlant:
     """
 
     substeps: int = static()
-    host: MujocoSession = static()
+    session: MujocoSession = static()
 
     def forward_dynamics(
         self, team: Team, state: State, inputs: TeamInputs, f: ResidualForces
@@ -71,7 +71,7 @@ class MujocoPlant:
         )
         contacts = tuple(group.contact_position for group in team.agent_groups)
         results = [jnp.zeros(6), *_join_groups(templates), *_join_groups(contacts)]
-        a_L, v_dot, xi_dot, lam = _call_host(self.host.forward_dynamics, results, state, inputs, f)
+        a_L, v_dot, xi_dot, lam = _call_host(self.session.forward_dynamics, results, state, inputs, f)
         return Acceleration(agents=_split_groups(templates, [v_dot, xi_dot]), payload=a_L), _split_groups(
             contacts, [lam]
         )
@@ -96,7 +96,7 @@ class MujocoPlant:
         def substep(k: Int[Array, ""], state: State) -> State:
             payload_leaves, payload_structure = jax.tree.flatten(state.payload)
             rows = _call_host(
-                self.host.step, _state_rows(state), state, inputs, residual(state, k.astype(h.dtype) * h), h
+                self.session.step, _state_rows(state), state, inputs, residual(state, k.astype(h.dtype) * h), h
             )
             return State(
                 agents=_split_groups(state.agents, rows[: -len(payload_leaves)]),
@@ -128,7 +128,7 @@ def mujoco_plant(
         raise ValueError(f"substeps = {substeps}: must be at least 1")
     h = dt / substeps
     text = mjcf.to_mjcf(team, state, timestep=h, softness=softness or mjcf.stiffest_contact(h))
-    return MujocoPlant(substeps=substeps, host=MujocoSession(team, text))
+    return MujocoPlant(substeps=substeps, session=MujocoSession(team, text))
 
 
 # Conversion between PyTrees and flat rows ----------------------------------------------------------------------------

@@ -21,7 +21,9 @@ from colift.visualization import style
 TITLE = 130  # characters in a line of a title of page width
 
 
-def plot_certificate(certificate: Certificate, slack: Mapping[str, float], folder: str | Path, run: str) -> list[Path]:
+def plot_certificate(
+    certificate: Certificate, conservatism: Mapping[str, float], folder: str | Path, run: str
+) -> list[Path]:
     """Write figure 6 as PDF and PNG: certified and observed position error, and the sources of conservatism.
 
     The figure title lists the unproven assumptions. A red title lists the errors that exceed a bound.
@@ -29,7 +31,7 @@ def plot_certificate(certificate: Certificate, slack: Mapping[str, float], folde
 
     Args:
         certificate: Certificate of a flight.
-        slack: Bounds of the position error under successively stronger arguments [m], by name.
+        conservatism: Bounds of the position error under successively stronger arguments [m], by name.
         folder: Folder of the files.
         run: Run id for the metadata of the files.
 
@@ -37,11 +39,11 @@ def plot_certificate(certificate: Certificate, slack: Mapping[str, float], folde
         Paths of the PDF and the PNG file.
     """
     with style.style_context():
-        figure = Figure(figsize=(style.PAGE, 2.9))
+        figure = Figure(figsize=(style.PAGE_WIDTH, 2.9))
         left, right = figure.subplots(1, 2, width_ratios=(1, 0.9))
         best = certificate.radii.get("recovery", certificate.radii["energy"])
         _plot_errors_and_radii(left, certificate, "recovery" if "recovery" in certificate.radii else "energy")
-        _plot_slack(right, slack)
+        _plot_slack(right, conservatism)
         if above := ", ".join(dict.fromkeys(SYMBOLS[each.error] for each in certificate.exceeded)):
             left.set_title(f"observed error above its bound: {above}", fontsize=8, color="red")
         if best.assumptions:
@@ -114,7 +116,7 @@ def plot_bound_vs_data(
     """
     colors, markers = ("#DDAA33", "#BB5566", "#004488"), ("s", "o", "^")
     with style.style_context():
-        figure = Figure(figsize=(style.PAGE, 2.6))
+        figure = Figure(figsize=(style.PAGE_WIDTH, 2.6))
         left, right = figure.subplots(1, 2)
         for (name, radius), color, marker in zip(radii.items(), colors, markers, strict=False):
             left.plot(n, 1e3 * np.asarray(radius), color=color, marker=marker, markersize=3.5, label=name)

@@ -44,7 +44,9 @@ class Spring:
 
 
 def slopes(of: Spring) -> gain_tuning.Slopes:
-    return gain_tuning.decay_rates(of.M, [Spring(of.steps + gain_tuning.STEP * e).M for e in np.eye(FREE)], DT)
+    return gain_tuning.decay_rates(
+        of.M, [Spring(of.steps + gain_tuning.DIFFERENCE_STEP * e).M for e in np.eye(FREE)], DT
+    )
 
 
 def test_rate_gradients_equal_finite_differences():

@@ -111,7 +111,7 @@ def test_noise_response_has_the_predicted_std():
     sensors = dataclasses.replace(of.experiment.world.sensors, **noisy)
     schedule = of.flight.model_intervals
     nominal_experiment = with_world(nominal_run.nominal_experiment(of.experiment, of.flight.model), sensors=sensors)
-    loop = linearized_trajectory.linearize_along(nominal_experiment, schedule, noisy=True)
+    loop = linearized_trajectory.linearize_along(nominal_experiment, schedule, with_noise=True)
     np.testing.assert_array_equal(loop.records.p, of.nominal_linearization.records.p)
     nominal_experiment = dataclasses.replace(
         nominal_experiment,

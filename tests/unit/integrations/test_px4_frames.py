@@ -102,14 +102,14 @@ def test_setpoints_are_normalized() -> None:
 @given(vectors)
 def test_geodetic_distances_equal_local_distances(p: np.ndarray) -> None:
     """By the haversine formula between two positions, to the centimeter of the format."""
-    lat, lon, alt = px4_frames.geodetic(px4_frames.HOME, p) * [1e-7, 1e-7, 1e-3]
-    a, b = np.deg2rad([lat, px4_frames.HOME.latitude])
-    c = np.deg2rad(lon - px4_frames.HOME.longitude)
+    lat, lon, alt = px4_frames.geodetic(px4_frames.DEFAULT_HOME, p) * [1e-7, 1e-7, 1e-3]
+    a, b = np.deg2rad([lat, px4_frames.DEFAULT_HOME.latitude])
+    c = np.deg2rad(lon - px4_frames.DEFAULT_HOME.longitude)
     haversine = np.sin((a - b) / 2) ** 2 + np.cos(a) * np.cos(b) * np.sin(c / 2) ** 2
     far = 2 * px4_frames.EARTH_RADIUS * np.arcsin(np.sqrt(haversine))
     assert far == pytest.approx(np.hypot(p[0], p[1]), abs=0.02)
-    assert alt - px4_frames.HOME.altitude == pytest.approx(p[2], abs=6e-4)
-    assert np.sign(lat - px4_frames.HOME.latitude) in (0, np.sign(p[1]))
+    assert alt - px4_frames.DEFAULT_HOME.altitude == pytest.approx(p[2], abs=6e-4)
+    assert np.sign(lat - px4_frames.DEFAULT_HOME.latitude) in (0, np.sign(p[1]))
 
 
 @pytest.mark.parametrize(("altitude", "hPa"), [(0.0, 1013.25), (1000.0, 898.75), (5000.0, 540.20)])

@@ -134,7 +134,7 @@ def test_sensor_messages_use_px4_frames_and_units() -> None:
         R=jnp.array(R.as_matrix()), x=jnp.array(x), v=jnp.array(v), omega=jnp.array(omega), a=jnp.array(a),
         r=jnp.zeros(0), lam=jnp.zeros((1, 3)),
     )  # fmt: skip
-    home = px4_frames.HOME
+    home = px4_frames.DEFAULT_HOME
     sensor, state, gps = px4_hil.sensor_messages(reading, 123, True, home)
     assert {m.time_usec for m in (sensor, state, gps)} == {123}
     np.testing.assert_allclose([sensor.xacc, sensor.yacc, sensor.zacc], a * [1, -1, -1])

@@ -138,7 +138,9 @@ def test_outputs_with_small_variation_are_redrawn():
     free, _, s = drawn(random_residual=SEEDED | {"min_variation": 0.0})
     constrained, _, _ = drawn(random_residual=SEEDED | {"min_variation": 0.5})
     t = jnp.linspace(s.reference.ramp_time_s, s.duration_s, 150)  # other times than those of the drawing
-    payload, (agents,) = random_residuals._carried(trajectories.make_reference(s), free.features, initial_team(), t)
+    payload, (agents,) = random_residuals._team_features(
+        trajectories.make_reference(s), free.features, initial_team(), t
+    )
     few = 0
     for f, g, x in zip(functions(free), functions(constrained), (payload, agents[:, 0], agents[:, 1]), strict=True):
         before, after = (np.ptp(means(h, x), axis=0) / 2 / np.sqrt(h.hyper.signal_variance) for h in (f, g))

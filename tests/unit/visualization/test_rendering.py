@@ -31,11 +31,11 @@ def drawn(sketch: rendering.RenderData, k: int, **how: bool) -> Figure:
 
 
 def test_view_is_an_upright_orthographic_projection():
-    frame = np.stack([rendering.RIGHT, rendering.UP, rendering.CAMERA_DIRECTION])
+    frame = np.stack([rendering.CAMERA_RIGHT, rendering.CAMERA_UP, rendering.CAMERA_DIRECTION])
     np.testing.assert_allclose(frame @ frame.T, np.eye(3), atol=1e-15)
     assert np.linalg.det(frame) == pytest.approx(1)
-    assert rendering.RIGHT[2] == 0  # the horizon is level
-    assert rendering.UP[2] > 0.5
+    assert rendering.CAMERA_RIGHT[2] == 0  # the horizon is level
+    assert rendering.CAMERA_UP[2] > 0.5
 
 
 @pytest.mark.parametrize("k", [0, 20])
@@ -46,14 +46,14 @@ def test_bodies_are_drawn_at_their_logged_positions(seen, k):
     tracks, shape = seen[0].signals, seen[0].shape
     tips = tracks["nodes"][k][[node == "tip" for node in shape["nodes"]]]
     for tip in tips:
-        at = [tip @ rendering.RIGHT, tip @ rendering.UP]
+        at = [tip @ rendering.CAMERA_RIGHT, tip @ rendering.CAMERA_UP]
         assert np.linalg.norm(middles - at, axis=1).min() < 1e-3
     reference, flown, _ = ax.lines[:3]
     np.testing.assert_allclose(
-        np.transpose(reference.get_data()), tracks["p_d"] @ np.stack([rendering.RIGHT, rendering.UP]).T
+        np.transpose(reference.get_data()), tracks["p_d"] @ np.stack([rendering.CAMERA_RIGHT, rendering.CAMERA_UP]).T
     )
     assert len(flown.get_xdata()) == k + 1
-    assert flown.get_xdata()[-1] == pytest.approx(tracks["p"][k] @ rendering.RIGHT)
+    assert flown.get_xdata()[-1] == pytest.approx(tracks["p"][k] @ rendering.CAMERA_RIGHT)
 
 
 def test_near_bodies_cover_far_ones(seen):
@@ -61,7 +61,7 @@ def test_near_bodies_cover_far_ones(seen):
     assert (near[1:] >= near[:-1]).all()
     center, half = np.zeros(3), np.array([1.0, 0.5, 0.2])
     faces = list(rendering._box(center, np.eye(3), half, "#808080"))
-    assert len(faces) == 3 * rendering.PATCHES**2
+    assert len(faces) == 3 * rendering.PATCHES_PER_EDGE**2
     # the three hidden faces are not drawn
     area = sum(abs(np.linalg.det(np.diff(x, axis=0)[:2])) for _, x, _ in faces)
     whole = 4 * np.abs(rendering.CAMERA_DIRECTION) @ [half[1] * half[2], half[0] * half[2], half[0] * half[1]]
@@ -82,7 +82,7 @@ def test_view_follows_a_long_path(seen):
     far = rendering.dataclasses.replace(seen[0], signals=seen[0].signals | {"p_d": 100.0 * seen[0].signals["p_d"]})
     for k in (0, 30):
         (ax,) = drawn(far, k).axes
-        x = float(far.signals["p"][k] @ rendering.RIGHT)
+        x = float(far.signals["p"][k] @ rendering.CAMERA_RIGHT)
         assert np.mean(ax.get_xlim()) == pytest.approx(x)
         assert np.ptp(ax.get_xlim()) < 4 * far.shape["size_m"]
 

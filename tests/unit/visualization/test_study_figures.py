@@ -66,7 +66,7 @@ def test_figures_are_written_as_pdf_and_png(folder):
             with Image.open(file) as image:
                 assert image.info["Keywords"] == flights.RUN
                 assert image.info["dpi"] == pytest.approx((300, 300), abs=0.1)
-                assert image.width == pytest.approx(300 * style.PAGE, abs=1)
+                assert image.width == pytest.approx(300 * style.PAGE_WIDTH, abs=1)
                 assert image.convert("L").getextrema()[1] == 255
                 assert image.convert("L").getextrema()[0] < 40
         else:
