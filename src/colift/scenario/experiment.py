@@ -130,25 +130,20 @@ def make_experiments(settings: Scenario, cases: Sequence[str]) -> dict[str, flig
         seed=settings.seed,
         fit_latency=None if given.fit_latency == "measured" else given.fit_latency,
     )
-    return {case: _as(case, c1, settings) for case in cases}
+    return {case: _case_experiment(case, c1, settings) for case in cases}
 
 
-def _as(case: str, c1: flight.Experiment, settings: Scenario) -> flight.Experiment:
+def _case_experiment(case: str, c1: flight.Experiment, settings: Scenario) -> flight.Experiment:
     """Return the experiment of a case, from the experiment of case C1."""
-    baseline_settings, given = settings.baselines, settings.learning
-    has_payload_model, agents = case in LEARNING_CASES, case in AGENT_LEARNING_CASES
+    tuning, given = settings.baselines, settings.learning
+    learned, agents = case in LEARNING_CASES, case in AGENT_LEARNING_CASES
     controller = c1.controller
-    ridge = baseline_settings.ridge_alpha, baseline_settings.ridge_alpha_moment or baseline_settings.ridge_alpha
-    recorder = dataclasses.replace(
-        controller.recorder, payload=jnp.asarray(has_payload_model), agents=jnp.asarray(agents)
-    )
+    ridge = tuning.ridge_alpha, tuning.ridge_alpha_moment or tuning.ridge_alpha
+    recorder = dataclasses.replace(controller.recorder, payload=jnp.asarray(learned), agents=jnp.asarray(agents))
     controller = dataclasses.replace(controller, recorder=recorder)
     match case:
         case "integral":
-            K_i, k_i = (
-                jnp.asarray(baseline_settings.position_integral_gain),
-                jnp.asarray(baseline_settings.attitude_integral_gain),
-            )
+            K_i, k_i = jnp.asarray(tuning.position_integral_gain), jnp.asarray(tuning.attitude_integral_gain)
             controller = dataclasses.replace(
                 controller,
                 payload_controller=payload_controllers.IntegralAction(
@@ -156,9 +151,7 @@ def _as(case: str, c1: flight.Experiment, settings: Scenario) -> flight.Experime
                 ),
             )
         case "disturbance_observer":
-            bandwidth = jnp.asarray(
-                (baseline_settings.dob_force_Hz, baseline_settings.dob_moment_Hz or baseline_settings.dob_force_Hz)
-            )
+            bandwidth = jnp.asarray((tuning.dob_force_Hz, tuning.dob_moment_Hz or tuning.dob_force_Hz))
             observer = residual_predictors.DisturbanceObserver(base=controller.residual_predictor, bandwidth=bandwidth)
             controller = dataclasses.replace(controller, residual_predictor=observer)
         case "true_residual":
@@ -174,32 +167,28 @@ def _as(case: str, c1: flight.Experiment, settings: Scenario) -> flight.Experime
             )
         case "regression":
             controller = controllers.with_preview(settings, controller)
-            nothing = controller.recorder.init(controller.team, controller.residual_model)
+            no_samples = controller.recorder.init(controller.team, controller.residual_model)
             controller = dataclasses.replace(
-                controller, residual_model=ridge_regression.fit_ridge(controller.residual_model, nothing, ridge)
+                controller, residual_model=ridge_regression.fit_ridge(controller.residual_model, no_samples, ridge)
             )
         case "label_feedback" | "gp_label_feedback" | "adaptive":
             controller = controllers.with_innovation_filter(
                 settings, controllers.with_preview(settings, controller), hold_correction=case != "adaptive"
             )
     prior = np.array(
-        [
-            baseline_settings.mass_prior_std_kg,
-            *[baseline_settings.first_moment_prior_std_kgm] * 3,
-            *[baseline_settings.inertia_prior_std_kgm2] * 6,
-        ]
+        [tuning.mass_prior_std_kg, *[tuning.first_moment_prior_std_kgm] * 3, *[tuning.inertia_prior_std_kgm2] * 6]
     )
     noise = np.array([given.payload.force_noise_std_N] * 3 + [given.payload.moment_noise_std_Nm] * 3)
     parameters = online_learner.IdentificationOptions(
         label_std=noise, prior_std=prior, nominal_payload=controller.team.payload
     )
-    made = dataclasses.replace(
+    experiment = dataclasses.replace(
         c1,
         controller=controller,
-        update_times=given.update_times_s if has_payload_model else (),
+        update_times=given.update_times_s if learned else (),
         identification={"parametric": parameters, "regression": online_learner.RidgeOptions(ridge=ridge)}.get(case),
     )
-    return _with_online_updates(made, settings) if case == "adaptive" else made
+    return _with_online_updates(experiment, settings) if case == "adaptive" else experiment
 
 
 def _with_online_updates(experiment: flight.Experiment, settings: Scenario) -> flight.Experiment:
