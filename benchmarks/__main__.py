@@ -61,7 +61,7 @@ def record(name: str, outcome: Outcome, seconds: float, took: float, folder: Pat
         "date": dt.date.today().isoformat(),
         "command": shlex.join(["python", "-m", "benchmarks", name, "--seconds", f"{seconds:g}"]),
         "machine": machine(),
-        "load_average": os.getloadavg()[0],  # what other programs took of the machine
+        "load_average": os.getloadavg()[0],  # load by other programs
         "versions": versions(),
         "commit": head(),
         "uncommitted": uncommitted(files),
@@ -112,7 +112,7 @@ def main(arguments: list[str]) -> int:
 
 
 if __name__ == "__main__":
-    # Caches start empty, so that what compiles here is compiled here; set before JAX is imported, which reads them.
+    # Caches start empty, so that compile times are measured; the variables are set before JAX is imported.
     with tempfile.TemporaryDirectory() as cache:
         os.environ["XDG_CACHE_HOME"] = cache
         os.environ.pop("JAX_COMPILATION_CACHE_DIR", None)

@@ -163,7 +163,7 @@ class Replayed(BaseException):
         self.item, self.value = item, value
 
 
-replay: str | None = None  # the item that `collect` is to compute alone, without a look at what is stored
+replay: str | None = None  # the only item that `collect` computes, ignoring stored results
 
 
 def collect(name: str, items: Iterable[str], compute: Callable[[str], Any]) -> dict[str, Any]:

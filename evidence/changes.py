@@ -29,7 +29,7 @@ MOTORS = (
     "actuators={kind: motors, bandwidth_Hz: 8, delay_s: 0.006}",
     "nominal.actuators={bandwidth_Hz: 8, delay_s: 0.006}",
 )
-LAPS = (  # of 24 s, which a budget of samples does not cover
+LAPS = (  # of 24 s, longer than the budget of samples covers
     "reference.period_s=24",
     "duration_s=80",
     "learning.end_s=30",
@@ -53,8 +53,8 @@ def gusts(seed: int) -> tuple[str, ...]:
     return tuple(f"disturbances.{name}.gusts={json.dumps(waves)}" for name in ("load_wind", "agent_wind"))
 
 
-Overrides = tuple[str, ...] | Callable[[int], tuple[str, ...]]  # or those of a seed
-ENVIRONMENTS: dict[str, tuple[str, Overrides, float]] = {  # scenario, changes, s from which errors count
+Overrides = tuple[str, ...] | Callable[[int], tuple[str, ...]]  # or a function of the seed
+ENVIRONMENTS: dict[str, tuple[str, Overrides, float]] = {  # scenario, overrides, start of the evaluation [s]
     "home": ("paper", (), 10.0),
     "wind": ("paper", WIND, 14.0),
     "mass": ("payload_added", (), 16.0),

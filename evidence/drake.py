@@ -40,7 +40,7 @@ from evidence.engines import TARGETS, differences
 DURATION = 5.0  # s
 SUBSTEPS = (2, 4, 8)  # of a control period of 2 ms
 JUDGED = ("position_m", "attitude_deg", "force_rms", "force_peak")
-HELD = ("p", "R_L", "x", "R", "lam")  # what is compared
+HELD = ("p", "R_L", "x", "R", "lam")  # compared quantities
 MISSING = "drake: not installed; `.venv/bin/python -m pip install drake`, see the head of evidence/drake.py"
 
 

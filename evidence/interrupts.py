@@ -25,7 +25,7 @@ import colift.scenario
 from colift.runtime import run_directory, signals
 from evidence import collect
 
-RUNS = ("src",)  # in processes of their own
+RUNS = ("src",)  # in child processes
 ALLOWED = 2 * signals.GRACE_PERIOD  # s, from the signal to the end; the machine may be busy with other things
 SCENARIOS = Path(colift.scenario.__file__).parent / "library"
 COLIFT = """

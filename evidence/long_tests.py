@@ -11,7 +11,7 @@ from typing import Any
 
 from evidence import ROOT, collect
 
-RUNS = ("src", "tests", "evidence", "benchmarks")  # in processes of their own
+RUNS = ("src", "tests", "evidence", "benchmarks")  # in child processes
 
 
 def files() -> list[str]:

@@ -24,7 +24,7 @@ from evidence.targets import Target
 
 SAMPLES = 200
 CASES = ("C3", "label_feedback", "adaptive", "true_residual")
-LEAD_TIME = 0.04  # s, of the second F
+LEAD_TIME = 0.04  # s, of the second variant of label_feedback
 DELAYS = ((0, 0), (3, 4), (5, 4))  # ticks, true and nominal; each pair is compiled separately
 CHANGE_TIME, EVALUATION_START = 13.0, 14.5  # s
 SECOND_HALF, AFTER_CHANGE = (10.0, 20.0), (CHANGE_TIME, CHANGE_TIME + 1)  # s
@@ -193,7 +193,7 @@ def targets(found_of: dict[str, Any]) -> list[Target]:
     stepped = [f for f in every if abs(f["asked"]["turn_deg"]) > 30 or abs(f["asked"]["added_kg"]) > 0.1]
     first_second = [f["adaptive"]["e_p_soon_m"] / f["true_residual"]["e_p_soon_m"] for f in stepped]
     outside = {span: [f["adaptive"]["miscoverage"][span] for f in every] for span in ("second_half", "changing")}
-    parameters = (  # of what, at most, in which share of the flights
+    parameters = (  # quantity, values, largest value, required share of the flights
         ("labels available: e_p of adaptive over true_residual", over(with_labels, "true_residual"), 2.5, 0.9),
         (
             "labels lost: e_p of adaptive over the smallest of C3, gp_label_feedback and its decaying variant",

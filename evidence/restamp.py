@@ -130,7 +130,7 @@ def computed(name: str, item: str, limit_s: float) -> tuple[Any, float]:
         out = Path(folder) / "item.json"
         command = [sys.executable, "-m", "evidence.restamp", name, item, str(out)]
         streams = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE, "text": True}
-        # in a session of its own, so that what the item starts ends with it
+        # in a separate session, so that child processes of the item end with it
         with subprocess.Popen(command, cwd=evidence.ROOT, start_new_session=True, **streams) as run:
             try:
                 _, errors = run.communicate(timeout=limit_s)

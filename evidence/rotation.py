@@ -24,7 +24,7 @@ STARTS, ROUNDS = 128, 25
 STIFFNESS, PAPERS_RATE_GAIN = 60.0, 14.0  # 1/s^2, 1/s
 DAMPINGS = (0.5, 0.7, PAPERS_RATE_GAIN / 2 / STIFFNESS**0.5, 1.0, 1.25, 1.5)
 SIZES = (0.01, 0.05, 0.1, 0.17, 0.3)  # rho over k_R
-TARGET, UP_TO = 1.35, 0.17  # what must be reached, and up to which size
+TARGET, UP_TO = 1.35, 0.17  # required ratio, and the largest magnitude for which it is required
 
 
 def horizon(k_R: float, k_omega: float) -> float:

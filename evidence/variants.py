@@ -20,7 +20,7 @@ from colift.workflows import falsification
 from evidence import collect
 from evidence.certified import with_sensor_noise
 
-SEED, ROUNDS = 300, 3  # neither the scenario nor other proofs have this seed
+SEED, ROUNDS = 300, 3  # not used by the scenario or by other evidence modules
 NOISE = "paper"  # the scenario whose sensors one kind has, see `colift.workflows.falsification`
 TEAMS = ("trio", "uneven", "leader_block", "beam", "seven")
 
