@@ -157,7 +157,7 @@ def drifts(team: Team, z: State) -> dict[str, object]:
                 "rate": float(s["rate"].max()),
                 "grip": [float(s["grip"][0]), float(s["grip"].min())],
             }
-            if not falling:  # of sqrt(2 m E), the momentum of all mass at one speed; angular momentum per metre
+            if not falling:  # of sqrt(2 m E), the momentum of all mass at one speed; angular momentum per meter
                 row["momentum"] = float(np.abs(s["momentum"] - s["momentum"][0]).max() / np.sqrt(2 * mass * peak))
             found[f"gravity {'on' if falling else 'off'}, projection {'on' if projected else 'off'}"] = row
     return found

@@ -58,7 +58,7 @@ def table(results: str) -> Callable[[Table], Table]:
 
 
 def markdown(header: Sequence[str], rows: Iterable[Sequence[Cell]]) -> str:
-    """Return a Markdown table; numbers get three significant digits, columns after the first are centred."""
+    """Return a Markdown table; numbers get three significant digits, columns after the first are centered."""
     lines = [header, ["---", *[":---:"] * (len(header) - 1)]]
     lines += [[text(cell) for cell in row] for row in rows]
     return "\n".join("| " + " | ".join(line) + " |" for line in lines)

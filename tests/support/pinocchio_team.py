@@ -1,7 +1,7 @@
 """The whole team as one Pinocchio model with dense linear algebra, as a reference for the plant.
 
 It shares no code with `colift`: kinematics, mass matrix and bias are Pinocchio's, the contacts are solved as one
-KKT system. Coordinates are Pinocchio's (base origin, velocities in the body frame); conversions use its centre of mass.
+KKT system. Coordinates are Pinocchio's (base origin, velocities in the body frame); conversions use its center of mass.
 """
 
 from __future__ import annotations

@@ -38,7 +38,7 @@ def summary(flight: FlightResult, truth: Team, nominal: Team) -> dict[str, Any]:
     """Compute the entries of one case in `summary.json`, except computation times.
 
     RMS values and means are over the second half of the flight. Norms of wrenches and of sigma are given in three
-    forms: force part, moment part, and the total norm of the paper, which adds newtons and newton metres.
+    forms: force part, moment part, and the total norm of the paper, which adds newtons and newton meters.
 
     Args:
         flight: Result of the flight.

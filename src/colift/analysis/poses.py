@@ -47,14 +47,14 @@ def scenario_of_log(ds: xr.Dataset) -> Scenario:
 
 
 def poses_by_group(ds: xr.Dataset, team: Team) -> Iterator[tuple[AerialManipulator, Array, Array, Array]]:
-    """Yield each group of a team with its attitudes, centres of mass and joint positions along a log.
+    """Yield each group of a team with its attitudes, centers of mass and joint positions along a log.
 
     Args:
         ds: Dataset with the times to use.
         team: Team that determines the layout.
 
     Yields:
-        Group, attitudes (body to world), centres of mass [m, world] and joint positions [rad or m]; time first.
+        Group, attitudes (body to world), centers of mass [m, world] and joint positions [rad or m]; time first.
     """
     agents = joints = 0
     for size, group in zip(team.sizes, team.agent_groups, strict=True):

@@ -313,7 +313,7 @@ def nominal_position_changes(settings: Scenario, name: str | None = None) -> Ite
 def contact_height_changes(settings: Scenario) -> Iterator[Change]:
     """Yield scenarios with all contacts moved up and down by 5 cm.
 
-    The height determines whether the agents rotate about points above or below their centres of mass.
+    The height determines whether the agents rotate about points above or below their centers of mass.
 
     Args:
         settings: Scenario.

@@ -1,6 +1,6 @@
 """Export of flights as ROS 2 bags in MCAP format with poses, wrenches and joint states (extra `mcap`).
 
-Frames are `world`, `payload` (origin at the centre of mass), the name of each agent (its base, the root of its URDF)
+Frames are `world`, `payload` (origin at the center of mass), the name of each agent (its base, the root of its URDF)
 and `agent/arm` (the contact, fixed in the payload frame); `/tf` contains their poses. A wrench is in the frame of its
 header. Time starts at 0. ROS does not permit `-` in names; it is replaced by `_`.
 """
@@ -137,7 +137,7 @@ def _topics(ds: xr.Dataset, team: Team) -> Iterator[BagTopic]:
 
 
 def base_positions(ds: xr.Dataset, team: Team) -> np.ndarray:
-    """Compute the positions of the base origins in the world frame: `x - R s(r)`, s: centre of mass in the base frame.
+    """Compute the positions of the base origins in the world frame: `x - R s(r)`, s: center of mass in the base frame.
 
     Args:
         ds: Log.

@@ -21,7 +21,7 @@ SMOOTHING_WINDOW = 0.2  # s, window of moving averages of noisy signals; labels 
 SAMPLE_PERIOD = 0.01  # s, time between drawn points
 COLUMNS = 4  # cases side by side in the width of a page
 TITLE_WIDTH = 30  # characters in a line of a column title
-GREY = "#444444"  # colour of legend entries that apply to all cases
+GREY = "#444444"  # color of legend entries that apply to all cases
 ACTIVE_SHADE = "0.92"  # grey level of the span in which internal forces act
 
 Cases = Mapping[str, xr.Dataset]  # log of each case
@@ -154,7 +154,7 @@ def title(name: str, ds: xr.Dataset, descriptions: Mapping[str, str]) -> str:
 
 
 def body_style(name: str, k: int, n: int) -> tuple[Color, Dashes]:
-    """Return colour and dash pattern of a body.
+    """Return color and dash pattern of a body.
 
     Args:
         name: Case id.
@@ -162,7 +162,7 @@ def body_style(name: str, k: int, n: int) -> tuple[Color, Dashes]:
         n: Number of bodies.
 
     Returns:
-        Colour and dash pattern.
+        Color and dash pattern.
     """
     return style.tint(style.style_of(name).color, k, n), style.DASH_PATTERNS[k % len(style.DASH_PATTERNS)]
 

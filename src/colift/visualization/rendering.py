@@ -45,7 +45,7 @@ IMAGE_SUFFIXES, VIDEO_SUFFIXES = (".png", ".pdf", ".svg"), (".gif", ".mp4")
 PANEL_INCHES = 3.6  # in, edge of the panel of one case
 VIDEO_DPI = 110
 FRAME_RATE = {".gif": 20, ".mp4": 30}  # 1/s; the frame duration of a GIF is a multiple of 0.01 s
-PALETTE = 48  # number of colours of a GIF
+PALETTE = 48  # number of colors of a GIF
 PATCHES_PER_EDGE = 6  # patches along an edge of a box; the depth order is determined per patch
 
 
@@ -104,7 +104,7 @@ def render_data(ds: xr.Dataset, title: str = "") -> RenderData:
 
 
 def arrow_scale_label(data: RenderData) -> str:
-    """Return a text that states the force per metre of arrow length for each kind of arrow."""
+    """Return a text that states the force per meter of arrow length for each kind of arrow."""
     return "arrow scale: " + ", ".join(f"{kind} {x:g} N/m" for kind, x in data.N_per_m.items())
 
 
@@ -306,7 +306,7 @@ def draw(
     ax.axis("off")
 
 
-Face = tuple[float, np.ndarray, tuple[float, ...]]  # depth towards the camera, projected corners (n, 2), colour
+Face = tuple[float, np.ndarray, tuple[float, ...]]  # depth towards the camera, projected corners (n, 2), color
 
 
 def _project(points: np.ndarray) -> np.ndarray:
@@ -397,7 +397,7 @@ def _team_faces(data: RenderData, k: int) -> Iterator[Face]:
 def _vehicle_faces(
     agent: Mapping[str, Any], position: np.ndarray, R: np.ndarray, line_width: float, j: int
 ) -> Iterator[Face]:
-    """Return the faces of a base: a hub in the colour of the agent, and schematic rotors on booms."""
+    """Return the faces of a base: a hub in the color of the agent, and schematic rotors on booms."""
     hub = np.array([0.25, 0.25, 0.15]) * agent["span_m"]
     yield from _box(position, R, hub, style.AGENT_COLORS[j % len(style.AGENT_COLORS)])
     for rotor in agent["rotors_m"]:

@@ -293,7 +293,7 @@ def _agents(team: Team) -> Iterator[AerialManipulator]:
 
 
 def ground_height(tracks_by_case: Mapping[str, dict[str, np.ndarray]]) -> float:
-    """Return the height of the ground, world frame [m]: 0, or the next whole metre below the lowest point.
+    """Return the height of the ground, world frame [m]: 0, or the next whole meter below the lowest point.
 
     Args:
         tracks_by_case: Signals of `frames` for each case.

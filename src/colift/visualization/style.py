@@ -59,10 +59,10 @@ Color = tuple[float, float, float]
 class LineStyle(NamedTuple):
     """Line style of a case in all figures.
 
-    Any two styles differ for all kinds of colour vision and in black and white.
+    Any two styles differ for all kinds of color vision and in black and white.
 
     Attributes:
-        color: Colour as a hexadecimal string.
+        color: Color as a hexadecimal string.
         dashes: Dash pattern, in the form that matplotlib's `linestyle` accepts.
         marker: Matplotlib marker.
         is_baseline: True for a baseline. Baselines appear in comparisons, not in figures with one column per case.
@@ -79,7 +79,7 @@ SHORT_DASHES: Dashes = (0, (2.5, 1))
 DOTS: Dashes = (0, (1, 1.2))
 DASH_DOT: Dashes = (0, (5, 1.2, 1, 1.2))
 
-# Colour schemes of Paul Tol: high contrast for the cases of the paper, which also differ in lightness; bright and muted
+# Color schemes of Paul Tol: high contrast for the cases of the paper, which also differ in lightness; bright and muted
 # for the others.
 LINE_STYLES = {
     "C1": LineStyle("#DDAA33", "-", "s"),
@@ -138,11 +138,11 @@ def style_of(case: str) -> LineStyle:
 
 
 def tint(color: str, k: int, n: int) -> Color:
-    """Return the k-th of n tints of a colour.
+    """Return the k-th of n tints of a color.
 
     Args:
-        color: Colour in any form that matplotlib accepts.
-        k: Index of the tint; 0 is the colour itself, higher indices are closer to white.
+        color: Color in any form that matplotlib accepts.
+        k: Index of the tint; 0 is the color itself, higher indices are closer to white.
         n: Number of tints.
 
     Returns:

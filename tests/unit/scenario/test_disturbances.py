@@ -17,7 +17,7 @@ def test_sources_act_on_the_named_bodies():
     up = [np.asarray(q.R[:, :, 2]) for q in z.agents]
     np.testing.assert_allclose(forces.agents[0].f_x, 0.5 * up[0] + np.array([[0, 0, 0], [1, 2, 3]]))
     np.testing.assert_allclose(forces.agents[1].f_x, 0.5 * up[1])
-    # on crane a the bias alone: at the base, off the centre of mass by the hook's share of the mass
+    # on crane a the bias alone: at the base, off the center of mass by the hook's share of the mass
     np.testing.assert_allclose(forces.agents[0].f_r[0], [-0.5 * 0.8 * 0.1 / 1.1])
     r_dot = z.agents[1].r_dot[0]
     np.testing.assert_allclose(forces.agents[1].f_r[0], -0.3 * r_dot - 0.1 * np.tanh(r_dot / 0.05))
