@@ -287,7 +287,7 @@ def _thrust(settings: Scenario, experiment: flight.Experiment, state: State) -> 
             proposal = f"{phase}: raise agent_types.{agent_type}.thrust_max_N to {thrust_max:.3g} or more"
             if required.sum() < (1 - margin) * available.sum():
                 proposal += (
-                    f", or move the contacts of {name} away from the payload's centre of mass, so that the others "
+                    f", or move the contacts of {name} away from the payload's center of mass, so that the others "
                     "carry more"
                 )
             else:  # the total thrust is too small

@@ -76,7 +76,7 @@ def init(
         if file.suffix not in scenario.SUFFIXES:
             common.fail(f"{file}: must end in {' or '.join(scenario.SUFFIXES)}")
         if urdf is not None and arms is not None:
-            common.fail(f"--arms {arms}: must be left out with --urdf, whose file defines the arms")
+            common.fail(f"--arms {arms}: must be omitted with --urdf, whose file defines the arms")
         name = template.scenario_name(file)
         if urdf is None:
             text = template.scenario_template(name, agents, 2 if arms is None else arms)

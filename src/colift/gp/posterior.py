@@ -241,9 +241,9 @@ def check_point(X: Array, Y: Array, x: Array, y: Array | None = None) -> None:
     """
     if X.ndim != 2:
         raise ValueError(f"the data have batch axes {X.shape[:-2]}: use jax.vmap over stacked models")
-    check_shape("x", x, X.shape[1:], "a number a dimension")
+    check_shape("x", x, X.shape[1:], "one number per dimension")
     if y is not None:
-        check_shape("y", y, Y.shape[1:], "a number an output")
+        check_shape("y", y, Y.shape[1:], "one number per output")
 
 
 def is_finite_point(x: Array, y: Array) -> Bool[Array, ""]:
@@ -317,7 +317,7 @@ def predict(
     if gp.X.ndim != 2:
         raise ValueError(f"gp has batch axes {gp.X.shape[:-2]}: use jax.vmap over stacked GPs")
     points = x.shape[0] if getattr(x, "ndim", 0) == 2 else "points"
-    check_shape("x", x, (points, gp.X.shape[1]), "a row a point")
+    check_shape("x", x, (points, gp.X.shape[1]), "one row per point")
     parts = NUM_STRIPS if len(x) > MIN_BLOCKS_FOR_STRIPS * BLOCK_SIZE else 1
     edges = sorted({gp.capacity * i // parts for i in range(parts + 1)})
     # the barrier prevents a copy per block

@@ -163,7 +163,7 @@ def _disturbances(data: dict[str, Any]) -> Iterator[ErrorMessage]:
             yield (*place, "acts_on"), f"{kind} acts on agents, not on the payload"
         elif on == "payload":
             if body not in (None, "base"):
-                yield (*place, "body"), "must be left out: the payload is one body"
+                yield (*place, "body"), "must be omitted: the payload is one body"
         elif isinstance(body, str):
             for agent in agents:
                 here = bodies(_part(data, "agent_types", str(_part(agent, "type"))))
@@ -253,11 +253,11 @@ def _rates(data: dict[str, Any]) -> Iterator[ErrorMessage]:
             yield place, f"must not exceed half of control_Hz, {control / 2:g}, got {corner:g}"
     duration, ramp = _number(data, "duration_s"), _number(data, "reference", "ramp_time_s")
     if _named(data, "random_residual") and _part(data, "reference", "kind") == "plugin":
-        yield ("random_residual",), "must be left out: its centres lie along a reference that colift knows"
+        yield ("random_residual",), "must be omitted: its centers lie along a built-in reference"
     if _named(data, "random_residual") and ramp >= duration:
         yield (
             ("reference", "ramp_time_s"),
-            f"must be less than duration_s = {duration:g}: the centres of `random_residual` lie beyond, got {ramp:g}",
+            f"must be less than duration_s = {duration:g}: the centers of `random_residual` lie beyond, got {ramp:g}",
         )
 
 
@@ -266,7 +266,7 @@ def _ramps(data: dict[str, Any]) -> Iterator[ErrorMessage]:
     if 2 * _number(data, "allocation", "internal", "ramp_time_s") > over - begin:
         yield (
             ("allocation", "internal", "ramp_time_s"),
-            f"two flanks must fit between start_s and end_s, {over - begin:g} s",
+            f"two ramps must fit between start_s and end_s, {over - begin:g} s",
         )
 
 
@@ -369,7 +369,7 @@ def _mass_steps(data: dict[str, Any]) -> Iterator[ErrorMessage]:
     if mass + added <= 0:
         yield ("payload_mass_step", "mass_kg"), f"must leave some of payload.mass_kg = {mass:g}, got {added:g}"
     if not math.isnan(added) and _part(data, "physics", "kind") == "mujoco":
-        yield ("payload_mass_step",), "physics mujoco has a payload that does not change; take kind: rigid"
+        yield ("payload_mass_step",), "physics mujoco does not support it; use kind: rigid"
 
 
 def _limits(data: dict[str, Any]) -> Iterator[ErrorMessage]:

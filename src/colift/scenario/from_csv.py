@@ -44,7 +44,7 @@ def expand(section: WaypointsFromFile, folder: Path) -> tuple[dict[str, Any], li
     except (csv.Error, ValueError) as error:  # ValueError: no UTF-8, a NUL in the path
         wrong, poses = [f"cannot be read: {error}"], []
     if not wrong and len(poses) < 2:
-        wrong = [f"must hold two poses or more, got {len(poses)}"]
+        wrong = [f"must contain at least two poses, got {len(poses)}"]
     return {"kind": "waypoints", "poses": poses}, [
         (("file",), f"{format_value(section.file)}: {line}") for line in wrong
     ]
@@ -53,12 +53,12 @@ def expand(section: WaypointsFromFile, folder: Path) -> tuple[dict[str, Any], li
 def _columns(names: list[str]) -> Iterator[str]:
     yield from (f"line 1: column {name} is required" for name in POSITION_COLUMNS if name not in names)
     if 0 < sum(name in names for name in ATTITUDE_COLUMNS) < len(ATTITUDE_COLUMNS):
-        yield f"line 1: {', '.join(ATTITUDE_COLUMNS)} come together"
+        yield f"line 1: {', '.join(ATTITUDE_COLUMNS)} must occur together"
     for i, name in enumerate(names):
         if name not in POSITION_COLUMNS + ATTITUDE_COLUMNS:
             yield f"line 1: {unknown_name_message(name, POSITION_COLUMNS + ATTITUDE_COLUMNS, 'a column')}"
         elif name in names[:i]:
-            yield f"line 1: column {name} stands twice"
+            yield f"line 1: column {name} occurs twice"
 
 
 def _pose(names: list[str], row: list[str]) -> tuple[dict[str, Any], list[str]]:

@@ -190,7 +190,14 @@ def _ranges(schemas: list[Schema]) -> str:
     for schema in schemas:
         for key, names in schema.ranges().items():
             found.setdefault(key, []).extend(names)
-    lines = ["## Ranges", "", "Why a number may not be further out.", "", "| range | why | settings |", "|---|---|---|"]
+    lines = [
+        "## Ranges",
+        "",
+        "The table states the reason of each range.",
+        "",
+        "| range | reason | settings |",
+        "|---|---|---|",
+    ]
     lines += [
         f"| {a} | {why} | {', '.join(f'`{name}`' for name in dict.fromkeys(names))} |"
         for (a, why), names in found.items()

@@ -70,7 +70,7 @@ def validation_messages(error: ValidationError, model: type[BaseModel], data: An
 
 def truncation_note(count: int) -> list[str]:
     """Return a last line if there are more errors than are listed."""
-    return [f"and {count - MAX_MESSAGES} more mistakes"] if count > MAX_MESSAGES else []
+    return [f"and {count - MAX_MESSAGES} more errors"] if count > MAX_MESSAGES else []
 
 
 @functools.cache

@@ -177,7 +177,7 @@ WRONG = [  # original text, replacement, line of the error
     ("acts_on: front", "acts_on: frnt", "disturbances[4].acts_on: 'frnt' is not the payload"),
     ("acts_on: front", "acts_on: payload", "disturbances[4].acts_on: rotor_bias acts on agents"),
     ("acts_on: front", "acts_on: front, body: lft", "disturbances[4].body: 'lft' is not a body of agent 'front'"),
-    ("name: tether,", "name: tether, body: waist,", "disturbances[1].body: must be left out"),
+    ("name: tether,", "name: tether, body: waist,", "disturbances[1].body: must be omitted"),
     ("name: tether,", "name: load_wind,", "disturbances[1].name: 'load_wind' is used twice"),
     ("name: rear,", "name: front,", "agents[1].name: 'front' is used twice"),
     ("name: rear,", "name: payload,", "agents[1].name: 'payload' has a meaning of its own"),
@@ -191,7 +191,7 @@ WRONG = [  # original text, replacement, line of the error
     ("name: left, joint: left", "name: left, joint: lift", "arms[0].joint: 'lift' is not a body of this agent type"),
     ("rear/right, 1.0", "rear/righ, 1.0", "pairs[1][1]: 'rear/righ' is not a contact"),
     ("[rear/left, rear/right", "[rear/left, rear/left", "pairs[1][1]: must be another contact"),
-    ("ramp_time_s: 0.5", "ramp_time_s: 5", "internal.ramp_time_s [s]: two flanks must fit"),
+    ("ramp_time_s: 0.5", "ramp_time_s: 5", "internal.ramp_time_s [s]: two ramps must fit"),
     ("[2.5, 4.5, 6.5", "[2.5, 6.5, 4.5", "update_times_s[2] [s]: must exceed the one before, 6.5, got 4.5"),
     ("[2.5, 4.5", "[0.2, 4.5", "update_times_s[0] [s]: must exceed start_s = 0.5"),
     ("  end_s: 10\n", "  end_s: 30\n", "learning.end_s [s]: must not exceed duration_s = 20, got 30"),
@@ -201,7 +201,7 @@ WRONG = [  # original text, replacement, line of the error
     ("seed: 0", f"seed: {'9' * 5000}", "seed: is not a number that can be read"),
     ("seed: 0", f"seed: 0x{'f' * 5000}", "got a whole number of 20000 bits"),
     ("seed: 0", "seed: !!bool foo", "s.yaml:7: seed: tags are not used in a scenario, got '!!bool'"),
-    ("seed: 0", "seed: 0\nseed: 1", "s.yaml:7: seed: stands twice, in lines 7 and 8"),
+    ("seed: 0", "seed: 0\nseed: 1", "s.yaml:7: seed: occurs twice, in lines 7 and 8"),
     ("seed: 0", "1: 0", "scenario: the name of a setting must be text, got '1' in line 7"),
     ("seed: 0", "<<: 0", "scenario: `<<` takes a section, or a list of them, got '0'"),
     ("name: sample", 'name: "\\ud800"', "name: holds characters that are not text"),
@@ -286,7 +286,7 @@ def test_many_errors_are_truncated_and_counted():
     """Of very many errors the first are reported and the others counted."""
     lines = error_lines(SAMPLE + "\n".join(f"a{i}: 1" for i in range(500)))
     assert len(lines) == 101
-    assert lines[-1] == "and 400 more mistakes"
+    assert lines[-1] == "and 400 more errors"
 
 
 def test_all_errors_are_reported_in_file_order():
@@ -369,10 +369,13 @@ def test_override_replaces_an_invalid_value():
         ("payload=[2", "--set payload: not valid YAML"),
         ("payload.mass_kg", "--set 'payload.mass_kg': must be `path=value`, as payload.mass_kg=2"),
         ("=2", "--set '=2': must be `path=value`"),
-        ("agents.2.name=a", "--set agents.2.name: '2' is none of the list's entries 0 to 1"),
-        ("agents.side.name=a", "--set agents.side.name: 'side' is none of the list's entries 0 to 1 ('front', 'rear')"),
-        ("agents.0.contact_positions_m.rear=1", "'rear' is none of the list's entries 0 to 1"),
-        ("agents.0.contact_positions_m.0.3=1", "'3' is none of the list's entries 0 to 2"),
+        ("agents.2.name=a", "--set agents.2.name: must be one of the list's entries 0 to 1, got '2'"),
+        (
+            "agents.side.name=a",
+            "--set agents.side.name: must be one of the list's entries 0 to 1 ('front', 'rear'), got 'side'",
+        ),
+        ("agents.0.contact_positions_m.rear=1", "must be one of the list's entries 0 to 1, got 'rear'"),
+        ("agents.0.contact_positions_m.0.3=1", "must be one of the list's entries 0 to 2, got '3'"),
         ("duration_s.x=1", "--set duration_s.x: duration_s is 20, which holds no settings"),
         ("a" + ".a" * 2000 + "=1", "is nested more than 20 deep"),
         ("duration_s=5", "s.yaml:96: learning.end_s [s]: must not exceed duration_s = 5, got 10"),

@@ -411,5 +411,5 @@ def test_random_residuals_refuse_a_custom_reference(folder):
     path = f"reference: {plugin('Hover', '{position_m: [0, 0, 1]}')}\n"
     text = re.sub(r"^reference:\n(  .*\n)*", path, SAMPLE, flags=re.MULTILINE)
     read(folder, "", text)
-    with pytest.raises(ScenarioError, match="random_residual: must be left out: its centres lie along a reference"):
+    with pytest.raises(ScenarioError, match="random_residual: must be omitted: its centers lie along"):
         read(folder, "\nrandom_residual: {rkhs_norm: 2}\n", text)

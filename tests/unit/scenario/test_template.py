@@ -136,7 +136,7 @@ def test_joints_stay_at_zero_if_no_bend_helps(tmp_path: Path):
     ("arguments", "answer"),
     [
         (["--agents", "2"], "--agents 2: each holds the payload at 1, and three contacts are needed"),
-        (["--agents", "3", "--arms", "1"], "--arms 1: must be left out with --urdf"),
+        (["--agents", "3", "--arms", "1"], "--arms 1: must be omitted with --urdf"),
         (["--agents", "101"], "--agents 101: must be at most 100"),
     ],
 )
